@@ -1,0 +1,44 @@
+"""MuJoCo models to films, pictures, tables and timing reports.
+
+Everything the command line does is callable:
+
+    import mjrun
+
+    top = mjrun.load("scenes/tippe_top.xml")
+    spin = mjrun.Simulation(top, key="spinning", duration=7)
+    mjrun.Video(spin, "tippe_top.mp4", camera="closeup").run()
+
+Names are imported when first used, so `import mjrun` itself costs nothing.
+"""
+
+from importlib import import_module
+from typing import TYPE_CHECKING
+
+__version__ = "0.1.0"
+
+if TYPE_CHECKING:
+    from mjrun.job.simulation import Simulation as Simulation
+    from mjrun.job.video import Video as Video
+    from mjrun.job.video import VideoResult as VideoResult
+    from mjrun.model.load import load as load
+    from mjrun.render.visual import Visual as Visual
+
+_HOMES = {
+    "Simulation": "mjrun.job.simulation",
+    "Video": "mjrun.job.video",
+    "VideoResult": "mjrun.job.video",
+    "Visual": "mjrun.render.visual",
+    "load": "mjrun.model.load",
+}
+
+__all__ = ["Simulation", "Video", "VideoResult", "Visual", "__version__", "load"]  # noqa: F822  (lazy)
+
+
+def __getattr__(name: str) -> object:
+    if name not in _HOMES:
+        raise AttributeError(f"module 'mjrun' has no attribute {name!r}")
+    return getattr(import_module(_HOMES[name]), name)
+
+
+def __dir__() -> list[str]:
+    return sorted(__all__)

@@ -1,0 +1,103 @@
+"""What the user sees: payload on stdout, everything else on stderr."""
+
+import json
+import os
+import sys
+import time
+import traceback
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any, TextIO
+
+if TYPE_CHECKING:
+    from rich.progress import Progress, TaskID
+
+EVERY = 10.0  # [s] between two lines of progress when stderr is no terminal
+
+
+class Console:
+    """Messages, progress and results of one command. It is the job's reporter.
+
+    Attributes:
+      verbosity: −1 only errors, 0 normal, 1 also notes.
+      debug: show tracebacks.
+      code: the exit code of a command that ran through.
+    """
+
+    def __init__(self) -> None:
+        self.verbosity = 0
+        self.debug = False
+        self.code = 0
+        self._progress: Progress | None = None
+        self._task: TaskID | None = None
+        self._last = time.monotonic()
+        self._stdout: TextIO | None = None
+
+    def guard_stdout(self) -> None:
+        """Keeps standard output for the payload: what native libraries print there goes to stderr."""
+        sys.stdout.flush()
+        self._stdout, payload = sys.stdout, os.dup(sys.stdout.fileno())
+        os.dup2(sys.stderr.fileno(), self._stdout.fileno())
+        sys.stdout = open(payload, "w", encoding="utf-8", errors="surrogateescape")  # noqa: SIM115
+
+    def result(self, text: str) -> None:
+        """The command's answer, one line or a document, on stdout."""
+        print(text, flush=True)  # noqa: T201
+
+    def document(self, value: Mapping[str, Any]) -> None:
+        """The command's answer as one JSON document on stdout."""
+        self.result(json.dumps(value, indent=2))
+
+    def say(self, text: str) -> None:
+        """The command's answer when stdout holds something else; on stderr."""
+        if self.verbosity >= 0:
+            self._line(text)
+
+    def note(self, text: str) -> None:
+        if self.verbosity >= 0:
+            self._line(f"mjrun: {text}")
+
+    def warn(self, text: str) -> None:
+        if self.verbosity >= 0:
+            self._line(f"mjrun: warning: {text}")
+
+    def error(self, text: str) -> None:
+        """What ended the command."""
+        if self.debug:
+            traceback.print_exc()
+        first, *rest = text.splitlines()
+        self._line("\n".join([f"mjrun: error: {first}", *(f"  {line}" for line in rest)]))
+
+    def progress(self, what: str, done: int, total: int) -> None:
+        if self.verbosity < 0:
+            return
+        if sys.stderr.isatty():
+            self._bar(what, done, total)
+        elif time.monotonic() - self._last > EVERY and done < total:
+            self._last = time.monotonic()
+            self._line(f"mjrun: {done} of {total} {what}")
+
+    def close(self) -> None:
+        """Ends a progress bar."""
+        if self._progress:
+            self._progress.stop()
+            self._progress = None
+
+    def _bar(self, what: str, done: int, total: int) -> None:
+        if self._progress is None:
+            from rich.console import Console as Terminal
+            from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+
+            columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
+            self._progress = Progress(*columns, console=Terminal(stderr=True), transient=True)
+            self._progress.start()
+            self._task = self._progress.add_task(what, total=total)
+        assert self._task is not None
+        self._progress.update(self._task, completed=done, total=total)
+        if done == total:
+            self.close()
+
+    def _line(self, text: str) -> None:
+        if self._progress:
+            self._progress.console.print(text, markup=False, highlight=False, soft_wrap=True)
+        else:
+            print(text, file=sys.stderr, flush=True)  # noqa: T201

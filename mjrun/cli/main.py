@@ -1,0 +1,135 @@
+"""The `mjrun` command: its subcommands, and the one place where errors become text and exit codes."""
+
+import os
+import signal
+import sys
+import traceback
+from collections.abc import Callable, Sequence
+from importlib import import_module
+from types import FrameType
+from typing import NoReturn
+
+import click
+from click.shell_completion import shell_complete
+
+from mjrun import __version__
+from mjrun.cli.console import Console
+from mjrun.errors import ClosedPipeError, EndedError, MjrunError, TerminatedError
+
+BUG = 70
+COMPLETE = "_MJRUN_COMPLETE"
+
+# Name → module and one line of help. A command's module is imported when it is run.
+COMMANDS = {
+    "video": ("mjrun.cli.video", "Make a film of a simulation."),
+    "doctor": ("mjrun.cli.doctor", "Show what works on this machine, and what to install."),
+}
+
+
+class LazyGroup(click.Group):
+    """A group that lists its commands without importing them."""
+
+    def list_commands(self, ctx: click.Context) -> list[str]:
+        return list(COMMANDS)
+
+    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
+        if cmd_name not in COMMANDS:
+            return None
+        return import_module(COMMANDS[cmd_name][0]).command
+
+    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        with formatter.section("Commands"):
+            formatter.write_dl([(name, text) for name, (_, text) in COMMANDS.items()])
+
+
+@click.group(
+    cls=LazyGroup,
+    context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
+    invoke_without_command=True,
+)
+@click.version_option(__version__, "-V", "--version", prog_name="mjrun", message="%(prog)s %(version)s")
+@click.pass_context
+def group(ctx: click.Context) -> None:
+    """MuJoCo models to films, pictures, tables and timing reports.
+
+    \b
+    mjrun video scene.xml                 a film, scene.mp4
+    mjrun video scene.xml -o - | mpv -    the same into a player
+    mjrun COMMAND --help                  what a command can do
+    """
+    if ctx.invoked_subcommand is None:
+        click.echo(ctx.get_help())
+
+
+def run(arguments: Sequence[str]) -> int:
+    """Runs one command line and returns its exit code."""
+    if COMPLETE in os.environ:
+        return shell_complete(group, {}, "mjrun", COMPLETE, os.environ[COMPLETE])
+    for number in (signal.SIGTERM, signal.SIGHUP):
+        signal.signal(number, _terminate)
+    console = Console()
+    code = _guarded(console, lambda: _invoke(console, arguments))
+    # A reader that is gone shows up, at the latest, when the last text is flushed.
+    return code or _guarded(console, _flush)
+
+
+def _invoke(console: Console, arguments: Sequence[str]) -> int:
+    # Not `group.main`, which would turn Ctrl-C and a closed pipe into exit code 1.
+    with group.make_context("mjrun", list(arguments), obj=console) as ctx:
+        group.invoke(ctx)
+    return console.code
+
+
+def _flush() -> int:
+    sys.stdout.flush()
+    return 0
+
+
+def _guarded(console: Console, action: Callable[[], int]) -> int:
+    """The exit code of `action`, whatever happens in it."""
+    try:
+        return action()
+    except click.exceptions.Exit as end:
+        return end.exit_code
+    except click.UsageError as error:
+        console.error(_usage_message(error))
+        return error.exit_code
+    except click.ClickException as error:
+        console.error(error.format_message())
+        return error.exit_code
+    except MjrunError as error:
+        console.error(str(error))
+        return error.exit_code
+    except (BrokenPipeError, ClosedPipeError):
+        # Python would complain of the closed pipe once more when it exits.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return ClosedPipeError.exit_code
+    except (KeyboardInterrupt, click.Abort):
+        console.error("interrupted, nothing was written")
+        return 130
+    except EndedError as end:
+        console.error(f"ended by {end}, nothing was written")
+        return end.exit_code
+    except Exception as error:
+        console.error(_bug_message(error))
+        return BUG
+    finally:
+        console.close()
+
+
+def _usage_message(error: click.UsageError) -> str:
+    path = error.ctx.command_path if error.ctx else "mjrun"
+    return f"{error.format_message()}\n`{path} --help` shows what it takes"
+
+
+def _bug_message(error: Exception) -> str:
+    where = traceback.extract_tb(error.__traceback__)[-1]
+    place = f"{os.path.basename(where.filename)}:{where.lineno}"
+    return f"a bug in mjrun: {type(error).__name__}: {error} ({place})\n--debug shows the traceback; please report it"
+
+
+def _terminate(number: int, frame: FrameType | None) -> NoReturn:
+    signal.signal(number, signal.SIG_IGN)
+    raise TerminatedError(number)
+
+

@@ -1,0 +1,61 @@
+"""From the options of a command line to the values that jobs are made of."""
+
+import os
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from mjrun.cli.options import GROUP_KINDS
+
+if TYPE_CHECKING:
+    from mjrun.job.simulation import Simulation
+    from mjrun.render.visual import Visual
+
+
+def import_mujoco() -> None:
+    """Imports MuJoCo without an OpenGL backend: it would fix one by MUJOCO_GL, or fail at a bad name."""
+    asked = os.environ.get("MUJOCO_GL")
+    os.environ["MUJOCO_GL"] = "disable"
+    import mujoco  # noqa: F401
+
+    if asked is None:
+        del os.environ["MUJOCO_GL"]
+    else:
+        os.environ["MUJOCO_GL"] = asked
+
+
+def simulation(given: dict[str, Any]) -> "Simulation":
+    """The simulation that `model_argument`, `model_options` and `simulation_options` describe."""
+    from mjrun.job.simulation import Simulation, Source
+    from mjrun.model.override import Setting
+
+    settings = [Setting(path, value) for path, value in given["settings"]]
+    if given["integrator"]:
+        settings.append(Setting("opt.integrator", given["integrator"], "--integrator"))
+    if given["timestep"]:
+        settings.append(Setting("opt.timestep", repr(float(given["timestep"])), "--timestep"))
+    return Simulation(
+        Source(Path(given["model"]), tuple(settings)),
+        key=given["key"],
+        qpos=dict(given["qpos"]),
+        qvel=dict(given["qvel"]),
+        ctrl=dict(given["ctrl"]),
+        perturb=given["perturb"],
+        seed=given["seed"],
+        duration=given["duration"],
+        steps=given["steps"],
+    )
+
+
+def visual(given: dict[str, Any]) -> "Visual":
+    """What `view_options` and `renderer_options` say is drawn."""
+    from mjrun.render.visual import Visual
+
+    groups = {kind: given[f"{kind}group"] for kind in GROUP_KINDS}
+    return Visual(
+        show=[flag for flags in given["show"] for flag in flags],
+        hide=[flag for flags in given["hide"] for flag in flags],
+        groups={kind: drawn for kind, drawn in groups.items() if drawn is not None},
+        frame=given["frame_axes"],
+        label=given["label"],
+        quality=given["quality"],
+    )

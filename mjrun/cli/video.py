@@ -1,0 +1,77 @@
+"""`mjrun video`."""
+
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from mjrun.cli import options, values
+from mjrun.cli.console import Console
+from mjrun.errors import UsageError, clean
+
+if TYPE_CHECKING:
+    from mjrun.job.video import VideoResult
+
+
+@click.command("video", cls=options.SectionedCommand)
+@options.model_argument
+@options.film_options
+@options.view_options
+@options.renderer_options
+@options.simulation_options
+@options.model_options
+@options.output_options
+@click.pass_obj
+def command(console: Console, /, as_json: bool, **given: Any) -> None:
+    """Make a film of MODEL.
+
+    \b
+    mjrun video scene.xml
+    mjrun video scene.xml -o slow.gif --speed 0.25 --camera track:box,distance=.5
+    mjrun video scene.xml --key spinning --duration 7 --camera closeup -o top.webm
+    """
+    piped = given["output"] == "-"
+    if as_json and piped:
+        raise UsageError("--json and -o - both want standard output")
+    console.guard_stdout()
+    result = _make(console, given)
+    if as_json:
+        console.document(asdict(result))
+    elif piped:
+        console.say(_sentence(result))
+    elif console.verbosity >= 0:
+        console.result(_sentence(result))
+    if console.verbosity > 0:
+        console.note(f"simulated in {result.simulation_wall:.3f} s, drawn and encoded in {result.draw_wall:.3f} s")
+
+
+def _make(console: Console, given: dict[str, Any]) -> "VideoResult":
+    values.import_mujoco()
+    from mjrun.job.video import Video
+
+    job = Video(
+        simulation=values.simulation(given),
+        output=given["output"] or f"{Path(given['model']).stem}.mp4",
+        camera=given["camera"],
+        size=given["size"],
+        fps=given["fps"],
+        speed=given["speed"],
+        visual=values.visual(given),
+        format=given["format_"],
+        codec=given["codec"],
+        crf=given["crf"],
+        preset=given["preset"],
+        gl=given["gl"] or "auto",
+        require_gpu=given["require_gpu"],
+    )
+    return job.run(console)
+
+
+def _sentence(result: "VideoResult") -> str:
+    width, height = result.size
+    return (
+        f"{clean(result.path)}: {width}x{height}, {result.frames} frames, {result.duration:.4g} s at {result.fps:.4g} fps, "
+        f"{result.codec}; made in {result.wall:.1f} s, {result.frames / result.draw_wall:.3g} frames/s, "
+        f"by {clean(result.renderer)} ({result.gl})"
+    )

@@ -1,0 +1,212 @@
+"""What can go wrong: one class per cause, each with its exit code and its own sentence.
+
+A class takes facts and writes the message; the command line prints it in one place. The first
+line of a message says what and where; further lines say what is valid and what to do next.
+"""
+
+import difflib
+import signal
+import unicodedata
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+
+LISTED = 24  # names shown before a list is cut
+
+
+def clean(text: str) -> str:
+    """`text` with control and formatting characters made visible, fit for a terminal or a table.
+
+    Names in models and file names are foreign: they may hold escape sequences or newlines.
+    """
+    return "".join(
+        ascii(c)[1:-1] if unicodedata.category(c) in ("Cc", "Cf", "Cs", "Zl", "Zp") else c for c in text
+    )
+
+
+def near(name: str, valid: Iterable[str]) -> list[str]:
+    """The names in `valid` most like `name`, best first, at most three; case is ignored."""
+    by_fold = {v.casefold(): v for v in valid}
+    return [by_fold[f] for f in difflib.get_close_matches(name.casefold(), by_fold, n=3, cutoff=0.6)]
+
+
+def listing(names: Sequence[str]) -> str:
+    """`names` as a comma-separated list, cut after `LISTED`."""
+    shown = ", ".join(clean(n) for n in names[:LISTED])
+    return shown + (f", … ({len(names)} in all)" if len(names) > LISTED else "")
+
+
+def suggestion(name: str, valid: Iterable[str]) -> str:
+    """` (did you mean 'x'?)`, or nothing when no valid name is near."""
+    close = near(name, valid)
+    return f" (did you mean {' or '.join(repr(clean(c)) for c in close)}?)" if close else ""
+
+
+class MjrunError(Exception):
+    """Base of every error that a user can cause or meet."""
+
+    exit_code = 70
+
+
+# --- 2: wrong usage --------------------------------------------------------------------------------
+
+
+class UsageError(MjrunError):
+    """Flags or values that cannot be meant."""
+
+    exit_code = 2
+
+
+class UnknownNameError(UsageError):
+    """A name that is not among the valid ones."""
+
+    def __init__(self, kind: str, name: str, valid: Sequence[str], where: str = "", plural: str = "") -> None:
+        plural = plural or f"{kind}s"
+        self.name, self.valid = name, tuple(valid)
+        choices = f"{plural}: {listing(valid)}" if valid else f"there are no {plural}"
+        place = f" in {where}" if where else ""
+        super().__init__(f"no {kind} {clean(name)!r}{place}{suggestion(name, valid)}\n{choices}")
+
+
+class BadValueError(UsageError):
+    """A value of the wrong type, size or range."""
+
+    def __init__(self, what: str, value: object, expected: str) -> None:
+        super().__init__(f"{clean(what)}: {clean(str(value))!r} is not {expected}")
+
+
+class CompiledModelError(UsageError):
+    """Source-level overrides asked of a model that is already compiled."""
+
+    def __init__(self, path: Path, overrides: Sequence[str]) -> None:
+        super().__init__(
+            f"{clean(str(path))} is compiled: {listing(overrides)} cannot be overridden in it\n"
+            "overrides are applied to the source before compilation; give the .xml, .urdf or .mjz instead"
+        )
+
+
+# --- 3: the model ----------------------------------------------------------------------------------
+
+
+class ModelError(MjrunError):
+    """The model cannot be found, read or compiled."""
+
+    exit_code = 3
+
+
+class ModelNotFoundError(ModelError):
+    """There is no model file at this path."""
+
+    def __init__(
+        self, path: Path, reason: str, folder: Path | None = None, siblings: Sequence[str] = ()
+    ) -> None:
+        hint = suggestion(path.name, siblings)
+        choices = f"\nmodels in {clean(str(folder))}: {listing(siblings)}" if siblings else ""
+        super().__init__(f"{clean(str(path))}: {reason}{hint}{choices}")
+
+
+class BrokenModelError(ModelError):
+    """MuJoCo refused the model; `line` is where, if MuJoCo said so."""
+
+    def __init__(self, path: Path, message: str, line: int | None = None, hint: str = "") -> None:
+        self.path, self.line = path, line
+        place = clean(str(path)) + (f":{line}" if line else "")
+        lines = [clean(part) for part in message.splitlines() if part.strip()]
+        first = f"{place}: {lines[0] if lines else 'cannot be read'}"
+        super().__init__("\n".join([first, *lines[1:], *([hint] if hint else [])]))
+
+
+# --- 4: the simulation -----------------------------------------------------------------------------
+
+
+class UnstableError(MjrunError):
+    """The simulation diverged: `step` is the first step that could not be taken."""
+
+    exit_code = 4
+
+    def __init__(self, step: int, time: float, quantity: str, joint: str, timestep: float) -> None:
+        self.step, self.time, self.joint = step, time, joint
+        super().__init__(
+            f"the simulation became unstable at step {step}, time {time:.9g} s: "
+            f"{quantity} of {clean(joint)} is not finite or too large\n"
+            f"a smaller --timestep than {timestep:g} s, or --integrator implicitfast, may cure it"
+        )
+
+
+# --- 5: rendering ----------------------------------------------------------------------------------
+
+
+class RendererError(MjrunError):
+    """There is no way to draw here."""
+
+    exit_code = 5
+
+
+class NoRendererError(RendererError):
+    """No OpenGL backend works; `tried` maps each to its reason."""
+
+    def __init__(self, tried: Mapping[str, str], remedy: str) -> None:
+        self.tried = dict(tried)
+        reasons = [f"  {name}: {clean(reason)}" for name, reason in tried.items()]
+        super().__init__("\n".join(["no working OpenGL renderer was found", *reasons, remedy]))
+
+
+class SoftwareRendererError(RendererError):
+    """A GPU was required and only software is there."""
+
+    def __init__(self, renderer: str) -> None:
+        super().__init__(
+            f"--require-gpu: the only working renderer is software ({clean(renderer)})\n"
+            "`mjrun doctor` shows every backend and what to do about it"
+        )
+
+
+class DrawError(RendererError):
+    """The renderer works, and could not draw this."""
+
+
+# --- 6: encoding -----------------------------------------------------------------------------------
+
+
+class EncoderError(MjrunError):
+    """The encoder failed, or made something other than was promised."""
+
+    exit_code = 6
+
+    def __init__(self, what: str, log: str = "") -> None:
+        tail = [f"  {clean(line)}" for line in log.splitlines()[-8:] if line.strip()]
+        super().__init__("\n".join([what, *tail]))
+
+
+# --- 7: files --------------------------------------------------------------------------------------
+
+
+class FileError(MjrunError):
+    """An output cannot be written, or an input other than the model cannot be read."""
+
+    exit_code = 7
+
+    def __init__(self, path: Path | str, reason: str, hint: str = "") -> None:
+        super().__init__(f"{clean(str(path))}: {reason}" + (f"\n{hint}" if hint else ""))
+
+
+# --- ended from outside ----------------------------------------------------------------------------
+
+
+class EndedError(BaseException):
+    """The process was told to end. A BaseException, as KeyboardInterrupt is, so that nothing swallows it."""
+
+    exit_code = 130
+
+
+class TerminatedError(EndedError):
+    """SIGTERM or SIGHUP arrived."""
+
+    def __init__(self, number: int) -> None:
+        self.exit_code = 128 + number
+        super().__init__(signal.Signals(number).name)
+
+
+class ClosedPipeError(EndedError):
+    """Whoever read our standard output is gone."""
+
+    exit_code = 141

@@ -1,0 +1,1 @@
+"""Sinks: where frames and rows go, published whole or not at all."""

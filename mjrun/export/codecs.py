@@ -1,0 +1,198 @@
+"""The formats of a film and the codecs in them: plain tables, and the encoder arguments they mean."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from fractions import Fraction
+from pathlib import Path
+
+from mjrun.errors import BadValueError, UnknownNameError, UsageError
+
+# Untagged colour shifts hue: players guess. This is the transform for BT.709 and the tags that say so.
+BT709 = (
+    "scale=out_color_matrix=bt709:out_range=tv,format={pixels},"
+    "setparams=colorspace=bt709:color_primaries=bt709:color_trc=bt709:range=tv"
+)
+# A palette per frame: one for the whole film would need the whole film in memory.
+PALETTE = "split[a][b];[a]palettegen=stats_mode=single[p];[b][p]paletteuse=new=1:dither=bayer:bayer_scale=4"
+X264_PRESETS = (
+    "ultrafast superfast veryfast faster fast medium slow slower veryslow placebo".split()  # noqa: SIM905
+)
+
+
+@dataclass(frozen=True)
+class Codec:
+    """How frames become a stream.
+
+    Attributes:
+      arguments: what the encoder is told beside quality.
+      filters: the filter graph; `{pixels}` is the pixel format.
+      even: whether width and height must be even.
+      crf: lowest, highest and default constant rate factor; lower is better. None: it has no such thing.
+      presets, preset: names or numbers from fast to thorough, and the default; `preset_flag` sets it.
+    """
+
+    arguments: Sequence[str]
+    filters: str = ""
+    even: bool = False
+    crf: tuple[int, int, int] | None = None
+    presets: Sequence[str] = ()
+    preset: str = ""
+    preset_flag: str = "-preset"
+
+
+CODECS = {
+    "h264": Codec(
+        ("-c:v", "libx264"), BT709.format(pixels="yuv420p"), True, (0, 51, 18), X264_PRESETS, "veryfast"
+    ),
+    "h265": Codec(
+        ("-c:v", "libx265", "-x265-params", "log-level=error"),
+        BT709.format(pixels="yuv420p"), True, (0, 51, 20), X264_PRESETS, "veryfast",
+    ),
+    "av1": Codec(
+        ("-c:v", "libsvtav1"), BT709.format(pixels="yuv420p"), True, (0, 63, 26), [*map(str, range(14))], "8"
+    ),
+    "vp9": Codec(
+        ("-c:v", "libvpx-vp9", "-b:v", "0", "-row-mt", "1", "-cpu-used", "4"),
+        BT709.format(pixels="yuv420p"), True, (0, 63, 26), ("realtime", "good", "best"), "good", "-deadline",
+    ),
+    "prores": Codec(
+        ("-c:v", "prores_ks"), BT709.format(pixels="yuv422p10le"), True, None,
+        ("proxy", "lt", "standard", "hq"), "hq", "-profile:v",
+    ),
+    "ffv1": Codec(("-c:v", "ffv1", "-pix_fmt", "bgr0")),
+    "gif": Codec(("-c:v", "gif"), PALETTE),
+    "apng": Codec(("-c:v", "apng", "-pix_fmt", "rgb24")),
+    "webp": Codec(("-c:v", "libwebp_anim", "-quality", "90")),
+    "png": Codec(("-c:v", "png", "-pix_fmt", "rgb24")),
+    "raw": Codec(("-c:v", "rawvideo", "-pix_fmt", "rgb24")),
+}  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Format:
+    """A container.
+
+    Attributes:
+      muxer: ffmpeg's name.
+      codecs: those it can hold, the default first.
+      file, pipe: further arguments when written to a file, or to a pipe; None: it cannot be piped.
+      merges: whether the format joins equal frames, so that only its duration can be checked.
+    """
+
+    muxer: str
+    codecs: Sequence[str]
+    file: Sequence[str] = ()
+    pipe: Sequence[str] | None = ()
+    merges: bool = False
+
+
+FAST_START = ("-movflags", "+faststart")
+FRAGMENTED = ("-movflags", "frag_keyframe+empty_moov+default_base_moof")
+
+FORMATS = {
+    "mp4": Format("mp4", ("h264", "h265", "av1"), FAST_START, FRAGMENTED),
+    "mov": Format("mov", ("h264", "h265", "prores"), FAST_START, FRAGMENTED),
+    "mkv": Format("matroska", ("h264", "h265", "av1", "vp9", "ffv1")),
+    "webm": Format("webm", ("vp9", "av1")),
+    "gif": Format("gif", ("gif",), ("-loop", "0"), ("-loop", "0")),
+    "apng": Format("apng", ("apng",), ("-plays", "0"), ("-plays", "0")),
+    "webp": Format("webp", ("webp",), ("-loop", "0"), ("-loop", "0"), merges=True),
+    "png": Format("image2", ("png",), ("-start_number", "0"), None),
+    "rgb": Format("rawvideo", ("raw",)),
+}
+FPS = Fraction(30)
+GIF_FPS = Fraction(25)
+
+
+@dataclass(frozen=True)
+class Encoding:
+    """A format, a codec and its quality, known to fit together."""
+
+    format: str
+    codec: str
+    crf: int | None
+    preset: str | None
+
+    @property
+    def fps(self) -> Fraction:
+        """Frames per second when nothing is said."""
+        return GIF_FPS if self.format == "gif" else FPS
+
+    def check_fps(self, fps: Fraction) -> None:
+        """Raises BadValueError when the format cannot keep this rate exactly."""
+        if self.format == "gif" and ((100 / fps).denominator != 1 or fps > 50):
+            raise BadValueError("--fps", fps, "possible in a GIF, whose delays are hundredths: 50, 100/3, 25, 20, 10")
+
+    def padding(self, width: int, height: int) -> tuple[int, int]:
+        """Columns and rows that the codec needs beyond the frame."""
+        return (width % 2, height % 2) if CODECS[self.codec].even else (0, 0)
+
+    def arguments(self, width: int, height: int, to_pipe: bool) -> list[str]:
+        """What ffmpeg is told between its input and its output."""
+        codec, kind = CODECS[self.codec], FORMATS[self.format]
+        filters = [_pad(width, height, *self.padding(width, height)), codec.filters]
+        graph = ",".join(f for f in filters if f)
+        quality = ["-crf", str(self.crf)] if self.crf is not None else []
+        effort = [codec.preset_flag, self.preset] if self.preset is not None else []
+        # Apple's players know HEVC by this tag only.
+        tag = ["-tag:v", "hvc1"] if self.codec == "h265" and self.format in ("mp4", "mov") else []
+        extra = (kind.pipe if to_pipe else kind.file) or ()
+        return [*(["-vf", graph] if graph else []), *codec.arguments, *quality, *effort, *tag, *extra, "-f", kind.muxer]
+
+
+def encoding(
+    output: str | None,
+    format: str | None = None,  # noqa: A002  (the word users know)
+    codec: str | None = None,
+    crf: int | None = None,
+    preset: str | None = None,
+) -> Encoding:
+    """The encoding meant by an output's suffix and what else was asked; `output` None is a pipe.
+
+    Raises:
+      UsageError: they do not fit together; the message lists what does.
+    """
+    name = _format(output, format)
+    if output is None and FORMATS[name].pipe is None:
+        raise UsageError(f"--format {name} cannot be written to a pipe")
+    holds = FORMATS[name].codecs
+    if codec is not None and codec not in holds:
+        raise UnknownNameError("codec", codec, holds, where=f"a {name} film")
+    chosen = codec or holds[0]
+    known = CODECS[chosen]
+    if crf is not None and known.crf is None:
+        raise UsageError(f"--crf: {chosen} has no constant rate factor")
+    if crf is not None and known.crf and not known.crf[0] <= crf <= known.crf[1]:
+        raise BadValueError("--crf", crf, f"from {known.crf[0]} (best) to {known.crf[1]}, as {chosen} takes")
+    if preset is not None and preset not in known.presets:
+        raise UnknownNameError("preset", preset, known.presets, where=f"codec {chosen}")
+    default_crf = known.crf[2] if known.crf else None
+    return Encoding(name, chosen, default_crf if crf is None else crf, preset or known.preset or None)
+
+
+def is_folder(output: str) -> bool:
+    """Whether `output` means a folder of frames: it ends in `/`, is a folder, or has no suffix."""
+    return output.endswith("/") or Path(output).is_dir() or not Path(output).suffix
+
+
+def _format(output: str | None, asked: str | None) -> str:
+    if asked is not None and asked not in FORMATS:
+        raise UnknownNameError("format", asked, list(FORMATS))
+    if output is None:
+        return asked or "mp4"
+    suffix = "png" if is_folder(output) else Path(output).suffix.lower().removeprefix(".")
+    if suffix not in FORMATS:
+        if asked:
+            return asked
+        valid = [f".{name}" for name in FORMATS]
+        raise UnknownNameError("film format", f".{suffix}", valid, where=output)
+    if asked not in (None, suffix):
+        raise UsageError(f"--format {asked} and the suffix of {output} disagree")
+    return suffix
+
+
+def _pad(width: int, height: int, columns: int, rows: int) -> str:
+    if not (columns or rows):
+        return ""
+    # The last column and row are repeated: a black edge would show.
+    return f"pad={width + columns}:{height + rows},fillborders=right={columns}:bottom={rows}:mode=smear"

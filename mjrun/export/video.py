@@ -1,0 +1,201 @@
+"""Films: frames in, one checked and published film out, through the bundled ffmpeg."""
+
+import re
+import signal
+import subprocess
+import threading
+from collections import deque
+from collections.abc import Mapping
+from fractions import Fraction
+from pathlib import Path
+from types import TracebackType
+
+import imageio_ffmpeg
+import numpy as np
+
+from mjrun.errors import BadValueError, ClosedPipeError, EncoderError, FileError, UsageError
+from mjrun.export.codecs import FORMATS, Encoding, is_folder
+from mjrun.export.staging import StagedFile, StagedFolder, StagedFrames, StandardOutput, Target, no_space
+
+SMALLEST = 16  # pixels a side; below it some encoders fail
+LOG_LINES = 200
+
+
+class FilmWriter:
+    """Streams frames to the encoder as they come; nothing is published until all are there.
+
+    Opening it proves that the output can be written. Leave the context without `publish` and no trace
+    of the film is left.
+
+    Args:
+      output: a file, a folder of frames, a pattern such as `frame_%04d.png`, or None for stdout.
+      size: width and height of the frames [pixels].
+      count: frames promised.
+      tags: title and comment, embedded where the format can hold them.
+
+    Raises:
+      FileError: the output cannot be written.
+      UsageError: the format cannot hold this.
+    """
+
+    def __init__(
+        self,
+        output: str | None,
+        encoding: Encoding,
+        size: tuple[int, int],
+        fps: Fraction,
+        count: int,
+        tags: Mapping[str, str] | None = None,
+    ) -> None:
+        if min(size) < SMALLEST:
+            raise BadValueError("--size", f"{size[0]}x{size[1]}", f"at least {SMALLEST}x{SMALLEST}")
+        encoding.check_fps(fps)
+        self.size, self.fps, self.count, self.written = size, fps, count, 0
+        self._encoding = encoding
+        self._target = _target(output, encoding)
+        self._log: deque[str] = deque(maxlen=LOG_LINES)
+        try:
+            self._child = self._start(tags or {})
+        except BaseException:
+            self._target.discard()
+            raise
+        self._drain = threading.Thread(target=self._read_log, name="ffmpeg log", daemon=True)
+        self._drain.start()
+
+    def write(self, frame: np.ndarray) -> None:
+        """Adds one frame `(height, width, 3)` uint8.
+
+        Raises:
+          EncoderError: the encoder died; the message holds what it said last.
+          ClosedPipeError: whoever read standard output is gone.
+        """
+        width, height = self.size
+        if frame.shape != (height, width, 3) or frame.dtype != np.uint8:
+            raise ValueError(f"a frame must be uint8 {(height, width, 3)}, not {frame.dtype} {frame.shape}")
+        assert self._child.stdin
+        try:
+            self._child.stdin.write(np.ascontiguousarray(frame).data)
+        except OSError:
+            raise self._failure() from None
+        self.written += 1
+
+    def publish(self) -> None:
+        """Ends the film, checks that it has every frame, and puts it in its place.
+
+        Raises:
+          EncoderError: the encoder failed, or frames are missing.
+          FileError: the film cannot be put in its place.
+        """
+        assert self._child.stdin
+        try:
+            self._child.stdin.close()
+        except OSError:
+            raise self._failure() from None
+        if self._child.wait() != 0:
+            raise self._failure()
+        self._drain.join()
+        self._check()
+        self._target.publish()
+
+    def close(self) -> None:
+        """Ends the encoder, and removes what is not published."""
+        if self._child.poll() is None:
+            self._child.kill()
+        self._child.wait()
+        self._drain.join()
+        for pipe in (self._child.stdin, self._child.stderr):
+            if pipe:
+                try:
+                    pipe.close()
+                except OSError:
+                    pass  # frames still buffered for an encoder that is gone
+        self._target.discard()
+
+    def __enter__(self) -> "FilmWriter":
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def _start(self, tags: Mapping[str, str]) -> subprocess.Popen[bytes]:
+        width, height = self.size
+        source = ["-f", "rawvideo", "-pix_fmt", "rgb24", "-s", f"{width}x{height}", "-framerate", str(self.fps)]
+        metadata = [part for name, text in tags.items() for part in ("-metadata", f"{name}={text}")]
+        return subprocess.Popen(
+            [
+                *_ffmpeg("-y", *source, "-i", "pipe:0"),
+                *self._encoding.arguments(width, height, to_pipe=self._target.stdout is not None),
+                *metadata,
+                self._target.path,
+            ],
+            stdin=subprocess.PIPE,
+            stdout=self._target.stdout if self._target.stdout is not None else subprocess.DEVNULL,
+            stderr=subprocess.PIPE,
+            process_group=0,  # Ctrl-C is ours: the encoder would end the film as if it were whole
+        )
+
+    def _read_log(self) -> None:
+        assert self._child.stderr
+        for line in self._child.stderr:
+            self._log.append(line.decode(errors="replace").rstrip())
+
+    def _failure(self) -> BaseException:
+        """What went wrong, once the encoder has stopped reading."""
+        self._child.kill()
+        code = self._child.wait()
+        self._drain.join()
+        if isinstance(self._target, StandardOutput) and self._target.reader_is_gone():
+            return ClosedPipeError()
+        log = "\n".join(self._log)
+        if no_space(log):
+            return FileError(self._target.shown, "cannot be written: the disk is full")
+        how = f"was killed by {signal.Signals(-code).name}" if code < 0 and code != -signal.SIGKILL else "failed"
+        return EncoderError(f"the encoder {how} after {self.written} of {self.count} frames", log)
+
+    def _check(self) -> None:
+        if self.written != self.count:
+            raise EncoderError(f"the film has {self.written} frames, {self.count} were promised")
+        if isinstance(self._target, StandardOutput):
+            return
+        if self._encoding.format == "png":
+            found = len(list(Path(self._target.path).parent.iterdir()))
+        else:
+            found = self._frames_in_file()
+        if found != self.count:
+            raise EncoderError(f"the encoder wrote {found} frames, {self.count} were promised")
+
+    def _frames_in_file(self) -> int:
+        """The frames in the film as a demuxer finds them; in a format that merges, from its duration."""
+        command = _ffmpeg("-i", self._target.path, "-map", "0:v:0", "-c", "copy", "-progress", "pipe:1")
+        done = subprocess.run([*command, "-f", "null", "-"], capture_output=True, stdin=subprocess.DEVNULL)
+        report = done.stdout.decode(errors="replace")
+        frames = re.findall(r"^frame=(\d+)", report, re.MULTILINE)
+        if done.returncode or not frames:
+            raise EncoderError("the film cannot be read back", done.stderr.decode(errors="replace"))
+        count = int(frames[-1])
+        if FORMATS[self._encoding.format].merges:
+            if count == 1:  # nothing moved: a still, which has no duration
+                return self.count
+            lasts = re.findall(r"^out_time_us=(\d+)", report, re.MULTILINE)
+            return round(Fraction(int(lasts[-1]), 10**6) * self.fps)
+        return count
+
+
+def _ffmpeg(*arguments: str) -> list[str]:
+    return [imageio_ffmpeg.get_ffmpeg_exe(), "-hide_banner", "-nostdin", "-loglevel", "warning", *arguments]
+
+
+def _target(output: str | None, encoding: Encoding) -> Target:
+    if output is None:
+        return StandardOutput()
+    if encoding.format != "png":
+        return StagedFile(Path(output))
+    if is_folder(output):
+        return StagedFolder(Path(output))
+    if len(re.findall(r"%\d*d", Path(output).name)) != 1:
+        raise UsageError(
+            f"{output}: a film of PNGs needs a number in its name, as in frame_%04d.png, or a folder, as in frames/"
+        )
+    return StagedFrames(Path(output))

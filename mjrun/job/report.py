@@ -1,0 +1,33 @@
+"""How a job speaks while it works; the command line and the Python API listen in their own ways."""
+
+import warnings
+from typing import Protocol
+
+
+class Reporter(Protocol):
+    """Hears a job."""
+
+    def note(self, text: str) -> None:
+        """Something the user may want to know."""
+        ...
+
+    def warn(self, text: str) -> None:
+        """Something that may make the result other than expected."""
+        ...
+
+    def progress(self, what: str, done: int, total: int) -> None:
+        """`done` of `total` are done."""
+        ...
+
+
+class QuietReporter:
+    """The Python API's: warnings become Python warnings, the rest is silent."""
+
+    def note(self, text: str) -> None:
+        pass
+
+    def warn(self, text: str) -> None:
+        warnings.warn(text, UserWarning, stacklevel=2)
+
+    def progress(self, what: str, done: int, total: int) -> None:
+        pass

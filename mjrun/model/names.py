@@ -1,0 +1,91 @@
+"""Objects of a model by name or index, and enum members by MuJoCo's own spelling."""
+
+from enum import Enum
+from fnmatch import fnmatchcase
+from typing import Any
+
+import mujoco
+
+from mjrun.errors import UnknownNameError
+
+KINDS = {
+    "body": mujoco.mjtObj.mjOBJ_BODY,
+    "joint": mujoco.mjtObj.mjOBJ_JOINT,
+    "geom": mujoco.mjtObj.mjOBJ_GEOM,
+    "site": mujoco.mjtObj.mjOBJ_SITE,
+    "camera": mujoco.mjtObj.mjOBJ_CAMERA,
+    "actuator": mujoco.mjtObj.mjOBJ_ACTUATOR,
+    "keyframe": mujoco.mjtObj.mjOBJ_KEY,
+}
+COUNTS = {
+    "body": "nbody",
+    "joint": "njnt",
+    "geom": "ngeom",
+    "site": "nsite",
+    "camera": "ncam",
+    "actuator": "nu",
+    "keyframe": "nkey",
+}
+PLURALS = {"body": "bodies"}
+
+
+def names(model: mujoco.MjModel, kind: str) -> list[str]:
+    """The names of all objects of `kind`, in order of id; an unnamed one is `kind:id`."""
+    found = (mujoco.mj_id2name(model, KINDS[kind], i) for i in range(getattr(model, COUNTS[kind])))
+    return [name or f"{kind}:{i}" for i, name in enumerate(found)]
+
+
+def identify(model: mujoco.MjModel, kind: str, name: str) -> int:
+    """The id of the object of `kind` called `name`; `name` may also be an index or `kind:index`.
+
+    Raises:
+      UnknownNameError: there is none; the message lists those there are.
+    """
+    valid = names(model, kind)
+    if name in valid:
+        return valid.index(name)
+    index = name.removeprefix(f"{kind}:")
+    if index.isascii() and index.isdigit() and int(index) < len(valid):
+        return int(index)
+    raise UnknownNameError(kind, name, valid, plural=PLURALS.get(kind, ""))
+
+
+def matching(model: mujoco.MjModel, kind: str, pattern: str) -> list[int]:
+    """The ids of all objects of `kind` that `pattern` names; `*`, `?` and `[…]` are wild.
+
+    Raises:
+      UnknownNameError: there is none.
+    """
+    valid = names(model, kind)
+    if pattern not in valid:
+        found = [i for i, name in enumerate(valid) if fnmatchcase(name, pattern)]
+        if found:
+            return found
+    return [identify(model, kind, pattern)]
+
+
+def members(enum: Any) -> dict[str, int]:
+    """The members of a MuJoCo enum by the part of their name that differs, in lower case.
+
+    `mjtVisFlag.mjVIS_CONTACTPOINT` is `contactpoint`; counters (`mjNVISFLAG`) are left out.
+    """
+    kept = {name: value for name, value in enum.__members__.items() if not name.startswith("mjN")}
+    return {name.partition("_")[2].lower(): int(value) for name, value in kept.items()}
+
+
+def member(enum: Any, kind: str, name: str) -> int:
+    """The value of the member of `enum` called `name`: `elliptic`, `ELLIPTIC` or `mjCONE_ELLIPTIC`.
+
+    Raises:
+      UnknownNameError: there is none.
+    """
+    valid = members(enum)
+    short = name.partition("_")[2] if name.startswith("mj") else name
+    if short.lower() not in valid:
+        raise UnknownNameError(kind, name, list(valid))
+    return valid[short.lower()]
+
+
+def is_enum(value: object) -> bool:
+    """Whether `value` is a member of one of MuJoCo's enums."""
+    return isinstance(value, Enum) or hasattr(type(value), "__members__")

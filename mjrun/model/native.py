@@ -1,0 +1,42 @@
+"""MuJoCo's own voice: its log file off, its warnings collected instead of printed."""
+
+import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+import mujoco
+
+
+@contextmanager
+def collected_warnings() -> Iterator[list[str]]:
+    """Collects what MuJoCo warns of inside the block, each text once, in order.
+
+    Catches the engine's warnings and those that its bindings raise as Python warnings, and keeps
+    MuJoCo from writing MUJOCO_LOG.TXT into the working directory.
+    """
+    heard: dict[str, None] = {}
+
+    def note(text: str) -> None:
+        heard[text.strip()] = None
+
+    log = mujoco.MjLogConfig.get()
+    to_file, log.logto_file = log.logto_file, False
+    log.set()
+    previous = mujoco.get_mju_user_warning()
+    mujoco.set_mju_user_warning(note)
+    texts: list[str] = []
+    try:
+        with warnings.catch_warnings(record=True) as caught:
+            warnings.simplefilter("always", UserWarning)
+            yield texts
+    finally:
+        mujoco.set_mju_user_warning(previous)
+        log.logto_file = to_file
+        log.set()
+        for warning in caught:
+            if issubclass(warning.category, UserWarning):
+                note(str(warning.message))
+            else:
+                warnings.warn_explicit(warning.message, warning.category, warning.filename, warning.lineno)
+        # The bindings raise an attach conflict both ways, once whole and once as its first line.
+        texts.extend(t for t in heard if not any(o != t and o.startswith(t) for o in heard))

@@ -1,0 +1,245 @@
+"""`--set PATH=VALUE`: anything in an MjSpec by MuJoCo's own names, before compilation.
+
+Paths are `opt.FIELD`, `opt.flag.NAME`, `vis.SECTION.FIELD`, `stat.FIELD`, `compiler.FIELD`, and
+`KIND/NAME.FIELD` for an element, where NAME may hold `*`, `?` and `[…]`, or be an index.
+"""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from fnmatch import fnmatchcase
+from typing import Any
+
+import mujoco
+import numpy as np
+
+from mjrun.errors import BadValueError, UnknownNameError, UsageError, clean
+from mjrun.model.names import is_enum, member, members
+
+ROOTS: dict[str, Callable[[mujoco.MjSpec], Any]] = {
+    "opt": lambda spec: spec.option,
+    "vis": lambda spec: spec.visual,
+    "stat": lambda spec: spec.stat,
+    "compiler": lambda spec: spec.compiler,
+}
+ELEMENTS = {
+    "body": "bodies",
+    "frame": "frames",
+    "joint": "joints",
+    "geom": "geoms",
+    "site": "sites",
+    "camera": "cameras",
+    "light": "lights",
+    "material": "materials",
+    "texture": "textures",
+    "mesh": "meshes",
+    "hfield": "hfields",
+    "flex": "flexes",
+    "skin": "skins",
+    "pair": "pairs",
+    "exclude": "excludes",
+    "equality": "equalities",
+    "tendon": "tendons",
+    "actuator": "actuators",
+    "sensor": "sensors",
+    "numeric": "numerics",
+    "text": "texts",
+    "tuple": "tuples",
+    "key": "keys",
+}
+# Fields that MjSpec keeps as plain integers and MJCF spells by name.
+NAMED_INTEGERS = {
+    "integrator": mujoco.mjtIntegrator,
+    "cone": mujoco.mjtCone,
+    "jacobian": mujoco.mjtJacobian,
+    "solver": mujoco.mjtSolver,
+}
+# Arrays of which MJCF, too, may give only the first values.
+PARTIAL = {"size", "friction", "solref", "solimp", "damping", "stiffness", "gear"}
+# Bookkeeping of MjSpec, and the two bit sets that `opt.flag` spells by name.
+HIDDEN = {"id", "signature", "info", "name", "parent", "compiler", "disableflags", "enableflags"}
+TRUTH = {"true": True, "enable": True, "1": True, "false": False, "disable": False, "0": False}
+INERTIAL = {"mass", "inertia", "fullinertia", "ipos", "iquat"}
+
+
+@dataclass(frozen=True)
+class Setting:
+    """One override: the `path` in the source, the `value` as text, and the flag it came from."""
+
+    path: str
+    value: str
+    flag: str = "--set"
+
+    @property
+    def asked(self) -> str:
+        """What the user wrote."""
+        return f"--set {self.path}={self.value}" if self.flag == "--set" else f"{self.flag} {self.value}"
+
+    @property
+    def name(self) -> str:
+        """What a message calls it."""
+        return self.path if self.flag == "--set" else self.flag
+
+
+def apply(spec: mujoco.MjSpec, setting: Setting) -> None:
+    """Makes one override in `spec`.
+
+    Raises:
+      UnknownNameError: the path names nothing; the message lists near and valid names.
+      BadValueError: the value does not fit the field.
+    """
+    kind, slash, rest = setting.path.partition("/")
+    if slash and kind in ELEMENTS:
+        elements, fields = _elements(spec, kind, rest)
+        for element in elements:
+            _check_effect(element, kind, fields, setting)
+            _assign(element, fields, setting)
+        return
+    root, *fields = setting.path.split(".")
+    if root not in ROOTS:
+        valid = [*ROOTS, *ELEMENTS] if slash else [*ROOTS, *(f"{kind}/NAME" for kind in ELEMENTS)]
+        raise UnknownNameError("setting", kind if slash else root, valid)
+    if [root, *fields[:1]] == ["opt", "flag"]:
+        _set_flag(spec.option, fields[1:], setting)
+    else:
+        _assign(ROOTS[root](spec), fields, setting)
+
+
+def _elements(spec: mujoco.MjSpec, kind: str, rest: str) -> tuple[list[Any], list[str]]:
+    """The elements and the field that `NAME.FIELD` means; a name may itself hold dots."""
+    elements = getattr(spec, ELEMENTS[kind])
+    named = {element.name or f"{kind}:{i}": element for i, element in enumerate(elements)}
+    parts = rest.split(".")
+    for cut in range(len(parts) - 1, 0, -1):
+        pattern, fields = ".".join(parts[:cut]), parts[cut:]
+        if pattern in named:
+            return [named[pattern]], fields
+        found = [element for name, element in named.items() if fnmatchcase(name, pattern)]
+        index = pattern.removeprefix(f"{kind}:")
+        if not found and index.isascii() and index.isdigit() and int(index) < len(elements):
+            found = [elements[int(index)]]
+        if found:
+            return found, fields
+    if len(parts) == 1:
+        raise UsageError(f"{kind}/{clean(rest)}: which field? write {kind}/{clean(rest)}.FIELD=VALUE")
+    raise UnknownNameError(kind, parts[0], list(named), plural=ELEMENTS[kind])
+
+
+def _check_effect(element: Any, kind: str, fields: list[str], setting: Setting) -> None:
+    # The compiler infers inertia from geoms and silently ignores what the body says.
+    if kind == "body" and fields[0] in INERTIAL and not element.explicitinertial:
+        raise UsageError(
+            f"{setting.path} has no effect: the inertia of this body comes from its geoms\n"
+            f"set the mass or density of a geom instead, as in geom/NAME.mass={setting.value}"
+        )
+
+
+def _set_flag(option: Any, fields: list[str], setting: Setting) -> None:
+    disable, enable = members(mujoco.mjtDisableBit), members(mujoco.mjtEnableBit)
+    name = ".".join(fields)
+    if name not in disable and name not in enable:
+        raise UnknownNameError("flag", name, [*disable, *enable], where="opt.flag")
+    if name == "autoreset":
+        raise UsageError(
+            "opt.flag.autoreset cannot be set: a reset in mid-run would put two simulations in one output\n"
+            "mjrun stops an unstable simulation instead, and names the step and the joint"
+        )
+    on = _truth(setting)
+    bits, bit, set_it = ("enableflags", enable[name], on) if name in enable else ("disableflags", disable[name], not on)
+    value = getattr(option, bits)
+    setattr(option, bits, value | bit if set_it else value & ~bit)
+
+
+def _assign(owner: Any, fields: list[str], setting: Setting) -> None:
+    if not fields:
+        raise UnknownNameError("setting", setting.path, [f"{setting.path}.{field}" for field in _fields(owner)])
+    field, *deeper = fields
+    valid = _fields(owner)
+    if field not in valid:
+        above = setting.path.removesuffix("".join(f".{part}" for part in fields))
+        raise UnknownNameError("setting", field, [*valid, *(["flag"] if above == "opt" else [])], where=above)
+    current = getattr(owner, field)
+    if not _is_leaf(current):
+        _assign(current, deeper, setting)
+        return
+    if deeper:
+        above = setting.path.removesuffix("".join(f".{part}" for part in deeper))
+        raise UsageError(f"{clean(setting.path)}: {clean(above)} is a value and holds no settings")
+    try:
+        setattr(owner, field, _coerce(field, current, setting))
+    except TypeError:
+        raise BadValueError(setting.name, setting.value, f"what {field} takes") from None
+
+
+def _fields(owner: Any) -> list[str]:
+    """The fields of an MjSpec object that can be set, or that hold fields that can."""
+    found = []
+    for name in dir(type(owner)):
+        if name.startswith("_") or name.endswith("_") or name in HIDDEN:
+            continue
+        value = getattr(owner, name)
+        if _is_leaf(value) or (type(value).__module__.startswith("mujoco") and not callable(value)):
+            found.append(name)
+    return found
+
+
+def _is_leaf(value: object) -> bool:
+    return isinstance(value, bool | int | float | str | np.ndarray) or is_enum(value) or _is_vector(value)
+
+
+def _is_vector(value: object) -> bool:
+    """Whether `value` is one of MjSpec's growable arrays of numbers."""
+    return type(value).__name__ in ("MjDoubleVec", "MjFloatVec", "MjIntVec")
+
+
+def _coerce(field: str, current: Any, setting: Setting) -> Any:
+    """The text of `setting` as a value of the type of `current`."""
+    if field in NAMED_INTEGERS:
+        return member(NAMED_INTEGERS[field], field, setting.value)
+    if is_enum(current):
+        return type(current)(member(type(current), field, setting.value))
+    if isinstance(current, bool):
+        return _truth(setting)
+    if isinstance(current, int):
+        return int(_number(setting.value, setting, "a whole number", int))
+    if isinstance(current, float):
+        return _number(setting.value, setting, "a number", float)
+    if isinstance(current, np.ndarray):
+        return _array(field, current, setting)
+    if _is_vector(current):
+        return _numbers(setting)
+    return setting.value
+
+
+def _truth(setting: Setting) -> bool:
+    if setting.value.lower() not in TRUTH:
+        raise BadValueError(setting.name, setting.value, "enable or disable (true or false)")
+    return TRUTH[setting.value.lower()]
+
+
+def _number(text: str, setting: Setting, expected: str, kind: Callable[[str], float]) -> float:
+    try:
+        value = kind(text)
+    except ValueError:
+        value = math.nan
+    if not math.isfinite(value):
+        raise BadValueError(setting.name, setting.value, expected)
+    return value
+
+
+def _numbers(setting: Setting) -> list[float]:
+    return [
+        _number(part, setting, "numbers separated by commas", float)
+        for part in setting.value.replace(",", " ").split()
+    ]
+
+
+def _array(field: str, current: np.ndarray, setting: Setting) -> np.ndarray:
+    values, size = _numbers(setting), current.size
+    fits = 0 < len(values) <= size if field in PARTIAL else len(values) == size
+    if not fits:
+        most = "at most " if field in PARTIAL else ""
+        raise BadValueError(setting.name, setting.value, f"{most}{size} numbers separated by commas")
+    result = current.copy().ravel()
+    result[: len(values)] = values
+    return result.reshape(current.shape)

@@ -1,0 +1,1 @@
+"""Drawing: the OpenGL backend, cameras, visual options, the classic renderer."""

@@ -1,0 +1,168 @@
+"""Which OpenGL backend draws: chosen by trying each in a child process."""
+
+import contextlib
+import importlib
+import json
+import os
+import platform
+import subprocess
+import sys
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from mjrun.errors import NoRendererError, SoftwareRendererError, UnknownNameError
+
+AUTO = "auto"
+BACKENDS = ("egl", "osmesa", "glfw", "cgl")
+# What MuJoCo accepts in MUJOCO_GL beside the names of its backends.
+ALIASES = {"": AUTO, "enable": AUTO, "enabled": AUTO, "on": AUTO, "true": AUTO, "1": AUTO, "glx": "glfw", "wgl": "glfw"}
+OFF = ("disable", "disabled", "off", "false", "0")
+SOFTWARE = ("llvmpipe", "softpipe", "swrast", "swiftshader", "software rasterizer")
+TIMEOUT = 60  # [s], for a driver that hangs
+
+PACKAGES = {
+    "debian": "sudo apt-get install libegl1 libopengl0 libegl-mesa0 libgl1-mesa-dri",
+    "fedora": "sudo dnf install mesa-libEGL mesa-dri-drivers libglvnd-opengl",
+    "arch": "sudo pacman -S mesa libglvnd",
+}
+ANY_LINUX = "install your distribution's packages for libEGL, libOpenGL and the Mesa software renderer (llvmpipe)"
+
+
+@dataclass(frozen=True)
+class Backend:
+    """A backend that was seen to work.
+
+    Attributes:
+      name: `egl`, `osmesa`, `glfw` or `cgl`.
+      renderer, vendor, version: OpenGL's own strings.
+      max_size: the largest width or height it can draw [pixels].
+    """
+
+    name: str
+    renderer: str
+    vendor: str
+    version: str
+    max_size: int
+
+    @property
+    def software(self) -> bool:
+        """Whether a CPU draws."""
+        return self.name == "osmesa" or any(mark in self.renderer.lower() for mark in SOFTWARE)
+
+    def context(self, width: int, height: int) -> Any:
+        """A new OpenGL context, current in this thread; whoever gets it calls `free`."""
+        context = importlib.import_module(f"mujoco.{self.name}").GLContext(width, height)
+        context.make_current()
+        return context
+
+
+def candidates() -> tuple[str, ...]:
+    """The backends worth trying on this system, best first."""
+    if platform.system() == "Darwin":
+        return ("cgl", "glfw")
+    if platform.system() == "Windows":
+        return ("glfw",)
+    display = os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")
+    return ("egl", "osmesa", "glfw") if display else ("egl", "osmesa")
+
+
+def remedy() -> str:
+    """The command that makes drawing possible on this system."""
+    if platform.system() != "Linux":
+        return "install a graphics driver with OpenGL"
+    try:
+        family = platform.freedesktop_os_release()
+    except OSError:
+        family = {}
+    kin = [family.get("ID", ""), *family.get("ID_LIKE", "").split()]
+    command = next((PACKAGES[name] for name in kin if name in PACKAGES), None)
+    return f"to draw in software: {command}" if command else ANY_LINUX
+
+
+class Probe:
+    """One backend being tried in a child process, which starts at once."""
+
+    def __init__(self, name: str) -> None:
+        self.name = name
+        script = Path(__file__).with_name("probe.py")
+        self._child = subprocess.Popen(
+            [sys.executable, "-P", str(script), name],
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.DEVNULL,
+            env={**os.environ, "MUJOCO_GL": "disable"},
+        )
+
+    def result(self) -> Backend | str:
+        """The backend, or why there is none."""
+        try:
+            out, _ = self._child.communicate(timeout=TIMEOUT)
+        except subprocess.TimeoutExpired:
+            self.cancel()
+            return f"did not answer within {TIMEOUT} s"
+        try:
+            answer = json.loads(out)
+        except ValueError:
+            return f"its process ended with code {self._child.returncode}"
+        return answer["error"] if "error" in answer else Backend(self.name, **answer)
+
+    def cancel(self) -> None:
+        """Ends the child."""
+        with contextlib.suppress(ProcessLookupError):
+            self._child.kill()
+        self._child.communicate()
+
+
+class Search:
+    """The search for a working backend, begun at once so that it runs while the model loads.
+
+    Args:
+      requested: `auto` or None for the best that works, else the only one to try.
+
+    Raises:
+      UnknownNameError: no such backend.
+      NoRendererError: rendering is switched off by MUJOCO_GL.
+    """
+
+    def __init__(self, requested: str | None = None) -> None:
+        self._names: Sequence[str] = _requested(requested)
+        self._first = Probe(self._names[0])
+
+    def result(self, require_gpu: bool = False) -> Backend:
+        """The first backend that works.
+
+        Raises:
+          NoRendererError: none does; the message says why, and what to install.
+          SoftwareRendererError: `require_gpu`, and only software draws.
+        """
+        tried: dict[str, str] = {}
+        software: Backend | None = None
+        for name in self._names:
+            answer = (self._first if name == self._first.name else Probe(name)).result()
+            if isinstance(answer, str):
+                tried[name] = answer
+            elif not (require_gpu and answer.software):
+                return answer
+            else:
+                software = software or answer
+        if software:
+            raise SoftwareRendererError(software.renderer)
+        raise NoRendererError(tried, remedy())
+
+    def cancel(self) -> None:
+        """Ends the child that is still trying."""
+        self._first.cancel()
+
+
+def _requested(requested: str | None) -> Sequence[str]:
+    asked = (requested if requested is not None else os.environ.get("MUJOCO_GL", "")).strip().lower()
+    if asked in OFF:
+        raise NoRendererError({"MUJOCO_GL": f"is {asked!r}, which switches rendering off"}, "unset it to draw")
+    name = ALIASES.get(asked, asked)
+    if name == AUTO:
+        return candidates()
+    if name not in BACKENDS:
+        raise UnknownNameError("OpenGL backend", asked, [AUTO, *BACKENDS])
+    return (name,)

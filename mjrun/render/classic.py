@@ -1,0 +1,140 @@
+"""MuJoCo's classic OpenGL renderer, drawing recorded states."""
+
+import time
+from types import TracebackType
+from typing import Any
+
+import mujoco
+import numpy as np
+
+from mjrun.errors import DrawError, UsageError
+from mjrun.render.backend import Backend
+from mjrun.render.camera import Rig
+from mjrun.render.visual import Visual
+
+STATE = int(mujoco.mjtState.mjSTATE_INTEGRATION)
+GEOMS = 10_000  # room in the scene to begin with; it grows
+FONTS = (50, 100, 150, 200, 250, 300)  # percent
+OFFSCREEN = mujoco.mjtFramebuffer.mjFB_OFFSCREEN.value
+
+
+class ClassicRenderer:
+    """Draws states of one model at one size. To be used in the thread that made it, and closed.
+
+    Args:
+      model: read only; its framebuffer size is ignored, any `size` can be drawn.
+      size: width and height of a frame [pixels].
+      backend: one that works, from `backend.Search`.
+      visual: flags, groups, frames, labels and quality.
+
+    Raises:
+      UsageError: the frame is larger than the backend can draw.
+      DrawError: OpenGL refused.
+    """
+
+    def __init__(self, model: mujoco.MjModel, size: tuple[int, int], backend: Backend, visual: Visual) -> None:
+        self.size = size
+        self._model, self._visual = model, visual
+        width, height = (side * visual.samples for side in size)
+        if max(width, height) > backend.max_size:
+            raise UsageError(
+                f"--size {size[0]}x{size[1]} is too large: {backend.renderer} draws at most "
+                f"{backend.max_size // visual.samples} pixels a side at --quality {visual.quality}"
+            )
+        self._data = mujoco.MjData(model)
+        self._scene = mujoco.MjvScene(model, GEOMS)
+        self._options = visual.options()
+        self._camera = mujoco.MjvCamera()
+        self._rect = mujoco.MjrRect(0, 0, width, height)
+        self._pixels = np.empty((height, width, 3), np.uint8)
+        visual.set_flags(self._scene)
+        self._gl: Any = None
+        self._context: mujoco.MjrContext | None = None
+        try:
+            self._gl = backend.context(width, height)
+            self._context = _offscreen(model, width, height, visual.quality)
+        except Exception as error:
+            self.close()
+            raise DrawError(f"{backend.renderer} cannot draw {width}x{height}: {error}") from error
+
+    def draw(self, state: np.ndarray, rig: Rig, phase: float) -> np.ndarray:
+        """The picture `(height, width, 3)` uint8 of an integration `state`, seen through `rig`.
+
+        Everything drawn, contacts and forces included, belongs to that state. The array is reused by
+        the next call.
+        """
+        mujoco.mj_setState(self._model, self._data, state, STATE)
+        mujoco.mj_forward(self._model, self._data)
+        rig.aim(self._camera, self._data, phase)
+        self._update_scene()
+        self._render()
+        return self._shown()
+
+    def draft_cost(self) -> float:
+        """Seconds to draw the last scene once more without shadows and reflections."""
+        flags = self._scene.flags.copy()
+        for costly in (mujoco.mjtRndFlag.mjRND_SHADOW, mujoco.mjtRndFlag.mjRND_REFLECTION):
+            self._scene.flags[costly.value] = 0
+        self._render()  # the first draw of a kind compiles shaders
+        start = time.perf_counter()
+        self._render()
+        cost = time.perf_counter() - start
+        self._scene.flags[:] = flags
+        return cost
+
+    def close(self) -> None:
+        """Frees what the graphics driver holds; EGL prints tracebacks at exit when this is forgotten."""
+        if self._context is not None:
+            self._context.free()
+        if self._gl is not None:
+            self._gl.free()
+        self._context = self._gl = None
+
+    def __enter__(self) -> "ClassicRenderer":
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def _update_scene(self) -> None:
+        everything = mujoco.mjtCatBit.mjCAT_ALL.value
+        while True:
+            mujoco.mjv_updateScene(
+                self._model, self._data, self._options, None, self._camera, everything, self._scene
+            )
+            if self._scene.ngeom < self._scene.maxgeom:
+                return
+            flags = self._scene.flags.copy()
+            self._scene = mujoco.MjvScene(self._model, 2 * self._scene.maxgeom)
+            self._scene.flags[:] = flags
+
+    def _render(self) -> None:
+        mujoco.mjr_render(self._rect, self._scene, self._context)
+        mujoco.mjr_readPixels(self._pixels, None, self._rect, self._context)
+
+    def _shown(self) -> np.ndarray:
+        upright = self._pixels[::-1]  # OpenGL's rows run upward
+        n = self._visual.samples
+        if n == 1:
+            return upright
+        width, height = self.size
+        blocks = upright.reshape(height, n, width, n, 3)
+        return ((blocks.sum(axis=(1, 3), dtype=np.uint16) + n * n // 2) // (n * n)).astype(np.uint8)
+
+
+def _offscreen(model: mujoco.MjModel, width: int, height: int, quality: str) -> mujoco.MjrContext:
+    """A context whose offscreen buffer has exactly this size, whatever the model's is."""
+    view, detail = model.vis.global_, model.vis.quality
+    kept = view.offwidth, view.offheight, detail.offsamples
+    view.offwidth, view.offheight = width, height
+    if quality == "draft":
+        detail.offsamples = 0
+    try:
+        font = min(FONTS, key=lambda percent: abs(percent - height / 4.8))
+        context = mujoco.MjrContext(model, font)
+    finally:
+        view.offwidth, view.offheight, detail.offsamples = kept
+    mujoco.mjr_setBuffer(OFFSCREEN, context)
+    return context

@@ -1,0 +1,95 @@
+"""What is drawn and how: visualizer and rendering flags, groups, frames, labels, quality."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+import mujoco
+
+from mjrun.errors import BadValueError, UnknownNameError
+from mjrun.model.names import member, members
+
+GROUPS = {
+    "geom": "geomgroup",
+    "site": "sitegroup",
+    "joint": "jointgroup",
+    "tendon": "tendongroup",
+    "actuator": "actuatorgroup",
+    "flex": "flexgroup",
+    "skin": "skingroup",
+}
+QUALITIES = ("draft", "model", "high")
+
+
+@dataclass(frozen=True)
+class Visual:
+    """MuJoCo's visualizer by its own names; what is not mentioned stays as MuJoCo has it.
+
+    Args:
+      show, hide: names of mjtVisFlag and mjtRndFlag: `contactpoint`, `transparent`, `shadow`, …
+      groups: kinds (`geom`, `site`, …) to the groups to draw, `0`–`5`; the others are hidden.
+      frame: of mjtFrame: `none`, `body`, `geom`, `site`, `camera`, `light`, `contact`, `world`.
+      label: of mjtLabel: `none`, `body`, `joint`, `geom`, …
+      quality: `draft` drops shadows, reflections and multisampling; `model` draws what the model asks
+        for; `high` draws at twice the size and averages.
+    """
+
+    show: Sequence[str] = ()
+    hide: Sequence[str] = ()
+    groups: Mapping[str, Sequence[int]] = field(default_factory=dict)
+    frame: str = "none"
+    label: str = "none"
+    quality: str = "model"
+
+    def __post_init__(self) -> None:
+        if self.quality not in QUALITIES:
+            raise UnknownNameError("quality", self.quality, QUALITIES, plural="qualities")
+        valid = flags()
+        for name in (*self.show, *self.hide):
+            if name not in valid:
+                raise UnknownNameError("visual flag", name, sorted(valid))
+        both = set(self.show) & set(self.hide)
+        if both:
+            raise BadValueError("--show and --hide", ", ".join(sorted(both)), "to be in both")
+        for kind, drawn in self.groups.items():
+            if kind not in GROUPS:
+                raise UnknownNameError("kind of group", kind, list(GROUPS), plural="kinds")
+            for number in drawn:
+                if not 0 <= number < mujoco.mjNGROUP:
+                    raise BadValueError(f"--{GROUPS[kind]}", number, f"a group from 0 to {mujoco.mjNGROUP - 1}")
+        member(mujoco.mjtFrame, "frame", self.frame)
+        member(mujoco.mjtLabel, "label", self.label)
+
+    @property
+    def samples(self) -> int:
+        """How many times wider and higher the picture is drawn than shown."""
+        return 2 if self.quality == "high" else 1
+
+    def options(self) -> mujoco.MjvOption:
+        """The visualizer's options."""
+        options = mujoco.MjvOption()
+        visualizer = members(mujoco.mjtVisFlag)
+        for names, value in ((self.show, 1), (self.hide, 0)):
+            for name in names:
+                if name in visualizer:
+                    options.flags[visualizer[name]] = value
+        for kind, drawn in self.groups.items():
+            getattr(options, GROUPS[kind])[:] = [number in drawn for number in range(mujoco.mjNGROUP)]
+        options.frame = member(mujoco.mjtFrame, "frame", self.frame)
+        options.label = member(mujoco.mjtLabel, "label", self.label)
+        return options
+
+    def set_flags(self, scene: mujoco.MjvScene) -> None:
+        """Sets the rendering flags of `scene`."""
+        rendering = members(mujoco.mjtRndFlag)
+        if self.quality == "draft":
+            scene.flags[rendering["shadow"]] = 0
+            scene.flags[rendering["reflection"]] = 0
+        for names, value in ((self.show, 1), (self.hide, 0)):
+            for name in names:
+                if name in rendering:
+                    scene.flags[rendering[name]] = value
+
+
+def flags() -> list[str]:
+    """Every name that `--show` and `--hide` know."""
+    return [*members(mujoco.mjtVisFlag), *members(mujoco.mjtRndFlag)]

@@ -1,0 +1,47 @@
+"""The one simulation loop: steps once, and lets any number of taps look on."""
+
+import heapq
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from itertools import groupby
+from operator import itemgetter
+from typing import Generic, TypeVar
+
+from mjrun.sim.stepper import Stepper
+
+T = TypeVar("T")
+
+
+@dataclass(frozen=True)
+class Tap(Generic[T]):
+    """A cadence, a read and a write.
+
+    Args:
+      steps: when to look, in non-decreasing order; a step that occurs twice is written twice.
+      read: what to take from the stepper; it must not change it.
+      write: where to put it.
+    """
+
+    steps: Sequence[int]
+    read: Callable[[Stepper], T]
+    write: Callable[[T], object]
+
+
+def observe(stepper: Stepper, taps: Sequence[Tap], until: int) -> None:
+    """Moves `stepper` to step `until`, and serves every tap on the way.
+
+    Taps that share a step see the same instant. Observing does not change the motion: it is bit for
+    bit that of a run without taps.
+
+    Raises:
+      UnstableError: as soon as a step fails; what was written before is good.
+    """
+    for step, due in groupby(heapq.merge(*map(_schedule, taps), key=itemgetter(0)), key=itemgetter(0)):
+        stepper.advance(step)
+        for _, tap in due:
+            tap.write(tap.read(stepper))
+    stepper.advance(until)
+
+
+def _schedule(tap: Tap) -> Iterator[tuple[int, Tap]]:
+    return ((step, tap) for step in tap.steps)

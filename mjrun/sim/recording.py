@@ -1,0 +1,49 @@
+"""Replayable states, in memory while they are few and on disk when they are many."""
+
+import tempfile
+from types import TracebackType
+
+import mujoco
+import numpy as np
+
+from mjrun.sim.stepper import STATE
+
+SPILL = 256 * 2**20  # bytes
+
+
+class Recording:
+    """A list of integration states `(nstate,)` of one model, in the order they were appended."""
+
+    def __init__(self, model: mujoco.MjModel) -> None:
+        self.model = model
+        self._shape = mujoco.mj_stateSize(model, STATE)
+        self._bytes = self._shape * 8
+        self._file = tempfile.SpooledTemporaryFile(max_size=SPILL)  # noqa: SIM115  (closed by close)
+        self._count = 0
+
+    def append(self, state: np.ndarray) -> None:
+        """Adds one state at the end."""
+        self._file.seek(self._count * self._bytes)
+        self._file.write(np.ascontiguousarray(state, np.float64).tobytes())
+        self._count += 1
+
+    def __len__(self) -> int:
+        return self._count
+
+    def __getitem__(self, index: int) -> np.ndarray:
+        if not 0 <= index < self._count:
+            raise IndexError(index)
+        self._file.seek(index * self._bytes)
+        return np.frombuffer(self._file.read(self._bytes), np.float64)
+
+    def close(self) -> None:
+        """Frees the memory or the file."""
+        self._file.close()
+
+    def __enter__(self) -> "Recording":
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()

@@ -1,0 +1,130 @@
+"""Where a simulation starts: a keyframe, joint positions and velocities, controls, noise; all by name."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+
+import mujoco
+import numpy as np
+
+from mjrun.errors import BadValueError, UnknownNameError, UsageError, clean
+from mjrun.model.names import identify, matching, names
+
+FREE, BALL = int(mujoco.mjtJoint.mjJNT_FREE), int(mujoco.mjtJoint.mjJNT_BALL)
+QPOS_PARTS = {FREE: ("x", "y", "z", "qw", "qx", "qy", "qz"), BALL: ("qw", "qx", "qy", "qz")}
+QVEL_PARTS = {FREE: ("vx", "vy", "vz", "wx", "wy", "wz"), BALL: ("wx", "wy", "wz")}
+
+
+Values = float | Sequence[float]
+
+
+@dataclass(frozen=True)
+class Start:
+    """The state at time 0.
+
+    Args:
+      key: keyframe name or index; the model's own `qpos0` when None.
+      qpos, qvel: joints by name, wildcard or index, or `NAME/COMPONENT` (`root/z`, `root/wx`). A joint
+        without a name answers to its body's. Units [m, rad, m/s, rad/s], quaternions w first.
+      ctrl: actuators by name, wildcard or index, held constant.
+      perturb: standard deviation of Gaussian noise added to every initial velocity.
+      seed: of that noise; the same seed gives the same start.
+    """
+
+    key: str | None = None
+    qpos: Mapping[str, Values] = field(default_factory=dict)
+    qvel: Mapping[str, Values] = field(default_factory=dict)
+    ctrl: Mapping[str, Values] = field(default_factory=dict)
+    perturb: float = 0.0
+    seed: int = 0
+
+    def data(self, model: mujoco.MjModel) -> mujoco.MjData:
+        """A new MjData in this state.
+
+        Raises:
+          UnknownNameError: a name is not in the model.
+          BadValueError: the number of values does not fit the joint.
+        """
+        data = mujoco.MjData(model)
+        if self.key is not None:
+            mujoco.mj_resetDataKeyframe(model, data, identify(model, "keyframe", self.key))
+        for name, values in self.qpos.items():
+            where = _joint_slices(model, model.jnt_qposadr, QPOS_PARTS, name, "--qpos")
+            _set(data.qpos, where, values, f"--qpos {name}")
+        for name, values in self.qvel.items():
+            where = _joint_slices(model, model.jnt_dofadr, QVEL_PARTS, name, "--qvel")
+            _set(data.qvel, where, values, f"--qvel {name}")
+        for name, values in self.ctrl.items():
+            where = [slice(i, i + 1) for i in matching(model, "actuator", name)]
+            _set(data.ctrl, where, values, f"--ctrl {name}")
+        if self.perturb:
+            data.qvel += self.perturb * np.random.default_rng(self.seed).standard_normal(model.nv)
+        _check_finite(model, data)
+        return data
+
+    def remarks(self, model: mujoco.MjModel) -> list[str]:
+        """What the user should know of this start: controls that MuJoCo will clamp."""
+        data, actuators = self.data(model), names(model, "actuator")
+        asked = {i for name in self.ctrl for i in matching(model, "actuator", name)}
+        clamps = not model.opt.disableflags & mujoco.mjtDisableBit.mjDSBL_CLAMPCTRL
+        found = []
+        for i in sorted(asked if clamps else ()):
+            low, high = model.actuator_ctrlrange[i]
+            if model.actuator_ctrllimited[i] and not low <= data.ctrl[i] <= high:
+                value = f"{clean(actuators[i])}={data.ctrl[i]:g}"
+                found.append(f"--ctrl {value} is beyond the actuator's range, MuJoCo clamps it to [{low:g}, {high:g}]")
+        return found
+
+
+def _set(vector: np.ndarray, where: Sequence[slice], values: Values, what: str) -> None:
+    given = np.atleast_1d(np.asarray(values, float))
+    for part in where:
+        size = part.stop - part.start
+        if given.shape != (size,):
+            text = ",".join(f"{v:g}" for v in given.ravel())
+            raise BadValueError(what, text, f"{size} number{'s' * (size > 1)}, as it takes")
+        vector[part] = given
+
+
+def _joint_slices(
+    model: mujoco.MjModel, addresses: np.ndarray, parts: dict[int, tuple[str, ...]], name: str, flag: str
+) -> list[slice]:
+    """Where in qpos or qvel the joints, or the joint components, that `name` means are kept."""
+    found = []
+    for joint, component in _joints(model, parts, name, flag):
+        start, size = int(addresses[joint]), len(parts.get(int(model.jnt_type[joint]), ("",)))
+        found.append(slice(start, start + size) if component is None else slice(start + component, start + component + 1))
+    return found
+
+
+def _joints(
+    model: mujoco.MjModel, parts: dict[int, tuple[str, ...]], name: str, flag: str
+) -> Iterator[tuple[int, int | None]]:
+    """Joint ids that `name` means, each with the component it names, if any."""
+    try:
+        yield from ((joint, None) for joint in _joints_named(model, name))
+        return
+    except UnknownNameError:
+        owner, slash, part = name.rpartition("/")
+        if not slash:
+            raise
+    for joint in _joints_named(model, owner):
+        valid = parts.get(int(model.jnt_type[joint]), ())
+        if part not in valid:
+            raise UnknownNameError("component", part, valid, where=f"{flag} {owner}")
+        yield joint, valid.index(part)
+
+
+def _joints_named(model: mujoco.MjModel, name: str) -> list[int]:
+    bodies = names(model, "body")
+    if name in bodies and name not in names(model, "joint"):
+        body = bodies.index(name)
+        if model.body_jntnum[body] == 1:
+            return [int(model.body_jntadr[body])]
+    return matching(model, "joint", name)
+
+
+def _check_finite(model: mujoco.MjModel, data: mujoco.MjData) -> None:
+    for name, vector in (("qpos", data.qpos), ("qvel", data.qvel), ("act", data.act), ("ctrl", data.ctrl)):
+        bad = np.flatnonzero(~np.isfinite(vector))
+        if bad.size:
+            raise UsageError(f"the initial {name}[{bad[0]}] is {vector[bad[0]]}, and must be finite")

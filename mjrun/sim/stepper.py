@@ -1,0 +1,126 @@
+"""Moving a model to a step, exactly, and noticing when it cannot be moved any further."""
+
+import copy
+from typing import Protocol
+
+import mujoco
+import numpy as np
+
+from mjrun.errors import UnstableError
+from mjrun.model.names import names
+
+STATE = int(mujoco.mjtState.mjSTATE_INTEGRATION)  # FULLPHYSICS lacks the warm start: not bit-identical
+CHUNK = 50  # steps between two looks at the warning counters; a look per step costs about 10 %
+BAD = [
+    int(mujoco.mjtWarning.mjWARN_BADQPOS),
+    int(mujoco.mjtWarning.mjWARN_BADQVEL),
+    int(mujoco.mjtWarning.mjWARN_BADQACC),
+]
+QUANTITIES = dict(zip(BAD, ("the position", "the velocity", "the acceleration"), strict=True))
+
+
+class Stepper(Protocol):
+    """Owns a model and its state, and moves to a step."""
+
+    model: mujoco.MjModel
+    step: int
+
+    def advance(self, step: int) -> None:
+        """Moves forward to `step`, which must not lie behind."""
+        ...
+
+    def state(self) -> np.ndarray:
+        """The integration state at `self.step`: a new array `(nstate,)`, enough to go on bit for bit."""
+        ...
+
+    def instant(self) -> mujoco.MjData:
+        """An MjData in which every field belongs to `self.step`; not to be kept or written to."""
+        ...
+
+
+class PhysicsStepper:
+    """Steps with `mj_step` from the state in `data`, on a copy of `model`.
+
+    Automatic resets are off: an unstable simulation raises UnstableError within `CHUNK` steps of its
+    first bad step, and `step` is then the last good one.
+    """
+
+    def __init__(self, model: mujoco.MjModel, data: mujoco.MjData) -> None:
+        self.model = copy.copy(model)
+        self.model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_AUTORESET)
+        self.step = 0
+        self._data = mujoco.MjData(self.model)
+        self._scratch = mujoco.MjData(self.model)
+        self._scratch_step = -1
+        self._saved = np.empty(mujoco.mj_stateSize(self.model, STATE))
+        mujoco.mj_getState(model, data, self._saved, STATE)
+        mujoco.mj_setState(self.model, self._data, self._saved, STATE)
+
+    def advance(self, step: int) -> None:
+        if step < self.step:
+            raise ValueError(f"cannot go back from step {self.step} to step {step}")
+        while self.step < step:
+            count = min(CHUNK, step - self.step)
+            mujoco.mj_getState(self.model, self._data, self._saved, STATE)
+            mujoco.mj_step(self.model, self._data, nstep=count)
+            if self._is_bad():
+                raise self._first_bad(count)
+            self.step += count
+
+    def state(self) -> np.ndarray:
+        state = np.empty_like(self._saved)
+        mujoco.mj_getState(self.model, self._data, state, STATE)
+        return state
+
+    def instant(self) -> mujoco.MjData:
+        # Derived fields of `_data` lag one step behind its state. They are computed anew on a second
+        # MjData, so that nothing read here can change the motion.
+        if self._scratch_step != self.step:
+            mujoco.mj_setState(self.model, self._scratch, self.state(), STATE)
+            mujoco.mj_forward(self.model, self._scratch)
+            self._scratch_step = self.step
+        return self._scratch
+
+    def _is_bad(self) -> bool:
+        # MuJoCo looks at positions and velocities only at the start of the next step.
+        limit = mujoco.mjMAXVAL
+        return bool(
+            any(self._data.warning[kind].number for kind in BAD)
+            or not (abs(self._data.qpos) < limit).all()
+            or not (abs(self._data.qvel) < limit).all()
+        )
+
+    def _first_bad(self, count: int) -> UnstableError:
+        """Goes back to the start of the chunk and finds the step of `count` that fails."""
+        for kind in BAD:
+            self._data.warning[kind].number = 0
+        mujoco.mj_setState(self.model, self._data, self._saved, STATE)
+        for _ in range(count):
+            mujoco.mj_getState(self.model, self._data, self._saved, STATE)
+            time = self._data.time
+            mujoco.mj_step(self.model, self._data)
+            if self._is_bad():
+                break
+            self.step += 1
+        quantity, joint = self._culprit()
+        mujoco.mj_setState(self.model, self._data, self._saved, STATE)
+        return UnstableError(self.step, time, quantity, joint, self.model.opt.timestep)
+
+    def _culprit(self) -> tuple[str, str]:
+        """The quantity that failed, and the joint it belongs to."""
+        for kind in BAD:
+            if self._data.warning[kind].number:
+                index = self._data.warning[kind].lastinfo
+                return QUANTITIES[kind], self._joint(index, of_qpos=kind == BAD[0])
+        beyond = ~(abs(self._data.qvel) < mujoco.mjMAXVAL)
+        if beyond.any():
+            return QUANTITIES[BAD[1]], self._joint(int(beyond.argmax()), of_qpos=False)
+        beyond = ~(abs(self._data.qpos) < mujoco.mjMAXVAL)
+        return QUANTITIES[BAD[0]], self._joint(int(beyond.argmax()), of_qpos=True)
+
+    def _joint(self, index: int, of_qpos: bool) -> str:
+        starts = self.model.jnt_qposadr if of_qpos else self.model.jnt_dofadr
+        joint = int(np.searchsorted(starts, index, side="right")) - 1
+        body = names(self.model, "body")[self.model.jnt_bodyid[joint]]
+        name = names(self.model, "joint")[joint]
+        return f"joint '{name}'" + (f" of body '{body}'" if name == f"joint:{joint}" else "")

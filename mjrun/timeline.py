@@ -1,0 +1,79 @@
+"""Exact time: which step each frame and row of a run falls on.
+
+Times are rationals, never sums of floats. A float stands for the decimal number it prints as, so a
+timestep of 0.002 is exactly 1/500.
+"""
+
+import math
+from dataclasses import dataclass
+from fractions import Fraction
+
+
+def rational(value: float | str | Fraction) -> Fraction:
+    """The exact number meant by `value`: `0.002` is 1/500, `"30000/1001"` is NTSC's frame rate.
+
+    Raises:
+      ValueError: not a finite number.
+    """
+    if isinstance(value, Fraction):
+        return value
+    try:
+        return Fraction(value.strip() if isinstance(value, str) else repr(float(value)))
+    except (ValueError, ZeroDivisionError, OverflowError):
+        raise ValueError(f"not a finite number: {value!r}") from None
+
+
+def nearest(value: Fraction) -> int:
+    """`value` rounded to the nearest integer, halves up, so that even spacing stays even."""
+    return math.floor(value + Fraction(1, 2))
+
+
+@dataclass(frozen=True)
+class Timeline:
+    """A run of `steps` steps of `timestep` [s], which lasts `duration` [s].
+
+    `duration` is what was asked for; `steps` is that duration in whole steps.
+    """
+
+    timestep: Fraction
+    duration: Fraction
+    steps: int
+
+    @classmethod
+    def lasting(cls, timestep: Fraction, duration: Fraction) -> "Timeline":
+        """The run of `duration` [s]: `round(duration / timestep)` steps."""
+        return cls(timestep, duration, nearest(duration / timestep))
+
+    @classmethod
+    def of_steps(cls, timestep: Fraction, steps: int) -> "Timeline":
+        """The run of exactly `steps` steps."""
+        return cls(timestep, steps * timestep, steps)
+
+    def time(self, step: int) -> Fraction:
+        """The simulated time [s] at `step`."""
+        return step * self.timestep
+
+    def frames(self, fps: Fraction, speed: Fraction = Fraction(1)) -> list[int]:
+        """The step that each frame of a film shows.
+
+        Frame k shows time k·speed/fps; the frames are the k with k·speed/fps < duration, so the film
+        lasts duration/speed.
+        """
+        count = math.ceil(self.duration * fps / speed)
+        return self._every(speed / fps, count)
+
+    def rows(self, every: int = 1, rate: Fraction | None = None) -> list[int]:
+        """The step that each row of a trace shows: 0, s, 2s, … ≤ `steps`, the last step included.
+
+        s is `every` steps, or the time between rows at `rate` [Hz].
+        """
+        period = self.timestep * every if rate is None else 1 / rate
+        count = math.floor(self.steps * self.timestep / period) + 1
+        rows = self._every(period, count)
+        return rows if rows[-1] == self.steps else [*rows, self.steps]
+
+    def _every(self, period: Fraction, count: int) -> list[int]:
+        # floor(k·period/timestep + 1/2) in integers: a Fraction per frame is 20 times slower.
+        ratio = period / self.timestep
+        a, b = ratio.numerator, ratio.denominator
+        return [min((2 * k * a + b) // (2 * b), self.steps) for k in range(count)]
