@@ -31,7 +31,7 @@ _HOMES = {
     "load": "mjrun.model.load",
 }
 
-__all__ = ["Simulation", "Video", "VideoResult", "Visual", "__version__", "load"]  # noqa: F822  (lazy)
+__all__ = ["Simulation", "Video", "VideoResult", "Visual", "__version__", "load"]
 
 
 def __getattr__(name: str) -> object:

@@ -18,9 +18,7 @@ def clean(text: str) -> str:
 
     Names in models and file names are foreign: they may hold escape sequences or newlines.
     """
-    return "".join(
-        ascii(c)[1:-1] if unicodedata.category(c) in ("Cc", "Cf", "Cs", "Zl", "Zp") else c for c in text
-    )
+    return "".join(ascii(c)[1:-1] if unicodedata.category(c) in ("Cc", "Cf", "Cs", "Zl", "Zp") else c for c in text)
 
 
 def near(name: str, valid: Iterable[str]) -> list[str]:
@@ -96,9 +94,7 @@ class ModelError(MjrunError):
 class ModelNotFoundError(ModelError):
     """There is no model file at this path."""
 
-    def __init__(
-        self, path: Path, reason: str, folder: Path | None = None, siblings: Sequence[str] = ()
-    ) -> None:
+    def __init__(self, path: Path, reason: str, folder: Path | None = None, siblings: Sequence[str] = ()) -> None:
         hint = suggestion(path.name, siblings)
         choices = f"\nmodels in {clean(str(folder))}: {listing(siblings)}" if siblings else ""
         super().__init__(f"{clean(str(path))}: {reason}{hint}{choices}")

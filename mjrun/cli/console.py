@@ -6,11 +6,12 @@ import sys
 import time
 import traceback
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any, TextIO
+from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from rich.progress import Progress, TaskID
 
+STDOUT, STDERR = 1, 2
 EVERY = 10.0  # [s] between two lines of progress when stderr is no terminal
 
 
@@ -30,14 +31,13 @@ class Console:
         self._progress: Progress | None = None
         self._task: TaskID | None = None
         self._last = time.monotonic()
-        self._stdout: TextIO | None = None
 
     def guard_stdout(self) -> None:
         """Keeps standard output for the payload: what native libraries print there goes to stderr."""
         sys.stdout.flush()
-        self._stdout, payload = sys.stdout, os.dup(sys.stdout.fileno())
-        os.dup2(sys.stderr.fileno(), self._stdout.fileno())
-        sys.stdout = open(payload, "w", encoding="utf-8", errors="surrogateescape")  # noqa: SIM115
+        payload = os.dup(STDOUT)
+        os.dup2(STDERR, STDOUT)
+        sys.stdout = open(payload, "w", encoding="utf-8", errors="surrogateescape")  # noqa: PTH123, SIM115
 
     def result(self, text: str) -> None:
         """The command's answer, one line or a document, on stdout."""

@@ -6,18 +6,20 @@ import sys
 import traceback
 from collections.abc import Callable, Sequence
 from importlib import import_module
+from pathlib import Path
 from types import FrameType
-from typing import NoReturn
+from typing import Any, NoReturn
 
 import click
 from click.shell_completion import shell_complete
 
 from mjrun import __version__
 from mjrun.cli.console import Console
-from mjrun.errors import ClosedPipeError, EndedError, MjrunError, TerminatedError
+from mjrun.errors import ClosedPipeError, EndedError, MjrunError, TerminatedError, clean
 
 BUG = 70
 COMPLETE = "_MJRUN_COMPLETE"
+MODELS = (".xml", ".urdf", ".mjz", ".zip", ".mjb")
 
 # Name → module and one line of help. A command's module is imported when it is run.
 COMMANDS = {
@@ -29,17 +31,28 @@ COMMANDS = {
 class LazyGroup(click.Group):
     """A group that lists its commands without importing them."""
 
+    def __init__(self, *args: Any, **settings: Any) -> None:
+        super().__init__(*args, **settings)
+        self.commands = {name: click.Command(name, short_help=text) for name, (_, text) in COMMANDS.items()}
+
     def list_commands(self, ctx: click.Context) -> list[str]:
-        return list(COMMANDS)
+        return list(self.commands)
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
-        if cmd_name not in COMMANDS:
-            return None
-        return import_module(COMMANDS[cmd_name][0]).command
+        return import_module(COMMANDS[cmd_name][0]).command if cmd_name in COMMANDS else None
+
+    def resolve_command(
+        self, ctx: click.Context, args: list[str]
+    ) -> tuple[str | None, click.Command | None, list[str]]:
+        if args[0] not in COMMANDS and args[0].endswith(MODELS):
+            raise click.UsageError(
+                f"{clean(args[0])!r} is a model; what is to be done with it? mjrun video {clean(args[0])}", ctx
+            )
+        return super().resolve_command(ctx, args)
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         with formatter.section("Commands"):
-            formatter.write_dl([(name, text) for name, (_, text) in COMMANDS.items()])
+            formatter.write_dl([(name, stub.short_help or "") for name, stub in self.commands.items()])
 
 
 @click.group(
@@ -124,12 +137,10 @@ def _usage_message(error: click.UsageError) -> str:
 
 def _bug_message(error: Exception) -> str:
     where = traceback.extract_tb(error.__traceback__)[-1]
-    place = f"{os.path.basename(where.filename)}:{where.lineno}"
+    place = f"{Path(where.filename).name}:{where.lineno}"
     return f"a bug in mjrun: {type(error).__name__}: {error} ({place})\n--debug shows the traceback; please report it"
 
 
 def _terminate(number: int, frame: FrameType | None) -> NoReturn:
     signal.signal(number, signal.SIG_IGN)
     raise TerminatedError(number)
-
-

@@ -26,7 +26,7 @@ class SectionedCommand(click.Command):
         sections: dict[str, list[tuple[str, str]]] = {}
         for param in self.get_params(ctx):
             record = param.get_help_record(ctx)
-            if record:
+            if record and isinstance(param, click.Option):
                 sections.setdefault(getattr(param, "section", "Options"), []).append(record)
         for name, records in sections.items():
             with formatter.section(name):
@@ -71,34 +71,56 @@ model_options = _bundle(
     _option("--integrator", type=click.Choice(INTEGRATORS, case_sensitive=False), help="Instead of the model's."),
     _option("--timestep", type=Exact("SECONDS"), help="Instead of the model's."),
     _option(
-        "--set", "settings", type=PathValue(), multiple=True,
+        "--set",
+        "settings",
+        type=PathValue(),
+        multiple=True,
         help="Override anything before compilation, by MuJoCo's own names: opt.gravity=0,0,10, opt.cone=elliptic, "
         "opt.flag.contact=disable, geom/floor.friction=.1,.005,.0001, vis.quality.shadowsize=1024. Repeatable.",
     ),
-)  # fmt: skip
+)
 
 simulation_options = _bundle(
     "Simulation",
     _option("--key", metavar="NAME|INDEX", help="Start from a keyframe."),
-    _option("--qpos", type=Assignment(), multiple=True, help="Initial joint position, by name: hip=0.3, root/z=1. Repeatable."),
-    _option("--qvel", type=Assignment(), multiple=True, help="Initial joint velocity, by name: hip=2, root/wx=1. Repeatable."),
-    _option("--ctrl", type=Assignment(), multiple=True, help="Constant control, by actuator name or wildcard. Repeatable."),
-    _option("--perturb", type=click.FloatRange(min=0), default=0.0, metavar="STD", help="Noise on the initial velocities."),
+    _option(
+        "--qpos",
+        type=Assignment(),
+        multiple=True,
+        help="Initial joint position, by name: hip=0.3, root/z=1. Repeatable.",
+    ),
+    _option(
+        "--qvel",
+        type=Assignment(),
+        multiple=True,
+        help="Initial joint velocity, by name: hip=2, root/wx=1. Repeatable.",
+    ),
+    _option(
+        "--ctrl", type=Assignment(), multiple=True, help="Constant control, by actuator name or wildcard. Repeatable."
+    ),
+    _option(
+        "--perturb", type=click.FloatRange(min=0), default=0.0, metavar="STD", help="Noise on the initial velocities."
+    ),
     _option("--seed", type=click.IntRange(min=0), default=0, metavar="N", help="Of the noise.  [default: 0]"),
     _option("--duration", type=Exact("SECONDS"), help="Simulated time.  [default: 5]"),
     _option("--steps", type=click.IntRange(min=1), metavar="N", help="Number of steps, instead of --duration."),
-)  # fmt: skip
+)
 
 view_options = _bundle(
     "View",
     _option("--size", type=Size(), default="1280x720", show_default=True, help="Of the picture, in pixels."),
     _option(
-        "--camera", default="free", metavar="SPEC", show_default=True,
-        help="A camera of the model by name or index, free, orbit:lookat=BODY|x/y/z,distance=…,azimuth=140..240,"
-        "elevation=…,ease=linear|cosine, or track:BODY,distance=…,azimuth=…,elevation=….",
+        "--camera",
+        default="free",
+        metavar="SPEC",
+        show_default=True,
+        help="A camera of the model, by name or index; or free, orbit or track with settings after a colon: "
+        "free:azimuth=90,elevation=-20 orbit:lookat=box,azimuth=140..240,ease=cosine track:box,distance=.5",
     ),
     _option(
-        "--show", type=Words("FLAG,…"), multiple=True,
+        "--show",
+        type=Words("FLAG,…"),
+        multiple=True,
         help="Switch on visual flags by MuJoCo's names: contactpoint, contactforce, transparent, joint, … "
         "A wrong name lists them all.",
     ),
@@ -107,34 +129,47 @@ view_options = _bundle(
         _option(f"--{kind}group", f"{kind}group", type=Groups(), help=f"The {kind} groups to draw: 0,1,2, all or none.")
         for kind in GROUP_KINDS
     ),
-    _option("--frame-axes", default="none", metavar="KIND", help="Axes of: body, geom, site, camera, light, contact, world."),
-    _option("--label", default="none", metavar="KIND", help="Names of: body, joint, geom, site, camera, tendon, actuator, …"),
-)  # fmt: skip
+    _option(
+        "--frame-axes", default="none", metavar="KIND", help="Axes of: body, geom, site, camera, light, contact, world."
+    ),
+    _option(
+        "--label", default="none", metavar="KIND", help="Names of: body, joint, geom, site, camera, tendon, actuator, …"
+    ),
+)
 
 renderer_options = _bundle(
     "Renderer",
     _option(
-        "--quality", type=click.Choice(["draft", "model", "high"]), default="model", show_default=True,
+        "--quality",
+        type=click.Choice(["draft", "model", "high"]),
+        default="model",
+        show_default=True,
         help="draft: no shadows, reflections and multisampling; model: as the model asks; high: supersampled.",
     ),
-    _option("--gl", envvar="MUJOCO_GL", metavar="BACKEND", help="auto, egl, osmesa or glfw.  [default: $MUJOCO_GL, or auto]"),
+    _option(
+        "--gl", envvar="MUJOCO_GL", metavar="BACKEND", help="auto, egl, osmesa or glfw.  [default: $MUJOCO_GL, or auto]"
+    ),
     _option("--require-gpu", is_flag=True, help="Refuse to draw in software."),
-)  # fmt: skip
+)
 
 film_options = _bundle(
     "Film",
     _option(
-        "-o", "--output", metavar="FILE",
+        "-o",
+        "--output",
+        metavar="FILE",
         help="mp4, webm, mkv, mov, gif, apng, webp, a folder or pattern of PNGs (frames/, frame_%04d.png), "
         "or - for a pipe.  [default: MODEL.mp4]",
     ),
     _option("--fps", type=Exact("FPS"), help="Frames per second.  [default: 30; 25 in a GIF]"),
-    _option("--speed", type=Exact("FACTOR"), default="1", help="Simulated seconds per second of film; 0.25 is slow motion."),
+    _option(
+        "--speed", type=Exact("FACTOR"), default="1", help="Simulated seconds per second of film; 0.25 is slow motion."
+    ),
     _option("--format", "format_", metavar="NAME", help="Instead of the output's suffix; for a pipe.  [default: mp4]"),
     _option("--codec", metavar="NAME", help="h264, h265, av1, vp9, prores, ffv1, as the format holds."),
     _option("--crf", type=int, metavar="N", help="Constant rate factor: lower is better and larger."),
     _option("--preset", metavar="NAME", help="The codec's own, from fast to thorough."),
-)  # fmt: skip
+)
 
 output_options = _bundle(
     "Messages",

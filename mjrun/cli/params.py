@@ -30,9 +30,7 @@ class Exact(click.ParamType):
     def __init__(self, unit: str) -> None:
         self.name = unit
 
-    def convert(
-        self, value: str | Fraction, param: click.Parameter | None, ctx: click.Context | None
-    ) -> Fraction:
+    def convert(self, value: str | Fraction, param: click.Parameter | None, ctx: click.Context | None) -> Fraction:
         try:
             number = rational(value)
         except ValueError:
@@ -67,9 +65,7 @@ class PathValue(click.ParamType):
 
     name = "PATH=VALUE"
 
-    def convert(
-        self, value: str | tuple, param: click.Parameter | None, ctx: click.Context | None
-    ) -> tuple[str, str]:
+    def convert(self, value: str | tuple, param: click.Parameter | None, ctx: click.Context | None) -> tuple[str, str]:
         if isinstance(value, tuple):
             return value
         path, equals, text = value.partition("=")
@@ -84,9 +80,7 @@ class Words(click.ParamType):
     def __init__(self, name: str) -> None:
         self.name = name
 
-    def convert(
-        self, value: str | tuple, param: click.Parameter | None, ctx: click.Context | None
-    ) -> tuple[str, ...]:
+    def convert(self, value: str | tuple, param: click.Parameter | None, ctx: click.Context | None) -> tuple[str, ...]:
         return value if isinstance(value, tuple) else tuple(word.strip() for word in value.split(",") if word.strip())
 
 
@@ -95,9 +89,7 @@ class Groups(click.ParamType):
 
     name = "GROUPS"
 
-    def convert(
-        self, value: str | tuple, param: click.Parameter | None, ctx: click.Context | None
-    ) -> tuple[int, ...]:
+    def convert(self, value: str | tuple, param: click.Parameter | None, ctx: click.Context | None) -> tuple[int, ...]:
         if isinstance(value, tuple):
             return value
         if value in ("all", "none"):

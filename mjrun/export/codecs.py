@@ -41,23 +41,33 @@ class Codec:
 
 
 CODECS = {
-    "h264": Codec(
-        ("-c:v", "libx264"), BT709.format(pixels="yuv420p"), True, (0, 51, 18), X264_PRESETS, "veryfast"
-    ),
+    "h264": Codec(("-c:v", "libx264"), BT709.format(pixels="yuv420p"), True, (0, 51, 18), X264_PRESETS, "veryfast"),
     "h265": Codec(
         ("-c:v", "libx265", "-x265-params", "log-level=error"),
-        BT709.format(pixels="yuv420p"), True, (0, 51, 20), X264_PRESETS, "veryfast",
+        BT709.format(pixels="yuv420p"),
+        True,
+        (0, 51, 20),
+        X264_PRESETS,
+        "veryfast",
     ),
-    "av1": Codec(
-        ("-c:v", "libsvtav1"), BT709.format(pixels="yuv420p"), True, (0, 63, 26), [*map(str, range(14))], "8"
-    ),
+    "av1": Codec(("-c:v", "libsvtav1"), BT709.format(pixels="yuv420p"), True, (0, 63, 26), [*map(str, range(14))], "8"),
     "vp9": Codec(
         ("-c:v", "libvpx-vp9", "-b:v", "0", "-row-mt", "1", "-cpu-used", "4"),
-        BT709.format(pixels="yuv420p"), True, (0, 63, 26), ("realtime", "good", "best"), "good", "-deadline",
+        BT709.format(pixels="yuv420p"),
+        True,
+        (0, 63, 26),
+        ("realtime", "good", "best"),
+        "good",
+        "-deadline",
     ),
     "prores": Codec(
-        ("-c:v", "prores_ks"), BT709.format(pixels="yuv422p10le"), True, None,
-        ("proxy", "lt", "standard", "hq"), "hq", "-profile:v",
+        ("-c:v", "prores_ks"),
+        BT709.format(pixels="yuv422p10le"),
+        True,
+        None,
+        ("proxy", "lt", "standard", "hq"),
+        "hq",
+        "-profile:v",
     ),
     "ffv1": Codec(("-c:v", "ffv1", "-pix_fmt", "bgr0")),
     "gif": Codec(("-c:v", "gif"), PALETTE),
@@ -65,7 +75,7 @@ CODECS = {
     "webp": Codec(("-c:v", "libwebp_anim", "-quality", "90")),
     "png": Codec(("-c:v", "png", "-pix_fmt", "rgb24")),
     "raw": Codec(("-c:v", "rawvideo", "-pix_fmt", "rgb24")),
-}  # fmt: skip
+}
 
 
 @dataclass(frozen=True)
@@ -157,7 +167,7 @@ def encoding(
         raise UsageError(f"--format {name} cannot be written to a pipe")
     holds = FORMATS[name].codecs
     if codec is not None and codec not in holds:
-        raise UnknownNameError("codec", codec, holds, where=f"a {name} film")
+        raise UnknownNameError("codec", codec, holds, where=name)
     chosen = codec or holds[0]
     known = CODECS[chosen]
     if crf is not None and known.crf is None:

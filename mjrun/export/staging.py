@@ -25,8 +25,12 @@ class Target(Protocol):
     """Where an encoder writes, and what happens when it is done."""
 
     path: str  # what the encoder is given as its output
-    stdout: int | None  # the descriptor it writes to, when `path` means standard output
     shown: Path  # what the user is told
+
+    @property
+    def stdout(self) -> int | None:
+        """The descriptor it writes to, when `path` means standard output."""
+        ...
 
     def publish(self) -> None:
         """Puts what was written in its place."""

@@ -1,11 +1,13 @@
 """Films: frames in, one checked and published film out, through the bundled ffmpeg."""
 
+import contextlib
 import re
 import signal
 import subprocess
 import threading
 from collections import deque
 from collections.abc import Mapping
+from concurrent.futures import ThreadPoolExecutor
 from fractions import Fraction
 from pathlib import Path
 from types import TracebackType
@@ -14,7 +16,7 @@ import imageio_ffmpeg
 import numpy as np
 
 from mjrun.errors import BadValueError, ClosedPipeError, EncoderError, FileError, UsageError
-from mjrun.export.codecs import FORMATS, Encoding, is_folder
+from mjrun.export.codecs import CODECS, FORMATS, Encoding, is_folder
 from mjrun.export.staging import StagedFile, StagedFolder, StagedFrames, StandardOutput, Target, no_space
 
 SMALLEST = 16  # pixels a side; below it some encoders fail
@@ -105,10 +107,8 @@ class FilmWriter:
         self._drain.join()
         for pipe in (self._child.stdin, self._child.stderr):
             if pipe:
-                try:
+                with contextlib.suppress(OSError):  # frames still buffered for an encoder that is gone
                     pipe.close()
-                except OSError:
-                    pass  # frames still buffered for an encoder that is gone
         self._target.discard()
 
     def __enter__(self) -> "FilmWriter":
@@ -181,6 +181,31 @@ class FilmWriter:
             lasts = re.findall(r"^out_time_us=(\d+)", report, re.MULTILINE)
             return round(Fraction(int(lasts[-1]), 10**6) * self.fps)
         return count
+
+
+def encoder_version() -> str:
+    """The version of the bundled ffmpeg.
+
+    Raises:
+      EncoderError: it cannot be run.
+    """
+    try:
+        done = subprocess.run(_ffmpeg("-version"), capture_output=True, text=True, stdin=subprocess.DEVNULL)
+    except (OSError, RuntimeError) as error:
+        raise EncoderError(f"ffmpeg cannot be run: {error}") from None
+    return done.stdout.removeprefix("ffmpeg version ").split(" ")[0]
+
+
+def working_codecs() -> dict[str, bool]:
+    """Every codec that mjrun knows, and whether one frame could be encoded with it."""
+    frame = ("-f", "lavfi", "-i", "color=size=64x64:rate=30", "-frames:v", "1")
+
+    def works(codec: str) -> bool:
+        command = _ffmpeg(*frame, *CODECS[codec].arguments, "-f", "null", "-")
+        return subprocess.run(command, capture_output=True, stdin=subprocess.DEVNULL).returncode == 0
+
+    with ThreadPoolExecutor() as pool:
+        return dict(zip(CODECS, pool.map(works, CODECS), strict=True))
 
 
 def _ffmpeg(*arguments: str) -> list[str]:

@@ -15,6 +15,7 @@ from mjrun.export.codecs import Encoding, encoding
 from mjrun.export.video import FilmWriter
 from mjrun.job.report import QuietReporter, Reporter
 from mjrun.job.simulation import Simulation, positive
+from mjrun.model import faults
 from mjrun.model.native import collected_warnings
 from mjrun.render.backend import Backend, Search
 from mjrun.render.camera import Rig, rig
@@ -23,7 +24,7 @@ from mjrun.render.visual import Visual
 from mjrun.sim.observe import Tap, observe
 from mjrun.sim.recording import Recording
 from mjrun.sim.stepper import Stepper
-from mjrun.timeline import Timeline, rational
+from mjrun.timeline import Timeline
 
 SIZE = (1280, 720)
 
@@ -176,7 +177,7 @@ def _plan(job: Video, encoded: Encoding) -> _Plan:
 
 
 def _remark(job: Video, plan: _Plan, reporter: Reporter) -> None:
-    for text in job.simulation.start.remarks(plan.model):
+    for text in (*faults.of_model(plan.model), *job.simulation.start.remarks(plan.model)):
         reporter.warn(text)
     padding = plan.encoding.padding(*job.size)
     if any(padding):
@@ -215,7 +216,10 @@ def _draw(
 
 
 def _software_cost(backend: Backend, cost: float, draft: float, frames: int) -> str:
-    text = f"drawing in software ({clean(backend.renderer)}): {1e3 * cost:.0f} ms per frame, {frames} frames"
+    """The warning that a CPU draws, with what a frame costs [s] and would cost as a draft."""
+    text = (
+        f"drawing in software ({clean(backend.renderer)}): {1e3 * cost:.0f} ms per frame, {frames * cost:.0f} s in all"
+    )
     if draft < 0.7 * cost:
         text += f"; --quality draft takes about {1e3 * draft:.0f} ms, without shadows and reflections"
     return text

@@ -25,6 +25,7 @@ def collected_warnings() -> Iterator[list[str]]:
     previous = mujoco.get_mju_user_warning()
     mujoco.set_mju_user_warning(note)
     texts: list[str] = []
+    caught: list[warnings.WarningMessage] = []
     try:
         with warnings.catch_warnings(record=True) as caught:
             warnings.simplefilter("always", UserWarning)

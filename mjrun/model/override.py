@@ -229,8 +229,7 @@ def _number(text: str, setting: Setting, expected: str, kind: Callable[[str], fl
 
 def _numbers(setting: Setting) -> list[float]:
     return [
-        _number(part, setting, "numbers separated by commas", float)
-        for part in setting.value.replace(",", " ").split()
+        _number(part, setting, "numbers separated by commas", float) for part in setting.value.replace(",", " ").split()
     ]
 
 

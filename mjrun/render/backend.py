@@ -1,13 +1,12 @@
 """Which OpenGL backend draws: chosen by trying each in a child process."""
 
-import contextlib
 import importlib
 import json
 import os
 import platform
 import subprocess
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -22,12 +21,19 @@ OFF = ("disable", "disabled", "off", "false", "0")
 SOFTWARE = ("llvmpipe", "softpipe", "swrast", "swiftshader", "software rasterizer")
 TIMEOUT = 60  # [s], for a driver that hangs
 
-PACKAGES = {
+# Commands that make each library work, by family of distribution.
+OPENGL = {
     "debian": "sudo apt-get install libegl1 libopengl0 libegl-mesa0 libgl1-mesa-dri",
     "fedora": "sudo dnf install mesa-libEGL mesa-dri-drivers libglvnd-opengl",
     "arch": "sudo pacman -S mesa libglvnd",
+    "": "install your distribution's packages for libEGL, libOpenGL and Mesa's software renderer (llvmpipe)",
 }
-ANY_LINUX = "install your distribution's packages for libEGL, libOpenGL and the Mesa software renderer (llvmpipe)"
+VULKAN = {
+    "debian": "sudo apt-get install mesa-vulkan-drivers libvulkan1",
+    "fedora": "sudo dnf install mesa-vulkan-drivers vulkan-loader",
+    "arch": "sudo pacman -S vulkan-swrast vulkan-icd-loader",
+    "": "install your distribution's packages for the Vulkan loader and Mesa's software driver (lavapipe)",
+}
 
 
 @dataclass(frozen=True)
@@ -68,21 +74,20 @@ def candidates() -> tuple[str, ...]:
     return ("egl", "osmesa", "glfw") if display else ("egl", "osmesa")
 
 
-def remedy() -> str:
-    """The command that makes drawing possible on this system."""
+def remedy(commands: Mapping[str, str] = OPENGL) -> str:
+    """The one of `commands` for this system."""
     if platform.system() != "Linux":
-        return "install a graphics driver with OpenGL"
+        return "install a graphics driver"
     try:
-        family = platform.freedesktop_os_release()
+        system = platform.freedesktop_os_release()
     except OSError:
-        family = {}
-    kin = [family.get("ID", ""), *family.get("ID_LIKE", "").split()]
-    command = next((PACKAGES[name] for name in kin if name in PACKAGES), None)
-    return f"to draw in software: {command}" if command else ANY_LINUX
+        system = {}
+    family = next((name for name in [system.get("ID"), *system.get("ID_LIKE", "").split()] if name in commands), "")
+    return commands[family or ""]
 
 
 class Probe:
-    """One backend being tried in a child process, which starts at once."""
+    """One backend, or `vulkan`, being tried in a child process, which starts at once."""
 
     def __init__(self, name: str) -> None:
         self.name = name
@@ -95,24 +100,29 @@ class Probe:
             env={**os.environ, "MUJOCO_GL": "disable"},
         )
 
-    def result(self) -> Backend | str:
-        """The backend, or why there is none."""
+    def answer(self) -> dict[str, Any]:
+        """What the child found, or `error`."""
         try:
             out, _ = self._child.communicate(timeout=TIMEOUT)
         except subprocess.TimeoutExpired:
             self.cancel()
-            return f"did not answer within {TIMEOUT} s"
+            return {"error": f"did not answer within {TIMEOUT} s"}
         try:
-            answer = json.loads(out)
+            return json.loads(out)
         except ValueError:
-            return f"its process ended with code {self._child.returncode}"
+            return {"error": f"its process ended with code {self._child.returncode}"}
+
+    def result(self) -> Backend | str:
+        """The backend, or why there is none."""
+        answer = self.answer()
         return answer["error"] if "error" in answer else Backend(self.name, **answer)
 
     def cancel(self) -> None:
         """Ends the child."""
-        with contextlib.suppress(ProcessLookupError):
-            self._child.kill()
-        self._child.communicate()
+        self._child.kill()
+        self._child.wait()
+        if self._child.stdout:
+            self._child.stdout.close()
 
 
 class Search:
@@ -149,7 +159,7 @@ class Search:
                 software = software or answer
         if software:
             raise SoftwareRendererError(software.renderer)
-        raise NoRendererError(tried, remedy())
+        raise NoRendererError(tried, f"to draw in software: {remedy()}")
 
     def cancel(self) -> None:
         """Ends the child that is still trying."""

@@ -101,9 +101,7 @@ class ClassicRenderer:
     def _update_scene(self) -> None:
         everything = mujoco.mjtCatBit.mjCAT_ALL.value
         while True:
-            mujoco.mjv_updateScene(
-                self._model, self._data, self._options, None, self._camera, everything, self._scene
-            )
+            mujoco.mjv_updateScene(self._model, self._data, self._options, None, self._camera, everything, self._scene)
             if self._scene.ngeom < self._scene.maxgeom:
                 return
             flags = self._scene.flags.copy()

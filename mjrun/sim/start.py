@@ -92,7 +92,9 @@ def _joint_slices(
     found = []
     for joint, component in _joints(model, parts, name, flag):
         start, size = int(addresses[joint]), len(parts.get(int(model.jnt_type[joint]), ("",)))
-        found.append(slice(start, start + size) if component is None else slice(start + component, start + component + 1))
+        found.append(
+            slice(start, start + size) if component is None else slice(start + component, start + component + 1)
+        )
     return found
 
 

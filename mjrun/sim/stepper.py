@@ -97,14 +97,13 @@ class PhysicsStepper:
         mujoco.mj_setState(self.model, self._data, self._saved, STATE)
         for _ in range(count):
             mujoco.mj_getState(self.model, self._data, self._saved, STATE)
-            time = self._data.time
             mujoco.mj_step(self.model, self._data)
             if self._is_bad():
                 break
             self.step += 1
         quantity, joint = self._culprit()
         mujoco.mj_setState(self.model, self._data, self._saved, STATE)
-        return UnstableError(self.step, time, quantity, joint, self.model.opt.timestep)
+        return UnstableError(self.step, self._data.time, quantity, joint, self.model.opt.timestep)
 
     def _culprit(self) -> tuple[str, str]:
         """The quantity that failed, and the joint it belongs to."""

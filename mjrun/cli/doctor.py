@@ -1,0 +1,54 @@
+"""`mjrun doctor`."""
+
+from dataclasses import asdict
+from itertools import groupby
+from typing import TYPE_CHECKING
+
+import click
+
+from mjrun.cli import options, values
+from mjrun.cli.console import Console
+from mjrun.errors import EncoderError, RendererError, clean
+
+if TYPE_CHECKING:
+    from mjrun.job.doctor import Examination
+
+MARKS = {"ok": "✓", "warning": "!", "missing": "✗"}
+NOT_NEEDED = "·"  # missing, and nothing need be done about it
+
+
+@click.command("doctor", cls=options.SectionedCommand)
+@options.output_options
+@click.pass_obj
+def command(console: Console, /, as_json: bool) -> None:
+    """Show what works on this machine, and what to install.
+
+    Tries every OpenGL backend and every encoder for real. Exits with 5 when nothing can draw.
+    """
+    console.guard_stdout()
+    values.import_mujoco()
+    from mjrun.job.doctor import examine
+
+    found = examine()
+    if as_json:
+        console.document(asdict(found))
+    else:
+        console.result(_page(found))
+    if not found.can_draw:
+        console.code = RendererError.exit_code
+    elif not found.can_encode:
+        console.code = EncoderError.exit_code
+
+
+def _page(found: "Examination") -> str:
+    width = max(len(finding.name) for finding in found.findings)
+    lines = []
+    for group, findings in groupby(found.findings, key=lambda finding: finding.group):
+        lines.append(group)
+        for finding in findings:
+            idle = finding.status == "missing" and not finding.remedy
+            mark = NOT_NEEDED if idle else MARKS[finding.status]
+            lines.append(f"  {mark} {finding.name:{width}}  {clean(finding.value)}")
+            if finding.remedy:
+                lines.append(f"    {'':{width}}  → {finding.remedy}")
+    return "\n".join(lines)

@@ -1,0 +1,123 @@
+"""What works on this machine, and what to do about what does not."""
+
+import importlib.metadata
+import importlib.util
+import os
+import platform
+import sys
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+
+from mjrun import __version__
+from mjrun.errors import EncoderError
+from mjrun.export.video import encoder_version, working_codecs
+from mjrun.model import faults
+from mjrun.render.backend import VULKAN, Backend, Probe, candidates, remedy
+
+EXTRAS = {"parquet": "pyarrow", "mat": "scipy", "plot": "matplotlib"}
+OK, WARNING, MISSING = "ok", "warning", "missing"
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One thing looked at.
+
+    Attributes:
+      group, name: what it is.
+      status: `ok`, `warning` or `missing`.
+      value: what was found.
+      remedy: what to do about it; empty when nothing.
+    """
+
+    group: str
+    name: str
+    status: str
+    value: str
+    remedy: str = ""
+
+
+@dataclass(frozen=True)
+class Examination:
+    """All findings, and whether anything can draw."""
+
+    findings: Sequence[Finding]
+    can_draw: bool
+    can_encode: bool
+
+
+def examine() -> Examination:
+    """Looks at everything mjrun needs; backends and drivers in child processes."""
+    probes = {name: Probe(name) for name in ("egl", "osmesa", "glfw", "vulkan")}
+    if platform.system() == "Darwin":
+        probes["cgl"] = Probe("cgl")
+    encoder = _encoder()
+    backends = {name: probe.result() for name, probe in probes.items() if name != "vulkan"}
+    drawing = _backends(backends)
+    findings = [*_versions(), *_extras(), *drawing, _vulkan(probes["vulkan"].answer()), *encoder]
+    return Examination(
+        findings,
+        can_draw=any(finding.status != MISSING for finding in drawing),
+        can_encode=any(finding.name == "codecs" for finding in encoder),
+    )
+
+
+def _versions() -> list[Finding]:
+    version = mujoco.mj_versionString()
+    known = faults.of_version(version)
+    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
+    system = f"{platform.system()} {platform.machine()}, {cores} cores"
+    return [
+        Finding("software", "mjrun", OK, __version__),
+        Finding("software", "python", OK, f"{platform.python_version()} ({sys.executable})"),
+        Finding("software", "system", OK, system),
+        Finding("software", "mujoco", WARNING if known else OK, version, "; ".join(known)),
+        Finding("software", "numpy", OK, np.__version__),
+    ]
+
+
+def _extras() -> list[Finding]:
+    findings = []
+    for extra, package in EXTRAS.items():
+        if importlib.util.find_spec(package):
+            findings.append(Finding("extras", extra, OK, f"{package} {importlib.metadata.version(package)}"))
+        else:
+            what = f"{package} is not installed"
+            findings.append(Finding("extras", extra, WARNING, what, f"pip install 'mjrun[{extra}]'"))
+    return findings
+
+
+def _backends(found: dict[str, Backend | str]) -> list[Finding]:
+    chosen = next((name for name in candidates() if isinstance(found.get(name), Backend)), None)
+    findings = []
+    for name, answer in found.items():
+        if isinstance(answer, Backend):
+            kind = "software" if answer.software else "GPU"
+            mark = ", used by default" if name == chosen else ""
+            findings.append(Finding("opengl", name, OK, f"{answer.renderer} ({kind}{mark})"))
+        else:
+            # One backend that works is enough.
+            findings.append(Finding("opengl", name, MISSING, answer, "" if chosen or name != "egl" else remedy()))
+    return findings
+
+
+def _vulkan(answer: dict[str, list[str] | str]) -> Finding:
+    if "error" in answer:
+        return Finding("vulkan", "filament", MISSING, str(answer["error"]), remedy(VULKAN))
+    return Finding("vulkan", "filament", OK, ", ".join(answer["devices"]))
+
+
+def _encoder() -> list[Finding]:
+    try:
+        version = encoder_version()
+    except EncoderError as error:
+        return [Finding("encoder", "ffmpeg", MISSING, str(error), "pip install --force-reinstall imageio-ffmpeg")]
+    codecs = working_codecs()
+    working = [codec for codec, works in codecs.items() if works]
+    failing = [codec for codec, works in codecs.items() if not works]
+    findings = [Finding("encoder", "ffmpeg", OK, version), Finding("encoder", "codecs", OK, ", ".join(working))]
+    if failing:
+        findings.append(Finding("encoder", "not here", MISSING, ", ".join(failing), "use another --codec"))
+    return findings

@@ -1,0 +1,19 @@
+"""Known faults of the installed MuJoCo, and whether they touch a model."""
+
+import mujoco
+
+SPARSE_NEWTON = (
+    "MuJoCo 4.0.0 factors the sparse Newton matrix wrongly for some models (issue 3767, fixed in 4.0.1); "
+    "upgrade, or add --set opt.jacobian=dense"
+)
+
+
+def of_version(version: str) -> list[str]:
+    """The faults of a MuJoCo version."""
+    return [SPARSE_NEWTON] if version == "4.0.0" else []
+
+
+def of_model(model: mujoco.MjModel) -> list[str]:
+    """The faults of the installed MuJoCo that can change the motion of `model`."""
+    sparse_newton = model.opt.solver == mujoco.mjtSolver.mjSOL_NEWTON and mujoco.mj_isSparse(model)
+    return of_version(mujoco.mj_versionString()) if sparse_newton else []
