@@ -70,8 +70,6 @@ def _make(console: Console, given: dict[str, Any]) -> "VideoResult":
 
 def _sentence(result: "VideoResult") -> str:
     width, height = result.size
-    return (
-        f"{clean(result.path)}: {width}x{height}, {result.frames} frames, {result.duration:.4g} s "
-        f"at {result.fps:.4g} fps, {result.codec}; made in {result.wall:.1f} s, {result.frames / result.draw_wall:.3g} frames/s, "
-        f"by {clean(result.renderer)} ({result.gl})"
-    )
+    film = f"{width}x{height}, {result.frames} frames, {result.duration:.4g} s at {result.fps:.4g} fps, {result.codec}"
+    pace = f"made in {result.wall:.1f} s, {result.frames / result.draw_wall:.3g} frames/s"
+    return f"{clean(result.path)}: {film}; {pace}, by {clean(result.renderer)} ({result.gl})"

@@ -1,0 +1,40 @@
+# Targets that need .venv or a renderer set them up first, where missing: see scripts/setup.sh.
+#   make PYTHON=python3.12 setup      choose the Python that .venv is made from
+#   make ARGS='-x -k video' test      more arguments, for pytest and the benchmark
+
+.DEFAULT_GOAL := help
+.NOTPARALLEL:
+.PHONY: help setup setup-python demo test lint types check bench clean
+
+help: ## list the targets
+	@awk -F ':.*## ' '/^[a-z]+:.*## / {printf "make %-6s  %s\n", $$1, $$2}' Makefile
+
+setup: ## make .venv with mjrun and its tools, and see that something can draw
+	@sh scripts/setup.sh
+
+setup-python:
+	@sh scripts/setup.sh python
+
+demo: setup ## render a film: out/dominos.mp4
+	@mkdir -p out
+	.venv/bin/mjrun video scenes/dominos.xml --camera top --duration 3 --size 640x360 --fps 30 -o out/dominos.mp4
+	@echo "The film is $(CURDIR)/out/dominos.mp4"
+
+test: setup ## run the tests
+	.venv/bin/pytest $(ARGS)
+
+lint: setup-python ## check the code's style and layout
+	.venv/bin/ruff check
+	.venv/bin/ruff format --check
+
+types: setup-python ## check the code's types
+	PYRIGHT_PYTHON_IGNORE_WARNINGS=1 .venv/bin/pyright
+
+check: lint types test ## lint, types and test
+
+bench: setup ## time films: benchmarks/film.py
+	.venv/bin/python benchmarks/film.py $(ARGS)
+
+clean: ## remove films, packages and caches; .venv stays
+	rm -rf out dist .pytest_cache .ruff_cache .hypothesis
+	find mjrun tests benchmarks -name __pycache__ -prune -exec rm -rf {} +
