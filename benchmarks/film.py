@@ -1,0 +1,116 @@
+"""Wall time and peak memory of `mjrun video` against the loop that the MuJoCo tutorial teaches.
+
+Both make the same film of the same model, in turn, as whole processes; ratios are mjrun / tutorial,
+so below 1 is better. The tutorial loop is a script that takes MODEL OUT DURATION FPS WIDTH HEIGHT
+[CAMERA] [KEYFRAME], given by --baseline.
+
+    python benchmarks/film.py
+    python benchmarks/film.py --model scenes/humanoid.xml --key jump --duration 2 --repeats 5
+"""
+
+import argparse
+import os
+import statistics
+import sys
+import tempfile
+import time
+from dataclasses import dataclass
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[1]
+BASELINE = ROOT / "../shared/bench/tutorial_video.py"
+
+
+@dataclass(frozen=True)
+class Film:
+    """What both sides are asked for."""
+
+    model: Path
+    duration: str
+    fps: str
+    width: int
+    height: int
+    camera: str
+    key: str | None
+
+    def mjrun(self, out: Path, quality: str) -> list[str]:
+        command = [sys.executable, "-m", "mjrun", "video", str(self.model), "-o", str(out), "-q", "--quality", quality]
+        command += ["--duration", self.duration, "--fps", self.fps, "--size", f"{self.width}x{self.height}"]
+        return [*command, "--camera", self.camera, *(["--key", self.key] if self.key else [])]
+
+    def tutorial(self, script: Path, out: Path) -> list[str]:
+        size = [str(self.width), str(self.height)]
+        command = [sys.executable, str(script), str(self.model), str(out), self.duration, self.fps, *size]
+        return [*command, self.camera, *([self.key] if self.key else [])]
+
+
+@dataclass(frozen=True)
+class Cost:
+    """Of one process and its children: wall time [s], and the largest of their resident memories [bytes]."""
+
+    wall: float
+    peak: int
+
+
+def run(command: list[str]) -> Cost:
+    """Runs a command to its end and returns its cost; its output is thrown away."""
+    start = time.perf_counter()
+    child = os.fork()
+    if child == 0:
+        null = os.open(os.devnull, os.O_RDWR)
+        for stream in (0, 1):
+            os.dup2(null, stream)
+        os.execve(command[0], command, {**os.environ, "MUJOCO_GL": "egl"})
+    _, status, usage = os.wait4(child, 0)
+    wall = time.perf_counter() - start
+    if status:
+        raise SystemExit(f"failed: {' '.join(command)}")
+    return Cost(wall, usage.ru_maxrss * 1024)
+
+
+def show(name: str, costs: list[Cost]) -> None:
+    """One row: the median and range of the wall time, and the median peak memory."""
+    walls = [cost.wall for cost in costs]
+    peak = statistics.median(cost.peak for cost in costs) / 1e6
+    print(f"{name:22} {statistics.median(walls):7.2f} s  ({min(walls):.2f}-{max(walls):.2f})  {peak:7.0f} MB")
+
+
+def show_ratios(name: str, costs: list[Cost], baseline: list[Cost]) -> None:
+    """One row: the median of the ratios of runs that stood side by side."""
+    pairs = list(zip(costs, baseline, strict=True))
+    wall = statistics.median(a.wall / b.wall for a, b in pairs)
+    peak = statistics.median(a.peak / b.peak for a, b in pairs)
+    print(f"{name + ' / tutorial':22} wall {wall:.3f}   memory {peak:.3f}")
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--model", type=Path, default=ROOT / "scenes/dominos.xml")
+    parser.add_argument("--duration", default="3")
+    parser.add_argument("--fps", default="30")
+    parser.add_argument("--size", default="640x480")
+    parser.add_argument("--camera", default="free")
+    parser.add_argument("--key")
+    parser.add_argument("--repeats", type=int, default=3)
+    parser.add_argument("--baseline", type=Path, default=BASELINE)
+    given = parser.parse_args()
+    if not given.baseline.exists():
+        raise SystemExit(f"there is no {given.baseline}; name the tutorial loop with --baseline")
+    width, height = map(int, given.size.split("x"))
+    film = Film(given.model, given.duration, given.fps, width, height, given.camera, given.key)
+    print(f"{film.model.name}, {film.duration} s at {film.fps} fps, {given.size}, {os.cpu_count()} cores")
+    costs: dict[str, list[Cost]] = {"tutorial": [], "mjrun": [], "mjrun draft": []}
+    with tempfile.TemporaryDirectory() as folder:
+        out = Path(folder) / "film.mp4"
+        for _ in range(given.repeats):
+            costs["tutorial"].append(run(film.tutorial(given.baseline, out)))
+            costs["mjrun"].append(run(film.mjrun(out, "model")))
+            costs["mjrun draft"].append(run(film.mjrun(out, "draft")))
+    for name, measured in costs.items():
+        show(name, measured)
+    for name in ("mjrun", "mjrun draft"):
+        show_ratios(name, costs[name], costs["tutorial"])
+
+
+if __name__ == "__main__":
+    main()
