@@ -11,6 +11,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 
 LISTED = 24  # names shown before a list is cut
+LOGGED = 8  # lines of an encoder's log that are shown
 
 
 def clean(text: str) -> str:
@@ -37,6 +38,10 @@ def suggestion(name: str, valid: Iterable[str]) -> str:
     """` (did you mean 'x'?)`, or nothing when no valid name is near."""
     close = near(name, valid)
     return f" (did you mean {' or '.join(repr(clean(c)) for c in close)}?)" if close else ""
+
+
+class MjrunWarning(UserWarning):
+    """Something that may make a result other than expected, told through Python's warnings."""
 
 
 class MjrunError(Exception):
@@ -114,17 +119,37 @@ class BrokenModelError(ModelError):
 # --- 4: the simulation -----------------------------------------------------------------------------
 
 
-class UnstableError(MjrunError):
-    """The simulation diverged: `step` is the first step that could not be taken."""
+class SimulationError(MjrunError):
+    """The simulation cannot go on: `step` is the first step that could not be taken, `time` [s] its start."""
 
     exit_code = 4
 
-    def __init__(self, step: int, time: float, quantity: str, joint: str, timestep: float) -> None:
-        self.step, self.time, self.joint = step, time, joint
+    def __init__(self, step: int, time: float, message: str) -> None:
+        self.step, self.time = step, time
+        super().__init__(message)
+
+
+class FailedStepError(SimulationError):
+    """MuJoCo gave up in the middle of a step, for want of memory as a rule."""
+
+    def __init__(self, step: int, time: float, reason: str) -> None:
+        first, *rest = (clean(line) for line in reason.splitlines())
         super().__init__(
+            step, time, "\n".join([f"MuJoCo failed at step {step}, time {time:.9g} s: {first}", *map(str.strip, rest)])
+        )
+
+
+class UnstableError(SimulationError):
+    """The simulation diverged."""
+
+    def __init__(self, step: int, time: float, quantity: str, joint: str, timestep: float) -> None:
+        self.joint = joint
+        super().__init__(
+            step,
+            time,
             f"the simulation became unstable at step {step}, time {time:.9g} s: "
             f"{quantity} of {clean(joint)} is not finite or too large\n"
-            f"a smaller --timestep than {timestep:g} s, or --integrator implicitfast, may cure it"
+            f"a smaller --timestep than {timestep:g} s, or --integrator implicitfast, may cure it",
         )
 
 
@@ -169,8 +194,10 @@ class EncoderError(MjrunError):
     exit_code = 6
 
     def __init__(self, what: str, log: str = "") -> None:
-        tail = [f"  {clean(line)}" for line in log.splitlines()[-8:] if line.strip()]
-        super().__init__("\n".join([what, *tail]))
+        lines = [f"  {clean(line)}" for line in log.splitlines() if line.strip()]
+        if len(lines) > LOGGED:  # the cause comes first, its consequences after
+            lines = [*lines[: LOGGED - 2], "  …", lines[-1]]
+        super().__init__("\n".join([what, *lines]))
 
 
 # --- 7: files --------------------------------------------------------------------------------------

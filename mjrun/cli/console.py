@@ -1,12 +1,13 @@
 """What the user sees: payload on stdout, everything else on stderr."""
 
+import contextlib
 import json
 import os
 import sys
 import time
 import traceback
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TextIO
 
 if TYPE_CHECKING:
     from rich.progress import Progress, TaskID
@@ -31,13 +32,24 @@ class Console:
         self._progress: Progress | None = None
         self._task: TaskID | None = None
         self._last = time.monotonic()
+        self._stdout: TextIO | None = None
 
     def guard_stdout(self) -> None:
         """Keeps standard output for the payload: what native libraries print there goes to stderr."""
         sys.stdout.flush()
-        payload = os.dup(STDOUT)
+        self._stdout, payload = sys.stdout, os.dup(STDOUT)
         os.dup2(STDERR, STDOUT)
         sys.stdout = open(payload, "w", encoding="utf-8", errors="surrogateescape")  # noqa: PTH123, SIM115
+
+    def release_stdout(self) -> None:
+        """Ends `guard_stdout`; what cannot be written any more is dropped."""
+        if self._stdout is None:
+            return
+        payload, sys.stdout = sys.stdout, self._stdout
+        self._stdout = None
+        os.dup2(payload.fileno(), STDOUT)
+        with contextlib.suppress(OSError):
+            payload.close()
 
     def result(self, text: str) -> None:
         """The command's answer, one line or a document, on stdout."""

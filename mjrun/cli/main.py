@@ -83,7 +83,9 @@ def run(arguments: Sequence[str]) -> int:
     console = Console()
     code = _guarded(console, lambda: _invoke(console, arguments))
     # A reader that is gone shows up, at the latest, when the last text is flushed.
-    return code or _guarded(console, _flush)
+    code = code or _guarded(console, _flush)
+    console.release_stdout()
+    return code
 
 
 def _invoke(console: Console, arguments: Sequence[str]) -> int:
@@ -115,7 +117,9 @@ def _guarded(console: Console, action: Callable[[], int]) -> int:
         return error.exit_code
     except (BrokenPipeError, ClosedPipeError):
         # Python would complain of the closed pipe once more when it exits.
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        nowhere = os.open(os.devnull, os.O_WRONLY)
+        os.dup2(nowhere, sys.stdout.fileno())
+        os.close(nowhere)
         return ClosedPipeError.exit_code
     except (KeyboardInterrupt, click.Abort):
         console.error("interrupted, nothing was written")

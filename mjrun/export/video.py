@@ -1,6 +1,7 @@
 """Films: frames in, one checked and published film out, through the bundled ffmpeg."""
 
 import contextlib
+import os
 import re
 import signal
 import subprocess
@@ -189,10 +190,7 @@ def encoder_version() -> str:
     Raises:
       EncoderError: it cannot be run.
     """
-    try:
-        done = subprocess.run(_ffmpeg("-version"), capture_output=True, text=True, stdin=subprocess.DEVNULL)
-    except (OSError, RuntimeError) as error:
-        raise EncoderError(f"ffmpeg cannot be run: {error}") from None
+    done = subprocess.run(_ffmpeg("-version"), capture_output=True, text=True, stdin=subprocess.DEVNULL)
     return done.stdout.removeprefix("ffmpeg version ").split(" ")[0]
 
 
@@ -209,7 +207,18 @@ def working_codecs() -> dict[str, bool]:
 
 
 def _ffmpeg(*arguments: str) -> list[str]:
-    return [imageio_ffmpeg.get_ffmpeg_exe(), "-hide_banner", "-nostdin", "-loglevel", "warning", *arguments]
+    """A command line of the bundled ffmpeg.
+
+    Raises:
+      EncoderError: there is none, or it cannot be run.
+    """
+    try:
+        program = imageio_ffmpeg.get_ffmpeg_exe()
+        if not os.access(program, os.X_OK):
+            raise RuntimeError(f"{program} cannot be executed")
+    except RuntimeError as error:
+        raise EncoderError("ffmpeg cannot be run; reinstall imageio-ffmpeg", str(error)) from None
+    return [program, "-hide_banner", "-nostdin", "-loglevel", "warning", *arguments]
 
 
 def _target(output: str | None, encoding: Encoding) -> Target:

@@ -3,6 +3,8 @@
 import warnings
 from typing import Protocol
 
+from mjrun.errors import MjrunWarning
+
 
 class Reporter(Protocol):
     """Hears a job."""
@@ -27,7 +29,7 @@ class QuietReporter:
         pass
 
     def warn(self, text: str) -> None:
-        warnings.warn(text, UserWarning, stacklevel=2)
+        warnings.warn(text, MjrunWarning, stacklevel=2)
 
     def progress(self, what: str, done: int, total: int) -> None:
         pass

@@ -6,6 +6,8 @@ from contextlib import contextmanager
 
 import mujoco
 
+from mjrun.errors import MjrunWarning
+
 
 @contextmanager
 def collected_warnings() -> Iterator[list[str]]:
@@ -35,7 +37,7 @@ def collected_warnings() -> Iterator[list[str]]:
         log.logto_file = to_file
         log.set()
         for warning in caught:
-            if issubclass(warning.category, UserWarning):
+            if issubclass(warning.category, UserWarning) and not issubclass(warning.category, MjrunWarning):
                 note(str(warning.message))
             else:
                 warnings.warn_explicit(warning.message, warning.category, warning.filename, warning.lineno)

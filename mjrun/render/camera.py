@@ -96,13 +96,12 @@ def rig(text: str, model: mujoco.MjModel) -> Rig:
       BadValueError: a setting's value does not fit.
     """
     cameras = names(model, "camera")
-    kind, colon, rest = text.partition(":")
+    kind, _, rest = text.partition(":")
     if text in cameras or (kind not in SETTINGS):
         return ModelCamera(_model_camera(text, model, cameras))
-    head, *parts = rest.split(",") if colon else [""]
-    if "=" in head or not head:
-        head, parts = "", [part for part in [head, *parts] if part]
-    return _free_rig(kind, head, _settings(kind, parts), model)
+    parts = [part for part in rest.split(",") if part]
+    followed = parts.pop(0) if kind == "track" and parts and "=" not in parts[0] else None
+    return _free_rig(kind, followed, _settings(kind, parts), model)
 
 
 def _model_camera(text: str, model: mujoco.MjModel, cameras: list[str]) -> int:
@@ -124,17 +123,15 @@ def _settings(kind: str, parts: list[str]) -> dict[str, str]:
     return found
 
 
-def _free_rig(kind: str, head: str, settings: Mapping[str, str], model: mujoco.MjModel) -> FreeRig:
+def _free_rig(kind: str, followed: str | None, settings: Mapping[str, str], model: mujoco.MjModel) -> FreeRig:
     default = mujoco.MjvCamera()
     mujoco.mjv_defaultFreeCamera(model, default)
-    if kind == "track":
-        if not head:
-            raise UsageError("--camera track: which object? write track:BODY[,distance=…,azimuth=…,elevation=…]")
-        target = _object(head, model)
-    elif head:
-        raise UsageError(f"--camera {kind}: write lookat={clean(head)}")
-    else:
+    if kind != "track":
         target = _target(settings.get("lookat"), model, default)
+    elif followed:
+        target = _object(followed, model)
+    else:
+        raise UsageError("--camera track: which object? write track:BODY[,distance=…,azimuth=…,elevation=…]")
     ramps = {name: _ramp(kind, name, settings.get(name), getattr(default, name)) for name in NUMBERS}
     if kind == "orbit" and "azimuth" not in settings:
         ramps["azimuth"] = Ramp(default.azimuth, default.azimuth + 360)
@@ -180,8 +177,7 @@ def _object(text: str, model: mujoco.MjModel) -> tuple[str, int]:
     """The body, else geom, else site called `text`; `geom:NAME` and `site:NAME` say which."""
     kind, colon, name = text.partition(":")
     if colon and kind in TARGETS:
-        known = names(model, kind)
-        return kind, known.index(name) if name in known else identify(model, kind, text)
+        return kind, identify(model, kind, name)
     for kind in TARGETS:
         if text in names(model, kind):
             return kind, identify(model, kind, text)

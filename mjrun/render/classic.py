@@ -62,9 +62,15 @@ class ClassicRenderer:
 
         Everything drawn, contacts and forces included, belongs to that state. The array is reused by
         the next call.
+
+        Raises:
+          DrawError: MuJoCo ran out of memory.
         """
         mujoco.mj_setState(self._model, self._data, state, STATE)
-        mujoco.mj_forward(self._model, self._data)
+        try:
+            mujoco.mj_forward(self._model, self._data)
+        except mujoco.FatalError as error:
+            raise DrawError(f"MuJoCo failed at time {self._data.time:.9g} s: {error}") from error
         rig.aim(self._camera, self._data, phase)
         self._update_scene()
         self._render()

@@ -6,7 +6,7 @@ from typing import Protocol
 import mujoco
 import numpy as np
 
-from mjrun.errors import UnstableError
+from mjrun.errors import FailedStepError, SimulationError, UnstableError
 from mjrun.model.names import names
 
 STATE = int(mujoco.mjtState.mjSTATE_INTEGRATION)  # FULLPHYSICS lacks the warm start: not bit-identical
@@ -52,6 +52,7 @@ class PhysicsStepper:
         self._data = mujoco.MjData(self.model)
         self._scratch = mujoco.MjData(self.model)
         self._scratch_step = -1
+        self._fatal = ""
         self._saved = np.empty(mujoco.mj_stateSize(self.model, STATE))
         mujoco.mj_getState(model, data, self._saved, STATE)
         mujoco.mj_setState(self.model, self._data, self._saved, STATE)
@@ -62,9 +63,8 @@ class PhysicsStepper:
         while self.step < step:
             count = min(CHUNK, step - self.step)
             mujoco.mj_getState(self.model, self._data, self._saved, STATE)
-            mujoco.mj_step(self.model, self._data, nstep=count)
-            if self._is_bad():
-                raise self._first_bad(count)
+            if not self._take(count):
+                raise self._first_failure(count)
             self.step += count
 
     def state(self) -> np.ndarray:
@@ -81,29 +81,37 @@ class PhysicsStepper:
             self._scratch_step = self.step
         return self._scratch
 
-    def _is_bad(self) -> bool:
+    def _take(self, count: int) -> bool:
+        """Takes `count` steps and says whether all went well."""
+        try:
+            mujoco.mj_step(self.model, self._data, nstep=count)
+        except mujoco.FatalError as error:
+            self._fatal = str(error)
         # MuJoCo looks at positions and velocities only at the start of the next step.
         limit = mujoco.mjMAXVAL
         return bool(
-            any(self._data.warning[kind].number for kind in BAD)
-            or not (abs(self._data.qpos) < limit).all()
-            or not (abs(self._data.qvel) < limit).all()
+            not self._fatal
+            and not any(self._data.warning[kind].number for kind in BAD)
+            and (abs(self._data.qpos) < limit).all()
+            and (abs(self._data.qvel) < limit).all()
         )
 
-    def _first_bad(self, count: int) -> UnstableError:
-        """Goes back to the start of the chunk and finds the step of `count` that fails."""
+    def _first_failure(self, count: int) -> SimulationError:
+        """Goes back to the start of the chunk of `count` steps and finds the step that fails."""
         for kind in BAD:
             self._data.warning[kind].number = 0
+        self._fatal = ""
         mujoco.mj_setState(self.model, self._data, self._saved, STATE)
         for _ in range(count):
             mujoco.mj_getState(self.model, self._data, self._saved, STATE)
-            mujoco.mj_step(self.model, self._data)
-            if self._is_bad():
+            if not self._take(1):
                 break
             self.step += 1
-        quantity, joint = self._culprit()
+        culprit = ("", "") if self._fatal else self._culprit()
         mujoco.mj_setState(self.model, self._data, self._saved, STATE)
-        return UnstableError(self.step, self._data.time, quantity, joint, self.model.opt.timestep)
+        if self._fatal:
+            return FailedStepError(self.step, self._data.time, self._fatal)
+        return UnstableError(self.step, self._data.time, *culprit, self.model.opt.timestep)
 
     def _culprit(self) -> tuple[str, str]:
         """The quantity that failed, and the joint it belongs to."""

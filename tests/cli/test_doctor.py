@@ -1,0 +1,50 @@
+"""`mjrun doctor`."""
+
+from __future__ import annotations
+
+import json
+from typing import TYPE_CHECKING
+
+import mujoco
+
+from mjrun.render.backend import Backend
+
+if TYPE_CHECKING:
+    from tests.conftest import Command
+
+
+def test_the_doctor_names_what_works(mjrun: Command, backend: Backend) -> None:
+    done = mjrun("doctor", "--json")
+    assert done.returncode == 0
+    found = json.loads(done.stdout)
+    by_name = {(finding["group"], finding["name"]): finding for finding in found["findings"]}
+    assert found["can_draw"]
+    assert by_name["opengl", backend.name]["status"] == "ok"
+    assert backend.renderer in by_name["opengl", backend.name]["value"]
+    assert by_name["software", "mujoco"]["value"] == mujoco.mj_versionString()
+    assert (by_name["software", "mujoco"]["status"] == "warning") == (mujoco.mj_versionString() == "4.0.0")
+    assert "h264" in by_name["encoder", "codecs"]["value"]
+    assert {"egl", "osmesa", "glfw"} <= {name for group, name in by_name if group == "opengl"}
+    assert ("vulkan", "filament") in by_name
+
+
+def test_the_page_and_the_document_say_the_same(mjrun: Command) -> None:
+    page = mjrun("doctor").stdout.decode()
+    for finding in json.loads(mjrun("doctor", "--json").stdout)["findings"]:
+        assert finding["value"] in page
+        assert finding["remedy"] in page
+
+
+def test_where_nothing_can_draw_the_doctor_says_what_to_install_and_ends_with_five(mjrun: Command) -> None:
+    hidden = {"MUJOCO_EGL_DEVICE_ID": "99", "DISPLAY": "", "WAYLAND_DISPLAY": "", "LD_PRELOAD": ""}
+    done = mjrun("doctor", "--json", env=hidden)
+    found = json.loads(done.stdout)
+    osmesa = next(finding for finding in found["findings"] if finding["name"] == "osmesa")
+    egl = next(finding for finding in found["findings"] if finding["name"] == "egl")
+    assert egl["status"] == "missing"
+    if osmesa["status"] == "missing":
+        assert done.returncode == 5
+        assert not found["can_draw"]
+        assert "libegl1" in egl["remedy"] or "libEGL" in egl["remedy"]
+    else:
+        assert done.returncode == 0

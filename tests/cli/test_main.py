@@ -1,0 +1,194 @@
+"""The command as a whole: exit codes, streams, signals, pipes."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+import pytest
+
+from mjrun import __version__
+from mjrun.cli.main import COMMANDS, group
+from mjrun.cli.options import INTEGRATORS
+from mjrun.model.load import SUFFIXES
+
+if TYPE_CHECKING:
+    from tests.conftest import Command
+
+SMALL = ("--size", "64x48", "--quality", "draft")
+
+
+def test_help_lists_every_command(mjrun: Command) -> None:
+    done = mjrun("--help")
+    assert done.returncode == 0
+    assert all(f"  {name}" in done.stdout.decode() for name in COMMANDS)
+    assert mjrun().stdout == done.stdout
+
+
+def test_the_version_is_the_package_s(mjrun: Command) -> None:
+    assert mjrun("--version").stdout.decode() == f"mjrun {__version__}\n"
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_every_option_of_every_command_has_help(name: str) -> None:
+    command = group.get_command(None, name)  # type: ignore[arg-type]
+    assert command
+    assert command.help
+    assert all(param.help for param in command.params if isinstance(param, click.Option))
+
+
+@pytest.mark.parametrize(
+    ("arguments", "code", "message"),
+    [
+        (["vidoe"], 2, "No such command 'vidoe'. Did you mean 'video'?"),
+        (["scene.xml"], 2, "'scene.xml' is a model; what is to be done with it? mjrun video scene.xml"),
+        (["video"], 2, "Missing argument 'MODEL'."),
+        (["video", "swing.xml", "--camrea", "x"], 2, "No such option '--camrea'"),
+        (["video", "swing.xml", "--size", "64"], 2, "'64' is not a size; write width x height in pixels"),
+        (["video", "swing.xml", "--size", "0x48"], 2, "'0x48' is not a size"),
+        (["video", "swing.xml", "--fps", "0"], 2, "0 is not a positive number"),
+        (["video", "swing.xml", "--fps", "fast"], 2, "'fast' is not a number"),
+        (["video", "swing.xml", "--duration", "-1"], 2, "-1 is not a positive number"),
+        (["video", "swing.xml", "--duration", "inf"], 2, "'inf' is not a number"),
+        (["video", "swing.xml", "--duration", "1", "--steps", "2"], 2, "--duration and --steps exclude each other"),
+        (["video", "swing.xml", "--timestep", "nan"], 2, "'nan' is not a number"),
+        (["video", "swing.xml", "--qpos", "hinge"], 2, "write NAME=VALUE"),
+        (["video", "swing.xml", "--qpos", "hinge=nan"], 2, "with finite numbers"),
+        (["video", "swing.xml", "--set", "opt"], 2, "write PATH=VALUE, as in opt.gravity=0,0,10"),
+        (["video", "swing.xml", "--geomgroup", "7"], 2, "write groups from 0 to 5, as in 0,1,2, or all, or none"),
+        (["video", "swing.xml", "--perturb", "-1"], 2, "'--perturb'"),
+        (["video", "swing.xml", "-o", "-", "--json"], 2, "--json and -o - both want standard output"),
+        (["video", "swnig.xml"], 3, "swnig.xml: no such model file (did you mean 'swing.xml'?)"),
+        (["video", "swing.xml", "--key", "home"], 2, "no keyframe 'home'"),
+        (["video", "swing.xml", "--qpos", "hings=1"], 2, "no joint 'hings' (did you mean 'hinge'?)"),
+        (["video", "swing.xml", "--set", "opt.gravty=1,1,1"], 2, "(did you mean 'gravity'?)"),
+        (["video", "swing.xml", "--gl", "elg"], 2, "OpenGL backends: auto, egl, osmesa, glfw, cgl"),
+        (["video", "swing.xml", "-o", "no/film.mp4"], 7, "make it first: mkdir -p no"),
+    ],
+)
+def test_a_mistake_is_explained_on_stderr_and_leaves_nothing(
+    mjrun: Command, swing: Path, arguments: list[str], code: int, message: str
+) -> None:
+    swing.rename(mjrun.folder / "swing.xml")
+    done = mjrun(*arguments)
+    error = done.stderr.decode()
+    assert (done.returncode, done.stdout) == (code, b"")
+    assert error.startswith("mjrun: error: ")
+    assert message.removeprefix("make it first: mkdir -p no") in error
+    assert "Traceback" not in error
+    assert mjrun.files() == ["swing.xml"]
+
+
+def test_a_bad_environment_is_a_wrong_option(mjrun: Command, swing: Path) -> None:
+    done = mjrun("video", swing, env={"MUJOCO_GL": "elg"})
+    assert done.returncode == 2
+    assert b"no OpenGL backend 'elg'" in done.stderr
+
+
+def test_without_any_renderer_the_packages_are_named(mjrun: Command, swing: Path) -> None:
+    hidden = {"MUJOCO_EGL_DEVICE_ID": "99", "DISPLAY": "", "WAYLAND_DISPLAY": ""}
+    done = mjrun("video", swing, "--gl", "egl", env=hidden)
+    assert done.returncode == 5
+    assert b"no working OpenGL renderer was found" in done.stderr
+    assert b"to draw in software: " in done.stderr
+    assert mjrun.files() == []
+
+
+def test_an_unstable_simulation_ends_with_four_and_names_step_time_and_joint(mjrun: Command, exploding: Path) -> None:
+    done = mjrun("video", exploding, "--key", "fast", *SMALL)
+    assert done.returncode == 4
+    assert b"became unstable at step 6, time 0.18 s: the acceleration of joint 'a'" in done.stderr
+    assert mjrun.files() == []
+
+
+def test_a_bug_is_reported_in_one_line_and_its_traceback_on_request(mjrun: Command, swing: Path) -> None:
+    (mjrun.folder / "imageio_ffmpeg.py").write_text("def get_ffmpeg_exe():\n    return 1 / 0\n")
+    search = {"PYTHONPATH": f"{mjrun.folder}{os.pathsep}{Path(__file__).parents[2]}"}
+    quiet = mjrun("video", swing, *SMALL, env=search)
+    assert quiet.returncode == 70
+    assert b"a bug in mjrun: ZeroDivisionError: division by zero (imageio_ffmpeg.py:2)" in quiet.stderr
+    assert b"Traceback" not in quiet.stderr
+    assert b"Traceback" in mjrun("video", swing, "--debug", *SMALL, env=search).stderr
+
+
+@pytest.mark.parametrize(
+    ("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143), (signal.SIGHUP, 129)], ids=str
+)
+def test_a_signal_leaves_the_old_film_and_nothing_else(
+    mjrun: Command, swing: Path, number: signal.Signals, code: int
+) -> None:
+    (mjrun.folder / "swing.mp4").write_text("old")
+    child = mjrun.start("video", swing, "--duration", "1000", "--size", "320x240")
+    while not list(mjrun.folder.glob("*.part")):
+        assert child.poll() is None
+        time.sleep(0.01)
+    time.sleep(0.2)
+    child.send_signal(number)
+    out, err = child.communicate(timeout=30)
+    assert (child.returncode, out) == (code, b"")
+    assert b"Traceback" not in err
+    assert mjrun.files() == ["swing.mp4"]
+    assert (mjrun.folder / "swing.mp4").read_text() == "old"
+
+
+def test_a_reader_that_goes_away_ends_the_film_quietly(mjrun: Command, swing: Path) -> None:
+    with mjrun.start("video", swing, "-o", "-", "-q", "--duration", "1000", *SMALL) as child:
+        assert child.stdout
+        assert child.stderr
+        assert child.stdout.read(100)
+        child.stdout.close()
+        assert child.stderr.read() == b""
+    assert child.returncode == 141
+
+
+def test_a_closed_stdout_ends_quietly_too(mjrun: Command) -> None:
+    with mjrun.start("doctor") as child:
+        assert child.stdout
+        assert child.stderr
+        child.stdout.close()
+        assert child.stderr.read() == b""
+    assert child.returncode == 141
+
+
+def test_help_into_a_closed_pipe_ends_quietly() -> None:
+    done = subprocess.run(
+        [f"{sys.executable} -m mjrun video --help | true; exit ${{PIPESTATUS[0]}}"],
+        shell=True,
+        executable="/bin/bash",
+        capture_output=True,
+    )
+    assert done.returncode in (0, 141)  # `true` may go away before or after the text
+    assert done.stderr == b""
+
+
+def test_words_that_the_command_line_repeats_are_those_of_the_layers_below() -> None:
+    import mujoco
+
+    from mjrun.cli import main, options
+    from mjrun.model.names import members
+    from mjrun.render.visual import GROUPS, QUALITIES
+
+    assert set(INTEGRATORS) == set(members(mujoco.mjtIntegrator))
+    assert set(main.MODELS) == set(SUFFIXES)
+    assert set(options.GROUP_KINDS) == set(GROUPS)
+    assert {"draft", "model", "high"} == set(QUALITIES)
+
+
+def test_a_document_goes_to_stdout_as_json(mjrun: Command, swing: Path) -> None:
+    done = mjrun("video", swing, "--json", "--duration", "0.1", "--fps", "20", *SMALL)
+    assert done.returncode == 0
+    found = json.loads(done.stdout)
+    assert (found["path"], found["frames"], found["size"], found["codec"]) == ("swing.mp4", 2, [64, 48], "h264")
+    assert found["renderer"]
+
+
+def test_completion_of_a_shell_works(mjrun: Command) -> None:
+    words = {"_MJRUN_COMPLETE": "bash_complete", "COMP_WORDS": "mjrun vid", "COMP_CWORD": "1"}
+    assert mjrun(env=words).stdout.decode() == "plain,video\n"

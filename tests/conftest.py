@@ -1,0 +1,173 @@
+"""What tests share: paths, a renderer, and oracles that look at files from outside."""
+
+import os
+import re
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+os.environ.setdefault("MUJOCO_GL", "egl")  # for mujoco.Renderer, the oracle of drawing
+
+import imageio_ffmpeg
+import mujoco
+import numpy as np
+import pytest
+
+from mjrun.render.backend import Backend, Search
+
+ROOT = Path(__file__).parents[1]
+
+SWING = """
+<mujoco>
+  <visual><global offwidth="64" offheight="64"/><map force=".1"/></visual>
+  <worldbody>
+    <light pos="0 0 3"/>
+    <geom name="floor" type="plane" size="2 2 .1" rgba=".4 .5 .6 1"/>
+    <camera name="side" pos="0 -2 .8" xyaxes="1 0 0 0 .3 1"/>
+    <body name="box" pos="0 0 .6">
+      <joint name="hinge" axis="0 1 0" pos="0 0 .3"/>
+      <geom name="box" type="box" size=".2 .1 .1" rgba="1 0 0 1"/>
+    </body>
+    <body name="ball" pos=".6 0 .2">
+      <freejoint name="ball"/>
+      <geom name="ball" size=".1" rgba="0 1 0 1"/>
+    </body>
+  </worldbody>
+</mujoco>
+"""
+
+
+@pytest.fixture
+def swing(tmp_path: Path) -> Path:
+    """A model file: a red box on a hinge and a green ball that drops on the floor."""
+    path = tmp_path / "swing.xml"
+    path.write_text(SWING)
+    return path
+
+
+@pytest.fixture
+def exploding(tmp_path: Path) -> Path:
+    """A model file whose simulation becomes unstable within its first second."""
+    path = tmp_path / "exploding.xml"
+    path.write_text(
+        """
+        <mujoco>
+          <option timestep=".03"><flag contact="disable"/></option>
+          <worldbody>
+            <body><joint name="a" axis="0 1 0"/><geom type="capsule" size=".02" fromto="0 0 0 0 0 -.2"/>
+              <body pos="0 0 -.2"><joint axis="0 1 0"/><geom type="capsule" size=".02" fromto="0 0 0 0 0 -.2"/></body>
+            </body>
+          </worldbody>
+          <keyframe><key name="fast" qvel="100 0"/></keyframe>
+        </mujoco>
+        """
+    )
+    return path
+
+
+@pytest.fixture(scope="session")
+def backend() -> Backend:
+    """A renderer that works here; a test that needs one fails where there is none."""
+    return Search("auto").result()
+
+
+@pytest.fixture
+def shared_models() -> Path:
+    """Models that nobody here wrote; the test is skipped where they are absent."""
+    path = ROOT / "../shared/models"
+    if not path.is_dir():
+        pytest.skip("../shared/models is not here")
+    return path
+
+
+@dataclass(frozen=True)
+class Film:
+    """What a decoder finds in a film: `frames` `(n, height, width, 3)` uint8, and the stream's description."""
+
+    frames: np.ndarray
+    stream: str
+    fps: float
+
+
+@pytest.fixture
+def decode() -> Callable[[Path], Film]:
+    """Decodes every frame of a film to RGB."""
+
+    def decoded(path: Path) -> Film:
+        program = imageio_ffmpeg.get_ffmpeg_exe()
+        described = subprocess.run([program, "-hide_banner", "-i", str(path)], capture_output=True, text=True).stderr
+        stream = next(line for line in described.splitlines() if "Video:" in line)
+        size = re.search(r", (\d+)x(\d+)", stream)
+        fps = re.search(r"([\d.]+) fps", stream)
+        assert size
+        raw = ["-fps_mode", "passthrough", "-f", "rawvideo", "-pix_fmt", "rgb24", "-"]
+        done = subprocess.run([program, "-v", "error", "-i", str(path), *raw], capture_output=True, check=True)
+        width, height = map(int, size.groups())
+        frames = np.frombuffer(done.stdout, np.uint8).reshape(-1, height, width, 3)
+        return Film(frames, stream, float(fps[1]) if fps else 0.0)
+
+    return decoded
+
+
+@dataclass(frozen=True)
+class Command:
+    """Runs mjrun in a process of its own, in a folder of its own."""
+
+    folder: Path
+
+    def start(self, *arguments: str | Path, **settings: object) -> subprocess.Popen[bytes]:
+        environment = {**os.environ, "PYTHONPATH": str(ROOT), "PYTHONWARNINGS": "error::ResourceWarning"}
+        environment.pop("MUJOCO_GL", None)
+        environment.update(settings.pop("env", {}))  # type: ignore[call-overload]
+        return subprocess.Popen(
+            [sys.executable, "-m", "mjrun", *map(str, arguments)],
+            cwd=self.folder,
+            env=environment,
+            stdin=subprocess.DEVNULL,
+            stdout=settings.pop("stdout", subprocess.PIPE),  # type: ignore[call-overload]
+            stderr=subprocess.PIPE,
+        )
+
+    def __call__(self, *arguments: str | Path, **settings: object) -> subprocess.CompletedProcess[bytes]:
+        child = self.start(*arguments, **settings)
+        out, err = child.communicate(timeout=120)
+        return subprocess.CompletedProcess(child.args, child.returncode, out, err)
+
+    def files(self) -> list[str]:
+        """The names in the folder, hidden ones too."""
+        return sorted(path.name for path in self.folder.iterdir())
+
+
+@pytest.fixture
+def mjrun(tmp_path: Path) -> Command:
+    """The command, run in an empty folder."""
+    folder = tmp_path / "work"
+    folder.mkdir()
+    return Command(folder)
+
+
+@pytest.fixture(autouse=True)
+def _nothing_half_made_is_left(tmp_path: Path) -> Iterator[None]:
+    yield
+    assert not list(tmp_path.rglob("*.part"))
+
+
+@pytest.fixture
+def still() -> Callable[..., np.ndarray]:
+    """MuJoCo's own renderer, the oracle: the picture of `data` through a camera."""
+
+    def drawn(
+        model: mujoco.MjModel,
+        data: mujoco.MjData,
+        size: tuple[int, int],
+        camera: int | str = -1,
+        option: mujoco.MjvOption | None = None,
+    ) -> np.ndarray:
+        model.vis.global_.offwidth, model.vis.global_.offheight = size
+        with mujoco.Renderer(model, size[1], size[0]) as renderer:
+            renderer.update_scene(data, camera, option)
+            return renderer.render()
+
+    return drawn

@@ -1,0 +1,145 @@
+"""Theorems about a simulation as a value: how long, from where, of what."""
+
+from fractions import Fraction
+from pathlib import Path
+from typing import Any
+
+import mujoco
+import numpy as np
+import pytest
+
+from mjrun.errors import BadValueError, ModelNotFoundError, UnknownNameError, UsageError
+from mjrun.job.simulation import Simulation, Source, positive
+from mjrun.model.override import Setting
+from mjrun.timeline import Timeline
+
+XML = """<mujoco><worldbody><body><joint name="hinge"/><geom size=".1" pos="0 0 -1"/></body></worldbody>
+<actuator><motor name="motor" joint="hinge"/></actuator>
+<keyframe><key/><key name="swing" qpos="1" qvel="2" ctrl="3"/></keyframe></mujoco>"""
+MODEL = mujoco.MjModel.from_xml_string(XML)
+STEP = Fraction(1, 500)
+
+
+@pytest.fixture
+def path(tmp_path: Path) -> Path:
+    file = tmp_path / "model.xml"
+    file.write_text(XML)
+    return file
+
+
+@pytest.mark.parametrize(
+    ("how", "timeline"),
+    [
+        ({}, Timeline(STEP, Fraction(5), 2500)),
+        ({"duration": 2}, Timeline(STEP, Fraction(2), 1000)),
+        ({"duration": 0.3}, Timeline(STEP, Fraction(3, 10), 150)),
+        ({"duration": "1/3"}, Timeline(STEP, Fraction(1, 3), 167)),
+        ({"duration": Fraction(1, 3)}, Timeline(STEP, Fraction(1, 3), 167)),
+        ({"steps": 1}, Timeline(STEP, STEP, 1)),
+        ({"steps": 123456789}, Timeline(STEP, 123456789 * STEP, 123456789)),
+    ],
+)
+def test_a_simulation_lasts_as_asked_or_five_seconds(how: dict[str, Any], timeline: Timeline) -> None:
+    assert Simulation(MODEL, **how).timeline(MODEL) == timeline
+
+
+def test_the_timestep_is_that_of_the_model_which_may_be_overridden(path: Path) -> None:
+    simulation = Simulation(Source(path, (Setting("opt.timestep", "0.01"),)), duration=1)
+    assert simulation.timeline(simulation.load()) == Timeline(Fraction(1, 100), Fraction(1), 100)
+
+
+def test_a_duration_and_a_number_of_steps_exclude_each_other() -> None:
+    with pytest.raises(UsageError, match="--duration and --steps exclude each other"):
+        Simulation(MODEL, duration=1, steps=1)
+
+
+@pytest.mark.parametrize("duration", [0, -1, 0.0, "0", "-1/2", "x", "", "1/0", float("nan"), float("inf"), "inf"])
+def test_a_duration_that_cannot_be_is_refused_before_the_model_is_loaded(duration: float | str) -> None:
+    with pytest.raises(BadValueError) as caught:
+        Simulation("no such model.xml", duration=duration)
+    assert str(caught.value) == f"--duration: {str(duration)!r} is not a positive number"
+
+
+@pytest.mark.parametrize("steps", [0, -1, 2.5])
+def test_a_number_of_steps_that_cannot_be_is_refused(steps: Any) -> None:
+    with pytest.raises(BadValueError) as caught:
+        Simulation(MODEL, steps=steps)
+    assert str(caught.value) == f"--steps: '{steps}' is not a positive whole number"
+
+
+@pytest.mark.parametrize(
+    ("value", "exact"),
+    [
+        (30, Fraction(30)),
+        ("30000/1001", Fraction(30000, 1001)),
+        (0.1, Fraction(1, 10)),
+        (Fraction(1, 3), Fraction(1, 3)),
+    ],
+)
+def test_a_positive_number_is_taken_exactly(value: float | str | Fraction, exact: Fraction) -> None:
+    assert positive("--fps", value) == exact
+
+
+@pytest.mark.parametrize("value", [0, -30, "thirty", "nan", Fraction(-1, 3)])
+def test_what_is_not_positive_is_refused_by_the_name_of_its_option(value: float | str | Fraction) -> None:
+    with pytest.raises(BadValueError, match=r"^--fps: '.*' is not a positive number$"):
+        positive("--fps", value)
+
+
+def test_a_compiled_model_is_used_as_it_is() -> None:
+    assert Simulation(MODEL).load() is MODEL
+
+
+@pytest.mark.parametrize("kind", [str, Path, Source])
+def test_a_path_is_loaded_however_it_is_given(path: Path, kind: Any) -> None:
+    assert Simulation(kind(path)).load().joint("hinge").id == 0
+
+
+def test_a_source_is_loaded_with_its_overrides(path: Path) -> None:
+    source = Source(path, (Setting("opt.gravity", "0,0,1"), Setting("joint/hinge.damping", "7")))
+    model = Simulation(source).load()
+    assert model.opt.gravity.tolist() == [0, 0, 1]
+    assert model.dof_damping.tolist() == [7]
+
+
+def test_a_missing_model_is_missed_when_it_is_loaded_not_before() -> None:
+    simulation = Simulation("no such model.xml")
+    with pytest.raises(ModelNotFoundError):
+        simulation.load()
+
+
+@pytest.mark.parametrize("key", ["swing", 1, "1", "keyframe:1"])
+def test_the_stepper_starts_from_the_key_with_names_set_over_it(key: str | int) -> None:
+    data = Simulation(MODEL, key=key, qvel={"hinge": -2}).stepper(MODEL).instant()
+    assert (data.time, data.qpos[0], data.qvel[0], data.ctrl[0]) == (0, 1, -2, 3)
+
+
+def test_without_a_key_the_stepper_starts_from_the_models_own_state_not_from_its_first_key() -> None:
+    data = Simulation(MODEL, qpos={"hinge": 0.5}, ctrl={"*": 4}).stepper(MODEL).instant()
+    assert (data.time, data.qpos[0], data.qvel[0], data.ctrl[0]) == (0, 0.5, 0, 4)
+
+
+def test_an_unknown_key_is_refused() -> None:
+    with pytest.raises(UnknownNameError, match="no keyframe 'swng' \\(did you mean 'swing'"):
+        Simulation(MODEL, key="swng").stepper(MODEL)
+
+
+def test_the_same_simulation_moves_the_same_twice_and_as_a_bare_loop_and_leaves_the_model_alone() -> None:
+    model = mujoco.MjModel.from_xml_string(XML)
+    simulation = Simulation(model, key="swing", perturb=0.1, seed=3, steps=300)
+    first, second = simulation.stepper(model), simulation.stepper(model)
+    data = mujoco.MjData(MODEL)
+    data.qpos[:], data.ctrl[:] = 1, 3
+    data.qvel[:] = 2 + 0.1 * np.random.default_rng(3).standard_normal(1)
+    for stepper in (first, second):
+        stepper.advance(simulation.timeline(model).steps)
+    mujoco.mj_step(MODEL, data, 300)
+    assert first.state().tobytes() == second.state().tobytes()
+    assert first.instant().qpos.tolist() == data.qpos.tolist()
+    assert first.instant().qvel.tolist() == data.qvel.tolist()
+    assert model.opt.disableflags == 0
+
+
+def test_two_simulations_that_say_the_same_are_equal() -> None:
+    assert Simulation("a.xml", key=1, duration=2) == Simulation("a.xml", key=1, duration=2)
+    assert Simulation("a.xml", key=1, duration=2) != Simulation("a.xml", key=1, duration=3)

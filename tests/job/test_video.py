@@ -1,0 +1,192 @@
+"""Whole films of whole simulations, against a bare MuJoCo loop."""
+
+from collections.abc import Callable
+from fractions import Fraction
+from pathlib import Path
+
+import imageio.v3 as iio
+import mujoco
+import numpy as np
+import pytest
+
+import mjrun
+from mjrun.errors import MjrunError, NoRendererError, UnknownNameError, UnstableError
+from mjrun.job import video as job
+from mjrun.job.simulation import Simulation
+from mjrun.job.video import Video
+from mjrun.render.visual import Visual
+
+pytestmark = pytest.mark.filterwarnings("ignore:drawing in software")
+
+SIZE = (64, 48)
+DRAFT = Visual(quality="draft")
+SCENES = Path(__file__).parents[2] / "scenes"
+
+
+@pytest.mark.parametrize(
+    ("fps", "speed", "duration"), [(30, 1, "0.2"), (100, Fraction(1, 10), "0.012"), ("30000/1001", 2, "0.3")]
+)
+def test_frame_k_is_exactly_its_step_of_a_bare_loop(
+    swing: Path, tmp_path: Path, still: Callable, fps: float | str, speed: Fraction | int, duration: str
+) -> None:
+    simulation = Simulation(swing, duration=duration, qvel={"hinge": 3})
+    result = Video(simulation, f"{tmp_path}/f/", camera="side", size=SIZE, fps=fps, speed=speed).run()
+    period = Fraction(speed) / Fraction(fps)
+    count = -(-Fraction(duration) // period)
+    steps = [int(k * period / Fraction(1, 500) + Fraction(1, 2)) for k in range(count)]
+    expected = []
+    model = mujoco.MjModel.from_xml_path(str(swing))
+    data = mujoco.MjData(model)
+    data.joint("hinge").qvel = 3
+    for step in range(steps[-1] + 1):
+        for _ in range(steps.count(step)):
+            shown = mujoco.MjData(model)
+            mujoco.mj_copyData(shown, model, data)
+            mujoco.mj_forward(model, shown)
+            expected.append(still(model, shown, SIZE, "side"))
+        mujoco.mj_step(model, data)
+    found = [iio.imread(file) for file in sorted((tmp_path / "f").iterdir())]
+    assert result.frames == count == len(found)
+    assert np.array_equal(np.stack(found), np.stack(expected))
+
+
+def test_two_seconds_of_humanoid_at_thirty_fps_are_sixty_frames(
+    shared_models: Path, tmp_path: Path, decode: Callable
+) -> None:
+    simulation = Simulation(shared_models / "humanoid/humanoid.xml", key="squat", duration=2)
+    result = Video(simulation, str(tmp_path / "h.mp4"), size=SIZE, fps=30, visual=DRAFT).run()
+    film = decode(tmp_path / "h.mp4")
+    assert result.frames == len(film.frames) == 60
+    assert result.steps == 400
+    assert result.duration == result.simulated == 2
+
+
+def test_the_tippe_top_is_seen_to_turn_over(tmp_path: Path) -> None:
+    simulation = Simulation(SCENES / "tippe_top.xml", key="spinning", duration=7)
+    Video(simulation, f"{tmp_path}/f/", camera="closeup", size=(160, 120), fps="2/7", visual=DRAFT).run()
+    Video(
+        Simulation(SCENES / "tippe_top.xml", key="spinning", duration="7.001"),
+        f"{tmp_path}/end/", camera="closeup", size=(160, 120), fps="1/7", visual=DRAFT,
+    ).run()  # fmt: skip
+
+    def rows(picture: Path) -> tuple[float, float]:
+        """Mean rows of the brown stem and of the orange ball."""
+        red, green, blue = iio.imread(picture).astype(int).transpose(2, 0, 1)
+        stem = (red > 60) & (abs(red - 1.35 * green) < 12) & (green > 1.3 * blue) & (red < 200)
+        ball = (red > 150) & (blue < 90) & ~stem
+        assert stem.sum() > 10
+        return stem.nonzero()[0].mean(), ball.nonzero()[0].mean()
+
+    stem, ball = rows(tmp_path / "f/000000.png")
+    assert stem < ball
+    stem, ball = rows(tmp_path / "end/000001.png")
+    assert stem > ball
+
+
+def test_an_unstable_simulation_publishes_nothing_and_keeps_the_old_film(exploding: Path, tmp_path: Path) -> None:
+    film = tmp_path / "film.mp4"
+    film.write_text("old")
+    with pytest.raises(UnstableError, match="joint 'a'"):
+        Video(Simulation(exploding, key="fast", duration=5), str(film), size=SIZE, visual=DRAFT).run()
+    assert film.read_text() == "old"
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        {"camera": "none"},
+        {"fps": 0},
+        {"speed": -1},
+        {"size": (8, 8)},
+        {"size": (100_000, 100_000)},
+        {"format": "avi"},
+        {"codec": "mpeg1"},
+        {"crf": 99},
+        {"preset": "none"},
+        {"gl": "none"},
+        {"output": "/nowhere/film.mp4"},
+        {"output": "film.avi"},
+        {"output": "film.gif", "fps": 30},
+    ],
+)
+def test_what_is_wrong_is_refused_before_the_first_step(
+    swing: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, wrong: dict
+) -> None:
+    def stepped(*_: object) -> None:
+        raise AssertionError("a step was taken")
+
+    monkeypatch.setattr(job, "observe", stepped)
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(MjrunError) as caught:
+        Video(**{"simulation": Simulation(swing), "output": "film.mp4", "size": SIZE, **wrong}).run()
+    assert caught.value.exit_code in (2, 7)
+    assert [path.name for path in tmp_path.iterdir()] == ["swing.xml"]
+
+
+def test_without_a_renderer_nothing_is_left(swing: Path, tmp_path: Path) -> None:
+    with pytest.raises(NoRendererError):
+        Video(Simulation(swing), str(tmp_path / "film.mp4"), gl="off").run()
+    assert [path.name for path in tmp_path.iterdir()] == ["swing.xml"]
+
+
+def test_drawing_in_software_is_said_once_with_its_cost(swing: Path, tmp_path: Path) -> None:
+    heard: list[str] = []
+
+    class Listener:
+        def note(self, text: str) -> None:
+            heard.append(text)
+
+        warn = note
+
+        def progress(self, what: str, done: int, total: int) -> None:
+            done_of.append((done, total))
+
+    done_of: list[tuple[int, int]] = []
+    job_ = Video(Simulation(swing, duration="0.2"), str(tmp_path / "f.mp4"), size=(63, 48), fps=20)
+    result = job_.run(Listener())
+    assert done_of == [(1, 4), (2, 4), (3, 4), (4, 4)]
+    assert sum("drawing in software" in text and "ms per frame" in text for text in heard) == result.software
+    assert "h264 needs even sides: the film is padded from 63x48 to 64x48" in heard
+    assert result.size == (64, 48)
+
+
+def test_warnings_of_mujoco_reach_the_result_and_no_log_is_written(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    model = tmp_path / "full.xml"
+    model.write_text(
+        '<mujoco><size memory="12K"/><worldbody><geom type="plane" size="1 1 1"/>'
+        + "".join(f'<body pos="{x / 8} 0 .04"><freejoint/><geom size=".05"/></body>' for x in range(6))
+        + "</worldbody></mujoco>"
+    )
+    monkeypatch.chdir(tmp_path)
+    with pytest.warns(UserWarning, match="MuJoCo: "):
+        result = Video(Simulation(model, duration="0.1"), "f.mp4", size=SIZE, fps=10, visual=DRAFT).run()
+    assert any("memory" in text or "arena" in text or "full" in text.lower() for text in result.warnings)
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["f.mp4", "full.xml"]
+
+
+def test_the_python_interface_is_the_same_job(tmp_path: Path, swing: Path, decode: Callable) -> None:
+    model = mjrun.load(swing, timestep=0.001)
+    run = mjrun.Simulation(model, duration=0.1, qpos={"hinge": 0.5})
+    result = mjrun.Video(run, str(tmp_path / "f.mp4"), camera="side", size=SIZE, fps=50).run()
+    assert isinstance(result, mjrun.VideoResult)
+    assert (result.frames, result.steps) == (5, 100)
+    assert len(decode(tmp_path / "f.mp4").frames) == 5
+    assert model.opt.timestep == 0.001
+    assert not model.opt.disableflags
+
+
+def test_an_unknown_name_in_the_python_interface_lists_the_known_ones() -> None:
+    with pytest.raises(AttributeError, match="no attribute 'vidoe'"):
+        mjrun.vidoe  # noqa: B018
+    with pytest.raises(UnknownNameError):
+        mjrun.Visual(show=["nonsense"])
+    assert set(mjrun.__all__) <= set(dir(mjrun))
+
+
+def test_tags_say_what_made_the_film(swing: Path, tmp_path: Path) -> None:
+    Video(Simulation(swing, duration="0.1"), str(tmp_path / "f.mp4"), size=SIZE, fps=20, visual=DRAFT).run()
+    assert (
+        f"mjrun {mjrun.__version__}, MuJoCo {mujoco.mj_versionString()}, ".encode() in (tmp_path / "f.mp4").read_bytes()
+    )

@@ -1,0 +1,348 @@
+"""Theorems about `--set`: the compiled model is, byte for byte, that of the XML with the attribute written in."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import pytest
+
+from mjrun.errors import BadValueError, MjrunError, UnknownNameError, UsageError, clean
+from mjrun.model.load import load
+from mjrun.model.names import members
+from mjrun.model.override import ELEMENTS, Setting, apply
+
+MODEL = """<mujoco><compiler angle="radian"/><option/><statistic/><visual><quality/><global/><rgba/></visual>
+<asset><texture name="tex" type="2d" builtin="flat" width="4" height="4"/><material name="mat" texture="tex"/></asset>
+<worldbody><light name="lamp"/><camera name="cam"/><geom name="floor" type="plane" size="1 1 1"/>
+<body name="arm"><joint name="knee" range="-1 1"/><geom name="shin.l" size=".1"/><site name="tip"/></body>
+<body name="leg" pos="1 0 0"><inertial mass="1" pos="0 0 0" diaginertia="1 1 1"/><joint/><geom size=".1"/></body>
+</worldbody><tendon><fixed name="rope"><joint joint="knee" coef="1"/></fixed></tendon>
+<actuator><motor name="motor" joint="knee"/></actuator><sensor><jointpos name="angle" joint="knee"/></sensor>
+<custom><numeric name="table" data="1 2"/><text name="note" data="hi"/></custom>
+<keyframe><key name="home"/></keyframe></mujoco>"""
+
+
+def content(model: mujoco.MjModel) -> bytes:
+    """The whole compiled model."""
+    buffer = np.zeros(mujoco.mj_sizeModel(model), np.uint8)
+    mujoco.mj_saveModel(model, None, buffer)
+    return buffer.tobytes()
+
+
+def overridden(*settings: tuple[str, str]) -> mujoco.MjModel:
+    spec = mujoco.MjSpec.from_string(MODEL)
+    for path, value in settings:
+        apply(spec, Setting(path, value))
+    return spec.compile()
+
+
+def written(old: str, new: str) -> mujoco.MjModel:
+    """The model with `new` written over `old`."""
+    assert MODEL.count(old) == 1
+    return mujoco.MjModel.from_xml_string(MODEL.replace(old, new))
+
+
+def refusal(path: str, value: str) -> UsageError:
+    with pytest.raises(UsageError) as caught:
+        overridden((path, value))
+    assert caught.value.exit_code == 2
+    return caught.value
+
+
+@pytest.mark.parametrize(
+    ("path", "value", "old", "new"),
+    [
+        # numbers, vectors, enums and flags of the options
+        ("opt.timestep", "0.01", "<option", '<option timestep="0.01"'),
+        ("opt.iterations", "7", "<option", '<option iterations="7"'),
+        ("opt.gravity", "0,0,3", "<option", '<option gravity="0 0 3"'),
+        ("opt.gravity", "1e-3 0 .5", "<option", '<option gravity="1e-3 0 .5"'),
+        ("opt.wind", "1,2,3", "<option", '<option wind="1 2 3"'),
+        ("opt.cone", "elliptic", "<option", '<option cone="elliptic"'),
+        ("opt.cone", "mjCONE_ELLIPTIC", "<option", '<option cone="elliptic"'),
+        ("opt.integrator", "RK4", "<option", '<option integrator="RK4"'),
+        ("opt.jacobian", "sparse", "<option", '<option jacobian="sparse"'),
+        ("opt.solver", "cg", "<option", '<option solver="CG"'),
+        ("opt.o_solref", ".1,1", "<option", '<option o_solref=".1 1"'),
+        ("opt.flag.gravity", "disable", "<option/>", '<option><flag gravity="disable"/></option>'),
+        ("opt.flag.gravity", "false", "<option/>", '<option><flag gravity="disable"/></option>'),
+        ("opt.flag.gravity", "enable", "<option", "<option"),
+        ("opt.flag.contact", "0", "<option/>", '<option><flag contact="disable"/></option>'),
+        ("opt.flag.energy", "enable", "<option/>", '<option><flag energy="enable"/></option>'),
+        ("opt.flag.energy", "true", "<option/>", '<option><flag energy="enable"/></option>'),
+        ("opt.flag.energy", "disable", "<option", "<option"),
+        # the other roots
+        ("vis.quality.shadowsize", "1024", "<quality", '<quality shadowsize="1024"'),
+        ("vis.global.offwidth", "1920", "<global", '<global offwidth="1920"'),
+        ("vis.global.fovy", "30", "<global", '<global fovy="30"'),
+        ("vis.global.orthographic", "true", "<global", '<global orthographic="true"'),
+        ("vis.rgba.haze", "1,0,0,1", "<rgba", '<rgba haze="1 0 0 1"'),
+        ("vis.headlight.ambient", "1,1,1", "<quality", '<headlight ambient="1 1 1"/><quality'),
+        ("vis.headlight.active", "0", "<quality", '<headlight active="0"/><quality'),
+        ("stat.extent", "4", "<statistic", '<statistic extent="4"'),
+        ("stat.center", "1,2,3", "<statistic", '<statistic center="1 2 3"'),
+        ("compiler.degree", "true", 'angle="radian"', 'angle="degree"'),
+        ("compiler.fusestatic", "true", '<compiler angle="radian"', '<compiler angle="radian" fusestatic="true"'),
+        ("compiler.boundmass", "5", '<compiler angle="radian"', '<compiler angle="radian" boundmass="5"'),
+        (
+            "compiler.inertiafromgeom",
+            "true",
+            '<compiler angle="radian"',
+            '<compiler angle="radian" inertiafromgeom="true"',
+        ),
+        # elements by name, by index, by wildcard
+        ("geom/floor.friction", ".5,.1,.2", '"floor"', '"floor" friction=".5 .1 .2"'),
+        ("geom/floor.friction", ".5", '"floor"', '"floor" friction=".5"'),
+        ("geom/floor.solref", ".1", '"floor"', '"floor" solref=".1"'),
+        ("geom/floor.rgba", "1,0,0,1", '"floor"', '"floor" rgba="1 0 0 1"'),
+        ("geom/floor.material", "mat", '"floor"', '"floor" material="mat"'),
+        ("geom/shin.l.size", ".2", 'name="shin.l" size=".1"', 'name="shin.l" size=".2"'),
+        ("geom/shin*.size", ".2", 'name="shin.l" size=".1"', 'name="shin.l" size=".2"'),
+        ("geom/shin.?.size", ".2", 'name="shin.l" size=".1"', 'name="shin.l" size=".2"'),
+        ("geom/[st]hin.l.size", ".2", 'name="shin.l" size=".1"', 'name="shin.l" size=".2"'),
+        ("geom/1.size", ".2", 'name="shin.l" size=".1"', 'name="shin.l" size=".2"'),
+        ("geom/geom:1.size", ".2", 'name="shin.l" size=".1"', 'name="shin.l" size=".2"'),
+        ("geom/geom:2.size", ".2", '<geom size=".1"', '<geom size=".2"'),
+        ("geom/floor.type", "box", 'type="plane"', 'type="box"'),
+        ("geom/shin.l.mass", "3", '"shin.l"', '"shin.l" mass="3"'),
+        ("joint/knee.damping", "3", '"knee" range', '"knee" damping="3" range'),
+        ("joint/knee.range", "-2,2", 'range="-1 1"', 'range="-2 2"'),
+        ("joint/knee.limited", "false", '"knee" range', '"knee" limited="false" range'),
+        ("joint/knee.type", "slide", '"knee" range', '"knee" type="slide" range'),
+        ("joint/joint:1.armature", "1", "<joint/>", '<joint armature="1"/>'),
+        ("body/arm.pos", "0,0,2", '"arm"', '"arm" pos="0 0 2"'),
+        ("body/arm.gravcomp", "1", '"arm"', '"arm" gravcomp="1"'),
+        ("body/leg.mass", "9", 'mass="1"', 'mass="9"'),
+        ("site/tip.size", ".3", '"tip"', '"tip" size=".3"'),
+        ("camera/cam.fovy", "20", '"cam"', '"cam" fovy="20"'),
+        ("camera/cam.mode", "track", '"cam"', '"cam" mode="track"'),
+        ("light/lamp.castshadow", "false", '"lamp"', '"lamp" castshadow="false"'),
+        ("light/lamp.type", "directional", '"lamp"', '"lamp" type="directional"'),
+        ("material/mat.reflectance", ".5", '"mat" texture', '"mat" reflectance=".5" texture'),
+        ("texture/tex.rgb1", "1,0,0", 'width="4"', 'rgb1="1 0 0" width="4"'),
+        ("tendon/rope.stiffness", "5", '"rope"', '"rope" stiffness="5"'),
+        ("actuator/motor.gear", "5", '"motor"', '"motor" gear="5"'),
+        ("actuator/motor.ctrlrange", "-1,1", '"motor"', '"motor" ctrlrange="-1 1"'),
+        ("sensor/angle.noise", ".1", '"angle" joint', '"angle" noise=".1" joint'),
+        ("numeric/table.data", "3,4", 'data="1 2"', 'data="3 4"'),
+        ("text/note.data", "ho, ho", 'data="hi"', 'data="ho, ho"'),
+        ("key/home.qpos", "1,2", '"home"', '"home" qpos="1 2"'),
+        ("key/home.time", "1", '"home"', '"home" time="1"'),
+    ],
+)
+def test_an_override_is_the_attribute_written_into_the_source(path: str, value: str, old: str, new: str) -> None:
+    assert content(overridden((path, value))) == content(written(old, new))
+
+
+@pytest.mark.parametrize("field", ["gainprm", "biasprm", "dynprm"])
+def test_the_parameters_of_an_actuator_may_be_the_first_few_as_in_mjcf(field: str) -> None:
+    general = MODEL.replace("<motor", "<general")
+    spec = mujoco.MjSpec.from_string(general)
+    apply(spec, Setting(f"actuator/motor.{field}", "7"))
+    expected = mujoco.MjModel.from_xml_string(general.replace('"motor"', f'"motor" {field}="7"'))
+    assert content(spec.compile()) == content(expected)
+
+
+def test_a_wildcard_means_every_element_that_it_matches() -> None:
+    model = overridden(("geom/*.solmix", "7"), ("joint/*.damping", "3"))
+    assert model.geom_solmix.tolist() == [7, 7, 7]
+    assert model.dof_damping.tolist() == [3, 3]
+
+
+def test_later_overrides_win_and_those_of_other_fields_stay() -> None:
+    model = overridden(("opt.timestep", "1"), ("opt.cone", "elliptic"), ("opt.timestep", "2"))
+    assert (model.opt.timestep, model.opt.cone) == (2, mujoco.mjtCone.mjCONE_ELLIPTIC)
+
+
+def flags(name: str, *values: str) -> tuple[int, int]:
+    """The disable and enable bits after setting a flag to one value after another."""
+    spec = mujoco.MjSpec()
+    for value in values:
+        apply(spec, Setting(f"opt.flag.{name}", value))
+    return spec.option.disableflags, spec.option.enableflags
+
+
+@pytest.mark.parametrize("name", sorted({*members(mujoco.mjtDisableBit)} - {"autoreset"}))
+def test_disabling_a_flag_sets_its_disable_bit_and_enabling_clears_it(name: str) -> None:
+    bit = int(getattr(mujoco.mjtDisableBit, f"mjDSBL_{name.upper()}"))
+    assert flags(name, "disable") == flags(name, "enable", "disable", "disable") == (bit, 0)
+    assert flags(name, "enable") == flags(name, "disable", "enable") == (0, 0)
+
+
+@pytest.mark.parametrize("name", sorted(members(mujoco.mjtEnableBit)))
+def test_enabling_a_flag_sets_its_enable_bit_and_disabling_clears_it(name: str) -> None:
+    bit = int(getattr(mujoco.mjtEnableBit, f"mjENBL_{name.upper()}"))
+    assert flags(name, "enable") == flags(name, "disable", "enable", "enable") == (0, bit)
+    assert flags(name, "disable") == flags(name, "enable", "disable") == (0, 0)
+
+
+@pytest.mark.parametrize("value", ["enable", "disable"])
+def test_automatic_resets_cannot_be_chosen(value: str) -> None:
+    assert "autoreset cannot be set" in str(refusal("opt.flag.autoreset", value))
+
+
+@pytest.mark.parametrize(
+    ("path", "near"),
+    [
+        ("opt.timstep", "'timestep'"),
+        ("opt.Timestep", "'timestep'"),
+        ("opts.timestep", "'opt'"),
+        ("opt.flag.gravty", "'gravity'"),
+        ("opt.flags", "'flag'"),
+        ("vis.qualty.shadowsize", "'quality'"),
+        ("vis.quality.shadowsz", "'shadowsize'"),
+        ("compiler.autolimit", "'autolimits'"),
+        ("gem/floor.size", "'geom'"),
+        ("geom/flor.size", "'floor'"),
+        ("geom/floor.frction", "'friction'"),
+        ("joint/knee.dampng", "'damping'"),
+    ],
+)
+def test_a_path_that_names_nothing_is_refused_with_the_nearest_name(path: str, near: str) -> None:
+    error = refusal(path, "1")
+    assert isinstance(error, UnknownNameError)
+    assert f"(did you mean {near}" in str(error).splitlines()[0]
+
+
+@pytest.mark.parametrize(
+    "path",
+    [
+        "",
+        ".",
+        "/",
+        "opt",
+        "opt.",
+        "opt.flag",
+        "vis.quality",
+        "geom/",
+        "geom/floor",
+        "geom/floor.",
+        "geom/*",
+        "geom/9.size",
+    ],
+)
+def test_a_path_that_stops_short_or_leads_nowhere_is_refused(path: str) -> None:
+    refusal(path, "1")
+
+
+@pytest.mark.parametrize("path", ["opt.timestep.x", "opt.gravity.x", "geom/floor.size.x"])
+def test_a_path_that_goes_on_behind_a_value_is_refused(path: str) -> None:
+    assert str(refusal(path, "1")) == f"{path}: {path.removesuffix('.x')} is a value and holds no settings"
+
+
+@pytest.mark.parametrize("path", ["opt.disableflags", "opt.enableflags", "body/arm.id", "geom/floor.name"])
+def test_the_bookkeeping_of_mujoco_is_no_setting(path: str) -> None:
+    assert isinstance(refusal(path, "1"), UnknownNameError)
+
+
+@pytest.mark.parametrize(
+    ("path", "value", "expected"),
+    [
+        ("opt.gravity", "1,2", "3 numbers separated by commas"),
+        ("opt.gravity", "1,2,3,4", "3 numbers separated by commas"),
+        ("opt.gravity", "", "3 numbers separated by commas"),
+        ("opt.gravity", "a,b,c", "numbers separated by commas"),
+        ("opt.gravity", "0,0,nan", "numbers separated by commas"),
+        ("geom/floor.friction", "1,2,3,4", "at most 3 numbers separated by commas"),
+        ("geom/floor.friction", "", "at most 3 numbers separated by commas"),
+        ("geom/floor.rgba", "1,0,0", "4 numbers separated by commas"),
+        ("opt.timestep", "fast", "a number"),
+        ("opt.timestep", "inf", "a number"),
+        ("opt.iterations", "5.5", "a whole number"),
+        ("opt.iterations", "99999999999", "what iterations takes"),
+        ("opt.flag.gravity", "off", "enable or disable (true or false)"),
+        ("compiler.autolimits", "maybe", "enable or disable (true or false)"),
+        ("numeric/table.data", "1,x", "numbers separated by commas"),
+    ],
+)
+def test_a_value_that_does_not_fit_is_refused_with_what_would(path: str, value: str, expected: str) -> None:
+    error = refusal(path, value)
+    assert isinstance(error, BadValueError)
+    assert str(error) == f"{path}: {value!r} is not {expected}"
+
+
+@pytest.mark.parametrize(
+    ("path", "value", "near"),
+    [
+        ("opt.cone", "eliptic", "'elliptic'"),
+        ("joint/knee.type", "slid", "'slide'"),
+        ("opt.solver", "newtn", "'newton'"),
+    ],
+)
+def test_an_unknown_word_is_refused_with_the_nearest(path: str, value: str, near: str) -> None:
+    assert f"(did you mean {near}" in str(refusal(path, value))
+
+
+@pytest.mark.parametrize("path", ["body/arm.mass", "body/arm.inertia", "body/1.mass", "body/*.mass"])
+def test_the_mass_of_a_body_is_refused_when_its_geoms_decide(path: str) -> None:
+    assert "has no effect: the inertia of this body comes from its geoms" in str(refusal(path, "1"))
+
+
+def test_an_orientation_that_another_attribute_decides_is_never_ignored_in_silence() -> None:
+    spec = mujoco.MjSpec.from_string(MODEL.replace('"arm"', '"arm" euler="0 0 1"'))
+    try:
+        apply(spec, Setting("body/arm.quat", "1,0,0,0"))
+    except UsageError:
+        return
+    assert spec.compile().body("arm").quat.tolist() == [1, 0, 0, 0]
+
+
+@pytest.mark.parametrize("path", ["compiler.eulerseq", "material/mat.textures"])
+def test_a_setting_that_is_offered_can_be_set_or_is_refused_in_true_words(path: str) -> None:
+    spec = mujoco.MjSpec.from_string(MODEL)
+    said = ""
+    try:
+        apply(spec, Setting(path, "zyx"))
+    except UsageError as error:
+        said = str(error)
+    assert "there are no settings" not in said
+
+
+@pytest.mark.parametrize("path", ["opt.\x1b.x", "geom/floor.\x1b.x", "body/ar[m\x1b].mass", "body/\x1b.pos", "\x1b"])
+def test_foreign_text_in_a_path_cannot_steer_the_terminal(path: str) -> None:
+    with pytest.raises(MjrunError) as caught:
+        overridden((path, "\x1b"))
+    assert all(line == clean(line) for line in str(caught.value).splitlines())
+
+
+def test_a_setting_says_how_it_was_asked() -> None:
+    assert Setting("opt.cone", "elliptic").asked == "--set opt.cone=elliptic"
+    assert Setting("opt.cone", "elliptic").name == "opt.cone"
+    assert Setting("opt.timestep", "1", "--timestep").asked == "--timestep 1"
+    assert Setting("opt.timestep", "1", "--timestep").name == "--timestep"
+
+
+@pytest.mark.parametrize(("kind", "plural"), ELEMENTS.items())
+def test_every_kind_of_element_is_one_of_mujocos(kind: str, plural: str) -> None:
+    spec = mujoco.MjSpec()
+    assert isinstance(getattr(spec, plural), list | tuple)
+    with pytest.raises(UnknownNameError, match=f"no {kind} 'nothing'"):
+        apply(spec, Setting(f"{kind}/nothing.pos", "1"))
+
+
+@pytest.mark.parametrize(
+    "path", ["geom/floor.classname.geom.size", "body/arm.classname.joint.damping", "geom/floor.plugin.active"]
+)
+def test_no_path_crashes_the_process(path: str) -> None:
+    code = f"""
+import mujoco, sys
+from mjrun.errors import UsageError
+from mjrun.model.override import Setting, apply
+spec = mujoco.MjSpec.from_string(sys.stdin.read())
+try:
+    apply(spec, Setting({path!r}, "1"))
+    spec.compile()
+except (UsageError, ValueError):
+    pass
+"""
+    run = subprocess.run([sys.executable, "-c", code], input=MODEL, text=True, capture_output=True, check=False)
+    assert run.returncode == 0, run.stderr
+
+
+def test_the_source_file_itself_is_not_changed(tmp_path: Path) -> None:
+    path = tmp_path / "a.xml"
+    path.write_text(MODEL)
+    assert load(path, overrides={"geom/floor.friction": "9"}).geom("floor").friction[0] == 9
+    assert path.read_text() == MODEL

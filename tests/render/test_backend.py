@@ -1,0 +1,138 @@
+"""The search for something that can draw."""
+
+import platform
+from dataclasses import dataclass
+from pathlib import Path
+from types import SimpleNamespace
+
+import pytest
+
+from mjrun.errors import NoRendererError, SoftwareRendererError, UnknownNameError
+from mjrun.render import backend as backends
+from mjrun.render.backend import Backend, Probe, Search, candidates, remedy
+
+
+def test_a_renderer_is_found_without_being_told(backend: Backend) -> None:
+    assert backend.name in candidates()
+    assert backend.renderer
+    assert backend.max_size >= 2048
+
+
+def test_a_requested_backend_is_the_only_one_tried(backend: Backend) -> None:
+    assert Search(backend.name).result() == backend
+
+
+def test_mujoco_gl_is_honoured_when_nothing_is_requested(monkeypatch: pytest.MonkeyPatch, backend: Backend) -> None:
+    monkeypatch.setenv("MUJOCO_GL", backend.name.upper())
+    assert Search().result() == backend
+
+
+def test_a_backend_that_does_not_work_is_reported_with_its_reason_and_the_packages(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.delenv("DISPLAY", raising=False)
+    monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
+    monkeypatch.setattr(platform, "freedesktop_os_release", lambda: {"ID": "ubuntu", "ID_LIKE": "debian"})
+    with pytest.raises(NoRendererError) as caught:
+        Search("glfw").result()
+    message = str(caught.value)
+    assert "glfw: made no OpenGL context (it needs a display)" in message
+    assert "sudo apt-get install libegl1 libopengl0 libegl-mesa0 libgl1-mesa-dri" in message
+
+
+def test_an_unknown_backend_lists_the_known_ones() -> None:
+    with pytest.raises(UnknownNameError, match="auto, egl, osmesa, glfw"):
+        Search("elg")
+
+
+@pytest.mark.parametrize("off", ["off", "0", "disabled", "False"])
+def test_rendering_that_is_switched_off_is_said_so(off: str) -> None:
+    with pytest.raises(NoRendererError, match="switches rendering off"):
+        Search(off)
+
+
+def test_a_search_goes_on_to_the_next_backend(monkeypatch: pytest.MonkeyPatch, backend: Backend) -> None:
+    monkeypatch.setattr(backends, "candidates", lambda: ("nonsense", backend.name))
+    assert Search("auto").result() == backend
+
+
+@pytest.mark.parametrize(
+    ("renderer", "name", "software"),
+    [
+        ("llvmpipe (LLVM 15.0.6, 256 bits)", "egl", True),
+        ("softpipe", "egl", True),
+        ("Google SwiftShader", "egl", True),
+        ("anything", "osmesa", True),
+        ("NVIDIA H200/PCIe/SSE2", "egl", False),
+        ("Mesa Intel(R) UHD Graphics 620 (KBL GT2)", "egl", False),
+        ("AMD Radeon RX 6800 (radeonsi)", "glfw", False),
+    ],
+)
+def test_software_is_told_from_a_gpu_by_the_renderer(renderer: str, name: str, software: bool) -> None:
+    assert Backend(name, renderer, "", "", 16384).software is software
+
+
+@dataclass(frozen=True)
+class Hardware:
+    """A machine with these renderers instead of this one."""
+
+    renderers: dict[str, str]
+
+    def __call__(self, name: str) -> SimpleNamespace:
+        found = Backend(name, self.renderers[name], "", "", 16384)
+        return SimpleNamespace(name=name, result=lambda: found)
+
+
+def test_a_required_gpu_refuses_software(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(backends, "Probe", Hardware({"egl": "llvmpipe"}))
+    with pytest.raises(SoftwareRendererError, match="llvmpipe"):
+        Search("egl").result(require_gpu=True)
+
+
+def test_a_required_gpu_is_found_behind_a_software_backend(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(backends, "candidates", lambda: ("egl", "glfw"))
+    monkeypatch.setattr(backends, "Probe", Hardware({"egl": "llvmpipe", "glfw": "NVIDIA"}))
+    assert Search("auto").result(require_gpu=True).name == "glfw"
+
+
+def test_a_driver_that_crashes_is_an_answer(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(backends.sys, "executable", "/bin/false")
+    assert Probe("egl").result() == "its process ended with code 1"
+
+
+def test_a_driver_that_hangs_is_an_answer(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    hang = tmp_path / "hang"
+    hang.write_text("#!/bin/sh\nexec sleep 60\n")
+    hang.chmod(0o755)
+    monkeypatch.setattr(backends.sys, "executable", str(hang))
+    monkeypatch.setattr(backends, "TIMEOUT", 0.1)
+    assert Probe("egl").result() == "did not answer within 0.1 s"
+
+
+@pytest.mark.parametrize(
+    ("system", "command"),
+    [
+        ({"ID": "debian"}, "apt-get"),
+        ({"ID": "linuxmint", "ID_LIKE": "ubuntu debian"}, "apt-get"),
+        ({"ID": "fedora"}, "dnf"),
+        ({"ID": "rocky", "ID_LIKE": "rhel centos fedora"}, "dnf"),
+        ({"ID": "arch"}, "pacman"),
+        ({"ID": "nixos"}, "your distribution's packages"),
+        ({}, "your distribution's packages"),
+    ],
+)
+def test_the_remedy_speaks_the_language_of_the_distribution(
+    monkeypatch: pytest.MonkeyPatch, system: dict[str, str], command: str
+) -> None:
+    monkeypatch.setattr(platform, "system", lambda: "Linux")
+    monkeypatch.setattr(platform, "freedesktop_os_release", lambda: system)
+    assert command in remedy()
+
+
+def test_glfw_is_tried_only_where_there_is_a_display(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(platform, "system", lambda: "Linux")
+    monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
+    monkeypatch.delenv("DISPLAY", raising=False)
+    assert candidates() == ("egl", "osmesa")
+    monkeypatch.setenv("DISPLAY", ":0")
+    assert candidates() == ("egl", "osmesa", "glfw")

@@ -1,0 +1,197 @@
+"""The architecture document of mjrun: who may import whom, checked on every import that is written."""
+
+import ast
+import re
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+import mjrun
+
+# Imports run downward. Rooms on one line are siblings and never import each other.
+HOUSE = (
+    ("__main__",),
+    ("cli",),
+    ("document",),
+    ("job",),
+    ("sim", "probe", "render", "export"),
+    ("model",),
+    ("timeline", "errors"),
+)
+
+# Where each library may be imported. What is not listed may be imported nowhere.
+LIBRARIES = {
+    "click": ("cli",),
+    "rich": ("cli",),
+    "yaml": ("document",),
+    "pydantic": ("document",),
+    "imageio_ffmpeg": ("export.video",),
+    "OpenGL": ("render",),
+    "mujoco": ("cli", "job", "sim", "probe", "render", "export", "model"),
+    "numpy": ("cli", "job", "sim", "probe", "render", "export", "model"),
+}
+
+# `from mjrun import NAME` is an import of the room behind the name, but for these.
+FREE = {"__version__"}
+
+PACKAGE = Path(mjrun.__file__).parent
+LEVEL = {room: level for level, rooms in enumerate(HOUSE) for room in rooms}
+
+
+def imported(tree: ast.Module, home: str) -> Iterator[tuple[int, str]]:
+    """Line and dotted name of everything that the module `home` imports, wherever in it, or names in a string."""
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Import):
+            yield from ((node.lineno, alias.name) for alias in node.names)
+        elif isinstance(node, ast.ImportFrom):
+            above = home.split(".")[: -node.level] if node.level else []
+            base = ".".join([*above, *([node.module] if node.module else [])])
+            for alias in node.names:
+                if base == "mjrun":
+                    yield node.lineno, mjrun._HOMES.get(alias.name, f"mjrun.{alias.name}")
+                else:
+                    yield node.lineno, base
+        elif isinstance(node, ast.Constant) and re.fullmatch(r"mjrun(\.\w+)+", str(node.value)):
+            yield node.lineno, str(node.value)
+
+
+def lives_in(module: str, homes: tuple[str, ...]) -> bool:
+    return any(module == home or module.startswith(f"{home}.") for home in homes)
+
+
+def fault(module: str, target: str) -> str | None:
+    """Why `module` (without `mjrun.`) must not import `target`, if it must not."""
+    top, _, inner = target.partition(".")
+    if top in sys.stdlib_module_names:
+        return None
+    if top != "mjrun":
+        allowed = LIBRARIES.get(top)
+        if allowed is None:
+            return "is not in the table of libraries"
+        return None if lives_in(module, allowed) else f"is at home in {', '.join(allowed)} only"
+    mine, other = module.partition(".")[0], inner.partition(".")[0]
+    if other in FREE or mine == other:
+        return None
+    for room in (mine, other):
+        if room not in LEVEL:
+            return f"{room or 'the package itself'!r} is not a room of the house"
+    if LEVEL[mine] == LEVEL[other]:
+        return "is a sibling"
+    return None if LEVEL[mine] < LEVEL[other] else "is above"
+
+
+def violations(package: Path) -> list[str]:
+    """Every import in `package` that the tables do not allow."""
+    found = []
+    for path in sorted(package.rglob("*.py")):
+        parts = path.relative_to(package).with_suffix("").parts
+        module = ".".join(part for part in parts if part != "__init__")
+        if not module:
+            continue  # mjrun/__init__.py, whose lazy table names every room
+        for line, target in imported(ast.parse(path.read_text("utf-8")), ".".join(("mjrun", *parts))):
+            if reason := fault(module, target):
+                found.append(f"{path.relative_to(package)}:{line} imports {target}, which {reason}")
+    return found
+
+
+def test_imports_run_one_way_and_every_library_has_one_home() -> None:
+    assert violations(PACKAGE) == []
+
+
+def plant(folder: Path, module: str, source: str) -> Path:
+    """A package that is one module."""
+    path = folder / "mjrun" / module
+    path.parent.mkdir(parents=True)
+    path.write_text(source)
+    return folder / "mjrun"
+
+
+@pytest.mark.parametrize(
+    ("module", "source"),
+    [
+        ("sim/observe.py", "from mjrun.render.camera import rig"),
+        ("sim/observe.py", "import mjrun.export.video"),
+        ("sim/observe.py", "from mjrun import render"),
+        ("sim/observe.py", "from ..render import camera"),
+        ("sim/__init__.py", "from ..render import camera"),
+        ("sim/observe.py", "from .. import job"),
+        ("model/load.py", "from mjrun.sim.start import Start"),
+        ("model/load.py", "from mjrun import Video"),
+        ("model/load.py", "import mjrun"),
+        ("job/video.py", "def f():\n    from mjrun.cli import main"),
+        ("job/video.py", "if TYPE_CHECKING:\n    from mjrun.document import run"),
+        ("job/video.py", "import_module('mjrun.cli.video')"),
+        ("job/video.py", "class A:\n    async def f(self):\n        import mjrun.cli.main"),
+        ("errors.py", "from mjrun.timeline import rational"),
+        ("errors.py", "import numpy"),
+        ("timeline.py", "import mujoco"),
+        ("timeline.py", "from mjrun.errors import clean"),
+        ("job/video.py", "import click"),
+        ("job/video.py", "from rich.console import Console"),
+        ("cli/video.py", "import yaml"),
+        ("job/run.py", "from pydantic import BaseModel"),
+        ("export/codecs.py", "import imageio_ffmpeg"),
+        ("export/video.py", "from OpenGL import GL"),
+        ("cli/video.py", "import requests"),
+        ("utils/text.py", "from mjrun.errors import clean"),
+        ("cli/video.py", "from mjrun.utils import text"),
+    ],
+)
+def test_a_planted_bad_import_is_found(tmp_path: Path, module: str, source: str) -> None:
+    found = violations(plant(tmp_path, module, source))
+    assert len(found) == 1
+    assert found[0].startswith(f"{module}:")
+
+
+@pytest.mark.parametrize(
+    ("module", "source"),
+    [
+        ("sim/observe.py", "import heapq, mujoco\nimport numpy as np\nfrom collections.abc import Callable"),
+        ("sim/observe.py", "from mjrun.sim.stepper import Stepper\nfrom . import recording"),
+        ("cli/video.py", "from mjrun.errors import clean\nfrom mjrun.job.video import Video\nimport click"),
+        ("job/video.py", "from mjrun import Visual, __version__\nfrom mjrun.model import faults"),
+        ("export/video.py", "import imageio_ffmpeg"),
+        ("render/probe.py", "def f():\n    from OpenGL import GL"),
+        ("document/run.py", "import yaml\nfrom mjrun.job.video import Video"),
+        ("__main__.py", "from mjrun.cli.main import run"),
+        ("__init__.py", "from mjrun.job.video import Video"),
+    ],
+)
+def test_a_planted_good_import_is_allowed(tmp_path: Path, module: str, source: str) -> None:
+    assert violations(plant(tmp_path, module, source)) == []
+
+
+@pytest.mark.parametrize("name", mjrun.__all__)
+def test_every_public_name_is_where_the_lazy_table_says(name: str) -> None:
+    assert getattr(mjrun, name) is not None
+    assert name in dir(mjrun)
+
+
+def test_a_name_that_is_not_public_is_missing_as_from_any_module() -> None:
+    with pytest.raises(AttributeError, match=r"module 'mjrun' has no attribute 'Vido'"):
+        _ = mjrun.Vido  # type: ignore[attr-defined]
+
+
+def loaded_by(code: str) -> set[str]:
+    """The modules that a new interpreter has loaded after `code`."""
+    code = f"import sys\ntry:\n    {code}\nexcept SystemExit as end:\n    assert not end.code\n"
+    command = [sys.executable, "-c", code + "print(*sys.modules, file=sys.stderr)"]
+    return set(subprocess.run(command, capture_output=True, text=True, check=True).stderr.split())
+
+
+def command_line(option: str) -> str:
+    return f"sys.argv = ['mjrun', {option!r}]; import runpy; runpy.run_module('mjrun', run_name='__main__')"
+
+
+@pytest.mark.parametrize("code", ["import mjrun", command_line("--help"), command_line("--version")])
+def test_import_help_and_version_load_neither_mujoco_nor_numpy(code: str) -> None:
+    loaded = loaded_by(code)
+    assert "mjrun" in loaded
+    assert loaded.isdisjoint({"mujoco", "numpy"})
+
+
+def test_using_a_public_name_loads_what_it_needs() -> None:
+    assert {"mujoco", "numpy"} <= loaded_by("import mjrun; mjrun.load")

@@ -1,0 +1,247 @@
+"""Theorems about errors: their exit codes, their sentences, and that foreign text cannot steer a terminal."""
+
+import inspect
+import signal
+from pathlib import Path
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from mjrun import errors
+from mjrun.errors import (
+    LISTED,
+    BadValueError,
+    BrokenModelError,
+    ClosedPipeError,
+    CompiledModelError,
+    EncoderError,
+    EndedError,
+    FileError,
+    MjrunError,
+    ModelNotFoundError,
+    NoRendererError,
+    SoftwareRendererError,
+    TerminatedError,
+    UnknownNameError,
+    UnstableError,
+    clean,
+    listing,
+    near,
+    suggestion,
+)
+
+CODES = {
+    "MjrunError": 70,
+    "UsageError": 2,
+    "UnknownNameError": 2,
+    "BadValueError": 2,
+    "CompiledModelError": 2,
+    "ModelError": 3,
+    "ModelNotFoundError": 3,
+    "BrokenModelError": 3,
+    "UnstableError": 4,
+    "RendererError": 5,
+    "NoRendererError": 5,
+    "SoftwareRendererError": 5,
+    "DrawError": 5,
+    "EncoderError": 6,
+    "FileError": 7,
+}
+DOCUMENTED = {1, 2, 3, 4, 5, 6, 7, 8}
+CLASSES = [c for _, c in inspect.getmembers(errors, inspect.isclass) if issubclass(c, MjrunError)]
+CLAIMED = [c for c in CLASSES if c is not MjrunError]
+
+EVIL = "a\x1b[31mb\nc\0d\u202ee\u2028f\x9bg"
+TAME = r"a\x1b[31mb\nc\x00d\u202ee\u2028f\x9bg"
+EVIL_PATH = Path("models") / EVIL
+
+
+@pytest.mark.parametrize(("name", "code"), CODES.items())
+def test_every_cause_has_the_exit_code_that_the_design_gives_it(name: str, code: int) -> None:
+    assert getattr(errors, name).exit_code == code
+
+
+@pytest.mark.parametrize("kind", CLAIMED)
+def test_every_error_but_a_bug_has_a_documented_code_which_is_that_of_its_cause(
+    kind: type[MjrunError],
+) -> None:
+    assert kind.exit_code in DOCUMENTED
+    assert all(kind.exit_code == base.exit_code for base in kind.__mro__ if base in CLAIMED)
+
+
+@pytest.mark.parametrize(
+    ("end", "code"),
+    [
+        (EndedError(), 130),
+        (TerminatedError(signal.SIGTERM), 143),
+        (TerminatedError(signal.SIGHUP), 129),
+        (ClosedPipeError(), 141),
+    ],
+)
+def test_an_end_from_outside_exits_as_a_shell_expects_and_no_handler_of_errors_swallows_it(
+    end: EndedError, code: int
+) -> None:
+    assert end.exit_code == code
+    assert not isinstance(end, Exception)
+
+
+def test_a_signal_is_called_by_its_name() -> None:
+    assert str(TerminatedError(signal.SIGTERM)) == "SIGTERM"
+
+
+@pytest.mark.parametrize(
+    ("foreign", "visible"),
+    [
+        ("\x1b[2J", r"\x1b[2J"),
+        ("a\nb", r"a\nb"),
+        ("a\rb", r"a\rb"),
+        ("a\tb", r"a\tb"),
+        ("a\0b", r"a\x00b"),
+        ("\x7f", r"\x7f"),
+        ("\x9b31m", r"\x9b31m"),
+        ("\u202eexe", r"\u202eexe"),
+        ("\u2066", r"\u2066"),
+        ("\u200b", r"\u200b"),
+        ("\ufeff", r"\ufeff"),
+        ("\u2028\u2029", r"\u2028\u2029"),
+        ("\ud800", r"\ud800"),
+        ("\U000e0041", r"\U000e0041"),
+    ],
+)
+def test_characters_that_steer_or_hide_are_made_visible(foreign: str, visible: str) -> None:
+    assert clean(foreign) == visible
+
+
+@pytest.mark.parametrize(
+    "text",
+    ["", "left_knee", "arm/hand.0", "café", "Ünïcödé", "e\u0301", "日本語", "🚗", "❤️", "👍🏽", "a b", "it's", "\\"],
+)
+def test_letters_accents_and_emoji_stay_as_they_are(text: str) -> None:
+    assert clean(text) == text
+
+
+@given(st.text(st.characters()))
+@settings(max_examples=200, deadline=None)
+def test_cleaned_text_is_one_line_that_any_terminal_takes_and_cleaning_again_changes_nothing(text: str) -> None:
+    cleaned = clean(text)
+    assert len(cleaned.splitlines()) <= 1
+    assert cleaned.encode("utf-8").decode("utf-8") == cleaned
+    assert clean(cleaned) == cleaned
+    assert (cleaned == text) or not text.isprintable()
+
+
+@pytest.mark.parametrize(
+    ("name", "valid", "found"),
+    [
+        ("left_knees", ["left_knee2", "torso", "left_knee"], ["left_knee", "left_knee2"]),
+        ("LEFT_KNEE", ["torso", "left_knee"], ["left_knee"]),
+        ("flor", ["Floor"], ["Floor"]),
+        ("xyz", ["torso", "knee"], []),
+        ("knee", [], []),
+    ],
+)
+def test_near_names_come_best_first_whatever_their_case(name: str, valid: list[str], found: list[str]) -> None:
+    assert near(name, valid) == found
+
+
+def test_names_that_differ_only_in_case_are_both_near() -> None:
+    assert sorted(near("arn", ["arm", "Arm", "torso"])) == ["Arm", "arm"]
+
+
+def test_at_most_three_near_names_are_given() -> None:
+    assert len(near("knee0", [f"knee{i}" for i in range(1, 9)])) == 3
+
+
+def test_a_suggestion_is_a_question_in_brackets_or_nothing() -> None:
+    assert suggestion("flor", ["floor", "ball"]) == " (did you mean 'floor'?)"
+    assert suggestion("knee", ["knee_12", "knee1"]) == " (did you mean 'knee1' or 'knee_12'?)"
+    assert suggestion("xyz", ["floor"]) == ""
+
+
+def test_a_list_is_cut_only_when_it_is_long_and_then_says_how_long() -> None:
+    names = [f"n{i}" for i in range(LISTED + 1)]
+    assert listing(names[:LISTED]) == ", ".join(names[:LISTED])
+    assert listing(names) == f"{', '.join(names[:LISTED])}, … ({LISTED + 1} in all)"
+
+
+@pytest.mark.parametrize(
+    ("error", "message"),
+    [
+        (
+            UnknownNameError("geom", "flor", ["floor", "ball"]),
+            "no geom 'flor' (did you mean 'floor'?)\ngeoms: floor, ball",
+        ),
+        (
+            UnknownNameError("body", "x", ["world"], where="track:", plural="bodies"),
+            "no body 'x' in track:\nbodies: world",
+        ),
+        (UnknownNameError("keyframe", "home", []), "no keyframe 'home'\nthere are no keyframes"),
+        (BadValueError("--fps", -3, "a positive number"), "--fps: '-3' is not a positive number"),
+        (
+            ModelNotFoundError(Path("d/flor.xml"), "no such file", Path("d"), ["floor.xml"]),
+            "d/flor.xml: no such file (did you mean 'floor.xml'?)\nmodels in d: floor.xml",
+        ),
+        (ModelNotFoundError(Path("d"), "is a folder"), "d: is a folder"),
+        (BrokenModelError(Path("m.xml"), "bad\n\nElement 'geom'", 3, "with x"), "m.xml:3: bad\nElement 'geom'\nwith x"),
+        (BrokenModelError(Path("m.xml"), ""), "m.xml: cannot be read"),
+        (FileError("o.mp4", "is a folder"), "o.mp4: is a folder"),
+        (FileError(Path("o.mp4"), "is a folder", "name a file"), "o.mp4: is a folder\nname a file"),
+        (EncoderError("ffmpeg failed", "one\n\ntwo\n"), "ffmpeg failed\n  one\n  two"),
+        (
+            NoRendererError({"egl": "no device", "osmesa": "no library"}, "install one"),
+            "no working OpenGL renderer was found\n  egl: no device\n  osmesa: no library\ninstall one",
+        ),
+    ],
+)
+def test_the_first_line_says_what_and_where_and_further_lines_what_is_valid_and_what_to_do(
+    error: MjrunError, message: str
+) -> None:
+    assert str(error) == message
+
+
+def test_a_compiled_model_names_the_overrides_that_it_cannot_take_and_the_way_out() -> None:
+    first, second = str(CompiledModelError(Path("m.mjb"), ["--timestep 0.1", "--set opt.cone=elliptic"])).splitlines()
+    assert first.startswith("m.mjb is compiled: --timestep 0.1, --set opt.cone=elliptic ")
+    assert ".xml" in second
+
+
+def test_an_unstable_simulation_names_the_step_the_time_the_joint_and_two_cures() -> None:
+    error = UnstableError(7, 0.014, "the velocity", "joint 'knee'", 0.002)
+    assert (error.step, error.time, error.joint) == (7, 0.014, "joint 'knee'")
+    first, second = str(error).splitlines()
+    assert first.endswith("at step 7, time 0.014 s: the velocity of joint 'knee' is not finite or too large")
+    assert "--timestep than 0.002 s" in second
+    assert "--integrator" in second
+
+
+def test_only_the_end_of_an_encoders_log_is_shown() -> None:
+    log = "\n".join(f"line {i}" for i in range(20))
+    assert str(EncoderError("failed", log)).splitlines() == ["failed", *(f"  line {i}" for i in range(12, 20))]
+
+
+@pytest.mark.parametrize(
+    ("error", "lines"),
+    [
+        (UnknownNameError("geom", EVIL, ["floor"]), 2),
+        (UnknownNameError("geom", "floor", [EVIL]), 2),
+        (UnknownNameError("geom", EVIL, [EVIL + "x"]), 2),
+        (BadValueError(EVIL, EVIL, "a number"), 1),
+        (CompiledModelError(EVIL_PATH, [EVIL]), 2),
+        (ModelNotFoundError(EVIL_PATH, "no such file", EVIL_PATH, [EVIL, EVIL + "x"]), 2),
+        (BrokenModelError(EVIL_PATH, EVIL.replace("\n", "").replace("\u2028", "")), 1),
+        (UnstableError(1, 0.1, "the velocity", EVIL, 0.1), 2),
+        (NoRendererError({"egl": EVIL}, "install one"), 3),
+        (SoftwareRendererError(EVIL), 2),
+        (EncoderError("failed", EVIL.replace("\n", "").replace("\u2028", "")), 2),
+        (FileError(EVIL_PATH, "is a folder"), 1),
+    ],
+)
+def test_foreign_text_adds_no_line_and_no_control_character_to_a_message(error: MjrunError, lines: int) -> None:
+    found = str(error).splitlines()
+    assert len(found) == lines
+    assert [clean(line) for line in found] == found
+
+
+def test_the_foreign_name_of_a_file_is_still_recognisable() -> None:
+    assert str(FileError(EVIL, "is a folder")) == f"{TAME}: is a folder"

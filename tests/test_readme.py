@@ -1,0 +1,80 @@
+"""The README's commands are run, at small sizes; its Python is executed."""
+
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+README = (ROOT / "README.md").read_text(encoding="utf-8")
+SHELL = re.findall(r"```sh\n(.*?)```", README, re.DOTALL)
+PYTHON = re.findall(r"```python\n(.*?)```", README, re.DOTALL)
+COMMANDS = [line for block in SHELL for line in block.replace("\\\n", " ").splitlines() if line.strip()]
+FILMS = [line for line in COMMANDS if line.startswith("mjrun video")]
+SMALL = "--size 64x48 --duration 0.1 --quality draft --fps 20"
+
+
+@pytest.fixture
+def shell(tmp_path: Path) -> dict[str, str]:
+    """A shell whose `mjrun` makes every film small, in a folder that has the scenes."""
+    (tmp_path / "bin").mkdir()
+    (tmp_path / "scenes").symlink_to(ROOT / "scenes")
+    program = tmp_path / "bin/mjrun"
+    smaller = f'[ "$1" = video ] && set -- "$@" {SMALL}'
+    program.write_text(f'#!/bin/sh\n{smaller}\nPYTHONPATH="{ROOT}" exec "{sys.executable}" -m mjrun "$@"\n')
+    program.chmod(0o755)
+    return {**os.environ, "PATH": f"{program.parent}:{os.environ['PATH']}"}
+
+
+def test_the_readme_has_the_commands_that_it_is_for() -> None:
+    assert len(FILMS) >= 12
+    assert {"make demo", "make test", "mjrun doctor"} <= set(COMMANDS)
+    assert len(PYTHON) == 1
+
+
+@pytest.mark.parametrize("command", FILMS)
+def test_a_film_of_the_readme_is_made(command: str, shell: dict[str, str], tmp_path: Path) -> None:
+    before = set(tmp_path.iterdir())
+    done = subprocess.run(["sh", "-ec", command], cwd=tmp_path, env=shell, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    assert "error" not in done.stderr
+    assert set(tmp_path.iterdir()) != before or done.stdout.strip().isdigit()
+
+
+def test_the_doctor_of_the_readme_finds_a_renderer(shell: dict[str, str], tmp_path: Path) -> None:
+    assert subprocess.run(["sh", "-ec", "mjrun doctor"], cwd=tmp_path, env=shell, capture_output=True).returncode == 0
+
+
+@pytest.mark.parametrize("command", [line for line in COMMANDS if line.startswith("make")])
+def test_the_targets_of_the_readme_exist(command: str) -> None:
+    done = subprocess.run([*command.split(), "--dry-run"], cwd=ROOT, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+
+
+def test_every_other_command_of_the_readme_is_known() -> None:
+    known = ("mjrun video ", "mjrun doctor", "make ", "pip install .")
+    assert all(command.startswith(known) for command in COMMANDS)
+
+
+@pytest.mark.parametrize("code", PYTHON)
+def test_the_python_of_the_readme_makes_its_film(code: str, tmp_path: Path) -> None:
+    (tmp_path / "scenes").symlink_to(ROOT / "scenes")
+    small = code.replace("duration=7", "duration=0.1").replace('camera="closeup"', 'camera="closeup", size=(64, 48)')
+    assert small.count("0.1") == small.count("size=") == 1
+    done = subprocess.run(
+        [sys.executable, "-W", "ignore", "-c", small],
+        cwd=tmp_path,
+        env={**os.environ, "PYTHONPATH": str(ROOT)},
+        capture_output=True,
+        text=True,
+    )
+    assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
+    assert (tmp_path / "tippe_top.mp4").stat().st_size > 0
+
+
+def test_pictures_of_the_readme_are_there_and_small() -> None:
+    for picture in re.findall(r"!\[[^]]*\]\(([^)]+)\)", README):
+        assert 0 < (ROOT / picture).stat().st_size < 200_000
