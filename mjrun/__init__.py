@@ -14,7 +14,7 @@ Names are imported when first used, so `import mjrun` itself costs nothing.
 from importlib import import_module
 from typing import TYPE_CHECKING
 
-__version__ = "0.1.0"
+from mjrun.version import __version__
 
 if TYPE_CHECKING:
     from mjrun.job.simulation import Simulation as Simulation

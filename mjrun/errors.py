@@ -24,8 +24,11 @@ def clean(text: str) -> str:
 
 def near(name: str, valid: Iterable[str]) -> list[str]:
     """The names in `valid` most like `name`, best first, at most three; case is ignored."""
-    by_fold = {v.casefold(): v for v in valid}
-    return [by_fold[f] for f in difflib.get_close_matches(name.casefold(), by_fold, n=3, cutoff=0.6)]
+    by_fold: dict[str, list[str]] = {}
+    for spelling in valid:
+        by_fold.setdefault(spelling.casefold(), []).append(spelling)
+    close = difflib.get_close_matches(name.casefold(), by_fold, n=3, cutoff=0.6)
+    return [spelling for fold in close for spelling in by_fold[fold]][:3]
 
 
 def listing(names: Sequence[str]) -> str:
@@ -66,7 +69,7 @@ class UnknownNameError(UsageError):
         plural = plural or f"{kind}s"
         self.name, self.valid = name, tuple(valid)
         choices = f"{plural}: {listing(valid)}" if valid else f"there are no {plural}"
-        place = f" in {where}" if where else ""
+        place = f" in {clean(where)}" if where else ""
         super().__init__(f"no {kind} {clean(name)!r}{place}{suggestion(name, valid)}\n{choices}")
 
 

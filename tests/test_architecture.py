@@ -19,7 +19,7 @@ HOUSE = (
     ("job",),
     ("sim", "probe", "render", "export"),
     ("model",),
-    ("timeline", "errors"),
+    ("timeline", "errors", "version"),
 )
 
 # Where each library may be imported. What is not listed may be imported nowhere.
@@ -33,9 +33,6 @@ LIBRARIES = {
     "mujoco": ("cli", "job", "sim", "probe", "render", "export", "model"),
     "numpy": ("cli", "job", "sim", "probe", "render", "export", "model"),
 }
-
-# `from mjrun import NAME` is an import of the room behind the name, but for these.
-FREE = {"__version__"}
 
 PACKAGE = Path(mjrun.__file__).parent
 LEVEL = {room: level for level, rooms in enumerate(HOUSE) for room in rooms}
@@ -73,7 +70,7 @@ def fault(module: str, target: str) -> str | None:
             return "is not in the table of libraries"
         return None if lives_in(module, allowed) else f"is at home in {', '.join(allowed)} only"
     mine, other = module.partition(".")[0], inner.partition(".")[0]
-    if other in FREE or mine == other:
+    if mine == other:
         return None
     for room in (mine, other):
         if room not in LEVEL:
@@ -152,7 +149,7 @@ def test_a_planted_bad_import_is_found(tmp_path: Path, module: str, source: str)
         ("sim/observe.py", "import heapq, mujoco\nimport numpy as np\nfrom collections.abc import Callable"),
         ("sim/observe.py", "from mjrun.sim.stepper import Stepper\nfrom . import recording"),
         ("cli/video.py", "from mjrun.errors import clean\nfrom mjrun.job.video import Video\nimport click"),
-        ("job/video.py", "from mjrun import Visual, __version__\nfrom mjrun.model import faults"),
+        ("job/video.py", "from mjrun import Visual\nfrom mjrun.version import __version__"),
         ("export/video.py", "import imageio_ffmpeg"),
         ("render/probe.py", "def f():\n    from OpenGL import GL"),
         ("document/run.py", "import yaml\nfrom mjrun.job.video import Video"),

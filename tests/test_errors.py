@@ -11,12 +11,14 @@ from hypothesis import strategies as st
 from mjrun import errors
 from mjrun.errors import (
     LISTED,
+    LOGGED,
     BadValueError,
     BrokenModelError,
     ClosedPipeError,
     CompiledModelError,
     EncoderError,
     EndedError,
+    FailedStepError,
     FileError,
     MjrunError,
     ModelNotFoundError,
@@ -40,6 +42,8 @@ CODES = {
     "ModelError": 3,
     "ModelNotFoundError": 3,
     "BrokenModelError": 3,
+    "SimulationError": 4,
+    "FailedStepError": 4,
     "UnstableError": 4,
     "RendererError": 5,
     "NoRendererError": 5,
@@ -215,9 +219,16 @@ def test_an_unstable_simulation_names_the_step_the_time_the_joint_and_two_cures(
     assert "--integrator" in second
 
 
-def test_only_the_end_of_an_encoders_log_is_shown() -> None:
-    log = "\n".join(f"line {i}" for i in range(20))
-    assert str(EncoderError("failed", log)).splitlines() == ["failed", *(f"  line {i}" for i in range(12, 20))]
+def test_of_a_long_log_the_beginning_is_shown_where_the_cause_is_and_the_last_line() -> None:
+    log = [f"line {i}" for i in range(LOGGED + 1)]
+    assert str(EncoderError("failed", "\n".join(log[:LOGGED]))) == "\n  ".join(["failed", *log[:LOGGED]])
+    assert str(EncoderError("failed", "\n".join(log))) == "\n  ".join(["failed", *log[: LOGGED - 2], "…", log[-1]])
+
+
+def test_a_step_that_mujoco_could_not_finish_is_told_with_its_reason() -> None:
+    error = FailedStepError(7, 0.014, "mj_stackAlloc: out of memory\n  max = 19200")
+    assert (error.step, error.time) == (7, 0.014)
+    assert str(error) == "MuJoCo failed at step 7, time 0.014 s: mj_stackAlloc: out of memory\nmax = 19200"
 
 
 @pytest.mark.parametrize(
@@ -231,6 +242,7 @@ def test_only_the_end_of_an_encoders_log_is_shown() -> None:
         (ModelNotFoundError(EVIL_PATH, "no such file", EVIL_PATH, [EVIL, EVIL + "x"]), 2),
         (BrokenModelError(EVIL_PATH, EVIL.replace("\n", "").replace("\u2028", "")), 1),
         (UnstableError(1, 0.1, "the velocity", EVIL, 0.1), 2),
+        (FailedStepError(1, 0.1, EVIL.replace("\n", "").replace("\u2028", "")), 1),
         (NoRendererError({"egl": EVIL}, "install one"), 3),
         (SoftwareRendererError(EVIL), 2),
         (EncoderError("failed", EVIL.replace("\n", "").replace("\u2028", "")), 2),

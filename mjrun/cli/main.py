@@ -13,9 +13,9 @@ from typing import Any, NoReturn
 import click
 from click.shell_completion import shell_complete
 
-from mjrun import __version__
 from mjrun.cli.console import Console
 from mjrun.errors import ClosedPipeError, EndedError, MjrunError, TerminatedError, clean
+from mjrun.version import __version__
 
 BUG = 70
 COMPLETE = "_MJRUN_COMPLETE"

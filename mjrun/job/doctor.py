@@ -11,11 +11,11 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 
-from mjrun import __version__
 from mjrun.errors import EncoderError
 from mjrun.export.video import encoder_version, working_codecs
 from mjrun.model import faults
 from mjrun.render.backend import VULKAN, Backend, Probe, candidates, remedy
+from mjrun.version import __version__
 
 EXTRAS = {"parquet": "pyarrow", "mat": "scipy", "plot": "matplotlib"}
 OK, WARNING, MISSING = "ok", "warning", "missing"

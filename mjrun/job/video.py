@@ -9,7 +9,6 @@ from pathlib import Path
 
 import mujoco
 
-from mjrun import __version__
 from mjrun.errors import clean
 from mjrun.export.codecs import Encoding, encoding
 from mjrun.export.video import FilmWriter
@@ -25,6 +24,7 @@ from mjrun.sim.observe import Tap, observe
 from mjrun.sim.recording import Recording
 from mjrun.sim.stepper import Stepper
 from mjrun.timeline import Timeline
+from mjrun.version import __version__
 
 SIZE = (1280, 720)
 
@@ -137,7 +137,7 @@ def _make(job: Video, reporter: Reporter) -> VideoResult:
         draw_wall = _draw(plan, recording, renderer, backend, film, reporter)
         film.publish()
     for text in heard:
-        reporter.warn(f"MuJoCo: {clean(text)}")
+        reporter.warn(f"MuJoCo: {clean('; '.join(text.splitlines()))}")
     padding = encoded.padding(*job.size)
     return VideoResult(
         path=job.output,

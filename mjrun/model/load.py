@@ -14,6 +14,7 @@ from mjrun.errors import (
     BrokenModelError,
     CompiledModelError,
     ModelNotFoundError,
+    clean,
 )
 from mjrun.model.override import Setting, apply
 
@@ -51,7 +52,7 @@ def load(
     if timestep is not None:
         settings.append(Setting("opt.timestep", repr(float(timestep)), "--timestep"))
     _check_file(path)
-    model = _compiled(path, settings) if path.suffix.lower() in COMPILED else _compile(path, settings)
+    model = _compiled(path, settings) if path.suffix in COMPILED else _compile(path, settings)
     _check_names(model, path)
     _check_timestep(model, path, chosen=any(s.path == "opt.timestep" for s in settings))
     return model
@@ -68,14 +69,15 @@ def _check_file(path: Path) -> None:
         raise ModelNotFoundError(path, "is a folder, not a model file", path, _siblings(path))
     if not stat.S_ISREG(kind.st_mode):
         raise ModelNotFoundError(path, "is not a regular file")
-    if path.suffix.lower() not in SUFFIXES:
-        raise ModelNotFoundError(path, f"is not a model file; model files end in {', '.join(SUFFIXES)}")
+    if path.suffix not in SUFFIXES:
+        lower = "; MuJoCo knows them in lower case only" if path.suffix.lower() in SUFFIXES else ""
+        raise ModelNotFoundError(path, f"is not a model file; model files end in {', '.join(SUFFIXES)}{lower}")
 
 
 def _siblings(folder: Path) -> list[str]:
     """The model files in `folder`."""
     try:
-        return sorted(p.name for p in folder.iterdir() if p.suffix.lower() in SUFFIXES)
+        return sorted(p.name for p in folder.iterdir() if p.suffix in SUFFIXES)
     except OSError:
         return []
 
@@ -94,8 +96,11 @@ def _compile(path: Path, settings: Sequence[Setting]) -> mujoco.MjModel:
         spec = _parse(path)
     except FAULTS as error:
         raise _broken(path, error) from error
-    for setting in settings:
-        apply(spec, setting)
+    try:
+        for setting in settings:
+            apply(spec, setting)
+    except UnicodeDecodeError:  # a name that an override was compared with
+        raise BrokenModelError(path, NOT_UTF8) from None
     try:
         return spec.compile()
     except FAULTS as error:
@@ -103,33 +108,35 @@ def _compile(path: Path, settings: Sequence[Setting]) -> mujoco.MjModel:
 
 
 def _parse(path: Path) -> mujoco.MjSpec:
-    if path.suffix.lower() not in (".mjz", ".zip"):
+    if path.suffix not in (".mjz", ".zip"):
         return mujoco.MjSpec.from_file(str(path))
     # MuJoCo looks for model.xml or one named as the archive; its own `to_zip` writes neither.
     with zipfile.ZipFile(path) as archive:
         sources = [name for name in archive.namelist() if name.endswith(".xml")]
     expected = {"model.xml", f"{path.stem}.xml", f"{path.stem}/{path.stem}.xml", f"{path.stem}/model.xml"}
     if len(sources) == 1 and not expected & set(sources):
-        return mujoco.MjSpec.from_zip(str(path))
+        with path.open("rb") as archive:
+            return mujoco.MjSpec.from_zip(archive)
     return mujoco.MjSpec.from_file(str(path))
 
 
-# "Element 'geom', line 12", "Element name 'x', id 3, line 12", "Line number=12"
-_LINE = re.compile(r"\bline (\d+)|Line number=(\d+)", re.IGNORECASE)
+# "Element 'geom', line 12", "Element name 'x', id 3, line 12", "Line number=12"; names may hold anything.
+_LINE = re.compile(r"(?:', |id -?\d+, )line (\d+)$|Line number=(\d+)", re.MULTILINE)
+NOT_UTF8 = "a name in it is not UTF-8; save the file as UTF-8"
 
 
 def _broken(path: Path, error: BaseException, settings: Sequence[Setting] = ()) -> BrokenModelError:
     message = str(error).strip()
     if "unknown exception" in message or isinstance(error, MemoryError):
         message = "MuJoCo ran out of memory"
-    found = _LINE.search(message)
-    line = int(found[1] or found[2]) if found else None
+    found = _LINE.findall(message)
+    line = int("".join(found[-1])) if found else None
     message = re.sub(r"^(XML Error: )?(Error: )*", "", message)
     message = re.sub(r"\s*\n?\s*Error=(XML_\w+).*", r" \1", message)
     message = re.sub(r"Element name '', id -?\d+(, )?", "", message)
     message = re.sub(r"(, |^)line \d+$", "", message, flags=re.MULTILINE)
-    hint = f"with {', '.join(s.asked for s in settings)}" if settings else ""
-    if path.suffix.lower() in COMPILED:
+    hint = f"with {', '.join(clean(s.asked) for s in settings)}" if settings else ""
+    if path.suffix in COMPILED:
         hint = f"a .mjb file loads only in the MuJoCo that wrote it; this is {mujoco.mj_versionString()}"
     return BrokenModelError(path, message, line, hint)
 
@@ -138,7 +145,7 @@ def _check_names(model: mujoco.MjModel, path: Path) -> None:
     try:
         model.names.decode("utf-8")
     except UnicodeDecodeError:
-        raise BrokenModelError(path, "a name in it is not UTF-8; save the file as UTF-8") from None
+        raise BrokenModelError(path, NOT_UTF8) from None
 
 
 def _check_timestep(model: mujoco.MjModel, path: Path, chosen: bool) -> None:
@@ -146,6 +153,5 @@ def _check_timestep(model: mujoco.MjModel, path: Path, chosen: bool) -> None:
     if not (math.isfinite(step) and step > 0):
         if chosen:
             raise BadValueError("timestep", f"{step:g}", "a positive number of seconds")
-        raise BrokenModelError(
-            path, f"its timestep is {step:g}, and must be positive and finite", hint="--timestep overrides it"
-        )
+        hint = "" if path.suffix == ".mjb" else "--timestep overrides it"
+        raise BrokenModelError(path, f"its timestep is {step:g}, and must be positive and finite", hint=hint)

@@ -42,4 +42,4 @@ def collected_warnings() -> Iterator[list[str]]:
             else:
                 warnings.warn_explicit(warning.message, warning.category, warning.filename, warning.lineno)
         # The bindings raise an attach conflict both ways, once whole and once as its first line.
-        texts.extend(t for t in heard if not any(o != t and o.startswith(t) for o in heard))
+        texts.extend(t for t in heard if not any(other.startswith(f"{t}\n") for other in heard))

@@ -55,10 +55,21 @@ NAMED_INTEGERS = {
     "solver": mujoco.mjtSolver,
 }
 # Arrays of which MJCF, too, may give only the first values.
-PARTIAL = {"size", "friction", "solref", "solimp", "damping", "stiffness", "gear"}
-# Bookkeeping of MjSpec, and the two bit sets that `opt.flag` spells by name.
-HIDDEN = {"id", "signature", "info", "name", "parent", "compiler", "disableflags", "enableflags"}
-TRUTH = {"true": True, "enable": True, "1": True, "false": False, "disable": False, "0": False}
+PARTIAL = {"size", "friction", "solref", "solimp", "damping", "stiffness", "gear", "gainprm", "biasprm", "dynprm"}
+# Bookkeeping and other elements, which MjSpec shows as fields, and the two bit sets that `opt.flag` spells by name.
+HIDDEN = {"id", "signature", "info", "name", "parent", "frame", "compiler", "classname", "plugin"}
+HIDDEN |= {"disableflags", "enableflags"}
+# An orientation written in another way takes precedence over the quaternion.
+ORIENTATIONS = {
+    "axisangle": mujoco.mjtOrientation.mjORIENTATION_AXISANGLE,
+    "xyaxes": mujoco.mjtOrientation.mjORIENTATION_XYAXES,
+    "zaxis": mujoco.mjtOrientation.mjORIENTATION_ZAXIS,
+    "euler": mujoco.mjtOrientation.mjORIENTATION_EULER,
+}
+ALTERNATIVES = {"quat": "alt", "iquat": "ialt"}
+SWITCH_WORDS = {"true": True, "enable": True, "false": False, "disable": False}
+TRUTH = {**SWITCH_WORDS, "1": True, "0": False}
+PLACEMENT = {"pos", "quat", "alt"}
 INERTIAL = {"mass", "inertia", "fullinertia", "ipos", "iquat"}
 
 
@@ -129,8 +140,14 @@ def _check_effect(element: Any, kind: str, fields: list[str], setting: Setting) 
     # The compiler infers inertia from geoms and silently ignores what the body says.
     if kind == "body" and fields[0] in INERTIAL and not element.explicitinertial:
         raise UsageError(
-            f"{setting.path} has no effect: the inertia of this body comes from its geoms\n"
-            f"set the mass or density of a geom instead, as in geom/NAME.mass={setting.value}"
+            f"{clean(setting.path)} has no effect: the inertia of this body comes from its geoms\n"
+            f"set the mass or density of a geom instead, as in geom/NAME.mass={clean(setting.value)}"
+        )
+    # Likewise the end points of a geom or site decide where it is.
+    if fields[0] in PLACEMENT and hasattr(element, "fromto") and math.isfinite(element.fromto[0]):
+        raise UsageError(
+            f"{clean(setting.path)} has no effect: it follows from the end points\n"
+            f"set {kind}/{clean(element.name)}.fromto=X,Y,Z,X,Y,Z instead"
         )
 
 
@@ -169,6 +186,10 @@ def _assign(owner: Any, fields: list[str], setting: Setting) -> None:
         setattr(owner, field, _coerce(field, current, setting))
     except TypeError:
         raise BadValueError(setting.name, setting.value, f"what {field} takes") from None
+    if field in ORIENTATIONS and hasattr(owner, "euler"):
+        owner.type = ORIENTATIONS[field]
+    if hasattr(owner, ALTERNATIVES.get(field, "")):
+        getattr(owner, ALTERNATIVES[field]).type = mujoco.mjtOrientation.mjORIENTATION_QUAT
 
 
 def _fields(owner: Any) -> list[str]:
@@ -178,7 +199,7 @@ def _fields(owner: Any) -> list[str]:
         if name.startswith("_") or name.endswith("_") or name in HIDDEN:
             continue
         value = getattr(owner, name)
-        if _is_leaf(value) or (type(value).__module__.startswith("mujoco") and not callable(value)):
+        if _is_leaf(value) or (type(value).__module__.startswith("mujoco") and not callable(value) and _fields(value)):
             found.append(name)
     return found
 
@@ -200,6 +221,8 @@ def _coerce(field: str, current: Any, setting: Setting) -> Any:
         return type(current)(member(type(current), field, setting.value))
     if isinstance(current, bool):
         return _truth(setting)
+    if isinstance(current, int) and setting.value.lower() in SWITCH_WORDS:  # MJCF's switches are integers here
+        return int(_truth(setting))
     if isinstance(current, int):
         return int(_number(setting.value, setting, "a whole number", int))
     if isinstance(current, float):

@@ -8,11 +8,11 @@ import mujoco
 import numpy as np
 
 from mjrun.errors import DrawError, UsageError
+from mjrun.model.state import restore
 from mjrun.render.backend import Backend
 from mjrun.render.camera import Rig
 from mjrun.render.visual import Visual
 
-STATE = int(mujoco.mjtState.mjSTATE_INTEGRATION)
 GEOMS = 10_000  # room in the scene to begin with; it grows
 FONTS = (50, 100, 150, 200, 250, 300)  # percent
 OFFSCREEN = mujoco.mjtFramebuffer.mjFB_OFFSCREEN.value
@@ -66,7 +66,7 @@ class ClassicRenderer:
         Raises:
           DrawError: MuJoCo ran out of memory.
         """
-        mujoco.mj_setState(self._model, self._data, state, STATE)
+        restore(self._model, self._data, state)
         try:
             mujoco.mj_forward(self._model, self._data)
         except mujoco.FatalError as error:

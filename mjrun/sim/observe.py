@@ -3,7 +3,7 @@
 import heapq
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from itertools import groupby
+from itertools import groupby, takewhile
 from operator import itemgetter
 from typing import Generic, TypeVar
 
@@ -30,13 +30,14 @@ class Tap(Generic[T]):
 def observe(stepper: Stepper, taps: Sequence[Tap], until: int) -> None:
     """Moves `stepper` to step `until`, and serves every tap on the way.
 
-    Taps that share a step see the same instant. Observing does not change the motion: it is bit for
-    bit that of a run without taps.
+    Taps that share a step see the same instant; none sees a step beyond `until`. Observing does not
+    change the motion: it is bit for bit that of a run without taps.
 
     Raises:
-      UnstableError: as soon as a step fails; what was written before is good.
+      SimulationError: as soon as a step fails; what was written before is good.
     """
-    for step, due in groupby(heapq.merge(*map(_schedule, taps), key=itemgetter(0)), key=itemgetter(0)):
+    looks = takewhile(lambda look: look[0] <= until, heapq.merge(*map(_schedule, taps), key=itemgetter(0)))
+    for step, due in groupby(looks, key=itemgetter(0)):
         stepper.advance(step)
         for _, tap in due:
             tap.write(tap.read(stepper))

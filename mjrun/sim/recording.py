@@ -6,7 +6,7 @@ from types import TracebackType
 import mujoco
 import numpy as np
 
-from mjrun.sim.stepper import STATE
+from mjrun.model import state
 
 SPILL = 256 * 2**20  # bytes
 
@@ -16,15 +16,14 @@ class Recording:
 
     def __init__(self, model: mujoco.MjModel) -> None:
         self.model = model
-        self._shape = mujoco.mj_stateSize(model, STATE)
-        self._bytes = self._shape * 8
+        self._bytes = 8 * state.size(model)
         self._file = tempfile.SpooledTemporaryFile(max_size=SPILL)  # noqa: SIM115  (closed by close)
         self._count = 0
 
-    def append(self, state: np.ndarray) -> None:
+    def append(self, row: np.ndarray) -> None:
         """Adds one state at the end."""
         self._file.seek(self._count * self._bytes)
-        self._file.write(np.ascontiguousarray(state, np.float64).tobytes())
+        self._file.write(np.ascontiguousarray(row, np.float64).tobytes())
         self._count += 1
 
     def __len__(self) -> int:

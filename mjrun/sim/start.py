@@ -56,6 +56,8 @@ class Start:
         for name, values in self.ctrl.items():
             where = [slice(i, i + 1) for i in matching(model, "actuator", name)]
             _set(data.ctrl, where, values, f"--ctrl {name}")
+        if self.seed < 0:
+            raise BadValueError("--seed", self.seed, "a whole number from 0 on")
         if self.perturb:
             data.qvel += self.perturb * np.random.default_rng(self.seed).standard_normal(model.nv)
         _check_finite(model, data)
@@ -130,3 +132,7 @@ def _check_finite(model: mujoco.MjModel, data: mujoco.MjData) -> None:
         bad = np.flatnonzero(~np.isfinite(vector))
         if bad.size:
             raise UsageError(f"the initial {name}[{bad[0]}] is {vector[bad[0]]}, and must be finite")
+        huge = np.flatnonzero(abs(vector) > mujoco.mjMAXVAL)
+        if huge.size:
+            limit = f"{mujoco.mjMAXVAL:g}, beyond which MuJoCo takes a simulation for unstable"
+            raise UsageError(f"the initial {name}[{huge[0]}] is {vector[huge[0]]:g}, and must be below {limit}")

@@ -7,9 +7,9 @@ import mujoco
 import numpy as np
 
 from mjrun.errors import FailedStepError, SimulationError, UnstableError
+from mjrun.model import state
 from mjrun.model.names import names
 
-STATE = int(mujoco.mjtState.mjSTATE_INTEGRATION)  # FULLPHYSICS lacks the warm start: not bit-identical
 CHUNK = 50  # steps between two looks at the warning counters; a look per step costs about 10 %
 BAD = [
     int(mujoco.mjtWarning.mjWARN_BADQPOS),
@@ -50,79 +50,77 @@ class PhysicsStepper:
         self.model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_AUTORESET)
         self.step = 0
         self._data = mujoco.MjData(self.model)
-        self._scratch = mujoco.MjData(self.model)
-        self._scratch_step = -1
-        self._fatal = ""
-        self._saved = np.empty(mujoco.mj_stateSize(self.model, STATE))
-        mujoco.mj_getState(model, data, self._saved, STATE)
-        mujoco.mj_setState(self.model, self._data, self._saved, STATE)
+        self._saved = mujoco.MjData(self.model)
+        self._instant = mujoco.MjData(self.model)
+        self._instant_step = -1
+        state.restore(self.model, self._data, state.save(model, data))
 
     def advance(self, step: int) -> None:
         if step < self.step:
             raise ValueError(f"cannot go back from step {self.step} to step {step}")
         while self.step < step:
             count = min(CHUNK, step - self.step)
-            mujoco.mj_getState(self.model, self._data, self._saved, STATE)
-            if not self._take(count):
+            # A copy, not a state: it knows which bodies sleep, and is whole after a step that broke off.
+            mujoco.mj_copyData(self._saved, self.model, self._data)
+            if self._take(count) is not None:
                 raise self._first_failure(count)
             self.step += count
 
     def state(self) -> np.ndarray:
-        state = np.empty_like(self._saved)
-        mujoco.mj_getState(self.model, self._data, state, STATE)
-        return state
+        return state.save(self.model, self._data)
 
     def instant(self) -> mujoco.MjData:
         # Derived fields of `_data` lag one step behind its state. They are computed anew on a second
         # MjData, so that nothing read here can change the motion.
-        if self._scratch_step != self.step:
-            mujoco.mj_setState(self.model, self._scratch, self.state(), STATE)
-            mujoco.mj_forward(self.model, self._scratch)
-            self._scratch_step = self.step
-        return self._scratch
+        if self._instant_step != self.step:
+            mujoco.mj_copyData(self._instant, self.model, self._data)
+            try:
+                mujoco.mj_forward(self.model, self._instant)
+            except mujoco.FatalError as error:
+                raise FailedStepError(self.step, self._data.time, str(error)) from None
+            self._instant_step = self.step
+        return self._instant
 
-    def _take(self, count: int) -> bool:
-        """Takes `count` steps and says whether all went well."""
+    def _take(self, count: int) -> str | None:
+        """Takes `count` steps; None if all went well, else what MuJoCo said when it gave up, if it did."""
         try:
             mujoco.mj_step(self.model, self._data, nstep=count)
         except mujoco.FatalError as error:
-            self._fatal = str(error)
+            return str(error)
         # MuJoCo looks at positions and velocities only at the start of the next step.
         limit = mujoco.mjMAXVAL
-        return bool(
-            not self._fatal
-            and not any(self._data.warning[kind].number for kind in BAD)
+        good = (
+            not any(self._data.warning[kind].number for kind in BAD)
             and (abs(self._data.qpos) < limit).all()
             and (abs(self._data.qvel) < limit).all()
         )
+        return None if good else ""
 
     def _first_failure(self, count: int) -> SimulationError:
         """Goes back to the start of the chunk of `count` steps and finds the step that fails."""
-        for kind in BAD:
-            self._data.warning[kind].number = 0
-        self._fatal = ""
-        mujoco.mj_setState(self.model, self._data, self._saved, STATE)
+        self._data, self._saved = self._saved, mujoco.MjData(self.model)
+        said: str | None = None
         for _ in range(count):
-            mujoco.mj_getState(self.model, self._data, self._saved, STATE)
-            if not self._take(1):
+            mujoco.mj_copyData(self._saved, self.model, self._data)
+            said = self._take(1)
+            if said is not None:
                 break
             self.step += 1
-        culprit = ("", "") if self._fatal else self._culprit()
-        mujoco.mj_setState(self.model, self._data, self._saved, STATE)
-        if self._fatal:
-            return FailedStepError(self.step, self._data.time, self._fatal)
-        return UnstableError(self.step, self._data.time, *culprit, self.model.opt.timestep)
+        failed, self._data, self._saved = self._data, self._saved, mujoco.MjData(self.model)
+        if said:
+            return FailedStepError(self.step, self._data.time, said)
+        return UnstableError(self.step, self._data.time, *self._culprit(failed), self.model.opt.timestep)
 
-    def _culprit(self) -> tuple[str, str]:
-        """The quantity that failed, and the joint it belongs to."""
+    def _culprit(self, failed: mujoco.MjData) -> tuple[str, str]:
+        """The quantity that failed in `failed`, and the joint it belongs to."""
         for kind in BAD:
-            if self._data.warning[kind].number:
-                index = self._data.warning[kind].lastinfo
+            if failed.warning[kind].number:
+                index = failed.warning[kind].lastinfo
                 return QUANTITIES[kind], self._joint(index, of_qpos=kind == BAD[0])
-        beyond = ~(abs(self._data.qvel) < mujoco.mjMAXVAL)
+        beyond = ~(abs(failed.qvel) < mujoco.mjMAXVAL)
         if beyond.any():
             return QUANTITIES[BAD[1]], self._joint(int(beyond.argmax()), of_qpos=False)
-        beyond = ~(abs(self._data.qpos) < mujoco.mjMAXVAL)
+        beyond = ~(abs(failed.qpos) < mujoco.mjMAXVAL)
         return QUANTITIES[BAD[0]], self._joint(int(beyond.argmax()), of_qpos=True)
 
     def _joint(self, index: int, of_qpos: bool) -> str:

@@ -6,6 +6,7 @@ from pathlib import Path
 import mujoco
 import pytest
 
+from mjrun.errors import MjrunWarning
 from mjrun.model.native import collected_warnings
 
 SUSPECT = '<mujoco><option timestep="nan"/></mujoco>'
@@ -130,6 +131,16 @@ def test_a_python_warning_of_the_user_is_heard_and_one_for_developers_goes_on() 
 
     with pytest.warns(DeprecationWarning, match="old"):
         assert both() == ["look"]
+
+
+def test_a_warning_of_mjruns_own_goes_on() -> None:
+    def own() -> list[str]:
+        with collected_warnings() as heard:
+            warnings.warn("slow", MjrunWarning, stacklevel=1)
+        return heard
+
+    with pytest.warns(MjrunWarning, match="slow"):
+        assert own() == []
 
 
 def test_a_warning_is_not_taken_for_the_beginning_of_another() -> None:

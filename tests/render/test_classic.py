@@ -11,7 +11,7 @@ from mjrun.errors import UsageError
 from mjrun.render import classic
 from mjrun.render.backend import Backend
 from mjrun.render.camera import rig
-from mjrun.render.classic import STATE, ClassicRenderer
+from mjrun.render.classic import ClassicRenderer
 from mjrun.render.visual import Visual
 
 SIZE = (96, 64)
@@ -28,8 +28,9 @@ def at(path: Path, step: int) -> tuple[mujoco.MjModel, mujoco.MjData]:
 
 
 def state_of(model: mujoco.MjModel, data: mujoco.MjData) -> np.ndarray:
-    state = np.empty(mujoco.mj_stateSize(model, STATE))
-    mujoco.mj_getState(model, data, state, STATE)
+    every = mujoco.mjtState.mjSTATE_INTEGRATION
+    state = np.empty(mujoco.mj_stateSize(model, every))
+    mujoco.mj_getState(model, data, state, every)
     return state
 
 

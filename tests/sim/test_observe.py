@@ -148,7 +148,8 @@ def falling(step: int) -> mujoco.MjModel:
     timestep = 1.5 / step
     acceleration = 1e10 / (timestep * (step - 0.5))
     return mujoco.MjModel.from_xml_string(f"""<mujoco>
-<option timestep="{timestep!r}" gravity="{acceleration!r} 0 0"/><worldbody><body><joint type="slide" axis="1 0 0"/><geom size="1"/></body></worldbody></mujoco>""")
+<option timestep="{timestep!r}" gravity="{acceleration!r} 0 0"/>
+<worldbody><body><joint type="slide" axis="1 0 0"/><geom size="1"/></body></worldbody></mujoco>""")
 
 
 @pytest.mark.parametrize("every", [1, 7, 49, 50, 51, 1000])

@@ -11,10 +11,11 @@ from hypothesis.extra import numpy as hnp
 
 from mjrun.sim import recording
 from mjrun.sim.recording import Recording
-from mjrun.sim.stepper import STATE, PhysicsStepper
+from mjrun.sim.stepper import PhysicsStepper
 
 MODEL = mujoco.MjModel.from_xml_string("""<mujoco><worldbody><body><freejoint/><geom size="1"/></body>
 <body pos="5 0 0"><joint/><geom size="1"/></body></worldbody></mujoco>""")
+STATE = mujoco.mjtState.mjSTATE_INTEGRATION
 SIZE = mujoco.mj_stateSize(MODEL, STATE)
 STATES = hnp.arrays(np.float64, (SIZE,), elements=st.floats(allow_nan=True, allow_subnormal=True))
 ODD = np.resize([np.nan, -np.nan, -0.0, 0.0, np.inf, -np.inf, 5e-324, 1 / 3, 1.7976931348623157e308], SIZE)

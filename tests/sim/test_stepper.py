@@ -2,6 +2,7 @@
 
 import copy
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from functools import cache
 from pathlib import Path
 
@@ -11,7 +12,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from mjrun.errors import UnstableError
+from mjrun.errors import FailedStepError, SimulationError, UnstableError
 from mjrun.sim.stepper import CHUNK, PhysicsStepper
 
 STEPS = 230
@@ -214,13 +215,6 @@ def test_a_state_is_enough_to_go_on_bit_for_bit(integrator: str, step: int) -> N
     assert resumed(model, start(model, 0), step, STEPS) == bare(integrator, 0)[STEPS]
 
 
-@pytest.mark.parametrize("step", [10, 60, 400])
-def test_a_state_in_which_bodies_sleep_is_enough_to_go_on_bit_for_bit(step: int) -> None:
-    data = mujoco.MjData(SLEEPY)
-    mujoco.mj_step(SLEEPY, data, step + 100)
-    assert resumed(SLEEPY, mujoco.MjData(SLEEPY), step, step + 100) == bits(data)
-
-
 def test_looking_at_a_simulation_in_which_bodies_sleep_does_not_wake_them() -> None:
     stepper = PhysicsStepper(SLEEPY, mujoco.MjData(SLEEPY))
     data = mujoco.MjData(SLEEPY)
@@ -258,7 +252,9 @@ def first_bad(model: mujoco.MjModel) -> tuple[int, dict[str, bytes]]:
 def falling(acceleration: float, timestep: float) -> mujoco.MjModel:
     """A mass under constant acceleration: v_k = a·dt·k and q_k = a·dt²·k(k+1)/2 after k steps."""
     return mujoco.MjModel.from_xml_string(f"""<mujoco>
-<option timestep="{timestep!r}" gravity="{acceleration!r} 0 0"/><worldbody><body name="mass"><joint name="fall" type="slide" axis="1 0 0"/><geom size="1"/></body></worldbody></mujoco>""")
+<option timestep="{timestep!r}" gravity="{acceleration!r} 0 0"/>
+<worldbody><body name="mass"><joint name="fall" type="slide" axis="1 0 0"/><geom size="1"/></body></worldbody>
+</mujoco>""")
 
 
 def too_fast(step: int) -> mujoco.MjModel:
@@ -380,3 +376,49 @@ def test_the_oracle_would_have_been_reset_without_mjrun() -> None:
     good, _ = first_bad(model)
     mujoco.mj_step(model, data, good + 1)
     assert data.time < good * model.opt.timestep
+
+
+def crowded(memory: str) -> mujoco.MjModel:
+    """Boxes that come down one after another, until their contacts need more memory than there is."""
+    boxes = "".join(
+        f'<body pos="{0.3 * i} 0 {0.2 + 0.05 * i}"><freejoint/><geom type="box" size=".1 .1 .1"/></body>'
+        for i in range(12)
+    )
+    return mujoco.MjModel.from_xml_string(f"""<mujoco><size memory="{memory}"/><worldbody>
+<geom type="plane" size="5 5 1"/>{boxes}</worldbody></mujoco>""")
+
+
+def first_fatal(model: mujoco.MjModel) -> tuple[int, dict[str, bytes]]:
+    """The step of a bare loop in which MuJoCo gives up, and the state before it."""
+    data = mujoco.MjData(model)
+    states = []
+    with suppress(mujoco.FatalError):
+        while len(states) < 1000:
+            states.append(bits(data))
+            mujoco.mj_step(model, data)
+    return len(states) - 1, states[-1]
+
+
+@pytest.mark.usefixtures("workplace")
+@pytest.mark.parametrize("memory", ["30K", "35K", "40K", "50K"])
+def test_the_step_in_which_mujoco_gives_up_is_that_of_a_bare_loop(memory: str) -> None:
+    model = crowded(memory)
+    stepper = PhysicsStepper(model, mujoco.MjData(model))
+    with pytest.raises(FailedStepError) as caught:
+        stepper.advance(10**6)
+    failed, expected = first_fatal(model)
+    assert caught.value.step == stepper.step == failed
+    assert state(stepper) == expected
+    assert str(caught.value).startswith(f"MuJoCo failed at step {failed}, time {failed * 0.002:.9g} s: ")
+    with pytest.raises(FailedStepError) as again:
+        stepper.advance(10**6)
+    assert again.value.step == failed
+
+
+@pytest.mark.usefixtures("workplace")
+def test_an_instant_in_which_mujoco_gives_up_is_a_failure_of_the_simulation() -> None:
+    model = crowded("30K")
+    stepper = PhysicsStepper(model, mujoco.MjData(model))
+    stepper.advance(first_fatal(model)[0])
+    with pytest.raises(SimulationError):
+        stepper.instant()
