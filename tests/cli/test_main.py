@@ -159,7 +159,7 @@ def test_a_closed_stdout_ends_quietly_too(mjrun: Command) -> None:
 
 def test_help_into_a_closed_pipe_ends_quietly() -> None:
     done = subprocess.run(
-        [f"{sys.executable} -m mjrun video --help | true; exit ${{PIPESTATUS[0]}}"],
+        [f"'{sys.executable}' -m mjrun video --help | true; exit ${{PIPESTATUS[0]}}"],
         shell=True,
         executable="/bin/bash",
         capture_output=True,

@@ -1,6 +1,8 @@
 """Theorems about loading: every kind of file loads as MuJoCo loads it, and every bad one is refused in words."""
 
 import os
+import subprocess
+import sys
 import zipfile
 from pathlib import Path
 
@@ -34,7 +36,8 @@ CORNERS = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 2 3 4\nf 3 1 
 MESH = (
     '<mujoco><asset><mesh name="m" file="m.obj"/></asset><worldbody><geom type="mesh" mesh="m"/></worldbody></mujoco>'
 )
-MALFORMED = Path(__file__).parents[2] / "../shared/models/malformed"
+ROOT = Path(__file__).parents[2]
+MALFORMED = ROOT / "../shared/models/malformed"
 
 
 @pytest.fixture(autouse=True)
@@ -148,7 +151,10 @@ def test_a_missing_folder_is_a_missing_file(tmp_path: Path) -> None:
 
 def test_a_pipe_is_refused_at_once_instead_of_waited_for(tmp_path: Path) -> None:
     os.mkfifo(tmp_path / "a.xml")
-    assert str(refusal(tmp_path / "a.xml")).endswith("a.xml: is not a regular file")
+    code = "import sys; from mjrun.model.load import load; load(sys.argv[1])"
+    command = [sys.executable, "-c", code, str(tmp_path / "a.xml")]
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=60, check=False)
+    assert done.stderr.endswith("a.xml: is not a regular file\n")
 
 
 @pytest.mark.parametrize("name", ["a.txt", "a", "a.obj", ".xml"])

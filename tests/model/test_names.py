@@ -98,6 +98,13 @@ def test_a_pattern_means_all_it_matches_in_order_but_an_exact_name_means_itself(
             matching(MODEL, kind, pattern)
 
 
+def test_a_name_with_wild_characters_means_itself_and_not_what_it_would_match() -> None:
+    model = mujoco.MjModel.from_xml_string(
+        '<mujoco><worldbody><camera name="a1"/><camera name="a*"/><camera name="a?"/></worldbody></mujoco>'
+    )
+    assert [matching(model, "camera", name) for name in ("a1", "a*", "a?", "a[1*]")] == [[0], [1], [2], [0, 1]]
+
+
 @pytest.mark.parametrize(
     "enum",
     [

@@ -76,6 +76,7 @@ def test_nothing_is_printed_nor_logged_inside_and_the_log_comes_back_outside(
 ) -> None:
     with collected_warnings() as heard:
         diverge()
+        assert not mujoco.MjLogConfig.get().logto_file
     assert heard
     assert capfd.readouterr() == ("", "")
     assert list(workplace.iterdir()) == []

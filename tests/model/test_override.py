@@ -280,13 +280,48 @@ def test_the_mass_of_a_body_is_refused_when_its_geoms_decide(path: str) -> None:
     assert "has no effect: the inertia of this body comes from its geoms" in str(refusal(path, "1"))
 
 
-def test_an_orientation_that_another_attribute_decides_is_never_ignored_in_silence() -> None:
-    spec = mujoco.MjSpec.from_string(MODEL.replace('"arm"', '"arm" euler="0 0 1"'))
-    try:
-        apply(spec, Setting("body/arm.quat", "1,0,0,0"))
-    except UsageError:
-        return
-    assert spec.compile().body("arm").quat.tolist() == [1, 0, 0, 0]
+ORIENTATIONS = {
+    "quat": "0 1 0 0",
+    "alt.euler": "0 0 1",
+    "alt.axisangle": "1 0 0 2",
+    "alt.xyaxes": "0 1 0 -1 0 0",
+    "alt.zaxis": "1 0 0",
+}
+
+
+@pytest.mark.parametrize("before", ORIENTATIONS)
+@pytest.mark.parametrize("after", ORIENTATIONS)
+@pytest.mark.parametrize(("kind", "name"), [("body", "arm"), ("geom", "floor"), ("site", "tip"), ("camera", "cam")])
+def test_an_orientation_replaces_the_one_in_the_source_however_each_is_written(
+    kind: str, name: str, before: str, after: str
+) -> None:
+    def turned(way: str) -> str:
+        return MODEL.replace(f'"{name}"', f'"{name}" {way.removeprefix("alt.")}="{ORIENTATIONS[way]}"')
+
+    spec = mujoco.MjSpec.from_string(turned(before))
+    apply(spec, Setting(f"{kind}/{name}.{after}", ORIENTATIONS[after]))
+    assert content(spec.compile()) == content(mujoco.MjModel.from_xml_string(turned(after)))
+
+
+def test_where_end_points_decide_a_placement_is_refused() -> None:
+    ends = '"shin.l" type="capsule" fromto="0 0 0 0 0 1"'
+    for path in ("geom/shin.l.pos", "geom/shin*.quat", "geom/1.alt.euler"):
+        spec = mujoco.MjSpec.from_string(MODEL.replace('"shin.l"', ends))
+        with pytest.raises(UsageError, match="has no effect: it follows from the end points"):
+            apply(spec, Setting(path, "0,0,0"))
+
+
+def test_of_names_that_hold_dots_the_longest_that_fits_is_meant() -> None:
+    spec = mujoco.MjSpec.from_string(MODEL.replace('"floor"', '"shin"'))
+    apply(spec, Setting("geom/shin.l.solmix", "7"))
+    apply(spec, Setting("geom/shin.solmix", "8"))
+    assert spec.compile().geom_solmix.tolist() == [8, 7, 1]
+
+
+def test_a_name_with_wild_characters_means_itself_and_not_what_it_would_match() -> None:
+    spec = mujoco.MjSpec.from_string(MODEL.replace('"floor"', '"s*"'))
+    apply(spec, Setting("geom/s*.solmix", "7"))
+    assert spec.compile().geom_solmix.tolist() == [7, 1, 1]
 
 
 @pytest.mark.parametrize("path", ["compiler.eulerseq", "material/mat.textures"])
