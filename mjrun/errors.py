@@ -22,6 +22,11 @@ def clean(text: str) -> str:
     return "".join(ascii(c)[1:-1] if unicodedata.category(c) in ("Cc", "Cf", "Cs", "Zl", "Zp") else c for c in text)
 
 
+def quoted(name: str) -> str:
+    """`name` in quotes, cleaned."""
+    return f"'{clean(name)}'"
+
+
 def near(name: str, valid: Iterable[str]) -> list[str]:
     """The names in `valid` most like `name`, best first, at most three; case is ignored."""
     by_fold: dict[str, list[str]] = {}
@@ -40,7 +45,7 @@ def listing(names: Sequence[str]) -> str:
 def suggestion(name: str, valid: Iterable[str]) -> str:
     """` (did you mean 'x'?)`, or nothing when no valid name is near."""
     close = near(name, valid)
-    return f" (did you mean {' or '.join(repr(clean(c)) for c in close)}?)" if close else ""
+    return f" (did you mean {' or '.join(map(quoted, close))}?)" if close else ""
 
 
 class MjrunWarning(UserWarning):
@@ -70,14 +75,14 @@ class UnknownNameError(UsageError):
         self.name, self.valid = name, tuple(valid)
         choices = f"{plural}: {listing(valid)}" if valid else f"there are no {plural}"
         place = f" in {clean(where)}" if where else ""
-        super().__init__(f"no {kind} {clean(name)!r}{place}{suggestion(name, valid)}\n{choices}")
+        super().__init__(f"no {kind} {quoted(name)}{place}{suggestion(name, valid)}\n{choices}")
 
 
 class BadValueError(UsageError):
     """A value of the wrong type, size or range."""
 
     def __init__(self, what: str, value: object, expected: str) -> None:
-        super().__init__(f"{clean(what)}: {clean(str(value))!r} is not {expected}")
+        super().__init__(f"{clean(what)}: {quoted(str(value))} is not {expected}")
 
 
 class CompiledModelError(UsageError):
@@ -136,7 +141,7 @@ class FailedStepError(SimulationError):
     """MuJoCo gave up in the middle of a step, for want of memory as a rule."""
 
     def __init__(self, step: int, time: float, reason: str) -> None:
-        first, *rest = (clean(line) for line in reason.splitlines())
+        first, *rest = (clean(line) for line in (reason or "it gave no reason").splitlines())
         super().__init__(
             step, time, "\n".join([f"MuJoCo failed at step {step}, time {time:.9g} s: {first}", *map(str.strip, rest)])
         )

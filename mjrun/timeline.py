@@ -5,8 +5,11 @@ timestep of 0.002 is exactly 1/500.
 """
 
 import math
+import re
 from dataclasses import dataclass
 from fractions import Fraction
+
+_VAST = re.compile(r"[eE][+-]?\d{4}")
 
 
 def rational(value: float | str | Fraction) -> Fraction:
@@ -17,8 +20,11 @@ def rational(value: float | str | Fraction) -> Fraction:
     """
     if isinstance(value, Fraction):
         return value
+    text = value.strip() if isinstance(value, str) else repr(float(value))
+    if _VAST.search(text):  # Fraction would write out every zero
+        raise ValueError(f"not a finite number: {value!r}")
     try:
-        return Fraction(value.strip() if isinstance(value, str) else repr(float(value)))
+        return Fraction(text)
     except (ValueError, ZeroDivisionError, OverflowError):
         raise ValueError(f"not a finite number: {value!r}") from None
 
@@ -69,7 +75,7 @@ class Timeline:
         """
         period = self.timestep * every if rate is None else 1 / rate
         count = math.floor(self.steps * self.timestep / period) + 1
-        rows = self._every(period, count)
+        rows = list(dict.fromkeys(self._every(period, count)))  # a rate above the steps' own repeats them
         return rows if rows[-1] == self.steps else [*rows, self.steps]
 
     def _every(self, period: Fraction, count: int) -> list[int]:

@@ -14,7 +14,7 @@ import click
 from click.shell_completion import shell_complete
 
 from mjrun.cli.console import Console
-from mjrun.errors import ClosedPipeError, EndedError, MjrunError, TerminatedError, clean
+from mjrun.errors import ClosedPipeError, EndedError, MjrunError, TerminatedError, clean, quoted
 from mjrun.version import __version__
 
 BUG = 70
@@ -46,7 +46,7 @@ class LazyGroup(click.Group):
     ) -> tuple[str | None, click.Command | None, list[str]]:
         if args[0] not in COMMANDS and args[0].endswith(MODELS):
             raise click.UsageError(
-                f"{clean(args[0])!r} is a model; what is to be done with it? mjrun video {clean(args[0])}", ctx
+                f"{quoted(args[0])} is a model; what is to be done with it? mjrun video {clean(args[0])}", ctx
             )
         return super().resolve_command(ctx, args)
 

@@ -62,7 +62,7 @@ class Simulation:
             raise UsageError("--duration and --steps exclude each other: both say how long")
         if self.duration is not None:
             positive("--duration", self.duration)
-        if self.steps is not None and (self.steps < 1 or self.steps != int(self.steps)):
+        if self.steps is not None and not (isinstance(self.steps, int) and self.steps > 0):
             raise BadValueError("--steps", self.steps, "a positive whole number")
 
     @property

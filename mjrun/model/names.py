@@ -45,9 +45,14 @@ def identify(model: mujoco.MjModel, kind: str, name: str) -> int:
     if name in valid:
         return valid.index(name)
     index = name.removeprefix(f"{kind}:")
-    if index.isascii() and index.isdigit() and int(index) < len(valid):
+    if is_index(index, len(valid)):
         return int(index)
     raise UnknownNameError(kind, name, valid, plural=PLURALS.get(kind, ""))
+
+
+def is_index(text: str, count: int) -> bool:
+    """Whether `text` is an index below `count`."""
+    return text.isascii() and text.isdigit() and len(text) < 10 and int(text) < count
 
 
 def matching(model: mujoco.MjModel, kind: str, pattern: str) -> list[int]:
@@ -80,10 +85,11 @@ def member(enum: Any, kind: str, name: str) -> int:
       UnknownNameError: there is none.
     """
     valid = members(enum)
-    short = name.partition("_")[2] if name.startswith("mj") else name
-    if short.lower() not in valid:
-        raise UnknownNameError(kind, name, list(valid))
-    return valid[short.lower()]
+    if name.lower() in valid:
+        return valid[name.lower()]
+    if name in enum.__members__ and not name.startswith("mjN"):
+        return int(enum.__members__[name])
+    raise UnknownNameError(kind, name, list(valid))
 
 
 def is_enum(value: object) -> bool:

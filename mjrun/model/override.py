@@ -14,7 +14,7 @@ import mujoco
 import numpy as np
 
 from mjrun.errors import BadValueError, UnknownNameError, UsageError, clean
-from mjrun.model.names import is_enum, member, members
+from mjrun.model.names import is_enum, is_index, member, members
 
 ROOTS: dict[str, Callable[[mujoco.MjSpec], Any]] = {
     "opt": lambda spec: spec.option,
@@ -55,7 +55,10 @@ NAMED_INTEGERS = {
     "solver": mujoco.mjtSolver,
 }
 # Arrays of which MJCF, too, may give only the first values.
-PARTIAL = {"size", "friction", "solref", "solimp", "damping", "stiffness", "gear", "gainprm", "biasprm", "dynprm"}
+PARTIAL = {
+    *("size", "friction", "damping", "stiffness", "gear", "gainprm", "biasprm", "dynprm", "solref", "solimp"),
+    *("solref_limit", "solimp_limit", "solref_friction", "solimp_friction", "o_solref", "o_solimp"),
+}
 # Bookkeeping and other elements, which MjSpec shows as fields, and the two bit sets that `opt.flag` spells by name.
 HIDDEN = {"id", "signature", "info", "name", "parent", "frame", "compiler", "classname", "plugin"}
 HIDDEN |= {"disableflags", "enableflags"}
@@ -67,8 +70,9 @@ ORIENTATIONS = {
     "euler": mujoco.mjtOrientation.mjORIENTATION_EULER,
 }
 ALTERNATIVES = {"quat": "alt", "iquat": "ialt"}
-SWITCH_WORDS = {"true": True, "enable": True, "false": False, "disable": False}
-TRUTH = {**SWITCH_WORDS, "1": True, "0": False}
+TRUTH = {"true": True, "enable": True, "1": True, "false": False, "disable": False, "0": False}
+# Switches that MjSpec keeps as integers.
+SWITCHES = {"orthographic", "ellipsoidinertia", "bvactive", "active", "useexisting", "uselimit"}
 PLACEMENT = {"pos", "quat", "alt"}
 INERTIAL = {"mass", "inertia", "fullinertia", "ipos", "iquat"}
 
@@ -127,7 +131,7 @@ def _elements(spec: mujoco.MjSpec, kind: str, rest: str) -> tuple[list[Any], lis
             return [named[pattern]], fields
         found = [element for name, element in named.items() if fnmatchcase(name, pattern)]
         index = pattern.removeprefix(f"{kind}:")
-        if not found and index.isascii() and index.isdigit() and int(index) < len(elements):
+        if not found and is_index(index, len(elements)):
             found = [elements[int(index)]]
         if found:
             return found, fields
@@ -221,7 +225,7 @@ def _coerce(field: str, current: Any, setting: Setting) -> Any:
         return type(current)(member(type(current), field, setting.value))
     if isinstance(current, bool):
         return _truth(setting)
-    if isinstance(current, int) and setting.value.lower() in SWITCH_WORDS:  # MJCF's switches are integers here
+    if field in SWITCHES and isinstance(current, int):
         return int(_truth(setting))
     if isinstance(current, int):
         return int(_number(setting.value, setting, "a whole number", int))

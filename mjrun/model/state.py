@@ -1,4 +1,7 @@
-"""The integration state: all that a simulation needs to go on bit for bit."""
+"""The integration state: all that a simulation needs to go on bit for bit.
+
+Which bodies sleep is not part of it: a restored simulation with `sleep` enabled starts awake.
+"""
 
 import mujoco
 import numpy as np

@@ -6,6 +6,7 @@ from types import TracebackType
 import mujoco
 import numpy as np
 
+from mjrun.errors import FileError
 from mjrun.model import state
 
 SPILL = 256 * 2**20  # bytes
@@ -21,9 +22,20 @@ class Recording:
         self._count = 0
 
     def append(self, row: np.ndarray) -> None:
-        """Adds one state at the end."""
-        self._file.seek(self._count * self._bytes)
-        self._file.write(np.ascontiguousarray(row, np.float64).tobytes())
+        """Adds one state at the end.
+
+        Raises:
+          FileError: the disk is full.
+        """
+        content = np.ascontiguousarray(row, np.float64).tobytes()
+        if len(content) != self._bytes:
+            raise ValueError(f"a state of this model has {self._bytes // 8} numbers, not {row.size}")
+        try:
+            self._file.seek(self._count * self._bytes)
+            self._file.write(content)
+        except OSError as error:
+            where, hint = tempfile.gettempdir(), "TMPDIR names another folder for it"
+            raise FileError(where, f"cannot hold the recording: {error.strerror or error}", hint) from None
         self._count += 1
 
     def __len__(self) -> int:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-import subprocess
+import contextlib
+import os
+import signal
 from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -97,14 +99,24 @@ def test_a_model_loads_whatever_its_container(mjrun: Command, swing: Path, suffi
     assert mjrun.files() == ["swing.mp4"]
 
 
+def children(parent: int, word: bytes) -> list[int]:
+    """Process ids of the children of `parent` whose command line holds `word`."""
+    found = []
+    for entry in Path("/proc").glob("[0-9]*"):
+        with contextlib.suppress(OSError):
+            above = int((entry / "stat").read_text().rpartition(")")[2].split()[1])
+            if above == parent and word in (entry / "cmdline").read_bytes():
+                found.append(int(entry.name))
+    return found
+
+
 def test_a_killed_encoder_ends_with_six(mjrun: Command, swing: Path) -> None:
     (mjrun.folder / "swing.mp4").write_text("old")
     child = mjrun.start("video", swing, "--duration", "1000", "--size", "320x240", "--quality", "draft")
-    while not (
-        encoders := subprocess.run(["pgrep", "-P", str(child.pid), "-f", "rawvideo"], capture_output=True).stdout
-    ):
+    while not (encoders := children(child.pid, b"rawvideo")):
         assert child.poll() is None
-    subprocess.run(["kill", "-9", *encoders.decode().split()], check=True)
+    for encoder in encoders:
+        os.kill(encoder, signal.SIGKILL)
     _, error = child.communicate(timeout=30)
     assert child.returncode == 6
     assert b"the encoder failed" in error

@@ -251,6 +251,8 @@ def test_the_bookkeeping_of_mujoco_is_no_setting(path: str) -> None:
         ("opt.timestep", "fast", "a number"),
         ("opt.timestep", "inf", "a number"),
         ("opt.iterations", "5.5", "a whole number"),
+        ("opt.iterations", "enable", "a whole number"),
+        ("vis.quality.shadowsize", "false", "a whole number"),
         ("opt.iterations", "99999999999", "what iterations takes"),
         ("opt.flag.gravity", "off", "enable or disable (true or false)"),
         ("compiler.autolimits", "maybe", "enable or disable (true or false)"),
