@@ -54,6 +54,28 @@ def test_the_targets_of_the_readme_exist(command: str) -> None:
     assert done.returncode == 0, done.stderr
 
 
+@pytest.mark.skipif(not (ROOT / ".venv/mjrun-can-draw").exists(), reason="set up by hand, not by make")
+def test_the_demo_makes_its_film_and_says_where_it_is() -> None:
+    film = ROOT / "out/dominos.mp4"
+    film.unlink(missing_ok=True)
+    done = subprocess.run(["make", "demo"], cwd=ROOT, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.splitlines()[-1] == f"The film is {film}"
+    assert film.stat().st_size > 10_000
+
+
+def test_the_package_installs_with_its_command_and_its_types(tmp_path: Path) -> None:
+    assert "pip install ." in COMMANDS
+    offline = ["--no-deps", "--no-build-isolation", "--quiet", "--disable-pip-version-check"]
+    target = tmp_path / "site"
+    build = [sys.executable, "-m", "pip", "install", ".", *offline, "--target", str(target)]
+    done = subprocess.run(build, cwd=ROOT, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    assert (target / "mjrun/py.typed").exists()
+    assert (target / "bin/mjrun").exists()
+    assert not (target / "tests").exists()
+
+
 def test_every_other_command_of_the_readme_is_known() -> None:
     known = ("mjrun video ", "mjrun doctor", "make ", "pip install .")
     assert all(command.startswith(known) for command in COMMANDS)

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from mjrun.job.doctor import Examination
 
 MARKS = {"ok": "✓", "warning": "!", "missing": "✗"}
-NOT_NEEDED = "·"  # missing, and nothing need be done about it
+NOT_NEEDED = "·"
 
 
 @click.command("doctor", cls=options.SectionedCommand)
@@ -46,8 +46,7 @@ def _page(found: "Examination") -> str:
     for group, findings in groupby(found.findings, key=lambda finding: finding.group):
         lines.append(group)
         for finding in findings:
-            idle = finding.status == "missing" and not finding.remedy
-            mark = NOT_NEEDED if idle else MARKS[finding.status]
+            mark = NOT_NEEDED if finding.remedy.startswith("not needed") else MARKS[finding.status]
             lines.append(f"  {mark} {finding.name:{width}}  {clean(finding.value)}")
             if finding.remedy:
                 lines.append(f"    {'':{width}}  → {finding.remedy}")

@@ -130,7 +130,7 @@ class StagedFrames:
     def __init__(self, pattern: Path) -> None:
         self.shown = pattern
         _check_parent(pattern, pattern.parent)
-        self._temporary = _beside(pattern.parent / "frames")
+        self._temporary = _beside(Path(os.path.realpath(pattern.parent)) / "frames")
         try:
             self._temporary.mkdir()
         except OSError as error:

@@ -14,10 +14,11 @@ import numpy as np
 from mjrun.errors import EncoderError
 from mjrun.export.video import encoder_version, working_codecs
 from mjrun.model import faults
-from mjrun.render.backend import VULKAN, Backend, Probe, candidates, remedy
+from mjrun.render.backend import DISPLAY, OPENGL, OSMESA, VULKAN, Backend, Probe, candidates, remedy
 from mjrun.version import __version__
 
 EXTRAS = {"parquet": "pyarrow", "mat": "scipy", "plot": "matplotlib"}
+CURES = {"egl": OPENGL, "osmesa": OSMESA, "glfw": DISPLAY}
 OK, WARNING, MISSING = "ok", "warning", "missing"
 
 
@@ -98,8 +99,9 @@ def _backends(found: dict[str, Backend | str]) -> list[Finding]:
             mark = ", used by default" if name == chosen else ""
             findings.append(Finding("opengl", name, OK, f"{answer.renderer} ({kind}{mark})"))
         else:
+            cure = remedy(CURES.get(name, OPENGL))
             # One backend that works is enough.
-            findings.append(Finding("opengl", name, MISSING, answer, "" if chosen or name != "egl" else remedy()))
+            findings.append(Finding("opengl", name, MISSING, answer, f"not needed; {cure}" if chosen else cure))
     return findings
 
 

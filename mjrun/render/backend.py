@@ -28,6 +28,12 @@ OPENGL = {
     "arch": "sudo pacman -S mesa libglvnd",
     "": "install your distribution's packages for libEGL, libOpenGL and Mesa's software renderer (llvmpipe)",
 }
+OSMESA = {
+    "debian": "sudo apt-get install libosmesa6 (gone from Mesa 25.1 on)",
+    "fedora": "sudo dnf install mesa-libOSMesa (gone from Mesa 25.1 on)",
+    "": "install your distribution's package for libOSMesa (gone from Mesa 25.1 on)",
+}
+DISPLAY = {"": "run it in a desktop session, or under xvfb-run"}
 VULKAN = {
     "debian": "sudo apt-get install mesa-vulkan-drivers libvulkan1",
     "fedora": "sudo dnf install mesa-vulkan-drivers vulkan-loader",

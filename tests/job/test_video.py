@@ -61,6 +61,19 @@ def test_two_seconds_of_humanoid_at_thirty_fps_are_sixty_frames(
     assert result.duration == result.simulated == 2
 
 
+SHARED = Path(__file__).parents[3] / "shared/models"
+MODELS = sorted(path for path in SHARED.rglob("*.xml") if "malformed" not in path.parts)
+
+
+@pytest.mark.filterwarnings("ignore::mjrun.errors.MjrunWarning")
+@pytest.mark.parametrize("model", MODELS, ids=[path.stem for path in MODELS])
+def test_models_that_nobody_here_wrote_become_films(model: Path, tmp_path: Path) -> None:
+    simulation = Simulation(model, steps=5)
+    result = Video(simulation, str(tmp_path / "f.mp4"), size=SIZE, fps=2, visual=DRAFT).run()
+    assert result.frames == 1
+    assert (tmp_path / "f.mp4").stat().st_size > 0
+
+
 def test_the_tippe_top_is_seen_to_turn_over(tmp_path: Path) -> None:
     simulation = Simulation(SCENES / "tippe_top.xml", key="spinning", duration=7)
     Video(simulation, f"{tmp_path}/f/", camera="closeup", size=(160, 120), fps="2/7", visual=DRAFT).run()
