@@ -84,11 +84,12 @@ def shared_models() -> Path:
 
 @dataclass(frozen=True)
 class Film:
-    """What a decoder finds in a film: `frames` `(n, height, width, 3)` uint8, and the stream's description."""
+    """What a decoder finds in a film: `frames` `(n, height, width, 3)` uint8, the stream's description, start [s]."""
 
     frames: np.ndarray
     stream: str
     fps: float
+    start: float
 
 
 @pytest.fixture
@@ -106,7 +107,8 @@ def decode() -> Callable[[Path], Film]:
         done = subprocess.run([program, "-v", "error", "-i", str(path), *raw], capture_output=True, check=True)
         width, height = map(int, size.groups())
         frames = np.frombuffer(done.stdout, np.uint8).reshape(-1, height, width, 3)
-        return Film(frames, stream, float(fps[1]) if fps else 0.0)
+        start = re.search(r"start: ([\d.]+)", described)
+        return Film(frames, stream, float(fps[1]) if fps else 0.0, float(start[1]) if start else 0.0)
 
     return decoded
 

@@ -97,7 +97,8 @@ class Format:
 
 
 FAST_START = ("-movflags", "+faststart")
-FRAGMENTED = ("-movflags", "frag_keyframe+empty_moov+default_base_moof")
+# A fragment per second, for players; the header waits for the first, or the film would start late by its B-frames.
+FRAGMENTED = ("-movflags", "frag_keyframe+empty_moov+delay_moov+default_base_moof", "-frag_duration", "1000000")
 
 FORMATS = {
     "mp4": Format("mp4", ("h264", "h265", "av1"), FAST_START, FRAGMENTED),

@@ -33,7 +33,9 @@ def test_a_film_in_a_pipe_is_whole_and_alone_there(mjrun: Command, swing: Path, 
         assert done.returncode == 0
         path = mjrun.folder / f"piped.{container}"
         path.write_bytes(done.stdout)
-        assert len(decode(path).frames) == 4
+        film = decode(path)
+        assert len(film.frames) == 4
+        assert film.start == 0
         assert done.stderr.decode().splitlines()[-1].startswith("-: 64x48, 4 frames")
     assert len(mjrun("video", swing, "-o", "-", "--format", "rgb", *FAST).stdout) == 4 * 64 * 48 * 3
 
