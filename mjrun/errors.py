@@ -58,6 +58,19 @@ class MjrunError(Exception):
     exit_code = 70
 
 
+# --- 1: the answer is no ----------------------------------------------------------------------------
+
+
+class FailedAssertionError(MjrunError):
+    """What was asserted of a simulation does not hold; `messages` say what, where, and what it is instead."""
+
+    exit_code = 1
+
+    def __init__(self, messages: Sequence[str]) -> None:
+        self.messages = tuple(messages)
+        super().__init__("\n".join(f"{'assertion failed: ' if not i else ''}{m}" for i, m in enumerate(messages)))
+
+
 # --- 2: wrong usage --------------------------------------------------------------------------------
 
 
@@ -83,6 +96,13 @@ class BadValueError(UsageError):
 
     def __init__(self, what: str, value: object, expected: str) -> None:
         super().__init__(f"{clean(what)}: {quoted(str(value))} is not {expected}")
+
+
+class MissingExtraError(UsageError):
+    """What was asked needs a library that only an extra of mjrun installs."""
+
+    def __init__(self, what: str, library: str, extra: str) -> None:
+        super().__init__(f"{what} needs {library}, which is not installed\npip install 'mjrun[{extra}]'")
 
 
 class CompiledModelError(UsageError):

@@ -35,7 +35,9 @@ from mjrun.errors import (
 
 CODES = {
     "MjrunError": 70,
+    "FailedAssertionError": 1,
     "UsageError": 2,
+    "MissingExtraError": 2,
     "UnknownNameError": 2,
     "BadValueError": 2,
     "CompiledModelError": 2,

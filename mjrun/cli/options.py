@@ -171,6 +171,38 @@ film_options = _bundle(
     _option("--preset", metavar="NAME", help="The codec's own, from fast to thorough."),
 )
 
+table_options = _bundle(
+    "Table",
+    _option(
+        "-o",
+        "--output",
+        metavar="FILE",
+        help="csv, jsonl, parquet, feather, npz, mat, or - for standard output.  [default: -]",
+    ),
+    _option("--csv", is_flag=True, help="CSV, whatever the output's name."),
+    _option("--format", "format_", metavar="NAME", help="Instead of the output's suffix.  [default: csv]"),
+    _option(
+        "--probe",
+        "probes",
+        multiple=True,
+        metavar="NAME,…",
+        help="What to measure: qpos, qvel, qacc, ctrl, act, energy, sensor, contact, xpos, speed, momentum, … or any "
+        "field of MjData; of some objects, qpos[left_*], xpos[hand]; or a column, xpos/hand/z. Repeatable.  "
+        "[default: qpos,qvel,ctrl,act,energy,contact,sensor]",
+    ),
+    _option("--list", "list_", is_flag=True, help="List every column that the model offers, and stop."),
+    _option("--every", type=click.IntRange(min=1), default=1, metavar="N", help="A row every N steps.  [default: 1]"),
+    _option("--rate", type=Exact("HZ"), help="Rows per simulated second, instead of --every."),
+    _option(
+        "--assert",
+        "asserts",
+        multiple=True,
+        metavar="EXPR",
+        help="Exit with 1 unless this holds: max(abs(energy/drift)) < 1e-3. Repeatable.",
+    ),
+    _option("--keep-partial", is_flag=True, help="Keep the rows before an instability."),
+)
+
 output_options = _bundle(
     "Messages",
     _option("--json", "as_json", is_flag=True, help="One JSON document on stdout instead of prose."),

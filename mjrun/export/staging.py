@@ -163,8 +163,9 @@ class StandardOutput:
     path = "pipe:1"
     shown = Path("-")
 
-    def __init__(self) -> None:
-        if sys.stdout.isatty():
+    def __init__(self, *, terminal: bool = False) -> None:
+        """`terminal`: whether it may be one, for what people read there."""
+        if sys.stdout.isatty() and not terminal:
             raise FileError("-", "standard output is a terminal", "send it to a file or a pipe: mjrun … -o - | player")
         sys.stdout.flush()
         self.stdout = sys.stdout.fileno()

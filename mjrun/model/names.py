@@ -16,6 +16,10 @@ KINDS = {
     "camera": mujoco.mjtObj.mjOBJ_CAMERA,
     "actuator": mujoco.mjtObj.mjOBJ_ACTUATOR,
     "keyframe": mujoco.mjtObj.mjOBJ_KEY,
+    "sensor": mujoco.mjtObj.mjOBJ_SENSOR,
+    "tendon": mujoco.mjtObj.mjOBJ_TENDON,
+    "light": mujoco.mjtObj.mjOBJ_LIGHT,
+    "equality": mujoco.mjtObj.mjOBJ_EQUALITY,
 }
 COUNTS = {
     "body": "nbody",
@@ -25,8 +29,12 @@ COUNTS = {
     "camera": "ncam",
     "actuator": "nu",
     "keyframe": "nkey",
+    "sensor": "nsensor",
+    "tendon": "ntendon",
+    "light": "nlight",
+    "equality": "neq",
 }
-PLURALS = {"body": "bodies"}
+PLURALS = {"body": "bodies", "equality": "equalities"}
 
 
 def names(model: mujoco.MjModel, kind: str) -> list[str]:

@@ -7,12 +7,8 @@ import mujoco
 import numpy as np
 
 from mjrun.errors import BadValueError, UnknownNameError, UsageError, clean
+from mjrun.model.joints import QPOS_PARTS, QVEL_PARTS
 from mjrun.model.names import identify, matching, names
-
-FREE, BALL = int(mujoco.mjtJoint.mjJNT_FREE), int(mujoco.mjtJoint.mjJNT_BALL)
-QPOS_PARTS = {FREE: ("x", "y", "z", "qw", "qx", "qy", "qz"), BALL: ("qw", "qx", "qy", "qz")}
-QVEL_PARTS = {FREE: ("vx", "vy", "vz", "wx", "wy", "wz"), BALL: ("wx", "wy", "wz")}
-
 
 Values = float | Sequence[float]
 

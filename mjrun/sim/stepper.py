@@ -66,6 +66,11 @@ class PhysicsStepper:
                 raise self._first_failure(count)
             self.step += count
 
+    def jump(self, step: int, to: np.ndarray) -> None:
+        """Continues at `step` from the state `to` `(nstate,)`, which something else has stepped to."""
+        state.restore(self.model, self._data, to)
+        self.step = step
+
     def state(self) -> np.ndarray:
         return state.save(self.model, self._data)
 

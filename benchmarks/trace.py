@@ -1,0 +1,93 @@
+"""Microseconds per row of `mjrun trace` against a bare `mj_step` loop in C.
+
+Every step is a row, all default columns, energy and exact CSV included; `mjrun trace` is timed as a whole
+process, and its start-up, measured with a few rows, is taken off. The loop is a script that takes MODEL NSTEP
+[KEYFRAME] and prints one line of JSON with `us_per_step`, given by --baseline. Ratios below 1 are better.
+
+    python benchmarks/trace.py
+    python benchmarks/trace.py --steps 1000000 --models scenes/pendulum.xml
+"""
+
+import argparse
+import json
+import os
+import statistics
+import subprocess
+import sys
+import time
+from dataclasses import dataclass
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[1]
+BASELINE = ROOT / "../shared/bench/steploop.sh"
+MODELS = [
+    ROOT / "../shared/models/humanoid/humanoid.xml",
+    ROOT / "../shared/models/car/car.xml",
+    ROOT / "scenes/pendulum.xml",
+]
+FEW = 200  # rows that measure start-up
+
+
+@dataclass(frozen=True)
+class Run:
+    """Wall time [s] and peak resident memory [bytes] of one process."""
+
+    wall: float
+    peak: int
+
+
+def trace(model: Path, steps: int) -> Run:
+    """`mjrun trace` to nowhere."""
+    start = time.perf_counter()
+    child = os.fork()
+    if child == 0:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
+        os.execv(sys.executable, [sys.executable, "-m", "mjrun", "trace", str(model), "--steps", str(steps), "-q"])
+    _, status, usage = os.wait4(child, 0)
+    if status:
+        raise SystemExit(f"mjrun trace {model} failed")
+    return Run(time.perf_counter() - start, usage.ru_maxrss * 1024)
+
+
+def bare(script: Path, model: Path, steps: int) -> float:
+    """Microseconds per step of the loop in C."""
+    done = subprocess.run(
+        [str(script), str(model), str(steps)],
+        env={**os.environ, "PYTHON": sys.executable},
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    return json.loads(done.stdout)["us_per_step"]
+
+
+def compare(script: Path, model: Path, steps: int, repeats: int) -> None:
+    """One row of the table: medians, and the median of the ratios of runs that stood side by side."""
+    loops, rows, peak = [], [], 0
+    for _ in range(repeats):
+        loops.append(bare(script, model, steps))
+        idle, busy = trace(model, FEW), trace(model, steps)
+        rows.append(1e6 * (busy.wall - idle.wall) / (steps - FEW))
+        peak = max(peak, busy.peak)
+    ratio = statistics.median(row / loop for row, loop in zip(rows, loops, strict=True))
+    print(
+        f"{model.stem:12} {steps:8} rows   C loop {statistics.median(loops):7.2f} us/step   "
+        f"trace {statistics.median(rows):7.2f} us/row   ratio {ratio:.3f}   peak {peak / 1e6:.0f} MB"
+    )
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--models", type=Path, nargs="+", default=MODELS)
+    parser.add_argument("--steps", type=int, default=50_000)
+    parser.add_argument("--repeats", type=int, default=3)
+    parser.add_argument("--baseline", type=Path, default=BASELINE)
+    given = parser.parse_args()
+    if not given.baseline.exists():
+        raise SystemExit(f"there is no {given.baseline}; name the loop in C with --baseline")
+    for model in given.models:
+        compare(given.baseline, model, given.steps, given.repeats)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,80 @@
+"""`mjrun trace`."""
+
+from dataclasses import asdict
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from mjrun.cli import options, values
+from mjrun.cli.console import Console
+from mjrun.errors import UsageError, clean
+
+if TYPE_CHECKING:
+    from mjrun.job.trace import TraceResult
+
+
+@click.command("trace", cls=options.SectionedCommand)
+@options.model_argument
+@options.table_options
+@options.simulation_options
+@options.model_options
+@options.output_options
+@click.pass_obj
+def command(console: Console, /, as_json: bool, **given: Any) -> None:
+    """Measure a simulation of MODEL: one row per instant, exact numbers, named columns.
+
+    \b
+    mjrun trace scene.xml --csv | head
+    mjrun trace scene.xml -o run.parquet --probe qpos,energy,xpos[hand]
+    mjrun trace scene.xml -o run.csv --rate 100 --assert 'max(abs(energy/drift)) < 1e-3'
+    """
+    console.guard_stdout()
+    values.import_mujoco()
+    if given["list_"]:
+        _show_columns(console, given, as_json)
+        return
+    piped = (given["output"] or "-") == "-"
+    if as_json and piped:
+        raise UsageError("--json and a table on standard output both want it; give -o FILE")
+    result = _make(console, given)
+    if as_json:
+        console.document(asdict(result))
+    elif not piped and console.verbosity >= 0:
+        console.result(_sentence(result))
+
+
+def _make(console: Console, given: dict[str, Any]) -> "TraceResult":
+    from mjrun.job.trace import Trace
+    from mjrun.probe.select import DEFAULT, split
+
+    probes = [name for text in given["probes"] for name in split(text)]
+    job = Trace(
+        simulation=values.simulation(given),
+        output=given["output"] or "-",
+        format="csv" if given["csv"] else given["format_"],
+        probes=probes or DEFAULT,
+        every=given["every"],
+        rate=given["rate"],
+        asserts=given["asserts"],
+        keep_partial=given["keep_partial"],
+    )
+    return job.run(console)
+
+
+def _show_columns(console: Console, given: dict[str, Any], as_json: bool) -> None:
+    from mjrun.job.trace import columns
+
+    found = columns(values.simulation(given))
+    if as_json:
+        console.document({"columns": [asdict(column) for column in found]})
+        return
+    width = max(len(clean(column.name)) for column in found)
+    for column in found:
+        owner = f"{column.kind} {column.id}" if column.kind else ""
+        console.result(f"{clean(column.name):{width}}  {column.unit:8}  {owner:12}  {column.meaning}".rstrip())
+
+
+def _sentence(result: "TraceResult") -> str:
+    size = f"{result.rows} rows, {result.columns} columns"
+    pace = f"{result.simulated:.6g} s in {result.steps} steps; made in {result.wall:.2f} s"
+    return f"{clean(result.path)}: {size}, {pace}"

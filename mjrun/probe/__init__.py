@@ -1,0 +1,1 @@
+"""Probes: what can be measured, selected by name."""

@@ -1,0 +1,109 @@
+"""`--probe NAME,…`: what to measure, by name, object and wildcard."""
+
+import re
+from collections.abc import Iterable, Sequence
+from fnmatch import fnmatchcase
+
+import mujoco
+
+from mjrun.errors import UnknownNameError, UsageError, quoted
+from mjrun.model.column import Column
+from mjrun.probe.derived import DERIVED
+from mjrun.probe.fields import Probe, extents, field_probe, offered
+
+DEFAULT = ("qpos", "qvel", "ctrl", "act", "energy", "contact", "sensor")
+ALIASES = {"sensor": "sensordata"}
+# A bare object may be of another kind than the first that a name stands for.
+FALLBACKS = {
+    "xpos": ("geom_xpos", "site_xpos", "cam_xpos", "light_xpos"),
+    "xquat": ("geom_xquat", "site_xquat"),
+    "xmat": ("geom_xmat", "site_xmat", "cam_xmat"),
+}
+
+
+def select(model: mujoco.MjModel, asked: Iterable[str] = DEFAULT) -> list[Probe]:
+    """The probes that `asked` names: `qpos`, `qpos[left_*]`, `sensor[imu]`, or a column such as `xpos/hand/z`.
+
+    A name without columns in this model (`act` without activations) is passed over when it is asked for
+    as a whole.
+
+    Raises:
+      UnknownNameError: a name, object or column that is not there; near and valid names are listed.
+      UsageError: two names give the same column.
+    """
+    probes = [_select_one(model, text.strip()) for text in asked]
+    seen: dict[str, str] = {}
+    for probe, text in zip(probes, asked, strict=True):
+        for column in probe.columns:
+            if column.name in seen:
+                raise UsageError(
+                    f"--probe: {quoted(seen[column.name])} and {quoted(text)} both give {quoted(column.name)}"
+                )
+            seen[column.name] = text
+    return [probe for probe in probes if probe.columns]
+
+
+def split(text: str) -> list[str]:
+    """A list of probes at its commas; those in brackets do not count."""
+    return [part for part in re.split(r",(?![^\[]*\])", text) if part.strip()]
+
+
+def catalogue(model: mujoco.MjModel) -> list[Column]:
+    """Every column that `model` offers."""
+    groups = [name for name in DERIVED if name != "energy"]
+    fields = [name for name in offered(model) if name != "sensordata"]
+    everything = [_whole(model, name) for name in (*DEFAULT, *groups, *fields) if name not in ("contact",)]
+    found = {column.name: column for probe in [*everything, DERIVED["contact"](model)] for column in probe.columns}
+    return list(found.values())
+
+
+def _select_one(model: mujoco.MjModel, text: str) -> Probe:
+    bracketed = re.fullmatch(r"([^\[\]]+)\[([^\[\]]*)\]", text)
+    if bracketed:
+        return _objects(model, bracketed[1].strip(), [part.strip() for part in bracketed[2].split(",")])
+    group, slash, _ = text.partition("/")
+    if not slash:
+        return _whole(model, text)
+    return _columns(_whole(model, group), text)
+
+
+def _whole(model: mujoco.MjModel, name: str) -> Probe:
+    if name in DERIVED:
+        return DERIVED[name](model)
+    field = ALIASES.get(name, name)
+    if field not in extents():
+        raise UnknownNameError("probe", name, [*dict.fromkeys([*DEFAULT, *DERIVED, *offered(model)])])
+    return field_probe(model, field, name)
+
+
+def _objects(model: mujoco.MjModel, name: str, patterns: Sequence[str]) -> Probe:
+    """The columns of the objects that match any of `patterns`."""
+    for candidate in (name, *FALLBACKS.get(name, ())):
+        probe = _whole(model, candidate)
+        kept = [i for i, column in enumerate(probe.columns) if any(_matches(column, p) for p in patterns)]
+        if kept:
+            missing = [p for p in patterns if not any(_matches(probe.columns[i], p) for i in kept)]
+            if not missing:
+                return probe.only(kept)
+            patterns = [missing[0]]
+    objects = list(dict.fromkeys(_object(column) for column in _whole(model, name).columns))
+    raise UnknownNameError("object", patterns[0], objects, where=f"probe {name}")
+
+
+def _columns(probe: Probe, text: str) -> Probe:
+    """The columns called `text`, or whose name begins with `text/`."""
+    kept = [i for i, column in enumerate(probe.columns) if column.name == text or column.name.startswith(f"{text}/")]
+    if not kept:
+        raise UnknownNameError("column", text, [column.name for column in probe.columns])
+    return probe.only(kept)
+
+
+def _object(column: Column) -> str:
+    return (
+        column.name.split("/", 1)[1].rsplit("/", 1)[0] if column.name.count("/") > 1 else column.name.split("/", 1)[-1]
+    )
+
+
+def _matches(column: Column, pattern: str) -> bool:
+    rest = column.name.split("/", 1)[-1]
+    return any(name == pattern or fnmatchcase(name, pattern) for name in (rest, rest.rpartition("/")[0]) if name)

@@ -1,0 +1,125 @@
+"""Open-loop runs in C: blocks of rows, each row one instant.
+
+`mujoco.batch` steps and records with the GIL released. Each of its records is taken after a step: the
+state is then one step ahead of what was derived from it, so states are shifted back by one. With RK4 the
+derived fields belong to an intermediate stage, and are computed anew from the recorded states instead.
+"""
+
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
+
+import mujoco
+import numpy as np
+from mujoco.batch import Batch
+from mujoco.batch import SimulationError as BatchError
+
+from mjrun.model import state
+from mjrun.sim.stepper import PhysicsStepper, Stepper
+
+CHUNK = 1024  # steps of one block
+RK4 = int(mujoco.mjtIntegrator.mjINT_RK4)
+SLEEP = int(mujoco.mjtEnableBit.mjENBL_SLEEP)
+# Fields that are part of the integration state, but for the inputs, which do not change by a step.
+STATES = {
+    "qpos": "QPOS",
+    "qvel": "QVEL",
+    "act": "ACT",
+    "history": "HISTORY",
+    "qacc_warmstart": "WARMSTART",
+    "plugin_state": "PLUGIN",
+    "plastic": "PLASTIC",
+}
+
+Block = Mapping[str, np.ndarray]
+
+
+def blocks(
+    stepper: PhysicsStepper, fields: Sequence[str], steps: int, chunk: int = CHUNK
+) -> Iterator[tuple[int, Block]]:
+    """Runs `steps` steps from where `stepper` stands, and yields every instant on the way, the last included.
+
+    The numbers are bit for bit those of a bare loop that calls `mj_forward` on a copy at every step.
+
+    Args:
+      stepper: at the first instant; moved along as the blocks are taken.
+      fields: names of MjData fields.
+      chunk: steps per block.
+
+    Yields:
+      The step of the first row, and `{field: (n, …)}` of n instants a step apart.
+
+    Raises:
+      SimulationError: after every instant that was good.
+    """
+    end = stepper.step + steps
+    runner = None if stepper.model.opt.enableflags & SLEEP else Runner(stepper.model, fields, chunk)
+    while stepper.step < end:
+        at, count = stepper.step, min(chunk, end - stepper.step)
+        block = runner.run(stepper, count) if runner else None
+        if block is not None:
+            yield at, block
+            continue
+        for step in range(at, at + count):  # something is amiss: step by step names it, or gets past it
+            stepper.advance(step)
+            yield step, instant(stepper, fields)
+        stepper.advance(at + count)
+    yield end, instant(stepper, fields)
+
+
+def instant(stepper: Stepper, fields: Sequence[str]) -> Block:
+    """The fields of the instant where `stepper` stands: `{field: (1, …)}`."""
+    data = stepper.instant()
+    return {field: np.array(getattr(data, field))[None] for field in fields}
+
+
+class Runner:
+    """Steps a model in C, and records fields of every instant."""
+
+    def __init__(self, model: mujoco.MjModel, fields: Sequence[str], size: int) -> None:
+        self._model, self._fields = model, fields
+        self._batch = Batch(model, 1, 1)
+        self._where = _slices(model)
+        self._derive = Derive(model, fields, size) if model.opt.integrator == RK4 else None
+        self._record = [state.STATE] if self._derive else [*fields, state.STATE]
+
+    def run(self, stepper: PhysicsStepper, count: int) -> Block | None:
+        """The next `count` instants, with `stepper` moved past them; None, and no move, when MuJoCo warns."""
+        start = stepper.state()
+        self._batch.state[0] = start
+        warned = self._batch.warning[0].copy()
+        try:
+            out = self._batch.rollout(count, record=self._record)
+        except BatchError:
+            return None
+        if (self._batch.warning[0] != warned).any():
+            return None
+        after = out[state.STATE][0]
+        states = np.concatenate([start[None], after[:-1]])
+        stepper.jump(stepper.step + count, after[-1])
+        return self._derive(states) if self._derive else self._aligned(out, states)
+
+    def _aligned(self, out: Mapping[Any, np.ndarray], states: np.ndarray) -> Block:
+        return {field: states[:, self._where[field]] if field in STATES else out[field][0] for field in self._fields}
+
+
+class Derive:
+    """Derived fields of recorded states, computed by `mj_forward` in C, many at a time."""
+
+    def __init__(self, model: mujoco.MjModel, fields: Sequence[str], size: int) -> None:
+        self._batch = Batch(model, size)
+        self._fields = {field: self._batch.bind(field) for field in fields}
+
+    def __call__(self, states: np.ndarray) -> Block:
+        """The fields of `states` `(n, nstate)`."""
+        count = len(states)
+        self._batch.state[:count] = states
+        self._batch.forward(np.arange(count))
+        return {field: np.array(values[:count]) for field, values in self._fields.items()}
+
+
+def _slices(model: mujoco.MjModel) -> dict[str, slice]:
+    """Where each field lies in an integration state: its components follow the order of their bits."""
+    bits = [1 << i for i in range(state.STATE.bit_length()) if state.STATE >> i & 1]
+    ends = np.cumsum([mujoco.mj_stateSize(model, bit) for bit in bits]).tolist()
+    spans = {bit: slice(start, end) for bit, start, end in zip(bits, [0, *ends[:-1]], ends, strict=True)}
+    return {field: spans[int(mujoco.mjtState.__members__[f"mjSTATE_{name}"])] for field, name in STATES.items()}

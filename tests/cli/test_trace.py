@@ -1,0 +1,97 @@
+"""`mjrun trace` as a user runs it."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import mujoco
+
+if TYPE_CHECKING:
+    from tests.conftest import Command
+
+ROOT = Path(__file__).parents[2]
+PENDULUM = ROOT / "scenes/pendulum.xml"
+
+
+def test_the_head_of_a_trace_is_a_header_and_rows_and_nothing_else() -> None:
+    command = f"'{sys.executable}' -m mjrun trace '{PENDULUM}' --csv | head -3; echo ${{PIPESTATUS[0]}}"
+    done = subprocess.run(["bash", "-c", command], cwd=ROOT, capture_output=True, text=True)
+    *table, code = done.stdout.splitlines()
+    assert done.stderr == ""
+    assert code == "141"
+    assert len(table) == 3
+    names, first, second = (line.split(",") for line in table)
+    assert names[0] == "time"
+    assert len(names) == len(first) == len(second)
+    assert (float(first[0]), float(second[0])) == (0, mujoco.MjModel.from_xml_path(str(PENDULUM)).opt.timestep)
+
+
+def test_a_table_on_stdout_is_silent_on_stderr(mjrun: Command) -> None:
+    done = mjrun("trace", PENDULUM, "--duration", "0.1")
+    assert (done.returncode, done.stderr) == (0, b"")
+    assert len(done.stdout.splitlines()) == 1 + 1 + round(0.1 / 0.001) or done.stdout.startswith(b"time,")
+
+
+def test_a_table_in_a_file_is_told_in_a_sentence(mjrun: Command) -> None:
+    done = mjrun("trace", PENDULUM, "--steps", "10", "-o", "run.csv")
+    assert done.returncode == 0
+    assert done.stdout.decode().startswith("run.csv: 11 rows, ")
+    assert mjrun.files() == ["run.csv"]
+
+
+def test_every_format_holds_the_same_numbers(mjrun: Command) -> None:
+    import numpy as np
+    import pyarrow.feather
+    import pyarrow.parquet
+    import scipy.io
+
+    for suffix in ("csv", "jsonl", "parquet", "feather", "npz", "mat"):
+        assert mjrun("trace", PENDULUM, "--key", "level", "--steps", "50", "-o", f"t.{suffix}").returncode == 0
+    lines = (mjrun.folder / "t.csv").read_text().splitlines()
+    names = lines[0].split(",")
+    table = np.array([line.split(",") for line in lines[1:]], float)
+    rows = [json.loads(line) for line in (mjrun.folder / "t.jsonl").read_text().splitlines()]
+    assert [list(row) for row in rows] == [names] * 51
+    assert np.array_equal([list(row.values()) for row in rows], table)
+    parquet = pyarrow.parquet.read_table(mjrun.folder / "t.parquet")
+    feather = pyarrow.feather.read_table(mjrun.folder / "t.feather")
+    npz = np.load(mjrun.folder / "t.npz")
+    scipy.io.loadmat(mjrun.folder / "t.mat")
+    for i, name in enumerate(names):
+        assert np.array_equal(parquet[name].to_numpy(), table[:, i])
+        assert np.array_equal(feather[name].to_numpy(), table[:, i])
+        assert np.array_equal(npz[name], table[:, i])
+
+
+def test_the_list_names_columns_units_and_objects(mjrun: Command) -> None:
+    lines = mjrun("trace", ROOT / "scenes/pinata.xml", "--list").stdout.decode().splitlines()
+    assert lines[0].split() == ["time", "s", "simulated", "time,", "exact"]
+    swing = next(line for line in lines if line.startswith("qpos/swing "))
+    assert swing.split() == ["qpos/swing", "rad", "joint", "0", "position"]
+    document = json.loads(mjrun("trace", ROOT / "scenes/pinata.xml", "--list", "--json").stdout)
+    assert [column["name"] for column in document["columns"]] == [line.split()[0] for line in lines]
+
+
+def test_an_assertion_that_fails_ends_with_one_and_says_where(mjrun: Command) -> None:
+    done = mjrun("trace", PENDULUM, "--steps", "10", "-o", "t.csv", "--assert", "max(time) < 0")
+    assert done.returncode == 1
+    assert b"max(time) < 0" in done.stderr
+    assert mjrun.files() == ["t.csv"]
+    assert mjrun("trace", PENDULUM, "--steps", "10", "-o", "t.csv", "--assert", "max(time) > 0").returncode == 0
+
+
+def test_json_and_a_table_do_not_share_stdout(mjrun: Command) -> None:
+    assert mjrun("trace", PENDULUM, "--json").returncode == 2
+    found = json.loads(mjrun("trace", PENDULUM, "--json", "-o", "t.csv", "--steps", "3").stdout)
+    assert (found["rows"], found["format"], found["steps"]) == (4, "csv", 3)
+
+
+def test_a_wrong_probe_lists_near_names(mjrun: Command) -> None:
+    done = mjrun("trace", PENDULUM, "--probe", "qpos,enrgy")
+    assert done.returncode == 2
+    assert b"no probe 'enrgy' (did you mean 'energy'?)" in done.stderr
+    assert done.stdout == b""

@@ -1,0 +1,179 @@
+"""Whole traces, against bare loops and closed forms."""
+
+import csv
+from fractions import Fraction
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import pytest
+
+from mjrun.errors import FailedAssertionError, MjrunError, UnstableError
+from mjrun.job.simulation import Simulation
+from mjrun.job.trace import TIME, Trace, columns
+
+SCENES = Path(__file__).parents[2] / "scenes"
+FALL = '<mujoco><worldbody><body name="b" pos="0 0 9"><freejoint/><geom size=".1"/></body></worldbody></mujoco>'
+
+
+def trace(tmp_path: Path, simulation: Simulation, **how: object) -> dict[str, np.ndarray]:
+    """A trace to CSV, read back by the csv module: columns by name."""
+    output = tmp_path / "t.csv"
+    Trace(simulation, str(output), **how).run()  # type: ignore[arg-type]
+    with output.open(newline="") as file:
+        header, *rows = csv.reader(file)
+    return dict(zip(header, np.array(rows, float).T, strict=True))
+
+
+def test_a_pendulum_s_trace_is_a_bare_loop_to_the_last_bit(tmp_path: Path) -> None:
+    found = trace(tmp_path, Simulation(SCENES / "pendulum.xml", key="level", duration=2, ctrl={"*": 0.5}))
+    model = mujoco.MjModel.from_xml_path(str(SCENES / "pendulum.xml"))
+    data = mujoco.MjData(model)
+    mujoco.mj_resetDataKeyframe(model, data, model.key("level").id)
+    data.ctrl[:] = 0.5
+    steps = round(2 / model.opt.timestep)
+    joint = model.joint(0).name
+    for step in range(steps + 1):
+        shown = mujoco.MjData(model)
+        mujoco.mj_copyData(shown, model, data)
+        mujoco.mj_forward(model, shown)
+        assert found[f"qpos/{joint}"][step] == shown.qpos[0]
+        assert found[f"qvel/{joint}"][step] == shown.qvel[0]
+        assert found["energy/potential"][step] == shown.energy[0]
+        assert found["energy/kinetic"][step] == shown.energy[1]
+        mujoco.mj_step(model, data)
+    assert len(found["time"]) == steps + 1
+
+
+def test_time_is_exact_and_ends_where_it_should(tmp_path: Path) -> None:
+    found = trace(tmp_path, Simulation(mujoco.MjModel.from_xml_string(FALL), duration=5))
+    assert list(found["time"]) == [float(Fraction(k, 500)) for k in range(2501)]
+
+
+def test_a_free_fall_follows_its_closed_form_at_every_row(tmp_path: Path) -> None:
+    found = trace(tmp_path, Simulation(mujoco.MjModel.from_xml_string(FALL), duration=1))
+    time, step = found["time"], 0.002
+    height = 9 - 9.81 * (time**2 + step * time) / 2  # the semi-implicit Euler sum
+    assert found["qpos/joint:0/z"] == pytest.approx(height, abs=1e-9)
+    assert found["qvel/joint:0/vz"] == pytest.approx(-9.81 * time, abs=1e-9)
+    kinetic = found["energy/kinetic"] / found["qvel/joint:0/vz"].clip(max=-1e-9) ** 2
+    mass = 4 / 3 * np.pi * 0.1**3 * 1000
+    assert kinetic[1:] == pytest.approx(mass / 2, rel=1e-9)
+    assert found["energy/potential"] == pytest.approx(mass * 9.81 * found["qpos/joint:0/z"], rel=1e-9)
+
+
+def test_an_accelerometer_at_rest_feels_gravity_in_every_row(tmp_path: Path) -> None:
+    model = mujoco.MjModel.from_xml_string(
+        '<mujoco><worldbody><body><geom size=".1"/><site name="s"/></body></worldbody>'
+        '<sensor><accelerometer name="imu" site="s"/></sensor></mujoco>'
+    )
+    found = trace(tmp_path, Simulation(model, duration=0.1), probes=["sensor[imu]"])
+    assert np.column_stack([found[f"sensor/imu/{axis}"] for axis in "xyz"]) == pytest.approx(
+        np.tile([0, 0, 9.81], (51, 1))
+    )
+
+
+@pytest.mark.parametrize(
+    ("how", "steps"),
+    [
+        ({}, list(range(101))),
+        ({"every": 7}, [*range(0, 101, 7), 100]),
+        ({"every": 50}, [0, 50, 100]),
+        ({"rate": 100}, list(range(0, 101, 5))),
+        ({"rate": 60}, [0, 8, 17, 25, 33, 42, 50, 58, 67, 75, 83, 92, 100]),
+        ({"probes": ["qpos", "contact_force"], "every": 7}, [*range(0, 101, 7), 100]),
+    ],
+)
+def test_rows_fall_on_their_steps_whatever_reads_them(tmp_path: Path, how: dict, steps: list[int]) -> None:
+    simulation = Simulation(SCENES / "free_body.xml", key="tumble", steps=100)
+    dense = trace(tmp_path, simulation, probes=["qpos"])
+    found = trace(tmp_path, simulation, **{"probes": ["qpos"], **how})
+    assert [round(t / 0.002) for t in found["time"]] == steps
+    for name, values in dense.items():
+        assert np.array_equal(found[name], values[steps])
+
+
+def test_contact_forces_at_rest_are_the_weight(tmp_path: Path) -> None:
+    found = trace(tmp_path, Simulation(SCENES / "free_body.xml", duration=3), probes=["contact_force"], every=1500)
+    model = mujoco.MjModel.from_xml_path(str(SCENES / "free_body.xml"))
+    assert found["contact_force/normal/z"][-1] == pytest.approx(model.body_mass.sum() * 9.81, rel=1e-6)
+
+
+def test_tracing_does_not_change_the_motion(tmp_path: Path) -> None:
+    simulation = Simulation(SCENES / "humanoid.xml", key="jump", steps=300)
+    few = trace(tmp_path, simulation, probes=["qpos"], every=300)
+    many = trace(tmp_path, simulation, probes=["qpos", "energy", "contact_force", "momentum"])
+    for name in few:
+        assert few[name][-1] == many[name][-1]
+
+
+def test_the_tippe_top_stands_on_its_head_in_the_table_too(tmp_path: Path) -> None:
+    found = trace(
+        tmp_path,
+        Simulation(SCENES / "tippe_top.xml", key="spinning", duration=7),
+        probes=["xpos[stem,ball]", "qvel[top]"],
+        rate=10,
+    )
+    above = found["geom_xpos/stem/z"] - found["geom_xpos/ball/z"]
+    assert above[0] > 0 > above[-1]
+    assert found["qvel/top/wz"][0] == 200
+
+
+def test_the_same_trace_has_the_same_bytes(tmp_path: Path) -> None:
+    simulation = Simulation(SCENES / "chaotic_pendulum.xml", key="kick", duration=1, perturb=1e-7, seed=3)
+    for name in ("a.csv", "b.csv"):
+        Trace(simulation, str(tmp_path / name)).run()
+    assert (tmp_path / "a.csv").read_bytes() == (tmp_path / "b.csv").read_bytes()
+
+
+@pytest.mark.parametrize("probes", [("qpos",), ("qpos", "contact_force")])
+def test_an_unstable_trace_leaves_nothing_unless_it_is_asked_to(
+    exploding: Path, tmp_path: Path, probes: tuple[str, ...]
+) -> None:
+    simulation, output = Simulation(exploding, key="fast", duration=3), tmp_path / "t.csv"
+    output.write_text("old")
+    with pytest.raises(UnstableError) as caught:
+        Trace(simulation, str(output), probes=probes).run()
+    assert output.read_text() == "old"
+    with pytest.raises(UnstableError):
+        Trace(simulation, str(output), probes=probes, keep_partial=True).run()
+    rows = output.read_text().splitlines()[1:]
+    assert len(rows) >= caught.value.step
+    assert all(abs(float(number)) < 1e10 for row in rows for number in row.split(","))
+
+
+def test_an_assertion_that_holds_passes_and_one_that_does_not_fails_with_its_row(tmp_path: Path) -> None:
+    simulation = Simulation(SCENES / "pendulum.xml", key="level", duration=1)
+    result = Trace(simulation, str(tmp_path / "t.csv"), asserts=["last(time) == 1", "max(abs(energy/drift)) < 1"]).run()
+    assert len(result.assertions) == 2
+    with pytest.raises(FailedAssertionError, match="row 0") as caught:
+        Trace(simulation, str(tmp_path / "t.csv"), asserts=["first(time) > 0"]).run()
+    assert caught.value.exit_code == 1
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        {"probes": ["none"]},
+        {"every": 2, "rate": 10},
+        {"rate": 0},
+        {"asserts": ["max("]},
+        {"asserts": ["max(qpos/none) > 0"]},
+        {"output": "t.xls"},
+        {"output": "/nowhere/t.csv"},
+    ],
+)
+def test_what_is_wrong_is_refused_before_the_first_step(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, wrong: dict
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(MjrunError) as caught:
+        Trace(**{"simulation": Simulation(SCENES / "swing.xml"), "output": "t.csv", **wrong}).run()
+    assert caught.value.exit_code in (2, 7)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_the_list_of_columns_begins_with_time() -> None:
+    found = columns(Simulation(SCENES / "pinata.xml"))
+    assert found[0] == TIME
+    assert "sensor/accelerometer/x" in {column.name for column in found}

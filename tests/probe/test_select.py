@@ -1,0 +1,88 @@
+"""`--probe`: names, objects, wildcards, columns."""
+
+import mujoco
+import pytest
+
+from mjrun.errors import MjrunError
+from mjrun.probe.select import DEFAULT, select, split
+
+MODEL = mujoco.MjModel.from_xml_string(
+    """
+    <mujoco>
+      <worldbody>
+        <body name="left"><joint name="left_hip"/><joint name="left_knee" axis="0 1 0"/>
+          <geom name="skin" size=".1" pos=".1 0 0"/><site name="tip"/></body>
+        <body name="right"><joint name="right_hip"/><geom size=".1" pos=".1 0 0"/></body>
+      </worldbody>
+      <sensor><jointpos name="imu" joint="left_hip"/></sensor>
+    </mujoco>
+    """
+)
+
+
+def found(*asked: str) -> list[str]:
+    return [column.name for probe in select(MODEL, asked) for column in probe.columns]
+
+
+@pytest.mark.parametrize(
+    ("asked", "columns"),
+    [
+        (["qpos"], ["qpos/left_hip", "qpos/left_knee", "qpos/right_hip"]),
+        (["qpos[left_*]"], ["qpos/left_hip", "qpos/left_knee"]),
+        (["qpos[left_hip,right_hip]"], ["qpos/left_hip", "qpos/right_hip"]),
+        (["sensor[imu]"], ["sensor/imu"]),
+        (["xpos[left]"], ["xpos/left/x", "xpos/left/y", "xpos/left/z"]),
+        (["xpos[left/z]"], ["xpos/left/z"]),
+        (["xpos/left/z"], ["xpos/left/z"]),
+        (["xpos/left"], ["xpos/left/x", "xpos/left/y", "xpos/left/z"]),
+        (["xpos[skin]"], ["geom_xpos/skin/x", "geom_xpos/skin/y", "geom_xpos/skin/z"]),
+        (["xpos[tip]"], ["site_xpos/tip/x", "site_xpos/tip/y", "site_xpos/tip/z"]),
+        (["geom_xpos[skin]"], ["geom_xpos/skin/x", "geom_xpos/skin/y", "geom_xpos/skin/z"]),
+        (["speed[left]"], ["speed/left"]),
+        (["speed[skin]"], ["speed/skin"]),
+        (["energy/drift"], ["energy/drift"]),
+        (["energy[total]"], ["energy/total"]),
+        (["act"], []),
+        (["time_is_not", "qpos"][1:], ["qpos/left_hip", "qpos/left_knee", "qpos/right_hip"]),
+    ],
+)
+def test_what_is_asked_for_is_what_is_measured(asked: list[str], columns: list[str]) -> None:
+    assert found(*asked) == columns
+
+
+def test_the_default_is_everything_that_most_people_want() -> None:
+    assert {name.split("/")[0] for name in found(*DEFAULT)} == {"qpos", "qvel", "energy", "contact", "sensor"}
+
+
+@pytest.mark.parametrize(
+    ("text", "parts"),
+    [
+        ("qpos,qvel", ["qpos", "qvel"]),
+        ("qpos[a,b],qvel", ["qpos[a,b]", "qvel"]),
+        ("xpos[hand],", ["xpos[hand]"]),
+        ("", []),
+    ],
+)
+def test_a_list_is_split_at_commas_outside_brackets(text: str, parts: list[str]) -> None:
+    assert split(text) == parts
+
+
+@pytest.mark.parametrize(
+    ("asked", "message"),
+    [
+        (["qpo"], "no probe 'qpo' (did you mean 'qpos'"),
+        (["qpos[left_hop]"], "no object 'left_hop' in probe qpos (did you mean 'left_hip'?)\nobjects: left_hip"),
+        (["qpos[left_hip,left_hop]"], "no object 'left_hop' in probe qpos"),
+        (["qpos[*_elbow]"], "no object '*_elbow' in probe qpos"),
+        (["xpos/left/w"], "no column 'xpos/left/w' (did you mean 'xpos/left/z'"),
+        (["xpos[nobody]"], "no object 'nobody' in probe xpos"),
+        (["qpos", "qpos[left_hip]"], "--probe: 'qpos' and 'qpos[left_hip]' both give 'qpos/left_hip'"),
+        (["qpos["], "no probe 'qpos['"),
+        (["contact_frce"], "did you mean 'contact_force'"),
+    ],
+)
+def test_a_wrong_probe_is_refused_with_what_is_right(asked: list[str], message: str) -> None:
+    with pytest.raises(MjrunError) as caught:
+        select(MODEL, asked)
+    assert caught.value.exit_code == 2
+    assert message in str(caught.value)
