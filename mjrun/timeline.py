@@ -6,6 +6,7 @@ timestep of 0.002 is exactly 1/500.
 
 import math
 import re
+from collections.abc import Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 
@@ -68,12 +69,15 @@ class Timeline:
         count = math.ceil(self.duration * fps / speed)
         return self._every(speed / fps, count)
 
-    def rows(self, every: int = 1, rate: Fraction | None = None) -> list[int]:
+    def rows(self, every: int = 1, rate: Fraction | None = None) -> Sequence[int]:
         """The step that each row of a trace shows: 0, s, 2s, … ≤ `steps`, the last step included.
 
         s is `every` steps, or the time between rows at `rate` [Hz].
         """
         period = self.timestep * every if rate is None else 1 / rate
+        spacing = period / self.timestep
+        if spacing.denominator == 1 and self.steps % spacing.numerator == 0:
+            return range(0, self.steps + 1, spacing.numerator)
         count = math.floor(self.steps * self.timestep / period) + 1
         rows = list(dict.fromkeys(self._every(period, count)))  # a rate above the steps' own repeats them
         return rows if rows[-1] == self.steps else [*rows, self.steps]

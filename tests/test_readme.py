@@ -14,6 +14,7 @@ SHELL = re.findall(r"```sh\n(.*?)```", README, re.DOTALL)
 PYTHON = re.findall(r"```python\n(.*?)```", README, re.DOTALL)
 COMMANDS = [line for block in SHELL for line in block.replace("\\\n", " ").splitlines() if line.strip()]
 FILMS = [line for line in COMMANDS if line.startswith("mjrun video")]
+TABLES = [line for line in COMMANDS if line.startswith("mjrun trace")]
 SMALL = "--size 64x48 --duration 0.1 --quality draft --fps 20"
 
 
@@ -23,7 +24,7 @@ def shell(tmp_path: Path) -> dict[str, str]:
     (tmp_path / "bin").mkdir()
     (tmp_path / "scenes").symlink_to(ROOT / "scenes")
     program = tmp_path / "bin/mjrun"
-    smaller = f'[ "$1" = video ] && set -- "$@" {SMALL}'
+    smaller = f'case $1 in video) set -- "$@" {SMALL};; trace) set -- "$@" --duration 0.1;; esac'
     program.write_text(f'#!/bin/sh\n{smaller}\nPYTHONPATH="{ROOT}" exec "{sys.executable}" -m mjrun "$@"\n')
     program.chmod(0o755)
     return {**os.environ, "PATH": f"{program.parent}:{os.environ['PATH']}"}
@@ -42,6 +43,14 @@ def test_a_film_of_the_readme_is_made(command: str, shell: dict[str, str], tmp_p
     assert done.returncode == 0, done.stderr
     assert "error" not in done.stderr
     assert set(tmp_path.iterdir()) != before or done.stdout.strip().isdigit()
+
+
+@pytest.mark.parametrize("command", TABLES)
+def test_a_table_of_the_readme_is_made(command: str, shell: dict[str, str], tmp_path: Path) -> None:
+    before = set(tmp_path.iterdir())
+    done = subprocess.run(["sh", "-ec", command], cwd=tmp_path, env=shell, capture_output=True, text=True)
+    assert (done.returncode, done.stderr) == (0, "")
+    assert set(tmp_path.iterdir()) != before or done.stdout.startswith("time")
 
 
 def test_the_doctor_of_the_readme_finds_a_renderer(shell: dict[str, str], tmp_path: Path) -> None:
@@ -77,7 +86,7 @@ def test_the_package_installs_with_its_command_and_its_types(tmp_path: Path) -> 
 
 
 def test_every_other_command_of_the_readme_is_known() -> None:
-    known = ("mjrun video ", "mjrun doctor", "make ", "pip install .")
+    known = ("mjrun video ", "mjrun trace ", "mjrun doctor", "make ", "pip install .")
     assert all(command.startswith(known) for command in COMMANDS)
 
 

@@ -4,6 +4,7 @@ import copy
 import queue
 import threading
 import time
+from bisect import bisect_left
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
@@ -158,13 +159,12 @@ class Table:
         if any(probe.at for probe in self.probes):
             yield from self._by_instants(stepper, rows)
             return
-        wanted = np.array(rows)
         for first, record in blocks(stepper, self._fields, self._timeline.steps):
             count = len(next(iter(record.values()), np.empty(1)))
-            low, high = np.searchsorted(wanted, [first, first + count])
-            kept = wanted[low:high]
+            kept = np.array(rows[bisect_left(rows, first) : bisect_left(rows, first + count)])
             if len(kept):
-                yield lambda kept=kept, index=kept - first, record=record: self._join(
+                index = slice(None) if len(kept) == count else kept - first
+                yield lambda kept=kept, index=index, record=record: self._join(
                     kept, [probe.compute({f: record[f][index] for f in probe.fields}) for probe in self.probes]
                 )
 

@@ -6,7 +6,6 @@ derived fields belong to an intermediate stage, and are computed anew from the r
 """
 
 from collections.abc import Iterator, Mapping, Sequence
-from typing import Any
 
 import mujoco
 import numpy as np
@@ -20,15 +19,7 @@ CHUNK = 1024  # steps of one block
 RK4 = int(mujoco.mjtIntegrator.mjINT_RK4)
 SLEEP = int(mujoco.mjtEnableBit.mjENBL_SLEEP)
 # Fields that are part of the integration state, but for the inputs, which do not change by a step.
-STATES = {
-    "qpos": "QPOS",
-    "qvel": "QVEL",
-    "act": "ACT",
-    "history": "HISTORY",
-    "qacc_warmstart": "WARMSTART",
-    "plugin_state": "PLUGIN",
-    "plastic": "PLASTIC",
-}
+STATES = ("qpos", "qvel", "act", "history", "qacc_warmstart", "plugin_state", "plastic")
 
 Block = Mapping[str, np.ndarray]
 
@@ -76,16 +67,16 @@ class Runner:
     """Steps a model in C, and records fields of every instant."""
 
     def __init__(self, model: mujoco.MjModel, fields: Sequence[str], size: int) -> None:
-        self._model, self._fields = model, fields
-        self._batch = Batch(model, 1, 1)
-        self._where = _slices(model)
+        self._fields, self._batch = fields, Batch(model, 1, 1)
+        self._states = {field: self._batch.bind(field) for field in fields if field in STATES}
         self._derive = Derive(model, fields, size) if model.opt.integrator == RK4 else None
-        self._record = [state.STATE] if self._derive else [*fields, state.STATE]
+        self._record = [state.STATE] if self._derive else [*fields]
 
     def run(self, stepper: PhysicsStepper, count: int) -> Block | None:
         """The next `count` instants, with `stepper` moved past them; None, and no move, when MuJoCo warns."""
         start = stepper.state()
         self._batch.state[0] = start
+        before = {field: values.copy() for field, values in self._states.items()}
         warned = self._batch.warning[0].copy()
         try:
             out = self._batch.rollout(count, record=self._record)
@@ -93,13 +84,11 @@ class Runner:
             return None
         if (self._batch.warning[0] != warned).any():
             return None
-        after = out[state.STATE][0]
-        states = np.concatenate([start[None], after[:-1]])
-        stepper.jump(stepper.step + count, after[-1])
-        return self._derive(states) if self._derive else self._aligned(out, states)
-
-    def _aligned(self, out: Mapping[Any, np.ndarray], states: np.ndarray) -> Block:
-        return {field: states[:, self._where[field]] if field in STATES else out[field][0] for field in self._fields}
+        stepper.jump(stepper.step + count, self._batch.state[0])
+        if self._derive:
+            return self._derive(np.concatenate([start[None], out[state.STATE][0, :-1]]))
+        shifted: Block = {field: np.concatenate([values, out[field][0, :-1]]) for field, values in before.items()}
+        return {**{field: out[field][0] for field in self._fields}, **shifted}
 
 
 class Derive:
@@ -115,11 +104,3 @@ class Derive:
         self._batch.state[:count] = states
         self._batch.forward(np.arange(count))
         return {field: np.array(values[:count]) for field, values in self._fields.items()}
-
-
-def _slices(model: mujoco.MjModel) -> dict[str, slice]:
-    """Where each field lies in an integration state: its components follow the order of their bits."""
-    bits = [1 << i for i in range(state.STATE.bit_length()) if state.STATE >> i & 1]
-    ends = np.cumsum([mujoco.mj_stateSize(model, bit) for bit in bits]).tolist()
-    spans = {bit: slice(start, end) for bit, start, end in zip(bits, [0, *ends[:-1]], ends, strict=True)}
-    return {field: spans[int(mujoco.mjtState.__members__[f"mjSTATE_{name}"])] for field, name in STATES.items()}
