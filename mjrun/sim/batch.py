@@ -15,7 +15,7 @@ from mujoco.batch import SimulationError as BatchError
 from mjrun.model import state
 from mjrun.sim.stepper import PhysicsStepper, Stepper
 
-CHUNK = 1024  # steps of one block
+CHUNK = 4096  # steps of one block
 RK4 = int(mujoco.mjtIntegrator.mjINT_RK4)
 SLEEP = int(mujoco.mjtEnableBit.mjENBL_SLEEP)
 # Fields that are part of the integration state, but for the inputs, which do not change by a step.
