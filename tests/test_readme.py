@@ -69,7 +69,7 @@ def test_the_demo_makes_its_film_and_says_where_it_is() -> None:
     film.unlink(missing_ok=True)
     done = subprocess.run(["make", "demo"], cwd=ROOT, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
-    assert done.stdout.splitlines()[-1] == f"The film is {film}"
+    assert f"The film is {film}" in done.stdout.splitlines()
     assert film.stat().st_size > 10_000
 
 
