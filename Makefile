@@ -1,6 +1,6 @@
 # Targets that need .venv or a renderer set them up first, where missing: see scripts/setup.sh.
 #   make PYTHON=python3.12 setup      choose the Python that .venv is made from
-#   make ARGS='-x -k video' test      more arguments, for pytest and the benchmark
+#   make ARGS='-x -k video' test      more arguments for pytest
 
 .DEFAULT_GOAL := help
 .NOTPARALLEL:
@@ -32,8 +32,9 @@ types: setup-python ## check the code's types
 
 check: lint types test ## lint, types and test
 
-bench: setup ## time films: benchmarks/film.py
-	.venv/bin/python benchmarks/film.py $(ARGS)
+bench: setup ## time films and traces against their baselines
+	.venv/bin/python benchmarks/film.py
+	.venv/bin/python benchmarks/trace.py
 
 clean: ## remove films, packages and caches; .venv stays
 	rm -rf out dist .pytest_cache .ruff_cache .hypothesis
