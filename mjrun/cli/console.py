@@ -20,7 +20,7 @@ class Console:
     """Messages, progress and results of one command. It is the job's reporter.
 
     Attributes:
-      verbosity: −1 only errors, 0 normal, 1 also notes.
+      verbosity: −1 only errors, 0 normal, 1 more.
       debug: show tracebacks.
       code: the exit code of a command that ran through.
     """

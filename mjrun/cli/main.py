@@ -123,10 +123,10 @@ def _guarded(console: Console, action: Callable[[], int]) -> int:
         os.close(nowhere)
         return ClosedPipeError.exit_code
     except (KeyboardInterrupt, click.Abort):
-        console.error("interrupted, nothing was written")
+        console.error("interrupted")
         return 130
     except EndedError as end:
-        console.error(f"ended by {end}, nothing was written")
+        console.error(f"ended by {end}")
         return end.exit_code
     except Exception as error:
         console.error(_bug_message(error))

@@ -1,9 +1,10 @@
 """How a job speaks while it works; the command line and the Python API listen in their own ways."""
 
 import warnings
+from collections.abc import Iterable
 from typing import Protocol
 
-from mjrun.errors import MjrunWarning
+from mjrun.errors import MjrunWarning, clean
 
 
 class Reporter(Protocol):
@@ -33,3 +34,9 @@ class QuietReporter:
 
     def progress(self, what: str, done: int, total: int) -> None:
         pass
+
+
+def pass_on(heard: Iterable[str], reporter: Reporter) -> None:
+    """Tells `reporter` what MuJoCo warned of, a line each."""
+    for text in heard:
+        reporter.warn(f"MuJoCo: {clean('; '.join(text.splitlines()))}")

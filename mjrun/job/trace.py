@@ -16,7 +16,7 @@ import numpy as np
 
 from mjrun.errors import FailedAssertionError, SimulationError, UsageError
 from mjrun.export.table import TableWriter, table_format
-from mjrun.job.report import QuietReporter, Reporter
+from mjrun.job.report import QuietReporter, Reporter, pass_on
 from mjrun.job.simulation import Simulation, positive
 from mjrun.model import faults
 from mjrun.model.column import Column
@@ -96,7 +96,8 @@ class TraceResult:
 
 def columns(simulation: Simulation) -> list[Column]:
     """Every column that the model of `simulation` offers, `time` first."""
-    return [TIME, *catalogue(simulation.load())]
+    with collected_warnings():
+        return [TIME, *catalogue(simulation.load())]
 
 
 def _make(job: Trace, reporter: Reporter) -> TraceResult:
@@ -122,6 +123,7 @@ def _make(job: Trace, reporter: Reporter) -> TraceResult:
                 sink.publish()
             raise
         sink.publish()
+    pass_on(heard, reporter)
     verdicts = [checker.verdict() for checker in checkers]
     failed = [verdict.message for verdict in verdicts if not verdict.passed]
     if failed:

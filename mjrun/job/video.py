@@ -12,7 +12,7 @@ import mujoco
 from mjrun.errors import clean
 from mjrun.export.codecs import Encoding, encoding
 from mjrun.export.video import FilmWriter
-from mjrun.job.report import QuietReporter, Reporter
+from mjrun.job.report import QuietReporter, Reporter, pass_on
 from mjrun.job.simulation import Simulation, positive
 from mjrun.model import faults
 from mjrun.model.native import collected_warnings
@@ -40,6 +40,7 @@ class Video:
       size: width and height [pixels].
       fps: frames per second of the film; 30, or 25 in a GIF, when None.
       speed: simulated seconds per second of film; below 1 is slow motion.
+      visual: flags, groups, frames, labels and quality of what is drawn.
       format, codec, crf, preset: how it is encoded; chosen by the output's suffix when None.
       gl: OpenGL backend; `auto` tries all.
       require_gpu: refuse to draw in software.
@@ -136,8 +137,7 @@ def _make(job: Video, reporter: Reporter) -> VideoResult:
         simulation_wall = _simulate(plan, recording)
         draw_wall = _draw(plan, recording, renderer, backend, film, reporter)
         film.publish()
-    for text in heard:
-        reporter.warn(f"MuJoCo: {clean('; '.join(text.splitlines()))}")
+    pass_on(heard, reporter)
     padding = encoded.padding(*job.size)
     return VideoResult(
         path=job.output,
@@ -227,4 +227,5 @@ def _software_cost(backend: Backend, cost: float, draft: float, frames: int) -> 
 
 def _tags(job: Video, backend: Backend) -> dict[str, str]:
     made_by = f"mjrun {__version__}, MuJoCo {mujoco.mj_versionString()}, {backend.renderer}"
-    return {"title": Path(job.output).stem, "comment": clean(made_by)}
+    title = {} if job.output == "-" else {"title": Path(job.output).stem}
+    return {**title, "comment": clean(made_by)}

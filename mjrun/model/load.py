@@ -16,6 +16,7 @@ from mjrun.errors import (
     ModelNotFoundError,
     clean,
 )
+from mjrun.model.native import without_log
 from mjrun.model.override import Setting, apply
 
 SOURCES = (".xml", ".urdf", ".mjz", ".zip")
@@ -52,7 +53,8 @@ def load(
     if timestep is not None:
         settings.append(Setting("opt.timestep", repr(float(timestep)), "--timestep"))
     _check_file(path)
-    model = _compiled(path, settings) if path.suffix in COMPILED else _compile(path, settings)
+    with without_log():
+        model = _compiled(path, settings) if path.suffix in COMPILED else _compile(path, settings)
     _check_names(model, path)
     _check_timestep(model, path, chosen=any(s.path == "opt.timestep" for s in settings))
     return model

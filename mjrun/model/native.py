@@ -10,6 +10,19 @@ from mjrun.errors import MjrunWarning
 
 
 @contextmanager
+def without_log() -> Iterator[None]:
+    """Keeps MuJoCo from writing MUJOCO_LOG.TXT into the working directory."""
+    log = mujoco.MjLogConfig.get()
+    to_file, log.logto_file = log.logto_file, False
+    log.set()
+    try:
+        yield
+    finally:
+        log.logto_file = to_file
+        log.set()
+
+
+@contextmanager
 def collected_warnings() -> Iterator[list[str]]:
     """Collects what MuJoCo warns of inside the block, each text once, in order.
 
@@ -21,21 +34,16 @@ def collected_warnings() -> Iterator[list[str]]:
     def note(text: str) -> None:
         heard[text.strip()] = None
 
-    log = mujoco.MjLogConfig.get()
-    to_file, log.logto_file = log.logto_file, False
-    log.set()
     previous = mujoco.get_mju_user_warning()
     mujoco.set_mju_user_warning(note)
     texts: list[str] = []
     caught: list[warnings.WarningMessage] = []
     try:
-        with warnings.catch_warnings(record=True) as caught:
+        with without_log(), warnings.catch_warnings(record=True) as caught:
             warnings.simplefilter("always", UserWarning)
             yield texts
     finally:
         mujoco.set_mju_user_warning(previous)
-        log.logto_file = to_file
-        log.set()
         for warning in caught:
             if issubclass(warning.category, UserWarning) and not issubclass(warning.category, MjrunWarning):
                 note(str(warning.message))

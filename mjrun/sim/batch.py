@@ -82,13 +82,18 @@ class Runner:
             out = self._batch.rollout(count, record=self._record)
         except BatchError:
             return None
-        if (self._batch.warning[0] != warned).any():
+        if (self._batch.warning[0] != warned).any() or not self._is_good():
             return None
         stepper.jump(stepper.step + count, self._batch.state[0])
         if self._derive:
             return self._derive(np.concatenate([start[None], out[state.STATE][0, :-1]]))
         shifted: Block = {field: np.concatenate([values, out[field][0, :-1]]) for field, values in before.items()}
         return {**{field: out[field][0] for field in self._fields}, **shifted}
+
+    def _is_good(self) -> bool:
+        # MuJoCo would warn of the last state only at the start of the next step.
+        vectors = (self._batch.bind("qpos"), self._batch.bind("qvel"))
+        return all((abs(vector) < mujoco.mjMAXVAL).all() for vector in vectors)
 
 
 class Derive:

@@ -173,6 +173,17 @@ def test_what_is_wrong_is_refused_before_the_first_step(
     assert list(tmp_path.iterdir()) == []
 
 
+def test_warnings_of_mujoco_are_told_and_no_log_is_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    spheres = "".join(f'<body pos="{x / 8} 0 .04"><freejoint/><geom size=".05"/></body>' for x in range(6))
+    text = f'<mujoco><size memory="12K"/><worldbody><geom type="plane" size="1 1 1"/>{spheres}</worldbody></mujoco>'
+    (tmp_path / "full.xml").write_text(text)
+    with pytest.warns(UserWarning, match="MuJoCo: Insufficient arena memory"):
+        result = Trace(Simulation("full.xml", steps=5), "t.csv").run()
+    assert result.warnings
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["full.xml", "t.csv"]
+
+
 def test_the_list_of_columns_begins_with_time() -> None:
     found = columns(Simulation(SCENES / "pinata.xml"))
     assert found[0] == TIME

@@ -107,6 +107,16 @@ def test_rows_before_an_instability_are_all_there_and_good() -> None:
     assert np.abs(rows).max() < mujoco.mjMAXVAL
 
 
+def test_a_velocity_that_leaves_the_limits_in_the_very_last_step_is_an_instability() -> None:
+    text = '<mujoco><worldbody><body><joint type="slide"/><geom size="1"/></body></worldbody></mujoco>'
+    model, data = start(text)
+    model.opt.gravity[2] = -1000
+    data.qvel[0] = -1e10 + 5  # loses 2 in a step, so the third leaves
+    with pytest.raises(UnstableError) as caught:
+        streamed(PhysicsStepper(model, data), ("qvel",), 3, 64)
+    assert caught.value.step == 2
+
+
 def test_running_out_of_memory_is_a_failed_step() -> None:
     spheres = "".join(f'<body pos="{x / 8} 0 .06"><freejoint/><geom size=".05"/></body>' for x in range(6))
     text = f'<mujoco><size memory="20K"/><worldbody><geom type="plane" size="1 1 1"/>{spheres}</worldbody></mujoco>'
