@@ -3,9 +3,11 @@
 Every step is a row, all default columns, energy and exact CSV included; `mjrun trace` is timed as a whole
 process, and its start-up, measured with a few rows, is taken off. The loop is a script that takes MODEL NSTEP
 [KEYFRAME] and prints one line of JSON with `us_per_step`, given by --baseline. Ratios below 1 are better.
+What costs more is timed too: the contact table, a table of controls, noise, and a controller called at every step.
+A long run of the last model shows that memory stays flat.
 
     python benchmarks/trace.py
-    python benchmarks/trace.py --steps 1000000 --models scenes/pendulum.xml
+    python benchmarks/trace.py --long 5000000 --models scenes/pendulum.xml
 """
 
 import argparse
@@ -14,9 +16,12 @@ import os
 import statistics
 import subprocess
 import sys
+import tempfile
 import time
 from dataclasses import dataclass
 from pathlib import Path
+
+import mujoco
 
 ROOT = Path(__file__).resolve().parents[1]
 BASELINE = ROOT / "../shared/bench/steploop.sh"
@@ -36,13 +41,14 @@ class Run:
     peak: int
 
 
-def trace(model: Path, steps: int) -> Run:
+def trace(model: Path, steps: int, *options: str) -> Run:
     """`mjrun trace` to nowhere."""
+    command = [sys.executable, "-m", "mjrun", "trace", str(model), "--steps", str(steps), "-q", *options]
     start = time.perf_counter()
     child = os.fork()
     if child == 0:
         os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
-        os.execv(sys.executable, [sys.executable, "-m", "mjrun", "trace", str(model), "--steps", str(steps), "-q"])
+        os.execv(sys.executable, command)
     _, status, usage = os.wait4(child, 0)
     if status:
         raise SystemExit(f"mjrun trace {model} failed")
@@ -76,10 +82,58 @@ def compare(script: Path, model: Path, steps: int, repeats: int) -> None:
     )
 
 
+def extras(model: Path, steps: int, repeats: int, folder: Path) -> None:
+    """Microseconds per row of what costs more, beside those of a plain trace in the same run."""
+    controller = folder / "idle.py"
+    controller.write_text("def act(model, data):\n    data.ctrl[:] = 0\n")
+    table = folder / "controls.npz"
+    trace(model, steps, "--probe", "ctrl", "-o", str(table))
+    cases = {
+        "plain": [],
+        "contacts": ["--contacts", str(folder / "contacts.csv")],
+        "noise": ["--ctrl-noise", "1e-9"],
+        "table": ["--ctrl-from", str(table)],
+        "controller": ["--controller", f"{controller}:act"],
+        "every 10th": ["--controller", f"{controller}:act", "--control-dt", str(10 * timestep(model))],
+    }
+    if not actuated(model):
+        cases = {name: options for name, options in cases.items() if name in ("plain", "contacts")}
+    found = {name: per_row(model, steps, repeats, *options) for name, options in cases.items()}
+    costs = "   ".join(f"{name} {cost:.1f} us ({cost / found['plain']:.2f} x)" for name, cost in found.items())
+    print(f"{model.stem:12} {costs}")
+
+
+def per_row(model: Path, steps: int, repeats: int, *options: str) -> float:
+    """The median of microseconds per row, less start-up."""
+    found = []
+    for _ in range(repeats):
+        idle, busy = trace(model, FEW, *options), trace(model, steps, *options)
+        found.append(1e6 * (busy.wall - idle.wall) / (steps - FEW))
+    return statistics.median(found)
+
+
+def timestep(model: Path) -> float:
+    return mujoco.MjModel.from_xml_path(str(model)).opt.timestep
+
+
+def actuated(model: Path) -> bool:
+    return mujoco.MjModel.from_xml_path(str(model)).nu > 0
+
+
+def long_run(model: Path, steps: int) -> None:
+    """Wall time and memory of a long trace, and memory of a tenth of it."""
+    short, whole = trace(model, steps // 10), trace(model, steps)
+    print(
+        f"{model.stem:12} {steps} rows in {whole.wall:.1f} s, peak {whole.peak / 1e6:.0f} MB; "
+        f"{steps // 10} rows, peak {short.peak / 1e6:.0f} MB"
+    )
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--models", type=Path, nargs="+", default=MODELS)
     parser.add_argument("--steps", type=int, default=50_000)
+    parser.add_argument("--long", type=int, default=1_000_000, help="rows of the long run")
     parser.add_argument("--repeats", type=int, default=3)
     parser.add_argument("--baseline", type=Path, default=BASELINE)
     given = parser.parse_args()
@@ -87,6 +141,10 @@ def main() -> None:
         raise SystemExit(f"there is no {given.baseline}; name the loop in C with --baseline")
     for model in given.models:
         compare(given.baseline, model, given.steps, given.repeats)
+    with tempfile.TemporaryDirectory() as folder:
+        for model in given.models:
+            extras(model, given.steps // 5, given.repeats, Path(folder))
+    long_run(given.models[-1], given.long)
 
 
 if __name__ == "__main__":

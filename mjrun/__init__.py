@@ -7,6 +7,7 @@ Everything the command line does is callable:
     top = mjrun.load("scenes/tippe_top.xml")
     spin = mjrun.Simulation(top, key="spinning", duration=7)
     mjrun.Video(spin, "tippe_top.mp4", camera="closeup").run()
+    mjrun.Trace(spin, "tippe_top.npz", probes=["xpos[stem]", "energy"]).run()
 
 Names are imported when first used, so `import mjrun` itself costs nothing.
 """
@@ -18,6 +19,8 @@ from mjrun.version import __version__
 
 if TYPE_CHECKING:
     from mjrun.job.simulation import Simulation as Simulation
+    from mjrun.job.trace import Trace as Trace
+    from mjrun.job.trace import TraceResult as TraceResult
     from mjrun.job.video import Video as Video
     from mjrun.job.video import VideoResult as VideoResult
     from mjrun.model.load import load as load
@@ -25,13 +28,15 @@ if TYPE_CHECKING:
 
 _HOMES = {
     "Simulation": "mjrun.job.simulation",
+    "Trace": "mjrun.job.trace",
+    "TraceResult": "mjrun.job.trace",
     "Video": "mjrun.job.video",
     "VideoResult": "mjrun.job.video",
     "Visual": "mjrun.render.visual",
     "load": "mjrun.model.load",
 }
 
-__all__ = ["Simulation", "Video", "VideoResult", "Visual", "__version__", "load"]
+__all__ = ["Simulation", "Trace", "TraceResult", "Video", "VideoResult", "Visual", "__version__", "load"]
 
 
 def __getattr__(name: str) -> object:

@@ -6,6 +6,7 @@ line of a message says what and where; further lines say what is valid and what 
 
 import difflib
 import signal
+import traceback
 import unicodedata
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
@@ -105,6 +106,20 @@ class MissingExtraError(UsageError):
         super().__init__(f"{what} needs {library}, which is not installed\npip install 'mjrun[{extra}]'")
 
 
+class ControllerError(UsageError):
+    """A controller cannot be had, failed, or gave what cannot be taken."""
+
+    @classmethod
+    def of(cls, what: str, error: BaseException) -> "ControllerError":
+        """Tells that `what` raised `error`, with the traceback from where foreign code begins."""
+        kind = type(error).__name__
+        trace = error.__traceback__
+        while trace and trace.tb_frame.f_globals.get("__name__", "").partition(".")[0] in ("mjrun", "importlib"):
+            trace = trace.tb_next
+        lines = "".join(traceback.format_exception(type(error), error, trace)).splitlines()
+        return cls("\n".join([f"{clean(what)} raised {kind}: {clean(str(error))}", *map(clean, lines)]))
+
+
 class CompiledModelError(UsageError):
     """Source-level overrides asked of a model that is already compiled."""
 
@@ -177,7 +192,8 @@ class UnstableError(SimulationError):
             time,
             f"the simulation became unstable at step {step}, time {time:.9g} s: "
             f"{quantity} of {clean(joint)} is not finite or too large\n"
-            f"a smaller --timestep than {timestep:g} s, or --integrator implicitfast, may cure it",
+            f"a smaller --timestep than {timestep:g} s may cure it, or another --integrator: "
+            "implicitfast where damping or contacts are stiff, rk4 for fast free motion",
         )
 
 

@@ -9,7 +9,9 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from fractions import Fraction
+from typing import Any
 
+EXACT = 2**53  # below it every integer is a float
 _VAST = re.compile(r"[eE][+-]?\d{4}")
 
 
@@ -28,6 +30,14 @@ def rational(value: float | str | Fraction) -> Fraction:
         return Fraction(text)
     except (ValueError, ZeroDivisionError, OverflowError):
         raise ValueError(f"not a finite number: {value!r}") from None
+
+
+def seconds(steps: Any, timestep: Fraction) -> Any:
+    """The times [s] of `steps`, an integer array `(n,)` in order: exact, then rounded once."""
+    above, below = timestep.numerator, timestep.denominator
+    if len(steps) and max(abs(int(steps[0])), abs(int(steps[-1]))) * above < EXACT and below < EXACT:
+        return steps * above / below
+    return [step * above / below for step in steps.tolist()]
 
 
 def nearest(value: Fraction) -> int:

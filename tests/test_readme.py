@@ -14,7 +14,7 @@ SHELL = re.findall(r"```sh\n(.*?)```", README, re.DOTALL)
 PYTHON = re.findall(r"```python\n(.*?)```", README, re.DOTALL)
 COMMANDS = [line for block in SHELL for line in block.replace("\\\n", " ").splitlines() if line.strip()]
 FILMS = [line for line in COMMANDS if line.startswith("mjrun video")]
-TABLES = [line for line in COMMANDS if line.startswith("mjrun trace")]
+TABLES = [line for line in COMMANDS if line.startswith(("mjrun trace", "for "))]
 SMALL = "--size 64x48 --duration 0.1 --quality draft --fps 20"
 
 
@@ -86,7 +86,7 @@ def test_the_package_installs_with_its_command_and_its_types(tmp_path: Path) -> 
 
 
 def test_every_other_command_of_the_readme_is_known() -> None:
-    known = ("mjrun video ", "mjrun trace ", "mjrun doctor", "make ", "pip install .")
+    known = ("mjrun video ", "mjrun trace ", "for ", "mjrun doctor", "make ", "pip install .")
     assert all(command.startswith(known) for command in COMMANDS)
 
 

@@ -1,5 +1,6 @@
 """Theorems about the example scenes: what they promise, against closed forms and plain MuJoCo."""
 
+import runpy
 from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import product
@@ -9,6 +10,8 @@ import mujoco
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+
+from mjrun.job.simulation import Simulation
 
 Vector = NDArray[np.float64]
 
@@ -433,3 +436,16 @@ def test_the_humanoid_jumps_clear_of_the_floor() -> None:
     com = data.sensor("com").data[2]
     peak = max(data.sensor("com").data[2] for _ in run(model, data, 0.4))
     assert peak == pytest.approx(com + rise, abs=0.01)
+
+
+def test_the_swing_up_controller_lifts_what_its_motor_cannot() -> None:
+    code = runpy.run_path(str(SCENES / "swing_up.py"))
+    simulation = Simulation(SCENES / "pendulum.xml", controller=code["SwingUp"](), control_dt=0.01)
+    model = simulation.load()
+    stepper = simulation.stepper(model)
+    assert code["LIMIT"] < 9.81 / 2  # [N m], the weight at the pivot when level
+    for step in range(0, 6001, 10):
+        stepper.advance(step)
+        assert abs(stepper.instant().ctrl[0]) <= code["LIMIT"]
+    assert abs(abs(stepper.instant().qpos[0]) - np.pi) < 0.01
+    assert abs(stepper.instant().qvel[0]) < 0.01

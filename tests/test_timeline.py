@@ -3,11 +3,12 @@
 import itertools
 from fractions import Fraction
 
+import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from mjrun.timeline import Timeline, nearest, rational
+from mjrun.timeline import Timeline, nearest, rational, seconds
 
 MILLI2 = Fraction(1, 500)  # [s], the usual timestep
 
@@ -185,3 +186,14 @@ def test_rows_at_a_rate_are_nearest_their_times_and_no_step_is_shown_twice(
     rows = list(run.rows(rate=rate))
     assert rows == sorted({*expected, steps})
     assert (rows[0], rows[-1]) == (0, steps)
+
+
+@given(st.fractions(Fraction(1, 10**6), Fraction(1)), st.integers(0, 10**12), st.integers(1, 5))
+def test_seconds_are_exact_and_rounded_once(timestep: Fraction, first: int, count: int) -> None:
+    steps = np.arange(first, first + count)
+    assert list(seconds(steps, timestep)) == [float(int(step) * timestep) for step in steps]
+
+
+def test_seconds_of_a_timestep_with_many_digits_do_not_overflow() -> None:
+    timestep = rational(1 / 240)
+    assert list(seconds(np.array([0, 3000]), timestep)) == [0, float(3000 * timestep)]

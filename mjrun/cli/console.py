@@ -23,9 +23,11 @@ class Console:
       verbosity: −1 only errors, 0 normal, 1 more.
       debug: show tracebacks.
       code: the exit code of a command that ran through.
+      command: the command line.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, command: str = "mjrun") -> None:
+        self.command = command
         self.verbosity = 0
         self.debug = False
         self.code = 0

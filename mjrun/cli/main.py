@@ -1,6 +1,7 @@
 """The `mjrun` command: its subcommands, and the one place where errors become text and exit codes."""
 
 import os
+import shlex
 import signal
 import sys
 import traceback
@@ -81,7 +82,7 @@ def run(arguments: Sequence[str]) -> int:
         return shell_complete(group, {}, "mjrun", COMPLETE, os.environ[COMPLETE])
     for number in (signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, _terminate)
-    console = Console()
+    console = Console(shlex.join(["mjrun", *arguments]))
     code = _guarded(console, lambda: _invoke(console, arguments))
     # A reader that is gone shows up, at the latest, when the last text is flushed.
     code = code or _guarded(console, _flush)

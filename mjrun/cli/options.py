@@ -99,6 +99,39 @@ simulation_options = _bundle(
         "--ctrl", type=Assignment(), multiple=True, help="Constant control, by actuator name or wildcard. Repeatable."
     ),
     _option(
+        "--ctrl-from",
+        metavar="FILE",
+        help="Controls in time from a table with columns time and ctrl/ACTUATOR: csv, parquet, npz; a trace will do.",
+    ),
+    _option(
+        "--ctrl-interpolation",
+        type=click.Choice(["hold", "linear"]),
+        default="hold",
+        show_default=True,
+        help="Between the rows of that table.",
+    ),
+    _option(
+        "--ctrl-noise",
+        type=click.FloatRange(min=0),
+        default=0.0,
+        metavar="STD",
+        help="Gaussian noise on every control, in its own units.",
+    ),
+    _option(
+        "--ctrl-noise-time",
+        type=click.FloatRange(min=0),
+        default=0.0,
+        metavar="SECONDS",
+        help="Time in which that noise forgets.  [default: 0, new at every step]",
+    ),
+    _option(
+        "--controller",
+        metavar="CODE",
+        help="Python that sets the controls: policy.py:act or package.module:Policy, called with (model, data). "
+        "It writes data.ctrl or returns the controls; a class may have a method reset.",
+    ),
+    _option("--control-dt", type=Exact("SECONDS"), help="Time between two calls of it.  [default: every step]"),
+    _option(
         "--perturb", type=click.FloatRange(min=0), default=0.0, metavar="STD", help="Noise on the initial velocities."
     ),
     _option("--seed", type=click.IntRange(min=0), default=0, metavar="N", help="Of the noise.  [default: 0]"),
@@ -152,6 +185,12 @@ renderer_options = _bundle(
     _option("--require-gpu", is_flag=True, help="Refuse to draw in software."),
 )
 
+_manifest = _option(
+    "--manifest",
+    metavar="FILE",
+    help="What made the output, as JSON: versions, command, model, options, wall times, hashes.",
+)
+
 film_options = _bundle(
     "Film",
     _option(
@@ -169,6 +208,7 @@ film_options = _bundle(
     _option("--codec", metavar="NAME", help="h264, h265, av1, vp9, prores, ffv1, as the format holds."),
     _option("--crf", type=int, metavar="N", help="Constant rate factor: lower is better and larger."),
     _option("--preset", metavar="NAME", help="The codec's own, from fast to thorough."),
+    _manifest,
 )
 
 table_options = _bundle(
@@ -201,6 +241,13 @@ table_options = _bundle(
         help="Exit with 1 unless this holds: max(abs(energy/drift)) < 1e-3. Repeatable.",
     ),
     _option("--keep-partial", is_flag=True, help="Keep the rows before an instability."),
+    _option(
+        "--contacts",
+        metavar="FILE",
+        help="A second table, a row for each contact of each instant: who, where, how deep, force and torque. "
+        "Suffixes as for -o.",
+    ),
+    _manifest,
 )
 
 output_options = _bundle(

@@ -57,6 +57,9 @@ def _make(console: Console, given: dict[str, Any]) -> "TraceResult":
         rate=given["rate"],
         asserts=given["asserts"],
         keep_partial=given["keep_partial"],
+        contacts=given["contacts"],
+        manifest=given["manifest"],
+        command=console.command,
     )
     return job.run(console)
 

@@ -4,6 +4,7 @@ import os
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from mjrun.cli.code import controller
 from mjrun.cli.options import GROUP_KINDS
 
 if TYPE_CHECKING:
@@ -39,6 +40,12 @@ def simulation(given: dict[str, Any]) -> "Simulation":
         qpos=dict(given["qpos"]),
         qvel=dict(given["qvel"]),
         ctrl=dict(given["ctrl"]),
+        ctrl_from=given["ctrl_from"],
+        ctrl_interpolation=given["ctrl_interpolation"],
+        ctrl_noise=given["ctrl_noise"],
+        ctrl_noise_time=given["ctrl_noise_time"],
+        controller=controller(given["controller"]) if given["controller"] else None,
+        control_dt=given["control_dt"],
         perturb=given["perturb"],
         seed=given["seed"],
         duration=given["duration"],

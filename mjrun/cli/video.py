@@ -64,6 +64,8 @@ def _make(console: Console, given: dict[str, Any]) -> "VideoResult":
         preset=given["preset"],
         gl=given["gl"] or "auto",
         require_gpu=given["require_gpu"],
+        manifest=given["manifest"],
+        command=console.command,
     )
     return job.run(console)
 

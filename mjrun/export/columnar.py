@@ -25,13 +25,14 @@ from mjrun.model.column import Column
 GROUP = 2**21  # values in a group: 16 MiB
 MANIFEST = "mjrun"  # the key of the manifest in a schema's metadata
 MATLAB_LIMIT = 2**31  # bytes in one variable
+MATLAB_CELL = 64  # bytes that a text in a cell takes besides its characters, of which each takes at most 4
 MATLAB_NAME = 63  # characters in a variable's name
 MATLAB_OWN = ("columns", "variables", "units", "manifest")
 MATLAB_HEADER = 116  # bytes of text at the start of the file
 
 
 class ParquetSink:
-    """Flat float64 columns in zstd row groups.
+    """Flat float64 columns in zstd row groups; a column with labels is a dictionary of strings, null for no text.
 
     A field's metadata has `unit`, `meaning`, `kind` and `id`; the schema's has the manifest under `mjrun`, which is
     also in the file's own key-value metadata, where DuckDB finds it.
@@ -40,9 +41,10 @@ class ParquetSink:
     def __init__(self, file: BinaryIO, columns: Sequence[Column], manifest: str) -> None:
         import pyarrow.parquet
 
-        self._groups = Groups(len(columns))
+        self._columns, self._groups = columns, Groups(len(columns))
         self._schema = _schema(columns)
-        self._writer = pyarrow.parquet.ParquetWriter(file, self._schema, compression="zstd", use_dictionary=False)
+        texts: Any = [column.name for column in columns if column.labels]
+        self._writer = pyarrow.parquet.ParquetWriter(file, self._schema, compression="zstd", use_dictionary=texts)
 
     def write(self, block: np.ndarray) -> None:
         for group in self._groups.add(block):
@@ -64,7 +66,7 @@ class ParquetSink:
     def _write(self, group: np.ndarray) -> None:
         import pyarrow
 
-        self._writer.write_table(pyarrow.Table.from_batches([_batch(group, self._schema)]))
+        self._writer.write_table(pyarrow.Table.from_batches([_batch(group, self._columns, self._schema)]))
 
 
 class FeatherSink:
@@ -73,18 +75,18 @@ class FeatherSink:
     def __init__(self, file: BinaryIO, columns: Sequence[Column], manifest: str) -> None:
         import pyarrow
 
-        self._groups = Groups(len(columns))
+        self._columns, self._groups = columns, Groups(len(columns))
         self._schema = _schema(columns).with_metadata({MANIFEST: manifest})
         options = pyarrow.ipc.IpcWriteOptions(compression="lz4")
         self._writer = pyarrow.ipc.new_file(file, self._schema, options=options)
 
     def write(self, block: np.ndarray) -> None:
         for group in self._groups.add(block):
-            self._writer.write_batch(_batch(group, self._schema))
+            self._writer.write_batch(_batch(group, self._columns, self._schema))
 
     def finish(self, manifest: str) -> None:
         for group in self._groups.rest():
-            self._writer.write_batch(_batch(group, self._schema))
+            self._writer.write_batch(_batch(group, self._columns, self._schema))
         self._writer.close()
 
     def close(self) -> None:
@@ -93,7 +95,8 @@ class FeatherSink:
 
 
 class NpzSink:
-    """An uncompressed archive: one float64 array `(rows,)` for each column, under its name, as in `f["qpos/knee"]`.
+    """An uncompressed archive: one float64 array `(rows,)` for each column, under its name, as in `f["qpos/knee"]`;
+    of unicode strings, empty for no text, where it has labels.
 
     `__manifest__` and `__units__` (by column name) are JSON texts: `json.loads(str(f["__units__"]))`.
     """
@@ -111,7 +114,7 @@ class NpzSink:
         with zipfile.ZipFile(self._file, "w") as archive:
             for index, column in enumerate(self._columns):
                 with _member(archive, column.name) as member:
-                    _write_array(member, self._spill.rows, self._spill.column(index))
+                    _write_array(member, column.labels, self._spill.rows, self._spill.column(index))
             for name, text in (("__units__", units), ("__manifest__", manifest)):
                 with _member(archive, name) as member:
                     np.lib.format.write_array(member, np.array(text), allow_pickle=False)
@@ -121,11 +124,11 @@ class NpzSink:
 
 
 class MatSink:
-    """A MATLAB 5 file: one column vector `(rows, 1)` for each column.
+    """A MATLAB 5 file: one column vector `(rows, 1)` for each column, a cell of texts where it has labels.
 
     Variables are called as MATLAB allows: `qpos/knee` is `qpos_knee`. The cells `columns`, `variables` and `units`
     hold the exact names, the variables and the units in order; the text `manifest` is JSON.
-    The format holds 2 GiB per variable; more rows are refused as they come.
+    The format holds 2 GiB per variable; more rows are refused as they come, counting every text as the longest label.
     """
 
     def __init__(self, file: BinaryIO, columns: Sequence[Column], manifest: str) -> None:
@@ -133,17 +136,19 @@ class MatSink:
 
         self._file, self._columns = file, columns
         self._spill = Spill(Path(file.name).parent, len(columns))
+        self._widest = max([8, *(MATLAB_CELL + 4 * len(label) for column in columns for label in column.labels)])
 
     def write(self, block: np.ndarray) -> None:
-        if 8 * (self._spill.rows + len(block)) >= MATLAB_LIMIT:
+        if self._widest * (self._spill.rows + len(block)) >= MATLAB_LIMIT:
             raise OSError(errno.EFBIG, "a .mat file holds at most 2 GiB per column; .parquet and .npz hold more")
         self._spill.write(block)
 
     def finish(self, manifest: str) -> None:
         self._spill.end()
         variables = identifiers([column.name for column in self._columns])
-        for index, variable in enumerate(variables):
-            self._save(variable, np.concatenate([np.empty(0), *self._spill.column(index)])[:, None])
+        for index, (variable, column) in enumerate(zip(variables, self._columns, strict=True)):
+            values = np.concatenate([np.empty(0), *self._spill.column(index)])[:, None]
+            self._save(variable, _cells([*column.labels, ""])[values.astype(int)] if column.labels else values)
         self._save("columns", _cells(column.name for column in self._columns))
         self._save("variables", _cells(variables))
         self._save("units", _cells(column.unit for column in self._columns))
@@ -242,27 +247,39 @@ def identifiers(names: Sequence[str]) -> list[str]:
 def _schema(columns: Sequence[Column]) -> Any:
     import pyarrow
 
-    return pyarrow.schema([pyarrow.field(c.name, pyarrow.float64(), metadata=_facts(c)) for c in columns])
+    number, text = pyarrow.float64(), pyarrow.dictionary(pyarrow.int32(), pyarrow.string())
+    return pyarrow.schema([pyarrow.field(c.name, text if c.labels else number, metadata=_facts(c)) for c in columns])
 
 
 def _facts(column: Column) -> dict[str, str]:
     return {"unit": column.unit, "meaning": column.meaning, "kind": column.kind, "id": str(column.id)}
 
 
-def _batch(group: np.ndarray, schema: Any) -> Any:
+def _batch(group: np.ndarray, columns: Sequence[Column], schema: Any) -> Any:
     import pyarrow
 
-    return pyarrow.record_batch([pyarrow.array(column, from_pandas=False) for column in group], schema=schema)
+    return pyarrow.record_batch([_array(*pair) for pair in zip(group, columns, strict=True)], schema=schema)
+
+
+def _array(values: np.ndarray, column: Column) -> Any:
+    import pyarrow
+
+    if not column.labels:
+        return pyarrow.array(values, from_pandas=False)
+    numbers = pyarrow.array(values.astype(np.int32), mask=values < 0)
+    return pyarrow.DictionaryArray.from_arrays(numbers, pyarrow.array(column.labels, pyarrow.string()))
 
 
 def _member(archive: zipfile.ZipFile, name: str) -> Any:
     return archive.open(zipfile.ZipInfo(f"{name}.npy"), "w", force_zip64=True)  # dated 1980: same table, same bytes
 
 
-def _write_array(file: Any, rows: int, pieces: Iterable[np.ndarray]) -> None:
-    np.lib.format.write_array_header_1_0(file, {"descr": "<f8", "fortran_order": False, "shape": (rows,)})
+def _write_array(file: Any, labels: Sequence[str], rows: int, pieces: Iterable[np.ndarray]) -> None:
+    texts = np.array([*labels, ""])  # the last is for −1
+    descr = texts.dtype.str if labels else "<f8"
+    np.lib.format.write_array_header_1_0(file, {"descr": descr, "fortran_order": False, "shape": (rows,)})
     for piece in pieces:
-        file.write(piece.data)
+        file.write(texts[piece.astype(int)].data if labels else piece.data)
 
 
 def _cells(texts: Iterable[str]) -> np.ndarray:

@@ -32,8 +32,8 @@ class Target(Protocol):
         """The descriptor it writes to, when `path` means standard output."""
         ...
 
-    def publish(self) -> None:
-        """Puts what was written in its place."""
+    def publish(self) -> list[Path]:
+        """Puts what was written in its place, and says which files that is."""
         ...
 
     def discard(self) -> None:
@@ -69,13 +69,14 @@ class StagedFile:
             raise _unwritable(target, error) from None
         self.path = str(self._temporary)
 
-    def publish(self) -> None:
+    def publish(self) -> list[Path]:
         try:
             with self._temporary.open("rb") as file:
                 os.fsync(file.fileno())
             self._temporary.replace(self._target)
         except OSError as error:
             raise _unwritable(self.shown, error) from None
+        return [self.shown]
 
     def discard(self) -> None:
         with contextlib.suppress(OSError):
@@ -104,7 +105,7 @@ class StagedFolder:
             raise _unwritable(target, error) from None
         self.path = _pattern_in(self._temporary)
 
-    def publish(self) -> None:
+    def publish(self) -> list[Path]:
         old = _beside(self._target)
         try:
             if self._target.exists():
@@ -113,6 +114,7 @@ class StagedFolder:
         except OSError as error:
             raise _unwritable(self.shown, error) from None
         shutil.rmtree(old, ignore_errors=True)
+        return sorted(self.shown.iterdir())
 
     def discard(self) -> None:
         shutil.rmtree(self._temporary, ignore_errors=True)
@@ -137,21 +139,22 @@ class StagedFrames:
             raise _unwritable(pattern, error) from None
         self.path = _pattern_in(self._temporary)
 
-    def publish(self) -> None:
+    def publish(self) -> list[Path]:
         before, width, after = re.split(r"%(\d*)d", self.shown.name, maxsplit=1)
         numbered = re.compile(f"{re.escape(before)}(\\d+){re.escape(after)}")
-        folder, new = self.shown.parent, set()
+        folder, new = self.shown.parent, dict[str, Path]()
         try:
             for index, frame in enumerate(sorted(self._temporary.iterdir())):
                 name = f"{before}{index:{width or 1}d}{after}"
                 frame.replace(folder / name)
-                new.add(name)
+                new[name] = folder / name
             for old in folder.iterdir():
                 if numbered.fullmatch(old.name) and old.name not in new:
                     old.unlink()
             self._temporary.rmdir()
         except OSError as error:
             raise _unwritable(self.shown, error) from None
+        return list(new.values())
 
     def discard(self) -> None:
         shutil.rmtree(self._temporary, ignore_errors=True)
@@ -176,8 +179,8 @@ class StandardOutput:
         poll.register(self.stdout, 0)
         return any(events & (select.POLLERR | select.POLLHUP) for _, events in poll.poll(0))
 
-    def publish(self) -> None:
-        pass
+    def publish(self) -> list[Path]:
+        return []
 
     def discard(self) -> None:
         pass

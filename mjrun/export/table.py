@@ -1,22 +1,25 @@
 """Tables: rows in by the block, one published table out, in the format that its suffix means.
 
-| format  | suffix             | names           | units, manifest | memory            |
-|---------|--------------------|-----------------|-----------------|-------------------|
-| csv     | `.csv`             | cleaned         | no              | flat              |
-| jsonl   | `.jsonl`           | exact           | no              | flat              |
-| parquet | `.parquet`         | exact           | yes             | flat              |
-| feather | `.feather .arrow`  | exact           | as at opening   | flat              |
-| npz     | `.npz`             | exact           | yes             | flat, disk twice  |
-| mat     | `.mat`             | exact, in a cell| yes             | one column        |
+| format  | suffix             | names           | labels, none  | units, manifest | memory            |
+|---------|--------------------|-----------------|---------------|-----------------|-------------------|
+| csv     | `.csv`             | cleaned         | cleaned, ``   | no              | flat              |
+| jsonl   | `.jsonl`           | exact           | exact, null   | no              | flat              |
+| parquet | `.parquet`         | exact           | exact, null   | yes             | flat              |
+| feather | `.feather .arrow`  | exact           | exact, null   | as at opening   | flat              |
+| npz     | `.npz`             | exact           | exact, `''`   | yes             | flat, disk twice  |
+| mat     | `.mat`             | exact, in a cell| exact, `''`   | yes             | one column        |
 
 Every number is the float64 that was measured: text is the shortest that reads back as the same bits.
+A column with labels holds texts; its rows come as indices into them.
 """
 
 import contextlib
 import importlib.util
 import json
+import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import groupby
 from pathlib import Path
 from types import TracebackType
 from typing import Any, BinaryIO, Protocol
@@ -31,6 +34,8 @@ from mjrun.model.column import Column
 
 PIECE = 2**16  # values turned into text at a time
 FORMULA = ("=", "+", "-", "@")  # a spreadsheet takes a cell that starts so for a formula
+# The same in full width, as in Japan, and after a semicolon, which parts cells where a comma is decimal.
+LABEL_FORMULA = re.compile(r"(^|;)(?=\s*[=+\-@＝＋－＠])")
 
 
 class Sink(Protocol):
@@ -55,16 +60,21 @@ class CsvSink:
     Names are cleaned of control characters and quoted where they need it. A name that a spreadsheet would take for
     a formula is quoted too, but not changed: in mjrun's own columns a group such as `qpos/` comes before every name
     from a model, so none can be one.
+
+    A label may be any name from a model. It is cleaned and quoted in the same way; where a spreadsheet would take it
+    for a formula, quoted or not, an apostrophe goes before that, as is the custom: `=1+1` is `'=1+1`. No text is an
+    empty cell, an empty label `""`.
     """
 
     def __init__(self, file: BinaryIO, columns: Sequence[Column], manifest: str) -> None:
         self._file = file
-        self._head = ",".join(_header_cell(column.name) for column in columns).encode() + b"\n"
+        self._head = b",".join(_cell(column.name) for column in columns) + b"\n"
+        self._texts = _texts(columns, _label_cell, b"")
 
     def write(self, block: np.ndarray) -> None:
         self._begin()
         for piece in _pieces(block):
-            self._file.write(_lines(piece))
+            self._file.write(_mixed_lines(piece, self._texts) if self._texts else _lines(piece))
 
     def finish(self, manifest: str) -> None:
         self._begin()
@@ -79,21 +89,24 @@ class CsvSink:
 
 
 class JsonlSink:
-    """One JSON object a line, `{"time":0.0,"qpos/knee":0.5}`; what is not finite is null.
+    """One JSON object a line, `{"time":0.0,"qpos/knee":0.5}`; what is not finite, and no text, is null.
 
-    A name that holds control characters is escaped, so that it reads back exactly and cannot steer a terminal.
+    A name or label that holds control characters is escaped, so that it reads back exactly and cannot steer a terminal.
     """
 
     def __init__(self, file: BinaryIO, columns: Sequence[Column], manifest: str) -> None:
         self._file = file
-        first, *others = (_key(column.name) + b":" for column in columns)
+        first, *others = (_string(column.name) + b":" for column in columns)
         self._before = [b"}\n{" + first, *(b"," + key for key in others)]
+        self._texts = _texts(columns, _string, b"null")
 
     def write(self, block: np.ndarray) -> None:
         for piece in _pieces(block):
             parts = [b""] * (2 * piece.size)
             parts[::2] = self._before * len(piece)
             parts[1::2] = _numbers(piece).replace(b"],[", b",").split(b",")
+            for index, texts in self._texts.items():
+                parts[2 * index + 1 :: 2 * piece.shape[1]] = texts[piece[:, index].astype(int)].tolist()
             parts[0] = parts[0].removeprefix(b"}\n")
             self._file.write(b"".join(parts) + b"}\n")
 
@@ -206,8 +219,8 @@ class TableWriter:
                 self._file.flush()
         self.rows += len(block)
 
-    def publish(self, manifest: Mapping[str, Any] | None = None) -> None:
-        """Completes the table and puts it in its place.
+    def publish(self, manifest: Mapping[str, Any] | None = None) -> list[Path]:
+        """Completes the table, puts it in its place, and says which files that is.
 
         Args:
           manifest: takes the place of the one given at opening, in every format but feather.
@@ -220,7 +233,7 @@ class TableWriter:
         with self._writing():
             self._sink.finish(final)
             self._file.close()
-        self._target.publish()
+        return self._target.publish()
 
     def close(self) -> None:
         """Ends the table, and removes what is not published."""
@@ -275,15 +288,24 @@ def _document(manifest: Mapping[str, Any] | None) -> str:
     return json.dumps(dict(manifest or {}), default=str)
 
 
-def _header_cell(name: str) -> str:
+def _cell(name: str) -> bytes:
     cell = clean(name)
-    if not cell or cell.startswith(FORMULA) or any(c in cell for c in ',"'):
-        return '"' + cell.replace('"', '""') + '"'
-    return cell
+    if not cell or cell.startswith(FORMULA) or any(c in cell for c in ',;"'):
+        cell = '"' + cell.replace('"', '""') + '"'
+    return cell.encode()
 
 
-def _key(name: str) -> bytes:
-    return json.dumps(name, ensure_ascii=clean(name) != name).encode()
+def _label_cell(label: str) -> bytes:
+    return _cell(LABEL_FORMULA.sub(r"\1'", clean(label)))
+
+
+def _string(text: str) -> bytes:
+    return json.dumps(text, ensure_ascii=clean(text) != text).encode()
+
+
+def _texts(columns: Sequence[Column], show: Callable[[str], bytes], none: bytes) -> dict[int, np.ndarray]:
+    """What stands for the numbers of each column with labels, by its index; the last is for −1."""
+    return {i: np.array([*map(show, c.labels), none], object) for i, c in enumerate(columns) if c.labels}
 
 
 def _pieces(block: np.ndarray) -> Iterator[np.ndarray]:
@@ -307,3 +329,12 @@ def _lines(piece: np.ndarray) -> bytes:
     parts = [b""] * (2 * len(kept) - 1)
     parts[::2], parts[1::2] = kept, words.tolist()
     return b"".join(parts)
+
+
+def _mixed_lines(piece: np.ndarray, texts: Mapping[int, np.ndarray]) -> bytes:
+    """The lines of a piece with columns of texts: the numbers between them are printed together."""
+    cells = []
+    for index, run in groupby(range(piece.shape[1]), key=lambda i: i if i in texts else -1):
+        values = np.ascontiguousarray(piece[:, list(run)])
+        cells.append(_lines(values).splitlines() if index < 0 else texts[index][values[:, 0].astype(int)].tolist())
+    return b"\n".join(map(b",".join, zip(*cells, strict=True))) + b"\n"

@@ -82,8 +82,8 @@ class FilmWriter:
             raise self._failure() from None
         self.written += 1
 
-    def publish(self) -> None:
-        """Ends the film, checks that it has every frame, and puts it in its place.
+    def publish(self) -> list[Path]:
+        """Ends the film, checks that it has every frame, puts it in its place, and says which files that is.
 
         Raises:
           EncoderError: the encoder failed, or frames are missing.
@@ -98,7 +98,7 @@ class FilmWriter:
             raise self._failure()
         self._drain.join()
         self._check()
-        self._target.publish()
+        return self._target.publish()
 
     def close(self) -> None:
         """Ends the encoder, and removes what is not published."""

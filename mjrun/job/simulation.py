@@ -1,5 +1,6 @@
 """A simulation as a value: which model, from where, with what, for how long."""
 
+import math
 from collections.abc import Mapping
 from dataclasses import KW_ONLY, dataclass, field
 from fractions import Fraction
@@ -7,13 +8,18 @@ from pathlib import Path
 
 import mujoco
 
-from mjrun.errors import BadValueError, UsageError
+from mjrun.errors import BadValueError, UnknownNameError, UsageError
+from mjrun.export.reading import read_table
+from mjrun.model import faults
 from mjrun.model.load import load
+from mjrun.model.names import matching
 from mjrun.model.override import Setting
+from mjrun.sim.control import PREFIX, Control, Controller, ControlTable, Feedback, Noise
 from mjrun.sim.start import Start, Values
 from mjrun.sim.stepper import PhysicsStepper
 from mjrun.timeline import Timeline, rational
 
+INTERPOLATIONS = ("hold", "linear")
 DURATION = Fraction(5)  # [s], when nothing is said
 
 
@@ -38,6 +44,14 @@ class Simulation:
       key: keyframe to start from, by name or index.
       qpos, qvel: initial joint positions and velocities by name: `{"root": 0.1, "free/z": 1}`.
       ctrl: constant controls by actuator name; `*` means all.
+      ctrl_from: a table of controls in time, with columns `time` and `ctrl/ACTUATOR`, such as a trace.
+      ctrl_interpolation: between its rows: `hold` or `linear`.
+      ctrl_noise: standard deviation of noise on every control, in the actuators' own units.
+      ctrl_noise_time: time in which that noise forgets [s]; 0 is white, new at every step.
+      controller: called with (model, data) every `control_dt`, at an instant whose fields belong together: it
+        writes `data.ctrl`, or other inputs, or returns the controls `(nu,)`. If it has a method `reset`, that
+        is called first.
+      control_dt: time between two calls [s]; every step when None.
       perturb: standard deviation of noise on the initial velocities; `seed` makes it repeatable.
       duration: simulated time [s]; 5 when neither it nor `steps` is given.
       steps: number of steps, instead of `duration`.
@@ -52,6 +66,12 @@ class Simulation:
     qpos: Mapping[str, Values] = field(default_factory=dict)
     qvel: Mapping[str, Values] = field(default_factory=dict)
     ctrl: Mapping[str, Values] = field(default_factory=dict)
+    ctrl_from: str | Path | None = None
+    ctrl_interpolation: str = "hold"
+    ctrl_noise: float = 0.0
+    ctrl_noise_time: float = 0.0
+    controller: Controller | None = None
+    control_dt: float | str | Fraction | None = None
     perturb: float = 0.0
     seed: int = 0
     duration: float | str | Fraction | None = None
@@ -64,6 +84,17 @@ class Simulation:
             positive("--duration", self.duration)
         if self.steps is not None and not (isinstance(self.steps, int) and self.steps > 0):
             raise BadValueError("--steps", self.steps, "a positive whole number")
+        if self.controller is not None and self.ctrl_from is not None:
+            raise UsageError("--controller and --ctrl-from exclude each other: both drive the actuators")
+        if self.control_dt is not None:
+            positive("--control-dt", self.control_dt)
+            if self.controller is None:
+                raise UsageError("--control-dt says how often a --controller is called, and there is none")
+        if self.ctrl_interpolation not in INTERPOLATIONS:
+            raise UnknownNameError("interpolation", self.ctrl_interpolation, INTERPOLATIONS)
+        for flag, value in (("--ctrl-noise", self.ctrl_noise), ("--ctrl-noise-time", self.ctrl_noise_time)):
+            if not 0 <= value < math.inf:
+                raise BadValueError(flag, value, "a number from 0 on")
 
     @property
     def start(self) -> Start:
@@ -86,7 +117,27 @@ class Simulation:
 
     def stepper(self, model: mujoco.MjModel) -> PhysicsStepper:
         """`model` at time 0, ready to step."""
-        return PhysicsStepper(model, self.start.data(model))
+        data = self.start.data(model)
+        timestep = rational(model.opt.timestep)
+        noise = table = feedback = None
+        if self.ctrl_from is not None:
+            table = self._table(model)
+        if self.ctrl_noise:
+            noise = Noise(self.ctrl_noise, self.ctrl_noise_time, self.seed, model.opt.timestep, model.nu)
+        if self.controller is not None:
+            period = timestep if self.control_dt is None else rational(self.control_dt)
+            feedback = Feedback(self.controller, period, timestep)
+        return PhysicsStepper(model, data, Control(timestep, data.ctrl.copy(), table, noise, feedback))
+
+    def remarks(self, model: mujoco.MjModel) -> list[str]:
+        """What the user should know of this simulation before it runs."""
+        return [*faults.of_model(model), *self.start.remarks(model)]
+
+    def _table(self, model: mujoco.MjModel) -> ControlTable:
+        path = Path(str(self.ctrl_from))
+        columns = read_table(path, lambda name: name == "time" or name.startswith(PREFIX))
+        constant = {i for name in self.ctrl for i in matching(model, "actuator", name)}
+        return ControlTable(model, columns, str(path), self.ctrl_interpolation == "linear", constant)
 
 
 def positive(what: str, value: float | str | Fraction) -> Fraction:

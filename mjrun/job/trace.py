@@ -1,38 +1,29 @@
 """A trace: named, aligned, exact numbers of a simulation, one row per instant."""
 
-import copy
 import queue
 import threading
 import time
-from bisect import bisect_left
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from fractions import Fraction
+from pathlib import Path
 from typing import Any
 
-import mujoco
-import numpy as np
-
-from mjrun.errors import FailedAssertionError, SimulationError, UsageError
+from mjrun.errors import FailedAssertionError, SimulationError, UsageError, clean
+from mjrun.export.manifest import ManifestWriter
 from mjrun.export.table import TableWriter, table_format
+from mjrun.job.manifest import origin
 from mjrun.job.report import QuietReporter, Reporter, pass_on
 from mjrun.job.simulation import Simulation, positive
-from mjrun.model import faults
+from mjrun.job.table import TIME, Rows, Table
 from mjrun.model.column import Column
 from mjrun.model.native import collected_warnings
 from mjrun.probe.assertion import Checker, parse
-from mjrun.probe.fields import Probe
-from mjrun.probe.select import DEFAULT, catalogue, select
-from mjrun.sim.batch import blocks, instant
-from mjrun.sim.observe import Tap, observe
-from mjrun.sim.stepper import PhysicsStepper, Stepper
+from mjrun.probe.select import DEFAULT, catalogue
 from mjrun.timeline import Timeline
-from mjrun.version import __version__
 
-TIME = Column("time", "s", "simulated time, exact")
 AHEAD = 4  # blocks that may wait to be written
-ROWS = 256  # of a block that is read instant by instant
 
 
 @dataclass(frozen=True)
@@ -48,6 +39,9 @@ class Trace:
       rate: rows per simulated second [Hz], instead of `every`.
       asserts: expressions that must hold, `max(abs(energy/drift)) < 1e-3`.
       keep_partial: keep the rows before an instability.
+      contacts: a file for the long table of contacts, a row for each contact of each instant.
+      manifest: a file for what made the trace.
+      command: the command line, for the manifest.
     """
 
     simulation: Simulation
@@ -58,6 +52,9 @@ class Trace:
     rate: float | str | Fraction | None = None
     asserts: Sequence[str] = ()
     keep_partial: bool = False
+    contacts: str | None = None
+    manifest: str | None = None
+    command: str = ""
 
     def run(self, reporter: Reporter | None = None) -> "TraceResult":
         """Makes the trace. What can fail early fails before the first step.
@@ -77,6 +74,7 @@ class TraceResult:
       path: where it is; `-` is standard output.
       format: how it is written.
       rows, columns: its size, `time` included.
+      contacts: rows of the contact table; None without one.
       simulated, steps: simulated time [s] and steps taken.
       wall: wall time of all [s].
       assertions: what each assertion found.
@@ -87,6 +85,7 @@ class TraceResult:
     format: str
     rows: int
     columns: int
+    contacts: int | None
     simulated: float
     steps: int
     wall: float
@@ -102,107 +101,101 @@ def columns(simulation: Simulation) -> list[Column]:
 
 def _make(job: Trace, reporter: Reporter) -> TraceResult:
     start = time.perf_counter()
-    with ExitStack() as stack:
-        heard = stack.enter_context(collected_warnings())
-        target = None if job.output == "-" else job.output
-        written = table_format(target, job.format)
-        model = job.simulation.load()
-        timeline = job.simulation.timeline(model)
-        rows = _rows(job, timeline)
-        table = Table(model, job.probes, timeline)
-        checkers = [parse(text, [column.name for column in table.columns]).checker() for text in job.asserts]
-        for text in (*faults.of_model(model), *job.simulation.start.remarks(model)):
-            reporter.warn(text)
-        stepper = job.simulation.stepper(table.model)
-        manifest = _manifest(job, timeline)
-        sink = stack.enter_context(TableWriter(target, written, table.columns, manifest))
-        try:
-            _stream(table.blocks(stepper, rows), sink, checkers)
-        except SimulationError:
-            if job.keep_partial:
-                sink.publish()
-            raise
-        sink.publish()
-    pass_on(heard, reporter)
-    verdicts = [checker.verdict() for checker in checkers]
+    with ManifestWriter(job.manifest) as manifest:
+        with collected_warnings() as heard:
+            made = _trace(job, reporter)
+        if not made.failure:  # which says it better
+            pass_on(heard, reporter)
+        verdicts = [checker.verdict() for checker in made.checkers]
+        result = TraceResult(
+            path=job.output,
+            format=made.format,
+            rows=made.rows,
+            columns=made.columns,
+            contacts=made.contacts,
+            simulated=float(made.timeline.duration),
+            steps=made.timeline.steps,
+            wall=time.perf_counter() - start,
+            assertions=[verdict.message for verdict in verdicts],
+            warnings=tuple(heard),
+        )
+        failure = None if made.failure is None else str(made.failure)
+        manifest.publish({**made.facts, "result": asdict(result), "failure": failure}, made.files)
+    if made.failure:
+        raise made.failure
     failed = [verdict.message for verdict in verdicts if not verdict.passed]
     if failed:
         raise FailedAssertionError(failed)
-    return TraceResult(
-        path=job.output,
-        format=written,
-        rows=sink.rows,
-        columns=len(table.columns),
-        simulated=float(timeline.duration),
-        steps=timeline.steps,
-        wall=time.perf_counter() - start,
-        assertions=[verdict.message for verdict in verdicts],
-        warnings=tuple(heard),
-    )
+    return result
 
 
-class Table:
-    """The columns of a trace, and its rows as they come.
+@dataclass(frozen=True)
+class _Made:
+    """What is known of a trace once its tables are in their places."""
 
-    Energy is computed when it is measured, whatever the model's flag says; it does not change the motion.
-    """
+    timeline: Timeline
+    facts: Mapping[str, Any]
+    format: str
+    files: Sequence[Path]
+    rows: int
+    columns: int
+    contacts: int | None
+    checkers: Sequence[Checker]
+    failure: SimulationError | None
 
-    def __init__(self, model: mujoco.MjModel, asked: Sequence[str], timeline: Timeline) -> None:
-        self.probes = select(model, asked)
-        self.columns = [TIME, *(column for probe in self.probes for column in probe.columns)]
-        self._timeline = timeline
-        self._fields = sorted({field for probe in self.probes for field in probe.fields})
-        self.model = copy.copy(model)
-        if "energy" in self._fields:
-            self.model.opt.enableflags |= int(mujoco.mjtEnableBit.mjENBL_ENERGY)
 
-    def blocks(self, stepper: PhysicsStepper, rows: Sequence[int]) -> Iterator[Callable[[], np.ndarray]]:
-        """Blocks `(n, ncolumns)` of the rows at the steps `rows`, each yet to be computed by whoever takes it."""
-        if any(probe.at for probe in self.probes):
-            yield from self._by_instants(stepper, rows)
-            return
-        for first, record in blocks(stepper, self._fields, self._timeline.steps):
-            count = len(next(iter(record.values()), np.empty(1)))
-            kept = np.array(rows[bisect_left(rows, first) : bisect_left(rows, first + count)])
-            if len(kept):
-                index = slice(None) if len(kept) == count else kept - first
-                yield lambda kept=kept, index=index, record=record: self._join(
-                    kept, [probe.compute({f: record[f][index] for f in probe.fields}) for probe in self.probes]
-                )
-
-    def _by_instants(self, stepper: PhysicsStepper, rows: Sequence[int]) -> Iterator[Callable[[], np.ndarray]]:
-        """The same, read from one consistent MjData per row."""
-        for start in range(0, len(rows), ROWS):
-            part, found = rows[start : start + ROWS], []
-            try:
-                observe(stepper, [Tap(part, self._read, found.append)], part[-1])
-            except SimulationError:
-                if found:
-                    yield lambda part=part, found=found: self._stack(part, found)
+def _trace(job: Trace, reporter: Reporter) -> _Made:
+    with ExitStack() as stack:
+        target = None if job.output == "-" else job.output
+        written = table_format(target, job.format)
+        contacts_written = None if job.contacts is None else table_format(job.contacts)
+        _check_apart(job.output, job.contacts, job.manifest)
+        model = job.simulation.load()
+        timeline = job.simulation.timeline(model)
+        rows = _rows(job, timeline)
+        table = Table(model, job.probes, timeline, with_contacts=job.contacts is not None)
+        checkers = [parse(text, [column.name for column in table.columns]).checker() for text in job.asserts]
+        for text in job.simulation.remarks(model):
+            reporter.warn(text)
+        stepper = job.simulation.stepper(table.model)
+        facts = origin(job, job.simulation, model, timeline)
+        sink = stack.enter_context(TableWriter(target, written, table.columns, facts))
+        contacts = None
+        if contacts_written is not None:
+            contacts = stack.enter_context(TableWriter(job.contacts, contacts_written, table.contact_columns, facts))
+        failure = None
+        try:
+            _stream(table.blocks(stepper, rows), sink, contacts, checkers)
+        except SimulationError as error:
+            if not job.keep_partial:
                 raise
-            yield lambda part=part, found=found: self._stack(part, found)
-
-    def _stack(self, steps: Sequence[int], found: Sequence[np.ndarray]) -> np.ndarray:
-        return self._join(np.array(steps[: len(found)]), [np.stack(found)])
-
-    def _read(self, stepper: Stepper) -> np.ndarray:
-        """One row, without its time."""
-        record, data = instant(stepper, self._fields), stepper.instant()
-        return np.concatenate([_value(probe, record, stepper.model, data) for probe in self.probes])
-
-    def _join(self, steps: np.ndarray, parts: Sequence[np.ndarray]) -> np.ndarray:
-        timestep = self._timeline.timestep
-        times = steps * timestep.numerator / timestep.denominator  # exact, then rounded once
-        return np.column_stack([times, *parts])
+            failure = error
+        return _Made(
+            timeline=timeline,
+            facts=facts,
+            format=written,
+            files=[*sink.publish(), *(contacts.publish() if contacts else [])],
+            rows=sink.rows,
+            columns=len(table.columns),
+            contacts=contacts.rows if contacts else None,
+            checkers=checkers,
+            failure=failure,
+        )
 
 
-def _value(probe: Probe, record: Mapping[str, np.ndarray], model: mujoco.MjModel, data: mujoco.MjData) -> np.ndarray:
-    return probe.at(model, data) if probe.at else probe.compute(record)[0]
+def _check_apart(*outputs: str | None) -> None:
+    """Two outputs must not be one file."""
+    files = [output for output in outputs if output not in (None, "-")]
+    for index, output in enumerate(files):
+        if any(Path(output).resolve() == Path(other).resolve() for other in files[:index]):
+            raise UsageError(f"{clean(output)} is asked for twice: each output needs a file of its own")
 
 
-def _stream(parts: Iterator[Callable[[], np.ndarray]], sink: TableWriter, checkers: Sequence[Checker]) -> None:
+def _stream(
+    parts: Iterator[Callable[[], Rows]], sink: TableWriter, contacts: TableWriter | None, checkers: Sequence[Checker]
+) -> None:
     """Computes and writes blocks in a thread, while the next ones are simulated in C."""
-    waiting: queue.Queue[Callable[[], np.ndarray] | None] = queue.Queue(AHEAD)
+    waiting: queue.Queue[Callable[[], Rows] | None] = queue.Queue(AHEAD)
     failures: list[BaseException] = []
 
     def write() -> None:
@@ -210,10 +203,12 @@ def _stream(parts: Iterator[Callable[[], np.ndarray]], sink: TableWriter, checke
             if failures:
                 continue  # keep taking, so that the simulation never blocks
             try:
-                block = part()
+                rows = part()
                 for checker in checkers:
-                    checker.feed(block, sink.rows)
-                sink.write(block)
+                    checker.feed(rows.values, sink.rows)
+                sink.write(rows.values)
+                if contacts and rows.contacts is not None:
+                    contacts.write(rows.contacts)
             except BaseException as failure:  # handed to the thread that waits
                 failures.append(failure)
 
@@ -237,18 +232,3 @@ def _rows(job: Trace, timeline: Timeline) -> Sequence[int]:
     if job.rate is None:
         return timeline.rows(every=job.every)
     return timeline.rows(rate=positive("--rate", job.rate))
-
-
-def _manifest(job: Trace, timeline: Timeline) -> dict[str, Any]:
-    """What made the table."""
-    return {
-        "mjrun": __version__,
-        "mujoco": mujoco.mj_versionString(),
-        "numpy": np.__version__,
-        "model": str(getattr(job.simulation.model, "path", "")),
-        "key": job.simulation.key,
-        "seed": job.simulation.seed,
-        "timestep": float(timeline.timestep),
-        "steps": timeline.steps,
-        "probes": list(job.probes),
-    }

@@ -1,20 +1,23 @@
 """A film: simulate and keep the state of every frame, then draw the states into the encoder."""
 
+import json
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from fractions import Fraction
 from pathlib import Path
+from typing import Any
 
 import mujoco
 
 from mjrun.errors import clean
 from mjrun.export.codecs import Encoding, encoding
+from mjrun.export.manifest import ManifestWriter
 from mjrun.export.video import FilmWriter
+from mjrun.job.manifest import origin
 from mjrun.job.report import QuietReporter, Reporter, pass_on
 from mjrun.job.simulation import Simulation, positive
-from mjrun.model import faults
 from mjrun.model.native import collected_warnings
 from mjrun.render.backend import Backend, Search
 from mjrun.render.camera import Rig, rig
@@ -24,7 +27,6 @@ from mjrun.sim.observe import Tap, observe
 from mjrun.sim.recording import Recording
 from mjrun.sim.stepper import Stepper
 from mjrun.timeline import Timeline
-from mjrun.version import __version__
 
 SIZE = (1280, 720)
 
@@ -44,6 +46,8 @@ class Video:
       format, codec, crf, preset: how it is encoded; chosen by the output's suffix when None.
       gl: OpenGL backend; `auto` tries all.
       require_gpu: refuse to draw in software.
+      manifest: a file for what made the film.
+      command: the command line, for the manifest.
     """
 
     simulation: Simulation
@@ -59,6 +63,8 @@ class Video:
     preset: str | None = None
     gl: str | None = None
     require_gpu: bool = False
+    manifest: str | None = None
+    command: str = ""
 
     def run(self, reporter: Reporter | None = None) -> "VideoResult":
         """Makes the film. What can fail early fails before the first step.
@@ -121,8 +127,48 @@ class _Plan:
 
 def _make(job: Video, reporter: Reporter) -> VideoResult:
     start = time.perf_counter()
+    with ManifestWriter(job.manifest) as manifest:
+        with collected_warnings() as heard:
+            made = _film(job, reporter)
+        pass_on(heard, reporter)
+        padding = made.plan.encoding.padding(*job.size)
+        count = len(made.plan.frames)
+        result = VideoResult(
+            path=job.output,
+            format=made.plan.encoding.format,
+            codec=made.plan.encoding.codec,
+            size=(job.size[0] + padding[0], job.size[1] + padding[1]),
+            frames=count,
+            fps=float(made.plan.fps),
+            duration=float(count / made.plan.fps),
+            simulated=float(made.plan.timeline.duration),
+            steps=made.plan.timeline.steps,
+            renderer=made.backend.renderer,
+            gl=made.backend.name,
+            software=made.backend.software,
+            simulation_wall=made.simulation_wall,
+            draw_wall=made.draw_wall,
+            wall=time.perf_counter() - start,
+            warnings=tuple(heard),
+        )
+        manifest.publish({**made.facts, "result": asdict(result)}, made.files)
+    return result
+
+
+@dataclass(frozen=True)
+class _Made:
+    """What is known of a film once it is in its place."""
+
+    plan: _Plan
+    facts: Mapping[str, Any]
+    backend: Backend
+    files: Sequence[Path]
+    simulation_wall: float
+    draw_wall: float
+
+
+def _film(job: Video, reporter: Reporter) -> _Made:
     with ExitStack() as stack:
-        heard = stack.enter_context(collected_warnings())
         target = None if job.output == "-" else job.output
         encoded = encoding(target, job.format, job.codec, job.crf, job.preset)
         search = Search(job.gl)  # tries a backend while the model loads
@@ -131,32 +177,17 @@ def _make(job: Video, reporter: Reporter) -> VideoResult:
         _remark(job, plan, reporter)
         backend = search.result(job.require_gpu)
         count = len(plan.frames)
-        film = stack.enter_context(FilmWriter(target, encoded, job.size, plan.fps, count, _tags(job, backend)))
+        facts = {
+            **origin(job, job.simulation, plan.model, plan.timeline),
+            "frames": count,
+            "renderer": backend.renderer,
+        }
+        film = stack.enter_context(FilmWriter(target, encoded, job.size, plan.fps, count, _tags(job, facts)))
         renderer = stack.enter_context(ClassicRenderer(plan.model, job.size, backend, job.visual))
         recording = stack.enter_context(Recording(plan.model))
         simulation_wall = _simulate(plan, recording)
         draw_wall = _draw(plan, recording, renderer, backend, film, reporter)
-        film.publish()
-    pass_on(heard, reporter)
-    padding = encoded.padding(*job.size)
-    return VideoResult(
-        path=job.output,
-        format=encoded.format,
-        codec=encoded.codec,
-        size=(job.size[0] + padding[0], job.size[1] + padding[1]),
-        frames=count,
-        fps=float(plan.fps),
-        duration=float(count / plan.fps),
-        simulated=float(plan.timeline.duration),
-        steps=plan.timeline.steps,
-        renderer=backend.renderer,
-        gl=backend.name,
-        software=backend.software,
-        simulation_wall=simulation_wall,
-        draw_wall=draw_wall,
-        wall=time.perf_counter() - start,
-        warnings=tuple(heard),
-    )
+        return _Made(plan, facts, backend, film.publish(), simulation_wall, draw_wall)
 
 
 def _plan(job: Video, encoded: Encoding) -> _Plan:
@@ -177,7 +208,7 @@ def _plan(job: Video, encoded: Encoding) -> _Plan:
 
 
 def _remark(job: Video, plan: _Plan, reporter: Reporter) -> None:
-    for text in (*faults.of_model(plan.model), *job.simulation.start.remarks(plan.model)):
+    for text in job.simulation.remarks(plan.model):
         reporter.warn(text)
     padding = plan.encoding.padding(*job.size)
     if any(padding):
@@ -225,7 +256,7 @@ def _software_cost(backend: Backend, cost: float, draft: float, frames: int) -> 
     return text
 
 
-def _tags(job: Video, backend: Backend) -> dict[str, str]:
-    made_by = f"mjrun {__version__}, MuJoCo {mujoco.mj_versionString()}, {backend.renderer}"
+def _tags(job: Video, facts: Mapping[str, Any]) -> dict[str, str]:
+    made_by = f"mjrun {facts['mjrun']}, MuJoCo {facts['mujoco']}, {facts['renderer']}"
     title = {} if job.output == "-" else {"title": Path(job.output).stem}
-    return {**title, "comment": clean(made_by)}
+    return {**title, "comment": clean(made_by), "description": json.dumps(facts)}

@@ -5,13 +5,15 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Column:
-    """One named series of numbers.
+    """One named series of numbers, or of texts.
 
     Attributes:
       name: `group/object[/component]`, as in `qpos/knee` and `xpos/hand/z`; `time` alone.
       unit: SI, as in `m/s`; empty for pure numbers.
       meaning: a few words.
       kind, id: the kind of object it belongs to (`joint`, `body`, …) and its MuJoCo id; −1 for none.
+      labels: the texts that the numbers stand for, each an index into them, −1 for no text; tables hold the texts.
+        Empty for a column of numbers.
     """
 
     name: str
@@ -19,3 +21,4 @@ class Column:
     meaning: str = ""
     kind: str = ""
     id: int = -1
+    labels: tuple[str, ...] = ()

@@ -11,10 +11,19 @@ import mujoco
 import numpy as np
 
 from mjrun.model.column import Column
-from mjrun.model.names import names
+from mjrun.model.names import members, names
 from mjrun.probe.fields import Probe, Record
 
 POSITIONS = {"body": "xpos", "geom": "geom_xpos", "site": "site_xpos"}
+WARNINGS = {
+    "inertia": "near-singular inertia matrix",
+    "contactfull": "no memory for contacts",
+    "cnstrfull": "no memory for constraints",
+    "badqpos": "position not finite or too large",
+    "badqvel": "velocity not finite or too large",
+    "badqacc": "acceleration not finite or too large",
+    "badctrl": "control not finite or too large",
+}
 
 
 def energy(model: mujoco.MjModel) -> Probe:
@@ -133,6 +142,18 @@ def penetration(model: mujoco.MjModel) -> Probe:
     return Probe([column], (), _nothing, at)
 
 
+def warning(model: mujoco.MjModel) -> Probe:
+    """How often MuJoCo has warned, of each kind, up to this instant."""
+    kinds = members(mujoco.mjtWarning)
+    columns = [Column(f"warning/{kind}", "", f"MuJoCo's warnings so far: {WARNINGS[kind]}") for kind in kinds]
+    index = list(kinds.values())
+
+    def at(model: mujoco.MjModel, data: mujoco.MjData) -> np.ndarray:
+        return np.array([data.warning[kind].number for kind in index], float)
+
+    return Probe(columns, (), _nothing, at)
+
+
 DERIVED: dict[str, Callable[[mujoco.MjModel], Probe]] = {
     "energy": energy,
     "contact": counts,
@@ -142,6 +163,7 @@ DERIVED: dict[str, Callable[[mujoco.MjModel], Probe]] = {
     "momentum": momentum,
     "contact_force": contact_force,
     "penetration": penetration,
+    "warning": warning,
 }
 
 

@@ -64,7 +64,7 @@ def _select_one(model: mujoco.MjModel, text: str) -> Probe:
     group, slash, _ = text.partition("/")
     if not slash:
         return _whole(model, text)
-    return _columns(_whole(model, group), text)
+    return _named(model, group, text.removeprefix(f"{group}/"))
 
 
 def _whole(model: mujoco.MjModel, name: str) -> Probe:
@@ -90,12 +90,15 @@ def _objects(model: mujoco.MjModel, name: str, patterns: Sequence[str]) -> Probe
     raise UnknownNameError("object", patterns[0], objects, where=f"probe {name}")
 
 
-def _columns(probe: Probe, text: str) -> Probe:
-    """The columns called `text`, or whose name begins with `text/`."""
-    kept = [i for i, column in enumerate(probe.columns) if column.name == text or column.name.startswith(f"{text}/")]
-    if not kept:
-        raise UnknownNameError("column", text, [column.name for column in probe.columns])
-    return probe.only(kept)
+def _named(model: mujoco.MjModel, group: str, rest: str) -> Probe:
+    """The columns called `group/rest`, or whose name begins so; a geom's or site's where no body is called that."""
+    for candidate in (group, *FALLBACKS.get(group, ())):
+        probe, text = _whole(model, candidate), f"{candidate}/{rest}"
+        names = [column.name for column in probe.columns]
+        kept = [i for i, name in enumerate(names) if name == text or name.startswith(f"{text}/")]
+        if kept:
+            return probe.only(kept)
+    raise UnknownNameError("column", f"{group}/{rest}", [column.name for column in _whole(model, group).columns])
 
 
 def _object(column: Column) -> str:

@@ -12,10 +12,12 @@ import numpy as np
 from mujoco.batch import Batch
 from mujoco.batch import SimulationError as BatchError
 
+from mjrun.errors import SimulationError
 from mjrun.model import state
 from mjrun.sim.stepper import PhysicsStepper, Stepper
 
 CHUNK = 4096  # steps of one block
+FULL = 256  # rows that are worth handing on
 RK4 = int(mujoco.mjtIntegrator.mjINT_RK4)
 SLEEP = int(mujoco.mjtEnableBit.mjENBL_SLEEP)
 # Fields that are part of the integration state, but for the inputs, which do not change by a step.
@@ -26,7 +28,7 @@ Block = Mapping[str, np.ndarray]
 
 def blocks(
     stepper: PhysicsStepper, fields: Sequence[str], steps: int, chunk: int = CHUNK
-) -> Iterator[tuple[int, Block]]:
+) -> Iterator[tuple[int, int, Block]]:
     """Runs `steps` steps from where `stepper` stands, and yields every instant on the way, the last included.
 
     The numbers are bit for bit those of a bare loop that calls `mj_forward` on a copy at every step.
@@ -37,24 +39,47 @@ def blocks(
       chunk: steps per block.
 
     Yields:
-      The step of the first row, and `{field: (n, …)}` of n instants a step apart.
+      The step of the first row, the number n of rows, and `{field: (n, …)}` of instants a step apart.
 
     Raises:
       SimulationError: after every instant that was good.
     """
-    end = stepper.step + steps
+    first, count, waiting = stepper.step, 0, []
+    failure: SimulationError | None = None
+    try:
+        for size, part in _parts(stepper, fields, stepper.step + steps, chunk):
+            waiting.append(part)
+            count += size
+            if count >= min(FULL, chunk):
+                yield first, count, _joined(waiting)
+                first, count, waiting = first + count, 0, []
+    except SimulationError as error:
+        failure = error
+    if count:
+        yield first, count, _joined(waiting)
+    if failure:
+        raise failure
+
+
+def _parts(stepper: PhysicsStepper, fields: Sequence[str], end: int, chunk: int) -> Iterator[tuple[int, Block]]:
+    """The same in pieces of any length, and their lengths."""
     runner = None if stepper.model.opt.enableflags & SLEEP else Runner(stepper.model, fields, chunk)
     while stepper.step < end:
-        at, count = stepper.step, min(chunk, end - stepper.step)
+        at = stepper.step
+        count = min(chunk, end - at, stepper.control.next(at) - at)
         block = runner.run(stepper, count) if runner else None
         if block is not None:
-            yield at, block
+            yield count, block
             continue
         for step in range(at, at + count):  # something is amiss: step by step names it, or gets past it
             stepper.advance(step)
-            yield step, instant(stepper, fields)
+            yield 1, instant(stepper, fields)
         stepper.advance(at + count)
-    yield end, instant(stepper, fields)
+    yield 1, instant(stepper, fields)
+
+
+def _joined(parts: Sequence[Block]) -> Block:
+    return parts[0] if len(parts) == 1 else {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
 
 
 def instant(stepper: Stepper, fields: Sequence[str]) -> Block:
@@ -71,6 +96,7 @@ class Runner:
         self._states = {field: self._batch.bind(field) for field in fields if field in STATES}
         self._derive = Derive(model, fields, size) if model.opt.integrator == RK4 else None
         self._record = [state.STATE] if self._derive else [*fields]
+        self._controls = state.controls(model)
 
     def run(self, stepper: PhysicsStepper, count: int) -> Block | None:
         """The next `count` instants, with `stepper` moved past them; None, and no move, when MuJoCo warns."""
@@ -79,14 +105,18 @@ class Runner:
         before = {field: values.copy() for field, values in self._states.items()}
         warned = self._batch.warning[0].copy()
         try:
-            out = self._batch.rollout(count, record=self._record)
+            control = stepper.control.rows(stepper.step, count) if stepper.control.varies else None
+            out = self._batch.rollout(count, None if control is None else control[None], record=self._record)
         except BatchError:
             return None
         if (self._batch.warning[0] != warned).any() or not self._is_good():
             return None
         stepper.jump(stepper.step + count, self._batch.state[0])
         if self._derive:
-            return self._derive(np.concatenate([start[None], out[state.STATE][0, :-1]]))
+            states = np.concatenate([start[None], out[state.STATE][0, :-1]])
+            if control is not None:  # a record holds the controls that led to it
+                states[:, self._controls] = control
+            return self._derive(states)
         shifted: Block = {field: np.concatenate([values, out[field][0, :-1]]) for field, values in before.items()}
         return {**{field: out[field][0] for field in self._fields}, **shifted}
 

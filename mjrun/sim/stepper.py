@@ -9,6 +9,8 @@ import numpy as np
 from mjrun.errors import FailedStepError, SimulationError, UnstableError
 from mjrun.model import state
 from mjrun.model.names import names
+from mjrun.sim.control import Control
+from mjrun.timeline import rational
 
 CHUNK = 50  # steps between two looks at the warning counters; a look per step costs about 10 %
 BAD = [
@@ -41,11 +43,15 @@ class Stepper(Protocol):
 class PhysicsStepper:
     """Steps with `mj_step` from the state in `data`, on a copy of `model`.
 
+    Args:
+      control: what drives it; the controls in `data` when None. A controller is called on arriving at a
+        step, whether or not anybody looks there.
+
     Automatic resets are off: an unstable simulation raises UnstableError within `CHUNK` steps of its
     first bad step, and `step` is then the last good one.
     """
 
-    def __init__(self, model: mujoco.MjModel, data: mujoco.MjData) -> None:
+    def __init__(self, model: mujoco.MjModel, data: mujoco.MjData, control: Control | None = None) -> None:
         self.model = copy.copy(model)
         self.model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_AUTORESET)
         self.step = 0
@@ -54,22 +60,28 @@ class PhysicsStepper:
         self._instant = mujoco.MjData(self.model)
         self._instant_step = -1
         state.restore(self.model, self._data, state.save(model, data))
+        self.control = control or Control(rational(model.opt.timestep), data.ctrl.copy())
+        if self.control.feedback:
+            self.control.feedback.reset(self.model, self.instant())
+        self._arrive()
 
     def advance(self, step: int) -> None:
         if step < self.step:
             raise ValueError(f"cannot go back from step {self.step} to step {step}")
         while self.step < step:
-            count = min(CHUNK, step - self.step)
+            count = min(CHUNK, step - self.step, self.control.next(self.step) - self.step)
             # A copy, not a state: it knows which bodies sleep, and is whole after a step that broke off.
             mujoco.mj_copyData(self._saved, self.model, self._data)
             if self._take(count) is not None:
                 raise self._first_failure(count)
             self.step += count
+            self._arrive()
 
     def jump(self, step: int, to: np.ndarray) -> None:
         """Continues at `step` from the state `to` `(nstate,)`, which something else has stepped to."""
         state.restore(self.model, self._data, to)
         self.step = step
+        self._arrive()
 
     def state(self) -> np.ndarray:
         return state.save(self.model, self._data)
@@ -86,10 +98,33 @@ class PhysicsStepper:
             self._instant_step = self.step
         return self._instant
 
+    def _arrive(self) -> None:
+        """Puts the inputs that belong to this step in force."""
+        control = self.control
+        if control.feedback and control.is_due(self.step):
+            self._data.ctrl[:] = control.held
+            self._instant_step = -1
+            data = self.instant()  # a copy: all that a controller can change is the inputs
+            seen = state.save(self.model, data, state.INPUTS)
+            control.feedback.act(self.model, data, self.step)
+            inputs = state.save(self.model, data, state.INPUTS)
+            state.restore(self.model, self._data, inputs, state.INPUTS)
+            control.held[:] = self._data.ctrl
+            if not np.array_equal(seen, inputs):
+                self._instant_step = -1
+        if control.varies:
+            self._data.ctrl[:] = control.rows(self.step, 1)[0]
+            self._instant_step = -1
+
     def _take(self, count: int) -> str | None:
         """Takes `count` steps; None if all went well, else what MuJoCo said when it gave up, if it did."""
         try:
-            mujoco.mj_step(self.model, self._data, nstep=count)
+            if self.control.varies:
+                for ctrl in self.control.rows(self.step, count):
+                    self._data.ctrl[:] = ctrl
+                    mujoco.mj_step(self.model, self._data)
+            else:
+                mujoco.mj_step(self.model, self._data, nstep=count)
         except mujoco.FatalError as error:
             return str(error)
         # MuJoCo looks at positions and velocities only at the start of the next step.

@@ -242,6 +242,189 @@ def test_text_has_a_line_per_row_and_steers_no_terminal_whatever_the_names(
     assert list(READERS[form](path)) == [clean(name) if form == "csv" else name for name in named]
 
 
+LABELS = (
+    "floor",
+    'a "b"',
+    "c,d",
+    "e\nf\r",
+    "\x1b[31mred",
+    "é 日本 🚗",
+    "=1+1",
+    "@x",
+    "-x",
+    "+x",
+    " =x",
+    "＝x",
+    "a;=x;b",
+    "a;b",
+    "a=b",
+    "'x",
+    "",
+    "nan",
+    "null",
+    "\u2028\u202e",
+    "floor",
+)
+IN_CSV = (
+    "floor",
+    'a "b"',
+    "c,d",
+    r"e\nf\r",
+    r"\x1b[31mred",
+    "é 日本 🚗",
+    "'=1+1",
+    "'@x",
+    "'-x",
+    "'+x",
+    "' =x",
+    "'＝x",
+    "a;'=x;b",
+    "a;b",
+    "a=b",
+    "'x",
+    "",
+    "nan",
+    "null",
+    r"\u2028\u202e",
+    "floor",
+)
+
+
+def read_csv_texts(path: Path) -> dict[str, list[str]]:
+    with path.open(encoding="utf-8", newline="") as file:
+        head, *rows = csv.reader(file, strict=True)
+    return {name: [row[i] for row in rows] for i, name in enumerate(head)}
+
+
+def read_mat_texts(path: Path) -> dict[str, list[Any]]:
+    found = {name: column.tolist() for name, column in read_mat(path).items()}
+    return {name: [str(c[0]) if len(c) else "" for c in column] for name, column in found.items() if name in TEXTS}
+
+
+def read_arrow_texts(found: pa.Table) -> dict[str, list[Any]]:
+    found.validate(full=True)
+    assert [pa.types.is_dictionary(kind) for kind in found.schema.types] == [False, True, True, False, False, True]
+    return {name: found[name].to_pylist() for name in TEXTS}
+
+
+# Between texts and at the end of a row, numbers and none: every way in which columns can follow one another.
+TEXTS = {"geom1": 1, "geom2": 2, "body": 5}
+TEXT_READERS: dict[str, Callable[[Path], dict[str, Any]]] = {
+    "csv": read_csv_texts,
+    "jsonl": read_jsonl,
+    "parquet": lambda path: read_arrow_texts(pq.read_table(path)),
+    "feather": lambda path: read_arrow_texts(pyarrow.feather.read_table(path)),
+    "npz": lambda path: {name: column.tolist() for name, column in read_npz(path).items()},
+    "mat": read_mat_texts,
+}
+NO_TEXT = {"csv": "", "jsonl": None, "parquet": None, "feather": None, "npz": "", "mat": ""}
+
+
+def labelled(labels: tuple[str, ...]) -> list[Column]:
+    """Six columns, those in `TEXTS` with labels."""
+    found = columns("time", "geom1", "geom2", "dist", "force", "body")
+    return [Column(c.name, labels=labels) if c.name in TEXTS else c for c in found]
+
+
+def rows_of(texts: np.ndarray) -> np.ndarray:
+    """Rows `(n, 6)` with the indices `(n, 3)` in the columns of `TEXTS`."""
+    rows = np.linspace(-1, 1, 6 * len(texts)).reshape(-1, 6)
+    rows[:, list(TEXTS.values())] = texts
+    return rows
+
+
+@pytest.mark.parametrize("form", FORMATS)
+def test_labels_read_back_in_the_place_of_their_numbers(tmp_path: Path, small_groups: None, form: str) -> None:
+    count = len(LABELS)
+    every = np.arange(-1, count)
+    data = rows_of(np.stack([every, every[::-1], np.roll(every, 5)], axis=1))
+    data[3, 3:5] = np.nan, np.inf
+    found = TEXT_READERS[form](write(tmp_path / f"t.{form}", np.array_split(data, 4), labelled(LABELS)))
+    shown = (*(IN_CSV if form == "csv" else LABELS), NO_TEXT[form])  # the last is at −1
+    for name, index in TEXTS.items():
+        assert found[name] == [shown[int(i)] for i in data[:, index]]
+
+
+@pytest.mark.parametrize("form", FORMATS)
+def test_numbers_beside_labels_read_back_as_the_same_bits(tmp_path: Path, small_groups: None, form: str) -> None:
+    data = rows_of(np.zeros((30, 3)))
+    data[:, 3] = [*ODD, *BROKEN, *range(17)]
+    path = write(tmp_path / f"t.{form}", [data], labelled(("1.5",)))
+    readers = READERS | {"csv": read_csv_texts, "parquet": pq.read_table, "feather": pyarrow.feather.read_table}
+    found = readers[form](path)
+    if form == "jsonl":
+        data = np.where(np.isfinite(data), data, np.nan)
+    for index, name in ((0, "time"), (3, "dist"), (4, "force")):
+        assert bits(found[name]) == bits(data[:, index])
+
+
+# What a name in a model can be: UTF-8 without NUL.
+text_of_a_model = st.text(st.characters(codec="utf-8", exclude_characters="\0"), max_size=12)
+labels_and_rows = st.lists(text_of_a_model | st.sampled_from(LABELS), min_size=1, max_size=6).flatmap(
+    lambda labels: st.tuples(
+        st.just(tuple(labels)), st.lists(st.tuples(*[st.integers(-1, len(labels) - 1)] * 3), min_size=1, max_size=9)
+    )
+)
+
+
+@pytest.mark.parametrize("form", FORMATS)
+@given(given=labels_and_rows, cuts=st.lists(st.integers(0, 9), max_size=3).map(sorted))
+@settings(max_examples=40, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+def test_any_labels_read_back_exactly_and_in_csv_cleaned(
+    tmp_path: Path, small_groups: None, form: str, given: tuple[tuple[str, ...], list[tuple[int, ...]]], cuts: list[int]
+) -> None:
+    labels, data = given[0], rows_of(np.array(given[1]))
+    path = write(tmp_path / f"t.{form}", np.split(data, cuts), labelled(labels))
+    found = TEXT_READERS[form](path)
+    for name, index in TEXTS.items():
+        expected = [labels[int(i)] if i >= 0 else NO_TEXT[form] for i in data[:, index]]
+        if form == "csv":
+            assert [cell.replace("'", "") for cell in found[name]] == [clean(t).replace("'", "") for t in expected]
+            parts = [part.lstrip() for cell in found[name] for part in cell.split(";")]
+            assert not any(part.startswith(("=", "+", "-", "@", "＝", "＋", "－", "＠")) for part in parts)
+        else:
+            assert found[name] == expected
+    if form in TEXT:
+        lines = path.read_text("utf-8").removesuffix("\n").split("\n")
+        assert len(lines) == len(data) + (form == "csv")
+        assert all(clean(line) == line for line in lines)
+
+
+def test_labels_are_quoted_in_csv_only_where_they_must_be(tmp_path: Path) -> None:
+    labels = ("floor", 'a "b"', "c,d", "=1+1", "a;b", "")
+    path = write(tmp_path / "t.csv", [np.array([[*range(6), -1.0]])], [Column(str(i), labels=labels) for i in range(7)])
+    assert path.read_text().splitlines()[1] == 'floor,"a ""b""","c,d",\'=1+1,"a;b","",'
+
+
+@pytest.mark.parametrize("form", [f for f in FORMATS if f != "jsonl"])
+def test_a_table_of_labels_without_rows_has_columns_of_text(tmp_path: Path, form: str) -> None:
+    path = write(tmp_path / f"t.{form}", [], labelled(LABELS))
+    assert {name: list(TEXT_READERS[form](path)[name]) for name in TEXTS} == {name: [] for name in TEXTS}
+    if form == "npz":
+        assert {column.dtype.kind for name, column in read_npz(path).items() if name in TEXTS} == {"U"}
+
+
+def test_in_parquet_labels_are_kept_once_to_a_group(tmp_path: Path) -> None:
+    data = np.random.default_rng(3).integers(-1, 2, (50_000, 1)).astype(float)
+    found = pq.read_metadata(write(tmp_path / "t.parquet", [data], [Column("geom1", labels=("floor", "torso"))]))
+    column = found.row_group(0).column(0)
+    assert column.has_dictionary_page
+    assert column.total_uncompressed_size < 50_000 / 2  # 2 bits a row
+
+
+def test_a_mat_cell_of_texts_too_large_for_the_format_is_refused_as_its_rows_come(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    long = "🚗" * 15
+    rows = np.zeros((100, 1))
+    written = write(tmp_path / "all.mat", [rows], [Column("geom1", labels=(long,))]).stat().st_size
+    monkeypatch.setattr(columnar, "MATLAB_LIMIT", written)
+    with TableWriter(str(tmp_path / "t.mat"), "mat", [Column("geom1", labels=(long,))]) as out:
+        out.write(rows[:50])
+        with pytest.raises(FileError, match=r"t.mat: cannot be written: a .mat file holds at most 2 GiB per column"):
+            out.write(rows)
+
+
 @given(st.lists(st.text(max_size=80) | st.sampled_from(["a/b", "a_b", "a.b", "units", "x" * 90]), unique=True))
 def test_matlab_variables_are_valid_and_unlike(named: list[str]) -> None:
     variables = identifiers(named)
@@ -542,15 +725,20 @@ def test_nothing_is_printed_before_the_first_row(capfd: pytest.CaptureFixture[st
     assert capfd.readouterr().out == "time,qpos/knee,qpos/torso/x\nlater\n"
 
 
+@pytest.mark.parametrize("labels", [(), ("floor", "torso")])
 @pytest.mark.parametrize("form", [f for f in FORMATS if f != "mat"])
-def test_memory_does_not_grow_with_the_table(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, form: str) -> None:
+def test_memory_does_not_grow_with_the_table(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, form: str, labels: tuple[str, ...]
+) -> None:
     monkeypatch.setattr(columnar, "GROUP", 2**14)
     block = np.random.default_rng(2).standard_normal((500, 20))
+    block[:, 1:3] = 1
+    many = [Column(str(i), labels=labels if i in (1, 2) else ()) for i in range(20)]
 
     def peak(blocks: int) -> int:
         tracemalloc.start()
         try:
-            write(tmp_path / f"t.{form}", [block] * blocks, columns(*map(str, range(20))))
+            write(tmp_path / f"t.{form}", [block] * blocks, many)
             return tracemalloc.get_traced_memory()[1]
         finally:
             tracemalloc.stop()

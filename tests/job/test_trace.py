@@ -1,6 +1,8 @@
 """Whole traces, against bare loops and closed forms."""
 
 import csv
+import hashlib
+import json
 from fractions import Fraction
 from pathlib import Path
 
@@ -10,7 +12,8 @@ import pytest
 
 from mjrun.errors import FailedAssertionError, MjrunError, UnstableError
 from mjrun.job.simulation import Simulation
-from mjrun.job.trace import TIME, Trace, columns
+from mjrun.job.table import TIME
+from mjrun.job.trace import Trace, columns
 
 SCENES = Path(__file__).parents[2] / "scenes"
 FALL = '<mujoco><worldbody><body name="b" pos="0 0 9"><freejoint/><geom size=".1"/></body></worldbody></mujoco>'
@@ -188,3 +191,124 @@ def test_the_list_of_columns_begins_with_time() -> None:
     found = columns(Simulation(SCENES / "pinata.xml"))
     assert found[0] == TIME
     assert "sensor/accelerometer/x" in {column.name for column in found}
+
+
+SLIDE = """
+<mujoco>
+  <worldbody>
+    <geom name="floor" type="plane" size="5 5 1"/>
+    <body name="box" pos="0 0 .0999"><freejoint/><geom name="box" type="box" size=".1 .1 .1"/></body>
+    <body><joint name="h" axis="0 1 0" damping=".1"/><geom name="bob" size=".05" pos=".3 0 2"/></body>
+  </worldbody>
+  <actuator><motor name="m" joint="h"/><position name="p" joint="h" kp="3"/></actuator>
+</mujoco>
+"""
+
+
+@pytest.mark.parametrize("suffix", ["csv", "jsonl", "parquet", "feather", "npz", "mat"])
+def test_a_trace_drives_again_what_it_was_taken_from(tmp_path: Path, suffix: str) -> None:
+    model = mujoco.MjModel.from_xml_string(SLIDE)
+    noisy = Simulation(model, duration=0.4, ctrl_noise=0.7, ctrl_noise_time=0.01, seed=3)
+    Trace(noisy, str(tmp_path / f"drive.{suffix}")).run()
+    once = trace(tmp_path, noisy)
+    again = trace(tmp_path, Simulation(model, duration=0.4, ctrl_from=tmp_path / f"drive.{suffix}"))
+    assert once.keys() == again.keys()
+    assert all(np.array_equal(once[name], again[name]) for name in once)
+    assert len(set(once["ctrl/m"])) == 201
+
+
+def test_a_film_and_a_trace_are_driven_alike(tmp_path: Path) -> None:
+    def act(model: mujoco.MjModel, data: mujoco.MjData) -> list[float]:
+        return [data.qvel[6], np.cos(data.time)]
+
+    simulation = Simulation(SLIDE_MODEL, duration=0.3, controller=act, control_dt="0.01", ctrl_noise=0.1)
+    found = trace(tmp_path, simulation, probes=["qpos", "ctrl"])
+    stepper = simulation.stepper(SLIDE_MODEL)
+    for step in (0, 3, 50, 149, 150):
+        stepper.advance(step)
+        assert found["qpos/h"][step] == stepper.instant().qpos[7]
+        assert found["ctrl/m"][step] == stepper.instant().ctrl[0]
+
+
+SLIDE_MODEL = mujoco.MjModel.from_xml_string(SLIDE)
+
+
+@pytest.mark.parametrize(
+    ("text", "code", "said"),
+    [
+        ("time,ctrl/m\n0,1\n", 2, "lacks columns that the model takes: ctrl/p"),
+        ("time,ctrl/m,ctrl/p,ctrl/q\n0,1,1,1\n", 2, "no actuator 'q' in the columns of"),
+        ("time,ctrl/m,ctrl/p\n1,1,1\n0,1,1\n", 2, "row 2: time 0 follows 1, and must grow"),
+        ("time,ctrl/m,ctrl/p\n0,1,up\n", 7, "up' is not a number"),
+        ("ctrl/m,ctrl/p\n0,1\n", 2, "has no column 'time'"),
+        (None, 7, "no such file"),
+    ],
+)
+def test_a_control_table_that_does_not_fit_is_refused_before_the_first_step(
+    tmp_path: Path, text: str | None, code: int, said: str
+) -> None:
+    path, output = tmp_path / "c.csv", tmp_path / "o.csv"
+    if text is not None:
+        path.write_text(text)
+    with pytest.raises(MjrunError, match=said) as caught:
+        Trace(Simulation(SLIDE_MODEL, ctrl_from=path), str(output), manifest=str(tmp_path / "m.json")).run()
+    assert caught.value.exit_code == code
+    assert not output.exists()
+    assert not (tmp_path / "m.json").exists()
+
+
+def test_a_constant_control_stands_in_for_a_column(tmp_path: Path) -> None:
+    (tmp_path / "c.csv").write_text("time,ctrl/m\n0,1\n.05,2\n")
+    found = trace(tmp_path, Simulation(SLIDE_MODEL, duration=0.1, ctrl={"p": 0.5}, ctrl_from=tmp_path / "c.csv"))
+    assert set(found["ctrl/p"]) == {0.5}
+    assert list(found["ctrl/m"]) == [1.0] * 25 + [2.0] * 26
+
+
+def test_the_contact_table_has_every_contact_of_every_row(tmp_path: Path) -> None:
+    with_contacts = str(tmp_path / "c.csv")
+    found = trace(tmp_path, Simulation(SLIDE_MODEL, duration=0.5), every=5, contacts=with_contacts)
+    plain = trace(tmp_path, Simulation(SLIDE_MODEL, duration=0.5), every=5)
+    assert all(np.array_equal(found[name], plain[name]) for name in plain)
+    with Path(with_contacts).open(newline="") as file:
+        rows = list(csv.DictReader(file))
+    count = dict.fromkeys(found["time"], 0)
+    for row in rows:
+        assert float(row["contact"]) == count[float(row["time"])]
+        count[float(row["time"])] += 1
+        assert (row["geom1"], row["geom2"], row["body1"], row["body2"]) == ("floor", "box", "world", "box")
+    assert list(count.values()) == list(found["contact/ncon"])
+    last = sum(float(row["world_force/z"]) for row in rows if float(row["time"]) == 0.5)
+    assert last == pytest.approx(8 * 9.81, rel=1e-4)
+
+
+def test_two_outputs_need_two_files(tmp_path: Path) -> None:
+    same = str(tmp_path / "t.csv")
+    with pytest.raises(MjrunError, match="asked for twice"):
+        Trace(Simulation(SLIDE_MODEL), same, contacts=str(tmp_path / "." / "t.csv")).run()
+
+
+def test_the_manifest_says_what_made_the_tables(tmp_path: Path) -> None:
+    table, contacts, manifest = (tmp_path / name for name in ("t.parquet", "c.npz", "m.json"))
+    simulation = Simulation(SLIDE_MODEL, duration=0.1, seed=7, ctrl={"m": 2})
+    job = Trace(simulation, str(table), contacts=str(contacts), manifest=str(manifest), command="mjrun trace x")
+    result = job.run()
+    found = json.loads(manifest.read_text())
+    assert (found["mujoco"], found["command"], found["seed"]) == (mujoco.mj_versionString(), "mjrun trace x", 7)
+    assert (found["steps"], found["timestep"]) == (50, 0.002)
+    assert found["options"]["simulation"]["ctrl"] == {"m": 2}
+    assert found["result"]["rows"] == result.rows == 51
+    for output, path in zip(found["outputs"], (table, contacts), strict=True):
+        content = path.read_bytes()
+        assert (output["path"], output["bytes"]) == (str(path), len(content))
+        assert output["sha256"] == hashlib.sha256(content).hexdigest()
+    heavier = mujoco.MjModel.from_xml_string(SLIDE.replace('size=".05"', 'size=".06"'))
+    Trace(Simulation(heavier, duration=0.1), str(table), manifest=str(manifest)).run()
+    assert json.loads(manifest.read_text())["model"]["sha256"] != found["model"]["sha256"]
+
+
+def test_the_time_of_a_row_is_exact_for_any_timestep(tmp_path: Path) -> None:
+    model = mujoco.MjModel.from_xml_string(FALL)
+    model.opt.timestep = 1 / 240
+    exact = Fraction(repr(1 / 240))
+    found = trace(tmp_path, Simulation(model, steps=3000), probes=["qpos"], every=100)
+    assert list(found["time"]) == [float(step * exact) for step in range(0, 3001, 100)]

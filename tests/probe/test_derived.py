@@ -107,4 +107,20 @@ def test_every_column_has_a_unit_and_a_meaning() -> None:
     for make in DERIVED.values():
         for column in make(MODEL).columns:
             assert column.meaning
-            assert column.unit or column.name in pure
+            assert column.unit or column.name in pure or column.name.startswith("warning/")
+
+
+def test_warnings_are_counted_up_to_the_instant() -> None:
+    model = mujoco.MjModel.from_xml_string(
+        '<mujoco><worldbody><body><joint/><geom size=".1"/></body></worldbody>'
+        '<actuator><motor joint="joint0"/></actuator></mujoco>'.replace("<joint/>", '<joint name="joint0"/>')
+    )
+    data, probe = mujoco.MjData(model), DERIVED["warning"](model)
+    assert probe.at
+    named = dict(zip([column.name for column in probe.columns], range(99), strict=False))
+    data.ctrl[0] = 1e11  # MuJoCo takes it for bad, and warns
+    for count in (1, 2, 3):
+        mujoco.mj_forward(model, data)
+        found = probe.at(model, data)
+        assert found[named["warning/badctrl"]] == count
+        assert found.sum() == count

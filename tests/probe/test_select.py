@@ -4,6 +4,7 @@ import mujoco
 import pytest
 
 from mjrun.errors import MjrunError
+from mjrun.errors import UnknownNameError
 from mjrun.probe.select import DEFAULT, select, split
 
 MODEL = mujoco.MjModel.from_xml_string(
@@ -86,3 +87,15 @@ def test_a_wrong_probe_is_refused_with_what_is_right(asked: list[str], message: 
         select(MODEL, asked)
     assert caught.value.exit_code == 2
     assert message in str(caught.value)
+
+
+def test_a_column_of_a_site_or_geom_may_be_asked_for_as_a_body_s() -> None:
+    model = mujoco.MjModel.from_xml_string(
+        '<mujoco><worldbody><body name="b"><geom name="g" size=".1"/><site name="s"/></body></worldbody></mujoco>'
+    )
+    found = [
+        [column.name for column in select(model, [text])[0].columns] for text in ("xpos/b/z", "xpos/g/z", "xpos/s")
+    ]
+    assert found == [["xpos/b/z"], ["geom_xpos/g/z"], ["site_xpos/s/x", "site_xpos/s/y", "site_xpos/s/z"]]
+    with pytest.raises(UnknownNameError, match="no column 'xpos/q/z'"):
+        select(model, ["xpos/q/z"])

@@ -50,7 +50,7 @@ def bare(model: mujoco.MjModel, data: mujoco.MjData, fields: Sequence[str], step
 def streamed(stepper: PhysicsStepper, fields: Sequence[str], steps: int, chunk: int) -> dict[str, np.ndarray]:
     found: dict[str, list[np.ndarray]] = {field: [] for field in fields}
     expected = stepper.step
-    for first, block in blocks(stepper, fields, steps, chunk):
+    for first, _, block in blocks(stepper, fields, steps, chunk):
         assert first == expected
         for field in fields:
             found[field].append(block[field].reshape(len(block[field]), -1))
@@ -98,7 +98,7 @@ def test_rows_before_an_instability_are_all_there_and_good() -> None:
     rows: list[float] = []
 
     def collect() -> None:
-        for _, block in blocks(PhysicsStepper(model, data), ("qvel",), 500, 64):
+        for _, _, block in blocks(PhysicsStepper(model, data), ("qvel",), 500, 64):
             rows.extend(np.asarray(block["qvel"]).reshape(-1))
 
     with pytest.raises(UnstableError) as caught:

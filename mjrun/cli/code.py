@@ -1,0 +1,81 @@
+"""`--controller CODE`: Python that the user names on the command line, the only place where code comes from."""
+
+import contextlib
+import importlib
+import importlib.util
+import inspect
+import sys
+from collections.abc import Callable
+from functools import reduce
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+from mjrun.errors import ControllerError, FileError, UnknownNameError, UsageError, quoted
+
+FORM = "FILE.py:NAME or PACKAGE.MODULE:NAME names a function (model, data), or a class with __call__ and reset"
+
+
+class Quiet:
+    """A function whose prints go to standard error, as standard output carries the payload; so do its `reset`'s."""
+
+    def __init__(self, function: Callable[..., Any]) -> None:
+        self._function = function
+        self.__qualname__ = getattr(function, "__qualname__", type(function).__qualname__)
+        with contextlib.suppress(ValueError):
+            self.__signature__ = inspect.signature(function)
+        if hasattr(function, "reset"):
+            self.reset = Quiet(function.reset)  # type: ignore[attr-defined]
+
+    def __call__(self, *arguments: Any) -> Any:
+        with contextlib.redirect_stdout(sys.stderr):
+            return self._function(*arguments)
+
+
+def controller(code: str) -> Callable[..., Any]:
+    """The controller that `code` names; of a class, an instance.
+
+    Raises:
+      UsageError: `code` is not of that form, or names what is not there.
+      FileError: there is no such file.
+      ControllerError: its code failed.
+    """
+    place, _, name = code.rpartition(":")
+    if not place or not name:
+        raise UsageError(f"--controller {quoted(code)} names no code\n{FORM}")
+    found = Quiet(lambda: _found(place, name))()
+    if not callable(found):
+        raise UsageError(f"--controller {quoted(code)} is of type {type(found).__name__}, and cannot be called\n{FORM}")
+    return Quiet(found)
+
+
+def _found(place: str, name: str) -> Any:
+    try:
+        module = _file(Path(place)) if place.endswith(".py") else _module(place)
+        if not hasattr(module, name.partition(".")[0]):
+            valid = [key for key, value in vars(module).items() if callable(value) and not key.startswith("_")]
+            raise UnknownNameError("controller", name, valid, where=place)
+        found = reduce(getattr, name.split("."), module)
+        return found() if isinstance(found, type) else found
+    except (UsageError, FileError):
+        raise
+    except (Exception, SystemExit) as error:
+        raise ControllerError.of(f"--controller {quoted(f'{place}:{name}')}", error) from error
+
+
+def _file(path: Path) -> ModuleType:
+    if not path.is_file():
+        raise FileError(path, "there is no such file" if not path.exists() else "is not a file", FORM)
+    sys.path.insert(0, str(path.parent.resolve()))  # as `python FILE.py` does
+    spec = importlib.util.spec_from_file_location(path.stem, path)
+    assert spec
+    assert spec.loader
+    module = importlib.util.module_from_spec(spec)
+    sys.modules.setdefault(path.stem, module)  # dataclasses and pickle look there
+    spec.loader.exec_module(module)
+    return module
+
+
+def _module(name: str) -> ModuleType:
+    sys.path.insert(0, str(Path.cwd()))  # as `python -m` does
+    return importlib.import_module(name)

@@ -1,0 +1,63 @@
+"""What a manifest says: versions, command, model, resolved options, time."""
+
+import dataclasses
+import hashlib
+import platform
+from collections.abc import Mapping, Sequence
+from fractions import Fraction
+from typing import Any
+
+import mujoco
+import numpy as np
+
+from mjrun.job.simulation import Simulation, Source
+from mjrun.timeline import Timeline
+from mjrun.version import __version__
+
+
+def origin(job: Any, simulation: Simulation, model: mujoco.MjModel, timeline: Timeline) -> dict[str, Any]:
+    """What makes the outputs of `job`, a dataclass, as far as it is known beforehand; plain values, for JSON.
+
+    The model's fingerprint is that of its compiled form, with all its assets and overrides.
+    """
+    source = simulation.model
+    path = "" if isinstance(source, mujoco.MjModel) else source.path if isinstance(source, Source) else source
+    options = plain(job)
+    return {
+        "mjrun": __version__,
+        "mujoco": mujoco.mj_versionString(),
+        "numpy": np.__version__,
+        "python": platform.python_version(),
+        "machine": f"{platform.system()} {platform.machine()}",
+        "command": options.pop("command", ""),
+        "model": {"path": str(path), "sha256": _fingerprint(model)},
+        "options": options,
+        "seed": simulation.seed,
+        "timestep": float(timeline.timestep),
+        "steps": timeline.steps,
+    }
+
+
+def plain(value: Any) -> Any:
+    """`value` as JSON holds it: dataclasses by field, exact numbers as they print, code by its name."""
+    if isinstance(value, mujoco.MjModel):
+        return "a compiled model"
+    if dataclasses.is_dataclass(value) and not isinstance(value, type):
+        return {field.name: plain(getattr(value, field.name)) for field in dataclasses.fields(value)}
+    if isinstance(value, Mapping):
+        return {str(key): plain(item) for key, item in value.items()}
+    if isinstance(value, Fraction):
+        return float(value)
+    if isinstance(value, (str, int, float, type(None))):
+        return value
+    if isinstance(value, Sequence):
+        return [plain(item) for item in value]
+    if isinstance(value, (np.ndarray, np.generic)):
+        return value.tolist()
+    return getattr(value, "__qualname__", None) or str(value)
+
+
+def _fingerprint(model: mujoco.MjModel) -> str:
+    content = np.zeros(mujoco.mj_sizeModel(model), np.uint8)
+    mujoco.mj_saveModel(model, None, content)
+    return hashlib.sha256(content.data).hexdigest()

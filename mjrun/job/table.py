@@ -1,0 +1,102 @@
+"""The rows of a trace: which columns, and how they are computed block by block."""
+
+import copy
+from bisect import bisect_left
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+
+from mjrun.errors import SimulationError
+from mjrun.model.column import Column
+from mjrun.probe.contacts import contact_columns, contacts
+from mjrun.probe.fields import Probe
+from mjrun.probe.select import select
+from mjrun.sim.batch import blocks, instant
+from mjrun.sim.observe import Tap, observe
+from mjrun.sim.stepper import PhysicsStepper, Stepper
+from mjrun.timeline import Timeline, seconds
+
+TIME = Column("time", "s", "simulated time, exact")
+ROWS = 256  # of a block that is read instant by instant
+
+
+@dataclass(frozen=True)
+class Rows:
+    """Consecutive rows `(n, ncolumns)` of a trace, and of its contact table `(m, ncolumns)`, if it has one."""
+
+    values: np.ndarray
+    contacts: np.ndarray | None = None
+
+
+class Table:
+    """The columns of a trace, and its rows as they come.
+
+    Energy is computed when it is measured, whatever the model's flag says; it does not change the motion.
+
+    Args:
+      asked: the probes.
+      with_contacts: whether every row has its contacts too.
+
+    Attributes:
+      model: to be simulated, a copy.
+      columns, contact_columns: of the trace, `time` first, and of the contact table.
+    """
+
+    def __init__(
+        self, model: mujoco.MjModel, asked: Sequence[str], timeline: Timeline, with_contacts: bool = False
+    ) -> None:
+        self.probes = select(model, asked)
+        self.columns = [TIME, *(column for probe in self.probes for column in probe.columns)]
+        self.contact_columns = contact_columns(model) if with_contacts else []
+        self._timeline = timeline
+        self._fields = sorted({field for probe in self.probes for field in probe.fields})
+        self.model = copy.copy(model)
+        if "energy" in self._fields:
+            self.model.opt.enableflags |= int(mujoco.mjtEnableBit.mjENBL_ENERGY)
+
+    def blocks(self, stepper: PhysicsStepper, rows: Sequence[int]) -> Iterator[Callable[[], Rows]]:
+        """Blocks of the rows at the steps `rows`, each yet to be computed by whoever takes it."""
+        if self.contact_columns or any(probe.at for probe in self.probes):
+            yield from self._by_instants(stepper, rows)
+            return
+        for first, count, record in blocks(stepper, self._fields, self._timeline.steps):
+            kept = np.array(rows[bisect_left(rows, first) : bisect_left(rows, first + count)])
+            if len(kept):
+                index = slice(None) if len(kept) == count else kept - first
+                yield lambda kept=kept, index=index, record=record: self._join(
+                    kept, [probe.compute({f: record[f][index] for f in probe.fields}) for probe in self.probes]
+                )
+
+    def _by_instants(self, stepper: PhysicsStepper, rows: Sequence[int]) -> Iterator[Callable[[], Rows]]:
+        """The same, read from one consistent MjData per row."""
+        for start in range(0, len(rows), ROWS):
+            part, found = rows[start : start + ROWS], []
+            try:
+                observe(stepper, [Tap(part, self._read, found.append)], part[-1])
+            except SimulationError:
+                if found:
+                    yield lambda part=part, found=found: self._stack(part, found)
+                raise
+            yield lambda part=part, found=found: self._stack(part, found)
+
+    def _stack(self, steps: Sequence[int], found: Sequence[Rows]) -> Rows:
+        touching = [row.contacts for row in found if row.contacts is not None]
+        values = np.stack([row.values for row in found])
+        return self._join(np.array(steps[: len(found)]), [values], np.concatenate(touching) if touching else None)
+
+    def _read(self, stepper: Stepper) -> Rows:
+        """One row, without its time."""
+        record, data = instant(stepper, self._fields), stepper.instant()
+        values = [_value(probe, record, stepper.model, data) for probe in self.probes]
+        time = float(self._timeline.time(stepper.step))
+        touching = contacts(stepper.model, data, time) if self.contact_columns else None
+        return Rows(np.concatenate([np.empty(0), *values]), touching)
+
+    def _join(self, steps: np.ndarray, parts: Sequence[np.ndarray], touching: np.ndarray | None = None) -> Rows:
+        return Rows(np.column_stack([seconds(steps, self._timeline.timestep), *parts]), touching)
+
+
+def _value(probe: Probe, record: Mapping[str, np.ndarray], model: mujoco.MjModel, data: mujoco.MjData) -> np.ndarray:
+    return probe.at(model, data) if probe.at else probe.compute(record)[0]

@@ -1,0 +1,329 @@
+"""The numbers that MuJoCo's tutorial plots: by mjrun, and by the tutorial's own loops.
+
+The tutorial reads after `mj_step`: the state is then at the end of the step, and what derives from it (energy,
+contacts, sensors, accelerations) still at its start. So the tutorial's state number i is row i + 1 of a trace, and its
+derived value number i is row i. With RK4 the derived values are of an intermediate stage, and no row's.
+"""
+
+import os
+import re
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import suppress
+from fractions import Fraction
+from itertools import pairwise
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from mjrun.errors import UnstableError
+from mjrun.job.simulation import Simulation
+from mjrun.job.trace import Trace
+
+Vector = NDArray[np.float64]
+
+ROOT = Path(__file__).parents[1]
+README = (ROOT / "README.md").read_text(encoding="utf-8")
+SECTION = README.partition("## The tutorial's numbers\n")[2].partition("\n## ")[0]
+BLOCKS = re.findall(r"```sh\n(.*?)```", SECTION, re.DOTALL)
+COMMANDS = [line for block in BLOCKS for line in block.replace("\\\n", " ").splitlines()]
+ACCURATE = np.power(10, np.linspace(-2, -4, 5)).tolist()  # [s]
+DIVERGENT = np.power(10, np.linspace(-2, -1.5, 7)).tolist()  # [s]
+SPINS = [2 * np.random.default_rng(seed).standard_normal(3) for seed in (1, 3, 4)]  # [rad/s]
+GRAVITY = 9.81
+BLOW = 10  # steps in which a blow of the bat is felt
+CALM = 150  # steps without the bat before a new blow
+
+
+def scene(name: str, timestep: float | None = None) -> tuple[mujoco.MjModel, mujoco.MjData]:
+    """A scene, with a timestep set as the tutorial sets it."""
+    model = mujoco.MjModel.from_xml_path(str(ROOT / f"scenes/{name}.xml"))
+    if timestep is not None:
+        model.opt.timestep = timestep
+    return model, mujoco.MjData(model)
+
+
+def trace(tmp_path: Path, simulation: Simulation, *probes: str) -> dict[str, Vector]:
+    """Every row of a simulation, by column; up to where it becomes unstable, if it does."""
+    output = tmp_path / "trace.npz"
+    with suppress(UnstableError):
+        Trace(simulation, str(output), probes=probes, keep_partial=True).run()
+    with np.load(output) as found:
+        return dict(found)
+
+
+def columns(found: dict[str, Vector], group: str, parts: str) -> Vector:
+    """The columns `group/part` `(rows, parts)`."""
+    return np.column_stack([found[f"{group}/{part}"] for part in parts.split()])
+
+
+@pytest.fixture(scope="module")
+def flip(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Vector]:
+    """Seven seconds of the top."""
+    simulation = Simulation(ROOT / "scenes/tippe_top.xml", key="spinning", duration=7)
+    return trace(tmp_path_factory.mktemp("flip"), simulation, "qvel[top]", "xpos[stem,ball]")
+
+
+@pytest.fixture(scope="module")
+def kicks(tmp_path_factory: pytest.TempPathFactory) -> list[dict[str, Vector]]:
+    """Ten seconds of the chaotic pendulum from eight starts."""
+    folder, model = tmp_path_factory.mktemp("kicks"), ROOT / "scenes/chaotic_pendulum.xml"
+    starts = [Simulation(model, key="kick", perturb=1e-7, seed=seed, duration=10) for seed in range(1, 9)]
+    return [trace(folder, simulation, "qpos", "qvel", "energy") for simulation in starts]
+
+
+def test_spin_and_stem_of_the_top_are_those_of_the_tutorial_s_loop(flip: dict[str, Vector]) -> None:
+    model, data = scene("tippe_top")
+    stem, times, angular_velocity, stem_height, instant = model.geom("stem").id, [], [], [], []
+    shown = mujoco.MjData(model)
+    mujoco.mj_resetDataKeyframe(model, data, 0)
+    while data.time < 7 - model.opt.timestep / 2:  # the tutorial's own `data.time < 7` takes one step too many
+        mujoco.mj_step(model, data)
+        times.append(data.time)
+        angular_velocity.append(data.qvel[3:6].copy())
+        stem_height.append(data.geom_xpos[stem, 2])
+        mujoco.mj_copyData(shown, model, data)
+        mujoco.mj_forward(model, shown)
+        instant.append(shown.geom_xpos[stem, 2])
+    assert flip["time"][1:] == pytest.approx(np.array(times), abs=1e-9)
+    assert np.array_equal(columns(flip, "qvel/top", "wx wy wz")[1:], angular_velocity)
+    assert np.array_equal(flip["geom_xpos/stem/z"][1:], instant)
+    assert flip["geom_xpos/stem/z"][1:] == pytest.approx(np.array(stem_height), abs=2e-4)
+
+
+def test_the_top_turns_over_and_its_spin_turns_round(flip: dict[str, Vector]) -> None:
+    time, stem, spin = flip["time"], flip["geom_xpos/stem/z"], flip["qvel/top/wz"]
+    rise = stem - flip["geom_xpos/ball/z"]
+    assert rise[0] == pytest.approx(0.02)
+    assert (rise[time < 3.6] > 0).all()
+    assert (rise[time > 4] < 0).all()
+    assert stem[-1] == pytest.approx(0.008, abs=5e-4)  # half the stem's length: it stands on its end
+    assert spin[0] == 200
+    assert (spin[time < 3.6] > 0).all()
+    assert (spin[time > 4] < 0).all()
+
+
+def test_angle_and_energy_of_eight_kicks_are_those_of_the_tutorial_s_loop(kicks: list[dict[str, Vector]]) -> None:
+    model, data = scene("chaotic_pendulum")
+    n_steps = int(10 / model.opt.timestep)
+    for found in kicks:
+        angle, energy = np.zeros(n_steps), np.zeros(n_steps)
+        mujoco.mj_resetData(model, data)
+        data.qvel[:] = columns(found, "qvel", "root left right low")[0]
+        assert 0 < np.abs(data.qvel - [10, 0, 0, 0]).max() < 5e-7
+        for i in range(n_steps):
+            mujoco.mj_step(model, data)
+            angle[i] = data.joint(0).qpos[0]
+            energy[i] = data.energy[0] + data.energy[1]
+        assert np.array_equal(found["qpos/root"][1:], angle)
+        assert np.array_equal(found["energy/total"][:-1], energy)
+
+
+def test_eight_kicks_that_differ_by_nothing_to_speak_of_part(kicks: list[dict[str, Vector]]) -> None:
+    time = kicks[0]["time"]
+    spread = np.ptp([found["qpos/root"] for found in kicks], axis=0)
+    assert len({found["qvel/root"][0] for found in kicks}) == 8
+    assert spread[time <= 2].max() < 1e-4
+    assert 1e-4 < spread[time <= 4].max() < 0.1
+    assert spread[-1] > 1
+    for found in kicks:
+        assert np.abs(found["energy/drift"]).max() < 0.5
+
+
+@pytest.fixture(scope="module")
+def energies(tmp_path_factory: pytest.TempPathFactory) -> dict[float, dict[str, Vector]]:
+    """Ten seconds of energy by timestep."""
+    folder = tmp_path_factory.mktemp("energies")
+    models = {dt: scene("chaotic_pendulum", dt)[0] for dt in ACCURATE}
+    return {dt: trace(folder, Simulation(models[dt], qvel={"root": 9}, duration=10), "energy") for dt in ACCURATE}
+
+
+@pytest.mark.parametrize("timestep", ACCURATE)
+def test_energy_at_each_timestep_is_that_of_the_tutorial_s_loop(
+    timestep: float, energies: dict[float, dict[str, Vector]]
+) -> None:
+    model, data = scene("chaotic_pendulum", timestep)
+    n_steps = int(10 / model.opt.timestep)
+    energy = np.zeros(n_steps)
+    data.qvel[0] = 9
+    for i in range(n_steps):
+        mujoco.mj_step(model, data)
+        energy[i] = data.energy[0] + data.energy[1]
+    assert np.array_equal(energies[timestep]["energy/total"][:n_steps], energy)
+
+
+@pytest.mark.parametrize("timestep", ACCURATE)
+def test_time_at_each_timestep_is_its_multiple_rounded_once(
+    timestep: float, energies: dict[float, dict[str, Vector]]
+) -> None:
+    time, exact = energies[timestep]["time"], Fraction(repr(timestep))
+    assert time.tolist() == [float(step * exact) for step in range(len(time))]
+
+
+def test_energy_drifts_in_proportion_to_the_timestep(energies: dict[float, dict[str, Vector]]) -> None:
+    """Euler is of first order: seen before chaos takes over; afterwards within a bound, and decade by decade."""
+    drift = {dt: np.abs(found["energy/drift"]) for dt, found in energies.items()}
+    early = [drift[dt][: round(2 / dt)].max() / dt for dt in ACCURATE]
+    assert early == pytest.approx([early[-1]] * 5, rel=0.2)
+    assert all(drift[dt].max() < 300 * dt for dt in ACCURATE)
+    ten, one, tenth = (drift[dt].max() for dt in ACCURATE[::2])
+    assert ten > 4 * one > 16 * tenth
+
+
+@pytest.fixture
+def warned() -> Iterator[list[str]]:
+    """What MuJoCo warns of, kept from the log file that it would write."""
+    said: list[str] = []
+    mujoco.set_mju_user_warning(said.append)
+    yield said
+    mujoco.set_mju_user_warning(None)
+
+
+def diverging(timestep: float) -> tuple[int, str, Vector]:
+    """The tutorial's loop: the step of the warning, the joint that it names, and the speeds before."""
+    model, data = scene("chaotic_pendulum", timestep)
+    data.qvel[0] = 11
+    speed = []
+    for i in range(int(10 / timestep)):
+        mujoco.mj_step(model, data)
+        if data.warning.number.any():
+            warning = data.warning[np.flatnonzero(data.warning.number)[0]]
+            return i, model.joint(model.dof_jntid[warning.lastinfo]).name, np.array(speed)
+        speed.append(np.abs(data.qvel).sum())
+    raise AssertionError(f"stable at {timestep} s")
+
+
+@pytest.mark.filterwarnings("ignore:MuJoCo. Nan, Inf or huge value")
+@pytest.mark.parametrize("timestep", DIVERGENT)
+def test_divergence_is_reported_where_the_tutorial_s_loop_meets_it(
+    timestep: float, tmp_path: Path, warned: list[str]
+) -> None:
+    step, joint, speed = diverging(timestep)
+    simulation = Simulation(scene("chaotic_pendulum", timestep)[0], qvel={"root": 11}, duration=10)
+    with pytest.raises(UnstableError, match=f"step {step}, .* acceleration of joint '{joint}'") as caught:
+        Trace(simulation, str(tmp_path / "none.npz"), probes=["qvel"]).run()
+    assert caught.value.step == step
+    assert caught.value.time == pytest.approx(step * timestep)
+    assert "QACC" in warned[0]
+    assert not (tmp_path / "none.npz").exists()
+    kept = columns(trace(tmp_path, simulation, "qvel"), "qvel", "root left right low")
+    assert np.array_equal(np.abs(kept[1:]).sum(axis=1), speed)
+
+
+def test_the_longer_the_timestep_the_fewer_steps_until_divergence(warned: list[str]) -> None:
+    steps = [diverging(timestep)[0] for timestep in DIVERGENT]
+    assert all(fewer < more for more, fewer in pairwise(steps))
+    assert len(warned) == len(steps)
+
+
+@pytest.mark.parametrize("spin", SPINS)
+def test_contacts_of_the_free_body_are_those_of_the_tutorial_s_loop(spin: Vector, tmp_path: Path) -> None:
+    n_steps = 499
+    model, data = scene("free_body")
+    ncon, penetration, force = np.zeros(n_steps), np.zeros(n_steps), np.zeros((n_steps, 3))
+    velocity, acceleration, forcetorque = np.zeros((n_steps, model.nv)), np.zeros((n_steps, model.nv)), np.zeros(6)
+    data.qvel[3:6] = spin
+    for i in range(n_steps):
+        mujoco.mj_step(model, data)
+        ncon[i] = data.ncon
+        velocity[i] = data.qvel[:]
+        acceleration[i] = data.qacc[:]
+        for j, c in enumerate(data.contact):
+            mujoco.mj_contactForce(model, data, j, forcetorque)
+            force[i] += forcetorque[0:3]
+            penetration[i] = min(penetration[i], c.dist)
+    simulation = Simulation(ROOT / "scenes/free_body.xml", qvel={"free": [0, 0, 0, *spin.tolist()]}, steps=n_steps)
+    found = trace(tmp_path, simulation, "contact", "contact_force", "penetration", "qvel", "qacc")
+    parts = "vx vy vz wx wy wz"
+    assert ncon.max() >= 3
+    assert np.array_equal(found["contact/ncon"][:-1], ncon)
+    assert np.array_equal(found["penetration/deepest"][:-1], -penetration)
+    assert np.array_equal(columns(found, "qvel/free", parts)[1:], velocity)
+    assert np.array_equal(columns(found, "qacc/free", parts)[:-1], acceleration)
+    assert np.array_equal(found["contact_force/normal/z"][:-1], force[:, 0])
+    # The tutorial's friction is in the contacts' frame, a trace's in the world: their lengths agree.
+    friction = np.linalg.norm(columns(found, "contact_force/friction", "x y z"), axis=1)
+    assert friction[:-1] == pytest.approx(np.linalg.norm(force[:, 1:], axis=1), rel=1e-9)
+
+
+@pytest.mark.parametrize("spin", SPINS)
+def test_contact_forces_of_the_free_body_are_all_that_holds_it_and_settle_at_its_weight(
+    spin: Vector, tmp_path: Path
+) -> None:
+    simulation = Simulation(ROOT / "scenes/free_body.xml", qvel={"free": [0, 0, 0, *spin.tolist()]}, duration=3)
+    found = trace(tmp_path, simulation, "contact_force", "qfrc_constraint")
+    force = columns(found, "contact_force/normal", "x y z") + columns(found, "contact_force/friction", "x y z")
+    assert force == pytest.approx(columns(found, "qfrc_constraint/free", "vx vy vz"), rel=1e-9, abs=1e-9)
+    weight = scene("free_body")[0].body("box_and_sphere").mass.item() * GRAVITY
+    assert found["contact_force/normal/z"].max() > 10 * weight
+    assert force[-1] == pytest.approx(np.array([0, 0, weight]), abs=1e-6)
+
+
+def test_the_mean_contact_force_from_rest_to_rest_is_the_weight(tmp_path: Path) -> None:
+    """The impulse theorem, summed step by step."""
+    found = trace(tmp_path, Simulation(ROOT / "scenes/free_body.xml", duration=3), "contact_force")
+    weight = scene("free_body")[0].body("box_and_sphere").mass.item() * GRAVITY
+    assert found["contact_force/normal/z"][:-1].mean() == pytest.approx(weight, rel=1e-6)
+
+
+def test_the_pinata_s_accelerometer_reads_as_in_the_tutorial_s_loop_and_feels_each_blow(tmp_path: Path) -> None:
+    fps = 60.0
+    model, data = scene("pinata")
+    bat, pinata = model.body("bat").id, model.body("box_and_sphere").id
+    times, sensordata, struck = [], [], []
+    data.ctrl = 20
+    for i in range(180):
+        while data.time < i / fps:
+            mujoco.mj_step(model, data)
+            times.append(data.time)
+            sensordata.append(data.sensor("accelerometer").data.copy())
+            touching = [{model.geom_bodyid[c.geom1], model.geom_bodyid[c.geom2]} for c in data.contact]
+            struck.append({bat, pinata} in touching)
+    simulation = Simulation(ROOT / "scenes/pinata.xml", ctrl={"my_motor": 20}, steps=len(times))
+    found = trace(tmp_path, simulation, "sensor")
+    assert found["time"][1:] == pytest.approx(np.array(times), abs=1e-9)
+    assert np.array_equal(columns(found, "sensor/accelerometer", "x y z")[:-1], sensordata)
+    felt = np.linalg.norm(sensordata, axis=1)
+    blows = [i for i in np.flatnonzero(struck) if not any(struck[i - CALM : i])]
+    assert len(blows) >= 2
+    for i in blows:
+        assert felt[i : i + BLOW].max() > max(1.5 * felt[i - 1], 3 * GRAVITY)
+    assert np.median(felt) < 2 * GRAVITY
+
+
+@pytest.fixture
+def shell(tmp_path: Path) -> dict[str, str]:
+    """A shell that has `mjrun`, in a folder that has the scenes."""
+    (tmp_path / "bin").mkdir()
+    (tmp_path / "scenes").symlink_to(ROOT / "scenes")
+    program = tmp_path / "bin/mjrun"
+    program.write_text(f'#!/bin/sh\nPYTHONPATH="{ROOT}" exec "{sys.executable}" -m mjrun "$@"\n')
+    program.chmod(0o755)
+    return {**os.environ, "PATH": f"{program.parent}:{os.environ['PATH']}"}
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_a_command_of_the_readme_s_section_does_all_that_it_says(
+    command: str, shell: dict[str, str], tmp_path: Path
+) -> None:
+    done = subprocess.run(["sh", "-ec", command], cwd=tmp_path, env=shell, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    if "||" in command:
+        assert done.stdout == "exit code 4\n"
+        step, time, joint = re.findall(r"step (\d+), time ([\d.]+) s: the acceleration of joint '(\w+)'", done.stderr)[
+            0
+        ]
+        assert f"step {step}, {time} s, by the acceleration of `{joint}`, with exit code 4" in " ".join(SECTION.split())
+        assert not list(tmp_path.glob("*.csv"))
+    else:
+        assert done.stderr == ""
+        assert len(list(tmp_path.glob("*.csv"))) == (8 if "$seed" in command else 4 if "$dt" in command else 1)
+
+
+def test_the_readme_s_section_has_a_command_for_every_scene_of_the_tutorial_s_plots() -> None:
+    shown = {name for command in COMMANDS for name in re.findall(r"scenes/(\w+)\.xml", command)}
+    assert shown == {"tippe_top", "chaotic_pendulum", "free_body", "pinata"}
