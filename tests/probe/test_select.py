@@ -3,8 +3,7 @@
 import mujoco
 import pytest
 
-from mjrun.errors import MjrunError
-from mjrun.errors import UnknownNameError
+from mjrun.errors import MjrunError, UnknownNameError
 from mjrun.probe.select import DEFAULT, select, split
 
 MODEL = mujoco.MjModel.from_xml_string(
