@@ -29,6 +29,7 @@ LIBRARIES = {
     "yaml": ("document",),
     "pydantic": ("document",),
     "imageio_ffmpeg": ("export.video",),
+    "PIL": ("render.lettering", "render.graph", "export.image"),
     "orjson": ("export.table", "export.reading"),
     "pyarrow": ("export.columnar", "export.reading"),
     "scipy": ("export.columnar",),

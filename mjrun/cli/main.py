@@ -25,6 +25,7 @@ MODELS = (".xml", ".urdf", ".mjz", ".zip", ".mjb")
 # Name → module and one line of help. A command's module is imported when it is run.
 COMMANDS = {
     "video": ("mjrun.cli.video", "Make a film of a simulation."),
+    "image": ("mjrun.cli.image", "Draw one instant of a simulation."),
     "trace": ("mjrun.cli.trace", "Measure a simulation: named, aligned, exact numbers."),
     "doctor": ("mjrun.cli.doctor", "Show what works on this machine, and what to install."),
 }

@@ -6,7 +6,7 @@ from typing import Any
 import click
 
 from mjrun.cli.console import Console
-from mjrun.cli.params import Assignment, Exact, Groups, PathValue, Size, Words
+from mjrun.cli.params import Assignment, Exact, Groups, Jobs, NotNegative, PathValue, Range, Size, Words
 
 Command = Callable[..., Any]
 INTEGRATORS = ("euler", "rk4", "implicit", "implicitfast", "discrete")
@@ -135,20 +135,54 @@ simulation_options = _bundle(
         "--perturb", type=click.FloatRange(min=0), default=0.0, metavar="STD", help="Noise on the initial velocities."
     ),
     _option("--seed", type=click.IntRange(min=0), default=0, metavar="N", help="Of the noise.  [default: 0]"),
+)
+
+duration_options = _bundle(
+    "Simulation",
     _option("--duration", type=Exact("SECONDS"), help="Simulated time.  [default: 5]"),
     _option("--steps", type=click.IntRange(min=1), metavar="N", help="Number of steps, instead of --duration."),
 )
 
 view_options = _bundle(
     "View",
-    _option("--size", type=Size(), default="1280x720", show_default=True, help="Of the picture, in pixels."),
+    _option("--size", type=Size(), default="1280x720", show_default=True, help="Of one view, in pixels."),
     _option(
         "--camera",
-        default="free",
+        "cameras",
+        multiple=True,
         metavar="SPEC",
-        show_default=True,
         help="A camera of the model, by name or index; or free, orbit or track with settings after a colon: "
-        "free:azimuth=90,elevation=-20 orbit:lookat=box,azimuth=140..240,ease=cosine track:box,distance=.5",
+        "free:azimuth=90,elevation=-20 orbit:lookat=box,azimuth=140..240,ease=cosine track:box,distance=.5. "
+        "Repeat for several.  [default: free]",
+    ),
+    _option(
+        "--view",
+        "views",
+        type=click.Choice(["rgb", "depth", "seg"]),
+        multiple=True,
+        help="Colour, depth or segmentation. Repeat for several.  [default: rgb]",
+    ),
+    _option(
+        "--layout",
+        type=click.Choice(["row", "column", "grid"]),
+        default="row",
+        show_default=True,
+        help="How several views stand in one picture.",
+    ),
+    _option("--separate", is_flag=True, help="A file for each view instead, called NAME-CAMERA-VIEW."),
+    _option("--captions", is_flag=True, help="Say in each view what it is."),
+    _option(
+        "--style",
+        type=click.Choice(["color", "exact"]),
+        help="Depth and segmentation as colours for the eye, or as numbers of 16 bits: millimetres, ids.",
+    ),
+    _option("--depth-range", type=Range("NEAR..FAR"), help="Of the colours of depth, in metres.  [default: as seen]"),
+    _option(
+        "--seg-by",
+        default="object",
+        metavar="KIND",
+        show_default=True,
+        help="What a segmentation tells apart: object, geom, site, …, body or root-body.",
     ),
     _option(
         "--show",
@@ -168,6 +202,32 @@ view_options = _bundle(
     _option(
         "--label", default="none", metavar="KIND", help="Names of: body, joint, geom, site, camera, tendon, actuator, …"
     ),
+    _option(
+        "--trail",
+        "trails",
+        multiple=True,
+        metavar="OBJECT,…",
+        help="Draw the path of bodies, geoms or sites, wider and warmer where they are faster. Repeatable.",
+    ),
+    _option("--trail-span", type=Exact("SECONDS"), help="How much of the past it shows.  [default: all]"),
+    _option(
+        "--ghost",
+        "ghosts",
+        multiple=True,
+        metavar="SETTING,…",
+        help="The model once more, translucent: offset=0/1/0, opacity=.3; in the pose of a keyframe, key=NAME, or "
+        "moving as a trace says, trace=FILE. Repeatable.",
+    ),
+    _option(
+        "--text",
+        metavar="TEMPLATE",
+        help="Write over the picture: '{time:.2f} s', '{speed}x', any column of a trace as in '{qpos/knee:.1f}'.",
+    ),
+    _option(
+        "--text-corner",
+        type=click.Choice(["top-left", "top", "top-right", "bottom-left", "bottom", "bottom-right"]),
+        help="Where it stands.  [default: top-left; with captions bottom-left]",
+    ),
 )
 
 renderer_options = _bundle(
@@ -185,10 +245,47 @@ renderer_options = _bundle(
     _option("--require-gpu", is_flag=True, help="Refuse to draw in software."),
 )
 
+_calibration = (
+    _option(
+        "--calibration",
+        metavar="FILE",
+        help="What each picture is seen through: K, world from camera, near, far, time; in OpenCV's axes.",
+    ),
+    _option(
+        "--calibration-format",
+        type=click.Choice(["mjrun", "nerfstudio", "bop", "ros"]),
+        default="mjrun",
+        show_default=True,
+        help="Whose file it is.",
+    ),
+)
+
 _manifest = _option(
     "--manifest",
     metavar="FILE",
     help="What made the output, as JSON: versions, command, model, options, wall times, hashes.",
+)
+
+image_options = _bundle(
+    "Picture",
+    _option(
+        "-o",
+        "--output",
+        metavar="FILE",
+        help="png, jpg, webp, tiff; depth also npy, exr; segmentation also npy, json (COCO); or - for a pipe.  "
+        "[default: MODEL.png]",
+    ),
+    _option("-t", "--time", "at", type=NotNegative("SECONDS"), help="The instant to draw.  [default: 0]"),
+    _option("--step", type=click.IntRange(min=0), metavar="N", help="The instant, by step."),
+    _option(
+        "--format",
+        "format_",
+        metavar="NAME",
+        help="Instead of the output's suffix, as for a pipe; palette for a segmentation in colours.  [default: png]",
+    ),
+    _option("--legend/--no-legend", default=True, help="List what a coloured segmentation shows.  [default: --legend]"),
+    *_calibration,
+    _manifest,
 )
 
 film_options = _bundle(
@@ -208,6 +305,25 @@ film_options = _bundle(
     _option("--codec", metavar="NAME", help="h264, h265, av1, vp9, prores, ffv1, as the format holds."),
     _option("--crf", type=int, metavar="N", help="Constant rate factor: lower is better and larger."),
     _option("--preset", metavar="NAME", help="The codec's own, from fast to thorough."),
+    _option(
+        "--plot",
+        "plots",
+        multiple=True,
+        metavar="PROBE,…",
+        help="A live graph of what a trace would measure: energy, qpos[left_*]. Repeat for several graphs.",
+    ),
+    _option(
+        "--plot-side", type=click.Choice(["under", "beside"]), default="under", show_default=True, help="Where it is."
+    ),
+    _option(
+        "--jobs",
+        type=Jobs(),
+        default="auto",
+        metavar="N|auto",
+        show_default=True,
+        help="Processes that draw; auto is one per core where a CPU draws a long film.",
+    ),
+    *_calibration,
     _manifest,
 )
 

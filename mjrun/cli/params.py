@@ -40,6 +40,56 @@ class Exact(click.ParamType):
         return number
 
 
+class NotNegative(click.ParamType):
+    """A number from 0 on, kept exactly."""
+
+    def __init__(self, unit: str) -> None:
+        self.name = unit
+
+    def convert(self, value: str | Fraction, param: click.Parameter | None, ctx: click.Context | None) -> Fraction:
+        try:
+            number = rational(value)
+        except ValueError:
+            self.fail(f"{value!r} is not a number", param, ctx)
+        if number < 0:
+            self.fail(f"{value} is below 0", param, ctx)
+        return number
+
+
+class Range(click.ParamType):
+    """Two numbers, the smaller first: `0.5..4`."""
+
+    def __init__(self, form: str) -> None:
+        self.name = form
+
+    def convert(
+        self, value: str | tuple[float, float], param: click.Parameter | None, ctx: click.Context | None
+    ) -> tuple[float, float]:
+        if isinstance(value, tuple):
+            return value
+        first, _, last = value.partition("..")
+        try:
+            low, high = float(first), float(last)
+        except ValueError:
+            low = high = math.nan
+        if not -math.inf < low < high < math.inf:
+            self.fail(f"{value!r} is not a range; write two numbers, the smaller first, as in 0.5..4", param, ctx)
+        return low, high
+
+
+class Jobs(click.ParamType):
+    """A number of processes, or `auto`."""
+
+    name = "N|auto"
+
+    def convert(self, value: str | int, param: click.Parameter | None, ctx: click.Context | None) -> int | str:
+        if value == "auto" or isinstance(value, int):
+            return value
+        if not (value.isascii() and value.isdigit() and 0 < int(value) < 10_000):
+            self.fail(f"{value!r} is not a number of processes from 1 on, or auto", param, ctx)
+        return int(value)
+
+
 class Assignment(click.ParamType):
     """`NAME=VALUE` with numbers: `hip=0.3`, `root=0,0,1,1,0,0,0`."""
 

@@ -17,6 +17,7 @@ if TYPE_CHECKING:
 @options.model_argument
 @options.table_options
 @options.simulation_options
+@options.duration_options
 @options.model_options
 @options.output_options
 @click.pass_obj

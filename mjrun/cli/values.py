@@ -48,8 +48,8 @@ def simulation(given: dict[str, Any]) -> "Simulation":
         control_dt=given["control_dt"],
         perturb=given["perturb"],
         seed=given["seed"],
-        duration=given["duration"],
-        steps=given["steps"],
+        duration=given.get("duration"),
+        steps=given.get("steps"),
     )
 
 
@@ -66,3 +66,21 @@ def visual(given: dict[str, Any]) -> "Visual":
         label=given["label"],
         quality=given["quality"],
     )
+
+
+def drawing(given: dict[str, Any]) -> dict[str, Any]:
+    """What films and stills have in common, as `view_options` and `renderer_options` say it."""
+    same = ("layout", "separate", "captions", "style", "depth_range", "seg_by", "text", "text_corner", "size")
+    same += ("calibration", "calibration_format")
+    return {
+        "camera": given["cameras"] or "free",
+        "view": given["views"] or "rgb",
+        "visual": visual(given),
+        "trail": given["trails"],
+        "trail_span": None if given["trail_span"] is None else float(given["trail_span"]),
+        "ghost": given["ghosts"],
+        "gl": given["gl"] or "auto",
+        "require_gpu": given["require_gpu"],
+        "manifest": given["manifest"],
+        **{name: given[name] for name in same},
+    }

@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 @options.view_options
 @options.renderer_options
 @options.simulation_options
+@options.duration_options
 @options.model_options
 @options.output_options
 @click.pass_obj
@@ -53,19 +54,17 @@ def _make(console: Console, given: dict[str, Any]) -> "VideoResult":
     job = Video(
         simulation=values.simulation(given),
         output=given["output"] or f"{Path(given['model']).stem}.mp4",
-        camera=given["camera"],
-        size=given["size"],
         fps=given["fps"],
         speed=given["speed"],
-        visual=values.visual(given),
         format=given["format_"],
         codec=given["codec"],
         crf=given["crf"],
         preset=given["preset"],
-        gl=given["gl"] or "auto",
-        require_gpu=given["require_gpu"],
-        manifest=given["manifest"],
+        plot=given["plots"],
+        plot_side=given["plot_side"],
+        jobs=given["jobs"],
         command=console.command,
+        **values.drawing(given),
     )
     return job.run(console)
 
@@ -74,4 +73,5 @@ def _sentence(result: "VideoResult") -> str:
     width, height = result.size
     film = f"{width}x{height}, {result.frames} frames, {result.duration:.4g} s at {result.fps:.4g} fps, {result.codec}"
     pace = f"made in {result.wall:.1f} s, {result.frames / result.draw_wall:.3g} frames/s"
-    return f"{clean(result.path)}: {film}; {pace}, by {clean(result.renderer)} ({result.gl})"
+    by = f"by {clean(result.renderer)} ({result.gl})" + (f" in {result.jobs} processes" if result.jobs > 1 else "")
+    return f"{', '.join(map(clean, result.paths))}: {film}; {pace}, {by}"

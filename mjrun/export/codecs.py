@@ -14,6 +14,7 @@ BT709 = (
 )
 # A palette per frame: one for the whole film would need the whole film in memory.
 PALETTE = "split[a][b];[a]palettegen=stats_mode=single[p];[b][p]paletteuse=new=1:dither=bayer:bayer_scale=4"
+RGB24, GRAY16 = "rgb24", "gray16le"  # what the encoder is sent
 X264_PRESETS = (
     "ultrafast superfast veryfast faster fast medium slow slower veryslow placebo".split()  # noqa: SIM905
 )
@@ -29,6 +30,7 @@ class Codec:
       even: whether width and height must be even.
       crf: lowest, highest and default constant rate factor; lower is better. None: it has no such thing.
       presets, preset: names or numbers from fast to thorough, and the default; `preset_flag` sets it.
+      pixels: what its frames are made of, `RGB24` or `GRAY16`.
     """
 
     arguments: Sequence[str]
@@ -38,6 +40,7 @@ class Codec:
     presets: Sequence[str] = ()
     preset: str = ""
     preset_flag: str = "-preset"
+    pixels: str = RGB24
 
 
 CODECS = {
@@ -69,11 +72,14 @@ CODECS = {
         "hq",
         "-profile:v",
     ),
+    "h264rgb": Codec(("-c:v", "libx264rgb", "-crf", "0"), presets=X264_PRESETS, preset="veryfast"),
     "ffv1": Codec(("-c:v", "ffv1", "-pix_fmt", "bgr0")),
+    "ffv1-gray16": Codec(("-c:v", "ffv1", "-pix_fmt", "gray16le"), pixels=GRAY16),
     "gif": Codec(("-c:v", "gif"), PALETTE),
     "apng": Codec(("-c:v", "apng", "-pix_fmt", "rgb24")),
     "webp": Codec(("-c:v", "libwebp_anim", "-quality", "90")),
     "png": Codec(("-c:v", "png", "-pix_fmt", "rgb24")),
+    "png-gray16": Codec(("-c:v", "png", "-pix_fmt", "gray16be"), pixels=GRAY16),
     "raw": Codec(("-c:v", "rawvideo", "-pix_fmt", "rgb24")),
 }
 
@@ -101,16 +107,21 @@ FAST_START = ("-movflags", "+faststart")
 FRAGMENTED = ("-movflags", "frag_keyframe+empty_moov+delay_moov+default_base_moof", "-frag_duration", "1000000")
 
 FORMATS = {
-    "mp4": Format("mp4", ("h264", "h265", "av1"), FAST_START, FRAGMENTED),
-    "mov": Format("mov", ("h264", "h265", "prores"), FAST_START, FRAGMENTED),
-    "mkv": Format("matroska", ("h264", "h265", "av1", "vp9", "ffv1")),
+    "mp4": Format("mp4", ("h264", "h265", "av1", "h264rgb"), FAST_START, FRAGMENTED),
+    "mov": Format("mov", ("h264", "h265", "prores", "h264rgb"), FAST_START, FRAGMENTED),
+    "mkv": Format("matroska", ("h264", "h265", "av1", "vp9", "h264rgb", "ffv1", "ffv1-gray16")),
     "webm": Format("webm", ("vp9", "av1")),
     "gif": Format("gif", ("gif",), ("-loop", "0"), ("-loop", "0")),
     "apng": Format("apng", ("apng",), ("-plays", "0"), ("-plays", "0")),
     "webp": Format("webp", ("webp",), ("-loop", "0"), ("-loop", "0"), merges=True),
-    "png": Format("image2", ("png",), ("-start_number", "0"), None),
+    "png": Format("image2", ("png", "png-gray16"), ("-start_number", "0"), None),
     "rgb": Format("rawvideo", ("raw",)),
 }
+# What holds more than pictures for the eye: the colours of a segmentation to the bit, or numbers of 16 bits.
+LOSSLESS = ("h264rgb", "ffv1", "apng", "png", "raw")
+EXACT = ("ffv1-gray16", "png-gray16")
+SAID = {"ids": "the colours of a segmentation without loss", "exact": "numbers of 16 bits"}
+CONTENTS = {"film": tuple(codec for codec in CODECS if codec not in EXACT), "ids": LOSSLESS, "exact": EXACT}
 FPS = Fraction(30)
 GIF_FPS = Fraction(25)
 
@@ -123,6 +134,11 @@ class Encoding:
     codec: str
     crf: int | None
     preset: str | None
+
+    @property
+    def pixels(self) -> str:
+        """What frames are made of: `RGB24`, uint8 `(h, w, 3)`, or `GRAY16`, uint16 `(h, w)`."""
+        return CODECS[self.codec].pixels
 
     @property
     def fps(self) -> Fraction:
@@ -157,8 +173,13 @@ def encoding(
     codec: str | None = None,
     crf: int | None = None,
     preset: str | None = None,
+    content: str = "film",
 ) -> Encoding:
     """The encoding meant by an output's suffix and what else was asked; `output` None is a pipe.
+
+    Args:
+      content: `film`, for the eye; `ids`, colours that must stay as they are unless a codec is asked for;
+        `exact`, numbers of 16 bits.
 
     Raises:
       UsageError: they do not fit together; the message lists what does.
@@ -166,7 +187,12 @@ def encoding(
     name = _format(output, format)
     if output is None and FORMATS[name].pipe is None:
         raise UsageError(f"--format {name} cannot be written to a pipe")
-    holds = FORMATS[name].codecs
+    lossy = content == "ids" and codec is not None  # asked for, whatever it does to the colours
+    holds = [held for held in FORMATS[name].codecs if held in CONTENTS["film" if lossy else content]]
+    if not holds:
+        able = [other for other, known in FORMATS.items() if set(known.codecs) & set(CONTENTS[content])]
+        instead = "or name a --codec, and accept the loss" if content == "ids" else "or --style color"
+        raise UsageError(f"{name} cannot hold {SAID[content]}\n{', '.join(able)} can; {instead}")
     if codec is not None and codec not in holds:
         raise UnknownNameError("codec", codec, holds, where=name)
     chosen = codec or holds[0]

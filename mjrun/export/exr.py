@@ -1,4 +1,4 @@
-"""OpenEXR for one channel of float32, which neither Pillow nor ffmpeg promises to keep exact.
+"""OpenEXR for one channel of float32, bit for bit; Pillow has none, and ffmpeg would be a process for each picture.
 
 The layout is that of "OpenEXR File Layout" (openexr.com), version 2: a single part of scan lines, compressed by ZIP.
 """
@@ -16,11 +16,11 @@ FLOAT = 2
 
 
 def exr(values: np.ndarray, tags: Mapping[str, str] | None = None, channel: str = "Y") -> bytes:
-    """A file of `values` `(h, w)` float32, bit for bit, infinities and NaN included.
+    """A file of `values` `(h, w)` float32, infinities and NaN included.
 
     Args:
-      tags: texts, kept as attributes of their names in UTF-8.
-      channel: its name. `Y` is what OpenCV and ffmpeg take for a picture of one channel; they do not look for `Z`.
+      tags: texts, kept as attributes of these names, in UTF-8.
+      channel: its name. ffmpeg opens a picture of one channel as `Y`, and none that is called `Z`.
     """
     height, width = values.shape
     lines = np.ascontiguousarray(values, "<f4").view(np.uint8).reshape(height, -1)
@@ -43,9 +43,10 @@ def _header(width: int, height: int, channel: str, tags: Mapping[str, str]) -> b
         ("screenWindowWidth", "float", struct.pack("<f", 1)),
     ]
     texts = [(name, "string", text.encode("utf-8", "replace")) for name, text in tags.items()]
-    return b"".join(
+    attributes = [
         f"{name}\0{kind}\0".encode() + struct.pack("<i", len(value)) + value for name, kind, value in required + texts
-    ) + b"\0"
+    ]
+    return b"".join(attributes) + b"\0"
 
 
 def _block(y: int, raw: np.ndarray) -> bytes:

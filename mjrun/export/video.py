@@ -17,7 +17,7 @@ import imageio_ffmpeg
 import numpy as np
 
 from mjrun.errors import BadValueError, ClosedPipeError, EncoderError, FileError, UsageError
-from mjrun.export.codecs import CODECS, FORMATS, Encoding, is_folder
+from mjrun.export.codecs import CODECS, FORMATS, GRAY16, Encoding, is_folder
 from mjrun.export.staging import StagedFile, StagedFolder, StagedFrames, StandardOutput, Target, no_space
 
 SMALLEST = 16  # pixels a side; below it some encoders fail
@@ -66,15 +66,17 @@ class FilmWriter:
         self._drain.start()
 
     def write(self, frame: np.ndarray) -> None:
-        """Adds one frame `(height, width, 3)` uint8.
+        """Adds one frame: uint8 `(height, width, 3)`, or uint16 `(height, width)` where numbers are encoded.
 
         Raises:
           EncoderError: the encoder died; the message holds what it said last.
           ClosedPipeError: whoever read standard output is gone.
         """
         width, height = self.size
-        if frame.shape != (height, width, 3) or frame.dtype != np.uint8:
-            raise ValueError(f"a frame must be uint8 {(height, width, 3)}, not {frame.dtype} {frame.shape}")
+        numbers = self._encoding.pixels == GRAY16
+        shape, kind = ((height, width), np.uint16) if numbers else ((height, width, 3), np.uint8)
+        if frame.shape != shape or frame.dtype != kind:
+            raise ValueError(f"a frame must be {np.dtype(kind)} {shape}, not {frame.dtype} {frame.shape}")
         assert self._child.stdin
         try:
             self._child.stdin.write(np.ascontiguousarray(frame).data)
@@ -122,7 +124,16 @@ class FilmWriter:
 
     def _start(self, tags: Mapping[str, str]) -> subprocess.Popen[bytes]:
         width, height = self.size
-        source = ["-f", "rawvideo", "-pix_fmt", "rgb24", "-s", f"{width}x{height}", "-framerate", str(self.fps)]
+        source = [
+            "-f",
+            "rawvideo",
+            "-pix_fmt",
+            self._encoding.pixels,
+            "-s",
+            f"{width}x{height}",
+            "-framerate",
+            str(self.fps),
+        ]
         metadata = [part for name, text in tags.items() for part in ("-metadata", f"{name}={text}")]
         return subprocess.Popen(
             [

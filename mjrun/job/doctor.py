@@ -57,7 +57,7 @@ def examine() -> Examination:
     encoder = _encoder()
     backends = {name: probe.result() for name, probe in probes.items() if name != "vulkan"}
     drawing = _backends(backends)
-    findings = [*_versions(), *_extras(), *drawing, _vulkan(probes["vulkan"].answer()), *encoder]
+    findings = [*_versions(), *_extras(), *drawing, _filament(probes["vulkan"].result()), *encoder]
     return Examination(
         findings,
         can_draw=any(finding.status != MISSING for finding in drawing),
@@ -105,10 +105,13 @@ def _backends(found: dict[str, Backend | str]) -> list[Finding]:
     return findings
 
 
-def _vulkan(answer: dict[str, list[str] | str]) -> Finding:
-    if "error" in answer:
-        return Finding("vulkan", "filament", MISSING, str(answer["error"]), remedy(VULKAN))
-    return Finding("vulkan", "filament", OK, ", ".join(answer["devices"]))
+def _filament(answer: Backend | str) -> Finding:
+    if isinstance(answer, str):
+        return Finding(
+            "vulkan", "filament", MISSING, answer, f"not needed but for --renderer filament; {remedy(VULKAN)}"
+        )
+    kind = "software" if answer.software else "GPU"
+    return Finding("vulkan", "filament", OK, f"{answer.renderer} ({kind}, Vulkan {answer.version})")
 
 
 def _encoder() -> list[Finding]:

@@ -74,7 +74,7 @@ class Table:
         for start in range(0, len(rows), ROWS):
             part, found = rows[start : start + ROWS], []
             try:
-                observe(stepper, [Tap(part, self._read, found.append)], part[-1])
+                observe(stepper, [Tap(part, self.read, found.append)], part[-1])
             except SimulationError:
                 if found:
                     yield lambda part=part, found=found: self._stack(part, found)
@@ -86,8 +86,8 @@ class Table:
         values = np.stack([row.values for row in found])
         return self._join(np.array(steps[: len(found)]), [values], np.concatenate(touching) if touching else None)
 
-    def _read(self, stepper: Stepper) -> Rows:
-        """One row, without its time."""
+    def read(self, stepper: Stepper) -> Rows:
+        """The row of the instant where `stepper` stands, without its time."""
         record, data = instant(stepper, self._fields), stepper.instant()
         values = [_value(probe, record, stepper.model, data) for probe in self.probes]
         time = float(self._timeline.time(stepper.step))

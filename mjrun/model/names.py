@@ -20,6 +20,8 @@ KINDS = {
     "tendon": mujoco.mjtObj.mjOBJ_TENDON,
     "light": mujoco.mjtObj.mjOBJ_LIGHT,
     "equality": mujoco.mjtObj.mjOBJ_EQUALITY,
+    "flex": mujoco.mjtObj.mjOBJ_FLEX,
+    "skin": mujoco.mjtObj.mjOBJ_SKIN,
 }
 COUNTS = {
     "body": "nbody",
@@ -33,8 +35,10 @@ COUNTS = {
     "tendon": "ntendon",
     "light": "nlight",
     "equality": "neq",
+    "flex": "nflex",
+    "skin": "nskin",
 }
-PLURALS = {"body": "bodies", "equality": "equalities"}
+PLURALS = {"body": "bodies", "equality": "equalities", "flex": "flexes"}
 
 
 def names(model: mujoco.MjModel, kind: str) -> list[str]:

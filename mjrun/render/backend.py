@@ -1,4 +1,4 @@
-"""Which OpenGL backend draws: chosen by trying each in a child process."""
+"""What draws: an OpenGL backend or Vulkan, chosen by trying each in a child process."""
 
 import importlib
 import json
@@ -6,6 +6,7 @@ import os
 import platform
 import subprocess
 import sys
+import tempfile
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -47,8 +48,8 @@ class Backend:
     """A backend that was seen to work.
 
     Attributes:
-      name: `egl`, `osmesa`, `glfw` or `cgl`.
-      renderer, vendor, version: OpenGL's own strings.
+      name: `egl`, `osmesa`, `glfw` or `cgl`; or `vulkan`, which has no OpenGL context.
+      renderer, vendor, version: OpenGL's own strings; Vulkan's device, driver and version.
       max_size: the largest width or height it can draw [pixels].
     """
 
@@ -98,25 +99,28 @@ class Probe:
     def __init__(self, name: str) -> None:
         self.name = name
         script = Path(__file__).with_name("probe.py")
+        self._said = tempfile.TemporaryFile()  # noqa: SIM115
         self._child = subprocess.Popen(
             [sys.executable, "-P", str(script), name],
             stdin=subprocess.DEVNULL,
             stdout=subprocess.PIPE,
-            stderr=subprocess.DEVNULL,
+            stderr=self._said,
             env={**os.environ, "MUJOCO_GL": "disable"},
         )
 
     def answer(self) -> dict[str, Any]:
         """What the child found, or `error`."""
-        try:
-            out, _ = self._child.communicate(timeout=TIMEOUT)
-        except subprocess.TimeoutExpired:
-            self.cancel()
-            return {"error": f"did not answer within {TIMEOUT} s"}
-        try:
-            return json.loads(out)
-        except ValueError:
-            return {"error": f"its process ended with code {self._child.returncode}"}
+        with self._said:
+            try:
+                out, _ = self._child.communicate(timeout=TIMEOUT)
+                return json.loads(out)
+            except subprocess.TimeoutExpired:
+                self.cancel()
+                return {"error": f"did not answer within {TIMEOUT} s"}
+            except ValueError:
+                self._said.seek(0)
+                last = self._said.read().decode(errors="replace").strip().rpartition("\n")[2]
+                return {"error": f"its process ended with code {self._child.returncode}{last and f' ({last})'}"}
 
     def result(self) -> Backend | str:
         """The backend, or why there is none."""
@@ -125,6 +129,7 @@ class Probe:
 
     def cancel(self) -> None:
         """Ends the child."""
+        self._said.close()
         self._child.kill()
         self._child.wait()
         if self._child.stdout:
@@ -170,6 +175,32 @@ class Search:
     def cancel(self) -> None:
         """Ends the child that is still trying."""
         self._first.cancel()
+
+
+class VulkanSearch:
+    """The search for a Vulkan that Filament draws with, begun at once; to be used like `Search`."""
+
+    def __init__(self) -> None:
+        self._probe = Probe("vulkan")
+
+    def result(self, require_gpu: bool = False) -> Backend:
+        """The device that Filament has chosen and drawn with.
+
+        Raises:
+          NoRendererError: there is none; the message says why, and what to install.
+          SoftwareRendererError: `require_gpu`, and only software draws.
+        """
+        answer = self._probe.result()
+        if isinstance(answer, str):
+            cure = f"to draw with filament in software: {remedy(VULKAN)}\n--renderer classic needs no Vulkan"
+            raise NoRendererError({"vulkan": answer}, cure)
+        if require_gpu and answer.software:
+            raise SoftwareRendererError(answer.renderer)
+        return answer
+
+    def cancel(self) -> None:
+        """Ends the child if it is still trying."""
+        self._probe.cancel()
 
 
 def _requested(requested: str | None) -> Sequence[str]:

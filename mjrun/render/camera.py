@@ -13,14 +13,13 @@ import mujoco
 import numpy as np
 
 from mjrun.errors import BadValueError, UnknownNameError, UsageError, clean
-from mjrun.model.names import PLURALS, identify, names
+from mjrun.model.names import identify, names
+from mjrun.render.objects import TARGETS, identify_object
 
 EASINGS: dict[str, Callable[[float], float]] = {
     "linear": lambda u: u,
     "cosine": lambda u: 0.5 - math.cos(math.pi * u) / 2,
 }
-# Objects a rig can look at, in the order in which a bare name is looked up, with their position in MjData.
-TARGETS = {"body": "xpos", "geom": "geom_xpos", "site": "site_xpos"}
 NUMBERS = ("distance", "azimuth", "elevation")
 SETTINGS = {
     "free": ("lookat", *NUMBERS),
@@ -129,7 +128,7 @@ def _free_rig(kind: str, followed: str | None, settings: Mapping[str, str], mode
     if kind != "track":
         target = _target(settings.get("lookat"), model, default)
     elif followed:
-        target = _object(followed, model)
+        target = identify_object(followed, model)
     else:
         raise UsageError("--camera track: which object? write track:BODY[,distance=…,azimuth=…,elevation=…]")
     ramps = {name: _ramp(kind, name, settings.get(name), getattr(default, name)) for name in NUMBERS}
@@ -167,20 +166,7 @@ def _target(
     try:
         x, y, z = map(float, text.split("/"))
     except ValueError:
-        return _object(text, model)
+        return identify_object(text, model)
     if not all(map(math.isfinite, (x, y, z))):
         raise BadValueError("lookat", text, "a point x/y/z [m]")
     return (x, y, z)
-
-
-def _object(text: str, model: mujoco.MjModel) -> tuple[str, int]:
-    """The body, else geom, else site called `text`; `geom:NAME` and `site:NAME` say which."""
-    kind, colon, name = text.partition(":")
-    if colon and kind in TARGETS:
-        return kind, identify(model, kind, name)
-    for kind in TARGETS:
-        if text in names(model, kind):
-            return kind, identify(model, kind, text)
-    valid = {kind: [n for n in names(model, kind) if not n.startswith(f"{kind}:")] for kind in TARGETS}
-    everything = list(dict.fromkeys(name for known in valid.values() for name in known))
-    raise UnknownNameError("object", text, everything, plural=f"{PLURALS['body']}, geoms and sites")

@@ -1,6 +1,9 @@
 """MuJoCo's classic OpenGL renderer, drawing recorded states."""
 
+import contextlib
 import time
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from types import TracebackType
 from typing import Any
 
@@ -8,13 +11,19 @@ import mujoco
 import numpy as np
 
 from mjrun.errors import DrawError, UsageError
+from mjrun.model.names import members
+from mjrun.model.picture import Picture
 from mjrun.model.state import restore
 from mjrun.render.backend import Backend
 from mjrun.render.camera import Rig
+from mjrun.render.decor import Decor
+from mjrun.render.lens import average_camera, lens, metric_depth
+from mjrun.render.segmentation import Segmentation
 from mjrun.render.visual import Visual
 
 GEOMS = 10_000  # room in the scene to begin with; it grows
 FONTS = (50, 100, 150, 200, 250, 300)  # percent
+COSTLY = ("shadow", "reflection")
 OFFSCREEN = mujoco.mjtFramebuffer.mjFB_OFFSCREEN.value
 
 
@@ -26,22 +35,30 @@ class ClassicRenderer:
       size: width and height of a frame [pixels].
       backend: one that works, from `backend.Search`.
       visual: flags, groups, frames, labels and quality.
+      segmentation: what ids tell apart.
+      decors: what is added to colour pictures.
 
     Raises:
       UsageError: the frame is larger than the backend can draw.
       DrawError: OpenGL refused.
     """
 
-    def __init__(self, model: mujoco.MjModel, size: tuple[int, int], backend: Backend, visual: Visual) -> None:
+    def __init__(
+        self,
+        model: mujoco.MjModel,
+        size: tuple[int, int],
+        backend: Backend,
+        visual: Visual,
+        segmentation: Segmentation | None = None,
+        decors: Sequence[Decor] = (),
+    ) -> None:
         self.size = size
-        self._model, self._visual = model, visual
+        self._model, self._visual, self._decors = model, visual, decors
+        self._segmentation = segmentation
+        check_size(size, backend, visual)
         width, height = (side * visual.samples for side in size)
-        if max(width, height) > backend.max_size:
-            raise UsageError(
-                f"--size {size[0]}x{size[1]} is too large: {backend.renderer} draws at most "
-                f"{backend.max_size // visual.samples} pixels a side at --quality {visual.quality}"
-            )
         self._data = mujoco.MjData(model)
+        self._index, self._phase = 0, 0.0
         self._scene = mujoco.MjvScene(model, GEOMS)
         self._options = visual.options()
         self._camera = mujoco.MjvCamera()
@@ -57,11 +74,14 @@ class ClassicRenderer:
             self.close()
             raise DrawError(f"{backend.renderer} cannot draw {width}x{height}: {error}") from error
 
-    def draw(self, state: np.ndarray, rig: Rig, phase: float) -> np.ndarray:
-        """The picture `(height, width, 3)` uint8 of an integration `state`, seen through `rig`.
+    def look(self, state: np.ndarray, phase: float, index: int = 0) -> None:
+        """Goes to the instant of an integration `state`, which `picture` then shows.
 
-        Everything drawn, contacts and forces included, belongs to that state. The array is reused by
-        the next call.
+        Everything drawn, contacts and forces included, belongs to that state.
+
+        Args:
+          phase: how far along the film it is, from 0 to 1, for cameras that move.
+          index: of the frame, for decors.
 
         Raises:
           DrawError: MuJoCo ran out of memory.
@@ -71,22 +91,29 @@ class ClassicRenderer:
             mujoco.mj_forward(self._model, self._data)
         except mujoco.FatalError as error:
             raise DrawError(f"MuJoCo failed at time {self._data.time:.9g} s: {error}") from error
-        rig.aim(self._camera, self._data, phase)
+        self._phase, self._index = phase, index
+
+    def picture(self, rig: Rig, views: Sequence[str] = ("rgb",)) -> Picture:
+        """What is seen through `rig`, of the views `rgb`, `depth` and `seg`. Colours are reused by the next call."""
+        rig.aim(self._camera, self._data, self._phase)
         self._update_scene()
-        self._render()
-        return self._shown()
+        seen = Picture(lens(average_camera(self._scene), self.size))
+        if "depth" in views or "seg" in views:
+            seen = self._exact(seen, views)
+        if "rgb" in views:
+            for decor in self._decors:
+                decor.add(self._scene, self._index)
+            self._render()
+            seen = replace(seen, rgb=self._shown())
+        return seen
 
     def draft_cost(self) -> float:
         """Seconds to draw the last scene once more without shadows and reflections."""
-        flags = self._scene.flags.copy()
-        for costly in (mujoco.mjtRndFlag.mjRND_SHADOW, mujoco.mjtRndFlag.mjRND_REFLECTION):
-            self._scene.flags[costly.value] = 0
-        self._render()  # the first draw of a kind compiles shaders
-        start = time.perf_counter()
-        self._render()
-        cost = time.perf_counter() - start
-        self._scene.flags[:] = flags
-        return cost
+        with self._flags(**dict.fromkeys(COSTLY, False)):
+            self._render()  # the first draw of a kind compiles shaders
+            start = time.perf_counter()
+            self._render()
+            return time.perf_counter() - start
 
     def close(self) -> None:
         """Frees what the graphics driver holds; EGL prints tracebacks at exit when this is forgotten."""
@@ -108,11 +135,38 @@ class ClassicRenderer:
         everything = mujoco.mjtCatBit.mjCAT_ALL.value
         while True:
             mujoco.mjv_updateScene(self._model, self._data, self._options, None, self._camera, everything, self._scene)
-            if self._scene.ngeom < self._scene.maxgeom:
+            if self._scene.ngeom + sum(decor.geoms for decor in self._decors) < self._scene.maxgeom:
                 return
             flags = self._scene.flags.copy()
             self._scene = mujoco.MjvScene(self._model, 2 * self._scene.maxgeom)
             self._scene.flags[:] = flags
+
+    def _exact(self, seen: Picture, views: Sequence[str]) -> Picture:
+        """Depth and ids, of one pass without shades: MuJoCo draws segments without multisampling."""
+        width, height = self.size
+        rect = mujoco.MjrRect(0, 0, width, height)
+        colors, buffer = np.empty((height, width, 3), np.uint8), np.empty((height, width), np.float32)
+        with self._flags(segment=True, idcolor=True, **dict.fromkeys(COSTLY, False)):
+            mujoco.mjr_render(rect, self._scene, self._context)
+            mujoco.mjr_readPixels(colors, buffer, rect, self._context)
+        if "depth" in views:
+            seen = replace(seen, depth=metric_depth(buffer[::-1], average_camera(self._scene)))
+        if "seg" in views:
+            assert self._segmentation
+            segments = colors[::-1].astype(np.int32) @ np.array([1, 2**8, 2**16], np.int32)
+            seen = replace(seen, ids=self._segmentation.ids(self._scene)[segments], legend=self._segmentation.legend)
+        return seen
+
+    @contextlib.contextmanager
+    def _flags(self, **wanted: bool) -> Iterator[None]:
+        """Sets rendering flags for a while."""
+        kept, known = self._scene.flags.copy(), members(mujoco.mjtRndFlag)
+        for name, value in wanted.items():
+            self._scene.flags[known[name]] = value
+        try:
+            yield
+        finally:
+            self._scene.flags[:] = kept
 
     def _render(self) -> None:
         mujoco.mjr_render(self._rect, self._scene, self._context)
@@ -128,6 +182,15 @@ class ClassicRenderer:
         return ((blocks.sum(axis=(1, 3), dtype=np.uint16) + n * n // 2) // (n * n)).astype(np.uint8)
 
 
+def check_size(size: tuple[int, int], backend: Backend, visual: Visual) -> None:
+    """Raises UsageError when the backend cannot draw that large."""
+    if max(size) * visual.samples > backend.max_size:
+        raise UsageError(
+            f"--size {size[0]}x{size[1]} is too large: {backend.renderer} draws at most "
+            f"{backend.max_size // visual.samples} pixels a side at --quality {visual.quality}"
+        )
+
+
 def _offscreen(model: mujoco.MjModel, width: int, height: int, quality: str) -> mujoco.MjrContext:
     """A context whose offscreen buffer has exactly this size, whatever the model's is."""
     view, detail = model.vis.global_, model.vis.quality
@@ -141,4 +204,5 @@ def _offscreen(model: mujoco.MjModel, width: int, height: int, quality: str) -> 
     finally:
         view.offwidth, view.offheight, detail.offsamples = kept
     mujoco.mjr_setBuffer(OFFSCREEN, context)
+    context.readDepthMap = mujoco.mjtDepthMap.mjDEPTH_ZEROFAR  # the other way round most digits are lost
     return context

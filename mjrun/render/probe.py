@@ -1,8 +1,8 @@
 """Run as a script in a child process: does this graphics library work, and what draws behind it?
 
 A broken driver may hang, print or crash, so drivers are never tried in the process that needs one.
-Prints one JSON object: for an OpenGL backend `renderer`, `vendor`, `version`, `max_size` [pixels]; for
-`vulkan` its `devices`; or `error`.
+Prints one JSON object: `renderer`, `vendor`, `version`, `max_size` [pixels]; or `error`. For `vulkan` a picture is
+drawn by MuJoCo's Filament, the only one here that uses it; what it prints on the way must go to a file on stderr.
 """
 
 import ctypes
@@ -10,11 +10,15 @@ import ctypes.util
 import importlib
 import json
 import os
+import re
 import sys
 
 LIBRARIES = {"egl": "EGL", "osmesa": "OSMesa", "vulkan": "vulkan"}
-DEVICE_NAME = slice(20, 276)  # in VkPhysicalDeviceProperties, which is smaller than PROPERTIES
+# In VkPhysicalDeviceProperties, which is smaller than PROPERTIES.
+API_VERSION, DEVICE_NAME, LARGEST_IMAGE = slice(0, 4), slice(20, 276), slice(300, 304)
 PROPERTIES = 1024  # bytes
+SIDE = 16  # [pixels]
+BALL = "<mujoco><worldbody><geom size='.5'/></worldbody></mujoco>"
 
 
 class InstanceInfo(ctypes.Structure):
@@ -32,23 +36,72 @@ class InstanceInfo(ctypes.Structure):
     )
 
 
-def vulkan() -> dict[str, list[str] | str]:
-    """The names of the Vulkan devices."""
-    library = ctypes.CDLL("libvulkan.so.1")
-    instance, count = ctypes.c_void_p(), ctypes.c_uint32()
+def vulkan() -> dict[str, str | int]:
+    """Draws a ball with Filament, and asks Vulkan about the device that Filament has chosen."""
+    library, instance = ctypes.CDLL("libvulkan.so.1"), ctypes.c_void_p()
     info = InstanceInfo(type=1)  # VK_STRUCTURE_TYPE_INSTANCE_CREATE_INFO
     code = library.vkCreateInstance(ctypes.byref(info), None, ctypes.byref(instance))
     if code:
         return {"error": f"no driver works (vkCreateInstance: {code})"}
+    known = devices(library, instance)
+    if not known:
+        return {"error": "no device"}
+    if not ball_is_seen():
+        return {"error": "Filament drew nothing"}
+    said = os.pread(2, 2**16, 0).decode(errors="replace")
+    chosen = re.search(r"Selected physical device '(.*?)' from", said)
+    driver = re.search(r"Vulkan device driver: (.*)", said)
+    name = chosen[1] if chosen and chosen[1] in known else next(iter(known))
+    return {"renderer": name, "vendor": driver[1].strip() if driver else "", **known[name]}
+
+
+def devices(library: ctypes.CDLL, instance: ctypes.c_void_p) -> dict[str, dict[str, str | int]]:
+    """The version of Vulkan and the largest picture, by the name of the device."""
+    count = ctypes.c_uint32()
     library.vkEnumeratePhysicalDevices(instance, ctypes.byref(count), None)
-    devices = (ctypes.c_void_p * count.value)()
-    library.vkEnumeratePhysicalDevices(instance, ctypes.byref(count), devices)
-    names = []
-    for device in devices:
+    handles = (ctypes.c_void_p * count.value)()
+    library.vkEnumeratePhysicalDevices(instance, ctypes.byref(count), handles)
+    found: dict[str, dict[str, str | int]] = {}
+    for handle in handles:
         properties = ctypes.create_string_buffer(PROPERTIES)
-        library.vkGetPhysicalDeviceProperties(ctypes.c_void_p(device), properties)
-        names.append(properties.raw[DEVICE_NAME].partition(b"\0")[0].decode(errors="replace"))
-    return {"devices": names} if names else {"error": "no device"}
+        library.vkGetPhysicalDeviceProperties(ctypes.c_void_p(handle), properties)
+        name = properties.raw[DEVICE_NAME].partition(b"\0")[0].decode(errors="replace")
+        version = int.from_bytes(properties.raw[API_VERSION], sys.byteorder)
+        found[name] = {
+            "version": f"{version >> 22}.{version >> 12 & 0x3FF}.{version & 0xFFF}",
+            "max_size": int.from_bytes(properties.raw[LARGEST_IMAGE], sys.byteorder),
+        }
+    return found
+
+
+def ball_is_seen() -> bool:
+    """Whether Filament draws what it is given, in the middle and nowhere else."""
+    import mujoco
+    import numpy as np
+
+    importlib.import_module("mujoco.studio")  # registers the materials
+    mjrf = importlib.import_module("mujoco.mjrf")
+    model = mujoco.MjModel.from_xml_string(BALL)
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    context = mjrf.Context(mjrf.ContextConfig(graphics_api=mjrf.GraphicsApi.GRAPHICS_API_VULKAN))
+    resources = mjrf.ModelResources(context, model)
+    scene = context.create_scene(mjrf.SceneParams())
+    scene.configure_from_model(model)
+    lights, things = mjrf.ModelLights(scene, resources), mjrf.ModelRenderables(scene, resources)
+    lights.update(data)
+    things.update(data)
+    formats, pixels = mjrf.PixelFormat, np.zeros((SIDE, SIDE, 3), np.uint8)
+    target = context.create_render_target(
+        mjrf.RenderTargetConfig(SIDE, SIDE, formats.PIXEL_FORMAT_RGB8, formats.PIXEL_FORMAT_DEPTH32F)
+    )
+    reading = mjrf.ReadRequest(target)
+    reading.set_buffer(pixels)
+    frustum = {"frustum_bottom": -0.1, "frustum_top": 0.1, "frustum_near": 0.2, "frustum_far": 10}
+    view = mjrf.Camera([0, 0, 2], [0, 0, -1], [0, 1, 0], **frustum)
+    request = mjrf.RenderRequest(scene, view, mjrf.Rect(0, 0, SIDE, SIDE), target)
+    context.wait_for_frame(context.render([request], [reading]))
+    return bool(pixels[SIDE // 2, SIDE // 2].max() > 20 > pixels[0, 0].max())  # noise is 1
 
 
 def opengl(name: str) -> dict[str, str | int]:

@@ -1,10 +1,13 @@
 """Whole films of whole simulations, against a bare MuJoCo loop."""
 
+import subprocess
 from collections.abc import Callable
+from dataclasses import replace
 from fractions import Fraction
 from pathlib import Path
 
 import imageio.v3 as iio
+import imageio_ffmpeg
 import mujoco
 import numpy as np
 import pytest
@@ -12,6 +15,7 @@ import pytest
 import mjrun
 from mjrun.errors import MjrunError, NoRendererError, UnknownNameError, UnstableError
 from mjrun.job import video as job
+from mjrun.job.image import Image
 from mjrun.job.simulation import Simulation
 from mjrun.job.video import Video
 from mjrun.render.visual import Visual
@@ -203,3 +207,78 @@ def test_tags_say_what_made_the_film(swing: Path, tmp_path: Path) -> None:
     assert (
         f"mjrun {mjrun.__version__}, MuJoCo {mujoco.mj_versionString()}, ".encode() in (tmp_path / "f.mp4").read_bytes()
     )
+
+
+def frames_of(folder: Path) -> np.ndarray:
+    return np.stack([iio.imread(file) for file in sorted(folder.iterdir())])
+
+
+def test_pixels_are_the_same_for_any_number_of_processes(swing: Path, tmp_path: Path) -> None:
+    found = []
+    for jobs in (1, 2, 3):
+        output = tmp_path / f"{jobs}/"
+        views = {"view": ["rgb", "depth", "seg"], "camera": ["side", "orbit:azimuth=0..90"], "text": "{time:.2f} s"}
+        result = Video(Simulation(swing, duration=0.25), f"{output}/", size=SIZE, jobs=jobs, **views).run()  # type: ignore[arg-type]
+        assert result.jobs == jobs
+        found.append(frames_of(output))
+    assert len(found[0]) == 8
+    assert np.array_equal(found[0], found[1])
+    assert np.array_equal(found[0], found[2])
+
+
+def test_separate_views_are_films_of_the_same_instants(swing: Path, tmp_path: Path, decode: Callable) -> None:
+    job = Video(Simulation(swing, duration=0.2), f"{tmp_path}/v.mkv", size=SIZE, camera="side", view=["rgb", "seg"])
+    result = replace(job, separate=True).run()
+    assert [Path(path).name for path in result.paths] == ["v-rgb.mkv", "v-seg.mkv"]
+    colors = [len(np.unique(f.reshape(-1, 3), axis=0)) for f in decode(tmp_path / "v-seg.mkv").frames]
+    assert set(colors) == {4}  # floor, box, ball, nothing: to the bit
+    assert len(decode(tmp_path / "v-rgb.mkv").frames) == len(colors) == 6
+
+
+@pytest.mark.parametrize("output", ["d.mkv", "d/"])
+@pytest.mark.parametrize("view", ["depth", "seg"])
+def test_numbers_of_a_film_are_those_of_stills(swing: Path, tmp_path: Path, output: str, view: str) -> None:
+    options = {"size": SIZE, "camera": "side", "view": view, "style": "exact"}
+    Video(Simulation(swing, duration=0.2), f"{tmp_path}/{output}", fps=10, **options).run()  # type: ignore[arg-type]
+    if output == "d/":
+        found = np.stack([np.array(iio.imread(file)) for file in sorted((tmp_path / "d").iterdir())])
+    else:
+        found = gray16(tmp_path / output)
+    for index in (0, 1):
+        still = tmp_path / f"{index}.png"
+        Image(Simulation(swing), str(still), at=index / 10, **options).run()  # type: ignore[arg-type]
+        assert np.array_equal(found[index], iio.imread(still))
+    assert len(found) == 2
+
+
+def gray16(film: Path) -> np.ndarray:
+    """The frames of a film of 16-bit numbers."""
+    program = imageio_ffmpeg.get_ffmpeg_exe()
+    raw = ["-f", "rawvideo", "-pix_fmt", "gray16le", "-"]
+    done = subprocess.run([program, "-v", "error", "-i", str(film), *raw], capture_output=True, check=True)
+    return np.frombuffer(done.stdout, "<u2").reshape(-1, SIZE[1], SIZE[0])
+
+
+@pytest.mark.parametrize(
+    ("how", "said"),
+    [
+        ({"view": "depth", "style": "exact", "output": "d.mp4"}, "mp4 cannot hold numbers of 16 bits\nmkv, png can"),
+        ({"view": "seg", "output": "s.webm"}, "webm cannot hold the colours of a segmentation without loss"),
+        ({"view": ["rgb", "depth"], "style": "exact", "output": "s.mkv"}, "add --separate"),
+        ({"view": ["rgb", "depth"], "separate": True, "output": "-"}, "standard output is one"),
+        ({"jobs": 0, "output": "s.mp4"}, "--jobs: '0' is not a number of processes"),
+    ],
+)
+def test_views_that_a_film_cannot_hold_are_refused(
+    swing: Path, tmp_path: Path, how: dict[str, object], said: str
+) -> None:
+    output = str(how.pop("output"))
+    target = output if output == "-" else f"{tmp_path}/{output}"
+    with pytest.raises(MjrunError, match=said):
+        Video(Simulation(swing, duration=0.1), target, size=SIZE, **how).run()  # type: ignore[arg-type]
+    assert [path.name for path in tmp_path.iterdir()] == ["swing.xml"]
+
+
+def test_a_lossy_codec_may_be_asked_for_a_segmentation(swing: Path, tmp_path: Path) -> None:
+    job = Video(Simulation(swing, duration=0.1), f"{tmp_path}/s.webm", size=SIZE, view="seg", codec="vp9")
+    assert job.run().codec == "vp9"

@@ -8,10 +8,12 @@ import numpy as np
 import pytest
 
 from mjrun.errors import UsageError
+from mjrun.model.picture import Picture
 from mjrun.render import classic
 from mjrun.render.backend import Backend
 from mjrun.render.camera import rig
-from mjrun.render.classic import ClassicRenderer
+from mjrun.render.classic import ClassicRenderer, check_size
+from mjrun.render.segmentation import Segmentation
 from mjrun.render.visual import Visual
 
 SIZE = (96, 64)
@@ -38,7 +40,14 @@ def draw(path: Path, step: int, backend: Backend, camera: str = "side", **visual
     """What mjrun draws of a step."""
     model, data = at(path, step)
     with ClassicRenderer(model, SIZE, backend, Visual(**visual)) as renderer:  # type: ignore[arg-type]
-        return renderer.draw(state_of(model, data), rig(camera, model), 0).copy()
+        return picture(renderer, model, data, camera)
+
+
+def picture(renderer: ClassicRenderer, model: mujoco.MjModel, data: mujoco.MjData, camera: str) -> np.ndarray:
+    renderer.look(state_of(model, data), 0)
+    found = renderer.picture(rig(camera, model)).rgb
+    assert found is not None
+    return found.copy()
 
 
 @pytest.mark.parametrize("camera", ["side", "free"])
@@ -63,11 +72,11 @@ def test_pictures_do_not_depend_on_what_was_drawn_before(swing: Path, backend: B
     model, early = at(swing, 20)
     _, late = at(swing, 300)
     with ClassicRenderer(model, SIZE, backend, Visual()) as renderer:
-        view = rig("side", model)
-        first = renderer.draw(state_of(model, early), view, 0).copy()
-        other = renderer.draw(state_of(model, late), view, 0).copy()
+        first = picture(renderer, model, early, "side")
+        other = picture(renderer, model, late, "side")
         renderer.draft_cost()
-        again = renderer.draw(state_of(model, early), view, 0)
+        renderer.picture(rig("side", model), ["depth"])
+        again = picture(renderer, model, early, "side")
         assert np.array_equal(first, again)
         assert not np.array_equal(first, other)
 
@@ -75,7 +84,7 @@ def test_pictures_do_not_depend_on_what_was_drawn_before(swing: Path, backend: B
 def test_drawing_leaves_the_model_as_it_was(swing: Path, backend: Backend) -> None:
     model, data = at(swing, 0)
     with ClassicRenderer(model, (200, 100), backend, Visual(quality="draft")) as renderer:
-        assert renderer.draw(state_of(model, data), rig("free", model), 0).shape == (100, 200, 3)
+        assert picture(renderer, model, data, "free").shape == (100, 200, 3)
     assert (model.vis.global_.offwidth, model.vis.global_.offheight) == (64, 64)
     assert model.vis.quality.offsamples == 4
 
@@ -111,8 +120,102 @@ def test_a_scene_grows_until_everything_is_in_it(
     assert np.array_equal(draw(swing, 0, backend, show=["joint", "com"], hide=["shadow"]), expected)
 
 
-def test_a_size_beyond_the_renderer_s_is_refused(swing: Path, backend: Backend) -> None:
-    model, _ = at(swing, 0)
+def test_a_size_beyond_the_renderer_s_is_refused(backend: Backend) -> None:
     side = backend.max_size // 2
     with pytest.raises(UsageError, match=f"draws at most {side} pixels a side at --quality high"):
-        ClassicRenderer(model, (side + 1, 64), backend, Visual(quality="high"))
+        check_size((side + 1, 64), backend, Visual(quality="high"))
+
+
+def seen(path: Path, backend: Backend, by: str = "object", camera: str = "side", **visual: object) -> Picture:
+    """Depth and ids of the model where it begins."""
+    model, data = at(path, 0)
+    look = Visual(**visual)  # type: ignore[arg-type]
+    with ClassicRenderer(model, SIZE, backend, look, Segmentation(model, by)) as renderer:
+        renderer.look(state_of(model, data), 0)
+        return renderer.picture(rig(camera, model), ["depth", "seg"])
+
+
+def rays(path: Path, picture: Picture) -> tuple[np.ndarray, np.ndarray]:
+    """What `mj_ray` hits from the camera through the centre of every pixel: geom ids and planar depths [m]."""
+    model, data = at(path, 0)
+    width, height = SIZE
+    eye, ahead = picture.lens.pose[:3, 3], picture.lens.pose[:3, 2]
+    ids, depths, hit = np.full((height, width), -1), np.full((height, width), np.inf), np.zeros(1, np.int32)
+    for v in range(height):
+        for u in range(width):
+            local = [(u + 0.5 - picture.lens.cx) / picture.lens.fx, (v + 0.5 - picture.lens.cy) / picture.lens.fy, 1]
+            ray = picture.lens.pose[:3, :3] @ local
+            ray /= np.linalg.norm(ray)
+            distance = mujoco.mj_ray(model, data, eye, ray, None, 1, -1, hit)
+            if distance >= 0:
+                ids[v, u], depths[v, u] = hit[0], distance * (ray @ ahead)
+    return ids, depths
+
+
+@pytest.mark.parametrize("quality", ["model", "high"])
+@pytest.mark.parametrize("camera", ["side", "free"])
+def test_depth_and_ids_are_those_of_rays(swing: Path, backend: Backend, camera: str, quality: str) -> None:
+    picture = seen(swing, backend, camera=camera, quality=quality)
+    assert picture.depth is not None
+    assert picture.ids is not None
+    ids, depths = rays(swing, picture)
+    named = np.array([*(thing.id if thing.type == "geom" else -2 for thing in picture.legend), -1])
+    same = named[picture.ids] == ids
+    assert same.mean() > 0.98
+    edges = np.zeros_like(same)  # where a neighbour is something else, a ray may pass on the other side
+    edges[:, 1:] |= ids[:, 1:] != ids[:, :-1]
+    edges[:, :-1] |= ids[:, 1:] != ids[:, :-1]
+    edges[1:] |= ids[1:] != ids[:-1]
+    edges[:-1] |= ids[1:] != ids[:-1]
+    assert same[~edges].all()
+    assert {0, 1, 2} <= set(ids[~edges])
+    inner = same & ~edges & np.isfinite(depths) & (depths < 4)
+    assert inner.mean() > 0.4
+    box = inner & (ids == 1)
+    assert picture.depth[box] == pytest.approx(depths[box], rel=1e-5)  # balls are drawn with flat facets
+    assert picture.depth[inner] == pytest.approx(depths[inner], rel=5e-3)
+    assert np.array_equal(np.isinf(picture.depth), picture.ids < 0)
+
+
+def test_a_segmentation_has_no_colours_between_objects(swing: Path, backend: Backend) -> None:
+    picture = seen(swing, backend)
+    assert picture.ids is not None
+    shown = {picture.legend[i].name for i in np.unique(picture.ids) if i >= 0}
+    assert shown == {"floor", "box", "ball"}
+
+
+@pytest.mark.parametrize(
+    ("by", "expected"),
+    [
+        ("geom", {("geom", "floor"), ("geom", "box"), ("geom", "ball")}),
+        ("body", {("body", "world"), ("body", "box"), ("body", "ball")}),
+        ("root-body", {("root-body", "world"), ("root-body", "box"), ("root-body", "ball")}),
+        ("site", set()),
+    ],
+)
+def test_a_segmentation_tells_apart_what_it_is_asked_to(
+    swing: Path, backend: Backend, by: str, expected: set[tuple[str, str]]
+) -> None:
+    picture = seen(swing, backend, by)
+    assert picture.ids is not None
+    assert {(picture.legend[i].type, picture.legend[i].name) for i in np.unique(picture.ids) if i >= 0} == expected
+
+
+def test_a_tree_of_bodies_is_one_thing(tmp_path: Path, backend: Backend) -> None:
+    path = tmp_path / "tree.xml"
+    path.write_text(
+        '<mujoco><worldbody><camera name="side" pos="0 -2 0" xyaxes="1 0 0 0 0 1"/>'
+        '<body name="arm"><geom name="upper" size=".2" pos="-.3 0 0"/>'
+        '<body name="hand"><site name="tip" pos="0 0 .4" size=".1"/><geom name="lower" size=".2" pos=".3 0 0"/></body>'
+        "</body></worldbody></mujoco>"
+    )
+    found = {}
+    for by in ("object", "body", "root-body", "site"):
+        picture = seen(path, backend, by)
+        assert picture.ids is not None
+        found[by] = {picture.legend[i].name for i in np.unique(picture.ids) if i >= 0}
+        assert {picture.legend[i].body for i in np.unique(picture.ids) if i >= 0} <= {"arm", "hand"}
+    assert found["object"] == {"upper", "lower", "tip"}
+    assert found["body"] == {"arm", "hand"}
+    assert found["root-body"] == {"arm"}
+    assert found["site"] == {"tip"}

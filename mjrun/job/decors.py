@@ -1,0 +1,152 @@
+"""`--trail` and `--ghost`: what is added to the pictures of a simulation."""
+
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import mujoco
+import numpy as np
+
+from mjrun.errors import BadValueError, UnknownNameError, UsageError, clean, listing
+from mjrun.export.reading import read_table
+from mjrun.model import state
+from mjrun.model.names import identify
+from mjrun.probe.fields import field_probe
+from mjrun.render.decor import Decor, Ghost, trails
+from mjrun.render.objects import trail
+from mjrun.render.visual import Visual
+
+SETTINGS = ("offset", "opacity", "key", "trace")
+OPACITY = 0.35
+SLACK = 1e-3  # of the time between rows: a table's times may be sums of floats
+
+
+@dataclass(frozen=True)
+class Spirit:
+    """A ghost that was asked for: where, how clearly, and what it does; the same as the model without key or trace.
+
+    Attributes:
+      offset: how far it is displaced [m].
+      key: id of the keyframe in whose pose it stands.
+      trace: times `(n,)` [s], and positions `(n, nq)`, that it goes through.
+    """
+
+    offset: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    opacity: float = OPACITY
+    key: int | None = None
+    trace: tuple[np.ndarray, np.ndarray] | None = None
+
+    def states(self, model: mujoco.MjModel, times: Sequence[float]) -> list[np.ndarray] | None:
+        """Its integration states at `times` [s], or None if it does what the model does."""
+        data = mujoco.MjData(model)
+        if self.key is not None:
+            mujoco.mj_resetDataKeyframe(model, data, self.key)
+            return [state.save(model, data)]
+        if self.trace is None:
+            return None
+        found = []
+        for row in _rows(self.trace[0], np.array(times)):
+            data.qpos[:] = self.trace[1][row]
+            found.append(state.save(model, data))
+        return found
+
+
+@dataclass(frozen=True)
+class Additions:
+    """What is added to pictures, with every name found.
+
+    Attributes:
+      followed: kinds and ids of the objects with a trail.
+      span: how much of the past a trail shows [s]; None: all.
+    """
+
+    model: mujoco.MjModel
+    visual: Visual
+    followed: Sequence[tuple[str, int]]
+    span: float | None
+    spirits: Sequence[Spirit]
+
+    def decors(self, states: Iterable[np.ndarray], times: Sequence[float]) -> list[Decor]:
+        """The decors of a film whose frames show `states`, at `times` [s]."""
+        found: list[Decor] = []
+        if self.followed:
+            found += trails(self.model, self.followed, states, span=self.span)
+        for spirit in self.spirits:
+            haunting = spirit.states(self.model, times)
+            found.append(Ghost(self.model, haunting, spirit.offset, spirit.opacity, visual=self.visual))
+        return found
+
+
+def additions(
+    model: mujoco.MjModel, visual: Visual, followed: Sequence[str], span: float | None, ghosts: Sequence[str]
+) -> Additions:
+    """What `--trail`, `--trail-span` and `--ghost` ask for.
+
+    Raises:
+      UnknownNameError: an object, keyframe or setting that is not there.
+      UsageError: a setting that cannot be, or a trace that lacks positions.
+      FileError: a trace that cannot be read.
+    """
+    if span is not None and not 0 < span < math.inf:
+        raise BadValueError("--trail-span", span, "a positive number of seconds")
+    objects = dict.fromkeys(found for text in followed for found in trail(text, model))
+    return Additions(model, visual, list(objects), span, [_spirit(text, model) for text in ghosts])
+
+
+def _spirit(text: str, model: mujoco.MjModel) -> Spirit:
+    settings: dict[str, str] = {}
+    for part in filter(None, text.split(",")):
+        name, equals, value = part.partition("=")
+        if name not in SETTINGS:
+            raise UnknownNameError("setting", name, SETTINGS, where="--ghost")
+        if not equals or not value or name in settings:
+            raise UsageError(f"--ghost: write {clean(name)}=VALUE, once")
+        settings[name] = value
+    if "key" in settings and "trace" in settings:
+        raise UsageError("--ghost: key and trace exclude each other: both say what it does")
+    return Spirit(
+        offset=_point(settings.get("offset", "0/0/0")),
+        opacity=_share(settings.get("opacity", str(OPACITY))),
+        key=identify(model, "keyframe", settings["key"]) if "key" in settings else None,
+        trace=_trace(Path(settings["trace"]), model) if "trace" in settings else None,
+    )
+
+
+def _point(text: str) -> tuple[float, float, float]:
+    try:
+        x, y, z = map(float, text.split("/"))
+    except ValueError:
+        x = y = z = math.nan
+    if not all(map(math.isfinite, (x, y, z))):
+        raise BadValueError("--ghost offset", text, "a displacement x/y/z [m]")
+    return x, y, z
+
+
+def _share(text: str) -> float:
+    try:
+        share = float(text)
+    except ValueError:
+        share = math.nan
+    if not 0 < share <= 1:
+        raise BadValueError("--ghost opacity", text, "a number above 0 and up to 1")
+    return share
+
+
+def _trace(path: Path, model: mujoco.MjModel) -> tuple[np.ndarray, np.ndarray]:
+    """Times and positions in a table such as a trace."""
+    names = [clean(column.name) for column in field_probe(model, "qpos").columns]
+    found = {clean(name): values for name, values in read_table(path, lambda n: clean(n) in ("time", *names)).items()}
+    missing = [name for name in ("time", *names) if name not in found]
+    if missing:
+        raise UsageError(f"{clean(str(path))} lacks columns that a ghost of this model takes: {listing(missing)}")
+    time, positions = found["time"], np.column_stack([np.empty((len(found["time"]), 0)), *(found[n] for n in names)])
+    if not len(time) or not (np.diff(time) > 0).all() or not np.isfinite(positions).all():
+        raise UsageError(f"{clean(str(path))}: a ghost takes rows of finite numbers, in order of time")
+    return time, positions
+
+
+def _rows(time: np.ndarray, at: np.ndarray) -> np.ndarray:
+    """The last row of a table at each of the times `at`; the first before it begins."""
+    slack = SLACK * float(np.diff(time).min()) if len(time) > 1 else 0.0
+    return np.clip(np.searchsorted(time, at + slack, side="right") - 1, 0, len(time) - 1)

@@ -1,0 +1,185 @@
+"""What is seen and who draws it: what films and stills have in common."""
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import mujoco
+import numpy as np
+
+from mjrun.errors import BadValueError, UnknownNameError, UsageError, clean
+from mjrun.job.decors import Additions, additions
+from mjrun.render.backend import Backend
+from mjrun.render.camera import Rig, rig
+from mjrun.render.decor import Decor
+from mjrun.render.painter import VIEWS, Overlay, Panel, ScenePainter, Stream, Style
+from mjrun.render.segmentation import Segmentation, grouping
+from mjrun.render.visual import Visual
+
+SIZE = (1280, 720)
+LAYOUTS = ("row", "column", "grid")
+STYLES = ("color", "exact")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Drawing:
+    """What is seen, and who draws it.
+
+    Args:
+      camera: `free`, a camera of the model, `orbit:…` or `track:…`; or several.
+      view: `rgb`, `depth` or `seg`; or several.
+      size: width and height of one view [pixels].
+      visual: flags, groups, frames, labels and quality of what is drawn.
+      layout: how several views stand in one picture: `row`, `column` or `grid`.
+      separate: a file for each view instead, called `NAME-CAMERA-VIEW`.
+      captions: whether views are labelled.
+      style: `color`, for the eye, or `exact`, numbers, of depth and segmentation; what the file can hold when None.
+      depth_range: the depths [m] of the first and the last colour; what is seen decides when None.
+      seg_by: what a segmentation tells apart: `object`, `geom`, `site`, …, `body` or `root-body`.
+      trail: objects whose path is drawn, wider and warmer where they are faster: bodies, geoms or sites.
+      trail_span: how much of the past the path shows [s]; all when None.
+      ghost: the model once more, translucent: `offset=0/1/0`, `key=NAME`, `trace=FILE`, `opacity=.3`.
+      text: a template that is written over the picture: `{time:.2f} s`.
+      text_corner: where: `top-left`, `bottom`, …; where captions are not, when None.
+      calibration: a file for what each picture is seen through.
+      calibration_format: `mjrun`, `nerfstudio`, `bop` or `ros`.
+      gl: OpenGL backend; `auto` tries all.
+      require_gpu: refuse to draw in software.
+      manifest: a file for what made the output.
+      command: the command line, for the manifest.
+    """
+
+    camera: str | Sequence[str] = "free"
+    view: str | Sequence[str] = "rgb"
+    size: tuple[int, int] = SIZE
+    visual: Visual = field(default_factory=Visual)
+    layout: str = "row"
+    separate: bool = False
+    captions: bool = False
+    style: str | None = None
+    depth_range: tuple[float, float] | None = None
+    seg_by: str = "object"
+    trail: Sequence[str] = ()
+    trail_span: float | None = None
+    ghost: Sequence[str] = ()
+    text: str | None = None
+    text_corner: str | None = None
+    calibration: str | None = None
+    calibration_format: str = "mjrun"
+    gl: str | None = None
+    require_gpu: bool = False
+    manifest: str | None = None
+    command: str = ""
+
+    def __post_init__(self) -> None:
+        for what, given, valid in (
+            ("view", self.views, VIEWS),
+            ("layout", (self.layout,), LAYOUTS),
+            ("style", (self.style or STYLES[0],), STYLES),
+            ("segmentation", (self.seg_by,), grouping()),
+        ):
+            for name in given:
+                if name not in valid:
+                    raise UnknownNameError(what, name, list(valid))
+        if self.depth_range is not None and not 0 <= self.depth_range[0] < self.depth_range[1] < np.inf:
+            near, far = self.depth_range
+            raise BadValueError("--depth-range", f"{near:g}..{far:g}", "two depths in metres, the nearer first")
+        for what, names in (("--camera", self.cameras), ("--view", self.views)):
+            if not names or len(set(names)) < len(names):
+                raise UsageError(f"{what}: each once, and at least one")
+
+    @property
+    def cameras(self) -> Sequence[str]:
+        """The cameras asked for."""
+        return (self.camera,) if isinstance(self.camera, str) else tuple(self.camera)
+
+    @property
+    def views(self) -> Sequence[str]:
+        """The views asked for."""
+        return (self.view,) if isinstance(self.view, str) else tuple(self.view)
+
+    @property
+    def corner(self) -> str:
+        """Where the text stands."""
+        return self.text_corner or ("bottom-left" if self.captions else "top-left")
+
+    @property
+    def panels(self) -> list[Panel]:
+        """Every view through every camera."""
+        return [Panel(index, view) for index in range(len(self.cameras)) for view in self.views]
+
+    def outputs(self, output: str) -> list[tuple[str, list[Panel]]]:
+        """The files to make, each with what is in it."""
+        if not self.separate or len(self.panels) == 1:
+            return [(output, self.panels)]
+        if output == "-":
+            raise UsageError("--separate makes several files; standard output is one")
+        return [(_numbered(output, name), [panel]) for panel, name in zip(self.panels, self._names(), strict=True)]
+
+    def streams(self, with_legend: bool, overlay: Overlay) -> list[Stream]:
+        """The frames of each output.
+
+        Raises:
+          UsageError: numbers are to be composed.
+        """
+        found = []
+        for _, panels in self.outputs("drawing"):
+            exact = self.style == "exact" and any(panel.view != "rgb" for panel in panels)
+            if exact and len(panels) > 1:
+                raise UsageError("--style exact: numbers cannot share a picture; add --separate for a file each")
+            style = Style(self.layout, self.captions, with_legend, Overlay() if exact else overlay)
+            found.append(Stream(panels, self.size, style, exact))
+        return found
+
+    def rigs(self, model: mujoco.MjModel) -> list[Rig]:
+        """The cameras in `model`."""
+        return [rig(text, model) for text in self.cameras]
+
+    def additions(self, model: mujoco.MjModel) -> Additions:
+        """Trails and ghosts."""
+        return additions(model, self.visual, self.trail, self.trail_span, self.ghost)
+
+    def _names(self) -> list[str]:
+        """A part of a file's name for each panel, no two alike."""
+        words = ["".join(c if c.isalnum() else "_" for c in text.partition(":")[0]) for text in self.cameras]
+        cameras = [word if words.count(word) == 1 else f"{word}{index}" for index, word in enumerate(words)]
+        parts = []
+        for panel in self.panels:
+            camera = [cameras[panel.camera]] if len(self.cameras) > 1 else []
+            parts.append("-".join([*camera, *([panel.view] if len(self.views) > 1 else [])]))
+        return parts
+
+
+def painter(
+    job: Drawing,
+    model: mujoco.MjModel,
+    backend: Backend,
+    streams: Sequence[Stream],
+    phases: Sequence[float],
+    decors: Sequence[Decor] = (),
+) -> ScenePainter:
+    """What draws the streams of `job`."""
+    segmentation = Segmentation(model, job.seg_by)
+    names = [text.partition(",")[0] for text in job.cameras]
+    ranges = [job.depth_range] * len(names) if job.depth_range else []
+    return ScenePainter(
+        model, backend, job.size, job.visual, job.rigs(model), names, streams, phases, segmentation, decors, ranges
+    )
+
+
+def tags(path: str | None, facts: Mapping[str, Any]) -> dict[str, str]:
+    """What is embedded in a film or picture: its title, who made it, and all that is known of it as JSON."""
+    made_by = f"mjrun {facts['mjrun']}, MuJoCo {facts['mujoco']}, {facts['renderer']}"
+    title = {} if path is None else {"title": Path(path).stem}
+    return {**title, "comment": clean(made_by), "description": json.dumps(facts)}
+
+
+def _numbered(output: str, name: str) -> str:
+    """`film.mp4` for one of several: `film-NAME.mp4`."""
+    folder = output.rstrip("/")
+    if folder != output or not Path(output).suffix:
+        return f"{folder}-{name}/"
+    path = Path(output)
+    return str(path.with_name(f"{path.stem}-{name}{path.suffix}"))

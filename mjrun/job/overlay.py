@@ -1,0 +1,94 @@
+"""What is written over frames and plotted beside them: measured at the instants that they show."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from fractions import Fraction
+
+import mujoco
+import numpy as np
+
+from mjrun.errors import UsageError, quoted
+from mjrun.job.captions import Template, template
+from mjrun.job.table import Table
+from mjrun.probe.select import catalogue, split
+from mjrun.render.graph import Graph, graph_size
+from mjrun.render.painter import Overlay
+from mjrun.sim.stepper import Stepper
+from mjrun.timeline import Timeline
+
+Values = Sequence[np.ndarray]
+
+
+@dataclass(frozen=True)
+class Gauges:
+    """Measures what a template and plots show.
+
+    Attributes:
+      text: the template.
+      tables: its columns, then those of each plot.
+      model: to be simulated, so that they can be measured.
+    """
+
+    text: Template
+    tables: Sequence[Table]
+    model: mujoco.MjModel
+
+    @property
+    def idle(self) -> bool:
+        """Whether there is nothing to measure."""
+        return all(len(table.columns) == 1 for table in self.tables)
+
+    def read(self, stepper: Stepper) -> list[np.ndarray]:
+        """The values of each table at the instant where `stepper` stands."""
+        return [table.read(stepper).values for table in self.tables]
+
+    def overlay(self, blank: Overlay, rows: Sequence[Values], steps: Sequence[int], timeline: Timeline) -> Overlay:
+        """`blank` with its texts and graphs.
+
+        Args:
+          rows: what was read at each frame; empty when there is nothing to measure.
+          steps: of each frame.
+        """
+        times = [float(timeline.time(step)) for step in steps]
+        texts = self._texts(blank, rows, steps, times) if self.text.pieces else []
+        graphs = []
+        for index, (table, size) in enumerate(zip(self.tables[1:], blank.plots, strict=True), start=1):
+            values = np.array([row[index] for row in rows])
+            names, units = zip(*((column.name, column.unit) for column in table.columns[1:]), strict=True)
+            graphs.append(Graph(np.array(times), values, names, units, size))
+        return Overlay(texts, blank.corner, blank.plots, blank.side, graphs, times, blank.speed)
+
+    def _texts(self, blank: Overlay, rows: Sequence[Values], steps: Sequence[int], times: Sequence[float]) -> list[str]:
+        names = [column.name for column in self.tables[0].columns[1:]]
+        found = []
+        for index, (step, time) in enumerate(zip(steps, times, strict=True)):
+            row = dict(zip(names, rows[index][0].tolist(), strict=True)) if names else {}
+            found.append(self.text.filled({**row, "time": time, "frame": index, "step": step, "speed": blank.speed}))
+        return found
+
+
+def gauges(model: mujoco.MjModel, timeline: Timeline, text: str | None, plots: Sequence[str] = ()) -> Gauges:
+    """What measures the values in `text` and those of each of `plots`.
+
+    Raises:
+      UnknownNameError: a value that cannot be measured.
+      UsageError: a plot of nothing.
+    """
+    written = template(text, [column.name for column in catalogue(model)]) if text else Template([])
+    tables = [Table(model, written.columns, timeline)]
+    for plot in plots:
+        tables.append(Table(tables[-1].model, split(plot), timeline))
+        if len(tables[-1].columns) == 1:
+            raise UsageError(f"--plot {quoted(plot)}: this model has none of it")
+    return Gauges(written, tables, tables[-1].model)
+
+
+def blank(
+    size: tuple[int, int], corner: str, plots: Sequence[str] = (), side: str = "under", speed: Fraction = Fraction(1)
+) -> Overlay:
+    """An overlay without content, whose size is known.
+
+    Args:
+      size: width and height of the frame without it [pixels].
+    """
+    return Overlay(corner=corner, plots=[graph_size(size, side)] * len(plots), side=side, speed=float(speed))

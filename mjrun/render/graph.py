@@ -1,0 +1,282 @@
+"""A small live graph of values over time, drawn frame by frame beside or under a film."""
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from PIL import Image, ImageDraw
+
+from mjrun.render.colorize import figures, segmentation_palette, ticks
+from mjrun.render.layout import GROUND
+from mjrun.render.lettering import INK, LINE, baseline, blend, crisp, fitted, letters, rounded, width_of, write
+
+SIDES = ("under", "beside")
+# M. Okabe and K. Ito, "Color Universal Design", 2008, lightened for a dark ground; without black and dark blue.
+SERIES = ((86, 180, 233), (240, 160, 20), (40, 190, 140), (225, 135, 180), (240, 228, 90), (232, 104, 44))
+
+_GREY = (166, 170, 178)  # of marks and units
+_GRID, _ZERO, _FAINT, _HAIR = 22, 64, 70, 120  # opacities, of 255
+_SAMPLES = 4  # lines are drawn larger, and averaged
+_LARGEST = 1e200  # beyond, a value counts as infinite; below its inverse as zero
+_FLATTEST = 1e-4  # the smallest range of an axis, as a share of the largest value
+# How a legend is shortened until it fits: the width of names [em], and whether units are shown.
+_SHORTER = ((40, True), (14, True), (14, False), (9, False), (6, False), (4, False))
+
+
+def graph_size(size: tuple[int, int], side: str = "under") -> tuple[int, int]:
+    """The width and height of a graph that suits a film of a size (width, height)."""
+    width, height = size
+    if side == "under":
+        return width, max(80, 2 * round(0.13 * height))
+    return max(160, 2 * round(0.2 * width)), height
+
+
+@dataclass(frozen=True)
+class Axes:
+    """Where times and values are in a picture.
+
+    Attributes:
+      box: left, top, right and bottom edge of the plot [pixels].
+      times, values: what its edges stand for.
+    """
+
+    box: tuple[int, int, int, int]
+    times: tuple[float, float]
+    values: tuple[float, float]
+
+    def x(self, time: float | np.ndarray) -> np.ndarray:
+        """Pixels from the left edge of the picture; times outside are moved to the nearest edge."""
+        share = (np.asarray(time) - self.times[0]) / (self.times[1] - self.times[0])
+        return self.box[0] + np.clip(share, 0, 1) * (self.box[2] - self.box[0])
+
+    def y(self, value: float | np.ndarray) -> np.ndarray:
+        """Pixels from the top of the picture."""
+        share = (np.asarray(value) - self.values[0]) / (self.values[1] - self.values[0])
+        return self.box[3] - share * (self.box[3] - self.box[1])
+
+
+@dataclass(frozen=True)
+class Entry:
+    """A series in the legend: where it begins, where its value ends [pixels; 0: not shown], and its row."""
+
+    name: str
+    unit: str
+    colour: tuple[int, int, int]
+    x: float = 0.0
+    end: float = 0.0
+    row: int = 0
+
+
+class Graph:
+    """Curves over time in fixed axes, of which `draw` shows an instant.
+
+    All series share the vertical axis. As many are named, with their values, as there is room for.
+
+    Args:
+      times: ascending [s], `(n,)`, at least one.
+      values: `(n, k)`; what is not finite is a gap.
+      names, units: of the k series.
+      size: width and height of the picture [pixels].
+    """
+
+    def __init__(
+        self,
+        times: np.ndarray,
+        values: np.ndarray,
+        names: Sequence[str],
+        units: Sequence[str],
+        size: tuple[int, int],
+    ) -> None:
+        self._times = np.asarray(times, float)
+        self._values = np.where(np.abs(values) < _LARGEST, values, np.nan)
+        self._em = crisp(min(0.095 * size[1], size[0] / 28))
+        low, high = _padded(self._values)
+        self._step = 10.0 ** (math.floor(math.log10(high - low)) - 2)  # a hundredth or less of the range
+        colours = _colours(len(names))
+        entries = [Entry(letters(n), letters(u), c) for n, u, c in zip(names, units, colours, strict=True)]
+        self._entries = self._legend(entries, size)
+        first, last = float(self._times[0]), float(self._times[-1])
+        span = first, (last if last > first else first + 1)
+        self.axes = Axes(self._box(size, (low, high)), span, (low, high))
+        ground = self._ground(size)
+        self._later, self._now = ground, ground.copy()
+        for series in reversed(range(len(colours))):  # the first on top
+            curve, corner = self._curve(self._values[:, series])
+            blend(self._later, (curve * (_FAINT / 255)).astype(np.uint8), *corner, colours[series])
+            blend(self._now, curve, *corner, colours[series])
+        self._colours = colours
+
+    def draw(self, time: float) -> np.ndarray:
+        """The picture `(h, w, 3)` uint8 at `time` [s]: curves bright up to it and faint after, values as they are."""
+        x, (_, top, _, bottom) = float(self.axes.x(time)), self.axes.box
+        image = self._later.copy()
+        image[:, : round(x)] = self._now[:, : round(x)]
+        hair = max(1, round(self._em / 14))
+        blend(image, np.full((bottom - top, hair), _HAIR, np.uint8), round(x - hair / 2), top, INK)
+        heads = [self.head(series, time) for series in range(len(self._colours))]
+        for head, colour in reversed(list(zip(heads, self._colours, strict=True))):
+            if math.isfinite(head):
+                self._dot(image, x, float(self.axes.y(head)), colour)
+        for entry, head in zip(self._entries, heads, strict=False):
+            if entry.end:
+                write(image, self._figures(head), (entry.end, self._baseline(entry.row)), self._em, align=1.0)
+        return image
+
+    def head(self, series: int, time: float) -> float:
+        """The value of a series at `time`, on the line between two samples; nan in a gap."""
+        column, times = self._values[:, series], self._times
+        after = int(np.searchsorted(times, time))
+        if after == 0 or after == len(times) or times[after] == time:
+            return float(column[min(after, len(times) - 1)])
+        share = (time - times[after - 1]) / (times[after] - times[after - 1])
+        return float(column[after - 1] + share * (column[after] - column[after - 1]))
+
+    def _figures(self, value: float) -> str:
+        return letters(figures([value], self._step)[0]) if math.isfinite(value) else "…"
+
+    def _dot(self, image: np.ndarray, x: float, y: float, colour: tuple[int, int, int]) -> None:
+        """A disc centred at `x`, `y`, ringed with the ground."""
+        for radius, tint in ((0.44 * self._em, GROUND), (0.3 * self._em, colour)):
+            reach = math.ceil(radius) + 1
+            column, row = math.floor(x) - reach, math.floor(y) - reach
+            v, u = np.mgrid[: 2 * reach + 1, : 2 * reach + 1] + 0.5
+            inside = radius + 0.5 - np.hypot(u - (x - column), v - (y - row))
+            blend(image, np.round(np.clip(inside, 0, 1) * 255).astype(np.uint8), column, row, tint)
+
+    def _baseline(self, row: int) -> int:
+        """Of a row of the legend."""
+        line = round(LINE * self._em)
+        return baseline(round(0.6 * self._em) + row * line, line, self._em)
+
+    def _legend(self, entries: list[Entry], size: tuple[int, int]) -> list[Entry]:
+        """The entries that fit, in rows above a plot that stays at least as high as they are, and 3.5 lines."""
+        lines = size[1] / (LINE * self._em) - 2
+        rows = max(1, int(min(lines / 2, lines - 3.5))) if lines > 1 else 0
+        placed: list[Entry] = []
+        for room, with_units in _SHORTER:
+            placed = list(self._flow(entries, room * self._em, size[0], with_units))
+            if not placed or placed[-1].row < rows:
+                break
+        return [entry for entry in placed if entry.row < rows]
+
+    def _flow(self, entries: list[Entry], room: float, width: int, with_units: bool) -> Iterator[Entry]:
+        """Entries placed in as many rows as they need."""
+        em, row, inset = self._em, 0, round(0.7 * self._em)
+        pen: float = inset
+        for series, entry in enumerate(entries):
+            finite = self._values[:, series][np.isfinite(self._values[:, series])]
+            extremes = [finite.min(), finite.max()] if finite.size else []
+            unit = f" {entry.unit}" if entry.unit and with_units else ""
+            value = 0.5 * em + max((width_of(self._figures(float(v)), em) for v in extremes), default=em)
+            after = width_of(unit, em)
+            name = _shortened(entry.name, em, min(room, width - 2 * inset - 1.5 * em - value - after))
+            end = pen + 1.5 * em + width_of(name, em) + value
+            if end + after > width - inset and pen > inset:
+                end, pen, row = end - pen + inset, inset, row + 1
+            fits = end + after <= width - inset
+            yield replace(entry, name=name, unit=unit, x=pen, end=end if fits else 0.0, row=row)
+            pen = end + after + 1.6 * em
+
+    def _box(self, size: tuple[int, int], values: tuple[float, float]) -> tuple[int, int, int, int]:
+        """The plot's edges: what legend and marks leave."""
+        width, height = size
+        em, inset = self._em, round(0.7 * self._em)
+        rows = self._entries[-1].row + 1 if self._entries else 0
+        top = self._baseline(rows - 1) + round(0.85 * em) if rows else inset
+        bottom = max(top + 1, height - inset - (round(1.15 * em) if height >= 5 * em else 0))
+        self._marks, step = ticks(*values, (values[1] - values[0]) * max(1.45 * em / (bottom - top), 0.12))
+        self._labels = [letters(text) for text in figures(self._marks, step)]
+        left = inset + math.ceil(max((width_of(text, em) for text in self._labels), default=0) + 0.5 * em)
+        return left, top, max(left + 1, width - inset - round(0.3 * em)), bottom
+
+    def _ground(self, size: tuple[int, int]) -> np.ndarray:
+        """Everything that does not change: the grid, its marks, and the names."""
+        em, (left, top, right, bottom), (first, last) = self._em, self.axes.box, self.axes.times
+        image = np.full((size[1], size[0], 3), GROUND, np.uint8)
+        hair = max(1, round(em / 16))
+        for mark, text in zip(self._marks, self._labels, strict=True):
+            y = round(float(self.axes.y(mark)) - hair / 2)
+            opacity = _ZERO if abs(mark) < 1e-12 * max(map(abs, self.axes.values)) else _GRID
+            blend(image, np.full((hair, right - left), opacity, np.uint8), left, y, INK)
+            write(image, text, (left - 0.5 * em, baseline(y, hair, em)), em, _GREY, align=1.0)
+        instants, step = ticks(first, last, (last - first) * max(5 * em / (right - left), 0.09))
+        for row, (instant, text) in enumerate(zip(instants, figures(instants, step), strict=True)):
+            x = float(self.axes.x(instant))
+            blend(image, np.full((bottom - top, hair), _GRID, np.uint8), round(x - hair / 2), top, INK)
+            if bottom < size[1] - 1.5 * em:
+                text = letters(text) + (" s" if row == len(instants) - 1 else "")
+                half = width_of(text, em) / 2
+                middle = min(x, size[0] - half - 0.3 * em)
+                write(image, text, (middle, baseline(bottom + 0.3 * em, LINE * em, em)), em, _GREY, align=0.5)
+        thick = max(2, round(em / 6))
+        for entry in self._entries:
+            line = self._baseline(entry.row)
+            mark = rounded(round(em), thick, thick / 2)
+            blend(image, mark, round(entry.x), round(line - 0.34 * em - thick / 2), entry.colour)
+            write(image, entry.name, (entry.x + 1.5 * em, line), em)
+            if entry.end:
+                write(image, entry.unit, (entry.end, line), em, _GREY)
+        return image
+
+    def _curve(self, values: np.ndarray) -> tuple[np.ndarray, tuple[int, int]]:
+        """The coverage of a curve, uint8, and the x, y of its corner in the picture."""
+        left, top, right, bottom = self.axes.box
+        thick = max(1.2, self._em / 8)
+        pad = math.ceil(thick)
+        canvas = Image.new("L", ((right - left + 2 * pad) * _SAMPLES, (bottom - top + 2 * pad) * _SAMPLES))
+        pen = ImageDraw.Draw(canvas)
+        width = round(thick * _SAMPLES)
+        x = (self.axes.x(self._times) - left + pad) * _SAMPLES - 0.5  # Pillow counts from the centres of pixels
+        y = (self.axes.y(values) - top + pad) * _SAMPLES - 0.5
+        for run in _runs(np.isfinite(values)):
+            points = _thinned(x[run], y[run])
+            if len(points) > 1:
+                pen.line([*map(tuple, points.tolist())], 255, width, joint="curve")
+            for u, v in (points[0], points[-1]):
+                pen.ellipse((u - width / 2, v - width / 2, u + width / 2, v + width / 2), 255)
+        return np.asarray(canvas.reduce(_SAMPLES)), (left - pad, top - pad)
+
+
+def _padded(values: np.ndarray) -> tuple[float, float]:
+    """The range of an axis: that of the values, and a little more."""
+    finite = values[np.isfinite(values)]
+    low, high = (float(finite.min()), float(finite.max())) if finite.size else (0.0, 1.0)
+    span = max(high - low, _FLATTEST * max(abs(low), abs(high)))
+    span = span if span > 1 / _LARGEST else 2.0
+    return (low + high - 1.1 * span) / 2, (low + high + 1.1 * span) / 2
+
+
+def _shortened(name: str, em: float, room: float) -> str:
+    """`name`, without its first parts if need be, in the room [pixels] there is."""
+    while width_of(name, em) > room and "/" in name:
+        name = name.partition("/")[2]
+    return fitted(name, em, room)
+
+
+def _colours(count: int) -> list[tuple[int, int, int]]:
+    """A colour for each series."""
+    if count <= len(SERIES):
+        return list(SERIES[:count])
+    return [(r, g, b) for r, g, b in segmentation_palette(count).tolist()]
+
+
+def _runs(present: np.ndarray) -> Iterator[slice]:
+    """Stretches without a gap."""
+    edges = np.flatnonzero(np.diff(present, prepend=False, append=False))
+    yield from (slice(a, b) for a, b in edges.reshape(-1, 2).tolist())
+
+
+def _thinned(x: np.ndarray, y: np.ndarray) -> np.ndarray:
+    """Points `(m, 2)` that draw the same line: of each column the first, lowest, highest and last.
+
+    U. Jugel and others, "M4: a visualization-oriented time series data aggregation", 2014.
+    """
+    starts = np.flatnonzero(np.diff(np.floor(x), prepend=-np.inf))
+    if len(x) <= 4 * len(starts):
+        return np.column_stack([x, y])
+    ends = np.append(starts[1:], len(x)) - 1
+    middle = (x[starts] + x[ends]) / 2
+    columns = [x[starts], middle, middle, x[ends]]
+    rows = [y[starts], np.minimum.reduceat(y, starts), np.maximum.reduceat(y, starts), y[ends]]
+    return np.column_stack([np.ravel(columns, order="F"), np.ravel(rows, order="F")])

@@ -1,0 +1,79 @@
+"""Several pictures of one size side by side, as one."""
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from mjrun.errors import UnknownNameError
+from mjrun.render.lettering import stamp
+
+LAYOUTS = ("row", "column", "grid")
+GROUND = (24, 25, 28)  # between pictures, and where a grid has none
+SHAPE = 16 / 9  # width to height that a grid comes near to, without leaving many places empty
+
+
+def gap(height: int) -> int:
+    """The space between pictures of a height [pixels]: 2 at 240, 8 at 1080; even, so that even sizes stay even."""
+    return 2 * max(1, round(height / 240))
+
+
+def columns(count: int, size: tuple[int, int], layout: str = "row") -> int:
+    """How many pictures of a size (width, height) stand in a row.
+
+    Raises:
+      UnknownNameError: the layout is not one of `LAYOUTS`.
+    """
+    if layout not in LAYOUTS:
+        raise UnknownNameError("layout", layout, LAYOUTS)
+    if layout != "grid":
+        return count if layout == "row" else 1
+    # Off from the shape, and partly empty: both as a factor, in logarithms. Of those alike: the fullest, the widest.
+    costs: dict[int, tuple[float, int, int]] = {}
+    for across in range(1, count + 1):
+        width, height = _extent(count, size, across)
+        taken = -(-count // across) * across
+        costs[across] = round(abs(math.log(width / height / SHAPE)) + 1.5 * math.log(taken / count), 2), taken, -across
+    return min(costs, key=lambda across: costs[across])
+
+
+def layout_size(count: int, size: tuple[int, int], layout: str = "row") -> tuple[int, int]:
+    """The width and height of `count` pictures of a size (width, height) composed."""
+    return _extent(count, size, columns(count, size, layout))
+
+
+def places(count: int, size: tuple[int, int], layout: str = "row") -> list[tuple[int, int]]:
+    """The upper left corners x, y of the pictures, row by row."""
+    across, between = columns(count, size, layout), gap(size[1])
+    return [((i % across) * (size[0] + between), (i // across) * (size[1] + between)) for i in range(count)]
+
+
+def compose(pictures: Sequence[np.ndarray], layout: str = "row", labels: Sequence[str] | None = None) -> np.ndarray:
+    """One picture `(H, W, 3)` uint8 of several, each `(h, w, 3)` and of one size; the size is `layout_size`.
+
+    Args:
+      labels: what each picture shows, written in its upper left corner; an empty one is left out.
+
+    Raises:
+      ValueError: pictures differ in size, or in number from labels.
+      UnknownNameError: the layout is not one of `LAYOUTS`.
+    """
+    height, width = pictures[0].shape[:2]
+    size, count = (width, height), len(pictures)
+    total = layout_size(count, size, layout)
+    whole = np.empty((total[1], total[0], 3), np.uint8)
+    if math.prod(total) > count * width * height:
+        whole[:] = GROUND
+    for picture, label, (x, y) in zip(pictures, labels or [""] * count, places(count, size, layout), strict=True):
+        if picture.shape != pictures[0].shape:
+            raise ValueError(f"pictures of one size are composed, not {picture.shape} with {pictures[0].shape}")
+        panel = whole[y : y + height, x : x + width]
+        panel[:] = picture
+        if label:
+            stamp(panel, label)
+    return whole
+
+
+def _extent(count: int, size: tuple[int, int], across: int) -> tuple[int, int]:
+    down, between = -(-count // across), gap(size[1])
+    return across * size[0] + (across - 1) * between, down * size[1] + (down - 1) * between
