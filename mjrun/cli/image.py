@@ -55,6 +55,7 @@ def _make(console: Console, given: dict[str, Any]) -> "ImageResult":
         step=given["step"],
         format=given["format_"],
         legend=given["legend"],
+        pointcloud=given["pointcloud"],
         command=console.command,
         **values.drawing(given),
     )

@@ -284,6 +284,11 @@ image_options = _bundle(
         help="Instead of the output's suffix, as for a pipe; palette for a segmentation in colours.  [default: png]",
     ),
     _option("--legend/--no-legend", default=True, help="List what a coloured segmentation shows.  [default: --legend]"),
+    _option(
+        "--pointcloud",
+        metavar="FILE",
+        help="All that the cameras see as coloured points in the world, in a .ply; labelled with --view seg.",
+    ),
     *_calibration,
     _manifest,
 )

@@ -91,8 +91,7 @@ class CalibrationWriter:
         self._name, self._format = format, FORMATS[format]
         if self._format.one and len(cameras) > 1:
             raise self._refusal(f"a file is about one camera, not {len(cameras)}: {listing(cameras)}")
-        if self._format.pictures and not pictures:
-            raise self._refusal("it names the file of each picture: write PNGs, as in -o frames/", instead=False)
+        self._check_picture(pictures)
         for camera in orthographic:
             self._check_perspective(camera, perspective=False)
         self._first: Exposure | None = None
@@ -112,6 +111,7 @@ class CalibrationWriter:
           FileError: the disk is full.
         """
         self._check_perspective(exposure.camera, exposure.lens.perspective)
+        self._check_picture(exposure.file != "")
         first, self._first = self._first, self._first or exposure
         if self._format.one == "lens" and first is not None:
             if _intrinsics(first.lens) != _intrinsics(exposure.lens):
@@ -153,6 +153,11 @@ class CalibrationWriter:
     def _check_perspective(self, camera: str, perspective: bool) -> None:
         if self._format.perspective and not perspective:
             raise self._refusal(f"it knows no orthographic camera, and {listing([camera])} is one")
+
+    def _check_picture(self, has_file: bool) -> None:
+        if self._format.pictures and not has_file:
+            reason = "it names the file of each colour picture: write PNGs, as in -o frames/, of one view or --separate"
+            raise self._refusal(reason, instead=False)
 
     def _refusal(self, reason: str, *, instead: bool = True) -> UsageError:
         able = "\n--calibration-format mjrun can say it" if instead else ""

@@ -3,6 +3,7 @@
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from fractions import Fraction
 from pathlib import Path
 
 import mujoco
@@ -13,12 +14,15 @@ from mjrun.export.reading import read_table
 from mjrun.model import state
 from mjrun.model.names import identify
 from mjrun.probe.fields import field_probe
-from mjrun.render.decor import Decor, Ghost, trails
+from mjrun.render.decor import LIMIT, Decor, Ghost, trails
 from mjrun.render.objects import trail
 from mjrun.render.visual import Visual
+from mjrun.timeline import Timeline
 
 SETTINGS = ("offset", "opacity", "key", "trace")
 OPACITY = 0.35
+PACE = Fraction(240)  # [Hz], at which the object of a trail is followed
+COARSE = 150  # capsules of a trail in a draft
 SLACK = 1e-3  # of the time between rows: a table's times may be sums of floats
 
 
@@ -67,11 +71,16 @@ class Additions:
     span: float | None
     spirits: Sequence[Spirit]
 
-    def decors(self, states: Iterable[np.ndarray], times: Sequence[float]) -> list[Decor]:
-        """The decors of a film whose frames show `states`, at `times` [s]."""
+    def steps(self, timeline: Timeline) -> Sequence[int]:
+        """The steps at which a trail has to be followed: fast spins are too fast for the frames of a film."""
+        return timeline.rows(rate=PACE) if self.followed and timeline.steps else [0] if self.followed else []
+
+    def decors(self, path: Iterable[np.ndarray], times: Sequence[float]) -> list[Decor]:
+        """The decors of a film whose frames are at `times` [s]; `path` holds the states at `steps`."""
         found: list[Decor] = []
         if self.followed:
-            found += trails(self.model, self.followed, states, span=self.span)
+            limit = COARSE if self.visual.quality == "draft" else LIMIT
+            found += trails(self.model, self.followed, path, np.array(times), self.span, limit=limit)
         for spirit in self.spirits:
             haunting = spirit.states(self.model, times)
             found.append(Ghost(self.model, haunting, spirit.offset, spirit.opacity, visual=self.visual))

@@ -15,6 +15,7 @@ from mjrun.errors import BadValueError, UsageError
 from mjrun.export.image import ImageWriter
 from mjrun.export.image_format import image_format
 from mjrun.export.manifest import ManifestWriter
+from mjrun.export.pointcloud import PointCloudWriter
 from mjrun.job.calibration import Calibration
 from mjrun.job.drawing import Drawing, painter, tags
 from mjrun.job.manifest import origin
@@ -27,11 +28,12 @@ from mjrun.render.backend import Backend, Search
 from mjrun.render.classic import check_size
 from mjrun.render.colorize import colors_of
 from mjrun.render.painter import Overlay, Panel, ScenePainter, Stream, Style
+from mjrun.render.segmentation import Segmentation
 from mjrun.sim.observe import Tap, observe
 from mjrun.sim.recording import Recording
 from mjrun.timeline import Timeline, nearest, rational
 
-PACE = Fraction(60)  # [Hz], at which a trail is followed
+CLOUD = ("rgb", "depth")  # what a point cloud is made of
 COLORED = "--style color draws colours for the eye"
 
 
@@ -46,6 +48,7 @@ class Image(Drawing):
       step: the instant, by step.
       format: instead of the output's suffix.
       legend: whether a coloured segmentation lists what is in view.
+      pointcloud: a .ply file for all that the cameras see, as points in the world, labelled where `seg` is a view.
 
     The rest is said at `Drawing`. Depth and segmentation are numbers where the file can hold them and shows
     nothing else.
@@ -58,6 +61,7 @@ class Image(Drawing):
     step: int | None = None
     format: str | None = None
     legend: bool = True
+    pointcloud: str | None = None
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -185,31 +189,41 @@ def _still(job: Image, reporter: Reporter) -> _Made:
                 job, model, job.output, any(o.view == "depth" and o.format == "png" for o in outputs)
             )
             stack.enter_context(calibration.writer)
-        steps = [*(timeline.frames(PACE) if job.trail else ()), step]  # what a trail shows has to be seen
-        recording = stack.enter_context(Recording(model))
-        observe(stepper, [Tap(steps, lambda stepper: stepper.state(), recording.append)], step)
+        cloud = _cloud(job, model)
+        if cloud:
+            stack.enter_context(cloud)
+        path = stack.enter_context(Recording(model))
+        observe(stepper, [Tap(added.steps(timeline), lambda stepper: stepper.state(), path.append)], step)
         overlay = measures.overlay(blank(job.size, job.corner), [measures.read(stepper)], [step], timeline)
         streams = [_stream(job, output, overlay) for output in outputs]
-        states = [recording[k] for k in range(len(steps))]
-        decors = added.decors(states, [float(timeline.time(k)) for k in steps])
-        drawn = painter(job, model, backend, streams, [0.0] * len(steps), decors)
+        decors = added.decors((path[k] for k in range(len(path))), [float(timeline.duration)])
+        drawn = painter(job, model, backend, streams, [0.0], decors)
         stack.callback(drawn.close)
         drawn.open()
-        last = len(steps) - 1
+        state = stepper.state()
         if not drawn.ranges and any(panel.view == "depth" for panel in job.panels):
-            drawn.look_ahead({last: states[last]})
-        pictures = drawn.see(states[last], last, job.views)
+            drawn.look_ahead({0: state})
+        pictures = drawn.see(state, 0, [*job.views, *(CLOUD if cloud else ())])
         for output, stream, sink in zip(outputs, streams, sinks, strict=True):
             _write(output, stream, sink, drawn, pictures)
         if calibration:
             calibration.write([picture.lens for picture in pictures], 0, float(timeline.duration))
-        written = [*sinks, *([calibration.writer] if calibration else [])]
+        if cloud:
+            for picture in pictures:
+                cloud.write(picture)
+        written = [*sinks, *([calibration.writer] if calibration else []), *([cloud] if cloud else [])]
         files = [file for sink in written for file in sink.publish()]
         clipped = max(sink.clipped for sink in sinks)
         if clipped:
             reporter.warn(f"{clipped:.2%} of what is seen is farther than 65.535 m, the most that 16 bits hold")
         size, moment = streams[0].size_of_frame, float(timeline.duration)
         return _Made(facts, backend, outputs, size, moment, step, clipped, files)
+
+
+def _cloud(job: Image, model: mujoco.MjModel) -> PointCloudWriter | None:
+    if job.pointcloud is None:
+        return None
+    return PointCloudWriter(job.pointcloud, Segmentation(model, job.seg_by).legend if "seg" in job.views else None)
 
 
 def _outputs(job: Image) -> list[_Output]:

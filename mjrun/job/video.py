@@ -213,12 +213,14 @@ def _film(job: Video, reporter: Reporter) -> _Made:
             calibration = Calibration(job, plan.model, job.output, job.style == "exact")
             stack.enter_context(calibration.writer)
         recording = stack.enter_context(Recording(plan.model))
-        simulation_wall, rows = _simulate(plan, recording)
+        path = stack.enter_context(Recording(plan.model))
+        simulation_wall, rows = _simulate(plan, recording, path)
         overlay = plan.gauges.overlay(plan.overlay, rows, plan.frames, plan.timeline)
         streams = job.streams(with_legend=False, overlay=overlay)
         start = time.perf_counter()
-        states = (recording[k] for k in range(count))
-        decors = plan.additions.decors(states, [float(plan.timeline.time(step)) for step in plan.frames])
+        decors = plan.additions.decors(
+            (path[k] for k in range(len(path))), [float(plan.timeline.time(step)) for step in plan.frames]
+        )
         drawn = painter(job, plan.model, backend, streams, plan.phases, decors)
         jobs = _draw(job, drawn, recording, films, reporter)
         if calibration:
@@ -264,10 +266,14 @@ def _remark_padding(encoded: Encoding, size: tuple[int, int], reporter: Reporter
         reporter.note(f"{encoded.codec} needs even sides: the film is padded from {width}x{height} to {padded}")
 
 
-def _simulate(plan: _Plan, recording: Recording) -> tuple[float, list[Values]]:
-    """Runs the whole simulation, keeps every frame's state; returns the wall time [s], and what frames measure."""
+def _simulate(plan: _Plan, recording: Recording, path: Recording) -> tuple[float, list[Values]]:
+    """Runs the whole simulation, keeps every frame's state, and those on the path of trails.
+
+    Returns the wall time [s], and what is measured at each frame.
+    """
     start, rows = time.perf_counter(), []
     taps: list[Tap] = [Tap(plan.frames, lambda stepper: stepper.state(), recording.append)]
+    taps.append(Tap(plan.additions.steps(plan.timeline), lambda stepper: stepper.state(), path.append))
     if not plan.gauges.idle:
         taps.append(Tap(plan.frames, plan.gauges.read, rows.append))
     observe(plan.stepper, taps, plan.timeline.steps)

@@ -64,6 +64,7 @@ class FreeRig:
 
     Args:
       target: kind (`body`, `geom`, `site`) and id to follow by position, or a fixed point [m].
+      orthographic: without perspective, as the model may want its free camera.
     """
 
     target: tuple[str, int] | tuple[float, float, float]
@@ -71,10 +72,12 @@ class FreeRig:
     azimuth: Ramp
     elevation: Ramp
     ease: str = "linear"
+    orthographic: bool = False
 
     def aim(self, camera: mujoco.MjvCamera, data: mujoco.MjData, phase: float) -> None:
         u = EASINGS[self.ease](phase)
         camera.type = mujoco.mjtCamera.mjCAMERA_FREE.value
+        camera.orthographic = self.orthographic
         camera.lookat[:] = self._lookat(data)
         camera.distance = self.distance.at(u)
         camera.azimuth = self.azimuth.at(u)
@@ -140,7 +143,7 @@ def _free_rig(kind: str, followed: str | None, settings: Mapping[str, str], mode
     ease = settings.get("ease", "linear")
     if ease not in EASINGS:
         raise UnknownNameError("ease", ease, list(EASINGS), where=f"--camera {kind}")
-    return FreeRig(target, **ramps, ease=ease)
+    return FreeRig(target, **ramps, ease=ease, orthographic=bool(default.orthographic))
 
 
 def _ramp(kind: str, name: str, text: str | None, default: float) -> Ramp:

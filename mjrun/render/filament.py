@@ -22,14 +22,13 @@ from mjrun.render.classic import check_size
 from mjrun.render.decor import Decor
 from mjrun.render.lens import average_camera, lens
 from mjrun.render.segmentation import NOTHING, Segmentation
-from mjrun.render.stage import Form, Stage
+from mjrun.render.stage import NUMBERED, Form, Stage
 from mjrun.render.visual import Visual
 
 GEOMS = 2_000  # room in the scene to begin with; it grows
 EVERYTHING, DECORATION = mujoco.mjtCatBit.mjCAT_ALL.value, mujoco.mjtCatBit.mjCAT_DECOR.value
 
 MIRRORS = False  # under Vulkan, MuJoCo 4.0.0 draws reflections upside down
-NUMBERED = ("geom", "site", "flex", "skin", "tendon", "actuator")  # what Filament numbers in segments, in its order
 
 CLASSIC = "--renderer classic can"
 # What to do instead of changing a flag that Filament does not know.
@@ -77,6 +76,7 @@ class FilamentRenderer:
     ) -> None:
         check_size(size, backend, visual)
         check_visual(model, visual)
+        check_segmentation(segmentation)
         self.size = size
         self._model, self._visual, self._decors = model, visual, decors
         self._segmentation = segmentation
@@ -92,6 +92,8 @@ class FilamentRenderer:
             self._stage: Stage | None = Stage(model, self._options)
         except (ImportError, RuntimeError) as error:
             raise DrawError(f"{backend.renderer} cannot draw with filament: {error}") from error
+        self._update_scene()
+        self._stage.hide_all_but({(geom.objtype, geom.objid) for geom in self._scene.geoms[: self._scene.ngeom]})
 
     def look(self, state: np.ndarray, phase: float, index: int = 0) -> None:
         """Goes to the instant of an integration `state`, which `picture` then shows.
@@ -121,12 +123,8 @@ class FilamentRenderer:
         self._update_scene()
         camera = average_camera(self._scene)
         seen = Picture(lens(camera, self.size))
-        if "depth" in views:
-            seen = replace(seen, depth=_metres(self._stage.draw(self.size, camera, DEPTH)[:, :, 0], camera))
-        if "seg" in views:
-            assert self._segmentation
-            segments = self._stage.draw(self.size, camera, SEGMENTS) @ np.array([1, 2**8, 2**16], np.int32)
-            seen = replace(seen, ids=self._ids(self._segmentation)[segments], legend=self._segmentation.legend)
+        if "depth" in views or "seg" in views:
+            seen = self._exact(self._stage, seen, camera, views)
         if "rgb" in views:
             for decor in self._decors:
                 decor.add(self._scene, self._index)
@@ -161,6 +159,18 @@ class FilamentRenderer:
             if self._scene.ngeom + sum(decor.geoms for decor in self._decors) < self._scene.maxgeom:
                 return
             self._scene = mujoco.MjvScene(self._model, 2 * self._scene.maxgeom)
+
+    def _exact(self, stage: Stage, seen: Picture, camera: mujoco.MjvGLCamera, views: Sequence[str]) -> Picture:
+        """Depth and ids, which end at the far plane; colours do not."""
+        depth = _metres(stage.draw(self.size, camera, DEPTH)[:, :, 0], camera)
+        if "depth" in views:
+            seen = replace(seen, depth=depth)
+        if "seg" in views:
+            assert self._segmentation
+            segments = stage.draw(self.size, camera, SEGMENTS) @ np.array([1, 2**8, 2**16], np.int32)
+            ids = np.where(np.isfinite(depth), self._ids(self._segmentation)[segments], NOTHING)
+            seen = replace(seen, ids=ids, legend=self._segmentation.legend)
+        return seen
 
     def _shown(self, camera: mujoco.MjvGLCamera, shadows: bool) -> np.ndarray:
         assert self._stage
@@ -215,6 +225,13 @@ def check_visual(model: mujoco.MjModel, visual: Visual) -> None:
     if wanted["reflection"] and _reflects(model):
         text = "filament would draw reflections upside down and leaves them out, as --hide reflection does"
         warnings.warn(text, MjrunWarning, stacklevel=3)
+
+
+def check_segmentation(segmentation: Segmentation | None) -> None:
+    """Raises UsageError when Filament numbers nothing of what is to be told apart."""
+    kinds = {thing.type for thing in segmentation.legend} if segmentation else set()
+    if kinds and kinds <= {"joint", "camera", "light"}:
+        raise UsageError(f"segmentation by {', '.join(kinds)}: filament can only tell apart the model's own\n{CLASSIC}")
 
 
 def _flags(options: mujoco.MjvOption, scene: mujoco.MjvScene) -> dict[str, int]:

@@ -49,8 +49,8 @@ def in_perspective(model: mujoco.MjModel, camera: mujoco.MjvCamera) -> bool:
 def metric_depth(buffer: np.ndarray, camera: mujoco.MjvGLCamera) -> np.ndarray:
     """Planar depth `(h, w)` float32 [m] of an OpenGL depth buffer; infinite where nothing was drawn.
 
-    In perspective the relative error is some 1e-5; of an orthographic camera the absolute error is some 1e-7
-    of the distance between its clipping planes.
+    In perspective the relative error is some 1e-6, a few times more where a surface is seen at a grazing angle;
+    of an orthographic camera the absolute error is some 1e-7 of the distance between its clipping planes.
 
     Args:
       buffer: `(h, w)` float32 of a segmentation pass, in which there is no sky, read by mjr_readPixels into
@@ -67,7 +67,8 @@ def metric_depth(buffer: np.ndarray, camera: mujoco.MjvGLCamera) -> np.ndarray:
         # undone too. https://registry.khronos.org/OpenGL-Refpages/gl2.1/xhtml/glFrustum.xml
         slope = np.float32(0.5) * ((far + near) / (far - near)) - np.float32(0.5)
         offset = far * near / (far - near)
-        depth = np.float64(offset) / (values + np.float64(slope))
+        with np.errstate(divide="ignore"):  # a far plane so far that it is at infinity
+            depth = np.float64(offset) / (values + np.float64(slope))
     return np.where(buffer > 0, depth, np.inf).astype(np.float32)
 
 

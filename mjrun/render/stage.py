@@ -5,19 +5,21 @@ whatever is handed to it must be right.
 """
 
 import contextlib
+import copy
 import importlib
+import itertools
 import os
 import sys
 import tempfile
 from collections import Counter, defaultdict
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence, Set
 from typing import Any, NamedTuple
 
 import mujoco
 import numpy as np
 
 from mjrun.errors import UsageError
-from mjrun.model.names import KINDS, members
+from mjrun.model.names import COUNTS, KINDS, members
 
 STDOUT, STDERR = 1, 2
 SPOT, POINT = mujoco.mjtLightType.mjLIGHT_SPOT.value, mujoco.mjtLightType.mjLIGHT_POINT.value
@@ -26,6 +28,8 @@ LIGHTS, HEADLIGHT = 80_000.0, 40_000.0  # [lux] of all lights together, and of t
 _GEOMS = members(mujoco.mjtGeom)
 SHAPELESS, MESHES = {_GEOMS["label"], _GEOMS["none"]}, {_GEOMS["mesh"], _GEOMS["sdf"]}
 SHAPES = set(_GEOMS.values()) - SHAPELESS - MESHES - {_GEOMS["hfield"], _GEOMS["flex"], _GEOMS["skin"]}
+NUMBERED = ("geom", "site", "flex", "skin", "tendon", "actuator")  # in the order of their numbers in segments
+WHOLE = ("geom", "site", "skin")
 FRUSTUM = ("center", "width", "bottom", "top", "near", "far")
 
 
@@ -53,9 +57,7 @@ class Stage:
         self._scene.configure_from_model(model)
         self._lights = mjrf.ModelLights(self._scene, resources)
         self._things = mjrf.ModelRenderables(self._scene, resources)
-        self._things.set_options(options)
-        if not options.flags[mujoco.mjtVisFlag.mjVIS_STATIC]:
-            self._hide_static()
+        self._things.set_options(_tendons_in_groups(options))
         self._lamps, self._headlight = _lighting(model)
         self._decorations: dict[tuple[int, int], list[Any]] = defaultdict(list)  # of each kind, to be used again
         self._meshes: dict[int, tuple[Any, ...]] = {}
@@ -69,6 +71,17 @@ class Stage:
             self._lights.get_light(index).set_range(lamp.range)
         self._things.update(data)
 
+    def hide_all_but(self, shown: Set[tuple[int, int]]) -> None:
+        """Hides things of the model, but for those of `shown`, as type of object and id, which MuJoCo would draw.
+
+        Filament has an eye on groups, and none on static things, on what is wholly transparent, on some flags.
+        """
+        for kind in NUMBERED:
+            for index in range(getattr(self._model, COUNTS[kind])):
+                if (int(KINDS[kind]), index) not in shown and kind != "tendon":  # these come and go
+                    for thing in self._parts(kind, index):
+                        self._scene.remove_renderable(thing)
+
     def decorate(self, geoms: Iterable[mujoco.MjvGeom]) -> None:
         """Shows these geoms and no others beside the model, in colour pictures only, without shadows.
 
@@ -77,7 +90,7 @@ class Stage:
         """
         used: Counter[tuple[int, int]] = Counter()
         for geom in geoms:
-            if geom.type not in SHAPELESS:
+            if geom.type not in SHAPELESS and geom.size[0] < mujoco.mjMAXVAL:  # a plane's bounding box
                 kind = (geom.type, geom.dataid if geom.type in MESHES else -1)
                 self._show(geom, kind, used[kind])
                 used[kind] += 1
@@ -128,6 +141,13 @@ class Stage:
         """The camera as mjrf's, which is another type with the same fields."""
         ends = {f"frustum_{name}": getattr(camera, f"frustum_{name}") for name in FRUSTUM}
         return self._mjrf.Camera(camera.pos, camera.forward, camera.up, **ends, orthographic=bool(camera.orthographic))
+
+    def _parts(self, kind: str, index: int) -> Iterable[Any]:
+        """What Filament draws of one thing: all of it, or part by part."""
+        found = self._things.get_renderable
+        if kind in WHOLE:
+            return [found(KINDS[kind], index)]
+        return itertools.takewhile(bool, (found(KINDS[kind], index, part) for part in itertools.count()))
 
     def _show(self, geom: mujoco.MjvGeom, kind: tuple[int, int], number: int) -> None:
         made = self._decorations[kind]
@@ -181,17 +201,20 @@ class Stage:
         self._meshes[index] = mesh, content, vertices, indices  # it may be read later
         return mesh
 
-    def _hide_static(self) -> None:
-        for kind, owners in (("geom", self._model.geom_bodyid), ("site", self._model.site_bodyid)):
-            for index in np.flatnonzero(self._model.body_weldid[owners] == 0):
-                self._scene.remove_renderable(self._things.get_renderable(KINDS[kind], int(index)))
-
 
 class Lamp(NamedTuple):
     """What a light is set to: intensity [cd], and range [m]."""
 
     candela: float
     range: float
+
+
+def _tendons_in_groups(options: mujoco.MjvOption) -> mujoco.MjvOption:
+    """The same options, with the flag of tendons, which Filament forgets, said by their groups."""
+    found = copy.copy(options)
+    if not options.flags[mujoco.mjtVisFlag.mjVIS_TENDON]:
+        found.tendongroup[:] = 0
+    return found
 
 
 def _lighting(model: mujoco.MjModel) -> tuple[dict[int, Lamp], float]:

@@ -146,8 +146,11 @@ def test_a_lens_that_changes_is_refused_where_a_file_is_about_one(tmp_path: Path
 
 
 def test_nerfstudio_needs_pictures_in_files(tmp_path: Path) -> None:
-    with pytest.raises(UsageError, match="names the file of each picture: write PNGs, as in -o frames/"):
+    message = "it names the file of each colour picture: write PNGs, as in -o frames/"
+    with pytest.raises(UsageError, match=message):
         CalibrationWriter(str(tmp_path / "out"), "nerfstudio", ["side"], pictures=False)
+    with CalibrationWriter(str(tmp_path / "out"), "nerfstudio") as writer, pytest.raises(UsageError, match=message):
+        writer.write(Exposure("side", a_lens()))
 
 
 def test_an_unknown_format_is_refused_with_those_there_are(tmp_path: Path) -> None:

@@ -126,3 +126,13 @@ def test_a_wrong_camera_is_refused_with_what_is_right(text: str, message: str) -
         rig(text, MODEL)
     assert caught.value.exit_code == 2
     assert message in str(caught.value)
+
+
+def test_the_free_camera_has_no_perspective_where_the_model_says_so() -> None:
+    model = mujoco.MjModel.from_xml_string(
+        '<mujoco><visual><global orthographic="true"/></visual><worldbody><geom size=".1"/></worldbody></mujoco>'
+    )
+    data, camera, expected = mujoco.MjData(model), mujoco.MjvCamera(), mujoco.MjvCamera()
+    mujoco.mjv_defaultFreeCamera(model, expected)
+    rig("free", model).aim(camera, data, 0)
+    assert camera.orthographic == expected.orthographic == 1
