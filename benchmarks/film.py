@@ -1,7 +1,7 @@
 """Wall time and peak memory of `mjrun video` against the loop that the MuJoCo tutorial teaches.
 
 Both make the same film of the same model, in turn, as whole processes; ratios are mjrun / tutorial,
-so below 1 is better. The tutorial loop is a script that takes MODEL OUT DURATION FPS WIDTH HEIGHT
+so below 1 is better. mjrun draws with one process, with as many as it chooses, and as a draft. The tutorial loop is a script that takes MODEL OUT DURATION FPS WIDTH HEIGHT
 [CAMERA] [KEYFRAME], given by --baseline.
 
     python benchmarks/film.py
@@ -9,12 +9,14 @@ so below 1 is better. The tutorial loop is a script that takes MODEL OUT DURATIO
 """
 
 import argparse
+import math
 import os
 import statistics
 import sys
 import tempfile
 import time
 from dataclasses import dataclass
+from fractions import Fraction
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -33,8 +35,13 @@ class Film:
     camera: str
     key: str | None
 
-    def mjrun(self, out: Path, quality: str) -> list[str]:
-        command = [sys.executable, "-m", "mjrun", "video", str(self.model), "-o", str(out), "-q", "--quality", quality]
+    @property
+    def frames(self) -> int:
+        """How many it has."""
+        return math.ceil(Fraction(self.duration) * Fraction(self.fps))
+
+    def mjrun(self, out: Path, *options: str) -> list[str]:
+        command = [sys.executable, "-m", "mjrun", "video", str(self.model), "-o", str(out), "-q", *options]
         command += ["--duration", self.duration, "--fps", self.fps, "--size", f"{self.width}x{self.height}"]
         return [*command, "--camera", self.camera, *(["--key", self.key] if self.key else [])]
 
@@ -68,11 +75,14 @@ def run(command: list[str]) -> Cost:
     return Cost(wall, usage.ru_maxrss * 1024)
 
 
-def show(name: str, costs: list[Cost]) -> None:
-    """One row: the median and range of the wall time, and the median peak memory."""
+def show(name: str, costs: list[Cost], frames: int) -> None:
+    """One row: the median and range of the wall time, frames a second of it, and the median peak memory."""
     walls = [cost.wall for cost in costs]
     peak = statistics.median(cost.peak for cost in costs) / 1e6
-    print(f"{name:22} {statistics.median(walls):7.2f} s  ({min(walls):.2f}-{max(walls):.2f})  {peak:7.0f} MB")
+    print(
+        f"{name:22} {statistics.median(walls):7.2f} s  ({min(walls):.2f}-{max(walls):.2f})  "
+        f"{frames / statistics.median(walls):6.1f} frames/s  {peak:5.0f} MB"
+    )
 
 
 def show_ratios(name: str, costs: list[Cost], baseline: list[Cost]) -> None:
@@ -99,16 +109,21 @@ def main() -> None:
     width, height = map(int, given.size.split("x"))
     film = Film(given.model, given.duration, given.fps, width, height, given.camera, given.key)
     print(f"{film.model.name}, {film.duration} s at {film.fps} fps, {given.size}, {os.cpu_count()} cores")
-    costs: dict[str, list[Cost]] = {"tutorial": [], "mjrun": [], "mjrun draft": []}
+    ways = {
+        "mjrun, 1 process": ("--jobs", "1"),
+        "mjrun": (),
+        "mjrun draft": ("--quality", "draft"),
+    }
+    costs: dict[str, list[Cost]] = {"tutorial": [], **{name: [] for name in ways}}
     with tempfile.TemporaryDirectory() as folder:
         out = Path(folder) / "film.mp4"
         for _ in range(given.repeats):
             costs["tutorial"].append(run(film.tutorial(given.baseline, out)))
-            costs["mjrun"].append(run(film.mjrun(out, "model")))
-            costs["mjrun draft"].append(run(film.mjrun(out, "draft")))
+            for name, options in ways.items():
+                costs[name].append(run(film.mjrun(out, *options)))
     for name, measured in costs.items():
-        show(name, measured)
-    for name in ("mjrun", "mjrun draft"):
+        show(name, measured, film.frames)
+    for name in ways:
         show_ratios(name, costs[name], costs["tutorial"])
 
 

@@ -13,9 +13,10 @@ README = (ROOT / "README.md").read_text(encoding="utf-8")
 SHELL = re.findall(r"```sh\n(.*?)```", README, re.DOTALL)
 PYTHON = re.findall(r"```python\n(.*?)```", README, re.DOTALL)
 COMMANDS = [line for block in SHELL for line in block.replace("\\\n", " ").splitlines() if line.strip()]
-FILMS = [line for line in COMMANDS if line.startswith("mjrun video")]
+DRAWN = [line for line in COMMANDS if line.startswith(("mjrun video", "mjrun image"))]
 TABLES = [line for line in COMMANDS if line.startswith(("mjrun trace", "for "))]
-SMALL = "--size 64x48 --duration 0.1 --quality draft --fps 20"
+STILL, SHORT = "--size 64x48 --quality draft", "--duration 0.1"
+SMALL = f"{STILL} {SHORT} --fps 20"
 
 
 @pytest.fixture
@@ -24,20 +25,20 @@ def shell(tmp_path: Path) -> dict[str, str]:
     (tmp_path / "bin").mkdir()
     (tmp_path / "scenes").symlink_to(ROOT / "scenes")
     program = tmp_path / "bin/mjrun"
-    smaller = f'case $1 in video) set -- "$@" {SMALL};; trace) set -- "$@" --duration 0.1;; esac'
+    smaller = f'case $1 in video) set -- "$@" {SMALL};; image) set -- "$@" {STILL};; trace) set -- "$@" {SHORT};; esac'
     program.write_text(f'#!/bin/sh\n{smaller}\nPYTHONPATH="{ROOT}" exec "{sys.executable}" -m mjrun "$@"\n')
     program.chmod(0o755)
     return {**os.environ, "PATH": f"{program.parent}:{os.environ['PATH']}"}
 
 
 def test_the_readme_has_the_commands_that_it_is_for() -> None:
-    assert len(FILMS) >= 12
+    assert len(DRAWN) >= 20
     assert {"make demo", "make test", "mjrun doctor"} <= set(COMMANDS)
     assert len(PYTHON) == 1
 
 
-@pytest.mark.parametrize("command", FILMS)
-def test_a_film_of_the_readme_is_made(command: str, shell: dict[str, str], tmp_path: Path) -> None:
+@pytest.mark.parametrize("command", DRAWN)
+def test_a_film_or_picture_of_the_readme_is_made(command: str, shell: dict[str, str], tmp_path: Path) -> None:
     before = set(tmp_path.iterdir())
     done = subprocess.run(["sh", "-ec", command], cwd=tmp_path, env=shell, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
@@ -86,7 +87,7 @@ def test_the_package_installs_with_its_command_and_its_types(tmp_path: Path) -> 
 
 
 def test_every_other_command_of_the_readme_is_known() -> None:
-    known = ("mjrun video ", "mjrun trace ", "for ", "mjrun doctor", "make ", "pip install .")
+    known = ("mjrun video ", "mjrun image ", "mjrun trace ", "for ", "mjrun doctor", "make ", "pip install .")
     assert all(command.startswith(known) for command in COMMANDS)
 
 
