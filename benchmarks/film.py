@@ -1,8 +1,9 @@
 """Wall time and peak memory of `mjrun video` against the loop that the MuJoCo tutorial teaches.
 
 Both make the same film of the same model, in turn, as whole processes; ratios are mjrun / tutorial,
-so below 1 is better. mjrun draws with one process, with as many as it chooses, and as a draft. The tutorial loop is a script that takes MODEL OUT DURATION FPS WIDTH HEIGHT
-[CAMERA] [KEYFRAME], given by --baseline.
+so below 1 is better. mjrun draws with one process, with as many as it chooses, and as a draft. The
+tutorial loop is a script that takes MODEL OUT DURATION FPS WIDTH HEIGHT [CAMERA] [KEYFRAME], given by
+--baseline.
 
     python benchmarks/film.py
     python benchmarks/film.py --model scenes/humanoid.xml --key jump --duration 2 --repeats 5

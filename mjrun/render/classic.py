@@ -153,8 +153,11 @@ class ClassicRenderer:
             seen = replace(seen, depth=metric_depth(buffer[::-1], average_camera(self._scene)))
         if "seg" in views:
             assert self._segmentation
-            segments = colors[::-1].astype(np.int32) @ np.array([1, 2**8, 2**16], np.int32)
-            seen = replace(seen, ids=self._segmentation.ids(self._scene)[segments], legend=self._segmentation.legend)
+            low, middle, high = (colors[::-1, :, channel].astype(np.int32) for channel in range(3))
+            segments = low | middle << 8 | high << 16
+            seen = replace(
+                seen, ids=np.take(self._segmentation.ids(self._scene), segments), legend=self._segmentation.legend
+            )
         return seen
 
     @contextlib.contextmanager
