@@ -240,6 +240,13 @@ renderer_options = _bundle(
         help="draft: no shadows, reflections and multisampling; model: as the model asks; high: supersampled.",
     ),
     _option(
+        "--renderer",
+        type=click.Choice(["classic", "filament"]),
+        default="classic",
+        show_default=True,
+        help="MuJoCo's own, or the physically based one, which needs Vulkan.",
+    ),
+    _option(
         "--gl", envvar="MUJOCO_GL", metavar="BACKEND", help="auto, egl, osmesa or glfw.  [default: $MUJOCO_GL, or auto]"
     ),
     _option("--require-gpu", is_flag=True, help="Refuse to draw in software."),

@@ -79,6 +79,7 @@ def drawing(given: dict[str, Any]) -> dict[str, Any]:
         "trail": given["trails"],
         "trail_span": None if given["trail_span"] is None else float(given["trail_span"]),
         "ghost": given["ghosts"],
+        "renderer": given["renderer"],
         "gl": given["gl"] or "auto",
         "require_gpu": given["require_gpu"],
         "manifest": given["manifest"],

@@ -11,9 +11,11 @@ import numpy as np
 
 from mjrun.errors import BadValueError, UnknownNameError, UsageError, clean
 from mjrun.job.decors import Additions, additions
-from mjrun.render.backend import Backend
+from mjrun.render.backend import Backend, Search, VulkanSearch
 from mjrun.render.camera import Rig, rig
+from mjrun.render.classic import ClassicRenderer, check_size
 from mjrun.render.decor import Decor
+from mjrun.render.filament import FilamentRenderer, check_segmentation, check_visual
 from mjrun.render.painter import VIEWS, Overlay, Panel, ScenePainter, Stream, Style
 from mjrun.render.segmentation import Segmentation, grouping
 from mjrun.render.visual import Visual
@@ -21,6 +23,7 @@ from mjrun.render.visual import Visual
 SIZE = (1280, 720)
 LAYOUTS = ("row", "column", "grid")
 STYLES = ("color", "exact")
+RENDERERS = {"classic": ClassicRenderer, "filament": FilamentRenderer}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -45,6 +48,7 @@ class Drawing:
       text_corner: where: `top-left`, `bottom`, …; where captions are not, when None.
       calibration: a file for what each picture is seen through.
       calibration_format: `mjrun`, `nerfstudio`, `bop` or `ros`.
+      renderer: `classic`, MuJoCo's own OpenGL, or `filament`, physically based, by Vulkan.
       gl: OpenGL backend; `auto` tries all.
       require_gpu: refuse to draw in software.
       manifest: a file for what made the output.
@@ -68,6 +72,7 @@ class Drawing:
     text_corner: str | None = None
     calibration: str | None = None
     calibration_format: str = "mjrun"
+    renderer: str = "classic"
     gl: str | None = None
     require_gpu: bool = False
     manifest: str | None = None
@@ -79,6 +84,7 @@ class Drawing:
             ("layout", (self.layout,), LAYOUTS),
             ("style", (self.style or STYLES[0],), STYLES),
             ("segmentation", (self.seg_by,), grouping()),
+            ("renderer", (self.renderer,), RENDERERS),
         ):
             for name in given:
                 if name not in valid:
@@ -89,6 +95,17 @@ class Drawing:
         for what, names in (("--camera", self.cameras), ("--view", self.views)):
             if not names or len(set(names)) < len(names):
                 raise UsageError(f"{what}: each once, and at least one")
+
+    def search(self) -> Search | VulkanSearch:
+        """Begins to try what can draw."""
+        return VulkanSearch() if self.renderer == "filament" else Search(self.gl)
+
+    def check(self, model: mujoco.MjModel, backend: Backend) -> None:
+        """Raises UsageError when the renderer cannot draw this, or not that large."""
+        check_size(self.size, backend, self.visual)
+        if self.renderer == "filament":
+            check_visual(model, self.visual)
+            check_segmentation(Segmentation(model, self.seg_by) if "seg" in self.views else None)
 
     @property
     def cameras(self) -> Sequence[str]:
@@ -163,9 +180,19 @@ def painter(
     """What draws the streams of `job`."""
     segmentation = Segmentation(model, job.seg_by)
     names = [text.partition(",")[0] for text in job.cameras]
-    ranges = [job.depth_range] * len(names) if job.depth_range else []
     return ScenePainter(
-        model, backend, job.size, job.visual, job.rigs(model), names, streams, phases, segmentation, decors, ranges
+        model=model,
+        backend=backend,
+        size=job.size,
+        visual=job.visual,
+        rigs=job.rigs(model),
+        names=names,
+        streams=streams,
+        phases=phases,
+        segmentation=segmentation,
+        decors=decors,
+        ranges=[job.depth_range] * len(names) if job.depth_range else [],
+        renderer=RENDERERS[job.renderer],
     )
 
 

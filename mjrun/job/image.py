@@ -24,8 +24,7 @@ from mjrun.job.report import QuietReporter, Reporter, pass_on
 from mjrun.job.simulation import Simulation
 from mjrun.model.native import collected_warnings
 from mjrun.model.picture import Picture
-from mjrun.render.backend import Backend, Search
-from mjrun.render.classic import check_size
+from mjrun.render.backend import Backend
 from mjrun.render.colorize import colors_of
 from mjrun.render.painter import Overlay, Panel, ScenePainter, Stream, Style
 from mjrun.render.segmentation import Segmentation
@@ -164,7 +163,7 @@ def _make(job: Image, reporter: Reporter) -> ImageResult:
 def _still(job: Image, reporter: Reporter) -> _Made:
     with ExitStack() as stack:
         outputs = _outputs(job)
-        search = Search(job.gl)  # tries a backend while the model loads
+        search = job.search()  # tries a backend while the model loads
         stack.callback(search.cancel)
         model = job.simulation.load()
         step = _step(job, model)
@@ -176,7 +175,7 @@ def _still(job: Image, reporter: Reporter) -> _Made:
         for text in job.simulation.remarks(model):
             reporter.warn(text)
         backend = search.result(job.require_gpu)
-        check_size(job.size, backend, job.visual)
+        job.check(model, backend)
         facts = {**origin(job, job.simulation, model, timeline), "renderer": backend.renderer}
         sinks = []
         for output in outputs:

@@ -23,8 +23,7 @@ from mjrun.job.overlay import Gauges, Values, blank, gauges
 from mjrun.job.report import QuietReporter, Reporter, pass_on
 from mjrun.job.simulation import Simulation, positive
 from mjrun.model.native import collected_warnings
-from mjrun.render.backend import Backend, Search
-from mjrun.render.classic import check_size
+from mjrun.render.backend import Backend
 from mjrun.render.cores import AUTO, available_cores, jobs_for
 from mjrun.render.graph import SIDES
 from mjrun.render.layout import layout_size
@@ -191,13 +190,13 @@ def _make(job: Video, reporter: Reporter) -> VideoResult:
 def _film(job: Video, reporter: Reporter) -> _Made:
     with ExitStack() as stack:
         encodings = _encodings(job)
-        search = Search(job.gl)  # tries a backend while the model loads
+        search = job.search()  # tries a backend while the model loads
         stack.callback(search.cancel)
         plan = _plan(job, encodings)
         for text in job.simulation.remarks(plan.model):
             reporter.warn(text)
         backend = search.result(job.require_gpu)
-        check_size(job.size, backend, job.visual)
+        job.check(plan.model, backend)
         count = len(plan.frames)
         made_by = {"frames": count, "renderer": backend.renderer}
         facts = {**origin(job, job.simulation, plan.model, plan.timeline), **made_by}
@@ -294,7 +293,9 @@ def _draw(
     """Draws every frame into the films, and returns the number of processes that did."""
     total = len(recording)
     cost = _rehearse(drawn, recording, reporter)
-    jobs = jobs_for(job.jobs, drawn.backend.software, total, cost, available_cores())
+    # Filament's noise goes on from frame to frame: only one process makes the same film each time.
+    asked = 1 if job.jobs == AUTO and job.renderer == "filament" else job.jobs
+    jobs = jobs_for(asked, drawn.backend.software, total, cost, available_cores())
     if jobs > 1:
         drawn.close()
     with Pool(drawn, (drawn.bytes,), jobs) as pool:
