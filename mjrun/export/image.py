@@ -172,7 +172,7 @@ class ImageWriter:
         self.clipped = self._format.clipped(pixels)
         _put(self._target, ENCODERS[self._view][self._name](Still(pixels, len(legend), colours, self._tags)))
         if self._labels and self._format.nothing is not None:
-            said = labels(self._target.shown.name, pixels, legend, self._format.nothing, colours)
+            said = labels(self._target.shown.name, self._size, legend, self._format.nothing, colours, pixels)
             _put(self._labels, said.encode())
 
     def publish(self) -> list[Path]:

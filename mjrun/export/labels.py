@@ -2,26 +2,37 @@
 
 import json
 from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from types import TracebackType
 from typing import Any
 
 import numpy as np
 
+from mjrun.errors import FileError
+from mjrun.export.staging import StagedFile
 from mjrun.model.picture import Thing
 
 
-def labels(file: str, ids: np.ndarray, legend: Sequence[Thing], nothing: int, colours: np.ndarray | None = None) -> str:
-    """What is in a picture of ids, `NAME.labels.json`.
+def labels(
+    file: str,
+    size: tuple[int, int],
+    legend: Sequence[Thing],
+    nothing: int,
+    colours: np.ndarray | None = None,
+    ids: np.ndarray | None = None,
+) -> str:
+    """What is in a picture or film of ids, `NAME.labels.json`.
 
     `file` is the picture; `size` its width and height [pixels]; `nothing` its value where nothing is seen. `labels` has
     an entry for each thing that the picture can tell apart, in view or not: `id` is its value in the picture, `type`,
     `mujoco_id`, `name` and `body` are the model's, `pixels` counts where it is seen, `rgb` is its colour if it has one.
 
     Args:
-      ids: `(h, w)`, indices into `legend`; −1 where nothing is seen.
       nothing: what the file has instead of −1; ids are shifted by as much.
       colours: of the things, `(n, 3)` uint8.
+      ids: `(h, w)`, indices into `legend`, −1 where nothing is seen; of a film, in which counts change, None.
     """
-    pixels = np.bincount(ids[ids >= 0], minlength=len(legend))
+    pixels = None if ids is None else np.bincount(ids[ids >= 0], minlength=len(legend))
     entries = [
         {
             "id": index + nothing + 1,
@@ -29,13 +40,56 @@ def labels(file: str, ids: np.ndarray, legend: Sequence[Thing], nothing: int, co
             "mujoco_id": thing.id,
             "name": thing.name,
             "body": thing.body,
-            "pixels": int(pixels[index]),
+            **({} if pixels is None else {"pixels": int(pixels[index])}),
             **({} if colours is None else {"rgb": colours[index].tolist()}),
         }
         for index, thing in enumerate(legend)
     ]
-    head = {"file": file, "size": [ids.shape[1], ids.shape[0]], "nothing": nothing}
+    head = {"file": file, "size": list(size), "nothing": nothing}
     return document(head, {"labels": map(text, entries)})
+
+
+class LabelsWriter:
+    """The labels beside a film. Opening it proves that they can be written.
+
+    Args:
+      film: whose labels they are; a folder's are beside it.
+
+    Raises:
+      FileError: they cannot be written.
+    """
+
+    def __init__(self, film: str) -> None:
+        self._film = Path(film)
+        self._target = StagedFile(self._film.with_name(f"{self._film.stem}.labels.json"))
+
+    def write(self, size: tuple[int, int], legend: Sequence[Thing], colours: np.ndarray | None) -> None:
+        """Writes what the film shows; `colours` `(n, 3)` if it is in colour, else it holds ids + 1.
+
+        Raises:
+          FileError: the disk is full.
+        """
+        try:
+            said = labels(self._film.name, size, legend, 0, colours)
+            Path(self._target.path).write_text(said, encoding="ascii")
+        except OSError as error:
+            raise FileError(self._target.shown, f"cannot be written: {error.strerror or error}") from None
+
+    def publish(self) -> list[Path]:
+        """Puts the labels in their place, and says which file that is.
+
+        Raises:
+          FileError: they cannot be put in their place.
+        """
+        return self._target.publish()
+
+    def __enter__(self) -> "LabelsWriter":
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._target.discard()
 
 
 def document(head: Mapping[str, Any], lists: Mapping[str, Iterable[str]]) -> str:

@@ -25,7 +25,6 @@ from mjrun.job.simulation import Simulation
 from mjrun.model.native import collected_warnings
 from mjrun.model.picture import Picture
 from mjrun.render.backend import Backend
-from mjrun.render.colorize import colors_of
 from mjrun.render.painter import Overlay, Panel, ScenePainter, Stream, Style
 from mjrun.render.segmentation import Segmentation
 from mjrun.sim.observe import Tap, observe
@@ -259,7 +258,7 @@ def _write(
         sink.write(picture.depth)
     elif output.view == "seg":
         assert picture.ids is not None
-        sink.write(picture.ids, picture.legend, colors_of(picture.legend))
+        sink.write(picture.ids, picture.legend, drawn.colors)
     else:
         sink.write(np.ascontiguousarray(drawn.frame(stream, pictures, 0)))
 

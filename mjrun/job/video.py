@@ -13,6 +13,7 @@ import numpy as np
 
 from mjrun.errors import UnknownNameError, UsageError, clean
 from mjrun.export.codecs import Encoding, encoding
+from mjrun.export.labels import LabelsWriter
 from mjrun.export.manifest import ManifestWriter
 from mjrun.export.video import FilmWriter
 from mjrun.job.calibration import Calibration, lenses
@@ -23,6 +24,7 @@ from mjrun.job.overlay import Gauges, Values, blank, gauges
 from mjrun.job.report import QuietReporter, Reporter, pass_on
 from mjrun.job.simulation import Simulation, positive
 from mjrun.model.native import collected_warnings
+from mjrun.model.pixels import MOST
 from mjrun.render.backend import Backend
 from mjrun.render.cores import AUTO, available_cores, jobs_for
 from mjrun.render.graph import SIDES
@@ -207,6 +209,10 @@ def _film(job: Video, reporter: Reporter) -> _Made:
             _remark_padding(encoded, size, reporter)
             target = None if path == "-" else path
             films.append(stack.enter_context(FilmWriter(target, encoded, size, plan.fps, count, tags(target, facts))))
+        legends = []
+        for (path, panels), stream in zip(job.outputs(job.output), streams, strict=True):
+            if path != "-" and [panel.view for panel in panels] == ["seg"]:
+                legends.append((stack.enter_context(LabelsWriter(path)), stream))
         calibration = None
         if job.calibration is not None:
             calibration = Calibration(job, plan.model, job.output, job.style == "exact")
@@ -224,7 +230,9 @@ def _film(job: Video, reporter: Reporter) -> _Made:
         jobs = _draw(job, drawn, recording, films, reporter)
         if calibration:
             _calibrate(job, plan, recording, calibration)
-        written = [*films, *([calibration.writer] if calibration else [])]
+        for legend, stream in legends:
+            legend.write(job.size, drawn.segmentation.legend, None if stream.exact else drawn.colors)
+        written = [*films, *(legend for legend, _ in legends), *([calibration.writer] if calibration else [])]
         files = [file for sink in written for file in sink.publish()]
         size = streams[0].size_of_frame
         return _Made(plan, facts, backend, size, jobs, files, simulation_wall, time.perf_counter() - start)
@@ -298,11 +306,17 @@ def _draw(
     jobs = jobs_for(asked, drawn.backend.software, total, cost, available_cores())
     if jobs > 1:
         drawn.close()
+    far = [stream.exact and stream.panels[0].view == "depth" for stream in drawn.streams]
+    clipped = 0
     with Pool(drawn, (drawn.bytes,), jobs) as pool:
         for index, frames in enumerate(pool.frames(recording[k] for k in range(total))):
-            for film, part in zip(films, drawn.parts(frames), strict=True):
+            for film, part, depth in zip(films, drawn.parts(frames), far, strict=True):
                 film.write(part)
+                clipped += np.count_nonzero(part == MOST) if depth else 0
             reporter.progress("frames", index + 1, total)
+    if clipped:
+        share = clipped / (total * sum(far) * job.size[0] * job.size[1])
+        reporter.warn(f"{share:.2%} of the pixels are at 65.535 m or farther, the most that 16 bits hold")
     return jobs
 
 

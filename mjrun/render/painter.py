@@ -157,7 +157,7 @@ class ScenePainter:
     renderer: Callable[..., Renderer] = ClassicRenderer
 
     def __post_init__(self) -> None:
-        self._colors = colors_of(self.segmentation.legend)
+        self.colors = colors_of(self.segmentation.legend)  # of what a segmentation tells apart
         self._drawing: Renderer | None = None
 
     @property
@@ -244,10 +244,10 @@ class ScenePainter:
             colour_bar(image, near, far)
             return image
         assert picture.ids is not None
-        image = seg_colors(picture.ids, self._colors)
+        image = seg_colors(picture.ids, self.colors)
         if with_legend:
             ids = in_view(picture.ids)
-            legend(image, [picture.legend[i] for i in ids], self._colors[ids])
+            legend(image, [picture.legend[i] for i in ids], self.colors[ids])
         return image
 
 

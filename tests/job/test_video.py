@@ -1,5 +1,6 @@
 """Whole films of whole simulations, against a bare MuJoCo loop."""
 
+import json
 import subprocess
 from collections.abc import Callable
 from dataclasses import replace
@@ -13,7 +14,7 @@ import numpy as np
 import pytest
 
 import mjrun
-from mjrun.errors import MjrunError, NoRendererError, UnknownNameError, UnstableError
+from mjrun.errors import MjrunError, MjrunWarning, NoRendererError, UnknownNameError, UnstableError
 from mjrun.job import video as job
 from mjrun.job.image import Image
 from mjrun.job.simulation import Simulation
@@ -232,6 +233,12 @@ def test_separate_views_are_films_of_the_same_instants(swing: Path, tmp_path: Pa
     assert [Path(path).name for path in result.paths] == ["v-rgb.mkv", "v-seg.mkv"]
     colors = [len(np.unique(f.reshape(-1, 3), axis=0)) for f in decode(tmp_path / "v-seg.mkv").frames]
     assert set(colors) == {4}  # floor, box, ball, nothing: to the bit
+    said = {
+        tuple(label["rgb"]): label["name"]
+        for label in json.loads((tmp_path / "v-seg.labels.json").read_text())["labels"]
+    }
+    shown = np.unique(decode(tmp_path / "v-seg.mkv").frames[0].reshape(-1, 3), axis=0)
+    assert {said.get(tuple(color.tolist())) for color in shown} == {"floor", "box", "ball", None}
     assert len(decode(tmp_path / "v-rgb.mkv").frames) == len(colors) == 6
 
 
@@ -249,6 +256,7 @@ def test_numbers_of_a_film_are_those_of_stills(swing: Path, tmp_path: Path, outp
         Image(Simulation(swing), str(still), at=index / 10, **options).run()  # type: ignore[arg-type]
         assert np.array_equal(found[index], iio.imread(still))
     assert len(found) == 2
+    assert (tmp_path / "d.labels.json").exists() == (view == "seg")
 
 
 def gray16(film: Path) -> np.ndarray:
@@ -282,3 +290,14 @@ def test_views_that_a_film_cannot_hold_are_refused(
 def test_a_lossy_codec_may_be_asked_for_a_segmentation(swing: Path, tmp_path: Path) -> None:
     job = Video(Simulation(swing, duration=0.1), f"{tmp_path}/s.webm", size=SIZE, view="seg", codec="vp9")
     assert job.run().codec == "vp9"
+
+
+def test_depth_beyond_sixteen_bits_is_reported(tmp_path: Path) -> None:
+    model = mujoco.MjModel.from_xml_string(
+        '<mujoco><worldbody><geom type="box" size="99 99 1"/><camera name="c" pos="0 0 90"/></worldbody></mujoco>'
+    )
+    job = Video(
+        Simulation(model, duration=0.05), f"{tmp_path}/d.mkv", size=SIZE, view="depth", style="exact", camera="c"
+    )
+    with pytest.warns(MjrunWarning, match="100.00% of the pixels are at 65.535 m or farther"):
+        job.run()
