@@ -22,7 +22,7 @@ from mjrun.job.manifest import origin
 from mjrun.job.overlay import blank, gauges
 from mjrun.job.report import QuietReporter, Reporter, pass_on
 from mjrun.job.simulation import Simulation
-from mjrun.model.native import collected_warnings
+from mjrun.model.native import collected_warnings, without_timers
 from mjrun.model.picture import Picture
 from mjrun.render.backend import Backend
 from mjrun.render.painter import Overlay, Panel, ScenePainter, Stream, Style
@@ -138,7 +138,7 @@ class _Made:
 def _make(job: Image, reporter: Reporter) -> ImageResult:
     start = time.perf_counter()
     with ManifestWriter(job.manifest) as manifest:
-        with collected_warnings() as heard:
+        with collected_warnings() as heard, without_timers():
             made = _still(job, reporter)
         pass_on(heard, reporter)
         result = ImageResult(

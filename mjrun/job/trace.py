@@ -18,7 +18,7 @@ from mjrun.job.report import QuietReporter, Reporter, pass_on
 from mjrun.job.simulation import Simulation, positive
 from mjrun.job.table import TIME, Rows, Table
 from mjrun.model.column import Column
-from mjrun.model.native import collected_warnings
+from mjrun.model.native import collected_warnings, without_timers
 from mjrun.probe.assertion import Checker, parse
 from mjrun.probe.select import DEFAULT, catalogue
 from mjrun.timeline import Timeline
@@ -102,7 +102,7 @@ def columns(simulation: Simulation) -> list[Column]:
 def _make(job: Trace, reporter: Reporter) -> TraceResult:
     start = time.perf_counter()
     with ManifestWriter(job.manifest) as manifest:
-        with collected_warnings() as heard:
+        with collected_warnings() as heard, without_timers():
             made = _trace(job, reporter)
         if not made.failure:  # which says it better
             pass_on(heard, reporter)

@@ -23,7 +23,7 @@ from mjrun.job.manifest import origin
 from mjrun.job.overlay import Gauges, Values, blank, gauges
 from mjrun.job.report import QuietReporter, Reporter, pass_on
 from mjrun.job.simulation import Simulation, positive
-from mjrun.model.native import collected_warnings
+from mjrun.model.native import collected_warnings, without_timers
 from mjrun.model.pixels import MOST
 from mjrun.render.backend import Backend
 from mjrun.render.cores import AUTO, available_cores, jobs_for
@@ -160,7 +160,7 @@ class _Made:
 def _make(job: Video, reporter: Reporter) -> VideoResult:
     start = time.perf_counter()
     with ManifestWriter(job.manifest) as manifest:
-        with collected_warnings() as heard:
+        with collected_warnings() as heard, without_timers():
             made = _film(job, reporter)
         pass_on(heard, reporter)
         plan = made.plan

@@ -1,18 +1,13 @@
 """What Filament keeps of a model between pictures: things that are moved, and what they are drawn into.
 
-The one place that talks to `mujoco.mjrf`. It prints on stdout as it starts, and ends the process rather than raise:
-whatever is handed to it must be right.
+The one place that talks to `mujoco.mjrf`, which ends the process where others raise. To be used in one thread.
 """
 
-import contextlib
 import copy
 import importlib
 import itertools
-import os
-import sys
-import tempfile
 from collections import Counter, defaultdict
-from collections.abc import Iterable, Iterator, Sequence, Set
+from collections.abc import Iterable, Sequence, Set
 from typing import Any, NamedTuple
 
 import mujoco
@@ -21,7 +16,6 @@ import numpy as np
 from mjrun.errors import UsageError
 from mjrun.model.names import COUNTS, KINDS, members
 
-STDOUT, STDERR = 1, 2
 SPOT, POINT = mujoco.mjtLightType.mjLIGHT_SPOT.value, mujoco.mjtLightType.mjLIGHT_POINT.value
 # Of Filament, for models made for the classic renderer, whose lights have no intensity.
 LIGHTS, HEADLIGHT = 80_000.0, 40_000.0  # [lux] of all lights together, and of the headlight
@@ -49,8 +43,7 @@ class Stage:
         importlib.import_module("mujoco.studio")  # registers the materials
         self._mjrf = mjrf = importlib.import_module("mujoco.mjrf")
         self._model = model
-        with _quiet():
-            self._context = mjrf.Context(mjrf.ContextConfig(graphics_api=mjrf.GraphicsApi.GRAPHICS_API_VULKAN))
+        self._context = mjrf.Context(mjrf.ContextConfig(graphics_api=mjrf.GraphicsApi.GRAPHICS_API_VULKAN))
         self._context.set_clear_color(_custom(model, "filament.clear_color", (0, 0, 0))[:3])
         resources = mjrf.ModelResources(self._context, model)
         self._scene = self._context.create_scene(mjrf.SceneParams())
@@ -254,24 +247,3 @@ def _custom(model: mujoco.MjModel, name: str, default: Sequence[float]) -> Seque
         return default
     start = model.numeric_adr[index]
     return model.numeric_data[start : start + model.numeric_size[index]].tolist()
-
-
-@contextlib.contextmanager
-def _quiet() -> Iterator[None]:
-    """Keeps back what is printed past Python; it is shown on stderr if the block raises."""
-    sys.stdout.flush()
-    sys.stderr.flush()
-    with tempfile.TemporaryFile() as printed:
-        kept = {stream: os.dup(stream) for stream in (STDOUT, STDERR)}
-        for stream in kept:
-            os.dup2(printed.fileno(), stream)
-        try:
-            yield
-        except BaseException:
-            printed.seek(0)
-            os.write(kept[STDERR], printed.read())
-            raise
-        finally:
-            for stream, descriptor in kept.items():
-                os.dup2(descriptor, stream)
-                os.close(descriptor)

@@ -5,6 +5,7 @@ state is then one step ahead of what was derived from it, so states are shifted 
 derived fields belong to an intermediate stage, and are computed anew from the recorded states instead.
 """
 
+import copy
 from collections.abc import Iterator, Mapping, Sequence
 
 import mujoco
@@ -92,9 +93,9 @@ class Runner:
     """Steps a model in C, and records fields of every instant."""
 
     def __init__(self, model: mujoco.MjModel, fields: Sequence[str], size: int) -> None:
-        self._fields, self._batch = fields, Batch(model, 1, 1)
-        self._states = {field: self._batch.bind(field) for field in fields if field in STATES}
         self._derive = Derive(model, fields, size) if model.opt.integrator == RK4 else None
+        self._fields, self._batch = fields, Batch(_bare(model) if self._derive else model, 1, 1)
+        self._states = {field: self._batch.bind(field) for field in fields if field in STATES}
         self._record = [state.STATE] if self._derive else [*fields]
         self._controls = state.controls(model)
 
@@ -124,6 +125,13 @@ class Runner:
         # MuJoCo would warn of the last state only at the start of the next step.
         vectors = (self._batch.bind("qpos"), self._batch.bind("qvel"))
         return all((abs(vector) < mujoco.mjMAXVAL).all() for vector in vectors)
+
+
+def _bare(model: mujoco.MjModel) -> mujoco.MjModel:
+    """`model` as it is stepped when everything derived is computed afterwards."""
+    bare = copy.copy(model)
+    bare.opt.enableflags &= ~int(mujoco.mjtEnableBit.mjENBL_ENERGY)
+    return bare
 
 
 class Derive:

@@ -7,7 +7,7 @@ import mujoco
 import pytest
 
 from mjrun.errors import MjrunWarning
-from mjrun.model.native import collected_warnings
+from mjrun.model.native import collected_warnings, without_timers
 
 SUSPECT = '<mujoco><option timestep="nan"/></mujoco>'
 NAN = "XML contains a 'NaN'. Please check it carefully."
@@ -149,3 +149,32 @@ def test_a_warning_is_not_taken_for_the_beginning_of_another() -> None:
         warnings.warn("huge value at DOF 12", UserWarning, stacklevel=1)
         warnings.warn("huge value at DOF 1", UserWarning, stacklevel=1)
     assert heard == ["huge value at DOF 12", "huge value at DOF 1"]
+
+
+def test_timers_are_off_inside_and_as_they_were_after() -> None:
+    def timed() -> float:
+        model = mujoco.MjModel.from_xml_string(
+            "<mujoco><worldbody><body><joint/><geom size='1'/></body></worldbody></mujoco>"
+        )
+        data = mujoco.MjData(model)
+        mujoco.mj_step(model, data, nstep=100)
+        return data.timer[mujoco.mjtTimer.mjTIMER_STEP].duration
+
+    assert timed() > 0
+    with without_timers():
+        assert timed() == 0
+    assert timed() > 0
+
+
+def test_a_clock_of_one_s_own_comes_back() -> None:
+    ticks = iter(range(10**6))
+    mujoco.set_mjcb_time(lambda: float(next(ticks)))
+    try:
+        with without_timers():
+            model = mujoco.MjModel.from_xml_string("<mujoco/>")
+            mujoco.mj_step(model, mujoco.MjData(model))
+            assert next(ticks) == 0
+        mujoco.mj_step(model, mujoco.MjData(model))
+        assert next(ticks) > 1
+    finally:
+        mujoco.set_mjcb_time(None)

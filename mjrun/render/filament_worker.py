@@ -1,0 +1,158 @@
+"""What runs in Filament's process: it draws what `filament.FilamentRenderer` asks for."""
+
+import contextlib
+import time
+from collections.abc import Sequence
+from dataclasses import replace
+from multiprocessing.connection import Connection
+
+import mujoco
+import numpy as np
+
+from mjrun.errors import DrawError
+from mjrun.model.names import COUNTS, KINDS
+from mjrun.model.native import collected_warnings
+from mjrun.model.picture import Picture
+from mjrun.model.state import restore
+from mjrun.render.camera import Rig
+from mjrun.render.decor import Decor
+from mjrun.render.filament import MIRRORS, MODES, flags
+from mjrun.render.lens import average_camera, lens
+from mjrun.render.segmentation import NOTHING, Segmentation
+from mjrun.render.stage import NUMBERED, Form, Stage
+from mjrun.render.visual import Visual
+from mjrun.render.worker import Failure
+
+GEOMS = 2_000  # room in the scene to begin with; it grows
+EVERYTHING, DECORATION = mujoco.mjtCatBit.mjCAT_ALL.value, mujoco.mjtCatBit.mjCAT_DECOR.value
+DEPTH = Form("R32F", "DEPTH", 1, np.float32)
+SEGMENTS = Form("RGB8", "SEGMENTATION_BY_ID", 3, np.uint8)
+
+
+def serve(descriptor: int) -> None:
+    """Answers until the other end of the connection behind `descriptor` is closed."""
+    drawing: Drawing | None = None
+    with contextlib.suppress(EOFError, ConnectionError), Connection(descriptor) as connection:
+        while True:
+            name, arguments = connection.recv()
+            answer, failure, heard = None, None, []
+            try:
+                with collected_warnings() as heard:
+                    if name == "open":
+                        drawing = Drawing(*arguments)
+                    else:
+                        answer = getattr(drawing, name)(*arguments)
+            except Exception as error:
+                failure = Failure.of(error)
+            connection.send((answer, failure, heard))
+
+
+class Drawing:
+    """Looks at states of one model, and draws them; as `FilamentRenderer`, which says what is what."""
+
+    def __init__(
+        self,
+        model: mujoco.MjModel,
+        size: tuple[int, int],
+        visual: Visual,
+        segmentation: Segmentation | None,
+        decors: Sequence[Decor],
+    ) -> None:
+        self._model, self._size, self._samples = model, size, visual.samples
+        self._segmentation, self._decors = segmentation, decors
+        self._data = mujoco.MjData(model)
+        self._index, self._phase = 0, 0.0
+        self._scene = mujoco.MjvScene(model, GEOMS)
+        self._options = visual.options()
+        self._camera = mujoco.MjvCamera()
+        visual.set_flags(self._scene)
+        self._wanted = flags(self._options, self._scene)
+        mode = next((mode for name, (value, mode) in MODES.items() if self._wanted[name] == value), "DEFAULT")
+        self._colors = Form("RGB8", mode, 3, np.uint8)
+        self._stage = Stage(model, self._options)
+        self._update_scene()
+        self._stage.hide_all_but({(geom.objtype, geom.objid) for geom in self._scene.geoms[: self._scene.ngeom]})
+
+    def look(self, state: np.ndarray, phase: float, index: int) -> None:
+        restore(self._model, self._data, state)
+        try:
+            mujoco.mj_forward(self._model, self._data)
+        except mujoco.FatalError as error:
+            raise DrawError(f"MuJoCo failed at time {self._data.time:.9g} s: {error}") from error
+        self._phase, self._index = phase, index
+        self._stage.update(self._data)
+
+    def picture(self, rig: Rig, views: Sequence[str]) -> Picture:
+        """What is seen, without a legend."""
+        rig.aim(self._camera, self._data, self._phase)
+        self._update_scene()
+        camera = average_camera(self._scene)
+        seen = Picture(lens(camera, self._size))
+        if "depth" in views or "seg" in views:
+            seen = self._exact(seen, camera, views)
+        if "rgb" in views:
+            for decor in self._decors:
+                decor.add(self._scene, self._index)
+            geoms = self._scene.geoms[: self._scene.ngeom]
+            self._stage.decorate(geom for geom in geoms if geom.category == DECORATION)
+            seen = replace(seen, rgb=self._shown(camera, shadows=True))
+        return seen
+
+    def draft_cost(self) -> float:
+        camera = average_camera(self._scene)
+        self._shown(camera, shadows=False)  # the first draw of a kind compiles shaders
+        start = time.perf_counter()
+        self._shown(camera, shadows=False)
+        return time.perf_counter() - start
+
+    def _update_scene(self) -> None:
+        while True:
+            mujoco.mjv_updateScene(self._model, self._data, self._options, None, self._camera, EVERYTHING, self._scene)
+            if self._scene.ngeom + sum(decor.geoms for decor in self._decors) < self._scene.maxgeom:
+                return
+            self._scene = mujoco.MjvScene(self._model, 2 * self._scene.maxgeom)
+
+    def _exact(self, seen: Picture, camera: mujoco.MjvGLCamera, views: Sequence[str]) -> Picture:
+        """Depth and ids. Segments have no far plane, so depth says where it is."""
+        depth = _metres(self._stage.draw(self._size, camera, DEPTH)[:, :, 0], camera)
+        if "depth" in views:
+            seen = replace(seen, depth=depth)
+        if "seg" in views:
+            assert self._segmentation
+            segments = self._stage.draw(self._size, camera, SEGMENTS) @ np.array([1, 2**8, 2**16], np.int32)
+            seen = replace(seen, ids=np.where(np.isfinite(depth), self._ids(self._segmentation)[segments], NOTHING))
+        return seen
+
+    def _ids(self, segmentation: Segmentation) -> np.ndarray:
+        """The id of each of Filament's numbers; number 0 is nothing."""
+        known = segmentation.ids(self._scene)
+        counts = [getattr(self._model, COUNTS[kind]) for kind in NUMBERED]
+        first = {int(KINDS[kind]): 1 + sum(counts[:i]) for i, kind in enumerate(NUMBERED)}
+        found = np.full(1 + sum(counts), NOTHING, np.int32)
+        for geom in self._scene.geoms[: self._scene.ngeom]:
+            if geom.objtype in first and geom.segid >= 0:
+                found[first[geom.objtype] + geom.objid] = known[geom.segid + 1]
+        return found
+
+    def _shown(self, camera: mujoco.MjvGLCamera, shadows: bool) -> np.ndarray:
+        (width, height), n = self._size, self._samples
+        pixels = self._stage.draw(
+            (n * width, n * height),
+            camera,
+            self._colors,
+            shadows=shadows and bool(self._wanted["shadow"]),
+            reflections=MIRRORS and bool(self._wanted["reflection"]),
+            **{name: bool(self._wanted[name]) for name in ("skybox", "haze", "post_processing")},
+        )
+        if n == 1:
+            return pixels
+        blocks = pixels.reshape(height, n, width, n, 3)
+        return ((blocks.sum(axis=(1, 3), dtype=np.uint16) + n * n // 2) // (n * n)).astype(np.uint8)
+
+
+def _metres(buffer: np.ndarray, camera: mujoco.MjvGLCamera) -> np.ndarray:
+    """Planar depth [m] of Filament's, which is 1 at the near plane and 0 at the far one; infinite where that is 0."""
+    near, far, values = float(camera.frustum_near), float(camera.frustum_far), buffer.astype(np.float64)
+    with np.errstate(divide="ignore"):
+        depth = far - (far - near) * values if camera.orthographic else near * far / (near + (far - near) * values)
+    return np.where(values > 0, depth, np.inf).astype(np.float32)
