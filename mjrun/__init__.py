@@ -7,6 +7,7 @@ Everything the command line does is callable:
     top = mjrun.load("scenes/tippe_top.xml")
     spin = mjrun.Simulation(top, key="spinning", duration=7)
     mjrun.Video(spin, "tippe_top.mp4", camera="closeup").run()
+    mjrun.Image(spin, "tippe_top.png", at=3.7, view=["rgb", "depth"]).run()
     mjrun.Trace(spin, "tippe_top.npz", probes=["xpos[stem]", "energy"]).run()
 
 Names are imported when first used, so `import mjrun` itself costs nothing.
@@ -18,6 +19,8 @@ from typing import TYPE_CHECKING
 from mjrun.version import __version__
 
 if TYPE_CHECKING:
+    from mjrun.job.image import Image as Image
+    from mjrun.job.image import ImageResult as ImageResult
     from mjrun.job.simulation import Simulation as Simulation
     from mjrun.job.trace import Trace as Trace
     from mjrun.job.trace import TraceResult as TraceResult
@@ -27,6 +30,8 @@ if TYPE_CHECKING:
     from mjrun.render.visual import Visual as Visual
 
 _HOMES = {
+    "Image": "mjrun.job.image",
+    "ImageResult": "mjrun.job.image",
     "Simulation": "mjrun.job.simulation",
     "Trace": "mjrun.job.trace",
     "TraceResult": "mjrun.job.trace",
@@ -36,7 +41,18 @@ _HOMES = {
     "load": "mjrun.model.load",
 }
 
-__all__ = ["Simulation", "Trace", "TraceResult", "Video", "VideoResult", "Visual", "__version__", "load"]
+__all__ = [
+    "Image",
+    "ImageResult",
+    "Simulation",
+    "Trace",
+    "TraceResult",
+    "Video",
+    "VideoResult",
+    "Visual",
+    "__version__",
+    "load",
+]
 
 
 def __getattr__(name: str) -> object:

@@ -71,6 +71,8 @@ def group(ctx: click.Context) -> None:
     \b
     mjrun video scene.xml                 a film, scene.mp4
     mjrun video scene.xml -o - | mpv -    the same into a player
+    mjrun image scene.xml --view depth    a picture, scene.png
+    mjrun trace scene.xml --csv | head    a table of numbers
     mjrun COMMAND --help                  what a command can do
     """
     if ctx.invoked_subcommand is None:
