@@ -207,12 +207,12 @@ class RendererError(MjrunError):
 
 
 class NoRendererError(RendererError):
-    """No OpenGL backend works; `tried` maps each to its reason."""
+    """Nothing can draw; `tried` maps each backend to its reason."""
 
     def __init__(self, tried: Mapping[str, str], remedy: str) -> None:
         self.tried = dict(tried)
         reasons = [f"  {name}: {clean(reason)}" for name, reason in tried.items()]
-        super().__init__("\n".join(["no working OpenGL renderer was found", *reasons, remedy]))
+        super().__init__("\n".join(["no working renderer was found", *reasons, remedy]))
 
 
 class SoftwareRendererError(RendererError):

@@ -196,7 +196,7 @@ def test_a_list_is_cut_only_when_it_is_long_and_then_says_how_long() -> None:
         (EncoderError("ffmpeg failed", "one\n\ntwo\n"), "ffmpeg failed\n  one\n  two"),
         (
             NoRendererError({"egl": "no device", "osmesa": "no library"}, "install one"),
-            "no working OpenGL renderer was found\n  egl: no device\n  osmesa: no library\ninstall one",
+            "no working renderer was found\n  egl: no device\n  osmesa: no library\ninstall one",
         ),
     ],
 )

@@ -15,7 +15,7 @@ from mjrun.render.backend import Backend, Search, VulkanSearch
 from mjrun.render.camera import Rig, rig
 from mjrun.render.classic import ClassicRenderer, check_size
 from mjrun.render.decor import Decor
-from mjrun.render.filament import FilamentRenderer, check_segmentation, check_visual
+from mjrun.render.filament import FilamentRenderer, check_segmentation, check_visual, left_out
 from mjrun.render.painter import VIEWS, Overlay, Panel, ScenePainter, Stream, Style
 from mjrun.render.segmentation import Segmentation, grouping
 from mjrun.render.visual import Visual
@@ -100,12 +100,18 @@ class Drawing:
         """Begins to try what can draw."""
         return VulkanSearch() if self.renderer == "filament" else Search(self.gl)
 
-    def check(self, model: mujoco.MjModel, backend: Backend) -> None:
-        """Raises UsageError when the renderer cannot draw this, or not that large."""
+    def check(self, model: mujoco.MjModel, backend: Backend) -> list[str]:
+        """What the renderer will leave out of this unasked.
+
+        Raises:
+          UsageError: it cannot draw this, or not that large.
+        """
         check_size(self.size, backend, self.visual)
-        if self.renderer == "filament":
-            check_visual(model, self.visual)
-            check_segmentation(Segmentation(model, self.seg_by) if "seg" in self.views else None)
+        if self.renderer != "filament":
+            return []
+        check_visual(model, self.visual)
+        check_segmentation(Segmentation(model, self.seg_by) if "seg" in self.views else None)
+        return left_out(model, self.visual)
 
     @property
     def cameras(self) -> Sequence[str]:

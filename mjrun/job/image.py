@@ -174,7 +174,8 @@ def _still(job: Image, reporter: Reporter) -> _Made:
         for text in job.simulation.remarks(model):
             reporter.warn(text)
         backend = search.result(job.require_gpu)
-        job.check(model, backend)
+        for text in job.check(model, backend):
+            reporter.warn(text)
         facts = {**origin(job, job.simulation, model, timeline), "renderer": backend.renderer}
         sinks = []
         for output in outputs:

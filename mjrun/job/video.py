@@ -198,7 +198,8 @@ def _film(job: Video, reporter: Reporter) -> _Made:
         for text in job.simulation.remarks(plan.model):
             reporter.warn(text)
         backend = search.result(job.require_gpu)
-        job.check(plan.model, backend)
+        for text in job.check(plan.model, backend):
+            reporter.warn(text)
         count = len(plan.frames)
         made_by = {"frames": count, "renderer": backend.renderer}
         facts = {**origin(job, job.simulation, plan.model, plan.timeline), **made_by}

@@ -107,6 +107,8 @@ class Drawing:
 
     def _update_scene(self) -> None:
         while True:
+            # Infinite planes are centred under the scene's camera, which would be that of the last picture.
+            mujoco.mjv_updateCamera(self._model, self._data, self._camera, self._scene)
             mujoco.mjv_updateScene(self._model, self._data, self._options, None, self._camera, EVERYTHING, self._scene)
             if self._scene.ngeom + sum(decor.geoms for decor in self._decors) < self._scene.maxgeom:
                 return

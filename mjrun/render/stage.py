@@ -234,10 +234,10 @@ def _lighting(model: mujoco.MjModel) -> tuple[dict[int, Lamp], float]:
 
 def _throw(model: mujoco.MjModel, data: mujoco.MjData, light: int) -> float:
     """How far from a light what it shines on is [m]: the middle of the model, or what its axis meets beyond."""
-    start, body = data.light_xpos[light], int(model.light_bodyid[light])
-    met = np.zeros(1, np.int32)
+    start, body, met = data.light_xpos[light], int(model.light_bodyid[light]), np.zeros(1, np.int32)
+    middle = float(np.linalg.norm(model.stat.center - start))
     ahead = mujoco.mj_ray(model, data, start, data.light_xdir[light], None, 1, body or -1, met)  # -1 for nothing
-    return max(ahead, float(np.linalg.norm(model.stat.center - start)))
+    return max(middle, min(ahead, 2 * (middle + model.stat.extent)))  # a floor may be met at the horizon
 
 
 def _custom(model: mujoco.MjModel, name: str, default: Sequence[float]) -> Sequence[float]:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import mujoco
 
-from mjrun.render.backend import Backend
+from mjrun.render.backend import Backend, VulkanSearch
 
 if TYPE_CHECKING:
     from tests.conftest import Command
@@ -25,7 +25,9 @@ def test_the_doctor_names_what_works(mjrun: Command, backend: Backend) -> None:
     assert (by_name["software", "mujoco"]["status"] == "warning") == (mujoco.mj_versionString() == "4.0.0")
     assert "h264" in by_name["encoder", "codecs"]["value"]
     assert {"egl", "osmesa", "glfw"} <= {name for group, name in by_name if group == "opengl"}
-    assert ("vulkan", "filament") in by_name
+    filament = by_name["vulkan", "filament"]
+    assert filament["status"] == "ok"
+    assert VulkanSearch().result().renderer in filament["value"]
 
 
 def test_the_page_and_the_document_say_the_same(mjrun: Command) -> None:
@@ -48,3 +50,14 @@ def test_where_nothing_can_draw_the_doctor_says_what_to_install_and_ends_with_fi
         assert "libegl1" in egl["remedy"] or "libEGL" in egl["remedy"]
     else:
         assert done.returncode == 0
+
+
+def test_where_filament_cannot_draw_the_doctor_says_what_to_install_and_all_else_is_well(mjrun: Command) -> None:
+    done = mjrun("doctor", "--json", env={"VK_ICD_FILENAMES": "/none.json", "VK_DRIVER_FILES": "/none.json"})
+    found = json.loads(done.stdout)
+    filament = next(finding for finding in found["findings"] if finding["name"] == "filament")
+    assert done.returncode == 0
+    assert filament["status"] == "missing"
+    assert filament["value"].startswith("no driver works")
+    assert filament["remedy"].startswith("not needed but for --renderer filament; ")
+    assert "mesa-vulkan-drivers" in filament["remedy"] or "Vulkan" in filament["remedy"]

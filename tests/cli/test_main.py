@@ -96,7 +96,7 @@ def test_without_any_renderer_the_packages_are_named(mjrun: Command, swing: Path
     hidden = {"MUJOCO_EGL_DEVICE_ID": "99", "DISPLAY": "", "WAYLAND_DISPLAY": ""}
     done = mjrun("video", swing, "--gl", "egl", env=hidden)
     assert done.returncode == 5
-    assert b"no working OpenGL renderer was found" in done.stderr
+    assert b"no working renderer was found" in done.stderr
     assert b"to draw in software: " in done.stderr
     assert mjrun.files() == []
 

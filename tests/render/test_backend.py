@@ -9,7 +9,7 @@ import pytest
 
 from mjrun.errors import NoRendererError, SoftwareRendererError, UnknownNameError
 from mjrun.render import backend as backends
-from mjrun.render.backend import Backend, Probe, Search, candidates, remedy
+from mjrun.render.backend import Backend, Probe, Search, VulkanSearch, candidates, remedy
 
 
 def test_a_renderer_is_found_without_being_told(backend: Backend) -> None:
@@ -100,6 +100,14 @@ def test_a_driver_that_crashes_is_an_answer(monkeypatch: pytest.MonkeyPatch) -> 
     assert Probe("egl").result() == "its process ended with code 1"
 
 
+def test_a_driver_that_crashes_has_the_last_word(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    crash = tmp_path / "crash"
+    crash.write_text("#!/bin/sh\necho noise\necho one >&2\necho 'reason: no device' >&2\nexit 3\n")
+    crash.chmod(0o755)
+    monkeypatch.setattr(backends.sys, "executable", str(crash))
+    assert Probe("vulkan").result() == "its process ended with code 3 (reason: no device)"
+
+
 def test_a_driver_that_hangs_is_an_answer(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     hang = tmp_path / "hang"
     hang.write_text("#!/bin/sh\nexec sleep 60\n")
@@ -107,6 +115,45 @@ def test_a_driver_that_hangs_is_an_answer(monkeypatch: pytest.MonkeyPatch, tmp_p
     monkeypatch.setattr(backends.sys, "executable", str(hang))
     monkeypatch.setattr(backends, "TIMEOUT", 0.1)
     assert Probe("egl").result() == "did not answer within 0.1 s"
+
+
+def test_vulkan_is_found_by_drawing_with_it() -> None:
+    found = VulkanSearch().result()
+    assert found.name == "vulkan"
+    assert found.renderer
+    assert found.version.startswith("1.")
+    assert found.max_size >= 4096
+
+
+def test_a_vulkan_without_a_driver_is_reported_with_the_packages_and_the_other_renderer(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    for variable in ("VK_ICD_FILENAMES", "VK_DRIVER_FILES"):
+        monkeypatch.setenv(variable, "/nonexistent.json")
+    monkeypatch.setattr(platform, "freedesktop_os_release", lambda: {"ID": "debian"})
+    with pytest.raises(NoRendererError) as caught:
+        VulkanSearch().result()
+    message = str(caught.value)
+    assert "vulkan: no driver works (vkCreateInstance: -9)" in message
+    assert "sudo apt-get install mesa-vulkan-drivers libvulkan1" in message
+    assert "--renderer classic" in message
+
+
+@pytest.mark.parametrize(("renderer", "refused"), [("llvmpipe (LLVM 15.0.6, 256 bits)", True), ("NVIDIA H200", False)])
+def test_a_required_gpu_refuses_software_vulkan(monkeypatch: pytest.MonkeyPatch, renderer: str, refused: bool) -> None:
+    monkeypatch.setattr(backends, "Probe", Hardware({"vulkan": renderer}))
+    search = VulkanSearch()
+    if refused:
+        with pytest.raises(SoftwareRendererError, match="llvmpipe"):
+            search.result(require_gpu=True)
+    else:
+        assert search.result(require_gpu=True).renderer == renderer
+
+
+def test_a_search_for_vulkan_can_be_given_up() -> None:
+    search = VulkanSearch()
+    search.cancel()
+    assert search._probe._child.poll() is not None
 
 
 @pytest.mark.parametrize(

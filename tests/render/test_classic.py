@@ -219,3 +219,21 @@ def test_a_tree_of_bodies_is_one_thing(tmp_path: Path, backend: Backend) -> None
     assert found["body"] == {"arm", "hand"}
     assert found["root-body"] == {"arm"}
     assert found["site"] == {"tip"}
+
+
+def test_exact_pictures_do_not_depend_on_the_camera_before(tmp_path: Path, backend: Backend) -> None:
+    path = tmp_path / "plane.xml"  # an infinite plane is drawn as a finite one, centred under a camera
+    path.write_text(
+        '<mujoco><worldbody><geom type="plane" size="0 0 .05"/><body pos="0 0 .3"><geom size=".3"/></body>'
+        '<camera name="a" pos="0 -2 1" xyaxes="1 0 0 0 .4 1"/><camera name="b" pos="9 7 1" xyaxes="0 1 0 -.4 0 1"/>'
+        "</worldbody></mujoco>"
+    )
+    model, data = at(path, 0)
+    views = ["depth", "seg", "rgb"]
+    with ClassicRenderer(model, SIZE, backend, Visual(), Segmentation(model)) as renderer:
+        renderer.look(state_of(model, data), 0)
+        first = renderer.picture(rig("a", model), ["depth", "seg"])
+        renderer.picture(rig("b", model), views)
+        later = renderer.picture(rig("a", model), ["depth", "seg"])
+    assert np.array_equal(first.depth, later.depth)  # type: ignore[arg-type]
+    assert np.array_equal(first.ids, later.ids)  # type: ignore[arg-type]

@@ -1,0 +1,438 @@
+"""Filament, against rays, against the classic renderer, and against itself."""
+
+import os
+import signal
+import subprocess
+import sys
+from collections.abc import Iterator
+from dataclasses import dataclass
+from itertools import product
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import pytest
+
+from mjrun.errors import DrawError, UsageError
+from mjrun.model.picture import Picture
+from mjrun.model.state import save
+from mjrun.render import filament
+from mjrun.render.backend import Backend, VulkanSearch
+from mjrun.render.camera import rig
+from mjrun.render.classic import ClassicRenderer
+from mjrun.render.decor import Ghost
+from mjrun.render.filament import FilamentRenderer, check_segmentation, check_visual, left_out
+from mjrun.render.segmentation import Segmentation
+from mjrun.render.visual import Visual
+
+SIZE = (96, 64)
+EXACT = ("depth", "seg")
+ROOM = """
+<mujoco>
+  <visual><quality offsamples="0"/></visual>
+  <asset>
+    <mesh name="wedge" vertex="0 0 0  .3 0 0  0 .3 0  .3 .3 0  0 0 .3  0 .3 .3"/>
+    <texture name="checks" type="2d" builtin="checker" rgb1=".6 .6 .6" rgb2=".3 .3 .4" width="8" height="8"/>
+    <material name="checks" texture="checks" texrepeat="2 2"/>
+  </asset>
+  <worldbody>
+    <light pos="0 -.5 3" dir="0 .1 -1" cutoff="60"/>
+    <geom name="floor" type="plane" size="2 2 .1" material="checks"/>
+    <geom name="wall" type="box" size=".1 .1 .4" pos="-.8 .5 .4"/>
+    <site name="mark" type="box" pos="-.75 -.4 .2" size=".1 .05 .1" rgba="0 1 1 1"/>
+    <camera name="side" pos="0 -2 .8" xyaxes="1 0 0 0 .3 1"/>
+    <camera name="shifted" pos="0 -2 .8" xyaxes="1 0 0 0 .3 1" resolution="96 64" sensorsize=".024 .016"
+      focal=".015 .012" principal=".002 .001"/>
+    <camera name="flat" pos="0 -2 .8" xyaxes="1 0 0 0 .3 1" projection="orthographic" fovy="2"/>
+    <body name="box" pos="0 0 .6">
+      <joint name="hinge" axis="0 1 0" pos="0 0 .3"/>
+      <geom name="box" type="box" size=".2 .1 .1" rgba="1 0 0 1"/>
+      <geom name="unseen" size=".1" pos="0 -.4 -.1" rgba="1 1 1 0" contype="0" conaffinity="0"/>
+      <site name="top" pos="0 0 .1" size=".02"/>
+    </body>
+    <body name="cube" pos=".7 0 .1">
+      <freejoint name="cube"/>
+      <geom name="cube" type="box" size=".1 .1 .1" rgba="0 1 0 1"/>
+      <geom name="second" type="box" size=".05 .05 .05" pos=".2 0 0" group="4"/>
+      <site name="lid" pos="0 0 .1" size=".02"/>
+    </body>
+    <body name="wedge" pos="-.4 -.6 0"><joint name="lift" type="slide" axis="0 0 1"/><geom type="mesh" mesh="wedge"/>
+    </body>
+  </worldbody>
+  <tendon><spatial name="rope" width=".02"><site site="top"/><site site="lid"/></spatial></tendon>
+  <actuator><motor name="motor" joint="hinge"/></actuator>
+</mujoco>
+"""
+
+
+@pytest.fixture(scope="session")
+def vulkan() -> Backend:
+    """A Vulkan that Filament draws with; a test that needs it fails where there is none."""
+    return VulkanSearch().result()
+
+
+@pytest.fixture(scope="module")
+def room() -> mujoco.MjModel:
+    """Boxes, a wedge and a rope in a room, seen by three kinds of camera."""
+    return mujoco.MjModel.from_xml_string(ROOM)
+
+
+def after(model: mujoco.MjModel, steps: int) -> mujoco.MjData:
+    """With everything derived from that state computed."""
+    data = mujoco.MjData(model)
+    mujoco.mj_step(model, data, nstep=steps)
+    mujoco.mj_forward(model, data)
+    return data
+
+
+@dataclass(frozen=True)
+class Draw:
+    """Draws a model after some steps."""
+
+    renderer: type
+    backend: Backend
+
+    def __call__(
+        self, model: mujoco.MjModel, views: tuple[str, ...] = ("rgb",), camera: str = "side", steps: int = 5, **visual
+    ) -> Picture:
+        with self.renderer(model, SIZE, self.backend, Visual(**visual), Segmentation(model)) as renderer:
+            renderer.look(save(model, after(model, steps)), 0)
+            return renderer.picture(rig(camera, model), views)
+
+
+@pytest.fixture
+def draw(vulkan: Backend) -> Draw:
+    return Draw(FilamentRenderer, vulkan)
+
+
+@pytest.fixture
+def classic(backend: Backend) -> Draw:
+    return Draw(ClassicRenderer, backend)
+
+
+def colors(picture: Picture) -> np.ndarray:
+    assert picture.rgb is not None
+    return picture.rgb.astype(int)
+
+
+def exact(picture: Picture) -> tuple[np.ndarray, np.ndarray]:
+    assert picture.depth is not None
+    assert picture.ids is not None
+    return picture.depth, picture.ids
+
+
+def seen_as(picture: Picture, name: str) -> np.ndarray:
+    """Where the thing called `name` is in a picture's ids."""
+    assert picture.ids is not None
+    return picture.ids == [thing.name for thing in picture.legend].index(name)
+
+
+def rays(model: mujoco.MjModel, data: mujoco.MjData, picture: Picture) -> Iterator[tuple[int, int, float, int]]:
+    """Column, row, planar depth [m] and geom of some pixels, by mj_ray; sites and tendons do not stop it."""
+    lens, met = picture.lens, np.zeros(1, np.int32)
+    corner, ahead = lens.pose[:3, 3], lens.pose[:3, 2]
+    for y, x in product(range(0, SIZE[1], 5), range(0, SIZE[0], 5)):
+        (point,) = lens.unproject(np.ones(SIZE[::-1]))[y, x][None]
+        start, way = (corner, point - corner) if lens.perspective else (point - ahead, ahead)
+        hit = mujoco.mj_ray(model, data, start, way / np.linalg.norm(way), None, 1, -1, met)
+        yield x, y, hit * float(way @ ahead) / float(np.linalg.norm(way)) if hit >= 0 else np.inf, int(met[0])
+
+
+@pytest.mark.parametrize("camera", ["side", "shifted", "flat", "free"])
+def test_depth_and_ids_are_those_of_rays(room: mujoco.MjModel, draw: Draw, camera: str) -> None:
+    # What rays see is what geoms alone would be: no wholly transparent ones, no sites, no tendons.
+    options: dict = {"groups": {"site": (), "tendon": (), "geom": (0, 4)}}
+    picture, data = draw(room, EXACT, camera, **options), after(room, 5)
+    depth, ids = exact(picture)
+    agreed, count = 0, 0
+    for x, y, distance, geom in rays(room, data, picture):
+        if geom == room.geom("unseen").id:
+            continue
+        count += 1
+        if ids[y, x] == geom:  # but at edges
+            agreed += 1
+            assert depth[y, x] == pytest.approx(distance, rel=1e-5)
+    assert agreed >= 0.97 * count > 200
+
+
+@pytest.mark.parametrize(
+    "visual",
+    [
+        {},
+        {"hide": ["static"]},
+        {"hide": ["tendon"]},
+        {"hide": ["static"], "groups": {"geom": [0, 4], "site": [1]}},
+        {"groups": {"geom": [], "tendon": [1]}},
+        {"show": ["transparent", "convexhull"], "quality": "draft"},
+    ],
+    ids=str,
+)
+def test_what_is_shown_and_hidden_is_what_the_classic_renderer_shows(
+    room: mujoco.MjModel, draw: Draw, classic: Draw, visual: dict
+) -> None:
+    (depth, ids), (expected_depth, expected_ids) = (exact(d(room, EXACT, **visual)) for d in (draw, classic))
+    same = ids == expected_ids
+    assert same.mean() > 0.99
+    assert len(np.unique(expected_ids)) > 2
+    seen = same & (ids >= 0)
+    assert np.median(np.abs(depth[seen] / expected_depth[seen] - 1)) < 1e-5
+    assert np.isinf(depth[ids < 0]).all()
+
+
+def test_things_other_than_geoms_have_ids_too(room: mujoco.MjModel, draw: Draw) -> None:
+    picture = draw(room, EXACT)
+    depth, _ = exact(picture)
+    for name, nearest, farthest in (("mark", 1.5, 1.7), ("rope", 1.6, 2.3)):
+        assert seen_as(picture, name).sum() > 10
+        assert nearest < depth[seen_as(picture, name)].min() < farthest
+    assert not seen_as(picture, "unseen").any()
+
+
+def test_colours_are_where_the_ids_are(room: mujoco.MjModel, draw: Draw) -> None:
+    picture = draw(room, ("rgb", "seg"))
+    rgb = colors(picture)
+    for name, channel in (("box", 0), ("cube", 1)):
+        others = np.delete(np.arange(3), channel)
+        vivid = rgb[:, :, channel] > 2 * rgb[:, :, others].max(axis=2) + 20
+        where = seen_as(picture, name)
+        assert (vivid & where).sum() > 0.85 * max(vivid.sum(), where.sum())
+
+
+def test_views_that_were_not_asked_for_are_not_there(room: mujoco.MjModel, draw: Draw) -> None:
+    picture = draw(room, ("seg",))
+    assert (picture.rgb, picture.depth) == (None, None)
+    assert picture.ids is not None
+
+
+def test_colours_vary_by_noise_only_and_the_rest_not_at_all(room: mujoco.MjModel, vulkan: Backend) -> None:
+    early, late = (save(room, after(room, steps)) for steps in (0, 60))
+    with FilamentRenderer(room, SIZE, vulkan, Visual(), Segmentation(room)) as renderer:
+        view, pictures = rig("side", room), []
+        for state in (early, late, early):
+            renderer.look(state, 0)
+            pictures.append(renderer.picture(view, ("rgb", *EXACT)))
+    first, other, again = pictures
+    noise = np.abs(colors(first) - colors(again)).max(axis=2)
+    assert (noise > 2).mean() < 0.03  # at edges
+    assert noise.mean() < 1
+    assert all(map(np.array_equal, exact(first), exact(again)))
+    assert not all(map(np.array_equal, exact(first), exact(other)))
+
+
+def test_a_film_is_the_same_each_time_across_processes(
+    room: mujoco.MjModel, vulkan: Backend, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(filament, "LIFETIME", 2)
+    films, processes = [], set()
+    for _ in range(2):
+        with FilamentRenderer(room, SIZE, vulkan, Visual()) as renderer:
+            film = []
+            for steps in range(0, 50, 10):
+                renderer.look(save(room, after(room, steps)), 0)
+                film.append(renderer.picture(rig("side", room)).rgb)
+                processes.add(renderer._process._child.pid)
+            films.append(np.array(film))
+    assert np.array_equal(*films)
+    assert len(processes) == 6
+
+
+def test_contacts_are_drawn_where_they_are_in_colours_only(room: mujoco.MjModel, draw: Draw) -> None:
+    plain = draw(room, ("rgb", *EXACT), steps=40)
+    shown = draw(room, ("rgb", *EXACT), steps=40, show=["contactpoint"])
+    contacts = np.array([contact.pos for contact in after(room, 40).contact])
+    changed = np.abs(colors(plain) - colors(shown)).max(axis=2) > 40
+    rows, columns = np.nonzero(changed)
+    assert len(rows) > 3
+    places = plain.lens.project(contacts)[:, :2]
+    distances = np.linalg.norm(np.stack([columns, rows], axis=1)[:, None] + 0.5 - places, axis=2)
+    assert (distances.min(axis=1) < 8).all()
+    assert all(map(np.array_equal, exact(plain), exact(shown)))
+
+
+@pytest.mark.parametrize(
+    "visual",
+    [
+        *({"show": [flag]} for flag in ("wireframe", "transparent", "joint", "inertia", "com", "bodybvh", "island")),
+        *({"hide": [flag]} for flag in ("shadow", "texture", "post_processing")),
+        {"frame": "site"},
+        {"groups": {"geom": [0]}, "hide": ["static"]},
+    ],
+    ids=str,
+)
+def test_a_flag_that_is_taken_has_an_effect(room: mujoco.MjModel, draw: Draw, visual: dict) -> None:
+    changed = np.abs(colors(draw(room, steps=40)) - colors(draw(room, steps=40, **visual))).max(axis=2) > 20
+    assert changed.mean() > 0.003
+
+
+def test_decors_are_in_colours_only_meshes_too(room: mujoco.MjModel, vulkan: Backend, draw: Draw) -> None:
+    plain = draw(room, ("rgb", *EXACT))
+    offset = (0.15, 0.0, 0.2)
+    ghost = Ghost(room, offset=offset, opacity=1)
+    with FilamentRenderer(room, SIZE, vulkan, Visual(), Segmentation(room), [ghost]) as renderer:
+        renderer.look(save(room, after(room, 5)), 0)
+        renderer.picture(rig("side", room))
+        shown = renderer.picture(rig("side", room), ("rgb", *EXACT))
+    assert all(map(np.array_equal, exact(plain), exact(shown)))
+    for name in ("box", "cube", "geom:6"):
+        centre = after(room, 5).geom_xpos[room.ngeom - 1 if ":" in name else room.geom(name).id] + offset
+        u, v, _ = plain.lens.project(centre[None])[0]
+        assert np.abs(colors(plain) - colors(shown))[int(v), int(u)].max() > 10
+
+
+def test_high_quality_is_the_average_of_a_picture_twice_the_size(room: mujoco.MjModel, vulkan: Backend) -> None:
+    width, height = SIZE
+    state, view = save(room, after(room, 5)), rig("side", room)
+    with FilamentRenderer(room, (2 * width, 2 * height), vulkan, Visual()) as renderer:
+        renderer.look(state, 0)
+        large = colors(renderer.picture(view))
+    with FilamentRenderer(room, SIZE, vulkan, Visual(quality="high")) as renderer:
+        renderer.look(state, 0)
+        high = colors(renderer.picture(view))
+    average = large.reshape(height, 2, width, 2, 3).mean(axis=(1, 3))
+    assert np.abs(high - average).max() <= 0.5
+
+
+def test_a_draft_has_no_shadow_where_the_model_has_one(room: mujoco.MjModel, draw: Draw) -> None:
+    model, draft = (colors(draw(room, quality=quality)) for quality in ("model", "draft"))
+    assert 0.005 < ((draft - model).max(axis=2) > 20).mean() < 0.3
+
+
+def test_light_does_not_depend_on_the_unit_of_length(draw: Draw) -> None:
+    def scaled(scale: float) -> mujoco.MjModel:
+        return mujoco.MjModel.from_xml_string(
+            f"""<mujoco><visual><headlight active="0"/></visual><worldbody>
+            <light pos="0 0 {2 * scale}" cutoff="80"/><light type="point" pos="{scale} 0 {scale}"/>
+            <geom type="plane" size="{scale} {scale} 1"/><geom size="{0.3 * scale}" pos="0 0 {0.3 * scale}"/>
+            <camera name="side" pos="0 {-2 * scale} {scale}" xyaxes="1 0 0 0 1 2"/></worldbody></mujoco>"""
+        )
+
+    small, large = (colors(draw(scaled(scale))) for scale in (0.02, 20))
+    assert 30 < small.mean() < 120
+    assert np.abs(small - large).mean() < 3
+
+
+def test_lights_with_an_intensity_keep_it(draw: Draw) -> None:
+    def lit(candela: float) -> int:
+        model = mujoco.MjModel.from_xml_string(
+            f"""<mujoco><worldbody><light pos="0 0 3" intensity="{candela}"/>
+            <geom type="plane" size="1 1 1"/><camera name="side" pos="0 0 2"/></worldbody></mujoco>"""
+        )
+        return int(colors(draw(model))[32, 48].max())
+
+    assert lit(1e-3) < 5 < lit(3e5) < lit(1e6) < 255
+
+
+@pytest.mark.parametrize(
+    ("visual", "message"),
+    [
+        ({"label": "body"}, "--label body: filament cannot write\n--renderer classic can"),
+        ({"show": ["fog"]}, "--show fog: filament cannot do that\n--renderer classic can; its own fog"),
+        ({"show": ["additive"]}, "--show additive: filament cannot do that\n--renderer classic can"),
+        ({"hide": ["cull_face"]}, "--hide cull_face: filament cannot do that\n--renderer classic can"),
+        ({"show": ["depth"]}, "--show depth: filament cannot do that\n--view depth can"),
+        ({"show": ["segment"]}, "--show segment: filament cannot do that\n--view seg can"),
+        ({"show": ["flexvert"]}, "--show flexvert: filament cannot do that\n--renderer classic can"),
+        ({"hide": ["flexskin"]}, "--hide flexskin: filament cannot do that\n--renderer classic can"),
+        ({"show": ["reflection"]}, "--show reflection: filament draws reflections upside down\n--renderer classic can"),
+        ({"show": ["wireframe"], "hide": ["texture"]}, "--show wireframe and --hide texture: filament can do one at a"),
+    ],
+)
+def test_what_filament_cannot_draw_is_refused(room: mujoco.MjModel, visual: dict, message: str) -> None:
+    with pytest.raises(UsageError) as caught:
+        check_visual(room, Visual(**visual))
+    assert message in str(caught.value)
+
+
+def test_asking_for_what_is_so_anyway_is_no_refusal(room: mujoco.MjModel) -> None:
+    check_visual(
+        room, Visual(show=["cull_face", "flexskin", "shadow"], hide=["fog", "depth", "flexvert", "reflection"])
+    )
+
+
+def test_a_segmentation_of_what_filament_never_shows_to_one_is_refused(room: mujoco.MjModel) -> None:
+    for by in ("object", "geom", "tendon", "body", "root-body"):
+        check_segmentation(Segmentation(room, by))
+    with pytest.raises(UsageError, match="filament does not show a joint to a segmentation"):
+        check_segmentation(Segmentation(room, "joint"))
+
+
+@pytest.mark.parametrize(("shape", "told"), [("plane", True), ("box", True), ("sphere", False)])
+def test_reflections_that_are_left_out_are_told(shape: str, told: bool) -> None:
+    model = mujoco.MjModel.from_xml_string(
+        f"""<mujoco><asset><material name="mirror" reflectance=".5"/></asset>
+        <worldbody><geom type="{shape}" size="1 1 1" material="mirror"/></worldbody></mujoco>"""
+    )
+    assert bool(left_out(model, Visual())) is told
+    assert left_out(model, Visual(hide=["reflection"])) == []
+    assert left_out(model, Visual(quality="draft")) == []
+
+
+MIRROR = """
+import mujoco, numpy as np
+from mjrun.render.filament_worker import Form
+from mjrun.render.stage import Stage
+model = mujoco.MjModel.from_xml_string('''<mujoco><asset><material name="mirror" reflectance=".8"/></asset><worldbody>
+  <light pos="0 0 4" castshadow="false"/><geom type="plane" size="3 3 .1" material="mirror"/>
+  <geom size=".2" pos="-.5 0 1" rgba="1 0 0 1"/><camera pos="0 -2 3" xyaxes="1 0 0 0 .83 .55"/></worldbody></mujoco>''')
+data = mujoco.MjData(model)
+mujoco.mj_forward(model, data)
+stage, camera = Stage(model, mujoco.MjvOption()), mujoco.MjvCamera()
+camera.type, camera.fixedcamid = mujoco.mjtCamera.mjCAMERA_FIXED.value, 0
+stage.update(data)
+seen = mujoco.mjv_camera2GLCamera(model, data, camera)
+shown = [stage.draw((96, 64), seen, Form("RGB8", "DEFAULT", 3, np.uint8), reflections=on).astype(int) for on in (0, 1)]
+print("row", np.nonzero(np.abs(shown[0] - shown[1]).max(axis=2) > 20)[0].mean())
+"""
+
+
+def test_mujoco_s_reflections_are_still_upside_down() -> None:
+    """When this fails, see whether MIRRORS can be true."""
+    code = MIRROR.replace(".astype(int) for", ".copy().astype(int) for")
+    path = os.pathsep.join(entry for entry in sys.path if entry)
+    done = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, env={**os.environ, "PYTHONPATH": path}
+    )
+    row = float(next(line for line in done.stdout.splitlines() if line.startswith("row")).split()[1])
+    assert not filament.MIRRORS
+    assert row < 32  # of 64: the centre of the ball one metre below the floor is seen in row 41
+
+
+def test_nothing_is_printed(room: mujoco.MjModel, draw: Draw, capfd: pytest.CaptureFixture[str]) -> None:
+    draw(room, ("rgb", *EXACT))
+    assert capfd.readouterr() == ("", "")
+
+
+def test_a_process_that_ends_is_told_and_ends_nothing_else(room: mujoco.MjModel, vulkan: Backend) -> None:
+    with FilamentRenderer(room, SIZE, vulkan, Visual()) as renderer:
+        os.kill(renderer._process._child.pid, signal.SIGABRT)
+        with pytest.raises(DrawError, match="filament's process was killed by SIGABRT"):
+            renderer.look(save(room, after(room, 0)), 0)
+
+
+def test_without_a_driver_the_process_says_why_it_ended(
+    room: mujoco.MjModel, vulkan: Backend, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for variable in ("VK_ICD_FILENAMES", "VK_DRIVER_FILES"):
+        monkeypatch.setenv(variable, "/nonexistent.json")
+    with pytest.raises(DrawError, match=r"(?s)killed by SIGABRT: .*Unable to create Vulkan instance.*renderer classic"):
+        FilamentRenderer(room, SIZE, vulkan, Visual())
+
+
+def test_a_size_beyond_the_renderer_s_is_refused(room: mujoco.MjModel, vulkan: Backend) -> None:
+    side = vulkan.max_size // 2
+    with pytest.raises(UsageError, match=f"draws at most {side} pixels a side at --quality high"):
+        FilamentRenderer(room, (side + 1, 64), vulkan, Visual(quality="high"))
+
+
+@pytest.mark.parametrize(
+    "name",
+    ["mug/mug.xml", "flex/flag.xml", "slider_crank/slider_crank.xml", "tactile/tactile.xml", "balloons/balloons.xml"],
+)
+def test_models_of_others_look_as_in_the_classic_renderer(
+    shared_models: Path, draw: Draw, classic: Draw, name: str
+) -> None:
+    model = mujoco.MjModel.from_xml_path(str(shared_models / name))
+    (depth, ids), (expected_depth, expected_ids) = (exact(d(model, EXACT, "free")) for d in (draw, classic))
+    same = (ids == expected_ids) & (ids >= 0)
+    assert (ids == expected_ids).mean() > 0.99
+    assert np.median(np.abs(depth[same] / expected_depth[same] - 1)) < 1e-5
