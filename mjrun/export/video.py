@@ -173,6 +173,9 @@ class FilmWriter:
             return
         if self._encoding.format == "png":
             found = len(list(Path(self._target.path).parent.iterdir()))
+        elif self._encoding.format == "rgb":  # bare pixels, which nothing can demux
+            width, height = self.size
+            found = Path(self._target.path).stat().st_size // (3 * width * height)
         else:
             found = self._frames_in_file()
         if found != self.count:

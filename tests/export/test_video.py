@@ -2,12 +2,14 @@
 
 import io
 import struct
+import subprocess
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from fractions import Fraction
 from pathlib import Path
 
+import imageio_ffmpeg
 import numpy as np
 import pytest
 from PIL import Image, ImageSequence
@@ -52,6 +54,8 @@ def write(output: str, pictures: np.ndarray, promised: int | None = None, fps: F
         ("f.mov", "h264", 4),
         ("f.mov", "prores", 4),
         ("f.mkv", "ffv1", 0),
+        ("f.mkv", "h264rgb", 0),
+        ("f.mp4", "h264rgb", 0),
         ("f.webm", "vp9", 6),
         ("f.webm", "av1", 6),
         ("f.apng", "apng", 0),
@@ -72,6 +76,34 @@ def test_a_film_has_every_frame_in_order_and_in_its_colours(
         assert np.abs(film.frames[:, *corner].astype(int) - colour).max() <= error
     for k in (0, 5, 11):
         assert film.frames[k, 8, 2 * k + 4].min() > 200
+
+
+def test_bare_pixels_are_the_frames(tmp_path: Path) -> None:
+    original = frames(5)
+    write(str(tmp_path / "f.rgb"), original)
+    write(str(tmp_path / "g.bin"), original, format="rgb")
+    for name in ("f.rgb", "g.bin"):
+        found = np.frombuffer((tmp_path / name).read_bytes(), np.uint8)
+        assert np.array_equal(found.reshape(original.shape), original)
+
+
+@pytest.mark.parametrize(("name", "codec"), [("n.mkv", "ffv1-gray16"), ("n/", "png-gray16")])
+def test_numbers_of_sixteen_bits_stay_as_they_are(tmp_path: Path, name: str, codec: str) -> None:
+    original = np.random.default_rng(0).integers(0, 2**16, (3, 48, 64)).astype(np.uint16)
+    chosen = encoding(f"{tmp_path}/{name}", content="exact")
+    assert chosen.codec == codec
+    with FilmWriter(f"{tmp_path}/{name}", chosen, SIZE, FPS, 3) as film:
+        for numbers in original:
+            film.write(numbers)
+        film.publish()
+    if name.endswith("/"):
+        found = np.stack([np.array(Image.open(file)) for file in sorted((tmp_path / name).iterdir())])
+    else:
+        program = imageio_ffmpeg.get_ffmpeg_exe()
+        raw = [program, "-v", "error", "-i", f"{tmp_path}/{name}", "-f", "rawvideo", "-pix_fmt", "gray16le", "-"]
+        done = subprocess.run(raw, capture_output=True, check=True)
+        found = np.frombuffer(done.stdout, "<u2").reshape(original.shape)
+    assert np.array_equal(found, original)
 
 
 def test_an_animated_webp_has_every_frame(tmp_path: Path) -> None:
