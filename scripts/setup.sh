@@ -12,6 +12,7 @@ GL_PACKAGES='libegl1 libopengl0 libegl-mesa0 libgl1-mesa-dri'
 VULKAN_PACKAGES='mesa-vulkan-drivers libvulkan1'
 STAMP=.venv/mjrun-setup        # what .venv was set up from, or "unfinished"
 CAN_DRAW=.venv/mjrun-can-draw  # exists once mjrun doctor has found a renderer
+NO_VULKAN=.venv/mjrun-no-vulkan # exists where Vulkan cannot be installed
 
 log=$(mktemp)
 trap 'rm -f "$log"' EXIT
@@ -86,7 +87,7 @@ find_python() { # sets $python
   set -- "python$(version "$python")-venv" # Debian and Ubuntu keep this part of Python apart
   if [ "$what" = all ] && ! PATH=$PATH:/sbin:/usr/sbin ldconfig -p 2>/dev/null | grep -q 'libEGL\.so'; then
     # shellcheck disable=SC2086
-    set -- "$@" $GL_PACKAGES $VULKAN_PACKAGES # will be missing too: ask once
+    set -- "$@" $GL_PACKAGES # will be missing too: ask once
   fi
   apt_install "$python cannot make virtual environments" "$@"
   makes_venvs "$python" || die "$python still cannot make virtual environments. Name another: make PYTHON=... setup"
@@ -151,18 +152,23 @@ set_up_drawing() {
   fi
   # shellcheck disable=SC2086
   if ! dpkg -s $GL_PACKAGES >/dev/null 2>&1; then
-    apt_install "nothing here can draw (no software OpenGL)" $GL_PACKAGES $VULKAN_PACKAGES
-    can_draw && return
+    apt_install "nothing here can draw (no software OpenGL)" $GL_PACKAGES
+    if can_draw; then
+      set_up_vulkan
+      return
+    fi
   fi
   cat "$log" >&2
   die "Nothing here can draw, though the packages of software OpenGL are installed. See mjrun doctor's report above."
 }
 
 set_up_vulkan() { # after can_draw
+  rm -f "$NO_VULKAN"
   grep -q '✓ filament' "$log" && return
   # shellcheck disable=SC2086
   if ! dpkg -s $VULKAN_PACKAGES >/dev/null 2>&1; then
     (apt_install "the second renderer, filament, has no Vulkan" $VULKAN_PACKAGES) && return
+    : >"$NO_VULKAN" # its tests skip
   fi
   say "Going on without Vulkan: only --renderer filament and its tests need it. See .venv/bin/mjrun doctor."
 }

@@ -15,7 +15,8 @@ import mujoco
 import numpy as np
 import pytest
 
-from mjrun.render.backend import Backend, Search
+from mjrun.errors import NoRendererError
+from mjrun.render.backend import Backend, Search, VulkanSearch
 
 ROOT = Path(__file__).parents[1]
 
@@ -71,6 +72,17 @@ def exploding(tmp_path: Path) -> Path:
 def backend() -> Backend:
     """A renderer that works here; a test that needs one fails where there is none."""
     return Search("auto").result()
+
+
+@pytest.fixture(scope="session")
+def vulkan() -> Backend:
+    """A Vulkan that Filament draws with; skipped only where the set-up could not install one."""
+    try:
+        return VulkanSearch().result()
+    except NoRendererError:
+        if (ROOT / ".venv/mjrun-no-vulkan").exists():
+            pytest.skip("Vulkan cannot be installed here")
+        raise
 
 
 @pytest.fixture

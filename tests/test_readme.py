@@ -38,7 +38,11 @@ def test_the_readme_has_the_commands_that_it_is_for() -> None:
 
 
 @pytest.mark.parametrize("command", DRAWN)
-def test_a_film_or_picture_of_the_readme_is_made(command: str, shell: dict[str, str], tmp_path: Path) -> None:
+def test_a_film_or_picture_of_the_readme_is_made(
+    command: str, shell: dict[str, str], tmp_path: Path, request: pytest.FixtureRequest
+) -> None:
+    if "filament" in command:
+        request.getfixturevalue("vulkan")
     before = set(tmp_path.iterdir())
     done = subprocess.run(["sh", "-ec", command], cwd=tmp_path, env=shell, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr

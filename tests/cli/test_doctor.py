@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import mujoco
 
-from mjrun.render.backend import Backend, VulkanSearch
+from mjrun.render.backend import Backend
 
 if TYPE_CHECKING:
     from tests.conftest import Command
@@ -25,9 +25,13 @@ def test_the_doctor_names_what_works(mjrun: Command, backend: Backend) -> None:
     assert (by_name["software", "mujoco"]["status"] == "warning") == (mujoco.mj_versionString() == "4.0.0")
     assert "h264" in by_name["encoder", "codecs"]["value"]
     assert {"egl", "osmesa", "glfw"} <= {name for group, name in by_name if group == "opengl"}
-    filament = by_name["vulkan", "filament"]
+
+
+def test_the_doctor_says_who_draws_with_filament(mjrun: Command, vulkan: Backend) -> None:
+    found = json.loads(mjrun("doctor", "--json").stdout)["findings"]
+    filament = next(finding for finding in found if finding["name"] == "filament")
     assert filament["status"] == "ok"
-    assert VulkanSearch().result().renderer in filament["value"]
+    assert vulkan.renderer in filament["value"]
 
 
 def test_the_page_and_the_document_say_the_same(mjrun: Command) -> None:

@@ -117,12 +117,11 @@ def test_a_driver_that_hangs_is_an_answer(monkeypatch: pytest.MonkeyPatch, tmp_p
     assert Probe("egl").result() == "did not answer within 0.1 s"
 
 
-def test_vulkan_is_found_by_drawing_with_it() -> None:
-    found = VulkanSearch().result()
-    assert found.name == "vulkan"
-    assert found.renderer
-    assert found.version.startswith("1.")
-    assert found.max_size >= 4096
+def test_vulkan_is_found_by_drawing_with_it(vulkan: Backend) -> None:
+    assert vulkan.name == "vulkan"
+    assert vulkan.renderer
+    assert vulkan.version.startswith("1.")
+    assert vulkan.max_size >= 4096
 
 
 def test_a_vulkan_without_a_driver_is_reported_with_the_packages_and_the_other_renderer(

@@ -17,7 +17,7 @@ from mjrun.errors import DrawError, UsageError
 from mjrun.model.picture import Picture
 from mjrun.model.state import save
 from mjrun.render import filament
-from mjrun.render.backend import Backend, VulkanSearch
+from mjrun.render.backend import Backend
 from mjrun.render.camera import rig
 from mjrun.render.classic import ClassicRenderer
 from mjrun.render.decor import Ghost
@@ -63,12 +63,6 @@ ROOM = """
   <actuator><motor name="motor" joint="hinge"/></actuator>
 </mujoco>
 """
-
-
-@pytest.fixture(scope="session")
-def vulkan() -> Backend:
-    """A Vulkan that Filament draws with; a test that needs it fails where there is none."""
-    return VulkanSearch().result()
 
 
 @pytest.fixture(scope="module")
@@ -385,7 +379,7 @@ print("row", np.nonzero(np.abs(shown[0] - shown[1]).max(axis=2) > 20)[0].mean())
 """
 
 
-def test_mujoco_s_reflections_are_still_upside_down() -> None:
+def test_mujoco_s_reflections_are_still_upside_down(vulkan: Backend) -> None:
     """When this fails, see whether MIRRORS can be true."""
     code = MIRROR.replace(".astype(int) for", ".copy().astype(int) for")
     path = os.pathsep.join(entry for entry in sys.path if entry)
