@@ -17,6 +17,7 @@ from mjrun.model.state import restore
 from mjrun.render.backend import Backend
 from mjrun.render.camera import Rig
 from mjrun.render.decor import Decor
+from mjrun.render.exact import ExactBuffer
 from mjrun.render.lens import average_camera, lens, metric_depth
 from mjrun.render.segmentation import Segmentation
 from mjrun.render.visual import Visual
@@ -67,6 +68,7 @@ class ClassicRenderer:
         visual.set_flags(self._scene)
         self._gl: Any = None
         self._context: mujoco.MjrContext | None = None
+        self._buffer: ExactBuffer | None = None  # made when it is needed
         try:
             self._gl = backend.context(width, height)
             self._context = _offscreen(model, width, height, visual.quality)
@@ -117,11 +119,13 @@ class ClassicRenderer:
 
     def close(self) -> None:
         """Frees what the graphics driver holds; EGL prints tracebacks at exit when this is forgotten."""
+        if self._buffer is not None:
+            self._buffer.free()
         if self._context is not None:
             self._context.free()
         if self._gl is not None:
             self._gl.free()
-        self._context = self._gl = None
+        self._buffer = self._context = self._gl = None
 
     def __enter__(self) -> "ClassicRenderer":
         return self
@@ -144,22 +148,17 @@ class ClassicRenderer:
             self._scene.flags[:] = flags
 
     def _exact(self, seen: Picture, views: Sequence[str]) -> Picture:
-        """Depth and ids, of one pass without shades: MuJoCo draws segments without multisampling."""
-        width, height = self.size
-        rect = mujoco.MjrRect(0, 0, width, height)
-        colors, buffer = np.empty((height, width, 3), np.uint8), np.empty((height, width), np.float32)
+        """Depth and ids, of one pass without shades."""
+        if self._buffer is None:
+            self._buffer = ExactBuffer(self.size)
         with self._flags(segment=True, idcolor=True, **dict.fromkeys(COSTLY, False)):
-            mujoco.mjr_render(rect, self._scene, self._context)
-            mujoco.mjr_readPixels(colors, buffer, rect, self._context)
+            colors, depth = self._buffer.draw(self._scene, self._context)
         if "depth" in views:
-            seen = replace(seen, depth=metric_depth(buffer[::-1], average_camera(self._scene)))
+            seen = replace(seen, depth=metric_depth(depth, average_camera(self._scene)))
         if "seg" in views:
             assert self._segmentation
-            low, middle, high = (colors[::-1, :, channel].astype(np.int32) for channel in range(3))
-            segments = low | middle << 8 | high << 16
-            seen = replace(
-                seen, ids=np.take(self._segmentation.ids(self._scene), segments), legend=self._segmentation.legend
-            )
+            ids = np.take(self._segmentation.ids(self._scene), _segments(colors, self._scene.ngeom))
+            seen = replace(seen, ids=ids, legend=self._segmentation.legend)
         return seen
 
     @contextlib.contextmanager
@@ -187,6 +186,15 @@ class ClassicRenderer:
         return ((blocks.sum(axis=(1, 3), dtype=np.uint16) + n * n // 2) // (n * n)).astype(np.uint8)
 
 
+def _segments(colors: np.ndarray, most: int) -> np.ndarray:
+    """Segment ids `(h, w)` of colours `(h, w, 3)`, the lowest byte first, none of them above `most`."""
+    found = colors[:, :, 0]
+    for channel in (1, 2):
+        if most >= 2 ** (8 * channel):
+            found = found | colors[:, :, channel].astype(np.int32) << 8 * channel
+    return found
+
+
 def check_size(size: tuple[int, int], backend: Backend, visual: Visual) -> None:
     """Raises UsageError when the backend cannot draw that large."""
     if max(size) * visual.samples > backend.max_size:
@@ -209,5 +217,4 @@ def _offscreen(model: mujoco.MjModel, width: int, height: int, quality: str) -> 
     finally:
         view.offwidth, view.offheight, detail.offsamples = kept
     mujoco.mjr_setBuffer(OFFSCREEN, context)
-    context.readDepthMap = mujoco.mjtDepthMap.mjDEPTH_ZEROFAR  # the other way round most digits are lost
     return context

@@ -237,3 +237,18 @@ def test_exact_pictures_do_not_depend_on_the_camera_before(tmp_path: Path, backe
         later = renderer.picture(rig("a", model), ["depth", "seg"])
     assert np.array_equal(first.depth, later.depth)  # type: ignore[arg-type]
     assert np.array_equal(first.ids, later.ids)  # type: ignore[arg-type]
+
+
+def test_more_things_than_a_byte_can_number_are_told_apart(tmp_path: Path, backend: Backend) -> None:
+    path = tmp_path / "many.xml"
+    path.write_text(
+        '<mujoco><worldbody><camera name="side" pos="0 0 30" fovy="60"/>'
+        '<replicate count="20" offset="1 0 0"><replicate count="20" offset="0 1 0">'
+        '<geom type="box" size=".4 .4 .1" pos="-9.5 -9.5 0"/></replicate></replicate></worldbody></mujoco>'
+    )
+    picture = seen(path, backend)
+    ids, _ = rays(path, picture)
+    assert picture.ids is not None
+    assert len(np.unique(picture.ids)) == 401
+    assert (picture.ids == ids).mean() > 0.85  # the rest are edges
+    assert set(np.unique(ids[ids == picture.ids])) == {-1, *range(400)}
