@@ -32,9 +32,10 @@ types: setup-python ## check the code's types
 
 check: lint types test ## lint, types and test
 
-bench: setup ## time films and traces against their baselines
+bench: setup ## time films and traces against their baselines, and views
 	.venv/bin/python benchmarks/film.py
 	.venv/bin/python benchmarks/trace.py
+	.venv/bin/python benchmarks/views.py
 
 clean: ## remove films, packages and caches; .venv stays
 	rm -rf out dist .pytest_cache .ruff_cache .hypothesis
