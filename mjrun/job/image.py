@@ -11,7 +11,7 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from mjrun.errors import BadValueError, UsageError
+from mjrun.errors import BadValueError, UsageError, clean
 from mjrun.export.image import ImageWriter
 from mjrun.export.image_format import image_format
 from mjrun.export.manifest import ManifestWriter
@@ -32,6 +32,7 @@ from mjrun.sim.recording import Recording
 from mjrun.timeline import Timeline, nearest, rational
 
 CLOUD = ("rgb", "depth")  # what a point cloud is made of
+FILMS = (".mp4", ".mov", ".mkv", ".webm", ".gif", ".apng")
 COLORED = "--style color draws colours for the eye"
 
 
@@ -230,6 +231,10 @@ def _outputs(job: Image) -> list[_Output]:
     found = []
     for path, panels in job.outputs(job.output):
         target, view = None if path == "-" else path, panels[0].view
+        if Path(path).suffix.lower() in FILMS:
+            raise UsageError(
+                f"{clean(path)} would be a film, and mjrun image draws one instant\nmjrun video makes films"
+            )
         if len(panels) > 1 and job.style == "exact":
             raise UsageError("--style exact: numbers cannot share a picture; add --separate for a file each")
         alone = len(panels) == 1 and view != "rgb"

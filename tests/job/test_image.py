@@ -159,6 +159,11 @@ def test_what_cannot_be_drawn_is_refused_and_leaves_nothing(
     assert [path.name for path in tmp_path.iterdir()] == ["swing.xml"]
 
 
+def test_a_film_s_suffix_names_the_command_that_makes_films(swing: Path, tmp_path: Path) -> None:
+    with pytest.raises(UsageError, match=r"would be a film, .*\nmjrun video makes films"):
+        Image(Simulation(swing), f"{tmp_path}/a.mp4").run()
+
+
 def test_a_still_can_be_piped(mjrun, swing: Path, still: Still) -> None:  # type: ignore[no-untyped-def]
     done = mjrun("image", swing, "-o", "-", "--camera", "side", "--size", "96x64", "-t", ".1", "-q")
     assert (done.returncode, done.stderr) == (0, b"")
