@@ -1,0 +1,129 @@
+"""Where a picture is taken from, and through what: a camera as a plain value, whoever aimed it."""
+
+import math
+from dataclasses import dataclass, replace
+
+import mujoco
+import numpy as np
+
+
+@dataclass(frozen=True)
+class Frustum:
+    """What a camera sees, as MuJoCo's MjvGLCamera has it.
+
+    Attributes:
+      center, bottom, top: of what is seen on the near plane, from the axis [m]; of all planes if orthographic.
+      width: half of what is seen there [m]; 0 means as wide as the picture makes it.
+      near, far: distances of the clipping planes [m].
+      orthographic: without perspective.
+    """
+
+    center: float
+    width: float
+    bottom: float
+    top: float
+    near: float
+    far: float
+    orthographic: bool = False
+
+    @property
+    def fovy(self) -> float:
+        """The vertical field of view [deg]; the height that is seen [m] if orthographic."""
+        if self.orthographic:
+            return self.top - self.bottom
+        return math.degrees(math.atan2(self.top, self.near) - math.atan2(self.bottom, self.near))
+
+    def opened(self, fovy: float) -> "Frustum":
+        """The same with another vertical field of view [deg], around the axis and as wide as the picture."""
+        half = fovy / 2 if self.orthographic else self.near * math.tan(math.radians(fovy) / 2)
+        return replace(self, center=0.0, width=0.0, bottom=-half, top=half)
+
+
+@dataclass(frozen=True)
+class Pose:
+    """Where a camera is, and what it sees.
+
+    Attributes:
+      position: `(3,)` [m], in the world.
+      rotation: `(3, 3)`, world from camera, whose axes are MuJoCo's: right, up, and back to the viewer.
+      frustum: what is seen.
+      distance: how far along its axis the camera looks [m], for cameras that move from one pose to another.
+    """
+
+    position: np.ndarray
+    rotation: np.ndarray
+    frustum: Frustum
+    distance: float = 1.0
+
+    @property
+    def forward(self) -> np.ndarray:
+        """The direction of view `(3,)`."""
+        return -self.rotation[:, 2]
+
+    @property
+    def up(self) -> np.ndarray:
+        """What is up in the picture `(3,)`."""
+        return self.rotation[:, 1]
+
+    @property
+    def lookat(self) -> np.ndarray:
+        """The point that is looked at `(3,)` [m]."""
+        return self.position + self.distance * self.forward
+
+    @property
+    def angles(self) -> tuple[float, float, float]:
+        """Azimuth, elevation and roll [deg], as MuJoCo's free camera counts them; roll turns clockwise."""
+        x, y, z = self.forward
+        elevation = math.atan2(z, math.hypot(x, y))
+        if math.hypot(x, y) < 1e-9:  # straight up or down: up alone tells the azimuth, and roll is none
+            x, y = -math.copysign(1.0, z) * self.up[:2]
+        azimuth = math.atan2(y, x)
+        level = rotation(math.degrees(azimuth), math.degrees(elevation))
+        roll = math.atan2(float(self.up @ level[:, 0]), float(self.up @ level[:, 1]))
+        return math.degrees(azimuth), math.degrees(elevation), math.degrees(roll)
+
+    def place(self, scene: mujoco.MjvScene) -> None:
+        """Lets `scene` be seen from here, when it is updated with `user_camera`."""
+        seen = self.frustum
+        for camera in (scene.camera[0], scene.camera[1]):
+            camera.pos, camera.forward, camera.up = self.position, self.forward, self.up
+            camera.frustum_center, camera.frustum_width = seen.center, seen.width
+            camera.frustum_bottom, camera.frustum_top = seen.bottom, seen.top
+            camera.frustum_near, camera.frustum_far = seen.near, seen.far
+            camera.orthographic = seen.orthographic
+
+
+def rotation(azimuth: float, elevation: float, roll: float = 0.0) -> np.ndarray:
+    """World from camera `(3, 3)` of MuJoCo's free camera at these angles [deg], turned clockwise by `roll`."""
+    a, e, r = map(math.radians, (azimuth, elevation, roll))
+    forward = np.array([math.cos(e) * math.cos(a), math.cos(e) * math.sin(a), math.sin(e)])
+    level = np.array([math.sin(a), -math.cos(a), 0.0])
+    upright = np.cross(level, forward)
+    right = math.cos(r) * level - math.sin(r) * upright
+    return np.column_stack([right, np.cross(right, forward), -forward])
+
+
+def pose_of(scene: mujoco.MjvScene) -> Pose:
+    """The pose that `scene` is seen from without stereo: midway between its two eyes."""
+    camera = mujoco.mjv_averageCamera(scene.camera[0], scene.camera[1])
+    forward = np.array(camera.forward, np.float64)
+    forward /= np.linalg.norm(forward)
+    right = np.cross(forward, np.array(camera.up, np.float64))
+    right /= np.linalg.norm(right)
+    frustum = Frustum(
+        center=float(camera.frustum_center),
+        width=float(camera.frustum_width),
+        bottom=float(camera.frustum_bottom),
+        top=float(camera.frustum_top),
+        near=float(camera.frustum_near),
+        far=float(camera.frustum_far),
+        orthographic=bool(camera.orthographic),
+    )
+    return Pose(np.array(camera.pos, np.float64), np.column_stack([right, np.cross(right, forward), -forward]), frustum)
+
+
+def user_camera() -> mujoco.MjvCamera:
+    """What scenes are updated with whose camera is already in its place."""
+    camera = mujoco.MjvCamera()
+    camera.type = mujoco.mjtCamera.mjCAMERA_USER.value
+    return camera
