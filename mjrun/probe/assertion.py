@@ -43,7 +43,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from mjrun.errors import UsageError, clean
+from mjrun.errors import clean
 from mjrun.probe.aggregate import PIECE, Piece, gatherer, shown
 from mjrun.probe.expression import (
     START,
@@ -60,7 +60,8 @@ from mjrun.probe.expression import (
     sides,
     walk,
 )
-from mjrun.probe.parser import LONGEST, Parser
+from mjrun.probe.parser import Parser
+from mjrun.probe.scanner import Source, Vocabulary
 
 
 def on_rows(value: Value, piece: Piece, known: Known) -> np.ndarray:
@@ -122,9 +123,7 @@ def parse(text: str, columns: Sequence[str]) -> Assertion:
       UnknownNameError: a name is that of no column or function; the message lists near and valid ones.
       UsageError: the text is none of the language; the message says where, what was found and what is valid.
     """
-    if len(text) > LONGEST:
-        raise UsageError(f"--assert: {len(text)} characters, expected at most {LONGEST}")
-    truth = Parser(text, columns).whole()
+    truth = Parser(Source(text, "--assert"), Vocabulary(columns)).whole()
     read = {node.name for node in walk(truth) if isinstance(node, ColumnValue)}
     return Assertion(text, tuple(name for name in dict.fromkeys(columns) if name in read), tuple(columns), truth)
 

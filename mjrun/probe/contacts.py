@@ -1,19 +1,27 @@
-"""The long table of contacts: a row for each contact of an instant, who touches whom and with what force.
+"""Contacts: how many there are between two objects, and the long table of who touches whom with what force.
 
-Forces and torques are those that geom1 exerts on geom2, as `mj_contactForce` gives them; geom1 feels the opposite.
-The normal points from geom1 to geom2, so what pushes them apart is positive along it. Torques are about the contact
-point. The contact frame is the normal and the two tangents that follow it in `mjContact.frame`.
+The table has a row for each contact of an instant. Forces and torques are those that geom1 exerts on geom2, as
+`mj_contactForce` gives them; geom1 feels the opposite. The normal points from geom1 to geom2, so what pushes them apart
+is positive along it. Torques are about the contact point. The contact frame is the normal and the two tangents that
+follow it in `mjContact.frame`.
 """
+
+from dataclasses import dataclass
+from typing import Any
 
 import mujoco
 import numpy as np
 
+from mjrun.errors import UnknownNameError, UsageError, clean, quoted
 from mjrun.model.column import Column
-from mjrun.model.names import names
+from mjrun.model.names import PLURALS, identify, names
+from mjrun.probe.fields import Probe, instant_only
 
 FRAME, WORLD = ("normal", "tangent1", "tangent2"), ("x", "y", "z")
 ACTION = "{} that geom1 exerts on geom2, {} frame"
 TORQUE = "torque about the contact point"
+# What may be asked whether it touches: a bare name is looked up in this order, a flex is `flex:NAME` only.
+PARTIES, FLEX = ("body", "geom"), "flex"
 
 
 def contact_columns(model: mujoco.MjModel) -> list[Column]:
@@ -59,7 +67,7 @@ def contacts(model: mujoco.MjModel, data: mujoco.MjData, time: float) -> np.ndar
     parts = (
         np.full(count, time),
         np.arange(count),
-        np.where(found.geom < 0, model.ngeom + found.flex, found.geom),
+        _things(model, found),
         _bodies(model, found.geom, found.flex, found.vert),
         found.dist,
         found.pos,
@@ -68,6 +76,120 @@ def contacts(model: mujoco.MjModel, data: mujoco.MjData, time: float) -> np.ndar
         world.reshape(count, 6),
     )
     return np.column_stack(parts)
+
+
+def identify_party(text: str, model: mujoco.MjModel) -> tuple[str, int]:
+    """Kind and id of the body, else geom, called `text`; `body:NAME`, `geom:NAME` and `flex:NAME` say which.
+
+    Raises:
+      UnknownNameError: there is none; the message lists those there are.
+    """
+    kind, colon, name = text.partition(":")
+    if colon and kind in (*PARTIES, FLEX):
+        return kind, identify(model, kind, name)
+    known = {kind: names(model, kind) for kind in PARTIES}
+    for kind in PARTIES:
+        if text in known[kind]:
+            return kind, known[kind].index(text)
+    plural = f"{PLURALS['body']} and geoms"
+    raise UnknownNameError("object", text, list(dict.fromkeys([*known["body"], *known["geom"]])), plural=plural)
+
+
+def pair(text: str, model: mujoco.MjModel) -> Probe:
+    """The number of contacts between two objects, `A/B`, in either order.
+
+    A body is its own geoms and those of all bodies below it, so `world` is everything. A contact counts, once, if one
+    side of it belongs to A and the other to B; it may be without a force, as in the gap. A flex belongs to a body
+    below which all of its vertices are. Where only some are, contacts at those vertices count for that body, and
+    contacts within elements do not.
+
+    Raises:
+      UnknownNameError: there is no such object; the message lists those there are.
+      UsageError: `A/B` can be read in two ways.
+    """
+    first, second = _split(text, model)
+    one, other = _party(model, first), _party(model, second)
+
+    def at(model: mujoco.MjModel, data: mujoco.MjData) -> np.ndarray:
+        found = data.contact
+        sides = _things(model, found), _bodies(model, found.geom, found.flex, found.vert)
+        between = one.has(*sides) & other.has(*sides)[:, ::-1]
+        return np.array([np.count_nonzero(between.any(axis=1))], float)
+
+    meaning = f"number of contacts between {quoted(first)} and {quoted(second)}"
+    return Probe([Column(f"contact/{text}", "", meaning)], (), instant_only, at)
+
+
+@dataclass(frozen=True)
+class _Party:
+    """What belongs to an object that touches.
+
+    Attributes:
+      things: of geoms and then flexes, `(ngeom + nflex,)`.
+      bodies: with all that is in them, `(nbody + 1,)`; the last stands for no body.
+    """
+
+    things: np.ndarray
+    bodies: np.ndarray
+
+    def has(self, things: np.ndarray, bodies: np.ndarray) -> np.ndarray:
+        """Whether each side of contacts belongs to it; all are `(ncon, 2)`."""
+        return self.things[things] | self.bodies[bodies]
+
+
+def _party(model: mujoco.MjModel, text: str) -> _Party:
+    kind, index = identify_party(text, model)
+    things, bodies = np.zeros(model.ngeom + model.nflex, bool), np.zeros(model.nbody + 1, bool)
+    if kind != "body":
+        things[index if kind == "geom" else model.ngeom + index] = True
+        return _Party(things, bodies)
+    bodies[index] = True
+    for body in range(index + 1, model.nbody):  # parents come first
+        bodies[body] = bodies[model.body_parentid[body]]
+    for flex in range(model.nflex):
+        things[model.ngeom + flex] = bodies[_carriers(model, flex)].all()
+    return _Party(things, bodies)
+
+
+def _carriers(model: mujoco.MjModel, flex: int) -> np.ndarray:
+    """The bodies that the vertices of a flex move with, or the nodes between which its vertices are."""
+    vertices, nodes = model.flex_vertadr[flex], model.flex_nodeadr[flex]
+    found = (
+        model.flex_vertbodyid[vertices : vertices + model.flex_vertnum[flex]],
+        model.flex_nodebodyid[nodes : nodes + model.flex_nodenum[flex]],
+    )
+    return np.concatenate([bodies[bodies >= 0] for bodies in found])
+
+
+def _split(text: str, model: mujoco.MjModel) -> tuple[str, str]:
+    """The two objects of `A/B`; there may be slashes in their names."""
+    cuts = [index for index, character in enumerate(text) if character == "/"]
+    splits = [(text[:cut], text[cut + 1 :]) for cut in cuts]
+    if not splits:
+        raise UnknownNameError("column", f"contact/{text}", ["contact/ncon", "contact/A/B"])
+    known = [sum(_is_party(part, model) for part in split) for split in splits]
+    best = splits[known.index(max(known))]
+    if known.count(2) > 1:
+        ways = " or ".join(f"{quoted(a)} and {quoted(b)}" for (a, b), n in zip(splits, known, strict=True) if n == 2)
+        raise UsageError(
+            f"contact/{clean(text)} may be {ways}\n`body:NAME` and `geom:NAME` say where the name of an object begins"
+        )
+    for part in best:
+        identify_party(part, model)
+    return best
+
+
+def _is_party(text: str, model: mujoco.MjModel) -> bool:
+    try:
+        identify_party(text, model)
+    except UnknownNameError:
+        return False
+    return True
+
+
+def _things(model: mujoco.MjModel, found: Any) -> np.ndarray:
+    """Geoms, or flexes counted after all geoms, that touch: `(ncon, 2)`."""
+    return np.where(found.geom < 0, model.ngeom + found.flex, found.geom)
 
 
 def _bodies(model: mujoco.MjModel, geom: np.ndarray, flex: np.ndarray, vertex: np.ndarray) -> np.ndarray:

@@ -12,7 +12,7 @@ import numpy as np
 
 from mjrun.model.column import Column
 from mjrun.model.names import members, names
-from mjrun.probe.fields import Probe, Record
+from mjrun.probe.fields import Probe, Record, instant_only
 
 POSITIONS = {"body": "xpos", "geom": "geom_xpos", "site": "site_xpos"}
 WARNINGS = {
@@ -129,7 +129,7 @@ def contact_force(model: mujoco.MjModel) -> Probe:
             sums[1] += frame[1:].T @ wrench[1:3]
         return sums.ravel()
 
-    return Probe(columns, (), _nothing, at)
+    return Probe(columns, (), instant_only, at)
 
 
 def penetration(model: mujoco.MjModel) -> Probe:
@@ -139,7 +139,7 @@ def penetration(model: mujoco.MjModel) -> Probe:
     def at(model: mujoco.MjModel, data: mujoco.MjData) -> np.ndarray:
         return np.array([max([0.0, *(-data.contact.dist)])])
 
-    return Probe([column], (), _nothing, at)
+    return Probe([column], (), instant_only, at)
 
 
 def warning(model: mujoco.MjModel) -> Probe:
@@ -151,7 +151,7 @@ def warning(model: mujoco.MjModel) -> Probe:
     def at(model: mujoco.MjModel, data: mujoco.MjData) -> np.ndarray:
         return np.array([data.warning[kind].number for kind in index], float)
 
-    return Probe(columns, (), _nothing, at)
+    return Probe(columns, (), instant_only, at)
 
 
 DERIVED: dict[str, Callable[[mujoco.MjModel], Probe]] = {
@@ -171,7 +171,3 @@ def _velocity(record: Record, bodies: np.ndarray, roots: np.ndarray, points: np.
     """The velocity of `points` `(n, k, 3)`, each fixed to a body; world frame [m/s]."""
     twist, com = record["cvel"][:, bodies], record["subtree_com"][:, roots]
     return twist[..., 3:] + np.cross(twist[..., :3], points - com)
-
-
-def _nothing(record: Record) -> np.ndarray:
-    raise TypeError("this probe is read at an instant")

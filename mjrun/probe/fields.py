@@ -79,6 +79,11 @@ class Probe:
         )
 
 
+def instant_only(record: Record) -> np.ndarray:
+    """The `compute` of a probe that has `at`."""
+    raise TypeError("this probe is read at an instant")
+
+
 @cache
 def extents() -> dict[str, tuple[tuple[str | int, ...], str]]:
     """Every array field of MjData that can be recorded, with its extents and its meaning."""

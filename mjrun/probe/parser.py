@@ -1,13 +1,11 @@
-"""From the text of an assertion to its tree: tokens, precedence, and errors that point at a character."""
+"""From the text of an expression to its tree: precedence, what may stand where, and errors that say so."""
 
 import math
-import re
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
-from mjrun.errors import UnknownNameError, UsageError, clean, quoted
+from mjrun.errors import UsageError, clean, quoted
 from mjrun.probe.expression import (
     AGGREGATES,
     ARITHMETIC,
@@ -15,8 +13,6 @@ from mjrun.probe.expression import (
     CONSTANTS,
     ELEMENTWISE,
     FIXED,
-    FUNCTIONS,
-    KEYWORDS,
     LEVELS,
     MEANT,
     NOT,
@@ -39,134 +35,38 @@ from mjrun.probe.expression import (
     is_row,
     negated,
 )
+from mjrun.probe.scanner import SHOWN, Scanner, Source, Token, Vocabulary, is_bare, is_name, is_word, spelled
 
 LONGEST = 10_000  # characters of an expression
 DEEPEST = 100  # expressions within expressions
-SHOWN = 72  # characters of an expression that a message shows
-
-_SPACE = re.compile(r"\s*")
-_DIGITS = re.compile(r"(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?")
-_WORD = re.compile(r"[^\W\d]\w*")
-_NAME = re.compile(r"\w+(?:[/:.\-]\w+)*")
-_GOES_ON = re.compile(r"\w|[:.]+\w")  # so a name does not end here
-_OPERATOR = re.compile(r"\*\*|<=|>=|==|!=|[-+*/^<>(),]")
-_QUOTED = re.compile(r"'((?:[^']|'')*)'|`((?:[^`]|``)*)`", re.DOTALL)
-_BARE = re.compile(r"\w(?:[\w/:.\-]*\w)?(?: \w(?:[\w/:.\-]*\w)?)*")
-
-
-def is_bare(name: str) -> bool:
-    """Whether the column `name` may be written without quotes."""
-    return bool(_BARE.fullmatch(name)) and not set(name.split(" ")) & {*KEYWORDS} and not _DIGITS.fullmatch(name)
-
-
-def spelled(name: str) -> str:
-    """The column `name` as an expression spells it: in quotes where it needs them."""
-    return name if is_bare(name) else "'" + name.replace("'", "''") + "'"
-
-
-@dataclass(frozen=True)
-class _Token:
-    kind: str  # number, column, word, operator, unknown, end
-    text: str
-    start: int
-    end: int
-
-
-class _Scanner:
-    """Cuts `text` into tokens, one at a time."""
-
-    def __init__(self, text: str, columns: Sequence[str]) -> None:
-        self.text, self.columns = text, columns
-        self.bare = {name for name in columns if is_bare(name)}
-        self.lengths = sorted({len(name) for name in self.bare}, reverse=True)
-
-    def token(self, position: int) -> _Token:
-        """The token at or after `position`."""
-        space = _SPACE.match(self.text, position)
-        start = space.end() if space else position
-        found = [t for t in (self._number(start), self._column(start), self._word(start)) if t]
-        if found:
-            return max(found, key=lambda token: token.end)  # the first of the longest
-        if start == len(self.text):
-            return _Token("end", "", start, start)
-        if self.text[start] in "'`":
-            return self._quoted(start)
-        if operator := _OPERATOR.match(self.text, start):
-            return _Token("operator", operator[0], start, operator.end())
-        name = _NAME.match(self.text, start)
-        return _Token("unknown", name[0] if name else self.text[start], start, name.end() if name else start + 1)
-
-    def _number(self, start: int) -> _Token | None:
-        digits = _DIGITS.match(self.text, start)
-        return _Token("number", digits[0], start, digits.end()) if digits else None
-
-    def _column(self, start: int) -> _Token | None:
-        for length in self.lengths:
-            name, end = self.text[start : start + length], start + length
-            if name in self.bare and not _GOES_ON.match(self.text, end):
-                called = name in FUNCTIONS and self.text[end:].lstrip().startswith("(")
-                return None if called else _Token("column", name, start, end)
-        return None
-
-    def _word(self, start: int) -> _Token | None:
-        """A word of the language; a longer name that begins with it is none."""
-        word, name = _WORD.match(self.text, start), _NAME.match(self.text, start)
-        if not word or not name:
-            return None
-        if word[0] in KEYWORDS:
-            return _Token("operator", word[0], start, word.end())
-        known = word[0] in CONSTANTS or word[0] in FUNCTIONS
-        ends = word.end() == name.end() or self.text[word.end()] in "/-"
-        return _Token("word", word[0], start, word.end()) if known and ends else None
-
-    def _quoted(self, start: int) -> _Token:
-        found = _QUOTED.match(self.text, start)
-        if not found:
-            raise fault(self.text, start, "a quote that is not closed", f"another {self.text[start]}")
-        quote = self.text[start]
-        name = found[0][1:-1].replace(quote * 2, quote)
-        if name not in self.columns:
-            raise unknown(self.text, start, "column", name, self.columns)
-        return _Token("column", name, start, found.end())
-
-
-# --- errors ----------------------------------------------------------------------------------------
-
-
-def fault(text: str, position: int, found: str, expected: str) -> UsageError:
-    """What is wrong with the expression `text`, and a line that points at it."""
-    first = max(0, position - SHOWN // 2)
-    before = ("…" if first else "") + clean(text[first:position])
-    last = first + SHOWN
-    after = clean(text[position:last]) + ("…" if last < len(text) else "")
-    pointer = f"\n  {before}{after}\n  {' ' * len(before)}^" if text.strip() else ""
-    return UsageError(f"--assert, character {position + 1}: found {found}, expected {expected}{pointer}")
-
-
-def unknown(text: str, position: int, kind: str, name: str, valid: Sequence[str]) -> UnknownNameError:
-    """The name at `position` of `text` is not among the valid ones."""
-    whole = text if len(text) <= SHOWN else text[:SHOWN] + "…"
-    return UnknownNameError(kind, name, valid, where=f"{quoted(whole)}, character {position + 1}")
-
-
-# --- the parser ------------------------------------------------------------------------------------
 
 
 class Parser:
-    """Precedence climbing: an expression of a level is operands joined by operators above that level."""
+    """Precedence climbing: an expression of a level is operands joined by operators above that level.
 
-    def __init__(self, text: str, columns: Sequence[str]) -> None:
-        self.text, self.scanner, self.depth = text, _Scanner(text, columns), 0
+    Args:
+      aggregates: whether there are any; without them all values are per row.
+    """
+
+    def __init__(self, source: Source, vocabulary: Vocabulary, aggregates: bool = True) -> None:
+        if len(source.text) > LONGEST:
+            raise UsageError(f"{source.label}: {len(source.text)} characters, expected at most {LONGEST}")
+        self.source, self.text, self.vocabulary, self.aggregates = source, source.text, vocabulary, aggregates
+        self.scanner, self.depth = Scanner(source, vocabulary), 0
         self.token, self.end = self.scanner.token(0), 0
 
     def whole(self) -> Truth:
         """The whole text as one truth, in which `EachRow` marks what is checked row by row."""
+        return self._planned(self.truth())
+
+    def truth(self) -> Truth:
+        """The whole text as one truth."""
         node = self._expression(0)
         if self.token.kind != "end":
             raise self._unexpected("an operator or the end")
-        return self._planned(self._truth(node))
+        return self._truth(node)
 
-    def _take(self) -> _Token:
+    def _take(self) -> Token:
         token, self.end = self.token, self.token.end
         self.token = self.scanner.token(self.end)
         return token
@@ -186,7 +86,7 @@ class Parser:
 
     def _chain(self, start: int, first: Node, level: int) -> Node:
         """Operands joined by operators of one level; `^` takes what is right of it first."""
-        operators: list[_Token] = []
+        operators: list[Token] = []
         operands = [first]
         while self.token.kind == "operator" and LEVELS.get(self.token.text) == level:
             operators.append(self._take())
@@ -217,17 +117,17 @@ class Parser:
             case "operator", "not" if floor <= NOT:
                 self._take()
                 return negated(self._truth(self._expression(NOT)))
-            case "unknown", text if _NAME.fullmatch(text):
+            case "unknown", text if is_name(text):
                 raise self._unknown(token)
         raise self._unexpected("a number, a column, a function" + (", '(' or 'not'" if floor <= NOT else " or '('"))
 
-    def _number(self, token: _Token) -> Value:
+    def _number(self, token: Token) -> Value:
         value = float(token.text)
         if math.isinf(value):
-            raise fault(self.text, token.start, f"a number beyond all floats ({token.text[:SHOWN]})", "less, or inf")
+            raise self.source.fault(token.start, f"a number beyond all floats ({token.text[:SHOWN]})", "less, or inf")
         return Number(token.start, token.end, FIXED, value)
 
-    def _named(self, token: _Token) -> Value:
+    def _named(self, token: Token) -> Value:
         if token.text in CONSTANTS:
             return Number(token.start, token.end, FIXED, CONSTANTS[token.text])
         if not self._is("("):
@@ -250,33 +150,37 @@ class Parser:
             raise self._unexpected(expected)
         self._take()
 
-    def _signed(self, sign: _Token) -> Value:
+    def _signed(self, sign: Token) -> Value:
         value = self._value(self._expression(SIGN))
         function = np.negative if sign.text == "-" else np.positive
         return Call(sign.start, self.end, value.kind, (function,), (value,))
 
-    def _call(self, name: _Token, values: list[Value]) -> Value:
-        if len(values) == 1 and name.text in AGGREGATES:
+    def _call(self, name: Token, values: list[Value]) -> Value:
+        alone = len(values) == 1 or name.text not in SEVERAL
+        if name.text in AGGREGATES and alone and not self.aggregates:
+            meant = f"{name.text} of several" if name.text in SEVERAL else "values of one instant"
+            raise self.source.fault(name.start, f"{name.text} over all instants", meant)
+        if name.text in AGGREGATES and len(values) == 1:
             return self._aggregate(name, values[0])
         if name.text in SEVERAL:
             functions = (SEVERAL[name.text],) * (len(values) - 1)
             return Call(name.start, self.end, self._kind(values), functions, tuple(values))
         if len(values) > 1:
-            raise fault(self.text, name.start, f"{name.text} of {len(values)} values", f"{name.text} of one")
+            raise self.source.fault(name.start, f"{name.text} of {len(values)} values", f"{name.text} of one")
         return Call(name.start, self.end, values[0].kind, (ELEMENTWISE[name.text],), tuple(values))
 
-    def _aggregate(self, name: _Token, value: Value) -> Value:
+    def _aggregate(self, name: Token, value: Value) -> Value:
         if value.kind == FIXED:
-            raise fault(self.text, value.start, f"{name.text} of what is the same on all rows", "a column in it")
+            raise self.source.fault(value.start, f"{name.text} of what is the same on all rows", "a column in it")
         if value.kind != ROW:
-            raise fault(self.text, value.start, f"an aggregate within {name.text}", "values per row in it")
+            raise self.source.fault(value.start, f"an aggregate within {name.text}", "values per row in it")
         return Aggregate(name.start, self.end, START if name.text == "first" else TABLE, name.text, value)
 
-    def _compared(self, start: int, operators: list[_Token], values: tuple[Value, ...]) -> Truth:
+    def _compared(self, start: int, operators: list[Token], values: tuple[Value, ...]) -> Truth:
         pairs = []
         for token, left, right in zip(operators, values, values[1:], strict=False):
             if self._kind([left, right]) == FIXED:
-                raise fault(self.text, left.start, "a comparison of numbers only", "a column on one side")
+                raise self.source.fault(left.start, "a comparison of numbers only", "a column on one side")
             pairs.append(Comparison(left.start, right.end, token.text, (left, right)))
         return pairs[0] if len(pairs) == 1 else Several(start, self.end, True, tuple(pairs))
 
@@ -285,8 +189,7 @@ class Parser:
         kinds = {value.kind for value in values}
         if kinds >= {ROW, TABLE}:
             late = next(value for value in values if value.kind == TABLE)
-            raise fault(
-                self.text,
+            raise self.source.fault(
                 late.start,
                 "an aggregate next to values per row, and it is known after the last row only",
                 "aggregates only, values per row only, or first(…) among them",
@@ -296,12 +199,14 @@ class Parser:
     def _value(self, node: Node) -> Value:
         if isinstance(node, Value):
             return node
-        raise fault(self.text, node.start, "a comparison", "a number")
+        raise self.source.fault(node.start, "a comparison", "a number")
 
     def _truth(self, node: Node) -> Truth:
         if isinstance(node, Truth):
             return node
-        raise fault(self.text, node.start, "a number", "a comparison (< <= > >= == !=)")
+        if isinstance(node, ColumnValue) and self.vocabulary.is_count(node.name):
+            return Comparison(node.start, node.end, ">", (node, Number(node.end, node.end, FIXED, 0.0)))
+        raise self.source.fault(node.start, "a number", "a comparison (< <= > >= == !=)")
 
     def _planned(self, truth: Truth) -> Truth:
         """`truth` with what is checked row by row marked; all aggregates are outside of the marks."""
@@ -313,8 +218,7 @@ class Parser:
         rows = [part for part in parts if is_row(part) and not is_mixed(part)]
         rest = [self._planned(part) for part in parts if part not in rows]
         if bool(rows) + sum(map(is_mixed, rest)) > 1:
-            raise fault(
-                self.text,
+            raise self.source.fault(
                 truth.start,
                 "an 'or' whose sides hold values per row, and an 'and' with aggregates among them",
                 "two assertions, or aggregates only",
@@ -331,10 +235,19 @@ class Parser:
         else:
             yield truth
 
-    def _unknown(self, token: _Token) -> UsageError:
-        called = self.text[token.end :].lstrip().startswith("(") and _WORD.fullmatch(token.text)
-        kind, valid = ("function", FUNCTIONS) if called else ("column", self.scanner.columns)
-        return self._unquoted() or unknown(self.text, token.start, kind, token.text, valid)
+    def _unknown(self, token: Token) -> UsageError:
+        if self.text[token.end :].lstrip().startswith("(") and is_word(token.text):
+            return self._unquoted() or self._no_function(token)
+        return self._unquoted() or self.vocabulary.missing(token.text, token.start, self.source)
+
+    def _no_function(self, name: Token) -> UsageError:
+        valid = [*ELEMENTWISE, *(AGGREGATES if self.aggregates else SEVERAL)]
+        groups = sorted(self.vocabulary.groups)
+        if not groups:
+            return self.source.unknown(name.start, "function", name.text, valid)
+        return self.source.unknown(
+            name.start, "function or probe", name.text, [*valid, *groups], "functions and probes"
+        )
 
     def _unexpected(self, expected: str) -> UsageError:
         token = self.token
@@ -342,12 +255,12 @@ class Parser:
         found = quoted(token.text if len(token.text) <= SHOWN else token.text[:SHOWN] + "…")
         hint = f" (did you mean {meant}?)" if meant else ""
         found = "the end" if token.kind == "end" else found + hint
-        return self._unquoted() or fault(self.text, token.start, found, expected)
+        return self._unquoted() or self.source.fault(token.start, found, expected)
 
     def _unquoted(self) -> UsageError | None:
         """The error that a column is written here without the quotes that it needs, if so."""
-        for name in self.scanner.columns:
+        for name in self.vocabulary.names:
             start = self.text.find(name, max(0, self.token.start - len(name)))
             if not is_bare(name) and 0 <= start <= self.token.start < start + len(name):
-                return fault(self.text, start, f"column {quoted(name)} without quotes", clean(spelled(name)))
+                return self.source.fault(start, f"column {quoted(name)} without quotes", clean(spelled(name)))
         return None

@@ -8,8 +8,9 @@ import mujoco
 
 from mjrun.errors import UnknownNameError, UsageError, quoted
 from mjrun.model.column import Column
+from mjrun.probe.contacts import pair
 from mjrun.probe.derived import DERIVED
-from mjrun.probe.fields import Probe, extents, field_probe, offered
+from mjrun.probe.fields import COMPONENTS, WRENCH, Probe, extents, field_probe, offered
 
 DEFAULT = ("qpos", "qvel", "ctrl", "act", "energy", "contact", "sensor")
 ALIASES = {"sensor": "sensordata"}
@@ -19,10 +20,14 @@ FALLBACKS = {
     "xquat": ("geom_xquat", "site_xquat"),
     "xmat": ("geom_xmat", "site_xmat", "cam_xmat"),
 }
+PAIRS = "contact"  # has columns for any two objects too: `contact/ball/floor`
+PARTS = {*WRENCH, *(part for parts in COMPONENTS.values() for part in parts)}
 
 
 def select(model: mujoco.MjModel, asked: Iterable[str] = DEFAULT) -> list[Probe]:
     """The probes that `asked` names: `qpos`, `qpos[left_*]`, `sensor[imu]`, or a column such as `xpos/hand/z`.
+
+    `contact/ball/floor` is the number of contacts between two objects, see `mjrun.probe.contacts.pair`.
 
     A name without columns in this model (`act` without activations) is passed over when it is asked for
     as a whole.
@@ -49,7 +54,7 @@ def split(text: str) -> list[str]:
 
 
 def catalogue(model: mujoco.MjModel) -> list[Column]:
-    """Every column that `model` offers."""
+    """Every column that `model` offers, but for the contacts between two objects: there are too many pairs."""
     groups = [name for name in DERIVED if name != "energy"]
     fields = [name for name in offered(model) if name != "sensordata"]
     everything = [_whole(model, name) for name in (*DEFAULT, *groups, *fields) if name not in ("contact",)]
@@ -57,8 +62,26 @@ def catalogue(model: mujoco.MjModel) -> list[Column]:
     return list(found.values())
 
 
+def aliases(model: mujoco.MjModel) -> dict[str, str]:
+    """Other names under which columns of `model` may be asked for, `xpos/skin/z` of a geom, and the columns' own."""
+    others = {**FALLBACKS, **{field: (name,) for name, field in ALIASES.items()}}
+    found: dict[str, str] = {}
+    for group, candidates in others.items():
+        columns = [column.name for candidate in candidates for column in _whole(model, candidate).columns]
+        for column in columns:  # the first of a name is what is found
+            found.setdefault(f"{group}/{column.partition('/')[2]}", column)
+    return found
+
+
+def object_of(name: str) -> str:
+    """The object of the column `name`: `left/hand` of `xpos/left/hand/x`."""
+    rest = name.partition("/")[2]
+    found, _, part = rest.rpartition("/")
+    return found if found and (part in PARTS or part.isdigit()) else rest
+
+
 def _select_one(model: mujoco.MjModel, text: str) -> Probe:
-    bracketed = re.fullmatch(r"([^\[\]]+)\[([^\[\]]*)\]", text)
+    bracketed = re.fullmatch(r"([^\[\]/]+)\[([^\[\]]*)\]", text)
     if bracketed:
         return _objects(model, bracketed[1].strip(), [part.strip() for part in bracketed[2].split(",")])
     group, slash, _ = text.partition("/")
@@ -86,25 +109,21 @@ def _objects(model: mujoco.MjModel, name: str, patterns: Sequence[str]) -> Probe
             if not missing:
                 return probe.only(kept)
             patterns = [missing[0]]
-    objects = list(dict.fromkeys(_object(column) for column in _whole(model, name).columns))
+    objects = list(dict.fromkeys(object_of(column.name) for column in _whole(model, name).columns))
     raise UnknownNameError("object", patterns[0], objects, where=f"probe {name}")
 
 
 def _named(model: mujoco.MjModel, group: str, rest: str) -> Probe:
-    """The columns called `group/rest`, or whose name begins so; a geom's or site's where no body is called that."""
+    """The column `group/rest`, else all whose name begins so; a geom's or site's where no body is called that."""
     for candidate in (group, *FALLBACKS.get(group, ())):
         probe, text = _whole(model, candidate), f"{candidate}/{rest}"
         names = [column.name for column in probe.columns]
-        kept = [i for i, name in enumerate(names) if name == text or name.startswith(f"{text}/")]
+        kept = [names.index(text)] if text in names else [i for i, n in enumerate(names) if n.startswith(f"{text}/")]
         if kept:
             return probe.only(kept)
+    if group == PAIRS:
+        return pair(rest, model)
     raise UnknownNameError("column", f"{group}/{rest}", [column.name for column in _whole(model, group).columns])
-
-
-def _object(column: Column) -> str:
-    return (
-        column.name.split("/", 1)[1].rsplit("/", 1)[0] if column.name.count("/") > 1 else column.name.split("/", 1)[-1]
-    )
 
 
 def _matches(column: Column, pattern: str) -> bool:

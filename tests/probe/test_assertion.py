@@ -19,7 +19,8 @@ from mjrun.probe import assertion
 from mjrun.probe.aggregate import PIECE, shown
 from mjrun.probe.assertion import Verdict, parse
 from mjrun.probe.expression import FUNCTIONS
-from mjrun.probe.parser import DEEPEST, LONGEST, is_bare, spelled
+from mjrun.probe.parser import DEEPEST, LONGEST
+from mjrun.probe.scanner import is_bare, spelled
 
 NAN, INF = math.nan, math.inf
 
@@ -583,14 +584,14 @@ def test_what_a_checker_keeps_does_not_grow() -> None:
 # --- trust -----------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("module", ["assertion", "aggregate", "expression", "parser"])
+@pytest.mark.parametrize("module", ["assertion", "aggregate", "expression", "parser", "scanner"])
 def test_an_expression_never_reaches_pythons_own_evaluation(module: str) -> None:
     tree = ast.parse(Path(assertion.__file__).with_name(f"{module}.py").read_text("utf-8"))
     called = {node.id for node in ast.walk(tree) if isinstance(node, ast.Name)}
     assert called.isdisjoint({"eval", "exec", "compile", "getattr", "setattr", "globals", "__import__", "open"})
     imported = {a.name for node in ast.walk(tree) if isinstance(node, ast.Import) for a in node.names}
     imported |= {str(node.module) for node in ast.walk(tree) if isinstance(node, ast.ImportFrom)}
-    ours = {"mjrun.errors", "mjrun.probe.aggregate", "mjrun.probe.expression", "mjrun.probe.parser"}
+    ours = {"mjrun.errors"} | {f"mjrun.probe.{name}" for name in ("aggregate", "expression", "parser", "scanner")}
     assert imported <= {"math", "re", "numpy", "collections.abc", "dataclasses", "typing"} | ours
 
 

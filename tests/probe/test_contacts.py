@@ -6,7 +6,8 @@ import mujoco
 import numpy as np
 import pytest
 
-from mjrun.probe.contacts import contact_columns, contacts
+from mjrun.errors import UnknownNameError, UsageError
+from mjrun.probe.contacts import contact_columns, contacts, pair
 from mjrun.probe.derived import contact_force
 
 # The ball on the box rolls, slides and spins; the bead lies off its body's origin.
@@ -264,3 +265,150 @@ def test_a_flex_that_touches_with_its_elements_has_no_body(shared_models: Path) 
         assert [text == "flex/plate" for text in read.texts(f"geom{side + 1}")] == flexible.tolist()
         bodiless = [text is None for text in read.texts(f"body{side + 1}")]
         assert bodiless == (flexible & ~vertex).tolist()
+
+
+# --- the number of contacts between two objects ----------------------------------------------------
+
+# A cart with a loaded tray, on a floor, next to a wall; bodies and geoms share names.
+CART = """
+<mujoco>
+  <worldbody>
+    <geom name="floor" type="plane" size="5 5 1"/>
+    <geom name="wall" type="box" size=".1 1 1" pos="1 0 .5"/>
+    <body name="cart" pos="0 0 .195"><freejoint/>
+      <geom name="chassis" type="box" size=".5 .2 .1"/>
+      <body name="left" pos="-.4 0 -.1"><joint axis="0 1 0"/><geom name="left" size=".1"/></body>
+      <body name="right" pos=".4 0 -.1"><joint axis="0 1 0"/><geom name="tyre" size=".1"/>
+        <body name="hub" pos="0 .15 0"><geom size=".1"/></body></body>
+      <body name="tray" pos="0 0 .3"><joint type="slide" axis="0 0 1"/><geom type="box" size=".2 .2 .01"/></body>
+    </body>
+    <body name="egg" pos="0 0 .53"><freejoint/><geom name="shell" size=".03"/></body>
+  </worldbody>
+  <contact><exclude body1="cart" body2="left"/></contact>
+</mujoco>
+"""
+TOUCHING = ["world", "floor", "wall", "cart", "chassis", "left", "right", "tyre", "hub", "tray", "egg", "shell"]
+TOUCHING += ["geom:left", "body:left", "geom:5", "body:5"]
+
+
+def belongs(model: mujoco.MjModel, geom: int, name: str) -> bool:
+    """Whether `geom` is what is called so, or hangs from it; by going up."""
+    kind, colon, plain = name.partition(":")
+    plain = plain if colon else name
+    own = mujoco.mj_id2name(model, mujoco.mjtObj.mjOBJ_GEOM, geom)
+    bodies = {mujoco.mj_id2name(model, mujoco.mjtObj.mjOBJ_BODY, i) for i in range(model.nbody)}
+    if kind == "geom" or (not colon and name not in bodies):
+        return plain in (own, str(geom))
+    body, above = model.geom_bodyid[geom], []
+    while not above or body:
+        above += [mujoco.mj_id2name(model, mujoco.mjtObj.mjOBJ_BODY, body), str(body)]
+        body = model.body_parentid[body]
+    return plain in above or plain == "world"
+
+
+def count(text: str, model: mujoco.MjModel, data: mujoco.MjData) -> float:
+    probe = pair(text, model)
+    assert [column.name for column in probe.columns] == [f"contact/{text}"]
+    assert probe.at
+    (found,) = probe.at(model, data)
+    return float(found)
+
+
+@pytest.mark.parametrize("steps", [0, 40, 300])
+def test_contacts_between_two_objects_are_those_that_a_loop_counts_in_either_order(steps: int) -> None:
+    model, data = forwarded(CART, steps)
+    data.qpos[0] = 0.45  # to the wall
+    mujoco.mj_forward(model, data)
+    for a in TOUCHING:
+        for b in TOUCHING:
+            expected = 0
+            for contact in data.contact:
+                one, other = (int(geom) for geom in contact.geom)
+                there = belongs(model, one, a) and belongs(model, other, b)
+                expected += there or (belongs(model, one, b) and belongs(model, other, a))
+            assert count(f"{a}/{b}", model, data) == count(f"{b}/{a}", model, data) == expected, (a, b)
+    assert count("world/world", model, data) == data.ncon > 4
+    assert count("cart/wall", model, data) > 0
+    assert count("right/floor", model, data) == 2  # tyre and hub
+    assert count("tyre/floor", model, data) == 1
+
+
+def test_a_contact_of_an_object_with_itself_counts_once() -> None:
+    model, data = forwarded(CART)
+    model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_FILTERPARENT)
+    data.qpos[9] = -0.2  # the tray into the chassis
+    mujoco.mj_forward(model, data)
+    inside = [c for c in data.contact if (model.body_rootid[model.geom_bodyid[c.geom]] == model.body("cart").id).all()]
+    assert count("cart/cart", model, data) == count("cart/chassis", model, data) == len(inside) > 2
+    assert count("chassis/chassis", model, data) == 0
+
+
+def test_a_contact_in_the_gap_counts_as_it_does_for_mujoco() -> None:
+    source = """
+    <mujoco><worldbody>
+      <geom name="floor" type="plane" size="5 5 1" gap=".02"/>
+      <body name="ball" pos="0 0 .11"><freejoint/><geom size=".1"/></body>
+    </worldbody></mujoco>
+    """
+    model, data = forwarded(source)
+    assert data.ncon == 1
+    assert count("ball/floor", model, data) == 1
+
+
+def test_a_flex_counts_for_the_bodies_that_carry_all_of_it_and_a_vertex_for_its_own() -> None:
+    model, data = forwarded(SHEET)
+    assert count("flex:low/floor", model, data) == count("world/floor", model, data) == 9
+    assert count("flex:up/floor", model, data) == 0
+    assert [count(f"low_{i}/floor", model, data) for i in range(9)] == [1] * 9
+    on_a_tray = SHEET.replace("<flexcomp", '<body name="tray"><freejoint/><flexcomp', 1)
+    on_a_tray = on_a_tray.replace("</flexcomp>", "</flexcomp></body>", 1).replace('pos="0 0 1"', 'pos="0 0 .009"')
+    on_a_tray = on_a_tray.replace("<edge", '<pin id="4"/><edge', 1)
+    on_a_tray = on_a_tray.replace("<freejoint/>", '<freejoint/><inertial pos="0 0 0" mass="1" diaginertia="1 1 1"/>')
+    model, data = forwarded(on_a_tray)
+    assert count("flex:up/floor", model, data) == count("tray/floor", model, data) == 9
+    assert count("world/floor", model, data) == 18
+
+
+def test_elements_of_a_flex_count_for_the_body_that_carries_all_of_it() -> None:
+    source = """
+    <mujoco><worldbody>
+      <body name="net"><flexcomp name="net" type="grid" count="3 3 1" spacing=".1 .1 .1" mass="1" radius=".01" dim="2">
+        <pin id="0"/><edge equality="true"/></flexcomp></body>
+      <body name="ball" pos=".03 .02 .05"><freejoint/><geom size=".05"/></body>
+    </worldbody></mujoco>
+    """
+    model, data = forwarded(source)
+    assert data.ncon == count("net/ball", model, data) == count("flex:net/ball", model, data) > 0
+    assert (data.contact.elem.max(axis=1) >= 0).all()
+    assert count("net_1/ball", model, data) == 0
+
+
+def test_without_contacts_and_in_an_empty_model_the_number_is_zero() -> None:
+    model, data = forwarded(CART.replace('pos="0 0 .195"', 'pos="0 0 3"'))
+    assert count("cart/floor", model, data) == 0
+    model, data = forwarded("<mujoco/>")
+    assert count("world/world", model, data) == 0
+
+
+SLASHES = """
+<mujoco><worldbody>
+  <body name="r/hand"><geom name="r/tip" size=".1"/></body>
+  <body name="a"><geom name="a/b" size=".1"/></body><body name="b/c"><freejoint/><geom name="c" size=".1"/></body>
+</worldbody></mujoco>
+"""
+
+
+def test_names_with_slashes_are_told_apart_by_what_there_is() -> None:
+    model, data = forwarded(SLASHES)
+    mujoco.mj_forward(model, data)
+    assert count("r/hand/r/tip", model, data) == 0
+    assert count("body:a/body:b/c", model, data) == 1
+    assert pair("r/hand/r/tip", model).columns[0].meaning == "number of contacts between 'r/hand' and 'r/tip'"
+    with pytest.raises(UsageError) as caught:
+        pair("a/b/c", model)
+    assert str(caught.value) == (
+        "contact/a/b/c may be 'a' and 'b/c' or 'a/b' and 'c'\n"
+        "`body:NAME` and `geom:NAME` say where the name of an object begins"
+    )
+    with pytest.raises(UnknownNameError, match=r"^no object 'r/tap' \(did you mean 'r/tip'"):
+        pair("r/hand/r/tap", model)

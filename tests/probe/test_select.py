@@ -4,7 +4,7 @@ import mujoco
 import pytest
 
 from mjrun.errors import MjrunError, UnknownNameError
-from mjrun.probe.select import DEFAULT, select, split
+from mjrun.probe.select import DEFAULT, aliases, catalogue, select, split
 
 MODEL = mujoco.MjModel.from_xml_string(
     """
@@ -42,6 +42,9 @@ def found(*asked: str) -> list[str]:
         (["speed[skin]"], ["speed/skin"]),
         (["energy/drift"], ["energy/drift"]),
         (["energy[total]"], ["energy/total"]),
+        (["contact/left/right"], ["contact/left/right"]),
+        (["contact", "contact/geom:skin/body:right"], ["contact/ncon", "contact/geom:skin/body:right"]),
+        (["contact/geom:1/skin"], ["contact/geom:1/skin"]),
         (["act"], []),
         (["time_is_not", "qpos"][1:], ["qpos/left_hip", "qpos/left_knee", "qpos/right_hip"]),
     ],
@@ -79,6 +82,16 @@ def test_a_list_is_split_at_commas_outside_brackets(text: str, parts: list[str])
         (["qpos", "qpos[left_hip]"], "--probe: 'qpos' and 'qpos[left_hip]' both give 'qpos/left_hip'"),
         (["qpos["], "no probe 'qpos['"),
         (["contact_frce"], "did you mean 'contact_force'"),
+        (
+            ["contact/left/rihgt"],
+            "no object 'rihgt' (did you mean 'right'?)\nbodies and geoms: world, left, right, skin",
+        ),
+        (["contact/lft/right"], "no object 'lft' (did you mean 'left'?)"),
+        (["contact/tip/right"], "no object 'tip'"),
+        (["contact/geom:left/right"], "no geom 'left'\ngeoms: skin, geom:1"),
+        (["contact/left"], "no column 'contact/left'"),
+        (["contact/left"], "columns: contact/ncon, contact/A/B"),
+        (["contact/left/right", "contact/left/right"], "both give 'contact/left/right'"),
     ],
 )
 def test_a_wrong_probe_is_refused_with_what_is_right(asked: list[str], message: str) -> None:
@@ -98,3 +111,39 @@ def test_a_column_of_a_site_or_geom_may_be_asked_for_as_a_body_s() -> None:
     assert found == [["xpos/b/z"], ["geom_xpos/g/z"], ["site_xpos/s/x", "site_xpos/s/y", "site_xpos/s/z"]]
     with pytest.raises(UnknownNameError, match="no column 'xpos/q/z'"):
         select(model, ["xpos/q/z"])
+
+
+# Names that look like something else: parts of others, brackets, spaces.
+ODD = mujoco.MjModel.from_xml_string(
+    """
+    <mujoco>
+      <worldbody>
+        <body name="a"><freejoint name="a"/><geom name="g" size=".1"/>
+          <body name="a/x" pos="0 0 1"><joint name="a/b"/><geom name="q[0]" size=".1" pos=".1 0 0"/></body></body>
+        <body name="left (up)"><joint name="it's"/><geom size=".1" pos=".1 0 0"/><site name="b/c"/></body>
+        <geom name="c" size=".1"/><camera name="a[b]"/>
+      </worldbody>
+      <sensor><framepos name="at" objtype="body" objname="a"/><jointpos name="at/x" joint="a/b"/></sensor>
+    </mujoco>
+    """
+)
+
+
+@pytest.mark.parametrize("model", [MODEL, ODD])
+def test_every_column_is_had_by_its_name_and_alone(model: mujoco.MjModel) -> None:
+    for name in {column.name for column in catalogue(model)}:
+        assert [column.name for probe in select(model, [name]) for column in probe.columns] == [name]
+
+
+@pytest.mark.parametrize("model", [MODEL, ODD])
+def test_an_alias_is_what_is_selected_by_it(model: mujoco.MjModel) -> None:
+    offered = {column.name for column in catalogue(model)}
+    others = {name: column for name, column in aliases(model).items() if name not in offered}
+    assert {name.split("/")[0] for name in others} == {"xpos", "xquat", "xmat", "sensordata"}
+    for name, column in others.items():
+        (found,) = (found.name for probe in select(model, [name]) for found in probe.columns)
+        assert found == (name if name.startswith("sensordata/") else column)
+
+
+def test_contacts_between_two_objects_are_not_listed() -> None:
+    assert [c.name for c in catalogue(MODEL) if c.name.startswith("contact/")] == ["contact/ncon"]
