@@ -76,8 +76,22 @@ class Timeline:
         Frame k shows time k·speed/fps; the frames are the k with k·speed/fps < duration, so the film
         lasts duration/speed.
         """
-        count = math.ceil(self.duration * fps / speed)
-        return self._every(speed / fps, count)
+        return self.paced(fps, [(self.duration, speed)])[0]
+
+    def paced(self, fps: Fraction, pieces: Sequence[tuple[Fraction, Fraction]]) -> list[list[int]]:
+        """The steps that the frames of a film show whose speed changes, piece by piece.
+
+        Args:
+          pieces: the simulated time [s] at which each piece ends, in order, and its speed.
+        """
+        found: list[list[int]] = []
+        first, start, shown = 0, Fraction(0), Fraction(0)  # frame, simulated time and time of the film [s]
+        for end, speed in pieces:
+            until = shown + (end - start) / speed
+            last = math.ceil(until * fps)
+            found.append(self._every(speed / fps, range(first, last), start - shown * speed))
+            first, start, shown = last, end, until
+        return found
 
     def rows(self, every: int = 1, rate: Fraction | None = None) -> Sequence[int]:
         """The step that each row of a trace shows: 0, s, 2s, … ≤ `steps`, the last step included.
@@ -89,11 +103,13 @@ class Timeline:
         if spacing.denominator == 1 and self.steps % spacing.numerator == 0:
             return range(0, self.steps + 1, spacing.numerator)
         count = math.floor(self.steps * self.timestep / period) + 1
-        rows = list(dict.fromkeys(self._every(period, count)))  # a rate above the steps' own repeats them
+        rows = list(dict.fromkeys(self._every(period, range(count))))  # a rate above the steps' own repeats them
         return rows if rows[-1] == self.steps else [*rows, self.steps]
 
-    def _every(self, period: Fraction, count: int) -> list[int]:
-        # floor(k·period/timestep + 1/2) in integers: a Fraction per frame is 20 times slower.
-        ratio = period / self.timestep
-        a, b = ratio.numerator, ratio.denominator
-        return [min((2 * k * a + b) // (2 * b), self.steps) for k in range(count)]
+    def _every(self, period: Fraction, numbers: range, offset: Fraction = Fraction(0)) -> list[int]:
+        """The steps nearest to `offset` + k·`period` [s] of the `numbers` k."""
+        # floor((offset + k·period)/timestep + 1/2) in integers: a Fraction per frame is 20 times slower.
+        ratio, shift = period / self.timestep, offset / self.timestep
+        below = math.lcm(ratio.denominator, shift.denominator)
+        a, c = int(ratio * below), int(shift * below)
+        return [min((2 * (c + k * a) + below) // (2 * below), self.steps) for k in numbers]

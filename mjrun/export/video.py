@@ -33,7 +33,7 @@ class FilmWriter:
     Args:
       output: a file, a folder of frames, a pattern such as `frame_%04d.png`, or None for stdout.
       size: width and height of the frames [pixels].
-      count: frames promised.
+      count: frames promised; set before `publish` if it is not known yet.
       tags: title and comment, embedded where the format can hold them.
 
     Raises:
@@ -47,7 +47,7 @@ class FilmWriter:
         encoding: Encoding,
         size: tuple[int, int],
         fps: Fraction,
-        count: int,
+        count: int | None = None,
         tags: Mapping[str, str] | None = None,
     ) -> None:
         if min(size) < SMALLEST:
@@ -192,7 +192,7 @@ class FilmWriter:
         count = int(frames[-1])
         if FORMATS[self._encoding.format].merges:
             if count == 1:  # nothing moved: a still, which has no duration
-                return self.count
+                return self.written
             lasts = re.findall(r"^out_time_us=(\d+)", report, re.MULTILINE)
             return round(Fraction(int(lasts[-1]), 10**6) * self.fps)
         return count

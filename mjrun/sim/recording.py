@@ -47,6 +47,20 @@ class Recording:
         self._file.seek(index * self._bytes)
         return np.frombuffer(self._file.read(self._bytes), np.float64)
 
+    @property
+    def size(self) -> int:
+        """Numbers in a state."""
+        return self._bytes // 8
+
+    @property
+    def steps(self) -> np.ndarray:
+        """The step of each state `(n,)`, of a recording of every step."""
+        return np.arange(self._count)
+
+    def state(self, index: int) -> np.ndarray:
+        """State number `index`, to be written on."""
+        return self[index].copy()
+
     def close(self) -> None:
         """Frees the memory or the file."""
         self._file.close()

@@ -40,6 +40,19 @@ class Stepper(Protocol):
         ...
 
 
+def derive(model: mujoco.MjModel, data: mujoco.MjData, instant: mujoco.MjData, step: int) -> None:
+    """Makes `instant` a copy of `data`, which is at `step`, in which every field belongs to the state.
+
+    Raises:
+      FailedStepError: MuJoCo gave up.
+    """
+    mujoco.mj_copyData(instant, model, data)
+    try:
+        mujoco.mj_forward(model, instant)
+    except mujoco.FatalError as error:
+        raise FailedStepError(step, data.time, str(error)) from None
+
+
 class PhysicsStepper:
     """Steps with `mj_step` from the state in `data`, on a copy of `model`.
 
@@ -90,11 +103,7 @@ class PhysicsStepper:
         # Derived fields of `_data` lag one step behind its state. They are computed anew on a second
         # MjData, so that nothing read here can change the motion.
         if self._instant_step != self.step:
-            mujoco.mj_copyData(self._instant, self.model, self._data)
-            try:
-                mujoco.mj_forward(self.model, self._instant)
-            except mujoco.FatalError as error:
-                raise FailedStepError(self.step, self._data.time, str(error)) from None
+            derive(self.model, self._data, self._instant, self.step)
             self._instant_step = self.step
         return self._instant
 

@@ -12,7 +12,8 @@ import pytest
 from mjrun.errors import FileError, UsageError
 from mjrun.export.pointcloud import PointCloudWriter
 from mjrun.model.picture import Lens, Picture, Thing
-from mjrun.render.lens import average_camera, lens
+from mjrun.render.lens import lens
+from mjrun.render.pose import pose_of
 
 KINDS = {"float": "<f4", "uchar": "u1", "int": "<i4"}
 
@@ -65,7 +66,7 @@ def pictures(*cameras: str, size: tuple[int, int] = (80, 61)) -> list[Picture]:
             renderer.enable_depth_rendering()
             depth = np.where(ids < 0, np.inf, renderer.render()).astype(np.float32)
             renderer.disable_depth_rendering()
-            found.append(Picture(lens(average_camera(renderer.scene), size), rgb, depth, ids, LEGEND))
+            found.append(Picture(lens(pose_of(renderer.scene), size), rgb, depth, ids, LEGEND))
     return found
 
 
