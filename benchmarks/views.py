@@ -15,9 +15,10 @@ import mujoco
 
 from mjrun.job.simulation import Simulation
 from mjrun.render.backend import Backend, Search
-from mjrun.render.camera import rig
 from mjrun.render.classic import ClassicRenderer
+from mjrun.render.course import Course
 from mjrun.render.segmentation import Segmentation
+from mjrun.render.spec import script
 from mjrun.render.visual import Visual
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -34,12 +35,13 @@ CASES = {
 def cost(model: mujoco.MjModel, size: tuple[int, int], backend: Backend, case: str, frames: int) -> float:
     """The median of seconds per frame, after a frame that compiles shaders."""
     quality, views = CASES[case]
-    state, free = Simulation(model).stepper(model).state(), rig("free", model)
+    state = Simulation(model).stepper(model).state()
+    free = Course(script("free", model), model, size).pose(state)
     found = []
     with ClassicRenderer(model, size, backend, Visual(quality=quality), Segmentation(model)) as renderer:
         for _ in range(frames + 1):
             start = time.perf_counter()
-            renderer.look(state, 0.0)
+            renderer.look(state)
             renderer.picture(free, views)
             found.append(time.perf_counter() - start)
     return statistics.median(found[1:])

@@ -15,10 +15,10 @@ from mjrun.model.names import members
 from mjrun.model.picture import Picture
 from mjrun.model.state import restore
 from mjrun.render.backend import Backend
-from mjrun.render.camera import Rig
 from mjrun.render.decor import Decor
 from mjrun.render.exact import ExactBuffer
-from mjrun.render.lens import average_camera, lens, metric_depth
+from mjrun.render.lens import lens, metric_depth
+from mjrun.render.pose import Pose, user_camera
 from mjrun.render.segmentation import Segmentation
 from mjrun.render.visual import Visual
 
@@ -59,10 +59,10 @@ class ClassicRenderer:
         check_size(size, backend, visual)
         width, height = (side * visual.samples for side in size)
         self._data = mujoco.MjData(model)
-        self._index, self._phase = 0, 0.0
+        self._index = 0
         self._scene = mujoco.MjvScene(model, GEOMS)
         self._options = visual.options()
-        self._camera = mujoco.MjvCamera()
+        self._camera = user_camera()
         self._rect = mujoco.MjrRect(0, 0, width, height)
         self._pixels = np.empty((height, width, 3), np.uint8)
         visual.set_flags(self._scene)
@@ -76,13 +76,12 @@ class ClassicRenderer:
             self.close()
             raise DrawError(f"{backend.renderer} cannot draw {width}x{height}: {error}") from error
 
-    def look(self, state: np.ndarray, phase: float, index: int = 0) -> None:
+    def look(self, state: np.ndarray, index: int = 0) -> None:
         """Goes to the instant of an integration `state`, which `picture` then shows.
 
         Everything drawn, contacts and forces included, belongs to that state.
 
         Args:
-          phase: how far along the film it is, from 0 to 1, for cameras that move.
           index: of the frame, for decors.
 
         Raises:
@@ -93,15 +92,14 @@ class ClassicRenderer:
             mujoco.mj_forward(self._model, self._data)
         except mujoco.FatalError as error:
             raise DrawError(f"MuJoCo failed at time {self._data.time:.9g} s: {error}") from error
-        self._phase, self._index = phase, index
+        self._index = index
 
-    def picture(self, rig: Rig, views: Sequence[str] = ("rgb",)) -> Picture:
-        """What is seen through `rig`, of the views `rgb`, `depth` and `seg`. Colours are reused by the next call."""
-        rig.aim(self._camera, self._data, self._phase)
-        self._update_scene()
-        seen = Picture(lens(average_camera(self._scene), self.size))
+    def picture(self, pose: Pose, views: Sequence[str] = ("rgb",)) -> Picture:
+        """What is seen from `pose`, of the views `rgb`, `depth` and `seg`. Colours are reused by the next call."""
+        self._update_scene(pose)
+        seen = Picture(lens(pose, self.size))
         if "depth" in views or "seg" in views:
-            seen = self._exact(seen, views)
+            seen = self._exact(seen, pose, views)
         if "rgb" in views:
             for decor in self._decors:
                 decor.add(self._scene, self._index)
@@ -135,11 +133,10 @@ class ClassicRenderer:
     ) -> None:
         self.close()
 
-    def _update_scene(self) -> None:
+    def _update_scene(self, pose: Pose) -> None:
         everything = mujoco.mjtCatBit.mjCAT_ALL.value
         while True:
-            # Infinite planes are centred under the scene's camera, which would be that of the last picture.
-            mujoco.mjv_updateCamera(self._model, self._data, self._camera, self._scene)
+            pose.place(self._scene)
             mujoco.mjv_updateScene(self._model, self._data, self._options, None, self._camera, everything, self._scene)
             if self._scene.ngeom + sum(decor.geoms for decor in self._decors) < self._scene.maxgeom:
                 return
@@ -147,14 +144,14 @@ class ClassicRenderer:
             self._scene = mujoco.MjvScene(self._model, 2 * self._scene.maxgeom)
             self._scene.flags[:] = flags
 
-    def _exact(self, seen: Picture, views: Sequence[str]) -> Picture:
+    def _exact(self, seen: Picture, pose: Pose, views: Sequence[str]) -> Picture:
         """Depth and ids, of one pass without shades."""
         if self._buffer is None:
             self._buffer = ExactBuffer(self.size)
         with self._flags(segment=True, idcolor=True, **dict.fromkeys(COSTLY, False)):
             colors, depth = self._buffer.draw(self._scene, self._context)
         if "depth" in views:
-            seen = replace(seen, depth=metric_depth(depth, average_camera(self._scene)))
+            seen = replace(seen, depth=metric_depth(depth, pose.frustum))
         if "seg" in views:
             assert self._segmentation
             ids = np.take(self._segmentation.ids(self._scene), _segments(colors, self._scene.ngeom))

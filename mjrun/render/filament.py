@@ -23,9 +23,9 @@ from mjrun.errors import DrawError, UsageError
 from mjrun.model.names import members
 from mjrun.model.picture import Picture
 from mjrun.render.backend import Backend
-from mjrun.render.camera import Rig
 from mjrun.render.classic import check_size
 from mjrun.render.decor import Decor
+from mjrun.render.pose import Pose
 from mjrun.render.segmentation import Segmentation
 from mjrun.render.visual import Visual
 from mjrun.render.worker import Failure
@@ -91,13 +91,12 @@ class FilamentRenderer:
             self.close()
             raise
 
-    def look(self, state: np.ndarray, phase: float, index: int = 0) -> None:
+    def look(self, state: np.ndarray, index: int = 0) -> None:
         """Goes to the instant of an integration `state`, which `picture` then shows.
 
         Everything drawn, contacts and forces included, belongs to that state.
 
         Args:
-          phase: how far along the film it is, from 0 to 1, for cameras that move.
           index: of the frame, for decors.
 
         Raises:
@@ -108,10 +107,10 @@ class FilamentRenderer:
             self._process.close()
             self._process, self._drawn = _Process(), 0
             self._ask("open", *self._task)
-        self._ask("look", state, phase, index)
+        self._ask("look", state, index)
 
-    def picture(self, rig: Rig, views: Sequence[str] = ("rgb",)) -> Picture:
-        """What is seen through `rig`, of the views `rgb`, `depth` and `seg`.
+    def picture(self, pose: Pose, views: Sequence[str] = ("rgb",)) -> Picture:
+        """What is seen from `pose`, of the views `rgb`, `depth` and `seg`.
 
         Depth and ids end at the far plane, as MuJoCo's do; colours do not.
 
@@ -120,7 +119,7 @@ class FilamentRenderer:
           DrawError: Filament ended its process.
         """
         self._drawn += 1
-        seen = self._ask("picture", rig, tuple(views))
+        seen = self._ask("picture", pose, tuple(views))
         return replace(seen, legend=self._segmentation.legend) if self._segmentation and "seg" in views else seen
 
     def draft_cost(self) -> float:

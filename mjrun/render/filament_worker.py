@@ -14,10 +14,10 @@ from mjrun.model.names import COUNTS, KINDS
 from mjrun.model.native import collected_warnings
 from mjrun.model.picture import Picture
 from mjrun.model.state import restore
-from mjrun.render.camera import Rig
 from mjrun.render.decor import Decor
 from mjrun.render.filament import MIRRORS, MODES, flags
-from mjrun.render.lens import average_camera, lens
+from mjrun.render.lens import lens
+from mjrun.render.pose import Frustum, Pose, pose_of, user_camera
 from mjrun.render.segmentation import NOTHING, Segmentation
 from mjrun.render.stage import NUMBERED, Form, Stage
 from mjrun.render.visual import Visual
@@ -61,67 +61,66 @@ class Drawing:
         self._model, self._size, self._samples = model, size, visual.samples
         self._segmentation, self._decors = segmentation, decors
         self._data = mujoco.MjData(model)
-        self._index, self._phase = 0, 0.0
+        self._index = 0
         self._scene = mujoco.MjvScene(model, GEOMS)
         self._options = visual.options()
-        self._camera = mujoco.MjvCamera()
+        self._camera = user_camera()
         visual.set_flags(self._scene)
         self._wanted = flags(self._options, self._scene)
         mode = next((mode for name, (value, mode) in MODES.items() if self._wanted[name] == value), "DEFAULT")
         self._colors = Form("RGB8", mode, 3, np.uint8)
         self._stage = Stage(model, self._options)
+        mujoco.mjv_updateCamera(model, self._data, mujoco.MjvCamera(), self._scene)
+        self._pose = pose_of(self._scene)  # from anywhere
         self._update_scene()
         self._stage.hide_all_but({(geom.objtype, geom.objid) for geom in self._scene.geoms[: self._scene.ngeom]})
 
-    def look(self, state: np.ndarray, phase: float, index: int) -> None:
+    def look(self, state: np.ndarray, index: int) -> None:
         restore(self._model, self._data, state)
         try:
             mujoco.mj_forward(self._model, self._data)
         except mujoco.FatalError as error:
             raise DrawError(f"MuJoCo failed at time {self._data.time:.9g} s: {error}") from error
-        self._phase, self._index = phase, index
+        self._index = index
         self._stage.update(self._data)
 
-    def picture(self, rig: Rig, views: Sequence[str]) -> Picture:
+    def picture(self, pose: Pose, views: Sequence[str]) -> Picture:
         """What is seen, without a legend."""
-        rig.aim(self._camera, self._data, self._phase)
+        self._pose = pose
         self._update_scene()
-        camera = average_camera(self._scene)
-        seen = Picture(lens(camera, self._size))
+        seen = Picture(lens(pose, self._size))
         if "depth" in views or "seg" in views:
-            seen = self._exact(seen, camera, views)
+            seen = self._exact(seen, views)
         if "rgb" in views:
             for decor in self._decors:
                 decor.add(self._scene, self._index)
             geoms = self._scene.geoms[: self._scene.ngeom]
             self._stage.decorate(geom for geom in geoms if geom.category == DECORATION)
-            seen = replace(seen, rgb=self._shown(camera, shadows=True))
+            seen = replace(seen, rgb=self._shown(shadows=True))
         return seen
 
     def draft_cost(self) -> float:
-        camera = average_camera(self._scene)
-        self._shown(camera, shadows=False)  # the first draw of a kind compiles shaders
+        self._shown(shadows=False)  # the first draw of a kind compiles shaders
         start = time.perf_counter()
-        self._shown(camera, shadows=False)
+        self._shown(shadows=False)
         return time.perf_counter() - start
 
     def _update_scene(self) -> None:
         while True:
-            # Infinite planes are centred under the scene's camera, which would be that of the last picture.
-            mujoco.mjv_updateCamera(self._model, self._data, self._camera, self._scene)
+            self._pose.place(self._scene)
             mujoco.mjv_updateScene(self._model, self._data, self._options, None, self._camera, EVERYTHING, self._scene)
             if self._scene.ngeom + sum(decor.geoms for decor in self._decors) < self._scene.maxgeom:
                 return
             self._scene = mujoco.MjvScene(self._model, 2 * self._scene.maxgeom)
 
-    def _exact(self, seen: Picture, camera: mujoco.MjvGLCamera, views: Sequence[str]) -> Picture:
+    def _exact(self, seen: Picture, views: Sequence[str]) -> Picture:
         """Depth and ids. Segments have no far plane, so depth says where it is."""
-        depth = _metres(self._stage.draw(self._size, camera, DEPTH)[:, :, 0], camera)
+        depth = _metres(self._stage.draw(self._size, self._pose, DEPTH)[:, :, 0], self._pose.frustum)
         if "depth" in views:
             seen = replace(seen, depth=depth)
         if "seg" in views:
             assert self._segmentation
-            segments = self._stage.draw(self._size, camera, SEGMENTS) @ np.array([1, 2**8, 2**16], np.int32)
+            segments = self._stage.draw(self._size, self._pose, SEGMENTS) @ np.array([1, 2**8, 2**16], np.int32)
             seen = replace(seen, ids=np.where(np.isfinite(depth), self._ids(self._segmentation)[segments], NOTHING))
         return seen
 
@@ -136,11 +135,11 @@ class Drawing:
                 found[first[geom.objtype] + geom.objid] = known[geom.segid + 1]
         return found
 
-    def _shown(self, camera: mujoco.MjvGLCamera, shadows: bool) -> np.ndarray:
+    def _shown(self, shadows: bool) -> np.ndarray:
         (width, height), n = self._size, self._samples
         pixels = self._stage.draw(
             (n * width, n * height),
-            camera,
+            self._pose,
             self._colors,
             shadows=shadows and bool(self._wanted["shadow"]),
             reflections=MIRRORS and bool(self._wanted["reflection"]),
@@ -152,9 +151,9 @@ class Drawing:
         return ((blocks.sum(axis=(1, 3), dtype=np.uint16) + n * n // 2) // (n * n)).astype(np.uint8)
 
 
-def _metres(buffer: np.ndarray, camera: mujoco.MjvGLCamera) -> np.ndarray:
+def _metres(buffer: np.ndarray, frustum: Frustum) -> np.ndarray:
     """Planar depth [m] of Filament's, which is 1 at the near plane and 0 at the far one; infinite where that is 0."""
-    near, far, values = float(camera.frustum_near), float(camera.frustum_far), buffer.astype(np.float64)
+    near, far, values = frustum.near, frustum.far, buffer.astype(np.float64)
     with np.errstate(divide="ignore"):
-        depth = far - (far - near) * values if camera.orthographic else near * far / (near + (far - near) * values)
+        depth = far - (far - near) * values if frustum.orthographic else near * far / (near + (far - near) * values)
     return np.where(values > 0, depth, np.inf).astype(np.float32)

@@ -1,12 +1,13 @@
-"""Objects that are looked at or followed: by name, and where they go over a recording."""
+"""Objects that are looked at or followed: by name, how large they are, and where they go over a recording."""
 
+import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import mujoco
 import numpy as np
 
-from mjrun.errors import UnknownNameError
+from mjrun.errors import BadValueError, UnknownNameError, UsageError, clean
 from mjrun.model.names import PLURALS, identify, names
 from mjrun.model.state import restore
 
@@ -17,6 +18,12 @@ FRAMES = {
     "geom": mujoco.mjtObj.mjOBJ_GEOM,
     "site": mujoco.mjtObj.mjOBJ_SITE,
 }
+# What can be looked at but has no velocity of its own to leave a trail by: the centre of mass of a subtree.
+POSITIONS = {**TARGETS, "subtree": "subtree_com"}
+ROTATIONS = {"body": "xmat", "geom": "geom_xmat", "site": "site_xmat", "subtree": "xmat"}
+
+PLANE = mujoco.mjtGeom.mjGEOM_PLANE
+CORNERS = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], float)
 
 
 def identify_object(text: str, model: mujoco.MjModel) -> tuple[str, int]:
@@ -34,6 +41,109 @@ def identify_object(text: str, model: mujoco.MjModel) -> tuple[str, int]:
     valid = {kind: [n for n in names(model, kind) if not n.startswith(f"{kind}:")] for kind in TARGETS}
     everything = list(dict.fromkeys(name for known in valid.values() for name in known))
     raise UnknownNameError("object", text, everything, plural=f"{PLURALS['body']}, geoms and sites")
+
+
+@dataclass(frozen=True)
+class Spot:
+    """Somewhere to look at or from: an object, or a point when its kind is empty.
+
+    Attributes:
+      kind, id: of the object; a `subtree` has the id of its body.
+      point: [m], in the world.
+    """
+
+    kind: str = ""
+    id: int = -1
+    point: tuple[float, float, float] = (0.0, 0.0, 0.0)
+
+    def position(self, data: mujoco.MjData) -> np.ndarray:
+        """Where it is now `(3,)` [m]."""
+        return np.array(getattr(data, POSITIONS[self.kind])[self.id] if self.kind else self.point)
+
+    def yaw(self, data: mujoco.MjData) -> float:
+        """Where its x axis points [deg], seen from above; that of a subtree's body, and 0 of a point."""
+        if not self.kind:
+            return 0.0
+        matrix = getattr(data, ROTATIONS[self.kind])[self.id]
+        return math.degrees(math.atan2(matrix[3], matrix[0]))
+
+
+def spot(place: str | tuple[float, float, float], model: mujoco.MjModel) -> Spot:
+    """What `place` names: a point, an object as in `identify_object`, or `subtree:BODY`, its centre of mass.
+
+    Raises:
+      UnknownNameError: there is no such object.
+      BadValueError: the point is not finite.
+    """
+    if not isinstance(place, str):
+        x, y, z = map(float, place)
+        if not all(map(math.isfinite, (x, y, z))):
+            raise BadValueError("place", f"{x:g}, {y:g}, {z:g}", "a point: its numbers are to be finite")
+        return Spot(point=(x, y, z))
+    kind, colon, name = place.partition(":")
+    if colon and kind == "subtree":
+        return Spot("subtree", identify(model, "body", name))
+    return Spot(*identify_object(place, model))
+
+
+@dataclass(frozen=True)
+class Bounds:
+    """The boxes around the geoms of an object, or around one site.
+
+    Attributes:
+      kind: `geom` or `site`.
+      ids: `(n,)`.
+      corners: `(n, 8, 3)` [m], in the frame of each.
+    """
+
+    kind: str
+    ids: np.ndarray
+    corners: np.ndarray
+
+    def points(self, data: mujoco.MjData) -> np.ndarray:
+        """The corners of all boxes now `(8 n, 3)` [m], in the world."""
+        turns = getattr(data, ROTATIONS[self.kind])[self.ids].reshape(-1, 3, 3)
+        places = getattr(data, POSITIONS[self.kind])[self.ids]
+        return (self.corners @ turns.transpose(0, 2, 1) + places[:, None]).reshape(-1, 3)
+
+
+def bounds(text: str, model: mujoco.MjModel) -> Bounds:
+    """The bounds of the object called `text`: of a body with all that hangs on it. Infinite planes have none.
+
+    Raises:
+      UnknownNameError: there is no such object.
+      UsageError: it has no bounds.
+    """
+    found = spot(text, model)
+    if found.kind == "site":
+        half = _site_halves(model, found.id)
+        return Bounds("site", np.array([found.id]), (CORNERS * half)[None])
+    ids = np.array([found.id]) if found.kind == "geom" else np.flatnonzero(_inside(model, found.id)[model.geom_bodyid])
+    centers, halves = model.geom_aabb[ids, :3].copy(), model.geom_aabb[ids, 3:].copy()
+    planes = model.geom_type[ids] == PLANE  # whose boxes are infinite even where what is drawn is not
+    centers[planes], halves[planes] = 0.0, model.geom_size[ids[planes]] * [1, 1, 0]
+    finite = ~planes | (model.geom_size[ids, :2] > 0).all(axis=1)
+    if not finite.any():
+        raise UsageError(f"{clean(text)} cannot be fitted into a picture: it has no geoms that end somewhere")
+    return Bounds("geom", ids[finite], (centers[:, None] + halves[:, None] * CORNERS)[finite])
+
+
+def _inside(model: mujoco.MjModel, root: int) -> np.ndarray:
+    """Of each body, whether it is `root` or hangs on it `(nbody,)`."""
+    inside = np.arange(model.nbody) == root
+    for body in range(1, model.nbody):  # parents come first
+        inside[body] |= inside[model.body_parentid[body]]
+    return inside
+
+
+def _site_halves(model: mujoco.MjModel, site: int) -> np.ndarray:
+    """Half the sizes of the box around a site `(3,)` [m]."""
+    kind, (x, y, z) = mujoco.mjtGeom(model.site_type[site]), model.site_size[site]
+    if kind == mujoco.mjtGeom.mjGEOM_SPHERE:
+        return np.array([x, x, x])
+    if kind == mujoco.mjtGeom.mjGEOM_CAPSULE:
+        return np.array([x, x, x + y])
+    return np.array([x, x, y] if kind == mujoco.mjtGeom.mjGEOM_CYLINDER else [x, y, z])
 
 
 def trail(text: str, model: mujoco.MjModel) -> list[tuple[str, int]]:

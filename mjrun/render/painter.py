@@ -11,13 +11,13 @@ import numpy as np
 from mjrun.model.picture import Picture
 from mjrun.model.pixels import millimetres, numbered
 from mjrun.render.backend import Backend
-from mjrun.render.camera import Rig
 from mjrun.render.classic import ClassicRenderer
 from mjrun.render.colorize import colors_of, colour_bar, depth_colors, depth_range, in_view, legend, seg_colors
 from mjrun.render.decor import Decor
 from mjrun.render.graph import Graph
 from mjrun.render.layout import compose, layout_size
 from mjrun.render.lettering import stamp
+from mjrun.render.pose import Pose
 from mjrun.render.segmentation import Segmentation
 from mjrun.render.visual import Visual
 
@@ -28,12 +28,12 @@ NAMES = {"rgb": "colour", "depth": "depth", "seg": "segmentation"}
 class Renderer(Protocol):
     """Draws states of one model."""
 
-    def look(self, state: np.ndarray, phase: float, index: int = 0) -> None:
-        """Goes to the instant of an integration `state`; `phase` is how far along the film it is."""
+    def look(self, state: np.ndarray, index: int = 0) -> None:
+        """Goes to the instant of an integration `state`, that of a frame by its index."""
         ...
 
-    def picture(self, rig: Rig, views: Sequence[str]) -> Picture:
-        """What is seen of that instant through `rig`."""
+    def picture(self, pose: Pose, views: Sequence[str]) -> Picture:
+        """What is seen of that instant from `pose`."""
         ...
 
     def draft_cost(self) -> float | None:
@@ -64,7 +64,6 @@ class Overlay:
       side: where plots stand, `under` the frame or `beside` it.
       graphs: the plots, once their values are known.
       times: of each frame [s], for the plots.
-      speed: simulated seconds per second of film, for texts.
     """
 
     texts: Sequence[str] = ()
@@ -73,7 +72,6 @@ class Overlay:
     side: str = "under"
     graphs: Sequence[Graph] = ()
     times: Sequence[float] = ()
-    speed: float = 1.0
 
     @property
     def room(self) -> tuple[int, int]:
@@ -137,8 +135,8 @@ class ScenePainter:
     """Paints the frames of all streams from one state, one after the other into flat bytes.
 
     Args:
-      rigs, names: the cameras, and what they are called in captions.
-      phases: how far along the film each frame is, from 0 to 1.
+      names: what the cameras are called in captions.
+      poses: of each frame, of each camera.
       decors: what is added to colour pictures.
       ranges: of each camera, the depths [m] of the first and the last colour; needed for coloured depth.
     """
@@ -147,10 +145,9 @@ class ScenePainter:
     backend: Backend
     size: tuple[int, int]
     visual: Visual
-    rigs: Sequence[Rig]
     names: Sequence[str]
     streams: Sequence[Stream]
-    phases: Sequence[float]
+    poses: Sequence[Sequence[Pose]]
     segmentation: Segmentation
     decors: Sequence[Decor] = ()
     ranges: Sequence[tuple[float, float]] = ()
@@ -199,11 +196,11 @@ class ScenePainter:
     def see(self, state: np.ndarray, index: int, views: Sequence[str] | None = None) -> list[Picture]:
         """What each camera sees of a state: the views that streams want of it, or `views`."""
         assert self._drawing
-        self._drawing.look(state, self.phases[index], index)
+        self._drawing.look(state, index)
         found = []
-        for camera, rig in enumerate(self.rigs):
+        for camera, pose in enumerate(self.poses[index]):
             wanted = [panel.view for stream in self.streams for panel in stream.panels if panel.camera == camera]
-            picture = self._drawing.picture(rig, wanted if views is None else views)
+            picture = self._drawing.picture(pose, wanted if views is None else views)
             found.append(picture if picture.rgb is None else _kept(picture))
         return found
 

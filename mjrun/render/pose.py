@@ -6,6 +6,8 @@ from dataclasses import dataclass, replace
 import mujoco
 import numpy as np
 
+LEVEL = 1e-6  # of a direction of length 1: what float32 may leave of nothing
+
 
 @dataclass(frozen=True)
 class Frustum:
@@ -37,6 +39,10 @@ class Frustum:
         """The same with another vertical field of view [deg], around the axis and as wide as the picture."""
         half = fovy / 2 if self.orthographic else self.near * math.tan(math.radians(fovy) / 2)
         return replace(self, center=0.0, width=0.0, bottom=-half, top=half)
+
+    def halfwidth(self, size: tuple[int, int]) -> float:
+        """Half of what a picture of `size` shows of the near plane from left to right [m]."""
+        return self.width or (self.top - self.bottom) * size[0] / size[1] / 2
 
 
 @dataclass(frozen=True)
@@ -75,12 +81,24 @@ class Pose:
         """Azimuth, elevation and roll [deg], as MuJoCo's free camera counts them; roll turns clockwise."""
         x, y, z = self.forward
         elevation = math.atan2(z, math.hypot(x, y))
-        if math.hypot(x, y) < 1e-9:  # straight up or down: up alone tells the azimuth, and roll is none
+        if math.hypot(x, y) < LEVEL:  # straight up or down: up alone tells the azimuth, and roll is none
             x, y = -math.copysign(1.0, z) * self.up[:2]
         azimuth = math.atan2(y, x)
         level = rotation(math.degrees(azimuth), math.degrees(elevation))
         roll = math.atan2(float(self.up @ level[:, 0]), float(self.up @ level[:, 1]))
         return math.degrees(azimuth), math.degrees(elevation), math.degrees(roll)
+
+    def opened(self, fovy: float) -> "Pose":
+        """The same with another vertical field of view [deg]; [m] if orthographic."""
+        return replace(self, frustum=self.frustum.opened(fovy))
+
+    def rolled(self, roll: float) -> "Pose":
+        """The same turned clockwise around the axis of view [deg]."""
+        return replace(self, rotation=self.rotation @ turn(2, -roll))
+
+    def panned(self, pan: float, tilt: float) -> "Pose":
+        """The same turned to the left by `pan` and then up by `tilt` [deg], about its own axes."""
+        return replace(self, rotation=self.rotation @ turn(1, pan) @ turn(0, tilt))
 
     def place(self, scene: mujoco.MjvScene) -> None:
         """Lets `scene` be seen from here, when it is updated with `user_camera`."""
@@ -103,6 +121,49 @@ def rotation(azimuth: float, elevation: float, roll: float = 0.0) -> np.ndarray:
     return np.column_stack([right, np.cross(right, forward), -forward])
 
 
+def heading(direction: np.ndarray) -> tuple[float, float]:
+    """Azimuth and elevation [deg] of a direction `(3,)` of any length but 0.
+
+    Straight up and down the azimuth is 90: looking down, x is to the right and y is up, as on a map.
+    """
+    x, y, z = direction / np.linalg.norm(direction)
+    across = math.hypot(x, y)
+    azimuth = math.degrees(math.atan2(y, x)) if across >= LEVEL else 90.0
+    return azimuth, math.degrees(math.atan2(z, across))
+
+
+def around(
+    lookat: np.ndarray, distance: float, azimuth: float, elevation: float, frustum: Frustum, roll: float = 0.0
+) -> Pose:
+    """MuJoCo's free camera, as mjv_updateCamera places it, in float64 (lengths [m], angles [deg])."""
+    turn = rotation(azimuth, elevation, roll)
+    return Pose(lookat + distance * turn[:, 2], turn, frustum, distance)
+
+
+def fitted(pose: Pose, points: np.ndarray, size: tuple[int, int], margin: float) -> Pose:
+    """`pose` moved until `points` `(n, 3)` [m] just fit into a picture of `size`, seen in the same direction.
+
+    The middle of the box around them is in the middle of the picture, which is `margin` times as large as they
+    need. Without perspective distance changes nothing: then the frustum does.
+    """
+    center = (points.min(axis=0) + points.max(axis=0)) / 2
+    local = (points - center) @ pose.rotation
+    sides, depths = local[:, :2], -local[:, 2]
+    seen = pose.frustum
+    clear = seen.near * (1 + 1e-6) - depths.min()
+    if seen.orthographic:
+        half = margin * np.abs(sides * [size[1] / size[0], 1]).max()
+        distance = max(pose.distance, clear)
+        return Pose(center - distance * pose.forward, pose.rotation, seen.opened(2 * half), distance)
+    # On the plane at depth 1, the picture is `middle` ± `half`, which may lie beside the axis.
+    middle = np.array([seen.center, (seen.top + seen.bottom) / 2]) / seen.near
+    half = np.array([seen.halfwidth(size), (seen.top - seen.bottom) / 2]) / seen.near / margin
+    needed = np.abs(sides - depths[:, None] * middle) / half - depths[:, None]
+    distance = max(float(needed.max()), clear)
+    toward = pose.rotation @ [*middle, -1]
+    return Pose(center - distance * toward, pose.rotation, seen, distance)
+
+
 def pose_of(scene: mujoco.MjvScene) -> Pose:
     """The pose that `scene` is seen from without stereo: midway between its two eyes."""
     camera = mujoco.mjv_averageCamera(scene.camera[0], scene.camera[1])
@@ -120,6 +181,14 @@ def pose_of(scene: mujoco.MjvScene) -> Pose:
         orthographic=bool(camera.orthographic),
     )
     return Pose(np.array(camera.pos, np.float64), np.column_stack([right, np.cross(right, forward), -forward]), frustum)
+
+
+def turn(axis: int, angle: float) -> np.ndarray:
+    """The rotation `(3, 3)` about a coordinate axis, 0 to 2, by an angle [deg]."""
+    i, j = (axis + 1) % 3, (axis + 2) % 3
+    matrix, cosine, sine = np.eye(3), math.cos(math.radians(angle)), math.sin(math.radians(angle))
+    matrix[i, i], matrix[j, j], matrix[i, j], matrix[j, i] = cosine, cosine, -sine, sine
+    return matrix
 
 
 def user_camera() -> mujoco.MjvCamera:

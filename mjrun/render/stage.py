@@ -15,6 +15,7 @@ import numpy as np
 
 from mjrun.errors import UsageError
 from mjrun.model.names import COUNTS, KINDS, members
+from mjrun.render.pose import Pose
 
 SPOT, POINT = mujoco.mjtLightType.mjLIGHT_SPOT.value, mujoco.mjtLightType.mjLIGHT_POINT.value
 # Of Filament, for models made for the classic renderer, whose lights have no intensity.
@@ -91,7 +92,7 @@ class Stage:
             for spare in made[used[kind] :]:
                 self._scene.remove_renderable(spare)
 
-    def draw(self, size: tuple[int, int], camera: mujoco.MjvGLCamera, form: Form, **flags: bool) -> np.ndarray:
+    def draw(self, size: tuple[int, int], pose: Pose, form: Form, **flags: bool) -> np.ndarray:
         """The pixels `(height, width, channels)`, which the next picture of that form overwrites.
 
         Args:
@@ -102,7 +103,7 @@ class Stage:
         request = self._mjrf.RenderRequest(
             scene=self._scene,
             target=target,
-            camera=self._seen_from(camera),
+            camera=self._seen_from(pose),
             viewport=self._mjrf.Rect(0, 0, *size),
             draw_mode=getattr(self._mjrf.DrawMode, f"DRAW_MODE_{form.mode}"),
             headlight=light.active != 0,
@@ -130,10 +131,10 @@ class Stage:
             self._targets[width, height, form] = target, reading, pixels
         return self._targets[width, height, form]
 
-    def _seen_from(self, camera: mujoco.MjvGLCamera) -> Any:
-        """The camera as mjrf's, which is another type with the same fields."""
-        ends = {f"frustum_{name}": getattr(camera, f"frustum_{name}") for name in FRUSTUM}
-        return self._mjrf.Camera(camera.pos, camera.forward, camera.up, **ends, orthographic=bool(camera.orthographic))
+    def _seen_from(self, pose: Pose) -> Any:
+        """The pose as mjrf's camera."""
+        ends = {f"frustum_{name}": getattr(pose.frustum, name) for name in FRUSTUM}
+        return self._mjrf.Camera(pose.position, pose.forward, pose.up, **ends, orthographic=pose.frustum.orthographic)
 
     def _parts(self, kind: str, index: int) -> Iterable[Any]:
         """What Filament draws of one thing: all of it, or part by part."""

@@ -11,9 +11,11 @@ from mjrun.errors import UsageError
 from mjrun.model.picture import Picture
 from mjrun.render import classic
 from mjrun.render.backend import Backend
-from mjrun.render.camera import rig
 from mjrun.render.classic import ClassicRenderer, check_size
+from mjrun.render.course import Course
+from mjrun.render.pose import Pose
 from mjrun.render.segmentation import Segmentation
+from mjrun.render.spec import script
 from mjrun.render.visual import Visual
 
 SIZE = (96, 64)
@@ -36,6 +38,10 @@ def state_of(model: mujoco.MjModel, data: mujoco.MjData) -> np.ndarray:
     return state
 
 
+def pose(camera: str, model: mujoco.MjModel, data: mujoco.MjData) -> Pose:
+    return Course(script(camera, model), model, SIZE).pose(state_of(model, data))
+
+
 def draw(path: Path, step: int, backend: Backend, camera: str = "side", **visual: object) -> np.ndarray:
     """What mjrun draws of a step."""
     model, data = at(path, step)
@@ -44,8 +50,8 @@ def draw(path: Path, step: int, backend: Backend, camera: str = "side", **visual
 
 
 def picture(renderer: ClassicRenderer, model: mujoco.MjModel, data: mujoco.MjData, camera: str) -> np.ndarray:
-    renderer.look(state_of(model, data), 0)
-    found = renderer.picture(rig(camera, model)).rgb
+    renderer.look(state_of(model, data))
+    found = renderer.picture(pose(camera, model, data)).rgb
     assert found is not None
     return found.copy()
 
@@ -75,7 +81,7 @@ def test_pictures_do_not_depend_on_what_was_drawn_before(swing: Path, backend: B
         first = picture(renderer, model, early, "side")
         other = picture(renderer, model, late, "side")
         renderer.draft_cost()
-        renderer.picture(rig("side", model), ["depth"])
+        renderer.picture(pose("side", model, late), ["depth"])
         again = picture(renderer, model, early, "side")
         assert np.array_equal(first, again)
         assert not np.array_equal(first, other)
@@ -131,8 +137,8 @@ def seen(path: Path, backend: Backend, by: str = "object", camera: str = "side",
     model, data = at(path, 0)
     look = Visual(**visual)  # type: ignore[arg-type]
     with ClassicRenderer(model, SIZE, backend, look, Segmentation(model, by)) as renderer:
-        renderer.look(state_of(model, data), 0)
-        return renderer.picture(rig(camera, model), ["depth", "seg"])
+        renderer.look(state_of(model, data))
+        return renderer.picture(pose(camera, model, data), ["depth", "seg"])
 
 
 def rays(path: Path, picture: Picture) -> tuple[np.ndarray, np.ndarray]:
@@ -231,10 +237,10 @@ def test_exact_pictures_do_not_depend_on_the_camera_before(tmp_path: Path, backe
     model, data = at(path, 0)
     views = ["depth", "seg", "rgb"]
     with ClassicRenderer(model, SIZE, backend, Visual(), Segmentation(model)) as renderer:
-        renderer.look(state_of(model, data), 0)
-        first = renderer.picture(rig("a", model), ["depth", "seg"])
-        renderer.picture(rig("b", model), views)
-        later = renderer.picture(rig("a", model), ["depth", "seg"])
+        renderer.look(state_of(model, data))
+        first = renderer.picture(pose("a", model, data), ["depth", "seg"])
+        renderer.picture(pose("b", model, data), views)
+        later = renderer.picture(pose("a", model, data), ["depth", "seg"])
     assert np.array_equal(first.depth, later.depth)  # type: ignore[arg-type]
     assert np.array_equal(first.ids, later.ids)  # type: ignore[arg-type]
 

@@ -18,11 +18,13 @@ from mjrun.model.picture import Picture
 from mjrun.model.state import save
 from mjrun.render import filament
 from mjrun.render.backend import Backend
-from mjrun.render.camera import rig
 from mjrun.render.classic import ClassicRenderer
+from mjrun.render.course import Course
 from mjrun.render.decor import Ghost
 from mjrun.render.filament import FilamentRenderer, check_segmentation, check_visual, left_out
+from mjrun.render.pose import Pose
 from mjrun.render.segmentation import Segmentation
+from mjrun.render.spec import script
 from mjrun.render.visual import Visual
 
 SIZE = (96, 64)
@@ -79,6 +81,10 @@ def after(model: mujoco.MjModel, steps: int) -> mujoco.MjData:
     return data
 
 
+def pose(camera: str, model: mujoco.MjModel, state: np.ndarray) -> Pose:
+    return Course(script(camera, model), model, SIZE).pose(state)
+
+
 @dataclass(frozen=True)
 class Draw:
     """Draws a model after some steps."""
@@ -90,8 +96,9 @@ class Draw:
         self, model: mujoco.MjModel, views: tuple[str, ...] = ("rgb",), camera: str = "side", steps: int = 5, **visual
     ) -> Picture:
         with self.renderer(model, SIZE, self.backend, Visual(**visual), Segmentation(model)) as renderer:
-            renderer.look(save(model, after(model, steps)), 0)
-            return renderer.picture(rig(camera, model), views)
+            state = save(model, after(model, steps))
+            renderer.look(state)
+            return renderer.picture(pose(camera, model, state), views)
 
 
 @pytest.fixture
@@ -201,9 +208,9 @@ def test_views_that_were_not_asked_for_are_not_there(room: mujoco.MjModel, draw:
 def test_colours_vary_by_noise_only_and_the_rest_not_at_all(room: mujoco.MjModel, vulkan: Backend) -> None:
     early, late = (save(room, after(room, steps)) for steps in (0, 60))
     with FilamentRenderer(room, SIZE, vulkan, Visual(), Segmentation(room)) as renderer:
-        view, pictures = rig("side", room), []
+        view, pictures = pose("side", room, early), []
         for state in (early, late, early):
-            renderer.look(state, 0)
+            renderer.look(state)
             pictures.append(renderer.picture(view, ("rgb", *EXACT)))
     first, other, again = pictures
     noise = np.abs(colors(first) - colors(again)).max(axis=2)
@@ -220,10 +227,10 @@ def test_a_film_is_the_same_each_time_across_processes(
     films, processes = [], set()
     for _ in range(2):
         with FilamentRenderer(room, SIZE, vulkan, Visual()) as renderer:
-            film = []
+            film, view = [], pose("side", room, save(room, after(room, 0)))
             for steps in range(0, 50, 10):
-                renderer.look(save(room, after(room, steps)), 0)
-                film.append(renderer.picture(rig("side", room)).rgb)
+                renderer.look(save(room, after(room, steps)))
+                film.append(renderer.picture(view).rgb)
                 processes.add(renderer._process._child.pid)
             films.append(np.array(film))
     assert np.array_equal(*films)
@@ -263,9 +270,10 @@ def test_decors_are_in_colours_only_meshes_too(room: mujoco.MjModel, vulkan: Bac
     offset = (0.15, 0.0, 0.2)
     ghost = Ghost(room, offset=offset, opacity=1)
     with FilamentRenderer(room, SIZE, vulkan, Visual(), Segmentation(room), [ghost]) as renderer:
-        renderer.look(save(room, after(room, 5)), 0)
-        renderer.picture(rig("side", room))
-        shown = renderer.picture(rig("side", room), ("rgb", *EXACT))
+        state = save(room, after(room, 5))
+        renderer.look(state)
+        renderer.picture(pose("side", room, state))
+        shown = renderer.picture(pose("side", room, state), ("rgb", *EXACT))
     assert all(map(np.array_equal, exact(plain), exact(shown)))
     for name in ("box", "cube", "geom:6"):
         centre = after(room, 5).geom_xpos[room.ngeom - 1 if ":" in name else room.geom(name).id] + offset
@@ -275,12 +283,13 @@ def test_decors_are_in_colours_only_meshes_too(room: mujoco.MjModel, vulkan: Bac
 
 def test_high_quality_is_the_average_of_a_picture_twice_the_size(room: mujoco.MjModel, vulkan: Backend) -> None:
     width, height = SIZE
-    state, view = save(room, after(room, 5)), rig("side", room)
+    state = save(room, after(room, 5))
+    view = pose("side", room, state)
     with FilamentRenderer(room, (2 * width, 2 * height), vulkan, Visual()) as renderer:
-        renderer.look(state, 0)
+        renderer.look(state)
         large = colors(renderer.picture(view))
     with FilamentRenderer(room, SIZE, vulkan, Visual(quality="high")) as renderer:
-        renderer.look(state, 0)
+        renderer.look(state)
         high = colors(renderer.picture(view))
     average = large.reshape(height, 2, width, 2, 3).mean(axis=(1, 3))
     assert np.abs(high - average).max() <= 0.5
@@ -363,17 +372,18 @@ def test_reflections_that_are_left_out_are_told(shape: str, told: bool) -> None:
 
 MIRROR = """
 import mujoco, numpy as np
+from mjrun.render.course import Course
 from mjrun.render.filament_worker import Form
+from mjrun.render.spec import script
 from mjrun.render.stage import Stage
+from mjrun.model.state import save
 model = mujoco.MjModel.from_xml_string('''<mujoco><asset><material name="mirror" reflectance=".8"/></asset><worldbody>
   <light pos="0 0 4" castshadow="false"/><geom type="plane" size="3 3 .1" material="mirror"/>
   <geom size=".2" pos="-.5 0 1" rgba="1 0 0 1"/><camera pos="0 -2 3" xyaxes="1 0 0 0 .83 .55"/></worldbody></mujoco>''')
 data = mujoco.MjData(model)
 mujoco.mj_forward(model, data)
-stage, camera = Stage(model, mujoco.MjvOption()), mujoco.MjvCamera()
-camera.type, camera.fixedcamid = mujoco.mjtCamera.mjCAMERA_FIXED.value, 0
+stage, seen = Stage(model, mujoco.MjvOption()), Course(script("0", model), model, (96, 64)).pose(save(model, data))
 stage.update(data)
-seen = mujoco.mjv_camera2GLCamera(model, data, camera)
 shown = [stage.draw((96, 64), seen, Form("RGB8", "DEFAULT", 3, np.uint8), reflections=on).astype(int) for on in (0, 1)]
 print("row", np.nonzero(np.abs(shown[0] - shown[1]).max(axis=2) > 20)[0].mean())
 """
@@ -400,7 +410,7 @@ def test_a_process_that_ends_is_told_and_ends_nothing_else(room: mujoco.MjModel,
     with FilamentRenderer(room, SIZE, vulkan, Visual()) as renderer:
         os.kill(renderer._process._child.pid, signal.SIGABRT)
         with pytest.raises(DrawError, match="filament's process was killed by SIGABRT"):
-            renderer.look(save(room, after(room, 0)), 0)
+            renderer.look(save(room, after(room, 0)))
 
 
 def test_without_a_driver_the_process_says_why_it_ended(

@@ -9,7 +9,8 @@ import pytest
 
 from mjrun.model.picture import Lens
 from mjrun.render.backend import Backend
-from mjrun.render.lens import average_camera, in_perspective, lens, metric_depth
+from mjrun.render.lens import lens, metric_depth
+from mjrun.render.pose import Frustum, pose_of
 
 FRAME = 'pos=".3 -3 1.2" xyaxes="1 .1 0 -.05 .3 1"'
 SENSOR = 'resolution="320 240" sensorsize=".0064 .0048"'
@@ -45,7 +46,7 @@ class Drawn:
 
     model: mujoco.MjModel
     data: mujoco.MjData
-    camera: mujoco.MjvGLCamera
+    frustum: Frustum
     lens: Lens
     ids: np.ndarray
     buffer: np.ndarray
@@ -80,9 +81,8 @@ def draw(
     context.free()
     geoms = np.array([-1, *(geom.objid for geom in scene.geoms[: scene.ngeom])])
     ids = geoms[colors[::-1].astype(np.int32) @ np.array([1, 2**8, 2**16], np.int32)]
-    seen = average_camera(scene)
-    assert in_perspective(model, view) == lens(seen, size).perspective
-    return Drawn(model, data, seen, lens(seen, size), ids, buffer[::-1])
+    seen = pose_of(scene)
+    return Drawn(model, data, seen.frustum, lens(seen, size), ids, buffer[::-1])
 
 
 def corners(drawn: Drawn) -> np.ndarray:
@@ -134,7 +134,7 @@ def test_depth_and_object_of_a_pixel_are_those_that_a_ray_through_its_centre_mee
     backend: Backend, camera: str
 ) -> None:
     drawn = draw(backend, camera, (101, 77), OTHERS)
-    depth = metric_depth(drawn.buffer, drawn.camera)
+    depth = metric_depth(drawn.buffer, drawn.frustum)
     hits, expected = rays(drawn)
     looked = hits > -2
     assert depth.dtype == np.float32
@@ -152,7 +152,7 @@ def test_the_depth_of_something_far_away_is_right_wherever_the_clipping_planes_a
 ) -> None:
     drawn = draw(backend, "fovy", (101, 77), OTHERS.replace("40 3", "39 3"), planes=planes)
     far = drawn.ids == 3
-    points = drawn.lens.unproject(np.where(far, metric_depth(drawn.buffer, drawn.camera), np.nan))[far]
+    points = drawn.lens.unproject(np.where(far, metric_depth(drawn.buffer, drawn.frustum), np.nan))[far]
     assert len(points) > 10
     assert points[:, 1] + 3 == pytest.approx(41, rel=2e-6)  # its near face is 41 m before the camera
 

@@ -1,0 +1,137 @@
+"""The way through waypoints: curves, how long they are, and where one is on them."""
+
+from collections.abc import Callable
+from itertools import pairwise
+
+import numpy as np
+
+SAMPLES = 512  # of a curve between two waypoints, along which its length is measured
+PLACE = 1e-9  # of a path's length: what is nearer than that is at the same place
+_NUDGE = 1e-3  # of a segment: how far from a halt it is plain where a curve leads
+
+
+class Curve:
+    """A curve through points, each at its knot: straight, or a cubic spline with a continuous velocity.
+
+    The velocity at a point is that of the parabola through it and its neighbours. Where knots are the
+    `centripetal` ones this is the Catmull-Rom spline of P. Barry and R. Goldman, "A Recursive Evaluation
+    Algorithm for a Class of Catmull-Rom Splines", 1988. Between two equal points the curve stands still.
+
+    Args:
+      knots: `(n,)`, ascending, at least two.
+      points: `(n, d)`.
+      straight: go straight from point to point.
+      bounded: columns that are not to leave the range of the two points they are between.
+    """
+
+    def __init__(self, knots: np.ndarray, points: np.ndarray, straight: bool, bounded: tuple[int, ...] = ()) -> None:
+        self.knots, self._points = knots, points
+        self._slopes = np.diff(points, axis=0) / np.diff(knots)[:, None]
+        self._velocities = None if straight else self._smooth(bounded)
+
+    def _smooth(self, bounded: tuple[int, ...]) -> np.ndarray:
+        found = np.gradient(self._points, self.knots, axis=0, edge_order=2 if len(self.knots) > 2 else 1)
+        before = np.concatenate([self._slopes[:1], self._slopes])
+        after = np.concatenate([self._slopes, self._slopes[-1:]])
+        still = ~before.any(axis=1) | ~after.any(axis=1)
+        found[still] = 0.0
+        for column in bounded:
+            # F. Fritsch and R. Carlson, "Monotone Piecewise Cubic Interpolation", 1980: enough to be monotone.
+            left, right = before[:, column], after[:, column]
+            most = np.where(left * right > 0, 3 * np.minimum(abs(left), abs(right)), 0.0) * np.sign(left)
+            found[:, column] = np.clip(found[:, column], np.minimum(most, 0), np.maximum(most, 0))
+        return found
+
+    def _segment(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Of each of `x`: the segment it is in, and how far, from 0 to 1."""
+        i = np.clip(np.searchsorted(self.knots, x, side="right") - 1, 0, len(self.knots) - 2)
+        return i, np.clip((x - self.knots[i]) / (self.knots[i + 1] - self.knots[i]), 0.0, 1.0)
+
+    def at(self, x: np.ndarray) -> np.ndarray:
+        """Points `(m, d)` at `x` `(m,)`; beyond the ends, the ends."""
+        i, u = self._segment(x)
+        span, u = (self.knots[i + 1] - self.knots[i])[:, None], u[:, None]
+        start, end = self._points[i], self._points[i + 1]
+        if self._velocities is None:
+            return start + u * (end - start)
+        leaving, arriving = (self._velocities[k] * span for k in (i, i + 1))
+        rise = u * u * (3 - 2 * u)
+        return start + rise * (end - start) + u * (1 - u) * ((1 - u) * leaving - u * arriving)
+
+    def velocity(self, segment: int, u: float) -> np.ndarray:
+        """The derivative `(d,)` of the curve by its knots, `u` of the way through a segment."""
+        slope = self._slopes[segment]
+        if self._velocities is None:
+            return slope
+        leaving, arriving = self._velocities[segment], self._velocities[segment + 1]
+        return 6 * u * (1 - u) * slope + (1 - u) * (1 - 3 * u) * leaving + u * (3 * u - 2) * arriving
+
+    def direction(self, x: float) -> np.ndarray:
+        """Where the curve leads `(d,)`, of length 1; where it stands still, where it goes next, or came from at last.
+
+        The curve must not stand still throughout.
+        """
+        segments, shares = self._segment(np.array([x]))
+        i, u = int(segments[0]), float(shares[0])
+        moving = np.flatnonzero(self._slopes.any(axis=1))
+        later = moving[moving >= i]
+        k = int(later[0] if later.size else moving[-1])
+        share = min(max(u, _NUDGE), 1 - _NUDGE) if k == i else _NUDGE if later.size else 1 - _NUDGE
+        still = PLACE * np.abs(self._slopes).sum(axis=1).max()
+        for candidate in (self.velocity(i, u), self.velocity(k, share)):
+            if np.linalg.norm(candidate) > still:
+                return candidate / np.linalg.norm(candidate)
+        return self._slopes[k] / np.linalg.norm(self._slopes[k])
+
+
+def centripetal(lengths: np.ndarray) -> np.ndarray:
+    """Knots `(n + 1,)` whose steps are the roots of `lengths` `(n,)` from point to point.
+
+    Between such knots a spline makes no cusps and no loops: C. Yuksel, S. Schaefer and J. Keyser,
+    "Parameterization and applications of Catmull-Rom curves", 2011.
+    """
+    return np.concatenate([[0.0], np.cumsum(np.sqrt(lengths))])
+
+
+def orbital(points: np.ndarray) -> np.ndarray:
+    """Where from the point that is looked at `(m, 3)` [m] a camera is, at a distance [m], azimuth, elevation [deg].
+
+    Angles are those of MuJoCo's free camera, and tell where it looks. `points` is `(m, 3)`.
+    """
+    distance, azimuth, elevation = points[:, 0], *np.radians(points[:, 1:]).T
+    across = np.cos(elevation)
+    return -distance[:, None] * np.stack(
+        [across * np.cos(azimuth), across * np.sin(azimuth), np.sin(elevation)], axis=1
+    )
+
+
+def orbital_lengths(points: np.ndarray) -> np.ndarray:
+    """About how long the ways `(n - 1,)` [m] between `points` `(n, 3)` around something are; angles as given."""
+    distance, _, elevation = ((points[1:] + points[:-1]) / 2).T
+    radial, *turns = np.diff(points, axis=0).T
+    azimuth, tilt = np.radians(turns)
+    return np.sqrt(radial**2 + (distance * tilt) ** 2 + (distance * np.cos(np.radians(elevation)) * azimuth) ** 2)
+
+
+class Odometer:
+    """How far along a curve is far enough: by length, to a thousandth.
+
+    Args:
+      knots: of the curve.
+      place: where it is `(m, 3)` [m] at `(m,)`.
+    """
+
+    def __init__(self, knots: np.ndarray, place: Callable[[np.ndarray], np.ndarray]) -> None:
+        parts = [np.linspace(a, b, SAMPLES, endpoint=False) for a, b in pairwise(knots)]
+        self._x = np.concatenate([*parts, knots[-1:]])
+        steps = np.linalg.norm(np.diff(place(self._x), axis=0), axis=1)
+        self._lengths = np.concatenate([[0.0], np.cumsum(steps)])
+
+    @property
+    def length(self) -> float:
+        """Of the whole curve [m]."""
+        return float(self._lengths[-1])
+
+    def after(self, share: float) -> float:
+        """Where on the curve `share` of its length is behind, from 0 to 1."""
+        return float(np.interp(share * self.length, self._lengths, self._x))
