@@ -10,9 +10,11 @@ import traceback
 import unicodedata
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
+from typing import NamedTuple
 
 LISTED = 24  # names shown before a list is cut
 LOGGED = 8  # lines of an encoder's log that are shown
+FAULTS = 50  # problems of a document that are shown
 
 
 def clean(text: str) -> str:
@@ -97,6 +99,27 @@ class BadValueError(UsageError):
 
     def __init__(self, what: str, value: object, expected: str) -> None:
         super().__init__(f"{clean(what)}: {quoted(str(value))} is not {expected}")
+
+
+class Problem(NamedTuple):
+    """One thing wrong in a document: at `place`, `shots.yaml:12:5`, and at `path` in it, `shots[1].orbit`."""
+
+    place: str
+    path: str
+    message: str
+
+    def __str__(self) -> str:
+        return ": ".join(clean(part) for part in self if part)
+
+
+class DocumentError(UsageError):
+    """A document says what cannot be meant: every problem in it, one on a line."""
+
+    def __init__(self, problems: Sequence[Problem]) -> None:
+        self.problems = tuple(problems)
+        hidden = len(problems) - FAULTS
+        more = [f"… and {hidden} more problem{'s' if hidden > 1 else ''}"] if hidden > 0 else []
+        super().__init__("\n".join([*map(str, problems[:FAULTS]), *more]))
 
 
 class MissingExtraError(UsageError):

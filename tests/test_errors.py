@@ -10,12 +10,14 @@ from hypothesis import strategies as st
 
 from mjrun import errors
 from mjrun.errors import (
+    FAULTS,
     LISTED,
     LOGGED,
     BadValueError,
     BrokenModelError,
     ClosedPipeError,
     CompiledModelError,
+    DocumentError,
     EncoderError,
     EndedError,
     FailedStepError,
@@ -23,6 +25,7 @@ from mjrun.errors import (
     MjrunError,
     ModelNotFoundError,
     NoRendererError,
+    Problem,
     SoftwareRendererError,
     TerminatedError,
     UnknownNameError,
@@ -40,6 +43,7 @@ CODES = {
     "MissingExtraError": 2,
     "UnknownNameError": 2,
     "BadValueError": 2,
+    "DocumentError": 2,
     "CompiledModelError": 2,
     "ModelError": 3,
     "ModelNotFoundError": 3,
@@ -185,6 +189,10 @@ def test_a_list_is_cut_only_when_it_is_long_and_then_says_how_long() -> None:
         (UnknownNameError("keyframe", "home", []), "no keyframe 'home'\nthere are no keyframes"),
         (BadValueError("--fps", -3, "a positive number"), "--fps: '-3' is not a positive number"),
         (
+            DocumentError([Problem("a.yaml:1:2", "shots[0]", "is bad"), Problem("a.yaml", "", "is worse")]),
+            "a.yaml:1:2: shots[0]: is bad\na.yaml: is worse",
+        ),
+        (
             ModelNotFoundError(Path("d/flor.xml"), "no such file", Path("d"), ["floor.xml"]),
             "d/flor.xml: no such file (did you mean 'floor.xml'?)\nmodels in d: floor.xml",
         ),
@@ -204,6 +212,15 @@ def test_the_first_line_says_what_and_where_and_further_lines_what_is_valid_and_
     error: MjrunError, message: str
 ) -> None:
     assert str(error) == message
+
+
+@pytest.mark.parametrize(("hidden", "last"), [(1, "… and 1 more problem"), (7, "… and 7 more problems")])
+def test_of_a_document_with_very_many_problems_the_first_are_shown_and_the_others_counted(
+    hidden: int, last: str
+) -> None:
+    problems = [Problem("a.yaml", "", f"problem {i}") for i in range(FAULTS + hidden)]
+    assert str(DocumentError(problems[:FAULTS])).splitlines() == [f"a.yaml: problem {i}" for i in range(FAULTS)]
+    assert str(DocumentError(problems)).splitlines() == [f"a.yaml: problem {i}" for i in range(FAULTS)] + [last]
 
 
 def test_a_compiled_model_names_the_overrides_that_it_cannot_take_and_the_way_out() -> None:
@@ -240,6 +257,7 @@ def test_a_step_that_mujoco_could_not_finish_is_told_with_its_reason() -> None:
         (UnknownNameError("geom", "floor", [EVIL]), 2),
         (UnknownNameError("geom", EVIL, [EVIL + "x"]), 2),
         (BadValueError(EVIL, EVIL, "a number"), 1),
+        (DocumentError([Problem(EVIL, EVIL, EVIL), Problem(EVIL, "", "is bad")]), 2),
         (CompiledModelError(EVIL_PATH, [EVIL]), 2),
         (ModelNotFoundError(EVIL_PATH, "no such file", EVIL_PATH, [EVIL, EVIL + "x"]), 2),
         (BrokenModelError(EVIL_PATH, EVIL.replace("\n", "").replace("\u2028", "")), 1),

@@ -1,0 +1,1 @@
+"""Documents: YAML files to typed values, with every error at its line and column."""

@@ -1,0 +1,244 @@
+"""The camera document: shots in time, each a rig, with cuts, blends and events.
+
+```yaml
+speed: 0.25
+shots:
+  - orbit: {lookat: floor, distance: 0.9, azimuth: {from: 140, to: 240, ease: cosine}, elevation: -30}
+    until: {when: speed(box) > 0.02}
+  - track: {target: box, distance: 0.08, azimuth: 280, elevation: -10}
+    blend: {shape: sigmoid, width: 0.3}
+```
+"""
+
+import pathlib
+from collections.abc import Iterator, Mapping
+from fractions import Fraction
+from typing import Annotated, Any, Literal
+
+from pydantic import BeforeValidator, ConfigDict, Field, Tag
+
+from mjrun.document.form import MAPPING, NUMBER, TEXT, Among, Form, Loc, Maybe, Name, Positive, given_nothing, kinds
+from mjrun.document.reading import read
+from mjrun.document.rigs import FreeOrEmpty, Look, OrbitOrEmpty, Path, PositiveSliding, Sliding, Track, maybe_ramp, ramp
+from mjrun.errors import near
+from mjrun.render import script
+from mjrun.render.ease import BLENDS
+from mjrun.timeline import rational
+
+RIGS = ("camera", "free", "orbit", "track", "look", "path")
+
+Shape = Annotated[str, Among(tuple(BLENDS))]
+Index = Annotated[int, Field(ge=0)]
+Time = Annotated[float, Field(ge=0)]
+
+
+class Event(Form):
+    """Something that happens in the simulation: the instant when a condition begins to hold."""
+
+    when: Name
+    """The condition, as in speed(box) > 0.02; with ': ' or ' #' in it, it goes in quotes."""
+    nth: Annotated[int, Field(ge=1)] = 1
+    """Which time that it begins to hold, from 1 on."""
+    offset: float = 0.0
+    """How much later the shot ends [s], or earlier if negative."""
+    otherwise: Maybe[
+        Annotated[
+            Annotated[Time, Tag(NUMBER)] | Annotated[Literal["end"], Tag(TEXT)],
+            kinds("a time [s] or end", NUMBER, TEXT),
+        ]
+    ] = Field(None, alias="else")
+    """What counts if it never happens: a time of the simulation [s], or end; an error if left out."""
+
+    def event(self) -> script.Event:
+        """The event."""
+        otherwise = self.otherwise if isinstance(self.otherwise, str) else _exact(self.otherwise)
+        return script.Event(self.when, self.nth, rational(self.offset), otherwise)
+
+
+class Blend(Form):
+    """How one shot becomes the next."""
+
+    shape: Shape = "cosine"
+    """The course of the change."""
+    width: Positive = 0.5
+    """How long it takes [s]; of a sigmoid, the time in which it goes from 1/2 to 1/(1+e)."""
+
+
+class Shake(Form):
+    """A hand that trembles."""
+
+    angle: Positive = 0.3
+    """Standard deviation of each angle [deg]."""
+    frequency: Positive = 2.0
+    """Of the trembling [Hz], in time of the film."""
+    seed: Annotated[int, Field(ge=0)] = 0
+    """Another number trembles otherwise."""
+
+
+class Fit(Form):
+    """Keeps an object, with all that hangs on it, whole in the picture, by the distance."""
+
+    target: Name
+    """A body, geom or site."""
+    margin: Annotated[float, Field(ge=1)] = 1.2
+    """How much larger than the object the picture is."""
+
+
+class Shot(Form):
+    """A rig for a stretch of time: one of camera, free, orbit, track, look and path."""
+
+    model_config = ConfigDict(json_schema_extra={"oneOf": [{"required": [rig]} for rig in RIGS]})
+
+    camera: Maybe[
+        Annotated[
+            Annotated[Name, Tag(TEXT)] | Annotated[Index, Tag(NUMBER)],
+            kinds("the name or index of a camera", TEXT, NUMBER),
+        ]
+    ] = None
+    """A camera of the model, by name or index."""
+    free: Maybe[FreeOrEmpty] = None
+    """MuJoCo's free camera."""
+    orbit: Maybe[OrbitOrEmpty] = None
+    """Around a point or an object."""
+    track: Maybe[Track] = None
+    """With an object."""
+    look: Maybe[Look] = None
+    """From one place at another."""
+    path: Maybe[Path] = None
+    """Through waypoints."""
+    until: Maybe[
+        Annotated[
+            Annotated[Positive, Tag(NUMBER)] | Annotated[Event, Tag(MAPPING)],
+            kinds("a time [s] or {when, nth, offset, else}", NUMBER, MAPPING),
+        ]
+    ] = None
+    """When the shot ends: a time of the simulation [s], or an event."""
+    duration: Maybe[Positive] = None
+    """How long the shot lasts [s] of the simulation, instead of until."""
+    speed: Maybe[Positive] = None
+    """Simulated seconds per second of film: 0.5 is slow motion."""
+    blend: Maybe[
+        Annotated[
+            Annotated[Shape, Tag(TEXT)] | Annotated[Positive, Tag(NUMBER)] | Annotated[Blend, Tag(MAPPING)],
+            kinds("a shape, a width [s] or {shape, width}", TEXT, NUMBER, MAPPING),
+        ]
+    ] = None
+    """How the shot before becomes this one: a shape, a width [s], or both; a cut if left out."""
+    roll: Sliding = 0.0
+    """Turn around the axis of view [deg], clockwise."""
+    fovy: Maybe[PositiveSliding] = None
+    """Vertical field of view [deg], what is seen [m] if orthographic; the model's if left out."""
+    shake: Maybe[Annotated[Shake, BeforeValidator(given_nothing, json_schema_input_type=Shake | None)]] = None
+    """A hand that trembles."""
+    fit: Maybe[
+        Annotated[
+            Annotated[Name, Tag(TEXT)] | Annotated[Fit, Tag(MAPPING)],
+            kinds("an object's name or {target, margin}", TEXT, MAPPING),
+        ]
+    ] = None
+    """Keeps an object whole in the picture, by the distance."""
+
+    @classmethod
+    def complaints(cls, given: Mapping[str, Any]) -> Iterator[tuple[Loc, str]]:
+        rigs = [key for key in given if key in RIGS]
+        mistyped = any(near(key, RIGS) for key in {*given} - {*cls.key_names()})
+        if not rigs and not mistyped:
+            yield (), f"expected one of {', '.join(RIGS)}, got none"
+        yield from (((rig,), f"a shot has one rig, and this one has {rigs[0]} already") for rig in rigs[1:])
+        if "until" in given and "duration" in given:
+            yield ("duration",), "a shot ends by until or after a duration, not both"
+
+    def shot(self, speed: float | None) -> script.Shot:
+        """The shot, at a speed if it says none."""
+        speed = speed if self.speed is None else self.speed
+        return script.Shot(
+            rig=self._rig(),
+            until=self.until.event() if isinstance(self.until, Event) else _exact(self.until),
+            lasting=_exact(self.duration),
+            speed=_exact(speed),
+            blend=_blend(self.blend),
+            roll=ramp(self.roll),
+            fovy=maybe_ramp(self.fovy),
+            shake=_shake(self.shake),
+            fit=_fit(self.fit),
+        )
+
+    def _rig(self) -> script.Rig:
+        for rig in (self.free, self.orbit, self.track, self.look, self.path):
+            if rig is not None:
+                return rig.rig()
+        return script.ModelRig(str(self.camera))
+
+
+class Document(Form):
+    """What a camera does in a film: shots, one after the other."""
+
+    speed: Maybe[Positive] = None
+    """Simulated seconds per second of film, of all shots that do not say their own: 0.5 is slow motion."""
+    shots: list[Shot] = Field(min_length=1)
+    """The shots in order; all but the last say when they end, by until or duration."""
+
+    @classmethod
+    def complaints(cls, given: Mapping[str, Any]) -> Iterator[tuple[Loc, str]]:
+        shots = given.get("shots")
+        shots = shots if isinstance(shots, list) and all(isinstance(shot, dict) for shot in shots) else []
+        if shots and "blend" in shots[0]:
+            yield ("shots", 0, "blend"), "there is no shot before the first to blend with"
+        for i, shot in enumerate(shots[:-1]):
+            if "until" not in shot and "duration" not in shot:
+                yield ("shots", i), "when does this shot end? all but the last say until or duration"
+        yield from _disordered(shots)
+
+    def script(self, name: str) -> script.Script:
+        """The script, under a name."""
+        return script.Script(name, [shot.shot(self.speed) for shot in self.shots])
+
+
+def read_camera(path: pathlib.Path | str) -> script.Script:
+    """The camera document at `path`; the script is called as the file is, less its suffix.
+
+    Raises:
+      DocumentError: with everything that is wrong in it, line by line.
+      FileError: it is not there, or cannot be read.
+    """
+    return read(path, Document).script(pathlib.Path(path).stem)
+
+
+def _exact(value: float | None) -> Fraction | None:
+    return None if value is None else rational(value)
+
+
+def _blend(given: str | float | Blend | None) -> script.Blend | None:
+    if isinstance(given, Blend):
+        return script.Blend(given.shape, given.width)
+    if isinstance(given, str):
+        return script.Blend(shape=given)
+    return None if given is None else script.Blend(width=given)
+
+
+def _shake(given: Shake | None) -> script.Shake | None:
+    return None if given is None else script.Shake(given.angle, given.frequency, given.seed)
+
+
+def _fit(given: str | Fit | None) -> script.Fit | None:
+    if isinstance(given, Fit):
+        return script.Fit(given.target, given.margin)
+    return None if given is None else script.Fit(given)
+
+
+def _disordered(shots: list[dict[str, Any]]) -> Iterator[tuple[Loc, str]]:
+    """Shots that would end before they begin, as far as their times tell it."""
+    begun = Fraction(0)  # at the earliest
+    for i, shot in enumerate(shots):
+        until, duration = _number(shot.get("until")), _number(shot.get("duration"))
+        if 0 < until <= begun:
+            yield ("shots", i, "until"), f"expected a time later than {float(begun):g}, when the shot begins"
+        begun = max(begun + max(duration, Fraction(0)), until)
+
+
+def _number(value: Any) -> Fraction:
+    """The number in a document; 0 if it is none."""
+    try:
+        return rational(value) if type(value) in (int, float) else Fraction(0)
+    except (ValueError, OverflowError):
+        return Fraction(0)

@@ -1,0 +1,113 @@
+"""What a document may begin with: `vars:`, values under a name, and `defaults:`, another document below this one."""
+
+import re
+from collections.abc import Mapping
+
+from mjrun.document.tree import Broken, Fault, Listed, Mapped, Mark, Node, Path, Scalar, cut, described, spelled
+from mjrun.errors import listing, quoted, suggestion
+
+VARS, DEFAULTS = "vars", "defaults"
+LARGEST = 2**20  # characters that variables may make in a document
+
+_NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
+_REFERENCE = re.compile(r"\$\$\{|\$\{([^{}$]*)\}|\$\{")
+
+
+def merged(above: Node, below: Node | None) -> Node:
+    """`above` over `below`: mappings together, key by key, anything else as it is in `above`."""
+    if not isinstance(above, Mapped) or not isinstance(below, Mapped):
+        return above
+    entries = {key: merged(above.entries[key], below.entries.get(key)) for key in above.entries}
+    return Mapped(above.mark, {**below.entries, **entries}, {**below.keys, **above.keys})
+
+
+def without_variables(tree: Mapped) -> tuple[Mapped, list[Fault]]:
+    """`tree` less its `vars`, which stand in the place of every `${name}`, and what is wrong with them.
+
+    A scalar that is `${name}` and nothing else takes the variable's own value, number or text; within a longer text
+    stands what the variable was written as. `$${` is `${` itself.
+    """
+    resolver = _Resolver()
+    resolver.take(tree.entries.get(VARS))
+    rest = tree.without(VARS)
+    entries = {key: resolver.resolved(value, (key,)) for key, value in rest.entries.items()}
+    return Mapped(rest.mark, entries, rest.keys), resolver.faults
+
+
+class _Resolver:
+    def __init__(self) -> None:
+        self.variables: dict[str, Node] = {}
+        self.faults: list[Fault] = []
+        self.made = 0
+
+    def take(self, given: Node | None) -> None:
+        """Reads the variables."""
+        if given is None or isinstance(given, Broken):
+            return
+        if not isinstance(given, Mapped):
+            self._fault(given.mark, (VARS,), f"expected a mapping of names to values, got {described(given)}")
+            return
+        for name, value in given.entries.items():
+            if not _NAME.fullmatch(name):
+                self._fault(given.keys[name], (VARS,), f"{quoted(cut(name))} is no name of letters, digits and _")
+            self.variables[name] = self._variable(value, (VARS, name))
+
+    def _variable(self, value: Node, path: Path) -> Node:
+        if not isinstance(value, Scalar | Broken):
+            self._fault(value.mark, path, f"expected a single value, got {described(value)}")
+            return Broken(value.mark)
+        if isinstance(value, Scalar) and any(found[0] != "$${" for found in _REFERENCE.finditer(value.text)):
+            self._fault(value.mark, path, "variables do not refer to variables; ${ itself is written $${")
+            return Broken(value.mark)
+        return self.resolved(value, path)
+
+    def resolved(self, node: Node, path: Path) -> Node:
+        """`node`, which stands at `path`, with values instead of variables."""
+        match node:
+            case Listed():
+                return Listed(node.mark, [self.resolved(item, (*path, i)) for i, item in enumerate(node.items)])
+            case Mapped():
+                entries = {key: self.resolved(value, (*path, key)) for key, value in node.entries.items()}
+                return Mapped(node.mark, entries, node.keys)
+            case Scalar(value=str(text)) if "${" in text:
+                return self._scalar(node, text, path)
+        return node
+
+    def _scalar(self, node: Scalar, text: str, path: Path) -> Node:
+        whole = _REFERENCE.fullmatch(text)
+        if whole and whole[1] is not None:
+            value = self._value(whole, node.mark, path)
+            return Scalar(node.mark, value.value, value.text, text) if value else Broken(node.mark)
+        parts: list[str] = []
+        end = 0
+        for found in _REFERENCE.finditer(text):
+            value = None if found[0] == "$${" else self._value(found, node.mark, path)
+            if found[0] != "$${" and not value:
+                return Broken(node.mark)
+            parts += [text[end : found.start()], value.text if value else "${"]
+            end = found.end()
+            self.made += len(parts[-1])
+            if self.made > LARGEST:
+                self._fault(node.mark, path, f"variables make more than {LARGEST:,} characters")
+                return Broken(node.mark)
+        made = "".join([*parts, text[end:]])
+        return Scalar(node.mark, made, made)
+
+    def _value(self, found: re.Match[str], mark: Mark, path: Path) -> Scalar | None:
+        """The variable that `found` refers to, if there is such a one."""
+        name = found[1]
+        if name is None:
+            self._fault(mark, path, "${ begins a variable, ${name}; ${ itself is written $${")
+            return None
+        if name not in self.variables:
+            self._fault(mark, path, _unknown(name, self.variables))
+        value = self.variables.get(name)
+        return value if isinstance(value, Scalar) else None
+
+    def _fault(self, mark: Mark, path: Path, message: str) -> None:
+        self.faults.append(Fault(mark, spelled(path), message))
+
+
+def _unknown(name: str, variables: Mapping[str, Node]) -> str:
+    choices = f"vars: {listing(list(variables))}" if variables else "there are no vars"
+    return f"no variable {quoted(cut(name))}{suggestion(name, variables)}; {choices}"

@@ -1,0 +1,139 @@
+"""A document as it is written: values that know their line and column."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+from mjrun.errors import clean, quoted
+
+SHOWN = 40  # characters of a foreign text that a message shows
+UNUSABLE = object()  # what stands for a value that is reported already; fits no type
+
+Path = tuple[str | int, ...]  # keys of mappings and indices of lists, from the top
+
+
+@dataclass(frozen=True, order=True)
+class Mark:
+    """Where something is written.
+
+    Attributes:
+      order: of its source among those that a document is read from.
+      line, column: from 1; 0 means the source as a whole, as a setting on the command line is.
+      source: the file as the user named it, or the setting.
+    """
+
+    order: int
+    line: int
+    column: int
+    source: str
+
+    def __str__(self) -> str:
+        return clean(self.source) + (f":{self.line}:{self.column}" if self.line else "")
+
+
+@dataclass(frozen=True, order=True)
+class Fault:
+    """Something wrong, in the order in which faults are told."""
+
+    mark: Mark
+    path: str
+    message: str
+
+
+@dataclass(frozen=True)
+class Scalar:
+    """A single value; `text` is how it was written, without quotes, and `origin` the variable that it came from."""
+
+    mark: Mark
+    value: bool | int | float | str | None
+    text: str
+    origin: str = ""
+
+
+@dataclass(frozen=True)
+class Listed:
+    """A list."""
+
+    mark: Mark
+    items: Sequence["Node"] = ()
+
+
+@dataclass(frozen=True)
+class Mapped:
+    """A mapping; `keys` are the places of its keys."""
+
+    mark: Mark
+    entries: Mapping[str, "Node"] = field(default_factory=dict)
+    keys: Mapping[str, Mark] = field(default_factory=dict)
+
+    def with_entry(self, key: str, mark: Mark, value: "Node") -> "Mapped":
+        """The same with one entry set."""
+        return Mapped(self.mark, {**self.entries, key: value}, {**self.keys, key: mark})
+
+    def without(self, *keys: str) -> "Mapped":
+        """The same with fewer entries."""
+        return Mapped(self.mark, {k: v for k, v in self.entries.items() if k not in keys}, self.keys)
+
+
+@dataclass(frozen=True)
+class Broken:
+    """A value that is reported already and means nothing."""
+
+    mark: Mark
+
+
+Node = Scalar | Listed | Mapped | Broken
+
+
+def plain(node: Node) -> Any:
+    """`node` as Python's own values, `UNUSABLE` where it is broken."""
+    match node:
+        case Scalar():
+            return node.value
+        case Listed():
+            return [plain(item) for item in node.items]
+        case Mapped():
+            return {key: plain(inner) for key, inner in node.entries.items()}
+        case Broken():
+            return UNUSABLE
+
+
+def find(node: Node, path: Path) -> Node:
+    """What stands at `path`, or the last on the way to it that is there."""
+    for step in path:
+        if isinstance(node, Mapped) and step in node.entries:
+            node = node.entries[str(step)]
+        elif isinstance(node, Listed) and isinstance(step, int) and step < len(node.items):
+            node = node.items[step]
+        else:
+            return node
+    return node
+
+
+def spelled(path: Path) -> str:
+    """`path` as in `shots[1].orbit.distance`."""
+    parts = (f"[{step}]" if isinstance(step, int) else f".{clean(cut(step))}" for step in path)
+    return "".join(parts).removeprefix(".")
+
+
+def cut(text: str, most: int = SHOWN) -> str:
+    """`text`, or its beginning if it is long."""
+    return text if len(text) <= most else text[: most - 1] + "…"
+
+
+def described(node: Node) -> str:
+    """What a message says was found: `-2`, `'fast'`, `nothing`, `a list`."""
+    match node:
+        case Scalar(text=""):
+            found = "nothing" if node.value is None else "''"
+        case Scalar(value=str()):
+            found = quoted(cut(node.text))
+        case Scalar():
+            found = clean(cut(node.text))
+        case Listed():
+            return "a list"
+        case Mapped():
+            return "a mapping"
+        case Broken():
+            return "what cannot be read"
+    return found + (f" from {clean(node.origin)}" if node.origin else "")
