@@ -113,7 +113,7 @@ def plant(folder: Path, module: str, source: str) -> Path:
 @pytest.mark.parametrize(
     ("module", "source"),
     [
-        ("sim/observe.py", "from mjrun.render.camera import rig"),
+        ("sim/observe.py", "from mjrun.render.course import Course"),
         ("sim/observe.py", "import mjrun.export.video"),
         ("sim/observe.py", "from mjrun import render"),
         ("sim/observe.py", "from ..render import camera"),

@@ -6,9 +6,9 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from mjrun.cli import options, values
+from mjrun.cli import options, sentences, values
 from mjrun.cli.console import Console
-from mjrun.errors import UsageError, clean
+from mjrun.errors import UsageError
 
 if TYPE_CHECKING:
     from mjrun.job.image import ImageResult
@@ -39,9 +39,9 @@ def command(console: Console, /, as_json: bool, **given: Any) -> None:
     if as_json:
         console.document(asdict(result))
     elif piped:
-        console.say(_sentence(result))
+        console.say(sentences.still(result))
     elif console.verbosity >= 0:
-        console.result(_sentence(result))
+        console.result(sentences.still(result))
 
 
 def _make(console: Console, given: dict[str, Any]) -> "ImageResult":
@@ -59,10 +59,4 @@ def _make(console: Console, given: dict[str, Any]) -> "ImageResult":
         command=console.command,
         **values.drawing(given),
     )
-    return job.run(console)
-
-
-def _sentence(result: "ImageResult") -> str:
-    width, height = result.size
-    paths = ", ".join(map(clean, result.paths)) or "-"
-    return f"{paths}: {width}x{height} at {result.time:.6g} s; made in {result.wall:.1f} s, by {clean(result.renderer)}"
+    return values.perform(console, given, job)

@@ -80,6 +80,16 @@ model_options = _bundle(
     ),
 )
 
+_controller = (
+    _option(
+        "--controller",
+        metavar="CODE",
+        help="Python that sets the controls: policy.py:act or package.module:Policy, called with (model, data). "
+        "It writes data.ctrl or returns the controls; a class may have a method reset.",
+    ),
+    _option("--control-dt", type=Exact("SECONDS"), help="Time between two calls of it.  [default: every step]"),
+)
+
 simulation_options = _bundle(
     "Simulation",
     _option("--key", metavar="NAME|INDEX", help="Start from a keyframe."),
@@ -124,13 +134,13 @@ simulation_options = _bundle(
         metavar="SECONDS",
         help="Time in which that noise forgets.  [default: 0, new at every step]",
     ),
+    *_controller,
     _option(
-        "--controller",
-        metavar="CODE",
-        help="Python that sets the controls: policy.py:act or package.module:Policy, called with (model, data). "
-        "It writes data.ctrl or returns the controls; a class may have a method reset.",
+        "--replay",
+        metavar="FILE",
+        help="Go through the states that --recording kept (.npz), instead of simulating.",
     ),
-    _option("--control-dt", type=Exact("SECONDS"), help="Time between two calls of it.  [default: every step]"),
+    _option("--recording", metavar="FILE", help="Keep the state of every step, for --replay (.npz)."),
     _option(
         "--perturb", type=click.FloatRange(min=0), default=0.0, metavar="STD", help="Noise on the initial velocities."
     ),
@@ -152,8 +162,8 @@ view_options = _bundle(
         multiple=True,
         metavar="SPEC",
         help="A camera of the model, by name or index; or free, orbit or track with settings after a colon: "
-        "free:azimuth=90,elevation=-20 orbit:lookat=box,azimuth=140..240,ease=cosine track:box,distance=.5. "
-        "Repeat for several.  [default: free]",
+        "free:azimuth=90,elevation=-20 orbit:lookat=box,azimuth=140..240,ease=cosine track:box,distance=.5; "
+        "or a camera document, camera.yaml, with shots in time. Repeat for several.  [default: free]",
     ),
     _option(
         "--view",
@@ -230,6 +240,13 @@ view_options = _bundle(
     ),
 )
 
+_device = (
+    _option(
+        "--gl", envvar="MUJOCO_GL", metavar="BACKEND", help="auto, egl, osmesa or glfw.  [default: $MUJOCO_GL, or auto]"
+    ),
+    _option("--require-gpu", is_flag=True, help="Refuse to draw in software."),
+)
+
 renderer_options = _bundle(
     "Renderer",
     _option(
@@ -246,10 +263,7 @@ renderer_options = _bundle(
         show_default=True,
         help="MuJoCo's own, or the physically based one, which needs Vulkan.",
     ),
-    _option(
-        "--gl", envvar="MUJOCO_GL", metavar="BACKEND", help="auto, egl, osmesa or glfw.  [default: $MUJOCO_GL, or auto]"
-    ),
-    _option("--require-gpu", is_flag=True, help="Refuse to draw in software."),
+    *_device,
 )
 
 _calibration = (
@@ -300,6 +314,18 @@ image_options = _bundle(
     _manifest,
 )
 
+
+def _jobs(default: str | None) -> Callable[[Command], Command]:
+    return _option(
+        "--jobs",
+        type=Jobs(),
+        default=default,
+        metavar="N|auto",
+        show_default=True,
+        help="Processes that draw; auto is one per core where a CPU draws a long film.",
+    )
+
+
 film_options = _bundle(
     "Film",
     _option(
@@ -327,14 +353,7 @@ film_options = _bundle(
     _option(
         "--plot-side", type=click.Choice(["under", "beside"]), default="under", show_default=True, help="Where it is."
     ),
-    _option(
-        "--jobs",
-        type=Jobs(),
-        default="auto",
-        metavar="N|auto",
-        show_default=True,
-        help="Processes that draw; auto is one per core where a CPU draws a long film.",
-    ),
+    _jobs("auto"),
     *_calibration,
     _manifest,
 )
@@ -376,6 +395,16 @@ table_options = _bundle(
         "Suffixes as for -o.",
     ),
     _manifest,
+)
+
+run_options = _bundle(
+    "Run",
+    _option("-o", "--output", metavar="DIR", help="The folder of all outputs; made if need be.  [default: .]"),
+    _option("--dry-run", is_flag=True, help="Show what would be made, and stop."),
+    _option("--quality", type=click.Choice(["draft", "model", "high"]), help="Of all films and stills, instead."),
+    _jobs(None),
+    *_device,
+    *_controller,
 )
 
 output_options = _bundle(

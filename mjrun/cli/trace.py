@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from mjrun.cli import options, values
+from mjrun.cli import options, sentences, values
 from mjrun.cli.console import Console
 from mjrun.errors import UsageError, clean
 
@@ -41,7 +41,7 @@ def command(console: Console, /, as_json: bool, **given: Any) -> None:
     if as_json:
         console.document(asdict(result))
     elif not piped and console.verbosity >= 0:
-        console.result(_sentence(result))
+        console.result(sentences.trace(result))
 
 
 def _make(console: Console, given: dict[str, Any]) -> "TraceResult":
@@ -62,7 +62,7 @@ def _make(console: Console, given: dict[str, Any]) -> "TraceResult":
         manifest=given["manifest"],
         command=console.command,
     )
-    return job.run(console)
+    return values.perform(console, given, job)
 
 
 def _show_columns(console: Console, given: dict[str, Any], as_json: bool) -> None:
@@ -76,9 +76,3 @@ def _show_columns(console: Console, given: dict[str, Any], as_json: bool) -> Non
     for column in found:
         owner = f"{column.kind} {column.id}" if column.kind else ""
         console.result(f"{clean(column.name):{width}}  {column.unit:8}  {owner:12}  {column.meaning}".rstrip())
-
-
-def _sentence(result: "TraceResult") -> str:
-    size = f"{result.rows} rows, {result.columns} columns"
-    pace = f"{result.simulated:.6g} s in {result.steps} steps; made in {result.wall:.2f} s"
-    return f"{clean(result.path)}: {size}, {pace}"

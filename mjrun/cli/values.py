@@ -5,7 +5,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from mjrun.cli.code import controller
+from mjrun.cli.console import Console
 from mjrun.cli.options import GROUP_KINDS
+
+DOCUMENTS = (".yaml", ".yml")
 
 if TYPE_CHECKING:
     from mjrun.job.simulation import Simulation
@@ -46,11 +49,21 @@ def simulation(given: dict[str, Any]) -> "Simulation":
         ctrl_noise_time=given["ctrl_noise_time"],
         controller=controller(given["controller"]) if given["controller"] else None,
         control_dt=given["control_dt"],
+        replay=given["replay"],
         perturb=given["perturb"],
         seed=given["seed"],
         duration=given.get("duration"),
         steps=given.get("steps"),
     )
+
+
+def perform(console: Console, given: dict[str, Any], job: Any) -> Any:
+    """Does `job`, keeps a recording if one is asked for, and returns the job's result."""
+    from mjrun.job.record import Record
+    from mjrun.job.work import perform
+
+    kept = [Record(job.simulation, given["recording"], command=console.command)] if given["recording"] else []
+    return perform([job, *kept], console)[0]
 
 
 def visual(given: dict[str, Any]) -> "Visual":
@@ -68,12 +81,21 @@ def visual(given: dict[str, Any]) -> "Visual":
     )
 
 
+def _camera(text: str) -> Any:
+    """What a camera does: a document is read, the rest is found in the model."""
+    if Path(text).suffix.lower() not in DOCUMENTS:
+        return text
+    from mjrun.document.camera import read_camera
+
+    return read_camera(text)
+
+
 def drawing(given: dict[str, Any]) -> dict[str, Any]:
     """What films and stills have in common, as `view_options` and `renderer_options` say it."""
     same = ("layout", "separate", "captions", "style", "depth_range", "seg_by", "text", "text_corner", "size")
     same += ("calibration", "calibration_format")
     return {
-        "camera": given["cameras"] or "free",
+        "camera": [_camera(text) for text in given["cameras"]] or "free",
         "view": given["views"] or "rgb",
         "visual": visual(given),
         "trail": given["trails"],

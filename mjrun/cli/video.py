@@ -6,9 +6,9 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from mjrun.cli import options, values
+from mjrun.cli import options, sentences, values
 from mjrun.cli.console import Console
-from mjrun.errors import UsageError, clean
+from mjrun.errors import UsageError
 
 if TYPE_CHECKING:
     from mjrun.job.video import VideoResult
@@ -40,9 +40,9 @@ def command(console: Console, /, as_json: bool, **given: Any) -> None:
     if as_json:
         console.document(asdict(result))
     elif piped:
-        console.say(_sentence(result))
+        console.say(sentences.film(result))
     elif console.verbosity >= 0:
-        console.result(_sentence(result))
+        console.result(sentences.film(result))
     if console.verbosity > 0:
         console.note(f"simulated in {result.simulation_wall:.3f} s, drawn and encoded in {result.draw_wall:.3f} s")
 
@@ -66,12 +66,4 @@ def _make(console: Console, given: dict[str, Any]) -> "VideoResult":
         command=console.command,
         **values.drawing(given),
     )
-    return job.run(console)
-
-
-def _sentence(result: "VideoResult") -> str:
-    width, height = result.size
-    film = f"{width}x{height}, {result.frames} frames, {result.duration:.4g} s at {result.fps:.4g} fps, {result.codec}"
-    pace = f"made in {result.wall:.1f} s, {result.frames / result.draw_wall:.3g} frames/s"
-    by = f"by {clean(result.renderer)} ({result.gl})" + (f" in {result.jobs} processes" if result.jobs > 1 else "")
-    return f"{', '.join(map(clean, result.paths))}: {film}; {pace}, {by}"
+    return values.perform(console, given, job)

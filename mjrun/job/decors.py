@@ -11,15 +11,18 @@ import numpy as np
 
 from mjrun.errors import BadValueError, UnknownNameError, UsageError, clean, listing
 from mjrun.export.reading import read_table
+from mjrun.export.replaying import RecordingFile
 from mjrun.model import state
 from mjrun.model.names import identify
 from mjrun.probe.fields import field_probe
 from mjrun.render.decor import LIMIT, Decor, Ghost, trails
 from mjrun.render.objects import trail
 from mjrun.render.visual import Visual
-from mjrun.timeline import Timeline
+from mjrun.sim.replay import require_model, require_timestep, states_at
+from mjrun.timeline import Timeline, rational
 
-SETTINGS = ("offset", "opacity", "key", "trace")
+SETTINGS = ("offset", "opacity", "key", "trace", "recording")
+DOES = SETTINGS[2:]  # each says what a ghost does
 OPACITY = 0.35
 PACE = Fraction(240)  # [Hz], at which the object of a trail is followed
 COARSE = 150  # capsules of a trail in a draft
@@ -34,12 +37,14 @@ class Spirit:
       offset: how far it is displaced [m].
       key: id of the keyframe in whose pose it stands.
       trace: times `(n,)` [s], and positions `(n, nq)`, that it goes through.
+      recording: whose states it goes through.
     """
 
     offset: tuple[float, float, float] = (0.0, 0.0, 0.0)
     opacity: float = OPACITY
     key: int | None = None
     trace: tuple[np.ndarray, np.ndarray] | None = None
+    recording: RecordingFile | None = None
 
     def states(self, model: mujoco.MjModel, times: Sequence[float]) -> list[np.ndarray] | None:
         """Its integration states at `times` [s], or None if it does what the model does."""
@@ -47,6 +52,8 @@ class Spirit:
         if self.key is not None:
             mujoco.mj_resetDataKeyframe(model, data, self.key)
             return [state.save(model, data)]
+        if self.recording is not None:
+            return states_at(self.recording, rational(model.opt.timestep), times)
         if self.trace is None:
             return None
         found = []
@@ -112,13 +119,14 @@ def _spirit(text: str, model: mujoco.MjModel) -> Spirit:
         if not equals or not value or name in settings:
             raise UsageError(f"--ghost: write {clean(name)}=VALUE, once")
         settings[name] = value
-    if "key" in settings and "trace" in settings:
-        raise UsageError("--ghost: key and trace exclude each other: both say what it does")
+    if len(given := [name for name in DOES if name in settings]) > 1:
+        raise UsageError(f"--ghost: {' and '.join(given)} exclude each other: each says what it does")
     return Spirit(
         offset=_point(settings.get("offset", "0/0/0")),
         opacity=_share(settings.get("opacity", str(OPACITY))),
         key=identify(model, "keyframe", settings["key"]) if "key" in settings else None,
         trace=_trace(Path(settings["trace"]), model) if "trace" in settings else None,
+        recording=_recording(Path(settings["recording"]), model) if "recording" in settings else None,
     )
 
 
@@ -153,6 +161,13 @@ def _trace(path: Path, model: mujoco.MjModel) -> tuple[np.ndarray, np.ndarray]:
     if not len(time) or not (np.diff(time) > 0).all() or not np.isfinite(positions).all():
         raise UsageError(f"{clean(str(path))}: a ghost takes rows of finite numbers, in order of time")
     return time, positions
+
+
+def _recording(path: Path, model: mujoco.MjModel) -> RecordingFile:
+    recording = RecordingFile(path)
+    require_model(model, recording, recording.facts.get("sizes"))
+    require_timestep(model, recording)
+    return recording
 
 
 def _rows(time: np.ndarray, at: np.ndarray) -> np.ndarray:

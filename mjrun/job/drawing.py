@@ -12,12 +12,15 @@ import numpy as np
 from mjrun.errors import BadValueError, UnknownNameError, UsageError, clean
 from mjrun.job.decors import Additions, additions
 from mjrun.render.backend import Backend, Search, VulkanSearch
-from mjrun.render.camera import Rig, rig
 from mjrun.render.classic import ClassicRenderer, check_size
+from mjrun.render.course import Course
 from mjrun.render.decor import Decor
 from mjrun.render.filament import FilamentRenderer, check_segmentation, check_visual, left_out
 from mjrun.render.painter import VIEWS, Overlay, Panel, ScenePainter, Stream, Style
+from mjrun.render.pose import Pose
+from mjrun.render.script import Script
 from mjrun.render.segmentation import Segmentation, grouping
+from mjrun.render.spec import script
 from mjrun.render.visual import Visual
 
 SIZE = (1280, 720)
@@ -31,7 +34,7 @@ class Drawing:
     """What is seen, and who draws it.
 
     Args:
-      camera: `free`, a camera of the model, `orbit:…` or `track:…`; or several.
+      camera: `free`, a camera of the model, `orbit:…`, `track:…` or a script of shots; or several.
       view: `rgb`, `depth` or `seg`; or several.
       size: width and height of one view [pixels].
       visual: flags, groups, frames, labels and quality of what is drawn.
@@ -55,7 +58,7 @@ class Drawing:
       command: the command line, for the manifest.
     """
 
-    camera: str | Sequence[str] = "free"
+    camera: str | Script | Sequence[str | Script] = "free"
     view: str | Sequence[str] = "rgb"
     size: tuple[int, int] = SIZE
     visual: Visual = field(default_factory=Visual)
@@ -93,7 +96,7 @@ class Drawing:
             near, far = self.depth_range
             raise BadValueError("--depth-range", f"{near:g}..{far:g}", "two depths in metres, the nearer first")
         for what, names in (("--camera", self.cameras), ("--view", self.views)):
-            if not names or len(set(names)) < len(names):
+            if not names or any(name in names[:index] for index, name in enumerate(names)):
                 raise UsageError(f"{what}: each once, and at least one")
 
     def search(self) -> Search | VulkanSearch:
@@ -114,9 +117,14 @@ class Drawing:
         return left_out(model, self.visual)
 
     @property
-    def cameras(self) -> Sequence[str]:
+    def cameras(self) -> Sequence[str | Script]:
         """The cameras asked for."""
-        return (self.camera,) if isinstance(self.camera, str) else tuple(self.camera)
+        return (self.camera,) if isinstance(self.camera, (str, Script)) else tuple(self.camera)
+
+    @property
+    def names(self) -> list[str]:
+        """What the cameras are called."""
+        return [camera.name if isinstance(camera, Script) else camera.partition(",")[0] for camera in self.cameras]
 
     @property
     def views(self) -> Sequence[str]:
@@ -156,9 +164,13 @@ class Drawing:
             found.append(Stream(panels, self.size, style, exact))
         return found
 
-    def rigs(self, model: mujoco.MjModel) -> list[Rig]:
-        """The cameras in `model`."""
-        return [rig(text, model) for text in self.cameras]
+    def scripts(self, model: mujoco.MjModel) -> list[Script]:
+        """What each camera does."""
+        return [camera if isinstance(camera, Script) else script(camera, model) for camera in self.cameras]
+
+    def courses(self, model: mujoco.MjModel) -> list[Course]:
+        """The cameras, found in `model`."""
+        return [Course(script, model, self.size) for script in self.scripts(model)]
 
     def additions(self, model: mujoco.MjModel) -> Additions:
         """Trails and ghosts."""
@@ -166,7 +178,7 @@ class Drawing:
 
     def _names(self) -> list[str]:
         """A part of a file's name for each panel, no two alike."""
-        words = ["".join(c if c.isalnum() else "_" for c in text.partition(":")[0]) for text in self.cameras]
+        words = ["".join(c if c.isalnum() else "_" for c in text.partition(":")[0]) for text in self.names]
         cameras = [word if words.count(word) == 1 else f"{word}{index}" for index, word in enumerate(words)]
         parts = []
         for panel in self.panels:
@@ -180,31 +192,31 @@ def painter(
     model: mujoco.MjModel,
     backend: Backend,
     streams: Sequence[Stream],
-    phases: Sequence[float],
+    poses: Sequence[Sequence[Pose]],
     decors: Sequence[Decor] = (),
 ) -> ScenePainter:
-    """What draws the streams of `job`."""
+    """What draws the streams of `job`; `poses` are those of each frame, of each camera."""
     segmentation = Segmentation(model, job.seg_by)
-    names = [text.partition(",")[0] for text in job.cameras]
     return ScenePainter(
         model=model,
         backend=backend,
         size=job.size,
         visual=job.visual,
-        rigs=job.rigs(model),
-        names=names,
+        names=job.names,
+        poses=poses,
         streams=streams,
-        phases=phases,
         segmentation=segmentation,
         decors=decors,
-        ranges=[job.depth_range] * len(names) if job.depth_range else [],
+        ranges=[job.depth_range] * len(job.cameras) if job.depth_range else [],
         renderer=RENDERERS[job.renderer],
     )
 
 
 def tags(path: str | None, facts: Mapping[str, Any]) -> dict[str, str]:
     """What is embedded in a film or picture: its title, who made it, and all that is known of it as JSON."""
-    made_by = f"mjrun {facts['mjrun']}, MuJoCo {facts['mujoco']}, {facts['renderer']}"
+    made_by = ", ".join(
+        [f"mjrun {facts['mjrun']}", f"MuJoCo {facts['mujoco']}", *([facts["renderer"]] if "renderer" in facts else [])]
+    )
     title = {} if path is None else {"title": Path(path).stem}
     return {**title, "comment": clean(made_by), "description": json.dumps(facts)}
 

@@ -1,12 +1,10 @@
 """A still: simulate to an instant, and draw it in one view or several."""
 
-import time
 from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
-from dataclasses import KW_ONLY, asdict, dataclass
+from dataclasses import KW_ONLY, dataclass
 from fractions import Fraction
 from pathlib import Path
-from typing import Any
 
 import mujoco
 import numpy as np
@@ -14,20 +12,23 @@ import numpy as np
 from mjrun.errors import BadValueError, UsageError, clean
 from mjrun.export.image import ImageWriter
 from mjrun.export.image_format import image_format
-from mjrun.export.manifest import ManifestWriter
 from mjrun.export.pointcloud import PointCloudWriter
 from mjrun.job.calibration import Calibration
 from mjrun.job.drawing import Drawing, painter, tags
+from mjrun.job.happening import conditions, time_of
 from mjrun.job.manifest import origin
-from mjrun.job.overlay import blank, gauges
-from mjrun.job.report import QuietReporter, Reporter, pass_on
+from mjrun.job.overlay import Values, blank, gauges
+from mjrun.job.pacing import events, shot_spans
+from mjrun.job.report import Reporter
 from mjrun.job.simulation import Simulation
-from mjrun.model.native import collected_warnings, without_timers
+from mjrun.job.work import Ground, Made, Outline, Work, perform
 from mjrun.model.picture import Picture
-from mjrun.render.backend import Backend
+from mjrun.render.layout import layout_size
 from mjrun.render.painter import Overlay, Panel, ScenePainter, Stream, Style
+from mjrun.render.pose import Pose
+from mjrun.render.script import Event
 from mjrun.render.segmentation import Segmentation
-from mjrun.sim.observe import Tap, observe
+from mjrun.sim.observe import Tap
 from mjrun.sim.recording import Recording
 from mjrun.timeline import Timeline, nearest, rational
 
@@ -41,9 +42,9 @@ class Image(Drawing):
     """What still to make.
 
     Args:
-      simulation: what happens; its duration is of no account.
+      simulation: what happens; how long is of no account, unless an event is waited for.
       output: a file, or `-` for stdout.
-      at: the instant [s]; the beginning when neither it nor `step` is given.
+      at: the instant [s], or an event; the beginning when neither it nor `step` is given.
       step: the instant, by step.
       format: instead of the output's suffix.
       legend: whether a coloured segmentation lists what is in view.
@@ -56,7 +57,7 @@ class Image(Drawing):
     simulation: Simulation
     output: str
     _: KW_ONLY
-    at: float | str | Fraction | None = None
+    at: float | str | Fraction | Event | None = None
     step: int | None = None
     format: str | None = None
     legend: bool = True
@@ -75,7 +76,11 @@ class Image(Drawing):
         Raises:
           MjrunError: nothing was published, and existing outputs are untouched.
         """
-        return _make(self, reporter or QuietReporter())
+        return perform([self], reporter)[0]
+
+    def work(self, stack: ExitStack) -> "StillWork":
+        """The work that makes it."""
+        return StillWork(self, stack)
 
 
 @dataclass(frozen=True)
@@ -122,102 +127,127 @@ class _Output:
     format: str
 
 
-@dataclass(frozen=True)
-class _Made:
-    """What is known of a still once it is in its place."""
+class StillWork(Work):
+    """A still in the making."""
 
-    facts: Mapping[str, Any]
-    backend: Backend
-    outputs: Sequence[_Output]
-    size: tuple[int, int]
-    time: float
-    step: int
-    clipped: float
-    files: Sequence[Path]
+    def __init__(self, job: Image, stack: ExitStack) -> None:
+        self._job = job
+        self._outputs = _outputs(job)
+        self._search = job.search()  # tries a backend while the model loads
+        stack.callback(self._search.cancel)
+        self._row: list[Values] = []
+        self._state: list[np.ndarray] = []
 
+    def plan(self, ground: Ground) -> None:
+        job, model = self._job, ground.model
+        self._ground = ground
+        self._scripts, self._courses = job.scripts(model), job.courses(model)
+        shot_events = [*events(self._scripts), *([job.at] if isinstance(job.at, Event) else [])]
+        self.conditions = conditions(shot_events, model)
+        self._additions = job.additions(model)
+        self._gauges = gauges(model, ground.timeline, job.text)
+        self.model = self._gauges.model
+        self.until = ground.timeline.steps
+        if not self.conditions:
+            self.settle({})
 
-def _make(job: Image, reporter: Reporter) -> ImageResult:
-    start = time.perf_counter()
-    with ManifestWriter(job.manifest) as manifest:
-        with collected_warnings() as heard, without_timers():
-            made = _still(job, reporter)
-        pass_on(heard, reporter)
-        result = ImageResult(
-            path=job.output,
-            paths=[str(file) for file in made.files],
-            format=made.outputs[0].format,
-            size=made.size,
-            time=made.time,
-            step=made.step,
-            clipped=made.clipped,
-            renderer=made.backend.renderer,
-            gl=made.backend.name,
-            software=made.backend.software,
-            wall=time.perf_counter() - start,
-            warnings=tuple(heard),
-        )
-        manifest.publish({**made.facts, "result": asdict(result)}, made.files)
-    return result
+    def settle(self, happened: Mapping[str, Sequence[int]]) -> None:
+        job, ground = self._job, self._ground
+        self._step = self.until = _step(job, ground.timeline, happened)
+        self._timeline = Timeline.of_steps(ground.timeline.timestep, self._step)
+        self._spans = [shot_spans(script, ground.timeline, happened) for script in self._scripts]
 
-
-def _still(job: Image, reporter: Reporter) -> _Made:
-    with ExitStack() as stack:
-        outputs = _outputs(job)
-        search = job.search()  # tries a backend while the model loads
-        stack.callback(search.cancel)
-        model = job.simulation.load()
-        step = _step(job, model)
-        timeline = Timeline.of_steps(rational(model.opt.timestep), step)
-        job.rigs(model)
-        added = job.additions(model)
-        measures = gauges(model, timeline, job.text)
-        stepper = job.simulation.stepper(measures.model)
-        for text in job.simulation.remarks(model):
-            reporter.warn(text)
-        backend = search.result(job.require_gpu)
-        for text in job.check(model, backend):
-            reporter.warn(text)
-        facts = {**origin(job, job.simulation, model, timeline), "renderer": backend.renderer}
-        sinks = []
-        for output in outputs:
+    def open(self, stack: ExitStack) -> None:
+        job, ground = self._job, self._ground
+        self._backend = self._search.result(job.require_gpu)
+        for text in job.check(ground.model, self._backend):
+            ground.reporter.warn(text)
+        timeline = ground.timeline if self.conditions else self._timeline
+        self._facts = {**origin(job, job.simulation, ground.model, timeline), "renderer": self._backend.renderer}
+        self._sinks: list[ImageWriter] = []
+        for output in self._outputs:
             path = None if output.path == "-" else output.path
             size = _stream(job, output, Overlay()).size_of_frame
-            sinks.append(stack.enter_context(ImageWriter(path, output.view, output.format, size, tags(path, facts))))
-        calibration = None
+            sink = ImageWriter(path, output.view, output.format, size, tags(path, self._facts))
+            self._sinks.append(stack.enter_context(sink))
+        self._calibration = None
         if job.calibration is not None:
-            calibration = Calibration(
-                job, model, job.output, any(o.view == "depth" and o.format == "png" for o in outputs)
-            )
-            stack.enter_context(calibration.writer)
-        cloud = _cloud(job, model)
-        if cloud:
-            stack.enter_context(cloud)
-        path = stack.enter_context(Recording(model))
-        observe(stepper, [Tap(added.steps(timeline), lambda stepper: stepper.state(), path.append)], step)
-        overlay = measures.overlay(blank(job.size, job.corner), [measures.read(stepper)], [step], timeline)
-        streams = [_stream(job, output, overlay) for output in outputs]
-        decors = added.decors((path[k] for k in range(len(path))), [float(timeline.duration)])
-        drawn = painter(job, model, backend, streams, [0.0], decors)
-        stack.callback(drawn.close)
-        drawn.open()
-        state = stepper.state()
-        if not drawn.ranges and any(panel.view == "depth" for panel in job.panels):
-            drawn.look_ahead({0: state})
-        pictures = drawn.see(state, 0, [*job.views, *(CLOUD if cloud else ())])
-        for output, stream, sink in zip(outputs, streams, sinks, strict=True):
+            numbers = any(output.view == "depth" and output.format == "png" for output in self._outputs)
+            self._calibration = Calibration(job, self._courses, job.output, numbers)
+            stack.enter_context(self._calibration.writer)
+        self._cloud = _cloud(job, ground.model)
+        if self._cloud:
+            stack.enter_context(self._cloud)
+        self._path = stack.enter_context(Recording(ground.model))
+
+    def taps(self) -> Sequence[Tap]:
+        """Keeps the state that is drawn, what is measured there, and the states on the path of trails."""
+        path, here = self._additions.steps(self._timeline), [self._step]
+        taps: list[Tap] = [Tap(path, lambda stepper: stepper.state(), self._path.append)]
+        taps.append(Tap(here, lambda stepper: stepper.state(), self._state.append))
+        taps.append(Tap(here, self._gauges.read, self._row.append))
+        return taps
+
+    def outline(self) -> Outline:
+        output = self._outputs[0]
+        when = "at an event" if self.conditions else f"at {float(self._timeline.duration):g} s"
+        about = f"{output.format}, {when}, {' and '.join(self._job.names)}"
+        size = _stream(self._job, output, Overlay()).size_of_frame
+        return Outline("still", self._job.output, 1, "picture", size, about)
+
+    def finish(self, wall: float) -> Made:
+        job, (state,), moment = self._job, self._state, float(self._timeline.duration)
+        size = layout_size(1 if job.separate else len(job.panels), job.size, job.layout)
+        overlay = self._gauges.overlay(blank(size, job.corner), self._row, [self._step], [1.0], self._timeline)
+        streams = [_stream(job, output, overlay) for output in self._outputs]
+        decors = self._additions.decors((self._path[k] for k in range(len(self._path))), [moment])
+        drawn = painter(job, self._ground.model, self._backend, streams, [self._poses(state, moment)], decors)
+        try:
+            drawn.open()
+            if not drawn.ranges and any(panel.view == "depth" for panel in job.panels):
+                drawn.look_ahead({0: state})
+            pictures = drawn.see(state, 0, [*job.views, *(CLOUD if self._cloud else ())])
+        finally:
+            drawn.close()
+        for output, stream, sink in zip(self._outputs, streams, self._sinks, strict=True):
             _write(output, stream, sink, drawn, pictures)
-        if calibration:
-            calibration.write([picture.lens for picture in pictures], 0, float(timeline.duration))
-        if cloud:
+        if self._calibration:
+            self._calibration.write(drawn.poses[0], 0, moment)
+        if self._cloud:
             for picture in pictures:
-                cloud.write(picture)
-        written = [*sinks, *([calibration.writer] if calibration else []), *([cloud] if cloud else [])]
-        files = [file for sink in written for file in sink.publish()]
-        clipped = max(sink.clipped for sink in sinks)
+                self._cloud.write(picture)
+        written = [*self._sinks, *([self._calibration.writer] if self._calibration else [])]
+        files = [file for sink in [*written, *([self._cloud] if self._cloud else [])] for file in sink.publish()]
+        clipped = max(sink.clipped for sink in self._sinks)
         if clipped:
-            reporter.warn(f"{clipped:.2%} of what is seen is farther than 65.535 m, the most that 16 bits hold")
-        size, moment = streams[0].size_of_frame, float(timeline.duration)
-        return _Made(facts, backend, outputs, size, moment, step, clipped, files)
+            text = f"{clipped:.2%} of what is seen is farther than 65.535 m, the most that 16 bits hold"
+            self._ground.reporter.warn(text)
+        shown = streams[0].size_of_frame
+        return Made(self._facts, files, lambda total, heard: self._result(files, shown, clipped, total, heard))
+
+    def _poses(self, state: np.ndarray, moment: float) -> list[Pose]:
+        """Of each camera."""
+        spans = [[(float(start), float(end)) for start, end in part] for part in self._spans]
+        seen = zip(self._courses, spans, strict=True)
+        return [pose for course, span in seen for pose in course.poses([state], [moment], [moment], span)]
+
+    def _result(
+        self, files: Sequence[Path], size: tuple[int, int], clipped: float, wall: float, heard: Sequence[str]
+    ) -> ImageResult:
+        return ImageResult(
+            path=self._job.output,
+            paths=[str(file) for file in files],
+            format=self._outputs[0].format,
+            size=size,
+            time=float(self._timeline.duration),
+            step=self._step,
+            clipped=clipped,
+            renderer=self._backend.renderer,
+            gl=self._backend.name,
+            software=self._backend.software,
+            wall=wall,
+            warnings=heard,
+        )
 
 
 def _cloud(job: Image, model: mujoco.MjModel) -> PointCloudWriter | None:
@@ -269,14 +299,17 @@ def _write(
         sink.write(np.ascontiguousarray(drawn.frame(stream, pictures, 0)))
 
 
-def _step(job: Image, model: mujoco.MjModel) -> int:
+def _step(job: Image, timeline: Timeline, happened: Mapping[str, Sequence[int]]) -> int:
     """The step that is drawn."""
     if job.step is not None:
         return job.step
+    if isinstance(job.at, Event):
+        at = time_of(job.at, happened[job.at.when], timeline, job.output)
+        return min(max(nearest(at / timeline.timestep), 0), timeline.steps)
     try:
         at = rational(job.at or 0)
     except ValueError:
         at = Fraction(-1)
     if at < 0:
         raise BadValueError("--time", job.at, "a number of seconds from 0 on")
-    return nearest(at / rational(model.opt.timestep))
+    return nearest(at / timeline.timestep)

@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from fractions import Fraction
 
 import mujoco
 import numpy as np
@@ -42,28 +41,37 @@ class Gauges:
         """The values of each table at the instant where `stepper` stands."""
         return [table.read(stepper).values for table in self.tables]
 
-    def overlay(self, blank: Overlay, rows: Sequence[Values], steps: Sequence[int], timeline: Timeline) -> Overlay:
+    def overlay(
+        self,
+        blank: Overlay,
+        rows: Sequence[Values],
+        steps: Sequence[int],
+        speeds: Sequence[float],
+        timeline: Timeline,
+    ) -> Overlay:
         """`blank` with its texts and graphs.
 
         Args:
           rows: what was read at each frame; empty when there is nothing to measure.
-          steps: of each frame.
+          steps, speeds: of each frame.
         """
         times = [float(timeline.time(step)) for step in steps]
-        texts = self._texts(blank, rows, steps, times) if self.text.pieces else []
+        texts = self._texts(rows, steps, times, speeds) if self.text.pieces else []
         graphs = []
         for index, (table, size) in enumerate(zip(self.tables[1:], blank.plots, strict=True), start=1):
             values = np.array([row[index] for row in rows])
             names, units = zip(*((column.name, column.unit) for column in table.columns[1:]), strict=True)
             graphs.append(Graph(np.array(times), values, names, units, size))
-        return Overlay(texts, blank.corner, blank.plots, blank.side, graphs, times, blank.speed)
+        return Overlay(texts, blank.corner, blank.plots, blank.side, graphs, times)
 
-    def _texts(self, blank: Overlay, rows: Sequence[Values], steps: Sequence[int], times: Sequence[float]) -> list[str]:
+    def _texts(
+        self, rows: Sequence[Values], steps: Sequence[int], times: Sequence[float], speeds: Sequence[float]
+    ) -> list[str]:
         names = [column.name for column in self.tables[0].columns[1:]]
         found = []
-        for index, (step, time) in enumerate(zip(steps, times, strict=True)):
+        for index, (step, time, speed) in enumerate(zip(steps, times, speeds, strict=True)):
             row = dict(zip(names, rows[index][0].tolist(), strict=True)) if names else {}
-            found.append(self.text.filled({**row, "time": time, "frame": index, "step": step, "speed": blank.speed}))
+            found.append(self.text.filled({**row, "time": time, "frame": index, "step": step, "speed": speed}))
         return found
 
 
@@ -83,12 +91,10 @@ def gauges(model: mujoco.MjModel, timeline: Timeline, text: str | None, plots: S
     return Gauges(written, tables, tables[-1].model)
 
 
-def blank(
-    size: tuple[int, int], corner: str, plots: Sequence[str] = (), side: str = "under", speed: Fraction = Fraction(1)
-) -> Overlay:
+def blank(size: tuple[int, int], corner: str, plots: Sequence[str] = (), side: str = "under") -> Overlay:
     """An overlay without content, whose size is known.
 
     Args:
       size: width and height of the frame without it [pixels].
     """
-    return Overlay(corner=corner, plots=[graph_size(size, side)] * len(plots), side=side, speed=float(speed))
+    return Overlay(corner=corner, plots=[graph_size(size, side)] * len(plots), side=side)

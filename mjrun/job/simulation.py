@@ -4,19 +4,22 @@ import math
 from collections.abc import Mapping
 from dataclasses import KW_ONLY, dataclass, field
 from fractions import Fraction
+from functools import cached_property
 from pathlib import Path
 
 import mujoco
 
-from mjrun.errors import BadValueError, UnknownNameError, UsageError
+from mjrun.errors import BadValueError, UnknownNameError, UsageError, listing
 from mjrun.export.reading import read_table
+from mjrun.export.replaying import RecordingFile
 from mjrun.model import faults
 from mjrun.model.load import load
 from mjrun.model.names import matching
 from mjrun.model.override import Setting
 from mjrun.sim.control import PREFIX, Control, Controller, ControlTable, Feedback, Noise
+from mjrun.sim.replay import ReplayStepper
 from mjrun.sim.start import Start, Values
-from mjrun.sim.stepper import PhysicsStepper
+from mjrun.sim.stepper import PhysicsStepper, Stepper
 from mjrun.timeline import Timeline, rational
 
 INTERPOLATIONS = ("hold", "linear")
@@ -53,7 +56,8 @@ class Simulation:
         is called first.
       control_dt: time between two calls [s]; every step when None.
       perturb: standard deviation of noise on the initial velocities; `seed` makes it repeatable.
-      duration: simulated time [s]; 5 when neither it nor `steps` is given.
+      replay: a recording to go through, instead of simulating.
+      duration: simulated time [s]; when neither it nor `steps` is given 5, or that of the recording.
       steps: number of steps, instead of `duration`.
 
     Raises:
@@ -74,6 +78,7 @@ class Simulation:
     control_dt: float | str | Fraction | None = None
     perturb: float = 0.0
     seed: int = 0
+    replay: str | Path | None = None
     duration: float | str | Fraction | None = None
     steps: int | None = None
 
@@ -90,6 +95,8 @@ class Simulation:
             positive("--control-dt", self.control_dt)
             if self.controller is None:
                 raise UsageError("--control-dt says how often a --controller is called, and there is none")
+        if self.replay is not None and (driven := self._driven()):
+            raise UsageError(f"--replay goes through a recording, and {listing(driven)} would change it")
         if self.ctrl_interpolation not in INTERPOLATIONS:
             raise UnknownNameError("interpolation", self.ctrl_interpolation, INTERPOLATIONS)
         for flag, value in (("--ctrl-noise", self.ctrl_noise), ("--ctrl-noise-time", self.ctrl_noise_time)):
@@ -113,10 +120,21 @@ class Simulation:
         timestep = rational(model.opt.timestep)
         if self.steps is not None:
             return Timeline.of_steps(timestep, self.steps)
+        if self.duration is None and self.replay is not None:
+            return Timeline.of_steps(timestep, int(self._recorded.steps[-1]))
         return Timeline.lasting(timestep, DURATION if self.duration is None else rational(self.duration))
 
-    def stepper(self, model: mujoco.MjModel) -> PhysicsStepper:
-        """`model` at time 0, ready to step."""
+    def stepper(self, model: mujoco.MjModel) -> Stepper:
+        """`model` at time 0, ready to step.
+
+        Raises:
+          UsageError: the recording to go through is of another model, or not as long.
+          FileError: a recording or a table cannot be read.
+        """
+        if self.replay is not None:
+            stepper = ReplayStepper(model, self._recorded, self._recorded.facts.get("sizes"))
+            stepper.require([self.timeline(model).steps])
+            return stepper
         data = self.start.data(model)
         timestep = rational(model.opt.timestep)
         noise = table = feedback = None
@@ -132,6 +150,17 @@ class Simulation:
     def remarks(self, model: mujoco.MjModel) -> list[str]:
         """What the user should know of this simulation before it runs."""
         return [*faults.of_model(model), *self.start.remarks(model)]
+
+    @cached_property
+    def _recorded(self) -> RecordingFile:
+        """What is replayed, opened once: all of it is checked then."""
+        assert self.replay is not None
+        return RecordingFile(self.replay)
+
+    def _driven(self) -> list[str]:
+        """The options given that only physics knows."""
+        options = ("key", "qpos", "qvel", "ctrl", "ctrl_from", "ctrl_noise", "controller", "perturb")
+        return [f"--{name.replace('_', '-')}" for name in options if getattr(self, name)]
 
     def _table(self, model: mujoco.MjModel) -> ControlTable:
         path = Path(str(self.ctrl_from))

@@ -77,11 +77,12 @@ class Table:
                 observe(stepper, [Tap(part, self.read, found.append)], part[-1])
             except SimulationError:
                 if found:
-                    yield lambda part=part, found=found: self._stack(part, found)
+                    yield lambda part=part, found=found: self.stack(part, found)
                 raise
-            yield lambda part=part, found=found: self._stack(part, found)
+            yield lambda part=part, found=found: self.stack(part, found)
 
-    def _stack(self, steps: Sequence[int], found: Sequence[Rows]) -> Rows:
+    def stack(self, steps: Sequence[int], found: Sequence[Rows]) -> Rows:
+        """What was read at `steps`, or at the first of them, as rows with their times."""
         touching = [row.contacts for row in found if row.contacts is not None]
         values = np.stack([row.values for row in found])
         return self._join(np.array(steps[: len(found)]), [values], np.concatenate(touching) if touching else None)
@@ -96,6 +97,27 @@ class Table:
 
     def _join(self, steps: np.ndarray, parts: Sequence[np.ndarray], touching: np.ndarray | None = None) -> Rows:
         return Rows(np.column_stack([seconds(steps, self._timeline.timestep), *parts]), touching)
+
+
+class Gathered:
+    """Rows that are read one by one, at `steps`, and written block by block."""
+
+    def __init__(self, table: Table, steps: Sequence[int], write: Callable[[Rows], object]) -> None:
+        self._table, self._steps, self._write = table, steps, write
+        self._found: list[Rows] = []
+        self._written = 0
+
+    def add(self, row: Rows) -> None:
+        """Takes the next row, as `Table.read` gives it."""
+        self._found.append(row)
+        if len(self._found) == ROWS:
+            self.flush()
+
+    def flush(self) -> None:
+        """Writes what was taken."""
+        if self._found:
+            self._write(self._table.stack(self._steps[self._written :][: len(self._found)], self._found))
+            self._written, self._found = self._written + len(self._found), []
 
 
 def _value(probe: Probe, record: Mapping[str, np.ndarray], model: mujoco.MjModel, data: mujoco.MjData) -> np.ndarray:

@@ -2,25 +2,24 @@
 
 import queue
 import threading
-import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from fractions import Fraction
-from pathlib import Path
-from typing import Any
 
-from mjrun.errors import FailedAssertionError, SimulationError, UsageError, clean
-from mjrun.export.manifest import ManifestWriter
+from mjrun.errors import UsageError
 from mjrun.export.table import TableWriter, table_format
 from mjrun.job.manifest import origin
-from mjrun.job.report import QuietReporter, Reporter, pass_on
+from mjrun.job.report import Reporter
 from mjrun.job.simulation import Simulation, positive
-from mjrun.job.table import TIME, Rows, Table
+from mjrun.job.table import TIME, Gathered, Rows, Table
+from mjrun.job.work import Ground, Made, Outline, Work, check_apart, perform
 from mjrun.model.column import Column
-from mjrun.model.native import collected_warnings, without_timers
-from mjrun.probe.assertion import Checker, parse
+from mjrun.model.native import collected_warnings
+from mjrun.probe.assertion import parse
 from mjrun.probe.select import DEFAULT, catalogue
+from mjrun.sim.observe import Tap
+from mjrun.sim.stepper import PhysicsStepper, Stepper
 from mjrun.timeline import Timeline
 
 AHEAD = 4  # blocks that may wait to be written
@@ -63,7 +62,11 @@ class Trace:
           FailedAssertionError: an assertion does not hold; the table is published all the same.
           MjrunError: nothing was published, unless `keep_partial`, and an existing output is untouched.
         """
-        return _make(self, reporter or QuietReporter())
+        return perform([self], reporter)[0]
+
+    def work(self, stack: ExitStack) -> "TraceWork":
+        """The work that makes it."""
+        return TraceWork(self, stack)
 
 
 @dataclass(frozen=True)
@@ -99,120 +102,96 @@ def columns(simulation: Simulation) -> list[Column]:
         return [TIME, *catalogue(simulation.load())]
 
 
-def _make(job: Trace, reporter: Reporter) -> TraceResult:
-    start = time.perf_counter()
-    with ManifestWriter(job.manifest) as manifest:
-        with collected_warnings() as heard, without_timers():
-            made = _trace(job, reporter)
-        if not made.failure:  # which says it better
-            pass_on(heard, reporter)
-        verdicts = [checker.verdict() for checker in made.checkers]
-        result = TraceResult(
-            path=job.output,
-            format=made.format,
-            rows=made.rows,
-            columns=made.columns,
-            contacts=made.contacts,
-            simulated=float(made.timeline.duration),
-            steps=made.timeline.steps,
-            wall=time.perf_counter() - start,
-            assertions=[verdict.message for verdict in verdicts],
-            warnings=tuple(heard),
-        )
-        failure = None if made.failure is None else str(made.failure)
-        manifest.publish({**made.facts, "result": asdict(result), "failure": failure}, made.files)
-    if made.failure:
-        raise made.failure
-    failed = [verdict.message for verdict in verdicts if not verdict.passed]
-    if failed:
-        raise FailedAssertionError(failed)
-    return result
+class TraceWork(Work):
+    """A trace in the making."""
 
+    def __init__(self, job: Trace, stack: ExitStack) -> None:
+        self._job = job
+        self._target = None if job.output == "-" else job.output
+        self._format = table_format(self._target, job.format)
+        self._contacts_format = None if job.contacts is None else table_format(job.contacts)
+        check_apart(job.output, job.contacts, job.manifest)
+        self.keeps_partial = job.keep_partial
 
-@dataclass(frozen=True)
-class _Made:
-    """What is known of a trace once its tables are in their places."""
+    def plan(self, ground: Ground) -> None:
+        job = self._job
+        self._ground, self.until = ground, ground.timeline.steps
+        self._rows = rows(ground.timeline, job.every, job.rate)
+        self._table = Table(ground.model, job.probes, ground.timeline, with_contacts=job.contacts is not None)
+        self.model = self._table.model
+        names = [column.name for column in self._table.columns]
+        self._checkers = [parse(text, names).checker() for text in job.asserts]
 
-    timeline: Timeline
-    facts: Mapping[str, Any]
-    format: str
-    files: Sequence[Path]
-    rows: int
-    columns: int
-    contacts: int | None
-    checkers: Sequence[Checker]
-    failure: SimulationError | None
+    def open(self, stack: ExitStack) -> None:
+        job, ground, table = self._job, self._ground, self._table
+        self._facts = origin(job, job.simulation, ground.model, ground.timeline)
+        self._sink = stack.enter_context(TableWriter(self._target, self._format, table.columns, self._facts))
+        self._contacts = None
+        if self._contacts_format is not None:
+            sink = TableWriter(job.contacts, self._contacts_format, table.contact_columns, self._facts)
+            self._contacts = stack.enter_context(sink)
+        self._waiting = Gathered(table, self._rows, self._write)
 
+    def taps(self) -> Sequence[Tap]:
+        """A row at each of its instants."""
+        return [Tap(self._rows, self._table.read, self._waiting.add)]
 
-def _trace(job: Trace, reporter: Reporter) -> _Made:
-    with ExitStack() as stack:
-        target = None if job.output == "-" else job.output
-        written = table_format(target, job.format)
-        contacts_written = None if job.contacts is None else table_format(job.contacts)
-        _check_apart(job.output, job.contacts, job.manifest)
-        model = job.simulation.load()
-        timeline = job.simulation.timeline(model)
-        rows = _rows(job, timeline)
-        table = Table(model, job.probes, timeline, with_contacts=job.contacts is not None)
-        checkers = [parse(text, [column.name for column in table.columns]).checker() for text in job.asserts]
-        for text in job.simulation.remarks(model):
-            reporter.warn(text)
-        stepper = job.simulation.stepper(table.model)
-        facts = origin(job, job.simulation, model, timeline)
-        sink = stack.enter_context(TableWriter(target, written, table.columns, facts))
-        contacts = None
-        if contacts_written is not None:
-            contacts = stack.enter_context(TableWriter(job.contacts, contacts_written, table.contact_columns, facts))
-        failure = None
-        try:
-            _stream(table.blocks(stepper, rows), sink, contacts, checkers)
-        except SimulationError as error:
-            if not job.keep_partial:
-                raise
-            failure = error
-        return _Made(
-            timeline=timeline,
-            facts=facts,
-            format=written,
-            files=[*sink.publish(), *(contacts.publish() if contacts else [])],
-            rows=sink.rows,
-            columns=len(table.columns),
-            contacts=contacts.rows if contacts else None,
-            checkers=checkers,
-            failure=failure,
+    def drive(self, stepper: Stepper) -> None:
+        """Physics alone is stepped in C, block by block, and written in a thread meanwhile."""
+        if not isinstance(stepper, PhysicsStepper):
+            super().drive(stepper)
+            return
+        _stream(self._table.blocks(stepper, self._rows), self._write)
+
+    def outline(self) -> Outline:
+        about = f"{self._format}, {len(self._table.columns)} columns"
+        return Outline("trace", self._job.output, len(self._rows), "rows", [len(self._table.columns)], about)
+
+    def finish(self, wall: float) -> Made:
+        self._waiting.flush()
+        files = [*self._sink.publish(), *(self._contacts.publish() if self._contacts else [])]
+        verdicts = [checker.verdict() for checker in self._checkers]
+        said = [verdict.message for verdict in verdicts]
+        failed = [verdict.message for verdict in verdicts if not verdict.passed]
+        return Made(self._facts, files, lambda total, heard: self._result(said, total, heard), failed)
+
+    def _write(self, rows: Rows) -> None:
+        for checker in self._checkers:
+            checker.feed(rows.values, self._sink.rows)
+        self._sink.write(rows.values)
+        if self._contacts and rows.contacts is not None:
+            self._contacts.write(rows.contacts)
+
+    def _result(self, assertions: Sequence[str], wall: float, heard: Sequence[str]) -> TraceResult:
+        return TraceResult(
+            path=self._job.output,
+            format=self._format,
+            rows=self._sink.rows,
+            columns=len(self._table.columns),
+            contacts=self._contacts.rows if self._contacts else None,
+            simulated=float(self._ground.timeline.duration),
+            steps=self._ground.timeline.steps,
+            wall=wall,
+            assertions=assertions,
+            warnings=heard,
         )
 
 
-def _check_apart(*outputs: str | None) -> None:
-    """Two outputs must not be one file."""
-    files = [output for output in outputs if output not in (None, "-")]
-    for index, output in enumerate(files):
-        if any(Path(output).resolve() == Path(other).resolve() for other in files[:index]):
-            raise UsageError(f"{clean(output)} is asked for twice: each output needs a file of its own")
-
-
-def _stream(
-    parts: Iterator[Callable[[], Rows]], sink: TableWriter, contacts: TableWriter | None, checkers: Sequence[Checker]
-) -> None:
+def _stream(parts: Iterator[Callable[[], Rows]], write: Callable[[Rows], object]) -> None:
     """Computes and writes blocks in a thread, while the next ones are simulated in C."""
     waiting: queue.Queue[Callable[[], Rows] | None] = queue.Queue(AHEAD)
     failures: list[BaseException] = []
 
-    def write() -> None:
+    def work() -> None:
         while (part := waiting.get()) is not None:
             if failures:
                 continue  # keep taking, so that the simulation never blocks
             try:
-                rows = part()
-                for checker in checkers:
-                    checker.feed(rows.values, sink.rows)
-                sink.write(rows.values)
-                if contacts and rows.contacts is not None:
-                    contacts.write(rows.contacts)
+                write(part())
             except BaseException as failure:  # handed to the thread that waits
                 failures.append(failure)
 
-    writer = threading.Thread(target=write, name="table writer")
+    writer = threading.Thread(target=work, name="table writer")
     writer.start()
     try:
         for part in parts:
@@ -226,9 +205,10 @@ def _stream(
         raise failures[0]
 
 
-def _rows(job: Trace, timeline: Timeline) -> Sequence[int]:
-    if job.rate is not None and job.every != 1:
+def rows(timeline: Timeline, every: int, rate: float | str | Fraction | None) -> Sequence[int]:
+    """The steps that are measured: every so many, or so many per simulated second."""
+    if rate is not None and every != 1:
         raise UsageError("--every and --rate exclude each other: both say how often")
-    if job.rate is None:
-        return timeline.rows(every=job.every)
-    return timeline.rows(rate=positive("--rate", job.rate))
+    if rate is None:
+        return timeline.rows(every=every)
+    return timeline.rows(rate=positive("--rate", rate))

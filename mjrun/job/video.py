@@ -3,38 +3,33 @@
 import time
 from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
-from dataclasses import KW_ONLY, asdict, dataclass
+from dataclasses import KW_ONLY, dataclass
 from fractions import Fraction
-from pathlib import Path
-from typing import Any
 
-import mujoco
 import numpy as np
 
 from mjrun.errors import UnknownNameError, UsageError, clean
 from mjrun.export.codecs import Encoding, encoding
 from mjrun.export.labels import LabelsWriter
-from mjrun.export.manifest import ManifestWriter
 from mjrun.export.video import FilmWriter
-from mjrun.job.calibration import Calibration, lenses
-from mjrun.job.decors import Additions
+from mjrun.job.calibration import Calibration
 from mjrun.job.drawing import Drawing, painter, tags
+from mjrun.job.happening import conditions
 from mjrun.job.manifest import origin
-from mjrun.job.overlay import Gauges, Values, blank, gauges
-from mjrun.job.report import QuietReporter, Reporter, pass_on
+from mjrun.job.overlay import Values, blank, gauges
+from mjrun.job.pacing import Pacing, events, pacing
+from mjrun.job.report import Reporter
 from mjrun.job.simulation import Simulation, positive
-from mjrun.model.native import collected_warnings, without_timers
+from mjrun.job.work import Ground, Made, Outline, Work, perform
 from mjrun.model.pixels import MOST
-from mjrun.render.backend import Backend
 from mjrun.render.cores import AUTO, available_cores, jobs_for
 from mjrun.render.graph import SIDES
 from mjrun.render.layout import layout_size
-from mjrun.render.painter import Overlay, ScenePainter
+from mjrun.render.painter import Overlay, ScenePainter, Stream
 from mjrun.render.pool import Pool
-from mjrun.sim.observe import Tap, observe
+from mjrun.render.pose import Pose
+from mjrun.sim.observe import Tap
 from mjrun.sim.recording import Recording
-from mjrun.sim.stepper import PhysicsStepper
-from mjrun.timeline import Timeline
 
 LOOKS = 8  # frames that are looked at to choose the colours of depth
 
@@ -82,7 +77,11 @@ class Video(Drawing):
         Raises:
           MjrunError: nothing was published, and an existing output is untouched.
         """
-        return _make(self, reporter or QuietReporter())
+        return perform([self], reporter)[0]
+
+    def work(self, stack: ExitStack) -> "FilmWork":
+        """The work that makes it."""
+        return FilmWork(self, stack)
 
 
 @dataclass(frozen=True)
@@ -122,121 +121,141 @@ class VideoResult:
     warnings: Sequence[str]
 
 
-@dataclass(frozen=True)
-class _Plan:
-    """A Video with every name found and every number checked."""
+class FilmWork(Work):
+    """A film in the making."""
 
-    model: mujoco.MjModel
-    stepper: PhysicsStepper
-    timeline: Timeline
-    fps: Fraction
-    speed: Fraction
-    frames: Sequence[int]
-    gauges: Gauges
-    encodings: Sequence[Encoding]
-    overlay: Overlay
-    additions: Additions
+    def __init__(self, job: Video, stack: ExitStack) -> None:
+        self._job = job
+        self._encodings = _encodings(job)
+        self._fps = self._encodings[0].fps if job.fps is None else positive("--fps", job.fps)
+        self._speed = positive("--speed", job.speed)
+        for encoded in self._encodings:
+            encoded.check_fps(self._fps)
+        self._search = job.search()  # tries a backend while the model loads
+        stack.callback(self._search.cancel)
+        self._pacing: Pacing | None = None
+        self._rows: list[Values] = []
 
-    @property
-    def phases(self) -> list[float]:
-        """How far along the simulation each frame is, from 0 to 1."""
-        return [float(self.timeline.time(step) / self.timeline.duration) for step in self.frames]
+    def plan(self, ground: Ground) -> None:
+        job, model = self._job, ground.model
+        self._ground, self.until = ground, ground.timeline.steps
+        self._scripts, self._courses = job.scripts(model), job.courses(model)
+        self.conditions = conditions(events(self._scripts), model)
+        self._gauges = gauges(model, ground.timeline, job.text, job.plot)
+        self.model = self._gauges.model
+        size = layout_size(1 if job.separate else len(job.panels), job.size, job.layout)
+        self._overlay = blank(size, job.corner, job.plot, job.plot_side)
+        self._additions = job.additions(model)
+        if not self.conditions:
+            self.settle({})
 
+    def settle(self, happened: Mapping[str, Sequence[int]]) -> None:
+        self._pacing = pacing(self._scripts, self._ground.timeline, self._fps, self._speed, happened)
+        for text in self._pacing.remarks:
+            self._ground.reporter.warn(text)
 
-@dataclass(frozen=True)
-class _Made:
-    """What is known of a film once it is in its place."""
+    def open(self, stack: ExitStack) -> None:
+        job, ground = self._job, self._ground
+        self._backend = self._search.result(job.require_gpu)
+        for text in job.check(ground.model, self._backend):
+            ground.reporter.warn(text)
+        known = {} if self._pacing is None else {"frames": len(self._pacing.steps)}
+        self._facts = {**origin(job, job.simulation, ground.model, ground.timeline), **known}
+        self._facts["renderer"] = self._backend.renderer
+        self._films, self._legends = [], []
+        for (path, panels), encoded, stream in zip(
+            job.outputs(job.output), self._encodings, self._streams(self._overlay), strict=True
+        ):
+            _remark_padding(encoded, stream.size_of_frame, ground.reporter)
+            target = None if path == "-" else path
+            film = FilmWriter(target, encoded, stream.size_of_frame, self._fps, tags=tags(target, self._facts))
+            self._films.append(stack.enter_context(film))
+            if path != "-" and [panel.view for panel in panels] == ["seg"]:
+                self._legends.append((stack.enter_context(LabelsWriter(path)), stream))
+        self._calibration = None
+        if job.calibration is not None:
+            self._calibration = Calibration(job, self._courses, job.output, job.style == "exact")
+            stack.enter_context(self._calibration.writer)
+        self._recording = stack.enter_context(Recording(ground.model))
+        self._path = stack.enter_context(Recording(ground.model))
 
-    plan: _Plan
-    facts: Mapping[str, Any]
-    backend: Backend
-    size: tuple[int, int]
-    jobs: int
-    files: Sequence[Path]
-    simulation_wall: float
-    draw_wall: float
+    def taps(self) -> Sequence[Tap]:
+        """Keeps every frame's state, those on the path of trails, and what is measured at each frame."""
+        assert self._pacing
+        frames, path = self._pacing.steps, self._additions.steps(self._ground.timeline)
+        taps: list[Tap] = [Tap(frames, lambda stepper: stepper.state(), self._recording.append)]
+        taps.append(Tap(path, lambda stepper: stepper.state(), self._path.append))
+        if not self._gauges.idle:
+            taps.append(Tap(frames, self._gauges.read, self._rows.append))
+        return taps
 
+    def outline(self) -> Outline:
+        job, encoded, stream = self._job, self._encodings[0], self._streams(self._overlay)[0]
+        frames = None if self._pacing is None else len(self._pacing.steps)
+        about = f"{encoded.codec}, {float(self._fps):g} fps, {' and '.join(job.names)}"
+        return Outline("film", job.output, frames, "frames", stream.size_of_frame, about)
 
-def _make(job: Video, reporter: Reporter) -> VideoResult:
-    start = time.perf_counter()
-    with ManifestWriter(job.manifest) as manifest:
-        with collected_warnings() as heard, without_timers():
-            made = _film(job, reporter)
-        pass_on(heard, reporter)
-        plan = made.plan
-        padding = plan.encodings[0].padding(*made.size)
-        result = VideoResult(
+    def finish(self, wall: float) -> Made:
+        assert self._pacing
+        job, pace, start = self._job, self._pacing, time.perf_counter()
+        overlay = self._gauges.overlay(self._overlay, self._rows, pace.steps, pace.speeds, self._ground.timeline)
+        poses, moments = self._poses(pace), self._times(pace)
+        decors = self._additions.decors((self._path[k] for k in range(len(self._path))), moments)
+        drawn = painter(job, self._ground.model, self._backend, self._streams(overlay), poses, decors)
+        jobs = _draw(job, drawn, self._recording, self._films, self._ground.reporter)
+        if self._calibration:
+            for index, (seen, moment) in enumerate(zip(poses, moments, strict=True)):
+                self._calibration.write(seen, index, moment)
+        for legend, stream in self._legends:
+            legend.write(job.size, drawn.segmentation.legend, None if stream.exact else drawn.colors)
+        legends = [legend for legend, _ in self._legends]
+        written = [*self._films, *legends, *([self._calibration.writer] if self._calibration else [])]
+        files = [file for sink in written for file in sink.publish()]
+        draw_wall = time.perf_counter() - start
+        self._facts["frames"] = len(pace.steps)
+        return Made(self._facts, files, lambda total, heard: self._result(jobs, (wall, draw_wall, total), heard))
+
+    def _streams(self, overlay: Overlay) -> list[Stream]:
+        return self._job.streams(with_legend=False, overlay=overlay)
+
+    def _times(self, pace: Pacing) -> list[float]:
+        """The instant of each frame [s]."""
+        return [float(self._ground.timeline.time(step)) for step in pace.steps]
+
+    def _poses(self, pace: Pacing) -> list[tuple[Pose, ...]]:
+        """Of each frame, of each camera."""
+        count, moments = len(self._recording), self._times(pace)
+        courses = [
+            course.poses((self._recording[k] for k in range(count)), moments, pace.times, spans)
+            for course, spans in zip(self._courses, pace.spans, strict=True)
+        ]
+        return list(zip(*courses, strict=True))
+
+    def _result(self, jobs: int, walls: tuple[float, float, float], heard: Sequence[str]) -> VideoResult:
+        assert self._pacing
+        job, encoded, film, count = self._job, self._encodings[0], self._films[0], len(self._pacing.steps)
+        padding = encoded.padding(*film.size)
+        simulation_wall, draw_wall, wall = walls
+        return VideoResult(
             path=job.output,
             paths=[path for path, _ in job.outputs(job.output)],
-            format=plan.encodings[0].format,
-            codec=plan.encodings[0].codec,
-            size=(made.size[0] + padding[0], made.size[1] + padding[1]),
-            frames=len(plan.frames),
-            fps=float(plan.fps),
-            duration=float(len(plan.frames) / plan.fps),
-            simulated=float(plan.timeline.duration),
-            steps=plan.timeline.steps,
-            jobs=made.jobs,
-            renderer=made.backend.renderer,
-            gl=made.backend.name,
-            software=made.backend.software,
-            simulation_wall=made.simulation_wall,
-            draw_wall=made.draw_wall,
-            wall=time.perf_counter() - start,
-            warnings=tuple(heard),
+            format=encoded.format,
+            codec=encoded.codec,
+            size=(film.size[0] + padding[0], film.size[1] + padding[1]),
+            frames=count,
+            fps=float(self._fps),
+            duration=float(count / self._fps),
+            simulated=float(self._ground.timeline.duration),
+            steps=self._ground.timeline.steps,
+            jobs=jobs,
+            renderer=self._backend.renderer,
+            gl=self._backend.name,
+            software=self._backend.software,
+            simulation_wall=simulation_wall,
+            draw_wall=draw_wall,
+            wall=wall,
+            warnings=heard,
         )
-        manifest.publish({**made.facts, "result": asdict(result)}, made.files)
-    return result
-
-
-def _film(job: Video, reporter: Reporter) -> _Made:
-    with ExitStack() as stack:
-        encodings = _encodings(job)
-        search = job.search()  # tries a backend while the model loads
-        stack.callback(search.cancel)
-        plan = _plan(job, encodings)
-        for text in job.simulation.remarks(plan.model):
-            reporter.warn(text)
-        backend = search.result(job.require_gpu)
-        for text in job.check(plan.model, backend):
-            reporter.warn(text)
-        count = len(plan.frames)
-        made_by = {"frames": count, "renderer": backend.renderer}
-        facts = {**origin(job, job.simulation, plan.model, plan.timeline), **made_by}
-        streams = job.streams(with_legend=False, overlay=plan.overlay)
-        films = []
-        for (path, _), encoded, stream in zip(job.outputs(job.output), encodings, streams, strict=True):
-            size = stream.size_of_frame
-            _remark_padding(encoded, size, reporter)
-            target = None if path == "-" else path
-            films.append(stack.enter_context(FilmWriter(target, encoded, size, plan.fps, count, tags(target, facts))))
-        legends = []
-        for (path, panels), stream in zip(job.outputs(job.output), streams, strict=True):
-            if path != "-" and [panel.view for panel in panels] == ["seg"]:
-                legends.append((stack.enter_context(LabelsWriter(path)), stream))
-        calibration = None
-        if job.calibration is not None:
-            calibration = Calibration(job, plan.model, job.output, job.style == "exact")
-            stack.enter_context(calibration.writer)
-        recording = stack.enter_context(Recording(plan.model))
-        path = stack.enter_context(Recording(plan.model))
-        simulation_wall, rows = _simulate(plan, recording, path)
-        overlay = plan.gauges.overlay(plan.overlay, rows, plan.frames, plan.timeline)
-        streams = job.streams(with_legend=False, overlay=overlay)
-        start = time.perf_counter()
-        decors = plan.additions.decors(
-            (path[k] for k in range(len(path))), [float(plan.timeline.time(step)) for step in plan.frames]
-        )
-        drawn = painter(job, plan.model, backend, streams, plan.phases, decors)
-        jobs = _draw(job, drawn, recording, films, reporter)
-        if calibration:
-            _calibrate(job, plan, recording, calibration)
-        for legend, stream in legends:
-            legend.write(job.size, drawn.segmentation.legend, None if stream.exact else drawn.colors)
-        written = [*films, *(legend for legend, _ in legends), *([calibration.writer] if calibration else [])]
-        files = [file for sink in written for file in sink.publish()]
-        size = streams[0].size_of_frame
-        return _Made(plan, facts, backend, size, jobs, files, simulation_wall, time.perf_counter() - start)
 
 
 def _encodings(job: Video) -> list[Encoding]:
@@ -250,22 +269,6 @@ def _encodings(job: Video) -> list[Encoding]:
     return found
 
 
-def _plan(job: Video, encodings: Sequence[Encoding]) -> _Plan:
-    fps = encodings[0].fps if job.fps is None else positive("--fps", job.fps)
-    speed = positive("--speed", job.speed)
-    for encoded in encodings:
-        encoded.check_fps(fps)
-    model = job.simulation.load()
-    timeline = job.simulation.timeline(model)
-    job.rigs(model)
-    measures = gauges(model, timeline, job.text, job.plot)
-    stepper = job.simulation.stepper(measures.model)
-    size = layout_size(1 if job.separate else len(job.panels), job.size, job.layout)
-    overlay = blank(size, job.corner, job.plot, job.plot_side, speed)
-    frames = timeline.frames(fps, speed)
-    return _Plan(model, stepper, timeline, fps, speed, frames, measures, encodings, overlay, job.additions(model))
-
-
 def _remark_padding(encoded: Encoding, size: tuple[int, int], reporter: Reporter) -> None:
     padding = encoded.padding(*size)
     if any(padding):
@@ -274,33 +277,13 @@ def _remark_padding(encoded: Encoding, size: tuple[int, int], reporter: Reporter
         reporter.note(f"{encoded.codec} needs even sides: the film is padded from {width}x{height} to {padded}")
 
 
-def _simulate(plan: _Plan, recording: Recording, path: Recording) -> tuple[float, list[Values]]:
-    """Runs the whole simulation, keeps every frame's state, and those on the path of trails.
-
-    Returns the wall time [s], and what is measured at each frame.
-    """
-    start, rows = time.perf_counter(), []
-    taps: list[Tap] = [Tap(plan.frames, lambda stepper: stepper.state(), recording.append)]
-    taps.append(Tap(plan.additions.steps(plan.timeline), lambda stepper: stepper.state(), path.append))
-    if not plan.gauges.idle:
-        taps.append(Tap(plan.frames, plan.gauges.read, rows.append))
-    observe(plan.stepper, taps, plan.timeline.steps)
-    return time.perf_counter() - start, rows
-
-
-def _calibrate(job: Video, plan: _Plan, recording: Recording, calibration: Calibration) -> None:
-    """Writes what every frame is seen through."""
-    states = (recording[k] for k in range(len(recording)))
-    seen = lenses(plan.model, job.rigs(plan.model), job.size, states, plan.phases)
-    for index, (step, through) in enumerate(zip(plan.frames, seen, strict=True)):
-        calibration.write(through, index, float(plan.timeline.time(step)))
-
-
 def _draw(
     job: Video, drawn: ScenePainter, recording: Recording, films: Sequence[FilmWriter], reporter: Reporter
 ) -> int:
     """Draws every frame into the films, and returns the number of processes that did."""
     total = len(recording)
+    for film in films:
+        film.count = total
     cost = _rehearse(drawn, recording, reporter)
     # Filament's noise goes on from frame to frame: only one process makes the same film each time.
     asked = 1 if job.jobs == AUTO and job.renderer == "filament" else job.jobs

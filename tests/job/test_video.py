@@ -15,7 +15,7 @@ import pytest
 
 import mjrun
 from mjrun.errors import MjrunError, MjrunWarning, NoRendererError, UnknownNameError, UnstableError
-from mjrun.job import video as job
+from mjrun.job import work as job
 from mjrun.job.image import Image
 from mjrun.job.simulation import Simulation
 from mjrun.job.video import Video

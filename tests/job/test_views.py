@@ -9,16 +9,16 @@ import pytest
 from PIL import Image as Pillow
 
 from mjrun.errors import MjrunError, UnknownNameError, UsageError
-from mjrun.job.calibration import lenses
 from mjrun.job.decors import additions
 from mjrun.job.image import Image
 from mjrun.job.simulation import Simulation
 from mjrun.job.trace import Trace
 from mjrun.job.video import Video
 from mjrun.render.backend import Backend
-from mjrun.render.camera import rig
 from mjrun.render.classic import ClassicRenderer
+from mjrun.render.course import Course
 from mjrun.render.graph import graph_size
+from mjrun.render.spec import script
 from mjrun.render.visual import Visual
 
 pytestmark = pytest.mark.filterwarnings("ignore:drawing in software")
@@ -88,16 +88,15 @@ def test_a_film_s_calibration_is_what_its_frames_were_drawn_through(
     for step in (0, 25, 50, 75):
         stepper.advance(step)
         states.append(stepper.state())
-    phases = [0, 0.25, 0.5, 0.75]
-    rigs = [rig("side", model), rig(orbit, model)]
+    times = [0, 0.05, 0.1, 0.15]
+    courses = [Course(script(text, model), model, (32, 24)) for text in ("side", orbit)]
     with ClassicRenderer(model, (32, 24), backend, Visual()) as renderer:
-        for k, found in enumerate(lenses(model, rigs, (32, 24), states, phases)):
-            renderer.look(states[k], phases[k])
-            for camera, each in enumerate(rigs):
-                drawn = renderer.picture(each, ["depth"]).lens
-                assert np.array_equal(drawn.pose, found[camera].pose)
-                assert np.array_equal(drawn.matrix, found[camera].matrix)
+        for camera, course in enumerate(courses):
+            for k, pose in enumerate(course.poses(states, times, times, [(0, 0.2)])):
+                renderer.look(states[k])
+                drawn = renderer.picture(pose, ["depth"]).lens
                 assert np.allclose(drawn.pose, entries[2 * k + camera]["world_from_camera"], atol=0)
+                assert np.allclose(drawn.matrix, entries[2 * k + camera]["K"], atol=0)
 
 
 def test_points_of_a_cloud_lie_on_what_was_seen(swing: Path, tmp_path: Path) -> None:

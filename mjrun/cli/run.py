@@ -1,0 +1,77 @@
+"""`mjrun run`."""
+
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import click
+
+from mjrun.cli import options, sentences, values
+from mjrun.cli.code import controller
+from mjrun.cli.console import Console
+from mjrun.errors import FileError, clean
+
+
+@click.command("run", cls=options.SectionedCommand)
+@click.argument("document", type=click.Path())
+@click.argument("assignments", metavar="[KEY=VALUE]...", nargs=-1)
+@options.run_options
+@options.output_options
+@click.pass_obj
+def command(console: Console, /, as_json: bool, **given: Any) -> None:
+    """Make everything that DOCUMENT asks for: films, stills, traces and plots of one simulation, in one pass.
+
+    \b
+    mjrun run study.yaml
+    mjrun run study.yaml duration=2 films[0].size=640x360 -o out
+    mjrun run study.yaml --dry-run
+    """
+    console.guard_stdout()
+    values.import_mujoco()
+    from mjrun.job.work import perform, planned
+
+    jobs = _jobs(console, given)
+    if given["dry_run"]:
+        _show_plan(console, planned(jobs, console), as_json)
+        return
+    _make_folders(Path(job.output) for job in jobs)
+    results = perform(jobs, console)
+    if as_json:
+        console.document({"results": [{"kind": type(r).__name__.removesuffix("Result"), **asdict(r)} for r in results]})
+    elif console.verbosity >= 0:
+        for result in results:
+            console.result(sentences.sentence(result))
+
+
+def _jobs(console: Console, given: dict[str, Any]) -> list[Any]:
+    from mjrun.document.run import Machine, read_run
+
+    machine = Machine(
+        controller=controller(given["controller"]) if given["controller"] else None,
+        control_dt=given["control_dt"],
+        gl=given["gl"] or "auto",
+        require_gpu=given["require_gpu"],
+        quality=given["quality"],
+        jobs=given["jobs"],
+        command=console.command,
+    )
+    return read_run(given["document"], given["assignments"], Path(given["output"] or "."), machine)
+
+
+def _make_folders(outputs: Any) -> None:
+    for output in outputs:
+        try:
+            output.parent.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise FileError(output.parent, f"cannot be made: {error.strerror or error}") from None
+
+
+def _show_plan(console: Console, plan: Any, as_json: bool) -> None:
+    if as_json:
+        console.document(asdict(plan))
+        return
+    console.result(f"simulation: {plan.duration:g} s in {plan.steps} steps of {plan.timestep:g} s")
+    for part in plan.outlines:
+        count = "an event decides how many" if part.count is None else str(part.count)
+        size = f", {part.size[0]}x{part.size[1]}" if len(part.size) == 2 else ""
+        console.result(f"{part.kind}: {clean(part.path)}: {count} {part.unit}{size}; {clean(part.about)}")

@@ -1,0 +1,55 @@
+"""What the user is told of each kind of result, in a line."""
+
+from typing import TYPE_CHECKING, Any
+
+from mjrun.errors import clean
+
+if TYPE_CHECKING:
+    from mjrun.job.image import ImageResult
+    from mjrun.job.plot import PlotResult
+    from mjrun.job.record import RecordResult
+    from mjrun.job.trace import TraceResult
+    from mjrun.job.video import VideoResult
+
+
+def film(result: "VideoResult") -> str:
+    width, height = result.size
+    shown = f"{width}x{height}, {result.frames} frames, {result.duration:.4g} s at {result.fps:.4g} fps, {result.codec}"
+    pace = f"made in {result.wall:.1f} s, {result.frames / result.draw_wall:.3g} frames/s"
+    by = f"by {clean(result.renderer)} ({result.gl})" + (f" in {result.jobs} processes" if result.jobs > 1 else "")
+    return f"{', '.join(map(clean, result.paths))}: {shown}; {pace}, {by}"
+
+
+def still(result: "ImageResult") -> str:
+    width, height = result.size
+    paths = ", ".join(map(clean, result.paths)) or "-"
+    return f"{paths}: {width}x{height} at {result.time:.6g} s; made in {result.wall:.1f} s, by {clean(result.renderer)}"
+
+
+def trace(result: "TraceResult") -> str:
+    size = f"{result.rows} rows, {result.columns} columns"
+    pace = f"{result.simulated:.6g} s in {result.steps} steps; made in {result.wall:.2f} s"
+    return f"{clean(result.path)}: {size}, {pace}"
+
+
+def plot(result: "PlotResult") -> str:
+    width, height = result.size
+    return f"{clean(result.path)}: {width}x{height}, {result.samples} samples"
+
+
+def recording(result: "RecordResult") -> str:
+    return f"{clean(result.path)}: {result.states} states of {result.size} numbers, {result.simulated:.6g} s"
+
+
+SENTENCES = {
+    "VideoResult": film,
+    "ImageResult": still,
+    "TraceResult": trace,
+    "PlotResult": plot,
+    "RecordResult": recording,
+}
+
+
+def sentence(result: Any) -> str:
+    """The line about a result of any kind."""
+    return SENTENCES[type(result).__name__](result)

@@ -1,0 +1,95 @@
+"""A recording: the replayable states of a simulation, one for each step."""
+
+from collections.abc import Sequence
+from contextlib import ExitStack
+from dataclasses import dataclass
+
+from mjrun.export.recording import RecordingWriter
+from mjrun.job.manifest import origin
+from mjrun.job.report import Reporter
+from mjrun.job.simulation import Simulation
+from mjrun.job.work import Ground, Made, Outline, Work, perform
+from mjrun.model import state
+from mjrun.sim.observe import Tap
+from mjrun.sim.replay import sizes
+
+
+@dataclass(frozen=True)
+class Record:
+    """What to record.
+
+    Args:
+      simulation: what happens.
+      output: a file (.npz).
+      manifest: a file for what made the recording.
+      command: the command line, for the manifest.
+    """
+
+    simulation: Simulation
+    output: str
+    manifest: str | None = None
+    command: str = ""
+
+    def run(self, reporter: Reporter | None = None) -> "RecordResult":
+        """Makes the recording. What can fail early fails before the first step.
+
+        Raises:
+          MjrunError: nothing was published, and an existing output is untouched.
+        """
+        return perform([self], reporter)[0]
+
+    def work(self, stack: ExitStack) -> "RecordWork":
+        """The work that makes it."""
+        return RecordWork(self)
+
+
+@dataclass(frozen=True)
+class RecordResult:
+    """What recording was made.
+
+    Attributes:
+      path: where it is.
+      states: how many it holds, one for each step and the first.
+      size: numbers in a state.
+      simulated: simulated time [s].
+      wall: wall time of all [s].
+      warnings: what MuJoCo warned of.
+    """
+
+    path: str
+    states: int
+    size: int
+    simulated: float
+    wall: float
+    warnings: Sequence[str]
+
+
+class RecordWork(Work):
+    """A recording in the making."""
+
+    def __init__(self, job: Record) -> None:
+        self._job = job
+
+    def plan(self, ground: Ground) -> None:
+        self._ground, self.model, self.until = ground, ground.model, ground.timeline.steps
+
+    def open(self, stack: ExitStack) -> None:
+        job, ground = self._job, self._ground
+        self._facts = {**origin(job, job.simulation, ground.model, ground.timeline), "sizes": sizes(ground.model)}
+        self._sink = stack.enter_context(RecordingWriter(job.output, state.size(ground.model), self._facts))
+
+    def taps(self) -> Sequence[Tap]:
+        """The state at each step."""
+        every = range(self.until + 1)
+        return [Tap(every, lambda stepper: (stepper.step, stepper.state()), lambda row: self._sink.write(*row))]
+
+    def outline(self) -> Outline:
+        size = state.size(self._ground.model)
+        return Outline("recording", self._job.output, self.until + 1, "states", [size], f"{size} numbers each")
+
+    def finish(self, wall: float) -> Made:
+        return Made(self._facts, self._sink.publish(), self._result)
+
+    def _result(self, wall: float, heard: Sequence[str]) -> RecordResult:
+        timeline, size = self._ground.timeline, state.size(self._ground.model)
+        return RecordResult(self._job.output, self.until + 1, size, float(timeline.duration), wall, heard)

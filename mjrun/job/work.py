@@ -1,0 +1,259 @@
+"""One simulation, any number of outputs, in one pass: how jobs are done, alone and together."""
+
+import copy
+import time
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import ExitStack
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any, Protocol
+
+import mujoco
+
+from mjrun.errors import FailedAssertionError, SimulationError, UsageError, clean
+from mjrun.export.manifest import ManifestWriter
+from mjrun.job.happening import Happening
+from mjrun.job.report import QuietReporter, Reporter, pass_on
+from mjrun.job.simulation import Simulation
+from mjrun.model.native import collected_warnings, without_timers
+from mjrun.sim.observe import Tap, observe
+from mjrun.sim.stepper import Stepper
+from mjrun.timeline import Timeline
+
+
+@dataclass(frozen=True)
+class Ground:
+    """What the outputs of a simulation have in common."""
+
+    simulation: Simulation
+    model: mujoco.MjModel
+    timeline: Timeline
+    reporter: Reporter
+
+
+@dataclass(frozen=True)
+class Made:
+    """What is known of an output once it is in its place.
+
+    Attributes:
+      facts: for the manifest.
+      files: that were published.
+      result: makes the result, a dataclass, from the wall time of all [s] and MuJoCo's warnings.
+      failed: assertions that do not hold.
+    """
+
+    facts: Mapping[str, Any]
+    files: Sequence[Path]
+    result: Callable[[float, Sequence[str]], Any]
+    failed: Sequence[str] = ()
+
+
+@dataclass(frozen=True)
+class Outline:
+    """What will be made.
+
+    Attributes:
+      kind: `film`, `still`, `trace`, `plot` or `recording`.
+      path: where.
+      count: frames, pictures, rows, samples or states; None while an event decides.
+      unit: what is counted.
+      size: width and height [pixels], or columns alone.
+      about: what else there is to know, in words.
+    """
+
+    kind: str
+    path: str
+    count: int | None
+    unit: str
+    size: Sequence[int]
+    about: str = ""
+
+
+class Work(ABC):
+    """An output in the making. Made from what can be checked without the model, while that is not loaded yet.
+
+    Attributes:
+      model: to be simulated, so that all that is measured can be; known from `plan` on.
+      until: the last step that is needed; known from `plan` on.
+      conditions: events whose steps have to be known before the taps are.
+      keeps_partial: whether what was measured before an instability is worth publishing.
+    """
+
+    model: mujoco.MjModel
+    until: int
+    conditions: Sequence[str] = ()
+    keeps_partial = False
+
+    @abstractmethod
+    def plan(self, ground: Ground) -> None:
+        """Finds every name and checks every number."""
+
+    @abstractmethod
+    def open(self, stack: ExitStack) -> None:
+        """Opens the outputs, which proves that they can be written; `stack` discards what is not published."""
+
+    def settle(self, happened: Mapping[str, Sequence[int]]) -> None:
+        """Takes the steps at which each of `conditions` begins to hold."""
+        assert not happened
+
+    @abstractmethod
+    def taps(self) -> Sequence[Tap]:
+        """What is looked at while the simulation runs."""
+
+    def drive(self, stepper: Stepper) -> None:
+        """Runs the simulation for this work alone."""
+        observe(stepper, self.taps(), self.until)
+
+    @abstractmethod
+    def outline(self) -> Outline:
+        """What will be made, known from `plan` on."""
+
+    @abstractmethod
+    def finish(self, wall: float) -> Made:
+        """Makes and publishes the outputs; `wall` is what the simulation took [s]."""
+
+
+class Job(Protocol):
+    """What to make of a simulation, as a value."""
+
+    @property
+    def simulation(self) -> Simulation: ...
+
+    @property
+    def manifest(self) -> str | None: ...
+
+    def work(self, stack: ExitStack) -> Work:
+        """The work that makes it; `stack` ends what that begins."""
+        ...
+
+
+def perform(jobs: Sequence[Job], reporter: Reporter | None = None) -> list[Any]:
+    """Does all `jobs`, which are of one simulation, in one pass over it, and returns their results.
+
+    Raises:
+      FailedAssertionError: an assertion does not hold; everything is published all the same.
+      SimulationError: nothing was published but what keeps partial results.
+      MjrunError: nothing was published by the job that failed and those after it.
+    """
+    reporter, start = reporter or QuietReporter(), time.perf_counter()
+    with ExitStack() as stack:
+        manifests = [stack.enter_context(ManifestWriter(job.manifest)) for job in jobs]
+        with collected_warnings() as heard, without_timers():
+            everything, failure = _made(jobs, reporter)
+        if failure is None:  # which says it better
+            pass_on(heard, reporter)
+        results = []
+        for made, manifest in zip(everything, manifests, strict=True):
+            if made is None:
+                continue
+            results.append(made.result(time.perf_counter() - start, tuple(heard)))
+            failed = None if failure is None else str(failure)
+            manifest.publish({**made.facts, "result": asdict(results[-1]), "failure": failed}, made.files)
+    if failure:
+        raise failure
+    wrong = [message for made in everything if made for message in made.failed]
+    if wrong:
+        raise FailedAssertionError(wrong)
+    return results
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What `perform` would do.
+
+    Attributes:
+      timestep, steps, duration: of the simulation [s].
+      outlines: of each job.
+    """
+
+    timestep: float
+    steps: int
+    duration: float
+    outlines: Sequence[Outline]
+
+
+def planned(jobs: Sequence[Job], reporter: Reporter | None = None) -> Plan:
+    """What `perform` would do, with all names and numbers checked, and no step taken.
+
+    Raises:
+      MjrunError: it would fail at once.
+    """
+    with collected_warnings(), ExitStack() as stack:
+        works, ground = _planned(jobs, reporter or QuietReporter(), stack)
+        ground.simulation.stepper(_measured(ground.model, works))
+        line = ground.timeline
+        outlines = [work.outline() for work in works]
+        return Plan(float(line.timestep), line.steps, float(line.duration), outlines)
+
+
+def _planned(jobs: Sequence[Job], reporter: Reporter, stack: ExitStack) -> tuple[list[Work], Ground]:
+    _check_one_simulation(jobs)
+    works = [job.work(stack) for job in jobs]
+    simulation = jobs[0].simulation
+    model = simulation.load()
+    ground = Ground(simulation, model, simulation.timeline(model), reporter)
+    for work in works:
+        work.plan(ground)
+    return works, ground
+
+
+def _made(jobs: Sequence[Job], reporter: Reporter) -> tuple[list[Made | None], SimulationError | None]:
+    with ExitStack() as stack:
+        works, ground = _planned(jobs, reporter, stack)
+        stepper = ground.simulation.stepper(_measured(ground.model, works))
+        for text in ground.simulation.remarks(ground.model):
+            reporter.warn(text)
+        for work in works:
+            work.open(stack)
+        start, failure, finished = time.perf_counter(), None, works
+        try:
+            _simulate(works, stepper, ground, stack)
+        except SimulationError as error:
+            failure, finished = error, [work for work in works if work.keeps_partial]
+            if not finished:
+                raise
+        wall = time.perf_counter() - start
+        return [work.finish(wall) if work in finished else None for work in works], failure
+
+
+def _measured(model: mujoco.MjModel, works: Sequence[Work]) -> mujoco.MjModel:
+    """The model with all that any of `works` measures switched on."""
+    measured = copy.copy(model)
+    for work in works:
+        measured.opt.enableflags |= work.model.opt.enableflags
+    return measured
+
+
+def _simulate(works: Sequence[Work], stepper: Stepper, ground: Ground, stack: ExitStack) -> None:
+    """Runs the simulation once; what waits for events looks at its recording."""
+    late = [work for work in works if work.conditions]
+    if not late and len(works) == 1:
+        works[0].drive(stepper)
+        return
+    taps = [tap for work in works if work not in late for tap in work.taps()]
+    until = max(work.until for work in works)
+    if not late:
+        observe(stepper, taps, until)
+        return
+    happening = Happening(ground.model, ground.timeline, {text for work in late for text in work.conditions})
+    stack.callback(happening.close)
+    observe(stepper, [*taps, *happening.taps(until)], until)
+    for work in late:
+        work.settle(happening.found)
+    observe(happening.replay(stepper.model), [tap for work in late for tap in work.taps()], until)
+
+
+def _check_one_simulation(jobs: Sequence[Job]) -> None:
+    if not jobs:
+        raise UsageError("there is nothing to do: no output was asked for")
+    if any(job.simulation is not jobs[0].simulation for job in jobs):
+        raise UsageError("all outputs of one pass must be of the same simulation")
+
+
+def check_apart(*outputs: str | None) -> None:
+    """Two outputs must not be one file."""
+    files = [output for output in outputs if output not in (None, "-")]
+    for index, output in enumerate(files):
+        if any(Path(output).resolve() == Path(other).resolve() for other in files[:index]):
+            raise UsageError(f"{clean(output)} is asked for twice: each output needs a file of its own")

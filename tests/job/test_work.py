@@ -1,0 +1,154 @@
+"""Many outputs of one simulation in one pass: the same as each alone."""
+
+import json
+from dataclasses import replace
+from fractions import Fraction
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import pytest
+from PIL import Image as Pillow
+
+from mjrun.errors import FailedAssertionError, FileError, UnknownNameError, UnstableError, UsageError
+from mjrun.job.image import Image
+from mjrun.job.plot import Plot
+from mjrun.job.record import Record
+from mjrun.job.simulation import Simulation
+from mjrun.job.trace import Trace
+from mjrun.job.video import Video
+from mjrun.job.work import perform, planned
+from mjrun.render.script import AroundRig, Event, Script, Shot
+
+pytestmark = pytest.mark.filterwarnings("ignore:drawing in software")
+
+SIZE = (64, 48)
+
+
+def frames(folder: Path) -> list[np.ndarray]:
+    return [np.array(Pillow.open(path)) for path in sorted(folder.iterdir())]
+
+
+def test_one_pass_makes_what_each_job_makes_alone(swing: Path, tmp_path: Path) -> None:
+    simulation = Simulation(swing, duration=0.2, qvel={"hinge": 3})
+
+    def jobs(folder: Path) -> list[Video | Image | Trace | Plot | Record]:
+        folder.mkdir()
+        return [
+            Video(simulation, f"{folder}/f/", fps=20, size=SIZE, camera="side", text="{energy/kinetic:.3f}"),
+            Image(simulation, f"{folder}/i.png", at=0.1, size=SIZE, view="depth"),
+            Trace(simulation, f"{folder}/t.csv", probes=["qpos", "energy"], every=3, contacts=f"{folder}/c.csv"),
+            Trace(simulation, f"{folder}/u.npz"),
+            Plot(simulation, f"{folder}/p.png", probes=["energy", "qpos/hinge"], size=(200, 160)),
+            Record(simulation, f"{folder}/r.npz"),
+        ]
+
+    together = perform(jobs(tmp_path / "together"))
+    alone = [job.run() for job in jobs(tmp_path / "alone")]
+    for name in ("i.png", "p.png"):
+        one, other = (np.array(Pillow.open(tmp_path / folder / name)) for folder in ("together", "alone"))
+        assert np.array_equal(one, other)
+    for one, other in zip(frames(tmp_path / "together/f"), frames(tmp_path / "alone/f"), strict=True):
+        assert np.array_equal(one, other)
+    for name in ("t.csv", "c.csv"):
+        assert (tmp_path / "together" / name).read_bytes() == (tmp_path / "alone" / name).read_bytes()
+    for name in ("u.npz", "r.npz"):
+        one, other = (np.load(tmp_path / folder / name) for folder in ("together", "alone"))
+        assert all(np.array_equal(one[key], other[key]) for key in one.files if one[key].dtype.kind in "fi")
+    assert [type(result) for result in together] == [type(result) for result in alone]
+
+
+def test_a_replay_gives_the_same_numbers_as_the_simulation(swing: Path, tmp_path: Path) -> None:
+    live = Simulation(swing, steps=120, qvel={"hinge": 3})
+    perform([Trace(live, f"{tmp_path}/a.csv"), Record(live, f"{tmp_path}/r.npz")])
+    Trace(Simulation(swing, replay=f"{tmp_path}/r.npz"), f"{tmp_path}/b.csv").run()
+    assert (tmp_path / "a.csv").read_bytes() == (tmp_path / "b.csv").read_bytes()
+    with pytest.raises(UsageError, match="the recording ends at step 120"):
+        Trace(Simulation(swing, replay=f"{tmp_path}/r.npz", steps=121), f"{tmp_path}/c.csv").run()
+    with pytest.raises(UsageError, match="--qvel would change it"):
+        Simulation(swing, replay=f"{tmp_path}/r.npz", qvel={"hinge": 1})
+
+
+def thrown(path: Path) -> int:
+    """The first step at which the ball of `swing` touches the floor, by a bare loop."""
+    model = mujoco.MjModel.from_xml_path(str(path))
+    data = mujoco.MjData(model)
+    ball, floor = model.geom("ball").id, model.geom("floor").id
+    for step in range(500):
+        mujoco.mj_forward(model, data)
+        if any({*contact.geom} == {ball, floor} for contact in data.contact):
+            return step
+        mujoco.mj_step(model, data)
+    raise AssertionError("it never does")
+
+
+def test_an_event_cuts_stills_and_films_at_the_very_step(swing: Path, tmp_path: Path, backend: object) -> None:
+    hit = thrown(swing)
+    assert 20 < hit < 200
+    simulation = Simulation(swing, duration=0.5)
+    event = Event("contact(ball, floor)")
+    slow = Script("hit", [Shot(AroundRig(), until=event), Shot(AroundRig("ball"), speed=Fraction(1, 2))])
+    film = Video(simulation, f"{tmp_path}/f/", fps=20, size=SIZE, camera=slow, text="{step}")
+    still = Image(simulation, f"{tmp_path}/i.png", at=event, size=SIZE)
+    made = perform([film, still])
+    timestep = Fraction(1, 500)
+    lasts = hit * timestep + 2 * (Fraction(1, 2) - hit * timestep)
+    assert made[0].frames == -(-lasts // Fraction(1, 20))
+    assert made[1].step == hit
+    again = perform([replace(still, output=f"{tmp_path}/j.png", at=None, step=hit)])
+    assert again[0].step == hit
+    assert np.array_equal(np.array(Pillow.open(tmp_path / "i.png")), np.array(Pillow.open(tmp_path / "j.png")))
+
+
+def test_an_assertion_that_fails_keeps_all_outputs(swing: Path, tmp_path: Path) -> None:
+    simulation = Simulation(swing, steps=10)
+    jobs = [Trace(simulation, f"{tmp_path}/a.csv", asserts=["time < 0"]), Record(simulation, f"{tmp_path}/r.npz")]
+    with pytest.raises(FailedAssertionError):
+        perform(jobs)
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["a.csv", "r.npz", "swing.xml"]
+
+
+def test_what_fails_early_leaves_nothing_of_any_job(swing: Path, tmp_path: Path) -> None:
+    simulation = Simulation(swing, steps=10)
+    good = Trace(simulation, f"{tmp_path}/a.csv")
+    for bad, error in (
+        (Trace(simulation, f"{tmp_path}/b.csv", probes=["nothing"]), UnknownNameError),
+        (Plot(simulation, f"{tmp_path}/none/p.png", probes=["energy"]), FileError),
+        (Image(simulation, f"{tmp_path}/i.png", at=Event("speed(nobody) > 1")), UnknownNameError),
+    ):
+        with pytest.raises(error):
+            perform([good, bad])
+        assert [path.name for path in tmp_path.iterdir()] == ["swing.xml"]
+
+
+def test_an_instability_keeps_partial_traces_only(exploding: Path, tmp_path: Path) -> None:
+    simulation = Simulation(exploding, key="fast", duration=5)
+    kept = Trace(simulation, f"{tmp_path}/a.csv", keep_partial=True, manifest=f"{tmp_path}/m.json")
+    with pytest.raises(UnstableError) as caught:
+        perform([kept, Record(simulation, f"{tmp_path}/r.npz")])
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["a.csv", "exploding.xml", "m.json"]
+    assert len((tmp_path / "a.csv").read_text().splitlines()) == caught.value.step + 2
+    assert json.loads((tmp_path / "m.json").read_text())["failure"] == str(caught.value)
+
+
+def test_jobs_of_two_simulations_or_none_are_no_pass(swing: Path) -> None:
+    with pytest.raises(UsageError, match="of the same simulation"):
+        perform([Trace(Simulation(swing)), Trace(Simulation(swing))])
+    with pytest.raises(UsageError, match="no output"):
+        perform([])
+
+
+def test_a_plan_counts_what_is_then_made(swing: Path, tmp_path: Path) -> None:
+    simulation = Simulation(swing, duration=0.1)
+    event = Script("hit", [Shot(AroundRig(), until=Event("time > 0.05")), Shot(AroundRig())])
+    jobs = [
+        Video(simulation, f"{tmp_path}/f.mp4", fps=20, size=(64, 48)),
+        Video(simulation, f"{tmp_path}/g.mp4", fps=20, size=(64, 48), camera=event),
+        Trace(simulation, f"{tmp_path}/t.csv", every=7),
+        Record(simulation, f"{tmp_path}/r.npz"),
+    ]
+    plan = planned(jobs)
+    assert [path.name for path in tmp_path.iterdir()] == ["swing.xml"]
+    made = perform(jobs)
+    assert [part.count for part in plan.outlines] == [made[0].frames, None, made[2].rows, made[3].states]
+    assert (plan.steps, plan.duration) == (50, 0.1)
