@@ -21,8 +21,6 @@ import importlib.util
 import itertools
 import json
 import math
-import stat
-import warnings
 import zipfile
 from collections import Counter
 from collections.abc import Callable, Hashable, Iterable, Iterator, KeysView, Mapping, Sequence
@@ -32,14 +30,14 @@ from typing import IO, Any, AnyStr, BinaryIO
 import numpy as np
 import orjson
 
-from mjrun.errors import FileError, MissingExtraError, MjrunError, UnknownNameError, clean, quoted, suggestion
+from mjrun.errors import FileError, MissingExtraError, UnknownNameError, clean, quoted
+from mjrun.export.foreign import cut, decoding, require_file
 from mjrun.export.matfile import KINDS, NUMERIC_KINDS, MatFile, Matrix
 from mjrun.export.table import FORMATS, SUFFIXES
 
 ROWS = 2**9  # of text, turned into numbers at a time while they are in the processor's cache
 PIECE = 2**16  # values of an array read at a time
 LINE = 2**24  # characters in a line of text, at most
-SHOWN = 80  # characters of a foreign text that are shown
 NOT_COLUMNS = ("__units__", "__manifest__")  # what mjrun's npz has besides
 NUMERIC = "biuf"  # kinds of NumPy's types that are read: booleans, integers, floats
 SAID = {"U": "text", "S": "text", "O": "objects", "c": "complex values"}
@@ -60,7 +58,7 @@ def read_table(path: Path, wanted: Wanted) -> dict[str, np.ndarray]:
       UnknownNameError: its suffix means no format; the message lists those that do.
       MissingExtraError: the format's library is not installed.
     """
-    _require_file(path)
+    require_file(path, "table", SUFFIXES)
     suffix = path.suffix.lower()
     if suffix not in SUFFIXES:
         raise UnknownNameError("table format", suffix, list(SUFFIXES), where=str(path))
@@ -70,26 +68,6 @@ def read_table(path: Path, wanted: Wanted) -> dict[str, np.ndarray]:
         raise FileError(path, f"cannot be read: {error.strerror or error}") from None
     except MemoryError:
         raise FileError(path, "its columns do not fit in memory") from None
-
-
-def _require_file(path: Path) -> None:
-    try:
-        mode = path.stat().st_mode
-    except (FileNotFoundError, NotADirectoryError):
-        raise FileError(path, f"no such file{suggestion(path.name, _siblings(path.parent))}") from None
-    except (OSError, ValueError) as error:  # a null byte in the path is a ValueError
-        raise FileError(path, f"cannot be read: {getattr(error, 'strerror', None) or error}") from None
-    if stat.S_ISDIR(mode):
-        raise FileError(path, "is a folder, not a table")
-    if not stat.S_ISREG(mode):
-        raise FileError(path, "is not a regular file")
-
-
-def _siblings(folder: Path) -> list[str]:
-    try:
-        return sorted(entry.name for entry in folder.iterdir() if entry.suffix.lower() in SUFFIXES)
-    except OSError:
-        return []
 
 
 def _chosen(path: Path, names: Sequence[str], wanted: Wanted) -> dict[str, int]:
@@ -270,11 +248,11 @@ def _parquet(path: Path, wanted: Wanted) -> dict[str, np.ndarray]:
     import pyarrow.parquet
 
     with path.open("rb") as file:
-        with _decoding(path):
+        with decoding(path, _unread(path)):
             found = pyarrow.parquet.ParquetFile(file)
             fields = _fields(found.schema_arrow)
         chosen = list(_arrow_columns(path, fields, wanted))
-        with _decoding(path):
+        with decoding(path, _unread(path)):
             batches = ([batch[name] for name in chosen] for batch in found.iter_batches(columns=chosen))
             return _joined(path, chosen, batches)
 
@@ -284,12 +262,12 @@ def _feather(path: Path, wanted: Wanted) -> dict[str, np.ndarray]:
     from pyarrow import ipc
 
     with path.open("rb") as file:
-        with _decoding(path):
+        with decoding(path, _unread(path)):
             fields = _fields(ipc.open_file(file).schema)
         chosen = _arrow_columns(path, fields, wanted)
         if not chosen:  # no field included would mean all
             return {}
-        with _decoding(path):
+        with decoding(path, _unread(path)):
             options = ipc.IpcReadOptions(included_fields=list(chosen.values()))
             found = ipc.open_file(file, options=options)
             return _joined(path, list(chosen), map(_valid, map(found.get_batch, range(found.num_record_batches))))
@@ -321,7 +299,7 @@ def _arrow_columns(path: Path, fields: Sequence[tuple[str, Any]], wanted: Wanted
         inner = kind.value_type if types.is_dictionary(kind) else kind
         numeric = (types.is_floating, types.is_integer, types.is_boolean, types.is_decimal)
         if not any(is_kind(inner) for is_kind in numeric):
-            raise FileError(path, f"column {_shown(name)} holds {clean(_cut(str(inner)))}, not numbers")
+            raise FileError(path, f"column {_shown(name)} holds {clean(cut(str(inner)))}, not numbers")
     return chosen
 
 
@@ -348,14 +326,14 @@ def _floats_of_arrow(path: Path, name: str, array: Any, before: int) -> np.ndarr
 
 def _npz(path: Path, wanted: Wanted) -> dict[str, np.ndarray]:
     with path.open("rb") as file:
-        with _decoding(path):
+        with decoding(path, _unread(path)):
             archive = zipfile.ZipFile(file)
         arrays = [(info.filename.removesuffix(".npy"), info) for info in archive.infolist()]
         arrays = [(name, info) for name, info in arrays if name != info.filename and name not in NOT_COLUMNS]
         chosen = _chosen(path, [name for name, _ in arrays], wanted)
         found = {}
         for name, index in chosen.items():
-            with _decoding(path), archive.open(arrays[index][1]) as member:
+            with decoding(path, _unread(path)), archive.open(arrays[index][1]) as member:
                 found[name] = _floats_of_npy(path, name, member)
     return _even(path, found)
 
@@ -380,13 +358,13 @@ def _floats_of_npy(path: Path, name: str, member: IO[bytes]) -> np.ndarray:
 
 def _mat(path: Path, wanted: Wanted) -> dict[str, np.ndarray]:
     with path.open("rb") as file:
-        with _decoding(path):
+        with decoding(path, _unread(path)):
             found = MatFile(file)
             columns = found.columns()
         chosen = _chosen(path, [name for name, _ in columns], wanted)
         values = {}
         for name, index in chosen.items():
-            with _decoding(path):
+            with decoding(path, _unread(path)):
                 values[name] = _floats_of_mat(path, name, found.read(columns[index][1]))
     return _even(path, values)
 
@@ -417,31 +395,15 @@ def _even(path: Path, columns: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
     return columns
 
 
-@contextlib.contextmanager
-def _decoding(path: Path) -> Iterator[None]:
-    """Tells of a file that a library cannot decode. What it raises then is written nowhere: it may be anything."""
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")
-            yield
-    except (MjrunError, MemoryError):
-        raise
-    except Exception as error:
-        if isinstance(error, OSError) and error.errno:  # of the system, not of the content
-            raise
-        reason = (str(error) or "it ends early").splitlines()[0]  # StopIteration and EOFError say nothing
-        raise FileError(path, f"cannot be read as {path.suffix.lower()}: {clean(_cut(reason))}") from error
-
-
 # --- messages ----------------------------------------------------------------------------------------
 
 
-def _cut(text: str) -> str:
-    return text if len(text) <= SHOWN else text[: SHOWN - 1] + "…"
+def _unread(path: Path) -> str:
+    return f"cannot be read as {path.suffix.lower()}"
 
 
 def _shown(text: str) -> str:
-    return quoted(_cut(text))
+    return quoted(cut(text))
 
 
 READERS = {"csv": _csv, "jsonl": _jsonl, "parquet": _parquet, "feather": _feather, "npz": _npz, "mat": _mat}

@@ -4,14 +4,10 @@ A recording is not trusted: all of it is checked when it is opened, nothing in i
 is cleaned.
 """
 
-import contextlib
-import errno
 import json
 import math
 import os
-import stat
 import struct
-import warnings
 import weakref
 import zipfile
 from collections.abc import Iterator
@@ -22,12 +18,12 @@ from typing import Any, BinaryIO
 
 import numpy as np
 
-from mjrun.errors import FileError, MjrunError, clean, suggestion
+from mjrun.errors import FileError
+from mjrun.export.foreign import decoding, require_file
 from mjrun.export.reading import HEADERS, SAID
 from mjrun.export.recording import PIECE, SUFFIX, odd
 
 FACTS = 2**24  # characters of facts, at most
-SHOWN = 200  # characters of a foreign text that are shown
 LOCAL = 26  # bytes of a member's header in the archive before the lengths of its name and extra field
 TEXT = "unicode text"
 ARRAYS = {"states": ("float64", ("n", "size")), "steps": ("int64", ("n",)), "facts": (TEXT, ())}
@@ -50,8 +46,17 @@ class RecordingFile:
 
     def __init__(self, path: str | Path) -> None:
         self.path = Path(path)
-        _require_file(self.path)
-        with _decoding(self.path), self.path.open("rb") as file, zipfile.ZipFile(file) as archive:
+        require_file(self.path, "recording", [SUFFIX], HINT)
+        try:
+            with decoding(self.path, "is not a recording", HINT):
+                self._read()
+        except OSError as error:
+            raise FileError(self.path, f"cannot be read: {error.strerror or error}") from None
+        except MemoryError:
+            raise FileError(self.path, "does not fit in memory") from None
+
+    def _read(self) -> None:
+        with self.path.open("rb") as file, zipfile.ZipFile(file) as archive:
             states, steps, facts = (_found(archive, file, name) for name in ARRAYS)
             if states.shape[0] != steps.shape[0]:
                 raise ValueError(f"it has {states.shape[0]} states and {steps.shape[0]} steps")
@@ -94,7 +99,7 @@ class RecordingFile:
         self.close()
 
 
-# What is wrong with a recording is raised as a ValueError, and told by `_decoding`.
+# What is wrong with a recording is raised as a ValueError, and told by `decoding`.
 
 
 @dataclass(frozen=True)
@@ -106,37 +111,6 @@ class _Array:
     start: int
     shape: tuple[int, ...]
     dtype: np.dtype
-
-
-def _require_file(path: Path) -> None:
-    try:
-        mode = path.stat().st_mode
-    except (FileNotFoundError, NotADirectoryError):
-        near = suggestion(path.name, sorted(p.name for p in path.parent.glob(f"*{SUFFIX}")))
-        raise FileError(path, f"no such file{near}", HINT) from None
-    except (OSError, ValueError) as error:  # a null byte in the path is a ValueError
-        raise FileError(path, f"cannot be read: {getattr(error, 'strerror', None) or error}") from None
-    if not stat.S_ISREG(mode):
-        raise FileError(path, "is a folder, not a recording" if stat.S_ISDIR(mode) else "is not a regular file")
-
-
-@contextlib.contextmanager
-def _decoding(path: Path) -> Iterator[None]:
-    """Tells of a file that is no recording. What a library raises then is written nowhere: it may be anything."""
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")
-            yield
-    except MjrunError:
-        raise
-    except MemoryError:
-        raise FileError(path, "does not fit in memory") from None
-    except Exception as error:
-        # Of the system, not of the content, unless that says to look before the beginning of the file.
-        if isinstance(error, OSError) and error.errno not in (None, errno.EINVAL):
-            raise FileError(path, f"cannot be read: {error.strerror or error}") from None
-        reason = (str(error) or "it ends early").splitlines()[0][:SHOWN]  # an EOFError says nothing
-        raise FileError(path, f"is not a recording: {clean(reason)}", HINT) from error
 
 
 def _found(archive: zipfile.ZipFile, file: BinaryIO, name: str) -> _Array:

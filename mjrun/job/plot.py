@@ -24,6 +24,7 @@ from mjrun.sim.observe import Tap
 
 SIZE = (1280, 720)
 SMALLEST = (80, 60)  # of a graph [pixels]
+LETTERS, SMALLEST_LETTERS = 0.022, 9  # size of letters: a share of the picture's shorter side, [pixels]
 
 
 @dataclass(frozen=True)
@@ -134,12 +135,12 @@ class PlotWork(Work):
         values = np.concatenate(self._blocks)
         index = {column.name: k for k, column in enumerate(self._table.columns)}
         heights = np.diff(np.linspace(0, self._job.size[1], len(self._tables) + 1).astype(int))
-        pictures = []
+        em, pictures = max(SMALLEST_LETTERS, LETTERS * min(self._job.size)), []
         for table, height in zip(self._tables, heights, strict=True):
             shown = table.columns[1:]
             found = values[:, [index[column.name] for column in shown]]
             names, units = [column.name for column in shown], [column.unit for column in shown]
-            graph = Graph(values[:, 0], found, names, units, (self._job.size[0], int(height)))
+            graph = Graph(values[:, 0], found, names, units, (self._job.size[0], int(height)), em)
             pictures.append(graph.draw(float(values[-1, 0])))
         self._sink.write(np.concatenate(pictures))
         files = self._sink.publish()

@@ -78,6 +78,7 @@ class Graph:
       values: `(n, k)`; what is not finite is a gap.
       names, units: of the k series.
       size: width and height of the picture [pixels].
+      em: size of the letters [pixels]; what is legible in a film when None.
     """
 
     def __init__(
@@ -87,10 +88,11 @@ class Graph:
         names: Sequence[str],
         units: Sequence[str],
         size: tuple[int, int],
+        em: float | None = None,
     ) -> None:
         self._times = np.asarray(times, float)
         self._values = np.where(np.abs(values) < _LARGEST, values, np.nan)
-        self._em = crisp(min(0.095 * size[1], size[0] / 28))
+        self._em = crisp(em or min(0.095 * size[1], size[0] / 28))
         low, high = _padded(self._values)
         self._step = 10.0 ** (math.floor(math.log10(high - low)) - 2)  # a hundredth or less of the range
         colours = _colours(len(names))
