@@ -4,7 +4,7 @@
 
 .DEFAULT_GOAL := help
 .NOTPARALLEL:
-.PHONY: help setup setup-python demo test lint types check bench clean
+.PHONY: help setup setup-python demo gallery test lint types check bench clean
 
 help: ## list the targets
 	@awk -F ':.*## ' '/^[a-z]+:.*## / {printf "make %-6s  %s\n", $$1, $$2}' Makefile
@@ -19,6 +19,9 @@ demo: setup ## render a film: out/dominos.mp4
 	@mkdir -p out
 	.venv/bin/mjrun video scenes/dominos.xml --camera top --duration 3 --size 640x360 --fps 30 -o out/dominos.mp4
 	@echo "The film is $(CURDIR)/out/dominos.mp4"
+
+gallery: setup ## make the films, pictures, tables and plots of all scenes at full size: out/
+	for scene in scenes/*.yaml; do .venv/bin/mjrun run "$$scene" -o "out/$$(basename "$$scene" .yaml)" || exit; done
 
 test: setup ## run the tests
 	.venv/bin/pytest $(ARGS)

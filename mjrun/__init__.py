@@ -19,19 +19,29 @@ from typing import TYPE_CHECKING
 from mjrun.version import __version__
 
 if TYPE_CHECKING:
+    from mjrun.document.camera import read_camera as read_camera
     from mjrun.job.image import Image as Image
     from mjrun.job.image import ImageResult as ImageResult
+    from mjrun.job.plot import Plot as Plot
+    from mjrun.job.plot import PlotResult as PlotResult
+    from mjrun.job.record import Record as Record
+    from mjrun.job.record import RecordResult as RecordResult
     from mjrun.job.simulation import Simulation as Simulation
     from mjrun.job.trace import Trace as Trace
     from mjrun.job.trace import TraceResult as TraceResult
     from mjrun.job.video import Video as Video
     from mjrun.job.video import VideoResult as VideoResult
+    from mjrun.job.work import perform as perform
     from mjrun.model.load import load as load
     from mjrun.render.visual import Visual as Visual
 
 _HOMES = {
     "Image": "mjrun.job.image",
     "ImageResult": "mjrun.job.image",
+    "Plot": "mjrun.job.plot",
+    "PlotResult": "mjrun.job.plot",
+    "Record": "mjrun.job.record",
+    "RecordResult": "mjrun.job.record",
     "Simulation": "mjrun.job.simulation",
     "Trace": "mjrun.job.trace",
     "TraceResult": "mjrun.job.trace",
@@ -39,11 +49,17 @@ _HOMES = {
     "VideoResult": "mjrun.job.video",
     "Visual": "mjrun.render.visual",
     "load": "mjrun.model.load",
+    "perform": "mjrun.job.work",
+    "read_camera": "mjrun.document.camera",
 }
 
 __all__ = [
     "Image",
     "ImageResult",
+    "Plot",
+    "PlotResult",
+    "Record",
+    "RecordResult",
     "Simulation",
     "Trace",
     "TraceResult",
@@ -52,6 +68,8 @@ __all__ = [
     "Visual",
     "__version__",
     "load",
+    "perform",
+    "read_camera",
 ]
 
 

@@ -17,6 +17,8 @@ DRAWN = [line for line in COMMANDS if line.startswith(("mjrun video", "mjrun ima
 TABLES = [line for line in COMMANDS if line.startswith(("mjrun trace", "for "))]
 STILL, SHORT = "--size 64x48 --quality draft", "--duration 0.1"
 SMALL = f"{STILL} {SHORT} --fps 20"
+RUN = "films[0].size=64x48 films[0].fps=3 stills[0].size=64x48 --quality draft"
+DOCUMENTS = [line for line in COMMANDS if line.startswith(("mjrun run", "mjrun schema"))]
 
 
 @pytest.fixture
@@ -25,7 +27,8 @@ def shell(tmp_path: Path) -> dict[str, str]:
     (tmp_path / "bin").mkdir()
     (tmp_path / "scenes").symlink_to(ROOT / "scenes")
     program = tmp_path / "bin/mjrun"
-    smaller = f'case $1 in video) set -- "$@" {SMALL};; image) set -- "$@" {STILL};; trace) set -- "$@" {SHORT};; esac'
+    smaller = f'case $1 in video) set -- "$@" {SMALL};; image) set -- "$@" {STILL};; trace) set -- "$@" {SHORT};;'
+    smaller += f' run) set -- "$@" {RUN};; esac'
     program.write_text(f'#!/bin/sh\n{smaller}\nPYTHONPATH="{ROOT}" exec "{sys.executable}" -m mjrun "$@"\n')
     program.chmod(0o755)
     return {**os.environ, "PATH": f"{program.parent}:{os.environ['PATH']}"}
@@ -56,6 +59,15 @@ def test_a_table_of_the_readme_is_made(command: str, shell: dict[str, str], tmp_
     done = subprocess.run(["sh", "-ec", command], cwd=tmp_path, env=shell, capture_output=True, text=True)
     assert (done.returncode, done.stderr) == (0, "")
     assert set(tmp_path.iterdir()) != before or done.stdout.startswith("time")
+
+
+@pytest.mark.parametrize("command", DOCUMENTS)
+def test_a_document_of_the_readme_is_run(command: str, shell: dict[str, str], tmp_path: Path) -> None:
+    before = set(tmp_path.iterdir())
+    done = subprocess.run(["sh", "-ec", command], cwd=tmp_path, env=shell, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    assert "error" not in done.stderr
+    assert set(tmp_path.iterdir()) != before or "--dry-run" in command
 
 
 def test_the_doctor_of_the_readme_finds_a_renderer(shell: dict[str, str], tmp_path: Path) -> None:
@@ -92,6 +104,7 @@ def test_the_package_installs_with_its_command_and_its_types(tmp_path: Path) -> 
 
 def test_every_other_command_of_the_readme_is_known() -> None:
     known = ("mjrun video ", "mjrun image ", "mjrun trace ", "for ", "mjrun doctor", "make ", "pip install .")
+    known += ("mjrun run ", "mjrun schema ")
     assert all(command.startswith(known) for command in COMMANDS)
 
 

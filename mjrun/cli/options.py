@@ -281,10 +281,13 @@ _calibration = (
     ),
 )
 
-_manifest = _option(
-    "--manifest",
-    metavar="FILE",
-    help="What made the output, as JSON: versions, command, model, options, wall times, hashes.",
+_record = (
+    _option(
+        "--manifest",
+        metavar="FILE",
+        help="What made the output, as JSON: versions, command, model, options, wall times, hashes.",
+    ),
+    _option("--print-document", is_flag=True, help="Print the command as a document for mjrun run, and stop."),
 )
 
 image_options = _bundle(
@@ -311,7 +314,7 @@ image_options = _bundle(
         help="All that the cameras see as coloured points in the world, in a .ply; labelled with --view seg.",
     ),
     *_calibration,
-    _manifest,
+    *_record,
 )
 
 
@@ -355,7 +358,7 @@ film_options = _bundle(
     ),
     _jobs("auto"),
     *_calibration,
-    _manifest,
+    *_record,
 )
 
 table_options = _bundle(
@@ -394,7 +397,7 @@ table_options = _bundle(
         help="A second table, a row for each contact of each instant: who, where, how deep, force and torque. "
         "Suffixes as for -o.",
     ),
-    _manifest,
+    *_record,
 )
 
 run_options = _bundle(

@@ -1,5 +1,6 @@
 """`mjrun run`."""
 
+from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -10,6 +11,8 @@ from mjrun.cli import options, sentences, values
 from mjrun.cli.code import controller
 from mjrun.cli.console import Console
 from mjrun.errors import FileError, clean
+
+OUTPUTS = ("output", "contacts", "calibration", "pointcloud", "manifest")  # of jobs
 
 
 @click.command("run", cls=options.SectionedCommand)
@@ -34,7 +37,7 @@ def command(console: Console, /, as_json: bool, **given: Any) -> None:
     if given["dry_run"]:
         _show_plan(console, planned(jobs, console), as_json)
         return
-    _make_folders(Path(job.output) for job in jobs)
+    _make_folders(jobs)
     results = perform(jobs, console)
     if as_json:
         console.document({"results": [{"kind": type(r).__name__.removesuffix("Result"), **asdict(r)} for r in results]})
@@ -58,12 +61,14 @@ def _jobs(console: Console, given: dict[str, Any]) -> list[Any]:
     return read_run(given["document"], given["assignments"], Path(given["output"] or "."), machine)
 
 
-def _make_folders(outputs: Any) -> None:
-    for output in outputs:
+def _make_folders(jobs: Sequence[Any]) -> None:
+    """Makes the folders of all outputs."""
+    outputs = [path for job in jobs for name in OUTPUTS if (path := getattr(job, name, None)) is not None]
+    for folder in dict.fromkeys(Path(path).parent for path in outputs):
         try:
-            output.parent.mkdir(parents=True, exist_ok=True)
+            folder.mkdir(parents=True, exist_ok=True)
         except OSError as error:
-            raise FileError(output.parent, f"cannot be made: {error.strerror or error}") from None
+            raise FileError(folder, f"cannot be made: {error.strerror or error}") from None
 
 
 def _show_plan(console: Console, plan: Any, as_json: bool) -> None:

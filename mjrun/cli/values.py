@@ -4,6 +4,8 @@ import os
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import click
+
 from mjrun.cli.code import controller
 from mjrun.cli.console import Console
 from mjrun.cli.options import GROUP_KINDS
@@ -58,11 +60,16 @@ def simulation(given: dict[str, Any]) -> "Simulation":
 
 
 def perform(console: Console, given: dict[str, Any], job: Any) -> Any:
-    """Does `job`, keeps a recording if one is asked for, and returns the job's result."""
+    """Does `job`, keeps a recording if one is asked for, and returns the job's result; or prints them, and stops."""
     from mjrun.job.record import Record
     from mjrun.job.work import perform
 
     kept = [Record(job.simulation, given["recording"], command=console.command)] if given["recording"] else []
+    if given["print_document"]:
+        from mjrun.document.printing import document_text
+
+        console.result(document_text([job, *kept], console.command).rstrip("\n"))
+        raise click.exceptions.Exit(0)
     return perform([job, *kept], console)[0]
 
 

@@ -17,7 +17,7 @@ class _NoPlaceError(Exception):
 
 
 def assign(
-    tree: Mapped, assignments: Sequence[str], order: int, fixed: Sequence[str] = ()
+    tree: Mapped, assignments: Sequence[str], order: int, fixed: Sequence[str] = (), named: Sequence[str] = ()
 ) -> tuple[Mapped, list[Fault]]:
     """`tree` with every one of `assignments`, in turn, and what is wrong with them.
 
@@ -26,6 +26,7 @@ def assign(
     Args:
       order: of the first of them among the sources of the document.
       fixed: keys of the top that cannot be set.
+      named: keys of the top below which everything up to = is one name, which may hold dots: `set.opt.cone`.
     """  # fmt: skip
     faults: list[Fault] = []
     for i, assignment in enumerate(assignments):
@@ -34,7 +35,7 @@ def assign(
         try:
             if not equals:
                 raise _NoPlaceError("write key=value")
-            path = _path(key)
+            path = _path(key, named)
             if path[0] in fixed:
                 raise _NoPlaceError(f"{path[0]} is set in the document only")
             value, found = compose(text, lambda index, mark=mark: mark, inline=True)
@@ -46,7 +47,10 @@ def assign(
     return tree, faults
 
 
-def _path(text: str) -> Path:
+def _path(text: str, named: Sequence[str]) -> Path:
+    first, _, name = text.partition(".")
+    if first in named and name:
+        return (first, name)
     steps: list[str | int] = []
     position = 0
     while found := _STEP.match(text, position):

@@ -27,7 +27,7 @@ DEPTH = 50  # values within values
 Place = Callable[[int], Mark]  # of the character at an index
 
 # What YAML prints, less what only some programs take for the end of a line, and marks of byte order.
-_FORBIDDEN = re.compile("[^\t\n\r\x20-\x7e\xa0-\u2027\u202a-\ud7ff\ue000-\ufefe\uff00-\ufffd\U00010000-\U0010ffff]")
+FORBIDDEN = re.compile("[^\t\n\r\x20-\x7e\xa0-\u2027\u202a-\ud7ff\ue000-\ufefe\uff00-\ufffd\U00010000-\U0010ffff]")
 _UNSAYABLE = re.compile("[\ud800-\udfff]")
 _CONTROL = re.compile(r"[\x00-\x1f\x7f-\x9f]")
 _LINE_END = re.compile(r"\r\n|\r|\n")
@@ -71,7 +71,7 @@ class _Composer:
         self.nodes = self.depth = 0
 
     def document(self) -> Node | None:
-        if found := _FORBIDDEN.search(self.text):
+        if found := FORBIDDEN.search(self.text):
             self._halt(found.start(), forbidden(found[0]))
         self.loader = yaml.SafeLoader(self.text)
         self._event()  # the stream begins

@@ -102,6 +102,13 @@ class Form(BaseModel):
         raise ValidationError.from_exception_data(cls.__name__, lines)
 
 
+class _Kinds(Discriminator):
+    """A discriminator that may stand in unions, whose members are hashed; pydantic's holds a dict."""
+
+    def __hash__(self) -> int:
+        return id(self)
+
+
 def kinds(expected: str, *taken: str) -> Discriminator:
     """Tells the values of a union apart by their kind in the document; a kind that is not `taken` is not `expected`."""
 
@@ -110,7 +117,7 @@ def kinds(expected: str, *taken: str) -> Discriminator:
         return kind if kind in taken else None
 
     context: dict[str, int | str | float] = {"expected": expected}
-    return Discriminator(tag, custom_error_type="kind", custom_error_message="{expected}", custom_error_context=context)
+    return _Kinds(tag, custom_error_type="kind", custom_error_message="{expected}", custom_error_context=context)
 
 
 @dataclass(frozen=True)

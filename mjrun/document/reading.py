@@ -2,7 +2,7 @@
 
 import os
 import stat
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import TypeVar
 
@@ -38,17 +38,38 @@ def read(path: Path | str, kind: type[Kind], assignments: Sequence[str] = (), *,
       DocumentError: with everything that is wrong in the document, its defaults and the assignments.
       FileError: the document, or that of its defaults, is not there or cannot be read.
     """
+    return read_placed(path, kind, assignments, preamble=preamble)[0]
+
+
+def read_placed(
+    path: Path | str,
+    kind: type[Kind],
+    assignments: Sequence[str] = (),
+    *,
+    preamble: bool = False,
+    named: Sequence[str] = (),
+) -> tuple[Kind, Mapped]:
+    """The document at `path`, as `read` gives it, and the tree that knows where each of its values is written.
+
+    Args:
+      named: keys whose entries have names that may hold dots, so that `set.opt.cone=elliptic` sets `opt.cone`.
+    """
     reader = _Reader(Path(path), preamble)
     tree = reader.document(Path(path), 0)
     if tree and preamble:
         tree = reader.with_defaults(tree)
     if tree:
-        tree, found = assign(tree, assignments, 2, fixed=(DEFAULTS,) if preamble else ())
+        tree, found = assign(tree, assignments, 2, (DEFAULTS,) if preamble else (), named)
         reader.faults += found
         if preamble:
             tree, found = without_variables(tree)
             reader.faults += found
     return reader.validated(tree, kind)
+
+
+def document_error(faults: Iterable[Fault], more: Sequence[Problem] = ()) -> DocumentError:
+    """The error that tells all `faults`, in order of their places, and `more` from other documents."""
+    return DocumentError([*(_problem(fault) for fault in sorted(set(faults))), *more])
 
 
 class _Reader:
@@ -95,17 +116,17 @@ class _Reader:
         both = merged(tree, below)
         return both if below and isinstance(both, Mapped) else None
 
-    def validated(self, tree: Mapped | None, kind: type[Kind]) -> Kind:
-        """The value, unless something was wrong."""
+    def validated(self, tree: Mapped | None, kind: type[Kind]) -> tuple[Kind, Mapped]:
+        """The value and the tree, unless something was wrong."""
         made = None
         if tree:
             try:
                 made = kind.model_validate(plain(tree))
             except ValidationError as error:
                 self.faults += faults_of(error, tree, (VARS, DEFAULTS) if self.preamble else ())
-        if made is None or self.faults:
-            raise DocumentError([_problem(fault) for fault in sorted(set(self.faults))])
-        return made
+        if tree is None or made is None or self.faults:
+            raise document_error(self.faults)
+        return made, tree
 
 
 def _problem(fault: Fault) -> Problem:

@@ -24,6 +24,9 @@ from mjrun.timeline import Timeline, rational
 
 INTERPOLATIONS = ("hold", "linear")
 DURATION = Fraction(5)  # [s], when nothing is said
+# What only physics knows, unset.
+DRIVING = {**dict.fromkeys(("key", "ctrl_from", "controller")), **dict.fromkeys(("ctrl_noise", "perturb"), 0.0)}
+DRIVING |= {name: {} for name in ("qpos", "qvel", "ctrl")}
 
 
 @dataclass(frozen=True)
@@ -159,8 +162,7 @@ class Simulation:
 
     def _driven(self) -> list[str]:
         """The options given that only physics knows."""
-        options = ("key", "qpos", "qvel", "ctrl", "ctrl_from", "ctrl_noise", "controller", "perturb")
-        return [f"--{name.replace('_', '-')}" for name in options if getattr(self, name)]
+        return [f"--{name.replace('_', '-')}" for name, unset in DRIVING.items() if getattr(self, name) != unset]
 
     def _table(self, model: mujoco.MjModel) -> ControlTable:
         path = Path(str(self.ctrl_from))

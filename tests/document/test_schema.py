@@ -1,5 +1,6 @@
 """The JSON Schema takes what documents may say and refuses what they may not, as a checker of our own reads it."""
 
+import re
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -9,6 +10,7 @@ import yaml
 
 from mjrun.document import camera
 from mjrun.document.camera import RIGS, Document, Shot
+from mjrun.document.run import Run
 from mjrun.document.schema import KINDS, PREAMBLE, schema
 from mjrun.errors import UnknownNameError
 from mjrun.render.ease import BLENDS, EASINGS
@@ -42,7 +44,13 @@ def _fits(key: str, value: Any, rule: dict[str, Any], whole: dict[str, Any]) -> 
         case "required":
             return not isinstance(value, dict) or all(k in value for k in wanted)
         case "additionalProperties":
-            return wanted is not False or not isinstance(value, dict) or value.keys() <= rule["properties"].keys()
+            known = rule.get("properties", {})
+            others = [inner for k, inner in value.items() if k not in known] if isinstance(value, dict) else []
+            return all(wanted is not False and fits(other, wanted, whole) for other in others)
+        case "propertyNames":
+            return not isinstance(value, dict) or all(fits(name, wanted, whole) for name in value)
+        case "pattern":
+            return not isinstance(value, str) or re.search(wanted, value) is not None
         case "items":
             return not isinstance(value, list) or all(fits(item, wanted, whole) for item in value)
         case "prefixItems":
@@ -52,6 +60,8 @@ def _fits(key: str, value: Any, rule: dict[str, Any], whole: dict[str, Any]) -> 
             return not sized or (len(value) <= wanted if key == "maxItems" else len(value) >= wanted)
         case "minimum" | "exclusiveMinimum":
             return not number or (value >= wanted if key == "minimum" else value > wanted)
+        case "maximum":
+            return not number or value <= wanted
     raise AssertionError(f"the checker does not know {key}")
 
 
@@ -123,8 +133,8 @@ def test_every_mapping_and_every_key_is_described_and_every_reference_leads_some
         assert "$ref" not in rule or rule["$ref"].removeprefix("#/$defs/") in made["$defs"]
         if rule.get("type") == "object":
             assert rule["description"]
-            assert rule["additionalProperties"] is False
-            assert all(inner.get("description") for inner in rule["properties"].values())
+            assert rule["additionalProperties"] is False or "properties" not in rule
+            assert all(inner.get("description") for inner in rule.get("properties", {}).values())
         assert "default" not in rule or rule["default"] is not None
 
 
@@ -138,15 +148,56 @@ def test_keys_and_choices_are_those_of_the_forms() -> None:
     assert made["$defs"]["Slide"]["properties"]["ease"]["enum"] == [*EASINGS]
 
 
-def test_a_document_with_a_preamble_may_have_vars_and_defaults(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(KINDS, "run", (Document, "mjrun run document", True))
-    made = schema("run")
-    assert [*made["properties"]] == [*PREAMBLE, "speed", "shots"]
+def test_a_document_with_a_preamble_may_have_vars_and_defaults() -> None:
+    assert [*schema("run")["properties"]] == [*PREAMBLE, *Run.key_names()]
     assert [*schema("camera")["properties"]] == ["speed", "shots"]
 
 
+RUN = "model: m.xml\nfilms:\n- output: a.mp4\n  "
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "{model: m.xml, recording: a.npz}",
+        "{model: m.xml, traces: [{output: a.csv, probe: qpos, assert: [a < 1]}], qpos: {a: 1, b: [1, 2]}}",
+        "{model: m.xml, plots: [{output: a.png, probe: [qpos]}], set: {a: 1, b: [0, 1], c: text, d: true}}",
+        "{model: m.xml, stills: [{output: a.png, at: 1}, {output: b.png, at: {when: a}}, {output: c.png, at: 1/3}]}",
+        "{defaults: common.yaml, duration: 1/3, key: 0}",
+        "{vars: {x: 1, y: no}, defaults: common.yaml, steps: '${x}'}",
+        RUN + "size: 64x48\n  fps: 30000/1001\n  speed: 0.5\n  jobs: 2",
+        RUN + "size: [64, 48]\n  fps: 60\n  jobs: auto\n  view: [rgb, depth]\n  show: [joint]\n  hide: fog",
+        RUN + "camera: [top, 0, {shots: [{camera: a}]}]\n  ghost: [a=b, {key: 1}]\n  groups: {geom: [0], site: all}",
+        RUN
+        + "size: '${x}'\n  fps: '${x}'\n  crf: '${x}'\n  captions: '${x}'\n  view: '${x}'\n  depth_range: ['${x}', 2]",
+        RUN + "camera: {shots: [{orbit: {azimuth: '${x}'}, speed: '${x}'}]}\n  groups: {geom: ['${x}']}",
+    ],
+)
+def test_run_documents_fit_the_schema(text: str) -> None:
+    assert fits(yaml.safe_load(text), schema("run"), schema("run"))
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "{}", "{model: m.xml}", "{recording: a.npz}", "{model: m.xml, recording: [a]}", "{defaults: 1}",
+        "{model: m.xml, recording: a.npz, duraton: 1}", "{model: m.xml, recording: a.npz, duration: 0}",
+        "{model: m.xml, recording: a.npz, duration: soon}", "{model: m.xml, recording: a.npz, qpos: {a: up}}",
+        "{model: m.xml, recording: a.npz, vars: {x y: 1}}", "{model: m.xml, recording: a.npz, steps: '${x'}",
+        "{model: m.xml, traces: [{probe: qpos}]}", "{model: m.xml, plots: [{output: a.png}]}",
+        RUN + "size: 64", RUN + "size: [64]", RUN + "view: rbg", RUN + "show: nothing", RUN + "groups: {geom: [6]}",
+        RUN + "camera: true", RUN + "camera: {shots: []}", RUN + "jobs: all", RUN + "captions: 'true'",
+        RUN + "ghost: {opacity: 2}", RUN + "gl: egl", RUN + "crf: 1.5",
+    ],
+)  # fmt: skip
+def test_what_is_no_run_document_does_not_fit_the_schema(text: str) -> None:
+    assert not fits(yaml.safe_load(text), schema("run"), schema("run"))
+
+
 def test_a_kind_that_there_is_not_is_told() -> None:
-    with pytest.raises(UnknownNameError, match=r"^no schema 'camra' \(did you mean 'camera'\?\)\nschemas: camera$"):
+    with pytest.raises(
+        UnknownNameError, match=r"^no schema 'camra' \(did you mean 'camera'\?\)\nschemas: camera, run$"
+    ):
         schema("camra")
 
 

@@ -1,0 +1,130 @@
+"""`mjrun run` and what the other commands say to documents and recordings, from outside."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+
+if TYPE_CHECKING:
+    from tests.conftest import Command
+
+STUDY = """
+model: swing.xml
+duration: 0.1
+qvel: {hinge: 3}
+traces:
+  - {output: run.csv, probe: [qpos, energy], assert: ["max(time) < 1"]}
+plots:
+  - {output: deep/down/energy.png, probe: [energy], size: 320x240}
+recording: run.npz
+"""
+
+
+@pytest.fixture
+def study(swing: Path) -> Path:
+    """A run document that draws nothing in OpenGL."""
+    path = swing.with_name("study.yaml")
+    path.write_text(STUDY)
+    return path
+
+
+def test_a_run_makes_everything_and_says_a_line_of_each(mjrun: Command, study: Path) -> None:
+    done = mjrun("run", study, "-o", "out")
+    assert (done.returncode, done.stderr) == (0, b"")
+    made = sorted(str(path.relative_to(mjrun.folder)) for path in mjrun.folder.rglob("*") if path.is_file())
+    assert made == ["out/deep/down/energy.png", "out/run.csv", "out/run.npz"]
+    assert [line.partition(":")[0] for line in done.stdout.decode().splitlines()] == [
+        "out/run.csv",
+        "out/deep/down/energy.png",
+        "out/run.npz",
+    ]
+
+
+def test_json_holds_every_result(mjrun: Command, study: Path) -> None:
+    results = json.loads(mjrun("run", study, "--json").stdout)["results"]
+    assert [(found["kind"], found["path"]) for found in results] == [
+        ("Trace", "run.csv"),
+        ("Plot", "deep/down/energy.png"),
+        ("Record", "run.npz"),
+    ]
+    assert results[0]["rows"] == results[2]["states"] == 51
+
+
+def test_a_dry_run_counts_and_makes_nothing(mjrun: Command, study: Path) -> None:
+    done = mjrun("run", study, "duration=0.2", "--dry-run")
+    assert done.stdout.decode().splitlines() == [
+        "simulation: 0.2 s in 100 steps of 0.002 s",
+        "trace: run.csv: 101 rows; csv, 13 columns",
+        "plot: deep/down/energy.png: 101 samples, 320x240; png, energy",
+        "recording: run.npz: 101 states; 48 numbers each",
+    ]
+    assert list(mjrun.folder.iterdir()) == []
+    assert json.loads(mjrun("run", study, "--dry-run", "--json").stdout)["steps"] == 50
+
+
+def test_mistakes_are_told_at_once_with_their_places(mjrun: Command, study: Path) -> None:
+    study.write_text(STUDY.replace("qvel", "qvle").replace("duration: 0.1", "duration: no"))
+    done = mjrun("run", study)
+    first, second, *_ = done.stderr.decode().splitlines()
+    assert done.returncode == 2
+    assert first == f"mjrun: error: {study}:3:11: duration: expected a positive number, got 'no'"
+    assert second.startswith(f"  {study}:4:1: unknown key 'qvle' (did you mean 'qvel'?); keys: model, set, ")
+
+
+def test_an_assertion_of_a_document_is_exit_code_1(mjrun: Command, study: Path) -> None:
+    done = mjrun("run", study, "traces[0].assert=[time < 0.05]")
+    assert (done.returncode, done.stderr.decode().partition(":")[0]) == (1, "mjrun")
+    assert (mjrun.folder / "run.csv").exists()
+
+
+def test_a_controller_comes_from_the_command_line_only(mjrun: Command, study: Path) -> None:
+    study.with_name("kick.py").write_text("def kick(model, data):\n    data.qfrc_applied[0] = 5\n")
+    assert mjrun("run", study, "controller=kick.py:kick").returncode == 2
+    assert mjrun("run", study, "-o", "a", "-q").returncode == 0
+    assert mjrun("run", study, "-o", "b", "-q", "--controller", f"{study.with_name('kick.py')}:kick").returncode == 0
+    assert (mjrun.folder / "a/run.csv").read_bytes() != (mjrun.folder / "b/run.csv").read_bytes()
+
+
+def test_a_command_prints_itself_as_a_document_that_does_the_same(mjrun: Command, swing: Path) -> None:
+    options = ["--qvel", "hinge=3", "--steps", "20", "--every", "2", "--probe", "energy", "-o", "a.csv"]
+    printed = mjrun("trace", swing, *options, "--print-document")
+    assert (printed.returncode, printed.stderr) == (0, b"")
+    assert list(mjrun.folder.iterdir()) == []
+    (mjrun.folder / "a.yaml").write_bytes(printed.stdout)
+    assert mjrun("trace", swing, *options, "-q").returncode == 0
+    assert mjrun("run", "a.yaml", "-o", "again", "-q").returncode == 0
+    assert (mjrun.folder / "again/a.csv").read_bytes() == (mjrun.folder / "a.csv").read_bytes()
+
+
+def test_a_recording_of_one_command_is_replayed_by_another(mjrun: Command, swing: Path) -> None:
+    kept = mjrun("trace", swing, "--qvel", "hinge=3", "--steps", "20", "--recording", "r.npz", "-o", "a.csv", "-q")
+    assert (kept.returncode, kept.stderr) == (0, b"")
+    assert np.load(mjrun.folder / "r.npz")["states"].shape == (21, 48)
+    again = mjrun("trace", swing, "--replay", "r.npz")
+    assert again.stdout == (mjrun.folder / "a.csv").read_bytes()
+    late = mjrun("trace", swing, "--replay", "r.npz", "--steps", "21")
+    assert (late.returncode, b"the recording ends at step 20" in late.stderr) == (2, True)
+    assert mjrun("trace", swing, "--replay", "none.npz").returncode == 7
+
+
+def test_a_camera_document_is_a_camera(mjrun: Command, swing: Path) -> None:
+    path = mjrun.folder / "camera.yaml"
+    path.write_text("shots: [{orbit: {lookat: nobody}}]")
+    done = mjrun("video", swing, "--camera", path)
+    assert (done.returncode, done.stderr.splitlines()[0]) == (2, b"mjrun: error: no object 'nobody'")
+    path.write_text("shots: [{orbit: {lokat: box}}]")
+    done = mjrun("video", swing, "--camera", path)
+    assert done.returncode == 2
+    assert done.stderr.decode().startswith(f"mjrun: error: {path}:1:18: shots[0].orbit: unknown key 'lokat'")
+
+
+@pytest.mark.parametrize("kind", ["camera", "run"])
+def test_a_schema_is_printed_as_json(mjrun: Command, kind: str) -> None:
+    done = mjrun("schema", kind)
+    assert (done.returncode, done.stderr) == (0, b"")
+    assert json.loads(done.stdout)["type"] == "object"
+    assert mjrun("schema", "film").returncode == 2

@@ -1,0 +1,58 @@
+"""The scenes' documents: whole lessons, each run at a small size."""
+
+from __future__ import annotations
+
+import json
+import re
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import pytest
+
+from mjrun.document.camera import read_camera
+from mjrun.document.schema import schema
+
+if TYPE_CHECKING:
+    from tests.conftest import Command
+
+SCENES = Path(__file__).parents[1] / "scenes"
+DOCUMENTS = sorted(SCENES.glob("*.yaml"))
+SMALL = ["films[0].size=64x48", "films[0].fps=2", "stills[0].size=64x48", "plots[0].size=320x240"]
+
+
+def test_every_scene_has_a_document_and_a_picture_of_it_is_shown() -> None:
+    names = [path.stem for path in DOCUMENTS]
+    assert names == sorted(path.stem for path in SCENES.glob("*.xml"))
+    page = (SCENES / "README.md").read_text("utf-8")
+    assert sorted(re.findall(r"mjrun run scenes/(\w+)\.yaml", page)) == names
+    pictures = re.findall(r"!\[[^]]*\]\(([^)]+)\)", page)
+    assert sorted(Path(picture).stem for picture in pictures) == names
+    for picture in pictures:
+        assert 5_000 < (SCENES / picture).stat().st_size < 200_000
+
+
+@pytest.mark.parametrize("kind", ["camera", "run"])
+def test_the_schemas_beside_the_scenes_are_those_that_mjrun_prints(kind: str) -> None:
+    assert json.loads((SCENES / f"schema/{kind}.json").read_text("utf-8")) == json.loads(json.dumps(schema(kind)))
+
+
+@pytest.mark.parametrize("path", [*DOCUMENTS, *sorted(SCENES.glob("cameras/*.yaml"))], ids=lambda path: path.stem)
+def test_a_document_tells_editors_its_schema(path: Path) -> None:
+    header = path.read_text("utf-8").splitlines()[0]
+    found = re.fullmatch(r"# yaml-language-server: \$schema=(\S+)", header)
+    assert found
+    assert (path.parent / found[1]).resolve() == SCENES / f"schema/{'run' if path in DOCUMENTS else 'camera'}.json"
+
+
+@pytest.mark.parametrize("path", sorted(SCENES.glob("cameras/*.yaml")), ids=lambda path: path.stem)
+def test_a_camera_document_is_read(path: Path) -> None:
+    assert read_camera(path).name == path.stem
+
+
+@pytest.mark.parametrize("path", DOCUMENTS, ids=lambda path: path.stem)
+def test_a_lesson_makes_its_film_still_trace_and_plot(mjrun: Command, path: Path, tmp_path: Path) -> None:
+    done = mjrun("run", path, *SMALL, "-o", tmp_path / "out", "-q", "--quality", "draft")
+    assert (done.returncode, done.stderr) == (0, b"")
+    name = path.stem
+    made = {"plot.png", f"{name}.mp4", f"{name}.jpg", f"{name}.csv"} | ({"hits.csv"} if name == "dominos" else set())
+    assert {file.name for file in (tmp_path / "out").iterdir()} == made
