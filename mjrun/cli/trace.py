@@ -1,6 +1,7 @@
 """`mjrun trace`."""
 
 from dataclasses import asdict
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -51,7 +52,7 @@ def _make(console: Console, given: dict[str, Any]) -> "TraceResult":
     probes = [name for text in given["probes"] for name in split(text)]
     job = Trace(
         simulation=values.simulation(given),
-        output=given["output"] or "-",
+        output=given["output"] or (f"{Path(given['model']).stem}.csv" if given["print_document"] else "-"),
         format="csv" if given["csv"] else given["format_"],
         probes=probes or DEFAULT,
         every=given["every"],
