@@ -5,8 +5,9 @@ import importlib.util
 import os
 import platform
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -51,13 +52,15 @@ class Examination:
 
 def examine() -> Examination:
     """Looks at everything mjrun needs; backends and drivers in child processes."""
-    probes = {name: Probe(name) for name in ("egl", "osmesa", "glfw", "vulkan")}
+    probes = {name: Probe(name, draw=True) for name in ("egl", "osmesa", "glfw", "vulkan")}
     if platform.system() == "Darwin":
-        probes["cgl"] = Probe("cgl")
+        probes["cgl"] = Probe("cgl", draw=True)
+    devices = Probe("devices").answer().get("devices", [])
     encoder = _encoder()
     backends = {name: probe.result() for name, probe in probes.items() if name != "vulkan"}
     drawing = _backends(backends)
-    findings = [*_versions(), *_extras(), *drawing, _filament(probes["vulkan"].result()), *encoder]
+    filament = _filament(probes["vulkan"].result())
+    findings = [*_versions(), *_extras(), *drawing, *_devices(devices), filament, *encoder]
     return Examination(
         findings,
         can_draw=any(finding.status != MISSING for finding in drawing),
@@ -97,11 +100,27 @@ def _backends(found: dict[str, Backend | str]) -> list[Finding]:
         if isinstance(answer, Backend):
             kind = "software" if answer.software else "GPU"
             mark = ", used by default" if name == chosen else ""
-            findings.append(Finding("opengl", name, OK, f"{answer.renderer} ({kind}{mark})"))
+            findings.append(Finding("opengl", name, OK, f"{answer.renderer} ({kind}{mark}), {answer.version}"))
         else:
             cure = remedy(CURES.get(name, OPENGL))
             # One backend that works is enough.
             findings.append(Finding("opengl", name, MISSING, answer, f"not needed; {cure}" if chosen else cure))
+    return findings
+
+
+def _devices(devices: Sequence[Mapping[str, Any]]) -> list[Finding]:
+    """Those that EGL knows, each tried. MuJoCo takes CUDA's number for one where the driver tells it."""
+    numbers = [device["index"] if device["cuda"] is None else device["cuda"] for device in devices]
+    probes = [Probe("egl", draw=True, device=number) for number in numbers]
+    findings = []
+    for device, number, probe in zip(devices, numbers, probes, strict=True):
+        answer, cuda = probe.result(), "" if device["cuda"] is None else f", CUDA device {device['cuda']}"
+        where = f"MUJOCO_EGL_DEVICE_ID={number}{cuda}" + (f", {device['file']}" if device["file"] else "")
+        name = f"device {device['index']}"
+        if isinstance(answer, Backend):
+            findings.append(Finding("egl devices", name, OK, f"{answer.renderer} ({where})"))
+        else:
+            findings.append(Finding("egl devices", name, MISSING, f"{answer} ({where})", "not needed; choose another"))
     return findings
 
 

@@ -94,18 +94,24 @@ def remedy(commands: Mapping[str, str] = OPENGL) -> str:
 
 
 class Probe:
-    """One backend, or `vulkan`, being tried in a child process, which starts at once."""
+    """One backend, `vulkan`, or `devices` of EGL, being tried in a child process, which starts at once.
 
-    def __init__(self, name: str) -> None:
+    Args:
+      draw: whether a picture is drawn and looked at too.
+      device: of EGL, as MUJOCO_EGL_DEVICE_ID has it.
+    """
+
+    def __init__(self, name: str, draw: bool = False, device: int | None = None) -> None:
         self.name = name
+        chosen = {} if device is None else {"MUJOCO_EGL_DEVICE_ID": str(device)}
         script = Path(__file__).with_name("probe.py")
         self._said = tempfile.TemporaryFile()  # noqa: SIM115
         self._child = subprocess.Popen(
-            [sys.executable, "-P", str(script), name],
+            [sys.executable, "-P", str(script), name, *(["draw"] if draw else [])],
             stdin=subprocess.DEVNULL,
             stdout=subprocess.PIPE,
             stderr=self._said,
-            env={**os.environ, "MUJOCO_GL": "disable"},
+            env={**os.environ, "MUJOCO_GL": "disable", **chosen},
         )
 
     def answer(self) -> dict[str, Any]:

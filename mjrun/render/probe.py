@@ -1,8 +1,9 @@
 """Run as a script in a child process: does this graphics library work, and what draws behind it?
 
 A broken driver may hang, print or crash, so drivers are never tried in the process that needs one.
-Prints one JSON object: `renderer`, `vendor`, `version`, `max_size` [pixels]; or `error`. For `vulkan` a picture is
-drawn by MuJoCo's Filament, the only one here that uses it; what it prints on the way must go to a file on stderr.
+Prints one JSON object: `renderer`, `vendor`, `version`, `max_size` [pixels]; or `error`. With `draw` a picture is drawn
+and looked at. For `vulkan` that is done in any case, by MuJoCo's Filament, the only one here that uses it; what it
+prints on the way must go to a file on stderr. For `devices` it prints those that EGL knows, under `devices`.
 """
 
 import ctypes
@@ -19,6 +20,7 @@ API_VERSION, DEVICE_NAME, LARGEST_IMAGE = slice(0, 4), slice(20, 276), slice(300
 PROPERTIES = 1024  # bytes
 SIDE = 16  # [pixels]
 BALL = "<mujoco><worldbody><geom size='.5'/></worldbody></mujoco>"
+DRM_DEVICE_FILE = 0x3233  # of EGL_EXT_device_drm
 
 
 class InstanceInfo(ctypes.Structure):
@@ -104,8 +106,45 @@ def ball_is_seen() -> bool:
     return bool(pixels[SIDE // 2, SIDE // 2].max() > 20 > pixels[0, 0].max())  # noise is 1
 
 
-def opengl(name: str) -> dict[str, str | int]:
-    """Makes a context of the backend `name` and asks OpenGL who draws."""
+def egl_devices() -> dict[str, list[dict[str, str | int | None]]]:
+    """Every device that EGL knows: its index, that of CUDA, and its file; None for what the driver does not say."""
+    egl = importlib.import_module("mujoco.egl.egl_ext")
+    address = ctypes.cast(egl.eglGetProcAddress("eglQueryDeviceStringEXT"), ctypes.c_void_p).value or 0
+    asked = ctypes.CFUNCTYPE(ctypes.c_char_p, ctypes.c_void_p, ctypes.c_int)(address)
+    found: list[dict[str, str | int | None]] = []
+    for index, device in enumerate(egl.eglQueryDevicesEXT()):
+        try:
+            cuda = int(egl.eglQueryDeviceAttribEXT(device, egl.EGL_CUDA_DEVICE_NV))
+        except Exception:  # an extension that this driver has not
+            cuda = None
+        file = asked(ctypes.cast(device, ctypes.c_void_p), DRM_DEVICE_FILE)
+        found.append({"index": index, "cuda": cuda, "file": file.decode(errors="replace") if file else None})
+    return {"devices": found}
+
+
+def frame_is_right() -> bool:
+    """Whether MuJoCo draws what it is given in the current context, in the middle and nowhere else."""
+    import mujoco
+    import numpy as np
+
+    model = mujoco.MjModel.from_xml_string(BALL)
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    scene, context = mujoco.MjvScene(model, 10), mujoco.MjrContext(model, 50)
+    mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN.value, context)
+    camera = mujoco.MjvCamera()
+    camera.distance = 3
+    everything = mujoco.mjtCatBit.mjCAT_ALL.value
+    mujoco.mjv_updateScene(model, data, mujoco.MjvOption(), None, camera, everything, scene)
+    pixels, rect = np.zeros((SIDE, SIDE, 3), np.uint8), mujoco.MjrRect(0, 0, SIDE, SIDE)
+    mujoco.mjr_render(rect, scene, context)
+    mujoco.mjr_readPixels(pixels, None, rect, context)
+    context.free()
+    return bool(pixels[SIDE // 2, SIDE // 2].max() > 20 > pixels[0, 0].max())
+
+
+def opengl(name: str, draw: bool = False) -> dict[str, str | int]:
+    """Makes a context of the backend `name`, asks OpenGL who draws, and lets it draw if wanted."""
     context = importlib.import_module(f"mujoco.{name}").GLContext(64, 64)
     try:
         context.make_current()
@@ -116,6 +155,8 @@ def opengl(name: str) -> dict[str, str | int]:
 
         if not text(GL.GL_RENDERER):
             return {"error": "made no OpenGL context (it needs a display)"}
+        if draw and not frame_is_right():
+            return {"error": f"{text(GL.GL_RENDERER)} draws wrongly"}
         return {
             "renderer": text(GL.GL_RENDERER),
             "vendor": text(GL.GL_VENDOR),
@@ -138,7 +179,8 @@ if __name__ == "__main__":
     out = os.fdopen(os.dup(1), "w")
     os.dup2(2, 1)  # drivers print to stdout
     try:
-        answer = vulkan() if sys.argv[1] == "vulkan" else opengl(sys.argv[1])
+        what = {"vulkan": vulkan, "devices": egl_devices}.get(sys.argv[1])
+        answer = what() if what else opengl(sys.argv[1], draw="draw" in sys.argv[2:])
     except BaseException as error:  # a probe reports whatever happens
         answer = {"error": reason(sys.argv[1], error)}
     json.dump(answer, out)

@@ -25,6 +25,8 @@ def test_the_doctor_names_what_works(mjrun: Command, backend: Backend) -> None:
     assert (by_name["software", "mujoco"]["status"] == "warning") == (mujoco.mj_versionString() == "4.0.0")
     assert "h264" in by_name["encoder", "codecs"]["value"]
     assert {"egl", "osmesa", "glfw"} <= {name for group, name in by_name if group == "opengl"}
+    device = by_name["egl devices", "device 0"]
+    assert (device["status"], "(MUJOCO_EGL_DEVICE_ID=" in device["value"]) == ("ok", True)
 
 
 def test_the_doctor_says_who_draws_with_filament(mjrun: Command, vulkan: Backend) -> None:

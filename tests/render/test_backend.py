@@ -182,3 +182,22 @@ def test_glfw_is_tried_only_where_there_is_a_display(monkeypatch: pytest.MonkeyP
     assert candidates() == ("egl", "osmesa")
     monkeypatch.setenv("DISPLAY", ":0")
     assert candidates() == ("egl", "osmesa", "glfw")
+
+
+def test_a_backend_that_draws_is_seen_to_and_one_that_draws_nothing_is_refused(
+    backend: Backend, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    assert Probe(backend.name, draw=True).result() == backend
+    script = Path(backends.__file__).with_name("probe.py").read_text()
+    blind = tmp_path / "probe.py"
+    blind.write_text(script.replace("mujoco.mjr_render(rect, scene, context)", "pass"))
+    monkeypatch.setattr(backends, "__file__", str(tmp_path / "backend.py"))
+    assert Probe(backend.name, draw=True).result() == f"{backend.renderer} draws wrongly"
+    assert Probe(backend.name).result() == backend
+
+
+def test_egl_tells_its_devices(backend: Backend) -> None:
+    devices = Probe("devices").answer()["devices"]
+    assert [device["index"] for device in devices] == list(range(len(devices)))
+    assert all(set(device) == {"index", "cuda", "file"} for device in devices)
+    assert devices or backend.name != "egl"
