@@ -7,6 +7,7 @@ from typing import Annotated, Any, Literal
 from pydantic import BeforeValidator, Field, Strict, Tag
 
 from mjrun.document.camera import Document, read_camera
+from mjrun.document.files import Inside
 from mjrun.document.form import (
     LIST,
     MAPPING,
@@ -128,7 +129,7 @@ OneGhost = Annotated[
 class Picture(Form):
     """What films and stills have in common."""
 
-    output: Name
+    output: Inside
     """The file, inside the folder of outputs."""
     size: Size = SIZE
     """Width and height of one view [pixels], 1280x720 or [1280, 720]."""
@@ -172,11 +173,11 @@ class Picture(Form):
     """draft: no shadows, reflections and multisampling; model: as the model asks; high: supersampled."""
     renderer: Annotated[str, Among(tuple(RENDERERS))] = "classic"
     """MuJoCo's own, or the physically based one, which needs Vulkan."""
-    calibration: Maybe[Name] = None
+    calibration: Maybe[Inside] = None
     """A file for what each picture is seen through: K, world from camera, near and far [m], time [s]."""
     calibration_format: Annotated[str, Among(tuple(CALIBRATIONS))] = "mjrun"
     """Whose file it is."""
-    manifest: Maybe[Name] = None
+    manifest: Maybe[Inside] = None
     """A file for what made the output, as JSON."""
 
     def drawing(self, inputs: Path, machine: Machine) -> dict[str, Any]:

@@ -3,7 +3,11 @@
 import re
 from collections.abc import Iterator
 from pathlib import Path, PurePosixPath
+from typing import Annotated
 
+from pydantic import AfterValidator
+
+from mjrun.document.form import ComplaintError, Name
 from mjrun.errors import UsageError, clean, quoted
 
 WRITTEN = ("output", "contacts", "calibration", "pointcloud", "manifest")  # what names outputs, of jobs and documents
@@ -26,6 +30,15 @@ def refusal(text: str) -> str:
     return "" if depths and depths[-1] > 0 else f"{quoted(text)} is the folder of outputs itself"
 
 
+def _inside(text: str) -> str:
+    if reason := refusal(text):
+        raise ComplaintError.saying(reason)
+    return text
+
+
+Inside = Annotated[Name, AfterValidator(_inside)]  # a path that a document may write to, as far as the text tells
+
+
 class Files:
     """The outputs of a run, inside `folder`."""
 
@@ -36,13 +49,11 @@ class Files:
         self._patterns: list[tuple[re.Pattern[str], str]] = []
 
     def path(self, text: str) -> str:
-        """Where the output `text` is; a folder of frames ends in a slash as before.
+        """Where the output `text`, an `Inside`, is; a folder of frames ends in a slash as before.
 
         Raises:
-          UsageError: not inside the folder.
+          UsageError: a link leads out of the folder.
         """
-        if reason := refusal(text):
-            raise UsageError(reason)
         path = self._folder / text
         self._resolved(path)
         return f"{path}/" if text.endswith("/") else str(path)

@@ -8,6 +8,7 @@ from pydantic import Field, Tag
 
 from mjrun.document.camera import Event
 from mjrun.document.drawing import Picture
+from mjrun.document.files import Inside
 from mjrun.document.form import MAPPING, NUMBER, TEXT, Among, Form, Loc, Maybe, Name, kinds
 from mjrun.document.machine import Machine
 from mjrun.document.quantities import Exact, Instant, Several, Size, all_of
@@ -29,7 +30,7 @@ Positives = Annotated[int, Field(gt=0)]
 class Film(Picture):
     """A film."""
 
-    output: Name
+    output: Inside
     """mp4, webm, mkv, mov, gif, apng, webp, or PNGs (frames/, frame_%04d.png), inside the folder of outputs."""
     fps: Maybe[Exact] = None
     """Frames per second of the film [Hz], as in 60 or 30000/1001; 30 if left out, 25 in a GIF."""
@@ -77,7 +78,7 @@ class Film(Picture):
 class Still(Picture):
     """A picture of one instant."""
 
-    output: Name
+    output: Inside
     """png, jpg, webp, tiff; depth also npy, exr; segmentation also npy, json (COCO); inside the folder of outputs."""
     at: Maybe[
         Annotated[
@@ -92,7 +93,7 @@ class Still(Picture):
     """Instead of the output's suffix; palette for a segmentation in colours."""
     legend: bool = True
     """Whether a coloured segmentation lists what it shows."""
-    pointcloud: Maybe[Name] = None
+    pointcloud: Maybe[Inside] = None
     """A .ply file for all that the cameras see as coloured points in the world [m]; labelled if seg is a view."""
 
     @classmethod
@@ -116,7 +117,7 @@ class Still(Picture):
 class Sampled(Form):
     """What measures again and again."""
 
-    output: Name
+    output: Inside
     """The file, inside the folder of outputs."""
     every: Positives = 1
     """Steps between samples."""
@@ -124,7 +125,7 @@ class Sampled(Form):
     """Samples per simulated second [Hz], instead of every."""
     format: Maybe[Name] = None
     """Instead of the output's suffix."""
-    manifest: Maybe[Name] = None
+    manifest: Maybe[Inside] = None
     """A file for what made the output, as JSON."""
 
     @classmethod
@@ -136,13 +137,13 @@ class Sampled(Form):
 class Table(Sampled):
     """A table of measured values, a row per instant."""
 
-    output: Name
+    output: Inside
     """csv, jsonl, parquet, feather, npz or mat, inside the folder of outputs."""
     probe: Several[Name] = Field(list(DEFAULT))
     """What to measure: qpos, energy, contact, "qpos[left_*]", xpos/hand/z; or a list."""
     asserts: Several[Name] = Field([], alias="assert")
     """What must hold: max(abs(energy/drift)) < 1e-3; or a list."""
-    contacts: Maybe[Name] = None
+    contacts: Maybe[Inside] = None
     """A second table, a row for each contact of each instant: where [m], force [N] and torque [N m]."""
     keep_partial: bool = False
     """Whether the rows before an instability are kept."""
@@ -165,7 +166,7 @@ class Table(Sampled):
 class Graphs(Sampled):
     """Measured values over time, as a picture."""
 
-    output: Name
+    output: Inside
     """png, jpg, webp or tiff, inside the folder of outputs."""
     probe: Several[Name]
     """What to plot: energy, "qpos[left_*],qvel/hip"; a list for several graphs, one under the other."""
@@ -182,9 +183,9 @@ class Graphs(Sampled):
 class Kept(Form):
     """The states of all steps, for replay."""
 
-    output: Name
+    output: Inside
     """An .npz file, inside the folder of outputs."""
-    manifest: Maybe[Name] = None
+    manifest: Maybe[Inside] = None
     """A file for what made the recording, as JSON."""
 
     def job(self, simulation: Simulation, files: Mapping[str, Any], inputs: Path, machine: Machine) -> Record:

@@ -22,8 +22,8 @@ from typing import Annotated, Any, TypeVar
 
 from pydantic import ConfigDict, Field, Tag
 
-from mjrun.document.files import WRITTEN, Files
-from mjrun.document.form import MAPPING, TEXT, Loc, Maybe, Name, kinds
+from mjrun.document.files import WRITTEN, Files, Inside
+from mjrun.document.form import MAPPING, TEXT, Loc, Maybe, kinds
 from mjrun.document.machine import ANY, Machine
 from mjrun.document.making import Film, Graphs, Kept, Still, Table
 from mjrun.document.quantities import one_line
@@ -58,7 +58,7 @@ class Run(Simulated):
     """Measured values over time, as pictures."""
     recording: Maybe[
         Annotated[
-            Annotated[Name, Tag(TEXT)] | Annotated[Kept, Tag(MAPPING)],
+            Annotated[Inside, Tag(TEXT)] | Annotated[Kept, Tag(MAPPING)],
             kinds("an .npz file or {output, manifest}", TEXT, MAPPING),
         ]
     ] = None
