@@ -6,7 +6,7 @@ from typing import Any
 import click
 
 from mjrun.cli.console import Console
-from mjrun.cli.params import Assignment, Exact, Groups, Jobs, NotNegative, PathValue, Range, Size, Words
+from mjrun.cli.params import Assignment, Exact, Groups, Jobs, NotNegative, PathValue, Percent, Range, Size, Words
 
 Command = Callable[..., Any]
 INTEGRATORS = ("euler", "rk4", "implicit", "implicitfast", "discrete")
@@ -416,4 +416,153 @@ output_options = _bundle(
     _message_flag("-q", "--quiet", verbosity=-1, help="Only errors."),
     _message_flag("-v", "--verbose", verbosity=1, help="More, such as where the time went."),
     _message_flag("--debug", debug=True, help="Show tracebacks."),
+)
+
+check_options = _bundle(
+    "Check",
+    _option(
+        "--select",
+        type=Words("CODE,…"),
+        multiple=True,
+        help="Look for these only: MJ301, or MJ3 for all that begin so.",
+    ),
+    _option(
+        "--ignore", type=Words("CODE,…"), multiple=True, help="Leave these out. What keeps a model from loading stays."
+    ),
+    _option(
+        "--fail-on",
+        type=click.Choice(["error", "warning", "note"]),
+        default="error",
+        show_default=True,
+        help="Exit with 1 when something so severe, or more, is found.",
+    ),
+    _option("--list", "list_", is_flag=True, help="List all codes, and stop."),
+    _option(
+        "--steps",
+        type=click.IntRange(min=0),
+        default=200,
+        metavar="N",
+        show_default=True,
+        help="Steps that a model must live through, from its own start; 0 for none.",
+    ),
+    _option("--timeout", type=Exact("SECONDS"), default="60", show_default=True, help="Wall time for one model."),
+    _option(
+        "--memory",
+        type=click.IntRange(min=1),
+        default=4096,
+        metavar="MIB",
+        show_default=True,
+        help="Memory for one model.",
+    ),
+    _option("--jobs", type=Jobs(), default="auto", metavar="N|auto", help="Models at once.  [default: one per core]"),
+    _option("--sarif", is_flag=True, help="One SARIF 2.1.0 document on stdout, for code scanning."),
+    _option("--github", is_flag=True, help="Annotations of a GitHub workflow on stdout."),
+)
+
+bench_simulation_options = _bundle(
+    "Simulation",
+    _option("--key", metavar="NAME|INDEX", help="Start from a keyframe.  [default: test, if there is one]"),
+    _option(
+        "--steps",
+        "--nstep",
+        "steps",
+        type=click.IntRange(min=1),
+        metavar="N",
+        help="Steps of one rollout.  [default: 10000, or what the budget allows]",
+    ),
+    _option(
+        "--noise-std",
+        type=click.FloatRange(0, 1),
+        default=0.01,
+        show_default=True,
+        metavar="STD",
+        help="Scale of pseudo-random noise on the controls, in half ranges; 0 leaves them as they start.",
+    ),
+    _option(
+        "--noise-rate",
+        type=click.FloatRange(min=0),
+        default=0.1,
+        show_default=True,
+        metavar="SECONDS",
+        help="Time in which controls return to the keyframe's, or to the middle of their ranges.",
+    ),
+)
+
+bench_options = _bundle(
+    "Measurement",
+    _option("--budget", type=Exact("SECONDS"), default="3", show_default=True, help="Wall time to spend, about."),
+    _option("--repeats", type=click.IntRange(min=1), metavar="N", help="Of a rollout.  [default: 7 to 50]"),
+    _option(
+        "--threads", type=Words("N,…"), help="Copies to run side by side: 1,2,auto.  [default: 1,auto; 1 with --scan]"
+    ),
+    _option(
+        "--scan",
+        type=PathValue(),
+        multiple=True,
+        help="Measure a grid: integrator=euler,rk4 timestep=.001,.002 opt.solver=cg,newton, or any path of --set. "
+        "Values with commas are separated by semicolons. Repeatable.",
+    ),
+    _option("--accuracy", is_flag=True, help="Add energy drift, and distance from a run with finer steps."),
+    _option(
+        "--horizon",
+        type=Exact("SECONDS"),
+        default="1",
+        show_default=True,
+        help="Simulated time after which accuracy is measured.",
+    ),
+    _option(
+        "--reference", type=Exact("SECONDS"), help="Timestep of the finer run.  [default: an eighth of the finest]"
+    ),
+    _option("--whole", is_flag=True, help="Also time a whole trace and a whole film of 1 s."),
+)
+
+bench_drawing_options = _bundle(
+    "Drawing",
+    _option("--render", is_flag=True, help="Also time drawing and encoding."),
+    _option("--size", "sizes", type=Size(), multiple=True, help="Of a view. Repeatable.  [default: 1280x720]"),
+    _option("--camera", default="free", show_default=True, metavar="SPEC", help="As for mjrun video."),
+    _option(
+        "--view",
+        "views",
+        type=click.Choice(["rgb", "depth", "seg"]),
+        multiple=True,
+        help="Repeatable.  [default: rgb]",
+    ),
+    _option(
+        "--quality",
+        "qualities",
+        type=click.Choice(["draft", "model", "high"]),
+        multiple=True,
+        help="Repeatable.  [default: model]",
+    ),
+    _option(
+        "--renderer",
+        "renderers",
+        type=click.Choice(["classic", "filament"]),
+        multiple=True,
+        help="Repeatable.  [default: classic]",
+    ),
+    *_device,
+)
+
+bench_report_options = _bundle(
+    "Report",
+    _option("--csv", is_flag=True, help="A CSV table instead, a line for each point of the grid."),
+    _option("--markdown", is_flag=True, help="Markdown instead."),
+    _option(
+        "--summary",
+        is_flag=False,
+        flag_value="",
+        metavar="[FILE]",
+        help="Also append Markdown to a file, or to that named by $GITHUB_STEP_SUMMARY.",
+    ),
+    _option("--save", metavar="FILE", help="Keep the result, to compare with."),
+    _option("--compare", metavar="FILE", help="Compare with a result that was kept."),
+    _option(
+        "--fail-above",
+        type=Percent(),
+        help="Exit with 1 if it is surely slower than that: 10%. A ratio whose interval does not clear it is "
+        "inconclusive.",
+    ),
+    _option("--force", is_flag=True, help="Compare other models, options or machines all the same."),
 )

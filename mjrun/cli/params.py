@@ -148,3 +148,20 @@ class Groups(click.ParamType):
         if not all(word in ("0", "1", "2", "3", "4", "5") for word in words):
             self.fail(f"{value!r}: write groups from 0 to 5, as in 0,1,2, or all, or none", param, ctx)
         return tuple(map(int, words))
+
+
+class Percent(click.ParamType):
+    """`10%`, as a share: 0.1."""
+
+    name = "PERCENT"
+
+    def convert(self, value: str | float, param: click.Parameter | None, ctx: click.Context | None) -> float:
+        if not isinstance(value, str):
+            return value
+        try:
+            share = float(value.removesuffix("%")) / 100
+        except ValueError:
+            share = math.nan
+        if not (value.endswith("%") and 0 <= share < math.inf):
+            self.fail(f"{value!r} is not a percentage; write it as in 10%", param, ctx)
+        return share

@@ -1,0 +1,46 @@
+"""The models among files and folders."""
+
+import os
+from collections.abc import Iterator, Sequence
+from contextlib import suppress
+from pathlib import Path
+from xml.parsers import expat
+
+HEAD = 2**16  # bytes in which the root of an XML file must begin
+SUFFIXES = (".xml", ".urdf", ".mjz")
+ROOTS = {"mujoco", "robot"}
+
+
+def found_models(given: Sequence[str | Path]) -> tuple[list[str], int]:
+    """The models in `given`, each once and in order, and how many files of its folders are none by themselves."""
+    paths: dict[str, None] = {}
+    skipped = 0
+    for path in map(str, given):
+        if not Path(path).is_dir():
+            paths[path] = None
+            continue
+        for file in _below(Path(path)):
+            if file.suffix == ".mjz" or root_tag(file) in ROOTS:
+                paths[str(file)] = None
+            else:
+                skipped += 1
+    return list(paths), skipped
+
+
+def _below(folder: Path) -> Iterator[Path]:
+    """Files with the suffix of a model below `folder`, sorted; hidden folders and links to folders are left alone."""
+    for parent, folders, files in os.walk(folder):
+        folders[:] = sorted(name for name in folders if not name.startswith("."))
+        yield from (Path(parent) / name for name in sorted(files) if name.endswith(SUFFIXES))
+
+
+def root_tag(path: Path) -> str:
+    """The tag of the root element of an XML file; empty if there is none, or the file cannot be read at once."""
+    tags: list[str] = []
+    parser = expat.ParserCreate()
+    parser.StartElementHandler = lambda tag, attributes: tags.append(tag)
+    if not path.is_file():
+        return ""
+    with suppress(OSError, ValueError, LookupError, expat.ExpatError), path.open("rb") as file:
+        parser.Parse(file.read(HEAD))
+    return tags[0] if tags else ""

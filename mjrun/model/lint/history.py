@@ -1,0 +1,63 @@
+"""What MJCF once had, or never had, and what to write instead. From MuJoCo's changelog, where versions are given."""
+
+FLEXCOMP = 'use <flexcomp type="grid" dim="1" …> with <elasticity young=… shear=…/> or <edge equality="true"/>'
+
+# Element → since when, and the remedy.
+REMOVED_ELEMENTS = {
+    "composite": ("in MuJoCo 4.0.0", f"{FLEXCOMP}; cloth and soft bodies are <flexcomp> of dim 2 and 3"),
+    "flexvert": (
+        "in MuJoCo 4.0.0",
+        'use continuum <elasticity> with integrator="discrete", or <edge equality="true"/> for cloth',
+    ),
+}
+
+REMOVED_PLUGINS = {
+    "mujoco.elasticity.cable": ("in MuJoCo 4.0.0", FLEXCOMP),
+    "mujoco.elasticity.shell": ("in MuJoCo 3.3.3", 'use <flexcomp dim="2"> with <elasticity>'),
+    "mujoco.elasticity.solid": ("in MuJoCo 3.2.4", 'use <flexcomp dim="3"> with <elasticity>'),
+    "mujoco.elasticity.membrane": ("in MuJoCo 3.2.4", 'use <flexcomp dim="2"> with <elasticity>'),
+    "mujoco.sdf.sdflib": ("in MuJoCo 3.3.5", 'use a mesh of its own: <geom type="sdf" mesh=…>'),
+}
+
+# Element and attribute → since when, and the remedy.
+REMOVED_ATTRIBUTES = {
+    ("option", "collision"): (
+        "in MuJoCo 3.0.0",
+        'delete collision="all"; for "predefined" write <default><geom contype="0" conaffinity="0"/></default>',
+    ),
+    ("option", "apirate"): ("in MuJoCo 3.3.7", "delete it; it had no effect"),
+    ("option", "mpr_iterations"): ("in MuJoCo 3.2.3", "write ccd_iterations"),
+    ("option", "mpr_tolerance"): ("in MuJoCo 3.2.3", "write ccd_tolerance"),
+    ("compiler", "convexhull"): ("in MuJoCo 3.2.5", "delete it; convex hulls are made where they are needed"),
+    ("compiler", "exactmeshinertia"): ("in MuJoCo 3.2.5", 'write <mesh inertia="exact"> on the meshes that need it'),
+    ("joint", "actuatorforcerange"): ("in MuJoCo 3.0.0", "write actuatorfrcrange"),
+    ("joint", "actuatorforcelimited"): ("in MuJoCo 3.0.0", "write actuatorfrclimited"),
+    ("camera", "orthographic"): ("in MuJoCo 3.5.0", 'write projection="orthographic"'),
+    ("flag", "passive"): ("in MuJoCo 3.3.6", "write spring and damper"),
+    ("flag", "sensornoise"): ("in MuJoCo 3.1.4", "delete it; add noise where sensors are read"),
+    ("contact", "internal"): ("in MuJoCo 3.15.0", "write selfcollide"),
+}
+
+# Element, attribute and value.
+REMOVED_VALUES = {
+    ("edge", "equality", "vert"): ("in MuJoCo 4.0.0", REMOVED_ELEMENTS["flexvert"][1]),
+    ("compiler", "coordinate", "global"): (
+        "in MuJoCo 2.3.4",
+        "load and save the model in MuJoCo 2.3.3 to convert it to local coordinates",
+    ),
+}
+
+# What MJCF never had, and people write.
+REMEDIES = {
+    "solver": 'the solver is chosen in <option>: <option solver="Newton" iterations="100" tolerance="1e-8"/>',
+    "world": "the world is called <worldbody>",
+    "restitution": 'there is none; what bounces has little damping: <geom solref="-STIFFNESS -DAMPING">',
+    "gravity": 'gravity is an option: <option gravity="0 0 -9.81"/>',
+    "physics": 'physics is in <option>: <option timestep="0.002" gravity="0 0 -9.81"/>',
+    "link": "a link is a <body>, with its <geom> and <joint> inside",
+    "robot": "a file with <robot> as its root is URDF, and is called .urdf",
+    "collision": "a <geom> collides; contype and conaffinity say with what",
+    "visual": 'what is only seen is a <geom contype="0" conaffinity="0">; <visual> is for rendering options',
+    "actuators": "write <actuator>, directly in <mujoco>",
+    "sensors": "write <sensor>, directly in <mujoco>",
+}

@@ -1,0 +1,95 @@
+"""Keyframes that a simulation cannot start from as they are."""
+
+from collections.abc import Iterator
+
+import mujoco
+import numpy as np
+
+from mjrun.model.joints import BALL, FREE
+from mjrun.model.lint.finding import Sighting
+from mjrun.model.lint.limits import beyond_range, beyond_span
+from mjrun.model.lint.subject import Subject
+
+LONGEST = 1e-3  # by which a quaternion's length may differ from 1; files are written with few digits
+
+
+def infinite(subject: Subject) -> Iterator[Sighting]:
+    """Keyframes with numbers that are not finite, or that MuJoCo takes for unstable."""
+    model = subject.model
+    for key in range(model.nkey):
+        for name in ("qpos", "qvel", "act", "ctrl", "mpos", "mquat"):
+            values = getattr(model, f"key_{name}")[key]
+            bad = np.flatnonzero(~(abs(values) < mujoco.mjMAXVAL))
+            if bad.size:
+                message = f"{name}[{bad[0]}] is {values[bad[0]]:g}"
+                yield _sighting(subject, key, message, f"write a finite number below {mujoco.mjMAXVAL:g}")
+
+
+def beyond_joints(subject: Subject) -> Iterator[Sighting]:
+    """Keyframes that put a joint beyond its range."""
+    model = subject.model
+    for key in range(model.nkey):
+        qpos = model.key_qpos[key]
+        if not np.isfinite(qpos).all() or np.array_equal(qpos, model.qpos0):
+            continue  # the latter is told of the joints themselves
+        for joint in map(int, np.flatnonzero(model.jnt_limited)):
+            if beyond := beyond_range(model, joint, qpos):
+                message = f"{subject.object('joint', joint)} is {beyond}"
+                where = int(model.jnt_qposadr[joint])
+                remedy = f"change qpos[{where}] of the keyframe, or the range of the joint"
+                yield _sighting(subject, key, message, remedy)
+
+
+def beyond_controls(subject: Subject) -> Iterator[Sighting]:
+    """Keyframes with a control or an activation beyond its range; controls that were not given are 0."""
+    model = subject.model
+    clamps = not model.opt.disableflags & mujoco.mjtDisableBit.mjDSBL_CLAMPCTRL
+    for key in range(model.nkey):
+        element = subject.element("keyframe", key)
+        given = "ctrl" in element.attributes if element else model.key_ctrl[key].any()
+        for i in map(int, np.flatnonzero(model.actuator_ctrllimited)) if given else ():
+            if beyond := beyond_span(float(model.key_ctrl[key, i]), model.actuator_ctrlrange[i]):
+                then = "; MuJoCo clamps it" if clamps else ""
+                message = f"the control of {subject.object('actuator', i)} is {beyond}{then}"
+                yield _sighting(subject, key, message, f"change ctrl[{i}] of the keyframe, or the actuator's ctrlrange")
+        yield from _activations(subject, key)
+
+
+def _activations(subject: Subject, key: int) -> Iterator[Sighting]:
+    model = subject.model
+    for i in map(int, np.flatnonzero(model.actuator_actlimited & (model.actuator_actadr >= 0))):
+        last = int(model.actuator_actadr[i] + model.actuator_actnum[i] - 1)  # the one that is limited
+        if beyond := beyond_span(float(model.key_act[key, last]), model.actuator_actrange[i]):
+            message = f"the activation of {subject.object('actuator', i)} is {beyond}"
+            yield _sighting(subject, key, message, f"change act[{last}] of the keyframe, or the actuator's actrange")
+
+
+def long_quaternions(subject: Subject) -> Iterator[Sighting]:
+    """Keyframes with an orientation that is no rotation; MuJoCo scales it to length 1, and takes 0 for none."""
+    model = subject.model
+    places = {FREE: 3, BALL: 0}
+    for key in range(model.nkey):
+        for joint in range(model.njnt):
+            offset = places.get(int(model.jnt_type[joint]))
+            if offset is None:
+                continue
+            start = int(model.jnt_qposadr[joint]) + offset
+            length = float(np.linalg.norm(_given_qpos(subject, key)[start : start + 4]))
+            if abs(length - 1) > LONGEST:
+                message = f"the quaternion of {subject.object('joint', joint)} has length {length:.4g}, and not 1"
+                yield _sighting(subject, key, message, f"change qpos[{start}] to qpos[{start + 3}] of the keyframe")
+
+
+def _given_qpos(subject: Subject, key: int) -> np.ndarray:
+    """The positions as they are written: the compiler has scaled those of the model."""
+    element = subject.element("keyframe", key)
+    words = element.attributes.get("qpos", "").split() if element else []
+    try:
+        written = np.array([float(word) for word in words])
+    except ValueError:
+        written = np.empty(0)
+    return written if written.size == subject.model.nq else subject.model.key_qpos[key]
+
+
+def _sighting(subject: Subject, key: int, message: str, remedy: str) -> Sighting:
+    return Sighting(message, remedy, subject.object("keyframe", key), subject.place("keyframe", key))

@@ -1,0 +1,238 @@
+"""`mjrun check` as a user and a pipeline run it."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import pytest
+
+from mjrun.cli import findings
+from mjrun.job.check import Checked, CheckResult
+from mjrun.model.lint.finding import SEVERITIES, Finding
+from mjrun.model.lint.rules import RULES
+from mjrun.version import __version__
+
+if TYPE_CHECKING:
+    from tests.conftest import Command
+
+ROOT = Path(__file__).parents[2]
+FINE = (
+    '<mujoco>\n<worldbody>\n<body name="b"><joint name="j"/><geom name="g" size="1"/></body>\n</worldbody>\n</mujoco>'
+)
+WARNED = FINE.replace('<joint name="j"', '\n<joint name="j" type="slide" range="2 1"')
+NOTED = FINE.replace("</body>", '</body><camera pos="0 -5 0" zaxis="0 -1 0"/>')
+BROKEN = FINE.replace("</body>", "</body><actuator/>")
+REMEDY = 'write range="1 2" (angles as <compiler angle=…> says), or remove it'
+TOLD = "joint 'j': its range 2 1 is reversed, and limits nothing"
+
+
+@pytest.fixture
+def models(mjrun: Command) -> Command:
+    """The command, in a folder with models."""
+    for name, text in {"fine": FINE, "warned": WARNED, "noted": NOTED, "broken": BROKEN}.items():
+        (mjrun.folder / f"{name}.xml").write_text(text)
+    return mjrun
+
+
+@pytest.mark.parametrize(
+    ("arguments", "code"),
+    [
+        (["fine.xml"], 0),
+        (["noted.xml"], 0),
+        (["noted.xml", "--fail-on", "note"], 1),
+        (["noted.xml", "--fail-on", "note", "--ignore", "mj201"], 0),
+        (["warned.xml"], 0),
+        (["warned.xml", "--fail-on", "warning"], 1),
+        (["warned.xml", "--fail-on", "warning", "--select", "MJ4,MJ5", "--select", "MJ6"], 0),
+        (["broken.xml"], 3),
+        (["fine.xml", "broken.xml", "warned.xml", "--fail-on", "warning"], 3),
+        (["gone.xml"], 3),
+        (["fine.xml", "--timeout", "0.001"], 3),
+        (["."], 3),
+        ([], 2),
+        (["fine.xml", "--select", "MJ9"], 2),
+        (["fine.xml", "--json", "--sarif"], 2),
+        (["fine.xml", "--steps", "-1"], 2),
+        (["fine.xml", "--fail-on", "anything"], 2),
+    ],
+    ids=str,
+)
+def test_the_exit_code_is_the_answer(models: Command, arguments: list[str], code: int) -> None:
+    done = models("check", *arguments)
+    assert done.returncode == code
+    assert b"Traceback" not in done.stderr
+    assert (done.stdout == b"") == (code == 2)
+
+
+def test_a_finding_is_a_line_as_compilers_write_it_and_its_remedy(models: Command) -> None:
+    done = models("check", "warned.xml", "fine.xml")
+    first, remedy, summary = done.stdout.decode().splitlines()
+    assert first == f"warned.xml:4: warning MJ302: {TOLD}"
+    assert remedy == f"    {REMEDY}"
+    assert summary == "2 models: 1 warning"
+    assert done.stderr == b""
+
+
+def test_the_summary_counts_and_quiet_leaves_it_out(models: Command) -> None:
+    (models.folder / "part.xml").write_text("<mujocoinclude/>")
+    last = models("check", ".").stdout.decode().splitlines()[-1]
+    assert last == "4 models: 1 error, 1 warning, 1 note; 1 does not load; 1 file skipped that is no model"
+    assert models("check", "-q", "fine.xml").stdout == b""
+    assert models("check", "fine.xml").stdout == b"1 model: nothing found\n"
+
+
+def test_the_document_holds_all_models_in_order(models: Command) -> None:
+    found = json.loads(models("check", "--json", "warned.xml", "fine.xml", "broken.xml").stdout)
+    assert found["mjrun"] == __version__
+    assert [(m["model"], m["loads"]) for m in found["models"]] == [
+        ("warned.xml", True),
+        ("fine.xml", True),
+        ("broken.xml", False),
+    ]
+    assert (found["errors"], found["warnings"], found["notes"], found["skipped"], found["code"]) == (1, 1, 0, 0, 3)
+    assert found["models"][0]["findings"] == [
+        {
+            "code": "MJ302",
+            "severity": "warning",
+            "message": TOLD.removeprefix("joint 'j': "),
+            "file": "warned.xml",
+            "line": 4,
+            "object": "joint 'j'",
+            "remedy": REMEDY,
+        }
+    ]
+
+
+def test_sarif_is_what_code_scanning_reads(models: Command) -> None:
+    done = models("check", "--sarif", "warned.xml", "broken.xml")
+    document = json.loads(done.stdout)
+    (run,) = document["runs"]
+    rules = run["tool"]["driver"]["rules"]
+    assert (document["version"], done.returncode) == ("2.1.0", 3)
+    assert [rule["id"] for rule in rules] == list(RULES)
+    assert {rule["defaultConfiguration"]["level"] for rule in rules} == set(SEVERITIES)
+    assert run["invocations"] == [{"executionSuccessful": True, "exitCode": 3}]
+    for result in run["results"]:
+        assert rules[result["ruleIndex"]]["id"] == result["ruleId"]
+        assert result["message"]["text"]
+    (first, _) = run["results"]
+    assert first["level"] == "warning"
+    assert first["message"]["text"] == f"{TOLD}\n{REMEDY}"
+    assert first["locations"] == [
+        {
+            "physicalLocation": {"artifactLocation": {"uri": "warned.xml"}, "region": {"startLine": 4}},
+            "logicalLocations": [{"fullyQualifiedName": "joint 'j'"}],
+        }
+    ]
+    assert done.stderr.decode().endswith("2 models: 1 error, 1 warning; 1 does not load\n")
+
+
+def test_annotations_are_commands_that_github_reads(models: Command) -> None:
+    done = models("check", "--github", "warned.xml", "noted.xml")
+    warning, note = done.stdout.decode().splitlines()
+    assert warning == f"::warning file=warned.xml,line=4,title=MJ302 reversed range::{TOLD}%0A{REMEDY}"
+    assert note.startswith("::notice file=noted.xml,line=3,title=MJ201 object without a name::")
+
+
+def test_the_list_names_every_code_and_needs_no_model(models: Command) -> None:
+    lines = models("check", "--list").stdout.decode().splitlines()
+    assert [line.split()[0] for line in lines] == list(RULES)
+    assert "MJ302  warning  reversed range" in lines
+    assert [rule["code"] for rule in json.loads(models("check", "--list", "--json").stdout)["rules"]] == list(RULES)
+
+
+def test_a_code_that_is_none_is_answered_with_one_that_is(models: Command) -> None:
+    done = models("check", "fine.xml", "--ignore", "MJ3O2")
+    assert b"no code 'MJ3O2' (did you mean 'MJ302'" in done.stderr
+
+
+NASTY = "a\x1b[31m%\n::error::b,:"
+
+
+def nasty() -> CheckResult:
+    finding = Finding("MJ301", "note", f"m {NASTY}", f"dir/{NASTY}.xml", 3, f"actuator '{NASTY}'", NASTY)
+    return CheckResult((Checked("a", True, (finding,)),), 0, 0)
+
+
+def test_foreign_names_reach_neither_terminal_nor_pipeline_as_they_are() -> None:
+    for lines in (findings.lines(nasty()), findings.annotations(nasty())):
+        told = list(lines)
+        assert not any("\x1b" in line or "\n" in line for line in told)
+        assert sum(line.startswith("::") for line in told) <= 1
+    (annotation,) = findings.annotations(nasty())
+    properties = annotation.split("::")[1]
+    assert properties.count(",") == 2  # between file, line and title
+    assert "%25" in properties
+
+
+@pytest.mark.parametrize(
+    ("path", "uri"),
+    [
+        ("a b/c.xml", "a%20b/c.xml"),
+        ("../é.xml", "../%C3%A9.xml"),
+        ("/tmp/a#b.xml", "file:///tmp/a%23b.xml"),
+        ("a:b.xml", "a%3Ab.xml"),
+        (os.fsdecode(b"\xff.xml"), "%FF.xml"),
+    ],
+)
+def test_a_file_is_a_uri_in_sarif(path: str, uri: str) -> None:
+    result = CheckResult((Checked("a", True, (Finding("MJ301", "note", "m", path),)),), 0, 0)
+    place = findings.sarif(result)["runs"][0]["results"][0]["locations"][0]["physicalLocation"]
+    assert place == {"artifactLocation": {"uri": uri}}
+
+
+def test_a_file_that_crashes_mujoco_is_told_beside_the_others(models: Command) -> None:
+    asset = '<asset><model name="me" file="self.xml"/></asset>'
+    attach = '<attach model="me" prefix="x" body="b"/>'
+    text = f'<mujoco>{asset}<worldbody><body name="b">{attach}</body></worldbody></mujoco>'
+    (models.folder / "self.xml").write_text(text)
+    done = models("check", "self.xml", "warned.xml")
+    assert done.returncode == 3
+    assert b"self.xml:1: error MJ113: <model name=\"me\"> attaches 'self.xml'" in done.stdout
+    assert b"warned.xml:4: warning MJ302" in done.stdout
+    assert models.files() == ["broken.xml", "fine.xml", "noted.xml", "self.xml", "warned.xml"]
+
+
+def test_a_signal_ends_the_processes_too(models: Command) -> None:
+    os.mkfifo(models.folder / "pipe.obj")
+    text = '<mujoco><asset><mesh file="pipe.obj"/></asset></mujoco>'
+    (models.folder / "waits.xml").write_text(text)
+    command = models.start("check", "waits.xml")
+    children = Path(f"/proc/{command.pid}/task/{command.pid}/children")
+    if not children.exists():
+        command.kill()
+        command.communicate()
+        pytest.skip("this system does not tell the children of a process")
+    deadline = time.monotonic() + 30
+    while not (found := running(command.pid)) and time.monotonic() < deadline:
+        time.sleep(0.02)
+    assert found
+    command.send_signal(signal.SIGTERM)
+    _, err = command.communicate(timeout=30)
+    assert command.returncode == 143
+    assert b"Traceback" not in err
+    assert not any(Path(f"/proc/{pid}").exists() for pid in found)
+
+
+def running(pid: int) -> set[int]:
+    """The children of all threads of a process."""
+    files = Path(f"/proc/{pid}/task").glob("*/children")
+    return {int(child) for file in files for child in file.read_text().split()}
+
+
+def test_models_of_mjrun_and_of_others_are_checked_without_a_traceback(mjrun: Command, shared_models: Path) -> None:
+    done = mjrun("check", ROOT / "scenes", shared_models, "--json", "--steps", "20")
+    found = json.loads(done.stdout)
+    assert done.returncode == 3
+    assert b"Traceback" not in done.stderr
+    unloaded = {Path(model["model"]).parent.name for model in found["models"] if not model["loads"]}
+    assert unloaded == {"malformed"}
+    for model in found["models"]:
+        for finding in model["findings"]:
+            assert finding["severity"] != "error" or not model["loads"]
+            assert finding["code"] not in ("MJ002", "MJ003", "MJ004", "MJ005")
