@@ -24,7 +24,7 @@ gallery: setup ## make the films, pictures, tables and plots of all scenes at fu
 	for scene in scenes/*.yaml; do .venv/bin/mjrun run "$$scene" -o "out/$$(basename "$$scene" .yaml)" || exit; done
 
 test: setup ## run the tests
-	.venv/bin/pytest $(ARGS)
+	.venv/bin/pytest -n auto --maxprocesses 4 --dist worksteal $(ARGS)
 
 lint: setup-python ## check the code's style and layout
 	.venv/bin/ruff check
