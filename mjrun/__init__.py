@@ -20,8 +20,12 @@ from mjrun.version import __version__
 
 if TYPE_CHECKING:
     from mjrun.document.camera import read_camera as read_camera
+    from mjrun.job.check import Check as Check
+    from mjrun.job.check import CheckResult as CheckResult
     from mjrun.job.image import Image as Image
     from mjrun.job.image import ImageResult as ImageResult
+    from mjrun.job.info import Info as Info
+    from mjrun.job.info import InfoResult as InfoResult
     from mjrun.job.plot import Plot as Plot
     from mjrun.job.plot import PlotResult as PlotResult
     from mjrun.job.record import Record as Record
@@ -38,6 +42,10 @@ if TYPE_CHECKING:
 _HOMES = {
     "Image": "mjrun.job.image",
     "ImageResult": "mjrun.job.image",
+    "Check": "mjrun.job.check",
+    "CheckResult": "mjrun.job.check",
+    "Info": "mjrun.job.info",
+    "InfoResult": "mjrun.job.info",
     "Plot": "mjrun.job.plot",
     "PlotResult": "mjrun.job.plot",
     "Record": "mjrun.job.record",
@@ -54,8 +62,12 @@ _HOMES = {
 }
 
 __all__ = [
+    "Check",
+    "CheckResult",
     "Image",
     "ImageResult",
+    "Info",
+    "InfoResult",
     "Plot",
     "PlotResult",
     "Record",

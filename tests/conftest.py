@@ -133,7 +133,8 @@ class Command:
 
     def start(self, *arguments: str | Path, **settings: object) -> subprocess.Popen[bytes]:
         environment = {**os.environ, "PYTHONPATH": str(ROOT), "PYTHONWARNINGS": "error::ResourceWarning"}
-        environment.pop("MUJOCO_GL", None)
+        for name in ("MUJOCO_GL", "COLUMNS"):
+            environment.pop(name, None)
         environment.update(settings.pop("env", {}))  # type: ignore[call-overload]
         return subprocess.Popen(
             [sys.executable, "-m", "mjrun", *map(str, arguments)],

@@ -19,6 +19,7 @@ STILL, SHORT = "--size 64x48 --quality draft", "--duration 0.1"
 SMALL = f"{STILL} {SHORT} --fps 20"
 RUN = "films[0].size=64x48 films[0].fps=3 stills[0].size=64x48 --quality draft"
 DOCUMENTS = [line for line in COMMANDS if line.startswith(("mjrun run", "mjrun schema"))]
+ANSWERS = [line for line in COMMANDS if line.startswith(("mjrun info", "mjrun check"))]
 
 
 @pytest.fixture
@@ -70,6 +71,12 @@ def test_a_document_of_the_readme_is_run(command: str, shell: dict[str, str], tm
     assert set(tmp_path.iterdir()) != before or "--dry-run" in command
 
 
+@pytest.mark.parametrize("command", ANSWERS)
+def test_a_question_of_the_readme_is_answered(command: str, shell: dict[str, str], tmp_path: Path) -> None:
+    done = subprocess.run(["sh", "-ec", command], cwd=tmp_path, env=shell, capture_output=True, text=True)
+    assert (done.returncode, bool(done.stdout)) == (0, True), done.stderr
+
+
 def test_the_doctor_of_the_readme_finds_a_renderer(shell: dict[str, str], tmp_path: Path) -> None:
     assert subprocess.run(["sh", "-ec", "mjrun doctor"], cwd=tmp_path, env=shell, capture_output=True).returncode == 0
 
@@ -104,7 +111,7 @@ def test_the_package_installs_with_its_command_and_its_types(tmp_path: Path) -> 
 
 def test_every_other_command_of_the_readme_is_known() -> None:
     known = ("mjrun video ", "mjrun image ", "mjrun trace ", "for ", "mjrun doctor", "make ", "pip install .")
-    known += ("mjrun run ", "mjrun schema ")
+    known += ("mjrun run ", "mjrun schema ", "mjrun info ", "mjrun check ")
     assert all(command.startswith(known) for command in COMMANDS)
 
 

@@ -27,6 +27,7 @@ COMMANDS = {
     "video": ("mjrun.cli.video", "Make a film of a simulation."),
     "image": ("mjrun.cli.image", "Draw one instant of a simulation."),
     "trace": ("mjrun.cli.trace", "Measure a simulation: named, aligned, exact numbers."),
+    "info": ("mjrun.cli.info", "Show what a model is: sizes, bodies, joints, actuators, sensors, assets."),
     "check": ("mjrun.cli.check", "Find what is wrong with models; for CI."),
     "run": ("mjrun.cli.run", "Make all that a document asks for, in one pass."),
     "schema": ("mjrun.cli.schema", "Print the JSON Schema of a kind of document."),

@@ -7,8 +7,9 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from mjrun.cli import options, sentences, values
+from mjrun.cli.columns import show_columns
 from mjrun.cli.console import Console
-from mjrun.errors import UsageError, clean
+from mjrun.errors import UsageError
 
 if TYPE_CHECKING:
     from mjrun.job.trace import TraceResult
@@ -33,7 +34,7 @@ def command(console: Console, /, as_json: bool, **given: Any) -> None:
     console.guard_stdout()
     values.import_mujoco()
     if given["list_"]:
-        _show_columns(console, given, as_json)
+        show_columns(console, values.source(given), as_json)
         return
     piped = (given["output"] or "-") == "-"
     if as_json and piped:
@@ -64,16 +65,3 @@ def _make(console: Console, given: dict[str, Any]) -> "TraceResult":
         command=console.command,
     )
     return values.perform(console, given, job)
-
-
-def _show_columns(console: Console, given: dict[str, Any], as_json: bool) -> None:
-    from mjrun.job.trace import columns
-
-    found = columns(values.simulation(given))
-    if as_json:
-        console.document({"columns": [asdict(column) for column in found]})
-        return
-    width = max(len(clean(column.name)) for column in found)
-    for column in found:
-        owner = f"{column.kind} {column.id}" if column.kind else ""
-        console.result(f"{clean(column.name):{width}}  {column.unit:8}  {owner:12}  {column.meaning}".rstrip())

@@ -13,7 +13,7 @@ from mjrun.cli.options import GROUP_KINDS
 DOCUMENTS = (".yaml", ".yml")
 
 if TYPE_CHECKING:
-    from mjrun.job.simulation import Simulation
+    from mjrun.job.simulation import Simulation, Source
     from mjrun.render.visual import Visual
 
 
@@ -29,9 +29,9 @@ def import_mujoco() -> None:
         os.environ["MUJOCO_GL"] = asked
 
 
-def simulation(given: dict[str, Any]) -> "Simulation":
-    """The simulation that `model_argument`, `model_options` and `simulation_options` describe."""
-    from mjrun.job.simulation import Simulation, Source
+def source(given: dict[str, Any]) -> "Source":
+    """The model that `model_argument` and `model_options` describe."""
+    from mjrun.job.simulation import Source
     from mjrun.model.override import Setting
 
     settings = [Setting(path, value) for path, value in given["settings"]]
@@ -39,8 +39,15 @@ def simulation(given: dict[str, Any]) -> "Simulation":
         settings.append(Setting("opt.integrator", given["integrator"], "--integrator"))
     if given["timestep"]:
         settings.append(Setting("opt.timestep", repr(float(given["timestep"])), "--timestep"))
+    return Source(Path(given["model"]), tuple(settings))
+
+
+def simulation(given: dict[str, Any]) -> "Simulation":
+    """The simulation that `model_argument`, `model_options` and `simulation_options` describe."""
+    from mjrun.job.simulation import Simulation
+
     return Simulation(
-        Source(Path(given["model"]), tuple(settings)),
+        source(given),
         key=given["key"],
         qpos=dict(given["qpos"]),
         qvel=dict(given["qvel"]),

@@ -1,0 +1,1 @@
+"""What a compiled model is, kind by kind, as typed plain values."""

@@ -1,0 +1,164 @@
+"""Actuators: what they act on, and by which law."""
+
+from dataclasses import dataclass
+
+import mujoco
+
+from mjrun.model.description.plain import BODY, JOINT, SITE, TENDON, Pair, called, limits, spelled, trimmed
+from mjrun.model.description.units import actuator_unit, force_unit
+
+ACTUATOR = mujoco.mjtObj.mjOBJ_ACTUATOR
+TARGETS = {
+    "joint": JOINT,
+    "jointinparent": JOINT,
+    "slidercrank": SITE,
+    "tendon": TENDON,
+    "site": SITE,
+    "body": BODY,
+}
+# What a user of MJCF wrote, told from the gain alone.
+BY_GAIN = {"so3": "orientation", "pid": "pid", "dcmotor": "dcmotor", "muscle": "muscle"}
+POSITION_FILTERS = ("none", "filter", "filterexact")
+
+
+@dataclass(frozen=True)
+class Actuator:
+    """An actuator: its force is gain · (control or activation) + bias.
+
+    Attributes:
+      id, name: of the actuator.
+      kind: the MJCF element that writes such an actuator: `motor`, `position` …; `general` where it is none of them.
+      transmission: `joint`, `tendon`, `site` …
+      target_kind, target: what it acts on.
+      reference: the site of a slider, or the site that a site is moved relative to; None without one.
+      gear: of each of its forces, without the zeros at the end.
+      unit, force_unit: of its length and of its force, before the gear; empty where MuJoCo does not tell.
+      dynamics, gain, bias: their types; their parameters are without the zeros at the end.
+      ctrl, ctrl_size: where its controls are in `ctrl`.
+      ctrl_range: of each control; None without limits.
+      act, act_size: where its activations are in `act`; None without any.
+      act_range: None without limits.
+      force_range: [force_unit]; None without limits.
+      delay: of its controls [s].
+      damping, armature: that it adds to its target.
+      group: by which it is shown, or disabled.
+      plugin: the plugin instance that computes its force; None without one.
+    """
+
+    id: int
+    name: str
+    kind: str
+    transmission: str
+    target_kind: str
+    target: str | None
+    reference: str | None
+    gear: tuple[tuple[float, ...], ...]
+    unit: str
+    force_unit: str
+    dynamics: str
+    dynamics_parameters: tuple[float, ...]
+    gain: str
+    gain_parameters: tuple[float, ...]
+    bias: str
+    bias_parameters: tuple[float, ...]
+    ctrl: int
+    ctrl_size: int
+    ctrl_range: tuple[Pair | None, ...]
+    act: int | None
+    act_size: int
+    act_range: Pair | None
+    force_range: Pair | None
+    delay: float
+    damping: float
+    armature: float
+    group: int
+    plugin: str | None
+
+
+def actuators(model: mujoco.MjModel) -> tuple[Actuator, ...]:
+    """Every actuator, in order of id."""
+    return tuple(_actuator(model, i) for i in range(model.nactuator))
+
+
+def _actuator(model: mujoco.MjModel, i: int) -> Actuator:
+    transmission, kind = spelled(mujoco.mjtTrn, model.actuator_trntype[i]), _target_kind(model, i)
+    unit, first, controls = actuator_unit(model, i), int(model.actuator_ctrladr[i]), int(model.actuator_ctrlnum[i])
+    forces = range(model.actuator_outadr[i], model.actuator_outadr[i] + model.actuator_outnum[i])
+    target, reference = model.actuator_trnid[i]
+    return Actuator(
+        id=i,
+        name=called(model, ACTUATOR, i) or "",
+        kind=_kind(model, i),
+        transmission=transmission,
+        target_kind=spelled(mujoco.mjtObj, kind),
+        target=called(model, kind, target),
+        reference=called(model, SITE, reference),
+        gear=tuple(trimmed(model.actuator_gear[k]) for k in forces),
+        unit=unit,
+        force_unit="N" if transmission == "body" else force_unit(unit),
+        dynamics=spelled(mujoco.mjtDyn, model.actuator_dyntype[i]),
+        dynamics_parameters=trimmed(model.actuator_dynprm[i]),
+        gain=spelled(mujoco.mjtGain, model.actuator_gaintype[i]),
+        gain_parameters=trimmed(model.actuator_gainprm[i]),
+        bias=spelled(mujoco.mjtBias, model.actuator_biastype[i]),
+        bias_parameters=trimmed(model.actuator_biasprm[i]),
+        ctrl=first,
+        ctrl_size=controls,
+        ctrl_range=tuple(
+            limits(model.actuator_ctrllimited[k], model.actuator_ctrlrange[k]) for k in range(first, first + controls)
+        ),
+        act=int(model.actuator_actadr[i]) if model.actuator_actnum[i] else None,
+        act_size=int(model.actuator_actnum[i]),
+        act_range=limits(model.actuator_actlimited[i], model.actuator_actrange[i]),
+        force_range=limits(model.actuator_forcelimited[i], model.actuator_forcerange[i]),
+        delay=float(model.actuator_delay[i]),
+        damping=float(model.actuator_damping[i]),
+        armature=float(model.actuator_armature[i]),
+        group=int(model.actuator_group[i]),
+        plugin=called(model, mujoco.mjtObj.mjOBJ_PLUGIN, model.actuator_plugin[i]),
+    )
+
+
+def _target_kind(model: mujoco.MjModel, i: int) -> mujoco.mjtObj:
+    transmission = spelled(mujoco.mjtTrn, model.actuator_trntype[i])
+    if transmission == "so3":  # a ball joint, or a site relative to another
+        return JOINT if model.actuator_trnid[i, 1] < 0 else SITE
+    return TARGETS.get(transmission, mujoco.mjtObj.mjOBJ_UNKNOWN)
+
+
+def _kind(model: mujoco.MjModel, i: int) -> str:
+    """The element that sets what this actuator has, as MuJoCo's manual lists for each of them:
+    https://mujoco.readthedocs.io/en/latest/XMLreference.html#actuator
+    """
+    dynamics = spelled(mujoco.mjtDyn, model.actuator_dyntype[i])
+    gain, bias = (
+        spelled(mujoco.mjtGain, model.actuator_gaintype[i]),
+        spelled(mujoco.mjtBias, model.actuator_biastype[i]),
+    )
+    gains, biases = trimmed(model.actuator_gainprm[i]), trimmed(model.actuator_biasprm[i])
+    if model.actuator_plugin[i] >= 0:
+        return "plugin"
+    if gain in BY_GAIN:
+        return BY_GAIN[gain]
+    if (gain, bias, dynamics) == ("affine", "none", "none") and len(gains) == 3 and gains[:2] == (0, 0):
+        return "damper"
+    if gain == "fixed" and bias == "affine":
+        return _servo(dynamics, gains, biases)
+    if (gain, bias, dynamics) == ("fixed", "none", "none"):
+        if spelled(mujoco.mjtTrn, model.actuator_trntype[i]) == "body":
+            return "adhesion"
+        return "motor" if gains == (1,) else "general"
+    return "general"
+
+
+def _servo(dynamics: str, gains: tuple[float, ...], biases: tuple[float, ...]) -> str:
+    """What has a gain k and the bias 0, −k, −kv or 0, 0, −k; a cylinder has its area and any bias."""
+    constant, position, velocity = (*biases, 0.0, 0.0, 0.0)[:3]
+    gain = gains[0] if gains else 0.0
+    if constant == 0 and gain and position == -gain:
+        if dynamics == "integrator":
+            return "intvelocity"
+        return "position" if dynamics in POSITION_FILTERS else "general"
+    if constant == 0 == position and gain and velocity == -gain and dynamics == "none":
+        return "velocity"
+    return "cylinder" if dynamics == "filter" else "general"

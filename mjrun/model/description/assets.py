@@ -1,0 +1,93 @@
+"""The files that a model is made of, and what the compiled model keeps of them."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import mujoco
+import numpy as np
+
+from mjrun.model.description import files
+from mjrun.model.description.plain import called
+from mjrun.model.description.sources import Named, named
+
+KINDS = {"include": "include", "model": "attached model", "texture": "texture", "flexcomp": "flexcomp"}
+
+
+@dataclass(frozen=True)
+class Asset:
+    """A file, or an asset without one: built in, or written out in the model.
+
+    Attributes:
+      kind: `model`, `include`, `attached model`, `mesh`, `texture`, `hfield`, `skin` or `flexcomp`.
+      name: of the asset; None of a source.
+      path: None without a file. One inside of an archive begins with the archive's path.
+      bytes: on disk; None where it cannot be seen, as from a compiled model that was moved.
+      content: what the model keeps of it: `vertices` and `faces`; `width`, `height` and `channels`;
+        `rows` and `columns`; empty for a source.
+    """
+
+    kind: str
+    name: str | None
+    path: str | None
+    bytes: int | None
+    content: dict[str, int]
+
+
+def assets(model: mujoco.MjModel, path: Path | None) -> tuple[Asset, ...]:
+    """Every file that can be found, the model's own first, and every asset without one."""
+    extra = _named(path)
+    faces: dict[str, list[str]] = {}
+    for thing in extra:
+        if thing.kind == "texture":
+            faces.setdefault(thing.name, []).append(thing.path)
+    sources = [_file(KINDS[thing.kind], thing.name or None, thing.path) for thing in extra if thing.kind != "texture"]
+    own = [] if path is None else [_file("model", None, str(path))]
+    return (*own, *sources, *_meshes(model), *_textures(model, faces), *_hfields(model), *_skins(model))
+
+
+def _named(path: Path | None) -> list[Named]:
+    main = None if path is None else files.main_source(path)
+    return [] if main is None else named(main)
+
+
+def _file(kind: str, name: str | None, path: str | None, content: dict[str, int] | None = None) -> Asset:
+    return Asset(kind, name, path, None if path is None else files.size(path), content or {})
+
+
+def _meshes(model: mujoco.MjModel) -> Iterator[Asset]:
+    for i in range(model.nmesh):
+        content = {"vertices": int(model.mesh_vertnum[i]), "faces": int(model.mesh_facenum[i])}
+        name = called(model, mujoco.mjtObj.mjOBJ_MESH, i)
+        yield _file("mesh", name, _path(model, model.mesh_pathadr[i]), content)
+
+
+def _textures(model: mujoco.MjModel, faces: dict[str, list[str]]) -> Iterator[Asset]:
+    for i in range(model.ntex):
+        width, height, channels = (int(size[i]) for size in (model.tex_width, model.tex_height, model.tex_nchannel))
+        content = {"width": width, "height": height, "channels": channels}
+        name, path = called(model, mujoco.mjtObj.mjOBJ_TEXTURE, i), _path(model, model.tex_pathadr[i])
+        for file in [path] if path else faces.get(name or "") or [None]:
+            yield _file("texture", name, file, content)
+
+
+def _hfields(model: mujoco.MjModel) -> Iterator[Asset]:
+    for i in range(model.nhfield):
+        content = {"rows": int(model.hfield_nrow[i]), "columns": int(model.hfield_ncol[i])}
+        name = called(model, mujoco.mjtObj.mjOBJ_HFIELD, i)
+        yield _file("hfield", name, _path(model, model.hfield_pathadr[i]), content)
+
+
+def _skins(model: mujoco.MjModel) -> Iterator[Asset]:
+    for i in range(model.nskin):
+        content = {"vertices": int(model.skin_vertnum[i]), "faces": int(model.skin_facenum[i])}
+        name = called(model, mujoco.mjtObj.mjOBJ_SKIN, i)
+        yield _file("skin", name, _path(model, model.skin_pathadr[i]), content)
+
+
+def _path(model: mujoco.MjModel, start: np.integer) -> str | None:
+    """The path that begins at `start` in the model's list of them; None at −1."""
+    if start < 0:
+        return None
+    paths = model.paths
+    return paths[start : paths.index(b"\0", start)].decode("utf-8", "surrogateescape")

@@ -1,0 +1,57 @@
+"""Files on disk and inside of archives, by one kind of path: `robot.mjz/meshes/arm.obj` lies in `robot.mjz`."""
+
+import zipfile
+from pathlib import Path
+
+ARCHIVES = (".mjz", ".zip")
+MOST = 1 << 26  # bytes of a source file that are read; MJCF holds no more by hand
+
+
+def size(path: str) -> int | None:
+    """Bytes of a file; None where there is none."""
+    archive = _archive(path)
+    try:
+        if archive is None:
+            return Path(path).stat().st_size if Path(path).is_file() else None
+        with zipfile.ZipFile(archive) as opened:
+            return opened.getinfo(_member(path, archive)).file_size
+    except (OSError, KeyError, ValueError, zipfile.BadZipFile):
+        return None
+
+
+def content(path: str) -> bytes | None:
+    """What is in a file; None where there is none, or too much."""
+    if (size(path) or MOST + 1) > MOST:
+        return None
+    archive = _archive(path)
+    try:
+        if archive is None:
+            return Path(path).read_bytes()
+        with zipfile.ZipFile(archive) as opened:
+            return opened.read(_member(path, archive))
+    except (OSError, KeyError, RuntimeError, ValueError, zipfile.BadZipFile):
+        return None
+
+
+def main_source(path: Path) -> str | None:
+    """The MJCF that MuJoCo reads first: `path` itself, or the one in an archive; None of a compiled model."""
+    if path.suffix not in ARCHIVES:
+        return str(path) if path.suffix == ".xml" else None
+    try:
+        with zipfile.ZipFile(path) as opened:
+            sources = [name for name in opened.namelist() if name.endswith(".xml")]
+    except (OSError, zipfile.BadZipFile):
+        return None
+    expected = [f"{path.stem}.xml", "model.xml", f"{path.stem}/{path.stem}.xml", f"{path.stem}/model.xml"]
+    found = next((name for name in expected if name in sources), sources[0] if len(sources) == 1 else None)
+    return found and f"{path}/{found}"
+
+
+def _archive(path: str) -> Path | None:
+    """The archive that a path leads into."""
+    parents = (parent for parent in Path(path).parents if parent.suffix in ARCHIVES)
+    return next((parent for parent in parents if parent.is_file()), None)
+
+
+def _member(path: str, archive: Path) -> str:
+    return Path(path).relative_to(archive).as_posix()

@@ -1,0 +1,122 @@
+"""What a model sets otherwise than MuJoCo, and its statistics."""
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from functools import cache
+from typing import Any
+
+import mujoco
+import numpy as np
+
+from mjrun.model.description.plain import exact, floats, spelled
+from mjrun.model.names import members
+from mjrun.model.override import NAMED_INTEGERS
+
+VISUAL = {"global": "global_", "quality": "quality", "headlight": "headlight", "map": "map", "scale": "scale"}
+VISUAL |= {"rgba": "rgba"}
+BITS = ("disableflags", "enableflags")
+UNITS = {
+    "timestep": "s", "gravity": "m/s²", "wind": "m/s", "magnetic": "T", "density": "kg/m³", "viscosity": "Pa·s",
+    "o_margin": "m", "ccd_tolerance": "m", "sleep_tolerance": "m/s",
+}  # fmt: skip
+
+Value = str | int | float | bool | tuple[float, ...]
+
+
+@dataclass(frozen=True)
+class Setting:
+    """A setting of the model that is not MuJoCo's default.
+
+    Attributes:
+      path: by which `--set` overrides it: `opt.gravity`, `opt.flag.contact`, `vis.quality.shadowsize`.
+      value, default: numbers, or MuJoCo's own words.
+      unit: empty for pure numbers.
+    """
+
+    path: str
+    value: Value
+    default: Value
+    unit: str = ""
+
+
+@dataclass(frozen=True)
+class Statistics:
+    """By which MuJoCo scales what it draws, and its solver.
+
+    Attributes:
+      center: of what the free camera looks at [m].
+      extent: of the model in space [m].
+      meansize, meanmass: of its bodies [m], [kg].
+      meaninertia: mean of the diagonal of its inertia matrix.
+    """
+
+    center: tuple[float, ...]
+    extent: float
+    meansize: float
+    meanmass: float
+    meaninertia: float
+
+
+def statistics(model: mujoco.MjModel) -> Statistics:
+    """The model's statistics, as MuJoCo computed them or as it says itself."""
+    stat = model.stat
+    return Statistics(
+        floats(stat.center), float(stat.extent), float(stat.meansize), float(stat.meanmass), float(stat.meaninertia)
+    )
+
+
+def options(model: mujoco.MjModel) -> tuple[Setting, ...]:
+    """Every option and flag that differs from MuJoCo's default."""
+    usual = _usual().opt
+    found = [
+        Setting(f"opt.{name}", mine, theirs, UNITS.get(name, "")) for name, mine, theirs in _apart(model.opt, usual)
+    ]
+    flags = [*_flags(mujoco.mjtDisableBit, model.opt.disableflags, usual.disableflags, ("enable", "disable"))]
+    flags += _flags(mujoco.mjtEnableBit, model.opt.enableflags, usual.enableflags, ("disable", "enable"))
+    return (*found, *flags)
+
+
+def visual(model: mujoco.MjModel) -> tuple[Setting, ...]:
+    """Every setting of how the model is drawn that differs from MuJoCo's default."""
+    usual = _usual().vis
+    return tuple(
+        Setting(f"vis.{section}.{name}", mine, theirs)
+        for section, field in VISUAL.items()
+        for name, mine, theirs in _apart(getattr(model.vis, field), getattr(usual, field))
+    )
+
+
+@cache
+def _usual() -> mujoco.MjModel:
+    """A model that says nothing."""
+    return mujoco.MjSpec().compile()
+
+
+def _apart(mine: Any, theirs: Any) -> Iterator[tuple[str, Value, Value]]:
+    """The fields of two of MuJoCo's structures that differ."""
+    number = float if isinstance(mine, mujoco.MjOption) else _single
+    for name in dir(type(mine)):
+        if name.startswith("_") or name in BITS:
+            continue
+        value, default = getattr(mine, name), getattr(theirs, name)
+        if not np.array_equal(value, default):
+            yield name, _plain(name, value, number), _plain(name, default, number)
+
+
+def _plain(name: str, value: Any, number: Callable[[Any], float]) -> Value:
+    if isinstance(value, np.ndarray):
+        return floats(value)
+    if name in NAMED_INTEGERS:
+        return spelled(NAMED_INTEGERS[name], value)
+    return value if isinstance(value, int) else number(value)
+
+
+def _single(value: float) -> float:
+    """A number that MuJoCo holds in single precision, as it was written."""
+    return exact(np.float32(value))
+
+
+def _flags(enum: Any, mine: int, theirs: int, words: tuple[str, str]) -> Iterator[Setting]:
+    for name, bit in members(enum).items():
+        if (mine ^ theirs) & bit:
+            yield Setting(f"opt.flag.{name}", words[bool(mine & bit)], words[bool(theirs & bit)])
