@@ -20,12 +20,14 @@ from mjrun.version import __version__
 
 if TYPE_CHECKING:
     from mjrun.document.camera import read_camera as read_camera
+    from mjrun.job.bench import Bench as Bench
     from mjrun.job.check import Check as Check
     from mjrun.job.check import CheckResult as CheckResult
     from mjrun.job.image import Image as Image
     from mjrun.job.image import ImageResult as ImageResult
     from mjrun.job.info import Info as Info
     from mjrun.job.info import InfoResult as InfoResult
+    from mjrun.job.measuring.results import BenchResult as BenchResult
     from mjrun.job.plot import Plot as Plot
     from mjrun.job.plot import PlotResult as PlotResult
     from mjrun.job.record import Record as Record
@@ -42,6 +44,8 @@ if TYPE_CHECKING:
 _HOMES = {
     "Image": "mjrun.job.image",
     "ImageResult": "mjrun.job.image",
+    "Bench": "mjrun.job.bench",
+    "BenchResult": "mjrun.job.measuring.results",
     "Check": "mjrun.job.check",
     "CheckResult": "mjrun.job.check",
     "Info": "mjrun.job.info",
@@ -62,6 +66,8 @@ _HOMES = {
 }
 
 __all__ = [
+    "Bench",
+    "BenchResult",
     "Check",
     "CheckResult",
     "Image",

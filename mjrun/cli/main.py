@@ -27,6 +27,7 @@ COMMANDS = {
     "video": ("mjrun.cli.video", "Make a film of a simulation."),
     "image": ("mjrun.cli.image", "Draw one instant of a simulation."),
     "trace": ("mjrun.cli.trace", "Measure a simulation: named, aligned, exact numbers."),
+    "bench": ("mjrun.cli.bench", "Time a simulation: steps, phases, threads, drawing, accuracy."),
     "info": ("mjrun.cli.info", "Show what a model is: sizes, bodies, joints, actuators, sensors, assets."),
     "check": ("mjrun.cli.check", "Find what is wrong with models; for CI."),
     "run": ("mjrun.cli.run", "Make all that a document asks for, in one pass."),

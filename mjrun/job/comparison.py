@@ -1,0 +1,193 @@
+"""Is it slower than it was? The ratio of two benchmarks, with its interval.
+
+An interval knows how samples differ within a benchmark, not what another process did to all of them. That only adds to
+a wall time, and the fastest sample escapes it first: what is slower must be so by median and by fastest sample.
+"""
+
+import json
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from mjrun.errors import FileError, UsageError, clean, listing
+from mjrun.job.statistics import CONFIDENCE, median, ratio_interval
+
+SCHEMA = "mjrun-bench-1"
+SLOWER, INCONCLUSIVE, FASTER, FINE = "slower", "inconclusive", "faster", "not slower"
+WORST_FIRST = (SLOWER, INCONCLUSIVE, FINE, FASTER)
+# What both must have been asked alike, or else they did not do the same.
+OPTIONS = ("key", "noise_std", "noise_rate", "settings")
+MACHINE = ("system", "cpu", "cores", "available")
+
+
+@dataclass(frozen=True)
+class Ratio:
+    """How one figure changed.
+
+    Attributes:
+      name: of the figure: `step`, `threads 2`, `rgb 1280x720 model`, with the point of the grid it belongs to.
+      base, now: medians of the wall time [s].
+      ratio: of the medians; above 1 is slower.
+      low, high: the interval of the ratio at 95 %; None when there are too few samples for one.
+      fastest: ratio of the fastest samples.
+      verdict: `slower`, if all of the interval and `fastest` are above the limit; `faster`, if all of it is below 1;
+        `not slower`, if none of it is above the limit; else `inconclusive`.
+    """
+
+    name: str
+    base: float
+    now: float
+    ratio: float
+    low: float | None
+    high: float | None
+    fastest: float
+    verdict: str
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """How a benchmark stands to its base.
+
+    Attributes:
+      base: the file.
+      limit: the ratio above which a figure is slower.
+      verdict: the worst of all figures.
+      ratios: of every figure that both have.
+      differences: between model, options and machines, where that was overridden.
+    """
+
+    base: str
+    limit: float
+    verdict: str
+    ratios: Sequence[Ratio]
+    differences: Sequence[str]
+
+
+def read_base(path: str | Path) -> dict[str, Any]:
+    """A benchmark that was saved.
+
+    Raises:
+      FileError: it cannot be read, or is none.
+    """
+    path = Path(path)
+    try:
+        document = json.loads(path.read_text("utf-8"))
+    except OSError as error:
+        raise FileError(path, f"cannot be read: {error.strerror or error}") from None
+    except ValueError as error:
+        raise FileError(path, f"is not JSON: {clean(str(error))}") from None
+    schema = document.get("schema") if isinstance(document, dict) else None
+    if schema != SCHEMA:
+        raise FileError(path, "is not a benchmark of this mjrun", f"mjrun bench MODEL --save {path} makes one")
+    try:
+        list(figures(document))
+        differences(document, document)
+    except (KeyError, TypeError, ValueError, AttributeError) as error:
+        raise FileError(path, f"is not a whole benchmark: {type(error).__name__} {clean(str(error))}") from None
+    return document
+
+
+def differences(now: Mapping[str, Any], base: Mapping[str, Any]) -> list[str]:
+    """Why `now` and `base` cannot be compared, if they cannot, a sentence each.
+
+    A compiled model is another in every version of MuJoCo; of two versions, the model's file is compared.
+    """
+    same_mujoco = now["mujoco"] == base["mujoco"]
+    fingerprint = "sha256" if same_mujoco else "file_sha256"
+    found = []
+    if now["model"][fingerprint] != base["model"][fingerprint]:
+        found.append("another model" if same_mujoco else "another model file")
+    for part, keys in (("options", OPTIONS), ("machine", MACHINE)):
+        for key in keys:
+            there, here = base[part][key], now[part][key]
+            if there != here:
+                found.append(f"{key}: {clean(_shown(there))} there, {clean(_shown(here))} here")
+    steps = now["options"]["steps"]
+    others = sorted({row["steps"] for row in base["rows"] if row["step"] is not None and row["steps"] != steps})
+    if steps is not None and others:
+        found.append(f"steps: {', '.join(map(str, others))} there, {steps} here")
+    return found
+
+
+def steps_of(base: Mapping[str, Any], point: Mapping[str, str]) -> int | None:
+    """The steps of a rollout at a point of the grid, which a benchmark must take too to be compared."""
+    return next((row["steps"] for row in base["rows"] if row["point"] == point and row["step"] is not None), None)
+
+
+def check_same(now: Mapping[str, Any], base: Mapping[str, Any], path: str, force: bool) -> list[str]:
+    """The differences that `force` overrides.
+
+    Raises:
+      UsageError: there are some, and no `force`.
+    """
+    found = differences(now, base)
+    if found and not force:
+        lines = "\n".join(found)
+        raise UsageError(f"{clean(path)} is no base for this benchmark\n{lines}\n--force compares all the same")
+    return found
+
+
+def compare(
+    now: Mapping[str, Any], base: Mapping[str, Any], path: str, threshold: float, overridden: Sequence[str] = ()
+) -> Comparison:
+    """Compares every figure that both documents have.
+
+    Args:
+      threshold: by how much a figure may be slower: 0.1 is a tenth.
+      overridden: the differences that do not matter, as `check_same` found them.
+
+    Raises:
+      UsageError: they have no figure in common.
+    """
+    known, limit = dict(figures(base)), 1 + threshold
+    ratios = [_ratio(of[0], samples, known[of], limit) for of, samples in figures(now) if of in known]
+    if not ratios:
+        has = listing([f"{name} by {device}" if device else name for name, device in known])
+        raise UsageError(f"{clean(path)} has no figure in common with this benchmark\nit has {has}")
+    verdict = min((ratio.verdict for ratio in ratios), key=WORST_FIRST.index)
+    return Comparison(path, limit, verdict, ratios, overridden)
+
+
+def figures(document: Mapping[str, Any]) -> Iterator[tuple[tuple[str, str], list[float]]]:
+    """All figures that are compared: the name, and the device if the processor did not make it; and samples [s]."""
+    for row in document["rows"]:
+        point = "".join(f" {path}={value}" for path, value in row["point"].items())
+        if row["step"] is not None:
+            yield (f"step{point}", ""), _samples(row["step"])
+        for threads in row["threads"]:
+            if threads["threads"] > 1:
+                yield (f"threads {threads['threads']}{point}", ""), _samples(threads["step"])
+    for frame in document["frames"]:
+        (width, height), other = frame["size"], frame["renderer"]
+        name = f"{frame['view']} {width}x{height} {frame['quality']}" + (f" {other}" if other != "classic" else "")
+        yield (name, frame["device"]), _samples(frame["total"])
+
+
+def _samples(stat: Mapping[str, Any]) -> list[float]:
+    samples = [float(sample) for sample in stat["samples"]]
+    if not samples or min(samples) <= 0:
+        raise ValueError("samples must be positive")
+    return samples
+
+
+def _ratio(name: str, samples: Sequence[float], base: Sequence[float], limit: float) -> Ratio:
+    interval = ratio_interval(samples, base, CONFIDENCE)
+    low, high = (None, None) if interval is None else (interval.low, interval.high)
+    before, now, fastest = median(base), median(samples), min(samples) / min(base)
+    return Ratio(name, before, now, now / before, low, high, fastest, verdict(low, high, fastest, limit))
+
+
+def verdict(low: float | None, high: float | None, fastest: float, limit: float) -> str:
+    """What a ratio's interval, and that of the fastest samples, say."""
+    if low is None or high is None:
+        return INCONCLUSIVE
+    if low > limit and fastest > limit:
+        return SLOWER
+    if high < 1:
+        return FASTER
+    return FINE if high <= limit else INCONCLUSIVE
+
+
+def _shown(value: Any) -> str:
+    return value if isinstance(value, str) else json.dumps(value)

@@ -1,0 +1,34 @@
+"""A grid of settings: every combination of the values that each of them takes."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from itertools import product
+
+from mjrun.errors import UsageError, clean
+from mjrun.model.override import Setting
+
+SHORT = {"integrator": "opt.integrator", "timestep": "opt.timestep"}
+
+Point = Mapping[str, str]
+
+
+def scan_values(path: str, text: str) -> list[str]:
+    """The values in `text`: separated by commas, or by semicolons where a value has commas itself.
+
+    Raises:
+      UsageError: there are none, or one twice.
+    """
+    found = [value.strip() for value in text.split(";" if ";" in text else ",")]
+    if not all(found) or len(set(found)) < len(found):
+        raise UsageError(f"--scan {clean(path)}={clean(text)}: write values separated by commas, each once")
+    return found
+
+
+def points(scan: Mapping[str, Sequence[str]]) -> Iterator[Point]:
+    """Every combination, the last setting changing fastest; a single empty one without a scan."""
+    for combination in product(*scan.values()):
+        yield dict(zip(scan, combination, strict=True))
+
+
+def settings(point: Point) -> tuple[Setting, ...]:
+    """The overrides that a point of the grid stands for."""
+    return tuple(Setting(SHORT.get(path, path), value) for path, value in point.items())

@@ -1,0 +1,170 @@
+"""What a benchmark found. As JSON (`mjrun bench --json`), its dataclasses are objects with these keys.
+
+All wall times are in seconds, simulated times too; a `Stat` says how often something was measured, its median with an
+interval, and its spread. A file with the same `schema` has the same keys; new ones may come.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+from mjrun.job.comparison import SCHEMA, Comparison
+from mjrun.job.measuring.drawing import Frame
+from mjrun.job.measuring.loading import Load
+from mjrun.job.measuring.machine import Machine
+from mjrun.job.measuring.stepping import Threads
+from mjrun.job.measuring.whole import Whole
+from mjrun.job.statistics import Stat
+from mjrun.sim.phases import Phase
+
+
+@dataclass(frozen=True)
+class ModelFacts:
+    """Which model.
+
+    Attributes:
+      path: of its file; empty for one that was compiled elsewhere.
+      sha256: of its compiled form, with all assets and overrides, but for the scan.
+      file_sha256: of its file alone; None without one.
+      nq, nv, nu, nbody, ngeom: MuJoCo's sizes.
+    """
+
+    path: str
+    sha256: str
+    file_sha256: str | None
+    nq: int
+    nv: int
+    nu: int
+    nbody: int
+    ngeom: int
+
+
+@dataclass(frozen=True)
+class Options:
+    """What was asked.
+
+    Attributes:
+      key: keyframe that it starts from.
+      noise_std, noise_rate: of the stimulus, as `Bench` says it.
+      steps, repeats: as asked; None when the budget decided.
+      budget: wall time [s].
+      settings: overrides, as they were given.
+      scan: settings and their values.
+    """
+
+    key: str | None
+    noise_std: float
+    noise_rate: float
+    steps: int | None
+    repeats: int | None
+    budget: float
+    settings: Sequence[str]
+    scan: Mapping[str, Sequence[str]]
+
+
+@dataclass(frozen=True)
+class Counts:
+    """What a step consists of, on average.
+
+    Attributes:
+      contacts, constraints: number of them.
+      solver, iterations: of the constraint solver, averaged over islands.
+      arena, arena_size: most of the arena that was in use at once, and its size [bytes].
+    """
+
+    contacts: float
+    constraints: float
+    solver: str
+    iterations: float
+    arena: int
+    arena_size: int
+
+
+@dataclass(frozen=True)
+class Accuracy:
+    """How good the motion is that was timed, without noise.
+
+    Attributes:
+      horizon: simulated time after which this is measured [s].
+      energy_drift: potential and kinetic energy less those at the start [J]; the integrator's error only where
+        nothing drives or brakes the model.
+      reference: timestep of the run that it is compared with [s]; all else is as in the row.
+      distance: root mean square of the difference of the positions, over all degrees of freedom [m and rad].
+      failure: why there are no numbers; else None.
+    """
+
+    horizon: float
+    energy_drift: float | None
+    reference: float
+    distance: float | None
+    failure: str | None = None
+
+
+@dataclass(frozen=True)
+class Row:
+    """A simulation: one point of the grid, or the only one.
+
+    Attributes:
+      point: settings of the grid.
+      integrator, timestep: in force.
+      steps, block: of one rollout, and those that are timed at once.
+      step: wall time per step, a sample for each rollout; `p5` and `p95` are of blocks of steps.
+      steps_per_second, realtime_factor: of the median.
+      counts: what a step consists of.
+      phases: MuJoCo's own, timed in a rollout of their own, in which the timers themselves cost time; None where
+        there are none.
+      threads: independent copies.
+      accuracy: if it was asked for.
+      failure: why it could not be measured, such as an instability; else None.
+    """
+
+    point: Mapping[str, str]
+    integrator: str
+    timestep: float
+    steps: int
+    block: int
+    step: Stat | None
+    steps_per_second: float | None
+    realtime_factor: float | None
+    counts: Counts | None
+    phases: Phase | None
+    threads: Sequence[Threads]
+    accuracy: Accuracy | None
+    failure: str | None
+
+
+@dataclass(frozen=True)
+class BenchResult:
+    """A benchmark.
+
+    Attributes:
+      schema: the form of this.
+      mjrun, mujoco, numpy, python: versions.
+      command: the command line.
+      machine, load_after: what it ran on before it began, and the load average after it.
+      model, options: what was measured.
+      load: getting the model; None for one that was compiled elsewhere.
+      rows: simulations.
+      frames: drawing, if it was asked for.
+      whole: films and traces as a whole, if they were asked for.
+      comparison: with a base, if there was one.
+      notes: what is to be known of these figures.
+      wall: wall time of it all.
+    """
+
+    mjrun: str
+    mujoco: str
+    numpy: str
+    python: str
+    command: str
+    machine: Machine
+    load_after: float | None
+    model: ModelFacts
+    options: Options
+    load: Load | None
+    rows: Sequence[Row]
+    frames: Sequence[Frame]
+    whole: Sequence[Whole]
+    comparison: Comparison | None
+    notes: Sequence[str]
+    wall: float
+    schema: str = SCHEMA

@@ -1,0 +1,52 @@
+"""The stimulus of MuJoCo's own `testspeed`: smoothed pseudo-random noise on every control.
+
+It keeps a model from settling, where warm starts make steps cheaper than in use, and is the same for everybody.
+"""
+
+import math
+
+import mujoco
+import numpy as np
+
+STD, RATE = 0.01, 0.1  # testspeed's own
+
+
+def halton(index: np.ndarray, base: int) -> np.ndarray:
+    """The elements `index` `(n,)` of the Halton sequence to `base`, in [0, 1): bit for bit those of `mju_Halton`.
+
+    The digits of the index, mirrored at the point: Halton 1960, Numerische Mathematik 2, 84-90.
+    """
+    rest, share, found = np.array(index), 1 / base, np.zeros(len(index))
+    while rest.any():
+        rest, digit = np.divmod(rest, base)
+        found += share * digit
+        share /= base
+    return found
+
+
+def controls(
+    model: mujoco.MjModel, steps: int, std: float = STD, rate: float = RATE, center: np.ndarray | None = None
+) -> np.ndarray:
+    """The controls of every step, `(steps, nu)`, as MuJoCo 4.0's `sample/testspeed.cc` makes them.
+
+    Each control returns to its centre exponentially, is pushed by an element of a Halton sequence, and stays in its
+    range: an Ornstein-Uhlenbeck process, but for its noise, which is even and not Gaussian.
+
+    Args:
+      std: scale of the noise, in half ranges of the actuator; in its own units where it has no range.
+      rate: time in which a control returns [s]; 0 is at once.
+      center: `(nu,)`; the middle of each range, or 0, when None.
+    """
+    limited, (low, high) = model.actuator_ctrllimited.astype(bool), model.actuator_ctrlrange.T
+    middle = np.where(limited, 0.5 * (high + low), 0.0) if center is None else np.asarray(center, float)
+    keep = math.exp(-model.opt.timestep / rate) if rate else 0.0
+    scale = std * math.sqrt(1 - keep * keep) * np.where(limited, 0.5 * (high - low), 1.0)
+    pushes = [2 * halton(np.arange(steps), actuator + 2) - 1 for actuator in range(model.nu)]
+    low, high = np.where(limited, low, -np.inf), np.where(limited, high, np.inf)
+    found = scale * np.column_stack(pushes) if model.nu else np.empty((steps, 0))
+    last = middle
+    for row in found:
+        row += keep * last + (1 - keep) * middle
+        np.clip(row, low, high, out=row)
+        last = row
+    return found
