@@ -19,7 +19,7 @@ STILL, SHORT = "--size 64x48 --quality draft", "--duration 0.1"
 SMALL = f"{STILL} {SHORT} --fps 20"
 RUN = "films[0].size=64x48 films[0].fps=3 stills[0].size=64x48 --quality draft"
 DOCUMENTS = [line for line in COMMANDS if line.startswith(("mjrun run", "mjrun schema"))]
-ANSWERS = [line for line in COMMANDS if line.startswith(("mjrun info", "mjrun check"))]
+ANSWERS = [line for line in COMMANDS if line.startswith(("mjrun info", "mjrun check", "mjrun bench"))]
 
 
 @pytest.fixture
@@ -29,7 +29,7 @@ def shell(tmp_path: Path) -> dict[str, str]:
     (tmp_path / "scenes").symlink_to(ROOT / "scenes")
     program = tmp_path / "bin/mjrun"
     smaller = f'case $1 in video) set -- "$@" {SMALL};; image) set -- "$@" {STILL};; trace) set -- "$@" {SHORT};;'
-    smaller += f' run) set -- "$@" {RUN};; esac'
+    smaller += f' run) set -- "$@" {RUN};; bench) set -- "$@" --budget 0.2;; esac'
     program.write_text(f'#!/bin/sh\n{smaller}\nPYTHONPATH="{ROOT}" exec "{sys.executable}" -m mjrun "$@"\n')
     program.chmod(0o755)
     return {**os.environ, "PATH": f"{program.parent}:{os.environ['PATH']}"}
@@ -111,7 +111,7 @@ def test_the_package_installs_with_its_command_and_its_types(tmp_path: Path) -> 
 
 def test_every_other_command_of_the_readme_is_known() -> None:
     known = ("mjrun video ", "mjrun image ", "mjrun trace ", "for ", "mjrun doctor", "make ", "pip install .")
-    known += ("mjrun run ", "mjrun schema ", "mjrun info ", "mjrun check ")
+    known += ("mjrun run ", "mjrun schema ", "mjrun info ", "mjrun check ", "mjrun bench ")
     assert all(command.startswith(known) for command in COMMANDS)
 
 
