@@ -34,6 +34,8 @@ LIBRARIES = {
     "pyarrow": ("export.columnar", "export.reading"),
     "scipy": ("export.columnar",),
     "OpenGL": ("render",),
+    "warp": ("sim.warp_engine",),
+    "mujoco_warp": ("sim.warp_engine",),
     "mujoco": ("cli", "job", "sim", "probe", "render", "export", "model"),
     "numpy": ("cli", "job", "sim", "probe", "render", "export", "model"),
 }

@@ -8,14 +8,13 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from mjrun.cli import bench_report, options, values
+from mjrun.cli import bench_options, bench_report, options, values
 from mjrun.cli.console import Console
 from mjrun.errors import BadValueError, FileError, UsageError
 
 if TYPE_CHECKING:
     from mjrun.job.bench import Bench
     from mjrun.job.drawing import Drawing
-    from mjrun.job.simulation import Source
 
 SUMMARY = "GITHUB_STEP_SUMMARY"
 SLOWER = 1  # exit code
@@ -23,11 +22,12 @@ SLOWER = 1  # exit code
 
 @click.command("bench", cls=options.SectionedCommand)
 @options.model_argument
-@options.bench_options
-@options.bench_simulation_options
+@bench_options.measurement_options
+@bench_options.engine_options
+@bench_options.simulation_options
 @options.model_options
-@options.bench_drawing_options
-@options.bench_report_options
+@bench_options.drawing_options
+@bench_options.report_options
 @options.output_options
 @click.pass_obj
 def command(console: Console, /, as_json: bool, **given: Any) -> None:
@@ -39,6 +39,7 @@ def command(console: Console, /, as_json: bool, **given: Any) -> None:
     mjrun bench scene.xml
     mjrun bench scene.xml --scan integrator=euler,rk4 --scan timestep=.001,.002,.004 --accuracy
     mjrun bench scene.xml --render --view rgb --view depth --size 640x480
+    mjrun bench scene.xml --engine warp --worlds 4096
     mjrun bench scene.xml --save base.json
     mjrun bench scene.xml --compare base.json --fail-above 10%
     """
@@ -65,9 +66,9 @@ def _job(console: Console, given: dict[str, Any]) -> "Bench":
     if given["fail_above"] is not None and given["compare"] is None:
         raise UsageError("--fail-above is the limit of a comparison; name the base with --compare FILE")
     same = ("key", "noise_std", "noise_rate", "steps", "repeats", "accuracy", "horizon", "reference", "whole")
-    same += ("save", "compare", "force")
+    same += ("engine", "worlds", "device", "nconmax", "njmax", "save", "compare", "force")
     return Bench(
-        _source(given),
+        values.source(given),
         threads=None if given["threads"] is None else [_count(word) for word in given["threads"]],
         scan=_scan(given["scan"]),
         budget=float(given["budget"]),
@@ -76,18 +77,6 @@ def _job(console: Console, given: dict[str, Any]) -> "Bench":
         command=console.command,
         **{name: given[name] for name in same},
     )
-
-
-def _source(given: dict[str, Any]) -> "Source":
-    from mjrun.job.simulation import Source
-    from mjrun.model.override import Setting
-
-    settings = [Setting(path, value) for path, value in given["settings"]]
-    if given["integrator"]:
-        settings.append(Setting("opt.integrator", given["integrator"], "--integrator"))
-    if given["timestep"]:
-        settings.append(Setting("opt.timestep", repr(float(given["timestep"])), "--timestep"))
-    return Source(Path(given["model"]), tuple(settings))
 
 
 def _scan(given: list[tuple[str, str]]) -> dict[str, list[str]]:

@@ -1,12 +1,11 @@
-"""What a benchmark found, as text for a terminal, as Markdown and as CSV."""
+"""What a benchmark found, as text for a terminal and as Markdown."""
 
-import csv
-import io
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from textwrap import fill
 from typing import TYPE_CHECKING
 
+from mjrun.cli import bench_table
 from mjrun.errors import clean
 
 if TYPE_CHECKING:
@@ -42,7 +41,7 @@ def text(result: "BenchResult") -> str:
     """For a terminal of 80 columns, or a pipe."""
     lines = [_model(result), _machine(result), ""]
     if len(result.rows) == 1 and result.rows[0].step:
-        lines += _single(result.rows[0])
+        lines += _single(result)
     lines += [f"{'load':{LABEL}}{_load(result)}"] if result.load else []
     for title, table in _sections(result):
         lines += ["", title, *_aligned(table)]
@@ -60,7 +59,7 @@ def markdown(result: "BenchResult") -> str:
     if result.comparison:
         parts.append(f"against {_escaped(clean(result.comparison.base))}: **{result.comparison.verdict}**")
     if len(result.rows) == 1 and result.rows[0].step:
-        parts.append("\n".join(f"- {_escaped(' '.join(line.split()))}" for line in _single(result.rows[0])))
+        parts.append("\n".join(f"- {_escaped(' '.join(line.split()))}" for line in _single(result)))
     for title, table in _sections(result):
         header, *rows = ([_escaped(cell.replace("  ", "&ensp;")) for cell in row] for row in table)
         rule = [":--", *["--:"] * (len(header) - 1)]
@@ -70,38 +69,7 @@ def markdown(result: "BenchResult") -> str:
     return "\n\n".join(parts) + "\n"
 
 
-def table(result: "BenchResult") -> str:
-    """CSV: a line for each point of the grid, times in seconds; what was not measured is empty."""
-    out = io.StringIO()
-    rows = [_record(result, row) for row in result.rows]
-    names = list(dict.fromkeys(name for row in rows for name in row))
-    writer = csv.DictWriter(out, names, restval="", lineterminator="\n")
-    writer.writeheader()
-    writer.writerows({name: "" if value is None else value for name, value in row.items()} for row in rows)
-    return out.getvalue().rstrip("\n")
-
-
-FORMS: dict[str, Callable[["BenchResult"], str]] = {"text": text, "markdown": markdown, "csv": table}
-
-
-def _record(result: "BenchResult", row: "Row") -> dict[str, object]:
-    step, counts, accuracy = row.step, row.counts, row.accuracy
-    found: dict[str, object] = {"model": clean(result.model.path)}
-    found |= {clean(path): clean(value) for path, value in row.point.items()}
-    found |= {"integrator": row.integrator, "timestep": row.timestep, "steps": row.steps}
-    for name in ("n", "median", "low", "high", "min", "p5", "p95"):
-        found[f"step/{name}"] = getattr(step, name, None)
-    found |= {"steps_per_second": row.steps_per_second, "realtime_factor": row.realtime_factor}
-    for name in ("contacts", "constraints", "iterations", "arena"):
-        found[name] = getattr(counts, name, None)
-    for name, _, phase in _phases(row.phases):
-        found[f"phase/{name}"] = phase.seconds
-    for threads in row.threads:
-        found[f"threads/{threads.threads}/steps_per_second"] = threads.steps_per_second
-    if accuracy:
-        found |= {"horizon": accuracy.horizon, "energy_drift": accuracy.energy_drift, "distance": accuracy.distance}
-    failure = row.failure or (accuracy.failure if accuracy else None)
-    return found | {"failure": None if failure is None else clean(failure)}
+FORMS: dict[str, Callable[["BenchResult"], str]] = {"text": text, "markdown": markdown, "csv": bench_table.table}
 
 
 def _model(result: "BenchResult") -> str:
@@ -114,32 +82,38 @@ def _model(result: "BenchResult") -> str:
 
 
 def _machine(result: "BenchResult") -> str:
-    machine, options = result.machine, result.options
+    machine, engine, options = result.machine, result.engine, result.options
+    where = f"{clean(machine.cpu)}, {machine.available} of {machine.cores} cores"
+    if engine.version is not None:
+        library = engine.version.partition(",")[0]
+        where = f"{engine.worlds} worlds on {engine.device}, {clean(engine.device_name)}; {library}"
     noise = f"noise {options.noise_std:g}" if options.noise_std else "no noise"
     start = f", from keyframe {clean(options.key)}" if options.key is not None else ""
-    return f"{clean(machine.cpu)}, {machine.available} of {machine.cores} cores; {noise}{start}"
+    return f"{where}; {noise}{start}"
 
 
-def _single(row: "Row") -> list[str]:
+def _single(result: "BenchResult") -> list[str]:
+    row, worlds = result.rows[0], result.engine.worlds
     step, counts = row.step, row.counts
     assert step is not None
     assert counts is not None
     sure = (
         f"{duration(step.low)} to {duration(step.high)} at {step.confidence:.1%}" if step.confidence else "no interval"
     )
-    memory = f"{_bytes(counts.arena)} of {_bytes(counts.arena_size)} arena"
     content = (
         f"{counts.contacts:.3g} contacts, {counts.constraints:.3g} constraints, {counts.iterations:.3g} iterations"
     )
     lines = {
-        "step": f"{duration(step.median)}, {sure}",
+        "step": f"{duration(step.median)}{' of a world' if worlds > 1 else ''}, {sure}",
         "": f"median of {step.n} rollouts of {row.steps} steps; the fastest {duration(step.min)}",
+        "all worlds": f"{duration(worlds * step.median)} for a step of each of them" if worlds > 1 else "",
         " ": f"{row.block} at a time: 5 % {duration(step.p5)}, 95 % {duration(step.p95)}",
         "speed": f"{_digits(row.steps_per_second or 0)} steps/s, {_digits(row.realtime_factor or 0)} times real time",
         "a step has": f"{content} ({counts.solver})",
-        "  ": memory,
+        "  ": "" if counts.arena is None else f"{_bytes(counts.arena)} of {_bytes(counts.arena_size or 0)} arena",
+        "first step": "" if row.first_step is None else f"{duration(row.first_step)}; it compiles what is not cached",
     }
-    return [f"{label.strip():{LABEL}} {line}" for label, line in lines.items()]
+    return [f"{label.strip():{LABEL}} {line}" for label, line in lines.items() if line]
 
 
 def _load(result: "BenchResult") -> str:
@@ -155,14 +129,14 @@ def _notes(result: "BenchResult") -> list[str]:
     found = list(result.notes)
     for row in result.rows:
         point = " ".join(f"{path}={value}" for path, value in row.point.items())
-        for failure in dict.fromkeys((row.failure, row.accuracy and row.accuracy.failure)):
+        for failure in dict.fromkeys((row.failure, row.accuracy and row.accuracy.failure, *row.overflows)):
             found += [f"{point}: {failure}".removeprefix(": ")] if failure else []
     return [clean(note) for note in found]
 
 
 def _sections(result: "BenchResult") -> Iterator[Section]:
     if len(result.rows) > 1 or not result.rows[0].step:
-        yield _grid_title(result.rows), _grid(result.rows)
+        yield _grid_title(result), _grid(result.rows)
     elif accuracy := result.rows[0].accuracy:
         yield _horizon(accuracy), [["drift", "distance"], _accuracy(accuracy)]
     for row in result.rows:
@@ -184,9 +158,10 @@ def _sections(result: "BenchResult") -> Iterator[Section]:
         yield f"against {clean(result.comparison.base)}; slower is above {limit:.4g}", _ratios(result)
 
 
-def _grid_title(rows: Sequence["Row"]) -> str:
+def _grid_title(result: "BenchResult") -> str:
+    rows, worlds = result.rows, result.engine.worlds
     steps = ", ".join(dict.fromkeys(str(row.steps) for row in rows if row.step))
-    said = f"a step, of rollouts of {steps} steps"
+    said = f"a step, of rollouts of {steps} steps" + (f" of {worlds} worlds" if worlds > 1 else "")
     return said if rows[0].accuracy is None else f"{said};\n{_horizon(rows[0].accuracy)}"
 
 
@@ -230,17 +205,11 @@ def _threads(row: "Row") -> Table:
     return found
 
 
-def _phases(phase: "Phase | None", above: str = "", depth: int = 0) -> Iterator[tuple[str, int, "Phase"]]:
-    """Every phase: its path, how deep it lies, itself."""
-    if phase is None:
-        return
-    yield above + phase.name, depth, phase
-    for part in phase.parts:
-        yield from _phases(part, f"{above}{phase.name}/", depth + 1)
-
-
 def _phase_table(whole: "Phase") -> Table:
-    rows = [[f"{'  ' * depth}{p.name}", duration(p.seconds), f"{p.share:.1%}"] for _, depth, p in _phases(whole)]
+    rows = [
+        [f"{'  ' * depth}{p.name}", duration(p.seconds), f"{p.share:.1%}"]
+        for _, depth, p in bench_table.phases_of(whole)
+    ]
     return [["phase", "time", "share"], *rows]
 
 

@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from mjrun.cli import options, values
+from mjrun.cli.check_options import check_options
 from mjrun.cli.console import Console
 from mjrun.errors import UsageError
 
@@ -16,7 +17,7 @@ FORMS = ("json", "sarif", "github")
 
 @click.command("check", cls=options.SectionedCommand)
 @click.argument("models", nargs=-1, type=click.Path(), metavar="MODEL...")
-@options.check_options
+@check_options
 @options.output_options
 @click.pass_obj
 def command(console: Console, /, as_json: bool, **given: Any) -> None:

@@ -22,9 +22,10 @@ from mjrun.job.measuring.drawing import FEW, FPS, Frame, timed_frames
 from mjrun.job.measuring.grid import points, settings
 from mjrun.job.measuring.loading import Load, timed_load
 from mjrun.job.measuring.machine import Machine, machine
-from mjrun.job.measuring.results import BenchResult, ModelFacts, Options
+from mjrun.job.measuring.results import BenchResult, Engine, ModelFacts, Options
 from mjrun.job.measuring.rows import Case, Plan, Stimulus, remarks, timed_rows
 from mjrun.job.measuring.whole import whole_film, whole_trace
+from mjrun.job.measuring.worlds import LEFT_OUT, WARP, C, check_engine
 from mjrun.job.report import QuietReporter, Reporter, pass_on
 from mjrun.job.simulation import Simulation, Source, positive
 from mjrun.model.names import names
@@ -33,6 +34,7 @@ from mjrun.render.backend import Backend
 from mjrun.render.cores import AUTO, available_cores
 from mjrun.sim.stimulus import RATE, STD
 from mjrun.sim.timing import Clock
+from mjrun.sim.warp_engine import WarpEngine
 from mjrun.timeline import nearest, rational
 
 TEST = "test"  # the keyframe that testspeed starts from
@@ -62,6 +64,8 @@ class Bench:
       reference: timestep of the finer run [s]; an eighth of the finest in the grid when None.
       drawings: pictures to time, of one camera and one view each.
       whole: also time a whole trace and a whole film.
+      engine: `c`, MuJoCo itself, or `warp`, MuJoCo Warp, which times steps alone.
+      worlds, device, nconmax, njmax: of `warp`, as `WarpEngine` has them.
       save: a file for the result, to be compared with later.
       compare: a file so saved.
       fail_above: by how much a figure may be slower: 0.1 is a tenth.
@@ -84,6 +88,11 @@ class Bench:
     reference: float | str | Fraction | None = None
     drawings: Sequence[Drawing] = ()
     whole: bool = False
+    engine: str = C
+    worlds: int | None = None
+    device: str | None = None
+    nconmax: int | None = None
+    njmax: int | None = None
     save: str | None = None
     compare: str | None = None
     fail_above: float = 0.0
@@ -109,6 +118,10 @@ class Bench:
             raise UsageError("each drawing that is timed must be of one camera and one view")
         if self.scan and isinstance(self.model, mujoco.MjModel):
             raise UsageError("a scan changes a model before it is compiled; give its file")
+        of_c = {"--threads": self.threads is not None, "--accuracy": self.accuracy}
+        of_c |= {"--render": bool(self.drawings), "--whole": self.whole}
+        names_of_warp = ("worlds", "device", "nconmax", "njmax")
+        check_engine(self.engine, of_c, {f"--{name}": getattr(self, name) for name in names_of_warp})
 
     def run(self, reporter: Reporter | None = None, clock: Clock = time.perf_counter) -> BenchResult:
         """Measures. What can fail early fails before the first step; an unstable point of a grid is a result.
@@ -137,17 +150,19 @@ class Bench:
 
     def _measured(self, reporter: Reporter, clock: Clock) -> BenchResult:
         base = None if self.compare is None else read_base(self.compare)
-        here = machine()
+        here, warp = machine(), self._warp()
         model, load = self._loaded(clock)
         key = self._key(model)
         simulation = Simulation(self.model, key=key, duration=WHOLE)
-        facts = self._facts(simulation, model, load, here)
+        facts = self._facts(simulation, model, load, here, warp)
         overridden = [] if base is None else check_same(asdict(facts), base, str(self.compare), self.force)
         # Before the first step.
         drawn = [*self.drawings, *([Drawing()] if self.whole and not self.drawings else [])]
         backends = [drawing.search().result(drawing.require_gpu) for drawing in drawn]
         stimulus, cases = Stimulus(key, self.noise_std, self.noise_rate), self._cases(model, base)
-        rows = timed_rows(cases, stimulus, self._plan(), reporter, clock)
+        rows = timed_rows(cases, stimulus, self._plan(warp), reporter, clock)
+        for overflow in dict.fromkeys(overflow for row in rows for overflow in row.overflows):
+            reporter.warn(overflow)
         frames = [self._frame(model, stimulus, *pair, clock) for pair in zip(self.drawings, backends, strict=False)]
         whole = []
         if self.whole:
@@ -159,7 +174,13 @@ class Bench:
             frames=frames,
             whole=whole,
             load_after=machine().load,
-            notes=[*here.remarks, *simulation.remarks(model), *remarks(rows, cases)],
+            # What is known to be wrong with MuJoCo is not so of Warp.
+            notes=[
+                *here.remarks,
+                *(simulation.start if warp else simulation).remarks(model),
+                *remarks(rows, cases),
+                *([LEFT_OUT] if warp else []),
+            ],
         )
         if base is None:
             return found
@@ -195,7 +216,12 @@ class Bench:
             found.append(Case(point, compiled, fixed))
         return found
 
-    def _plan(self) -> Plan:
+    def _warp(self) -> WarpEngine | None:
+        if self.engine == C:
+            return None
+        return WarpEngine(self.device, self.worlds, self.nconmax, self.njmax)
+
+    def _plan(self, warp: WarpEngine | None) -> Plan:
         usual = (1,) if self.scan else (1, AUTO)
         asked = [available_cores() if count == AUTO else int(count) for count in self.threads or usual]
         return Plan(
@@ -204,6 +230,7 @@ class Bench:
             threads=list(dict.fromkeys(asked)),
             horizon=rational(self.horizon) if self.accuracy else None,
             reference=None if self.reference is None else rational(self.reference),
+            engine=warp,
         )
 
     def _frame(
@@ -215,7 +242,14 @@ class Bench:
         states = stimulus.run(model, steps[-1]).states(steps)
         return timed_frames(drawing, model, backend, states, float(self.budget) / len(self.drawings), clock)
 
-    def _facts(self, simulation: Simulation, model: mujoco.MjModel, load: Load | None, here: Machine) -> BenchResult:
+    def _facts(
+        self,
+        simulation: Simulation,
+        model: mujoco.MjModel,
+        load: Load | None,
+        here: Machine,
+        warp: WarpEngine | None,
+    ) -> BenchResult:
         """What is known before a step is taken."""
         known = origin(self, simulation, model, simulation.timeline(model))
         source = self._source
@@ -224,6 +258,7 @@ class Bench:
             command=self.command,
             machine=here,
             load_after=None,
+            engine=Engine(C, None, "cpu", here.cpu, 1, None, None) if warp is None else _engine(warp, here),
             model=ModelFacts(
                 path=known["model"]["path"],
                 sha256=known["model"]["sha256"],
@@ -248,6 +283,11 @@ class Bench:
             notes=[],
             wall=0.0,
         )
+
+
+def _engine(warp: WarpEngine, here: Machine) -> Engine:
+    name = here.cpu if warp.device == "cpu" else warp.device_name  # Warp says no more than CPU
+    return Engine(WARP, warp.version, warp.device, name, warp.worlds, warp.nconmax, warp.njmax)
 
 
 def _publish(target: StagedFile, result: BenchResult) -> None:

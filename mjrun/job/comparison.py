@@ -19,6 +19,7 @@ WORST_FIRST = (SLOWER, INCONCLUSIVE, FINE, FASTER)
 # What both must have been asked alike, or else they did not do the same.
 OPTIONS = ("key", "noise_std", "noise_rate", "settings")
 MACHINE = ("system", "cpu", "cores", "available")
+ENGINE = ("name", "device", "device_name", "worlds", "nconmax", "njmax")
 
 
 @dataclass(frozen=True)
@@ -98,11 +99,12 @@ def differences(now: Mapping[str, Any], base: Mapping[str, Any]) -> list[str]:
     found = []
     if now["model"][fingerprint] != base["model"][fingerprint]:
         found.append("another model" if same_mujoco else "another model file")
-    for part, keys in (("options", OPTIONS), ("machine", MACHINE)):
+    for part, keys in (("engine", ENGINE), ("options", OPTIONS), ("machine", MACHINE)):
         for key in keys:
             there, here = base[part][key], now[part][key]
             if there != here:
-                found.append(f"{key}: {clean(_shown(there))} there, {clean(_shown(here))} here")
+                name = "engine" if (part, key) == ("engine", "name") else key
+                found.append(f"{name}: {clean(_shown(there))} there, {clean(_shown(here))} here")
     steps = now["options"]["steps"]
     others = sorted({row["steps"] for row in base["rows"] if row["step"] is not None and row["steps"] != steps})
     if steps is not None and others:

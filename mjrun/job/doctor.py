@@ -18,7 +18,7 @@ from mjrun.model import faults
 from mjrun.render.backend import DISPLAY, OPENGL, OSMESA, VULKAN, Backend, Probe, candidates, remedy
 from mjrun.version import __version__
 
-EXTRAS = {"parquet": "pyarrow", "mat": "scipy", "plot": "matplotlib"}
+EXTRAS = {"parquet": "pyarrow", "mat": "scipy", "plot": "matplotlib", "warp": "mujoco_warp"}
 CURES = {"egl": OPENGL, "osmesa": OSMESA, "glfw": DISPLAY}
 OK, WARNING, MISSING = "ok", "warning", "missing"
 

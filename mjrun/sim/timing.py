@@ -122,7 +122,7 @@ class BatchRoller:
         self._batch.reset(stage=int(mujoco.mjtStage.mjSTAGE_NONE))
         self._batch.state[:] = self._run.start
         found = []
-        for first, count in _blocks(steps, block):
+        for first, count in blocks_of(steps, block):
             given = self._controls(first, count)
             before = clock()
             self._batch.rollout(count, given, record=())
@@ -152,7 +152,7 @@ class LoopRoller:
         mujoco.mj_resetData(model, data)
         state.restore(model, data, self._run.start)
         found = []
-        for first, count in _blocks(steps, block):
+        for first, count in blocks_of(steps, block):
             before = clock()
             if controls is None:
                 mujoco.mj_step(model, data, nstep=count)
@@ -164,7 +164,7 @@ class LoopRoller:
         return np.array(found)
 
 
-def _blocks(steps: int, block: int) -> Iterator[tuple[int, int]]:
+def blocks_of(steps: int, block: int) -> Iterator[tuple[int, int]]:
     """First step and number of steps of each block."""
     return ((first, min(block, steps - first)) for first in range(0, steps, block))
 
@@ -176,7 +176,7 @@ class Profile:
     Attributes:
       contacts, constraints: number of them (`ncon`, `nefc`).
       iterations: of the constraint solver, averaged over islands, as `testspeed` has it.
-      arena, arena_size: most of the arena that was ever in use, and its size [bytes].
+      arena, arena_size: most of the arena that was ever in use, and its size [bytes]; None where there is none.
       phases: MuJoCo's own, measured with its timers on; None where they cannot be had.
       warned: whether MuJoCo warned of anything.
     """
@@ -184,8 +184,8 @@ class Profile:
     contacts: float
     constraints: float
     iterations: float
-    arena: int
-    arena_size: int
+    arena: int | None
+    arena_size: int | None
     phases: Phase | None
     warned: bool
 

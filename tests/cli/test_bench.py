@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import importlib.util
 import json
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -151,6 +152,9 @@ def test_a_slower_build_fails_only_with_a_limit_and_an_incomparable_one_is_refus
         (["--noise-std", "2"], 2, "2.0 is not in the range 0<=x<=1"),
         (["--key", "none"], 2, "no keyframe 'none'"),
         (["--save", "none/base.json"], 7, "there is no folder"),
+        (["--worlds", "2"], 2, "--worlds is for --engine warp"),
+        (["--device", "cpu"], 2, "--device is for --engine warp"),
+        (["--engine", "warp"], 2, "--threads is for --engine c"),
     ],
 )
 def test_what_cannot_be_meant_ends_with_its_code_and_no_output(
@@ -182,6 +186,27 @@ def test_names_from_a_model_reach_neither_terminal_nor_markdown_as_they_are(mjru
         assert done.returncode == 0
         assert b"\x1b" not in done.stdout
     assert r"a\\x1b\[31m\|b.xml" in mjrun("bench", model, *QUICK, "--markdown").stdout.decode()
+
+
+def test_an_engine_that_is_not_installed_is_named_with_its_extra(mjrun: Command, swing: Path) -> None:
+    if importlib.util.find_spec("mujoco_warp"):
+        pytest.skip("it is installed")
+    done = mjrun("bench", swing, "--engine", "warp")
+    assert (done.returncode, done.stdout) == (2, b"")
+    assert b"pip install 'mjrun[warp]'" in done.stderr
+
+
+def test_many_worlds_are_timed_and_standard_output_is_the_document_alone(mjrun: Command, swing: Path) -> None:
+    pytest.importorskip("mujoco_warp")
+    few = ("--device", "cpu", "--worlds", "2", "--steps", "2", "--repeats", "1", "--budget", ".1")
+    # Warp leaves a temporary folder to the interpreter, and tells on stderr where there is no driver.
+    done = mjrun("bench", swing, "--engine", "warp", *few, "--json", env={"PYTHONWARNINGS": ""})
+    assert done.returncode == 0
+    assert b"Traceback" not in done.stderr
+    found = json.loads(done.stdout)
+    assert (found["engine"]["name"], found["engine"]["device"], found["engine"]["worlds"]) == ("warp", "cpu", 2)
+    assert found["rows"][0]["steps_per_second"] > 0
+    assert found["rows"][0]["first_step"] > 0
 
 
 @pytest.mark.gl

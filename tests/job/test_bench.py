@@ -97,6 +97,8 @@ def test_a_step_has_what_a_bare_loop_finds(path: Path) -> None:
     assert row.counts is not None
     assert (row.integrator, row.timestep, row.counts.solver) == ("euler", 0.01, "newton")
     assert row.counts.contacts == 0
+    assert row.counts.arena is not None
+    assert row.counts.arena_size is not None
     assert row.counts.arena_size > row.counts.arena
     assert row.phases is not None
     assert row.phases.name == "step"
@@ -191,10 +193,11 @@ def test_what_is_saved_is_the_document_and_appears_whole(path: Path) -> None:
 STAT = ["n", "median", "low", "high", "confidence", "min", "p5", "p95", "samples"]
 KEYS = {
     "": [
-        *("mjrun", "mujoco", "numpy", "python", "command", "machine", "load_after", "model", "options", "load"),
-        *("rows", "frames", "whole", "comparison", "notes", "wall", "schema"),
+        *("mjrun", "mujoco", "numpy", "python", "command", "machine", "load_after", "engine", "model", "options"),
+        *("load", "rows", "frames", "whole", "comparison", "notes", "wall", "schema"),
     ],
     "machine": ["system", "cpu", "cores", "available", "governor", "load"],
+    "engine": ["name", "version", "device", "device_name", "worlds", "nconmax", "njmax"],
     "model": ["path", "sha256", "file_sha256", "nq", "nv", "nu", "nbody", "ngeom"],
     "options": ["key", "noise_std", "noise_rate", "steps", "repeats", "budget", "settings", "scan"],
     "load": ["first", "parse", "compile"],
@@ -202,7 +205,7 @@ KEYS = {
     "load/compile": STAT,
     "rows": [
         *("point", "integrator", "timestep", "steps", "block", "step", "steps_per_second", "realtime_factor"),
-        *("counts", "phases", "threads", "accuracy", "failure"),
+        *("first_step", "counts", "phases", "threads", "overflows", "accuracy", "failure"),
     ],
     "rows/step": STAT,
     "rows/counts": ["contacts", "constraints", "solver", "iterations", "arena", "arena_size"],

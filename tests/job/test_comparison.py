@@ -26,9 +26,11 @@ def document(samples: list[float] = BASE, **changed: Any) -> dict[str, Any]:
         "device": "a GPU",
         "total": step,
     }
+    engine = {"name": "c", "device": "cpu", "device_name": "a CPU", "worlds": 1, "nconmax": None, "njmax": None}
     return {
         "schema": "mjrun-bench-1",
         "mujoco": "4.0.0",
+        "engine": engine,
         "machine": {"system": "Linux", "cpu": "a CPU", "cores": 2, "available": 2},
         "model": {"sha256": "a", "file_sha256": "b"},
         "options": {"key": None, "noise_std": 0.01, "noise_rate": 0.1, "settings": [], "steps": None},
@@ -114,6 +116,11 @@ def test_benchmarks_of_different_things_have_no_figure_in_common() -> None:
         ("options", "settings", ["--set a=b"], r'settings: \["--set a=b"\] there, \[\] here'),
         ("machine", "cpu", "bad\x1bone", r"cpu: bad\\x1bone there, a CPU here"),
         ("machine", "cores", 4, "cores: 4 there, 2 here"),
+        ("engine", "name", "warp", "engine: warp there, c here"),
+        ("engine", "worlds", 8, "worlds: 8 there, 1 here"),
+        ("engine", "device", "cuda:0", "device: cuda:0 there, cpu here"),
+        ("engine", "device_name", "a GPU", "device_name: a GPU there, a CPU here"),
+        ("engine", "njmax", 64, "njmax: 64 there, null here"),
     ],
 )
 def test_another_model_options_or_machine_is_refused_unless_forced(

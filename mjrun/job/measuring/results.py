@@ -62,21 +62,43 @@ class Options:
 
 
 @dataclass(frozen=True)
+class Engine:
+    """What takes the steps.
+
+    Attributes:
+      name: `c`, MuJoCo itself, or `warp`, MuJoCo Warp in single precision.
+      version: of mujoco_warp and Warp; None of MuJoCo, whose version is that of the benchmark.
+      device: `cpu`, or Warp's alias, such as `cuda:0`.
+      device_name: what that calls itself.
+      worlds: copies of the model that are stepped at once.
+      nconmax, njmax: contacts and constraints of a world that there is room for; None where nobody said.
+    """
+
+    name: str
+    version: str | None
+    device: str
+    device_name: str
+    worlds: int
+    nconmax: int | None
+    njmax: int | None
+
+
+@dataclass(frozen=True)
 class Counts:
-    """What a step consists of, on average.
+    """What a step of one world consists of, on average.
 
     Attributes:
       contacts, constraints: number of them.
       solver, iterations: of the constraint solver, averaged over islands.
-      arena, arena_size: most of the arena that was in use at once, and its size [bytes].
+      arena, arena_size: most of the arena that was in use at once, and its size [bytes]; None with `warp`.
     """
 
     contacts: float
     constraints: float
     solver: str
     iterations: float
-    arena: int
-    arena_size: int
+    arena: int | None
+    arena_size: int | None
 
 
 @dataclass(frozen=True)
@@ -107,12 +129,15 @@ class Row:
       point: settings of the grid.
       integrator, timestep: in force.
       steps, block: of one rollout, and those that are timed at once.
-      step: wall time per step, a sample for each rollout; `p5` and `p95` are of blocks of steps.
-      steps_per_second, realtime_factor: of the median.
+      step: wall time per step of one world, a sample for each rollout; `p5` and `p95` are of blocks of steps.
+      steps_per_second, realtime_factor: of the median, of all worlds together.
+      first_step: wall time of the first step of all worlds [s], in which `warp` compiles what it has not cached; None
+        with `c`.
       counts: what a step consists of.
       phases: MuJoCo's own, timed in a rollout of their own, in which the timers themselves cost time; None where
         there are none.
       threads: independent copies.
+      overflows: what `warp` had no room for, and what to raise, a sentence each.
       accuracy: if it was asked for.
       failure: why it could not be measured, such as an instability; else None.
     """
@@ -125,9 +150,11 @@ class Row:
     step: Stat | None
     steps_per_second: float | None
     realtime_factor: float | None
+    first_step: float | None
     counts: Counts | None
     phases: Phase | None
     threads: Sequence[Threads]
+    overflows: Sequence[str]
     accuracy: Accuracy | None
     failure: str | None
 
@@ -141,6 +168,7 @@ class BenchResult:
       mjrun, mujoco, numpy, python: versions.
       command: the command line.
       machine, load_after: what it ran on before it began, and the load average after it.
+      engine: what took the steps.
       model, options: what was measured.
       load: getting the model; None for one that was compiled elsewhere.
       rows: simulations.
@@ -158,6 +186,7 @@ class BenchResult:
     command: str
     machine: Machine
     load_after: float | None
+    engine: Engine
     model: ModelFacts
     options: Options
     load: Load | None

@@ -10,6 +10,7 @@ import mujoco
 from mjrun.errors import SimulationError
 from mjrun.job.measuring.results import Accuracy, Counts, Row
 from mjrun.job.measuring.stepping import MOST_STEPS, Effort, Stepping
+from mjrun.job.measuring.worlds import WorldsEngine, WorldsStepping
 from mjrun.job.report import Reporter
 from mjrun.model.names import members
 from mjrun.sim.accuracy import arrive, distance
@@ -61,6 +62,7 @@ class Plan:
       threads: numbers of copies.
       horizon: simulated time after which accuracy is measured [s]; None without.
       reference: timestep that distances refer to [s]; an eighth of the finest when None.
+      engine: steps many worlds at once; one is stepped by MuJoCo when None.
     """
 
     budget: float
@@ -68,6 +70,14 @@ class Plan:
     threads: Sequence[int]
     horizon: Fraction | None
     reference: Fraction | None
+    engine: WorldsEngine | None = None
+
+    def stepping(self, case: Case, stimulus: Stimulus, share: float, clock: Clock) -> Stepping:
+        """The steps of a case, on a `share` of the budget."""
+        make, effort = partial(stimulus.run, case.model), Effort(share * self.budget, case.steps, self.repeats)
+        if self.engine is None:
+            return Stepping(make, effort, clock)
+        return WorldsStepping(make, effort, clock, engine=self.engine)
 
 
 def timed_rows(cases: Sequence[Case], stimulus: Stimulus, plan: Plan, reporter: Reporter, clock: Clock) -> list[Row]:
@@ -76,10 +86,9 @@ def timed_rows(cases: Sequence[Case], stimulus: Stimulus, plan: Plan, reporter: 
     Raises:
       SimulationError: no case is stable.
     """
-    steppings = [
-        Stepping(partial(stimulus.run, case.model), Effort(plan.budget / len(cases), case.steps, plan.repeats), clock)
-        for case in cases
-    ]
+    steppings = [plan.stepping(case, stimulus, 1 / len(cases), clock) for case in cases]
+    if plan.engine:
+        reporter.note("warp compiles what it has not cached, which may take a minute")
     failures = [_failure(stepping.warm_up) for stepping in steppings]
     # As many steps for all, but where they are fixed: what a step costs changes with what happens.
     fewest = min((s.steps for s, failure in zip(steppings, failures, strict=True) if not failure), default=1)
@@ -126,8 +135,8 @@ def _row(case: Case, stepping: Stepping | SimulationError, threads: Sequence[int
     }
     if isinstance(stepping, SimulationError):
         failure = str(stepping).partition("\n")[0]
-        nothing = dict.fromkeys(("step", "steps_per_second", "realtime_factor", "counts", "phases"))
-        return Row(**same, **nothing, steps=0, block=0, threads=[], failure=failure)
+        nothing = dict.fromkeys(("step", "steps_per_second", "realtime_factor", "first_step", "counts", "phases"))
+        return Row(**same, **nothing, steps=0, block=0, threads=[], overflows=[], failure=failure)
     step, profile = stepping.step, stepping.profile
     return Row(
         **same,
@@ -136,6 +145,7 @@ def _row(case: Case, stepping: Stepping | SimulationError, threads: Sequence[int
         step=step,
         steps_per_second=1 / step.median,
         realtime_factor=float(option.timestep) / step.median,
+        first_step=stepping.first,
         counts=Counts(
             contacts=profile.contacts,
             constraints=profile.constraints,
@@ -146,6 +156,7 @@ def _row(case: Case, stepping: Stepping | SimulationError, threads: Sequence[int
         ),
         phases=profile.phases,
         threads=stepping.threads(threads),
+        overflows=list(stepping.overflows),
         failure=None,
     )
 

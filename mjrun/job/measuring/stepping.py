@@ -62,6 +62,8 @@ class Stepping:
       profile: what a step consists of; known from `begin` on.
       rollouts: wall times per step of each block of each rollout so far [s].
       in_batch: whether it is stepped in C, which ends at MuJoCo's warnings.
+      first: wall time of the first step, which compiles something [s]; None where nothing is.
+      overflows: what an engine had no room for, a sentence each.
     """
 
     make: Callable[[int], Run]
@@ -69,10 +71,13 @@ class Stepping:
     clock: Clock
     rollouts: list[np.ndarray] = field(default_factory=list, init=False)
     in_batch: bool = field(default=True, init=False)
+    first: float | None = field(default=None, init=False)
+    overflows: Sequence[str] = field(default=(), init=False)
     steps: int = field(default=0, init=False)
     block: int = field(default=1, init=False)
     repeats: int = field(default=0, init=False)
     run: Run = field(init=False)
+    _roller: Roller = field(init=False)
     _cost: float = field(init=False)  # of a step [s], roughly
     profile: Profile = field(init=False)
 
@@ -83,14 +88,7 @@ class Stepping:
           SimulationError: the simulation is unstable, or MuJoCo gave up.
         """
         most = self.effort.steps or MOST_STEPS
-        self.run = self.make(most)
-        self._roller: Roller = BatchRoller(self.run)
-        try:
-            self._cost = self._longest(most)
-        except StoppedError:
-            self.run.check(self.steps)  # which says so, if it is unstable
-            self._leave_batch()
-            self._cost = self._longest(most)
+        self._cost = self._opened(most)
         share = ROLLOUTS * self.effort.budget
         self.steps = self.effort.steps or nice(share / (LEAST_REPEATS * self._cost), most)
 
@@ -114,13 +112,25 @@ class Stepping:
 
     @property
     def step(self) -> Stat:
-        """Wall time per step [s]: of whole rollouts, and its spread over blocks of steps."""
-        whole = [self._mean(blocks) for blocks in self.rollouts]
-        return stat(whole, np.concatenate(self.rollouts).tolist())
+        """Wall time per step of one copy [s]: of whole rollouts, and its spread over blocks of steps."""
+        copies = self._roller.copies
+        whole = [self._mean(blocks) / copies for blocks in self.rollouts]
+        return stat(whole, (np.concatenate(self.rollouts) / copies).tolist())
 
     def threads(self, counts: Sequence[int]) -> list[Threads]:
         """The same on several threads; with none of them where MuJoCo's warnings end a batch."""
         return [self._threads(count) for count in counts] if self.in_batch else []
+
+    def _opened(self, most: int) -> float:
+        """Makes ready for rollouts of at most so many steps, and returns what a step costs, roughly [s]."""
+        self.run = self.make(most)
+        self._roller = BatchRoller(self.run)
+        try:
+            return self._longest(most)
+        except StoppedError:
+            self.run.check(self.steps)  # which says so, if it is unstable
+            self._leave_batch()
+            return self._longest(most)
 
     def _threads(self, count: int) -> Threads:
         one = self.step
