@@ -14,7 +14,7 @@ from mjrun.export.reading import read_table
 from mjrun.export.replaying import RecordingFile
 from mjrun.model import faults
 from mjrun.model.load import load
-from mjrun.model.names import matching
+from mjrun.model.names import inputs_of
 from mjrun.model.override import Setting
 from mjrun.sim.control import PREFIX, Control, Controller, ControlTable, Feedback, Noise
 from mjrun.sim.replay import ReplayStepper
@@ -167,7 +167,7 @@ class Simulation:
     def _table(self, model: mujoco.MjModel) -> ControlTable:
         path = Path(str(self.ctrl_from))
         columns = read_table(path, lambda name: name == "time" or name.startswith(PREFIX))
-        constant = {i for name in self.ctrl for i in matching(model, "actuator", name)}
+        constant = {i for name in self.ctrl for part in inputs_of(model, name) for i in range(part.start, part.stop)}
         return ControlTable(model, columns, str(path), self.ctrl_interpolation == "linear", constant)
 
 

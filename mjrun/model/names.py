@@ -1,5 +1,6 @@
 """Objects of a model by name or index, and enum members by MuJoCo's own spelling."""
 
+from collections.abc import Iterable
 from enum import Enum
 from fnmatch import fnmatchcase
 from typing import Any
@@ -29,7 +30,7 @@ COUNTS = {
     "geom": "ngeom",
     "site": "nsite",
     "camera": "ncam",
-    "actuator": "nu",
+    "actuator": "nactuator",
     "keyframe": "nkey",
     "sensor": "nsensor",
     "tendon": "ntendon",
@@ -79,6 +80,31 @@ def matching(model: mujoco.MjModel, kind: str, pattern: str) -> list[int]:
         if found:
             return found
     return [identify(model, kind, pattern)]
+
+
+def actuator_parts(model: mujoco.MjModel, counts: Iterable[int]) -> list[tuple[str, int]]:
+    """Name and actuator of each part of all actuators, which have `counts` of them: `motor`; of several `servo/0` …"""
+    found = []
+    for actuator, (name, count) in enumerate(zip(names(model, "actuator"), map(int, counts), strict=True)):
+        found += [(f"{name}/{i}" if count > 1 else name, actuator) for i in range(count)]
+    return found
+
+
+def inputs(model: mujoco.MjModel) -> list[str]:
+    """The names of all controls, in the order of `ctrl`."""
+    return [name for name, _ in actuator_parts(model, model.actuator_ctrlnum)]
+
+
+def inputs_of(model: mujoco.MjModel, pattern: str) -> list[slice]:
+    """Where in `ctrl` the inputs of all actuators are that `pattern` names, or the one input of that name.
+
+    Raises:
+      UnknownNameError: there is none.
+    """
+    if pattern in (valid := inputs(model)):
+        return [slice(valid.index(pattern), valid.index(pattern) + 1)]
+    starts, counts = model.actuator_ctrladr, model.actuator_ctrlnum
+    return [slice(int(starts[i]), int(starts[i] + counts[i])) for i in matching(model, "actuator", pattern)]
 
 
 def members(enum: Any) -> dict[str, int]:

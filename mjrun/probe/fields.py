@@ -16,11 +16,13 @@ from mujoco.introspect import structs
 
 from mjrun.model.column import Column
 from mjrun.model.joints import QPOS_PARTS, QVEL_PARTS
-from mjrun.model.names import names
+from mjrun.model.names import actuator_parts, names
 
 # What the first dimension of a field counts, as the kind of object and the model's size of it.
 KINDS = {"nbody": "body", "njnt": "joint", "ngeom": "geom", "nsite": "site", "ncam": "camera", "ntendon": "tendon"}
-KINDS |= {"nlight": "light", "nu": "actuator", "neq": "equality"}
+KINDS |= {"nlight": "light", "nactuator": "actuator", "neq": "equality"}
+# What counts parts of actuators, as the number of each in the model.
+PARTS = {"nu": "actuator_ctrlnum", "nout": "actuator_outnum"}
 VECTOR, QUATERNION = ("x", "y", "z"), ("qw", "qx", "qy", "qz")
 TWIST, WRENCH = ("wx", "wy", "wz", "vx", "vy", "vz"), ("tx", "ty", "tz", "fx", "fy", "fz")
 MATRIX = tuple(f"{row}{column}" for row in "xyz" for column in "xyz")
@@ -169,18 +171,20 @@ def _of_activations(model: mujoco.MjModel, group: str, meaning: str) -> Iterator
 
 def _of_objects(model: mujoco.MjModel, field: str, group: str, meaning: str) -> Iterator[Column]:
     shape = _shape(model, field)
-    kind = _kind(model, field)
-    objects = names(model, kind) if kind else [str(i) for i in range(shape[0])]
+    kind, objects = _objects(model, str(extents()[field][0][0]), shape[0])
     width = int(np.prod(shape[1:]))
     parts = WRENCH if field in WRENCHES else COMPONENTS.get(width, tuple(map(str, range(width))))
-    for index, name in enumerate(objects):
+    for name, index in objects:
         for i, part in enumerate(("",) if len(shape) == 1 else parts):
             unit = TWIST_UNITS[field][i > 2] if field in TWIST_UNITS else UNITS.get(field, "")
-            yield Column(f"{group}/{name}" + (f"/{part}" if part else ""), unit, meaning, kind, index if kind else -1)
+            yield Column(f"{group}/{name}" + (f"/{part}" if part else ""), unit, meaning, kind, index)
 
 
-def _kind(model: mujoco.MjModel, field: str) -> str:
-    first = extents()[field][0][0]
-    if first == "nout" and _shape(model, field)[0] == model.nu:
-        return "actuator"
-    return KINDS.get(str(first), "")
+def _objects(model: mujoco.MjModel, counted: str, count: int) -> tuple[str, list[tuple[str, int]]]:
+    """Kind, names and ids of what the first dimension of a field counts."""
+    if counted in PARTS:
+        return "actuator", actuator_parts(model, getattr(model, PARTS[counted]))
+    kind = KINDS.get(counted, "")
+    if not kind:
+        return "", [(str(i), -1) for i in range(count)]
+    return kind, [(name, i) for i, name in enumerate(names(model, kind))]

@@ -15,7 +15,7 @@ import numpy as np
 
 from mjrun.errors import ControllerError, UnknownNameError, UsageError, clean, listing
 from mjrun.model import state
-from mjrun.model.names import names
+from mjrun.model.names import inputs
 from mjrun.timeline import nearest, seconds
 
 Controller = Callable[[mujoco.MjModel, mujoco.MjData], Any]
@@ -37,7 +37,7 @@ class ControlTable:
       columns: `time` [s], and `ctrl/ACTUATOR` for each actuator, `(n,)` each; the rest is not looked at.
       source: what the table is called in messages.
       linear: interpolate; otherwise hold.
-      constant: ids of actuators that need no column.
+      constant: indices of controls that need no column.
 
     Raises:
       UnknownNameError: a column of an actuator that is not there.
@@ -52,7 +52,7 @@ class ControlTable:
         linear: bool = False,
         constant: Collection[int] = (),
     ) -> None:
-        actuators = names(model, "actuator")
+        actuators = inputs(model)
         driven = {name.removeprefix(PREFIX): values for name, values in columns.items() if name.startswith(PREFIX)}
         for name in driven:
             if name not in actuators:
@@ -217,7 +217,7 @@ class Feedback:
             )
         bad = np.flatnonzero(~np.isfinite(data.ctrl))
         if bad.size:
-            actuator = names(model, "actuator")[bad[0]]
+            actuator = inputs(model)[bad[0]]
             raise ControllerError(f"the controller {self.name} set {clean(actuator)} to {data.ctrl[bad[0]]} {when}")
 
     def _checked(self, model: mujoco.MjModel, given: Any, when: str) -> np.ndarray:
@@ -228,7 +228,7 @@ class Feedback:
             raise ControllerError(f"the controller {self.name} returned a {kind} {when}, not numbers") from None
         if ctrl.shape == (model.nu,) or (ctrl.shape == () and model.nu == 1):
             return ctrl
-        actuators = listing(names(model, "actuator"))
+        actuators = listing(inputs(model))
         shape = f"shape {ctrl.shape} {when}; the model takes ({model.nu},)"
         raise ControllerError(
             f"the controller {self.name} returned {shape}\n"

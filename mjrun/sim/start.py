@@ -8,7 +8,7 @@ import numpy as np
 
 from mjrun.errors import BadValueError, UnknownNameError, UsageError, clean
 from mjrun.model.joints import QPOS_PARTS, QVEL_PARTS
-from mjrun.model.names import identify, matching, names
+from mjrun.model.names import identify, inputs, inputs_of, matching, names
 
 Values = float | Sequence[float]
 
@@ -50,8 +50,7 @@ class Start:
             where = _joint_slices(model, model.jnt_dofadr, QVEL_PARTS, name, "--qvel")
             _set(data.qvel, where, values, f"--qvel {name}")
         for name, values in self.ctrl.items():
-            where = [slice(i, i + 1) for i in matching(model, "actuator", name)]
-            _set(data.ctrl, where, values, f"--ctrl {name}")
+            _set(data.ctrl, inputs_of(model, name), values, f"--ctrl {name}")
         if self.seed < 0:
             raise BadValueError("--seed", self.seed, "a whole number from 0 on")
         if self.perturb:
@@ -61,14 +60,14 @@ class Start:
 
     def remarks(self, model: mujoco.MjModel) -> list[str]:
         """What the user should know of this start: controls that MuJoCo will clamp."""
-        data, actuators = self.data(model), names(model, "actuator")
-        asked = {i for name in self.ctrl for i in matching(model, "actuator", name)}
+        data, controls = self.data(model), inputs(model)
+        asked = {i for name in self.ctrl for part in inputs_of(model, name) for i in range(part.start, part.stop)}
         clamps = not model.opt.disableflags & mujoco.mjtDisableBit.mjDSBL_CLAMPCTRL
         found = []
         for i in sorted(asked if clamps else ()):
             low, high = model.actuator_ctrlrange[i]
             if model.actuator_ctrllimited[i] and not low <= data.ctrl[i] <= high:
-                value = f"{clean(actuators[i])}={data.ctrl[i]:g}"
+                value = f"{clean(controls[i])}={data.ctrl[i]:g}"
                 found.append(f"--ctrl {value} is beyond the actuator's range, MuJoCo clamps it to [{low:g}, {high:g}]")
         return found
 

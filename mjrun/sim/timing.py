@@ -13,7 +13,7 @@ import numpy as np
 from mujoco.batch import Batch
 
 from mjrun.model import state
-from mjrun.model.names import names
+from mjrun.model.names import inputs
 from mjrun.sim.control import PREFIX, Control, ControlTable
 from mjrun.sim.phases import Phase, phases
 from mjrun.sim.stepper import BAD, PhysicsStepper
@@ -76,10 +76,7 @@ class Run:
         if self.controls is None or not self.model.nu:
             return None
         timestep = rational(self.model.opt.timestep)
-        columns = {
-            f"{PREFIX}{name}": column
-            for name, column in zip(names(self.model, "actuator"), self.controls.T, strict=True)
-        }
+        columns = {f"{PREFIX}{name}": column for name, column in zip(inputs(self.model), self.controls.T, strict=True)}
         time = np.asarray(seconds(np.arange(len(self.controls)), timestep), float)
         return Control(timestep, np.zeros(self.model.nu), ControlTable(self.model, {"time": time, **columns}, "noise"))
 

@@ -9,6 +9,7 @@ from mjrun.model.joints import BALL, FREE
 from mjrun.model.lint.finding import Sighting
 from mjrun.model.lint.limits import beyond_range, beyond_span
 from mjrun.model.lint.subject import Subject
+from mjrun.model.names import actuator_parts
 
 LONGEST = 1e-3  # by which a quaternion's length may differ from 1; files are written with few digits
 
@@ -47,10 +48,11 @@ def beyond_controls(subject: Subject) -> Iterator[Sighting]:
     for key in range(model.nkey):
         element = subject.element("keyframe", key)
         given = "ctrl" in element.attributes if element else model.key_ctrl[key].any()
+        owners = [actuator for _, actuator in actuator_parts(model, model.actuator_ctrlnum)]
         for i in map(int, np.flatnonzero(model.actuator_ctrllimited)) if given else ():
             if beyond := beyond_span(float(model.key_ctrl[key, i]), model.actuator_ctrlrange[i]):
                 then = "; MuJoCo clamps it" if clamps else ""
-                message = f"the control of {subject.object('actuator', i)} is {beyond}{then}"
+                message = f"the control of {subject.object('actuator', owners[i])} is {beyond}{then}"
                 yield _sighting(subject, key, message, f"change ctrl[{i}] of the keyframe, or the actuator's ctrlrange")
         yield from _activations(subject, key)
 

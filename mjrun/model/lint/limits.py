@@ -17,9 +17,10 @@ SCALAR = (int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE))
 def unbounded(subject: Subject) -> Iterator[Sighting]:
     """Actuators whose control and force nothing limits."""
     model = subject.model
-    for i in range(model.nu):
+    for i in range(model.nactuator):
+        start, count = model.actuator_ctrladr[i], model.actuator_ctrlnum[i]
         target = int(model.actuator_trnid[i, 0])
-        limited = model.actuator_ctrllimited[i] or model.actuator_forcelimited[i]
+        limited = model.actuator_ctrllimited[start : start + count].all() or model.actuator_forcelimited[i]
         if model.actuator_trntype[i] in JOINT_DRIVEN:
             limited = limited or model.jnt_actfrclimited[target]
         if model.actuator_trntype[i] == mujoco.mjtTrn.mjTRN_TENDON:
