@@ -15,6 +15,7 @@ from mujoco.batch import DATA_FIELDS
 from mujoco.introspect import structs
 
 from mjrun.model.column import Column
+from mjrun.model.description.units import sensor_unit
 from mjrun.model.joints import QPOS_PARTS, QVEL_PARTS
 from mjrun.model.names import actuator_parts, names
 
@@ -43,13 +44,6 @@ UNITS = dict.fromkeys(LENGTHS, "m") | {
 DOF_UNITS = {"qvel": ("m/s", "rad/s"), "qacc": ("m/s²", "rad/s²"), "qacc_warmstart": ("m/s²", "rad/s²")}
 FORCE_UNITS = ("N", "N·m")
 TWIST_UNITS = {"cvel": ("rad/s", "m/s"), "cacc": ("rad/s²", "m/s²"), "cfrc_int": ("N·m", "N"), "cfrc_ext": ("N·m", "N")}
-SENSOR_UNITS = {
-    "touch": "N", "accelerometer": "m/s²", "velocimeter": "m/s", "gyro": "rad/s", "force": "N", "torque": "N·m",
-    "magnetometer": "T", "rangefinder": "m", "tendonpos": "m", "tendonvel": "m/s", "actuatorfrc": "N",
-    "ballangvel": "rad/s", "framepos": "m", "framelinvel": "m/s", "frameangvel": "rad/s", "framelinacc": "m/s²",
-    "frameangacc": "rad/s²", "subtreecom": "m", "subtreelinvel": "m/s", "subtreeangmom": "kg·m²/s",
-    "clock": "s", "e_potential": "J", "e_kinetic": "J", "geomdist": "m",
-}  # fmt: skip
 
 Record = Mapping[str, np.ndarray]
 
@@ -158,7 +152,7 @@ def _of_sensors(model: mujoco.MjModel, group: str) -> Iterator[Column]:
         parts = ("",) if size == 1 else COMPONENTS.get(size if size in (3, 4) else 0, tuple(map(str, range(size))))
         for part in parts:
             name = f"{group}/{sensors[sensor]}" + (f"/{part}" if part else "")
-            yield Column(name, SENSOR_UNITS.get(kind, ""), f"{kind} sensor", "sensor", sensor)
+            yield Column(name, sensor_unit(model, sensor), f"{kind} sensor", "sensor", sensor)
 
 
 def _of_activations(model: mujoco.MjModel, group: str, meaning: str) -> Iterator[Column]:
