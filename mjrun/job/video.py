@@ -8,12 +8,13 @@ from fractions import Fraction
 
 import numpy as np
 
-from mjrun.errors import UnknownNameError, UsageError, clean
+from mjrun.errors import UnknownNameError, UsageError
 from mjrun.export.codecs import Encoding, encoding
 from mjrun.export.labels import LabelsWriter
 from mjrun.export.video import FilmWriter
 from mjrun.job.calibration import Calibration
 from mjrun.job.drawing import Drawing, painter, tags
+from mjrun.job.filming import Filming
 from mjrun.job.happening import conditions
 from mjrun.job.manifest import origin
 from mjrun.job.overlay import Values, blank, gauges
@@ -22,16 +23,14 @@ from mjrun.job.report import Reporter
 from mjrun.job.simulation import Simulation, positive
 from mjrun.job.work import Ground, Made, Outline, Work, perform
 from mjrun.model.pixels import MOST
-from mjrun.render.cores import AUTO, available_cores, jobs_for
+from mjrun.render.cores import AUTO
 from mjrun.render.graph import SIDES
 from mjrun.render.layout import layout_size
 from mjrun.render.painter import Overlay, ScenePainter, Stream
-from mjrun.render.pool import Pool
 from mjrun.render.pose import Pose
 from mjrun.sim.observe import Tap
 from mjrun.sim.recording import Recording
-
-LOOKS = 8  # frames that are looked at to choose the colours of depth
+from mjrun.sim.stepper import Stepper
 
 
 @dataclass(frozen=True)
@@ -176,6 +175,9 @@ class FilmWork(Work):
         if job.calibration is not None:
             self._calibration = Calibration(job, self._courses, job.output, job.style == "exact")
             stack.enter_context(self._calibration.writer)
+        # Filament's noise goes on from frame to frame: only one process makes the same film each time.
+        asked = 1 if job.jobs == AUTO and job.renderer == "filament" else job.jobs
+        self._filming = stack.enter_context(Filming(asked, self._backend, job.size, len(job.panels)))
         self._recording = stack.enter_context(Recording(ground.model))
         self._path = stack.enter_context(Recording(ground.model))
 
@@ -188,6 +190,11 @@ class FilmWork(Work):
         if not self._gauges.idle:
             taps.append(Tap(frames, self._gauges.read, self._rows.append))
         return taps
+
+    def drive(self, stepper: Stepper) -> None:
+        assert self._pacing
+        self._filming.start(len(self._pacing.steps))  # they get ready meanwhile
+        super().drive(stepper)
 
     def outline(self) -> Outline:
         job, encoded, stream = self._job, self._encodings[0], self._streams(self._overlay)[0]
@@ -202,7 +209,7 @@ class FilmWork(Work):
         poses, moments = self._poses(pace), self._times(pace)
         decors = self._additions.decors((self._path[k] for k in range(len(self._path))), moments)
         drawn = painter(job, self._ground.model, self._backend, self._streams(overlay), poses, decors)
-        jobs = _draw(job, drawn, self._recording, self._films, self._ground.reporter)
+        self._draw(drawn)
         if self._calibration:
             for index, (seen, moment) in enumerate(zip(poses, moments, strict=True)):
                 self._calibration.write(seen, index, moment)
@@ -213,7 +220,23 @@ class FilmWork(Work):
         files = [file for sink in written for file in sink.publish()]
         draw_wall = time.perf_counter() - start
         self._facts["frames"] = len(pace.steps)
-        return Made(self._facts, files, lambda total, heard: self._result(jobs, (wall, draw_wall, total), heard))
+        return Made(self._facts, files, lambda total, heard: self._result((wall, draw_wall, total), heard))
+
+    def _draw(self, drawn: ScenePainter) -> None:
+        """Draws every frame into the films."""
+        job, reporter, total = self._job, self._ground.reporter, len(self._recording)
+        for film in self._films:
+            film.count = total
+        far = [stream.exact and stream.panels[0].view == "depth" for stream in drawn.streams]
+        clipped = 0
+        for index, frames in enumerate(self._filming.draw(drawn, self._recording, reporter)):
+            for film, part, depth in zip(self._films, drawn.parts(frames), far, strict=True):
+                film.write(part)
+                clipped += np.count_nonzero(part == MOST) if depth else 0
+            reporter.progress("frames", index + 1, total)
+        if clipped:
+            share = clipped / (total * sum(far) * job.size[0] * job.size[1])
+            reporter.warn(f"{share:.2%} of the pixels are at 65.535 m or farther, the most that 16 bits hold")
 
     def _streams(self, overlay: Overlay) -> list[Stream]:
         return self._job.streams(with_legend=False, overlay=overlay)
@@ -231,7 +254,7 @@ class FilmWork(Work):
         ]
         return list(zip(*courses, strict=True))
 
-    def _result(self, jobs: int, walls: tuple[float, float, float], heard: Sequence[str]) -> VideoResult:
+    def _result(self, walls: tuple[float, float, float], heard: Sequence[str]) -> VideoResult:
         assert self._pacing
         job, encoded, film, count = self._job, self._encodings[0], self._films[0], len(self._pacing.steps)
         padding = encoded.padding(*film.size)
@@ -247,7 +270,7 @@ class FilmWork(Work):
             duration=float(count / self._fps),
             simulated=float(self._ground.timeline.duration),
             steps=self._ground.timeline.steps,
-            jobs=jobs,
+            jobs=self._filming.jobs,
             renderer=self._backend.renderer,
             gl=self._backend.name,
             software=self._backend.software,
@@ -275,59 +298,3 @@ def _remark_padding(encoded: Encoding, size: tuple[int, int], reporter: Reporter
         width, height = size
         padded = f"{width + padding[0]}x{height + padding[1]}"
         reporter.note(f"{encoded.codec} needs even sides: the film is padded from {width}x{height} to {padded}")
-
-
-def _draw(
-    job: Video, drawn: ScenePainter, recording: Recording, films: Sequence[FilmWriter], reporter: Reporter
-) -> int:
-    """Draws every frame into the films, and returns the number of processes that did."""
-    total = len(recording)
-    for film in films:
-        film.count = total
-    cost = _rehearse(drawn, recording, reporter)
-    # Filament's noise goes on from frame to frame: only one process makes the same film each time.
-    asked = 1 if job.jobs == AUTO and job.renderer == "filament" else job.jobs
-    jobs = jobs_for(asked, drawn.backend.software, total, cost, available_cores())
-    if jobs > 1:
-        drawn.close()
-    far = [stream.exact and stream.panels[0].view == "depth" for stream in drawn.streams]
-    clipped = 0
-    with Pool(drawn, (drawn.bytes,), jobs) as pool:
-        for index, frames in enumerate(pool.frames(recording[k] for k in range(total))):
-            for film, part, depth in zip(films, drawn.parts(frames), far, strict=True):
-                film.write(part)
-                clipped += np.count_nonzero(part == MOST) if depth else 0
-            reporter.progress("frames", index + 1, total)
-    if clipped:
-        share = clipped / (total * sum(far) * job.size[0] * job.size[1])
-        reporter.warn(f"{share:.2%} of the pixels are at 65.535 m or farther, the most that 16 bits hold")
-    return jobs
-
-
-def _rehearse(drawn: ScenePainter, recording: Recording, reporter: Reporter) -> float | None:
-    """Chooses the colours of depth, and tells what a frame costs where a CPU draws: wall time [s]."""
-    total, cost = len(recording), None
-    colored = any(panel.view == "depth" and not stream.exact for stream in drawn.streams for panel in stream.panels)
-    if colored and not drawn.ranges:
-        drawn.open()
-        chosen = dict.fromkeys(np.linspace(0, total - 1, LOOKS).astype(int).tolist())
-        drawn.look_ahead({index: recording[index] for index in chosen})
-    if drawn.backend.software:
-        drawn.open()
-        frames = np.empty(drawn.bytes, np.uint8)
-        for index in (0, min(1, total - 1)):  # frame 0 also compiles the shaders
-            before = time.perf_counter()
-            drawn.paint(recording[index], index, frames)
-            cost = time.perf_counter() - before
-        reporter.warn(_software_cost(drawn, cost or 0.0, total))
-    return cost
-
-
-def _software_cost(drawn: ScenePainter, cost: float, frames: int) -> str:
-    """The warning that a CPU draws, with what a frame costs [s] and would cost as a draft."""
-    text = f"drawing in software ({clean(drawn.backend.renderer)}): {1e3 * cost:.0f} ms per frame"
-    text += f", {frames * cost:.0f} s in all by one process"
-    draft = None if drawn.visual.quality == "draft" else drawn.draft_cost()
-    if draft is not None and draft < 0.7 * cost:
-        text += f"; --quality draft takes about {1e3 * draft:.0f} ms, without shadows and reflections"
-    return text

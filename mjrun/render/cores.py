@@ -9,31 +9,36 @@ from pathlib import Path
 from mjrun.errors import BadValueError
 
 AUTO = "auto"
-WORTH = 8.0  # [s] of drawing, above which further processes save more than their start costs
-GUESS = 0.1  # [s] per frame, when nobody has measured one
+WORTH = 2.0  # [s] of drawing, above which further processes save more than their start costs
+FRAME, PIXEL = 0.03, 1e-7  # [s] what llvmpipe takes about: shadows of a frame, and each pixel
 GROUPS = Path("/sys/fs/cgroup")
 OWN_GROUP = Path("/proc/self/cgroup")
 
 
-def jobs_for(asked: int | str, software: bool, frames: int, cost: float | None, cores: int) -> int:
+def guess(size: tuple[int, int], panels: int = 1) -> float:
+    """The wall time of a frame [s], before anybody has measured one; `size` is that of a panel [pixels]."""
+    return panels * (FRAME + PIXEL * math.prod(size))
+
+
+def jobs_for(asked: int | str, software: bool, frames: int, cost: float, cores: int) -> int:
     """How many processes draw a film.
 
     `auto` is one on a GPU, which processes would only share, and for a film that one process draws within `WORTH`
-    seconds, else one per core. A process needs nearly a second of its core to start, and llvmpipe has threads
+    seconds, else one per core. A process needs half a second of its core to start, and llvmpipe has threads
     of its own: on two cores two processes save a tenth to a sixth of its time, on more cores more.
     There are never more processes than frames.
 
     Args:
       asked: a number from 1 on, or `auto`.
       software: whether a CPU draws.
-      cost: wall time to draw one frame in one process [s]; `GUESS` when None.
+      cost: wall time to draw one frame in one process [s].
       cores: that can be used, as of `available_cores`.
 
     Raises:
       BadValueError: `asked` is neither.
     """
     if asked == AUTO:
-        long = frames * (GUESS if cost is None else cost) > WORTH
+        long = frames * cost > WORTH
         asked = cores if software and long else 1
     if not isinstance(asked, int) or asked < 1:
         raise BadValueError("--jobs", asked, f"a number of processes from 1 on, or {AUTO}")

@@ -145,7 +145,7 @@ class FilamentRenderer:
                 self._told.add(text)
                 warnings.warn(text, stacklevel=3)
         if failure:
-            raise failure.error(None if name == "open" else self._index)
+            raise failure.error(None if name == "open" else f"drawing frame {self._index}")
         return answer
 
 

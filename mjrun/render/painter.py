@@ -1,7 +1,9 @@
 """Frames from states: several views through several cameras, coloured, composed, captioned."""
 
+import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from math import prod
 from typing import Protocol
 
@@ -130,6 +132,14 @@ class Stream:
         return np.dtype(np.uint16 if self.exact else np.uint8)
 
 
+@dataclass(frozen=True)
+class Costs:
+    """Wall time [s] of a frame, and of its last scene as a draft; None where that is no use."""
+
+    frame: float
+    draft: float | None
+
+
 @dataclass
 class ScenePainter:
     """Paints the frames of all streams from one state, one after the other into flat bytes.
@@ -154,8 +164,13 @@ class ScenePainter:
     renderer: Callable[..., Renderer] = ClassicRenderer
 
     def __post_init__(self) -> None:
-        self.colors = colors_of(self.segmentation.legend)  # of what a segmentation tells apart
         self._drawing: Renderer | None = None
+        self._spent = 0.0
+
+    @cached_property
+    def colors(self) -> np.ndarray:
+        """Of what a segmentation tells apart."""
+        return colors_of(self.segmentation.legend)
 
     @property
     def bytes(self) -> int:
@@ -175,9 +190,16 @@ class ScenePainter:
         self.ranges = [depth_range([picture.depth for picture in pictures]) for pictures in zip(*seen, strict=True)]
 
     def paint(self, state: np.ndarray, index: int, into: np.ndarray) -> None:
+        start = time.perf_counter()
         pictures = self.see(state, index)
         for stream, part in zip(self.streams, self.parts(into), strict=True):
             part[:] = self.frame(stream, pictures, index)
+        self._spent = time.perf_counter() - start
+
+    def costs(self) -> Costs:
+        """Of the last frame, and of the same as a draft."""
+        assert self._drawing
+        return Costs(self._spent, None if self.visual.quality == "draft" else self._drawing.draft_cost())
 
     def close(self) -> None:
         if self._drawing:
@@ -224,11 +246,6 @@ class ScenePainter:
         """What a panel shows, in words."""
         many = len({other.view for stream in self.streams for other in stream.panels}) > 1
         return f"{self.names[panel.camera]} · {NAMES[panel.view]}" if many else self.names[panel.camera]
-
-    def draft_cost(self) -> float | None:
-        """Seconds to draw the last scene as a draft; None where that is no use."""
-        assert self._drawing
-        return self._drawing.draft_cost()
 
     def _colored(self, panel: Panel, picture: Picture, with_legend: bool) -> np.ndarray:
         if panel.view == "rgb":

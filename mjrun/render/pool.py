@@ -18,6 +18,7 @@ from collections import deque
 from collections.abc import Iterable, Iterator
 from multiprocessing.connection import Pipe
 from types import TracebackType
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -30,7 +31,51 @@ SLOTS = 3  # frames in memory per process; the third waits for its turn
 
 # Read when Mesa and OpenBLAS are loaded: one thread each, since there is a process per core.
 ENVIRONMENT = {"LP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
-BOOT = "import sys; sys.path[:] = sys.argv[4:]; from mjrun.render.worker import work; work(*map(int, sys.argv[1:4]))"
+BOOT = (
+    "import sys; sys.path[:] = sys.argv[5:]; from mjrun.render.worker import work; "
+    "work(*map(int, sys.argv[1:4]), sys.argv[4])"
+)
+
+
+class Crew:
+    """Processes that will draw, started without waiting for them, maybe before it is known what. To be closed.
+
+    Args:
+      jobs: how many.
+      module: that the painter needs, imported as they start.
+
+    Raises:
+      DrawError: processes cannot be started.
+    """
+
+    def __init__(self, jobs: int, module: str = "numpy") -> None:
+        self.workers: list[_Worker] = []
+        with contextlib.ExitStack() as stack, _refusals():
+            self._described = anonymous()
+            stack.callback(os.close, self._described)
+            self.memory = anonymous()
+            stack.callback(os.close, self.memory)
+            stack.callback(self._dismiss)
+            for _ in range(jobs):
+                self.workers.append(_Worker(self._described, self.memory, module))
+            self._all = stack.pop_all()
+
+    def brief(self, painter: Painter) -> None:
+        """Tells them what to draw with."""
+        with _refusals(), open(self._described, "wb", closefd=False) as file:
+            pickle.dump(painter, file, pickle.HIGHEST_PROTOCOL)
+        for worker in self.workers:
+            worker.send("")
+
+    def close(self) -> None:
+        """Ends the processes, those that are busy at once."""
+        self._all.close()
+
+    def _dismiss(self) -> None:
+        for worker in self.workers:
+            worker.dismiss()
+        for worker in self.workers:
+            worker.end()
 
 
 class Pool:
@@ -40,36 +85,46 @@ class Pool:
 
     Args:
       shape, dtype: of the array that is one frame.
+      jobs: how many, or those that were started already; they end with the pool.
+
+    Attributes:
+      answer: to the last question, when it is known.
 
     Raises:
       DrawError: processes cannot be started.
       MjrunError: the painter cannot be opened here.
     """
 
-    def __init__(self, painter: Painter, shape: tuple[int, ...], jobs: int, dtype: npt.DTypeLike = np.uint8) -> None:
-        if jobs < 1:
-            raise ValueError(f"jobs must be at least 1, not {jobs}")
-        self._painter, self._jobs = painter, jobs
+    answer: Any = None
+
+    def __init__(
+        self, painter: Painter, shape: tuple[int, ...], jobs: int | Crew, dtype: npt.DTypeLike = np.uint8
+    ) -> None:
+        if jobs != 1 and isinstance(jobs, int):
+            if jobs < 1:
+                raise ValueError(f"jobs must be at least 1, not {jobs}")
+            jobs = Crew(jobs)
+        self._painter, self._crew = painter, jobs if isinstance(jobs, Crew) else None
         self._frame = (shape, np.dtype(dtype))
         self._open = True
-        self._workers: list[_Worker] = []
         self._slots: list[Slot] = []
         self._drawn: dict[int, Failure | None] = {}  # whose turn has not come
         self._told: set[str] = set()
-        if jobs == 1:
+        self._asked = False
+        if self._crew is None:
             painter.open()
             return
-        with _refusals():
-            self._memory = anonymous()
+        self._workers = self._crew.workers
         self._selector = selectors.DefaultSelector()
         try:
-            with _refusals():
-                self._start(jobs)
+            for worker in self._workers:
+                self._selector.register(worker.connection, selectors.EVENT_READ, worker)
+            self._crew.brief(painter)
         except BaseException:
             self.close()
             raise
 
-    def frames(self, states: Iterable[np.ndarray]) -> Iterator[np.ndarray]:
+    def frames(self, states: Iterable[np.ndarray], first: int = 0) -> Iterator[np.ndarray]:
         """The frame of each of `states`, in order; an array is valid until the next one is asked for.
 
         At most `SLOTS` states per process are taken ahead. What MuJoCo warns of in another process is warned
@@ -77,6 +132,7 @@ class Pool:
 
         Args:
           states: all of one shape and dtype.
+          first: the index of the first frame.
 
         Raises:
           DrawError: a process died, at once; the message names its frame and how it ended.
@@ -85,27 +141,31 @@ class Pool:
         """
         try:
             self._check_open()
-            for frame in self._alone(states) if self._jobs == 1 else self._together(iter(states)):
+            for frame in self._together(iter(states), first) if self._crew else self._alone(states, first):
                 yield frame
                 self._check_open()
         except BaseException:
             self.close()
             raise
 
+    def ask(self, question: str) -> None:
+        """Has the method `question` of a painter called, after the frames that its process was given, for `answer`."""
+        if self._crew is None:
+            self.answer = getattr(self._painter, question)()
+            return
+        self.answer, self._asked = None, True
+        self._workers[0].send(question)
+
     def close(self) -> None:
         """Ends the processes, those that are busy at once."""
         if not self._open:
             return
         self._open = False
-        if self._jobs == 1:
+        if self._crew is None:
             self._painter.close()
             return
-        for worker in self._workers:
-            worker.dismiss()
-        for worker in self._workers:
-            worker.end()
+        self._crew.close()
         self._selector.close()
-        os.close(self._memory)
         self._slots = []  # the memory lasts while somebody holds a frame
 
     def __enter__(self) -> "Pool":
@@ -120,35 +180,25 @@ class Pool:
         if not self._open:
             raise ValueError("the pool is closed")
 
-    def _start(self, jobs: int) -> None:
-        described = anonymous()
-        try:
-            with open(described, "wb", closefd=False) as file:
-                pickle.dump(self._painter, file, pickle.HIGHEST_PROTOCOL)
-            for _ in range(jobs):
-                worker = _Worker(described, self._memory)
-                self._workers.append(worker)
-                self._selector.register(worker.connection, selectors.EVENT_READ, worker)
-        finally:
-            os.close(described)
-
-    def _alone(self, states: Iterable[np.ndarray]) -> Iterator[np.ndarray]:
+    def _alone(self, states: Iterable[np.ndarray], first: int) -> Iterator[np.ndarray]:
         frame = np.empty(*self._frame)
-        for index, state in enumerate(states):
+        for index, state in enumerate(states, first):
             self._painter.paint(state, index, frame)
             yield frame
 
-    def _together(self, states: Iterator[np.ndarray]) -> Iterator[np.ndarray]:
-        given = 0
-        for turn in itertools.count():
+    def _together(self, states: Iterator[np.ndarray], first: int) -> Iterator[np.ndarray]:
+        given = first
+        for turn in itertools.count(first):
             given = self._hand_out(states, given, turn)
             while self._hear(wait=given > turn and turn not in self._drawn):
                 given = self._hand_out(states, given, turn)
             if given == turn:
-                return
+                break
             if failure := self._drawn.pop(turn):
-                raise failure.error(turn)
+                raise failure.error(f"drawing frame {turn}")
             yield self._slots[turn % len(self._slots)].frame
+        while self._asked:
+            self._hear(wait=True)
 
     def _hand_out(self, states: Iterator[np.ndarray], given: int, turn: int) -> int:
         """Gives frames to processes that have room, while slots are free; returns how many are given by now."""
@@ -169,10 +219,11 @@ class Pool:
         return given
 
     def _lay_out(self, state: np.ndarray) -> None:
+        assert self._crew
         layout = Layout(SLOTS * len(self._workers), (state.shape, state.dtype), self._frame)
         with _refusals():
-            os.ftruncate(self._memory, layout.size)
-            self._slots = layout.slots(self._memory)
+            os.ftruncate(self._crew.memory, layout.size)
+            self._slots = layout.slots(self._crew.memory)
         for worker in self._workers:
             worker.send(layout)
 
@@ -180,7 +231,8 @@ class Pool:
         """Takes one reply of each process that has any, and returns whether there was one."""
         events = self._selector.select(None if wait else 0)
         for key, _ in events:
-            index, failure, heard = key.data.receive()
+            opened = key.data.ready
+            index, failure, heard, answer = key.data.receive()
             for text in heard:
                 if text not in self._told:
                     self._told.add(text)
@@ -188,7 +240,9 @@ class Pool:
             if index is not None:
                 self._drawn[index] = failure
             elif failure:
-                raise failure.error(None)
+                raise failure.error("in a drawing process" if opened else None)
+            elif answer is not None:
+                self.answer, self._asked = answer, False
         return bool(events)
 
 
@@ -200,7 +254,7 @@ class _Worker:
       ready: whether its painter is open.
     """
 
-    def __init__(self, described: int, memory: int) -> None:
+    def __init__(self, described: int, memory: int, module: str) -> None:
         self.drawing: deque[int] = deque()
         self.ready = False
         self.connection, theirs = Pipe()
@@ -212,7 +266,7 @@ class _Worker:
                 inherited.append(fcntl.fcntl(descriptor, fcntl.F_DUPFD_CLOEXEC, 3))
                 stack.callback(os.close, inherited[-1])
             self._child = subprocess.Popen(
-                [sys.executable, "-P", "-c", BOOT, *map(str, inherited), *map(str, sys.path)],
+                [sys.executable, "-P", "-c", BOOT, *map(str, inherited), module, *map(str, sys.path)],
                 stdin=subprocess.DEVNULL,
                 stdout=subprocess.DEVNULL,
                 env={**os.environ, **ENVIRONMENT},
@@ -229,10 +283,10 @@ class _Worker:
             reply: Reply = self.connection.recv()
         except (EOFError, OSError):
             raise self._lost() from None
-        if reply[0] is None:
+        if reply.frame is None:
             self.ready = True
         else:
-            self.drawing.remove(reply[0])
+            self.drawing.remove(reply.frame)
         return reply
 
     def dismiss(self) -> None:

@@ -9,10 +9,12 @@ prints on the way must go to a file on stderr. For `devices` it prints those tha
 import ctypes
 import ctypes.util
 import importlib
+import importlib.util
 import json
 import os
 import re
 import sys
+import types
 
 LIBRARIES = {"egl": "EGL", "osmesa": "OSMesa", "vulkan": "vulkan"}
 # In VkPhysicalDeviceProperties, which is smaller than PROPERTIES.
@@ -21,6 +23,7 @@ PROPERTIES = 1024  # bytes
 SIDE = 16  # [pixels]
 BALL = "<mujoco><worldbody><geom size='.5'/></worldbody></mujoco>"
 DRM_DEVICE_FILE = 0x3233  # of EGL_EXT_device_drm
+VENDOR, RENDERER, VERSION, MAX_RENDERBUFFER_SIZE = 0x1F00, 0x1F01, 0x1F02, 0x84E8  # of OpenGL
 
 
 class InstanceInfo(ctypes.Structure):
@@ -108,6 +111,7 @@ def ball_is_seen() -> bool:
 
 def egl_devices() -> dict[str, list[dict[str, str | int | None]]]:
     """Every device that EGL knows: its index, that of CUDA, and its file; None for what the driver does not say."""
+    stand_in()
     egl = importlib.import_module("mujoco.egl.egl_ext")
     address = ctypes.cast(egl.eglGetProcAddress("eglQueryDeviceStringEXT"), ctypes.c_void_p).value or 0
     asked = ctypes.CFUNCTYPE(ctypes.c_char_p, ctypes.c_void_p, ctypes.c_int)(address)
@@ -145,26 +149,34 @@ def frame_is_right() -> bool:
 
 def opengl(name: str, draw: bool = False) -> dict[str, str | int]:
     """Makes a context of the backend `name`, asks OpenGL who draws, and lets it draw if wanted."""
+    if not draw:
+        stand_in()
     context = importlib.import_module(f"mujoco.{name}").GLContext(64, 64)
     try:
         context.make_current()
-        from OpenGL import GL
+        # The plain functions: the module OpenGL.GL takes as long to import as everything else here.
+        gl = importlib.import_module("OpenGL.raw.GL.VERSION.GL_1_0")
 
         def text(what: int) -> str:
-            return (GL.glGetString(what) or b"").decode(errors="replace")
+            return (ctypes.cast(gl.glGetString(what), ctypes.c_char_p).value or b"").decode(errors="replace")
 
-        if not text(GL.GL_RENDERER):
+        if not text(RENDERER):
             return {"error": "made no OpenGL context (it needs a display)"}
         if draw and not frame_is_right():
-            return {"error": f"{text(GL.GL_RENDERER)} draws wrongly"}
-        return {
-            "renderer": text(GL.GL_RENDERER),
-            "vendor": text(GL.GL_VENDOR),
-            "version": text(GL.GL_VERSION),
-            "max_size": int(GL.glGetIntegerv(GL.GL_MAX_RENDERBUFFER_SIZE)),
-        }
+            return {"error": f"{text(RENDERER)} draws wrongly"}
+        size = (ctypes.c_int * 1)()
+        gl.glGetIntegerv(MAX_RENDERBUFFER_SIZE, size)
+        return {"renderer": text(RENDERER), "vendor": text(VENDOR), "version": text(VERSION), "max_size": size[0]}
     finally:
         context.free()
+
+
+def stand_in() -> None:
+    """Lets the modules of MuJoCo's backends be imported without the rest of MuJoCo, which they do not use."""
+    spec = importlib.util.find_spec("mujoco")
+    package = types.ModuleType("mujoco")
+    package.__path__ = list((spec and spec.submodule_search_locations) or ())
+    sys.modules["mujoco"] = package
 
 
 def reason(name: str, error: BaseException) -> str:
@@ -185,3 +197,4 @@ if __name__ == "__main__":
         answer = {"error": reason(sys.argv[1], error)}
     json.dump(answer, out)
     out.close()
+    os._exit(0)  # drivers take their time to end, and may crash

@@ -5,6 +5,7 @@ can be left in /dev/shm, and its size, 64 MB in many containers, is no limit.
 """
 
 import contextlib
+import importlib
 import itertools
 import math
 import mmap
@@ -17,6 +18,7 @@ import tempfile
 import threading
 import time
 import traceback
+from collections.abc import Sequence
 from dataclasses import dataclass
 from multiprocessing.connection import Connection
 from pathlib import Path
@@ -113,30 +115,44 @@ class Failure:
         place = f"{Path(where.filename).name}:{where.lineno}"
         return cls(None, f"{type(error).__name__}: {clean(str(error))} ({place})", {}, trace)
 
-    def error(self, index: int | None) -> MjrunError:
-        """The exception to raise in the parent; it happened at frame `index`, or before the first when None."""
+    def error(self, during: str | None) -> MjrunError:
+        """The exception to raise in the parent; it happened `during` something, or at the start when None."""
         if self.kind is not None:
             error = self.kind.__new__(self.kind, self.message)
             vars(error).update(self.facts)
-        elif index is None:
+        elif during is None:
             error = DrawError(f"a drawing process cannot start: {self.message}")
         else:
-            error = MjrunError(f"a bug in mjrun, drawing frame {index}: {self.message}")
+            error = MjrunError(f"a bug in mjrun, {during}: {self.message}")
         error.add_note(f"In the drawing process:\n{self.trace}")
         return error
 
 
-# The frame drawn, or None when the painter was opened; why not, if so; and what MuJoCo warned of.
-Reply = tuple[int | None, Failure | None, list[str]]
+class Reply(NamedTuple):
+    """What a drawing process tells its parent.
+
+    Attributes:
+      frame: the index of what was drawn; None when the painter was opened, or has answered.
+      failure: why not, if so.
+      heard: what MuJoCo warned of.
+      answer: to what the painter was asked.
+    """
+
+    frame: int | None
+    failure: Failure | None
+    heard: Sequence[str]
+    answer: Any = None
 
 
-def work(connection: int, described: int, memory: int) -> None:
+def work(connection: int, described: int, memory: int, module: str) -> None:
     """All that a drawing process does.
 
-    It is told a layout, then frames, each with the number of its slot, and ends when the parent hangs up.
+    It is told that its painter is described, then a layout, then frames, each with the number of its slot, or the
+    name of a method of the painter to be called. It ends when the parent hangs up.
 
     Args:
       connection, described, memory: descriptors of its end of the pipe, the painter's pickle, and the slots.
+      module: imported at once, since the painter will need it.
     """
     for number in (signal.SIGINT, signal.SIGTTOU):  # the parent's business, and no reason to stop
         signal.signal(number, signal.SIG_IGN)
@@ -144,7 +160,7 @@ def work(connection: int, described: int, memory: int) -> None:
         os.dup2(2, 1)
     threading.Thread(target=_end_with_parent, args=(connection,), daemon=True).start()
     with contextlib.suppress(EOFError, ConnectionError):
-        _serve(Connection(connection), described, memory)
+        _serve(Connection(connection), described, memory, module)
 
 
 def _end_with_parent(connection: int) -> None:
@@ -156,7 +172,27 @@ def _end_with_parent(connection: int) -> None:
     os._exit(1)
 
 
-def _serve(connection: Connection, described: int, memory: int) -> None:
+def _serve(connection: Connection, described: int, memory: int, module: str) -> None:
+    with contextlib.suppress(ImportError):  # told when the painter cannot be loaded
+        importlib.import_module(module)
+    connection.recv()
+    opened, painter = _loaded(described)
+    connection.send(opened)
+    if painter is None:
+        return
+    with contextlib.closing(painter):
+        slots = connection.recv().slots(memory)
+        while True:
+            request = connection.recv()
+            if isinstance(request, str):
+                connection.send(_answer(painter, request))
+            else:
+                index, number = request
+                connection.send(_painted(painter, index, slots[number]))
+
+
+def _loaded(described: int) -> tuple[Reply, Painter | None]:
+    """The painter, open, with what to tell of that; None if it cannot be."""
     heard: list[str] = []
     try:
         with mmap.mmap(described, 0, access=mmap.ACCESS_READ) as description:
@@ -165,15 +201,8 @@ def _serve(connection: Connection, described: int, memory: int) -> None:
         with _collected() as heard:
             painter.open()
     except Exception as error:
-        connection.send((None, Failure.of(error), heard))
-        return
-    with contextlib.closing(painter):
-        connection.send((None, None, heard))
-        layout: Layout = connection.recv()
-        slots = layout.slots(memory)
-        while True:
-            index, number = connection.recv()
-            connection.send(_painted(painter, index, slots[number]))
+        return Reply(None, Failure.of(error), heard), None
+    return Reply(None, None, heard), painter
 
 
 def _painted(painter: Painter, index: int, slot: Slot) -> Reply:
@@ -182,8 +211,17 @@ def _painted(painter: Painter, index: int, slot: Slot) -> Reply:
         with _collected() as heard:
             painter.paint(slot.state, index, slot.frame)
     except Exception as error:
-        return index, Failure.of(error), heard
-    return index, None, heard
+        return Reply(index, Failure.of(error), heard)
+    return Reply(index, None, heard)
+
+
+def _answer(painter: Painter, question: str) -> Reply:
+    heard: list[str] = []
+    try:
+        with _collected() as heard:
+            return Reply(None, None, heard, getattr(painter, question)())
+    except Exception as error:
+        return Reply(None, Failure.of(error), heard)
 
 
 def _collected() -> contextlib.AbstractContextManager[list[str]]:

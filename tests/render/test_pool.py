@@ -18,12 +18,12 @@ import pytest
 from mjrun.errors import BadValueError, DrawError, MjrunError, NoRendererError, UnstableError
 from mjrun.render import cores
 from mjrun.render.backend import Backend
-from mjrun.render.cores import available_cores, jobs_for
-from mjrun.render.pool import SLOTS, Pool
+from mjrun.render.cores import available_cores, guess, jobs_for
+from mjrun.render.pool import SLOTS, Crew, Pool
 
 sys.path.append(str(Path(__file__).parent))  # drawing processes look where we look
 
-from painters import OPENING, Adding, Drawing, Telling, Warner
+from painters import ASKED, OPENING, Adding, Drawing, Telling, Warner
 
 HERE = Path(__file__).parent
 SHAPE = (2, 3)
@@ -83,6 +83,62 @@ def test_a_pool_draws_none_one_and_many_one_after_the_other(jobs: int) -> None:
         for count in (0, 1, 20, 3):
             made = [frame.copy() for frame in pool.frames(iter(STATES[:count]))]
             assert np.array_equal(made, FRAMES[:count])
+
+
+def test_processes_that_were_started_before_draw_and_end_with_the_pool() -> None:
+    crew = Crew(2)
+    started = set(children())
+    with Pool(Telling(delay=0.005), (2,), crew, np.int64) as pool:
+        told = {int(frame[0]) for frame in pool.frames(STATES)}
+    assert told == started
+    assert not children()
+    crew.close()  # again
+
+
+@pytest.mark.parametrize("wait", [0, 0.5])
+def test_processes_that_are_not_needed_end_at_once(wait: float) -> None:
+    crew = Crew(2, "mjrun.render.painter")
+    time.sleep(wait)
+    assert len(children()) == 2
+    crew.close()
+    assert not children()
+
+
+def test_a_module_that_is_not_there_is_told_with_the_painter_s_own_words() -> None:
+    with Pool(Adding(), SHAPE, Crew(2, "nowhere.at.all"), np.int64) as pool:
+        assert len([*pool.frames(STATES)]) == len(STATES)
+
+
+@pytest.mark.parametrize("jobs", [1, 2])
+def test_frames_are_numbered_from_where_it_is_said(jobs: int) -> None:
+    with Pool(Adding(), SHAPE, jobs, np.int64) as pool:
+        made = [frame.copy() for first in (0, 13) for frame in pool.frames(STATES[first : first + 7], first)]
+    assert np.array_equal(made, [*FRAMES[:7], *FRAMES[13:]])
+
+
+@pytest.mark.parametrize("jobs", [1, 2])
+@pytest.mark.parametrize("when", [0, 7, len(STATES) - 1])
+def test_a_question_is_answered_by_a_process_that_draws_and_disturbs_nothing(jobs: int, when: int) -> None:
+    with Pool(Adding(delay=0.002), SHAPE, jobs, np.int64) as pool:
+        processes = {os.getpid()} if jobs == 1 else set(children())
+        assert pool.answer is None
+        made = []
+        for index, frame in enumerate(pool.frames(STATES)):
+            made.append(frame.copy())
+            if index == when:
+                pool.ask("process")
+        assert pool.answer in processes
+    assert np.array_equal(made, FRAMES)
+
+
+def test_a_question_that_fails_is_a_bug_of_mjrun() -> None:
+    with Pool(Adding({ASKED: "divides"}), SHAPE, 2, np.int64) as pool:
+        frames = pool.frames(STATES)
+        next(frames)
+        pool.ask("process")
+        with pytest.raises(MjrunError, match=r"a bug in mjrun, in a drawing process: ZeroDivisionError") as caught:
+            list(frames)
+    assert caught.value.exit_code == 70
 
 
 @pytest.mark.parametrize("jobs", [1, 2])
@@ -318,27 +374,32 @@ def test_pixels_are_the_same_in_one_process_in_two_and_by_mujoco(
     ("asked", "software", "frames", "cost", "cores", "expected"),
     [
         ("auto", False, 10_000, 1.0, 8, 1),  # a GPU
-        ("auto", True, 300, 0.01, 8, 1),  # short
+        ("auto", True, 300, 0.005, 8, 1),  # short
         ("auto", True, 300, 0.1, 8, 8),
-        ("auto", True, 300, None, 2, 2),
-        ("auto", True, 30, None, 2, 1),
+        ("auto", True, 300, 0.1, 2, 2),
+        ("auto", True, 19, 0.1, 2, 1),
         ("auto", True, 5, 60.0, 8, 5),
         ("auto", True, 300, 1.0, 1, 1),
         (3, False, 300, 0.001, 1, 3),
-        (3, True, 2, None, 8, 2),
-        (2, True, 0, None, 8, 1),
+        (3, True, 2, 0.1, 8, 2),
+        (2, True, 0, 0.1, 8, 1),
     ],
 )
 def test_processes_are_as_many_as_are_worth_it(
-    asked: int | str, software: bool, frames: int, cost: float | None, cores: int, expected: int
+    asked: int | str, software: bool, frames: int, cost: float, cores: int, expected: int
 ) -> None:
     assert jobs_for(asked, software, frames, cost, cores) == expected
+
+
+def test_a_guess_grows_with_pixels_and_panels() -> None:
+    assert guess((640, 480)) == pytest.approx(0.06072)
+    assert guess((640, 480), 3) == pytest.approx(3 * 0.06072)
 
 
 @pytest.mark.parametrize("asked", [0, -1, "many", "2"])
 def test_a_number_of_processes_that_is_none_is_refused(asked: int | str) -> None:
     with pytest.raises(BadValueError, match=r"--jobs: .* is not a number of processes from 1 on, or auto"):
-        jobs_for(asked, True, 100, None, 2)
+        jobs_for(asked, True, 100, 0.1, 2)
 
 
 @pytest.mark.parametrize(
