@@ -161,6 +161,9 @@ def work(connection: int, described: int, memory: int, module: str) -> None:
     threading.Thread(target=_end_with_parent, args=(connection,), daemon=True).start()
     with contextlib.suppress(EOFError, ConnectionError):
         _serve(Connection(connection), described, memory, module)
+    with contextlib.suppress(OSError):
+        sys.stdout.flush()
+    os._exit(0)  # nothing is left to do, and taking an interpreter down takes its time
 
 
 def _end_with_parent(connection: int) -> None:
