@@ -3,7 +3,8 @@
 Both make the same film of the same model, in turn, as whole processes; ratios are mjrun / tutorial,
 so below 1 is better. mjrun draws with one process, with as many as it chooses, and as a draft. The
 tutorial loop is a script that takes MODEL OUT DURATION FPS WIDTH HEIGHT [CAMERA] [KEYFRAME], given by
---baseline.
+--baseline. The floor is the drawing itself: one process per core draws its share of the frames with
+mujoco.Renderer, and nothing is encoded, sent or kept.
 
     python benchmarks/film.py
     python benchmarks/film.py --model scenes/humanoid.xml --key jump --duration 2 --repeats 5
@@ -20,8 +21,31 @@ from dataclasses import dataclass
 from fractions import Fraction
 from pathlib import Path
 
+import mujoco
+
+from mjrun.render.cores import available_cores
+
 ROOT = Path(__file__).resolve().parents[1]
 BASELINE = ROOT / "../shared/bench/tutorial_video.py"
+
+
+BARE = """
+import sys
+import mujoco
+path, camera, key, width, height, every, first, stride, count = sys.argv[1:]
+model = mujoco.MjModel.from_xml_path(path)
+model.vis.global_.offwidth, model.vis.global_.offheight = int(width), int(height)
+data = mujoco.MjData(model)
+if key:
+    mujoco.mj_resetDataKeyframe(model, data, model.key(key).id)
+with mujoco.Renderer(model, int(height), int(width)) as renderer:
+    for frame in range(int(count)):
+        if frame % int(stride) == int(first):
+            mujoco.mj_forward(model, data)
+            renderer.update_scene(data, camera=-1 if camera == "free" else camera)
+            renderer.render()
+        mujoco.mj_step(model, data, nstep=round((frame + 1) * float(every)) - round(frame * float(every)))
+"""
 
 
 @dataclass(frozen=True)
@@ -51,29 +75,37 @@ class Film:
         command = [sys.executable, str(script), str(self.model), str(out), self.duration, self.fps, *size]
         return [*command, self.camera, *([self.key] if self.key else [])]
 
+    def bare(self, share: int, cores: int) -> list[str]:
+        every = 1 / (float(Fraction(self.fps)) * mujoco.MjModel.from_xml_path(str(self.model)).opt.timestep)
+        given = [str(self.model), self.camera, self.key or "", self.width, self.height]
+        return [sys.executable, "-c", BARE, *map(str, [*given, every, share, cores, self.frames])]
+
 
 @dataclass(frozen=True)
 class Cost:
-    """Of one process and its children: wall time [s], and the largest of their resident memories [bytes]."""
+    """Of processes and their children: wall time [s], and the largest of their resident memories [bytes]."""
 
     wall: float
     peak: int
 
 
-def run(command: list[str]) -> Cost:
-    """Runs a command to its end and returns its cost; its output is thrown away."""
-    start = time.perf_counter()
-    child = os.fork()
-    if child == 0:
-        null = os.open(os.devnull, os.O_RDWR)
-        for stream in (0, 1):
-            os.dup2(null, stream)
-        os.execve(command[0], command, {**os.environ, "MUJOCO_GL": "egl"})
-    _, status, usage = os.wait4(child, 0)
-    wall = time.perf_counter() - start
-    if status:
-        raise SystemExit(f"failed: {' '.join(command)}")
-    return Cost(wall, usage.ru_maxrss * 1024)
+def run(*commands: list[str], **environment: str) -> Cost:
+    """Runs commands side by side to their end and returns their cost; their output is thrown away."""
+    start, children, peak = time.perf_counter(), {}, 0
+    for command in commands:
+        child = os.fork()
+        if child == 0:
+            null = os.open(os.devnull, os.O_RDWR)
+            for stream in (0, 1):
+                os.dup2(null, stream)
+            os.execve(command[0], command, {**os.environ, "MUJOCO_GL": "egl", **environment})
+        children[child] = command
+    for child, command in children.items():
+        _, status, usage = os.wait4(child, 0)
+        peak = max(peak, usage.ru_maxrss * 1024)
+        if status:
+            raise SystemExit(f"failed: {' '.join(command)}")
+    return Cost(time.perf_counter() - start, peak)
 
 
 def show(name: str, costs: list[Cost], frames: int) -> None:
@@ -81,17 +113,17 @@ def show(name: str, costs: list[Cost], frames: int) -> None:
     walls = [cost.wall for cost in costs]
     peak = statistics.median(cost.peak for cost in costs) / 1e6
     print(
-        f"{name:22} {statistics.median(walls):7.2f} s  ({min(walls):.2f}-{max(walls):.2f})  "
+        f"{name:27} {statistics.median(walls):7.2f} s  ({min(walls):.2f}-{max(walls):.2f})  "
         f"{frames / statistics.median(walls):6.1f} frames/s  {peak:5.0f} MB"
     )
 
 
-def show_ratios(name: str, costs: list[Cost], baseline: list[Cost]) -> None:
+def show_ratios(name: str, costs: list[Cost], baseline: list[Cost], to: str) -> None:
     """One row: the median of the ratios of runs that stood side by side."""
     pairs = list(zip(costs, baseline, strict=True))
     wall = statistics.median(a.wall / b.wall for a, b in pairs)
     peak = statistics.median(a.peak / b.peak for a, b in pairs)
-    print(f"{name + ' / tutorial':22} wall {wall:.3f}   memory {peak:.3f}")
+    print(f"{f'{name} / {to}':27} wall {wall:.3f}   memory {peak:.3f}")
 
 
 def main() -> None:
@@ -109,23 +141,27 @@ def main() -> None:
         raise SystemExit(f"there is no {given.baseline}; name the tutorial loop with --baseline")
     width, height = map(int, given.size.split("x"))
     film = Film(given.model, given.duration, given.fps, width, height, given.camera, given.key)
-    print(f"{film.model.name}, {film.duration} s at {film.fps} fps, {given.size}, {os.cpu_count()} cores")
+    print(f"{film.model.name}, {film.duration} s at {film.fps} fps, {given.size}, {available_cores()} cores")
     ways = {
         "mjrun, 1 process": ("--jobs", "1"),
         "mjrun": (),
         "mjrun draft": ("--quality", "draft"),
     }
-    costs: dict[str, list[Cost]] = {"tutorial": [], **{name: [] for name in ways}}
+    costs: dict[str, list[Cost]] = {"tutorial": [], "floor": [], **{name: [] for name in ways}}
+    cores = available_cores()
     with tempfile.TemporaryDirectory() as folder:
         out = Path(folder) / "film.mp4"
         for _ in range(given.repeats):
             costs["tutorial"].append(run(film.tutorial(given.baseline, out)))
+            bare = [film.bare(share, cores) for share in range(cores)]
+            costs["floor"].append(run(*bare, LP_NUM_THREADS="1"))
             for name, options in ways.items():
                 costs[name].append(run(film.mjrun(out, *options)))
     for name, measured in costs.items():
         show(name, measured, film.frames)
-    for name in ways:
-        show_ratios(name, costs[name], costs["tutorial"])
+    for name in ("floor", *ways):
+        show_ratios(name, costs[name], costs["tutorial"], "tutorial")
+    show_ratios("mjrun", costs["mjrun"], costs["floor"], "floor")
 
 
 if __name__ == "__main__":
