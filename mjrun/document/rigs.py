@@ -105,10 +105,17 @@ class Orbit(Free):
 
     azimuth: Maybe[Sliding] = None
     """Where the camera looks, counter-clockwise from above [deg]; once round if left out."""
+    ease: Ease = "linear"
+    """How it goes once round; an azimuth has an ease of its own."""
+
+    @classmethod
+    def complaints(cls, given: Mapping[str, Any]) -> Iterator[tuple[Loc, str]]:
+        if "ease" in given and "azimuth" in given:
+            yield ("ease",), "the ease belongs into the azimuth: {from, to, ease}"
 
     def rig(self) -> script.AroundRig:
         """Without an azimuth the camera turns once."""
-        return self.around(self.lookat, turn=self.azimuth is None)
+        return self.around(self.lookat, turn=self.ease if self.azimuth is None else None)
 
 
 class Track(Around):

@@ -74,7 +74,8 @@ def _around(rig: script.AroundRig, what: str) -> Plain:
         raise UsageError(f"{what}: no document says this of a camera: {quoted(str(rig))}")
     turning = rig.turn or (rig.azimuth is not None and rig.azimuth.start != rig.azimuth.end)
     if turning and not steered:
-        return {"orbit": aimed}
+        ease = {} if rig.turn in (None, "linear") else {"ease": rig.turn}
+        return {"orbit": {**aimed, **ease}}
     if not isinstance(rig.target, str):
         return {"free": aimed}
     heading = {"heading": True} if rig.heading else {}

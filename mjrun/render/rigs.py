@@ -145,8 +145,8 @@ def _around(rig: AroundRig, viewer: Viewer, where: str) -> AroundAim:
     free = viewer.free
     x, y, z = map(float, free.lookat)
     target = spot((x, y, z) if rig.target is None else rig.target, viewer.model)
-    once = Ramp(free.azimuth, free.azimuth + 360) if rig.turn else Ramp.still(free.azimuth)
-    distance, azimuth = rig.distance or Ramp.still(free.distance), rig.azimuth or once
+    usual = Ramp(free.azimuth, free.azimuth + 360, rig.turn) if rig.turn else Ramp.still(free.azimuth)
+    distance, azimuth = rig.distance or Ramp.still(free.distance), rig.azimuth or usual
     elevation = rig.elevation or Ramp.still(free.elevation)
     check_ramp(distance, f"{where}: distance", low=0.0, expected="a positive number of metres")
     check_ramp(azimuth, f"{where}: azimuth")

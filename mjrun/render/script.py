@@ -38,7 +38,8 @@ class AroundRig:
       distance: [m]; azimuth, elevation: [deg]; None: those of MuJoCo's free camera.
       heading: whether the azimuth turns with the object, as if seen by a chase camera.
       offset: of the point that is looked at from the target [m], in the world; turned with it if `heading`.
-      turn: without an azimuth: once round, counter-clockwise from above, from that of MuJoCo's free camera.
+      turn: without an azimuth: once round by this ease, counter-clockwise from above, from that of MuJoCo's free
+        camera.
     """
 
     target: Place | None = None
@@ -47,7 +48,7 @@ class AroundRig:
     elevation: Ramp | None = None
     heading: bool = False
     offset: Vector = (0.0, 0.0, 0.0)
-    turn: bool = False
+    turn: str | None = None
 
 
 @dataclass(frozen=True)

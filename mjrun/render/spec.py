@@ -43,7 +43,7 @@ def _shot(text: str, model: mujoco.MjModel) -> Shot:
         return Shot(_model_camera(text, model, cameras))
     parts = [part for part in rest.split(",") if part]
     followed = parts.pop(0) if kind == "track" and parts and "=" not in parts[0] else None
-    return _rig_shot(kind, followed, _settings(kind, parts), model)
+    return _rig_shot(kind, followed, _settings(kind, parts))
 
 
 def _model_camera(text: str, model: mujoco.MjModel, cameras: list[str]) -> ModelRig:
@@ -69,17 +69,13 @@ def _settings(kind: str, parts: list[str]) -> dict[str, str]:
     return found
 
 
-def _rig_shot(kind: str, followed: str | None, settings: Mapping[str, str], model: mujoco.MjModel) -> Shot:
+def _rig_shot(kind: str, followed: str | None, settings: Mapping[str, str]) -> Shot:
     if kind == "track" and not followed:
         raise UsageError("--camera track: which object? write track:BODY[,distance=…,azimuth=…,elevation=…]")
     ease = settings.get("ease", "linear")
     if ease not in EASINGS:
         raise UnknownNameError("ease", ease, list(EASINGS), where=f"--camera {kind}")
     ramps = {name: _ramp(kind, name, settings[name], ease) for name in NUMBERS if name in settings}
-    if kind == "orbit" and "azimuth" not in settings:
-        default = mujoco.MjvCamera()
-        mujoco.mjv_defaultFreeCamera(model, default)
-        ramps["azimuth"] = Ramp(default.azimuth, default.azimuth + 360, ease)
     if "distance" in ramps:
         check_ramp(ramps["distance"], f"--camera {kind}: distance", 0.0, expected="a positive number of metres")
     rig = AroundRig(
@@ -88,6 +84,7 @@ def _rig_shot(kind: str, followed: str | None, settings: Mapping[str, str], mode
         azimuth=ramps.get("azimuth"),
         elevation=ramps.get("elevation"),
         heading="heading" in settings,
+        turn=ease if kind == "orbit" and "azimuth" not in settings else None,
     )
     return Shot(rig, roll=ramps.get("roll", Ramp.still(0.0)), fovy=ramps.get("fovy"))
 

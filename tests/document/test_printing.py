@@ -148,7 +148,9 @@ def timed(draw: st.DrawFn) -> PathRig:
 rigs = st.one_of(
     st.builds(ModelRig, names),
     st.builds(AroundRig, maybe(places), **around),
-    st.builds(AroundRig, maybe(places), maybe(distances), st.none(), maybe(ramps), turn=st.just(True)),
+    st.builds(
+        AroundRig, maybe(places), maybe(distances), st.none(), maybe(ramps), turn=st.sampled_from(sorted(EASINGS))
+    ),
     st.builds(AroundRig, names, **around, heading=st.booleans(), offset=vectors),
     st.builds(LookRig, places, places),
     st.builds(
@@ -536,8 +538,8 @@ def overridden(*settings: Setting) -> Any:
         (Image(start(), "a.png", at=Event("a", offset=Fraction(2, 3))), "at: 2/3 is no decimal number"),
         (shot(rig=AroundRig(heading=True)), "fly: shots[0]: no document says this of a camera: 'AroundRig(target=None"),
         (shot(rig=AroundRig((0, 0, 1), offset=(0, 0, 1))), "fly: shots[0]: no document says this of a camera"),
-        (shot(rig=AroundRig("a", heading=True, turn=True)), "fly: shots[0]: no document says this of a camera"),
-        (shot(rig=AroundRig(azimuth=Ramp(1, 2), turn=True)), "fly: shots[0]: no document says this of a camera"),
+        (shot(rig=AroundRig("a", heading=True, turn="linear")), "fly: shots[0]: no document says this of a camera"),
+        (shot(rig=AroundRig(azimuth=Ramp(1, 2), turn="linear")), "fly: shots[0]: no document says this of a camera"),
     ],
 )
 def test_what_no_document_can_say_is_refused(job: Any, message: str) -> None:

@@ -115,7 +115,7 @@ def test_what_is_not_said_is_the_free_camera_s() -> None:
     mujoco.mjv_defaultFreeCamera(MODEL, camera)
     assert same(posed(AroundRig(), data=data), updated(camera, data))
     camera.azimuth += 90
-    assert same(posed(AroundRig(turn=True), at(0.25), data), updated(camera, data))
+    assert same(posed(AroundRig(turn="linear"), at(0.25), data), updated(camera, data))
 
 
 @given(st.floats(0, 1))

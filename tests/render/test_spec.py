@@ -97,10 +97,13 @@ def test_an_orbit_goes_from_start_to_end_by_its_ease(phase: float) -> None:
     assert cosine.angles[0] % 360 == pytest.approx(140 + 100 * (1 - np.cos(np.pi * phase)) / 2)
 
 
-def test_an_orbit_without_angles_goes_once_round() -> None:
-    azimuth = default().azimuth
-    assert around("orbit").azimuth == Ramp(azimuth, azimuth + 360)
-    assert around("orbit:ease=smooth").azimuth == Ramp(azimuth, azimuth + 360, "smooth")
+@given(phases)
+def test_an_orbit_without_angles_goes_once_round(phase: float) -> None:
+    camera, angle = default(), default().azimuth
+    camera.azimuth = angle + 360 * phase
+    assert posed("orbit", phase).rotation == pytest.approx(updated(camera).rotation, abs=1e-5)
+    camera.azimuth = angle + 180 * (1 - np.cos(np.pi * phase))
+    assert posed("orbit:ease=cosine", phase).rotation == pytest.approx(updated(camera).rotation, abs=1e-5)
 
 
 @pytest.mark.parametrize(
