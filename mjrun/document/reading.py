@@ -1,7 +1,5 @@
 """A YAML file, read into a typed value, or every error in it at once, each at its line and column."""
 
-import os
-import stat
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import TypeVar
@@ -13,7 +11,8 @@ from mjrun.document.compose import Lines, compose
 from mjrun.document.preamble import DEFAULTS, VARS, merged, without_variables
 from mjrun.document.tree import Broken, Fault, Mapped, Mark, Scalar, described, plain
 from mjrun.document.wording import faults_of
-from mjrun.errors import DocumentError, FileError, Problem, suggestion
+from mjrun.errors import DocumentError, Problem
+from mjrun.export.foreign import opened
 
 LARGEST = 2**20  # bytes of a document
 SUFFIXES = (".yaml", ".yml")
@@ -79,7 +78,8 @@ class _Reader:
 
     def document(self, path: Path, order: int, hint: str = "") -> Mapped | None:
         """The mapping in the file at `path`; None if there is no such mapping."""
-        data = _bytes(path, hint)
+        with opened(path, "document", SUFFIXES, hint) as file:
+            data = file.read(LARGEST + 1)
         top = Mark(order, 0, 0, str(path))
         if len(data) > LARGEST:
             self.faults.append(Fault(top, "", f"more than {LARGEST // 2**20} MiB are no document for mjrun"))
@@ -132,36 +132,3 @@ class _Reader:
 def _problem(fault: Fault) -> Problem:
     named = not fault.mark.line and fault.mark.source.startswith(f"{fault.path}=")  # the setting says the path already
     return Problem(str(fault.mark), "" if named else fault.path, fault.message)
-
-
-# --- files -------------------------------------------------------------------------------------------
-
-
-def _bytes(path: Path, hint: str) -> bytes:
-    """What is in the file, one byte more than `LARGEST` at most."""
-    try:
-        # A pipe without a writer would block; the check comes after opening, so that nobody can change it in between.
-        number = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
-    except (FileNotFoundError, NotADirectoryError):
-        raise FileError(path, f"no such file{suggestion(path.name, _siblings(path.parent))}", hint) from None
-    except (OSError, ValueError) as error:  # a null byte in the path is a ValueError
-        raise FileError(path, f"cannot be read: {getattr(error, 'strerror', None) or error}", hint) from None
-    try:
-        mode = os.fstat(number).st_mode
-        if stat.S_ISDIR(mode):
-            raise FileError(path, "is a folder, not a document", hint)
-        if not stat.S_ISREG(mode):
-            raise FileError(path, "is not a regular file", hint)
-        with os.fdopen(number, "rb", closefd=False) as file:
-            return file.read(LARGEST + 1)
-    except OSError as error:
-        raise FileError(path, f"cannot be read: {error.strerror or error}", hint) from None
-    finally:
-        os.close(number)
-
-
-def _siblings(folder: Path) -> list[str]:
-    try:
-        return sorted(entry.name for entry in folder.iterdir() if entry.suffix.lower() in SUFFIXES)
-    except OSError:
-        return []

@@ -2,10 +2,12 @@
 
 import contextlib
 import errno
+import os
 import stat
 import warnings
 from collections.abc import Collection, Iterator
 from pathlib import Path
+from typing import BinaryIO
 
 from mjrun.errors import FileError, MjrunError, clean, suggestion
 
@@ -28,15 +30,43 @@ def require_file(path: Path, what: str, suffixes: Collection[str], hint: str = "
     Raises:
       FileError: there is not.
     """
+    with _refused(path, suffixes, hint):
+        _check(path, path.stat().st_mode, what, hint)
+
+
+@contextlib.contextmanager
+def opened(path: Path, what: str, suffixes: Collection[str], hint: str = "") -> Iterator[BinaryIO]:
+    """The regular file at `path`, to be read. It is looked at once it is open, so that nobody can change it in between.
+
+    Raises:
+      FileError: as of `require_file`.
+    """
+    with _refused(path, suffixes, hint):
+        # A pipe without a writer would block.
+        number = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
+        try:
+            _check(path, os.fstat(number).st_mode, what, hint)
+            with os.fdopen(number, "rb", closefd=False) as file:
+                yield file
+        finally:
+            os.close(number)
+
+
+@contextlib.contextmanager
+def _refused(path: Path, suffixes: Collection[str], hint: str) -> Iterator[None]:
+    """Tells of what the system refuses."""
     try:
-        mode = path.stat().st_mode
+        yield
     except (FileNotFoundError, NotADirectoryError):
         near = suggestion(path.name, _siblings(path.parent, suffixes))
         raise FileError(path, f"no such file{near}", hint) from None
     except (OSError, ValueError) as error:  # a null byte in the path is a ValueError
-        raise FileError(path, f"cannot be read: {getattr(error, 'strerror', None) or error}") from None
+        raise FileError(path, f"cannot be read: {getattr(error, 'strerror', None) or error}", hint) from None
+
+
+def _check(path: Path, mode: int, what: str, hint: str) -> None:
     if not stat.S_ISREG(mode):
-        raise FileError(path, f"is a folder, not a {what}" if stat.S_ISDIR(mode) else "is not a regular file")
+        raise FileError(path, f"is a folder, not a {what}" if stat.S_ISDIR(mode) else "is not a regular file", hint)
 
 
 @contextlib.contextmanager

@@ -10,7 +10,7 @@ from functools import cached_property
 from pathlib import Path
 
 from mjrun.errors import BadValueError, UnknownNameError, UsageError
-from mjrun.job.check_process import Children, Said
+from mjrun.job.checking.process import Children, Said
 from mjrun.job.report import QuietReporter, Reporter
 from mjrun.model.lint.finding import SEVERITIES, Finding, Sighting
 from mjrun.model.lint.folder import found_models

@@ -10,9 +10,9 @@ import mujoco
 import pytest
 
 from mjrun.errors import UsageError
-from mjrun.job import check_motion
 from mjrun.job.check import Check, Checked, CheckResult, matching
-from mjrun.job.check_process import MOST_TOLD, Children, Drain
+from mjrun.job.checking import motion
+from mjrun.job.checking.process import MOST_TOLD, Children, Drain
 from mjrun.model.lint.finding import Finding
 from mjrun.model.lint.rules import RULES
 from mjrun.model.lint.source import read
@@ -193,7 +193,7 @@ def test_a_folder_without_models_is_refused(workplace: Path) -> None:
 def test_a_fault_of_a_rule_is_a_finding_and_the_other_rules_look_on(
     monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:
-    from mjrun.job.check_child import Examination
+    from mjrun.job.checking.child import Examination
 
     def broken(subject: Subject) -> None:
         raise ZeroDivisionError("planted")
@@ -214,7 +214,7 @@ def test_a_fault_of_a_rule_is_a_finding_and_the_other_rules_look_on(
 def moved(text: str, steps: int = 200) -> dict[str, str]:
     """Codes and messages of what motion shows."""
     path = Path(write("moved.xml", text))
-    found = check_motion.sightings(Subject.load(path, read(path)), steps)
+    found = motion.sightings(Subject.load(path, read(path)), steps)
     return {code: sighting.message for code, sighting in found}
 
 

@@ -19,7 +19,7 @@ from typing import Any, TextIO
 import mujoco
 
 from mjrun.errors import ModelError
-from mjrun.job import check_motion
+from mjrun.job.checking import motion
 from mjrun.model.lint import rules
 from mjrun.model.lint.finding import Finding, Sighting
 from mjrun.model.lint.source import Source, read
@@ -102,10 +102,10 @@ class Examination:
                 if rule.find and code in self.codes:
                     self._doing(f"looking for {code}, {rule.title}")
                     self._guarded(code, subject)
-        if self.codes.intersection(check_motion.CODES):
+        if self.codes.intersection(motion.CODES):
             self._doing(f"taking {self.steps} steps")
             with without_timers():
-                found = check_motion.sightings(subject, self.steps)
+                found = motion.sightings(subject, self.steps)
                 self._tell(rules.finding(code, sighting, self.path) for code, sighting in found)
 
     def _loaded(self, source: Source) -> Subject | None:

@@ -16,7 +16,7 @@ MIB = 2**20
 MOST_SAID = 16 * MIB  # bytes that are read of what one process says
 MOST_TOLD = 2**16  # bytes that are kept of what libraries print in it
 LOOK = 0.05  # [s] between two looks at a process
-CODE = "import sys; sys.path.append(sys.argv[1]); from mjrun.job.check_child import main; main()"
+CODE = "import sys; sys.path.append(sys.argv[1]); from mjrun.job.checking.child import main; main()"
 
 
 @dataclass(frozen=True)
@@ -92,7 +92,7 @@ def _resident(pid: int) -> int:
 
 
 def _started(asked: str) -> subprocess.Popen[bytes]:
-    package = str(Path(__file__).parents[2])
+    package = str(Path(__file__).parents[3])
     quiet = {"MUJOCO_GL": "disable", "OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1", "MALLOC_ARENA_MAX": "2"}
     return subprocess.Popen(
         [sys.executable, "-P", "-B", "-c", CODE, package, asked],  # -P: the models' folder is no place for modules
