@@ -9,7 +9,15 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
+from mjrun.cli import image, options, trace, video
+from mjrun.document.drawing import Groups
+from mjrun.document.making import Film, Still, Table
+from mjrun.document.run import Run
+
 if TYPE_CHECKING:
+    import click
+    from pydantic import BaseModel
+
     from tests.conftest import Command
 
 STUDY = """
@@ -128,3 +136,35 @@ def test_a_schema_is_printed_as_json(mjrun: Command, kind: str) -> None:
     assert (done.returncode, done.stderr) == (0, b"")
     assert json.loads(done.stdout)["type"] == "object"
     assert mjrun("schema", "film").returncode == 2
+
+
+# Options that a document has not: of the terminal, of the machine that draws, and code, which no document may name.
+TERMINAL = {"json", "quiet", "verbose", "debug", "print_document", "list", "csv"}
+MACHINE = {"gl", "require_gpu"}
+CODE = {"controller", "control_dt"}
+SAID_OTHERWISE = {"time": "at"}
+
+
+def keys(form: type[BaseModel]) -> set[str]:
+    """What a mapping of a document may say."""
+    return {field.alias or name for name, field in form.model_fields.items()}
+
+
+@pytest.mark.parametrize(
+    ("command", "form", "outputs"),
+    [
+        (video.command, Film, {"films", "stills", "traces", "plots"}),
+        (image.command, Still, {"films", "stills", "traces", "plots", "duration", "steps"}),
+        (trace.command, Table, {"films", "stills", "traces", "plots"}),
+    ],
+)
+def test_what_a_command_can_be_told_a_document_can_say_and_the_other_way_round(
+    command: click.Command, form: type[BaseModel], outputs: set[str]
+) -> None:
+    groups = {f"{kind}group" for kind in keys(Groups)}
+    assert groups == {f"{kind}group" for kind in options.GROUP_KINDS}
+    names = {param.opts[-1].lstrip("-").replace("-", "_") for param in command.params if param.opts[-1][:2] == "--"}
+    said = {SAID_OTHERWISE.get(name, name) for name in names - groups} | ({"groups"} if groups & names else set())
+    known = (keys(form) | keys(Run)) - outputs - {"model"}
+    assert said - known == (TERMINAL | MACHINE | CODE) & names
+    assert known - said == set()
