@@ -98,7 +98,8 @@ class BadValueError(UsageError):
     """A value of the wrong type, size or range."""
 
     def __init__(self, what: str, value: object, expected: str) -> None:
-        super().__init__(f"{clean(what)}: {quoted(str(value))} is not {expected}")
+        self.value = str(value)
+        super().__init__(f"{clean(what)}: {quoted(self.value)} is not {expected}")
 
 
 class Problem(NamedTuple):
@@ -120,6 +121,14 @@ class DocumentError(UsageError):
         hidden = len(problems) - FAULTS
         more = [f"… and {hidden} more problem{'s' if hidden > 1 else ''}"] if hidden > 0 else []
         super().__init__("\n".join([*map(str, problems[:FAULTS]), *more]))
+
+
+class JobsError(UsageError):
+    """What is wrong with jobs that are done together: `faults`, each with a job's index, None for the simulation."""
+
+    def __init__(self, faults: Sequence[tuple[int | None, UsageError]]) -> None:
+        self.faults = tuple(faults)
+        super().__init__("\n".join(dict.fromkeys(str(error) for _, error in faults)))
 
 
 class MissingExtraError(UsageError):

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -11,6 +11,9 @@ from mjrun.cli import options, sentences, values
 from mjrun.cli.code import controller
 from mjrun.cli.console import Console
 from mjrun.errors import FileError, clean
+
+if TYPE_CHECKING:
+    from mjrun.document.run import Orders
 
 OUTPUTS = ("output", "contacts", "calibration", "pointcloud", "manifest")  # of jobs
 
@@ -33,12 +36,13 @@ def command(console: Console, /, as_json: bool, **given: Any) -> None:
     values.import_mujoco()
     from mjrun.job.work import perform, planned
 
-    jobs = _jobs(console, given)
-    if given["dry_run"]:
-        _show_plan(console, planned(jobs, console), as_json)
-        return
-    _make_folders(jobs)
-    results = perform(jobs, console)
+    orders = _orders(console, given)
+    with orders.located():
+        if given["dry_run"]:
+            _show_plan(console, planned(orders.jobs, console), as_json)
+            return
+        _make_folders(orders.jobs)
+        results = perform(orders.jobs, console)
     if as_json:
         console.document({"results": [{"kind": type(r).__name__.removesuffix("Result"), **asdict(r)} for r in results]})
     elif console.verbosity >= 0:
@@ -46,7 +50,7 @@ def command(console: Console, /, as_json: bool, **given: Any) -> None:
             console.result(sentences.sentence(result))
 
 
-def _jobs(console: Console, given: dict[str, Any]) -> list[Any]:
+def _orders(console: Console, given: dict[str, Any]) -> "Orders":
     from mjrun.document.run import Machine, read_run
 
     machine = Machine(

@@ -16,6 +16,7 @@ plots:
 ```
 """
 
+import contextlib
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any, TypeVar
@@ -29,9 +30,9 @@ from mjrun.document.making import Film, Graphs, Kept, Still, Table
 from mjrun.document.quantities import one_line
 from mjrun.document.reading import document_error, read_placed
 from mjrun.document.simulation import Simulated
-from mjrun.document.tree import Fault, Mapped, find, spelled
+from mjrun.document.tree import Fault, Mapped, find, spelled, texts
 from mjrun.document.tree import Path as Place
-from mjrun.errors import DocumentError, Problem, UsageError
+from mjrun.errors import DocumentError, JobsError, Problem, UsageError
 from mjrun.job.drawing import Drawing
 from mjrun.job.simulation import Simulation
 from mjrun.job.work import Job
@@ -80,8 +81,46 @@ class Run(Simulated):
             yield ("recording",), Kept(output=self.recording)
 
 
-def read_run(path: Path | str, assignments: Sequence[str], folder: Path, machine: Machine = ANY) -> list[Job]:
-    """What the run document at `path` asks for: jobs that have one simulation in common.
+class Orders:
+    """The jobs that a document asks for, and where it does.
+
+    Attributes:
+      jobs: they have one simulation in common.
+    """
+
+    def __init__(self, tree: Mapped, jobs: Mapping[Place, Job]) -> None:
+        self._tree, self._places = tree, list(jobs)
+        self.jobs = list(jobs.values())
+
+    @contextlib.contextmanager
+    def located(self) -> Iterator[None]:
+        """Tells of what is found wrong with the jobs where the document says it.
+
+        Raises:
+          DocumentError: with everything that was found.
+        """
+        try:
+            yield
+        except UsageError as error:
+            found = error if isinstance(error, JobsError) else error.__cause__
+            if not isinstance(found, JobsError):
+                raise
+            raise document_error(self._fault(*fault) for fault in found.faults) from error
+
+    def _fault(self, index: int | None, error: UsageError) -> Fault:
+        """`error` at the first value or key that says what is wrong, or else at the job."""
+        area: Place = () if index is None else self._places[index]
+        tree = self._tree.without(*MADE) if index is None else find(self._tree, area)
+        written = list(texts(tree, area))
+        wrong = getattr(error, "name", None) or getattr(error, "value", None)
+        whole = [(path, mark) for path, mark, text in written if text == wrong]
+        parts = [(path, mark) for path, mark, text in written if wrong and wrong in text]
+        path, mark = next(iter([*whole, *parts]), (area, tree.mark))
+        return Fault(mark, spelled(path), one_line(error))
+
+
+def read_run(path: Path | str, assignments: Sequence[str], folder: Path, machine: Machine = ANY) -> Orders:
+    """What the run document at `path` asks for.
 
     Files that are read are relative to the folder of the document, outputs are inside `folder`.
 
@@ -94,7 +133,7 @@ def read_run(path: Path | str, assignments: Sequence[str], folder: Path, machine
       FileError: one of them is not there, or cannot be read.
     """
     document, tree = read_placed(path, Run, assignments, preamble=True, named=NAMED)
-    return _Maker(tree, Path(path).parent, Files(folder), machine).jobs(document)
+    return Orders(tree, _Maker(tree, Path(path).parent, Files(folder), machine).jobs(document))
 
 
 class _Maker:
@@ -103,13 +142,13 @@ class _Maker:
         self._faults: list[Fault] = []
         self._others: list[Problem] = []  # in documents that this one names
 
-    def jobs(self, document: Run) -> list[Job]:
-        """All jobs, if nothing was wrong."""
+    def jobs(self, document: Run) -> dict[Place, Job]:
+        """All jobs, if nothing was wrong, by their places in the document."""
         simulation = self._tried((), lambda: document.simulation(self._inputs, self._machine)) or Simulation("")
-        found = [self._job(form, place, simulation) for place, form in document.outputs()]
+        found = {place: self._job(form, place, simulation) for place, form in document.outputs()}
         if self._faults or self._others:
             raise document_error(self._faults, self._others)
-        return [job for job in found if job is not None]
+        return {place: job for place, job in found.items() if job is not None}
 
     def _job(self, form: Output, place: Place, simulation: Simulation) -> Job | None:
         asked = {key: text for key in WRITTEN if (text := getattr(form, key, None)) is not None}

@@ -1,6 +1,6 @@
 """A document as it is written: values that know their line and column."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -108,6 +108,20 @@ def find(node: Node, path: Path) -> Node:
         else:
             return node
     return node
+
+
+def texts(node: Node, path: Path) -> Iterator[tuple[Path, Mark, str]]:
+    """All keys and values in `node`, which stands at `path`: where each is, and what is written there."""
+    match node:
+        case Scalar():
+            yield path, node.mark, node.text
+        case Listed():
+            for index, item in enumerate(node.items):
+                yield from texts(item, (*path, index))
+        case Mapped():
+            for key, inner in node.entries.items():
+                yield (*path, key), node.keys.get(key, inner.mark), key
+                yield from texts(inner, (*path, key))
 
 
 def spelled(path: Path) -> str:

@@ -6,12 +6,14 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import asdict, dataclass
+from functools import partial
 from pathlib import Path
-from typing import Any, Protocol
+from types import TracebackType
+from typing import Any, Protocol, TypeVar
 
 import mujoco
 
-from mjrun.errors import FailedAssertionError, SimulationError, UsageError, clean
+from mjrun.errors import ControllerError, FailedAssertionError, JobsError, SimulationError, UsageError, clean
 from mjrun.export.manifest import ManifestWriter
 from mjrun.job.happening import Happening
 from mjrun.job.report import QuietReporter, Reporter, pass_on
@@ -20,6 +22,8 @@ from mjrun.model.native import collected_warnings, without_timers
 from mjrun.sim.observe import Tap, observe
 from mjrun.sim.stepper import Stepper
 from mjrun.timeline import Timeline
+
+T = TypeVar("T")
 
 
 @dataclass(frozen=True)
@@ -180,28 +184,61 @@ def planned(jobs: Sequence[Job], reporter: Reporter | None = None) -> Plan:
       MjrunError: it would fail at once.
     """
     with collected_warnings(), ExitStack() as stack:
-        works, ground = _planned(jobs, reporter or QuietReporter(), stack)
-        ground.simulation.stepper(_measured(ground.model, works))
+        works, ground, _ = _planned(jobs, reporter or QuietReporter(), stack)
         line = ground.timeline
         outlines = [work.outline() for work in works]
         return Plan(float(line.timestep), line.steps, float(line.duration), outlines)
 
 
-def _planned(jobs: Sequence[Job], reporter: Reporter, stack: ExitStack) -> tuple[list[Work], Ground]:
+def _planned(jobs: Sequence[Job], reporter: Reporter, stack: ExitStack) -> tuple[list[Work], Ground, Stepper]:
+    """What all jobs are made with, once everything that can be wrong with them was looked for."""
     _check_one_simulation(jobs)
-    works = [job.work(stack) for job in jobs]
+    with _Faults(jobs) as faults:
+        works = [work for i, job in enumerate(jobs) if (work := faults.tried(i, partial(job.work, stack)))]
     simulation = jobs[0].simulation
     model = simulation.load()
     ground = Ground(simulation, model, simulation.timeline(model), reporter)
-    for work in works:
-        work.plan(ground)
-    return works, ground
+    with _Faults(jobs) as faults:
+        for i, work in enumerate(works):
+            faults.tried(i, partial(work.plan, ground))
+        stepper = faults.tried(None, lambda: simulation.stepper(model if faults.found else _measured(model, works)))
+    assert stepper
+    return works, ground, stepper
+
+
+class _Faults:
+    """What is wrong with jobs: all of it is told at the end, at once."""
+
+    def __init__(self, jobs: Sequence[Job]) -> None:
+        self._alone = len(jobs) == 1
+        self.found: list[tuple[int | None, UsageError]] = []
+
+    def tried(self, index: int | None, make: Callable[[], T]) -> T | None:
+        """What `make` makes; None if it is wrong, which is noted of the job with this index."""
+        try:
+            return make()
+        except ControllerError:  # somebody's code, with its traceback
+            raise
+        except UsageError as error:
+            self.found.append((index, error))
+            return None
+
+    def __enter__(self) -> "_Faults":
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if kind is None and self.found:
+            together = JobsError(self.found)
+            if self._alone and len(self.found) == 1:
+                raise self.found[0][1] from together
+            raise together
 
 
 def _made(jobs: Sequence[Job], reporter: Reporter) -> tuple[list[Made | None], SimulationError | None]:
     with ExitStack() as stack:
-        works, ground = _planned(jobs, reporter, stack)
-        stepper = ground.simulation.stepper(_measured(ground.model, works))
+        works, ground, stepper = _planned(jobs, reporter, stack)
         for text in ground.simulation.remarks(ground.model):
             reporter.warn(text)
         for work in works:

@@ -54,7 +54,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 def again(jobs: Sequence[Any]) -> list[Any]:
     """The jobs of the document that is printed for `jobs`."""
     Path("d.yaml").write_text(document_text(jobs, "mjrun …\n"), encoding="utf-8")
-    return read_run("d.yaml", [], Path())
+    return read_run("d.yaml", [], Path()).jobs
 
 
 # --- one form of what may be said in several ----------------------------------------------------------

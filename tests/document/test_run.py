@@ -11,14 +11,14 @@ import pytest
 from mjrun.document import run
 from mjrun.document.machine import Machine
 from mjrun.document.run import read_run
-from mjrun.errors import DocumentError, FileError
+from mjrun.errors import DocumentError, FileError, UsageError
 from mjrun.job.image import Image
 from mjrun.job.plot import Plot
 from mjrun.job.record import Record
 from mjrun.job.simulation import Simulation, Source
 from mjrun.job.trace import Trace
 from mjrun.job.video import Video
-from mjrun.job.work import perform
+from mjrun.job.work import perform, planned
 from mjrun.model.override import Setting
 from mjrun.render.script import AroundRig, Event, ModelRig, Ramp, Script, Shot
 from mjrun.render.visual import Visual
@@ -44,7 +44,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 def jobs(text: str, *assignments: str, machine: Machine = Machine(), name: str = "d.yaml") -> list[Any]:  # noqa: B008
     Path(name).write_text(text)
-    return read_run(name, assignments, Path("out"), machine)
+    return read_run(name, assignments, Path("out"), machine).jobs
 
 
 def job(text: str, *assignments: str, machine: Machine = Machine()) -> Any:  # noqa: B008
@@ -328,7 +328,7 @@ def test_outputs_may_go_up_and_down_inside_the_folder() -> None:
 def test_a_folder_of_outputs_may_be_a_link_itself(folder: Path) -> None:
     Path("alias").symlink_to("out")
     Path("d.yaml").write_text(HEAD + "recording: a.npz")
-    (kept,) = read_run("d.yaml", [], folder / "alias")
+    (kept,) = read_run("d.yaml", [], folder / "alias").jobs
     assert kept.output == str(folder / "alias/a.npz")  # type: ignore[attr-defined]
 
 
@@ -627,3 +627,65 @@ def test_a_trace_a_plot_and_a_recording_are_made_in_one_pass() -> None:
     assert np.allclose(table["qposballz"], 1 - 2 * 0.01**2 * steps * (steps + 1) / 2, atol=1e-12)
     assert (trace.rows, plot.size, kept.states) == (6, (160, 200), 51)
     assert sorted(path.name for path in Path("out").iterdir()) == ["fall.png", "run.csv", "run.npz"]
+
+
+# --- what only the model can tell is wrong ----------------------------------------------------------
+
+HINGED = """
+<mujoco>
+  <worldbody>
+    <camera name="side" pos="0 -2 .8" xyaxes="1 0 0 0 .3 1"/>
+    <body name="box"><joint name="hinge"/><geom size=".1"/></body>
+  </worldbody>
+</mujoco>
+"""
+BELOW = "model: m.xml\nduration: 0.1\n"
+
+
+def found(text: str, *assignments: str) -> list[str]:
+    """What is wrong, each cut after the name that is not there."""
+    Path("m.xml").write_text(HINGED)
+    Path("d.yaml").write_text(BELOW + text)
+    orders = read_run("d.yaml", assignments, Path("out"))
+    with pytest.raises(DocumentError) as caught, orders.located():
+        planned(orders.jobs)
+    return [str(problem).removeprefix("d.yaml:").split(" (did")[0].split(";")[0] for problem in caught.value.problems]
+
+
+@pytest.mark.parametrize(
+    ("text", "lines"),
+    [
+        ("films: [{output: f.mp4, camera: sde}]", ["3:33: films[0].camera: no camera 'sde'"]),
+        ("films: [{output: f.mp4, camera: [side, tp]}]", ["3:40: films[0].camera[1]: no camera 'tp'"]),
+        ("films: [{output: f.mp4, camera: 'track:bx'}]", ["3:33: films[0].camera: no object 'bx'"]),
+        (
+            "films:\n- output: f.mp4\n  camera:\n    shots:\n    - orbit: {lookat: bx}",
+            ["7:23: films[0].camera.shots[0].orbit.lookat: no object 'bx'"],
+        ),
+        ("films: [{output: f.mp4, trail: [box, bx]}]", ["3:38: films[0].trail[1]: no object 'bx'"]),
+        (
+            "films:\n- output: f.mp4\n  camera: {shots: [{free: , until: {when: speed(bx) > 1}}, {camera: side}]}",
+            ["5:43: films[0].camera.shots[0].until.when: no object 'bx'"],
+        ),
+        (
+            "qpos: {hing: 1}\ntraces:\n- {output: t.csv, probe: [qpos, enrgy]}\n- {output: u.csv}",
+            ["3:8: qpos.hing: no joint 'hing'", "5:33: traces[0].probe[1]: no probe 'enrgy'"],
+        ),
+        ("key: home\ntraces: [{output: t.csv}]", ["3:6: key: no keyframe 'home'"]),
+        ("films: [{output: a.mp4, camera: sde}]\nstills: [{output: a.png, camera: sde}]",
+         ["3:33: films[0].camera: no camera 'sde'", "4:34: stills[0].camera: no camera 'sde'"]),
+    ],
+)  # fmt: skip
+def test_what_the_model_has_not_is_told_where_the_document_names_it(folder: Path, text: str, lines: list[str]) -> None:
+    assert [line[: len(expected)] for line, expected in zip(found(text), lines, strict=True)] == lines
+
+
+def test_what_the_command_line_set_is_told_of_it(folder: Path) -> None:
+    assert found("films: [{output: f.mp4}]", "films[0].camera=sde") == ["films[0].camera=sde: no camera 'sde'"]
+
+
+def test_what_goes_wrong_later_is_no_fault_of_the_document(folder: Path) -> None:
+    Path("m.xml").write_text(HINGED)
+    Path("d.yaml").write_text(BELOW + "traces: [{output: t.csv}]")
+    with pytest.raises(UsageError, match="later"), read_run("d.yaml", [], Path("out")).located():
+        raise UsageError("later")

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from PIL import Image as Pillow
 
-from mjrun.errors import FailedAssertionError, FileError, UnknownNameError, UnstableError, UsageError
+from mjrun.errors import FailedAssertionError, FileError, JobsError, UnknownNameError, UnstableError, UsageError
 from mjrun.job.image import Image
 from mjrun.job.plot import Plot
 from mjrun.job.record import Record
@@ -112,9 +112,9 @@ def test_what_fails_early_leaves_nothing_of_any_job(swing: Path, tmp_path: Path)
     simulation = Simulation(swing, steps=10)
     good = Trace(simulation, f"{tmp_path}/a.csv")
     for bad, error in (
-        (Trace(simulation, f"{tmp_path}/b.csv", probes=["nothing"]), UnknownNameError),
+        (Trace(simulation, f"{tmp_path}/b.csv", probes=["nothing"]), JobsError),
         (Plot(simulation, f"{tmp_path}/none/p.png", probes=["energy"]), FileError),
-        (Image(simulation, f"{tmp_path}/i.png", at=Event("speed(nobody) > 1")), UnknownNameError),
+        (Image(simulation, f"{tmp_path}/i.png", at=Event("speed(nobody) > 1")), JobsError),
     ):
         with pytest.raises(error):
             perform([good, bad])
@@ -152,3 +152,22 @@ def test_a_plan_counts_what_is_then_made(swing: Path, tmp_path: Path) -> None:
     made = perform(jobs)
     assert [part.count for part in plan.outlines] == [made[0].frames, None, made[2].rows, made[3].states]
     assert (plan.steps, plan.duration) == (50, 0.1)
+
+
+def test_all_that_is_wrong_with_jobs_is_told_at_once(swing: Path, tmp_path: Path) -> None:
+    simulation = Simulation(swing, duration=0.1, qpos={"hing": 1})
+    film = Video(simulation, f"{tmp_path}/f.mp4", camera="sde", size=SIZE)
+    trace = Trace(simulation, f"{tmp_path}/t.csv", probes=["qpos"])
+    plot = Plot(simulation, f"{tmp_path}/p.png", probes=["enrgy"])
+    with pytest.raises(JobsError) as caught:
+        perform([film, trace, plot])
+    assert [index for index, _ in caught.value.faults] == [0, 2, None]
+    assert [getattr(error, "name", None) for _, error in caught.value.faults] == ["sde", "enrgy", "hing"]
+    assert [line for line in str(caught.value).splitlines() if line.startswith("no ")] == [
+        "no camera 'sde' (did you mean 'side'?)",
+        "no probe 'enrgy' (did you mean 'energy'?)",
+        "no joint 'hing' (did you mean 'hinge'?)",
+    ]
+    with pytest.raises(UnknownNameError, match="no probe 'enrgy'"):
+        planned([replace(plot, simulation=replace(simulation, qpos={}))])
+    assert [*tmp_path.iterdir()] == [swing]
