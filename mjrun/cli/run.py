@@ -1,6 +1,7 @@
 """`mjrun run`."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, suppress
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -41,8 +42,8 @@ def command(console: Console, /, as_json: bool, **given: Any) -> None:
         if given["dry_run"]:
             _show_plan(console, planned(orders.jobs, console), as_json)
             return
-        _make_folders(orders.jobs)
-        results = perform(orders.jobs, console)
+        with _folders(orders.jobs):
+            results = perform(orders.jobs, console)
     if as_json:
         console.document({"results": [{"kind": type(r).__name__.removesuffix("Result"), **asdict(r)} for r in results]})
     elif console.verbosity >= 0:
@@ -65,14 +66,22 @@ def _orders(console: Console, given: dict[str, Any]) -> "Orders":
     return read_run(given["document"], given["assignments"], Path(given["output"] or "."), machine)
 
 
-def _make_folders(jobs: Sequence[Any]) -> None:
-    """Makes the folders of all outputs."""
-    outputs = [path for job in jobs for name in OUTPUTS if (path := getattr(job, name, None)) is not None]
-    for folder in dict.fromkeys(Path(path).parent for path in outputs):
-        try:
-            folder.mkdir(parents=True, exist_ok=True)
-        except OSError as error:
-            raise FileError(folder, f"cannot be made: {error.strerror or error}") from None
+@contextmanager
+def _folders(jobs: Sequence[Any]) -> Iterator[None]:
+    """Makes the folders of all outputs, and takes back those that stay empty."""
+    outputs = [Path(path) for job in jobs for name in OUTPUTS if (path := getattr(job, name, None)) is not None]
+    wanted = {folder for path in outputs for folder in path.parents if not folder.exists()}
+    try:
+        for folder in sorted(wanted):
+            try:
+                folder.mkdir(exist_ok=True)
+            except OSError as error:
+                raise FileError(folder, f"cannot be made: {error.strerror or error}") from None
+        yield
+    finally:
+        for folder in sorted(wanted, reverse=True):
+            with suppress(OSError):
+                folder.rmdir()
 
 
 def _show_plan(console: Console, plan: Any, as_json: bool) -> None:

@@ -168,3 +168,13 @@ def test_what_a_command_can_be_told_a_document_can_say_and_the_other_way_round(
     known = (keys(form) | keys(Run)) - outputs - {"model"}
     assert said - known == (TERMINAL | MACHINE | CODE) & names
     assert known - said == set()
+
+
+def test_folders_that_stay_empty_are_taken_back(mjrun: Command, study: Path) -> None:
+    study.write_text(STUDY.replace("probe: [energy]", "probe: [enrgy]"))
+    done = mjrun("run", study, "-o", "out/a/b")
+    assert done.returncode == 2
+    assert [*mjrun.folder.iterdir()] == []
+    (mjrun.folder / "out").mkdir()
+    done = mjrun("run", study, "-o", "out/a/b")
+    assert [*mjrun.folder.rglob("*")] == [mjrun.folder / "out"]
