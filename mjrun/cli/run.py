@@ -16,8 +16,6 @@ from mjrun.errors import FileError, clean
 if TYPE_CHECKING:
     from mjrun.document.run import Orders
 
-OUTPUTS = ("output", "contacts", "calibration", "pointcloud", "manifest")  # of jobs
-
 
 @click.command("run", cls=options.SectionedCommand)
 @click.argument("document", type=click.Path())
@@ -69,7 +67,7 @@ def _orders(console: Console, given: dict[str, Any]) -> "Orders":
 @contextmanager
 def _folders(jobs: Sequence[Any]) -> Iterator[None]:
     """Makes the folders of all outputs, and takes back those that stay empty."""
-    outputs = [Path(path) for job in jobs for name in OUTPUTS if (path := getattr(job, name, None)) is not None]
+    outputs = [Path(path) for job in jobs for _, path in job.files]
     wanted = {folder for path in outputs for folder in path.parents if not folder.exists()}
     try:
         for folder in sorted(wanted):

@@ -1,7 +1,5 @@
 """The files that a run document asks for: all inside one folder, no two the same."""
 
-import re
-from collections.abc import Iterator
 from pathlib import Path, PurePosixPath
 from typing import Annotated
 
@@ -9,10 +7,9 @@ from pydantic import AfterValidator
 
 from mjrun.document.form import ComplaintError, Name
 from mjrun.errors import UsageError, clean, quoted
+from mjrun.job.outputs import Taken
 
 WRITTEN = ("output", "contacts", "calibration", "pointcloud", "manifest")  # what names outputs, of jobs and documents
-
-_NUMBER = re.compile(r"%[0-9]*d")  # of a frame, in a pattern such as frame_%04d.png
 
 
 def refusal(text: str) -> str:
@@ -43,10 +40,7 @@ class Files:
     """The outputs of a run, inside `folder`."""
 
     def __init__(self, folder: Path) -> None:
-        self._folder = folder
-        self._takers: dict[Path, str] = {}  # of files
-        self._below: dict[Path, str] = {}  # of folders with files in them
-        self._patterns: list[tuple[re.Pattern[str], str]] = []
+        self._folder, self._taken = folder, Taken()
 
     def path(self, text: str) -> str:
         """Where the output `text`, an `Inside`, is; a folder of frames ends in a slash as before.
@@ -55,7 +49,7 @@ class Files:
           UsageError: a link leads out of the folder.
         """
         path = self._folder / text
-        self._resolved(path)
+        self._check(path)
         return f"{path}/" if text.endswith("/") else str(path)
 
     def take(self, path: str, taker: str) -> None:
@@ -64,43 +58,13 @@ class Files:
         Raises:
           UsageError: it is another's too, or a link leads out of the folder.
         """
-        file = self._resolved(Path(path))
-        other = next(self._conflicts(file), None)
-        if other:
-            raise UsageError(f"{clean(path)} clashes with {other}; each output needs a file of its own")
-        self._takers[file] = taker
-        self._below.update(dict.fromkeys(file.parents, taker))
-        if frame := _frame(file):
-            self._patterns.append((frame, taker))
+        self._check(Path(path))
+        self._taken.take(path, taker)
 
-    def _conflicts(self, file: Path) -> Iterator[str]:
-        """Who else writes `file`, something in it as in a folder, or the folder that it is in."""
-        if file in self._below:
-            yield self._below[file]
-        yield from (self._takers[path] for path in (file, *file.parents) if path in self._takers)
-        yield from (taker for frame, taker in self._patterns if frame.fullmatch(_first(file)))
-        if frame := _frame(file):
-            yield from (taker for other, taker in self._takers.items() if frame.fullmatch(_first(other)))
-
-    def _resolved(self, path: Path) -> Path:
-        """`path` with all links followed."""
+    def _check(self, path: Path) -> None:
         try:
             file, folder = path.resolve(), self._folder.resolve()
         except (OSError, RuntimeError) as error:  # links in a circle
             raise UsageError(f"{clean(str(path))} cannot be reached: {clean(str(error))}") from None
         if folder not in file.parents:
             raise UsageError(f"{clean(str(path))} leads out of the folder of outputs, by a link")
-        return file
-
-
-def _first(file: Path) -> str:
-    """The path of a file, or of a frame if it is a pattern."""
-    return str(file.parent / _NUMBER.sub("0", file.name, count=1))
-
-
-def _frame(file: Path) -> re.Pattern[str] | None:
-    """What fits the frames of a pattern."""
-    if not _NUMBER.search(file.name):
-        return None
-    before, after = (re.escape(part) for part in _NUMBER.split(file.name, maxsplit=1))
-    return re.compile(f"{re.escape(str(file.parent))}/{before}[0-9]+{after}")

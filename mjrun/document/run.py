@@ -33,7 +33,6 @@ from mjrun.document.simulation import Simulated
 from mjrun.document.tree import Fault, Mapped, find, spelled, texts
 from mjrun.document.tree import Path as Place
 from mjrun.errors import DocumentError, JobsError, Problem, UsageError
-from mjrun.job.drawing import Drawing
 from mjrun.job.simulation import Simulation
 from mjrun.job.work import Job
 
@@ -157,16 +156,15 @@ class _Maker:
         }
         job = self._tried(place, lambda: form.job(simulation, files, self._inputs, self._machine))
         if job is not None and None not in files.values():
-            self._take(job, place, files)
+            self._take(job, place)
         return job
 
-    def _take(self, job: Job, place: Place, files: Mapping[str, Any]) -> None:
+    def _take(self, job: Job, place: Place) -> None:
         """Reserves all files that `job` writes."""
-        for key, path in files.items():
+        for key, file in job.files:
             where = (*place, key)
             taker = f"{spelled(where)} at {find(self._tree, where).mark}"
-            for file in _parts(job, path) if key == "output" else [path]:
-                self._tried(where, lambda file=file, taker=taker: self._files.take(file, taker))
+            self._tried(where, lambda file=file, taker=taker: self._files.take(file, taker))
 
     def _tried(self, place: Place, make: Callable[[], T]) -> T | None:
         """What `make` makes; None if it is wrong, which is noted."""
@@ -177,12 +175,3 @@ class _Maker:
         except UsageError as error:
             self._faults.append(Fault(find(self._tree, place).mark, spelled(place), one_line(error)))
         return None
-
-
-def _parts(job: Job, path: str) -> list[str]:
-    """The files of the output at `path`: one for each view if they are separate, and what explains ids."""
-    if not isinstance(job, Drawing):
-        return [path]
-    parts = job.outputs(path)
-    labelled = [Path(file) for file, panels in parts if [panel.view for panel in panels] == ["seg"]]
-    return [*(file for file, _ in parts), *(str(file.with_name(f"{file.stem}.labels.json")) for file in labelled)]

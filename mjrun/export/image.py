@@ -15,7 +15,7 @@ from mjrun.errors import BadValueError, ClosedPipeError, FileError, clean
 from mjrun.export.coco import Coco
 from mjrun.export.exr import exr
 from mjrun.export.image_format import FORMATS, Format
-from mjrun.export.labels import labels
+from mjrun.export.labels import labels, labels_beside
 from mjrun.export.staging import StagedFile, StandardOutput, Target
 from mjrun.model.picture import Thing
 from mjrun.model.pixels import check_things, millimetres, numbered
@@ -220,7 +220,7 @@ def _targets(output: str | None, kind: Format, opened: ExitStack) -> tuple[Targe
     opened.callback(picture.discard)
     if kind.nothing is None:
         return picture, None
-    beside = StagedFile(Path(output).with_suffix(".labels.json"))
+    beside = StagedFile(Path(labels_beside(output)))
     opened.callback(beside.discard)
     return picture, beside
 

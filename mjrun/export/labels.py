@@ -49,6 +49,12 @@ def labels(
     return document(head, {"labels": map(text, entries)})
 
 
+def labels_beside(output: str) -> str:
+    """Where the labels of a picture, a film or a folder of frames are."""
+    path = Path(output)
+    return str(path.with_name(f"{path.stem}.labels.json"))
+
+
 class LabelsWriter:
     """The labels beside a film. Opening it proves that they can be written.
 
@@ -61,7 +67,7 @@ class LabelsWriter:
 
     def __init__(self, film: str) -> None:
         self._film = Path(film)
-        self._target = StagedFile(self._film.with_name(f"{self._film.stem}.labels.json"))
+        self._target = StagedFile(Path(labels_beside(film)))
 
     def write(self, size: tuple[int, int], legend: Sequence[Thing], colours: np.ndarray | None) -> None:
         """Writes what the film shows; `colours` `(n, 3)` if it is in colour, else it holds ids + 1.

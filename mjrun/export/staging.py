@@ -121,7 +121,10 @@ class StagedFolder:
 
 
 class StagedFrames:
-    """Files named by a pattern such as `frame_%04d.png`; frames of an older, longer film go away.
+    """Files named by a pattern such as `frame_%04d.png`. Others of such names are not this film's, and stay.
+
+    Attributes:
+      others: those that follow its last frame, once it is published.
 
     Raises:
       FileError: the folder is missing or cannot be written.
@@ -130,7 +133,7 @@ class StagedFrames:
     stdout = None
 
     def __init__(self, pattern: Path) -> None:
-        self.shown = pattern
+        self.shown, self.others = pattern, list[str]()
         _check_parent(pattern, pattern.parent)
         self._temporary = _beside(Path(os.path.realpath(pattern.parent)) / "frames")
         try:
@@ -142,19 +145,18 @@ class StagedFrames:
     def publish(self) -> list[Path]:
         before, width, after = re.split(r"%(\d*)d", self.shown.name, maxsplit=1)
         numbered = re.compile(f"{re.escape(before)}(\\d+){re.escape(after)}")
-        folder, new = self.shown.parent, dict[str, Path]()
+        folder, new = self.shown.parent, list[Path]()
         try:
             for index, frame in enumerate(sorted(self._temporary.iterdir())):
-                name = f"{before}{index:{width or 1}d}{after}"
-                frame.replace(folder / name)
-                new[name] = folder / name
-            for old in folder.iterdir():
-                if numbered.fullmatch(old.name) and old.name not in new:
-                    old.unlink()
+                new.append(folder / f"{before}{index:{width or 1}d}{after}")
+                frame.replace(new[-1])
             self._temporary.rmdir()
+            there = {path.name: int(found[1]) for path in folder.iterdir() if (found := numbered.fullmatch(path.name))}
         except OSError as error:
             raise _unwritable(self.shown, error) from None
-        return list(new.values())
+        late = [(n, name) for name, n in there.items() if n >= len(new) and name == f"{before}{n:{width or 1}d}{after}"]
+        self.others = [name for _, name in sorted(late)]
+        return new
 
     def discard(self) -> None:
         shutil.rmtree(self._temporary, ignore_errors=True)

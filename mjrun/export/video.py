@@ -7,7 +7,7 @@ import signal
 import subprocess
 import threading
 from collections import deque
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from fractions import Fraction
 from pathlib import Path
@@ -101,6 +101,11 @@ class FilmWriter:
         self._drain.join()
         self._check()
         return self._target.publish()
+
+    @property
+    def others(self) -> Sequence[str]:
+        """Frames of an older film that a pattern would take for this one's, once it is published."""
+        return self._target.others if isinstance(self._target, StagedFrames) else ()
 
     def close(self) -> None:
         """Ends the encoder, and removes what is not published."""

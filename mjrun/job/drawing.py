@@ -10,6 +10,7 @@ import mujoco
 import numpy as np
 
 from mjrun.errors import BadValueError, UnknownNameError, UsageError, clean
+from mjrun.export.labels import labels_beside
 from mjrun.job.decors import Additions, additions
 from mjrun.render.backend import Backend, Search, VulkanSearch
 from mjrun.render.classic import ClassicRenderer, check_size
@@ -148,6 +149,13 @@ class Drawing:
         if output == "-":
             raise UsageError("--separate makes several files; standard output is one")
         return [(_numbered(output, name), [panel]) for panel, name in zip(self.panels, self._names(), strict=True)]
+
+    def written(self, output: str) -> list[tuple[str, str]]:
+        """The files of `output`: one for each view if they are separate, what explains ids, and what stands beside."""
+        files = [path for path, _ in self.outputs(output)]
+        labels = [labels_beside(path) for path, panels in self.outputs(output) if [p.view for p in panels] == ["seg"]]
+        beside = [(key, path) for key in ("calibration", "manifest") if (path := getattr(self, key)) is not None]
+        return [*(("output", path) for path in [*files, *labels] if output != "-"), *beside]
 
     def streams(self, with_legend: bool, overlay: Overlay) -> list[Stream]:
         """The frames of each output.

@@ -70,6 +70,12 @@ class Image(Drawing):
         if self.step is not None and self.step < 0:
             raise BadValueError("--step", self.step, "a whole number from 0 on")
 
+    @property
+    def files(self) -> list[tuple[str, str]]:
+        """Every file that it writes, with what it is."""
+        cloud = [] if self.pointcloud is None else [("pointcloud", self.pointcloud)]
+        return [*self.written(self.output), *cloud]
+
     def run(self, reporter: Reporter | None = None) -> "ImageResult":
         """Makes the still. What can fail early fails before the first step.
 

@@ -62,6 +62,11 @@ class Plot:
             least = f"at least {SMALLEST[0]}x{SMALLEST[1] * len(self.probes)} for {len(self.probes)} graphs"
             raise BadValueError("size", f"{width}x{height}", least)
 
+    @property
+    def files(self) -> list[tuple[str, str]]:
+        """Every file that it writes, with what it is."""
+        return [(key, path) for key in ("output", "manifest") if (path := getattr(self, key)) is not None]
+
     def run(self, reporter: Reporter | None = None) -> "PlotResult":
         """Makes the plot. What can fail early fails before the first step.
 

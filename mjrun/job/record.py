@@ -30,6 +30,11 @@ class Record:
     manifest: str | None = None
     command: str = ""
 
+    @property
+    def files(self) -> list[tuple[str, str]]:
+        """Every file that it writes, with what it is."""
+        return [(key, path) for key in ("output", "manifest") if (path := getattr(self, key)) is not None]
+
     def run(self, reporter: Reporter | None = None) -> "RecordResult":
         """Makes the recording. What can fail early fails before the first step.
 

@@ -112,6 +112,13 @@ class Simulation:
         key = None if self.key is None else str(self.key)
         return Start(key, self.qpos, self.qvel, self.ctrl, self.perturb, self.seed)
 
+    @property
+    def inputs(self) -> list[tuple[str, Path]]:
+        """The files that it reads, with what they are, as far as that is known without reading them."""
+        model = self.model.path if isinstance(self.model, Source) else self.model
+        files = {"model": model, "table of controls": self.ctrl_from, "recording": self.replay}
+        return [(what, Path(file)) for what, file in files.items() if isinstance(file, (str, Path))]
+
     def load(self) -> mujoco.MjModel:
         """The compiled model."""
         if isinstance(self.model, mujoco.MjModel):

@@ -13,7 +13,7 @@ from mjrun.job.manifest import origin
 from mjrun.job.report import Reporter
 from mjrun.job.simulation import Simulation, positive
 from mjrun.job.table import TIME, Gathered, Rows, Table
-from mjrun.job.work import Ground, Made, Outline, Work, check_apart, perform
+from mjrun.job.work import Ground, Made, Outline, Work, perform
 from mjrun.model.column import Column
 from mjrun.model.native import collected_warnings
 from mjrun.probe.assertion import parse
@@ -54,6 +54,11 @@ class Trace:
     contacts: str | None = None
     manifest: str | None = None
     command: str = ""
+
+    @property
+    def files(self) -> list[tuple[str, str]]:
+        """Every file that it writes, with what it is."""
+        return [(key, path) for key in ("output", "contacts", "manifest") if (path := getattr(self, key)) is not None]
 
     def run(self, reporter: Reporter | None = None) -> "TraceResult":
         """Makes the trace. What can fail early fails before the first step.
@@ -110,7 +115,6 @@ class TraceWork(Work):
         self._target = None if job.output == "-" else job.output
         self._format = table_format(self._target, job.format)
         self._contacts_format = None if job.contacts is None else table_format(job.contacts)
-        check_apart(job.output, job.contacts, job.manifest)
         self.keeps_partial = job.keep_partial
 
     def plan(self, ground: Ground) -> None:

@@ -8,7 +8,7 @@ from fractions import Fraction
 
 import numpy as np
 
-from mjrun.errors import UnknownNameError, UsageError
+from mjrun.errors import UnknownNameError, UsageError, clean
 from mjrun.export.codecs import Encoding, encoding
 from mjrun.export.labels import LabelsWriter
 from mjrun.export.video import FilmWriter
@@ -69,6 +69,11 @@ class Video(Drawing):
             raise UnknownNameError("side", self.plot_side, SIDES, where="--plot-side")
         if self.plot and self.separate:
             raise UsageError("--plot stands under one picture; it does not go with --separate")
+
+    @property
+    def files(self) -> list[tuple[str, str]]:
+        """Every file that it writes, with what it is."""
+        return self.written(self.output)
 
     def run(self, reporter: Reporter | None = None) -> "VideoResult":
         """Makes the film. What can fail early fails before the first step.
@@ -218,6 +223,11 @@ class FilmWork(Work):
         legends = [legend for legend, _ in self._legends]
         written = [*self._films, *legends, *([self._calibration.writer] if self._calibration else [])]
         files = [file for sink in written for file in sink.publish()]
+        for others in filter(None, (film.others for film in self._films)):
+            more = f" and {len(others) - 1} more" if len(others) > 1 else ""
+            self._ground.reporter.warn(
+                f"{clean(others[0])}{more} were there before and follow the last frame: not of this film"
+            )
         draw_wall = time.perf_counter() - start
         self._facts["frames"] = len(pace.steps)
         return Made(self._facts, files, lambda total, heard: self._result((wall, draw_wall, total), heard))

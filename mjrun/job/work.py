@@ -13,9 +13,10 @@ from typing import Any, Protocol, TypeVar
 
 import mujoco
 
-from mjrun.errors import ControllerError, FailedAssertionError, JobsError, SimulationError, UsageError, clean
+from mjrun.errors import ControllerError, FailedAssertionError, JobsError, SimulationError, UsageError
 from mjrun.export.manifest import ManifestWriter
 from mjrun.job.happening import Happening
+from mjrun.job.outputs import Taken
 from mjrun.job.report import QuietReporter, Reporter, pass_on
 from mjrun.job.simulation import Simulation
 from mjrun.model.native import collected_warnings, without_timers
@@ -127,6 +128,9 @@ class Job(Protocol):
     @property
     def manifest(self) -> str | None: ...
 
+    @property
+    def files(self) -> Sequence[tuple[str, str]]: ...
+
     def work(self, stack: ExitStack) -> Work:
         """The work that makes it; `stack` ends what that begins."""
         ...
@@ -194,6 +198,7 @@ def _planned(jobs: Sequence[Job], reporter: Reporter, stack: ExitStack) -> tuple
     """What all jobs are made with, once everything that can be wrong with them was looked for."""
     _check_one_simulation(jobs)
     with _Faults(jobs) as faults:
+        _check_files(jobs, faults)
         works = [work for i, job in enumerate(jobs) if (work := faults.tried(i, partial(job.work, stack)))]
     simulation = jobs[0].simulation
     model = simulation.load()
@@ -288,9 +293,11 @@ def _check_one_simulation(jobs: Sequence[Job]) -> None:
         raise UsageError("all outputs of one pass must be of the same simulation")
 
 
-def check_apart(*outputs: str | None) -> None:
-    """Two outputs must not be one file."""
-    files = [output for output in outputs if output not in (None, "-")]
-    for index, output in enumerate(files):
-        if any(Path(output).resolve() == Path(other).resolve() for other in files[:index]):
-            raise UsageError(f"{clean(output)} is asked for twice: each output needs a file of its own")
+def _check_files(jobs: Sequence[Job], faults: _Faults) -> None:
+    """No file is written twice, or read and written."""
+    taken = Taken()
+    for what, path in jobs[0].simulation.inputs:
+        taken.take(path, f"the {what}, which is read")
+    for i, job in enumerate(jobs):
+        for what, path in faults.tried(i, lambda job=job: job.files) or ():
+            faults.tried(i, partial(taken.take, path, f"the {what}"))

@@ -128,14 +128,22 @@ def test_a_folder_with_anything_else_in_it_is_left_alone(tmp_path: Path) -> None
         ("a%02db.png", ["a00b.png", "a01b.png"]),
     ],
 )
-def test_a_pattern_names_the_frames_and_older_ones_go_away(tmp_path: Path, pattern: str, expected: list[str]) -> None:
-    (tmp_path / "f_x.png").write_text("not a frame")
+def test_a_pattern_names_the_frames_and_leaves_all_other_files_alone(
+    tmp_path: Path, pattern: str, expected: list[str]
+) -> None:
+    others = ["f_x.png", "2024.png", "f_1.png", "a002b.png", "f_00007.png"]
+    for name in others:
+        (tmp_path / name).write_text("precious")
     for count in (12, 2):
         staged = StagedFrames(tmp_path / pattern)
         fill(staged, count, f"of {count}")
-        staged.publish()
-    assert names(tmp_path) == sorted([*expected, "f_x.png"])
+        made = staged.publish()
+        assert [path.name for path in made[:2]] == expected
     assert (tmp_path / expected[1]).read_text() == "of 2 1"
+    left = [made[0].with_name(pattern % number).name for number in range(2, 12)]
+    assert staged.others == [*left, *(["2024.png"] if pattern == "%d.png" else [])]
+    assert names(tmp_path) == sorted([*expected, *left, *others])
+    assert all((tmp_path / name).read_text() == "precious" for name in others)
 
 
 def test_a_percent_sign_in_the_folder_s_own_name_is_no_pattern(tmp_path: Path) -> None:

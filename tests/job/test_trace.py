@@ -283,7 +283,7 @@ def test_the_contact_table_has_every_contact_of_every_row(tmp_path: Path) -> Non
 
 def test_two_outputs_need_two_files(tmp_path: Path) -> None:
     same = str(tmp_path / "t.csv")
-    with pytest.raises(MjrunError, match="asked for twice"):
+    with pytest.raises(MjrunError, match="clashes with the output; each output needs"):
         Trace(Simulation(SLIDE_MODEL), same, contacts=str(tmp_path / "." / "t.csv")).run()
 
 

@@ -171,3 +171,33 @@ def test_all_that_is_wrong_with_jobs_is_told_at_once(swing: Path, tmp_path: Path
     with pytest.raises(UnknownNameError, match="no probe 'enrgy'"):
         planned([replace(plot, simulation=replace(simulation, qpos={}))])
     assert [*tmp_path.iterdir()] == [swing]
+
+
+def test_no_file_is_written_twice_or_read_and_written(swing: Path, tmp_path: Path) -> None:
+    simulation = Simulation(swing, duration=0.1)
+    at = f"{tmp_path}/"
+    before = swing.read_bytes()
+    for jobs, said in [
+        ([Image(simulation, f"{at}a.json", view="seg", calibration=f"{at}a.json")], "a.json clashes with the output"),
+        ([Image(simulation, f"{at}a.png", manifest=f"{at}a.png")], "a.png clashes with the output"),
+        ([Image(simulation, f"{at}a.png", view="seg", calibration=f"{at}a.labels.json")], "a.labels.json clashes"),
+        (
+            [Image(simulation, f"{at}a.png", calibration=f"{at}c.json", manifest=f"{at}c.json")],
+            "c.json clashes with the",
+        ),
+        (
+            [Video(simulation, f"{at}a.mkv", view=["rgb", "seg"], separate=True, calibration=f"{at}a-seg.labels.json")],
+            "a-seg.labels.json clashes with the output",
+        ),
+        (
+            [Video(simulation, f"{at}f/", calibration=f"{at}f/transforms.json")],
+            "transforms.json clashes with the output",
+        ),
+        ([Trace(simulation, f"{at}t.npz"), Record(simulation, f"{at}t.npz")], "t.npz clashes with the output"),
+        ([Image(simulation, f"{at}a.png", calibration=str(swing))], "swing.xml clashes with the model, which is read"),
+        ([Plot(simulation, f"{at}a.png", probes=["time"], manifest=f"{at}x/../swing.xml")], "clashes with the model"),
+    ]:
+        with pytest.raises(UsageError, match=f"{said}.*; each output needs a file of its own"):
+            perform(jobs)
+        assert [*tmp_path.iterdir()] == [swing]
+    assert swing.read_bytes() == before
