@@ -10,10 +10,11 @@ import traceback
 import unicodedata
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 LISTED = 24  # names shown before a list is cut
 LOGGED = 8  # lines of an encoder's log that are shown
+NEAR = 0.6  # of two names, the least share that agrees when one may be meant by the other
 FAULTS = 50  # problems of a document that are shown
 
 
@@ -31,12 +32,26 @@ def quoted(name: str) -> str:
 
 
 def near(name: str, valid: Iterable[str]) -> list[str]:
-    """The names in `valid` most like `name`, best first, at most three; case is ignored."""
+    """The names in `valid` most like `name`, best first, at most three; case is ignored.
+
+    An ending that both have, as files of one format do, makes nothing alike.
+    """
     by_fold: dict[str, list[str]] = {}
     for spelling in valid:
         by_fold.setdefault(spelling.casefold(), []).append(spelling)
-    close = difflib.get_close_matches(name.casefold(), by_fold, n=3, cutoff=0.6)
+    alike = [fold for fold in by_fold if _alike(*_beginnings(name.casefold(), fold))]
+    close = difflib.get_close_matches(name.casefold(), alike, n=3, cutoff=NEAR)
     return [spelling for fold in close for spelling in by_fold[fold]][:3]
+
+
+def _alike(one: str, other: str) -> bool:
+    return bool(difflib.get_close_matches(one, [other], cutoff=NEAR))
+
+
+def _beginnings(one: str, other: str) -> tuple[str, str]:
+    """Both names without the ending after the last dot, if it is the same."""
+    (first, _, ending), (second, _, other_ending) = one.rpartition("."), other.rpartition(".")
+    return (first, second) if first and second and ending == other_ending else (one, other)
 
 
 def listing(names: Sequence[str]) -> str:
@@ -56,9 +71,14 @@ class MjrunWarning(UserWarning):
 
 
 class MjrunError(Exception):
-    """Base of every error that a user can cause or meet."""
+    """Base of every error that a user can cause or meet.
+
+    Attributes:
+      results: of what was made and published in spite of it.
+    """
 
     exit_code = 70
+    results: Sequence[Any] = ()
 
 
 # --- 1: the answer is no ----------------------------------------------------------------------------

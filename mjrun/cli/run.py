@@ -40,13 +40,17 @@ def command(console: Console, /, as_json: bool, **given: Any) -> None:
         if given["dry_run"]:
             _show_plan(console, planned(orders.jobs, console), as_json)
             return
-        with _folders(orders.jobs):
+        with _folders(orders.jobs), values.answering(console, as_json, _document):
             results = perform(orders.jobs, console)
     if as_json:
-        console.document({"results": [{"kind": type(r).__name__.removesuffix("Result"), **asdict(r)} for r in results]})
+        console.document(_document(results))
     elif console.verbosity >= 0:
         for result in results:
             console.result(sentences.sentence(result))
+
+
+def _document(results: Sequence[Any]) -> dict[str, Any]:
+    return {"results": [{"kind": type(r).__name__.removesuffix("Result"), **asdict(r)} for r in results]}
 
 
 def _orders(console: Console, given: dict[str, Any]) -> "Orders":

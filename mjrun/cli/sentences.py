@@ -14,10 +14,16 @@ if TYPE_CHECKING:
 
 def film(result: "VideoResult") -> str:
     width, height = result.size
-    shown = f"{width}x{height}, {result.frames} frames, {result.duration:.4g} s at {result.fps:.4g} fps, {result.codec}"
-    pace = f"made in {result.wall:.1f} s, {result.frames / result.draw_wall:.3g} frames/s"
+    frames = f"{result.frames} frame{'' if result.frames == 1 else 's'}"
+    shown = f"{width}x{height}, {frames}, {result.duration:.4g} s at {_figure(result.fps, 4)} fps, {result.codec}"
+    pace = f"made in {result.wall:.1f} s, {_figure(result.frames / result.draw_wall, 3)} frames/s"
     by = f"by {clean(result.renderer)} ({result.gl})" + (f" in {result.jobs} processes" if result.jobs > 1 else "")
     return f"{', '.join(map(clean, result.paths))}: {shown}; {pace}, {by}"
+
+
+def _figure(value: float, digits: int) -> str:
+    """So many digits, or all before the point: 0.125, 29.97, 10000."""
+    return f"{value:.{digits}g}" if value < 10 ** (digits - 1) else f"{value:.0f}"
 
 
 def still(result: "ImageResult") -> str:

@@ -1,6 +1,9 @@
 """From the options of a command line to the values that jobs are made of."""
 
 import os
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -9,6 +12,7 @@ import click
 from mjrun.cli.code import controller
 from mjrun.cli.console import Console
 from mjrun.cli.options import GROUP_KINDS
+from mjrun.errors import MjrunError
 
 DOCUMENTS = (".yaml", ".yml")
 
@@ -71,13 +75,30 @@ def perform(console: Console, given: dict[str, Any], job: Any) -> Any:
     from mjrun.job.record import Record
     from mjrun.job.work import perform
 
-    kept = [Record(job.simulation, given["recording"], command=console.command)] if given["recording"] else []
+    kept = []
+    if given["recording"]:
+        partial = given.get("keep_partial", False)
+        kept.append(Record(job.simulation, given["recording"], keep_partial=partial, command=console.command))
     if given["print_document"]:
         from mjrun.document.printing import document_text
 
         console.result(document_text([job, *kept], console.command).rstrip("\n"))
         raise click.exceptions.Exit(0)
-    return perform([job, *kept], console)[0]
+    with answering(console, click.get_current_context().params["as_json"], lambda results: asdict(results[0])):
+        return perform([job, *kept], console)[0]
+
+
+@contextmanager
+def answering(console: Console, as_json: bool, document: Callable[[Sequence[Any]], dict[str, Any]]) -> Iterator[None]:
+    """Where JSON was asked for, tells of a failure in it too, beside the `document` of what was made all the same."""
+    try:
+        yield
+    except MjrunError as error:
+        if as_json and error.results:
+            facts = {name: value for name, value in vars(error).items() if name != "results" and name[0] != "_"}
+            told = {"kind": type(error).__name__, "message": str(error), "exit_code": error.exit_code, **facts}
+            console.document({**document(error.results), "error": told})
+        raise
 
 
 def visual(given: dict[str, Any]) -> "Visual":

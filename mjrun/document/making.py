@@ -185,9 +185,11 @@ class Kept(Form):
 
     output: Inside
     """An .npz file, inside the folder of outputs."""
+    keep_partial: bool = False
+    """Whether the states before an instability are kept."""
     manifest: Maybe[Inside] = None
     """A file for what made the recording, as JSON."""
 
     def job(self, simulation: Simulation, files: Mapping[str, Any], inputs: Path, machine: Machine) -> Record:
         """The job; `files` are its outputs, by key."""
-        return Record(simulation, **files, command=machine.command)
+        return Record(simulation, **files, keep_partial=self.keep_partial, command=machine.command)

@@ -60,6 +60,7 @@ class Format:
     one: str = ""
     perspective: bool = True
     pictures: bool = False
+    millimetres: bool = False
 
 
 class CalibrationWriter:
@@ -72,6 +73,7 @@ class CalibrationWriter:
       cameras: what the cameras of the film are called.
       orthographic: those of them that are not in perspective.
       pictures: whether each picture will be in a file of its own.
+      coloured_depth: whether depth is drawn, but not in 16-bit pictures of millimetres.
 
     Raises:
       UsageError: the format cannot describe this; the message says why.
@@ -85,6 +87,7 @@ class CalibrationWriter:
         cameras: Sequence[str] = (),
         orthographic: Sequence[str] = (),
         pictures: bool = True,
+        coloured_depth: bool = False,
     ) -> None:
         if format not in FORMATS:
             raise UnknownNameError("calibration format", format, list(FORMATS))
@@ -92,6 +95,8 @@ class CalibrationWriter:
         if self._format.one and len(cameras) > 1:
             raise self._refusal(f"a file is about one camera, not {len(cameras)}: {listing(cameras)}")
         self._check_picture(pictures)
+        if self._format.millimetres and coloured_depth:
+            raise self._refusal("it speaks of depth in 16-bit PNGs of millimetres; add --style exact, or leave it out")
         for camera in orthographic:
             self._check_perspective(camera, perspective=False)
         self._first: Exposure | None = None
@@ -264,6 +269,6 @@ FORMATS = {
         "\n]}\n",
         pictures=True,
     ),
-    "bop": Format(_bop, "{\n", "\n}\n", one="camera"),
+    "bop": Format(_bop, "{\n", "\n}\n", one="camera", millimetres=True),
     "ros": Format(_ros, one="lens"),
 }

@@ -33,7 +33,8 @@ class Calibration:
         self._files = {(p.camera, p.view): path for path, p in single if numbers or p.view != "depth"}
         flat = [name for name, course in zip(self._names, courses, strict=True) if not course.perspective]
         pictures = all(_is_picture(path) for path, _ in job.outputs(output))
-        self.writer = CalibrationWriter(job.calibration, job.calibration_format, self._names, flat, pictures)
+        coloured = "depth" in job.views and not numbers
+        self.writer = CalibrationWriter(job.calibration, job.calibration_format, self._names, flat, pictures, coloured)
 
     def write(self, poses: Sequence[Pose], frame: int, time: float) -> None:
         """Adds what every camera saw a frame through; `time` is simulated [s]."""

@@ -11,6 +11,7 @@ import numpy as np
 
 from mjrun.errors import BadValueError, UnknownNameError, UsageError, clean, listing
 from mjrun.export.reading import read_table
+from mjrun.export.recording import SUFFIX
 from mjrun.export.replaying import RecordingFile
 from mjrun.model import state
 from mjrun.model.names import identify
@@ -155,6 +156,8 @@ def _trace(path: Path, model: mujoco.MjModel) -> tuple[np.ndarray, np.ndarray]:
     names = [clean(column.name) for column in field_probe(model, "qpos").columns]
     found = {clean(name): values for name, values in read_table(path, lambda n: clean(n) in ("time", *names)).items()}
     missing = [name for name in ("time", *names) if name not in found]
+    if missing and path.suffix.lower() == SUFFIX and not set(names) & set(found):
+        raise UsageError(f"{clean(str(path))} is no trace; if it is a recording, write recording= instead of trace=")
     if missing:
         raise UsageError(f"{clean(str(path))} lacks columns that a ghost of this model takes: {listing(missing)}")
     time, positions = found["time"], np.column_stack([np.empty((len(found["time"]), 0)), *(found[n] for n in names)])

@@ -9,7 +9,7 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from mjrun.errors import BadValueError, UnknownNameError, UsageError, clean
+from mjrun.errors import BadValueError, UnknownNameError, UsageError, clean, listing
 from mjrun.export.labels import labels_beside
 from mjrun.job.decors import Additions, additions
 from mjrun.render.backend import Backend, Search, VulkanSearch
@@ -47,7 +47,7 @@ class Drawing:
       seg_by: what a segmentation tells apart: `object`, `geom`, `site`, …, `body` or `root-body`.
       trail: objects whose path is drawn, wider and warmer where they are faster: bodies, geoms or sites.
       trail_span: how much of the past the path shows [s]; all when None.
-      ghost: the model once more, translucent: `offset=0/1/0`, `key=NAME`, `trace=FILE`, `opacity=.3`.
+      ghost: the model once more, translucent: `offset=0/1/0`, `key=NAME`, `trace=FILE`, `recording=FILE`, `opacity=.3`.
       text: a template that is written over the picture: `{time:.2f} s`.
       text_corner: where: `top-left`, `bottom`, …; where captions are not, when None.
       calibration: a file for what each picture is seen through.
@@ -135,7 +135,7 @@ class Drawing:
     @property
     def corner(self) -> str:
         """Where the text stands."""
-        return self.text_corner or ("bottom-left" if self.captions else "top-left")
+        return self.text_corner or ("bottom-right" if self.captions else "top-left")
 
     @property
     def panels(self) -> list[Panel]:
@@ -218,6 +218,13 @@ def painter(
         ranges=[job.depth_range] * len(job.cameras) if job.depth_range else [],
         renderer=RENDERERS[job.renderer],
     )
+
+
+def unused(job: Drawing, **more: object) -> list[str]:
+    """The warning that what stands in pictures was asked for, where there are only numbers; `more` are options too."""
+    asked = {"text": job.text, "captions": job.captions, "depth-range": job.depth_range, **more}
+    names = [f"--{name}" for name, value in asked.items() if value]
+    return [f"{listing(names)}: numbers have no room for it; --style color draws pictures"] if names else []
 
 
 def tags(path: str | None, facts: Mapping[str, Any]) -> dict[str, str]:

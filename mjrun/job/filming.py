@@ -14,6 +14,7 @@ from mjrun.render.pool import Crew, Pool
 from mjrun.sim.recording import Recording
 
 LOOKS = 8  # frames that are looked at to choose the colours of depth
+LONG = 2.0  # [s] of drawing by a CPU that a user is told of
 TRIED = 2  # frames after which it is known what one costs: the first also compiles shaders
 WORTHWHILE = 0.7  # of the time of a frame: a draft that takes more is not spoken of
 
@@ -72,12 +73,12 @@ class Filming:
                     pool.ask("costs")
                 if pool.answer and not told:
                     self.start(total - done, pool.answer.frame)
-                    reporter.warn(self._told(total, pool.answer, alone=early is None))
+                    self._tell(reporter, total, pool.answer, alone=early is None)
                     told = True
                 if self._crew is not early:
                     break
-        if not told:
-            reporter.warn(self._told(total, pool.answer, alone=early is None))
+        if pool.answer and not told:
+            self._tell(reporter, total, pool.answer, alone=early is None)
         if done < total:
             with Pool(drawn, (drawn.bytes,), self._crew or 1) as pool:
                 yield from pool.frames((states[k] for k in range(done, total)), done)
@@ -95,22 +96,22 @@ class Filming:
     ) -> None:
         self.close()
 
-    def _told(self, frames: int, costs: Costs | None, alone: bool) -> str:
-        """The warning that a CPU draws, with what a frame costs and would cost as a draft."""
-        text = f"drawing in software ({clean(self._backend.renderer)})"
-        if costs is None:
-            return text
+    def _tell(self, reporter: Reporter, frames: int, costs: Costs, *, alone: bool) -> None:
+        """Warns that a CPU draws, if that takes long, with what a frame costs and would cost as a draft."""
         whole = frames * costs.frame
+        if whole < LONG:
+            return
         if self.jobs > 1:
             # Alone a process draws with more threads than beside others.
-            whole = f"less than {whole:.0f}" if alone else f"about {whole / self.jobs:.0f}"
-            total = f"{whole} s in all by {self.jobs} processes"
+            total = f"less than {whole:.0f}" if alone else f"about {whole / self.jobs:.0f}"
+            by = f" by {self.jobs} processes"
         else:
-            total = f"about {whole:.0f} s in all"
-        text += f": {1e3 * costs.frame:.0f} ms per frame, {total}"
+            total, by = f"about {whole:.0f}", ""
+        text = f"drawing in software ({clean(self._backend.renderer)}): {1e3 * costs.frame:.0f} ms per frame, "
+        text += f"{total} s in all{by}"
         if costs.draft is not None and costs.draft < WORTHWHILE * costs.frame:
             text += f"; --quality draft takes about {1e3 * costs.draft:.0f} ms, without shadows and reflections"
-        return text
+        reporter.warn(text)
 
 
 def _choose_colours(drawn: ScenePainter, states: Recording) -> None:

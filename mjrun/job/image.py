@@ -14,7 +14,7 @@ from mjrun.export.image import ImageWriter
 from mjrun.export.image_format import image_format
 from mjrun.export.pointcloud import PointCloudWriter
 from mjrun.job.calibration import Calibration
-from mjrun.job.drawing import Drawing, painter, tags
+from mjrun.job.drawing import Drawing, painter, tags, unused
 from mjrun.job.happening import conditions, time_of
 from mjrun.job.manifest import origin
 from mjrun.job.overlay import Values, blank, gauges
@@ -166,7 +166,8 @@ class StillWork(Work):
     def open(self, stack: ExitStack) -> None:
         job, ground = self._job, self._ground
         self._backend = self._search.result(job.require_gpu)
-        for text in job.check(ground.model, self._backend):
+        exact = all(output.view != "rgb" for output in self._outputs)
+        for text in [*job.check(ground.model, self._backend), *(unused(job) if exact else [])]:
             ground.reporter.warn(text)
         timeline = ground.timeline if self.conditions else self._timeline
         self._facts = {**origin(job, job.simulation, ground.model, timeline), "renderer": self._backend.renderer}

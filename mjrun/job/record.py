@@ -10,6 +10,7 @@ from mjrun.job.report import Reporter
 from mjrun.job.simulation import Simulation
 from mjrun.job.work import Ground, Made, Outline, Work, perform
 from mjrun.model import state
+from mjrun.model.physics import fingerprint
 from mjrun.sim.observe import Tap
 from mjrun.sim.replay import sizes
 
@@ -23,12 +24,14 @@ class Record:
       output: a file (.npz).
       manifest: a file for what made the recording.
       command: the command line, for the manifest.
+      keep_partial: keep the states before an instability.
     """
 
     simulation: Simulation
     output: str
     manifest: str | None = None
     command: str = ""
+    keep_partial: bool = False
 
     @property
     def files(self) -> list[tuple[str, str]]:
@@ -39,7 +42,7 @@ class Record:
         """Makes the recording. What can fail early fails before the first step.
 
         Raises:
-          MjrunError: nothing was published, and an existing output is untouched.
+          MjrunError: nothing was published, unless `keep_partial`, and an existing output is untouched.
         """
         return perform([self], reporter)[0]
 
@@ -73,14 +76,15 @@ class RecordWork(Work):
     """A recording in the making."""
 
     def __init__(self, job: Record) -> None:
-        self._job = job
+        self._job, self.keeps_partial = job, job.keep_partial
 
     def plan(self, ground: Ground) -> None:
         self._ground, self.model, self.until = ground, ground.model, ground.timeline.steps
 
     def open(self, stack: ExitStack) -> None:
         job, ground = self._job, self._ground
-        self._facts = {**origin(job, job.simulation, ground.model, ground.timeline), "sizes": sizes(ground.model)}
+        told = {"sizes": sizes(ground.model), "physics": fingerprint(ground.model)}
+        self._facts = {**origin(job, job.simulation, ground.model, ground.timeline), **told}
         self._sink = stack.enter_context(RecordingWriter(job.output, state.size(ground.model), self._facts))
 
     def taps(self) -> Sequence[Tap]:
@@ -97,4 +101,5 @@ class RecordWork(Work):
 
     def _result(self, wall: float, heard: Sequence[str]) -> RecordResult:
         timeline, size = self._ground.timeline, state.size(self._ground.model)
-        return RecordResult(self._job.output, self.until + 1, size, float(timeline.duration), wall, heard)
+        simulated = float(timeline.time(self._sink.count - 1))
+        return RecordResult(self._job.output, self._sink.count, size, simulated, wall, heard)

@@ -16,6 +16,7 @@ from mjrun.model import faults
 from mjrun.model.load import load
 from mjrun.model.names import inputs_of
 from mjrun.model.override import Setting
+from mjrun.model.physics import fingerprint
 from mjrun.sim.control import PREFIX, Control, Controller, ControlTable, Feedback, Noise
 from mjrun.sim.replay import ReplayStepper
 from mjrun.sim.start import Start, Values
@@ -159,7 +160,13 @@ class Simulation:
 
     def remarks(self, model: mujoco.MjModel) -> list[str]:
         """What the user should know of this simulation before it runs."""
-        return [*faults.of_model(model), *self.start.remarks(model)]
+        other = []
+        if self.replay is not None and self._recorded.facts.get("physics", physics := fingerprint(model)) != physics:
+            other = [
+                "the recording was made with other physics: positions are as recorded, "
+                "forces and energies are what this model makes of them"
+            ]
+        return [*faults.of_model(model), *self.start.remarks(model), *other]
 
     @cached_property
     def _recorded(self) -> RecordingFile:

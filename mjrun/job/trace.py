@@ -12,12 +12,13 @@ from mjrun.export.table import TableWriter, table_format
 from mjrun.job.manifest import origin
 from mjrun.job.report import Reporter
 from mjrun.job.simulation import Simulation, positive
-from mjrun.job.table import TIME, Gathered, Rows, Table
+from mjrun.job.table import TIME, Gathered, Rows, Table, repeated
 from mjrun.job.work import Ground, Made, Outline, Work, perform
 from mjrun.model.column import Column
 from mjrun.model.native import collected_warnings
-from mjrun.probe.assertion import parse
-from mjrun.probe.select import DEFAULT, catalogue
+from mjrun.probe.assertion import Verdict, parse
+from mjrun.probe.offer import Chosen
+from mjrun.probe.select import DEFAULT, catalogue, chosen
 from mjrun.sim.observe import Tap
 from mjrun.sim.stepper import PhysicsStepper, Stepper
 from mjrun.timeline import Timeline
@@ -85,7 +86,7 @@ class TraceResult:
       contacts: rows of the contact table; None without one.
       simulated, steps: simulated time [s] and steps taken.
       wall: wall time of all [s].
-      assertions: what each assertion found.
+      assertions: each with what it found, and whether it holds.
       warnings: what MuJoCo warned of.
     """
 
@@ -97,14 +98,15 @@ class TraceResult:
     simulated: float
     steps: int
     wall: float
-    assertions: Sequence[str]
+    assertions: Sequence[Verdict]
     warnings: Sequence[str]
 
 
-def columns(simulation: Simulation) -> list[Column]:
-    """Every column that the model of `simulation` offers, `time` first."""
+def columns(simulation: Simulation, probes: Sequence[str] = ()) -> list[Column]:
+    """Every column that the model of `simulation` offers, or those of `probes`; `time` first."""
     with collected_warnings():
-        return [TIME, *catalogue(simulation.load())]
+        model = simulation.load()
+        return [TIME, *(chosen(model, probes) if probes else catalogue(model))]
 
 
 class TraceWork(Work):
@@ -123,8 +125,10 @@ class TraceWork(Work):
         self._rows = rows(ground.timeline, job.every, job.rate)
         self._table = Table(ground.model, job.probes, ground.timeline, with_contacts=job.contacts is not None)
         self.model = self._table.model
+        if text := repeated(ground.timeline, job.rate):
+            ground.reporter.warn(text)
         names = [column.name for column in self._table.columns]
-        self._checkers = [parse(text, names).checker() for text in job.asserts]
+        self._checkers = [parse(text, Chosen(names, self.model)).checker() for text in job.asserts]
 
     def open(self, stack: ExitStack) -> None:
         job, ground, table = self._job, self._ground, self._table
@@ -155,9 +159,8 @@ class TraceWork(Work):
         self._waiting.flush()
         files = [*self._sink.publish(), *(self._contacts.publish() if self._contacts else [])]
         verdicts = [checker.verdict() for checker in self._checkers]
-        said = [verdict.message for verdict in verdicts]
         failed = [verdict.message for verdict in verdicts if not verdict.passed]
-        return Made(self._facts, files, lambda total, heard: self._result(said, total, heard), failed)
+        return Made(self._facts, files, lambda total, heard: self._result(verdicts, total, heard), failed)
 
     def _write(self, rows: Rows) -> None:
         for checker in self._checkers:
@@ -166,7 +169,7 @@ class TraceWork(Work):
         if self._contacts and rows.contacts is not None:
             self._contacts.write(rows.contacts)
 
-    def _result(self, assertions: Sequence[str], wall: float, heard: Sequence[str]) -> TraceResult:
+    def _result(self, assertions: Sequence[Verdict], wall: float, heard: Sequence[str]) -> TraceResult:
         return TraceResult(
             path=self._job.output,
             format=self._format,

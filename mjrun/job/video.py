@@ -13,7 +13,7 @@ from mjrun.export.codecs import Encoding, encoding
 from mjrun.export.labels import LabelsWriter
 from mjrun.export.video import FilmWriter
 from mjrun.job.calibration import Calibration
-from mjrun.job.drawing import Drawing, painter, tags
+from mjrun.job.drawing import Drawing, painter, tags, unused
 from mjrun.job.filming import Filming
 from mjrun.job.happening import conditions
 from mjrun.job.manifest import origin
@@ -94,7 +94,7 @@ class VideoResult:
 
     Attributes:
       path: where it is; `-` is standard output.
-      paths: all of them, if there are several.
+      paths: all files, labels and calibration included.
       format, codec: how it is encoded.
       size: width and height of the film [pixels], padding included.
       frames, fps, duration: number, rate, and length of the film [s].
@@ -161,7 +161,8 @@ class FilmWork(Work):
     def open(self, stack: ExitStack) -> None:
         job, ground = self._job, self._ground
         self._backend = self._search.result(job.require_gpu)
-        for text in job.check(ground.model, self._backend):
+        exact = all(stream.exact for stream in self._streams(self._overlay))
+        for text in [*job.check(ground.model, self._backend), *(unused(job, plot=job.plot) if exact else [])]:
             ground.reporter.warn(text)
         known = {} if self._pacing is None else {"frames": len(self._pacing.steps)}
         self._facts = {**origin(job, job.simulation, ground.model, ground.timeline), **known}
@@ -268,10 +269,12 @@ class FilmWork(Work):
         assert self._pacing
         job, encoded, film, count = self._job, self._encodings[0], self._films[0], len(self._pacing.steps)
         padding = encoded.padding(*film.size)
+        films = [path for path, _ in job.outputs(job.output)]
+        paths = [*films, *(path for what, path in job.files if what != "manifest" and path not in films)]
         simulation_wall, draw_wall, wall = walls
         return VideoResult(
             path=job.output,
-            paths=[path for path, _ in job.outputs(job.output)],
+            paths=paths,
             format=encoded.format,
             codec=encoded.codec,
             size=(film.size[0] + padding[0], film.size[1] + padding[1]),

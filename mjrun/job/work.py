@@ -13,7 +13,7 @@ from typing import Any, Protocol, TypeVar
 
 import mujoco
 
-from mjrun.errors import ControllerError, FailedAssertionError, JobsError, SimulationError, UsageError
+from mjrun.errors import ControllerError, FailedAssertionError, JobsError, SimulationError, UsageError, listing
 from mjrun.export.manifest import ManifestWriter
 from mjrun.job.happening import Happening
 from mjrun.job.outputs import Taken
@@ -158,12 +158,14 @@ def perform(jobs: Sequence[Job], reporter: Reporter | None = None) -> list[Any]:
             results.append(made.result(time.perf_counter() - start, tuple(heard)))
             failed = None if failure is None else str(failure)
             manifest.publish({**made.facts, "result": asdict(results[-1]), "failure": failed}, made.files)
-    if failure:
-        raise failure
     wrong = [message for made in everything if made for message in made.failed]
-    if wrong:
-        raise FailedAssertionError(wrong)
-    return results
+    error = failure or (FailedAssertionError(wrong) if wrong else None)
+    if error is None:
+        return results
+    error.results = results
+    if failure and results:
+        failure.add_note(f"kept, up to there: {listing([result.path for result in results])}")
+    raise error
 
 
 @dataclass(frozen=True)

@@ -127,7 +127,7 @@ class ReplayStepper:
             last = int(steps[-1])
             raise UsageError(
                 f"the recording ends at {self._said(last)}: there is no {self._said(step)} in it\n"
-                f"give --steps {last} or less"
+                f"ask for step {last} or an earlier one"
             )
         if steps[index] != step:
             before = f"{self._said(int(steps[index - 1]))}, and "

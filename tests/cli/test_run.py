@@ -130,7 +130,7 @@ def test_a_camera_document_is_a_camera(mjrun: Command, swing: Path) -> None:
     assert done.stderr.decode().startswith(f"mjrun: error: {path}:1:18: shots[0].orbit: unknown key 'lokat'")
 
 
-@pytest.mark.parametrize("kind", ["camera", "run"])
+@pytest.mark.parametrize("kind", ["camera", "run", "bench"])
 def test_a_schema_is_printed_as_json(mjrun: Command, kind: str) -> None:
     done = mjrun("schema", kind)
     assert (done.returncode, done.stderr) == (0, b"")
@@ -178,3 +178,20 @@ def test_folders_that_stay_empty_are_taken_back(mjrun: Command, study: Path) -> 
     (mjrun.folder / "out").mkdir()
     done = mjrun("run", study, "-o", "out/a/b")
     assert [*mjrun.folder.rglob("*")] == [mjrun.folder / "out"]
+
+
+def test_with_json_a_failure_is_told_beside_what_was_made(mjrun: Command, study: Path) -> None:
+    study.write_text(STUDY.replace("max(time) < 1", "max(time) < 0"))
+    done = mjrun("run", study, "--json")
+    told = json.loads(done.stdout)
+    assert done.returncode == told["error"]["exit_code"] == 1
+    assert told["error"]["messages"] == ["max(time) < 0: it is 0.1, at row 50, time 0.1"]
+    assert [result["kind"] for result in told["results"]] == ["Trace", "Plot", "Record"]
+    done = mjrun(
+        "trace", study.with_name("swing.xml"), "--duration", ".1", "-o", "a.csv", "--assert", "max(time) < 0", "--json"
+    )
+    told = json.loads(done.stdout)
+    assert (done.returncode, told["path"], told["error"]["kind"]) == (1, "a.csv", "FailedAssertionError")
+    assert [verdict["passed"] for verdict in told["assertions"]] == [False]
+    done = mjrun("trace", study.with_name("swing.xml"), "-o", "no/a.csv", "--json")
+    assert (done.returncode, done.stdout) == (7, b"")

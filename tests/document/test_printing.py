@@ -318,7 +318,8 @@ def job_lists(draw: st.DrawFn) -> list[Any]:
     for _ in some():
         found.append(Plot(simulation, file(".p"), **{"probes": ["energy"], **given_as(graphs)}, **when()))
     for _ in some(1):
-        found.append(Record(simulation, file(".npz"), draw(maybe(st.just(file(".n"))))))
+        manifest = draw(maybe(st.just(file(".n"))))
+        found.append(Record(simulation, file(".npz"), manifest, keep_partial=draw(st.booleans())))
     assume(found)
     return found
 

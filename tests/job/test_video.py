@@ -15,6 +15,7 @@ import pytest
 
 import mjrun
 from mjrun.errors import MjrunError, MjrunWarning, NoRendererError, UnknownNameError, UnstableError
+from mjrun.job import filming
 from mjrun.job import work as job
 from mjrun.job.image import Image
 from mjrun.job.simulation import Simulation
@@ -147,7 +148,10 @@ def test_without_a_renderer_nothing_is_left(swing: Path, tmp_path: Path) -> None
     assert [path.name for path in tmp_path.iterdir()] == ["swing.xml"]
 
 
-def test_drawing_in_software_is_said_once_with_its_cost(swing: Path, tmp_path: Path) -> None:
+def test_drawing_in_software_is_said_once_with_its_cost(
+    swing: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(filming, "LONG", 0.0)
     heard: list[str] = []
 
     class Listener:
@@ -230,7 +234,7 @@ def test_pixels_are_the_same_for_any_number_of_processes(swing: Path, tmp_path: 
 def test_separate_views_are_films_of_the_same_instants(swing: Path, tmp_path: Path, decode: Callable) -> None:
     job = Video(Simulation(swing, duration=0.2), f"{tmp_path}/v.mkv", size=SIZE, camera="side", view=["rgb", "seg"])
     result = replace(job, separate=True).run()
-    assert [Path(path).name for path in result.paths] == ["v-rgb.mkv", "v-seg.mkv"]
+    assert [Path(path).name for path in result.paths] == ["v-rgb.mkv", "v-seg.mkv", "v-seg.labels.json"]
     colors = [len(np.unique(f.reshape(-1, 3), axis=0)) for f in decode(tmp_path / "v-seg.mkv").frames]
     assert set(colors) == {4}  # floor, box, ball, nothing: to the bit
     said = {

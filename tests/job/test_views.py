@@ -1,6 +1,7 @@
 """What goes with pictures: calibration, point clouds, trails, ghosts and graphs of whole jobs."""
 
 import json
+import warnings
 from pathlib import Path
 
 import mujoco
@@ -8,7 +9,7 @@ import numpy as np
 import pytest
 from PIL import Image as Pillow
 
-from mjrun.errors import MjrunError, UnknownNameError, UsageError
+from mjrun.errors import MjrunError, MjrunWarning, UnknownNameError, UsageError
 from mjrun.job.decors import additions
 from mjrun.job.image import Image
 from mjrun.job.simulation import Simulation
@@ -208,3 +209,45 @@ def test_a_plot_of_nothing_and_separate_plots_are_refused(swing: Path, tmp_path:
         Video(Simulation(swing), f"{tmp_path}/a.mp4", plot=["act"], size=SIZE).run()
     with pytest.raises(UsageError, match="does not go with --separate"):
         Video(Simulation(swing), f"{tmp_path}/a.mp4", plot=["energy"], separate=True)
+
+
+def test_what_numbers_have_no_room_for_is_told(swing: Path, tmp_path: Path) -> None:
+    simulation, heard = Simulation(swing, duration=0.1), r"--text, --captions, --depth-range, --plot: numbers have no"
+    with pytest.warns(MjrunWarning, match=heard):
+        Video(
+            simulation,
+            f"{tmp_path}/d/",
+            size=(32, 24),
+            view="depth",
+            style="exact",
+            text="hi",
+            captions=True,
+            depth_range=(1, 2),
+            plot=["energy"],
+        ).run()
+    with pytest.warns(MjrunWarning, match=r"--text: numbers have no room for it; --style color draws pictures"):
+        Image(simulation, f"{tmp_path}/d.png", size=(32, 24), view="depth", text="hi").run()
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        Image(simulation, f"{tmp_path}/e.png", size=(32, 24), view=["rgb", "depth"], separate=True, text="hi").run()
+        Image(simulation, f"{tmp_path}/f.jpg", size=(32, 24), view="depth", text="hi").run()
+
+
+@pytest.mark.parametrize("make", [Image, Video])
+def test_a_dataset_of_bop_has_depth_in_millimetres_or_none(swing: Path, tmp_path: Path, make: type) -> None:
+    simulation = Simulation(swing, duration=0.1)
+    output = f"{tmp_path}/d.png" if make is Image else f"{tmp_path}/d/"
+    options = {"size": (32, 24), "calibration": f"{tmp_path}/c.json", "calibration_format": "bop"}
+    views = {"view": ["rgb", "depth"], "separate": True}
+    with pytest.raises(UsageError, match="it speaks of depth in 16-bit PNGs of millimetres; add --style exact"):
+        make(simulation, output, **options, **views, style="color").run()
+    make(simulation, output, **options, **views, style="exact").run()
+    assert json.loads((tmp_path / "c.json").read_text())["0"]["depth_scale"] == 1
+
+
+def test_everything_that_a_film_wrote_is_in_its_result(swing: Path, tmp_path: Path) -> None:
+    options = {"size": (32, 24), "calibration": f"{tmp_path}/c.json", "manifest": f"{tmp_path}/m.json"}
+    views = {"view": ["rgb", "seg"], "separate": True}
+    result = Video(Simulation(swing, duration=0.1), f"{tmp_path}/f.mkv", **options, **views).run()  # type: ignore[arg-type]
+    written = {str(path) for path in tmp_path.iterdir()} - {str(swing), f"{tmp_path}/m.json"}
+    assert sorted(result.paths) == sorted(written)

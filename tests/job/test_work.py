@@ -1,9 +1,11 @@
 """Many outputs of one simulation in one pass: the same as each alone."""
 
 import json
+import warnings
 from dataclasses import replace
 from fractions import Fraction
 from pathlib import Path
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -14,10 +16,11 @@ from mjrun.errors import FailedAssertionError, FileError, JobsError, UnknownName
 from mjrun.job.image import Image
 from mjrun.job.plot import Plot
 from mjrun.job.record import Record
-from mjrun.job.simulation import Simulation
+from mjrun.job.simulation import Simulation, Source
 from mjrun.job.trace import Trace
 from mjrun.job.video import Video
 from mjrun.job.work import perform, planned
+from mjrun.model.override import Setting
 from mjrun.render.script import AroundRig, Event, Script, Shot
 
 pytestmark = pytest.mark.filterwarnings("ignore:drawing in software")
@@ -201,3 +204,48 @@ def test_no_file_is_written_twice_or_read_and_written(swing: Path, tmp_path: Pat
             perform(jobs)
         assert [*tmp_path.iterdir()] == [swing]
     assert swing.read_bytes() == before
+
+
+def test_an_error_brings_what_was_made_in_spite_of_it(exploding: Path, tmp_path: Path) -> None:
+    simulation = Simulation(exploding, key="fast", duration=5)
+    table, recording = f"{tmp_path}/t.csv", f"{tmp_path}/r.npz"
+    with pytest.raises(UnstableError) as caught:
+        perform([Trace(simulation, table, keep_partial=True), Record(simulation, recording, keep_partial=True)])
+    trace, record = caught.value.results
+    assert (trace.path, record.path) == (table, recording)
+    assert caught.value.__notes__ == [f"kept, up to there: {table}, {recording}"]
+    assert trace.rows == record.states == caught.value.step + 1
+    assert record.simulated == pytest.approx(caught.value.time)
+    again = Trace(Simulation(exploding, replay=recording), f"{tmp_path}/u.csv").run()
+    assert again.rows == trace.rows
+    assert (tmp_path / "u.csv").read_bytes() == (tmp_path / "t.csv").read_bytes()
+
+
+def test_a_failed_assertion_brings_every_verdict(swing: Path, tmp_path: Path) -> None:
+    simulation = Simulation(swing, duration=0.1)
+    asserts = ["last(time) == 0.1", "max(time) < 0"]
+    with pytest.raises(FailedAssertionError) as caught:
+        perform([Trace(simulation, f"{tmp_path}/t.csv", asserts=asserts)])
+    (result,) = caught.value.results
+    assert [(verdict.text, verdict.passed) for verdict in result.assertions] == list(zip(asserts, (True, False)))
+    assert caught.value.messages == (result.assertions[1].message,)
+
+
+@pytest.mark.parametrize(
+    ("change", "told"),
+    [
+        ({"settings": (Setting("opt.gravity", "0,0,-1"),)}, True),
+        ({"settings": (Setting("geom/box.mass", "50"),)}, True),
+        ({"settings": (Setting("vis.map.force", "3"), Setting("geom/box.rgba", "1,1,1,1"))}, False),
+        ({}, False),
+    ],
+)
+def test_a_recording_of_other_physics_is_told(swing: Path, tmp_path: Path, change: dict[str, Any], told: bool) -> None:
+    Record(Simulation(swing, duration=0.1), f"{tmp_path}/r.npz").run()
+    again = Trace(
+        Simulation(Source(swing, **change), replay=f"{tmp_path}/r.npz"), f"{tmp_path}/t.csv", probes=["energy"]
+    )
+    with warnings.catch_warnings(record=True) as heard:
+        warnings.simplefilter("always")
+        again.run()
+    assert any("other physics" in str(warning.message) for warning in heard) == told

@@ -257,12 +257,12 @@ def test_it_cannot_go_back() -> None:
 MISSING = [
     (
         (1, 61),
-        "the recording ends at step 60, time 0.12 s: there is no step 61, time 0.122 s in it\ngive --steps 60 or less",
+        "the recording ends at step 60, time 0.12 s: there is no step 61, time 0.122 s in it\nask for step 60 or an earlier one",
     ),
     (
         (1, 10**9),
         "the recording ends at step 60, time 0.12 s: there is no step 1000000000, time 2000000 s in it\n"
-        "give --steps 60 or less",
+        "ask for step 60 or an earlier one",
     ),
     (
         (5, 7),
