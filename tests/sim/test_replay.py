@@ -257,7 +257,8 @@ def test_it_cannot_go_back() -> None:
 MISSING = [
     (
         (1, 61),
-        "the recording ends at step 60, time 0.12 s: there is no step 61, time 0.122 s in it\nask for step 60 or an earlier one",
+        "the recording ends at step 60, time 0.12 s: there is no step 61, time 0.122 s in it\n"
+        "ask for step 60 or an earlier one",
     ),
     (
         (1, 10**9),
