@@ -63,7 +63,14 @@ def conditions(events: Collection[Event], model: mujoco.MjModel) -> list[str]:
     Raises:
       UsageError: one of them is not.
     """
-    return list(dict.fromkeys(condition(event.when, model).text for event in events))
+    found = []
+    for event in events:
+        try:
+            found.append(condition(event.when, model).text)
+        except UsageError as error:
+            error.add_note(f"in {quoted(event.when)}")
+            raise
+    return list(dict.fromkeys(found))
 
 
 def time_of(

@@ -7,7 +7,7 @@ import platform
 import subprocess
 import sys
 import tempfile
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -15,6 +15,7 @@ from typing import Any
 from mjrun.errors import NoRendererError, SoftwareRendererError, UnknownNameError
 
 AUTO = "auto"
+GL, DEVICE = "MUJOCO_GL", "MUJOCO_EGL_DEVICE_ID"  # variables of the environment
 BACKENDS = ("egl", "osmesa", "glfw", "cgl")
 # What MuJoCo accepts in MUJOCO_GL beside the names of its backends.
 ALIASES = {"": AUTO, "enable": AUTO, "enabled": AUTO, "on": AUTO, "true": AUTO, "1": AUTO, "glx": "glfw", "wgl": "glfw"}
@@ -41,6 +42,7 @@ VULKAN = {
     "arch": "sudo pacman -S vulkan-swrast vulkan-icd-loader",
     "": "install your distribution's packages for the Vulkan loader and Mesa's software driver (lavapipe)",
 }
+CURES = {"egl": OPENGL, "osmesa": OSMESA, "glfw": DISPLAY}
 
 
 @dataclass(frozen=True)
@@ -93,17 +95,72 @@ def remedy(commands: Mapping[str, str] = OPENGL) -> str:
     return commands[family or ""]
 
 
+def sought(requested: str | None = None) -> Sequence[str]:
+    """The backends that are tried, best first.
+
+    Args:
+      requested: `auto` for those worth trying, else the only one; MUJOCO_GL says it when None.
+
+    Raises:
+      UnknownNameError: no such backend.
+      NoRendererError: rendering is switched off by MUJOCO_GL.
+    """
+    asked = (os.environ.get(GL, "") if requested is None else requested).strip().lower()
+    if asked in OFF:
+        raise NoRendererError({GL: f"is {asked!r}, which switches rendering off"}, "unset it to draw")
+    name = ALIASES.get(asked, asked)
+    if name == AUTO:
+        return candidates()
+    if name not in BACKENDS:
+        raise UnknownNameError("OpenGL backend", asked, [AUTO, *BACKENDS], GL if _of_environment(requested) else "")
+    return (name,)
+
+
+def way_out(tried: Collection[str], requested: str | None = None) -> str:
+    """What else would draw where `tried` do not, and how to ask for it; empty where nothing would.
+
+    Args:
+      requested: as `sought` has it.
+    """
+    for name in candidates():
+        if name not in tried and isinstance(Probe(name).result(), Backend):
+            return f"{name} draws: {f'unset {GL}, or ' if _of_environment(requested) else ''}give --gl {name}"
+    if _draws_on_another_device():
+        variables = DEVICE if "egl" in tried else f"{GL} and {DEVICE}"
+        return f"egl draws on another device: unset {variables}"
+    return ""
+
+
+def cure(name: str) -> str:
+    """What to do so that the backend `name` draws, which does not."""
+    if name == "egl" and _draws_on_another_device():
+        return f"unset {DEVICE}: egl draws on another device"
+    return remedy(CURES.get(name, OPENGL))
+
+
+def _of_environment(requested: str | None) -> bool:
+    """Whether it was the environment that requested it, as the default of an option too."""
+    return GL in os.environ and requested in (None, os.environ[GL])
+
+
+def _draws_on_another_device() -> bool:
+    """Whether EGL draws on a device other than the one the environment asks for."""
+    return DEVICE in os.environ and isinstance(Probe("egl", unset=(DEVICE,)).result(), Backend)
+
+
 class Probe:
     """One backend, `vulkan`, or `devices` of EGL, being tried in a child process, which starts at once.
 
     Args:
       draw: whether a picture is drawn and looked at too.
       device: of EGL, as MUJOCO_EGL_DEVICE_ID has it.
+      unset: variables of the environment that it does without.
     """
 
-    def __init__(self, name: str, draw: bool = False, device: int | None = None) -> None:
+    def __init__(self, name: str, draw: bool = False, device: int | None = None, unset: Sequence[str] = ()) -> None:
         self.name = name
-        chosen = {} if device is None else {"MUJOCO_EGL_DEVICE_ID": str(device)}
+        kept = {variable: value for variable, value in os.environ.items() if variable not in unset}
+        chosen = {} if device is None else {DEVICE: str(device)}
         script = Path(__file__).with_name("probe.py")
         self._said = tempfile.TemporaryFile()  # noqa: SIM115
         self._child = subprocess.Popen(
@@ -111,7 +168,7 @@ class Probe:
             stdin=subprocess.DEVNULL,
             stdout=subprocess.PIPE,
             stderr=self._said,
-            env={**os.environ, "MUJOCO_GL": "disable", **chosen},
+            env={**kept, GL: "disable", **chosen},
         )
 
     def answer(self) -> dict[str, Any]:
@@ -154,7 +211,7 @@ class Search:
     """
 
     def __init__(self, requested: str | None = None) -> None:
-        self._names: Sequence[str] = _requested(requested)
+        self._requested, self._names = requested, sought(requested)
         self._first = Probe(self._names[0])
 
     def result(self, require_gpu: bool = False) -> Backend:
@@ -176,7 +233,7 @@ class Search:
                 software = software or answer
         if software:
             raise SoftwareRendererError(software.renderer)
-        raise NoRendererError(tried, f"to draw in software: {remedy()}")
+        raise NoRendererError(tried, way_out(tried, self._requested) or f"to draw in software: {remedy()}")
 
     def cancel(self) -> None:
         """Ends the child that is still trying."""
@@ -207,15 +264,3 @@ class VulkanSearch:
     def cancel(self) -> None:
         """Ends the child if it is still trying."""
         self._probe.cancel()
-
-
-def _requested(requested: str | None) -> Sequence[str]:
-    asked = (requested if requested is not None else os.environ.get("MUJOCO_GL", "")).strip().lower()
-    if asked in OFF:
-        raise NoRendererError({"MUJOCO_GL": f"is {asked!r}, which switches rendering off"}, "unset it to draw")
-    name = ALIASES.get(asked, asked)
-    if name == AUTO:
-        return candidates()
-    if name not in BACKENDS:
-        raise UnknownNameError("OpenGL backend", asked, [AUTO, *BACKENDS])
-    return (name,)

@@ -36,7 +36,7 @@ class Course:
         self.script, self._model, self._size = script, model, size
         self._data = mujoco.MjData(model)
         viewer = Viewer(model)
-        self._takes = [_take(shot, viewer, self._where(i)) for i, shot in enumerate(script.shots)]
+        self._takes = [self._found(i, shot, viewer) for i, shot in enumerate(script.shots)]
         self._tremors = [Tremor(shot.shake) if shot.shake else None for shot in script.shots]
         for i, shot in enumerate(script.shots):
             self._check_blend(i, shot)
@@ -115,6 +115,14 @@ class Course:
         for tremor, share in zip(self._tremors, view.weights, strict=True):
             angles += share * ((tremor.at(view.film) if tremor else 0.0) - angles)
         return pose.panned(*angles) if angles.any() else pose
+
+    def _found(self, i: int, shot: Shot, viewer: Viewer) -> "_Take":
+        try:
+            return _take(shot, viewer, self._where(i))
+        except UsageError as error:
+            if self._where(i) not in str(error):
+                error.add_note(f"in {self._where(i)}")
+            raise
 
     def _where(self, i: int) -> str:
         """What is to be named in errors."""

@@ -58,7 +58,10 @@ class Axes:
 
 @dataclass(frozen=True)
 class Entry:
-    """A series in the legend: where it begins, where its value ends [pixels; 0: not shown], and its row."""
+    """A series in the legend: where it begins, where its value ends [pixels; 0: not shown], and its row.
+
+    Without a name it is only what `unit` says.
+    """
 
     name: str
     unit: str
@@ -121,7 +124,7 @@ class Graph:
             if math.isfinite(head):
                 self._dot(image, x, float(self.axes.y(head)), colour)
         for entry, head in zip(self._entries, heads, strict=False):
-            if entry.end:
+            if entry.end and entry.name:
                 write(image, self._figures(head), (entry.end, self._baseline(entry.row)), self._em, align=1.0)
         return image
 
@@ -160,7 +163,18 @@ class Graph:
             placed = list(self._flow(entries, room * self._em, size[0], with_units))
             if not placed or placed[-1].row < rows:
                 break
-        return [entry for entry in placed if entry.row < rows]
+        return self._counted([entry for entry in placed if entry.row < rows], len(entries), size[0])
+
+    def _counted(self, placed: list[Entry], count: int, width: int) -> list[Entry]:
+        """The entries that leave room to say how many there are beside them, and an entry that says so."""
+        for shown in range(len(placed), 0, -1):
+            if shown == count:
+                break
+            last, more = placed[shown - 1], f"… {count - shown} more"
+            x = last.end + width_of(last.unit, self._em) + 1.6 * self._em
+            if last.end and x + width_of(more, self._em) <= width - round(0.7 * self._em):
+                return [*placed[:shown], Entry("", more, INK, x, x, last.row)]
+        return placed
 
     def _flow(self, entries: list[Entry], room: float, width: int, with_units: bool) -> Iterator[Entry]:
         """Entries placed in as many rows as they need."""
@@ -214,9 +228,10 @@ class Graph:
         thick = max(2, round(em / 6))
         for entry in self._entries:
             line = self._baseline(entry.row)
-            mark = rounded(round(em), thick, thick / 2)
-            blend(image, mark, round(entry.x), round(line - 0.34 * em - thick / 2), entry.colour)
-            write(image, entry.name, (entry.x + 1.5 * em, line), em)
+            if entry.name:
+                mark = rounded(round(em), thick, thick / 2)
+                blend(image, mark, round(entry.x), round(line - 0.34 * em - thick / 2), entry.colour)
+                write(image, entry.name, (entry.x + 1.5 * em, line), em)
             if entry.end:
                 write(image, entry.unit, (entry.end, line), em, _GREY)
         return image

@@ -32,12 +32,44 @@ def test_a_backend_that_does_not_work_is_reported_with_its_reason_and_the_packag
 ) -> None:
     monkeypatch.delenv("DISPLAY", raising=False)
     monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
+    monkeypatch.setattr(backends, "candidates", lambda: ("glfw",))
     monkeypatch.setattr(platform, "freedesktop_os_release", lambda: {"ID": "ubuntu", "ID_LIKE": "debian"})
     with pytest.raises(NoRendererError) as caught:
         Search("glfw").result()
     message = str(caught.value)
     assert "glfw: made no OpenGL context (it needs a display)" in message
     assert "sudo apt-get install libegl1 libopengl0 libegl-mesa0 libgl1-mesa-dri" in message
+
+
+@pytest.mark.parametrize(
+    ("requested", "variables", "cure"),
+    [
+        (None, {"MUJOCO_GL": "cgl"}, "egl draws: unset MUJOCO_GL, or give --gl egl"),
+        ("cgl", {"MUJOCO_GL": "cgl"}, "egl draws: unset MUJOCO_GL, or give --gl egl"),
+        ("cgl", {"MUJOCO_GL": "auto"}, "egl draws: give --gl egl"),
+        ("egl", {"MUJOCO_EGL_DEVICE_ID": "99"}, "egl draws on another device: unset MUJOCO_EGL_DEVICE_ID"),
+        (None, {"MUJOCO_GL": "cgl", "MUJOCO_EGL_DEVICE_ID": "99"}, "device: unset MUJOCO_GL and MUJOCO_EGL_DEVICE_ID"),
+    ],
+)
+@pytest.mark.gl
+def test_where_the_environment_is_the_cause_to_change_it_is_the_cure(
+    monkeypatch: pytest.MonkeyPatch, backend: Backend, requested: str | None, variables: dict[str, str], cure: str
+) -> None:
+    if backend.name != "egl":
+        pytest.skip("another backend draws")
+    monkeypatch.setattr(backends, "candidates", lambda: ("egl",))
+    for variable, value in variables.items():
+        monkeypatch.setenv(variable, value)
+    with pytest.raises(NoRendererError) as caught:
+        Search(requested).result()
+    assert str(caught.value).endswith(cure)
+    assert "install" not in str(caught.value)
+
+
+def test_an_unknown_backend_in_the_environment_is_said_to_be_there(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("MUJOCO_GL", "elg")
+    with pytest.raises(UnknownNameError, match="no OpenGL backend 'elg' in MUJOCO_GL"):
+        Search()
 
 
 def test_an_unknown_backend_lists_the_known_ones() -> None:

@@ -238,3 +238,14 @@ def test_a_graph_shares_a_side_with_its_film_and_is_smaller(side: str, size: tup
     assert shared[0] == other[0]
     assert shared[1] <= other[1] / 2
     assert shared[1] % 2 == 0
+
+
+@pytest.mark.parametrize("count", [2, 3, 4, 12, 29])
+@pytest.mark.parametrize("width", [160, 320, 1280])
+def test_series_without_room_for_their_names_are_counted(count: int, width: int) -> None:
+    values = np.stack([np.sin(TIMES + k) for k in range(count)], axis=1)
+    graph = Graph(TIMES, values, ["qpos/knee"] * count, ["rad"] * count, (width, 80))
+    named = [entry for entry in graph._entries if entry.name]
+    told = [entry.unit for entry in graph._entries if not entry.name]
+    assert told == ([f"… {count - len(named)} more"] if len(named) < count else [])
+    assert graph.draw(1.0).shape == (80, width, 3)
