@@ -15,9 +15,10 @@ from mjrun.errors import BadValueError, FileError, UsageError
 if TYPE_CHECKING:
     from mjrun.job.bench import Bench
     from mjrun.job.drawing import Drawing
+    from mjrun.job.measuring.results import BenchResult
 
 SUMMARY = "GITHUB_STEP_SUMMARY"
-SLOWER = 1  # exit code
+SLOWER, PARTLY = 1, 8  # exit codes
 
 
 @click.command("bench", cls=options.SectionedCommand)
@@ -42,6 +43,8 @@ def command(console: Console, /, as_json: bool, **given: Any) -> None:
     mjrun bench scene.xml --engine warp --worlds 4096
     mjrun bench scene.xml --save base.json
     mjrun bench scene.xml --compare base.json --fail-above 10%
+
+    Exits with 8 when points of a --scan could not be measured, as with a timestep that is too long.
     """
     if sum((as_json, given["csv"], given["markdown"])) > 1:
         raise UsageError("--json, --csv and --markdown all want standard output; give one of them")
@@ -56,8 +59,14 @@ def command(console: Console, /, as_json: bool, **given: Any) -> None:
         console.result(bench_report.FORMS[form](result))
     if summary:
         _append(summary, bench_report.markdown(result))
-    if result.comparison and given["fail_above"] is not None and result.comparison.verdict == "slower":
-        console.code = SLOWER
+    console.code = _code(result, given["fail_above"] is not None)
+
+
+def _code(result: "BenchResult", limited: bool) -> int:
+    """1 where a comparison with a limit is lost, 8 where points of the grid could not be measured, else 0."""
+    if limited and result.comparison and result.comparison.verdict in ("slower", "failed"):
+        return SLOWER
+    return PARTLY if any(row.failure for row in result.rows) else 0
 
 
 def _job(console: Console, given: dict[str, Any]) -> "Bench":

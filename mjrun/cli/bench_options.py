@@ -131,8 +131,8 @@ report_options = bundle(
     option(
         "--fail-above",
         type=Percent(),
-        help="Exit with 1 if it is surely slower than that: 10%. A ratio whose interval does not clear it is "
-        "inconclusive.",
+        help="Exit with 1 if it is surely slower than that: 10%, or became unstable. A ratio whose interval does not "
+        "clear it is inconclusive.",
     ),
     option("--force", is_flag=True, help="Compare other models, options or machines all the same."),
 )

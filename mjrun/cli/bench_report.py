@@ -129,7 +129,8 @@ def _notes(result: "BenchResult") -> list[str]:
     found = list(result.notes)
     for row in result.rows:
         point = " ".join(f"{path}={value}" for path, value in row.point.items())
-        for failure in dict.fromkeys((row.failure, row.accuracy and row.accuracy.failure, *row.overflows)):
+        # What fails with noise fails without it too, at another step.
+        for failure in dict.fromkeys((row.failure or (row.accuracy and row.accuracy.failure), *row.overflows)):
             found += [f"{point}: {failure}".removeprefix(": ")] if failure else []
     return [clean(note) for note in found]
 
@@ -241,6 +242,9 @@ def _ratios(result: "BenchResult") -> Table:
         interval = "-" if one.low is None else f"{one.low:.3f}..{one.high:.3f}"
         costs = [duration(one.base, 3), duration(one.now, 3), f"{one.ratio:.3f}", interval]
         found.append([clean(one.name), *costs, one.verdict])
+    for one in result.comparison.gone if result.comparison else ():
+        verdict = "failed" if one.failure else "not measured"
+        found.append([clean(one.name), duration(one.base, 3), "-", "-", "-", verdict])
     return found
 
 

@@ -23,7 +23,8 @@ NOT_NEEDED = "·"
 def command(console: Console, /, as_json: bool) -> None:
     """Show what works on this machine, and what to install.
 
-    Tries every OpenGL backend, Filament and every encoder for real. Exits with 5 when nothing can draw.
+    Tries every OpenGL backend, Filament and every encoder for real. Exits with 5 when nothing can draw, or not what
+    $MUJOCO_GL and $MUJOCO_EGL_DEVICE_ID ask for.
     """
     console.guard_stdout()
     values.import_mujoco()

@@ -18,7 +18,8 @@ class Column:
       cells: of every row; cleaned.
       unit: under the heading, a line for each that occurs.
       right: the cells are numbers, which end at one place.
-      extra: it may be left out where there is no room; the first ones are kept first.
+      extra: it is the first to be left out where there is no room; the first of these are kept first. After them go
+        the others, the last first.
       below: what stands under each cell where its row takes several lines.
     """
 

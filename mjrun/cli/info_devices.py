@@ -65,7 +65,7 @@ def sensors(rows: Sequence["Sensor"]) -> list[Column]:
         texts("type", rows, "type"),
         Column("of", [reference(row.object_kind, row.object) for row in rows]),
         Column("relative to", [reference(row.reference_kind, row.reference) for row in rows]),
-        Column("sensordata", [slots(row.address, row.dim) for row in rows], right=True),
+        Column("sensordata", [slots(row.address, row.dim) for row in rows], right=True, extra=True),
         texts("unit", rows, "unit"),
         numbers("cutoff", rows, "cutoff", extra=True),
         numbers("noise", rows, "noise", extra=True),

@@ -2,7 +2,7 @@
 
 import os
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 
 from rich.cells import cell_len
@@ -15,7 +15,8 @@ from mjrun.cli.info_cells import Column
 
 GAP, INDENT = 2, 2
 READABLE = 100  # characters of a line of labels and values
-NARROW = 20  # characters of a text that is folded
+NARROW, SCANT = 24, 8  # characters of a text that is folded: where columns can be left out, and where they cannot
+NEEDED = 2  # columns that are never left out
 UNLIMITED = 1 << 16
 
 
@@ -104,8 +105,11 @@ def _cut(column: Column, count: int) -> Column:
 def _fitting(columns: Sequence[Column], width: int) -> tuple[list[Column], list[Column]]:
     """The columns that say something, and those of them that there is no room for."""
     told = [column for column in columns if any(column.cells)]
-    room = width - sum(_width(column) + GAP for column in told if not column.extra) + GAP
-    kept = [column for column in told if not column.extra]
+    main = [column for column in told if not column.extra]
+    kept = [*main]
+    while len(kept) > NEEDED and _total(map(_least, kept)) > width:
+        kept.pop()
+    room = width - _total(map(_width, kept)) if kept == main else 0
     for column in told:
         if column.extra and _width(column) + GAP <= room:
             kept.append(column)
@@ -113,17 +117,27 @@ def _fitting(columns: Sequence[Column], width: int) -> tuple[list[Column], list[
     return [column for column in told if column in kept], [column for column in told if column not in kept]
 
 
+def _total(widths: Iterable[int]) -> int:
+    """How wide columns are side by side."""
+    return sum(width + GAP for width in widths) - GAP
+
+
+def _least(column: Column) -> int:
+    """How wide a column must be to be read with ease."""
+    return _width(column) if column.right else min(_width(column), NARROW)
+
+
 def _width(column: Column) -> int:
     return max(cell_len(text) for text in (*_heading(column, 0).split("\n"), *column.cells))
 
 
 def _widths(columns: Sequence[Column], room: int) -> list[int]:
-    """How wide the columns are: where they do not fit, texts are folded, the first column last."""
+    """How wide the columns are: where they do not fit, texts are folded, the first column last while it can be read."""
     widths = [_width(column) for column in columns]
     texts = [i for i, column in enumerate(columns) if i and not column.right]
-    folded = [(texts, NARROW), ([0], NARROW), (texts, 1), ([*range(len(columns))], 1)]
+    folded = [(texts, NARROW), ([0], NARROW), ([0], SCANT), (texts, SCANT), ([*range(len(columns))], 1)]
     for group, least in folded:
-        while sum(widths) + GAP * (len(widths) - 1) > room and any(widths[i] > least for i in group):
+        while _total(widths) > room and any(widths[i] > least for i in group):
             widths[max(group, key=lambda i: widths[i])] -= 1
     return widths
 

@@ -23,6 +23,7 @@ COMPLETE = "_MJRUN_COMPLETE"
 MODELS = (".xml", ".urdf", ".mjz", ".zip", ".mjb")
 
 # Name → module and one line of help. A command's module is imported when it is run.
+SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 COMMANDS = {
     "video": ("mjrun.cli.video", "Make a film of a simulation."),
     "image": ("mjrun.cli.image", "Draw one instant of a simulation."),
@@ -31,7 +32,7 @@ COMMANDS = {
     "info": ("mjrun.cli.info", "Show what a model is: sizes, bodies, joints, actuators, sensors, assets."),
     "check": ("mjrun.cli.check", "Find what is wrong with models; for CI."),
     "run": ("mjrun.cli.run", "Make all that a document asks for, in one pass."),
-    "schema": ("mjrun.cli.schema", "Print the JSON Schema of a kind of document."),
+    "schema": ("mjrun.cli.schema", "Print the JSON Schema of a kind of document or report."),
     "doctor": ("mjrun.cli.doctor", "Show what works on this machine, and what to install."),
 }
 
@@ -88,8 +89,9 @@ def run(arguments: Sequence[str]) -> int:
     """Runs one command line and returns its exit code."""
     if COMPLETE in os.environ:
         return shell_complete(group, {}, "mjrun", COMPLETE, os.environ[COMPLETE])
-    for number in (signal.SIGTERM, signal.SIGHUP):
-        signal.signal(number, _terminate)
+    for number in SIGNALS:
+        if signal.getsignal(number) is not signal.SIG_IGN:  # as of nohup
+            signal.signal(number, _end)
     console = Console(shlex.join(["mjrun", *arguments]))
     code = _guarded(console, lambda: _invoke(console, arguments))
     # A reader that is gone shows up, at the latest, when the last text is flushed.
@@ -123,7 +125,7 @@ def _guarded(console: Console, action: Callable[[], int]) -> int:
         console.error(error.format_message())
         return error.exit_code
     except MjrunError as error:
-        console.error(str(error))
+        console.error("\n".join([str(error), *getattr(error, "__notes__", ())]))
         return error.exit_code
     except (BrokenPipeError, ClosedPipeError):
         # Python would complain of the closed pipe once more when it exits.
@@ -155,6 +157,10 @@ def _bug_message(error: Exception) -> str:
     return f"a bug in mjrun: {type(error).__name__}: {error} ({place})\n--debug shows the traceback; please report it"
 
 
-def _terminate(number: int, frame: FrameType | None) -> NoReturn:
-    signal.signal(number, signal.SIG_IGN)
+def _end(number: int, frame: FrameType | None) -> NoReturn:
+    """Ends the work once; what comes while it is cleared away, as of a second Ctrl-C, changes nothing."""
+    for each in SIGNALS:
+        signal.signal(each, signal.SIG_IGN)
+    if number == signal.SIGINT:
+        raise KeyboardInterrupt
     raise TerminatedError(number)

@@ -1,4 +1,4 @@
-"""JSON Schema of the documents, by which editors complete and check them while they are written."""
+"""JSON Schema of the documents, by which editors complete and check them while they are written, and of reports."""
 
 from typing import Any
 
@@ -7,6 +7,7 @@ from pydantic.json_schema import GenerateJsonSchema, JsonSchemaValue
 
 from mjrun.document.camera import Document
 from mjrun.document.preamble import DEFAULTS, VARS
+from mjrun.document.reports import REPORTS, report_schema
 from mjrun.document.run import Run
 from mjrun.errors import UnknownNameError
 
@@ -49,13 +50,15 @@ class _Generator(GenerateJsonSchema):
 
 
 def schema(kind: str) -> dict[str, Any]:
-    """The JSON Schema, draft 2020-12, of documents of a `kind`.
+    """The JSON Schema, draft 2020-12, of documents or reports of a `kind`.
 
     Raises:
       UnknownNameError: there is no such kind; the message lists those there are.
     """
+    if kind in REPORTS:
+        return report_schema(kind)
     if kind not in KINDS:
-        raise UnknownNameError("schema", kind, list(KINDS))
+        raise UnknownNameError("schema", kind, [*KINDS, *REPORTS])
     form, title, preamble = KINDS[kind]
     made = form.model_json_schema(schema_generator=_Generator)
     made = {"$schema": _Generator.schema_dialect, **made, "title": title}

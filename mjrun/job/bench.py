@@ -23,7 +23,7 @@ from mjrun.job.measuring.grid import points, settings
 from mjrun.job.measuring.loading import Load, timed_load
 from mjrun.job.measuring.machine import Machine, machine
 from mjrun.job.measuring.results import BenchResult, Engine, ModelFacts, Options
-from mjrun.job.measuring.rows import Case, Plan, Stimulus, remarks, timed_rows
+from mjrun.job.measuring.rows import Case, Plan, Stimulus, check_reference, remarks, timed_rows
 from mjrun.job.measuring.whole import whole_film, whole_trace
 from mjrun.job.measuring.worlds import LEFT_OUT, WARP, C, check_engine
 from mjrun.job.report import QuietReporter, Reporter, pass_on
@@ -61,7 +61,7 @@ class Bench:
         measured in turn, so that what disturbs one disturbs all.
       accuracy: also measure energy drift, and distance from a run with finer steps.
       horizon: simulated time after which that is done [s].
-      reference: timestep of the finer run [s]; an eighth of the finest in the grid when None.
+      reference: timestep of the finer run, finer than every one in the grid [s]; an eighth of the finest when None.
       drawings: pictures to time, of one camera and one view each.
       whole: also time a whole trace and a whole film.
       engine: `c`, MuJoCo itself, or `warp`, MuJoCo Warp, which times steps alone.
@@ -156,11 +156,16 @@ class Bench:
         simulation = Simulation(self.model, key=key, duration=WHOLE)
         facts = self._facts(simulation, model, load, here, warp)
         overridden = [] if base is None else check_same(asdict(facts), base, str(self.compare), self.force)
+        stimulus, cases, plan = (
+            Stimulus(key, self.noise_std, self.noise_rate),
+            self._cases(model, base),
+            self._plan(warp),
+        )
+        check_reference(plan.reference, cases)
         # Before the first step.
         drawn = [*self.drawings, *([Drawing()] if self.whole and not self.drawings else [])]
         backends = [drawing.search().result(drawing.require_gpu) for drawing in drawn]
-        stimulus, cases = Stimulus(key, self.noise_std, self.noise_rate), self._cases(model, base)
-        rows = timed_rows(cases, stimulus, self._plan(warp), reporter, clock)
+        rows = timed_rows(cases, stimulus, plan, reporter, clock)
         for overflow in dict.fromkeys(overflow for row in rows for overflow in row.overflows):
             reporter.warn(overflow)
         frames = [self._frame(model, stimulus, *pair, clock) for pair in zip(self.drawings, backends, strict=False)]

@@ -14,12 +14,14 @@ from mjrun.errors import FileError, UsageError, clean, listing
 from mjrun.job.statistics import CONFIDENCE, median, ratio_interval
 
 SCHEMA = "mjrun-bench-1"
-SLOWER, INCONCLUSIVE, FASTER, FINE = "slower", "inconclusive", "faster", "not slower"
-WORST_FIRST = (SLOWER, INCONCLUSIVE, FINE, FASTER)
+FAILED, SLOWER, INCONCLUSIVE, FASTER, FINE = "failed", "slower", "inconclusive", "faster", "not slower"
+WORST_FIRST = (FAILED, SLOWER, INCONCLUSIVE, FINE, FASTER)
 # What both must have been asked alike, or else they did not do the same.
 OPTIONS = ("key", "noise_std", "noise_rate", "settings")
 MACHINE = ("system", "cpu", "cores", "available")
 ENGINE = ("name", "device", "device_name", "worlds", "nconmax", "njmax")
+
+Figure = tuple[str, str]  # its name, and the device if the processor did not make it
 
 
 @dataclass(frozen=True)
@@ -47,14 +49,30 @@ class Ratio:
 
 
 @dataclass(frozen=True)
+class Gone:
+    """A figure that the base has, and this benchmark has not.
+
+    Attributes:
+      name: of the figure, with the device if the processor did not make it.
+      base: median of the wall time [s].
+      failure: why it could not be measured, such as an instability; None where it was not to be.
+    """
+
+    name: str
+    base: float
+    failure: str | None
+
+
+@dataclass(frozen=True)
 class Comparison:
     """How a benchmark stands to its base.
 
     Attributes:
       base: the file.
       limit: the ratio above which a figure is slower.
-      verdict: the worst of all figures.
+      verdict: the worst of all figures; `failed` where one of the base could not be measured.
       ratios: of every figure that both have.
+      gone: figures that only the base has.
       differences: between model, options and machines, where that was overridden.
     """
 
@@ -62,6 +80,7 @@ class Comparison:
     limit: float
     verdict: str
     ratios: Sequence[Ratio]
+    gone: Sequence[Gone]
     differences: Sequence[str]
 
 
@@ -104,7 +123,7 @@ def differences(now: Mapping[str, Any], base: Mapping[str, Any]) -> list[str]:
             there, here = base[part][key], now[part][key]
             if there != here:
                 name = "engine" if (part, key) == ("engine", "name") else key
-                found.append(f"{name}: {clean(_shown(there))} there, {clean(_shown(here))} here")
+                found.append(f"{name}: {clean(_word(there))} there, {clean(_word(here))} here")
     steps = now["options"]["steps"]
     others = sorted({row["steps"] for row in base["rows"] if row["step"] is not None and row["steps"] != steps})
     if steps is not None and others:
@@ -133,37 +152,56 @@ def check_same(now: Mapping[str, Any], base: Mapping[str, Any], path: str, force
 def compare(
     now: Mapping[str, Any], base: Mapping[str, Any], path: str, threshold: float, overridden: Sequence[str] = ()
 ) -> Comparison:
-    """Compares every figure that both documents have.
+    """Compares every figure that both documents have, and names those that only the base has.
 
     Args:
       threshold: by how much a figure may be slower: 0.1 is a tenth.
       overridden: the differences that do not matter, as `check_same` found them.
 
     Raises:
-      UsageError: they have no figure in common.
+      UsageError: they have no figure in common, and nothing has failed.
     """
-    known, limit = dict(figures(base)), 1 + threshold
-    ratios = [_ratio(of[0], samples, known[of], limit) for of, samples in figures(now) if of in known]
-    if not ratios:
-        has = listing([f"{name} by {device}" if device else name for name, device in known])
+    known, here, limit = dict(figures(base)), dict(figures(now)), 1 + threshold
+    ratios = [_ratio(of[0], samples, known[of], limit) for of, samples in here.items() if of in known]
+    failures = _failures(now, base)
+    gone = [Gone(_shown(of), median(known[of]), failures.get(of)) for of in known if of not in here]
+    verdicts = [ratio.verdict for ratio in ratios] + [FAILED for one in gone if one.failure]
+    if not verdicts:
+        has = listing([*map(_shown, known)])
         raise UsageError(f"{clean(path)} has no figure in common with this benchmark\nit has {has}")
-    verdict = min((ratio.verdict for ratio in ratios), key=WORST_FIRST.index)
-    return Comparison(path, limit, verdict, ratios, overridden)
+    return Comparison(path, limit, min(verdicts, key=WORST_FIRST.index), ratios, gone, overridden)
 
 
-def figures(document: Mapping[str, Any]) -> Iterator[tuple[tuple[str, str], list[float]]]:
-    """All figures that are compared: the name, and the device if the processor did not make it; and samples [s]."""
+def figures(document: Mapping[str, Any]) -> Iterator[tuple[Figure, list[float]]]:
+    """All figures that are compared, and their samples [s]."""
     for row in document["rows"]:
-        point = "".join(f" {path}={value}" for path, value in row["point"].items())
-        if row["step"] is not None:
-            yield (f"step{point}", ""), _samples(row["step"])
-        for threads in row["threads"]:
-            if threads["threads"] > 1:
-                yield (f"threads {threads['threads']}{point}", ""), _samples(threads["step"])
+        yield from _of_row(row)
     for frame in document["frames"]:
         (width, height), other = frame["size"], frame["renderer"]
         name = f"{frame['view']} {width}x{height} {frame['quality']}" + (f" {other}" if other != "classic" else "")
         yield (name, frame["device"]), _samples(frame["total"])
+
+
+def _of_row(row: Mapping[str, Any]) -> Iterator[tuple[Figure, list[float]]]:
+    """The figures of a point of the grid."""
+    point = "".join(f" {path}={value}" for path, value in row["point"].items())
+    if row["step"] is not None:
+        yield (f"step{point}", ""), _samples(row["step"])
+    for threads in row["threads"]:
+        if threads["threads"] > 1:
+            yield (f"threads {threads['threads']}{point}", ""), _samples(threads["step"])
+
+
+def _failures(now: Mapping[str, Any], base: Mapping[str, Any]) -> dict[Figure, str]:
+    """The figures of the base that could not be measured now, and why."""
+    failed = [row for row in now["rows"] if row["failure"] is not None]
+    return {
+        of: row["failure"]
+        for row in failed
+        for was in base["rows"]
+        if was["point"] == row["point"]
+        for of, _ in _of_row(was)
+    }
 
 
 def _samples(stat: Mapping[str, Any]) -> list[float]:
@@ -191,5 +229,10 @@ def verdict(low: float | None, high: float | None, fastest: float, limit: float)
     return FINE if high <= limit else INCONCLUSIVE
 
 
-def _shown(value: Any) -> str:
+def _shown(of: Figure) -> str:
+    name, device = of
+    return f"{name} by {device}" if device else name
+
+
+def _word(value: Any) -> str:
     return value if isinstance(value, str) else json.dumps(value)

@@ -12,14 +12,13 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from mjrun.errors import EncoderError
+from mjrun.errors import EncoderError, NoRendererError, UnknownNameError
 from mjrun.export.video import encoder_version, working_codecs
 from mjrun.model import faults
-from mjrun.render.backend import DISPLAY, OPENGL, OSMESA, VULKAN, Backend, Probe, candidates, remedy
+from mjrun.render.backend import DEVICE, GL, VULKAN, Backend, Probe, candidates, cure, remedy, sought, way_out
 from mjrun.version import __version__
 
 EXTRAS = {"parquet": "pyarrow", "mat": "scipy", "plot": "matplotlib", "warp": "mujoco_warp"}
-CURES = {"egl": OPENGL, "osmesa": OSMESA, "glfw": DISPLAY}
 OK, WARNING, MISSING = "ok", "warning", "missing"
 
 
@@ -43,7 +42,12 @@ class Finding:
 
 @dataclass(frozen=True)
 class Examination:
-    """All findings, and whether anything can draw."""
+    """All findings.
+
+    Attributes:
+      can_draw: whether what the environment asks for draws; where it asks for nothing, whether anything does.
+      can_encode: whether films can be encoded.
+    """
 
     findings: Sequence[Finding]
     can_draw: bool
@@ -58,12 +62,12 @@ def examine() -> Examination:
     devices = Probe("devices").answer().get("devices", [])
     encoder = _encoder()
     backends = {name: probe.result() for name, probe in probes.items() if name != "vulkan"}
-    drawing = _backends(backends)
-    filament = _filament(probes["vulkan"].result())
-    findings = [*_versions(), *_extras(), *drawing, *_devices(devices), filament, *encoder]
+    drawing = _drawing(backends)
+    filament = _filament(probes["vulkan"].result(), drawing.used)
+    findings = [*_versions(), *_extras(), *drawing.findings, *_devices(devices), filament, *encoder]
     return Examination(
         findings,
-        can_draw=any(finding.status != MISSING for finding in drawing),
+        can_draw=bool(drawing.used) or (filament.status == OK and not drawing.asked),
         can_encode=any(finding.name == "codecs" for finding in encoder),
     )
 
@@ -93,18 +97,51 @@ def _extras() -> list[Finding]:
     return findings
 
 
-def _backends(found: dict[str, Backend | str]) -> list[Finding]:
-    chosen = next((name for name in candidates() if isinstance(found.get(name), Backend)), None)
+@dataclass(frozen=True)
+class _Drawing:
+    """What OpenGL does here: which backend mjrun uses, and what the environment asks for."""
+
+    findings: Sequence[Finding]
+    used: str | None
+    asked: Mapping[str, str]
+
+
+def _drawing(found: Mapping[str, Backend | str]) -> _Drawing:
+    """What a search of mjrun would find, with each backend."""
+    asked = {variable: os.environ[variable] for variable in (GL, DEVICE) if os.environ.get(variable)}
+    names, fault = _sought()
+    if names == candidates():
+        asked.pop(GL, None)
+    used = next((name for name in names if isinstance(found.get(name), Backend)), None)
+    failed = [] if used else [Finding("opengl", "used", MISSING, fault or _nothing(asked), way_out(names))]
+    return _Drawing([*failed, *_backends(found, used, default=GL not in asked)], used, asked)
+
+
+def _sought() -> tuple[Sequence[str], str]:
+    """The backends that are tried; or none, and why."""
+    try:
+        return sought(), ""
+    except NoRendererError as error:
+        return (), f"nothing: {GL} {error.tried[GL]}"
+    except UnknownNameError as error:
+        return (), f"nothing: {str(error).splitlines()[0]}"
+
+
+def _nothing(asked: Mapping[str, str]) -> str:
+    told = " and ".join(f"{variable}={value}" for variable, value in asked.items())
+    return f"nothing draws with {told}" if told else "nothing draws with OpenGL"
+
+
+def _backends(found: Mapping[str, Backend | str], used: str | None, default: bool) -> list[Finding]:
     findings = []
     for name, answer in found.items():
         if isinstance(answer, Backend):
             kind = "software" if answer.software else "GPU"
-            mark = ", used by default" if name == chosen else ""
+            mark = "" if name != used else ", used by default" if default else f", used by {GL}"
             findings.append(Finding("opengl", name, OK, f"{answer.renderer} ({kind}{mark}), {answer.version}"))
         else:
-            cure = remedy(CURES.get(name, OPENGL))
             # One backend that works is enough.
-            findings.append(Finding("opengl", name, MISSING, answer, f"not needed; {cure}" if chosen else cure))
+            findings.append(Finding("opengl", name, MISSING, answer, f"{'not needed; ' if used else ''}{cure(name)}"))
     return findings
 
 
@@ -124,13 +161,14 @@ def _devices(devices: Sequence[Mapping[str, Any]]) -> list[Finding]:
     return findings
 
 
-def _filament(answer: Backend | str) -> Finding:
+def _filament(answer: Backend | str, used: str | None) -> Finding:
     if isinstance(answer, str):
         return Finding(
             "vulkan", "filament", MISSING, answer, f"not needed but for --renderer filament; {remedy(VULKAN)}"
         )
     kind = "software" if answer.software else "GPU"
-    return Finding("vulkan", "filament", OK, f"{answer.renderer} ({kind}, Vulkan {answer.version})")
+    alone = "" if used else "--renderer filament draws, the default renderer does not"
+    return Finding("vulkan", "filament", OK, f"{answer.renderer} ({kind}, Vulkan {answer.version})", alone)
 
 
 def _encoder() -> list[Finding]:

@@ -2,6 +2,7 @@
 
 import math
 import re
+import shlex
 import stat
 import zipfile
 from collections.abc import Mapping, Sequence
@@ -140,7 +141,10 @@ def _broken(path: Path, error: BaseException, settings: Sequence[Setting] = ()) 
     hint = f"with {', '.join(clean(s.asked) for s in settings)}" if settings else ""
     if path.suffix in COMPILED:
         hint = f"a .mjb file loads only in the MuJoCo that wrote it; this is {mujoco.mj_versionString()}"
-    return BrokenModelError(path, message, line, hint)
+    broken = BrokenModelError(path, message, line, hint)
+    if not hint:  # a note, which is no part of what MuJoCo said
+        broken.add_note(f"mjrun check {clean(shlex.quote(str(path)))} says where and what to do")
+    return broken
 
 
 def _check_names(model: mujoco.MjModel, path: Path) -> None:

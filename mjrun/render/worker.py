@@ -124,7 +124,7 @@ class Failure:
             error = DrawError(f"a drawing process cannot start: {self.message}")
         else:
             error = MjrunError(f"a bug in mjrun, {during}: {self.message}")
-        error.add_note(f"In the drawing process:\n{self.trace}")
+        error.__cause__ = RuntimeError(f"in the drawing process:\n{self.trace}")
         return error
 
 

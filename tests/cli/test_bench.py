@@ -152,6 +152,7 @@ def test_a_slower_build_fails_only_with_a_limit_and_an_incomparable_one_is_refus
         (["--noise-std", "2"], 2, "2.0 is not in the range 0<=x<=1"),
         (["--key", "none"], 2, "no keyframe 'none'"),
         (["--save", "none/base.json"], 7, "there is no folder"),
+        (["--accuracy", "--reference", "1"], 2, "--reference: '1' is not finer than every timestep"),
         (["--worlds", "2"], 2, "--worlds is for --engine warp"),
         (["--device", "cpu"], 2, "--device is for --engine warp"),
         (["--engine", "warp"], 2, "--threads is for --engine c"),
@@ -171,11 +172,38 @@ def test_an_unstable_model_names_its_step_once_and_a_grid_goes_on_without_it(mjr
     done = mjrun(*fast)
     assert (done.returncode, done.stdout) == (4, b"")
     assert lines_of(done.stderr)[0].startswith("mjrun: error: the simulation became unstable at step ")
-    done = mjrun(*fast, "--scan", "timestep=.0001,.03")
-    assert (done.returncode, done.stderr) == (0, b"")
+    # With noise and without it, it fails at different steps.
+    exploding.write_text(
+        exploding.read_text().replace("<keyframe>", '<actuator><motor joint="a" gear="9"/></actuator><keyframe>')
+    )
+    grid = (*fast, "--scan", "timestep=.0001,.03", "--accuracy")
+    failed = json.loads(mjrun(*grid, "--json").stdout)["rows"][1]
+    assert failed["failure"] != failed["accuracy"]["failure"]
+    done = mjrun(*grid)
+    assert (done.returncode, done.stderr) == (8, b"")
     lines = lines_of(done.stdout)
     assert [line.split()[1] == "failed" for line in lines if line.startswith(("  .0001", "  .03"))] == [False, True]
     assert "note: timestep=.03: the simulation became unstable at step" in done.stdout.decode()
+    assert done.stdout.decode().count("note: timestep=.03") == 1
+
+
+def test_a_point_that_became_unstable_is_a_loss_against_its_base(mjrun: Command, exploding: Path) -> None:
+    grid = ("bench", exploding, *QUICK, "--steps", "200", "--scan", "timestep=.0001,.03")
+    assert mjrun(*grid, "--save", "base.json").returncode == 0
+    fast = exploding.read_text().replace("<key ", '<key name="test" qvel="100 0"/><key ')
+    exploding.write_text(fast)
+    # Another model, which is as good as another MuJoCo in which the same one explodes.
+    now = (*grid, "--compare", "base.json", "--force")
+    assert mjrun(*now).returncode == 8
+    done = mjrun(*now, "--fail-above", "10000%")
+    assert done.returncode == 1
+    row = next(line for line in lines_of(done.stdout) if line.startswith("  step timestep=.03"))
+    assert row.split()[-1] == "failed"
+    assert "verdict: failed" in lines_of(done.stdout)
+    one = mjrun(*now[:-5], "--scan", "timestep=.0001", *now[-3:])
+    assert one.returncode == 0
+    row = next(line for line in lines_of(one.stdout) if line.startswith("  step timestep=.03"))
+    assert row.split()[-2:] == ["not", "measured"]
 
 
 def test_names_from_a_model_reach_neither_terminal_nor_markdown_as_they_are(mjrun: Command) -> None:

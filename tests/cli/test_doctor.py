@@ -6,10 +6,13 @@ import json
 from typing import TYPE_CHECKING
 
 import mujoco
+import pytest
 
 from mjrun.render.backend import Backend
 
 if TYPE_CHECKING:
+    from pathlib import Path
+
     from tests.conftest import Command
 
 
@@ -43,23 +46,68 @@ def test_the_page_and_the_document_say_the_same(mjrun: Command) -> None:
         assert finding["remedy"] in page
 
 
-def test_where_nothing_can_draw_the_doctor_says_what_to_install_and_ends_with_five(mjrun: Command) -> None:
-    hidden = {"MUJOCO_EGL_DEVICE_ID": "99", "DISPLAY": "", "WAYLAND_DISPLAY": "", "LD_PRELOAD": ""}
-    done = mjrun("doctor", "--json", env=hidden)
+NO_EGL = {"__EGL_VENDOR_LIBRARY_FILENAMES": "/none.json"}
+NO_DISPLAY = {"DISPLAY": "", "WAYLAND_DISPLAY": "", "LD_PRELOAD": ""}
+NO_VULKAN = {"VK_ICD_FILENAMES": "/none.json", "VK_DRIVER_FILES": "/none.json"}
+
+
+def of(mjrun: Command, env: dict[str, str]) -> tuple[int, dict[str, dict[str, str]]]:
+    """The exit code of the doctor, and its findings by name."""
+    done = mjrun("doctor", "--json", env=env)
     found = json.loads(done.stdout)
-    osmesa = next(finding for finding in found["findings"] if finding["name"] == "osmesa")
-    egl = next(finding for finding in found["findings"] if finding["name"] == "egl")
-    assert egl["status"] == "missing"
-    if osmesa["status"] == "missing":
-        assert done.returncode == 5
-        assert not found["can_draw"]
-        assert "libegl1" in egl["remedy"] or "libEGL" in egl["remedy"]
-    else:
-        assert done.returncode == 0
+    assert found["can_draw"] == (done.returncode == 0)
+    return done.returncode, {finding["name"]: finding for finding in found["findings"]}
+
+
+@pytest.mark.parametrize(("vulkan_is_there", "code"), [(True, 0), (False, 5)])
+def test_where_no_opengl_draws_the_doctor_says_what_to_install_and_ends_with_five_unless_filament_does(
+    mjrun: Command, vulkan: Backend, vulkan_is_there: bool, code: int
+) -> None:
+    given = {"MUJOCO_GL": "auto", **NO_EGL, **NO_DISPLAY, **({} if vulkan_is_there else NO_VULKAN)}
+    ended, found = of(mjrun, given)
+    if found["osmesa"]["status"] == "ok":
+        pytest.skip("osmesa cannot be hidden")
+    assert ended == code
+    assert found["egl"]["status"] == "missing"
+    assert "libegl1" in found["egl"]["remedy"] or "libEGL" in found["egl"]["remedy"]
+    assert found["used"]["value"] == "nothing draws with OpenGL"
+    assert ("--renderer filament draws" in found["filament"]["remedy"]) == vulkan_is_there
+
+
+@pytest.mark.parametrize(
+    ("given", "value"),
+    [
+        ({"MUJOCO_GL": "cgl"}, "nothing draws with MUJOCO_GL=cgl"),
+        ({"MUJOCO_GL": "bogus"}, "nothing: no OpenGL backend 'bogus' in MUJOCO_GL"),
+        ({"MUJOCO_GL": "off"}, "nothing: MUJOCO_GL is 'off', which switches rendering off"),
+        ({"MUJOCO_GL": "egl", "MUJOCO_EGL_DEVICE_ID": "99"}, "nothing draws with MUJOCO_GL=egl and MUJOCO_EGL_DEV"),
+    ],
+)
+@pytest.mark.gl
+def test_the_doctor_agrees_with_a_picture_about_what_the_environment_asks_for(
+    mjrun: Command, swing: Path, backend: Backend, given: dict[str, str], value: str
+) -> None:
+    if backend.name != "egl":
+        pytest.skip("another backend draws")
+    code, found = of(mjrun, {**NO_DISPLAY, **given})
+    assert code == 5
+    assert mjrun("image", swing, "-o", "a.png", env={**NO_DISPLAY, **given}).returncode in (2, 5)
+    assert found["used"]["value"].startswith(value)
+    assert "unset MUJOCO_" in found["used"]["remedy"]
+    assert "used" not in found["egl"]["value"]
+    if "MUJOCO_EGL_DEVICE_ID" in given:
+        assert found["egl"]["remedy"] == "unset MUJOCO_EGL_DEVICE_ID: egl draws on another device"
+
+
+def test_the_backend_that_the_environment_asks_for_is_the_one_used(mjrun: Command, backend: Backend) -> None:
+    for asked, mark in ((backend.name, "used by MUJOCO_GL)"), ("auto", "used by default)")):
+        code, found = of(mjrun, {"MUJOCO_GL": asked})
+        assert code == 0
+        assert mark in found[backend.name]["value"]
 
 
 def test_where_filament_cannot_draw_the_doctor_says_what_to_install_and_all_else_is_well(mjrun: Command) -> None:
-    done = mjrun("doctor", "--json", env={"VK_ICD_FILENAMES": "/none.json", "VK_DRIVER_FILES": "/none.json"})
+    done = mjrun("doctor", "--json", env=NO_VULKAN)
     found = json.loads(done.stdout)
     filament = next(finding for finding in found["findings"] if finding["name"] == "filament")
     assert done.returncode == 0

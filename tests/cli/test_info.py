@@ -59,6 +59,23 @@ def test_no_line_is_wider_than_the_terminal(mjrun: Command, scene: Path, width: 
     assert max(map(len, told)) <= width
 
 
+@pytest.mark.parametrize("width", [45, 60, 80, 120])
+@pytest.mark.parametrize("scene", ["humanoid", "car", "pinata"])
+def test_names_and_types_stay_whole_and_what_has_no_room_is_named(mjrun: Command, scene: str, width: int) -> None:
+    path = ROOT / f"scenes/{scene}.xml"
+    document = json.loads(mjrun("info", path, "--json").stdout)
+    for section, field in (("joints", "type"), ("geoms", "type"), ("actuators", "kind"), ("sensors", "type")):
+        told = lines(mjrun("info", path, section, env={"COLUMNS": str(width)}))
+        assert max(map(len, told)) <= width
+        rows = [line.split() for line in told if line.startswith("  ")]
+        pairs = [[row["name"], row[field]] for row in document[section] if len(row["name"]) <= 20]
+        assert all(pair in [row[:2] for row in rows] for pair in pairs)
+        whole = lines(mjrun("info", path, section))
+        _, _, left_out = " ".join(line.strip() for line in told).partition("no room for ")
+        assert left_out or max(map(len, whole)) <= width
+        assert all(heading in whole[1] for heading in left_out.partition(";")[0].split(", "))
+
+
 def test_in_a_pipe_every_object_is_one_line_without_escapes_or_spaces_at_the_end(mjrun: Command) -> None:
     told = lines(mjrun("info", HUMANOID, "joints"))
     joints = json.loads(mjrun("info", HUMANOID, "joints", "--json").stdout)["joints"]
@@ -157,6 +174,21 @@ def test_a_model_that_is_not_there_ends_with_three(mjrun: Command) -> None:
     done = mjrun("info", ROOT / "scenes/pendulm.xml", "--json")
     assert (done.returncode, done.stdout) == (3, b"")
     assert b"did you mean 'pendulum.xml'" in done.stderr
+
+
+@pytest.mark.parametrize("command", ["info", "bench", "trace"])
+def test_a_model_that_mujoco_refuses_is_sent_to_check_which_says_more(
+    mjrun: Command, tmp_path: Path, command: str
+) -> None:
+    path = tmp_path / "a b.xml"
+    path.write_text('<mujoco><worldbody><geom szie="1"/></worldbody></mujoco>')
+    done = mjrun(command, path)
+    assert done.returncode == 3
+    *_, last = done.stderr.decode().splitlines()
+    assert last == f"  mjrun check '{path}' says where and what to do"
+    assert "write size" in (checked := mjrun("check", path).stdout.decode())
+    assert "says where" not in checked
+    assert b"says where" not in mjrun(command, HUMANOID, "--set", "geom/floor.material=none").stderr
 
 
 def test_every_real_model_has_a_page(shared_models: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -1,7 +1,10 @@
 """The JSON Schema takes what documents may say and refuses what they may not, as a checker of our own reads it."""
 
+import json
 import re
 from collections.abc import Iterator
+from dataclasses import asdict, fields
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +16,8 @@ from mjrun.document.camera import RIGS, Document, Shot
 from mjrun.document.run import Run
 from mjrun.document.schema import KINDS, PREAMBLE, schema
 from mjrun.errors import UnknownNameError
+from mjrun.job.bench import Bench
+from mjrun.job.measuring.results import BenchResult
 from mjrun.render.ease import BLENDS, EASINGS
 
 TYPES = {"object": dict, "array": list, "string": str, "boolean": bool, "null": type(None)}
@@ -196,7 +201,7 @@ def test_what_is_no_run_document_does_not_fit_the_schema(text: str) -> None:
 
 def test_a_kind_that_there_is_not_is_told() -> None:
     with pytest.raises(
-        UnknownNameError, match=r"^no schema 'camra' \(did you mean 'camera'\?\)\nschemas: camera, run$"
+        UnknownNameError, match=r"^no schema 'camra' \(did you mean 'camera'\?\)\nschemas: camera, run, bench$"
     ):
         schema("camra")
 
@@ -206,3 +211,43 @@ def test_the_example_in_the_module_is_a_document(tmp_path: Path) -> None:
     (tmp_path / "c.yaml").write_text(example)
     assert len(camera.read_camera(tmp_path / "c.yaml").shots) == 2
     assert fits(yaml.safe_load(example), schema("camera"), schema("camera"))
+
+
+@pytest.fixture(scope="module")
+def report(tmp_path_factory: pytest.TempPathFactory) -> Any:
+    """What `mjrun bench --json` reports of a grid with a point that fails, beside a base with another."""
+    folder = tmp_path_factory.mktemp("bench")
+    path, base = folder / "swing.xml", str(folder / "base.json")
+    path.write_text(
+        '<mujoco><worldbody><body><joint type="slide" stiffness="100"/><geom size=".1" mass="1"/></body></worldbody>'
+        '<keyframe><key name="test" qpos=".3"/></keyframe></mujoco>'
+    )
+    job = partial(Bench, path, steps=20, repeats=2, budget=0.1)
+    job(threads=(1, 2), scan={"timestep": [".01", ".02"]}, save=base).run()
+    found = job(threads=(1,), scan={"timestep": [".01", "1"]}, accuracy=True, horizon=100, compare=base).run()
+    return json.loads(json.dumps(asdict(found)))
+
+
+def test_a_report_fits_its_schema_as_long_as_nothing_is_missing_and_nothing_is_of_another_kind(report: Any) -> None:
+    made = schema("bench")
+    assert report["rows"][1]["failure"]
+    assert report["comparison"]["gone"]
+    assert fits(report, made, made)
+    for key, value in report.items():
+        assert not fits({name: inner for name, inner in report.items() if name != key}, made, made)
+        assert not fits({**report, key: [1] if isinstance(value, str) else "x"}, made, made)
+    assert fits({**report, "new": 1}, made, made)
+    del report["rows"][0]["step"]["median"]
+    assert not fits(report, made, made)
+
+
+def test_every_key_of_a_report_is_described_and_required() -> None:
+    made = schema("bench")
+    assert made["properties"]["schema"]["const"] == "mjrun-bench-1"
+    assert [*made["properties"]] == [field.name for field in fields(BenchResult)]
+    for rule in rules(made):
+        assert "$ref" not in rule or rule["$ref"].removeprefix("#/$defs/") in made["$defs"]
+        if "properties" in rule:
+            assert rule["description"]
+            assert rule["required"] == [*rule["properties"]]
+            assert all(inner["description"] for inner in rule["properties"].values())

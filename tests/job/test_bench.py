@@ -219,8 +219,9 @@ KEYS = {
     ],
     **{f"frames/{part}": STAT for part in ("update", "draw", "read", "compose", "total", "encode")},
     "whole": ["what", "simulated", "count", "unit", "seconds", "simulation", "rest"],
-    "comparison": ["base", "limit", "verdict", "ratios", "differences"],
+    "comparison": ["base", "limit", "verdict", "ratios", "gone", "differences"],
     "comparison/ratios": ["name", "base", "now", "ratio", "low", "high", "fastest", "verdict"],
+    "comparison/gone": ["name", "base", "failure"],
 }
 
 
@@ -239,7 +240,7 @@ def keys_of(value: Any, where: str = "") -> dict[str, list[str]]:
 @pytest.mark.gl
 def test_the_document_has_these_keys(path: Path) -> None:
     base = str(path.with_name("base.json"))
-    bench(path, save=base).run(clock=FakeClock())
+    bench(path, save=base, threads=(1, 2, 3)).run(clock=FakeClock())
     job = bench(path, accuracy=True, drawings=[Drawing(size=(64, 48))], whole=True, compare=base)
     found = json.loads(json.dumps(asdict(job.run(clock=FakeClock()))))
     assert found["schema"] == "mjrun-bench-1"
@@ -277,6 +278,19 @@ def test_accuracy_is_measured_without_noise_against_steps_finer_than_the_finest(
     errors = [row.accuracy.distance for row in found.rows if row.accuracy and row.accuracy.distance]
     assert errors[0] < errors[1]
     assert errors[2] < errors[3] < errors[0]
+
+
+@pytest.mark.parametrize(("reference", "refused"), [(".009", False), (".01", True), (".015", True)])
+def test_a_reference_must_be_finer_than_every_timestep(
+    path: Path, monkeypatch: pytest.MonkeyPatch, reference: str, refused: bool
+) -> None:
+    job = bench(path, scan={"timestep": [".02", ".01"]}, accuracy=True, reference=reference)
+    if not refused:
+        assert {row.accuracy and row.accuracy.reference for row in job.run(clock=FakeClock()).rows} == {0.009}
+        return
+    monkeypatch.setattr(Stepping, "warm_up", lambda self: pytest.fail("was timed"))
+    with pytest.raises(BadValueError, match=rf"--reference: '0{reference}' is not finer than.* finest is 0.01 s"):
+        job.run(clock=FakeClock())
 
 
 def test_an_unstable_point_of_a_grid_is_a_result_and_a_grid_of_them_an_error(path: Path) -> None:
@@ -423,7 +437,8 @@ def test_a_frames_parts_make_up_its_time_and_the_clock_is_asked_where_they_chang
     assert found.read.median == {"rgb": 3, "depth": 5, "seg": 5}[view]
     parts = (found.update, found.draw, found.read, found.compose)
     assert found.total.samples == [sum(spans) for spans in zip(*(part.samples for part in parts), strict=True)]
-    assert found.encode.n == 3
+    # A film of each of the 7 pictures four times, between two looks at the clock.
+    assert found.encode.samples == [1 / 28] * 3
 
 
 @pytest.mark.gl

@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from mjrun.errors import FileError, UsageError
-from mjrun.job.comparison import check_same, compare, read_base, steps_of, verdict
+from mjrun.job.comparison import check_same, compare, figures, read_base, steps_of, verdict
 
 BASE = [1.00, 1.01, 1.02, 0.99, 1.03, 1.00, 0.98, 1.01]
 
@@ -34,7 +34,7 @@ def document(samples: list[float] = BASE, **changed: Any) -> dict[str, Any]:
         "machine": {"system": "Linux", "cpu": "a CPU", "cores": 2, "available": 2},
         "model": {"sha256": "a", "file_sha256": "b"},
         "options": {"key": None, "noise_std": 0.01, "noise_rate": 0.1, "settings": [], "steps": None},
-        "rows": [{"point": {}, "steps": 100, "step": step, "threads": threads}],
+        "rows": [{"point": {}, "steps": 100, "step": step, "threads": threads, "failure": None}],
         "frames": [frame],
         **changed,
     }
@@ -99,6 +99,39 @@ def test_points_of_a_grid_and_devices_are_compared_with_their_own() -> None:
     assert [ratio.name for ratio in found.ratios] == ["step timestep=.2", "threads 2 timestep=.2"]
     assert steps_of(base, {"timestep": ".2"}) == 100
     assert steps_of(base, {"timestep": ".1"}) is None
+
+
+def grid(*timesteps: str, failed: str = "") -> dict[str, Any]:
+    """A benchmark of a grid, one point of which may have failed."""
+    row = document()["rows"][0]
+    rows = [{**row, "point": {"timestep": timestep}} for timestep in timesteps]
+    nothing = {"step": None, "threads": [], "failure": "the simulation became unstable at step 3"}
+    return document(rows=[{**row, **nothing} if row["point"]["timestep"] == failed else row for row in rows], frames=[])
+
+
+@pytest.mark.parametrize(
+    ("now", "gone", "expected"),
+    [
+        (grid(".1", ".2"), [], "not slower"),
+        (grid(".1"), [False, False], "not slower"),
+        (grid(".1", ".2", failed=".2"), [True, True], "failed"),
+        (grid(".2", failed=".2"), [False, False, True, True], "failed"),
+    ],
+)
+def test_a_figure_that_only_the_base_has_is_named_and_fails_where_it_could_not_be_measured(
+    now: dict[str, Any], gone: list[bool], expected: str
+) -> None:
+    found = compare(now, grid(".1", ".2"), "base.json", 0.1)
+    assert [one.failure is not None for one in found.gone] == gone
+    assert found.verdict == expected
+    names = [name for name, _ in (of for of, _ in figures(grid(".1", ".2")))]
+    assert sorted([one.name for one in found.gone] + [ratio.name for ratio in found.ratios]) == sorted(names)
+    assert {one.base for one in found.gone} <= {1.005, 0.5025}
+
+
+def test_what_the_base_could_not_measure_either_is_no_loss() -> None:
+    unstable = grid(".1", ".2", failed=".2")
+    assert compare(unstable, unstable, "base.json", 0.1).verdict == "not slower"
 
 
 def test_benchmarks_of_different_things_have_no_figure_in_common() -> None:

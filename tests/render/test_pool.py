@@ -210,7 +210,7 @@ def test_a_bug_in_a_process_is_a_bug_of_mjrun_and_keeps_its_traceback() -> None:
         drawn(Adding({3: "divides"}), 2)
     assert caught.value.exit_code == 70
     assert str(caught.value).startswith("a bug in mjrun, drawing frame 3: ZeroDivisionError: ")
-    assert "in paint" in caught.value.__notes__[0]
+    assert "in paint" in str(caught.value.__cause__)
 
 
 @pytest.mark.parametrize("jobs", [1, 2])

@@ -7,7 +7,7 @@ from functools import partial
 
 import mujoco
 
-from mjrun.errors import SimulationError
+from mjrun.errors import BadValueError, SimulationError
 from mjrun.job.measuring.results import Accuracy, Counts, Row
 from mjrun.job.measuring.stepping import MOST_STEPS, Effort, Stepping
 from mjrun.job.measuring.worlds import WorldsEngine, WorldsStepping
@@ -78,6 +78,18 @@ class Plan:
         if self.engine is None:
             return Stepping(make, effort, clock)
         return WorldsStepping(make, effort, clock, engine=self.engine)
+
+
+def check_reference(reference: Fraction | None, cases: Sequence[Case]) -> None:
+    """Refuses a reference that is no better than what is measured against it.
+
+    Raises:
+      BadValueError: it is not finer than every timestep.
+    """
+    finest = min(case.model.opt.timestep for case in cases)
+    if reference is not None and reference >= rational(finest):
+        expected = f"finer than every timestep that is measured, of which the finest is {finest:.6g} s"
+        raise BadValueError("--reference", f"{float(reference):.6g}", expected)
 
 
 def timed_rows(cases: Sequence[Case], stimulus: Stimulus, plan: Plan, reporter: Reporter, clock: Clock) -> list[Row]:
