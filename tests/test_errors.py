@@ -149,6 +149,11 @@ def test_cleaned_text_is_one_line_that_any_terminal_takes_and_cleaning_again_cha
         ("flor", ["Floor"], ["Floor"]),
         ("xyz", ["torso", "knee"], []),
         ("knee", [], []),
+        ("arm.xml", ["c9.xml", "am.xml"], ["am.xml"]),
+        ("arm.xml", ["legs.xml", "a.xml"], []),
+        ("arm.left", ["leg.left", "arm.let"], ["arm.let"]),
+        ("base.obj", ["base.stl", "Base.obj"], ["Base.obj", "base.stl"]),
+        (".xml", ["a.xml"], ["a.xml"]),
     ],
 )
 def test_near_names_come_best_first_whatever_their_case(name: str, valid: list[str], found: list[str]) -> None:

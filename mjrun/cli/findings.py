@@ -10,7 +10,7 @@ from urllib.parse import quote
 
 from mjrun.errors import clean
 from mjrun.job.check import CheckResult
-from mjrun.model.lint.finding import SEVERITIES, Finding
+from mjrun.model.lint.finding import SEVERITIES, Finding, tidy
 from mjrun.model.lint.rules import RULES
 from mjrun.version import __version__
 
@@ -21,9 +21,9 @@ ANNOTATIONS = {"error": "error", "warning": "warning", "note": "notice"}
 
 def lines(result: CheckResult) -> Iterator[str]:
     """A line for each finding, as compilers write them, and its remedy below it; models in their order."""
-    for finding in _all(result):
+    for finding, model in _all(result):
         place = clean(finding.file) + (f":{finding.line}" if finding.line else "")
-        yield f"{place}: {finding.severity} {finding.code}: {clean(told(finding))}"
+        yield f"{place}: {finding.severity} {finding.code}: {clean(told(finding, model))}"
         if finding.remedy:
             yield from (f"    {clean(line)}" for line in finding.remedy.splitlines())
 
@@ -33,7 +33,7 @@ def summary(result: CheckResult) -> str:
     counts = [_counted(result.count(severity), severity) for severity in reversed(SEVERITIES)]
     found = ", ".join(count for count in counts if count) or "nothing found"
     unloaded = sum(not model.loads for model in result.models)
-    parts = [f"{_counted(len(result.models), 'model')}: {found}"]
+    parts = [f"{_counted(len(result.models), 'model') or 'no model'}: {found}"]
     if unloaded:
         parts.append(f"{unloaded} {'does' if unloaded == 1 else 'do'} not load")
     if result.skipped:
@@ -43,11 +43,12 @@ def summary(result: CheckResult) -> str:
     return "; ".join(parts)
 
 
-def told(finding: Finding) -> str:
-    """The message with what it is about; elements are named by the message itself."""
+def told(finding: Finding, model: str) -> str:
+    """The message with what it is about, and the model where the file is another; messages name elements themselves."""
+    where = "" if finding.file in (model, tidy(Path(model))) else f" (in {model})"
     if not finding.object or finding.object.startswith("<") or finding.object in finding.message:
-        return finding.message
-    return f"{finding.object}: {finding.message}"
+        return finding.message + where
+    return f"{finding.object}: {finding.message}{where}"
 
 
 def document(result: CheckResult) -> dict[str, Any]:
@@ -58,10 +59,10 @@ def document(result: CheckResult) -> dict[str, Any]:
 
 def annotations(result: CheckResult) -> Iterator[str]:
     """Workflow commands of GitHub Actions: `::warning file=…,line=…,title=…::message`."""
-    for finding in _all(result):
+    for finding, model in _all(result):
         place = f"file={_property(finding.file)}" + (f",line={finding.line}" if finding.line else "")
         title = _property(f"{finding.code} {RULES[finding.code].title}")
-        text = "\n".join(filter(None, (told(finding), finding.remedy)))
+        text = "\n".join(filter(None, (told(finding, model), finding.remedy)))
         yield f"::{ANNOTATIONS[finding.severity]} {place},title={title}::{_data(text)}"
 
 
@@ -72,7 +73,7 @@ def sarif(result: CheckResult) -> dict[str, Any]:
     run = {
         "tool": {"driver": driver},
         "invocations": [{"executionSuccessful": True, "exitCode": result.code}],
-        "results": [_result(finding, codes.index(finding.code)) for finding in _all(result)],
+        "results": [_result(finding, model, codes.index(finding.code)) for finding, model in _all(result)],
     }
     return {"$schema": SARIF, "version": "2.1.0", "runs": [run]}
 
@@ -88,8 +89,8 @@ def _rule(code: str) -> dict[str, Any]:
     }
 
 
-def _result(finding: Finding, index: int) -> dict[str, Any]:
-    text = "\n".join(clean(part) for part in (told(finding), finding.remedy) if part)
+def _result(finding: Finding, model: str, index: int) -> dict[str, Any]:
+    text = "\n".join(clean(part) for part in (told(finding, model), finding.remedy) if part)
     place: dict[str, Any] = {"artifactLocation": {"uri": _uri(finding.file)}}
     if finding.line:
         place["region"] = {"startLine": finding.line}
@@ -105,8 +106,9 @@ def _result(finding: Finding, index: int) -> dict[str, Any]:
     }
 
 
-def _all(result: CheckResult) -> Iterator[Finding]:
-    return (finding for model in result.models for finding in model.findings)
+def _all(result: CheckResult) -> Iterator[tuple[Finding, str]]:
+    """All findings, each with its model."""
+    return ((finding, model.model) for model in result.models for finding in model.findings)
 
 
 def _counted(number: int, what: str) -> str:

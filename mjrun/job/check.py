@@ -45,7 +45,7 @@ class CheckResult:
 
     Attributes:
       models: what was found in each.
-      skipped: files in the given folders that are no models by themselves.
+      skipped: files that are no models by themselves, such as those that models include.
       code: the exit code: 3 if a model does not load, 1 if something is at or above `fail_on`, else 0.
     """
 
@@ -111,7 +111,7 @@ class Check:
         """
         reporter = reporter or QuietReporter()
         paths, skipped = found_models(self.models)
-        if not paths:
+        if not paths and all(Path(given).is_dir() for given in self.models):
             raise UsageError("there is no model to check: give model files, or folders that hold some")
         checked = []
         for model in self._examined(paths):
@@ -121,7 +121,7 @@ class Check:
 
     def _examined(self, paths: Sequence[str]) -> Iterator[Checked]:
         """What is found in each of `paths`, several at once, in their order."""
-        jobs = min(available_cores() if self.jobs == AUTO else int(self.jobs), len(paths))
+        jobs = min(available_cores() if self.jobs == AUTO else int(self.jobs), max(1, len(paths)))
         children = Children()
         with ThreadPoolExecutor(jobs) as pool:
             try:

@@ -82,6 +82,7 @@ def test_the_summary_counts_and_quiet_leaves_it_out(models: Command) -> None:
     (models.folder / "part.xml").write_text("<mujocoinclude/>")
     last = models("check", ".").stdout.decode().splitlines()[-1]
     assert last == "4 models: 1 error, 1 warning, 1 note; 1 does not load; 1 file skipped that is no model"
+    assert models("check", "part.xml").stdout == b"no model: nothing found; 1 file skipped that is no model\n"
     assert models("check", "-q", "fine.xml").stdout == b""
     assert models("check", "fine.xml").stdout == b"1 model: nothing found\n"
 
@@ -137,6 +138,17 @@ def test_annotations_are_commands_that_github_reads(models: Command) -> None:
     warning, note = done.stdout.decode().splitlines()
     assert warning == f"::warning file=warned.xml,line=4,title=MJ302 reversed range::{TOLD}%0A{REMEDY}"
     assert note.startswith("::notice file=noted.xml,line=3,title=MJ201 object without a name::")
+
+
+def test_a_finding_in_another_file_names_the_model_in_every_form(models: Command) -> None:
+    (models.folder / "outer.xml").write_text('<mujoco><include file="warned.xml"/></mujoco>')
+    told = f"{TOLD} (in outer.xml)"
+    assert models("check", "outer.xml").stdout.decode().startswith(f"warned.xml:4: warning MJ302: {told}\n")
+    annotation = models("check", "--github", "outer.xml").stdout.decode()
+    assert annotation == f"::warning file=warned.xml,line=4,title=MJ302 reversed range::{told}%0A{REMEDY}\n"
+    (result,) = json.loads(models("check", "--sarif", "outer.xml").stdout)["runs"][0]["results"]
+    assert result["message"]["text"] == f"{told}\n{REMEDY}"
+    assert "(in " not in models("check", "./warned.xml").stdout.decode()
 
 
 def test_the_list_names_every_code_and_needs_no_model(models: Command) -> None:

@@ -75,6 +75,14 @@ def test_a_crash_is_a_finding_and_the_other_models_are_looked_at() -> None:
     assert result.code == 3
 
 
+def test_a_model_that_is_refused_before_it_attaches_a_circle_is_explained() -> None:
+    model, _ = circle()
+    text = Path(model).read_text()
+    for mistake, code in (('<option solver="x"/>', "MJ110"), ("<goem/>", "MJ102")):
+        write(model, text.replace("<mujoco>", f"<mujoco>{mistake}"))
+        assert codes(checked(model).models[0]) == [code]
+
+
 def test_a_model_that_attaches_itself_is_a_crash_whose_cause_is_told() -> None:
     asset = '<asset>\n<model name="me" file="self.xml"/></asset>'
     attach = '<attach model="me" prefix="x" body="b"/>'
@@ -139,6 +147,16 @@ def test_a_folder_of_models_is_no_place_for_modules() -> None:
     for name in ("json.py", "mujoco.py", "numpy.py", "mjrun.py"):
         write(name, "raise SystemExit(9)")
     assert checked(write("fine.xml", FINE.format(""))).code == 0
+
+
+def test_a_part_that_models_include_is_skipped_wherever_it_is_given() -> None:
+    Path("parts").mkdir()
+    part = write("parts/arm.xml", "<mujocoinclude/>")
+    fine = write("fine.xml", FINE.format(""))
+    assert checked(part, fine) == CheckResult((Checked("fine.xml", True, ()),), 1, 0)
+    assert checked(part) == CheckResult((), 1, 0)
+    with pytest.raises(UsageError, match="there is no model to check"):
+        checked("parts")
 
 
 @pytest.mark.parametrize(

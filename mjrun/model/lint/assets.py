@@ -9,7 +9,7 @@ from pathlib import Path
 
 from mjrun.errors import clean, listing, near, quoted
 from mjrun.model.lint.finding import Sighting
-from mjrun.model.lint.source import Element, Source, included, regular
+from mjrun.model.lint.source import POINTER, PULL, Element, Source, attached, included, regular, slashed
 
 MISSING, CYCLE = "MJ107", "MJ113"
 FACES = ("fileright", "fileleft", "fileup", "filedown", "filefront", "fileback")
@@ -28,6 +28,25 @@ def missing(source: Source) -> Iterator[tuple[str, Sighting]]:
                 continue
             message = f"no file {quoted(name)} for {element}; tried {listing([str(path) for path in tried])}"
             yield MISSING, Sighting(message, _remedy(name, tried, source), str(element), (element.file, element.line))
+
+
+def pointers(source: Source) -> Iterator[tuple[str, Sighting]]:
+    """Every asset in whose place Git LFS has left a pointer; in that of XML it is a fault of the XML."""
+    folders = _folders(source)
+    for element in (e for e in source.elements() if e.tag in HOLDERS):
+        for name in _named(element):
+            found = next(filter(regular, _tried(element, name, source, folders)), None)
+            if found and _begins(found, POINTER):
+                message = f"{quoted(name)} of {element} is a pointer of Git LFS, and not the file itself"
+                yield MISSING, Sighting(message, PULL, str(element), (element.file, element.line))
+
+
+def _begins(path: Path, with_: bytes) -> bool:
+    try:
+        with path.open("rb") as file:
+            return file.read(len(with_)) == with_
+    except OSError:
+        return False
 
 
 def dangers(source: Source) -> Iterator[tuple[str, Sighting]]:
@@ -74,7 +93,8 @@ def _tried(element: Element, name: str, source: Source, folders: dict[str, str])
     if element.tag == "include":
         return included(element, source.path)
     if element.tag == "model":
-        return list(dict.fromkeys([Path(name), home / name]))
+        return attached(element, source.path)
+    name = slashed(name)
     if folders.get("strippath") == "true":
         name = os.path.basename(name)  # noqa: PTH119, a name that may end in a slash
     folder = home / folders.get(HOLDERS[element.tag], "")
@@ -87,19 +107,27 @@ def _tried(element: Element, name: str, source: Source, folders: dict[str, str])
 
 def _remedy(name: str, tried: list[Path], source: Source) -> str:
     """What lies near: a file of this name in another folder, or one with a similar name."""
-    base = Path(name).name
+    base = Path(slashed(name)).name
     if PACKAGE in name:
         return 'MuJoCo knows no packages: write a path, or <mujoco><compiler strippath="true" meshdir=…/></mujoco>'
+    below = list(_below(source.path.parent))
+    cased = next((path for path in below if any(_folded(path) == _folded(other) for other in tried)), None)
+    if cased:
+        return f"there is {clean(str(cased))}: capitals and small letters differ in names of files and folders"
     close = near(base, _siblings(tried[0].parent))
     if close:
         return f"did you mean {quoted(close[0])}? it lies in {clean(str(tried[0].parent))}"
-    elsewhere = next((path for path in _below(source.path.parent) if path.name == base), None)
+    elsewhere = next((path for path in below if path.name == base), None)
     if elsewhere:
         return f"there is {clean(str(elsewhere))}; meshdir, texturedir and assetdir of <compiler> say where files are"
     if not tried[0].parent.is_dir():
         folder = clean(str(tried[0].parent))
         return f"there is no folder {folder}; meshdir, texturedir and assetdir of <compiler> name it"
     return "paths are relative to the folder of the model, and to meshdir, texturedir or assetdir of <compiler>"
+
+
+def _folded(path: Path) -> str:
+    return os.path.normpath(path).casefold()
 
 
 def _siblings(folder: Path) -> list[str]:

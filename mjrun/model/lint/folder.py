@@ -9,15 +9,22 @@ from xml.parsers import expat
 HEAD = 2**16  # bytes in which the root of an XML file must begin
 SUFFIXES = (".xml", ".urdf", ".mjz")
 ROOTS = {"mujoco", "robot"}
+FRAGMENT = "mujocoinclude"  # the root of what other models include
 
 
 def found_models(given: Sequence[str | Path]) -> tuple[list[str], int]:
-    """The models in `given`, each once and in order, and how many files of its folders are none by themselves."""
+    """The models in `given`, each once and in order, and how many of its files are none by themselves.
+
+    Those are files of its folders with another root than a model's, and parts that models include, wherever they are.
+    """
     paths: dict[str, None] = {}
     skipped = 0
     for path in map(str, given):
         if not Path(path).is_dir():
-            paths[path] = None
+            if root_tag(Path(path)) == FRAGMENT:
+                skipped += 1
+            else:
+                paths[path] = None
             continue
         for file in _below(Path(path)):
             if file.suffix == ".mjz" or root_tag(file) in ROOTS:

@@ -47,6 +47,37 @@ REMOVED_VALUES = {
     ),
 }
 
+# Keywords of other formats and languages → what MJCF calls them, wherever it takes one of these.
+SYNONYMS = {
+    "yes": ("true", "enable"),
+    "on": ("true", "enable"),
+    "1": ("true", "enable"),
+    "true": ("enable",),
+    "enabled": ("true",),
+    "no": ("false", "disable"),
+    "off": ("false", "disable"),
+    "0": ("false", "disable"),
+    "false": ("disable",),
+    "disabled": ("false",),
+    "rad": ("radian",),
+    "deg": ("degree",),
+    "cube": ("box",),
+    "cuboid": ("box",),
+    "ball": ("sphere",),
+    "rod": ("capsule",),
+    "tube": ("cylinder",),
+    "ground": ("plane",),
+    "revolute": ("hinge",),
+    "continuous": ("hinge",),
+    "prismatic": ("slide",),
+    "linear": ("slide",),
+    "spherical": ("ball",),
+    "floating": ("free",),
+    "sun": ("directional",),
+    "rungekutta": ("RK4",),
+    "gauss-seidel": ("PGS",),
+}
+
 # What MJCF never had, and people write.
 REMEDIES = {
     "solver": 'the solver is chosen in <option>: <option solver="Newton" iterations="100" tolerance="1e-8"/>',

@@ -11,6 +11,8 @@ from mjrun.model.lint.limits import beyond_range, beyond_span
 from mjrun.model.lint.subject import Subject
 from mjrun.model.names import actuator_parts
 
+# What a keyframe holds, and what MuJoCo takes where its text ends.
+FIELDS = {"qpos": "qpos0", "qvel": "0", "act": "0", "ctrl": "0", "mpos": "pos", "mquat": "quat"}
 LONGEST = 1e-3  # by which a quaternion's length may differ from 1; files are written with few digits
 
 
@@ -18,7 +20,7 @@ def infinite(subject: Subject) -> Iterator[Sighting]:
     """Keyframes with numbers that are not finite, or that MuJoCo takes for unstable."""
     model = subject.model
     for key in range(model.nkey):
-        for name in ("qpos", "qvel", "act", "ctrl", "mpos", "mquat"):
+        for name in FIELDS:
             values = getattr(model, f"key_{name}")[key]
             bad = np.flatnonzero(~(abs(values) < mujoco.mjMAXVAL))
             if bad.size:
@@ -36,8 +38,8 @@ def beyond_joints(subject: Subject) -> Iterator[Sighting]:
         for joint in map(int, np.flatnonzero(model.jnt_limited)):
             if beyond := beyond_range(model, joint, qpos):
                 message = f"{subject.object('joint', joint)} is {beyond}"
-                where = int(model.jnt_qposadr[joint])
-                remedy = f"change qpos[{where}] of the keyframe, or the range of the joint"
+                what = _entry(subject, key, "qpos", int(model.jnt_qposadr[joint])) or "the position of the joint"
+                remedy = f"change {what} in the keyframe, or the range of the joint"
                 yield _sighting(subject, key, message, remedy)
 
 
@@ -53,7 +55,8 @@ def beyond_controls(subject: Subject) -> Iterator[Sighting]:
             if beyond := beyond_span(float(model.key_ctrl[key, i]), model.actuator_ctrlrange[i]):
                 then = "; MuJoCo clamps it" if clamps else ""
                 message = f"the control of {subject.object('actuator', owners[i])} is {beyond}{then}"
-                yield _sighting(subject, key, message, f"change ctrl[{i}] of the keyframe, or the actuator's ctrlrange")
+                what = _entry(subject, key, "ctrl", i) or "the control of the actuator"
+                yield _sighting(subject, key, message, f"change {what} in the keyframe, or the actuator's ctrlrange")
         yield from _activations(subject, key)
 
 
@@ -63,7 +66,8 @@ def _activations(subject: Subject, key: int) -> Iterator[Sighting]:
         last = int(model.actuator_actadr[i] + model.actuator_actnum[i] - 1)  # the one that is limited
         if beyond := beyond_span(float(model.key_act[key, last]), model.actuator_actrange[i]):
             message = f"the activation of {subject.object('actuator', i)} is {beyond}"
-            yield _sighting(subject, key, message, f"change act[{last}] of the keyframe, or the actuator's actrange")
+            what = _entry(subject, key, "act", last) or "the activation of the actuator"
+            yield _sighting(subject, key, message, f"change {what} in the keyframe, or the actuator's actrange")
 
 
 def long_quaternions(subject: Subject) -> Iterator[Sighting]:
@@ -79,18 +83,51 @@ def long_quaternions(subject: Subject) -> Iterator[Sighting]:
             length = float(np.linalg.norm(_given_qpos(subject, key)[start : start + 4]))
             if abs(length - 1) > LONGEST:
                 message = f"the quaternion of {subject.object('joint', joint)} has length {length:.4g}, and not 1"
-                yield _sighting(subject, key, message, f"change qpos[{start}] to qpos[{start + 3}] of the keyframe")
+                last = _entry(subject, key, "qpos", start + 3)
+                what = f"qpos[{start}] to {last}" if last else "the orientation of the joint"
+                yield _sighting(subject, key, message, f"change {what} in the keyframe")
+
+
+def short(subject: Subject) -> Iterator[Sighting]:
+    """Keyframes whose text in the model's own file holds fewer numbers than the model needs; MuJoCo fills them up.
+
+    What the model attaches may add numbers of its own: there the text of a keyframe need not be complete.
+    """
+    for key in range(0 if subject.source.attached else subject.model.nkey):
+        if subject.place("keyframe", key).file != subject.path:
+            continue
+        for field, filled in FIELDS.items():
+            given, needed = len(_words(subject, key, field)), getattr(subject.model, f"key_{field}").shape[1]
+            if 0 < given < needed:
+                message = f"{field} of the keyframe holds {_counted(given)}, and the model has {needed}"
+                remedy = "write one number for each; `mjrun info` lists them by joint, actuator and address"
+                sighting = _sighting(subject, key, f"{message}; MuJoCo takes {filled} for the rest", remedy)
+                yield sighting._replace(severity="warning")
+
+
+def _counted(number: int) -> str:
+    return f"{number} number{'s' * (number != 1)}"
 
 
 def _given_qpos(subject: Subject, key: int) -> np.ndarray:
     """The positions as they are written: the compiler has scaled those of the model."""
-    element = subject.element("keyframe", key)
-    words = element.attributes.get("qpos", "").split() if element else []
     try:
-        written = np.array([float(word) for word in words])
+        written = np.array([float(word) for word in _words(subject, key, "qpos")])
     except ValueError:
         written = np.empty(0)
     return written if written.size == subject.model.nq else subject.model.key_qpos[key]
+
+
+def _entry(subject: Subject, key: int, field: str, index: int) -> str:
+    """A number of a keyframe as its text counts it; empty where that is an attached model's, or has not so many."""
+    words = _words(subject, key, field)
+    return f"{field}[{index}]" if index < len(words) and not subject.place("keyframe", key).origin else ""
+
+
+def _words(subject: Subject, key: int, field: str) -> list[str]:
+    """What the text of a keyframe holds for a field."""
+    element = subject.element("keyframe", key)
+    return element.attributes.get(field, "").split() if element else []
 
 
 def _sighting(subject: Subject, key: int, message: str, remedy: str) -> Sighting:

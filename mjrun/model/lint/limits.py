@@ -8,9 +8,11 @@ import numpy as np
 from mjrun.model.lint.finding import Sighting
 from mjrun.model.lint.subject import Subject
 
+WRITTEN = 6e-4  # relative, by which 1.57 differs from a quarter turn
 SLACK = 0.01  # of a range; limits are soft, and keyframes are saved from simulations that lean on them
 # MuJoCo's enums equal integers, but are not found among those of numpy.
 JOINT_DRIVEN = (int(mujoco.mjtTrn.mjTRN_JOINT), int(mujoco.mjtTrn.mjTRN_JOINTINPARENT))
+TURNING = (int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_BALL))
 SCALAR = (int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE))
 
 
@@ -21,6 +23,8 @@ def unbounded(subject: Subject) -> Iterator[Sighting]:
         start, count = model.actuator_ctrladr[i], model.actuator_ctrlnum[i]
         target = int(model.actuator_trnid[i, 0])
         limited = model.actuator_ctrllimited[start : start + count].all() or model.actuator_forcelimited[i]
+        # What acts through an activation is as bounded as that; a muscle clamps its control to [0, 1] by itself.
+        limited = limited or model.actuator_actlimited[i] or model.actuator_dyntype[i] == mujoco.mjtDyn.mjDYN_MUSCLE
         if model.actuator_trntype[i] in JOINT_DRIVEN:
             limited = limited or model.jnt_actfrclimited[target]
         if model.actuator_trntype[i] == mujoco.mjtTrn.mjTRN_TENDON:
@@ -65,6 +69,39 @@ def outside(subject: Subject) -> Iterator[Sighting]:
             remedy = "choose a range that holds its first length, or start from a keyframe with --key"
             place = subject.place("tendon", tendon)
             yield Sighting(message, remedy, subject.object("tendon", tendon), place, "note")  # a taut string, as a rule
+
+
+def other_unit(subject: Subject) -> Iterator[Sighting]:
+    """Ranges of joints in degrees that look like radians, and the other way round."""
+    model, spec = subject.model, subject.spec
+    for joint in map(int, np.flatnonzero(model.jnt_limited & np.isin(model.jnt_type, TURNING))):
+        place = subject.place("joint", joint)
+        attached = place.origin or (place.line is None and subject.source.attached)  # which has a unit of its own
+        told = None if attached or not spec else _mistaken(model.jnt_range[joint], bool(spec.compiler.degree))
+        if told:
+            yield Sighting(*told, subject.object("joint", joint), place)
+
+
+def _mistaken(span: np.ndarray, degree: bool) -> tuple[str, str] | None:
+    """What there is to say of a range `(2,)` [rad] that was given in degrees, or in radians; None if it looks well."""
+    said, meant = ("degree", "radian") if degree else ("radian", "degree")
+    given = np.degrees(span) if degree else span
+    if not (all(map(_part_of_a_turn, given[given != 0])) if degree else _whole_degrees(given)):
+        return None
+    low, high = np.degrees(given).round() if degree else np.radians(given)
+    message = f"its range {given[0]:.6g} {given[1]:.6g} is in {said}s, and looks like {meant}s"
+    return message, f'write <compiler angle="{meant}"/> if that is so of all angles, or range="{low:.4g} {high:.4g}"'
+
+
+def _part_of_a_turn(angle: float) -> bool:
+    """Whether an angle is one to four quarter turns in radians, written with two decimals or more."""
+    quarters = abs(angle) / (np.pi / 2)
+    return 1 <= round(quarters) <= 4 and abs(quarters / round(quarters) - 1) < WRITTEN
+
+
+def _whole_degrees(span: np.ndarray) -> bool:
+    """Whether a range reads like degrees: whole numbers from an eighth of a turn to a full one."""
+    return bool((span == span.round()).all()) and 45 <= abs(span).max() <= 360
 
 
 def beyond_range(model: mujoco.MjModel, joint: int, qpos: np.ndarray) -> str:

@@ -3,36 +3,20 @@
 import re
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any, NamedTuple
 
-import mujoco
-
-from mjrun.errors import BrokenModelError, clean, listing, near, quoted, suggestion
-from mjrun.model.lint import assets, schema
+from mjrun.errors import BrokenModelError, ModelError, clean, quoted
+from mjrun.model.lint import assets, keywords, reference, schema
 from mjrun.model.lint.finding import Sighting
-from mjrun.model.lint.source import Element, Source
-from mjrun.model.names import members
+from mjrun.model.lint.keywords import KEYWORD
+from mjrun.model.lint.sentence import Refusal
+from mjrun.model.lint.source import Source, attached_files, read
+from mjrun.model.load import load
 
 REFUSED, SYNTAX, MEMORY = "MJ100", "MJ101", "MJ004"
-TWIN, NAME, KEYWORD, LACKING, TIMESTEP = "MJ108", "MJ109", "MJ110", "MJ112", "MJ114"
+TWIN, LACKING, TIMESTEP = "MJ108", "MJ112", "MJ114"
 MASSLESS, RANGELESS, KEY = "MJ202", "MJ303", "MJ405"
 
 Found = Iterator[tuple[str, Sighting]]
-KEYWORDS: dict[tuple[str, str], Any] = {
-    ("geom", "type"): mujoco.mjtGeom,
-    ("site", "type"): mujoco.mjtGeom,
-    ("joint", "type"): mujoco.mjtJoint,
-    ("option", "integrator"): mujoco.mjtIntegrator,
-    ("option", "cone"): mujoco.mjtCone,
-    ("option", "solver"): mujoco.mjtSolver,
-    ("option", "jacobian"): mujoco.mjtJacobian,
-    ("camera", "mode"): mujoco.mjtCamLight,
-    ("light", "mode"): mujoco.mjtCamLight,
-    ("light", "type"): mujoco.mjtLightType,
-    ("general", "dyntype"): mujoco.mjtDyn,
-    ("general", "gaintype"): mujoco.mjtGain,
-    ("general", "biastype"): mujoco.mjtBias,
-}
 # Sentences that need no more than a remedy.
 CURES = (
     (r"World body cannot have joints", "the world does not move; put the joint into a <body>"),
@@ -40,75 +24,63 @@ CURES = (
     (r"size \d must be positive", "give it a size, or fromto: a sphere has 1 number, a capsule 2, a box 3"),
     (r"plugin .* not found", "mjrun knows the plugins that come with MuJoCo, and no others"),
     (r"already included", "a file is included once; put what repeats into <default>, or attach it as a <model>"),
+    (
+        r"no decoder found for mesh",
+        "MuJoCo reads meshes in STL, OBJ and MSH; convert it to one of them, as Blender does",
+    ),
+    (
+        r"Unrecognized XML model type: 'mujocoinclude'",
+        "this is a part of a model: <include> it, or make its root <mujoco>",
+    ),
     (r"Unrecognized XML model type", "the root element of MJCF is <mujoco>, that of URDF <robot>"),
     (r"attached to itself|recursive", "attach another file"),
 )
-# What can have a name that an attribute of this name refers to.
-OWNERS: dict[str, Callable[[Element], bool]] = {
-    "class": lambda e: e.tag == "default",
-    "joint": lambda e: e.tag in ("joint", "freejoint"),
-    "tendon": lambda e: e.tag in ("fixed", "spatial"),
-    "actuator": lambda e: e.parent is not None and e.parent.tag == "actuator",
-    "sensor": lambda e: e.parent is not None and e.parent.tag == "sensor",
-    **{kind: lambda e, kind=kind: e.tag == kind for kind in ("body", "geom", "site", "camera", "frame", "flex")},
-    **{kind: lambda e, kind=kind: e.tag == kind for kind in ("mesh", "material", "texture", "hfield", "model", "skin")},
-}
-DRAWN_ONLY = range(100, 10_000)  # values of mjtGeom that are decoration
+OWN = re.compile(r"Schema violation|invalid keyword|XML_|XML parse error")  # said before anything is attached
+_REFERENCE = "MuJoCo's XML reference lists them: https://mujoco.readthedocs.io/en/stable/XMLreference.html"
 
 
-class Refusal(NamedTuple):
-    """What MuJoCo said of the model `source`, without its line, and that line in the model itself."""
+def explain(error: BrokenModelError, source: Source, above: frozenset[Path] = frozenset()) -> Found:
+    """The findings that `error` of the model `source` stands for, one at least.
 
-    source: Source
-    message: str
-    line: int | None
-
-    @property
-    def place(self) -> tuple[Path, int | None]:
-        return self.source.path, self.line
-
-    def element(self, told: str = "") -> Element | None:
-        """The element that MuJoCo means: by line, in the model itself, the one that holds the text `told`."""
-        if not self.line:  # in an included file, whose lines MuJoCo forgets
-            found = [e for e in self.source.elements() if told and told in e.attributes.values()]
-        else:
-            mine = (e for e in self.source.elements() if e.file == self.source.path)
-            found = [e for e in mine if e.line == self.line]
-            found = [e for e in found if told in e.attributes.values()] or found
-            words = set(re.findall(r"\w+", self.message))
-            found = [e for e in found if e.tag in words] or found
-        return found[0] if found else None
-
-    @property
-    def said(self) -> str:
-        """MuJoCo's sentence without what it says of the element, which it names by its tag."""
-        return re.sub(r"; Element .*", "", self.message)
-
-    def sighting(self, message: str, remedy: str, told: str = "") -> Sighting:
-        """A sighting at the element that MuJoCo means."""
-        element = self.element(told)
-        if element is None:
-            return Sighting(message, remedy, "", self.place)
-        return Sighting(message, remedy, str(element), (element.file, element.line))
+    A mistake in a model that is attached is told of that model; `above` are those that attach `source`.
+    """
+    refusal = Refusal.of(error, source)
+    above |= {source.path.resolve()}
+    broken = () if OWN.match(refusal.message) else _broken(source, above)
+    below = [(error, part) for error, part in broken if Refusal.of(error, part).form in refusal.form]
+    if not below:
+        yield from _explained(refusal)
+        return
+    for error, part in below:
+        yield from explain(error, part, above)
+    yield from _unread(source)
+    yield from assets.missing(source)
 
 
-def explain(error: BrokenModelError, source: Source) -> Found:
-    """The findings that `error` of the model `source` stands for, one at least."""
-    refusal = Refusal(source, _sentence(error), error.line)
+def _broken(source: Source, above: frozenset[Path]) -> Iterator[tuple[BrokenModelError, Source]]:
+    """The models that `source` attaches, and that MuJoCo refuses by themselves."""
+    found = [] if source.circular else attached_files(source.elements(), source.path)
+    for path in dict.fromkeys(path for path in found if path.resolve() not in above):
+        try:
+            load(path)
+        except BrokenModelError as error:
+            yield error, read(path)
+        except ModelError:  # it is told where it is attached
+            continue
+
+
+def _explained(refusal: Refusal) -> Found:
+    """The findings of the first explanation that finds any, after files that are none."""
+    pointers = list(assets.pointers(refusal.source))
+    yield from pointers
     for pattern, explained in EXPLANATIONS:
         match = re.search(pattern, refusal.message)
         found = list(explained(refusal, match)) if match else []
         if found:
             yield from found
             return
-    yield from _plain(refusal)
-
-
-def _sentence(error: BrokenModelError) -> str:
-    """What MuJoCo said, on one line."""
-    text = str(error)
-    place = clean(str(error.path)) + (f":{error.line}" if error.line else "")
-    return "; ".join(text.removeprefix(f"{place}: ").splitlines())
+    if not pointers:
+        yield from _plain(refusal)
 
 
 def _plain(refusal: Refusal) -> Found:
@@ -125,11 +97,17 @@ def _syntax(refusal: Refusal, match: re.Match[str]) -> Found:
 
 
 def _schema(refusal: Refusal, match: re.Match[str]) -> Found:
-    yield from sorted(schema.violations(refusal.source), key=lambda found: _order(found[1], refusal.source))
+    yield from _unread(refusal.source)
+
+
+def _unread(source: Source) -> Found:
+    """Everything in the XML that MuJoCo does not know."""
+    found = [*schema.violations(source), *keywords.wrong(source)]
+    yield from sorted(found, key=lambda found: _order(found[1], source))
 
 
 def _order(sighting: Sighting, source: Source) -> tuple[bool, str, int]:
-    file, line = sighting.place or (source.path, None)
+    file, line, *_ = sighting.place or (source.path, None)
     return file != source.path, str(file), line or 0
 
 
@@ -156,44 +134,11 @@ def _twin(refusal: Refusal, match: re.Match[str]) -> Found:
         yield TWIN, Sighting(message, remedy, str(twin), (twin.file, twin.line))
 
 
-def _name(refusal: Refusal, match: re.Match[str]) -> Found:
-    name = match["name"]
-    what, valid = _namesakes(refusal, name, match["kind"])
-    close = near(name, valid)
-    remedy = f"write {quoted(close[0])}" if close else f"{what}: {listing(valid)}" if valid else f"there are no {what}"
-    yield NAME, refusal.sighting(f"{refusal.said}{suggestion(name, valid)}", remedy, name)
-
-
-def _namesakes(refusal: Refusal, name: str, kind: str) -> tuple[str, list[str]]:
-    """What the unknown `name` could be called, and what those names are of.
-
-    The attribute that holds the name tells its kind, as in `joint1="knee"`; else MuJoCo's sentence does.
-    """
-    element = refusal.element(name)
-    holder = next((key for key, value in element.attributes.items() if value == name), "") if element else ""
-    wanted = next((word for word in (holder.rstrip("12"), kind.strip()) if word in OWNERS), "")
-    found = [e for e in refusal.source.elements() if not wanted or OWNERS[wanted](e)]
-    key = "class" if wanted == "class" else "name"
-    valid = sorted({e.attributes[key] for e in found if e.attributes.get(key)} - {name})
-    return f"names of kind {wanted}" if wanted else "names in the model", valid
-
-
 def _keyword(refusal: Refusal, match: re.Match[str]) -> Found:
-    word = match[1]
-    element = refusal.element(word)
-    attribute = next((k for k, v in element.attributes.items() if v == word), "") if element else ""
-    tag = element.tag if element else ""
-    removed = schema.REMOVED_VALUES.get((tag, attribute, word))
-    if removed:
-        message = f"{attribute}={quoted(word)} of <{tag}> was removed {removed[0]}"
-        yield schema.REMOVED, refusal.sighting(message, removed[1], word)
-        return
-    enum = KEYWORDS.get((tag, attribute))
-    valid = [name for name, value in members(enum).items() if value not in DRAWN_ONLY] if enum else []
-    where = f"{attribute} of <{tag}>: " if attribute else ""
-    close = near(word, valid)
-    remedy = f'write {attribute}="{close[0]}"' if close else f"valid: {listing(valid)}" if valid else ""
-    yield KEYWORD, refusal.sighting(f"{where}no such keyword: {quoted(word)}{suggestion(word, valid)}", remedy, word)
+    found = list(_schema(refusal, match))
+    yield from found
+    if all(code not in (KEYWORD, schema.REMOVED) for code, _ in found):
+        yield KEYWORD, refusal.sighting(f"no such keyword: {quoted(match[1])}", _REFERENCE, match[1])
 
 
 def _value(refusal: Refusal, match: re.Match[str]) -> Found:
@@ -236,12 +181,15 @@ def _timestep(refusal: Refusal, match: re.Match[str]) -> Found:
 
 
 def _key(refusal: Refusal, match: re.Match[str]) -> Found:
-    name, field, expected, got = match.groups()
-    keys = [e for e in refusal.source.elements() if e.tag == "key" and e.attributes.get("name", "") == name]
-    sized = [e for e in keys if len(e.attributes.get(field, "").split()) == int(got)]
-    key = next(iter(sized or keys), None)
+    name, number, field, expected = match["name"], match["number"], match["field"], int(match["expected"])
+    keys = [e for e in refusal.source.elements() if e.tag == "key"]
+    told = keys[int(number) :][:1] if number else [e for e in keys if e.attributes.get("name", "") == name]
+    wrong = [e for e in told if len(e.attributes.get(field, "").split()) not in (0, expected)]
+    key = next(iter(wrong or told), None)
     place = (key.file, key.line) if key else refusal.place
-    message = f"{field} of the keyframe holds {got} numbers, and the model has {expected}"
+    held = len(key.attributes.get(field, "").split()) if key else 0
+    counted = f"{held} number{'s' * (held != 1)}" if key else "too few or too many numbers"
+    message = f"{field} of the keyframe holds {counted}, and the model has {expected}"
     remedy = "write one number for each; `mjrun info` lists them by joint, actuator and address"
     yield KEY, Sighting(message, remedy, str(key or "<key>"), place)
 
@@ -253,9 +201,11 @@ EXPLANATIONS: list[tuple[str, Callable[[Refusal, re.Match[str]], Found]]] = [
     (r"plugin .* not found|coordinates no longer supported", _schema),
     (r"out of memory|[Cc]ould not allocate", _memory),
     (r"repeated name '(.*)' in (\w+)", _twin),
-    (r"unknown default (?P<kind>class) name '(?P<name>.*?)'", _name),
-    (r"(?:unknown|unrecognized)(?P<kind>[\w ]*) '(?P<name>.*?)'", _name),
-    (r"(?P<kind>\w+) '(?P<name>.*?)' not found in", _name),
+    (r"unknown (?P<kind>target body|default childclass)", reference.nameless),
+    (r"unknown default (?P<kind>class) name '(?P<name>.*?)'", reference.unknown),
+    (r"(?:unknown|unrecognized)(?P<kind>[\w ]*) '(?P<name>.*?)'", reference.unknown),
+    (r"could not find (?P<kind>\w+) '(?P<name>.*?)'", reference.unknown),
+    (r"(?P<kind>\w+) '(?P<name>.*?)' not found in", reference.unknown),
     (r"[Ee]rror opening file|could not parse model file|not found|[Uu]nknown skin file|Could not", _files),
     (r"invalid keyword: '(.*?)'", _keyword),
     (r"required attribute missing: '(?P<attribute>\w+)'", _required),
@@ -264,5 +214,9 @@ EXPLANATIONS: list[tuple[str, Callable[[Refusal, re.Match[str]], Found]]] = [
     (r"range\[0\] should be smaller|has `\w*range` but not `\w*limited`", _rangeless),
     (r"invalid \w* ?range (?:for actuator|in tendon|in joint)", _rangeless),
     (r"its timestep is", _timestep),
-    (r"keyframe '(.*)': invalid (\w+) size, expected (\d+), got (\d+)", _key),
+    (
+        r"keyframe (?:'(?P<name>.*)'|(?P<number>\d+)): invalid (?P<field>\w+) size, "
+        r"expected (?:length )?(?P<expected>\d+)(?:, got (?P<got>\d+))?",
+        _key,
+    ),
 ]

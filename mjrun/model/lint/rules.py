@@ -5,7 +5,19 @@ from dataclasses import replace
 from pathlib import Path
 
 from mjrun.errors import BrokenModelError, ModelError, clean
-from mjrun.model.lint import assets, cameras, contacts, keyframes, limits, masses, naming, refusal, schema
+from mjrun.model.lint import (
+    assets,
+    cameras,
+    contacts,
+    keyframes,
+    keywords,
+    limits,
+    masses,
+    naming,
+    reference,
+    refusal,
+    schema,
+)
 from mjrun.model.lint.finding import Finding, Rule, Sighting
 from mjrun.model.lint.source import Source, read
 from mjrun.model.lint.subject import Subject
@@ -31,8 +43,8 @@ RULES: dict[str, Rule] = {
     schema.VALUE: Rule("error", "value outside an attribute"),
     assets.MISSING: Rule("error", "missing file"),
     refusal.TWIN: Rule("error", "duplicate name"),
-    refusal.NAME: Rule("error", "reference to nothing"),
-    refusal.KEYWORD: Rule("error", "bad value of an attribute"),
+    reference.NAME: Rule("error", "reference to nothing"),
+    keywords.KEYWORD: Rule("error", "bad value of an attribute"),
     schema.TWICE: Rule("error", "element given twice"),
     refusal.LACKING: Rule("error", "missing attribute"),
     assets.CYCLE: Rule("error", "model that attaches itself"),
@@ -49,12 +61,13 @@ RULES: dict[str, Rule] = {
     "MJ302": Rule("warning", "reversed range", limits.ignored),
     refusal.RANGELESS: Rule("error", "limit without range"),
     "MJ304": Rule("warning", "joint or tendon starts beyond its range", limits.outside),
+    "MJ305": Rule("warning", "angle in another unit than meant", limits.other_unit),
     # keyframes
     "MJ401": Rule("error", "keyframe not finite", keyframes.infinite),
     "MJ402": Rule("warning", "keyframe beyond a joint range", keyframes.beyond_joints),
     "MJ403": Rule("warning", "keyframe beyond a control range", keyframes.beyond_controls),
     "MJ404": Rule("warning", "keyframe with a bad quaternion", keyframes.long_quaternions),
-    refusal.KEY: Rule("error", "keyframe of the wrong size"),
+    refusal.KEY: Rule("error", "keyframe of the wrong size", keyframes.short),
     # contacts and other constraints
     "MJ501": Rule("warning", "initial penetration", contacts.penetrations),
     "MJ502": Rule("warning", "violent initial forces", contacts.forces),

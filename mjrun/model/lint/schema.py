@@ -220,7 +220,8 @@ def _is_value(element: Element) -> bool:
 def _stray_text(element: Element) -> Sighting:
     shown = element.text if len(element.text) <= 40 else f"{element.text[:39]}…"
     message = f"text between the tags of <{clean(element.tag)}>: {quoted(shown)}"
-    return _sighting(element, message, "MuJoCo ignores it; put values into attributes, remarks into <!-- … -->")
+    remedy = "MuJoCo ignores it; put values into attributes, remarks into <!-- … -->"
+    return Sighting(message, remedy, str(element), (element.file, element.text_line))
 
 
 def _meant(element: Element) -> Node | None:

@@ -14,11 +14,13 @@ from xml.parsers import expat
 DEEPEST = 50  # includes inside includes
 FULLEST = 500  # files; beyond them nothing is followed any more
 XML = (".xml", ".urdf")
+POINTER = b"version https://git-lfs"  # with which Git LFS begins what it puts in the place of a file
+PULL = "fetch the file itself: git lfs pull"
 
 
 @dataclass(eq=False)
 class Element:
-    """One element: where its start tag is, and what it holds; `text` is its own, stripped."""
+    """One element: where its start tag is, and what it holds; `text` is its own, stripped, from `text_line` on."""
 
     tag: str
     attributes: dict[str, str]
@@ -27,6 +29,7 @@ class Element:
     parent: "Element | None" = None
     children: "list[Element]" = field(default_factory=list)
     text: str = ""
+    text_line: int = 0
 
     def walk(self) -> "Iterator[Element]":
         """This element and all below it, in the order of the file."""
@@ -64,13 +67,15 @@ class Source:
     Attributes:
       path: the model.
       root: None when nothing could be read.
-      attached: the roots of the models that it attaches; theirs are not followed.
+      attached: the roots of the models that it attaches, and that these attach; what they include is not followed.
+      circular: whether any of these attaches itself again, on which MuJoCo crashes.
       faults: the files that are no XML.
     """
 
     path: Path
     root: Element | None = None
     attached: list[Element] = field(default_factory=list)
+    circular: bool = False
     faults: list[SyntaxFault] = field(default_factory=list)
 
     def elements(self) -> Iterator[Element]:
@@ -99,8 +104,19 @@ def regular(path: Path) -> bool:
 
 def included(element: Element, path: Path) -> list[Path]:
     """The paths at which MuJoCo looks for what `<include>` names in the model `path`."""
-    name = element.attributes.get("file", "")
+    name = slashed(element.attributes.get("file", ""))
     return list(dict.fromkeys([path.parent / name, element.file.parent / name]))
+
+
+def attached(element: Element, path: Path) -> list[Path]:
+    """The paths at which MuJoCo looks for what `<model>` names in the model `path`."""
+    name = slashed(element.attributes.get("file", ""))
+    return list(dict.fromkeys([Path(name), path.parent / name]))
+
+
+def slashed(name: str) -> str:
+    """A file name as MuJoCo opens it: backslashes part folders everywhere."""
+    return name.replace("\\", "/")
 
 
 def _follow(source: Source, root: Element) -> None:
@@ -109,7 +125,7 @@ def _follow(source: Source, root: Element) -> None:
     waiting = [(element, 0) for element in root.walk() if element.tag == "include"]
     while waiting:
         include, depth = waiting.pop()
-        found = next((p for p in included(include, source.path) if regular(p)), None)
+        found = next(filter(regular, included(include, source.path)), None)
         if found is None or include.parent is None or depth > DEEPEST or len(seen) > FULLEST or found.resolve() in seen:
             continue
         seen.add(found.resolve())
@@ -124,14 +140,24 @@ def _follow(source: Source, root: Element) -> None:
 
 
 def _attach(source: Source) -> None:
-    """Reads the models that `source` attaches."""
-    for element in source.elements():
-        if element.tag == "model" and len(source.attached) < FULLEST:
-            name = element.attributes.get("file", "")
-            found = next((p for p in (Path(name), source.path.parent / name) if regular(p)), None)
-            root = _parsed(found, []) if found and found.suffix in XML else None
-            if root:
-                source.attached.append(root)
+    """Reads the models that `source` attaches, and those that these attach."""
+    seen = {source.path.resolve()}
+    waiting = [(path, frozenset(seen)) for path in reversed(attached_files(source.elements(), source.path))]
+    while waiting and len(source.attached) < FULLEST:
+        path, above = waiting.pop()
+        real = path.resolve()
+        source.circular |= real in above
+        root = _parsed(path, []) if real not in seen and path.suffix in XML else None
+        seen.add(real)
+        if root:
+            source.attached.append(root)
+            waiting += [(inner, above | {real}) for inner in reversed(attached_files(root.walk(), path))]
+
+
+def attached_files(elements: Iterator[Element], path: Path) -> list[Path]:
+    """The files that `<model>` elements of the model `path` name, as far as there are any."""
+    tried = (attached(element, path) for element in elements if element.tag == "model")
+    return [found for paths in tried if (found := next(filter(regular, paths), None))]
 
 
 def _parsed(path: Path, faults: list[SyntaxFault]) -> Element | None:
@@ -177,8 +203,12 @@ class _Building:
         self.open.pop()
 
     def _text(self, text: str) -> None:
-        if self.open and text.strip():
-            self.open[-1].text = f"{self.open[-1].text} {text.strip()}".strip()
+        if not (self.open and text.strip()):
+            return
+        last = self.open[-1]
+        if not last.text:  # the parser is at the end of the text already
+            last.text_line = self.parser.CurrentLineNumber - text.lstrip().count("\n")
+        last.text = f"{last.text} {text.strip()}".strip()
 
     def explained(self, error: expat.ExpatError, text: bytes) -> SyntaxFault:
         """`error` in terms of the elements that are open where it happened."""
@@ -191,8 +221,12 @@ class _Building:
             return SyntaxFault(self.path, last.line, message, f"close it with </{last.tag}>, or end its tag with />")
         if not text.strip():
             return SyntaxFault(self.path, 1, "the file is empty", "write a model into it: <mujoco> … </mujoco>")
+        if text.startswith(POINTER):
+            return SyntaxFault(self.path, 1, "it is a pointer of Git LFS, and not the file itself", PULL)
         place = f"line {error.lineno}, column {error.offset + 1}"
         remedy = _CURES.get(said, f"look at {place}; `xmllint --noout {self.path}` checks a file")
+        if bare := _BARE.search(text[: self.parser.ErrorByteIndex].rpartition(b"<")[2]):
+            remedy = f'write {bare[1].decode(errors="replace")}="…": values of attributes stand in quotes'
         return SyntaxFault(self.path, error.lineno, f"not well-formed XML: {said} at column {error.offset + 1}", remedy)
 
     def _mismatch(self, last: Element, line: int, rest: bytes) -> SyntaxFault:
@@ -205,6 +239,7 @@ class _Building:
         return SyntaxFault(self.path, line, message, f"write </{last.tag}> instead, or remove it")
 
 
+_BARE = re.compile(rb"\A[^>]*\s([\w:.-]+)\s*=\s*\Z")  # before a value without its quote
 _NO_ELEMENT = expat.errors.codes[expat.errors.XML_ERROR_NO_ELEMENTS]
 _CURES = {
     expat.errors.XML_ERROR_DUPLICATE_ATTRIBUTE: "an element has each attribute once; remove one of the two",

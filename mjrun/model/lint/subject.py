@@ -5,11 +5,12 @@ from collections.abc import Iterator
 from contextlib import suppress
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import mujoco
 import numpy as np
 
+from mjrun.model.lint.finding import Place
 from mjrun.model.lint.source import XML, Element, Source, regular
 from mjrun.model.load import FAULTS, load
 from mjrun.model.names import COUNTS, KINDS, names
@@ -34,6 +35,14 @@ TAGS = {
 }
 WHERE = ("actuator", "sensor", "equality")  # kinds whose elements are all that stands in one element
 LISTED = (*WHERE, "keyframe")  # kinds numbered as they stand in the file
+
+
+class Attach(NamedTuple):
+    """An `<attach>`, what it puts before names, and the paths at which MuJoCo looks for what it attaches."""
+
+    element: Element
+    prefix: str
+    files: set[Path]
 
 
 class Subject:
@@ -107,16 +116,22 @@ class Subject:
         name = mujoco.mj_id2name(self.model, KINDS[kind], index) or ""
         line = self._lines(kind).get(index, 0)
         own, attached = self._elements(kind), self._attached(kind)
-        lined = [e for e in (*own, *attached) if e.line == line and e.file in self._mains and _fits(e, name)]
+        lined = [e for e in (*own, *attached) if e.line == line and e.file in self._mains and self._fits(e, name)]
         if line and lined:
             return lined[0]
         named = [e for e in own if name and e.attributes.get("name") == name]
-        named += [e for e in attached if e.attributes.get("name") and name.endswith(e.attributes["name"])]
+        named += self._closest([e for e in attached if name and self._fits(e, name)])
         if named:
             return named[0]
         if kind == "joint":  # MuJoCo notes no line for free joints
             return self._of_body(index)
         return own[index] if kind in LISTED and len(own) == getattr(self.model, COUNTS[kind]) else None
+
+    def _closest(self, attached: list[Element]) -> list[Element]:
+        """Those that share the most with the name of an object; of several without a name, none is closest."""
+        longest = max((len(e.attributes.get("name", "")) for e in attached), default=0)
+        found = [e for e in attached if len(e.attributes.get("name", "")) == longest]
+        return found if longest or len(found) == 1 else []
 
     def _of_body(self, joint: int) -> Element | None:
         """The element of a joint by its place in its body."""
@@ -126,10 +141,51 @@ class Subject:
         which = joint - int(self.model.body_jntadr[body])
         return joints[which] if which < len(joints) else home
 
-    def place(self, kind: str, index: int) -> tuple[Path, int | None]:
-        """File and line of an object."""
+    def place(self, kind: str, index: int) -> Place:
+        """Where the model says that there is an object: of what it attaches, where it does, as far as that is clear."""
         element = self.element(kind, index)
-        return (element.file, element.line) if element else (self.path, None)
+        if element is None:
+            return Place(self.path)
+        if not self._foreign(element):
+            return Place(element.file, element.line)
+        name = mujoco.mj_id2name(self.model, KINDS[kind], index) or ""
+        attaches = self._attaching(element, name) or [a.element for a in self._attaches if element.file in a.files]
+        file, line = (attaches[0].file, attaches[0].line) if len(attaches) == 1 else (self.path, None)
+        return Place(file, line, (element.file, element.line))
+
+    def _fits(self, element: Element, name: str) -> bool:
+        """Whether an element can have made an object of this name; attaching and replicating add to names."""
+        own = element.attributes.get("name", "")
+        if self._foreign(element) and name:
+            return bool(self._attaching(element, name))
+        return own in name if own and name else own == name
+
+    def _foreign(self, element: Element) -> bool:
+        """Whether an element stands in a model that is attached."""
+        while element.parent is not None:
+            element = element.parent
+        return element is not self.source.root
+
+    def _attaching(self, element: Element, name: str) -> list[Element]:
+        """What makes objects of this name out of an element of an attached model."""
+        own, found = element.attributes.get("name", ""), []
+        for attach in self._attaches:
+            made = name.startswith(attach.prefix + own) if own else name == attach.prefix
+            if made and element.file in attach.files:
+                found.append(attach.element)
+        return found
+
+    @cached_property
+    def _attaches(self) -> list[Attach]:
+        models = [e.attributes for e in self.source.elements() if e.tag == "model"]
+        found = []
+        for element in self.source.elements():
+            if element.tag == "attach":
+                wanted = element.attributes.get("model", "")
+                names = [model.get("file", "") for model in models if model.get("name", wanted) == wanted]
+                files = {path for name in names for path in (Path(name), self.source.path.parent / name)}
+                found.append(Attach(element, element.attributes.get("prefix", ""), files))
+        return found
 
     def _lines(self, kind: str) -> dict[int, int]:
         """Lines that MuJoCo notes in its elements, by id; 0 in included files."""
@@ -156,12 +212,6 @@ def _is(element: Element, kind: str) -> bool:
     if kind in WHERE:
         return element.parent is not None and element.parent.tag == kind
     return element.tag in TAGS.get(kind, (kind,)) and not element.within("default")
-
-
-def _fits(element: Element, name: str) -> bool:
-    """Whether an element can have made an object of this name; attaching and replicating add to names."""
-    own = element.attributes.get("name", "")
-    return own == name if not own or not name else own in name
 
 
 def _line(info: str) -> int:
