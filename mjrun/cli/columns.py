@@ -1,5 +1,6 @@
 """The columns that a trace of a model can have, as `trace --list` and `info --columns` show them."""
 
+from collections.abc import Sequence
 from dataclasses import asdict
 from typing import TYPE_CHECKING
 
@@ -10,12 +11,12 @@ if TYPE_CHECKING:
     from mjrun.job.simulation import Source
 
 
-def show_columns(console: Console, source: "Source", as_json: bool) -> None:
-    """Lists them, a line each, or as one document."""
+def show_columns(console: Console, source: "Source", as_json: bool, probes: Sequence[str] = ()) -> None:
+    """Lists them, or those of `probes`, a line each, or as one document."""
     from mjrun.job.simulation import Simulation
     from mjrun.job.trace import columns
 
-    found = columns(Simulation(source))
+    found = columns(Simulation(source), probes)
     if as_json:
         console.document({"columns": [asdict(column) for column in found]})
         return

@@ -226,7 +226,7 @@ view_options = bundle(
         multiple=True,
         metavar="SETTING,…",
         help="The model once more, translucent: offset=0/1/0, opacity=.3; in the pose of a keyframe, key=NAME, or "
-        "moving as a trace says, trace=FILE. Repeatable.",
+        "moving as a trace or a recording says, trace=FILE or recording=FILE. Repeatable.",
     ),
     option(
         "--text",
@@ -236,7 +236,7 @@ view_options = bundle(
     option(
         "--text-corner",
         type=click.Choice(["top-left", "top", "top-right", "bottom-left", "bottom", "bottom-right"]),
-        help="Where it stands.  [default: top-left; with captions bottom-left]",
+        help="Where it stands.  [default: top-left; with captions bottom-right]",
     ),
 )
 
@@ -369,7 +369,7 @@ table_options = bundle(
         metavar="FILE",
         help="csv, jsonl, parquet, feather, npz, mat, or - for standard output.  [default: -]",
     ),
-    option("--csv", is_flag=True, help="CSV, whatever the output's name."),
+    option("--csv", is_flag=True, help="Short for --format csv."),
     option("--format", "format_", metavar="NAME", help="Instead of the output's suffix.  [default: csv]"),
     option(
         "--probe",
@@ -380,9 +380,16 @@ table_options = bundle(
         "field of MjData; of some objects, qpos[left_*], xpos[hand]; or a column, xpos/hand/z. Repeatable.  "
         "[default: qpos,qvel,ctrl,act,energy,contact,sensor]",
     ),
-    option("--list", "list_", is_flag=True, help="List every column that the model offers, and stop."),
+    option(
+        "--list",
+        "list_",
+        is_flag=True,
+        help="List every column that the model offers, or those of --probe, and stop; nothing is written.",
+    ),
     option("--every", type=click.IntRange(min=1), default=1, metavar="N", help="A row every N steps.  [default: 1]"),
-    option("--rate", type=Exact("HZ"), help="Rows per simulated second, instead of --every."),
+    option(
+        "--rate", type=Exact("HZ"), help="Rows per simulated second, instead of --every; at most one for each step."
+    ),
     option(
         "--assert",
         "asserts",

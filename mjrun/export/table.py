@@ -280,7 +280,8 @@ def _format(output: str | None, asked: str | None) -> str:
     if meant is None and asked is None:
         raise UnknownNameError("table format", suffix, list(SUFFIXES), where=output)
     if asked and meant and asked != meant:
-        raise UsageError(f"--format {asked} and the suffix of {clean(output)} disagree")
+        short = " (or --csv)" if asked == "csv" else ""
+        raise UsageError(f"--format {asked}{short} and the suffix of {clean(output)} disagree")
     return asked or meant or ""
 
 

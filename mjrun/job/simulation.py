@@ -9,12 +9,12 @@ from pathlib import Path
 
 import mujoco
 
-from mjrun.errors import BadValueError, UnknownNameError, UsageError, listing
+from mjrun.errors import BadValueError, UnknownNameError, UsageError, clean, listing
 from mjrun.export.reading import read_table
 from mjrun.export.replaying import RecordingFile
 from mjrun.model import faults
 from mjrun.model.load import load
-from mjrun.model.names import inputs_of
+from mjrun.model.names import inputs, inputs_of
 from mjrun.model.override import Setting
 from mjrun.model.physics import fingerprint
 from mjrun.sim.control import PREFIX, Control, Controller, ControlTable, Feedback, Noise
@@ -181,7 +181,13 @@ class Simulation:
     def _table(self, model: mujoco.MjModel) -> ControlTable:
         path = Path(str(self.ctrl_from))
         columns = read_table(path, lambda name: name == "time" or name.startswith(PREFIX))
-        constant = {i for name in self.ctrl for part in inputs_of(model, name) for i in range(part.start, part.stop)}
+        names = inputs(model)
+        held = {n: [i for part in inputs_of(model, n) for i in range(part.start, part.stop)] for n in self.ctrl}
+        # `*` means the others.
+        twice = [name for name, of in held.items() if name != "*" and any(PREFIX + names[i] in columns for i in of)]
+        if twice:
+            raise UsageError(f"--ctrl and {clean(str(path))} both drive {listing(twice)}")
+        constant = {i for of in held.values() for i in of}
         return ControlTable(model, columns, str(path), self.ctrl_interpolation == "linear", constant)
 
 

@@ -4,11 +4,12 @@ import copy
 from bisect import bisect_left
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from fractions import Fraction
 
 import mujoco
 import numpy as np
 
-from mjrun.errors import SimulationError
+from mjrun.errors import SimulationError, clean
 from mjrun.model.column import Column
 from mjrun.probe.contacts import contact_columns, contacts
 from mjrun.probe.fields import Probe
@@ -16,7 +17,7 @@ from mjrun.probe.select import select
 from mjrun.sim.batch import blocks, instant
 from mjrun.sim.observe import Tap, observe
 from mjrun.sim.stepper import PhysicsStepper, Stepper
-from mjrun.timeline import Timeline, seconds
+from mjrun.timeline import Timeline, rational, seconds
 
 TIME = Column("time", "s", "simulated time, exact")
 ROWS = 256  # of a block that is read instant by instant
@@ -118,6 +119,15 @@ class Gathered:
         if self._found:
             self._write(self._table.stack(self._steps[self._written :][: len(self._found)], self._found))
             self._written, self._found = self._written + len(self._found), []
+
+
+def repeated(timeline: Timeline, rate: float | str | Fraction | None) -> str:
+    """What to say where `rate` [Hz] asks for more rows than there are steps; nothing where it does not."""
+    if rate is None or rational(rate) * timeline.timestep <= 1:
+        return ""
+    steps = f"{float(1 / timeline.timestep):g}"
+    told = f"--rate {clean(str(rate))} is more than the {steps} steps of a simulated second"
+    return f"{told}: every step has one row; a smaller --timestep has more"
 
 
 def _value(probe: Probe, record: Mapping[str, np.ndarray], model: mujoco.MjModel, data: mujoco.MjData) -> np.ndarray:

@@ -27,7 +27,8 @@ cannot be mixed with values per row in one comparison, nor stand inside another 
 A column is called by its name. The longest known name at a place is taken: `a/b` is the column `a/b` where there is
 one, and else `a` divided by `b`; `a / b` is a division always. A name with characters other than letters, digits,
 `_ / : . -` and single inner spaces, or that is also a number or a keyword, is quoted, 'so' or `so`; a quote within is
-doubled.
+doubled. Where it is known what model the table measures, `speed(box)` is the column `speed/box`, as in an event
+(`mjrun.probe.event`).
 
 NaN: no comparison with NaN holds, not even `!=`, nor under `not`; an aggregate of values among which is a NaN is NaN.
 `abs(x) < inf` therefore says that x is finite.
@@ -116,16 +117,18 @@ class Assertion:
         return Checker(self)
 
 
-def parse(text: str, columns: Sequence[str]) -> Assertion:
-    """The assertion that `text` says about a table of `columns`.
+def parse(text: str, columns: Sequence[str] | Vocabulary) -> Assertion:
+    """The assertion that `text` says about a table of `columns`, or of those that a vocabulary names.
 
     Raises:
       UnknownNameError: a name is that of no column or function; the message lists near and valid ones.
       UsageError: the text is none of the language; the message says where, what was found and what is valid.
     """
-    truth = Parser(Source(text, "--assert"), Vocabulary(columns)).whole()
+    vocabulary = columns if isinstance(columns, Vocabulary) else Vocabulary(columns)
+    truth = Parser(Source(text, "--assert"), vocabulary).whole()
     read = {node.name for node in walk(truth) if isinstance(node, ColumnValue)}
-    return Assertion(text, tuple(name for name in dict.fromkeys(columns) if name in read), tuple(columns), truth)
+    table = vocabulary.names
+    return Assertion(text, tuple(name for name in dict.fromkeys(table) if name in read), table, truth)
 
 
 class Checker:

@@ -25,10 +25,12 @@ KINDS |= {"nlight": "light", "nactuator": "actuator", "neq": "equality"}
 # What counts parts of actuators, as the number of each in the model.
 PARTS = {"nu": "actuator_ctrlnum", "nout": "actuator_outnum"}
 VECTOR, QUATERNION = ("x", "y", "z"), ("qw", "qx", "qy", "qz")
-TWIST, WRENCH = ("wx", "wy", "wz", "vx", "vy", "vz"), ("tx", "ty", "tz", "fx", "fy", "fz")
 MATRIX = tuple(f"{row}{column}" for row in "xyz" for column in "xyz")
-COMPONENTS = {3: VECTOR, 4: QUATERNION, 6: TWIST, 9: MATRIX}
-WRENCHES = ("cfrc_int", "cfrc_ext")
+COMPONENTS = {3: VECTOR, 4: QUATERNION, 9: MATRIX}
+# Spatial vectors, in MuJoCo's own order: rotation first, but for what is applied.
+TWIST, WRENCH = ("wx", "wy", "wz", "vx", "vy", "vz"), ("tx", "ty", "tz", "fx", "fy", "fz")
+SPATIAL = {"cvel": TWIST, "cacc": TWIST, "cdof": TWIST, "cdof_dot": TWIST, "cfrc_int": WRENCH, "cfrc_ext": WRENCH}
+SPATIAL |= {"xfrc_applied": WRENCH[3:] + WRENCH[:3]}
 
 LENGTHS = ("xpos", "xipos", "xanchor", "geom_xpos", "site_xpos", "cam_xpos", "light_xpos", "subtree_com", "ten_length")
 UNITS = dict.fromkeys(LENGTHS, "m") | {
@@ -38,12 +40,19 @@ UNITS = dict.fromkeys(LENGTHS, "m") | {
     "energy": "J",
     "subtree_linvel": "m/s",
     "subtree_angmom": "kg·m²/s",
-    "xfrc_applied": "N",
 }
 # Generalized quantities: units for a translation and for a rotation.
 DOF_UNITS = {"qvel": ("m/s", "rad/s"), "qacc": ("m/s²", "rad/s²"), "qacc_warmstart": ("m/s²", "rad/s²")}
 FORCE_UNITS = ("N", "N·m")
-TWIST_UNITS = {"cvel": ("rad/s", "m/s"), "cacc": ("rad/s²", "m/s²"), "cfrc_int": ("N·m", "N"), "cfrc_ext": ("N·m", "N")}
+# Of spatial vectors, by what their components begin with.
+WRENCH_UNITS = {"f": "N", "t": "N·m"}
+SPATIAL_UNITS: dict[str, dict[str, str]] = dict.fromkeys(("cfrc_int", "cfrc_ext", "xfrc_applied"), WRENCH_UNITS)
+SPATIAL_UNITS |= {"cvel": {"w": "rad/s", "v": "m/s"}, "cacc": {"w": "rad/s²", "v": "m/s²"}}
+
+# Fields that are not measured, and why.
+UNTOLD = dict.fromkeys(("qH", "qHDiagInv", "qDeriv", "qLU"), "an integrator computes it in the middle of a step")
+UNTOLD |= dict.fromkeys(("flexvert_lambda", "flexvert_conage"), "a step hands it to the next, outside of the state")
+UNTOLD |= {"plugin_data": "it holds addresses in memory"}
 
 Record = Mapping[str, np.ndarray]
 
@@ -85,7 +94,8 @@ def extents() -> dict[str, tuple[tuple[str | int, ...], str]]:
     """Every array field of MjData that can be recorded, with its extents and its meaning."""
     described: Any = structs.STRUCTS["mjData"].fields
     arrays = [field for field in described if getattr(field, "array_extent", None)]
-    return {field.name: (tuple(field.array_extent), field.doc) for field in arrays if field.name in DATA_FIELDS}
+    told = DATA_FIELDS - UNTOLD.keys()
+    return {field.name: (tuple(field.array_extent), field.doc) for field in arrays if field.name in told}
 
 
 def offered(model: mujoco.MjModel) -> list[str]:
@@ -96,12 +106,36 @@ def offered(model: mujoco.MjModel) -> list[str]:
 def field_probe(model: mujoco.MjModel, field: str, group: str = "") -> Probe:
     """The probe of a field; its columns are called `group/…`, or by the field's own name."""
     columns = tuple(_columns(model, field, group or field))
+    if field in LAZY:
+        return Probe(columns, (), instant_only, _completed(model, field))
 
     def compute(record: Record) -> np.ndarray:
         values = record[field]
         return values.reshape(len(values), -1).astype(float, copy=False)
 
     return Probe(columns, (field,), compute)
+
+
+def _inverse(model: mujoco.MjModel, data: mujoco.MjData) -> None:
+    mujoco.mj_inverseSkip(model, data, int(mujoco.mjtStage.mjSTAGE_VEL), True)  # which is derived already
+
+
+# Fields that a step leaves out unless a sensor needs them, and what computes them.
+LAZY: dict[str, Callable[[mujoco.MjModel, mujoco.MjData], None]] = {"qfrc_inverse": _inverse}
+LAZY |= dict.fromkeys(("cacc", "cfrc_int", "cfrc_ext"), mujoco.mj_rnePostConstraint)
+LAZY |= dict.fromkeys(("subtree_linvel", "subtree_angmom"), mujoco.mj_subtreeVel)
+
+
+def _completed(model: mujoco.MjModel, field: str) -> Callable[[mujoco.MjModel, mujoco.MjData], np.ndarray]:
+    """Reads `field` of an instant, computed on a copy: all that look at the instant see the same."""
+    own = cache(lambda: mujoco.MjData(model))
+
+    def at(model: mujoco.MjModel, data: mujoco.MjData) -> np.ndarray:
+        mujoco.mj_copyData(own(), model, data)
+        LAZY[field](model, own())
+        return getattr(own(), field).ravel().copy()
+
+    return at
 
 
 def _shape(model: mujoco.MjModel, field: str) -> tuple[int, ...]:
@@ -114,7 +148,7 @@ def _columns(model: mujoco.MjModel, field: str, group: str) -> Iterator[Column]:
     if field == "qpos":
         yield from _of_joints(model, group, meaning, QPOS_PARTS, field)
     elif first == "nv":
-        yield from _of_joints(model, group, meaning, QVEL_PARTS, field, COMPONENTS[6] if len(extent) > 1 else ("",))
+        yield from _of_joints(model, group, meaning, QVEL_PARTS, field, SPATIAL.get(field, ("",)))
     elif field == "sensordata":
         yield from _of_sensors(model, group)
     elif first == "na":
@@ -167,10 +201,10 @@ def _of_objects(model: mujoco.MjModel, field: str, group: str, meaning: str) -> 
     shape = _shape(model, field)
     kind, objects = _objects(model, str(extents()[field][0][0]), shape[0])
     width = int(np.prod(shape[1:]))
-    parts = WRENCH if field in WRENCHES else COMPONENTS.get(width, tuple(map(str, range(width))))
+    parts = SPATIAL.get(field) or COMPONENTS.get(width, tuple(map(str, range(width))))
     for name, index in objects:
-        for i, part in enumerate(("",) if len(shape) == 1 else parts):
-            unit = TWIST_UNITS[field][i > 2] if field in TWIST_UNITS else UNITS.get(field, "")
+        for part in ("",) if len(shape) == 1 else parts:
+            unit = SPATIAL_UNITS[field][part[0]] if field in SPATIAL_UNITS else UNITS.get(field, "")
             yield Column(f"{group}/{name}" + (f"/{part}" if part else ""), unit, meaning, kind, index)
 
 

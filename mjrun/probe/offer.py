@@ -1,10 +1,14 @@
 """The names that a model offers to an expression, and what `xpos(top).z` and `contact(ball, floor)` stand for."""
 
+import shlex
+from collections.abc import Sequence
+from functools import cached_property
+
 import mujoco
 
-from mjrun.errors import UnknownNameError, UsageError, clean, listing
+from mjrun.errors import UnknownNameError, UsageError, clean, listing, quoted
 from mjrun.probe.contacts import identify_party, pair
-from mjrun.probe.scanner import Accessor, Source, Token, Vocabulary
+from mjrun.probe.scanner import Accessor, Source, Token, Vocabulary, spelled
 from mjrun.probe.select import PAIRS, aliases, catalogue, object_of
 
 
@@ -17,8 +21,12 @@ class Offer(Vocabulary):
         own = {column.name: column.name for column in catalogue(model)}
         # A column's own name comes first in lists, and is never another's alias.
         super().__init__({"time": "time", **own, **aliases(model), **own})
-        self.groups = frozenset(name.partition("/")[0] for name in self.names) - {"time"}
+        self._groups = frozenset(name.partition("/")[0] for name in self.names) - {"time"}
         self._model = model
+
+    @property
+    def groups(self) -> frozenset[str]:
+        return self._groups
 
     def column(self, name: str) -> str | None:
         found = super().column(name)
@@ -29,7 +37,7 @@ class Offer(Vocabulary):
     def is_count(self, column: str) -> bool:
         return column.startswith(self.beginnings)
 
-    def missing(self, name: str, position: int, source: Source) -> UnknownNameError:
+    def missing(self, name: str, position: int, source: Source) -> UsageError:
         error = self._unpaired(name) if name.startswith(self.beginnings) and name.count("/") > 1 else None
         if error:
             return source.unknown(position, "object", error.name, error.valid)
@@ -85,6 +93,37 @@ class Offer(Vocabulary):
             return source.fault(group.start, f"{PAIRS} of one object", f"{PAIRS} of two")
         known = dict.fromkeys(object_of(name) for name in self.names if name.startswith(f"{group.text}/"))
         return source.unknown(token.start, "object", token.text, list(known))
+
+
+class Chosen(Vocabulary):
+    """The columns of a table that measures `model`. Of others that the model offers, messages say how to have them."""
+
+    def __init__(self, columns: Sequence[str], model: mujoco.MjModel) -> None:
+        super().__init__(columns)
+        self._model = model
+
+    @property
+    def groups(self) -> frozenset[str]:
+        return self._offer.groups
+
+    def missing(self, name: str, position: int, source: Source) -> UsageError:
+        column = self._offer.column(name)
+        if column is None:
+            return super().missing(name, position, source)
+        if column in self.names:
+            return source.fault(position, quoted(name), f"the column's own name, {clean(spelled(column))}")
+        place, probe = clean(source.place(position)), shlex.quote(clean(column))
+        return UsageError(f"no column {quoted(name)} in {place}\nthe model offers it: add --probe {probe}")
+
+    def accessed(self, accessor: Accessor, source: Source) -> str:
+        column = self._offer.accessed(accessor, source)
+        if self.column(column) is None:
+            raise self.missing(column, accessor.group.start, source)
+        return column
+
+    @cached_property
+    def _offer(self) -> Offer:
+        return Offer(self._model)  # every column of a large model takes a while
 
 
 def _plain(name: str, component: Token, source: Source) -> UsageError:

@@ -78,8 +78,12 @@ class Source:
 
     def unknown(self, position: int, kind: str, name: str, valid: Sequence[str], plural: str = "") -> UnknownNameError:
         """The name at `position` is not among the valid ones."""
+        return UnknownNameError(kind, name, valid, where=self.place(position), plural=plural)
+
+    def place(self, position: int) -> str:
+        """Where the text is, and where in it."""
         whole = self.text if len(self.text) <= SHOWN else self.text[:SHOWN] + "…"
-        return UnknownNameError(kind, name, valid, where=f"{quoted(whole)}, character {position + 1}", plural=plural)
+        return f"{quoted(whole)}, character {position + 1}"
 
 
 class Vocabulary:
@@ -91,12 +95,15 @@ class Vocabulary:
       beginnings: of names that may be columns without being listed, `contact/`.
     """
 
-    groups: frozenset[str] = frozenset()
     beginnings: tuple[str, ...] = ()
 
     def __init__(self, columns: Mapping[str, str] | Sequence[str]) -> None:
         self.names = tuple(columns)
         self._columns = columns if isinstance(columns, Mapping) else {name: name for name in columns}
+
+    @property
+    def groups(self) -> frozenset[str]:
+        return frozenset()
 
     def column(self, name: str) -> str | None:
         """The name in the table of what is called `name`; None if nothing is."""
@@ -106,7 +113,7 @@ class Vocabulary:
         """Whether `column` is a number that alone says something: that there is any."""
         return False
 
-    def missing(self, name: str, position: int, source: Source) -> UnknownNameError:
+    def missing(self, name: str, position: int, source: Source) -> UsageError:
         """The error that nothing is called `name`."""
         return source.unknown(position, "column", name, self.names)
 
@@ -199,8 +206,8 @@ class Scanner:
 
     def _opening(self, start: int) -> Token | None:
         """The name of a group that is called at `start`, up to its parenthesis."""
-        found = _OPENING.match(self.text, start) if self.vocabulary.groups else None
-        if not found or found[1] in FUNCTIONS or found[1] not in self.vocabulary.groups:
+        found = _OPENING.match(self.text, start)
+        if not found or found[1] in (*FUNCTIONS, *KEYWORDS) or found[1] not in self.vocabulary.groups:
             return None
         return Token("group", found[1], start, found.end())
 

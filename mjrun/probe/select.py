@@ -10,7 +10,7 @@ from mjrun.errors import UnknownNameError, UsageError, quoted
 from mjrun.model.column import Column
 from mjrun.probe.contacts import pair
 from mjrun.probe.derived import DERIVED
-from mjrun.probe.fields import COMPONENTS, WRENCH, Probe, extents, field_probe, offered
+from mjrun.probe.fields import COMPONENTS, SPATIAL, UNTOLD, Probe, extents, field_probe, offered
 
 DEFAULT = ("qpos", "qvel", "ctrl", "act", "energy", "contact", "sensor")
 ALIASES = {"sensor": "sensordata"}
@@ -21,7 +21,8 @@ FALLBACKS = {
     "xmat": ("geom_xmat", "site_xmat", "cam_xmat"),
 }
 PAIRS = "contact"  # has columns for any two objects too: `contact/ball/floor`
-PARTS = {*WRENCH, *(part for parts in COMPONENTS.values() for part in parts)}
+PARTS = {part for parts in (*COMPONENTS.values(), *SPATIAL.values()) for part in parts}
+TIME = "time"  # the first column of every table, whether or not it is asked for
 
 
 def select(model: mujoco.MjModel, asked: Iterable[str] = DEFAULT) -> list[Probe]:
@@ -30,15 +31,16 @@ def select(model: mujoco.MjModel, asked: Iterable[str] = DEFAULT) -> list[Probe]
     `contact/ball/floor` is the number of contacts between two objects, see `mjrun.probe.contacts.pair`.
 
     A name without columns in this model (`act` without activations) is passed over when it is asked for
-    as a whole.
+    as a whole, and so is `time`, which every table has.
 
     Raises:
       UnknownNameError: a name, object or column that is not there; near and valid names are listed.
-      UsageError: two names give the same column.
+      UsageError: two names give the same column, or a field of MjData belongs to no instant.
     """
-    probes = [_select_one(model, text.strip()) for text in asked]
+    wanted = [text.strip() for text in asked if text.strip() != TIME]
+    probes = [_select_one(model, text) for text in wanted]
     seen: dict[str, str] = {}
-    for probe, text in zip(probes, asked, strict=True):
+    for probe, text in zip(probes, wanted, strict=True):
         for column in probe.columns:
             if column.name in seen:
                 raise UsageError(
@@ -60,6 +62,11 @@ def catalogue(model: mujoco.MjModel) -> list[Column]:
     everything = [_whole(model, name) for name in (*DEFAULT, *groups, *fields) if name not in ("contact",)]
     found = {column.name: column for probe in [*everything, DERIVED["contact"](model)] for column in probe.columns}
     return list(found.values())
+
+
+def chosen(model: mujoco.MjModel, asked: Iterable[str]) -> list[Column]:
+    """The columns that `asked` names, see `select`."""
+    return [column for probe in select(model, asked) for column in probe.columns]
 
 
 def aliases(model: mujoco.MjModel) -> dict[str, str]:
@@ -94,6 +101,8 @@ def _whole(model: mujoco.MjModel, name: str) -> Probe:
     if name in DERIVED:
         return DERIVED[name](model)
     field = ALIASES.get(name, name)
+    if field in UNTOLD:
+        raise UsageError(f"--probe: {field} cannot be measured at an instant: {UNTOLD[field]}")
     if field not in extents():
         raise UnknownNameError("probe", name, [*dict.fromkeys([*DEFAULT, *DERIVED, *offered(model)])])
     return field_probe(model, field, name)

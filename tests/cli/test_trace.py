@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import mujoco
+import pytest
 
 if TYPE_CHECKING:
     from tests.conftest import Command
@@ -95,3 +96,51 @@ def test_a_wrong_probe_lists_near_names(mjrun: Command) -> None:
     assert done.returncode == 2
     assert b"no probe 'enrgy' (did you mean 'energy'?)" in done.stderr
     assert done.stdout == b""
+
+
+def test_the_list_is_of_the_probes_that_are_given(mjrun: Command) -> None:
+    lines = mjrun("trace", PENDULUM, "--list", "--probe", "energy/drift,time,qpos").stdout.decode().splitlines()
+    assert [line.split()[0] for line in lines] == ["time", "energy/drift", "qpos/hinge"]
+    every = mjrun("trace", PENDULUM, "--list").stdout.decode().splitlines()
+    assert {" ".join(line.split()) for line in lines} < {" ".join(line.split()) for line in every}
+    done = mjrun("trace", PENDULUM, "--list", "--probe", "qpos,bogus")
+    assert (done.returncode, done.stdout) == (2, b"")
+    assert b"no probe 'bogus'" in done.stderr
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        (["--list", "-o", "t.csv"], "--list shows columns on standard output and measures nothing: leave out --output"),
+        (["--list", "--contacts", "c.csv", "--recording", "r.npz"], "leave out --contacts, --recording"),
+        (["--probe", ""], "--probe: '' is not a name of something to measure; --list shows what there is"),
+        (["--probe", "qpos", "--probe", " , "], "--probe: ' , ' is not a name of something to measure"),
+        (["--list", "--probe", ""], "--probe: '' is not a name"),
+        (["-o", "t.npz", "--csv"], "--format csv (or --csv) and the suffix of t.npz disagree"),
+        (["-o", "t.csv", "--format", "jsonl", "--csv"], "--csv and --format jsonl exclude each other"),
+        (["--assert", "max(speed/bob) < 1"], "the model offers it: add --probe speed/bob"),
+    ],
+)
+def test_what_cannot_be_meant_is_refused_and_nothing_is_written(mjrun: Command, options: list[str], said: str) -> None:
+    done = mjrun("trace", PENDULUM, "--steps", "3", *options)
+    assert (done.returncode, done.stdout) == (2, b"")
+    assert said in done.stderr.decode()
+    assert mjrun.files() == []
+
+
+def test_csv_is_the_format_said_shortly(mjrun: Command) -> None:
+    tables = [
+        mjrun("trace", PENDULUM, "--steps", "3", *options)
+        for options in ([], ["--csv"], ["--format", "csv"], ["--csv", "--format", "csv"])
+    ]
+    assert {done.returncode for done in tables} == {0}
+    assert len({done.stdout for done in tables}) == 1
+    assert mjrun("trace", PENDULUM, "--steps", "3", "--csv", "-o", "t.dat").returncode == 0
+    assert (mjrun.folder / "t.dat").read_bytes() == tables[0].stdout
+
+
+def test_a_rate_above_that_of_the_steps_is_a_warning(mjrun: Command) -> None:
+    done = mjrun("trace", PENDULUM, "--steps", "3", "--rate", "30000")
+    assert done.returncode == 0
+    assert b"warning: --rate 30000 is more than the 500 steps of a simulated second" in done.stderr
+    assert len(done.stdout.splitlines()) == 5

@@ -143,3 +143,18 @@ def test_the_same_simulation_moves_the_same_twice_and_as_a_bare_loop_and_leaves_
 def test_two_simulations_that_say_the_same_are_equal() -> None:
     assert Simulation("a.xml", key=1, duration=2) == Simulation("a.xml", key=1, duration=2)
     assert Simulation("a.xml", key=1, duration=2) != Simulation("a.xml", key=1, duration=3)
+
+
+def test_a_control_that_is_held_has_no_column_in_the_table_too(tmp_path: Path) -> None:
+    model = mujoco.MjModel.from_xml_string(
+        '<mujoco><worldbody><body><joint name="j"/><geom size=".1"/></body></worldbody>'
+        '<actuator><motor name="a" joint="j"/><motor name="b" joint="j"/></actuator></mujoco>'
+    )
+    table = tmp_path / "c.csv"
+    table.write_text("time,ctrl/a\n0,1\n")
+    for ctrl in ({"b": 2.0}, {"*": 2.0}):
+        stepper = Simulation(model, duration=0.1, ctrl=ctrl, ctrl_from=table).stepper(model)
+        stepper.advance(1)
+        assert list(stepper.instant().ctrl) == [1, 2]
+    with pytest.raises(UsageError, match=r"--ctrl and .*c\.csv both drive a$"):
+        Simulation(model, duration=0.1, ctrl={"a": 2.0, "b": 2.0}, ctrl_from=table).stepper(model)

@@ -3,6 +3,7 @@
 import csv
 import hashlib
 import json
+import warnings
 from fractions import Fraction
 from pathlib import Path
 
@@ -10,7 +11,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from mjrun.errors import FailedAssertionError, MjrunError, UnstableError
+from mjrun.errors import FailedAssertionError, MjrunError, UnstableError, UsageError
 from mjrun.job.simulation import Simulation
 from mjrun.job.table import TIME
 from mjrun.job.trace import Trace, columns
@@ -110,6 +111,88 @@ def test_tracing_does_not_change_the_motion(tmp_path: Path) -> None:
         assert few[name][-1] == many[name][-1]
 
 
+LAZY = {
+    "cfrc_ext": mujoco.mj_rnePostConstraint,
+    "cfrc_int": mujoco.mj_rnePostConstraint,
+    "cacc": mujoco.mj_rnePostConstraint,
+    "subtree_linvel": mujoco.mj_subtreeVel,
+    "subtree_angmom": mujoco.mj_subtreeVel,
+    "qfrc_inverse": mujoco.mj_inverse,
+}
+
+
+def push(model: mujoco.MjModel, data: mujoco.MjData) -> list[float]:
+    data.xfrc_applied[2] = [0, 1, 2, 3, 4, 5 * np.sin(9 * data.time)]
+    return [0.5 - data.qvel[6], data.time]
+
+
+@pytest.mark.parametrize("integrator", ["Euler", "RK4", "implicitfast", "discrete"])
+def test_fields_that_a_step_leaves_out_are_those_of_a_bare_loop_and_the_motion_is_the_same(
+    tmp_path: Path, integrator: str
+) -> None:
+    model = mujoco.MjModel.from_xml_string(
+        SLIDE.replace("<worldbody>", f'<option integrator="{integrator}"/><worldbody>')
+    )
+    simulation = Simulation(model, steps=60, controller=push, control_dt="0.004")
+    plain = trace(tmp_path, simulation, probes=["qpos", "qvel", "ctrl"])
+    found = trace(tmp_path, simulation, probes=["qpos", "qvel", "ctrl", *LAZY])
+    assert all(np.array_equal(found[name], plain[name]) for name in plain)
+    columns = {field: [name for name in found if name.startswith(f"{field}/")] for field in LAZY}
+    data, shown = mujoco.MjData(model), mujoco.MjData(model)
+    for step in range(61):
+        mujoco.mj_copyData(shown, model, data)
+        if step % 2 == 0:
+            mujoco.mj_forward(model, shown)
+            data.ctrl[:] = push(model, shown)
+            data.xfrc_applied[:] = shown.xfrc_applied
+        for field, complete in LAZY.items():
+            mujoco.mj_copyData(shown, model, data)
+            mujoco.mj_forward(model, shown)
+            complete(model, shown)
+            assert [found[name][step] for name in columns[field]] == list(getattr(shown, field).ravel()), field
+        mujoco.mj_step(model, data)
+    assert all(any(found[name].any() for name in names) for names in columns.values())
+
+
+def test_the_inverse_dynamics_of_a_row_give_what_drives_it(tmp_path: Path) -> None:
+    simulation = Simulation(SCENES / "pendulum.xml", key="level", duration=0.2, ctrl={"*": 0.5})
+    found = trace(tmp_path, simulation, probes=["qfrc_inverse", "qfrc_actuator"])
+    (driven,) = (values for name, values in found.items() if name.startswith("qfrc_actuator/"))
+    (inverse,) = (values for name, values in found.items() if name.startswith("qfrc_inverse/"))
+    assert driven.any()
+    assert inverse == pytest.approx(driven, abs=1e-9)
+
+
+def test_a_weight_that_rests_is_held_by_the_external_force_on_it(tmp_path: Path) -> None:
+    found = trace(tmp_path, Simulation(SLIDE_MODEL, duration=2), probes=["cfrc_ext[box]"], every=1000)
+    assert found["cfrc_ext/box/fz"][-1] == pytest.approx(8 * 9.81, rel=1e-6)
+
+
+def test_time_may_be_asked_for_and_is_there_once(tmp_path: Path) -> None:
+    simulation = Simulation(SLIDE_MODEL, steps=3)
+    assert list(trace(tmp_path, simulation, probes=["time", "qpos[h]"])) == ["time", "qpos/h"]
+    alone = trace(tmp_path, simulation, probes=["time"])
+    assert {name: list(values) for name, values in alone.items()} == {"time": [0, 0.002, 0.004, 0.006]}
+
+
+@pytest.mark.parametrize(("rate", "told"), [(3000, True), ("500.1", True), (500, False), (60, False), (None, False)])
+def test_a_rate_above_that_of_the_steps_is_told(tmp_path: Path, rate: float | None, told: bool) -> None:
+    with warnings.catch_warnings(record=True) as heard:
+        warnings.simplefilter("always")
+        found = trace(tmp_path, Simulation(SLIDE_MODEL, steps=10), probes=["qpos"], rate=rate)
+    said = f"--rate {rate} is more than the 500 steps of a simulated second: every step has one row"
+    assert [said in str(warning.message) for warning in heard] == [True] * told
+    if told:
+        assert len(found["time"]) == 11
+
+
+def test_an_assertion_speaks_of_columns_as_events_do(tmp_path: Path) -> None:
+    simulation, output = Simulation(SLIDE_MODEL, steps=3), str(tmp_path / "t.csv")
+    Trace(simulation, output, probes=["speed[bob]"], asserts=["max(speed(bob)) < 1"]).run()
+    with pytest.raises(UsageError, match="add --probe speed/bob"):
+        Trace(simulation, output, asserts=["max(speed(bob)) < 1"]).run()
+
+
 def test_the_tippe_top_stands_on_its_head_in_the_table_too(tmp_path: Path) -> None:
     found = trace(
         tmp_path,
@@ -191,6 +274,10 @@ def test_the_list_of_columns_begins_with_time() -> None:
     found = columns(Simulation(SCENES / "pinata.xml"))
     assert found[0] == TIME
     assert "sensor/accelerometer/x" in {column.name for column in found}
+    few = columns(Simulation(SCENES / "pinata.xml"), ["energy/drift", "time", "sensor[accelerometer]"])
+    names = ["time", "energy/drift", *(f"sensor/accelerometer/{axis}" for axis in "xyz")]
+    assert [column.name for column in few] == names
+    assert set(few) < set(found)
 
 
 SLIDE = """

@@ -1,10 +1,13 @@
 """Columns of MjData's fields: every number has the right name, unit and object."""
 
+import copy
+
 import mujoco
 import numpy as np
 import pytest
 
-from mjrun.probe.fields import Probe, extents, field_probe, offered
+from mjrun.model import state
+from mjrun.probe.fields import LAZY, Probe, extents, field_probe, offered
 from mjrun.probe.select import catalogue
 
 MODEL = mujoco.MjModel.from_xml_string(
@@ -40,8 +43,14 @@ def moved() -> mujoco.MjData:
 def measured(field: str, data: mujoco.MjData, group: str = "") -> dict[str, float]:
     """The columns of a field by name."""
     probe = field_probe(MODEL, field, group)
-    row = probe.compute({field: np.array(getattr(data, field))[None]})[0]
-    return dict(zip([column.name for column in probe.columns], row, strict=True))
+    return dict(zip([column.name for column in probe.columns], row(probe, data), strict=True))
+
+
+def row(probe: Probe, data: mujoco.MjData) -> np.ndarray:
+    """The values of a probe at an instant."""
+    if probe.at:
+        return probe.at(MODEL, data)
+    return probe.compute({field: np.array(getattr(data, field))[None] for field in probe.fields})[0]
 
 
 def test_positions_and_velocities_are_those_of_the_named_joint() -> None:
@@ -72,12 +81,15 @@ def test_objects_sensors_and_actuators_are_called_by_name() -> None:
 @pytest.mark.parametrize("field", sorted(extents()))
 def test_a_field_has_as_many_columns_as_numbers(field: str) -> None:
     data = moved()
+    mujoco.mj_rnePostConstraint(MODEL, data)
+    mujoco.mj_subtreeVel(MODEL, data)
+    mujoco.mj_inverse(MODEL, data)
     probe = field_probe(MODEL, field)
     values = np.array(getattr(data, field))
     assert len(probe.columns) == values.size
     assert len({column.name for column in probe.columns}) == values.size
     if values.size:
-        assert np.array_equal(probe.compute({field: values[None]})[0], values.ravel(), equal_nan=True)
+        assert np.array_equal(row(probe, data), values.ravel(), equal_nan=True)
 
 
 @pytest.mark.parametrize(
@@ -100,11 +112,78 @@ def test_a_field_has_as_many_columns_as_numbers(field: str) -> None:
         ("cvel", "cvel/arm/vx", "m/s"),
         ("cfrc_ext", "cfrc_ext/arm/fx", "N"),
         ("cfrc_ext", "cfrc_ext/arm/tx", "N·m"),
+        ("cfrc_int", "cfrc_int/arm/fz", "N"),
+        ("cfrc_int", "cfrc_int/arm/tz", "N·m"),
+        ("cacc", "cacc/arm/wx", "rad/s²"),
+        ("cacc", "cacc/arm/vx", "m/s²"),
+        ("xfrc_applied", "xfrc_applied/arm/fx", "N"),
+        ("xfrc_applied", "xfrc_applied/arm/tx", "N·m"),
+        ("qfrc_inverse", "qfrc_inverse/turn", "N·m"),
         ("sensordata", "sensordata/gyro/x", "rad/s"),
     ],
 )
 def test_a_column_has_its_unit(field: str, name: str, unit: str) -> None:
     assert {column.name: column.unit for column in field_probe(MODEL, field).columns}[name] == unit
+
+
+def test_what_is_applied_to_a_body_is_called_what_it_does_to_it() -> None:
+    data = moved()
+    body = MODEL.body("cart").id
+    data.xfrc_applied[body] = [2, 0, 0, 0, 7, 0]
+    found = measured("xfrc_applied", data)
+    assert {name: value for name, value in found.items() if value} == {
+        "xfrc_applied/cart/fx": 2,
+        "xfrc_applied/cart/ty": 7,
+    }
+    pushed = np.zeros(MODEL.nv)
+    force, torque = ([found[f"xfrc_applied/cart/{part}{axis}"] for axis in "xyz"] for part in "ft")
+    mujoco.mj_applyFT(MODEL, data, np.array(force), np.array(torque), data.xipos[body], body, pushed)
+    assert pushed[MODEL.joint("rail").dofadr[0]] == 2
+
+
+def test_spatial_forces_and_motions_are_called_by_what_they_are() -> None:
+    model = mujoco.MjModel.from_xml_string(
+        '<mujoco><worldbody><body name="b"><freejoint/><geom size=".1"/></body></worldbody></mujoco>'
+    )
+    data = mujoco.MjData(model)
+    data.qvel[:] = [1, 2, 3, 4, 5, 6]
+    data.xfrc_applied[1] = [10, 20, 30, 1, 2, 3]
+    mujoco.mj_forward(model, data)
+    found = {}
+    for field in ("cvel", "cfrc_ext"):
+        probe = field_probe(model, field)
+        values = probe.at(model, data) if probe.at else probe.compute({field: getattr(data, field)[None]})[0]
+        found |= dict(zip([column.name for column in probe.columns], values, strict=True))
+    assert [found[f"cvel/b/v{axis}"] for axis in "xyz"] == pytest.approx([1, 2, 3])
+    assert [found[f"cvel/b/w{axis}"] for axis in "xyz"] == pytest.approx([4, 5, 6])
+    assert [found[f"cfrc_ext/b/f{axis}"] for axis in "xyz"] == pytest.approx([10, 20, 30])
+    assert [found[f"cfrc_ext/b/t{axis}"] for axis in "xyz"] == pytest.approx([1, 2, 3])
+
+
+@pytest.mark.parametrize("field", sorted(LAZY))
+def test_a_field_that_a_step_leaves_out_is_computed_and_the_instant_is_left_alone(field: str) -> None:
+    data = moved()
+    before = {name: np.array(getattr(data, name)) for name in extents()}
+    found = np.array(list(measured(field, data).values()))
+    assert all(np.array_equal(getattr(data, name), values, equal_nan=True) for name, values in before.items())
+    assert found.any()
+    assert not before[field].any()
+
+
+def test_a_field_that_is_offered_belongs_to_the_instant_and_not_to_the_step_before() -> None:
+    for integrator in (mujoco.mjtIntegrator.mjINT_EULER, mujoco.mjtIntegrator.mjINT_IMPLICIT):
+        model = copy.copy(MODEL)
+        model.opt.integrator = int(integrator)
+        model.dof_damping[:] = 0.1
+        stepped, fresh = mujoco.MjData(model), mujoco.MjData(model)
+        stepped.ctrl[:] = [0.5, 2]
+        mujoco.mj_step(model, stepped, nstep=50)
+        state.restore(model, fresh, state.save(model, stepped))
+        for data in (stepped, fresh):
+            mujoco.mj_forward(model, data)
+        for field in extents():
+            assert np.array_equal(getattr(stepped, field), getattr(fresh, field), equal_nan=True), field
+        assert any(not np.array_equal(getattr(stepped, name), getattr(fresh, name)) for name in ("qH", "qLU"))
 
 
 def test_a_column_knows_its_object() -> None:

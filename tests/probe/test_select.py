@@ -47,6 +47,8 @@ def found(*asked: str) -> list[str]:
         (["contact/geom:1/skin"], ["contact/geom:1/skin"]),
         (["act"], []),
         (["time_is_not", "qpos"][1:], ["qpos/left_hip", "qpos/left_knee", "qpos/right_hip"]),
+        (["time"], []),
+        (["qpos/left_hip", "time", "time"], ["qpos/left_hip"]),
     ],
 )
 def test_what_is_asked_for_is_what_is_measured(asked: list[str], columns: list[str]) -> None:
@@ -82,6 +84,9 @@ def test_a_list_is_split_at_commas_outside_brackets(text: str, parts: list[str])
         (["qpos", "qpos[left_hip]"], "--probe: 'qpos' and 'qpos[left_hip]' both give 'qpos/left_hip'"),
         (["qpos["], "no probe 'qpos['"),
         (["contact_frce"], "did you mean 'contact_force'"),
+        (["qLU"], "qLU cannot be measured at an instant: an integrator computes it in the middle of a step"),
+        (["plugin_data[0]"], "plugin_data cannot be measured at an instant: it holds addresses in memory"),
+        (["time/s"], "no probe 'time'"),
         (
             ["contact/left/rihgt"],
             "no object 'rihgt' (did you mean 'right'?)\nbodies and geoms: world, left, right, skin",
