@@ -12,6 +12,7 @@ import numpy as np
 from mjrun.errors import BadValueError, UnknownNameError, UsageError, clean, listing
 from mjrun.export.labels import labels_beside
 from mjrun.job.decors import Additions, additions
+from mjrun.job.simulation import lone
 from mjrun.render.backend import Backend, Search, VulkanSearch
 from mjrun.render.classic import ClassicRenderer, check_size
 from mjrun.render.course import Course
@@ -83,6 +84,10 @@ class Drawing:
     command: str = ""
 
     def __post_init__(self) -> None:
+        lone(self, "trail", "ghost")
+        size = tuple(self.size) if not isinstance(self.size, str) else ()
+        if len(size) != 2 or any(not isinstance(side, (int, np.integer)) or side < 1 for side in size):
+            raise BadValueError("size", self.size, "a width and a height in pixels, as in (640, 480)")
         for what, given, valid in (
             ("view", self.views, VIEWS),
             ("layout", (self.layout,), LAYOUTS),

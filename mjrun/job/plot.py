@@ -14,7 +14,7 @@ from mjrun.export.image_format import image_format
 from mjrun.job.drawing import tags
 from mjrun.job.manifest import origin
 from mjrun.job.report import Reporter
-from mjrun.job.simulation import Simulation
+from mjrun.job.simulation import Simulation, lone
 from mjrun.job.table import Gathered, Rows, Table
 from mjrun.job.trace import rows
 from mjrun.job.work import Ground, Made, Outline, Work, perform
@@ -55,6 +55,7 @@ class Plot:
     command: str = ""
 
     def __post_init__(self) -> None:
+        lone(self, "probes")
         if not self.probes:
             raise UsageError("a plot needs values: energy, qpos[left_*], …")
         width, height = self.size

@@ -6,6 +6,7 @@ from dataclasses import KW_ONLY, dataclass, field
 from fractions import Fraction
 from functools import cached_property
 from pathlib import Path
+from typing import Any
 
 import mujoco
 
@@ -189,6 +190,13 @@ class Simulation:
             raise UsageError(f"--ctrl and {clean(str(path))} both drive {listing(twice)}")
         constant = {i for of in held.values() for i in of}
         return ControlTable(model, columns, str(path), self.ctrl_interpolation == "linear", constant)
+
+
+def lone(job: Any, *names: str) -> None:
+    """Makes a lone text in these fields of a frozen dataclass a list of one: it is a sequence too, of its letters."""
+    for name in names:
+        if isinstance(given := getattr(job, name), str):
+            object.__setattr__(job, name, (given,))
 
 
 def positive(what: str, value: float | str | Fraction) -> Fraction:

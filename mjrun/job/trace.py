@@ -11,7 +11,7 @@ from mjrun.errors import UsageError
 from mjrun.export.table import TableWriter, table_format
 from mjrun.job.manifest import origin
 from mjrun.job.report import Reporter
-from mjrun.job.simulation import Simulation, positive
+from mjrun.job.simulation import Simulation, lone, positive
 from mjrun.job.table import TIME, Gathered, Rows, Table, repeated
 from mjrun.job.work import Ground, Made, Outline, Work, perform
 from mjrun.model.column import Column
@@ -55,6 +55,9 @@ class Trace:
     contacts: str | None = None
     manifest: str | None = None
     command: str = ""
+
+    def __post_init__(self) -> None:
+        lone(self, "probes", "asserts")
 
     @property
     def files(self) -> list[tuple[str, str]]:

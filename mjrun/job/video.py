@@ -20,7 +20,7 @@ from mjrun.job.manifest import origin
 from mjrun.job.overlay import Values, blank, gauges
 from mjrun.job.pacing import Pacing, events, pacing
 from mjrun.job.report import Reporter
-from mjrun.job.simulation import Simulation, positive
+from mjrun.job.simulation import Simulation, lone, positive
 from mjrun.job.work import Ground, Made, Outline, Work, perform
 from mjrun.model.pixels import MOST
 from mjrun.render.cores import AUTO
@@ -65,6 +65,7 @@ class Video(Drawing):
 
     def __post_init__(self) -> None:
         super().__post_init__()
+        lone(self, "plot")
         if self.plot_side not in SIDES:
             raise UnknownNameError("side", self.plot_side, SIDES, where="--plot-side")
         if self.plot and self.separate:

@@ -250,3 +250,19 @@ def test_a_recording_of_other_physics_is_told(swing: Path, tmp_path: Path, chang
         warnings.simplefilter("always")
         again.run()
     assert any("other physics" in str(warning.message) for warning in heard) == told
+
+
+def test_a_lone_text_is_a_list_of_one(swing: Path, tmp_path: Path) -> None:
+    simulation, out = Simulation(swing, duration=0.1), f"{tmp_path}/out"
+    trace = Trace(simulation, f"{out}.csv", probes="energy", asserts="max(time) < 1")
+    assert (trace.probes, trace.asserts) == (("energy",), ("max(time) < 1",))
+    assert len(trace.run().assertions) == 1
+    assert Plot(simulation, f"{out}.png", probes="energy").probes == ("energy",)
+    video = Video(simulation, f"{out}.mp4", plot="energy", trail="box", ghost="opacity=.5", size=SIZE)
+    assert (video.plot, video.trail, video.ghost) == (("energy",), ("box",), ("opacity=.5",))
+
+
+@pytest.mark.parametrize("size", ["64x48", (64,), (64, 0), (64, 48.5), (64, "48")])
+def test_a_size_that_is_none_is_told_at_once(swing: Path, size: Any) -> None:
+    with pytest.raises(UsageError, match=r"size: .* is not a width and a height in pixels"):
+        Image(Simulation(swing), "a.png", size=size)
