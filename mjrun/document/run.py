@@ -101,7 +101,7 @@ class Orders:
         try:
             yield
         except UsageError as error:
-            found = error if isinstance(error, JobsError) else error.__cause__
+            found = error if isinstance(error, JobsError) else error.__cause__  # a lone one is raised as itself
             if not isinstance(found, JobsError):
                 raise
             raise document_error(self._fault(*fault) for fault in found.faults) from error

@@ -84,12 +84,11 @@ class FilmWriter:
             raise self._failure() from None
         self.written += 1
 
-    def publish(self) -> list[Path]:
-        """Ends the film, checks that it has every frame, puts it in its place, and says which files that is.
+    def end(self) -> None:
+        """Waits until the encoder has written the last frame.
 
         Raises:
-          EncoderError: the encoder failed, or frames are missing.
-          FileError: the film cannot be put in its place.
+          EncoderError: it failed.
         """
         assert self._child.stdin
         try:
@@ -99,6 +98,15 @@ class FilmWriter:
         if self._child.wait() != 0:
             raise self._failure()
         self._drain.join()
+
+    def publish(self) -> list[Path]:
+        """Ends the film, checks that it has every frame, puts it in its place, and says which files that is.
+
+        Raises:
+          EncoderError: the encoder failed, or frames are missing.
+          FileError: the film cannot be put in its place.
+        """
+        self.end()
         self._check()
         return self._target.publish()
 

@@ -12,6 +12,7 @@ import numpy as np
 from mjrun.errors import BadValueError, UnknownNameError, UsageError, clean, listing
 from mjrun.export.labels import labels_beside
 from mjrun.job.decors import Additions, additions
+from mjrun.job.outputs import named
 from mjrun.job.simulation import lone
 from mjrun.render.backend import Backend, Search, VulkanSearch
 from mjrun.render.classic import ClassicRenderer, check_size
@@ -159,8 +160,8 @@ class Drawing:
         """The files of `output`: one for each view if they are separate, what explains ids, and what stands beside."""
         files = [path for path, _ in self.outputs(output)]
         labels = [labels_beside(path) for path, panels in self.outputs(output) if [p.view for p in panels] == ["seg"]]
-        beside = [(key, path) for key in ("calibration", "manifest") if (path := getattr(self, key)) is not None]
-        return [*(("output", path) for path in [*files, *labels] if output != "-"), *beside]
+        made = [("output", path) for path in [*files, *labels] if output != "-"]
+        return [*made, *named(self, "calibration", "manifest")]
 
     def streams(self, with_legend: bool, overlay: Overlay) -> list[Stream]:
         """The frames of each output.

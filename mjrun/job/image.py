@@ -17,6 +17,7 @@ from mjrun.job.calibration import Calibration
 from mjrun.job.drawing import Drawing, painter, tags, unused
 from mjrun.job.happening import conditions, time_of
 from mjrun.job.manifest import origin
+from mjrun.job.outputs import named
 from mjrun.job.overlay import Values, blank, gauges
 from mjrun.job.pacing import events, shot_spans
 from mjrun.job.report import Reporter
@@ -73,8 +74,7 @@ class Image(Drawing):
     @property
     def files(self) -> list[tuple[str, str]]:
         """Every file that it writes, with what it is."""
-        cloud = [] if self.pointcloud is None else [("pointcloud", self.pointcloud)]
-        return [*self.written(self.output), *cloud]
+        return [*self.written(self.output), *named(self, "pointcloud")]
 
     def run(self, reporter: Reporter | None = None) -> "ImageResult":
         """Makes the still. What can fail early fails before the first step.

@@ -10,6 +10,11 @@ from mjrun.errors import UsageError, clean
 _NUMBER = re.compile(r"%[0-9]*d")  # of a frame, in a pattern such as frame_%04d.png
 
 
+def named(job: object, *keys: str) -> list[tuple[str, str]]:
+    """The files that these fields of a job name, each with the field; without those that are None."""
+    return [(key, path) for key in keys if (path := getattr(job, key)) is not None]
+
+
 class Taken:
     """Files that are spoken for."""
 

@@ -13,6 +13,7 @@ from mjrun.export.image import ImageWriter
 from mjrun.export.image_format import image_format
 from mjrun.job.drawing import tags
 from mjrun.job.manifest import origin
+from mjrun.job.outputs import named
 from mjrun.job.report import Reporter
 from mjrun.job.simulation import Simulation, lone
 from mjrun.job.table import Gathered, Rows, Table
@@ -66,7 +67,7 @@ class Plot:
     @property
     def files(self) -> list[tuple[str, str]]:
         """Every file that it writes, with what it is."""
-        return [(key, path) for key in ("output", "manifest") if (path := getattr(self, key)) is not None]
+        return named(self, "output", "manifest")
 
     def run(self, reporter: Reporter | None = None) -> "PlotResult":
         """Makes the plot. What can fail early fails before the first step.

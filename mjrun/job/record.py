@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 from mjrun.export.recording import RecordingWriter
 from mjrun.job.manifest import origin
+from mjrun.job.outputs import named
 from mjrun.job.report import Reporter
 from mjrun.job.simulation import Simulation
 from mjrun.job.work import Ground, Made, Outline, Work, perform
@@ -36,7 +37,7 @@ class Record:
     @property
     def files(self) -> list[tuple[str, str]]:
         """Every file that it writes, with what it is."""
-        return [(key, path) for key in ("output", "manifest") if (path := getattr(self, key)) is not None]
+        return named(self, "output", "manifest")
 
     def run(self, reporter: Reporter | None = None) -> "RecordResult":
         """Makes the recording. What can fail early fails before the first step.

@@ -10,6 +10,7 @@ from fractions import Fraction
 from mjrun.errors import UsageError
 from mjrun.export.table import TableWriter, table_format
 from mjrun.job.manifest import origin
+from mjrun.job.outputs import named
 from mjrun.job.report import Reporter
 from mjrun.job.simulation import Simulation, lone, positive
 from mjrun.job.table import TIME, Gathered, Rows, Table, repeated
@@ -62,7 +63,7 @@ class Trace:
     @property
     def files(self) -> list[tuple[str, str]]:
         """Every file that it writes, with what it is."""
-        return [(key, path) for key in ("output", "contacts", "manifest") if (path := getattr(self, key)) is not None]
+        return named(self, "output", "contacts", "manifest")
 
     def run(self, reporter: Reporter | None = None) -> "TraceResult":
         """Makes the trace. What can fail early fails before the first step.

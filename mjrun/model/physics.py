@@ -5,8 +5,9 @@ import hashlib
 import mujoco
 import numpy as np
 
-# Arrays of MjModel that only pictures, starts and names are made of.
+# Arrays of MjModel that only pictures, starts and names are made of, and how many of them there are.
 LOOKS = ("cam_", "key_", "light_", "mat_", "name_", "names", "paths", "skin_", "tex_", "text_")
+LOOKS += ("nbuffer", "ncam", "nkey", "nlight", "nmat", "nnames", "npaths", "nskin", "ntex", "signature")
 LOOKS_OF_PARTS = ("_rgba", "_group", "_matid", "_texcoord", "_texcoordadr", "_texcoordnum")
 
 
