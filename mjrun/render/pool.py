@@ -30,7 +30,8 @@ AHEAD = 2  # frames a process has been given: one to draw, one to go on with
 SLOTS = 3  # frames in memory per process; the third waits for its turn
 
 # Read when Mesa and OpenBLAS are loaded: one thread each, since there is a process per core.
-ENVIRONMENT = {"LP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
+# And by MuJoCo as it is imported, which else imports GLFW, and that starts a process to look for its library.
+ENVIRONMENT = {"LP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "MUJOCO_GL": "disable"}
 BOOT = (
     "import sys; sys.path[:] = sys.argv[5:]; from mjrun.render.worker import work; "
     "work(*map(int, sys.argv[1:4]), sys.argv[4])"

@@ -60,6 +60,10 @@ class Adding:
     def close(self) -> None:
         pass
 
+    def windows(self) -> bool:
+        """Whether anything that opens windows was imported."""
+        return "mujoco" not in sys.modules or "glfw" in sys.modules
+
     def process(self) -> int:
         """Where it draws."""
         self._do(ASKED)

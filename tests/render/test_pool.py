@@ -104,6 +104,14 @@ def test_processes_that_are_not_needed_end_at_once(wait: float) -> None:
     assert not children()
 
 
+def test_processes_import_no_windows(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv("MUJOCO_GL")
+    with Pool(Adding(), SHAPE, Crew(2, "mjrun.render.painter"), np.int64) as pool:
+        for _ in pool.frames(STATES):
+            pool.ask("windows")
+        assert pool.answer is False
+
+
 def test_a_module_that_is_not_there_is_told_with_the_painter_s_own_words() -> None:
     with Pool(Adding(), SHAPE, Crew(2, "nowhere.at.all"), np.int64) as pool:
         assert len([*pool.frames(STATES)]) == len(STATES)
