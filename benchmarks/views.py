@@ -13,12 +13,12 @@ from pathlib import Path
 
 import mujoco
 
+from mjrun.camera.argument import script
+from mjrun.camera.motion import CameraMotion
 from mjrun.job.simulation import Simulation
 from mjrun.render.backend import Backend, Search
 from mjrun.render.classic import ClassicRenderer
-from mjrun.render.course import Course
 from mjrun.render.segmentation import Segmentation
-from mjrun.render.spec import script
 from mjrun.render.visual import Visual
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -36,7 +36,7 @@ def cost(model: mujoco.MjModel, size: tuple[int, int], backend: Backend, case: s
     """The median of seconds per frame, after a frame that compiles shaders."""
     quality, views = CASES[case]
     state = Simulation(model).stepper(model).state()
-    free = Course(script("free", model), model, size).pose(state)
+    free = CameraMotion(script("free", model), model, size).pose(state)
     found = []
     with ClassicRenderer(model, size, backend, Visual(quality=quality), Segmentation(model)) as renderer:
         for _ in range(frames + 1):

@@ -19,41 +19,41 @@ from typing import TYPE_CHECKING
 from mjrun.version import __version__
 
 if TYPE_CHECKING:
+    from mjrun.bench.bench import Bench as Bench
+    from mjrun.bench.results import BenchResult as BenchResult
+    from mjrun.check.check import Check as Check
+    from mjrun.check.check import CheckResult as CheckResult
     from mjrun.document.camera import read_camera as read_camera
-    from mjrun.job.bench import Bench as Bench
-    from mjrun.job.check import Check as Check
-    from mjrun.job.check import CheckResult as CheckResult
     from mjrun.job.image import Image as Image
     from mjrun.job.image import ImageResult as ImageResult
-    from mjrun.job.info import Info as Info
-    from mjrun.job.info import InfoResult as InfoResult
-    from mjrun.job.measuring.results import BenchResult as BenchResult
+    from mjrun.job.perform import perform as perform
     from mjrun.job.plot import Plot as Plot
     from mjrun.job.plot import PlotResult as PlotResult
-    from mjrun.job.record import Record as Record
-    from mjrun.job.record import RecordResult as RecordResult
+    from mjrun.job.recording import Recording as Recording
+    from mjrun.job.recording import RecordingResult as RecordingResult
     from mjrun.job.simulation import Simulation as Simulation
     from mjrun.job.trace import Trace as Trace
     from mjrun.job.trace import TraceResult as TraceResult
     from mjrun.job.video import Video as Video
     from mjrun.job.video import VideoResult as VideoResult
-    from mjrun.job.work import perform as perform
+    from mjrun.model.info import Info as Info
+    from mjrun.model.info import InfoResult as InfoResult
     from mjrun.model.load import load as load
     from mjrun.render.visual import Visual as Visual
 
 _HOMES = {
     "Image": "mjrun.job.image",
     "ImageResult": "mjrun.job.image",
-    "Bench": "mjrun.job.bench",
-    "BenchResult": "mjrun.job.measuring.results",
-    "Check": "mjrun.job.check",
-    "CheckResult": "mjrun.job.check",
-    "Info": "mjrun.job.info",
-    "InfoResult": "mjrun.job.info",
+    "Bench": "mjrun.bench.bench",
+    "BenchResult": "mjrun.bench.results",
+    "Check": "mjrun.check.check",
+    "CheckResult": "mjrun.check.check",
+    "Info": "mjrun.model.info",
+    "InfoResult": "mjrun.model.info",
     "Plot": "mjrun.job.plot",
     "PlotResult": "mjrun.job.plot",
-    "Record": "mjrun.job.record",
-    "RecordResult": "mjrun.job.record",
+    "Recording": "mjrun.job.recording",
+    "RecordingResult": "mjrun.job.recording",
     "Simulation": "mjrun.job.simulation",
     "Trace": "mjrun.job.trace",
     "TraceResult": "mjrun.job.trace",
@@ -61,7 +61,7 @@ _HOMES = {
     "VideoResult": "mjrun.job.video",
     "Visual": "mjrun.render.visual",
     "load": "mjrun.model.load",
-    "perform": "mjrun.job.work",
+    "perform": "mjrun.job.perform",
     "read_camera": "mjrun.document.camera",
 }
 
@@ -76,8 +76,8 @@ __all__ = [
     "InfoResult",
     "Plot",
     "PlotResult",
-    "Record",
-    "RecordResult",
+    "Recording",
+    "RecordingResult",
     "Simulation",
     "Trace",
     "TraceResult",

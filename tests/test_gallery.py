@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import pytest
 
 from mjrun.document.camera import read_camera
-from mjrun.document.schema import schema
+from mjrun.document.json_schema import schema
 
 if TYPE_CHECKING:
     from tests.conftest import Command

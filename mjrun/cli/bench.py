@@ -13,9 +13,9 @@ from mjrun.cli.console import Console
 from mjrun.errors import BadValueError, FileError, UsageError
 
 if TYPE_CHECKING:
-    from mjrun.job.bench import Bench
-    from mjrun.job.drawing import Drawing
-    from mjrun.job.measuring.results import BenchResult
+    from mjrun.bench.bench import Bench
+    from mjrun.bench.results import BenchResult
+    from mjrun.job.view import Drawing
 
 SUMMARY = "GITHUB_STEP_SUMMARY"
 SLOWER, PARTLY = 1, 8  # exit codes
@@ -70,7 +70,7 @@ def _code(result: "BenchResult", limited: bool) -> int:
 
 
 def _job(console: Console, given: dict[str, Any]) -> "Bench":
-    from mjrun.job.bench import Bench
+    from mjrun.bench.bench import Bench
 
     if given["fail_above"] is not None and given["compare"] is None:
         raise UsageError("--fail-above is the limit of a comparison; name the base with --compare FILE")
@@ -89,7 +89,7 @@ def _job(console: Console, given: dict[str, Any]) -> "Bench":
 
 
 def _scan(given: list[tuple[str, str]]) -> dict[str, list[str]]:
-    from mjrun.job.measuring.grid import scan_values
+    from mjrun.sim.parameter_grid import scan_values
 
     found: dict[str, list[str]] = {}
     for path, text in given:
@@ -109,7 +109,7 @@ def _count(word: str) -> int | str:
 
 def _drawings(given: dict[str, Any]) -> list["Drawing"]:
     """Every combination of size, view, quality and renderer."""
-    from mjrun.job.drawing import SIZE, Drawing
+    from mjrun.job.view import SIZE, Drawing
     from mjrun.render.visual import Visual
 
     several = {name: given[name] for name in ("sizes", "views", "qualities", "renderers")}

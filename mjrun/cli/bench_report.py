@@ -9,10 +9,10 @@ from mjrun.cli import bench_table
 from mjrun.errors import clean
 
 if TYPE_CHECKING:
-    from mjrun.job.measuring.drawing import Frame
-    from mjrun.job.measuring.results import Accuracy, BenchResult, Row
-    from mjrun.job.statistics import Stat
-    from mjrun.sim.phases import Phase
+    from mjrun.bench.frame_timing import Frame
+    from mjrun.bench.results import Accuracy, BenchResult, Row
+    from mjrun.bench.statistics import Stat
+    from mjrun.bench.step_phases import Phase
 
 UNITS = ((1.0, "s"), (1e-3, "ms"), (1e-6, "µs"), (1e-9, "ns"))
 BYTES = ((10**9, "GB"), (10**6, "MB"), (10**3, "kB"))

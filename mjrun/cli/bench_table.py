@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 from mjrun.errors import clean
 
 if TYPE_CHECKING:
-    from mjrun.job.measuring.results import BenchResult, Row
-    from mjrun.sim.phases import Phase
+    from mjrun.bench.results import BenchResult, Row
+    from mjrun.bench.step_phases import Phase
 
 
 def table(result: "BenchResult") -> str:

@@ -10,7 +10,7 @@ from mjrun.cli.console import Console
 from mjrun.errors import UsageError
 
 if TYPE_CHECKING:
-    from mjrun.job.check import CheckResult
+    from mjrun.check.check import CheckResult
 
 FORMS = ("json", "sarif", "github")
 
@@ -26,7 +26,7 @@ def command(console: Console, /, as_json: bool, **given: Any) -> None:
     \b
     mjrun check scene.xml
     mjrun check models/ --fail-on warning --ignore MJ201,MJ3
-    mjrun check models/**/*.xml --sarif > findings.sarif
+    mjrun check models/**/*.xml --sarif > check_report.sarif
 
     Each model is looked at in a process of its own, within limits of time and memory. Exits with 1 when something at
     or above --fail-on is found, and with 3 when a model does not load.
@@ -47,7 +47,7 @@ def command(console: Console, /, as_json: bool, **given: Any) -> None:
 
 
 def _checked(console: Console, given: dict[str, Any]) -> "CheckResult":
-    from mjrun.job.check import Check
+    from mjrun.check.check import Check
 
     same = ("models", "fail_on", "steps", "memory", "jobs")
     job = Check(
@@ -60,26 +60,26 @@ def _checked(console: Console, given: dict[str, Any]) -> "CheckResult":
 
 
 def _show(console: Console, given: dict[str, Any], result: "CheckResult") -> None:
-    from mjrun.cli import findings
+    from mjrun.cli import check_report
 
     if given["json"]:
-        console.document(findings.document(result))
+        console.document(check_report.document(result))
     elif given["sarif"]:
-        console.document(findings.sarif(result))
-        console.say(findings.summary(result))
+        console.document(check_report.sarif(result))
+        console.say(check_report.summary(result))
     elif given["github"]:
-        for line in findings.annotations(result):
+        for line in check_report.annotations(result):
             console.result(line)
-        console.say(findings.summary(result))
+        console.say(check_report.summary(result))
     else:
-        for line in findings.lines(result):
+        for line in check_report.lines(result):
             console.result(line)
         if console.verbosity >= 0:
-            console.result(findings.summary(result))
+            console.result(check_report.summary(result))
 
 
 def _show_rules(console: Console, as_json: bool) -> None:
-    from mjrun.model.lint.rules import RULES
+    from mjrun.check.rule_table import RULES
 
     if as_json:
         console.document(

@@ -11,7 +11,7 @@ from mjrun.cli.console import Console
 from mjrun.errors import EncoderError, RendererError, clean
 
 if TYPE_CHECKING:
-    from mjrun.job.doctor import Examination
+    from mjrun.doctor import Examination
 
 MARKS = {"ok": "✓", "warning": "!", "missing": "✗"}
 NOT_NEEDED = "·"
@@ -28,7 +28,7 @@ def command(console: Console, /, as_json: bool) -> None:
     """
     console.guard_stdout()
     values.import_mujoco()
-    from mjrun.job.doctor import examine
+    from mjrun.doctor import examine
 
     found = examine()
     if as_json:

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from mjrun.cli import options, sentences, values
+from mjrun.cli import options, summaries, values
 from mjrun.cli.console import Console
 from mjrun.errors import UsageError
 
@@ -39,9 +39,9 @@ def command(console: Console, /, as_json: bool, **given: Any) -> None:
     if as_json:
         console.document(asdict(result))
     elif piped:
-        console.say(sentences.still(result))
+        console.say(summaries.still(result))
     elif console.verbosity >= 0:
-        console.result(sentences.still(result))
+        console.result(summaries.still(result))
 
 
 def _make(console: Console, given: dict[str, Any]) -> "ImageResult":

@@ -7,14 +7,14 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from mjrun.cli import options, values
-from mjrun.cli.columns import show_columns
+from mjrun.cli.column_list import show_columns
 from mjrun.cli.console import Console
-from mjrun.cli.info_lines import LINES
+from mjrun.cli.info_summary import LINES
 from mjrun.cli.info_tables import TABLES
 from mjrun.errors import UsageError, clean
 
 if TYPE_CHECKING:
-    from mjrun.job.info import InfoResult
+    from mjrun.model.info import InfoResult
 
 DETAILS = ("geoms", "sites", "lights", "visual", "statistics")  # shown only when asked for
 ROWS = 24  # of one section that are shown when it is not asked for
@@ -45,7 +45,7 @@ def command(console: Console, /, as_json: bool, **given: Any) -> None:
             raise UsageError("--columns lists the columns of a trace, and has no sections")
         show_columns(console, values.source(given), as_json)
         return
-    from mjrun.job.info import Info
+    from mjrun.model.info import Info
 
     result = Info(values.source(given), given["sections"]).run(console)
     if as_json:
@@ -56,7 +56,7 @@ def command(console: Console, /, as_json: bool, **given: Any) -> None:
 
 def _page(result: "InfoResult", asked: bool, model: str) -> str:
     """All that was found as text; when no section was asked for, long ones are cut, and details only named."""
-    from mjrun.cli.info_page import Page
+    from mjrun.cli.info_layout import Page
 
     page, again = Page(), f"mjrun info {clean(shlex.quote(model))}"
     details = []

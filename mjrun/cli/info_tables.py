@@ -5,7 +5,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from mjrun.cli.info_cells import (
+from mjrun.cli.info_actuators_sensors_cameras import DEVICES
+from mjrun.cli.info_formatting import (
     Column,
     common,
     names,
@@ -20,11 +21,10 @@ from mjrun.cli.info_cells import (
     vector,
     vectors,
 )
-from mjrun.cli.info_devices import DEVICES
 from mjrun.errors import clean
 
 if TYPE_CHECKING:
-    from mjrun.model.describe import Asset, Body, Equality, Geom, Keyframe, Setting, Tendon
+    from mjrun.model.description.model import Asset, Body, Equality, Geom, Keyframe, Setting, Tendon
 
 # The unit of what a joint or a tendon resists with, by the unit of its position.
 STIFFNESS = {"rad": "N·m/rad", "m": "N/m"}

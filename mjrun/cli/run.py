@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from mjrun.cli import options, sentences, values
-from mjrun.cli.code import controller
+from mjrun.cli import options, summaries, values
 from mjrun.cli.console import Console
+from mjrun.cli.controller_loader import controller
 from mjrun.errors import FileError, clean
 
 if TYPE_CHECKING:
@@ -33,7 +33,7 @@ def command(console: Console, /, as_json: bool, **given: Any) -> None:
     """
     console.guard_stdout()
     values.import_mujoco()
-    from mjrun.job.work import perform, planned
+    from mjrun.job.perform import perform, planned
 
     orders = _orders(console, given)
     with orders.located():
@@ -46,7 +46,7 @@ def command(console: Console, /, as_json: bool, **given: Any) -> None:
         console.document(_document(results))
     elif console.verbosity >= 0:
         for result in results:
-            console.result(sentences.sentence(result))
+            console.result(summaries.sentence(result))
 
 
 def _document(results: Sequence[Any]) -> dict[str, Any]:

@@ -19,6 +19,6 @@ def command(console: Console, /, kind: str) -> None:
     """
     console.guard_stdout()
     values.import_mujoco()
-    from mjrun.document.schema import schema
+    from mjrun.document.json_schema import schema
 
     console.document(schema(kind))

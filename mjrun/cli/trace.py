@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from mjrun.cli import options, sentences, values
-from mjrun.cli.columns import show_columns
+from mjrun.cli import options, summaries, values
+from mjrun.cli.column_list import show_columns
 from mjrun.cli.console import Console
 from mjrun.errors import BadValueError, UsageError, clean, listing
 
@@ -45,7 +45,7 @@ def command(console: Console, /, as_json: bool, **given: Any) -> None:
     if as_json:
         console.document(asdict(result))
     elif not piped and console.verbosity >= 0:
-        console.result(sentences.trace(result))
+        console.result(summaries.trace(result))
 
 
 def _list(console: Console, given: dict[str, Any], as_json: bool) -> None:

@@ -9,15 +9,16 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from mjrun.cli.code import controller
 from mjrun.cli.console import Console
+from mjrun.cli.controller_loader import controller
 from mjrun.cli.options import GROUP_KINDS
 from mjrun.errors import MjrunError
 
 DOCUMENTS = (".yaml", ".yml")
 
 if TYPE_CHECKING:
-    from mjrun.job.simulation import Simulation, Source
+    from mjrun.job.simulation import Simulation
+    from mjrun.model.source import Source
     from mjrun.render.visual import Visual
 
 
@@ -35,8 +36,8 @@ def import_mujoco() -> None:
 
 def source(given: dict[str, Any]) -> "Source":
     """The model that `model_argument` and `model_options` describe."""
-    from mjrun.job.simulation import Source
     from mjrun.model.override import Setting
+    from mjrun.model.source import Source
 
     settings = [Setting(path, value) for path, value in given["settings"]]
     if given["integrator"]:
@@ -72,15 +73,15 @@ def simulation(given: dict[str, Any]) -> "Simulation":
 
 def perform(console: Console, given: dict[str, Any], job: Any) -> Any:
     """Does `job`, keeps a recording if one is asked for, and returns the job's result; or prints them, and stops."""
-    from mjrun.job.record import Record
-    from mjrun.job.work import perform
+    from mjrun.job.perform import perform
+    from mjrun.job.recording import Recording
 
     kept = []
     if given["recording"]:
         partial = given.get("keep_partial", False)
-        kept.append(Record(job.simulation, given["recording"], keep_partial=partial, command=console.command))
+        kept.append(Recording(job.simulation, given["recording"], keep_partial=partial, command=console.command))
     if given["print_document"]:
-        from mjrun.document.printing import document_text
+        from mjrun.document.run_writer import document_text
 
         console.result(document_text([job, *kept], console.command).rstrip("\n"))
         raise click.exceptions.Exit(0)

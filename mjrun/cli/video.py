@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from mjrun.cli import options, sentences, values
+from mjrun.cli import options, summaries, values
 from mjrun.cli.console import Console
 from mjrun.errors import UsageError
 
@@ -40,9 +40,9 @@ def command(console: Console, /, as_json: bool, **given: Any) -> None:
     if as_json:
         console.document(asdict(result))
     elif piped:
-        console.say(sentences.film(result))
+        console.say(summaries.film(result))
     elif console.verbosity >= 0:
-        console.result(sentences.film(result))
+        console.result(summaries.film(result))
     if console.verbosity > 0:
         console.note(f"simulated in {result.simulation_wall:.3f} s, drawn and encoded in {result.draw_wall:.3f} s")
 

@@ -17,12 +17,24 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, ConfigDict, Field, Tag
 
-from mjrun.document.form import MAPPING, NUMBER, TEXT, Among, Form, Loc, Maybe, Name, Positive, given_nothing, kinds
-from mjrun.document.reading import read
+from mjrun.camera import script
+from mjrun.camera.easing import BLENDS
+from mjrun.document.document_model import (
+    MAPPING,
+    NUMBER,
+    TEXT,
+    Among,
+    Form,
+    Loc,
+    Maybe,
+    Name,
+    Positive,
+    given_nothing,
+    kinds,
+)
+from mjrun.document.reader import read
 from mjrun.document.rigs import FreeOrEmpty, Look, OrbitOrEmpty, Path, PositiveSliding, Sliding, Track, maybe_ramp, ramp
 from mjrun.errors import near
-from mjrun.render import script
-from mjrun.render.ease import BLENDS
 from mjrun.timeline import rational
 
 RIGS = ("camera", "free", "orbit", "track", "look", "path")

@@ -5,7 +5,9 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field, Tag
 
-from mjrun.document.form import (
+from mjrun.camera import script
+from mjrun.camera.easing import EASINGS
+from mjrun.document.document_model import (
     LIST,
     MAPPING,
     NUMBER,
@@ -20,8 +22,6 @@ from mjrun.document.form import (
     given_nothing,
     kinds,
 )
-from mjrun.render import script
-from mjrun.render.ease import EASINGS
 
 Ease = Annotated[str, Among(tuple(EASINGS))]
 Place = Annotated[

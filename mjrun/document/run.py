@@ -23,18 +23,18 @@ from typing import Annotated, Any, TypeVar
 
 from pydantic import ConfigDict, Field, Tag
 
-from mjrun.document.files import WRITTEN, Files, Inside
-from mjrun.document.form import MAPPING, TEXT, Loc, Maybe, kinds
+from mjrun.document.document_model import MAPPING, TEXT, Loc, Maybe, kinds
+from mjrun.document.field_types import one_line
 from mjrun.document.machine import ANY, Machine
-from mjrun.document.making import Film, Graphs, Kept, Still, Table
-from mjrun.document.quantities import one_line
-from mjrun.document.reading import document_error, read_placed
+from mjrun.document.output_folder import WRITTEN, Files, Inside
+from mjrun.document.outputs import Film, Graphs, Kept, Still, Table
+from mjrun.document.reader import document_error, read_placed
 from mjrun.document.simulation import Simulated
 from mjrun.document.tree import Fault, Mapped, find, spelled, texts
 from mjrun.document.tree import Path as Place
 from mjrun.errors import DocumentError, JobsError, Problem, UsageError
+from mjrun.job.perform import Job
 from mjrun.job.simulation import Simulation
-from mjrun.job.work import Job
 
 MADE = ("films", "stills", "traces", "plots", "recording")
 NAMED = ("set", "qpos", "qvel", "ctrl")  # keys below which the model's own names stand

@@ -6,12 +6,13 @@ from typing import Annotated, Any
 
 from pydantic import Field, PlainValidator, Tag
 
-from mjrun.document.form import NUMBER, TEXT, Among, ComplaintError, Form, Loc, Maybe, Name, kinds
+from mjrun.document.document_model import NUMBER, TEXT, Among, ComplaintError, Form, Loc, Maybe, Name, kinds
+from mjrun.document.field_types import Exact, Numbers
 from mjrun.document.machine import Machine
-from mjrun.document.quantities import Exact, Numbers
-from mjrun.job.simulation import INTERPOLATIONS, Simulation, Source
+from mjrun.job.simulation import INTERPOLATIONS, Simulation
 from mjrun.model.names import members
 from mjrun.model.override import NAMED_INTEGERS, Setting
+from mjrun.model.source import Source
 
 INTEGRATORS = tuple(members(NAMED_INTEGERS["integrator"]))
 PHYSICS = ("key", "qpos", "qvel", "ctrl", "ctrl_from", "ctrl_noise", "perturb")  # nothing of it is in a replay

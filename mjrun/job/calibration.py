@@ -4,11 +4,11 @@ import os
 from collections.abc import Sequence
 from pathlib import Path
 
-from mjrun.export.calibration import CalibrationWriter, Exposure
-from mjrun.job.drawing import Drawing
-from mjrun.render.course import Course
-from mjrun.render.lens import lens
-from mjrun.render.pose import Pose
+from mjrun.camera.calibration import lens
+from mjrun.camera.motion import CameraMotion
+from mjrun.camera.pose import Pose
+from mjrun.formats.calibration import CalibrationWriter, Exposure
+from mjrun.job.view import Drawing
 
 FRAME = "%06d.png"  # in a folder
 
@@ -25,7 +25,7 @@ class Calibration:
       FileError: the file cannot be written.
     """
 
-    def __init__(self, job: Drawing, courses: Sequence[Course], output: str, numbers: bool) -> None:
+    def __init__(self, job: Drawing, courses: Sequence[CameraMotion], output: str, numbers: bool) -> None:
         assert job.calibration is not None
         self._here, self._size = Path(job.calibration).parent, job.size
         self._names = job.names

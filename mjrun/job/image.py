@@ -9,28 +9,28 @@ from pathlib import Path
 import mujoco
 import numpy as np
 
+from mjrun.camera.pose import Pose
+from mjrun.camera.script import Event
 from mjrun.errors import BadValueError, UsageError, clean
-from mjrun.export.image import ImageWriter
-from mjrun.export.image_format import image_format
-from mjrun.export.pointcloud import PointCloudWriter
+from mjrun.formats.image import ImageWriter
+from mjrun.formats.image_format import image_format
+from mjrun.formats.pointcloud import PointCloudWriter
 from mjrun.job.calibration import Calibration
-from mjrun.job.drawing import Drawing, painter, tags, unused
-from mjrun.job.happening import conditions, time_of
+from mjrun.job.event_detection import conditions, time_of
+from mjrun.job.frame_schedule import events, shot_spans
 from mjrun.job.manifest import origin
-from mjrun.job.outputs import named
+from mjrun.job.output_files import named
 from mjrun.job.overlay import Values, blank, gauges
-from mjrun.job.pacing import events, shot_spans
-from mjrun.job.report import Reporter
+from mjrun.job.perform import Artifact, Context, Preview, Work, perform
 from mjrun.job.simulation import Simulation
-from mjrun.job.work import Ground, Made, Outline, Work, perform
-from mjrun.model.picture import Picture
+from mjrun.job.view import Drawing, painter, tags, unused
+from mjrun.model.rendered_view import Picture
+from mjrun.render.compositor import Overlay, Panel, SceneCompositor, Stream, Style
 from mjrun.render.layout import layout_size
-from mjrun.render.painter import Overlay, Panel, ScenePainter, Stream, Style
-from mjrun.render.pose import Pose
-from mjrun.render.script import Event
 from mjrun.render.segmentation import Segmentation
+from mjrun.reporter import Reporter
 from mjrun.sim.observe import Tap
-from mjrun.sim.recording import Recording
+from mjrun.sim.state_buffer import StateBuffer
 from mjrun.timeline import Timeline, nearest, rational
 
 CLOUD = ("rgb", "depth")  # what a point cloud is made of
@@ -144,7 +144,7 @@ class StillWork(Work):
         self._row: list[Values] = []
         self._state: list[np.ndarray] = []
 
-    def plan(self, ground: Ground) -> None:
+    def plan(self, ground: Context) -> None:
         job, model = self._job, ground.model
         self._ground = ground
         self._scripts, self._courses = job.scripts(model), job.courses(model)
@@ -185,7 +185,7 @@ class StillWork(Work):
         self._cloud = _cloud(job, ground.model)
         if self._cloud:
             stack.enter_context(self._cloud)
-        self._path = stack.enter_context(Recording(ground.model))
+        self._path = stack.enter_context(StateBuffer(ground.model))
 
     def taps(self) -> Sequence[Tap]:
         """Keeps the state that is drawn, what is measured there, and the states on the path of trails."""
@@ -195,14 +195,14 @@ class StillWork(Work):
         taps.append(Tap(here, self._gauges.read, self._row.append))
         return taps
 
-    def outline(self) -> Outline:
+    def outline(self) -> Preview:
         output = self._outputs[0]
         when = "at an event" if self.conditions else f"at {float(self._timeline.duration):g} s"
         about = f"{output.format}, {when}, {' and '.join(self._job.names)}"
         size = _stream(self._job, output, Overlay()).size_of_frame
-        return Outline("still", self._job.output, 1, "picture", size, about)
+        return Preview("still", self._job.output, 1, "picture", size, about)
 
-    def finish(self, wall: float) -> Made:
+    def finish(self, wall: float) -> Artifact:
         job, (state,), moment = self._job, self._state, float(self._timeline.duration)
         size = layout_size(1 if job.separate else len(job.panels), job.size, job.layout)
         overlay = self._gauges.overlay(blank(size, job.corner), self._row, [self._step], [1.0], self._timeline)
@@ -230,7 +230,7 @@ class StillWork(Work):
             text = f"{clipped:.2%} of what is seen is farther than 65.535 m, the most that 16 bits hold"
             self._ground.reporter.warn(text)
         shown = streams[0].size_of_frame
-        return Made(self._facts, files, lambda total, heard: self._result(files, shown, clipped, total, heard))
+        return Artifact(self._facts, files, lambda total, heard: self._result(files, shown, clipped, total, heard))
 
     def _poses(self, state: np.ndarray, moment: float) -> list[Pose]:
         """Of each camera."""
@@ -293,7 +293,7 @@ def _stream(job: Image, output: _Output, overlay: Overlay) -> Stream:
 
 
 def _write(
-    output: _Output, stream: Stream, sink: ImageWriter, drawn: ScenePainter, pictures: Sequence[Picture]
+    output: _Output, stream: Stream, sink: ImageWriter, drawn: SceneCompositor, pictures: Sequence[Picture]
 ) -> None:
     picture = pictures[output.panels[0].camera]
     if output.view == "depth":

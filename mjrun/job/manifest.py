@@ -10,7 +10,8 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from mjrun.job.simulation import Simulation, Source
+from mjrun.job.simulation import Simulation
+from mjrun.model.source import Source
 from mjrun.timeline import Timeline
 from mjrun.version import __version__
 

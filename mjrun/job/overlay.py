@@ -7,11 +7,11 @@ import mujoco
 import numpy as np
 
 from mjrun.errors import UsageError, quoted
-from mjrun.job.captions import Template, template
-from mjrun.job.table import Table
+from mjrun.job.text_template import Template, template
+from mjrun.job.trace_rows import Table
 from mjrun.probe.select import catalogue, split
+from mjrun.render.compositor import Overlay
 from mjrun.render.graph import Graph, graph_size
-from mjrun.render.painter import Overlay
 from mjrun.sim.stepper import Stepper
 from mjrun.timeline import Timeline
 
@@ -19,7 +19,7 @@ Values = Sequence[np.ndarray]
 
 
 @dataclass(frozen=True)
-class Gauges:
+class OverlayProbes:
     """Measures what a template and plots show.
 
     Attributes:
@@ -75,7 +75,7 @@ class Gauges:
         return found
 
 
-def gauges(model: mujoco.MjModel, timeline: Timeline, text: str | None, plots: Sequence[str] = ()) -> Gauges:
+def gauges(model: mujoco.MjModel, timeline: Timeline, text: str | None, plots: Sequence[str] = ()) -> OverlayProbes:
     """What measures the values in `text` and those of each of `plots`.
 
     Raises:
@@ -88,7 +88,7 @@ def gauges(model: mujoco.MjModel, timeline: Timeline, text: str | None, plots: S
         tables.append(Table(tables[-1].model, split(plot), timeline))
         if len(tables[-1].columns) == 1:
             raise UsageError(f"--plot {quoted(plot)}: this model has none of it")
-    return Gauges(written, tables, tables[-1].model)
+    return OverlayProbes(written, tables, tables[-1].model)
 
 
 def blank(size: tuple[int, int], corner: str, plots: Sequence[str] = (), side: str = "under") -> Overlay:

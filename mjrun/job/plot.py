@@ -9,18 +9,18 @@ from pathlib import Path
 import numpy as np
 
 from mjrun.errors import BadValueError, UsageError, quoted
-from mjrun.export.image import ImageWriter
-from mjrun.export.image_format import image_format
-from mjrun.job.drawing import tags
+from mjrun.formats.image import ImageWriter
+from mjrun.formats.image_format import image_format
 from mjrun.job.manifest import origin
-from mjrun.job.outputs import named
-from mjrun.job.report import Reporter
+from mjrun.job.output_files import named
+from mjrun.job.perform import Artifact, Context, Preview, Work, perform
 from mjrun.job.simulation import Simulation, lone
-from mjrun.job.table import Gathered, Rows, Table
 from mjrun.job.trace import rows
-from mjrun.job.work import Ground, Made, Outline, Work, perform
+from mjrun.job.trace_rows import RowBuffer, Rows, Table
+from mjrun.job.view import tags
 from mjrun.probe.select import split
 from mjrun.render.graph import Graph
+from mjrun.reporter import Reporter
 from mjrun.sim.observe import Tap
 
 SIZE = (1280, 720)
@@ -108,7 +108,7 @@ class PlotWork(Work):
         self._job = job
         self._format = image_format(job.output, "rgb", job.format)
 
-    def plan(self, ground: Ground) -> None:
+    def plan(self, ground: Context) -> None:
         job = self._job
         self._ground, self.until = ground, ground.timeline.steps
         self._rows = rows(ground.timeline, job.every, job.rate)
@@ -127,17 +127,17 @@ class PlotWork(Work):
         sink = ImageWriter(job.output, "rgb", self._format, job.size, tags(job.output, self._facts))
         self._sink = stack.enter_context(sink)
         self._blocks: list[np.ndarray] = []
-        self._waiting = Gathered(self._table, self._rows, self._keep)
+        self._waiting = RowBuffer(self._table, self._rows, self._keep)
 
     def taps(self) -> Sequence[Tap]:
         """A sample at each of its instants."""
         return [Tap(self._rows, self._table.read, self._waiting.add)]
 
-    def outline(self) -> Outline:
+    def outline(self) -> Preview:
         about = f"{self._format}, {'; '.join(self._job.probes)}"
-        return Outline("plot", self._job.output, len(self._rows), "samples", self._job.size, about)
+        return Preview("plot", self._job.output, len(self._rows), "samples", self._job.size, about)
 
-    def finish(self, wall: float) -> Made:
+    def finish(self, wall: float) -> Artifact:
         self._waiting.flush()
         values = np.concatenate(self._blocks)
         index = {column.name: k for k, column in enumerate(self._table.columns)}
@@ -151,7 +151,7 @@ class PlotWork(Work):
             pictures.append(graph.draw(float(values[-1, 0])))
         self._sink.write(np.concatenate(pictures))
         files = self._sink.publish()
-        return Made(self._facts, files, lambda total, heard: self._result(len(values), total, heard))
+        return Artifact(self._facts, files, lambda total, heard: self._result(len(values), total, heard))
 
     def _keep(self, block: Rows) -> None:
         self._blocks.append(block.values)

@@ -11,16 +11,15 @@ from typing import Any
 import mujoco
 
 from mjrun.errors import BadValueError, UnknownNameError, UsageError, clean, listing
-from mjrun.export.reading import read_table
-from mjrun.export.replaying import RecordingFile
-from mjrun.model import faults
-from mjrun.model.load import load
+from mjrun.formats.recording_reader import RecordingFile
+from mjrun.formats.table_reader import read_table
+from mjrun.model import mujoco_bugs
 from mjrun.model.names import inputs, inputs_of
-from mjrun.model.override import Setting
-from mjrun.model.physics import fingerprint
+from mjrun.model.physics_fingerprint import fingerprint
+from mjrun.model.source import Source
 from mjrun.sim.control import PREFIX, Control, Controller, ControlTable, Feedback, Noise
+from mjrun.sim.initial_state import Start, Values
 from mjrun.sim.replay import ReplayStepper
-from mjrun.sim.start import Start, Values
 from mjrun.sim.stepper import PhysicsStepper, Stepper
 from mjrun.timeline import Timeline, rational
 
@@ -29,18 +28,6 @@ DURATION = Fraction(5)  # [s], when nothing is said
 # What only physics knows, unset.
 DRIVING = {**dict.fromkeys(("key", "ctrl_from", "controller")), **dict.fromkeys(("ctrl_noise", "perturb"), 0.0)}
 DRIVING |= {name: {} for name in ("qpos", "qvel", "ctrl")}
-
-
-@dataclass(frozen=True)
-class Source:
-    """A model file and the overrides to load it with."""
-
-    path: Path
-    settings: tuple[Setting, ...] = ()
-
-    def load(self) -> mujoco.MjModel:
-        """The compiled model."""
-        return load(self.path, overrides=self.settings)
 
 
 @dataclass(frozen=True)
@@ -167,7 +154,7 @@ class Simulation:
                 "the recording was made with other physics: positions are as recorded, "
                 "forces and energies are what this model makes of them"
             ]
-        return [*faults.of_model(model), *self.start.remarks(model), *other]
+        return [*mujoco_bugs.of_model(model), *self.start.remarks(model), *other]
 
     @cached_property
     def _recorded(self) -> RecordingFile:

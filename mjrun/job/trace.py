@@ -8,18 +8,18 @@ from dataclasses import dataclass
 from fractions import Fraction
 
 from mjrun.errors import UsageError
-from mjrun.export.table import TableWriter, table_format
+from mjrun.formats.table_writer import TableWriter, table_format
 from mjrun.job.manifest import origin
-from mjrun.job.outputs import named
-from mjrun.job.report import Reporter
+from mjrun.job.output_files import named
+from mjrun.job.perform import Artifact, Context, Preview, Work, perform
 from mjrun.job.simulation import Simulation, lone, positive
-from mjrun.job.table import TIME, Gathered, Rows, Table, repeated
-from mjrun.job.work import Ground, Made, Outline, Work, perform
+from mjrun.job.trace_rows import TIME, RowBuffer, Rows, Table, repeated
 from mjrun.model.column import Column
-from mjrun.model.native import collected_warnings
+from mjrun.model.mujoco_globals import collected_warnings
 from mjrun.probe.assertion import Verdict, parse
-from mjrun.probe.offer import Chosen
+from mjrun.probe.available import SelectedProbes
 from mjrun.probe.select import DEFAULT, catalogue, chosen
+from mjrun.reporter import Reporter
 from mjrun.sim.observe import Tap
 from mjrun.sim.stepper import PhysicsStepper, Stepper
 from mjrun.timeline import Timeline
@@ -123,7 +123,7 @@ class TraceWork(Work):
         self._contacts_format = None if job.contacts is None else table_format(job.contacts)
         self.keeps_partial = job.keep_partial
 
-    def plan(self, ground: Ground) -> None:
+    def plan(self, ground: Context) -> None:
         job = self._job
         self._ground, self.until = ground, ground.timeline.steps
         self._rows = rows(ground.timeline, job.every, job.rate)
@@ -132,7 +132,7 @@ class TraceWork(Work):
         if text := repeated(ground.timeline, job.rate):
             ground.reporter.warn(text)
         names = [column.name for column in self._table.columns]
-        self._checkers = [parse(text, Chosen(names, self.model)).checker() for text in job.asserts]
+        self._checkers = [parse(text, SelectedProbes(names, self.model)).checker() for text in job.asserts]
 
     def open(self, stack: ExitStack) -> None:
         job, ground, table = self._job, self._ground, self._table
@@ -142,7 +142,7 @@ class TraceWork(Work):
         if self._contacts_format is not None:
             sink = TableWriter(job.contacts, self._contacts_format, table.contact_columns, self._facts)
             self._contacts = stack.enter_context(sink)
-        self._waiting = Gathered(table, self._rows, self._write)
+        self._waiting = RowBuffer(table, self._rows, self._write)
 
     def taps(self) -> Sequence[Tap]:
         """A row at each of its instants."""
@@ -155,16 +155,16 @@ class TraceWork(Work):
             return
         _stream(self._table.blocks(stepper, self._rows), self._write)
 
-    def outline(self) -> Outline:
+    def outline(self) -> Preview:
         about = f"{self._format}, {len(self._table.columns)} columns"
-        return Outline("trace", self._job.output, len(self._rows), "rows", [len(self._table.columns)], about)
+        return Preview("trace", self._job.output, len(self._rows), "rows", [len(self._table.columns)], about)
 
-    def finish(self, wall: float) -> Made:
+    def finish(self, wall: float) -> Artifact:
         self._waiting.flush()
         files = [*self._sink.publish(), *(self._contacts.publish() if self._contacts else [])]
         verdicts = [checker.verdict() for checker in self._checkers]
         failed = [verdict.message for verdict in verdicts if not verdict.passed]
-        return Made(self._facts, files, lambda total, heard: self._result(verdicts, total, heard), failed)
+        return Artifact(self._facts, files, lambda total, heard: self._result(verdicts, total, heard), failed)
 
     def _write(self, rows: Rows) -> None:
         for checker in self._checkers:

@@ -8,28 +8,28 @@ from fractions import Fraction
 
 import numpy as np
 
+from mjrun.camera.pose import Pose
 from mjrun.errors import UnknownNameError, UsageError, clean
-from mjrun.export.codecs import Encoding, encoding
-from mjrun.export.labels import LabelsWriter
-from mjrun.export.video import FilmWriter
+from mjrun.formats.codecs import Encoding, encoding
+from mjrun.formats.labels import LabelsWriter
+from mjrun.formats.video import FilmWriter
 from mjrun.job.calibration import Calibration
-from mjrun.job.drawing import Drawing, painter, tags, unused
-from mjrun.job.filming import Filming
-from mjrun.job.happening import conditions
+from mjrun.job.event_detection import conditions
+from mjrun.job.frame_drawing import Filming
+from mjrun.job.frame_schedule import FrameSchedule, events, pacing
 from mjrun.job.manifest import origin
 from mjrun.job.overlay import Values, blank, gauges
-from mjrun.job.pacing import Pacing, events, pacing
-from mjrun.job.report import Reporter
+from mjrun.job.perform import Artifact, Context, Preview, Work, perform
 from mjrun.job.simulation import Simulation, lone, positive
-from mjrun.job.work import Ground, Made, Outline, Work, perform
-from mjrun.model.pixels import MOST
-from mjrun.render.cores import AUTO
+from mjrun.job.view import Drawing, painter, tags, unused
+from mjrun.model.uint16_pixels import MOST
+from mjrun.render.compositor import Overlay, SceneCompositor, Stream
 from mjrun.render.graph import SIDES
 from mjrun.render.layout import layout_size
-from mjrun.render.painter import Overlay, ScenePainter, Stream
-from mjrun.render.pose import Pose
+from mjrun.render.process_count import AUTO
+from mjrun.reporter import Reporter
 from mjrun.sim.observe import Tap
-from mjrun.sim.recording import Recording
+from mjrun.sim.state_buffer import StateBuffer
 from mjrun.sim.stepper import Stepper
 
 
@@ -138,10 +138,10 @@ class FilmWork(Work):
             encoded.check_fps(self._fps)
         self._search = job.search()  # tries a backend while the model loads
         stack.callback(self._search.cancel)
-        self._pacing: Pacing | None = None
+        self._pacing: FrameSchedule | None = None
         self._rows: list[Values] = []
 
-    def plan(self, ground: Ground) -> None:
+    def plan(self, ground: Context) -> None:
         job, model = self._job, ground.model
         self._ground, self.until = ground, ground.timeline.steps
         self._scripts, self._courses = job.scripts(model), job.courses(model)
@@ -185,8 +185,8 @@ class FilmWork(Work):
         # Filament's noise goes on from frame to frame: only one process makes the same film each time.
         asked = 1 if job.jobs == AUTO and job.renderer == "filament" else job.jobs
         self._filming = stack.enter_context(Filming(asked, self._backend, job.size, len(job.panels)))
-        self._recording = stack.enter_context(Recording(ground.model))
-        self._path = stack.enter_context(Recording(ground.model))
+        self._recording = stack.enter_context(StateBuffer(ground.model))
+        self._path = stack.enter_context(StateBuffer(ground.model))
 
     def taps(self) -> Sequence[Tap]:
         """Keeps every frame's state, those on the path of trails, and what is measured at each frame."""
@@ -203,13 +203,13 @@ class FilmWork(Work):
         self._filming.start(len(self._pacing.steps))  # they get ready meanwhile
         super().drive(stepper)
 
-    def outline(self) -> Outline:
+    def outline(self) -> Preview:
         job, encoded, stream = self._job, self._encodings[0], self._streams(self._overlay)[0]
         frames = None if self._pacing is None else len(self._pacing.steps)
         about = f"{encoded.codec}, {float(self._fps):g} fps, {' and '.join(job.names)}"
-        return Outline("film", job.output, frames, "frames", stream.size_of_frame, about)
+        return Preview("film", job.output, frames, "frames", stream.size_of_frame, about)
 
-    def finish(self, wall: float) -> Made:
+    def finish(self, wall: float) -> Artifact:
         assert self._pacing
         job, pace, start = self._job, self._pacing, time.perf_counter()
         overlay = self._gauges.overlay(self._overlay, self._rows, pace.steps, pace.speeds, self._ground.timeline)
@@ -232,9 +232,9 @@ class FilmWork(Work):
             )
         draw_wall = time.perf_counter() - start
         self._facts["frames"] = len(pace.steps)
-        return Made(self._facts, files, lambda total, heard: self._result((wall, draw_wall, total), heard))
+        return Artifact(self._facts, files, lambda total, heard: self._result((wall, draw_wall, total), heard))
 
-    def _draw(self, drawn: ScenePainter) -> None:
+    def _draw(self, drawn: SceneCompositor) -> None:
         """Draws every frame into the films."""
         job, reporter, total = self._job, self._ground.reporter, len(self._recording)
         for film in self._films:
@@ -253,11 +253,11 @@ class FilmWork(Work):
     def _streams(self, overlay: Overlay) -> list[Stream]:
         return self._job.streams(with_legend=False, overlay=overlay)
 
-    def _times(self, pace: Pacing) -> list[float]:
+    def _times(self, pace: FrameSchedule) -> list[float]:
         """The instant of each frame [s]."""
         return [float(self._ground.timeline.time(step)) for step in pace.steps]
 
-    def _poses(self, pace: Pacing) -> list[tuple[Pose, ...]]:
+    def _poses(self, pace: FrameSchedule) -> list[tuple[Pose, ...]]:
         """Of each frame, of each camera."""
         count, moments = len(self._recording), self._times(pace)
         courses = [

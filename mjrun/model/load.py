@@ -17,7 +17,7 @@ from mjrun.errors import (
     ModelNotFoundError,
     clean,
 )
-from mjrun.model.native import without_log
+from mjrun.model.mujoco_globals import without_log
 from mjrun.model.override import Setting, apply
 
 SOURCES = (".xml", ".urdf", ".mjz", ".zip")

@@ -12,7 +12,7 @@ import numpy as np
 
 from mjrun.model.column import Column
 from mjrun.model.names import members, names
-from mjrun.probe.fields import Probe, Record, instant_only
+from mjrun.probe.fields import Probe, Recording, instant_only
 
 POSITIONS = {"body": "xpos", "geom": "geom_xpos", "site": "site_xpos"}
 WARNINGS = {
@@ -30,7 +30,7 @@ def energy(model: mujoco.MjModel) -> Probe:
     """Potential, kinetic and total energy, and the total's drift from the first row [J]."""
     first: list[float] = []
 
-    def compute(record: Record) -> np.ndarray:
+    def compute(record: Recording) -> np.ndarray:
         total = record["energy"].sum(axis=1)
         if not first:
             first.append(float(total[0]))
@@ -52,7 +52,7 @@ def solver(model: mujoco.MjModel) -> Probe:
     """Iterations of the constraint solver, over all islands, and the number of constraints."""
     columns = [Column("solver/niter", "", "solver iterations, all islands"), Column("solver/nefc", "", "constraints")]
 
-    def compute(record: Record) -> np.ndarray:
+    def compute(record: Recording) -> np.ndarray:
         iterations = record["solver_niter"].reshape(len(record["nefc"]), -1).sum(axis=1)
         return np.column_stack([iterations, record["nefc"].reshape(-1)]).astype(float)
 
@@ -75,7 +75,7 @@ def speed(model: mujoco.MjModel) -> Probe:
         taken.add(name)
         columns.append(Column(shown, "m/s", f"speed of the origin of this {kind}", kind, index))
 
-    def compute(record: Record) -> np.ndarray:
+    def compute(record: Recording) -> np.ndarray:
         points = np.concatenate([record[field] for field in POSITIONS.values()], axis=1)
         return np.linalg.norm(_velocity(record, bodies, roots, points), axis=2)
 
@@ -95,7 +95,7 @@ def momentum(model: mujoco.MjModel) -> Probe:
     columns += [Column(f"momentum/l{axis}", "kg·m²/s", "angular momentum about the centre of mass") for axis in "xyz"]
     bodies = np.arange(model.nbody)
 
-    def compute(record: Record) -> np.ndarray:
+    def compute(record: Recording) -> np.ndarray:
         centres = record["xipos"]
         velocity = _velocity(record, bodies, model.body_rootid, centres)
         linear = mass[:, None] * velocity
@@ -167,7 +167,7 @@ DERIVED: dict[str, Callable[[mujoco.MjModel], Probe]] = {
 }
 
 
-def _velocity(record: Record, bodies: np.ndarray, roots: np.ndarray, points: np.ndarray) -> np.ndarray:
+def _velocity(record: Recording, bodies: np.ndarray, roots: np.ndarray, points: np.ndarray) -> np.ndarray:
     """The velocity of `points` `(n, k, 3)`, each fixed to a body; world frame [m/s]."""
     twist, com = record["cvel"][:, bodies], record["subtree_com"][:, roots]
     return twist[..., 3:] + np.cross(twist[..., :3], points - com)

@@ -17,8 +17,8 @@ from dataclasses import dataclass, field
 import mujoco
 import numpy as np
 
+from mjrun.probe.available import AvailableProbes
 from mjrun.probe.expression import ColumnValue, Truth, holds_on, walk
-from mjrun.probe.offer import Offer
 from mjrun.probe.parser import Parser
 from mjrun.probe.scanner import Source
 
@@ -62,7 +62,7 @@ def condition(text: str, model: mujoco.MjModel, label: str = "when") -> Conditio
       UnknownNameError: a name is that of no column, object or function; the message lists near and valid ones.
       UsageError: the text is none of the language; the message says where, what was found and what is valid.
     """
-    truth = Parser(Source(text, label), Offer(model), aggregates=False).truth()
+    truth = Parser(Source(text, label), AvailableProbes(model), aggregates=False).truth()
     read = dict.fromkeys(node.name for node in walk(truth) if isinstance(node, ColumnValue))
     return Condition(text, tuple(name for name in read if name != "time"), truth)
 

@@ -54,7 +54,7 @@ UNTOLD = dict.fromkeys(("qH", "qHDiagInv", "qDeriv", "qLU"), "an integrator comp
 UNTOLD |= dict.fromkeys(("flexvert_lambda", "flexvert_conage"), "a step hands it to the next, outside of the state")
 UNTOLD |= {"plugin_data": "it holds addresses in memory"}
 
-Record = Mapping[str, np.ndarray]
+Recording = Mapping[str, np.ndarray]
 
 
 @dataclass(frozen=True)
@@ -70,7 +70,7 @@ class Probe:
 
     columns: Sequence[Column]
     fields: Sequence[str]
-    compute: Callable[[Record], np.ndarray]
+    compute: Callable[[Recording], np.ndarray]
     at: Callable[[mujoco.MjModel, mujoco.MjData], np.ndarray] | None = None
 
     def only(self, kept: Sequence[int]) -> "Probe":
@@ -84,7 +84,7 @@ class Probe:
         )
 
 
-def instant_only(record: Record) -> np.ndarray:
+def instant_only(record: Recording) -> np.ndarray:
     """The `compute` of a probe that has `at`."""
     raise TypeError("this probe is read at an instant")
 
@@ -109,7 +109,7 @@ def field_probe(model: mujoco.MjModel, field: str, group: str = "") -> Probe:
     if field in LAZY:
         return Probe(columns, (), instant_only, _completed(model, field))
 
-    def compute(record: Record) -> np.ndarray:
+    def compute(record: Recording) -> np.ndarray:
         values = record[field]
         return values.reshape(len(values), -1).astype(float, copy=False)
 

@@ -161,7 +161,7 @@ class Probe:
         self.name = name
         kept = {variable: value for variable, value in os.environ.items() if variable not in unset}
         chosen = {} if device is None else {DEVICE: str(device)}
-        script = Path(__file__).with_name("probe.py")
+        script = Path(__file__).with_name("backend_test.py")
         self._said = tempfile.TemporaryFile()  # noqa: SIM115
         self._child = subprocess.Popen(
             [sys.executable, "-P", str(script), name, *(["draw"] if draw else [])],

@@ -10,15 +10,15 @@ from typing import Any
 import mujoco
 import numpy as np
 
+from mjrun.camera.calibration import lens, metric_depth
+from mjrun.camera.pose import Pose, user_camera
 from mjrun.errors import DrawError, UsageError
 from mjrun.model.names import members
-from mjrun.model.picture import Picture
+from mjrun.model.rendered_view import Picture
 from mjrun.model.state import restore
 from mjrun.render.backend import Backend
-from mjrun.render.decor import Decor
-from mjrun.render.exact import ExactBuffer
-from mjrun.render.lens import lens, metric_depth
-from mjrun.render.pose import Pose, user_camera
+from mjrun.render.decorations import Decoration
+from mjrun.render.exact_framebuffer import ExactBuffer
 from mjrun.render.segmentation import Segmentation
 from mjrun.render.visual import Visual
 
@@ -51,7 +51,7 @@ class ClassicRenderer:
         backend: Backend,
         visual: Visual,
         segmentation: Segmentation | None = None,
-        decors: Sequence[Decor] = (),
+        decors: Sequence[Decoration] = (),
     ) -> None:
         self.size = size
         self._model, self._visual, self._decors = model, visual, decors

@@ -19,16 +19,16 @@ from typing import Any
 import mujoco
 import numpy as np
 
+from mjrun.camera.pose import Pose
 from mjrun.errors import DrawError, UsageError
 from mjrun.model.names import members
-from mjrun.model.picture import Picture
+from mjrun.model.rendered_view import Picture
 from mjrun.render.backend import Backend
 from mjrun.render.classic import check_size
-from mjrun.render.decor import Decor
-from mjrun.render.pose import Pose
+from mjrun.render.decorations import Decoration
 from mjrun.render.segmentation import Segmentation
 from mjrun.render.visual import Visual
-from mjrun.render.worker import Failure
+from mjrun.render.worker_process import Failure
 
 # Pictures drawn by one process: with Mesa 22.3 each leaves 1.5 MB behind, in drivers for GPUs less or none. Counted,
 # not measured, so that a film is the same each time.
@@ -74,7 +74,7 @@ class FilamentRenderer:
         backend: Backend,
         visual: Visual,
         segmentation: Segmentation | None = None,
-        decors: Sequence[Decor] = (),
+        decors: Sequence[Decoration] = (),
     ) -> None:
         check_size(size, backend, visual)
         check_visual(model, visual)

@@ -9,19 +9,19 @@ from multiprocessing.connection import Connection
 import mujoco
 import numpy as np
 
+from mjrun.camera.calibration import lens
+from mjrun.camera.pose import Frustum, Pose, pose_of, user_camera
 from mjrun.errors import DrawError
+from mjrun.model.mujoco_globals import collected_warnings
 from mjrun.model.names import COUNTS, KINDS
-from mjrun.model.native import collected_warnings
-from mjrun.model.picture import Picture
+from mjrun.model.rendered_view import Picture
 from mjrun.model.state import restore
-from mjrun.render.decor import Decor
+from mjrun.render.decorations import Decoration
 from mjrun.render.filament import MIRRORS, MODES, flags
-from mjrun.render.lens import lens
-from mjrun.render.pose import Frustum, Pose, pose_of, user_camera
+from mjrun.render.filament_scene import NUMBERED, Form, Stage
 from mjrun.render.segmentation import NOTHING, Segmentation
-from mjrun.render.stage import NUMBERED, Form, Stage
 from mjrun.render.visual import Visual
-from mjrun.render.worker import Failure
+from mjrun.render.worker_process import Failure
 
 GEOMS = 2_000  # room in the scene to begin with; it grows
 EVERYTHING, DECORATION = mujoco.mjtCatBit.mjCAT_ALL.value, mujoco.mjtCatBit.mjCAT_DECOR.value
@@ -56,7 +56,7 @@ class Drawing:
         size: tuple[int, int],
         visual: Visual,
         segmentation: Segmentation | None,
-        decors: Sequence[Decor],
+        decors: Sequence[Decoration],
     ) -> None:
         self._model, self._size, self._samples = model, size, visual.samples
         self._segmentation, self._decors = segmentation, decors

@@ -6,7 +6,7 @@ import mujoco
 import numpy as np
 
 from mjrun.model.names import KINDS, names
-from mjrun.model.picture import Thing
+from mjrun.model.rendered_view import Segment
 
 NOTHING = -1
 BODY_OF = {"geom": "geom_bodyid", "site": "site_bodyid", "joint": "jnt_bodyid", "camera": "cam_bodyid"}
@@ -27,7 +27,7 @@ class Segmentation:
 
     def __init__(self, model: mujoco.MjModel, by: str = "object") -> None:
         self._of: dict[int, np.ndarray] = {}  # type of object to the ids of its objects
-        self.legend: list[Thing] = []
+        self.legend: list[Segment] = []
         (self._by_body if by in ("body", "root-body") else self._by_object)(model, by)
 
     def ids(self, scene: mujoco.MjvScene) -> np.ndarray:
@@ -46,13 +46,13 @@ class Segmentation:
             self._of[int(KINDS[kind])] = np.arange(len(self.legend), len(self.legend) + len(found), dtype=np.int32)
             owners = getattr(model, BODY_OF[kind]) if kind in BODY_OF else range(model.nbody) if kind == "body" else ()
             owner = [bodies[i] for i in owners] or [""] * len(found)
-            self.legend += [Thing(kind, i, name, owner[i]) for i, name in enumerate(found)]
+            self.legend += [Segment(kind, i, name, owner[i]) for i, name in enumerate(found)]
 
     def _by_body(self, model: mujoco.MjModel, by: str) -> None:
         found = names(model, "body")
         tree = model.body_rootid if by == "root-body" else np.arange(model.nbody)
         roots, index = np.unique(tree, return_inverse=True)
-        self.legend = [Thing(by, int(i), found[i], found[i]) for i in roots]
+        self.legend = [Segment(by, int(i), found[i], found[i]) for i in roots]
         self._of[int(KINDS["body"])] = index.astype(np.int32)
         for kind, owners in BODY_OF.items():
             self._of[int(KINDS[kind])] = index[getattr(model, owners)].astype(np.int32)

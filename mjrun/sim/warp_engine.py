@@ -17,7 +17,7 @@ import mujoco
 import numpy as np
 
 from mjrun.errors import MissingExtraError, SimulationError, UnknownNameError, UsageError, clean
-from mjrun.sim.timing import Clock, Profile, Run, blocks_of
+from mjrun.sim.rollout_timing import Clock, Profile, Run, blocks_of
 
 EXTRA, LIBRARY, PACKAGE = "warp", "mujoco_warp", "mujoco-warp"
 ON_GPU, ON_CPU = 4096, 8  # worlds, if nobody says how many

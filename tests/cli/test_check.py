@@ -11,10 +11,10 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from mjrun.cli import findings
-from mjrun.job.check import Checked, CheckResult
-from mjrun.model.lint.finding import SEVERITIES, Finding
-from mjrun.model.lint.rules import RULES
+from mjrun.check.check import Checked, CheckResult
+from mjrun.check.finding import SEVERITIES, Finding
+from mjrun.check.rule_table import RULES
+from mjrun.cli import check_report
 from mjrun.version import __version__
 
 if TYPE_CHECKING:
@@ -172,11 +172,11 @@ def nasty() -> CheckResult:
 
 
 def test_foreign_names_reach_neither_terminal_nor_pipeline_as_they_are() -> None:
-    for lines in (findings.lines(nasty()), findings.annotations(nasty())):
+    for lines in (check_report.lines(nasty()), check_report.annotations(nasty())):
         told = list(lines)
         assert not any("\x1b" in line or "\n" in line for line in told)
         assert sum(line.startswith("::") for line in told) <= 1
-    (annotation,) = findings.annotations(nasty())
+    (annotation,) = check_report.annotations(nasty())
     properties = annotation.split("::")[1]
     assert properties.count(",") == 2  # between file, line and title
     assert "%25" in properties
@@ -194,7 +194,7 @@ def test_foreign_names_reach_neither_terminal_nor_pipeline_as_they_are() -> None
 )
 def test_a_file_is_a_uri_in_sarif(path: str, uri: str) -> None:
     result = CheckResult((Checked("a", True, (Finding("MJ301", "note", "m", path),)),), 0, 0)
-    place = findings.sarif(result)["runs"][0]["results"][0]["locations"][0]["physicalLocation"]
+    place = check_report.sarif(result)["runs"][0]["results"][0]["locations"][0]["physicalLocation"]
     assert place == {"artifactLocation": {"uri": uri}}
 
 

@@ -12,12 +12,12 @@ import mujoco
 import pytest
 from rich.cells import cell_len
 
-from mjrun.cli.info_lines import LINES
-from mjrun.cli.info_page import Page
+from mjrun.cli.info_layout import Page
+from mjrun.cli.info_summary import LINES
 from mjrun.cli.info_tables import TABLES
 from mjrun.errors import clean
-from mjrun.model.describe import SECTIONS, Description
-from mjrun.model.native import collected_warnings
+from mjrun.model.description.model import SECTIONS, Description
+from mjrun.model.mujoco_globals import collected_warnings
 
 if TYPE_CHECKING:
     from tests.conftest import Command

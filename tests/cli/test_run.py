@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 from mjrun.cli import image, options, trace, video
-from mjrun.document.drawing import Groups
-from mjrun.document.making import Film, Still, Table
+from mjrun.document.outputs import Film, Still, Table
 from mjrun.document.run import Run
+from mjrun.document.view import Groups
 
 if TYPE_CHECKING:
     import click
@@ -57,7 +57,7 @@ def test_json_holds_every_result(mjrun: Command, study: Path) -> None:
     assert [(found["kind"], found["path"]) for found in results] == [
         ("Trace", "run.csv"),
         ("Plot", "deep/down/energy.png"),
-        ("Record", "run.npz"),
+        ("Recording", "run.npz"),
     ]
     assert results[0]["rows"] == results[2]["states"] == 51
 
@@ -186,7 +186,7 @@ def test_with_json_a_failure_is_told_beside_what_was_made(mjrun: Command, study:
     told = json.loads(done.stdout)
     assert done.returncode == told["error"]["exit_code"] == 1
     assert told["error"]["messages"] == ["max(time) < 0: it is 0.1, at row 50, time 0.1"]
-    assert [result["kind"] for result in told["results"]] == ["Trace", "Plot", "Record"]
+    assert [result["kind"] for result in told["results"]] == ["Trace", "Plot", "Recording"]
     done = mjrun(
         "trace", study.with_name("swing.xml"), "--duration", ".1", "-o", "a.csv", "--assert", "max(time) < 0", "--json"
     )

@@ -8,12 +8,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from mjrun.document import rigs as forms
-from mjrun.document.camera import RIGS, read_camera
-from mjrun.errors import DocumentError
-from mjrun.render import rigs
-from mjrun.render.ease import BLENDS, EASINGS
-from mjrun.render.script import (
+from mjrun.camera import rigs
+from mjrun.camera.easing import BLENDS, EASINGS
+from mjrun.camera.script import (
     AroundRig,
     Blend,
     Event,
@@ -28,6 +25,9 @@ from mjrun.render.script import (
     Shot,
     Waypoint,
 )
+from mjrun.document import rigs as rig_models
+from mjrun.document.camera import RIGS, read_camera
+from mjrun.errors import DocumentError
 
 
 @pytest.fixture(autouse=True)
@@ -193,8 +193,8 @@ def test_easings_blends_curves_and_paces_are_those_that_the_camera_knows() -> No
     for shape in BLENDS:
         shots = script(f"shots: [{{camera: a, until: 1}}, {{camera: b, blend: {shape}}}]").shots
         assert shots[1].blend == Blend(shape)
-    assert get_args(forms.Path.model_fields["curve"].annotation) == rigs.CURVES
-    assert get_args(forms.Path.model_fields["pace"].annotation) == rigs.PACES
+    assert get_args(rig_models.Path.model_fields["curve"].annotation) == rigs.CURVES
+    assert get_args(rig_models.Path.model_fields["pace"].annotation) == rigs.PACES
 
 
 # --- what is wrong -----------------------------------------------------------------------------------

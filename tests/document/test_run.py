@@ -8,19 +8,20 @@ import mujoco
 import numpy as np
 import pytest
 
+from mjrun.camera.script import AroundRig, Event, ModelRig, Ramp, Script, Shot
 from mjrun.document import run
 from mjrun.document.machine import Machine
 from mjrun.document.run import read_run
 from mjrun.errors import DocumentError, FileError, UsageError
 from mjrun.job.image import Image
+from mjrun.job.perform import perform, planned
 from mjrun.job.plot import Plot
-from mjrun.job.record import Record
-from mjrun.job.simulation import Simulation, Source
+from mjrun.job.recording import Recording
+from mjrun.job.simulation import Simulation
 from mjrun.job.trace import Trace
 from mjrun.job.video import Video
-from mjrun.job.work import perform, planned
 from mjrun.model.override import Setting
-from mjrun.render.script import AroundRig, Event, ModelRig, Ramp, Script, Shot
+from mjrun.model.source import Source
 from mjrun.render.visual import Visual
 
 MODEL = """
@@ -214,8 +215,8 @@ def test_a_still_is_what_the_document_says(text: str, said: dict[str, Any]) -> N
                 simulation(), "out/a.png", probes=("energy", "qpos,qvel"), size=(640, 480), rate=50, format="png"
             ),
         ),
-        ("recording: a.npz", Record(simulation(), "out/a.npz")),
-        ("recording: {output: a.npz, manifest: m.json}", Record(simulation(), "out/a.npz", manifest="out/m.json")),
+        ("recording: a.npz", Recording(simulation(), "out/a.npz")),
+        ("recording: {output: a.npz, manifest: m.json}", Recording(simulation(), "out/a.npz", manifest="out/m.json")),
     ],
 )  # fmt: skip
 def test_a_trace_a_plot_and_a_recording_are_what_the_document_says(text: str, expected: object) -> None:
@@ -228,7 +229,7 @@ def test_all_jobs_are_of_one_and_the_same_simulation_in_the_order_of_the_section
         "stills: [{output: s.png}]\nfilms: [{output: f.mp4}]\n"
     )
     found = jobs(text)
-    assert [type(one) for one in found] == [Video, Image, Trace, Trace, Plot, Record]
+    assert [type(one) for one in found] == [Video, Image, Trace, Trace, Plot, Recording]
     assert all(one.simulation is found[0].simulation for one in found)
 
 
@@ -288,7 +289,7 @@ def test_variables_and_defaults_make_the_same_jobs() -> None:
 
 def test_an_empty_list_takes_the_outputs_of_the_defaults_away() -> None:
     Path("common.yaml").write_text("model: m.xml\nfilms: [{output: x.mp4}]\nrecording: r.npz")
-    assert [type(one) for one in jobs("defaults: common.yaml\nfilms: []")] == [Record]
+    assert [type(one) for one in jobs("defaults: common.yaml\nfilms: []")] == [Recording]
 
 
 def test_the_machine_says_who_drives_and_who_draws() -> None:

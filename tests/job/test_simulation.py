@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 
 from mjrun.errors import BadValueError, ModelNotFoundError, UnknownNameError, UsageError
-from mjrun.job.simulation import Simulation, Source, positive
+from mjrun.job.simulation import Simulation, positive
 from mjrun.model.override import Setting
+from mjrun.model.source import Source
 from mjrun.timeline import Timeline
 
 XML = """<mujoco><worldbody><body><joint name="hinge"/><geom size=".1" pos="0 0 -1"/></body></worldbody>

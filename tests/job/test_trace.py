@@ -13,8 +13,8 @@ import pytest
 
 from mjrun.errors import FailedAssertionError, MjrunError, UnstableError, UsageError
 from mjrun.job.simulation import Simulation
-from mjrun.job.table import TIME
 from mjrun.job.trace import Trace, columns
+from mjrun.job.trace_rows import TIME
 
 SCENES = Path(__file__).parents[2] / "scenes"
 FALL = '<mujoco><worldbody><body name="b" pos="0 0 9"><freejoint/><geom size=".1"/></body></worldbody></mujoco>'

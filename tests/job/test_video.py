@@ -15,8 +15,7 @@ import pytest
 
 import mjrun
 from mjrun.errors import MjrunError, MjrunWarning, NoRendererError, UnknownNameError, UnstableError
-from mjrun.job import filming
-from mjrun.job import work as job
+from mjrun.job import frame_drawing, perform
 from mjrun.job.image import Image
 from mjrun.job.simulation import Simulation
 from mjrun.job.video import Video
@@ -134,7 +133,7 @@ def test_what_is_wrong_is_refused_before_the_first_step(
     def stepped(*_: object) -> None:
         raise AssertionError("a step was taken")
 
-    monkeypatch.setattr(job, "observe", stepped)
+    monkeypatch.setattr(perform, "observe", stepped)
     monkeypatch.chdir(tmp_path)
     with pytest.raises(MjrunError) as caught:
         Video(**{"simulation": Simulation(swing), "output": "film.mp4", "size": SIZE, **wrong}).run()
@@ -151,7 +150,7 @@ def test_without_a_renderer_nothing_is_left(swing: Path, tmp_path: Path) -> None
 def test_drawing_in_software_is_said_once_with_its_cost(
     swing: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(filming, "LONG", 0.0)
+    monkeypatch.setattr(frame_drawing, "LONG", 0.0)
     heard: list[str] = []
 
     class Listener:

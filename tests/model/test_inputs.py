@@ -6,11 +6,11 @@ import mujoco
 import numpy as np
 import pytest
 
+from mjrun.check.rule_table import inspect
 from mjrun.errors import BadValueError, UnknownNameError
-from mjrun.export.reading import read_table
+from mjrun.formats.table_reader import read_table
 from mjrun.job.simulation import Simulation
 from mjrun.job.trace import Trace
-from mjrun.model.lint.rules import inspect
 from mjrun.model.names import inputs, inputs_of
 from mjrun.probe.fields import field_probe
 

@@ -11,13 +11,13 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
+from mjrun.check.context import LintContext
+from mjrun.check.finding import SEVERITIES, Finding, Sighting
+from mjrun.check.model_files import found_models, root_tag
+from mjrun.check.rule_table import CRASHED, FAILED, MEMORY, MOST, RULES, TIMED_OUT, capped, dangers, inspect
+from mjrun.check.rules import contacts, keywords, mjcf_schema
+from mjrun.check.xml_source import Element, read
 from mjrun.errors import ModelError
-from mjrun.model.lint import contacts, keywords, schema
-from mjrun.model.lint.finding import SEVERITIES, Finding, Sighting
-from mjrun.model.lint.folder import found_models, root_tag
-from mjrun.model.lint.rules import CRASHED, FAILED, MEMORY, MOST, RULES, TIMED_OUT, capped, dangers, inspect
-from mjrun.model.lint.source import Element, read
-from mjrun.model.lint.subject import Subject
 from mjrun.model.load import load
 
 ROOT = Path(__file__).parents[2]
@@ -403,7 +403,7 @@ def test_keywords_are_told_beside_what_else_the_xml_has_wrong(workplace: Path) -
     assert [(f.line, f.code) for f in findings] == [(4, "MJ104"), (5, "MJ110")]
 
 
-HOMES = {tag: places for tag, places in schema._places().items() if tag != "model"}  # whose files it would open
+HOMES = {tag: places for tag, places in mjcf_schema._places().items() if tag != "model"}  # whose files it would open
 NEEDED = {
     "flexcomp": {"type": "grid", "count": "3 3 3", "spacing": "1 1 1", "name": "f"},
     "connect": {"site1": "s", "site2": "s"},
@@ -458,7 +458,7 @@ def test_keywords_are_those_of_mujoco_wherever_it_takes_any() -> None:
                 assert sentence not in mujocos_word_on(path, attribute, choice), (path, attribute)
 
 
-NODES = {tag: node for tag, places in schema._places().items() for _, node in places}
+NODES = {tag: node for tag, places in mjcf_schema._places().items() for _, node in places}
 SPECIAL = ("mujoco", "worldbody", "body", "frame", "replicate", "include")
 TAGS = sorted(set(NODES) - set(SPECIAL))
 NAMES = sorted({name for node in NODES.values() for name in node.attributes})
@@ -467,7 +467,7 @@ NAMES = sorted({name for node in NODES.values() for name in node.attributes})
 @st.composite
 def documents(draw: st.DrawFn, tag: str = "mujoco", depth: int = 3) -> str:
     """XML that mostly keeps to the schema; its values mean nothing."""
-    node = schema.schema().children["mujoco"] if tag == "mujoco" else NODES[tag]
+    node = mjcf_schema.schema().children["mujoco"] if tag == "mujoco" else NODES[tag]
     valid = sorted(set(node.children) - set(SPECIAL))
     child = st.sampled_from(valid * 200 + TAGS if valid else TAGS)
     tags = draw(st.lists(child, max_size=3 if valid else 0)) if depth else []
@@ -487,7 +487,7 @@ def test_the_schema_is_violated_exactly_where_mujoco_says_so(text: str) -> None:
     except ValueError as error:
         said = str(error)
     assume("can be specified" not in said and "must be specified" not in said)  # combinations, which no schema lists
-    found = list(schema.violations(read(path)))
+    found = list(mjcf_schema.violations(read(path)))
     assert bool(found) == ("Schema violation" in said), (found, said)
 
 
@@ -1036,7 +1036,7 @@ def test_the_unit_of_an_attached_model_is_told_of_that_model_alone(workplace: Pa
 def test_the_depth_of_two_spheres_is_that_of_geometry(depth: float) -> None:
     path = Path("deep.xml")
     path.write_text(apart(-depth))
-    subject = Subject.load(path, read(path))
+    subject = LintContext.load(path, read(path))
     ((told, share),) = contacts._shares(subject, None).values()
     np.testing.assert_allclose([told, share], [depth, depth / 0.1], rtol=1e-6)
 
@@ -1044,7 +1044,7 @@ def test_the_depth_of_two_spheres_is_that_of_geometry(depth: float) -> None:
 def test_bodies_are_thrown_as_a_bare_step_throws_them(workplace: Path) -> None:
     path = workplace / "thrown.xml"
     path.write_text(apart(-0.15).replace("<option/>", '<option gravity="0 0 0" timestep="1e-5"/>'))
-    subject = Subject.load(path, read(path))
+    subject = LintContext.load(path, read(path))
     data = mujoco.MjData(subject.model)
     mujoco.mj_step(subject.model, data)
     thrown = contacts._accelerations(subject.model, subject.at(None))

@@ -12,7 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from mjrun.errors import UnknownNameError, UsageError, clean
-from mjrun.job.table import Table
+from mjrun.job.trace_rows import Table
 from mjrun.probe.assertion import parse
 from mjrun.probe.event import Condition, Onsets, condition, happenings
 from mjrun.probe.parser import LONGEST

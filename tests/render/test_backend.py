@@ -8,7 +8,7 @@ from types import SimpleNamespace
 import pytest
 
 from mjrun.errors import NoRendererError, SoftwareRendererError, UnknownNameError
-from mjrun.render import backend as backends
+from mjrun.render import backend
 from mjrun.render.backend import Backend, Probe, Search, VulkanSearch, candidates, remedy
 
 
@@ -32,7 +32,7 @@ def test_a_backend_that_does_not_work_is_reported_with_its_reason_and_the_packag
 ) -> None:
     monkeypatch.delenv("DISPLAY", raising=False)
     monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
-    monkeypatch.setattr(backends, "candidates", lambda: ("glfw",))
+    monkeypatch.setattr(backend, "candidates", lambda: ("glfw",))
     monkeypatch.setattr(platform, "freedesktop_os_release", lambda: {"ID": "ubuntu", "ID_LIKE": "debian"})
     with pytest.raises(NoRendererError) as caught:
         Search("glfw").result()
@@ -57,7 +57,7 @@ def test_where_the_environment_is_the_cause_to_change_it_is_the_cure(
 ) -> None:
     if backend.name != "egl":
         pytest.skip("another backend draws")
-    monkeypatch.setattr(backends, "candidates", lambda: ("egl",))
+    monkeypatch.setattr(backend, "candidates", lambda: ("egl",))
     for variable, value in variables.items():
         monkeypatch.setenv(variable, value)
     with pytest.raises(NoRendererError) as caught:
@@ -84,7 +84,7 @@ def test_rendering_that_is_switched_off_is_said_so(off: str) -> None:
 
 
 def test_a_search_goes_on_to_the_next_backend(monkeypatch: pytest.MonkeyPatch, backend: Backend) -> None:
-    monkeypatch.setattr(backends, "candidates", lambda: ("nonsense", backend.name))
+    monkeypatch.setattr(backend, "candidates", lambda: ("nonsense", backend.name))
     assert Search("auto").result() == backend
 
 
@@ -116,19 +116,19 @@ class Hardware:
 
 
 def test_a_required_gpu_refuses_software(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(backends, "Probe", Hardware({"egl": "llvmpipe"}))
+    monkeypatch.setattr(backend, "Probe", Hardware({"egl": "llvmpipe"}))
     with pytest.raises(SoftwareRendererError, match="llvmpipe"):
         Search("egl").result(require_gpu=True)
 
 
 def test_a_required_gpu_is_found_behind_a_software_backend(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(backends, "candidates", lambda: ("egl", "glfw"))
-    monkeypatch.setattr(backends, "Probe", Hardware({"egl": "llvmpipe", "glfw": "NVIDIA"}))
+    monkeypatch.setattr(backend, "candidates", lambda: ("egl", "glfw"))
+    monkeypatch.setattr(backend, "Probe", Hardware({"egl": "llvmpipe", "glfw": "NVIDIA"}))
     assert Search("auto").result(require_gpu=True).name == "glfw"
 
 
 def test_a_driver_that_crashes_is_an_answer(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(backends.sys, "executable", "/bin/false")
+    monkeypatch.setattr(backend.sys, "executable", "/bin/false")
     assert Probe("egl").result() == "its process ended with code 1"
 
 
@@ -136,7 +136,7 @@ def test_a_driver_that_crashes_has_the_last_word(monkeypatch: pytest.MonkeyPatch
     crash = tmp_path / "crash"
     crash.write_text("#!/bin/sh\necho noise\necho one >&2\necho 'reason: no device' >&2\nexit 3\n")
     crash.chmod(0o755)
-    monkeypatch.setattr(backends.sys, "executable", str(crash))
+    monkeypatch.setattr(backend.sys, "executable", str(crash))
     assert Probe("vulkan").result() == "its process ended with code 3 (reason: no device)"
 
 
@@ -144,8 +144,8 @@ def test_a_driver_that_hangs_is_an_answer(monkeypatch: pytest.MonkeyPatch, tmp_p
     hang = tmp_path / "hang"
     hang.write_text("#!/bin/sh\nexec sleep 60\n")
     hang.chmod(0o755)
-    monkeypatch.setattr(backends.sys, "executable", str(hang))
-    monkeypatch.setattr(backends, "TIMEOUT", 0.1)
+    monkeypatch.setattr(backend.sys, "executable", str(hang))
+    monkeypatch.setattr(backend, "TIMEOUT", 0.1)
     assert Probe("egl").result() == "did not answer within 0.1 s"
 
 
@@ -172,7 +172,7 @@ def test_a_vulkan_without_a_driver_is_reported_with_the_packages_and_the_other_r
 
 @pytest.mark.parametrize(("renderer", "refused"), [("llvmpipe (LLVM 15.0.6, 256 bits)", True), ("NVIDIA H200", False)])
 def test_a_required_gpu_refuses_software_vulkan(monkeypatch: pytest.MonkeyPatch, renderer: str, refused: bool) -> None:
-    monkeypatch.setattr(backends, "Probe", Hardware({"vulkan": renderer}))
+    monkeypatch.setattr(backend, "Probe", Hardware({"vulkan": renderer}))
     search = VulkanSearch()
     if refused:
         with pytest.raises(SoftwareRendererError, match="llvmpipe"):
@@ -220,10 +220,10 @@ def test_a_backend_that_draws_is_seen_to_and_one_that_draws_nothing_is_refused(
     backend: Backend, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     assert Probe(backend.name, draw=True).result() == backend
-    script = Path(backends.__file__).with_name("probe.py").read_text()
+    script = Path(backend.__file__).with_name("probe.py").read_text()
     blind = tmp_path / "probe.py"
     blind.write_text(script.replace("mujoco.mjr_render(rect, scene, context)", "pass"))
-    monkeypatch.setattr(backends, "__file__", str(tmp_path / "backend.py"))
+    monkeypatch.setattr(backend, "__file__", str(tmp_path / "backend.py"))
     assert Probe(backend.name, draw=True).result() == f"{backend.renderer} draws wrongly"
     assert Probe(backend.name).result() == backend
 

@@ -7,15 +7,15 @@ import mujoco
 import numpy as np
 import pytest
 
+from mjrun.camera.argument import script
+from mjrun.camera.motion import CameraMotion
+from mjrun.camera.pose import Pose
 from mjrun.errors import UsageError
-from mjrun.model.picture import Picture
+from mjrun.model.rendered_view import Picture
 from mjrun.render import classic
 from mjrun.render.backend import Backend
 from mjrun.render.classic import ClassicRenderer, check_size
-from mjrun.render.course import Course
-from mjrun.render.pose import Pose
 from mjrun.render.segmentation import Segmentation
-from mjrun.render.spec import script
 from mjrun.render.visual import Visual
 
 SIZE = (96, 64)
@@ -39,7 +39,7 @@ def state_of(model: mujoco.MjModel, data: mujoco.MjData) -> np.ndarray:
 
 
 def pose(camera: str, model: mujoco.MjModel, data: mujoco.MjData) -> Pose:
-    return Course(script(camera, model), model, SIZE).pose(state_of(model, data))
+    return CameraMotion(script(camera, model), model, SIZE).pose(state_of(model, data))
 
 
 def draw(path: Path, step: int, backend: Backend, camera: str = "side", **visual: object) -> np.ndarray:

@@ -13,18 +13,18 @@ import mujoco
 import numpy as np
 import pytest
 
+from mjrun.camera.argument import script
+from mjrun.camera.motion import CameraMotion
+from mjrun.camera.pose import Pose
 from mjrun.errors import DrawError, UsageError
-from mjrun.model.picture import Picture
+from mjrun.model.rendered_view import Picture
 from mjrun.model.state import save
 from mjrun.render import filament
 from mjrun.render.backend import Backend
 from mjrun.render.classic import ClassicRenderer
-from mjrun.render.course import Course
-from mjrun.render.decor import Ghost
+from mjrun.render.decorations import Ghost
 from mjrun.render.filament import FilamentRenderer, check_segmentation, check_visual, left_out
-from mjrun.render.pose import Pose
 from mjrun.render.segmentation import Segmentation
-from mjrun.render.spec import script
 from mjrun.render.visual import Visual
 
 SIZE = (96, 64)
@@ -82,7 +82,7 @@ def after(model: mujoco.MjModel, steps: int) -> mujoco.MjData:
 
 
 def pose(camera: str, model: mujoco.MjModel, state: np.ndarray) -> Pose:
-    return Course(script(camera, model), model, SIZE).pose(state)
+    return CameraMotion(script(camera, model), model, SIZE).pose(state)
 
 
 @dataclass(frozen=True)
@@ -372,17 +372,17 @@ def test_reflections_that_are_left_out_are_told(shape: str, told: bool) -> None:
 
 MIRROR = """
 import mujoco, numpy as np
-from mjrun.render.course import Course
+from mjrun.camera.motion import CameraMotion
 from mjrun.render.filament_worker import Form
-from mjrun.render.spec import script
-from mjrun.render.stage import Stage
+from mjrun.camera.argument import script
+from mjrun.render.filament_scene import Stage
 from mjrun.model.state import save
 model = mujoco.MjModel.from_xml_string('''<mujoco><asset><material name="mirror" reflectance=".8"/></asset><worldbody>
   <light pos="0 0 4" castshadow="false"/><geom type="plane" size="3 3 .1" material="mirror"/>
   <geom size=".2" pos="-.5 0 1" rgba="1 0 0 1"/><camera pos="0 -2 3" xyaxes="1 0 0 0 .83 .55"/></worldbody></mujoco>''')
 data = mujoco.MjData(model)
 mujoco.mj_forward(model, data)
-stage, seen = Stage(model, mujoco.MjvOption()), Course(script("0", model), model, (96, 64)).pose(save(model, data))
+stage, seen = Stage(model, mujoco.MjvOption()), CameraMotion(script("0", model), model, (96, 64)).pose(save(model, data))
 stage.update(data)
 shown = [stage.draw((96, 64), seen, Form("RGB8", "DEFAULT", 3, np.uint8), reflections=on).astype(int) for on in (0, 1)]
 print("row", np.nonzero(np.abs(shown[0] - shown[1]).max(axis=2) > 20)[0].mean())

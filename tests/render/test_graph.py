@@ -8,8 +8,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from mjrun.render import graph as graphs
-from mjrun.render.colorize import oklab
+from mjrun.render import graph
+from mjrun.render.colormaps import oklab
 from mjrun.render.graph import SERIES, SIDES, Graph, graph_size
 from mjrun.render.layout import GROUND
 
@@ -145,7 +145,7 @@ def test_thinning_draws_the_same_line(monkeypatch: pytest.MonkeyPatch) -> None:
     times = np.linspace(0, 4, 30_000)
     values = (np.sin(3 * times) + 0.2 * np.sin(200 * times))[:, None]
     thinned = Graph(times, values, ["a"], [""], (160, 80)).draw(4.0)
-    monkeypatch.setattr(graphs, "_thinned", lambda x, y: np.column_stack([x, y]))
+    monkeypatch.setattr(graph, "_thinned", lambda x, y: np.column_stack([x, y]))
     whole = Graph(times, values, ["a"], [""], (160, 80)).draw(4.0)
     difference = np.abs(thinned.astype(int) - whole)
     assert difference.mean() < 1

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from mjrun.errors import UnknownNameError
 from mjrun.render.layout import GROUND, LAYOUTS, columns, compose, gap, layout_size, places
-from mjrun.render.lettering import stamp
+from mjrun.render.text import stamp
 
 layouts = st.sampled_from(LAYOUTS)
 sizes = st.tuples(st.integers(1, 90), st.integers(1, 90))

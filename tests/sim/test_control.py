@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 
 from mjrun.errors import ControllerError, UnknownNameError, UnstableError, UsageError
 from mjrun.model import state
-from mjrun.sim.batch import blocks
 from mjrun.sim.control import BLOCK, Control, ControlTable, Feedback, Noise
+from mjrun.sim.native_rollout import blocks
 from mjrun.sim.stepper import PhysicsStepper
 from mjrun.timeline import nearest, rational
 

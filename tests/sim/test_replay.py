@@ -15,8 +15,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from mjrun.errors import FailedStepError, UsageError
-from mjrun.export.recording import RecordingWriter
-from mjrun.export.replaying import RecordingFile
+from mjrun.formats.recording_reader import RecordingFile
+from mjrun.formats.recording_writer import RecordingWriter
 from mjrun.model import state
 from mjrun.sim.control import Control, Controller, Feedback
 from mjrun.sim.observe import Tap, observe

@@ -8,9 +8,9 @@ import mujoco
 import numpy as np
 import pytest
 
+from mjrun.bench.control_noise import controls
 from mjrun.errors import MissingExtraError, SimulationError, UnknownNameError, UsageError
-from mjrun.sim.stimulus import controls
-from mjrun.sim.timing import Run
+from mjrun.sim.rollout_timing import Run
 from mjrun.sim.warp_engine import OVERFLOWS, WarpEngine, WarpWorlds, told
 
 # A ball that falls, and stays where it has fallen; and a slider that is pushed.

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import mujoco
 
-from mjrun.model.description.plain import BODY, JOINT, SITE, TENDON, Pair, called, limits, spelled, trimmed
+from mjrun.model.description.plain_values import BODY, JOINT, SITE, TENDON, Pair, called, limits, spelled, trimmed
 from mjrun.model.description.units import actuator_unit, force_unit
 
 ACTUATOR = mujoco.mjtObj.mjOBJ_ACTUATOR

@@ -7,9 +7,9 @@ from pathlib import Path
 import mujoco
 import numpy as np
 
-from mjrun.model.description import files
-from mjrun.model.description.plain import called
-from mjrun.model.description.sources import Named, named
+from mjrun.model.description import archive_files
+from mjrun.model.description.plain_values import called
+from mjrun.model.description.referenced_files import Named, named
 
 KINDS = {"include": "include", "model": "attached model", "texture": "texture", "flexcomp": "flexcomp"}
 
@@ -47,12 +47,12 @@ def assets(model: mujoco.MjModel, path: Path | None) -> tuple[Asset, ...]:
 
 
 def _named(path: Path | None) -> list[Named]:
-    main = None if path is None else files.main_source(path)
+    main = None if path is None else archive_files.main_source(path)
     return [] if main is None else named(main)
 
 
 def _file(kind: str, name: str | None, path: str | None, content: dict[str, int] | None = None) -> Asset:
-    return Asset(kind, name, path, None if path is None else files.size(path), content or {})
+    return Asset(kind, name, path, None if path is None else archive_files.size(path), content or {})
 
 
 def _meshes(model: mujoco.MjModel) -> Iterator[Asset]:

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import mujoco
 
-from mjrun.model.description.plain import called, floats, spelled
+from mjrun.model.description.plain_values import called, floats, spelled
 
 PLUGIN = mujoco.mjtObj.mjOBJ_PLUGIN
 DIMENSIONS = {1: "lines", 2: "triangles", 3: "tetrahedra"}

@@ -7,7 +7,7 @@ import mujoco
 import numpy as np
 
 from mjrun.model.description.actuators import ACTUATOR
-from mjrun.model.description.plain import JOINT, called
+from mjrun.model.description.plain_values import JOINT, called
 from mjrun.model.joints import BALL
 
 SLACK = 1e-9  # of a range, for what decimals of an angle cannot say

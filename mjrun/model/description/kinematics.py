@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import mujoco
 
-from mjrun.model.description.plain import (
+from mjrun.model.description.plain_values import (
     BODY,
     GEOM,
     JOINT,

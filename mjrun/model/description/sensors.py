@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import mujoco
 
-from mjrun.model.description.plain import called, spelled
+from mjrun.model.description.plain_values import called, spelled
 from mjrun.model.description.units import sensor_unit
 
 

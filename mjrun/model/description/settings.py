@@ -8,7 +8,7 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from mjrun.model.description.plain import exact, floats, spelled
+from mjrun.model.description.plain_values import exact, floats, spelled
 from mjrun.model.names import members
 from mjrun.model.override import NAMED_INTEGERS
 

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import mujoco
 
-from mjrun.model.description.plain import floats, spelled
+from mjrun.model.description.plain_values import floats, spelled
 
 SIZES = (
     *("nq", "nv", "na", "nu", "nsensordata", "nuserdata", "nmocap", "npluginstate", "nhistory", "nplastic"),

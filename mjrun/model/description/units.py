@@ -6,7 +6,7 @@ https://mujoco.readthedocs.io/en/latest/XMLunits.html
 
 import mujoco
 
-from mjrun.model.description.plain import spelled
+from mjrun.model.description.plain_values import spelled
 
 FREE, BALL = mujoco.mjtJoint.mjJNT_FREE, mujoco.mjtJoint.mjJNT_BALL
 SLIDE, HINGE = mujoco.mjtJoint.mjJNT_SLIDE, mujoco.mjtJoint.mjJNT_HINGE

@@ -1,0 +1,1 @@
+"""The measurement of simulations: what steps, frames and outputs cost."""

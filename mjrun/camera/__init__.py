@@ -1,0 +1,1 @@
+"""Cameras: rigs, scripts, motion and calibration. Mathematics; nothing is drawn here."""

@@ -1,0 +1,1 @@
+"""The lint of models: what is wrong with them, or will be."""

@@ -1,0 +1,1 @@
+"""The rules of `mjrun check`, by what they look at."""

@@ -1,0 +1,132 @@
+"""Findings as text, JSON, SARIF and annotations of a workflow on GitHub."""
+
+import os
+import re
+from collections.abc import Iterator
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+from urllib.parse import quote
+
+from mjrun.check.check import CheckResult
+from mjrun.check.finding import SEVERITIES, Finding, tidy
+from mjrun.check.rule_table import RULES
+from mjrun.errors import clean
+from mjrun.version import __version__
+
+SARIF = "https://json.schemastore.org/sarif-2.1.0.json"
+HOME = "https://pypi.org/project/mjrun/"
+ANNOTATIONS = {"error": "error", "warning": "warning", "note": "notice"}
+
+
+def lines(result: CheckResult) -> Iterator[str]:
+    """A line for each finding, as compilers write them, and its remedy below it; models in their order."""
+    for finding, model in _all(result):
+        place = clean(finding.file) + (f":{finding.line}" if finding.line else "")
+        yield f"{place}: {finding.severity} {finding.code}: {clean(told(finding, model))}"
+        if finding.remedy:
+            yield from (f"    {clean(line)}" for line in finding.remedy.splitlines())
+
+
+def summary(result: CheckResult) -> str:
+    """What there was, in a line."""
+    counts = [_counted(result.count(severity), severity) for severity in reversed(SEVERITIES)]
+    found = ", ".join(count for count in counts if count) or "nothing found"
+    unloaded = sum(not model.loads for model in result.models)
+    parts = [f"{_counted(len(result.models), 'model') or 'no model'}: {found}"]
+    if unloaded:
+        parts.append(f"{unloaded} {'does' if unloaded == 1 else 'do'} not load")
+    if result.skipped:
+        parts.append(
+            f"{_counted(result.skipped, 'file')} skipped that {'is' if result.skipped == 1 else 'are'} no model"
+        )
+    return "; ".join(parts)
+
+
+def told(finding: Finding, model: str) -> str:
+    """The message with what it is about, and the model where the file is another; messages name elements themselves."""
+    where = "" if finding.file in (model, tidy(Path(model))) else f" (in {model})"
+    if not finding.object or finding.object.startswith("<") or finding.object in finding.message:
+        return finding.message + where
+    return f"{finding.object}: {finding.message}{where}"
+
+
+def document(result: CheckResult) -> dict[str, Any]:
+    """The result as JSON has it."""
+    counts = {f"{severity}s": result.count(severity) for severity in reversed(SEVERITIES)}
+    return {"mjrun": __version__, **asdict(result), **counts}
+
+
+def annotations(result: CheckResult) -> Iterator[str]:
+    """Workflow commands of GitHub Actions: `::warning file=…,line=…,title=…::message`."""
+    for finding, model in _all(result):
+        place = f"file={_property(finding.file)}" + (f",line={finding.line}" if finding.line else "")
+        title = _property(f"{finding.code} {RULES[finding.code].title}")
+        text = "\n".join(filter(None, (told(finding, model), finding.remedy)))
+        yield f"::{ANNOTATIONS[finding.severity]} {place},title={title}::{_data(text)}"
+
+
+def sarif(result: CheckResult) -> dict[str, Any]:
+    """A SARIF 2.1.0 document: https://docs.oasis-open.org/sarif/sarif/v2.1.0/sarif-v2.1.0.html."""
+    codes = list(RULES)
+    driver = {"name": "mjrun", "version": __version__, "informationUri": HOME, "rules": [_rule(code) for code in codes]}
+    run = {
+        "tool": {"driver": driver},
+        "invocations": [{"executionSuccessful": True, "exitCode": result.code}],
+        "results": [_result(finding, model, codes.index(finding.code)) for finding, model in _all(result)],
+    }
+    return {"$schema": SARIF, "version": "2.1.0", "runs": [run]}
+
+
+def _rule(code: str) -> dict[str, Any]:
+    rule = RULES[code]
+    name = "".join(word.capitalize() for word in re.findall(r"\w+", rule.title))
+    return {
+        "id": code,
+        "name": name,
+        "shortDescription": {"text": rule.title},
+        "defaultConfiguration": {"level": rule.severity},
+    }
+
+
+def _result(finding: Finding, model: str, index: int) -> dict[str, Any]:
+    text = "\n".join(clean(part) for part in (told(finding, model), finding.remedy) if part)
+    place: dict[str, Any] = {"artifactLocation": {"uri": _uri(finding.file)}}
+    if finding.line:
+        place["region"] = {"startLine": finding.line}
+    location: dict[str, Any] = {"physicalLocation": place}
+    if finding.object:
+        location["logicalLocations"] = [{"fullyQualifiedName": clean(finding.object)}]
+    return {
+        "ruleId": finding.code,
+        "ruleIndex": index,
+        "level": finding.severity,
+        "message": {"text": text},
+        "locations": [location],
+    }
+
+
+def _all(result: CheckResult) -> Iterator[tuple[Finding, str]]:
+    """All findings, each with its model."""
+    return ((finding, model.model) for model in result.models for finding in model.findings)
+
+
+def _counted(number: int, what: str) -> str:
+    return f"{number} {what}{'' if number == 1 else 's'}" if number else ""
+
+
+def _uri(path: str) -> str:
+    """A file as a URI, relative unless it is absolute."""
+    text = quote(os.fsencode(Path(path).as_posix()))
+    return f"file://{text}" if text.startswith("/") else text
+
+
+def _data(text: str) -> str:
+    """Text of a workflow command: one line, and nothing in it that could begin another."""
+    cleaned = "\n".join(clean(line) for line in text.split("\n"))
+    return cleaned.replace("%", "%25").replace("\r", "%0D").replace("\n", "%0A")
+
+
+def _property(text: str) -> str:
+    """A property of a workflow command."""
+    return clean(text).replace("%", "%25").replace(":", "%3A").replace(",", "%2C")

@@ -1,0 +1,148 @@
+"""Tables and lines under headings, laid out for the terminal; without one, as wide as they are."""
+
+import os
+import sys
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
+
+from rich.cells import cell_len
+from rich.console import Console as Terminal
+from rich.padding import Padding
+from rich.table import Table
+from rich.text import Text
+
+from mjrun.cli.info_formatting import Column
+
+GAP, INDENT = 2, 2
+READABLE = 100  # characters of a line of labels and values
+NARROW, SCANT = 24, 8  # characters of a text that is folded: where columns can be left out, and where they cannot
+NEEDED = 2  # columns that are never left out
+UNLIMITED = 1 << 16
+
+
+class Page:
+    """A page in the making."""
+
+    def __init__(self) -> None:
+        self._terminal = Terminal(file=sys.stdout, highlight=False, markup=False, emoji=False)
+        told = os.environ.get("COLUMNS", "")
+        if not self._terminal.is_terminal and not (told.isdecimal() and int(told)):
+            self._terminal.width = UNLIMITED
+        self._empty = True
+        self._text = ""
+
+    def table(self, title: str, columns: Sequence[Column], rows: int, shown: int | None = None, hint: str = "") -> None:
+        """A table under its title and the number of its rows; only the first rows if `shown` says so."""
+        cut = rows if shown is None else min(rows, shown)
+        self._title(title, str(rows) if rows else "none")
+        room = self._terminal.width - INDENT
+        kept, left_out = _fitting([_cut(column, cut) for column in columns], room)
+        if cut:
+            self._print(Padding(self._table(kept, room), (0, 0, 0, INDENT)))
+        if cut < rows:
+            self._note(f"… {rows - cut} more: {hint}")
+        if left_out:
+            self._note(f"no room for {', '.join(column.heading for column in left_out)}; --json has them")
+
+    def lines(self, title: str, pairs: Sequence[tuple[str, str]], about: str = "") -> None:
+        """Labels and values under a title; what has no value is left out."""
+        self._title(title, about)
+        table = Table(box=None, show_header=False, pad_edge=False, padding=(0, GAP, 0, 0))
+        table.add_column(style="dim", no_wrap=True)
+        table.add_column(overflow="fold")
+        for label, value in pairs:
+            if value:
+                table.add_row(Text(label), Text(value))
+        width = min(self._terminal.width, READABLE)
+        self._print(Padding(table, (0, 0, 0, INDENT)), width)
+
+    def note(self, text: str) -> None:
+        """A line on its own."""
+        self._print(Text(""))
+        self._print(Text(text, style="dim"))
+
+    def text(self) -> str:
+        """All of it; with colours if standard output is a terminal that has them."""
+        lines = self._text.removesuffix("\n").split("\n")
+        return "\n".join(lines if self._terminal.is_terminal else [line.rstrip() for line in lines])
+
+    def _table(self, columns: Sequence[Column], room: int) -> Table:
+        table = Table(box=None, pad_edge=False, padding=(0, GAP, 0, 0), header_style="dim")
+        height = max(len(column.unit.split("\n")) if column.unit else 0 for column in columns)
+        widths = _widths(columns, room)
+        for column, width in zip(columns, widths, strict=True):
+            justify = "right" if column.right else "left"
+            table.add_column(Text(_heading(column, height)), justify=justify, overflow="fold", width=width)
+        for i, cells in enumerate(zip(*(column.cells for column in columns), strict=True)):
+            lines = max(self._lines(cell, width) for cell, width in zip(cells, widths, strict=True))
+            below = [f"\n{column.below[i]}" * (lines - 1) if column.below else "" for column in columns]
+            table.add_row(*(Text(cell + more) for cell, more in zip(cells, below, strict=True)))
+        return table
+
+    def _lines(self, cell: str, width: int) -> int:
+        """How many lines a cell is folded to."""
+        return len(Text(cell).wrap(self._terminal, width, overflow="fold")) if cell_len(cell) > width else 1
+
+    def _title(self, title: str, about: str) -> None:
+        if not self._empty:
+            self._print(Text(""))
+        self._empty = False
+        self._print(Text.assemble((title, "bold"), "  ", (about, "dim")))
+
+    def _note(self, text: str) -> None:
+        self._print(Padding(Text(text, style="dim"), (0, 0, 0, INDENT)))
+
+    def _print(self, what: object, width: int | None = None) -> None:
+        with self._terminal.capture() as printed:
+            self._terminal.print(what, width=width)
+        self._text += printed.get()
+
+
+def _cut(column: Column, count: int) -> Column:
+    return replace(column, cells=column.cells[:count])
+
+
+def _fitting(columns: Sequence[Column], width: int) -> tuple[list[Column], list[Column]]:
+    """The columns that say something, and those of them that there is no room for."""
+    told = [column for column in columns if any(column.cells)]
+    main = [column for column in told if not column.extra]
+    kept = [*main]
+    while len(kept) > NEEDED and _total(map(_least, kept)) > width:
+        kept.pop()
+    room = width - _total(map(_width, kept)) if kept == main else 0
+    for column in told:
+        if column.extra and _width(column) + GAP <= room:
+            kept.append(column)
+            room -= _width(column) + GAP
+    return [column for column in told if column in kept], [column for column in told if column not in kept]
+
+
+def _total(widths: Iterable[int]) -> int:
+    """How wide columns are side by side."""
+    return sum(width + GAP for width in widths) - GAP
+
+
+def _least(column: Column) -> int:
+    """How wide a column must be to be read with ease."""
+    return _width(column) if column.right else min(_width(column), NARROW)
+
+
+def _width(column: Column) -> int:
+    return max(cell_len(text) for text in (*_heading(column, 0).split("\n"), *column.cells))
+
+
+def _widths(columns: Sequence[Column], room: int) -> list[int]:
+    """How wide the columns are: where they do not fit, texts are folded, the first column last while it can be read."""
+    widths = [_width(column) for column in columns]
+    texts = [i for i, column in enumerate(columns) if i and not column.right]
+    folded = [(texts, NARROW), ([0], NARROW), ([0], SCANT), (texts, SCANT), ([*range(len(columns))], 1)]
+    for group, least in folded:
+        while _total(widths) > room and any(widths[i] > least for i in group):
+            widths[max(group, key=lambda i: widths[i])] -= 1
+    return widths
+
+
+def _heading(column: Column, height: int) -> str:
+    """A heading over `height` lines of units."""
+    units = [f"[{unit}]" for unit in column.unit.split("\n")] if column.unit else []
+    return "\n".join([column.heading, *units, *[""] * (height - len(units))])

@@ -1,0 +1,61 @@
+"""What the user is told of each kind of result, in a line."""
+
+from typing import TYPE_CHECKING, Any
+
+from mjrun.errors import clean
+
+if TYPE_CHECKING:
+    from mjrun.job.image import ImageResult
+    from mjrun.job.plot import PlotResult
+    from mjrun.job.recording import RecordingResult
+    from mjrun.job.trace import TraceResult
+    from mjrun.job.video import VideoResult
+
+
+def film(result: "VideoResult") -> str:
+    width, height = result.size
+    frames = f"{result.frames} frame{'' if result.frames == 1 else 's'}"
+    shown = f"{width}x{height}, {frames}, {result.duration:.4g} s at {_figure(result.fps, 4)} fps, {result.codec}"
+    pace = f"made in {result.wall:.1f} s, {_figure(result.frames / result.draw_wall, 3)} frames/s"
+    by = f"by {clean(result.renderer)} ({result.gl})" + (f" in {result.jobs} processes" if result.jobs > 1 else "")
+    return f"{', '.join(map(clean, result.paths))}: {shown}; {pace}, {by}"
+
+
+def _figure(value: float, digits: int) -> str:
+    """So many digits, or all before the point: 0.125, 29.97, 10000."""
+    return f"{value:.{digits}g}" if value < 10 ** (digits - 1) else f"{value:.0f}"
+
+
+def still(result: "ImageResult") -> str:
+    width, height = result.size
+    paths = ", ".join(map(clean, result.paths)) or "-"
+    return f"{paths}: {width}x{height} at {result.time:.6g} s; made in {result.wall:.1f} s, by {clean(result.renderer)}"
+
+
+def trace(result: "TraceResult") -> str:
+    size = f"{result.rows} rows, {result.columns} columns"
+    pace = f"{result.simulated:.6g} s in {result.steps} steps; made in {result.wall:.2f} s"
+    return f"{clean(result.path)}: {size}, {pace}"
+
+
+def plot(result: "PlotResult") -> str:
+    width, height = result.size
+    return f"{clean(result.path)}: {width}x{height}, {result.samples} samples"
+
+
+def recording(result: "RecordingResult") -> str:
+    return f"{clean(result.path)}: {result.states} states of {result.size} numbers, {result.simulated:.6g} s"
+
+
+SENTENCES = {
+    "VideoResult": film,
+    "ImageResult": still,
+    "TraceResult": trace,
+    "PlotResult": plot,
+    "RecordingResult": recording,
+}
+
+
+def sentence(result: Any) -> str:
+    """The line about a result of any kind."""
+    return SENTENCES[type(result).__name__](result)

@@ -1,0 +1,92 @@
+"""Values that run documents write in more than one way: exact numbers, sizes, one of something or a list of it."""
+
+import re
+from collections.abc import Callable, Sequence
+from fractions import Fraction
+from typing import Annotated, Any, TypeVar
+
+from pydantic import AfterValidator, Discriminator, Field, PlainValidator, Tag, WithJsonSchema
+
+from mjrun.document.document_model import LIST, NUMBER, ComplaintError, kinds
+from mjrun.errors import UsageError
+from mjrun.timeline import rational
+
+ONE = "\0one"
+T = TypeVar("T")
+
+Several = Annotated[
+    Annotated[T, Tag(ONE)] | Annotated[list[T], Tag(LIST)],
+    Discriminator(lambda value: LIST if isinstance(value, list | tuple) else ONE),
+]
+"""One of something, or a list."""
+
+
+def all_of(given: T | list[T]) -> tuple[T, ...]:
+    """What `Several` holds."""
+    return tuple(given) if isinstance(given, list) else (given,)
+
+
+def _exact(expected: str, fits: Callable[[Fraction], bool], bound: Any) -> Any:
+    """Reads a number, or text such as `30000/1001`, as the exact number that is written."""
+
+    def exact(value: Any) -> Fraction:
+        try:
+            if type(value) in (int, float, str) and fits(number := rational(value)):
+                return number
+        except (ValueError, OverflowError):
+            pass
+        raise ComplaintError("kind", expected=expected)
+
+    text = Field(pattern=r"^[0-9.]+(/[0-9]+|[eE][-+]?[0-9]+)?$")
+    return PlainValidator(exact, json_schema_input_type=Annotated[float, bound] | Annotated[str, text])
+
+
+Exact = Annotated[Fraction, _exact("a positive number", lambda number: number > 0, Field(gt=0))]
+Instant = Annotated[Fraction, _exact("a number of at least 0", lambda number: number >= 0, Field(ge=0))]
+
+
+def _size(value: Any) -> tuple[int, int]:
+    """`1280x720`, or a list of both."""
+    written = re.fullmatch(r"([0-9]{1,9})[xX]([0-9]{1,9})", value) if isinstance(value, str) else None
+    sides = [int(side) for side in written.groups()] if written else value
+    if isinstance(sides, list) and len(sides) == 2 and all(type(side) is int and side > 0 for side in sides):
+        return sides[0], sides[1]
+    raise ComplaintError("kind", expected="width and height in pixels, as in 1280x720 or [1280, 720]")
+
+
+Side = Annotated[int, Field(gt=0)]
+Size = Annotated[
+    tuple[int, int],
+    PlainValidator(
+        _size,
+        json_schema_input_type=Annotated[str, Field(pattern="^[0-9]+[xX][0-9]+$")]
+        | Annotated[list[Side], Field(min_length=2, max_length=2)],
+    ),
+]
+Numbers = Annotated[
+    Annotated[float, Tag(NUMBER)] | Annotated[list[float], Field(min_length=1), Tag(LIST)],
+    kinds("a number or a list of numbers", NUMBER, LIST),
+]
+
+
+def one_line(error: UsageError) -> str:
+    """What `error` says, in one line as documents' errors are."""
+    return "; ".join(part for part in str(error).splitlines() if part)
+
+
+def taken_by(make: Callable[[str], object]) -> Any:
+    """Refuses texts that `make` refuses, in its words."""
+
+    def checked(text: str) -> str:
+        try:
+            make(text)
+        except UsageError as error:
+            raise ComplaintError.saying(one_line(error)) from None
+        return text
+
+    return AfterValidator(checked)
+
+
+def listed(names: Sequence[str]) -> Any:
+    """Tells editors the names that a text may have."""
+    return WithJsonSchema({"type": "string", "enum": list(names)})

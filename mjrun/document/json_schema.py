@@ -1,0 +1,90 @@
+"""JSON Schema of the documents, by which editors complete and check them while they are written, and of reports."""
+
+from typing import Any
+
+from pydantic import BaseModel
+from pydantic.json_schema import GenerateJsonSchema, JsonSchemaValue
+
+from mjrun.document.camera import Document
+from mjrun.document.report_schema import REPORTS, report_schema
+from mjrun.document.run import Run
+from mjrun.document.variables import DEFAULTS, VARS
+from mjrun.errors import UnknownNameError
+
+# Kind of document → its form, its title, and whether it may have a preamble.
+KINDS: dict[str, tuple[type[BaseModel], str, bool]] = {
+    "camera": (Document, "mjrun camera document", False),
+    "run": (Run, "mjrun run document", True),
+}
+PREAMBLE = {
+    VARS: {
+        "description": "Values under names of letters, digits and _; ${name} in a text stands for one.",
+        "type": "object",
+        "propertyNames": {"pattern": "^[A-Za-z_][A-Za-z0-9_]*$"},
+        "additionalProperties": {"type": ["string", "number", "boolean", "null"]},
+    },
+    DEFAULTS: {
+        "description": "Another document, relative to the folder of this one, whose values count where this has none.",
+        "type": "string",
+    },
+}
+VARIABLE = {
+    "description": "The value of one of vars.",
+    "type": "string",
+    "pattern": r"^\$\{[A-Za-z_][A-Za-z0-9_]*\}$",
+}
+ABOUT = ("description", "default")  # keywords beside those that say what is valid
+NARROW = ("enum", "const", "pattern")  # keywords that a text with a variable does not fit
+
+
+class _Generator(GenerateJsonSchema):
+    """Leaves out what pydantic makes up: titles of fields, and the null of what may be left out."""
+
+    def field_title_should_be_set(self, schema: Any) -> bool:
+        return False
+
+    def default_schema(self, schema: Any) -> JsonSchemaValue:
+        if schema.get("default") is None:
+            return self.generate_inner(schema["schema"])
+        return super().default_schema(schema)
+
+
+def schema(kind: str) -> dict[str, Any]:
+    """The JSON Schema, draft 2020-12, of documents or reports of a `kind`.
+
+    Raises:
+      UnknownNameError: there is no such kind; the message lists those there are.
+    """
+    if kind in REPORTS:
+        return report_schema(kind)
+    if kind not in KINDS:
+        raise UnknownNameError("schema", kind, [*KINDS, *REPORTS])
+    form, title, preamble = KINDS[kind]
+    made = form.model_json_schema(schema_generator=_Generator)
+    made = {"$schema": _Generator.schema_dialect, **made, "title": title}
+    return _with_preamble(made) if preamble else made
+
+
+def _with_preamble(made: dict[str, Any]) -> dict[str, Any]:
+    """The schema of a document that may have variables, and defaults that say what it does not."""
+    properties = {**PREAMBLE, **_with_variables(made["properties"])}
+    definitions = {**_with_variables(made.get("$defs", {})), "Variable": VARIABLE}
+    alone = {key: made[key] for key in ("required", "anyOf") if key in made}
+    rest = {key: value for key, value in made.items() if key != "required"}
+    return {**rest, "$defs": definitions, "properties": properties, "anyOf": [{"required": [DEFAULTS]}, alone]}
+
+
+def _with_variables(rule: Any) -> Any:
+    """`rule`, or the rules in it, with variables wherever a value is no free text."""
+    if isinstance(rule, list):
+        return [_with_variables(inner) for inner in rule]
+    if not isinstance(rule, dict):
+        return rule
+    if rule.get("type") in ("number", "integer", "boolean") or any(key in rule for key in NARROW):
+        said = {key: rule[key] for key in ABOUT if key in rule}
+        bare = {key: value for key, value in rule.items() if key not in said}
+        return {**said, "anyOf": [bare, {"$ref": "#/$defs/Variable"}]}
+    found = {key: value if key in ABOUT else _with_variables(value) for key, value in rule.items()}
+    if all("required" not in one for one in found.get("oneOf", [{"required": []}])):
+        found["anyOf"] = found.pop("oneOf")  # a variable may fit several
+    return found

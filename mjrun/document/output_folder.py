@@ -1,0 +1,70 @@
+"""The files that a run document asks for: all inside one folder, no two the same."""
+
+from pathlib import Path, PurePosixPath
+from typing import Annotated
+
+from pydantic import AfterValidator
+
+from mjrun.document.document_model import ComplaintError, Name
+from mjrun.errors import UsageError, clean, quoted
+from mjrun.job.output_files import ReservedFiles
+
+WRITTEN = ("output", "contacts", "calibration", "pointcloud", "manifest")  # what names outputs, of jobs and documents
+
+
+def refusal(text: str) -> str:
+    """Why a document may not write to `text`; empty if it may, as far as the text tells."""
+    parts = PurePosixPath(text).parts
+    depths = [sum(-1 if part == ".." else 1 for part in parts[:end]) for end in range(1, len(parts) + 1)]
+    if text == "-":
+        return "- is standard output, and a document writes files"
+    if "\0" in text:
+        return f"{quoted(text)} holds a character that no path has"
+    if text.startswith(("/", "~")):
+        return f"{quoted(text)} is no path inside the folder of outputs"
+    if min(depths, default=0) < 0:
+        return f"{quoted(text)} leaves the folder of outputs"
+    return "" if depths and depths[-1] > 0 else f"{quoted(text)} is the folder of outputs itself"
+
+
+def _inside(text: str) -> str:
+    if reason := refusal(text):
+        raise ComplaintError.saying(reason)
+    return text
+
+
+Inside = Annotated[Name, AfterValidator(_inside)]  # a path that a document may write to, as far as the text tells
+
+
+class Files:
+    """The outputs of a run, inside `folder`."""
+
+    def __init__(self, folder: Path) -> None:
+        self._folder, self._taken = folder, ReservedFiles()
+
+    def path(self, text: str) -> str:
+        """Where the output `text`, an `Inside`, is; a folder of frames ends in a slash as before.
+
+        Raises:
+          UsageError: a link leads out of the folder.
+        """
+        path = self._folder / text
+        self._check(path)
+        return f"{path}/" if text.endswith("/") else str(path)
+
+    def take(self, path: str, taker: str) -> None:
+        """Reserves a file for one output; `taker` says of which, and where it is asked for.
+
+        Raises:
+          UsageError: it is another's too, or a link leads out of the folder.
+        """
+        self._check(Path(path))
+        self._taken.take(path, taker)
+
+    def _check(self, path: Path) -> None:
+        try:
+            file, folder = path.resolve(), self._folder.resolve()
+        except (OSError, RuntimeError) as error:  # links in a circle
+            raise UsageError(f"{clean(str(path))} cannot be reached: {clean(str(error))}") from None
+        if folder not in file.parents:
+            raise UsageError(f"{clean(str(path))} leads out of the folder of outputs, by a link")

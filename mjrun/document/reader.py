@@ -1,0 +1,134 @@
+"""A YAML file, read into a typed value, or every error in it at once, each at its line and column."""
+
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+from typing import TypeVar
+
+from pydantic import BaseModel, ValidationError
+
+from mjrun.document.assignments import assign
+from mjrun.document.error_messages import faults_of
+from mjrun.document.tree import Broken, Fault, Mapped, Mark, Scalar, described, plain
+from mjrun.document.variables import DEFAULTS, VARS, merged, without_variables
+from mjrun.document.yaml_parser import Lines, compose
+from mjrun.errors import DocumentError, Problem
+from mjrun.formats.input_file import opened
+
+LARGEST = 2**20  # bytes of a document
+SUFFIXES = (".yaml", ".yml")
+
+Kind = TypeVar("Kind", bound=BaseModel)
+
+
+def read(path: Path | str, kind: type[Kind], assignments: Sequence[str] = (), *, preamble: bool = False) -> Kind:
+    """The document at `path`, a mapping, as a `kind`.
+
+    It is YAML 1.2's core schema: only `true` and `false` are truth values, `010` is ten, times and dates are text;
+    keys stand once and are text; there are no aliases, tags, merge keys or further documents.
+
+    Args:
+      assignments: `key=value` from the command line, such as `films[0].fps=30`, over what is written; each value
+        is a scalar or a flow collection under the same rules.
+      preamble: whether the document may have `vars:`, for `${name}` in its texts, and `defaults:`, another document
+        with the same kind of mapping, below this one; its path is relative to the document's folder. `vars` of both
+        count for both. Neither reaches `kind`.
+
+    Raises:
+      DocumentError: with everything that is wrong in the document, its defaults and the assignments.
+      FileError: the document, or that of its defaults, is not there or cannot be read.
+    """
+    return read_placed(path, kind, assignments, preamble=preamble)[0]
+
+
+def read_placed(
+    path: Path | str,
+    kind: type[Kind],
+    assignments: Sequence[str] = (),
+    *,
+    preamble: bool = False,
+    named: Sequence[str] = (),
+) -> tuple[Kind, Mapped]:
+    """The document at `path`, as `read` gives it, and the tree that knows where each of its values is written.
+
+    Args:
+      named: keys whose entries have names that may hold dots, so that `set.opt.cone=elliptic` sets `opt.cone`.
+    """
+    reader = _Reader(Path(path), preamble)
+    tree = reader.document(Path(path), 0)
+    if tree and preamble:
+        tree = reader.with_defaults(tree)
+    if tree:
+        tree, found = assign(tree, assignments, 2, (DEFAULTS,) if preamble else (), named)
+        reader.faults += found
+        if preamble:
+            tree, found = without_variables(tree)
+            reader.faults += found
+    return reader.validated(tree, kind)
+
+
+def document_error(faults: Iterable[Fault], more: Sequence[Problem] = ()) -> DocumentError:
+    """The error that tells all `faults`, in order of their places, and `more` from other documents."""
+    return DocumentError([*(_problem(fault) for fault in sorted(set(faults))), *more])
+
+
+class _Reader:
+    def __init__(self, path: Path, preamble: bool) -> None:
+        self.path, self.preamble = path, preamble
+        self.faults: list[Fault] = []
+
+    def document(self, path: Path, order: int, hint: str = "") -> Mapped | None:
+        """The mapping in the file at `path`; None if there is no such mapping."""
+        with opened(path, "document", SUFFIXES, hint) as file:
+            data = file.read(LARGEST + 1)
+        top = Mark(order, 0, 0, str(path))
+        if len(data) > LARGEST:
+            self.faults.append(Fault(top, "", f"more than {LARGEST // 2**20} MiB are no document for mjrun"))
+            return None
+        try:
+            text = data.decode("utf-8-sig")
+        except UnicodeDecodeError as error:
+            before = error.object[: error.start].decode("utf-8")  # of what follows the mark of byte order
+            mark = Mark(order, *Lines(before).at(len(before)), str(path))
+            self.faults.append(Fault(mark, "", f"not UTF-8: the byte 0x{error.object[error.start]:02x}"))
+            return None
+        lines = Lines(text)
+        node, found = compose(text, lambda index: Mark(order, *lines.at(index), str(path)))
+        self.faults += found
+        if node is None and not found:
+            self.faults.append(Fault(top, "", "the document is empty"))
+        elif node is not None and not isinstance(node, Mapped | Broken):
+            self.faults.append(Fault(node.mark, "", f"expected a mapping, got {described(node)}"))
+        return node if isinstance(node, Mapped) else None
+
+    def with_defaults(self, tree: Mapped) -> Mapped | None:
+        """`tree` over what its `defaults` names; None if that cannot be read."""
+        given = tree.entries.get(DEFAULTS)
+        tree = tree.without(DEFAULTS)
+        if given is None or isinstance(given, Broken):
+            return tree
+        if not isinstance(given, Scalar) or not isinstance(given.value, str) or not given.value:
+            self.faults.append(Fault(given.mark, DEFAULTS, f"expected the path of a document, got {described(given)}"))
+            return tree
+        below = self.document(self.path.parent / given.value, 1, hint=f"{given.mark} names it as defaults")
+        if below and DEFAULTS in below.entries:
+            self.faults.append(Fault(below.keys[DEFAULTS], "", "defaults have no defaults of their own"))
+            below = below.without(DEFAULTS)
+        both = merged(tree, below)
+        return both if below and isinstance(both, Mapped) else None
+
+    def validated(self, tree: Mapped | None, kind: type[Kind]) -> tuple[Kind, Mapped]:
+        """The value and the tree, unless something was wrong."""
+        made = None
+        if tree:
+            try:
+                made = kind.model_validate(plain(tree))
+            except ValidationError as error:
+                self.faults += faults_of(error, tree, (VARS, DEFAULTS) if self.preamble else ())
+        if tree is None or made is None or self.faults:
+            raise document_error(self.faults)
+        return made, tree
+
+
+def _problem(fault: Fault) -> Problem:
+    named = not fault.mark.line and fault.mark.source.startswith(f"{fault.path}=")  # the setting says the path already
+    return Problem(str(fault.mark), "" if named else fault.path, fault.message)

@@ -1,0 +1,44 @@
+"""JSON Schema of what mjrun reports, derived from its dataclasses and what their docstrings say of each field."""
+
+import inspect
+import re
+from typing import Any
+
+from pydantic import TypeAdapter
+from pydantic.json_schema import GenerateJsonSchema, JsonSchemaValue
+
+from mjrun.bench.results import BenchResult
+
+# Kind of report → its dataclass, whose field `schema` names it, and its title.
+REPORTS: dict[str, tuple[type[BenchResult], str]] = {"bench": (BenchResult, "mjrun bench report")}
+_FIELDS = re.compile(r"^  (\w+(?:, \w+)*): (.*(?:\n    .*)*)", re.MULTILINE)
+
+
+class _Generator(GenerateJsonSchema):
+    """Says what each field is; a report has all of them."""
+
+    def field_title_should_be_set(self, schema: Any) -> bool:
+        return False
+
+    def field_is_required(self, field: Any, total: bool) -> bool:
+        return True
+
+    def default_schema(self, schema: Any) -> JsonSchemaValue:
+        return self.generate_inner(schema["schema"])
+
+    def dataclass_schema(self, schema: Any) -> JsonSchemaValue:
+        made = super().dataclass_schema(schema)
+        about, _, fields = (inspect.getdoc(schema["cls"]) or "").partition("Attributes:\n")
+        made["description"] = about.strip()
+        for names, said in _FIELDS.findall(fields):
+            for name in names.split(", "):
+                made["properties"][name]["description"] = " ".join(said.split())
+        return made
+
+
+def report_schema(kind: str) -> dict[str, Any]:
+    """The JSON Schema, draft 2020-12, of reports of a `kind`, one of `REPORTS`. New keys may come to a report."""
+    form, title = REPORTS[kind]
+    made = TypeAdapter(form).json_schema(schema_generator=_Generator, mode="serialization")
+    made["properties"]["schema"]["const"] = form.schema
+    return {"$schema": _Generator.schema_dialect, **made, "title": title}

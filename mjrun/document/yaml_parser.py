@@ -1,0 +1,179 @@
+"""From YAML text to a tree: the part of YAML that documents use, and what is wrong with the rest."""
+
+import re
+from bisect import bisect_right
+from collections.abc import Callable
+from typing import Any, NoReturn
+
+import yaml
+from yaml.events import (
+    AliasEvent,
+    DocumentStartEvent,
+    MappingEndEvent,
+    ScalarEvent,
+    SequenceEndEvent,
+    SequenceStartEvent,
+    StreamEndEvent,
+)
+
+from mjrun.document.tree import Broken, Fault, Listed, Mapped, Mark, Node, Path, Scalar, cut, described, spelled
+from mjrun.document.yaml_errors import BARE_VARIABLE, NO_ANCHORS, NO_DIRECTIVES, NO_MERGE, NO_TAGS, explained, forbidden
+from mjrun.document.yaml_scalars import meaning
+from mjrun.errors import quoted
+
+NODES = 50_000  # values in a document
+DEPTH = 50  # values within values
+
+Place = Callable[[int], Mark]  # of the character at an index
+
+# What YAML prints, less what only some programs take for the end of a line, and marks of byte order.
+FORBIDDEN = re.compile("[^\t\n\r\x20-\x7e\xa0-\u2027\u202a-\ud7ff\ue000-\ufefe\uff00-\ufffd\U00010000-\U0010ffff]")
+_UNSAYABLE = re.compile("[\ud800-\udfff]")
+_CONTROL = re.compile(r"[\x00-\x1f\x7f-\x9f]")
+_LINE_END = re.compile(r"\r\n|\r|\n")
+
+
+class Lines:
+    """Where the characters of `text` are; lines end as editors end them."""
+
+    def __init__(self, text: str) -> None:
+        self._starts = [0, *(found.end() for found in _LINE_END.finditer(text))]
+
+    def at(self, index: int) -> tuple[int, int]:
+        """Line and column, from 1, of the character at `index`."""
+        line = bisect_right(self._starts, index)
+        return line, index - self._starts[line - 1] + 1
+
+
+def compose(text: str, place: Place, inline: bool = False) -> tuple[Node | None, list[Fault]]:
+    """The tree of `text`, and what is wrong with it; no tree if it cannot be read on, or is empty.
+
+    Aliases, anchors, tags, directives, merge keys and further documents are faults, keys are text and stand once.
+
+    Args:
+      inline: only scalars and flow collections are taken, as in a value on the command line.
+    """
+    composer = _Composer(text, place, inline)
+    try:
+        return composer.document(), composer.faults
+    except _HaltError:
+        return None, composer.faults
+
+
+class _HaltError(Exception):
+    """The text cannot be read on; the fault is noted."""
+
+
+class _Composer:
+    def __init__(self, text: str, place: Place, inline: bool) -> None:
+        self.text, self.place, self.inline = text, place, inline
+        self.faults: list[Fault] = []
+        self.nodes = self.depth = 0
+
+    def document(self) -> Node | None:
+        if found := FORBIDDEN.search(self.text):
+            self._halt(found.start(), forbidden(found[0]))
+        self.loader = yaml.SafeLoader(self.text)
+        self._event()  # the stream begins
+        start = self._event()
+        if isinstance(start, StreamEndEvent):
+            return None
+        self._check_directives(start)
+        node = self._node(self._event(), ())
+        self._event()  # the document ends
+        if not isinstance(extra := self._event(), StreamEndEvent):
+            self._halt(extra.start_mark.index, "a second document begins here, and a file holds one")
+        return node
+
+    def _event(self) -> Any:
+        try:
+            return self.loader.get_event()
+        except yaml.MarkedYAMLError as error:
+            message, index = explained(error, self.loader.marks[-1] if self.loader.marks else None)
+            self._halt(index, BARE_VARIABLE if self.text[index - 1 : index + 1] == "${" else message)
+        except (ValueError, OverflowError):  # PyYAML takes any eight digits for a character
+            self._halt(self.loader.get_mark().index, "this escape means no character")
+
+    def _halt(self, index: int, message: str) -> NoReturn:
+        self.faults.append(Fault(self.place(index), "", message))
+        raise _HaltError
+
+    def _fault(self, mark: Mark, path: Path, message: str) -> None:
+        self.faults.append(Fault(mark, spelled(path), message))
+
+    def _check_directives(self, start: DocumentStartEvent) -> None:
+        if start.tags or start.version not in (None, (1, 2)):
+            self._fault(self.place(start.start_mark.index), (), NO_DIRECTIVES)
+
+    def _node(self, event: Any, path: Path) -> Node:
+        index = event.start_mark.index
+        mark = self.place(index)
+        self.nodes += 1
+        if self.nodes > NODES:
+            self._halt(index, f"more than {NODES:,} values are no document for mjrun")
+        if self.depth >= DEPTH:
+            self._halt(index, f"more than {DEPTH} lists and mappings within each other are no document for mjrun")
+        self._check_dress(event, mark, path)
+        if isinstance(event, AliasEvent):
+            return Broken(mark)
+        if isinstance(event, ScalarEvent):
+            return self._scalar(event, mark, path)
+        if self.inline and not event.flow_style:
+            self._halt(index, "expected one value, [a list] or {a: mapping}")
+        self.depth += 1
+        node = self._list(mark, path) if isinstance(event, SequenceStartEvent) else self._mapping(mark, path)
+        self.depth -= 1
+        return node
+
+    def _check_dress(self, event: Any, mark: Mark, path: Path) -> None:
+        """What a value may not wear."""
+        if event.anchor is not None:
+            self._fault(mark, path, NO_ANCHORS)
+        if getattr(event, "tag", None) is not None:
+            self._fault(mark, path, NO_TAGS)
+
+    def _scalar(self, event: ScalarEvent, mark: Mark, path: Path) -> Node:
+        if found := _UNSAYABLE.search(event.value):
+            self._fault(mark, path, f"the escape {quoted(found[0])} is half a character")
+            return Broken(mark)
+        return Scalar(mark, meaning(event.value) if event.implicit[0] else event.value, event.value)
+
+    def _list(self, mark: Mark, path: Path) -> Listed:
+        items: list[Node] = []
+        while not isinstance(event := self._event(), SequenceEndEvent):
+            items.append(self._node(event, (*path, len(items))))
+        return Listed(mark, items)
+
+    def _mapping(self, mark: Mark, path: Path) -> Mapped:
+        entries: dict[str, Node] = {}
+        keys: dict[str, Mark] = {}
+        while not isinstance(event := self._event(), MappingEndEvent):
+            key, key_mark = self._key(event, path), self.place(event.start_mark.index)
+            value = self._node(self._event(), path if key is None else (*path, key))
+            if key in keys:
+                self._fault(key_mark, path, f"{quoted(cut(key))} is given twice{_first(keys[key])}")
+            elif key is not None:
+                entries[key], keys[key] = value, key_mark
+        return Mapped(mark, entries, keys)
+
+    def _key(self, event: Any, path: Path) -> str | None:
+        """The key that `event` begins; None if it is none."""
+        plain = isinstance(event, ScalarEvent) and event.implicit[0]
+        node = self._node(event, path)
+        if isinstance(node, Broken):
+            return None
+        if not isinstance(node, Scalar):
+            self._fault(node.mark, path, f"a key is text, not {described(node)}")
+        elif plain and node.text == "<<":
+            self._fault(node.mark, path, NO_MERGE)
+        elif not isinstance(node.value, str):
+            self._fault(node.mark, path, f"a key is text; {described(node)} as text goes in quotes")
+        elif _CONTROL.search(node.value):
+            self._fault(node.mark, path, f"a key with control characters, {described(node)}")
+        else:
+            return node.value
+        return None
+
+
+def _first(mark: Mark) -> str:
+    return f"; first in line {mark.line}" if mark.line else ""

@@ -1,0 +1,101 @@
+"""From plain values to YAML text that is read as the same values: numbers short and exact, quotes where needed."""
+
+import math
+import re
+from fractions import Fraction
+from typing import Any
+
+import yaml
+
+from mjrun.document.yaml_parser import FORBIDDEN
+from mjrun.document.yaml_scalars import meaning
+from mjrun.errors import UsageError, quoted
+from mjrun.timeline import rational
+
+WIDTH = 110  # of a line, where there is a place to break it
+
+_TAGS = {str: "str", int: "int", float: "float", bool: "bool", type(None): "null"}
+_ESCAPED = re.compile("[\n\r\t]")
+_CONTROL = re.compile(r"[\x00-\x1f\x7f-\x9f]")
+_UNSAYABLE = re.compile("[\ud800-\udfff]")
+
+
+def number(value: float) -> float:
+    """`value` as the shortest number that is the same.
+
+    Raises:
+      UsageError: it is not finite.
+    """
+    if not math.isfinite(value):
+        raise UsageError(f"a document holds finite numbers, not {value}")
+    return int(value) if isinstance(value, int) or (value == int(value) and abs(value) < 1e16) else float(value)
+
+
+def exact(value: float | str | Fraction) -> float | str:
+    """The exact number meant by `value`, as a number if that is exact, or else as text such as `30000/1001`."""
+    meant = rational(value)
+    try:
+        near = number(float(meant))
+        return near if rational(near) == meant else str(meant)
+    except OverflowError:
+        return str(meant)
+
+
+def decimal(value: Fraction, what: str) -> float:
+    """`value` as a number.
+
+    Raises:
+      UsageError: no decimal number that is read exactly is the same.
+    """
+    found = exact(value)
+    if isinstance(found, str):
+        raise UsageError(f"{what}: {found} is no decimal number, and a camera document takes no other")
+    return found
+
+
+def yaml_text(value: Any) -> str:
+    """`value`, of mappings, lists, texts, numbers, truth values and None, as the text of a document.
+
+    Raises:
+      UsageError: a text that no document can hold.
+    """
+    return yaml.dump(value, Dumper=_Dumper, sort_keys=False, allow_unicode=True, default_flow_style=None, width=WIDTH)
+
+
+class _Dumper(yaml.SafeDumper):
+    """Takes plain words for what our reader takes them for."""
+
+    def resolve(self, kind: Any, value: Any, implicit: Any) -> str:
+        if kind is yaml.ScalarNode and implicit[0]:
+            found = "merge" if value == "<<" else _TAGS[type(meaning(value))]
+            return f"tag:yaml.org,2002:{found}"
+        return super().resolve(kind, value, (False, False))
+
+    def ignore_aliases(self, data: Any) -> bool:
+        return True
+
+    def represent(self, data: Any) -> None:
+        """The top stands in lines, however short it is."""
+        node = self.represent_data(data)
+        if isinstance(node, yaml.CollectionNode):
+            node.flow_style = False
+        self.serialize(node)
+
+    def represent_mapping(self, tag: str, mapping: Any, flow_style: bool | None = None) -> yaml.MappingNode:
+        for key in mapping:
+            if _CONTROL.search(key):
+                raise UsageError(f"{quoted(key)}: a document takes no key with control characters")
+        return super().represent_mapping(tag, mapping, flow_style)
+
+    def _text(self, text: str) -> yaml.ScalarNode:
+        if _UNSAYABLE.search(text):
+            raise UsageError(f"{quoted(text)} is not UTF-8, and a document is")
+        style = '"' if _ESCAPED.search(text) or FORBIDDEN.search(text) else None
+        return self.represent_scalar("tag:yaml.org,2002:str", text, style)
+
+    def _float(self, value: float) -> yaml.ScalarNode:
+        return self.represent_scalar("tag:yaml.org,2002:float", repr(value))
+
+
+_Dumper.add_representer(str, _Dumper._text)
+_Dumper.add_representer(float, _Dumper._float)

@@ -1,1 +1,0 @@
-"""Sinks: where frames and rows go, published whole or not at all."""

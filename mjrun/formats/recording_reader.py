@@ -1,0 +1,192 @@
+"""Recordings, read back: any state of one, from where it lies in the file.
+
+A recording is not trusted: all of it is checked when it is opened, nothing in it runs, and what is told of it
+is cleaned.
+"""
+
+import json
+import math
+import os
+import struct
+import weakref
+import zipfile
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from types import TracebackType
+from typing import Any, BinaryIO
+
+import numpy as np
+
+from mjrun.errors import FileError
+from mjrun.formats.input_file import decoding, require_file
+from mjrun.formats.recording_writer import PIECE, SUFFIX, odd
+from mjrun.formats.table_reader import HEADERS, SAID
+
+FACTS = 2**24  # characters of facts, at most
+LOCAL = 26  # bytes of a member's header in the archive before the lengths of its name and extra field
+TEXT = "unicode text"
+ARRAYS = {"states": ("float64", ("n", "size")), "steps": ("int64", ("n",)), "facts": (TEXT, ())}
+HINT = "mjrun … --recording FILE.npz makes one"
+
+
+class RecordingFile:
+    """A recording to read states of, in any order; it stays on disk.
+
+    Opening it checks all of it. The file is not trusted: nothing in it runs.
+
+    Attributes:
+      steps: of the states, `(n,)` int64, n ≥ 1, ascending from 0.
+      size: numbers in a state.
+      facts: what made it, as it says itself.
+
+    Raises:
+      FileError: there is no such file, or it is not a whole recording; the message says why.
+    """
+
+    def __init__(self, path: str | Path) -> None:
+        self.path = Path(path)
+        require_file(self.path, "recording", [SUFFIX], HINT)
+        try:
+            with decoding(self.path, "is not a recording", HINT):
+                self._read()
+        except OSError as error:
+            raise FileError(self.path, f"cannot be read: {error.strerror or error}") from None
+        except MemoryError:
+            raise FileError(self.path, "does not fit in memory") from None
+
+    def _read(self) -> None:
+        with self.path.open("rb") as file, zipfile.ZipFile(file) as archive:
+            states, steps, facts = (_found(archive, file, name) for name in ARRAYS)
+            if states.shape[0] != steps.shape[0]:
+                raise ValueError(f"it has {states.shape[0]} states and {steps.shape[0]} steps")
+            self.steps, self.facts = _steps(archive, steps), _facts(archive, facts)
+            _require_finite(archive, states, self.steps)
+            self._start, self.size = states.start, states.shape[1]
+            self._file = os.dup(file.fileno())
+            self._closing = weakref.finalize(self, os.close, self._file)
+
+    def state(self, index: int) -> np.ndarray:
+        """State number `index` as a new array `(size,)` float64.
+
+        Raises:
+          IndexError: there is none.
+          FileError: the file has changed since it was opened.
+        """
+        if not 0 <= index < len(self.steps):
+            raise IndexError(index)
+        if not self._closing.alive:
+            raise ValueError("the recording is closed")
+        wanted = 8 * self.size
+        try:
+            content = os.pread(self._file, wanted, self._start + index * wanted)
+        except OSError as error:
+            raise FileError(self.path, f"cannot be read: {error.strerror or error}") from None
+        if len(content) < wanted:
+            raise FileError(self.path, f"has changed while it was read: state {index} is gone")
+        return np.frombuffer(content, "<f8").astype(np.float64)
+
+    def close(self) -> None:
+        """Closes the file, which happens by itself when nobody has the recording any more."""
+        self._closing()
+
+    def __enter__(self) -> "RecordingFile":
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+
+# What is wrong with a recording is raised as a ValueError, and told by `decoding`.
+
+
+@dataclass(frozen=True)
+class _Array:
+    """An array in an archive: its values begin `start` bytes into the file, `head` bytes into the member."""
+
+    info: zipfile.ZipInfo
+    head: int
+    start: int
+    shape: tuple[int, ...]
+    dtype: np.dtype
+
+
+def _found(archive: zipfile.ZipFile, file: BinaryIO, name: str) -> _Array:
+    """The array `name` as its header tells, which is what a recording has, and true of its size."""
+    infos = [info for info in archive.infolist() if info.filename == f"{name}.npy"]
+    if len(infos) != 1:
+        raise ValueError(f"it has {'two arrays' if infos else 'no array'} {name!r}")
+    info = infos[0]
+    if info.compress_type != zipfile.ZIP_STORED or info.compress_size != info.file_size:
+        raise ValueError(f"{name!r} is compressed; np.savez keeps arrays as they are")
+    file.seek(max(0, info.header_offset) + LOCAL)
+    begin = file.tell() + 4 + sum(struct.unpack("<HH", file.read(4)))
+    if begin + info.file_size > os.fstat(file.fileno()).st_size:  # or much would be allocated to read it
+        raise ValueError(f"{name!r} ends early")
+    with archive.open(info) as member:
+        version = np.lib.format.read_magic(member)
+        if version not in HEADERS:
+            raise ValueError(f"{name!r} is of the unknown version {version}")
+        shape, by_column, dtype = HEADERS[version](member)
+        head = member.tell()
+    _require_kind(name, shape, dtype)
+    if by_column and len(shape) > 1:
+        raise ValueError(f"{name!r} lies by the column, not by the row")
+    if math.prod(shape) * dtype.itemsize != info.file_size - head:
+        raise ValueError(f"{name!r} has the shape {shape}, but {info.file_size - head} bytes")
+    return _Array(info, head, begin + head, shape, dtype)
+
+
+def _require_kind(name: str, shape: tuple[int, ...], dtype: np.dtype) -> None:
+    kind, axes = ARRAYS[name]
+    if dtype.kind != "U" if kind == TEXT else dtype != np.dtype(kind):
+        said = SAID.get(dtype.kind, dtype.name if dtype.isnative else dtype.str)
+        raise ValueError(f"{name!r} holds {said}, not {kind}")
+    if len(shape) != len(axes) or any(length < 1 for length in shape):
+        raise ValueError(f"{name!r} has the shape {shape}, not ({', '.join(axes)}{',' * (len(axes) == 1)})")
+    if kind == TEXT and not 0 < dtype.itemsize <= 4 * FACTS:
+        raise ValueError(f"{name!r} has {dtype.itemsize // 4} characters, not 1 to {FACTS}")
+
+
+def _content(archive: zipfile.ZipFile, array: _Array) -> Iterator[bytes]:
+    """The values of `array` in pieces of whole rows. At the end its checksum is compared."""
+    row = array.dtype.itemsize * math.prod(array.shape[1:])
+    with archive.open(array.info) as member:
+        member.read(array.head)
+        while content := member.read(row * max(1, PIECE // row)):
+            yield content
+
+
+def _steps(archive: zipfile.ZipFile, array: _Array) -> np.ndarray:
+    steps = np.frombuffer(b"".join(_content(archive, array)), array.dtype).astype(np.int64)
+    if steps[0]:
+        raise ValueError(f"its first step is {steps[0]}, not 0")
+    falls = steps[1:] <= steps[:-1]
+    if falls.any():
+        at = int(falls.argmax())
+        raise ValueError(f"its steps do not ascend: {steps[at + 1]} comes after {steps[at]}")
+    return steps
+
+
+def _facts(archive: zipfile.ZipFile, array: _Array) -> dict[str, Any]:
+    text = str(np.frombuffer(b"".join(_content(archive, array)), array.dtype)[0])
+    try:
+        facts = json.loads(text)
+    except (ValueError, RecursionError):
+        facts = None
+    if not isinstance(facts, dict):
+        raise ValueError("'facts' is not a JSON object")
+    return facts
+
+
+def _require_finite(archive: zipfile.ZipFile, states: _Array, steps: np.ndarray) -> None:
+    first = 0
+    for content in _content(archive, states):
+        block = np.frombuffer(content, "<f8").reshape(-1, states.shape[1])
+        good = np.isfinite(block).all(axis=1)
+        if not good.all():
+            row = int(good.argmin())
+            raise ValueError(f"state {first + row}, at step {steps[first + row]}: {odd(block[row])}")
+        first += len(block)

@@ -1,0 +1,114 @@
+"""When shots begin and end, and which instant each frame of a film shows."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from fractions import Fraction
+from itertools import repeat
+
+from mjrun.camera.script import Event, Script
+from mjrun.errors import UsageError, clean
+from mjrun.job.event_detection import time_of
+from mjrun.timeline import Timeline
+
+Span = tuple[Fraction, Fraction]
+
+
+@dataclass(frozen=True)
+class FrameSchedule:
+    """The frames of a film.
+
+    Attributes:
+      steps: of each frame.
+      times: of each frame in the film [s].
+      speeds: simulated seconds per second of film, at each frame.
+      spans: of each camera, where its shots begin and end [s], simulated.
+      remarks: what the user should know of it.
+    """
+
+    steps: Sequence[int]
+    times: Sequence[float]
+    speeds: Sequence[float]
+    spans: Sequence[Sequence[tuple[float, float]]]
+    remarks: Sequence[str] = ()
+
+
+def pacing(
+    scripts: Sequence[Script],
+    timeline: Timeline,
+    fps: Fraction,
+    speed: Fraction,
+    happened: Mapping[str, Sequence[int]],
+) -> FrameSchedule:
+    """How the shots of all cameras make one film.
+
+    Args:
+      speed: where shots do not say.
+      happened: the steps at which each condition begins to hold.
+
+    Raises:
+      UsageError: an event that does not happen, a shot that ends before it begins, or cameras at several speeds.
+    """
+    spans = [shot_spans(script, timeline, happened) for script in scripts]
+    pieces = _pieces(scripts, spans, timeline.duration, speed)
+    steps = timeline.paced(fps, pieces)
+    speeds = [float(pace) for part, (_, pace) in zip(steps, pieces, strict=True) for _ in part]
+    count = len(speeds)
+    return FrameSchedule(
+        steps=[step for part in steps for step in part],
+        times=[float(k / fps) for k in range(count)],
+        speeds=speeds,
+        spans=[[(float(start), float(end)) for start, end in part] for part in spans],
+        remarks=[text for part in map(_unseen, scripts, spans, repeat(timeline.duration)) for text in part],
+    )
+
+
+def events(scripts: Sequence[Script]) -> list[Event]:
+    """The events that end shots."""
+    return [shot.until for script in scripts for shot in script.shots if isinstance(shot.until, Event)]
+
+
+def shot_spans(script: Script, timeline: Timeline, happened: Mapping[str, Sequence[int]]) -> list[Span]:
+    """Start and end of each shot [s]; the last may end before or after the simulation."""
+    found: list[Span] = []
+    start = Fraction(0)
+    for index, shot in enumerate(script.shots):
+        where = f"{clean(script.name)}: shots[{index}]"
+        if isinstance(shot.until, Event):
+            after = start if index else Fraction(-1)  # what ended the shot before does not end this one too
+            end = time_of(shot.until, happened.get(shot.until.when, ()), timeline, where, after)
+        elif shot.until is not None:
+            end = shot.until
+        else:
+            end = max(start, timeline.duration) if shot.lasting is None else start + shot.lasting
+        if end < start:
+            raise UsageError(f"{where} would end at {float(end):g} s, before it begins at {float(start):g} s")
+        found.append((start, end))
+        start = end
+    return found
+
+
+def _unseen(script: Script, spans: Sequence[Span], duration: Fraction) -> list[str]:
+    """The warning that the simulation ends before some shots begin."""
+    late = [index for index, (start, _) in enumerate(spans) if start >= duration]
+    if not late:
+        return []
+    which = f"shots[{late[0]}]" + (" and later are" if len(late) > 1 else " is")
+    return [f"{clean(script.name)}: {which} not seen: the simulation ends at {float(duration):g} s"]
+
+
+def _pieces(
+    scripts: Sequence[Script], spans: Sequence[Sequence[Span]], duration: Fraction, speed: Fraction
+) -> list[tuple[Fraction, Fraction]]:
+    """Stretches of the film: where each ends [s], simulated, and its speed."""
+    paced = [index for index, script in enumerate(scripts) if any(shot.speed for shot in script.shots)]
+    if len({tuple(_stretches(scripts[i], spans[i], duration, speed)) for i in paced}) > 1:
+        raise UsageError("the cameras' documents ask for different speeds at one time, and a film has one")
+    if paced:
+        return _stretches(scripts[paced[0]], spans[paced[0]], duration, speed)
+    return [(min(duration, max(part[-1][1] for part in spans)), speed)]
+
+
+def _stretches(
+    script: Script, spans: Sequence[Span], duration: Fraction, speed: Fraction
+) -> list[tuple[Fraction, Fraction]]:
+    return [(min(end, duration), shot.speed or speed) for shot, (_, end) in zip(script.shots, spans, strict=True)]

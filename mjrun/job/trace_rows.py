@@ -1,0 +1,134 @@
+"""The rows of a trace: which columns, and how they are computed block by block."""
+
+import copy
+from bisect import bisect_left
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from fractions import Fraction
+
+import mujoco
+import numpy as np
+
+from mjrun.errors import SimulationError, clean
+from mjrun.model.column import Column
+from mjrun.probe.contacts import contact_columns, contacts
+from mjrun.probe.fields import Probe
+from mjrun.probe.select import select
+from mjrun.sim.native_rollout import blocks, instant
+from mjrun.sim.observe import Tap, observe
+from mjrun.sim.stepper import PhysicsStepper, Stepper
+from mjrun.timeline import Timeline, rational, seconds
+
+TIME = Column("time", "s", "simulated time, exact")
+ROWS = 256  # of a block that is read instant by instant
+
+
+@dataclass(frozen=True)
+class Rows:
+    """Consecutive rows `(n, ncolumns)` of a trace, and of its contact table `(m, ncolumns)`, if it has one."""
+
+    values: np.ndarray
+    contacts: np.ndarray | None = None
+
+
+class Table:
+    """The columns of a trace, and its rows as they come.
+
+    Energy is computed when it is measured, whatever the model's flag says; it does not change the motion.
+
+    Args:
+      asked: the probes.
+      with_contacts: whether every row has its contacts too.
+
+    Attributes:
+      model: to be simulated, a copy.
+      columns, contact_columns: of the trace, `time` first, and of the contact table.
+    """
+
+    def __init__(
+        self, model: mujoco.MjModel, asked: Sequence[str], timeline: Timeline, with_contacts: bool = False
+    ) -> None:
+        self.probes = select(model, asked)
+        self.columns = [TIME, *(column for probe in self.probes for column in probe.columns)]
+        self.contact_columns = contact_columns(model) if with_contacts else []
+        self._timeline = timeline
+        self._fields = sorted({field for probe in self.probes for field in probe.fields})
+        self.model = copy.copy(model)
+        if "energy" in self._fields:
+            self.model.opt.enableflags |= int(mujoco.mjtEnableBit.mjENBL_ENERGY)
+
+    def blocks(self, stepper: PhysicsStepper, rows: Sequence[int]) -> Iterator[Callable[[], Rows]]:
+        """Blocks of the rows at the steps `rows`, each yet to be computed by whoever takes it."""
+        if self.contact_columns or any(probe.at for probe in self.probes):
+            yield from self._by_instants(stepper, rows)
+            return
+        for first, count, record in blocks(stepper, self._fields, self._timeline.steps):
+            kept = np.array(rows[bisect_left(rows, first) : bisect_left(rows, first + count)])
+            if len(kept):
+                index = slice(None) if len(kept) == count else kept - first
+                yield lambda kept=kept, index=index, record=record: self._join(
+                    kept, [probe.compute({f: record[f][index] for f in probe.fields}) for probe in self.probes]
+                )
+
+    def _by_instants(self, stepper: PhysicsStepper, rows: Sequence[int]) -> Iterator[Callable[[], Rows]]:
+        """The same, read from one consistent MjData per row."""
+        for start in range(0, len(rows), ROWS):
+            part, found = rows[start : start + ROWS], []
+            try:
+                observe(stepper, [Tap(part, self.read, found.append)], part[-1])
+            except SimulationError:
+                if found:
+                    yield lambda part=part, found=found: self.stack(part, found)
+                raise
+            yield lambda part=part, found=found: self.stack(part, found)
+
+    def stack(self, steps: Sequence[int], found: Sequence[Rows]) -> Rows:
+        """What was read at `steps`, or at the first of them, as rows with their times."""
+        touching = [row.contacts for row in found if row.contacts is not None]
+        values = np.stack([row.values for row in found])
+        return self._join(np.array(steps[: len(found)]), [values], np.concatenate(touching) if touching else None)
+
+    def read(self, stepper: Stepper) -> Rows:
+        """The row of the instant where `stepper` stands, without its time."""
+        record, data = instant(stepper, self._fields), stepper.instant()
+        values = [_value(probe, record, stepper.model, data) for probe in self.probes]
+        time = float(self._timeline.time(stepper.step))
+        touching = contacts(stepper.model, data, time) if self.contact_columns else None
+        return Rows(np.concatenate([np.empty(0), *values]), touching)
+
+    def _join(self, steps: np.ndarray, parts: Sequence[np.ndarray], touching: np.ndarray | None = None) -> Rows:
+        return Rows(np.column_stack([seconds(steps, self._timeline.timestep), *parts]), touching)
+
+
+class RowBuffer:
+    """Rows that are read one by one, at `steps`, and written block by block."""
+
+    def __init__(self, table: Table, steps: Sequence[int], write: Callable[[Rows], object]) -> None:
+        self._table, self._steps, self._write = table, steps, write
+        self._found: list[Rows] = []
+        self._written = 0
+
+    def add(self, row: Rows) -> None:
+        """Takes the next row, as `Table.read` gives it."""
+        self._found.append(row)
+        if len(self._found) == ROWS:
+            self.flush()
+
+    def flush(self) -> None:
+        """Writes what was taken."""
+        if self._found:
+            self._write(self._table.stack(self._steps[self._written :][: len(self._found)], self._found))
+            self._written, self._found = self._written + len(self._found), []
+
+
+def repeated(timeline: Timeline, rate: float | str | Fraction | None) -> str:
+    """What to say where `rate` [Hz] asks for more rows than there are steps; nothing where it does not."""
+    if rate is None or rational(rate) * timeline.timestep <= 1:
+        return ""
+    steps = f"{float(1 / timeline.timestep):g}"
+    told = f"--rate {clean(str(rate))} is more than the {steps} steps of a simulated second"
+    return f"{told}: every step has one row; a smaller --timestep has more"
+
+
+def _value(probe: Probe, record: Mapping[str, np.ndarray], model: mujoco.MjModel, data: mujoco.MjData) -> np.ndarray:
+    return probe.at(model, data) if probe.at else probe.compute(record)[0]

@@ -1,0 +1,109 @@
+"""Cameras and lights."""
+
+from dataclasses import dataclass
+
+import mujoco
+
+from mjrun.model.description.plain_values import CAMERA, body, called, floats, spelled
+
+
+@dataclass(frozen=True)
+class Camera:
+    """A camera.
+
+    Attributes:
+      id, name, body: the camera and the body that it is fixed to.
+      mode: `fixed`, `track`, `trackcom`, `targetbody` or `targetbodycom`.
+      target: the body that it turns to; None without one.
+      projection: `perspective` or `orthographic`.
+      fovy: angle of view from top to bottom [°]; None for a camera that is orthographic or has a sensor size.
+      height: what an orthographic camera sees from top to bottom [m]; None for another.
+      sensor_size, focal_length, principal_point: [m]; the point is where the optical axis meets the picture, from
+        its centre. None for a camera that fovy describes.
+      resolution: width and height that it was made for [px]; (1, 1) where nobody said. `--size` does not follow it.
+      outputs: kinds of pictures that it was made for: `rgb`, `depth` …
+      position: in its body [m].
+    """
+
+    id: int
+    name: str
+    body: str
+    mode: str
+    target: str | None
+    projection: str
+    fovy: float | None
+    height: float | None
+    sensor_size: tuple[float, ...] | None
+    focal_length: tuple[float, ...] | None
+    principal_point: tuple[float, ...] | None
+    resolution: tuple[int, int]
+    outputs: tuple[str, ...]
+    position: tuple[float, ...]
+
+
+def cameras(model: mujoco.MjModel) -> tuple[Camera, ...]:
+    """Every camera, in order of id."""
+    return tuple(_camera(model, i) for i in range(model.ncam))
+
+
+def _camera(model: mujoco.MjModel, i: int) -> Camera:
+    projection, bits = spelled(mujoco.mjtProjection, model.cam_projection[i]), int(model.cam_output[i])
+    flat, intrinsic = projection == "orthographic", bool(model.cam_sensorsize[i, 1])
+    return Camera(
+        id=i,
+        name=called(model, CAMERA, i) or "",
+        body=body(model, model.cam_bodyid[i]),
+        mode=spelled(mujoco.mjtCamLight, model.cam_mode[i]),
+        target=called(model, mujoco.mjtObj.mjOBJ_BODY, model.cam_targetbodyid[i]),
+        projection=projection,
+        fovy=None if flat or intrinsic else float(model.cam_fovy[i]),
+        height=float(model.cam_fovy[i]) if flat else None,
+        sensor_size=floats(model.cam_sensorsize[i]) if intrinsic else None,
+        focal_length=floats(model.cam_intrinsic[i, :2]) if intrinsic else None,
+        principal_point=floats(model.cam_intrinsic[i, 2:]) if intrinsic else None,
+        resolution=(int(model.cam_resolution[i, 0]), int(model.cam_resolution[i, 1])),
+        outputs=tuple(spelled(mujoco.mjtCamOutBit, 1 << k) for k in range(bits.bit_length()) if bits >> k & 1),
+        position=floats(model.cam_pos[i]),
+    )
+
+
+@dataclass(frozen=True)
+class Light:
+    """A light.
+
+    Attributes:
+      id, name, body: the light and the body that it is fixed to.
+      type: `spot`, `directional`, `point` or `image`.
+      mode, target: as of a camera.
+      position: in its body [m].
+      active, shadow: shines; casts shadows.
+    """
+
+    id: int
+    name: str
+    body: str
+    type: str
+    mode: str
+    target: str | None
+    position: tuple[float, ...]
+    active: bool
+    shadow: bool
+
+
+def lights(model: mujoco.MjModel) -> tuple[Light, ...]:
+    """Every light, in order of id."""
+    return tuple(_light(model, i) for i in range(model.nlight))
+
+
+def _light(model: mujoco.MjModel, i: int) -> Light:
+    return Light(
+        id=i,
+        name=called(model, mujoco.mjtObj.mjOBJ_LIGHT, i) or "",
+        body=body(model, model.light_bodyid[i]),
+        type=spelled(mujoco.mjtLightType, model.light_type[i]),
+        mode=spelled(mujoco.mjtCamLight, model.light_mode[i]),
+        target=called(model, mujoco.mjtObj.mjOBJ_BODY, model.light_targetbodyid[i]),
+        position=floats(model.light_pos[i]),
+        active=bool(model.light_active[i]),
+        shadow=bool(model.light_castshadow[i]),
+    )

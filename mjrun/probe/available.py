@@ -1,0 +1,134 @@
+"""The names that a model offers to an expression, and what `xpos(top).z` and `contact(ball, floor)` stand for."""
+
+import shlex
+from collections.abc import Sequence
+from functools import cached_property
+
+import mujoco
+
+from mjrun.errors import UnknownNameError, UsageError, clean, listing, quoted
+from mjrun.probe.contacts import identify_party, pair
+from mjrun.probe.scanner import Accessor, Source, Token, Vocabulary, spelled
+from mjrun.probe.select import PAIRS, aliases, catalogue, object_of
+
+
+class AvailableProbes(Vocabulary):
+    """Every column that can be measured of `model`, by each of its names, and `time`."""
+
+    beginnings = (f"{PAIRS}/",)
+
+    def __init__(self, model: mujoco.MjModel) -> None:
+        own = {column.name: column.name for column in catalogue(model)}
+        # A column's own name comes first in lists, and is never another's alias.
+        super().__init__({"time": "time", **own, **aliases(model), **own})
+        self._groups = frozenset(name.partition("/")[0] for name in self.names) - {"time"}
+        self._model = model
+
+    @property
+    def groups(self) -> frozenset[str]:
+        return self._groups
+
+    def column(self, name: str) -> str | None:
+        found = super().column(name)
+        if found is None and name.startswith(self.beginnings):
+            return None if self._unpaired(name) else name
+        return found
+
+    def is_count(self, column: str) -> bool:
+        return column.startswith(self.beginnings)
+
+    def missing(self, name: str, position: int, source: Source) -> UsageError:
+        error = self._unpaired(name) if name.startswith(self.beginnings) and name.count("/") > 1 else None
+        if error:
+            return source.unknown(position, "object", error.name, error.valid)
+        return super().missing(name, position, source)
+
+    def accessed(self, accessor: Accessor, source: Source) -> str:
+        group, objects, component = accessor.group, accessor.objects, accessor.component
+        if group.text == PAIRS and len(objects) == 2:
+            return self._touching(objects, component, source)
+        if len(objects) > 1:
+            taken = "two" if group.text == PAIRS else "one"
+            raise source.fault(group.start, f"{group.text} of {len(objects)} objects", f"{group.text} of {taken}")
+        name = "/".join([group.text, *(token.text for token in objects)])
+        column = super().column(name + component.text.replace(".", "/"))
+        if column is None:
+            raise self._misread(accessor, source)
+        return column
+
+    def _unpaired(self, name: str) -> UnknownNameError | None:
+        """Why `contact/A/B` cannot be measured, if so."""
+        try:
+            pair(name.partition("/")[2], self._model)
+        except UnknownNameError as error:
+            return error
+        return None
+
+    def _touching(self, objects: tuple[Token, ...], component: Token, source: Source) -> str:
+        for token in objects:
+            try:
+                identify_party(token.text, self._model)
+            except UnknownNameError as error:
+                raise source.unknown(token.start, "object", error.name, error.valid) from None
+        name = "/".join([PAIRS, *(token.text for token in objects)])
+        if component.text:
+            raise _plain(name, component, source)
+        pair(name.partition("/")[2], self._model)  # which has something to say if it can be read in two ways
+        return name
+
+    def _misread(self, accessor: Accessor, source: Source) -> UsageError:
+        """What is wrong with an accessor of one object."""
+        group, token, component = accessor.group, accessor.objects[0], accessor.component
+        name = f"{group.text}/{token.text}"
+        parts = [known.removeprefix(f"{name}/") for known in self.names if known.startswith(f"{name}/")]
+        if component.text and super().column(name) is not None:
+            return _plain(name, component, source)
+        if component.text and parts:
+            return source.unknown(component.start + 1, "component", component.text[1:], _dotted(parts))
+        if parts:
+            written = clean(source.text[group.start : component.end])
+            found = f"{written}, which has several components"
+            return source.fault(group.start, found, f"one of {listing([f'.{part}' for part in _dotted(parts)])}")
+        if group.text == PAIRS:
+            return source.fault(group.start, f"{PAIRS} of one object", f"{PAIRS} of two")
+        known = dict.fromkeys(object_of(name) for name in self.names if name.startswith(f"{group.text}/"))
+        return source.unknown(token.start, "object", token.text, list(known))
+
+
+class SelectedProbes(Vocabulary):
+    """The columns of a table that measures `model`. Of others that the model offers, messages say how to have them."""
+
+    def __init__(self, columns: Sequence[str], model: mujoco.MjModel) -> None:
+        super().__init__(columns)
+        self._model = model
+
+    @property
+    def groups(self) -> frozenset[str]:
+        return self._offer.groups
+
+    def missing(self, name: str, position: int, source: Source) -> UsageError:
+        column = self._offer.column(name)
+        if column is None:
+            return super().missing(name, position, source)
+        if column in self.names:
+            return source.fault(position, quoted(name), f"the column's own name, {clean(spelled(column))}")
+        place, probe = clean(source.place(position)), shlex.quote(clean(column))
+        return UsageError(f"no column {quoted(name)} in {place}\nthe model offers it: add --probe {probe}")
+
+    def accessed(self, accessor: Accessor, source: Source) -> str:
+        column = self._offer.accessed(accessor, source)
+        if self.column(column) is None:
+            raise self.missing(column, accessor.group.start, source)
+        return column
+
+    @cached_property
+    def _offer(self) -> AvailableProbes:
+        return AvailableProbes(self._model)  # every column of a large model takes a while
+
+
+def _plain(name: str, component: Token, source: Source) -> UsageError:
+    return source.fault(component.start, f"component {clean(component.text)}", f"none, {clean(name)} is one number")
+
+
+def _dotted(parts: list[str]) -> list[str]:
+    return [part.replace("/", ".") for part in parts]

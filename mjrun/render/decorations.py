@@ -1,0 +1,250 @@
+"""What is added to a scene beside the model: trails of objects, and ghosts of the whole model."""
+
+from collections.abc import Iterable, Sequence
+from typing import Protocol
+
+import mujoco
+import numpy as np
+
+from mjrun.camera.targets import ObjectPath, object_paths
+from mjrun.model.names import members
+from mjrun.model.state import restore
+from mjrun.render.visual import Visual
+
+DECOR = mujoco.mjtCatBit.mjCAT_DECOR.value
+DYNAMIC = mujoco.mjtCatBit.mjCAT_DYNAMIC.value
+CAPSULE, CYLINDER = mujoco.mjtGeom.mjGEOM_CAPSULE.value, mujoco.mjtGeom.mjGEOM_CYLINDER.value
+UNKNOWN = mujoco.mjtObj.mjOBJ_UNKNOWN.value
+
+# Slow to fast, at even steps: azure, teal, yellow, orange, red.
+RAMP = np.array([(0.22, 0.42, 0.94), (0.12, 0.74, 0.78), (0.98, 0.84, 0.30), (0.98, 0.52, 0.16), (0.90, 0.14, 0.16)])
+WIDTH = 0.003  # of a model's extent: the radius of a trail where it is slow
+NARROW = 0.008  # of the room that the path takes: the same, where that is less
+WIDENING = 4  # from the slowest part of a trail to the fastest
+FINE = 12  # points between two of a path's, from which the ends of its capsules are chosen
+SAG = 1 / 6  # of a trail's width: how far a capsule may stray from the path
+SHADE = 1 / 32  # of the ramp: how much of it one capsule may span
+LIMIT = 600  # capsules; in software each costs a third of a millisecond and more
+CATENARY = 100  # geoms that a slack tendon needs, at most
+CRANK = 4  # and an actuator
+SHAPE = ("type", "dataid", "texcoord", "size", "pos", "mat", "emission", "specular", "shininess", "modelrbound")
+SHARED = (mujoco.mjtGeom.mjGEOM_FLEX.value, mujoco.mjtGeom.mjGEOM_SKIN.value)  # one of each in a scene
+
+
+class Decoration(Protocol):
+    """Anything that adds geoms to a scene. Picklable until it has added some."""
+
+    @property
+    def geoms(self) -> int:
+        """How many `add` needs room for, at most."""
+        ...
+
+    def add(self, scene: mujoco.MjvScene, index: int) -> None:
+        """Adds to `scene`, after mjv_updateScene, what belongs to frame `index` of the film.
+
+        What does not fit in the scene is left out. A segmentation does not see what is added.
+        """
+        ...
+
+
+class Trail:
+    """The path of an object up to the instant that is shown, wider and warmer where it was faster.
+
+    Artifact of capsules, more of them where the path bends and where the speed changes. They are the same in
+    every frame, so that what is drawn does not crawl as the path grows.
+
+    Args:
+      path: of the object, at each frame of the film or closer, as what turns fast needs.
+      width: radius of the slowest parts [m]; the fastest are `WIDENING` times as wide.
+      instants: times of the frames [s]; None: those of the path.
+      fastest: speed that is drawn widest [m/s]; None: the path's highest.
+      span: how much of the past is drawn [s], thinning out to nothing; None: all of it.
+      opacity: 1 is opaque. Below it the capsules are cylinders, whose overlaps show less.
+      limit: capsules at most; a path that needs more is drawn more coarsely.
+    """
+
+    def __init__(
+        self,
+        path: ObjectPath,
+        width: float,
+        instants: np.ndarray | None = None,
+        fastest: float | None = None,
+        span: float | None = None,
+        opacity: float = 1.0,
+        limit: int = LIMIT,
+    ) -> None:
+        self.path, self.width, self.span, self.opacity, self.limit = path, width, span, opacity, limit
+        highest = float(np.linalg.norm(path.velocities, axis=1).max()) if fastest is None else fastest
+        self._fastest = max(highest, np.finfo(float).tiny)
+        self._instants = path.times if instants is None else instants
+        self._joints = self._chosen()
+
+    @property
+    def geoms(self) -> int:
+        return self.limit
+
+    def add(self, scene: mujoco.MjvScene, index: int) -> None:
+        now = self._instants[index]
+        start = self._start(now)
+        first, last = np.searchsorted(self._joints, [start, now], side="right")
+        times = np.concatenate([[start], self._joints[first:last], [now]])
+        points = self.path.at(times)
+        middle = (times[1:] + times[:-1]) / 2
+        pace = self._pace(middle)
+        radii = self._radii(pace)
+        if self.span is not None:
+            radii *= np.sqrt(((middle - now) / self.span + 1).clip(0, 1))
+        rgba = np.column_stack([ramp(pace), np.full(len(pace), self.opacity)]).astype(np.float32)
+        moved = np.flatnonzero(np.linalg.norm(np.diff(points, axis=0), axis=1) > 1e-3 * self.width)
+        slots, room = scene.geoms, scene.maxgeom - scene.ngeom
+        shape = CAPSULE if self.opacity == 1 else CYLINDER
+        for k in moved[max(0, len(moved) - room) :]:
+            geom = slots[scene.ngeom]
+            mujoco.mjv_initGeom(geom, shape, np.zeros(3), np.zeros(3), np.zeros(9), rgba[k])
+            mujoco.mjv_connector(geom, shape, radii[k], points[k], points[k + 1])
+            _detach(geom)
+            geom.emission, geom.specular = 0.1, 0.1
+            scene.ngeom += 1
+
+    def _start(self, now: float) -> float:
+        return self.path.times[0] if self.span is None else max(self.path.times[0], now - self.span)
+
+    def _pace(self, times: np.ndarray) -> np.ndarray:
+        """Speeds at `times` as shares of the fastest, 0 to 1."""
+        return (self.path.speeds(times) / self._fastest).clip(0, 1)
+
+    def _radii(self, pace: np.ndarray) -> np.ndarray:
+        return self.width * (1 + (WIDENING - 1) * pace)
+
+    def _chosen(self) -> np.ndarray:
+        """Times at which one capsule ends and the next begins.
+
+        An arc of length L and curvature κ strays κL²/8 from its chord, so a path needs √(κ/8s) capsules a
+        metre to stay within s of it; and one more for every `SHADE` of change in colour and width.
+        """
+        frames = len(self.path.times)
+        times = np.interp(np.arange((frames - 1) * FINE + 1) / FINE, np.arange(frames), self.path.times)
+        steps = np.diff(self.path.at(times), axis=0)
+        lengths = np.linalg.norm(steps, axis=1)
+        crossed = np.linalg.norm(np.cross(steps[1:], steps[:-1]), axis=1)
+        turns = np.arctan2(crossed, (steps[1:] * steps[:-1]).sum(axis=1))
+        pace = self._pace(times)
+        needed = np.abs(np.diff(pace)) / SHADE
+        needed[1:] += np.sqrt(turns * (lengths[1:] + lengths[:-1]) / 2 / (8 * SAG * self._radii(pace)[1:-1]))
+        if self.span is not None:
+            needed += np.diff(times) / (self.span * SHADE)
+        count = np.concatenate([[0], needed.cumsum()])
+        earliest = np.searchsorted(times, [self._start(now) for now in times])
+        each = max(1.0, (count - count[earliest]).max() / (self.limit - 3))
+        return times[np.unique(np.searchsorted(count, np.arange(each, count[-1], each)))]
+
+
+class Ghost:
+    """The model a second time: translucent, in plain pale colours, displaced.
+
+    Skins and flexes are left out: a scene has room for one of each.
+
+    Args:
+      states: integration states of the ghost by frame, the last one staying on; None: it does what the model does.
+      offset: how far it is displaced [m].
+      opacity: 1 is opaque.
+      tint: red, green and blue, 0 to 1, that its colours are mixed with, half and half.
+      visual: groups of geoms that are shown.
+    """
+
+    def __init__(
+        self,
+        model: mujoco.MjModel,
+        states: Sequence[np.ndarray] | None = None,
+        offset: tuple[float, float, float] = (0.0, 0.0, 0.0),
+        opacity: float = 0.35,
+        tint: tuple[float, float, float] = (0.80, 0.90, 1.0),
+        visual: Visual | None = None,
+    ) -> None:
+        self.model, self.states, self.opacity = model, states, opacity
+        self.visual = visual or Visual()
+        self._offset, self._tint = np.array(offset), np.array(tint)
+        self._data: mujoco.MjData | None = None
+
+    @property
+    def geoms(self) -> int:
+        model = self.model
+        return model.ngeom + model.nsite + 2 * model.nwrap + CATENARY * model.ntendon + CRANK * model.nu
+
+    def add(self, scene: mujoco.MjvScene, index: int) -> None:
+        first = scene.ngeom
+        if self.states is None:
+            self._copy(scene)
+        else:
+            self._pose(scene, self.states[min(index, len(self.states) - 1)])
+        for geom in scene.geoms[first : scene.ngeom]:
+            geom.pos = geom.pos + self._offset
+            geom.rgba = [*((geom.rgba[:3] + self._tint) / 2), geom.rgba[3] * self.opacity]
+            geom.matid = geom.texid = -1
+            geom.reflectance = 0
+            _detach(geom)
+
+    def _copy(self, scene: mujoco.MjvScene) -> None:
+        """Adds what the model itself shows and can move."""
+        slots = scene.geoms
+        for original in slots[: scene.ngeom]:
+            if original.category != DYNAMIC or original.type in SHARED:
+                continue
+            if scene.ngeom == scene.maxgeom:
+                return
+            geom = slots[scene.ngeom]
+            mujoco.mjv_initGeom(geom, original.type, np.zeros(3), np.zeros(3), np.zeros(9), original.rgba)
+            for name in SHAPE:
+                setattr(geom, name, getattr(original, name))
+            scene.ngeom += 1
+
+    def _pose(self, scene: mujoco.MjvScene, state: np.ndarray) -> None:
+        """Adds what the model would show and can move in another state."""
+        if self._data is None:
+            self._data = mujoco.MjData(self.model)
+            self._options = self.visual.options()
+            self._options.frame, self._options.label = mujoco.mjtFrame.mjFRAME_NONE, mujoco.mjtLabel.mjLABEL_NONE
+            for flag, value in members(mujoco.mjtVisFlag).items():
+                if flag.startswith(("flex", "skin")):
+                    self._options.flags[value] = 0
+        restore(self.model, self._data, state)
+        mujoco.mj_kinematics(self.model, self._data)
+        mujoco.mj_comPos(self.model, self._data)
+        mujoco.mj_tendon(self.model, self._data)
+        mujoco.mjv_addGeoms(self.model, self._data, self._options, mujoco.MjvPerturb(), DYNAMIC, scene)
+
+
+def trails(
+    model: mujoco.MjModel,
+    objects: Sequence[tuple[str, int]],
+    states: Iterable[np.ndarray],
+    instants: np.ndarray | None = None,
+    span: float | None = None,
+    opacity: float = 1.0,
+    limit: int = LIMIT,
+) -> list[Trail]:
+    """Trails of `objects`, as kind and id, through integration `states`, those of a film's frames or closer.
+
+    They are of one scale: like colours and widths are like speeds. They are as wide as suits the model's
+    extent, or less where the longest takes little room.
+
+    Args:
+      instants, span, opacity, limit: as of `Trail`.
+    """
+    paths = object_paths(model, objects, states)
+    fastest = max(float(np.linalg.norm(path.velocities, axis=1).max()) for path in paths)
+    room = max(float(np.linalg.norm(np.ptp(path.positions, axis=0))) for path in paths)
+    widest = WIDTH * model.stat.extent
+    width = min(widest, max(NARROW * room, widest / 4))
+    return [Trail(path, width, instants, fastest, span, opacity, limit) for path in paths]
+
+
+def ramp(pace: np.ndarray) -> np.ndarray:
+    """Colours `(n, 3)`, 0 to 1, of shares `(n,)` of the fastest."""
+    return np.column_stack([np.interp(pace, np.linspace(0, 1, len(RAMP)), channel) for channel in RAMP.T])
+
+
+def _detach(geom: mujoco.MjvGeom) -> None:
+    """Makes a geom belong to nothing in the model: no segment, no label, no shadow."""
+    geom.category, geom.objtype, geom.objid, geom.segid = DECOR, UNKNOWN, -1, -1
+    geom.label, geom.castshadow = "", 0

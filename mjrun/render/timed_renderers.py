@@ -1,0 +1,131 @@
+"""Renderers that tell what each part of a picture cost."""
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from typing import Any
+
+import mujoco
+import numpy as np
+
+from mjrun.camera.pose import Pose
+from mjrun.model.rendered_view import Picture
+from mjrun.render.classic import ClassicRenderer
+from mjrun.render.exact_framebuffer import ExactBuffer
+from mjrun.render.filament import FilamentRenderer
+
+Clock = Callable[[], float]
+UPDATE, DRAW, READ = "update", "draw", "read"
+
+
+class Stopwatch:
+    """Wall time of parts that lie in each other, each without those inside it.
+
+    Attributes:
+      spent: by name of the part [s].
+    """
+
+    def __init__(self, clock: Clock) -> None:
+        self.spent: dict[str, float] = {}
+        self._clock, self._since = clock, 0.0
+        self._inside: list[str] = []
+
+    @contextmanager
+    def part(self, name: str) -> Iterator[None]:
+        """Counts the time of the block as that of `name`."""
+        self._switch()
+        self._inside.append(name)
+        try:
+            yield
+        finally:
+            self._switch()
+            self._inside.pop()
+
+    def _switch(self) -> None:
+        now = self._clock()
+        if self._inside:
+            name = self._inside[-1]
+            self.spent[name] = self.spent.get(name, 0.0) + now - self._since
+        self._since = now
+
+
+class TimedClassicRenderer(ClassicRenderer):
+    """Draws as its base does, and waits for OpenGL, which else goes on drawing while one reads the clock.
+
+    Attributes:
+      watch: counts `update` (derived fields and scene), `draw`, and `read` (pixels, and what is made of them).
+    """
+
+    def __init__(self, *arguments: Any, watch: Stopwatch) -> None:
+        self.watch = watch
+        super().__init__(*arguments)
+
+    def look(self, state: np.ndarray, index: int = 0) -> None:
+        with self.watch.part(UPDATE):
+            super().look(state, index)
+
+    def picture(self, pose: Pose, views: Sequence[str] = ("rgb",)) -> Picture:
+        with self.watch.part(READ):
+            return super().picture(pose, views)
+
+    def _update_scene(self, pose: Pose) -> None:
+        with self.watch.part(UPDATE):
+            super()._update_scene(pose)
+
+    def _render(self) -> None:
+        with self.watch.part(DRAW):
+            mujoco.mjr_render(self._rect, self._scene, self._context)
+            mujoco.mjr_finish()
+        mujoco.mjr_readPixels(self._pixels, None, self._rect, self._context)
+
+    def _exact(self, seen: Picture, pose: Pose, views: Sequence[str]) -> Picture:
+        if self._buffer is None:
+            self._buffer = _TimedBuffer(self.size, self.watch)
+        return super()._exact(seen, pose, views)
+
+
+class _TimedBuffer(ExactBuffer):
+    def __init__(self, size: tuple[int, int], watch: Stopwatch) -> None:
+        super().__init__(size)
+        self._gl, self._watch = _TimedReading(self._gl, watch), watch
+
+    def draw(self, scene: mujoco.MjvScene, context: mujoco.MjrContext) -> tuple[np.ndarray, np.ndarray]:
+        with self._watch.part(DRAW):
+            return super().draw(scene, context)
+
+
+class _TimedReading:
+    """OpenGL, in which reading pixels counts as such and not as drawing."""
+
+    def __init__(self, gl: Any, watch: Stopwatch) -> None:
+        self._gl, self._watch = gl, watch
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._gl, name)
+
+    def glReadPixels(self, *arguments: Any) -> None:  # noqa: N802
+        self._gl.glFinish()
+        with self._watch.part(READ):
+            self._gl.glReadPixels(*arguments)
+
+
+class TimedFilamentRenderer(FilamentRenderer):
+    """Draws as its base does. Filament gives a picture when it is read: `draw` is both.
+
+    Attributes:
+      watch: counts `update` and `draw`.
+    """
+
+    def __init__(self, *arguments: Any, watch: Stopwatch) -> None:
+        self.watch = watch
+        super().__init__(*arguments)
+
+    def look(self, state: np.ndarray, index: int = 0) -> None:
+        with self.watch.part(UPDATE):
+            super().look(state, index)
+
+    def picture(self, pose: Pose, views: Sequence[str] = ("rgb",)) -> Picture:
+        with self.watch.part(DRAW):
+            return super().picture(pose, views)
+
+
+TIMED: Mapping[str, Callable[..., Any]] = {"classic": TimedClassicRenderer, "filament": TimedFilamentRenderer}

@@ -1,0 +1,225 @@
+"""The wall time of steps: the same rollout again and again, in C, timed block by block.
+
+This is the one loop beside `observe`: nothing is looked at while it runs.
+"""
+
+import copy
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+import mujoco
+import numpy as np
+from mujoco.batch import Batch
+
+from mjrun.bench.step_phases import Phase, phases
+from mjrun.model import state
+from mjrun.model.names import inputs
+from mjrun.sim.control import PREFIX, Control, ControlTable
+from mjrun.sim.stepper import BAD, PhysicsStepper
+from mjrun.timeline import rational, seconds
+
+Clock = Callable[[], float]  # wall time [s], from anywhere on
+
+
+@dataclass(frozen=True)
+class Run:
+    """What is rolled out: always the same motion.
+
+    Attributes:
+      model: its automatic resets are off.
+      start: integration state `(nstate,)`.
+      controls: of every step, `(steps, nu)`; those in `start` throughout when None.
+    """
+
+    model: mujoco.MjModel
+    start: np.ndarray
+    controls: np.ndarray | None = None
+
+    @classmethod
+    def of(cls, model: mujoco.MjModel, data: mujoco.MjData, controls: np.ndarray | None = None) -> "Run":
+        """The run from the state in `data`, on a copy of `model`."""
+        kept = copy.copy(model)
+        kept.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_AUTORESET)
+        return cls(kept, state.save(model, data), controls)
+
+    def data(self) -> mujoco.MjData:
+        """A new MjData at the start."""
+        data = mujoco.MjData(self.model)
+        state.restore(self.model, data, self.start)
+        return data
+
+    def check(self, steps: int) -> None:
+        """Takes `steps` steps, to find the first that fails.
+
+        Raises:
+          SimulationError: names that step, its time, and the joint.
+        """
+        self._stepper().advance(steps)
+
+    def states(self, steps: Sequence[int]) -> list[np.ndarray]:
+        """The integration states at `steps`, which ascend.
+
+        Raises:
+          SimulationError: a step on the way fails.
+        """
+        stepper, found = self._stepper(), []
+        for step in steps:
+            stepper.advance(step)
+            found.append(stepper.state())
+        return found
+
+    def _stepper(self) -> PhysicsStepper:
+        return PhysicsStepper(self.model, self.data(), self._control())
+
+    def _control(self) -> Control | None:
+        if self.controls is None or not self.model.nu:
+            return None
+        timestep = rational(self.model.opt.timestep)
+        columns = {f"{PREFIX}{name}": column for name, column in zip(inputs(self.model), self.controls.T, strict=True)}
+        time = np.asarray(seconds(np.arange(len(self.controls)), timestep), float)
+        return Control(timestep, np.zeros(self.model.nu), ControlTable(self.model, {"time": time, **columns}, "noise"))
+
+
+class StoppedError(Exception):
+    """MuJoCo warned, and `mujoco.batch` goes no further then."""
+
+
+class Roller(Protocol):
+    """Rolls a run out and times it."""
+
+    copies: int
+
+    def seconds(self, steps: int, block: int, clock: Clock) -> np.ndarray:
+        """Rolls `steps` steps out from the start, and times every `block` of them, the last as long as it is.
+
+        The clock is asked twice a block.
+
+        Returns:
+          The wall time of each block [s].
+        """
+        ...
+
+
+class BatchRoller:
+    """Rolls copies of a run out, each in a thread of its own, in C: within a percent of a loop in C.
+
+    Raises:
+      StoppedError: from `seconds`, when MuJoCo warns.
+    """
+
+    def __init__(self, run: Run, copies: int = 1) -> None:
+        self.copies = copies
+        self._run = run
+        # As `testspeed` has it, every copy keeps its MjData; sleep needs that too.
+        self._batch = Batch(run.model, copies, copies, persistent=True)
+        self._warned = self._batch.warning.copy()
+
+    def seconds(self, steps: int, block: int, clock: Clock) -> np.ndarray:
+        self._batch.reset(stage=int(mujoco.mjtStage.mjSTAGE_NONE))
+        self._batch.state[:] = self._run.start
+        found = []
+        for first, count in blocks_of(steps, block):
+            given = self._controls(first, count)
+            before = clock()
+            self._batch.rollout(count, given, record=())
+            found.append(clock() - before)
+        if (self._batch.warning != self._warned).any():
+            raise StoppedError
+        return np.array(found)
+
+    def _controls(self, first: int, count: int) -> np.ndarray | None:
+        """Those of a block for all copies, laid out as C takes them, so that no time goes into it."""
+        if self._run.controls is None:
+            return None
+        part = self._run.controls[first : first + count]
+        return np.ascontiguousarray(np.broadcast_to(part, (self.copies, *part.shape)))
+
+
+class LoopRoller:
+    """Rolls a run out that makes MuJoCo warn. With controls that change, a step costs about a microsecond more."""
+
+    copies = 1
+
+    def __init__(self, run: Run) -> None:
+        self._run, self._data = run, run.data()
+
+    def seconds(self, steps: int, block: int, clock: Clock) -> np.ndarray:
+        model, data, controls = self._run.model, self._data, self._run.controls
+        mujoco.mj_resetData(model, data)
+        state.restore(model, data, self._run.start)
+        found = []
+        for first, count in blocks_of(steps, block):
+            before = clock()
+            if controls is None:
+                mujoco.mj_step(model, data, nstep=count)
+            else:
+                for row in controls[first : first + count]:
+                    data.ctrl[:] = row
+                    mujoco.mj_step(model, data)
+            found.append(clock() - before)
+        return np.array(found)
+
+
+def blocks_of(steps: int, block: int) -> Iterator[tuple[int, int]]:
+    """First step and number of steps of each block."""
+    return ((first, min(block, steps - first)) for first in range(0, steps, block))
+
+
+@dataclass(frozen=True)
+class Profile:
+    """What a step consists of, on average over a rollout.
+
+    Attributes:
+      contacts, constraints: number of them (`ncon`, `nefc`).
+      iterations: of the constraint solver, averaged over islands, as `testspeed` has it.
+      arena, arena_size: most of the arena that was ever in use, and its size [bytes]; None where there is none.
+      phases: MuJoCo's own, measured with its timers on; None where they cannot be had.
+      warned: whether MuJoCo warned of anything.
+    """
+
+    contacts: float
+    constraints: float
+    iterations: float
+    arena: int | None
+    arena_size: int | None
+    phases: Phase | None
+    warned: bool
+
+
+def profile(run: Run, steps: int) -> Profile:
+    """Rolls `steps` steps out with MuJoCo's timers on, looking at each. Not to be timed from outside.
+
+    Raises:
+      SimulationError: the run is unstable, or MuJoCo gave up.
+    """
+    data = run.data()
+    contacts = constraints = 0
+    iterations = 0.0
+    for step in range(steps):
+        if run.controls is not None:
+            data.ctrl[:] = run.controls[step]
+        try:
+            mujoco.mj_step(run.model, data)
+        except mujoco.FatalError:
+            run.check(steps)
+            raise
+        contacts += data.ncon
+        constraints += data.nefc
+        islands = min(max(data.nisland, 1), mujoco.mjNISLAND)
+        iterations += data.solver_niter[0] if islands == 1 else data.solver_niter[:islands].mean()
+    if any(data.warning[kind].number for kind in BAD) or not _is_good(data):
+        run.check(steps)
+    return Profile(
+        contacts=contacts / steps,
+        constraints=constraints / steps,
+        iterations=float(iterations) / steps,
+        arena=int(data.maxuse_arena),
+        arena_size=int(data.narena),
+        phases=phases(data),
+        warned=any(warning.number for warning in data.warning),
+    )
+
+
+def _is_good(data: mujoco.MjData) -> bool:
+    return all((abs(vector) < mujoco.mjMAXVAL).all() for vector in (data.qpos, data.qvel))

@@ -1,0 +1,219 @@
+"""Is it slower? Ratios of saved benchmarks, and what they are refused for."""
+
+import copy
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from mjrun.bench.baseline import check_same, compare, figures, read_base, steps_of, verdict
+from mjrun.errors import FileError, UsageError
+
+BASE = [1.00, 1.01, 1.02, 0.99, 1.03, 1.00, 0.98, 1.01]
+
+
+def document(samples: list[float] = BASE, **changed: Any) -> dict[str, Any]:
+    """What is compared of a benchmark with one row and one picture."""
+    step = {"samples": samples}
+    threads = [{"threads": 1, "step": step}, {"threads": 2, "step": {"samples": [s / 2 for s in samples]}}]
+    frame = {
+        "view": "rgb",
+        "size": [64, 48],
+        "quality": "model",
+        "renderer": "classic",
+        "device": "a GPU",
+        "total": step,
+    }
+    engine = {"name": "c", "device": "cpu", "device_name": "a CPU", "worlds": 1, "nconmax": None, "njmax": None}
+    return {
+        "schema": "mjrun-bench-1",
+        "mujoco": "4.0.0",
+        "engine": engine,
+        "machine": {"system": "Linux", "cpu": "a CPU", "cores": 2, "available": 2},
+        "model": {"sha256": "a", "file_sha256": "b"},
+        "options": {"key": None, "noise_std": 0.01, "noise_rate": 0.1, "settings": [], "steps": None},
+        "rows": [{"point": {}, "steps": 100, "step": step, "threads": threads, "failure": None}],
+        "frames": [frame],
+        **changed,
+    }
+
+
+def scaled(factor: float) -> dict[str, Any]:
+    return document([factor * sample for sample in BASE])
+
+
+@pytest.mark.parametrize(
+    ("factor", "expected"), [(1.3, "slower"), (1.0, "not slower"), (1.1, "inconclusive"), (0.8, "faster")]
+)
+def test_every_figure_that_both_have_is_compared(factor: float, expected: str) -> None:
+    found = compare(scaled(factor), document(), "base.json", 0.1)
+    assert [ratio.name for ratio in found.ratios] == ["step", "threads 2", "rgb 64x48 model"]
+    for ratio in found.ratios:
+        assert ratio.ratio == pytest.approx(factor)
+        assert ratio.fastest == pytest.approx(factor)
+        assert ratio.low == pytest.approx(factor * 0.98 / 1.03)  # the extremes: 8 samples give no less for 97.5 %
+        assert ratio.high == pytest.approx(factor * 1.03 / 0.98)
+        assert ratio.verdict == expected
+    assert (found.verdict, found.limit) == (expected, 1.1)
+
+
+@pytest.mark.parametrize(
+    ("low", "high", "fastest", "expected"),
+    [
+        (1.11, 1.4, 1.3, "slower"),
+        (1.11, 1.4, 1.09, "inconclusive"),  # all but the fastest were disturbed
+        (1.10, 1.4, 1.3, "inconclusive"),
+        (1.0, 1.11, 1.0, "inconclusive"),
+        (0.9, 1.1, 1.0, "not slower"),
+        (0.8, 0.99, 0.9, "faster"),
+        (None, None, 2.0, "inconclusive"),
+    ],
+)
+def test_the_verdict_follows_from_the_interval_the_fastest_sample_and_the_limit(
+    low: float | None, high: float | None, fastest: float, expected: str
+) -> None:
+    assert verdict(low, high, fastest, 1.1) == expected
+
+
+def test_the_worst_figure_decides() -> None:
+    now = scaled(0.8)
+    now["rows"][0]["step"] = {"samples": [2 * sample for sample in BASE]}
+    assert compare(now, document(), "base.json", 0.1).verdict == "slower"
+
+
+def test_too_few_samples_are_inconclusive_however_slow() -> None:
+    found = compare(document([9.0] * 6), document(), "base.json", 0.1)
+    assert {ratio.verdict for ratio in found.ratios} == {"inconclusive"}
+    assert found.ratios[0].low is None
+
+
+def test_points_of_a_grid_and_devices_are_compared_with_their_own() -> None:
+    now, base = document(), document()
+    row = now["rows"][0]
+    now["rows"] = [{**row, "point": {"timestep": step}} for step in (".1", ".2")]
+    base["rows"] = [{**row, "point": {"timestep": step}} for step in (".2", ".3")]
+    base["frames"][0] = {**base["frames"][0], "device": "another GPU"}
+    found = compare(now, base, "base.json", 0.1)
+    assert [ratio.name for ratio in found.ratios] == ["step timestep=.2", "threads 2 timestep=.2"]
+    assert steps_of(base, {"timestep": ".2"}) == 100
+    assert steps_of(base, {"timestep": ".1"}) is None
+
+
+def grid(*timesteps: str, failed: str = "") -> dict[str, Any]:
+    """A benchmark of a grid, one point of which may have failed."""
+    row = document()["rows"][0]
+    rows = [{**row, "point": {"timestep": timestep}} for timestep in timesteps]
+    nothing = {"step": None, "threads": [], "failure": "the simulation became unstable at step 3"}
+    return document(rows=[{**row, **nothing} if row["point"]["timestep"] == failed else row for row in rows], frames=[])
+
+
+@pytest.mark.parametrize(
+    ("now", "gone", "expected"),
+    [
+        (grid(".1", ".2"), [], "not slower"),
+        (grid(".1"), [False, False], "not slower"),
+        (grid(".1", ".2", failed=".2"), [True, True], "failed"),
+        (grid(".2", failed=".2"), [False, False, True, True], "failed"),
+    ],
+)
+def test_a_figure_that_only_the_base_has_is_named_and_fails_where_it_could_not_be_measured(
+    now: dict[str, Any], gone: list[bool], expected: str
+) -> None:
+    found = compare(now, grid(".1", ".2"), "base.json", 0.1)
+    assert [one.failure is not None for one in found.gone] == gone
+    assert found.verdict == expected
+    names = [name for name, _ in (of for of, _ in figures(grid(".1", ".2")))]
+    assert sorted([one.name for one in found.gone] + [ratio.name for ratio in found.ratios]) == sorted(names)
+    assert {one.base for one in found.gone} <= {1.005, 0.5025}
+
+
+def test_what_the_base_could_not_measure_either_is_no_loss() -> None:
+    unstable = grid(".1", ".2", failed=".2")
+    assert compare(unstable, unstable, "base.json", 0.1).verdict == "not slower"
+
+
+def test_benchmarks_of_different_things_have_no_figure_in_common() -> None:
+    now, base = document(rows=[]), document(frames=[])
+    with pytest.raises(UsageError, match=r"no figure in common.*\nit has step, threads 2"):
+        compare(now, base, "base.json", 0.1)
+
+
+@pytest.mark.parametrize(
+    ("part", "key", "value", "said"),
+    [
+        ("model", "sha256", "c", "another model"),
+        ("options", "noise_std", 0.0, "noise_std: 0.0 there, 0.01 here"),
+        ("options", "key", "test", "key: test there, null here"),
+        ("options", "settings", ["--set a=b"], r'settings: \["--set a=b"\] there, \[\] here'),
+        ("machine", "cpu", "bad\x1bone", r"cpu: bad\\x1bone there, a CPU here"),
+        ("machine", "cores", 4, "cores: 4 there, 2 here"),
+        ("engine", "name", "warp", "engine: warp there, c here"),
+        ("engine", "worlds", 8, "worlds: 8 there, 1 here"),
+        ("engine", "device", "cuda:0", "device: cuda:0 there, cpu here"),
+        ("engine", "device_name", "a GPU", "device_name: a GPU there, a CPU here"),
+        ("engine", "njmax", 64, "njmax: 64 there, null here"),
+    ],
+)
+def test_another_model_options_or_machine_is_refused_unless_forced(
+    part: str, key: str, value: object, said: str
+) -> None:
+    base = document()
+    base[part] = {**base[part], key: value}
+    with pytest.raises(UsageError, match=f"base.json is no base.*\n{said}\n--force"):
+        check_same(document(), base, "base.json", force=False)
+    assert len(check_same(document(), base, "base.json", force=True)) == 1
+    assert check_same(document(), document(), "base.json", force=False) == []
+
+
+def test_steps_that_were_asked_for_must_be_those_of_the_base() -> None:
+    now = document(options={**document()["options"], "steps": 70})
+    with pytest.raises(UsageError, match="steps: 100 there, 70 here"):
+        check_same(now, document(), "base.json", force=False)
+    now["options"]["steps"] = 100
+    assert check_same(now, document(), "base.json", force=False) == []
+
+
+def test_of_two_versions_of_mujoco_the_files_are_compared_for_compiled_models_always_differ() -> None:
+    base = document(mujoco="4.0.1", model={"sha256": "other", "file_sha256": "b"})
+    assert check_same(document(), base, "base.json", force=False) == []
+    base["model"]["file_sha256"] = "c"
+    with pytest.raises(UsageError, match="another model file"):
+        check_same(document(), base, "base.json", force=False)
+
+
+def without(key: str) -> Callable[[dict[str, Any]], None]:
+    return lambda changed: changed.pop(key)
+
+
+@pytest.mark.parametrize(
+    ("spoil", "said"),
+    [
+        (lambda d: d.update(schema="mjrun-bench-0"), "is not a benchmark of this mjrun\nmjrun bench MODEL --save"),
+        (without("machine"), "is not a whole benchmark: KeyError 'machine'"),
+        (lambda d: d["rows"][0]["step"].update(samples=[1, -1]), "samples must be positive"),
+        (lambda d: d["rows"][0]["step"].update(samples=[]), "samples must be positive"),
+        (lambda d: d.update(rows=3), "is not a whole benchmark: TypeError"),
+    ],
+)
+def test_a_file_that_is_no_benchmark_is_refused(
+    tmp_path: Path, spoil: Callable[[dict[str, Any]], None], said: str
+) -> None:
+    path, spoilt = tmp_path / "base.json", copy.deepcopy(document())
+    path.write_text(json.dumps(spoilt))
+    assert read_base(path) == spoilt
+    spoil(spoilt)
+    path.write_text(json.dumps(spoilt))
+    with pytest.raises(FileError, match=said):
+        read_base(path)
+
+
+@pytest.mark.parametrize("text", ["", "[]", "{", "3", "\x00"])
+def test_a_file_that_is_not_json_or_not_an_object_is_refused(tmp_path: Path, text: str) -> None:
+    path = tmp_path / "base.json"
+    path.write_text(text)
+    with pytest.raises(FileError, match="is not"):
+        read_base(path)
+    with pytest.raises(FileError, match="cannot be read: No such file"):
+        read_base(tmp_path / "none.json")

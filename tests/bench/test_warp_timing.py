@@ -1,0 +1,195 @@
+"""Benchmarks of many worlds, with a fake engine and a fake clock; what only one of the engines can do."""
+
+import json
+from collections.abc import Sequence
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import mujoco
+import numpy as np
+import pytest
+
+from mjrun.bench.bench import Bench
+from mjrun.bench.control_noise import controls
+from mjrun.cli import bench_report
+from mjrun.errors import MjrunWarning, SimulationError, UsageError
+from mjrun.job.view import Drawing
+from mjrun.sim.rollout_timing import Clock, Profile, Run, blocks_of
+
+MODEL = """
+<mujoco>
+  <option timestep=".01"/>
+  <worldbody><body><joint name="x" type="slide"/><geom size=".1"/></body></worldbody>
+  <actuator><motor name="m" joint="x"/></actuator>
+</mujoco>
+"""
+OVERFLOW = "the constraints do not fit: raise --njmax"
+
+
+class FakeClock:
+    """Goes on by a second at every look."""
+
+    def __init__(self) -> None:
+        self.now = 0.0
+
+    def __call__(self) -> float:
+        self.now += 1
+        return self.now
+
+
+class FakeWorlds:
+    """Looks at the clock where worlds do, and does nothing else."""
+
+    told: Sequence[str] = ()
+
+    def __init__(self, run: Run, copies: int) -> None:
+        self.run, self.copies = run, copies
+
+    def first(self, clock: Clock) -> float:
+        return -clock() + clock()
+
+    def seconds(self, steps: int, block: int, clock: Clock) -> np.ndarray:
+        return np.array([-clock() + clock() for _ in blocks_of(steps, block)])
+
+    def profile(self, steps: int) -> Profile:
+        if self.run.model.opt.timestep > 1:
+            raise SimulationError(steps, 0.0, "the simulation became unstable in 1 of 4 worlds")
+        return Profile(3.0, 12.0, 2.5, None, None, None, warned=False)
+
+    def overflows(self) -> Sequence[str]:
+        return self.told
+
+
+class FakeEngine:
+    """A GPU."""
+
+    opened: list[FakeWorlds]
+
+    def __init__(self, device: str | None, worlds: int | None, nconmax: int | None, njmax: int | None) -> None:
+        self.device, self.device_name, self.version = device or "cuda:0", "a GPU", "mujoco_warp 4, warp 1"
+        self.worlds, self.nconmax, self.njmax = worlds or 4, nconmax, njmax
+
+    def open(self, run: Run) -> FakeWorlds:
+        self.opened.append(FakeWorlds(run, self.worlds))
+        return self.opened[-1]
+
+
+@pytest.fixture
+def path(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.setattr("mjrun.bench.bench.WarpEngine", FakeEngine)
+    monkeypatch.setattr(FakeEngine, "opened", [], raising=False)
+    path = tmp_path / "model.xml"
+    path.write_text(MODEL)
+    return path
+
+
+def bench(model: Path, **changed: Any) -> Bench:
+    return Bench(model, **{"engine": "warp", "steps": 20, "repeats": 8, **changed})
+
+
+def test_a_step_is_that_of_one_world_and_figures_are_exactly_those_of_the_clock(path: Path) -> None:
+    found = bench(path, njmax=64).run(clock=FakeClock())
+    (row,) = found.rows
+    assert row.step is not None
+    # A second for every block, which is a step of four worlds.
+    assert (row.block, row.steps) == (1, 20)
+    assert row.step.samples == [0.25] * 8
+    assert (row.step.p5, row.step.p95) == (0.25, 0.25)
+    assert (row.steps_per_second, row.realtime_factor, row.first_step) == (4.0, 0.04, 1.0)
+    assert row.counts is not None
+    assert (row.counts.contacts, row.counts.constraints, row.counts.iterations) == (3.0, 12.0, 2.5)
+    assert (row.counts.arena, row.phases, row.threads, row.overflows) == (None, None, [], [])
+    facts = found.engine
+    assert (facts.name, facts.device, facts.device_name, facts.worlds) == ("warp", "cuda:0", "a GPU", 4)
+    assert (facts.version, facts.nconmax, facts.njmax) == ("mujoco_warp 4, warp 1", None, 64)
+    assert any("no phases and no arena" in note for note in found.notes)
+
+
+def test_the_worlds_have_the_stimulus_of_one_and_more_steps_of_it(path: Path) -> None:
+    bench(path).run(clock=FakeClock())
+    (worlds,) = FakeEngine.opened
+    assert worlds.run.controls is not None
+    assert worlds.run.controls.tolist() == controls(mujoco.MjModel.from_xml_path(str(path)), 24).tolist()
+
+
+def test_with_mujoco_itself_there_is_one_world_and_nothing_is_compiled(path: Path) -> None:
+    found = bench(path, engine="c", worlds=1, threads=[1]).run(clock=FakeClock())
+    facts = found.engine
+    assert (facts.name, facts.version, facts.device, facts.worlds) == ("c", None, "cpu", 1)
+    assert facts.device_name == found.machine.cpu
+    assert found.rows[0].first_step is None
+    assert FakeEngine.opened == []
+
+
+def test_a_base_of_another_engine_device_or_number_of_worlds_is_refused(path: Path) -> None:
+    base = str(path.with_name("base.json"))
+    bench(path, save=base).run(clock=FakeClock())
+    same = bench(path, compare=base, fail_above=0.1).run(clock=FakeClock()).comparison
+    assert same is not None
+    assert [(ratio.name, ratio.ratio) for ratio in same.ratios] == [("step", 1.0)]
+    assert same.verdict == "not slower"
+    for changed, said in (
+        ({"worlds": 8}, "worlds: 4 there, 8 here"),
+        ({"device": "cpu"}, "device: cuda:0 there, cpu here"),
+        ({"nconmax": 9}, "nconmax: null there, 9 here"),
+        ({"engine": "c"}, "engine: warp there, c here"),
+    ):
+        with pytest.raises(UsageError, match=f"is no base for this benchmark(.|\n)*{said}"):
+            bench(path, compare=base, **changed).run(clock=FakeClock())
+    forced = bench(path, compare=base, worlds=8, force=True).run(clock=FakeClock()).comparison
+    assert forced is not None
+    assert forced.ratios[0].ratio == 0.5
+
+
+def test_what_does_not_fit_is_a_warning_and_stays_in_the_document(path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(FakeWorlds, "told", (OVERFLOW,))
+    with pytest.warns(MjrunWarning) as heard:
+        found = bench(path, scan={"timestep": [".01", ".02"]}).run(clock=FakeClock())
+    assert [str(warning.message) for warning in heard] == [OVERFLOW]  # once for both points
+    assert [row["overflows"] for row in json.loads(json.dumps(asdict(found)))["rows"]] == [[OVERFLOW]] * 2
+    assert f"- timestep=.02: {OVERFLOW}" in bench_report.FORMS["markdown"](found)
+
+
+def test_worlds_that_are_unstable_are_a_result_of_a_grid(path: Path) -> None:
+    good, bad = bench(path, scan={"timestep": [".01", "2"]}).run(clock=FakeClock()).rows
+    assert (good.failure, bad.step, bad.first_step) == (None, None, None)
+    assert bad.failure == "the simulation became unstable in 1 of 4 worlds"
+    with pytest.raises(SimulationError, match="1 of 4 worlds"):
+        bench(path, scan={"timestep": ["2"]}).run(clock=FakeClock())
+
+
+def test_the_report_tells_of_worlds_and_of_compiling_in_80_columns(path: Path) -> None:
+    found = bench(path).run(clock=FakeClock())
+    lines = bench_report.FORMS["text"](found).splitlines()
+    assert lines[1] == "4 worlds on cuda:0, a GPU; mujoco_warp 4; noise 0.01"
+    assert "all worlds 1.000 s for a step of each of them" in lines
+    assert "first step 1.000 s; it compiles what is not cached" in lines
+    assert not any("arena" in line for line in lines if not line.startswith("note: "))
+    assert max(map(len, lines)) <= 80
+    header, row = bench_report.FORMS["csv"](found).splitlines()
+    known = dict(zip(header.split(","), row.split(","), strict=True))
+    names = ("engine", "device", "worlds", "first_step", "steps_per_second", "arena")
+    assert [known[name] for name in names] == ["warp", "cuda:0", "4", "1.0", "4.0", ""]
+    grid = bench_report.FORMS["text"](bench(path, scan={"timestep": [".01", ".02"]}).run(clock=FakeClock()))
+    assert "a step, of rollouts of 20 steps of 4 worlds" in grid.splitlines()
+
+
+@pytest.mark.parametrize(
+    ("changed", "said"),
+    [
+        ({"threads": [1]}, "--threads is for --engine c"),
+        ({"accuracy": True}, "--accuracy is for --engine c"),
+        ({"whole": True}, "--whole is for --engine c"),
+        ({"drawings": [Drawing()]}, "--render is for --engine c"),
+        ({"worlds": 0}, "--worlds: '0' is not a positive whole number"),
+        ({"njmax": -1}, "--njmax: '-1' is not"),
+        ({"engine": "c", "worlds": 2}, "--worlds is for --engine warp"),
+        ({"engine": "c", "device": "cpu"}, "--device is for --engine warp"),
+        ({"engine": "c", "nconmax": 1}, "--nconmax is for --engine warp"),
+        ({"engine": "mjx"}, "no engine 'mjx'\nengines: c, warp"),
+    ],
+)
+def test_what_an_engine_cannot_do_is_refused_at_once(path: Path, changed: dict[str, Any], said: str) -> None:
+    with pytest.raises(UsageError, match=said):
+        bench(path, **changed)

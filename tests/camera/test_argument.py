@@ -1,0 +1,197 @@
+"""Cameras in one word of a command line."""
+
+import mujoco
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from mjrun.camera.argument import script
+from mjrun.camera.motion import CameraMotion
+from mjrun.camera.pose import Pose, pose_of
+from mjrun.camera.script import AroundRig, ModelRig, Ramp, Shot
+from mjrun.errors import MjrunError
+from mjrun.model.state import save
+
+MODEL = mujoco.MjModel.from_xml_string(
+    """
+    <mujoco>
+      <worldbody>
+        <camera name="top" pos="0 0 3"/>
+        <camera pos="0 0 4"/>
+        <body name="box" pos="1 2 3">
+          <freejoint/><geom name="edge" pos=".1 0 0" size=".1"/><site name="tip" pos="0 0 .5"/>
+        </body>
+      </worldbody>
+    </mujoco>
+    """
+)
+phases = st.floats(0, 1)
+
+
+def moved() -> mujoco.MjData:
+    data = mujoco.MjData(MODEL)
+    data.qpos[:3] = [4, 5, 6]
+    mujoco.mj_forward(MODEL, data)
+    return data
+
+
+def posed(text: str, phase: float = 0.0, model: mujoco.MjModel = MODEL) -> Pose:
+    """The pose `phase` of the way through a shot of two seconds."""
+    data = moved() if model is MODEL else mujoco.MjData(model)
+    course = CameraMotion(script(text, model), model, (64, 48))
+    return next(course.poses([save(model, data)], [2 * phase], [0.0], [(0.0, 2.0)]))
+
+
+def shot(text: str) -> Shot:
+    return script(text, MODEL).shots[0]
+
+
+def around(text: str) -> AroundRig:
+    rig = shot(text).rig
+    assert isinstance(rig, AroundRig)
+    return rig
+
+
+def default() -> mujoco.MjvCamera:
+    camera = mujoco.MjvCamera()
+    mujoco.mjv_defaultFreeCamera(MODEL, camera)
+    return camera
+
+
+def updated(camera: mujoco.MjvCamera, model: mujoco.MjModel = MODEL) -> Pose:
+    scene = mujoco.MjvScene(model, 1)
+    mujoco.mjv_updateCamera(model, moved() if model is MODEL else mujoco.MjData(model), camera, scene)
+    return pose_of(scene)
+
+
+@pytest.mark.parametrize(("text", "height"), [("top", 3), ("1", 4), ("camera:1", 4), ("0", 3)])
+def test_a_model_camera_answers_to_name_and_index(text: str, height: float) -> None:
+    assert shot(text) == Shot(ModelRig(text))
+    assert posed(text).position == pytest.approx(np.array([0, 0, height]))
+
+
+def test_a_model_camera_wins_over_a_rig_of_the_same_name() -> None:
+    model = mujoco.MjModel.from_xml_string('<mujoco><worldbody><camera name="orbit"/></worldbody></mujoco>')
+    assert script("orbit", model).shots[0].rig == ModelRig("orbit")
+    assert isinstance(script("orbit:distance=1", model).shots[0].rig, AroundRig)
+
+
+@given(phases)
+def test_the_free_camera_is_mujoco_s_own_and_stands_still(phase: float) -> None:
+    found, expected = posed("free", phase), updated(default())
+    assert found.position == pytest.approx(expected.position, abs=1e-6)
+    assert found.rotation == pytest.approx(expected.rotation, abs=1e-6)
+    assert found.frustum == expected.frustum
+
+
+@given(phases)
+def test_an_orbit_goes_from_start_to_end_by_its_ease(phase: float) -> None:
+    linear = posed("orbit:lookat=1/2/-3,distance=2,azimuth=140..240,elevation=-30..10", phase)
+    assert linear.lookat == pytest.approx(np.array([1, 2, -3]))
+    assert linear.distance == 2
+    azimuth, elevation, _ = linear.angles
+    assert azimuth % 360 == pytest.approx(140 + 100 * phase)
+    assert elevation == pytest.approx(-30 + 40 * phase)
+    cosine = posed("orbit:azimuth=140..240,ease=cosine", phase)
+    assert cosine.angles[0] % 360 == pytest.approx(140 + 100 * (1 - np.cos(np.pi * phase)) / 2)
+
+
+@given(phases)
+def test_an_orbit_without_angles_goes_once_round(phase: float) -> None:
+    camera, angle = default(), default().azimuth
+    camera.azimuth = angle + 360 * phase
+    assert posed("orbit", phase).rotation == pytest.approx(updated(camera).rotation, abs=1e-5)
+    camera.azimuth = angle + 180 * (1 - np.cos(np.pi * phase))
+    assert posed("orbit:ease=cosine", phase).rotation == pytest.approx(updated(camera).rotation, abs=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ("track:box,distance=.08,azimuth=280", [4, 5, 6]),
+        ("track:edge", [4.1, 5, 6]),
+        ("track:site:tip", [4, 5, 6.5]),
+        ("track:subtree:box", [4.1, 5, 6]),
+        ("orbit:lookat=geom:edge", [4.1, 5, 6]),
+        ("free:lookat=tip", [4, 5, 6.5]),
+    ],
+)
+def test_an_object_is_followed_where_it_is_now(text: str, expected: list[float]) -> None:
+    assert posed(text).lookat == pytest.approx(np.array(expected))
+
+
+def test_settings_that_are_not_given_stay_the_free_camera_s() -> None:
+    pose, expected = posed("track:box,distance=.08"), default()
+    assert pose.distance == 0.08
+    assert pose.angles == pytest.approx((expected.azimuth, expected.elevation, 0))
+
+
+def test_a_heading_turns_with_the_object() -> None:
+    assert around("track:box,heading").heading
+    assert around("track:box,heading,distance=2").distance == Ramp(2, 2)
+    assert not around("track:box").heading
+
+
+@given(phases)
+def test_roll_and_field_of_view_are_ramps_like_the_others(phase: float) -> None:
+    pose = posed("orbit:azimuth=30,roll=-20..40,fovy=20..60,ease=in", phase)
+    assert pose.angles[2] == pytest.approx(-20 + 60 * phase**2)
+    assert pose.frustum.fovy == pytest.approx(20 + 40 * phase**2)
+
+
+@pytest.mark.parametrize(
+    ("text", "name"), [("top", "top"), ("orbit:lookat=box,distance=2,roll=3", "orbit:lookat=box"), ("free", "free")]
+)
+def test_a_script_is_called_as_its_text_begins(text: str, name: str) -> None:
+    assert script(text, MODEL).name == name
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("tpo", "no camera 'tpo' (did you mean 'top'?)\ncameras: top, camera:1, free, orbit:…, track:BODY"),
+        ("2", "no camera '2'"),
+        ("-1", "no camera '-1'"),
+        ("", "no camera ''"),
+        ("orbit:azimut=3", "no setting 'azimut' in --camera orbit (did you mean 'azimuth'?)"),
+        ("orbit:azimuth", "--camera orbit: write azimuth=VALUE, once"),
+        ("orbit:azimuth=1,azimuth=2", "--camera orbit: write azimuth=VALUE, once"),
+        ("orbit:azimuth=1..x", "--camera orbit: azimuth: '1..x' is not a number, or two as in 140..240"),
+        ("orbit:azimuth=nan", "is not a number"),
+        ("orbit:distance=0", "--camera orbit: distance: '0' is not a positive number of metres"),
+        ("orbit:distance=1..-1", "is not a positive number of metres"),
+        ("orbit:lookat=bxo", "no object 'bxo' (did you mean 'box'?)\nbodies, geoms and sites: world, box, edge, tip"),
+        ("orbit:lookat=1/2/inf", "lookat: '1/2/inf' is not a point x/y/z [m]"),
+        ("orbit:box", "no setting 'box' in --camera orbit\nsettings: lookat, distance, azimuth, elevation, roll, fovy"),
+        ("orbit:ease=cubic", "no ease 'cubic' in --camera orbit\neases: linear, cosine"),
+        ("orbit:fovy=180", "camera orbit:fovy=180: fovy: '180' is not an angle between 0 and 180 degrees"),
+        ("orbit:fovy=20..0", "is not an angle between 0 and 180 degrees"),
+        ("free:ease=in", "no setting 'ease' in --camera free"),
+        ("free:heading", "no setting 'heading' in --camera free"),
+        ("track", "which object? write track:BODY"),
+        ("track:", "which object? write track:BODY"),
+        ("track:distance=3", "which object? write track:BODY"),
+        ("track:box,lookat=tip", "no setting 'lookat' in --camera track"),
+        ("track:box,heading=1", "--camera track: write heading, once"),
+        ("track:box,heading,heading", "--camera track: write heading, once"),
+        ("track:geom:box", "no geom 'box'"),
+        ("track:subtree:bxo", "no body 'bxo'"),
+    ],
+)
+def test_a_wrong_camera_is_refused_with_what_is_right(text: str, message: str) -> None:
+    with pytest.raises(MjrunError) as caught:
+        CameraMotion(script(text, MODEL), MODEL, (64, 48))
+    assert caught.value.exit_code == 2
+    assert message in str(caught.value)
+
+
+def test_the_free_camera_has_no_perspective_where_the_model_says_so() -> None:
+    model = mujoco.MjModel.from_xml_string(
+        '<mujoco><visual><global orthographic="true"/></visual><worldbody><geom size=".1"/></worldbody></mujoco>'
+    )
+    camera = mujoco.MjvCamera()
+    mujoco.mjv_defaultFreeCamera(model, camera)
+    assert posed("free", model=model).frustum == updated(camera, model).frustum
+    assert posed("free", model=model).frustum.orthographic
+    assert posed("orbit:fovy=300", model=model).frustum.fovy == pytest.approx(300)  # metres

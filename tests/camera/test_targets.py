@@ -1,0 +1,138 @@
+"""Objects that cameras look at: where they are, which way they face, and how large they are."""
+
+import mujoco
+import numpy as np
+import pytest
+
+from mjrun.camera.targets import Spot, bounds, spot, trail
+from mjrun.errors import MjrunError
+
+MODEL = mujoco.MjModel.from_xml_string(
+    """
+    <mujoco>
+      <asset><mesh name="wedge" vertex="0 0 0  1 0 0  0 2 0  0 0 .5  1 2 0"/></asset>
+      <worldbody>
+        <geom name="floor" type="plane" size="2 1 .1" pos="0 0 -1"/>
+        <geom name="earth" type="plane" size="0 0 .1"/>
+        <body name="arm" pos="1 2 3" euler="20 -30 70">
+          <freejoint/>
+          <geom name="edge" type="box" pos=".1 0 0" size=".1 .2 .3" euler="10 0 0"/>
+          <site name="ball" size=".2"/><site name="rod" type="capsule" size=".1 .4"/>
+          <site name="can" type="cylinder" size=".1 .4"/><site name="egg" type="ellipsoid" size=".1 .2 .3"/>
+          <body name="hand" pos="0 0 1"><geom name="wedge" type="mesh" mesh="wedge"/></body>
+        </body>
+        <body name="air"/>
+      </worldbody>
+    </mujoco>
+    """
+)
+
+
+@pytest.fixture
+def data() -> mujoco.MjData:
+    found = mujoco.MjData(MODEL)
+    found.qpos[:3] = [4, 5, 6]
+    mujoco.mj_forward(MODEL, found)
+    return found
+
+
+def test_a_spot_is_where_mujoco_has_the_object(data: mujoco.MjData) -> None:
+    assert np.array_equal(spot("hand", MODEL).position(data), data.body("hand").xpos)
+    assert np.array_equal(spot("geom:edge", MODEL).position(data), data.geom("edge").xpos)
+    assert np.array_equal(spot("rod", MODEL).position(data), data.site("rod").xpos)
+    assert np.array_equal(spot((1, 2, 3), MODEL).position(data), [1, 2, 3])
+
+
+def test_a_subtree_is_the_centre_of_mass_of_all_that_hangs_on_a_body(data: mujoco.MjData) -> None:
+    masses = [MODEL.body(name).mass[0] for name in ("arm", "hand")]
+    centers = [data.body(name).xipos for name in ("arm", "hand")]
+    expected = np.average(centers, axis=0, weights=masses)
+    assert spot("subtree:arm", MODEL).position(data) == pytest.approx(expected)
+    assert spot("subtree:1", MODEL) == spot("subtree:arm", MODEL)
+
+
+@pytest.mark.parametrize("name", ["arm", "geom:edge", "site:can", "subtree:arm"])
+def test_the_yaw_is_that_of_the_x_axis_seen_from_above(name: str, data: mujoco.MjData) -> None:
+    matrix = data.geom("edge").xmat if name == "geom:edge" else data.body("arm").xmat
+    x, y = matrix.reshape(3, 3)[:2, 0]
+    yaw = np.radians(spot(name, MODEL).yaw(data))
+    assert np.array([np.cos(yaw), np.sin(yaw)]) * np.hypot(x, y) == pytest.approx(np.array([x, y]))
+
+
+def test_a_point_faces_nowhere_in_particular(data: mujoco.MjData) -> None:
+    assert Spot(point=(1, 2, 3)).yaw(data) == 0
+
+
+@pytest.mark.parametrize(
+    ("name", "message"),
+    [
+        ("subtree:arn", "no body 'arn' (did you mean 'arm' or 'air'?)\nbodies: world, arm, hand, air"),
+        ("hnad", "no object 'hnad' (did you mean 'hand'?)"),
+        ((0, 1, float("nan")), "'0, 1, nan' is not a point"),
+    ],
+)
+def test_a_spot_that_is_not_there_is_refused(name: str | tuple[float, float, float], message: str) -> None:
+    with pytest.raises(MjrunError) as caught:
+        spot(name, MODEL)
+    assert caught.value.exit_code == 2
+    assert message in str(caught.value)
+
+
+def test_a_subtree_leaves_no_trail() -> None:
+    with pytest.raises(MjrunError, match="no object 'subtree:arm'"):
+        trail("subtree:arm", MODEL)
+
+
+def box(center: np.ndarray, matrix: np.ndarray, halves: list[float]) -> np.ndarray:
+    """The corners of a box, one by one."""
+    rows = [np.array([a, b, c]) * halves for a in (-1, 1) for b in (-1, 1) for c in (-1, 1)]
+    return np.array([center + matrix.reshape(3, 3) @ row for row in rows])
+
+
+def same_points(one: np.ndarray, other: np.ndarray) -> bool:
+    apart = np.linalg.norm(one[:, None] - other[None], axis=2)
+    return len(one) == len(other) and bool((apart.min(axis=0) < 1e-12).all() and (apart.min(axis=1) < 1e-12).all())
+
+
+def test_the_bounds_of_a_box_are_its_corners(data: mujoco.MjData) -> None:
+    geom = data.geom("edge")
+    assert same_points(bounds("edge", MODEL).points(data), box(geom.xpos, geom.xmat, [0.1, 0.2, 0.3]))
+
+
+def test_the_bounds_of_a_body_hold_all_that_hangs_on_it(data: mujoco.MjData) -> None:
+    points = bounds("arm", MODEL).points(data)
+    assert np.array_equal(points[:8], bounds("edge", MODEL).points(data))
+    assert np.array_equal(points[8:], bounds("hand", MODEL).points(data))
+    assert np.array_equal(bounds("subtree:arm", MODEL).points(data), points)
+
+
+def test_a_mesh_lies_within_its_bounds_and_touches_each_side(data: mujoco.MjData) -> None:
+    matrix = data.geom("wedge").xmat.reshape(3, 3)
+    corners = bounds("geom:wedge", MODEL).points(data) @ matrix
+    vertices = (MODEL.mesh_vert @ matrix.T + data.geom("wedge").xpos) @ matrix
+    assert corners.min(axis=0) == pytest.approx(vertices.min(axis=0), abs=1e-5)
+    assert corners.max(axis=0) == pytest.approx(vertices.max(axis=0), abs=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("name", "halves"),
+    [("ball", [0.2, 0.2, 0.2]), ("rod", [0.1, 0.1, 0.5]), ("can", [0.1, 0.1, 0.4]), ("egg", [0.1, 0.2, 0.3])],
+)
+def test_a_site_is_as_large_as_its_type_and_size_say(name: str, halves: list[float], data: mujoco.MjData) -> None:
+    site = data.site(name)
+    assert same_points(bounds(name, MODEL).points(data), box(site.xpos, site.xmat, halves))
+
+
+def test_a_plane_is_as_large_as_it_is_drawn_and_nothing_if_it_has_no_end(data: mujoco.MjData) -> None:
+    points = bounds("floor", MODEL).points(data)
+    assert points.min(axis=0) == pytest.approx(np.array([-2, -1, -1]))
+    assert points.max(axis=0) == pytest.approx(np.array([2, 1, -1]))
+    world = bounds("world", MODEL)
+    assert sorted(world.ids) == [MODEL.geom(name).id for name in ("floor", "edge", "wedge")]
+
+
+@pytest.mark.parametrize("name", ["air", "earth"])
+def test_what_has_no_bounds_cannot_be_fitted(name: str) -> None:
+    with pytest.raises(MjrunError, match=f"{name} cannot be fitted into a picture") as caught:
+        bounds(name, MODEL)
+    assert caught.value.exit_code == 2

@@ -1,0 +1,253 @@
+"""The JSON Schema takes what documents may say and refuses what they may not, as a checker of our own reads it."""
+
+import json
+import re
+from collections.abc import Iterator
+from dataclasses import asdict, fields
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+
+from mjrun.bench.bench import Bench
+from mjrun.bench.results import BenchResult
+from mjrun.camera.easing import BLENDS, EASINGS
+from mjrun.document import camera
+from mjrun.document.camera import RIGS, Document, Shot
+from mjrun.document.json_schema import KINDS, PREAMBLE, schema
+from mjrun.document.run import Run
+from mjrun.errors import UnknownNameError
+
+TYPES = {"object": dict, "array": list, "string": str, "boolean": bool, "null": type(None)}
+TOLD = {"title", "description", "default", "$schema", "$defs"}  # say nothing about values
+
+
+def fits(value: Any, rule: dict[str, Any], whole: dict[str, Any]) -> bool:
+    """Whether `value` is what `rule` describes, by the keywords of draft 2020-12 that our schemas use."""
+    return all(_fits(key, value, rule, whole) for key in rule if key not in TOLD)
+
+
+def _fits(key: str, value: Any, rule: dict[str, Any], whole: dict[str, Any]) -> bool:
+    wanted, number = rule[key], isinstance(value, int | float) and not isinstance(value, bool)
+    match key:
+        case "$ref":
+            return fits(value, whole["$defs"][wanted.removeprefix("#/$defs/")], whole)
+        case "type":
+            return any(_is(value, kind, number) for kind in ([wanted] if isinstance(wanted, str) else wanted))
+        case "anyOf":
+            return any(fits(value, one, whole) for one in wanted)
+        case "oneOf":
+            return sum(fits(value, one, whole) for one in wanted) == 1
+        case "enum":
+            return value in wanted
+        case "const":
+            return value == wanted
+        case "properties":
+            return all(fits(value[k], r, whole) for k, r in wanted.items() if isinstance(value, dict) and k in value)
+        case "required":
+            return not isinstance(value, dict) or all(k in value for k in wanted)
+        case "additionalProperties":
+            known = rule.get("properties", {})
+            others = [inner for k, inner in value.items() if k not in known] if isinstance(value, dict) else []
+            return all(wanted is not False and fits(other, wanted, whole) for other in others)
+        case "propertyNames":
+            return not isinstance(value, dict) or all(fits(name, wanted, whole) for name in value)
+        case "pattern":
+            return not isinstance(value, str) or re.search(wanted, value) is not None
+        case "items":
+            return not isinstance(value, list) or all(fits(item, wanted, whole) for item in value)
+        case "prefixItems":
+            return not isinstance(value, list) or all(fits(*pair, whole) for pair in zip(value, wanted, strict=False))
+        case "minItems" | "maxItems" | "minLength":
+            sized = isinstance(value, str if key == "minLength" else list)
+            return not sized or (len(value) <= wanted if key == "maxItems" else len(value) >= wanted)
+        case "minimum" | "exclusiveMinimum":
+            return not number or (value >= wanted if key == "minimum" else value > wanted)
+        case "maximum":
+            return not number or value <= wanted
+    raise AssertionError(f"the checker does not know {key}")
+
+
+def _is(value: Any, kind: str, number: bool) -> bool:
+    if kind in ("number", "integer"):
+        return number and (kind == "number" or value == int(value))
+    return isinstance(value, TYPES[kind])
+
+
+def rules(rule: Any) -> Iterator[dict[str, Any]]:
+    """Every mapping in a schema, itself first."""
+    if isinstance(rule, dict):
+        yield rule
+        for inner in rule.values():
+            yield from rules(inner)
+    elif isinstance(rule, list):
+        for inner in rule:
+            yield from rules(inner)
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "shots: [{free: }]",
+        "{speed: 0.25, shots: [{camera: top, until: 2}, {camera: 1}]}",
+        "shots: [{orbit: {lookat: [0, 0, 1], azimuth: {from: 1, to: 2, ease: in}}, until: {when: a > 1, else: end}}]",
+        "shots: [{track: {target: box, heading: true, offset: [0, 0, 1]}, fovy: {from: 40, to: 20}, fit: box}]",
+        "shots: [{look: {from: a, at: [1, 2, 3]}, duration: 1}, {orbit: , blend: 0.3, shake: , fit: {target: a}}]",
+        "shots: [{path: {waypoints: [{eye: [1, 2, 3]}, {eye: [1, 2, 4]}], curve: linear}, shake: {seed: 1}}]",
+    ],
+)
+def test_what_is_read_fits_the_schema(text: str) -> None:
+    value = yaml.safe_load(text)
+    Document.model_validate(value)
+    assert fits(value, schema("camera"), schema("camera"))
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "{}", "shots: []", "shots: [{}]", "shots: [{camera: }]", "shots: [{camera: -1}]", "shots: [{camera: 1.5}]",
+        "shots: [{free: , orbit: }]", "shots: [{free: 1}]", "shots: [{free: {target: a}}]",
+        "shots: [{orbit: {distance: 0}}]", "shots: [{orbit: {distance: true}}]", "shots: [{zoom: 1, free: }]",
+        "shots: [{orbit: {azimuth: {from: 1}}}]",
+        "shots: [{orbit: {lookat: [1, 2]}}]", "shots: [{orbit: {azimuth: {from: 1, to: 2, ease: x}}}]",
+        "shots: [{track: }]", "shots: [{free: , until: {nth: 1}}]", "shots: [{free: , blend: x}]", "speed: '1'",
+        "shots: [{free: , until: {when: a, else: never}}]", "shots: [{free: , fit: {target: a, margin: 0.5}}]",
+    ],
+)  # fmt: skip
+def test_what_is_refused_does_not_fit_the_schema(text: str) -> None:
+    value = yaml.safe_load(text)
+    with pytest.raises(ValueError, match="validation error"):
+        Document.model_validate(value)
+    assert not fits(value, schema("camera"), schema("camera"))
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_schema_says_its_dialect_and_title_and_has_no_place_in_the_world(kind: str) -> None:
+    made = schema(kind)
+    assert made["$schema"] == "https://json-schema.org/draft/2020-12/schema"
+    assert made["title"] == f"mjrun {kind} document"
+    assert not any("$id" in rule for rule in rules(made))
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_every_mapping_and_every_key_is_described_and_every_reference_leads_somewhere(kind: str) -> None:
+    made = schema(kind)
+    for rule in rules(made):
+        assert "$ref" not in rule or rule["$ref"].removeprefix("#/$defs/") in made["$defs"]
+        if rule.get("type") == "object":
+            assert rule["description"]
+            assert rule["additionalProperties"] is False or "properties" not in rule
+            assert all(inner.get("description") for inner in rule.get("properties", {}).values())
+        assert "default" not in rule or rule["default"] is not None
+
+
+def test_keys_and_choices_are_those_of_the_forms() -> None:
+    made = schema("camera")
+    assert [*made["properties"]] == ["speed", "shots"]
+    shot = made["$defs"]["Shot"]
+    assert [*shot["properties"]] == Shot.key_names()
+    assert [rule["required"] for rule in shot["oneOf"]] == [[rig] for rig in RIGS]
+    assert made["$defs"]["Blend"]["properties"]["shape"]["enum"] == [*BLENDS]
+    assert made["$defs"]["Slide"]["properties"]["ease"]["enum"] == [*EASINGS]
+
+
+def test_a_document_with_a_preamble_may_have_vars_and_defaults() -> None:
+    assert [*schema("run")["properties"]] == [*PREAMBLE, *Run.key_names()]
+    assert [*schema("camera")["properties"]] == ["speed", "shots"]
+
+
+RUN = "model: m.xml\nfilms:\n- output: a.mp4\n  "
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "{model: m.xml, recording: a.npz}",
+        "{model: m.xml, traces: [{output: a.csv, probe: qpos, assert: [a < 1]}], qpos: {a: 1, b: [1, 2]}}",
+        "{model: m.xml, plots: [{output: a.png, probe: [qpos]}], set: {a: 1, b: [0, 1], c: text, d: true}}",
+        "{model: m.xml, stills: [{output: a.png, at: 1}, {output: b.png, at: {when: a}}, {output: c.png, at: 1/3}]}",
+        "{defaults: common.yaml, duration: 1/3, key: 0}",
+        "{vars: {x: 1, y: no}, defaults: common.yaml, steps: '${x}'}",
+        RUN + "size: 64x48\n  fps: 30000/1001\n  speed: 0.5\n  jobs: 2",
+        RUN + "size: [64, 48]\n  fps: 60\n  jobs: auto\n  view: [rgb, depth]\n  show: [joint]\n  hide: fog",
+        RUN + "camera: [top, 0, {shots: [{camera: a}]}]\n  ghost: [a=b, {key: 1}]\n  groups: {geom: [0], site: all}",
+        RUN
+        + "size: '${x}'\n  fps: '${x}'\n  crf: '${x}'\n  captions: '${x}'\n  view: '${x}'\n  depth_range: ['${x}', 2]",
+        RUN + "camera: {shots: [{orbit: {azimuth: '${x}'}, speed: '${x}'}]}\n  groups: {geom: ['${x}']}",
+    ],
+)
+def test_run_documents_fit_the_schema(text: str) -> None:
+    assert fits(yaml.safe_load(text), schema("run"), schema("run"))
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "{}", "{model: m.xml}", "{recording: a.npz}", "{model: m.xml, recording: [a]}", "{defaults: 1}",
+        "{model: m.xml, recording: a.npz, duraton: 1}", "{model: m.xml, recording: a.npz, duration: 0}",
+        "{model: m.xml, recording: a.npz, duration: soon}", "{model: m.xml, recording: a.npz, qpos: {a: up}}",
+        "{model: m.xml, recording: a.npz, vars: {x y: 1}}", "{model: m.xml, recording: a.npz, steps: '${x'}",
+        "{model: m.xml, traces: [{probe: qpos}]}", "{model: m.xml, plots: [{output: a.png}]}",
+        RUN + "size: 64", RUN + "size: [64]", RUN + "view: rbg", RUN + "show: nothing", RUN + "groups: {geom: [6]}",
+        RUN + "camera: true", RUN + "camera: {shots: []}", RUN + "jobs: all", RUN + "captions: 'true'",
+        RUN + "ghost: {opacity: 2}", RUN + "gl: egl", RUN + "crf: 1.5",
+    ],
+)  # fmt: skip
+def test_what_is_no_run_document_does_not_fit_the_schema(text: str) -> None:
+    assert not fits(yaml.safe_load(text), schema("run"), schema("run"))
+
+
+def test_a_kind_that_there_is_not_is_told() -> None:
+    with pytest.raises(
+        UnknownNameError, match=r"^no schema 'camra' \(did you mean 'camera'\?\)\nschemas: camera, run, bench$"
+    ):
+        schema("camra")
+
+
+def test_the_example_in_the_module_is_a_document(tmp_path: Path) -> None:
+    example = (camera.__doc__ or "").split("```yaml")[1].split("```")[0]
+    (tmp_path / "c.yaml").write_text(example)
+    assert len(camera.read_camera(tmp_path / "c.yaml").shots) == 2
+    assert fits(yaml.safe_load(example), schema("camera"), schema("camera"))
+
+
+@pytest.fixture(scope="module")
+def report(tmp_path_factory: pytest.TempPathFactory) -> Any:
+    """What `mjrun bench --json` reports of a grid with a point that fails, beside a base with another."""
+    folder = tmp_path_factory.mktemp("bench")
+    path, base = folder / "swing.xml", str(folder / "base.json")
+    path.write_text(
+        '<mujoco><worldbody><body><joint type="slide" stiffness="100"/><geom size=".1" mass="1"/></body></worldbody>'
+        '<keyframe><key name="test" qpos=".3"/></keyframe></mujoco>'
+    )
+    job = partial(Bench, path, steps=20, repeats=2, budget=0.1)
+    job(threads=(1, 2), scan={"timestep": [".01", ".02"]}, save=base).run()
+    found = job(threads=(1,), scan={"timestep": [".01", "1"]}, accuracy=True, horizon=100, compare=base).run()
+    return json.loads(json.dumps(asdict(found)))
+
+
+def test_a_report_fits_its_schema_as_long_as_nothing_is_missing_and_nothing_is_of_another_kind(report: Any) -> None:
+    made = schema("bench")
+    assert report["rows"][1]["failure"]
+    assert report["comparison"]["gone"]
+    assert fits(report, made, made)
+    for key, value in report.items():
+        assert not fits({name: inner for name, inner in report.items() if name != key}, made, made)
+        assert not fits({**report, key: [1] if isinstance(value, str) else "x"}, made, made)
+    assert fits({**report, "new": 1}, made, made)
+    del report["rows"][0]["step"]["median"]
+    assert not fits(report, made, made)
+
+
+def test_every_key_of_a_report_is_described_and_required() -> None:
+    made = schema("bench")
+    assert made["properties"]["schema"]["const"] == "mjrun-bench-1"
+    assert [*made["properties"]] == [field.name for field in fields(BenchResult)]
+    for rule in rules(made):
+        assert "$ref" not in rule or rule["$ref"].removeprefix("#/$defs/") in made["$defs"]
+        if "properties" in rule:
+            assert rule["description"]
+            assert rule["required"] == [*rule["properties"]]
+            assert all(inner["description"] for inner in rule["properties"].values())

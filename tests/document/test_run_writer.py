@@ -1,0 +1,576 @@
+"""The run document that is printed for jobs makes the same jobs, and says no more than it must."""
+
+import dataclasses
+from collections.abc import Sequence
+from fractions import Fraction
+from pathlib import Path
+from typing import Any
+
+import mujoco
+import pytest
+from hypothesis import assume, example, given, settings
+from hypothesis import strategies as st
+from pydantic import BaseModel
+
+from mjrun.camera.easing import BLENDS, EASINGS
+from mjrun.camera.script import (
+    AroundRig,
+    Blend,
+    Event,
+    Fit,
+    LookRig,
+    ModelRig,
+    PathRig,
+    Ramp,
+    Script,
+    Shake,
+    Shot,
+    Waypoint,
+)
+from mjrun.document.reader import read
+from mjrun.document.run import read_run
+from mjrun.document.run_writer import document_text
+from mjrun.document.yaml_writer import exact, number, yaml_text
+from mjrun.errors import UsageError
+from mjrun.job.image import Image
+from mjrun.job.plot import Plot
+from mjrun.job.recording import Recording
+from mjrun.job.simulation import Simulation
+from mjrun.job.trace import Trace
+from mjrun.job.video import Video
+from mjrun.model.override import Setting
+from mjrun.model.source import Source
+from mjrun.render.segmentation import grouping
+from mjrun.render.text import CORNERS
+from mjrun.render.visual import GROUPS, Visual, flags
+from mjrun.timeline import rational
+
+
+@pytest.fixture(autouse=True)
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """An empty folder that relative paths mean."""
+    monkeypatch.chdir(tmp_path)
+
+
+def again(jobs: Sequence[Any]) -> list[Any]:
+    """The jobs of the document that is printed for `jobs`."""
+    Path("d.yaml").write_text(document_text(jobs, "mjrun …\n"), encoding="utf-8")
+    return read_run("d.yaml", [], Path()).jobs
+
+
+# --- one form of what may be said in several ----------------------------------------------------------
+
+
+def normal(value: Any, name: str = "") -> Any:
+    """`value`, a job or a part of it, in one form: exact numbers, tuples, paths, one of something as a list of one."""
+    if name in ("qpos", "qvel", "ctrl"):
+        return {key: tuple(inner) if isinstance(inner, Sequence) else (inner,) for key, inner in value.items()}
+    if isinstance(value, Simulation) and not isinstance(value.model, Source):
+        value = dataclasses.replace(value, model=Source(Path(str(value.model))))
+    if dataclasses.is_dataclass(value) and not isinstance(value, type):
+        fields = {field.name: getattr(value, field.name) for field in dataclasses.fields(value)}
+        return type(value).__name__, {key: normal(inner, key) for key, inner in fields.items() if key != "command"}
+    if name in ("duration", "fps", "speed", "rate", "at") and isinstance(value, float | str | Fraction | int):
+        return rational(value)
+    if name in ("camera", "view") and isinstance(value, str):
+        return (value,)
+    if name in ("ctrl_from", "replay") and value is not None:
+        return str(value)
+    if isinstance(value, dict):
+        return {key: normal(inner) for key, inner in value.items()}
+    return tuple(map(normal, value)) if isinstance(value, list | tuple) else value
+
+
+# --- jobs, drawn by chance ---------------------------------------------------------------------------
+
+ODD = "aé0 .-_:/#'\"\\,[]{}&*!|>%@`~=?$\n\t\r\x07\x85\u2028\ufeff🚗"
+texts = (
+    st.text(ODD, min_size=1, max_size=8)
+    | st.sampled_from(
+        [
+            "true",
+            "null",
+            "~",
+            "1e-3",
+            "0x1F",
+            "12",
+            "-.inf",
+            "${x}",
+            "$${x}",
+            "<<",
+            "- a",
+            "a: b",
+            "a #b",
+            "---",
+            "…",
+            "no",
+        ]
+    )
+    | st.just("max(abs(energy/drift)) < 1e-3 and " * 5)
+)
+names = st.text("aé0 .:/#'\"{}[]<>=~*", min_size=1, max_size=6) | st.sampled_from(["1", "true", "<<", "a" * 200])
+numbers = st.floats(-1e6, 1e6) | st.integers(-5, 5).map(float) | st.sampled_from([1e-300, 1e300, 5e-324, 0.1])
+positives = st.floats(1e-9, 1e9) | st.integers(1, 9).map(float)
+exacts = (
+    st.fractions(min_value=Fraction(1, 10**6), max_value=10**6)
+    | positives
+    | positives.map(repr)
+    | st.sampled_from(["30000/1001", "1e2", Fraction(2**53 + 1), Fraction(10**400), Fraction(1, 10)])
+)
+decimals = positives.map(rational)
+vectors = st.tuples(numbers, numbers, numbers)
+places = names | vectors
+ramps = st.builds(Ramp, numbers, numbers, st.sampled_from([*EASINGS])) | numbers.map(Ramp.still)
+distances = st.builds(Ramp, positives, positives) | positives.map(Ramp.still)
+
+
+def maybe(strategy: st.SearchStrategy[Any]) -> st.SearchStrategy[Any]:
+    return st.none() | strategy
+
+
+def several(strategy: st.SearchStrategy[Any], most: int = 3) -> st.SearchStrategy[Any]:
+    return st.lists(strategy, max_size=most) | st.lists(strategy, max_size=most).map(tuple)
+
+
+around = {"distance": maybe(distances), "azimuth": maybe(ramps), "elevation": maybe(ramps)}
+waypoints = st.lists(st.builds(Waypoint, eye=vectors, lookat=maybe(places)), min_size=2, max_size=4)
+orbits = st.lists(st.builds(Waypoint, st.none(), positives, numbers, numbers, maybe(places)), min_size=2, max_size=3)
+
+
+@st.composite
+def timed(draw: st.DrawFn) -> PathRig:
+    """A path whose waypoints have times."""
+    points = draw(waypoints)
+    times = sorted(draw(st.lists(positives, min_size=len(points), max_size=len(points), unique=True)))
+    rising = [dataclasses.replace(point, at=time) for point, time in zip(points, times, strict=True)]
+    return PathRig(rising, draw(places), draw(st.sampled_from(["spline", "linear"])), "time")
+
+
+rigs = st.one_of(
+    st.builds(ModelRig, names),
+    st.builds(AroundRig, maybe(places), **around),
+    st.builds(
+        AroundRig, maybe(places), maybe(distances), st.none(), maybe(ramps), turn=st.sampled_from(sorted(EASINGS))
+    ),
+    st.builds(AroundRig, names, **around, heading=st.booleans(), offset=vectors),
+    st.builds(LookRig, places, places),
+    st.builds(
+        PathRig, waypoints | orbits, places, st.sampled_from(["spline", "linear"]), ease=st.sampled_from([*EASINGS])
+    ),
+    timed(),
+)
+events = st.builds(
+    Event, texts, st.integers(1, 9), numbers.map(rational), maybe(decimals) | st.just("end") | st.just(Fraction(0))
+)
+
+
+@st.composite
+def scripts(draw: st.DrawFn) -> Script:
+    shots = []
+    for last in [*[False] * draw(st.integers(0, 2)), True]:
+        span = draw(st.sampled_from(["until", "lasting"])) if not last or draw(st.booleans()) else ""
+        ends = {"until": draw(events), "lasting": draw(decimals)}
+        shots.append(
+            Shot(
+                draw(rigs),
+                **({span: ends[span]} if span else {}),
+                speed=draw(maybe(decimals)),
+                blend=draw(maybe(st.builds(Blend, st.sampled_from([*BLENDS]), positives))) if shots else None,
+                roll=draw(ramps),
+                fovy=draw(maybe(distances)),
+                shake=draw(maybe(st.builds(Shake, positives, positives, st.integers(0, 2**70)))),
+                fit=draw(maybe(st.builds(Fit, names, st.floats(1, 9)))),
+            )
+        )
+    if len(shots) == 1 and draw(st.booleans()):
+        shots = [dataclasses.replace(shots[0], until=draw(decimals), lasting=None)]
+    return Script(draw(st.just("script") | names), shots)
+
+
+overrides = st.sampled_from(
+    ["0,0,-1.6", ".1", "0.1", "true", "True", "elliptic", "1e-3", "4", " 5", "0,up", "1,,2", "0x10", "1.50", "~", "-0"]
+)
+integrators = st.just(Setting("opt.integrator", "rk4", "--integrator"))
+timesteps = positives.map(lambda value: Setting("opt.timestep", repr(value), "--timestep"))
+
+
+@st.composite
+def sources(draw: st.DrawFn) -> Any:
+    values = draw(st.dictionaries(names, overrides | texts, max_size=4))
+    ends = [draw(maybe(integrators)), draw(maybe(timesteps))]
+    found = [*(Setting(path, value) for path, value in values.items()), *(end for end in ends if end)]
+    source = Source(Path("m.xml"), tuple(found))
+    return source if found else draw(st.sampled_from([source, "m.xml", Path("m.xml")]))
+
+
+@st.composite
+def simulations(draw: st.DrawFn) -> Simulation:
+    values = st.dictionaries(names, numbers | st.lists(numbers, min_size=1, max_size=7), max_size=3)
+    start: dict[str, Any] = {
+        "key": maybe(names | st.integers(0, 9)),
+        **dict.fromkeys(("qpos", "qvel", "ctrl"), values),
+        "ctrl_from": maybe(texts | texts.map(Path)),
+        "perturb": st.just(0.0) | positives,
+        "ctrl_noise": st.just(0.0) | positives,
+    }
+    if draw(st.booleans()):
+        start = {"replay": texts}
+    span = draw(st.sampled_from(["duration", "steps", ""]))
+    ends = {"duration": exacts, "steps": st.integers(1, 2**60)}
+    return Simulation(
+        draw(sources()),
+        **{name: draw(strategy) for name, strategy in start.items()},
+        **({span: draw(ends[span])} if span else {}),
+        ctrl_interpolation=draw(st.sampled_from(["hold", "linear"])),
+        ctrl_noise_time=draw(st.just(0.0) | positives),
+        seed=draw(st.integers(0, 2**70)),
+    )
+
+
+@st.composite
+def visuals(draw: st.DrawFn) -> Visual:
+    words = draw(st.lists(st.sampled_from(flags()), max_size=4, unique=True))
+    cut = draw(st.integers(0, len(words)))
+    groups = st.lists(st.integers(0, 5), max_size=6) | st.just((0, 1, 2, 3, 4, 5))
+    return Visual(
+        words[:cut],
+        tuple(words[cut:]),
+        draw(st.dictionaries(st.sampled_from([*GROUPS]), groups, max_size=3)),
+        draw(st.sampled_from(["none", "body", "mjFRAME_GEOM", "World"])),
+        draw(st.sampled_from(["none", "joint", "mjLABEL_BODY"])),
+        draw(st.sampled_from(["model", "draft", "high"])),
+    )
+
+
+plain = texts.filter(lambda text: Path(text).suffix.lower() not in (".yaml", ".yml"))
+sizes = st.tuples(st.integers(1, 9000), st.integers(1, 9000))
+ghosts = st.sampled_from(["offset=0/1/0,opacity=.3", "key=home", "trace=a.csv", "", "offset=0/0/1,recording=r.npz"])
+drawings: dict[str, st.SearchStrategy[Any]] = {
+    "camera": st.just("free") | plain | st.lists(plain | scripts(), min_size=1, max_size=3, unique_by=str),
+    "view": st.just("rgb") | st.lists(st.sampled_from(["rgb", "depth", "seg"]), min_size=1, max_size=3, unique=True),
+    "size": sizes,
+    "visual": visuals(),
+    "layout": st.sampled_from(["row", "column", "grid"]),
+    "captions": st.booleans(),
+    "style": st.sampled_from([None, "color", "exact"]),
+    "depth_range": maybe(st.tuples(st.floats(0, 1), st.floats(2, 3))),
+    "seg_by": st.sampled_from([*grouping()]),
+    "trail": several(texts),
+    "trail_span": maybe(positives),
+    "ghost": several(ghosts),
+    "text": maybe(texts),
+    "text_corner": maybe(st.sampled_from([*CORNERS])),
+    "calibration_format": st.sampled_from(["mjrun", "nerfstudio", "bop", "ros"]),
+    "renderer": st.sampled_from(["classic", "filament"]),
+}
+films = {
+    **drawings,
+    "fps": maybe(exacts),
+    "speed": exacts,
+    "format": maybe(texts),
+    "codec": maybe(texts),
+    "crf": maybe(st.integers(-5, 99)),
+    "preset": maybe(texts),
+    "plot": several(texts),
+    "plot_side": st.sampled_from(["under", "beside"]),
+    "jobs": st.just("auto") | st.integers(1, 99),
+}
+stills = {**drawings, "format": maybe(texts), "legend": st.booleans(), "separate": st.booleans()}
+probes = texts.filter(lambda text: "," not in text and text.strip())
+sampled = {"format": maybe(texts)}
+tables = {**sampled, "probes": several(probes), "asserts": several(texts), "keep_partial": st.booleans()}
+graphs = {
+    **sampled,
+    "probes": st.lists(texts, min_size=1, max_size=3),
+    "size": st.just((1280, 720)) | st.just((99, 999)),
+}
+
+
+@st.composite
+def job_lists(draw: st.DrawFn) -> list[Any]:
+    """Jobs of one simulation, in the order of a document's sections."""
+    simulation, found = draw(simulations()), []
+    folders = st.sampled_from(["", "a/", "b c/d/", "é: #/"])
+
+    def file(suffix: str) -> str:
+        return f"{draw(folders)}o{len(found)}{suffix}"
+
+    def some(most: int = 2) -> range:
+        return range(draw(st.integers(0, most)))
+
+    def given_as(strategies: dict[str, st.SearchStrategy[Any]]) -> dict[str, Any]:
+        return {name: draw(strategy) for name, strategy in strategies.items() if draw(st.booleans())}
+
+    def when() -> dict[str, Any]:
+        return draw(st.sampled_from([{}, {"every": draw(st.integers(1, 9))}, {"rate": draw(exacts)}]))
+
+    for _ in some():
+        files: dict[str, Any] = {"calibration": file(".c"), "manifest": file(".m")}
+        suffix = draw(st.sampled_from([".mp4", "_%04d.png", "/"]))
+        found.append(Video(simulation, file(suffix), **given_as(films), **files))
+    for _ in some():
+        moments = maybe(exacts | events)
+        instant: dict[str, Any] = draw(st.fixed_dictionaries({"at": moments}) | st.just({"step": 7}))
+        cloud = draw(maybe(st.just(file(".ply"))))
+        found.append(Image(simulation, file(".png"), **given_as(stills), **instant, pointcloud=cloud))
+    for _ in some():
+        contacts = draw(maybe(st.just(file("c.csv"))))
+        found.append(Trace(simulation, file(".csv"), **given_as(tables), **when(), contacts=contacts))
+    for _ in some():
+        found.append(Plot(simulation, file(".p"), **{"probes": ["energy"], **given_as(graphs)}, **when()))
+    for _ in some(1):
+        manifest = draw(maybe(st.just(file(".n"))))
+        found.append(Recording(simulation, file(".npz"), manifest, keep_partial=draw(st.booleans())))
+    assume(found)
+    return found
+
+
+@given(job_lists())
+@settings(max_examples=400, deadline=None)
+def test_the_printed_document_makes_the_same_jobs(jobs: list[Any]) -> None:
+    assert [normal(job) for job in again(jobs)] == [normal(job) for job in jobs]
+
+
+class Anything(BaseModel):
+    """A document that says one thing, whatever it is."""
+
+    a: Any
+
+
+values = st.recursive(
+    st.none() | st.booleans() | st.integers(-(2**70), 2**70) | st.floats(allow_nan=False, allow_infinity=False) | texts,
+    lambda inner: st.lists(inner, max_size=4) | st.dictionaries(names, inner, max_size=4),
+    max_leaves=12,
+)
+
+
+@given(values)
+@example(["a" * 150, "b c " * 60, {"d" * 200: ["e  f " * 60]}])
+@settings(max_examples=300, deadline=None)
+def test_yaml_text_is_read_as_what_was_written(value: Any) -> None:
+    Path("d.yaml").write_text(yaml_text({"a": value}), encoding="utf-8")
+    assert read("d.yaml", Anything).a == value
+
+
+def is_some_float(value: Fraction) -> bool:
+    """Whether a float prints as `value`."""
+    try:
+        return Fraction(repr(float(value))) == value
+    except OverflowError:
+        return False
+
+
+@given(exacts)
+def test_exact_numbers_are_numbers_where_that_is_exact(value: Any) -> None:
+    found = exact(value)
+    assert rational(found) == rational(value)
+    assert isinstance(found, str) != is_some_float(rational(value))
+
+
+@pytest.mark.parametrize(
+    ("value", "text"),
+    [
+        (1.0, "1"), (0.1, "0.1"), (-0.0, "0"), (1e16, "1e+16"), (1e-5, "1e-05"), ("60", "60"),
+        (Fraction(1, 4), "0.25"), (Fraction(1, 3), "1/3"), (Fraction(30000, 1001), "30000/1001"),
+        (Fraction(2**53 + 1), "'9007199254740993'"),
+    ],
+)  # fmt: skip
+def test_numbers_are_as_short_as_they_are_exact(value: Any, text: str) -> None:
+    assert yaml_text({"a": exact(value)}) == f"a: {text}\n"
+
+
+@pytest.mark.parametrize("value", [float("inf"), float("-inf"), float("nan")])
+def test_numbers_that_are_not_finite_are_not_printed(value: float) -> None:
+    with pytest.raises(UsageError, match=f"^a document holds finite numbers, not {value}$"):
+        number(value)
+
+
+# --- what is printed ---------------------------------------------------------------------------------
+
+
+def printed(*jobs: Any) -> str:
+    """The document without the line of its model."""
+    text = document_text(jobs)
+    assert text.startswith("model: m.xml\n")
+    return text.removeprefix("model: m.xml\n")
+
+
+def start(**settings: Any) -> Simulation:
+    return Simulation("m.xml", **settings)
+
+
+def test_a_document_says_nothing_that_is_as_usual() -> None:
+    simulation = start()
+    assert document_text([Video(simulation, "a.mp4")], "mjrun video m.xml") == (
+        "# mjrun video m.xml\nmodel: m.xml\nfilms:\n- {output: a.mp4}\n"
+    )
+    assert printed(Image(simulation, "a.png")) == "stills:\n- {output: a.png}\n"
+    assert printed(Trace(simulation, "a.csv")) == "traces:\n- {output: a.csv}\n"
+    assert printed(Plot(simulation, "a.png", probes=["energy"])) == "plots:\n- {output: a.png, probe: energy}\n"
+    assert printed(Recording(simulation, "a.npz")) == "recording: a.npz\n"
+    assert printed(Recording(simulation, "a.npz", "m.json")) == "recording: {output: a.npz, manifest: m.json}\n"
+
+
+def test_lists_of_the_usual_are_as_usual_and_lists_of_one_are_that_one() -> None:
+    assert printed(Video(start(), "a.mp4", camera=["free"], view=("rgb",), trail=[], gl="egl", require_gpu=True)) == (
+        "films:\n- {output: a.mp4}\n"
+    )
+    assert printed(Video(start(), "a.mp4", camera=["top"], view=["depth"])) == (
+        "films:\n- {output: a.mp4, camera: top, view: depth}\n"
+    )
+
+
+def test_the_document_reads_as_a_person_would_write_it() -> None:
+    settings = (
+        Setting("opt.gravity", "0,0,-1.6"),
+        Setting("opt.cone", "elliptic"),
+        Setting("opt.flag.contact", "true"),
+    )
+    ends = (Setting("opt.integrator", "rk4", "--integrator"), Setting("opt.timestep", "0.001", "--timestep"))
+    simulation = Simulation(
+        Source(Path("m.xml"), settings + ends),
+        key="home",
+        qpos={"hip": (0.3,), "root": [0, 0, 1.0]},
+        duration=Fraction(3),
+    )
+    script = Script(
+        "fly",
+        [
+            Shot(
+                AroundRig("floor", Ramp(0.9, 0.9), Ramp(140, 240, "cosine"), Ramp(-30, -30)),
+                until=Event("speed(box) > 0.02", otherwise="end"),
+                speed=Fraction(1, 4),
+            ),
+            Shot(AroundRig("box", Ramp(0.08, 0.08), heading=True), blend=Blend("sigmoid", 0.3), fit=Fit("box")),
+            Shot(PathRig([Waypoint((0, 0, 1)), Waypoint((1, 0, 1))], "box"), shake=Shake()),
+        ],
+    )
+    film = Video(simulation, "a.mp4", camera=["top", script], fps=Fraction(30000, 1001), speed=Fraction(1, 4))
+    still = Image(
+        simulation, "a.png", visual=Visual(["joint"], groups={"geom": [0, 1]}, quality="high"), at=Event("a > 1", 2)
+    )
+    assert (
+        document_text([film, still])
+        == """\
+model: m.xml
+set:
+  opt.gravity: [0, 0, -1.6]
+  opt.cone: elliptic
+  opt.flag.contact: true
+integrator: rk4
+timestep: 0.001
+key: home
+qpos:
+  hip: 0.3
+  root: [0, 0, 1]
+duration: 3
+films:
+- output: a.mp4
+  camera:
+  - top
+  - name: fly
+    shots:
+    - orbit:
+        lookat: floor
+        distance: 0.9
+        azimuth: {from: 140, to: 240, ease: cosine}
+        elevation: -30
+      until: {when: speed(box) > 0.02, else: end}
+      speed: 0.25
+    - track: {target: box, distance: 0.08, heading: true}
+      blend: {shape: sigmoid, width: 0.3}
+      fit: box
+    - path:
+        lookat: box
+        waypoints:
+        - eye: [0, 0, 1]
+        - eye: [1, 0, 1]
+      shake: {}
+  fps: 30000/1001
+  speed: 0.25
+stills:
+- output: a.png
+  show: joint
+  groups:
+    geom: [0, 1]
+  quality: high
+  at: {when: a > 1, nth: 2}
+"""
+    )
+
+
+def test_the_command_is_a_comment_whatever_is_in_it() -> None:
+    text = document_text([Recording(start(), "a.npz")], "mjrun \n\x1b[0m model: \u2028x")
+    assert text.splitlines()[0] == r"# mjrun \n\x1b[0m model: \u2028x"
+    assert text.splitlines()[1] == "model: m.xml"
+
+
+# --- what no document says ---------------------------------------------------------------------------
+
+XML = "<mujoco/>"
+
+
+def shot(**settings: Any) -> Any:
+    return Video(start(), "a.mp4", camera=Script("fly", [Shot(settings.pop("rig", AroundRig()), **settings)]))
+
+
+def overridden(*settings: Setting) -> Any:
+    return Recording(Simulation(Source(Path("m.xml"), settings)), "a.npz")
+
+
+@pytest.mark.parametrize(
+    ("job", "message"),
+    [
+        (
+            Recording(start(controller=lambda model, data: None), "a.npz"),
+            "--controller: code stays on the command line",
+        ),
+        (Recording(Simulation(mujoco.MjModel.from_xml_string(XML)), "a.npz"), "a compiled model has no file"),
+        (Trace(start()), "- is standard output, and a document writes files; give a path relative to a folder"),
+        (Recording(start(), "/a.npz"), "'/a.npz' is no path inside the folder of outputs; give a path relative"),
+        (Recording(start(), "../a.npz"), "'../a.npz' leaves the folder of outputs"),
+        (Trace(start(), "a.csv", contacts="/c.csv"), "'/c.csv' is no path inside"),
+        (Video(start(), "a.mp4", manifest="~/m.json"), "'~/m.json' is no path inside"),
+        (
+            overridden(Setting("opt.cone", "a"), Setting("opt.cone", "b")),
+            "opt.cone is set twice, and a document says it",
+        ),
+        (Recording(start(qpos={"a\nb": 1}), "a.npz"), r"'a\nb': a document takes no key with control characters"),
+        (Recording(start(qpos={"a": float("inf")}), "a.npz"), "a document holds finite numbers, not inf"),
+        (Recording(start(), "\udce9.npz"), r"'\udce9.npz' is not UTF-8, and a document is"),
+        (shot(until=Fraction(1, 3)), "fly: shots[0]: 1/3 is no decimal number, and a camera document takes no other"),
+        (shot(speed=Fraction(10**400)), "fly: shots[0]: 1000"),
+        (Image(start(), "a.png", at=Event("a", offset=Fraction(2, 3))), "at: 2/3 is no decimal number"),
+        (shot(rig=AroundRig(heading=True)), "fly: shots[0]: no document says this of a camera: 'AroundRig(target=None"),
+        (shot(rig=AroundRig((0, 0, 1), offset=(0, 0, 1))), "fly: shots[0]: no document says this of a camera"),
+        (shot(rig=AroundRig("a", heading=True, turn="linear")), "fly: shots[0]: no document says this of a camera"),
+        (shot(rig=AroundRig(azimuth=Ramp(1, 2), turn="linear")), "fly: shots[0]: no document says this of a camera"),
+    ],
+)
+def test_what_no_document_can_say_is_refused(job: Any, message: str) -> None:
+    with pytest.raises(UsageError) as caught:
+        document_text([job])
+    assert str(caught.value).startswith(message)
+
+
+def test_jobs_of_several_simulations_are_no_document() -> None:
+    for jobs in ([], [Recording(start(), "a.npz"), Trace(start(), "a.csv")]):
+        with pytest.raises(UsageError, match=r"^a run document is of the outputs of one simulation$"):
+            document_text(jobs)
+    simulation = start()
+    with pytest.raises(UsageError, match=r"^a run document has one recording$"):
+        document_text([Recording(simulation, "a.npz"), Recording(simulation, "b.npz")])
+
+
+@pytest.mark.parametrize(
+    "settings",
+    [
+        (Setting("opt.integrator", "RK4", "--integrator"),),
+        (Setting("opt.timestep", "1e-3", "--timestep"),),
+        (Setting("opt.timestep", "0.001", "--timestep"), Setting("opt.cone", "elliptic")),
+        (Setting("opt.timestep", "0.001", "--timestep"), Setting("opt.integrator", "rk4", "--integrator")),
+    ],
+)
+def test_overrides_in_another_form_than_the_documents_own_keep_their_text_and_order(settings: Any) -> None:
+    (job,) = again([overridden(*settings)])
+    assert [(s.path, s.value) for s in job.simulation.model.settings] == [(s.path, s.value) for s in settings]

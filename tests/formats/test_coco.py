@@ -1,0 +1,117 @@
+"""COCO documents, read by a decoder of our own that knows only the format's definition."""
+
+import json
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra import numpy as hnp
+
+from mjrun.formats.coco import Coco, regions
+from mjrun.model.rendered_view import Segment
+
+LEGEND = [Segment("geom", 4, "box", "torso"), Segment("site", 0, "box", "torso"), Segment("geom", 5, "floor", "world")]
+IDS = np.array([[0, 0, -1], [2, 0, -1]], np.int32)
+
+pictures = hnp.arrays(
+    np.int32, hnp.array_shapes(min_dims=2, max_dims=2, max_side=9), elements=st.integers(-1, len(LEGEND) - 1)
+)
+
+
+def mask(segmentation: dict[str, Any]) -> np.ndarray:
+    """Uncompressed RLE: runs of 0 and 1 in turn, 0 first, down each column and from the left column on."""
+    height, width = segmentation["size"]
+    flat = [index % 2 for index, count in enumerate(segmentation["counts"]) for _ in range(count)]
+    assert len(flat) == height * width
+    return np.array([[flat[x * height + y] for x in range(width)] for y in range(height)], bool)
+
+
+def document(*pictures: np.ndarray, legend: list[Segment] = LEGEND) -> dict[str, Any]:
+    gathered = Coco()
+    for index, ids in enumerate(pictures):
+        gathered.add(ids, legend, {"file_name": f"{index}.png"})
+    return json.loads(gathered.document())
+
+
+@given(pictures)
+def test_masks_boxes_and_areas_are_those_of_the_ids(ids: np.ndarray) -> None:
+    found = {region.id: region for region in regions(ids)}
+    assert list(found) == sorted(set(ids[ids >= 0].tolist()))
+    for index, region in found.items():
+        expected = ids == index
+        assert (mask({"size": ids.shape, "counts": region.counts}) == expected).all()
+        ys, xs = np.nonzero(expected)
+        assert region.bbox == (xs.min(), ys.min(), xs.max() - xs.min() + 1, ys.max() - ys.min() + 1)
+        assert region.area == expected.sum()
+        assert all(region.counts[1:])  # a run of no pixels can only be the first
+
+
+@given(st.lists(pictures, min_size=1, max_size=4))
+def test_a_document_of_many_images_gives_back_every_picture(many: list[np.ndarray]) -> None:
+    said = document(*many)
+    index_of = {category["id"]: index for index, category in enumerate(said["categories"])}
+    assert [a["id"] for a in said["annotations"]] == list(range(1, len(said["annotations"]) + 1))
+    for image, ids in zip(said["images"], many, strict=True):
+        drawn = np.full((image["height"], image["width"]), -1)
+        for annotation in said["annotations"]:
+            if annotation["image_id"] == image["id"]:
+                drawn[mask(annotation["segmentation"])] = index_of[annotation["category_id"]]
+        assert (drawn == ids).all()
+
+
+def test_a_document_says_this() -> None:
+    gathered = Coco()
+    gathered.add(IDS, LEGEND, {"file_name": "rgb.png", "camera": "side", "time": 0.5})
+    said = json.loads(gathered.document())
+    assert said["images"] == [
+        {"id": 1, "width": 3, "height": 2, "file_name": "rgb.png", "camera": "side", "time": 0.5},
+    ]
+    assert said["annotations"] == [
+        {
+            "id": 1,
+            "image_id": 1,
+            "category_id": 1,
+            "bbox": [0, 0, 2, 2],
+            "area": 3,
+            "iscrowd": 0,
+            "segmentation": {"size": [2, 3], "counts": [0, 1, 1, 2, 2]},
+        },
+        {
+            "id": 2,
+            "image_id": 1,
+            "category_id": 3,
+            "bbox": [0, 1, 1, 1],
+            "area": 1,
+            "iscrowd": 0,
+            "segmentation": {"size": [2, 3], "counts": [1, 1, 4]},
+        },
+    ]
+    assert said["categories"] == [
+        {"id": 1, "name": "geom/box", "supercategory": "geom", "mujoco_id": 4, "body": "torso"},
+        {"id": 2, "name": "site/box", "supercategory": "site", "mujoco_id": 0, "body": "torso"},
+        {"id": 3, "name": "floor", "supercategory": "geom", "mujoco_id": 5, "body": "world"},
+    ]
+
+
+def test_a_thing_is_one_category_in_every_image_even_where_legends_differ() -> None:
+    gathered = Coco()
+    gathered.add(np.array([[0]], np.int32), LEGEND[:1], {})
+    gathered.add(np.array([[0, 1]], np.int32), LEGEND[::-2], {})
+    said = json.loads(gathered.document())
+    names = {category["id"]: category["name"] for category in said["categories"]}
+    found = [(a["image_id"], names[a["category_id"]], a["bbox"]) for a in said["annotations"]]
+    assert found == [(1, "box", [0, 0, 1, 1]), (2, "floor", [0, 0, 1, 1]), (2, "box", [1, 0, 1, 1])]
+
+
+def test_nothing_in_view_is_an_image_without_annotations() -> None:
+    said = document(np.full((2, 2), -1, np.int32))
+    assert len(said["images"]) == 1
+    assert said["annotations"] == []
+    assert len(said["categories"]) == len(LEGEND)
+
+
+def test_a_time_that_json_cannot_say_is_refused() -> None:
+    with pytest.raises(ValueError, match="not JSON compliant"):
+        Coco().add(IDS, LEGEND, {"time": float("nan")})

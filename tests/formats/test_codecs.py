@@ -1,0 +1,98 @@
+"""Which formats, codecs and qualities go together."""
+
+from fractions import Fraction
+from pathlib import Path
+
+import pytest
+
+from mjrun.errors import MjrunError
+from mjrun.formats.codecs import CODECS, FORMATS, Encoding, encoding, is_folder
+
+
+@pytest.mark.parametrize(
+    ("output", "format_name", "codec"),
+    [
+        ("film.mp4", "mp4", "h264"),
+        ("FILM.MP4", "mp4", "h264"),
+        ("a.b/film.webm", "webm", "vp9"),
+        ("film.mkv", "mkv", "h264"),
+        ("film.mov", "mov", "h264"),
+        ("film.gif", "gif", "gif"),
+        ("film.apng", "apng", "apng"),
+        ("film.webp", "webp", "webp"),
+        ("frames/", "png", "png"),
+        ("frames.v2/", "png", "png"),
+        ("frames", "png", "png"),
+        ("f_%04d.png", "png", "png"),
+        (None, "mp4", "h264"),
+    ],
+)
+def test_the_output_s_name_chooses_the_format(output: str | None, format_name: str, codec: str) -> None:
+    chosen = encoding(output)
+    assert (chosen.format, chosen.codec) == (format_name, codec)
+
+
+def test_every_format_holds_codecs_that_exist_and_every_codec_has_a_format() -> None:
+    assert {codec for kind in FORMATS.values() for codec in kind.codecs} == set(CODECS)
+    assert all(codec.preset in codec.presets or not codec.presets for codec in CODECS.values())
+    assert all(codec.crf is None or codec.crf[0] <= codec.crf[2] <= codec.crf[1] for codec in CODECS.values())
+
+
+@pytest.mark.parametrize(
+    ("wanted", "message"),
+    [
+        ({"output": "film.avi"}, "no film format '.avi' in film.avi"),
+        ({"output": "film.mpg4"}, "no film format '.mpg4' in film.mpg4 (did you mean '.mp4'"),
+        ({"output": "film.mp4", "format": "gif"}, "--format gif and the suffix of film.mp4 disagree"),
+        ({"output": None, "format": "mp5"}, "no format 'mp5' (did you mean 'mp4'?)\nformats: mp4, mov"),
+        ({"output": None, "format": "png"}, "--format png cannot be written to a pipe"),
+        ({"output": "film.webm", "codec": "h264"}, "no codec 'h264' in webm\ncodecs: vp9, av1"),
+        ({"output": "film.mp4", "crf": 52}, "--crf: '52' is not from 0 (best) to 51, as h264 takes"),
+        ({"output": "film.mp4", "crf": -1}, "--crf: '-1' is not from 0 (best) to 51, as h264 takes"),
+        ({"output": "film.gif", "crf": 3}, "--crf: gif has no constant rate factor"),
+        (
+            {"output": "film.mp4", "preset": "slowest"},
+            "no preset 'slowest' in codec h264 (did you mean 'slower' or 'slow'?)",
+        ),
+        ({"output": "film.gif", "preset": "fast"}, "no preset 'fast' in codec gif\nthere are no presets"),
+    ],
+)
+def test_what_does_not_fit_is_refused_with_what_does(wanted: dict, message: str) -> None:
+    with pytest.raises(MjrunError) as caught:
+        encoding(**wanted)
+    assert caught.value.exit_code == 2
+    assert message in str(caught.value)
+
+
+def test_an_unknown_suffix_may_be_given_a_format() -> None:
+    assert encoding("film.bin", "mkv") == Encoding("mkv", "h264", 18, "veryfast")
+
+
+@pytest.mark.parametrize("fps", [Fraction(50), Fraction(100, 3), Fraction(25), Fraction(20), Fraction(10), Fraction(1)])
+def test_a_gif_keeps_rates_whose_delay_is_whole_hundredths(fps: Fraction) -> None:
+    encoding("film.gif").check_fps(fps)
+
+
+@pytest.mark.parametrize("fps", [Fraction(100), Fraction(60), Fraction(30), Fraction("33.3"), Fraction(15)])
+def test_a_gif_refuses_rates_that_it_would_play_wrongly(fps: Fraction) -> None:
+    with pytest.raises(MjrunError, match="50, 100/3, 25, 20, 10"):
+        encoding("film.gif").check_fps(fps)
+    encoding("film.mp4").check_fps(fps)
+
+
+def test_the_default_rate_is_one_that_the_format_keeps() -> None:
+    for name in FORMATS:
+        chosen = encoding(None if name == "rgb" else f"film_%d.{name}", "rgb" if name == "rgb" else None)
+        chosen.check_fps(chosen.fps)
+
+
+def test_only_chroma_subsampled_codecs_need_even_sides() -> None:
+    assert encoding("film.mp4").padding(161, 120) == (1, 0)
+    assert encoding("film.webm").padding(160, 121) == (0, 1)
+    assert encoding("film.gif").padding(161, 121) == (0, 0)
+
+
+def test_an_existing_folder_is_a_folder_whatever_its_name(tmp_path: Path) -> None:
+    (tmp_path / "take.2").mkdir()
+    assert is_folder(str(tmp_path / "take.2"))
+    assert not is_folder(str(tmp_path / "take.3"))

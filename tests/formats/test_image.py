@@ -1,0 +1,518 @@
+"""Still pictures, read back by Pillow, by ffmpeg, and by a PNG reader of our own that knows only the specification."""
+
+import contextlib
+import json
+import os
+import resource
+import struct
+import subprocess
+import sys
+import zlib
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import imageio_ffmpeg
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from hypothesis.extra import numpy as hnp
+from PIL import Image, JpegImagePlugin
+
+from mjrun.errors import BadValueError, FileError, UsageError
+from mjrun.formats.image import ImageWriter
+from mjrun.formats.image_format import FORMATS, image_format
+from mjrun.model.rendered_view import Segment
+
+ROOT = Path(__file__).parents[2]
+LEGEND = [Segment("geom", 7, "box", "torso"), Segment("geom", 8, "geom:8", "torso"), Segment("site", 0, "tip", "hand")]
+COLOURS = np.array([[255, 0, 0], [0, 0, 0], [9, 8, 7]], np.uint8)
+TAGS = {"title": "still", "comment": "grün\x1b", "description": '{"mjrun": "0.1.0"}'}
+HEIGHT, WIDTH = 24, 37
+FULL = resource.RLIMIT_FSIZE
+
+
+def rgb() -> np.ndarray:
+    """A smooth picture, as drawn ones are."""
+    y, x = np.mgrid[:HEIGHT, :WIDTH]
+    return np.stack([6 * x, 10 * y, 128 + 3 * (x - y)], axis=-1).astype(np.uint8)
+
+
+def depth() -> np.ndarray:
+    values = np.linspace(0.0001, 80, HEIGHT * WIDTH, dtype=np.float32).reshape(HEIGHT, WIDTH)
+    values[:5, :9] = np.inf
+    return values
+
+
+def ids() -> np.ndarray:
+    return np.random.default_rng(2).integers(-1, 3, (HEIGHT, WIDTH)).astype(np.int32)
+
+
+VIEWS = {"rgb": rgb, "depth": depth, "seg": ids}
+EVERY = [(view, name) for view, known in FORMATS.items() for name in known]
+
+
+def write(path: Path, view: str, pixels: np.ndarray, form: str | None = None, **settings: Any) -> Path:
+    """A published picture, in the format that the path's suffix means or in `form`."""
+    size = (pixels.shape[1], pixels.shape[0])
+    with ImageWriter(str(path), view, image_format(str(path), view, form), size, settings.pop("tags", None)) as out:
+        out.write(pixels, **({"legend": LEGEND, "colours": COLOURS} if view == "seg" else {}), **settings)
+        out.publish()
+    return path
+
+
+def target(folder: Path, view: str, form: str) -> Path:
+    return folder / f"a{FORMATS[view][form].suffixes[0]}"
+
+
+@dataclass(frozen=True)
+class Png:
+    """What a file says: bits a sample, colour type, samples `(h, w)` or `(h, w, 3)`, palette `(n, 3)`, texts."""
+
+    bits: int
+    colour: int
+    samples: np.ndarray
+    palette: np.ndarray
+    texts: Mapping[str, str]
+
+
+def paeth(left: int, up: int, corner: int) -> int:
+    guess = left + up - corner
+    return min((left, up, corner), key=lambda value: abs(guess - value))
+
+
+def unfiltered(lines: bytes, height: int, step: int) -> bytes:
+    """The bytes of all lines, of pixels of `step` bytes, without the filters."""
+    stride = len(lines) // height
+    above, whole = bytes(stride - 1), b""
+    for start in range(0, len(lines), stride):
+        kind, line = lines[start], bytearray(lines[start + 1 : start + stride])
+        for i in range(len(line)):
+            left, corner = (line[i - step], above[i - step]) if i >= step else (0, 0)
+            add = (0, left, above[i], (left + above[i]) // 2, paeth(left, above[i], corner))[kind]
+            line[i] = (line[i] + add) & 255
+        above = bytes(line)
+        whole += above
+    return whole
+
+
+def read_png(data: bytes) -> Png:
+    """Reads pictures of 8 or 16 bits that are not interlaced, and checks every sum."""
+    assert data[:8] == b"\x89PNG\r\n\x1a\n"
+    chunks, at = list[tuple[bytes, bytes]](), 8
+    while at < len(data):
+        (length,) = struct.unpack_from(">I", data, at)
+        kind, body = data[at + 4 : at + 8], data[at + 8 : at + 8 + length]
+        assert struct.unpack_from(">I", data, at + 8 + length)[0] == zlib.crc32(kind + body)
+        chunks.append((kind, body))
+        at += 12 + length
+    assert chunks[0][0] == b"IHDR"
+    assert chunks[-1] == (b"IEND", b"")
+    width, height, bits, colour, *methods = struct.unpack(">IIBBBBB", chunks[0][1])
+    assert methods == [0, 0, 0]
+    assert bits in (8, 16)
+    channels = {0: 1, 2: 3, 3: 1}[colour]
+    lines = zlib.decompress(b"".join(body for kind, body in chunks if kind == b"IDAT"))
+    raw = unfiltered(lines, height, channels * bits // 8)
+    samples = np.frombuffer(raw, ">u2" if bits == 16 else "u1").reshape((height, width, channels))
+    palette = np.frombuffer(dict(chunks).get(b"PLTE", b""), np.uint8).reshape(-1, 3)
+    texts = dict(body.split(b"\0\0\0\0\0") for kind, body in chunks if kind == b"iTXt")
+    shown = samples if channels == 3 else samples[..., 0]
+    return Png(bits, colour, shown, palette, {k.decode(): v.decode() for k, v in texts.items()})
+
+
+def read_tiff(data: bytes) -> np.ndarray:
+    """The bits of a picture of one float32 channel, as uint32; its strips are deflated by zlib."""
+    assert data[:4] == b"II*\0"
+    (at,) = struct.unpack_from("<I", data, 4)
+    (count,) = struct.unpack_from("<H", data, at)
+    said = {277: (1,)}  # one sample is what is meant when nothing is said
+    for entry in range(at + 2, at + 2 + 12 * count, 12):
+        tag, kind, number = struct.unpack_from("<HHI", data, entry)
+        if kind in (3, 4):
+            form = f"<{number}{'H' if kind == 3 else 'I'}"
+            (elsewhere,) = struct.unpack_from("<I", data, entry + 8)
+            said[tag] = struct.unpack_from(form, data, entry + 8 if struct.calcsize(form) <= 4 else elsewhere)
+    width, height, bits, compression, samples, sample_format = (said[tag] for tag in (256, 257, 258, 259, 277, 339))
+    assert (bits, compression, samples, sample_format) == ((32,), (8,), (1,), (3,))
+    strips = [zlib.decompress(data[start : start + size]) for start, size in zip(said[273], said[279], strict=True)]
+    return np.frombuffer(b"".join(strips), "<u4").reshape(*height, *width)
+
+
+def ffmpeg(path: Path, pixels: str, dtype: str) -> np.ndarray:
+    command = [imageio_ffmpeg.get_ffmpeg_exe(), "-v", "error", "-i", str(path), "-f", "rawvideo", "-pix_fmt", pixels]
+    done = subprocess.run([*command, "-"], capture_output=True, check=True)
+    return np.frombuffer(done.stdout, dtype)
+
+
+def names(folder: Path) -> list[str]:
+    """What is in a folder, hidden files too."""
+    return sorted(path.name for path in folder.iterdir())
+
+
+# --- colours ---------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("suffix", [".png", ".webp", ".tif", ".tiff"])
+def test_colours_read_back_exactly(tmp_path: Path, suffix: str) -> None:
+    path = write(tmp_path / f"a{suffix}", "rgb", rgb())
+    with Image.open(path) as image:
+        assert image.mode == "RGB"
+        assert (np.asarray(image) == rgb()).all()
+    if suffix != ".webp":  # ffmpeg turns it to YUV on the way
+        assert (ffmpeg(path, "rgb24", "u1") == rgb().ravel()).all()
+
+
+@pytest.mark.parametrize("suffix", [".jpg", ".jpeg"])
+def test_a_jpeg_is_near_and_keeps_colour_at_full_size(tmp_path: Path, suffix: str) -> None:
+    path = write(tmp_path / f"a{suffix}", "rgb", rgb())
+    with Image.open(path) as image:
+        assert image.format == "JPEG"
+        assert JpegImagePlugin.get_sampling(image) == 0  # 4:4:4
+        assert np.sqrt(np.mean((np.asarray(image, float) - rgb()) ** 2)) < 3
+
+
+@given(pixels=hnp.arrays(np.uint8, st.tuples(st.integers(1, 9), st.integers(1, 9), st.just(3))))
+@settings(max_examples=30, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+def test_a_png_of_any_colours_is_what_the_specification_says(tmp_path: Path, pixels: np.ndarray) -> None:
+    found = read_png(write(tmp_path / "a.png", "rgb", pixels).read_bytes())
+    assert (found.bits, found.colour) == (8, 2)
+    assert (found.samples == pixels).all()
+
+
+# --- depth -----------------------------------------------------------------------------------------
+
+
+def test_depth_in_a_png_is_millimetres_and_the_clipped_share_is_told(tmp_path: Path) -> None:
+    path = tmp_path / "a.png"
+    with ImageWriter(str(path), "depth", "png", (WIDTH, HEIGHT)) as out:
+        out.write(depth())
+        out.publish()
+    found = read_png(path.read_bytes())
+    seen = np.isfinite(depth())
+    far = seen & (depth().astype(float) > 65.5355)
+    assert (found.bits, found.colour) == (16, 0)
+    assert (found.samples[~seen] == 0).all()
+    assert (found.samples[far] == 65535).all()
+    assert found.samples[5, 9] == round(float(depth()[5, 9]) * 1000)
+    assert np.abs(found.samples[seen & ~far] / 1000.0 - depth()[seen & ~far]).max() <= 0.000501
+    assert out.clipped == far.sum() / seen.sum() > 0
+    with Image.open(path) as image:
+        assert (np.asarray(image) == found.samples).all()
+    assert (ffmpeg(path, "gray16le", "<u2") == found.samples.ravel()).all()
+
+
+ODD_DEPTH = np.array([[0.0, -0.0, 1e-45, 0.1], [3.4e38, np.inf, 1e-3, 65.5355]], np.float32)
+
+
+@pytest.mark.parametrize("values", [depth(), ODD_DEPTH], ids=["many", "odd"])
+@pytest.mark.parametrize("suffix", [".exr", ".tif", ".npy"])
+def test_exact_depth_reads_back_bit_for_bit(tmp_path: Path, suffix: str, values: np.ndarray) -> None:
+    path = write(tmp_path / f"a{suffix}", "depth", values)
+    expected = values.view(np.uint32)
+    if suffix == ".exr":
+        assert (ffmpeg(path, "grayf32le", "<u4") == expected.ravel()).all()
+    if suffix == ".tif":
+        assert (read_tiff(path.read_bytes()) == expected).all()
+        with Image.open(path) as image:
+            assert image.mode == "F"
+            assert (np.asarray(image).view(np.uint32) == expected).all()
+    if suffix == ".npy":
+        found = np.load(path)
+        assert found.dtype == np.float32
+        assert (found.view(np.uint32) == expected).all()
+
+
+def test_only_millimetres_are_clipped(tmp_path: Path) -> None:
+    with ImageWriter(str(tmp_path / "a.npy"), "depth", "npy", (WIDTH, HEIGHT)) as out:
+        out.write(depth())
+        assert out.clipped == 0
+
+
+# --- segmentation ----------------------------------------------------------------------------------
+
+
+def test_ids_in_a_png_are_16_bits_with_labels_beside_it(tmp_path: Path) -> None:
+    path = write(tmp_path / "a.png", "seg", ids())
+    found = read_png(path.read_bytes())
+    assert (found.bits, found.colour) == (16, 0)
+    assert (found.samples.astype(int) == ids() + 1).all()
+    with Image.open(path) as image:
+        assert (np.asarray(image) == ids() + 1).all()
+    assert names(tmp_path) == ["a.labels.json", "a.png"]
+
+
+def test_a_palette_has_a_colour_for_each_id(tmp_path: Path) -> None:
+    path = write(tmp_path / "a.png", "seg", ids(), "palette")
+    found = read_png(path.read_bytes())
+    assert (found.bits, found.colour) == (8, 3)
+    assert (found.samples.astype(int) == ids() + 1).all()
+    assert found.palette[:4].tolist() == [[0, 0, 0], *COLOURS.tolist()]
+    with Image.open(path) as image:
+        assert image.mode == "P"
+        assert (np.asarray(image) == ids() + 1).all()
+        assert (np.asarray(image.convert("RGB"))[ids() == 2] == COLOURS[2]).all()
+
+
+@given(count=st.integers(1, 255), seed=st.integers(0, 9))
+@settings(max_examples=15, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+def test_a_palette_of_any_size_reads_back(tmp_path: Path, count: int, seed: int) -> None:
+    random = np.random.default_rng(seed)
+    picture = random.integers(-1, count, (7, 11)).astype(np.int32)
+    colours = random.integers(0, 256, (count, 3)).astype(np.uint8)
+    with ImageWriter(str(tmp_path / "a.png"), "seg", "palette", (11, 7)) as out:
+        out.write(picture, [Segment("geom", k, f"g{k}") for k in range(count)], colours)
+        out.publish()
+    found = read_png((tmp_path / "a.png").read_bytes())
+    assert (found.samples.astype(int) == picture + 1).all()
+    assert (found.palette[1 : count + 1] == colours).all()
+
+
+def test_raw_ids_are_int32_with_nothing_at_minus_one(tmp_path: Path) -> None:
+    found = np.load(write(tmp_path / "a.npy", "seg", ids()))
+    assert found.dtype == np.int32
+    assert (found == ids()).all()
+
+
+@pytest.mark.parametrize(("suffix", "form"), [(".png", "png"), (".png", "palette"), (".npy", "npy")])
+def test_labels_name_the_values_that_are_in_the_picture(tmp_path: Path, suffix: str, form: str) -> None:
+    path = write(tmp_path / f"a{suffix}", "seg", ids(), form)
+    stored = np.load(path) if form == "npy" else read_png(path.read_bytes()).samples
+    said = json.loads((tmp_path / "a.labels.json").read_text())
+    assert said["file"] == path.name
+    assert said["size"] == [WIDTH, HEIGHT]
+    for index, (entry, thing) in enumerate(zip(said["labels"], LEGEND, strict=True)):
+        assert ((stored == entry["id"]) == (ids() == index)).all()
+        assert entry["pixels"] == (ids() == index).sum()
+        assert (entry["type"], entry["mujoco_id"], entry["name"], entry["body"]) == (
+            thing.type,
+            thing.id,
+            thing.name,
+            thing.body,
+        )
+        assert entry["rgb"] == COLOURS[index].tolist()
+    assert ((stored == said["nothing"]) == (ids() == -1)).all()
+
+
+def test_a_coco_document_holds_several_images(tmp_path: Path) -> None:
+    path = tmp_path / "many.json"
+    with ImageWriter(str(path), "seg", "coco", (WIDTH, HEIGHT)) as out:
+        out.write(ids(), LEGEND)
+        out.write(ids(), LEGEND, image={"file_name": "b.png", "camera": "side"})
+        assert out.publish() == [path]
+    said = json.loads(path.read_text())
+    assert [image["file_name"] for image in said["images"]] == ["many.png", "b.png"]
+    assert said["images"][1]["camera"] == "side"
+    assert [a["area"] for a in said["annotations"]] == 2 * [int((ids() == k).sum()) for k in range(3)]
+    assert names(tmp_path) == ["many.json"]
+
+
+# --- every format ----------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("view", "form"), EVERY)
+def test_the_same_picture_is_the_same_bytes_however_it_lies_in_memory(tmp_path: Path, view: str, form: str) -> None:
+    pixels = VIEWS[view]()
+    wide = np.zeros((2 * HEIGHT, 3 * WIDTH, *pixels.shape[2:]), pixels.dtype)
+    wide[::2, ::3] = pixels
+    path = target(tmp_path, view, form)
+    plain = write(path, view, pixels, form).read_bytes()
+    for laid in (wide[::2, ::3], np.flipud(np.flipud(pixels).copy())):
+        assert write(path, view, laid, form).read_bytes() == plain
+
+
+@pytest.mark.parametrize(("view", "form"), EVERY)
+def test_what_is_not_published_leaves_no_trace_and_the_old_picture_stays(tmp_path: Path, view: str, form: str) -> None:
+    path = target(tmp_path, view, form)
+    for old in (path, tmp_path / "a.labels.json"):
+        old.write_text("old")
+    with ImageWriter(str(path), view, form, (WIDTH, HEIGHT)) as out:
+        out.write(VIEWS[view](), LEGEND, COLOURS)
+    assert {file.read_text() for file in tmp_path.iterdir()} == {"old"}
+    assert names(tmp_path) == sorted({path.name, "a.labels.json"})
+
+
+@pytest.mark.parametrize(("view", "form"), EVERY)
+def test_publishing_says_which_files_there_are(tmp_path: Path, view: str, form: str) -> None:
+    path = target(tmp_path, view, form)
+    with ImageWriter(str(path), view, form, (WIDTH, HEIGHT)) as out:
+        out.write(VIEWS[view](), LEGEND, COLOURS)
+        published = out.publish()
+    assert published[0] == path
+    assert sorted(file.name for file in published) == names(tmp_path)
+
+
+def test_texts_go_where_a_format_has_room_for_them(tmp_path: Path) -> None:
+    for view in VIEWS:
+        texts = read_png(write(tmp_path / "a.png", view, VIEWS[view](), tags=TAGS).read_bytes()).texts
+        assert texts == {"Title": "still", "Comment": r"grün\x1b", "Description": '{"mjrun": "0.1.0"}'}
+    assert r"grün\x1b".encode() in write(tmp_path / "a.exr", "depth", depth(), tags=TAGS).read_bytes()
+    with Image.open(write(tmp_path / "a.tif", "depth", depth(), tags=TAGS)) as image:
+        assert dict(image.getexif())[270] == '{"mjrun": "0.1.0"}'
+    for name in ("a.jpg", "a.webp"):
+        plain = write(tmp_path / name, "rgb", rgb()).read_bytes()
+        assert write(tmp_path / name, "rgb", rgb(), tags=TAGS).read_bytes() == plain
+
+
+# --- refusals --------------------------------------------------------------------------------------
+
+
+def test_a_bad_path_fails_at_opening_and_leaves_nothing(tmp_path: Path) -> None:
+    with pytest.raises(FileError, match="there is no folder"):
+        ImageWriter(str(tmp_path / "none/a.png"), "rgb", "png", (4, 4))
+    (tmp_path / "a.labels.json").mkdir()
+    with pytest.raises(FileError, match=r"a\.labels\.json: exists and is not a regular file"):
+        ImageWriter(str(tmp_path / "a.png"), "seg", "png", (4, 4))
+    assert names(tmp_path) == ["a.labels.json"]
+
+
+def test_a_picture_too_large_for_its_format_is_refused_at_opening(tmp_path: Path) -> None:
+    with pytest.raises(BadValueError, match="--size: '16384x8' is not at most 16383 a side, as webp holds"):
+        ImageWriter(str(tmp_path / "a.webp"), "rgb", "webp", (16384, 8))
+    write(tmp_path / "a.webp", "rgb", np.zeros((1, 16383, 3), np.uint8))
+    write(tmp_path / "a.jpg", "rgb", np.zeros((1, 65500, 3), np.uint8))
+
+
+@pytest.mark.parametrize(("form", "most"), [("png", 65535), ("palette", 255)])
+def test_too_many_things_are_refused_with_the_number_there_may_be(tmp_path: Path, form: str, most: int) -> None:
+    with ImageWriter(str(tmp_path / "a.png"), "seg", form, (1, 1)) as out:
+        out.check_things(most)
+        for fails in (
+            lambda: out.check_things(most + 1),
+            lambda: out.write(np.zeros((1, 1), np.int32), LEGEND[:1] * (most + 1)),
+        ):
+            with pytest.raises(UsageError, match=f"{most + 1} things cannot be told apart in a picture that .* {most}"):
+                fails()
+
+
+@pytest.mark.parametrize(
+    ("view", "form", "pixels"),
+    [
+        ("rgb", "png", np.zeros((2, 3), np.uint8)),
+        ("rgb", "png", np.zeros((2, 3, 4), np.uint8)),
+        ("rgb", "png", np.zeros((3, 2, 3), np.uint8)),
+        ("rgb", "png", np.zeros((2, 3, 3), np.float32)),
+        ("depth", "npy", np.zeros((2, 3), np.float64)),
+        ("seg", "npy", np.zeros((2, 3), np.int64)),
+        ("seg", "npy", np.full((2, 3), 3, np.int32)),
+        ("seg", "npy", np.full((2, 3), -2, np.int32)),
+    ],
+)
+def test_pixels_of_another_kind_are_a_fault_of_the_caller(
+    tmp_path: Path, view: str, form: str, pixels: np.ndarray
+) -> None:
+    with ImageWriter(str(tmp_path / "a"), view, form, (3, 2)) as out, pytest.raises(ValueError, match="must be"):
+        out.write(pixels, LEGEND)
+
+
+def test_one_file_is_one_picture_with_its_colours(tmp_path: Path) -> None:
+    with ImageWriter(str(tmp_path / "a.png"), "seg", "palette", (WIDTH, HEIGHT)) as out:
+        with pytest.raises(ValueError, match="no picture yet"):
+            out.publish()
+        with pytest.raises(ValueError, match="colours must be uint8"):
+            out.write(ids(), LEGEND, COLOURS[:2])
+        out.write(ids(), LEGEND, COLOURS)
+        with pytest.raises(ValueError, match="holds one picture"):
+            out.write(ids(), LEGEND, COLOURS)
+
+
+@pytest.fixture
+def small_disk() -> Iterator[None]:
+    """Files may have a kilobyte."""
+    soft, hard = resource.getrlimit(FULL)
+    resource.setrlimit(FULL, (2**10, hard))
+    yield
+    resource.setrlimit(FULL, (soft, hard))
+
+
+@pytest.mark.parametrize(("view", "form"), [("rgb", "png"), ("depth", "exr"), ("seg", "png"), ("seg", "coco")])
+def test_a_full_disk_is_told_and_the_old_picture_stays(tmp_path: Path, small_disk: None, view: str, form: str) -> None:
+    path = target(tmp_path, view, form)
+    path.write_text("old")
+    noise = np.random.default_rng(1).integers(0, 3, (90, 90) + (3,) * (view == "rgb"))
+
+    def run() -> None:
+        with ImageWriter(str(path), view, form, (90, 90)) as out:
+            out.write(noise.astype({"rgb": np.uint8, "depth": np.float32, "seg": np.int32}[view]), LEGEND, COLOURS)
+            out.publish()
+
+    with pytest.raises(FileError, match=f"{path}: cannot be written: File too large"):
+        run()
+    assert path.read_text() == "old"
+    assert names(tmp_path) == [path.name]
+
+
+# --- standard output -------------------------------------------------------------------------------
+
+PROGRAM = """
+import sys
+import numpy as np
+from mjrun.errors import ClosedPipeError, FileError
+from mjrun.formats.image import ImageWriter
+from mjrun.model.rendered_view import Segment
+view, form, side = sys.argv[1], sys.argv[2], int(sys.argv[3])
+noise = np.random.default_rng(1).integers(0, 3, (side, side, 3))
+flat = noise[..., 0]
+pixels = {"rgb": noise.astype(np.uint8), "depth": flat.astype(np.float32), "seg": flat.astype(np.int32)}
+try:
+    with ImageWriter(None, view, form, (side, side)) as out:
+        out.write(pixels[view], [Segment("geom", k, str(k)) for k in range(3)], np.zeros((3, 3), np.uint8))
+        assert out.publish() == []
+except ClosedPipeError as end:
+    sys.exit(end.exit_code)
+except FileError as error:
+    sys.exit(str(error))
+"""
+
+
+def piped(folder: Path, view: str, form: str, side: int, stdout: Any = subprocess.PIPE) -> subprocess.Popen[bytes]:
+    command = [sys.executable, "-W", "error", "-c", PROGRAM, view, form, str(side)]
+    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
+    return subprocess.Popen(command, env=environment, cwd=folder, stdout=stdout, stderr=subprocess.PIPE)
+
+
+@pytest.mark.parametrize(("view", "form"), EVERY)
+def test_standard_output_gets_the_picture_and_no_file_is_made(tmp_path: Path, view: str, form: str) -> None:
+    out, errors = piped(tmp_path, view, form, 8).communicate()
+    assert errors == b""
+    assert names(tmp_path) == []
+    noise = np.random.default_rng(1).integers(0, 3, (8, 8, 3))
+    pixels = {"rgb": noise.astype(np.uint8), "depth": noise[..., 0].astype(np.float32)}
+    with ImageWriter(str(tmp_path / "image"), view, form, (8, 8)) as file:
+        legend = [Segment("geom", k, str(k)) for k in range(3)]
+        file.write(pixels.get(view, noise[..., 0].astype(np.int32)), legend, np.zeros((3, 3), np.uint8))
+        assert file.publish()[0].read_bytes() == out
+
+
+def test_a_reader_that_goes_away_ends_the_writing_without_a_word(tmp_path: Path) -> None:
+    with piped(tmp_path, "rgb", "png", 600) as child:
+        assert child.stdout
+        assert child.stderr
+        assert child.stdout.read(10)
+        child.stdout.close()
+        assert child.stderr.read() == b""
+    assert child.returncode == 141
+
+
+def test_a_full_device_on_standard_output_is_told(tmp_path: Path) -> None:
+    with Path("/dev/full").open("wb") as full, piped(tmp_path, "rgb", "png", 8, stdout=full) as child:
+        assert child.stderr
+        assert child.stderr.read() == b"-: cannot be written: No space left on device\n"
+
+
+@pytest.mark.parametrize(("view", "form", "shown"), [("rgb", "png", False), ("seg", "coco", True)])
+def test_only_a_document_goes_to_a_terminal(tmp_path: Path, view: str, form: str, shown: bool) -> None:
+    ours, theirs = os.openpty()
+    with piped(tmp_path, view, form, 8, stdout=theirs) as child:
+        os.close(theirs)
+        text = b""
+        with contextlib.suppress(OSError):  # Linux ends a terminal so
+            while part := os.read(ours, 4096):
+                text += part
+        assert child.stderr
+        told = child.stderr.read()
+    os.close(ours)
+    assert (b'"annotations"' in text) == shown
+    assert (b"standard output is a terminal" in told) != shown

@@ -1,0 +1,77 @@
+"""Which pictures can be held by which files."""
+
+import re
+
+import pytest
+
+from mjrun.errors import UnknownNameError, UsageError
+from mjrun.formats.image import ENCODERS
+from mjrun.formats.image_format import FORMATS, image_format
+
+
+@pytest.mark.parametrize(
+    ("output", "view", "asked", "name"),
+    [
+        ("still.png", "rgb", None, "png"),
+        ("STILL.PNG", "rgb", None, "png"),
+        ("a.b/still.jpg", "rgb", None, "jpeg"),
+        ("still.jpeg", "rgb", None, "jpeg"),
+        ("still.webp", "rgb", None, "webp"),
+        ("still.tif", "rgb", None, "tiff"),
+        ("still.tiff", "depth", None, "tiff"),
+        ("still.png", "depth", None, "png"),
+        ("still.exr", "depth", None, "exr"),
+        ("still.npy", "depth", None, "npy"),
+        ("still.npy", "seg", None, "npy"),
+        ("still.png", "seg", None, "png"),
+        ("still.png", "seg", "palette", "palette"),
+        ("still.json", "seg", None, "coco"),
+        ("still.json", "seg", "coco", "coco"),
+        ("still", "rgb", "jpg", "jpeg"),
+        ("still.dat", "depth", "npy", "npy"),
+        (None, "rgb", None, "png"),
+        (None, "depth", None, "png"),
+        (None, "seg", None, "png"),
+        (None, "depth", "exr", "exr"),
+        (None, "seg", "json", "coco"),
+    ],
+)
+def test_the_suffix_and_the_view_choose_the_format(output: str | None, view: str, asked: str | None, name: str) -> None:
+    assert image_format(output, view, asked) == name
+
+
+@pytest.mark.parametrize(
+    ("output", "view", "asked", "kind", "message"),
+    [
+        ("a.bmp", "rgb", None, UnknownNameError, "in a.bmp (did you mean '.webp'?)\nimage formats: .png, .jpg, "),
+        ("a.pgn", "seg", None, UnknownNameError, "in a.pgn (did you mean '.png'"),
+        ("still", "rgb", None, UnknownNameError, "no image format '' in still\nimage formats: .png, "),
+        ("a.png", "normals", None, UnknownNameError, "no view 'normals'\nviews: rgb, depth, seg"),
+        ("a.png", "rgb", "gif", UnknownNameError, "no format 'gif'\nformats: png, jpeg, webp, tiff"),
+        (
+            "a.jpg",
+            "depth",
+            None,
+            UsageError,
+            "a.jpg: a .jpg cannot hold exact depth\n.png, .npy, .exr, .tif, .tiff can",
+        ),
+        ("a.webp", "seg", None, UsageError, "a .webp cannot hold exact segmentation\n.png, .npy, .json can"),
+        ("a.exr", "rgb", None, UsageError, "a .exr cannot hold colours\n.png, .jpg, .jpeg, .webp, .tif, .tiff can"),
+        (None, "depth", "jpeg", UsageError, "--format jpeg cannot hold exact depth\npng, npy, exr, tiff can"),
+        ("a.png", "rgb", "palette", UsageError, "--format palette cannot hold colours\npng, jpeg, webp, tiff can"),
+        ("a.png", "depth", "exr", UsageError, "--format exr and the suffix of a.png disagree"),
+        ("a.jpg", "depth", "npy", UsageError, "--format npy and the suffix of a.jpg disagree"),
+        ("\x1b[2J.jpg", "depth", None, UsageError, r"\x1b[2J.jpg: a .jpg cannot"),
+    ],
+)
+def test_what_does_not_fit_is_refused_with_what_does(
+    output: str | None, view: str, asked: str | None, kind: type[UsageError], message: str
+) -> None:
+    with pytest.raises(kind, match=re.escape(message)) as caught:
+        image_format(output, view, asked, "THE HINT")
+    assert str(caught.value).endswith("\nTHE HINT") == ("cannot" in message)
+
+
+def test_every_format_has_an_encoder_or_gathers_images() -> None:
+    for view, known in FORMATS.items():
+        assert set(ENCODERS[view]) == {name for name, kind in known.items() if not kind.several}

@@ -1,0 +1,171 @@
+"""Point clouds, read by a parser of their own, against the geometry that was drawn."""
+
+import resource
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import pytest
+
+from mjrun.camera.calibration import lens
+from mjrun.camera.pose import pose_of
+from mjrun.errors import FileError, UsageError
+from mjrun.formats.pointcloud import PointCloudWriter
+from mjrun.model.rendered_view import CameraCalibration, Picture, Segment
+
+KINDS = {"float": "<f4", "uchar": "u1", "int": "<i4"}
+
+
+def read(path: Path) -> tuple[list[str], np.ndarray]:
+    """The header's lines and the points of a PLY file, as paulbourke.net/dataformats/ply says."""
+    head, body = path.read_bytes().split(b"end_header\n", 1)
+    lines = head.decode("ascii").splitlines()
+    assert lines[:2] == ["ply", "format binary_little_endian 1.0"]
+    rest = [line.split() for line in lines[2:] if not line.startswith("comment ")]
+    (element, vertex, count), *properties = rest
+    assert (element, vertex) == ("element", "vertex")
+    assert all(word == "property" for word, _, _ in properties)
+    points = np.frombuffer(body, [(name, KINDS[kind]) for _, kind, name in properties])
+    assert len(points) == int(count)
+    return lines, points
+
+
+def places(points: np.ndarray) -> np.ndarray:
+    return np.stack([points[name] for name in "xyz"], axis=1)
+
+
+SCENE = """
+<mujoco>
+  <statistic extent="2"/>
+  <worldbody>
+    <geom name="table" type="plane" size="1 1 .1" pos="0 0 .3" euler="0 25 0" rgba="0 1 0 1"/>
+    <geom name="cube" type="box" size=".2 .2 .2" pos="0 0 1" euler="10 20 30" rgba="1 0 0 1"/>
+    <camera name="left" pos="-1 -3 2" xyaxes="1 -.3 0 .1 .5 1"/>
+    <camera name="right" pos="1.5 -2.5 2.2" xyaxes="1 .6 0 -.3 .5 1"/>
+    <camera name="above" pos="0 0 5" projection="orthographic" fovy="4"/>
+  </worldbody>
+</mujoco>
+"""
+LEGEND = [Segment("geom", 0, "table", "world"), Segment("geom", 1, "cube", "world")]
+
+
+def pictures(*cameras: str, size: tuple[int, int] = (80, 61)) -> list[Picture]:
+    """The scene as MuJoCo's own renderer sees it."""
+    model = mujoco.MjModel.from_xml_string(SCENE)
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    found = []
+    with mujoco.Renderer(model, size[1], size[0]) as renderer:
+        for camera in cameras:
+            renderer.update_scene(data, camera)
+            rgb = renderer.render()
+            renderer.enable_segmentation_rendering()
+            ids = renderer.render()[..., 0]
+            renderer.enable_depth_rendering()
+            depth = np.where(ids < 0, np.inf, renderer.render()).astype(np.float32)
+            renderer.disable_depth_rendering()
+            found.append(Picture(lens(pose_of(renderer.scene), size), rgb, depth, ids, LEGEND))
+    return found
+
+
+def cloud(folder: Path, *seen: Picture, legend: list[Segment] | None = None) -> np.ndarray:
+    with PointCloudWriter(str(folder / "cloud.ply"), legend) as writer:
+        for picture in seen:
+            writer.write(picture)
+        assert writer.publish() == [folder / "cloud.ply"]
+    return read(folder / "cloud.ply")[1]
+
+
+@pytest.mark.parametrize("cameras", [["left"], ["above"], ["left", "right", "above"]])
+def test_points_lie_on_what_was_drawn(tmp_path: Path, cameras: list[str]) -> None:
+    seen = pictures(*cameras)
+    points = cloud(tmp_path, *seen, legend=LEGEND)
+    assert len(points) == sum(np.isfinite(picture.depth).sum() for picture in seen if picture.depth is not None)
+    model = mujoco.MjModel.from_xml_string(SCENE)
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    for geom in (0, 1):
+        own = places(points[points["label"] == geom])
+        assert len(own) > 50
+        local = (own - data.geom_xpos[geom]) @ data.geom_xmat[geom].reshape(3, 3)
+        off = np.abs(local[:, 2]) if geom == 0 else np.abs(np.abs(local).max(axis=1) - 0.2)
+        assert off.max() < 1e-4
+        assert np.abs(local).max() < [1.0001, 0.2001][geom]
+
+
+def test_points_have_the_colours_of_their_pixels(tmp_path: Path) -> None:
+    (picture,) = pictures("left")
+    points = cloud(tmp_path, picture)
+    assert points.dtype.names == ("x", "y", "z", "red", "green", "blue")
+    assert picture.rgb is not None
+    assert picture.depth is not None
+    colors = np.stack([points[name] for name in ("red", "green", "blue")], axis=1)
+    assert np.array_equal(colors, picture.rgb[np.isfinite(picture.depth)])
+    back = picture.lens.project(places(points).astype(float))[:, :2]
+    rows, columns = np.nonzero(np.isfinite(picture.depth))
+    assert back == pytest.approx(np.stack([columns + 0.5, rows + 0.5], axis=1), abs=1e-2)
+
+
+def a_picture(width: int, height: int) -> Picture:
+    """A wall one metre away that fills the view."""
+    through = CameraCalibration((width, height), 100, 100, width / 2, height / 2, np.eye(4), 0.01, 10)
+    shape = (height, width)
+    return Picture(through, np.zeros((*shape, 3), np.uint8), np.ones(shape, np.float32), np.zeros(shape, np.int32))
+
+
+def test_what_labels_mean_stands_in_the_header_in_plain_ascii(tmp_path: Path) -> None:
+    legend = [Segment("geom", 0, "floor"), Segment("site", 3, "ö\x1b[31m\nend_header")]
+    cloud(tmp_path, a_picture(3, 2), legend=legend)
+    lines, _ = read(tmp_path / "cloud.ply")
+    assert "comment label 0: geom 'floor'" in lines
+    assert r"comment label 1: site '\xf6\x1b[31m\nend_header'" in lines
+
+
+@pytest.mark.parametrize("count", [0, 1, 12, 3000])
+def test_the_count_in_the_header_is_that_of_the_points(tmp_path: Path, count: int) -> None:
+    assert len(cloud(tmp_path, *[a_picture(1, 1)] * count)) == count
+
+
+def test_a_picture_without_what_points_need_is_refused(tmp_path: Path) -> None:
+    whole = a_picture(3, 2)
+    with PointCloudWriter(str(tmp_path / "cloud.ply"), LEGEND) as writer:
+        for missing in ("rgb", "depth", "ids"):
+            with pytest.raises(ValueError, match="needs depth and rgb, and ids"):
+                writer.write(replace(whole, **{missing: None}))
+
+
+def test_only_ply_is_written(tmp_path: Path) -> None:
+    with pytest.raises(UsageError, match=r"a point cloud is a PLY file, and its name ends in \.ply"):
+        PointCloudWriter(str(tmp_path / "cloud.pcd"))
+    with pytest.raises(FileError, match="there is no folder"):
+        PointCloudWriter(str(tmp_path / "none/cloud.ply"))
+
+
+def test_a_cloud_is_the_old_one_until_it_is_published(tmp_path: Path) -> None:
+    target = tmp_path / "cloud.ply"
+    target.write_text("old")
+    with PointCloudWriter(str(target)) as writer:
+        writer.write(a_picture(3, 2))
+    assert target.read_text() == "old"
+    assert list(tmp_path.iterdir()) == [target]
+
+
+@pytest.fixture
+def small_disk() -> Iterator[None]:
+    """No file can grow beyond 4 KiB: the operating system refuses as it does on a full disk."""
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (4096, hard))
+    yield
+    resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+
+
+@pytest.mark.parametrize("side", [18, 200])
+def test_a_full_disk_is_told_and_the_old_cloud_stays(tmp_path: Path, small_disk: None, side: int) -> None:
+    target = tmp_path / "cloud.ply"
+    target.write_text("old")
+    with pytest.raises(FileError, match=f"{target}: cannot be written: File too large"):
+        cloud(tmp_path, a_picture(side, side))
+    assert target.read_text() == "old"
+    assert list(tmp_path.iterdir()) == [target]

@@ -1,0 +1,177 @@
+"""Targets that appear whole or not at all."""
+
+import os
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from mjrun.errors import FileError
+from mjrun.formats.publishing import StagedFile, StagedFolder, StagedFrames, StandardOutput, Target
+
+needs_permissions = pytest.mark.skipif(os.geteuid() == 0, reason="root may write anywhere")
+
+
+def names(folder: Path) -> list[str]:
+    """What is in a folder, hidden files too."""
+    return sorted(path.name for path in folder.iterdir())
+
+
+def fill(target: Target, count: int, text: str) -> None:
+    """Writes what an encoder would: numbered frames, or one file."""
+    if "%06d" in target.path:
+        for index in range(count):
+            Path(target.path % index).write_text(f"{text} {index}")
+    else:
+        Path(target.path).write_text(text)
+
+
+def test_a_file_is_the_old_one_until_it_is_published(tmp_path: Path) -> None:
+    film = tmp_path / "film.mp4"
+    film.write_text("old")
+    staged = StagedFile(film)
+    fill(staged, 1, "new")
+    assert film.read_text() == "old"
+    staged.publish()
+    staged.discard()
+    assert film.read_text() == "new"
+    assert names(tmp_path) == ["film.mp4"]
+
+
+@pytest.mark.parametrize(
+    ("make", "name"),
+    [(StagedFile, "film.mp4"), (StagedFolder, "frames"), (StagedFrames, "frame_%03d.png")],
+)
+def test_what_is_discarded_leaves_no_trace(tmp_path: Path, make: Callable[[Path], Target], name: str) -> None:
+    staged = make(tmp_path / name)
+    fill(staged, 3, "new")
+    staged.discard()
+    assert names(tmp_path) == []
+
+
+def test_a_link_stays_a_link_to_the_new_file(tmp_path: Path) -> None:
+    (tmp_path / "real").mkdir()
+    real, link = tmp_path / "real/film.mp4", tmp_path / "link.mp4"
+    real.write_text("old")
+    link.symlink_to(real)
+    staged = StagedFile(link)
+    fill(staged, 1, "new")
+    staged.publish()
+    assert link.is_symlink()
+    assert real.read_text() == "new"
+
+
+def test_the_file_has_the_permissions_that_any_new_file_would_have(tmp_path: Path) -> None:
+    (tmp_path / "other").write_text("")
+    staged = StagedFile(tmp_path / "film.mp4")
+    staged.publish()
+    assert (tmp_path / "film.mp4").stat().st_mode == (tmp_path / "other").stat().st_mode
+
+
+def test_a_missing_folder_is_named_with_the_command_that_makes_it(tmp_path: Path) -> None:
+    with pytest.raises(FileError, match=f"there is no folder {tmp_path}/none\nmake it first: mkdir -p {tmp_path}/none"):
+        StagedFile(tmp_path / "none/film.mp4")
+
+
+@pytest.mark.parametrize("make", [StagedFile, StagedFolder])
+def test_a_folder_that_is_a_file_is_refused(tmp_path: Path, make: Callable[[Path], Target]) -> None:
+    (tmp_path / "file").write_text("")
+    with pytest.raises(FileError, match="is not a folder"):
+        make(tmp_path / "file/x")
+
+
+def test_a_device_or_a_folder_is_not_replaced_by_a_film(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "pipe.mp4")
+    (tmp_path / "folder.mp4").mkdir()
+    for name in ("pipe.mp4", "folder.mp4"):
+        with pytest.raises(FileError, match="exists and is not a regular file"):
+            StagedFile(tmp_path / name)
+
+
+@needs_permissions
+def test_a_read_only_folder_or_film_is_refused_before_anything_is_drawn(tmp_path: Path) -> None:
+    film = tmp_path / "film.mp4"
+    film.write_text("old")
+    film.chmod(0o444)
+    with pytest.raises(FileError, match="read-only"):
+        StagedFile(film)
+    tmp_path.chmod(0o555)
+    with pytest.raises(FileError, match="cannot be written to"):
+        StagedFile(tmp_path / "other.mp4")
+    tmp_path.chmod(0o755)
+
+
+def test_a_folder_of_frames_is_replaced_as_a_whole(tmp_path: Path) -> None:
+    for count, text in ((5, "old"), (3, "new")):
+        staged = StagedFolder(tmp_path / "frames")
+        fill(staged, count, text)
+        staged.publish()
+    assert names(tmp_path / "frames") == ["000000.png", "000001.png", "000002.png"]
+    assert (tmp_path / "frames/000002.png").read_text() == "new 2"
+    assert names(tmp_path) == ["frames"]
+
+
+def test_a_folder_with_anything_else_in_it_is_left_alone(tmp_path: Path) -> None:
+    (tmp_path / "thesis.tex").write_text("precious")
+    with pytest.raises(FileError, match=r"holds other files \('thesis.tex'\)"):
+        StagedFolder(tmp_path)
+    assert names(tmp_path) == ["thesis.tex"]
+
+
+@pytest.mark.parametrize(
+    ("pattern", "expected"),
+    [
+        ("f_%04d.png", ["f_0000.png", "f_0001.png"]),
+        ("%d.png", ["0.png", "1.png"]),
+        ("a%02db.png", ["a00b.png", "a01b.png"]),
+    ],
+)
+def test_a_pattern_names_the_frames_and_leaves_all_other_files_alone(
+    tmp_path: Path, pattern: str, expected: list[str]
+) -> None:
+    others = ["f_x.png", "2024.png", "f_1.png", "a002b.png", "f_00007.png"]
+    for name in others:
+        (tmp_path / name).write_text("precious")
+    for count in (12, 2):
+        staged = StagedFrames(tmp_path / pattern)
+        fill(staged, count, f"of {count}")
+        made = staged.publish()
+        assert [path.name for path in made[:2]] == expected
+    assert (tmp_path / expected[1]).read_text() == "of 2 1"
+    left = [made[0].with_name(pattern % number).name for number in range(2, 12)]
+    assert staged.others == [*left, *(["2024.png"] if pattern == "%d.png" else [])]
+    assert names(tmp_path) == sorted([*expected, *left, *others])
+    assert all((tmp_path / name).read_text() == "precious" for name in others)
+
+
+def test_a_percent_sign_in_the_folder_s_own_name_is_no_pattern(tmp_path: Path) -> None:
+    (tmp_path / "100%d").mkdir()
+    staged = StagedFolder(tmp_path / "100%d/frames")
+    assert (staged.path % 7).endswith("000007.png")
+    assert (Path(staged.path % 7)).parent.is_dir()
+    staged.discard()
+
+
+def test_a_film_is_never_written_on_a_terminal(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sys.stdout, "isatty", lambda: True)
+    with pytest.raises(FileError, match="standard output is a terminal"):
+        StandardOutput()
+
+
+def test_a_reader_that_closed_the_pipe_is_noticed() -> None:
+    program = (
+        "import sys, time; from mjrun.formats.publishing import StandardOutput; out = StandardOutput();"
+        "before = out.reader_is_gone(); sys.stderr.write('go'); sys.stderr.flush(); sys.stdin.read();"
+        "sys.stderr.write(f'{before} {out.reader_is_gone()}')"
+    )
+    pipe = subprocess.PIPE
+    with subprocess.Popen([sys.executable, "-c", program], stdin=pipe, stdout=pipe, stderr=pipe) as child:
+        assert child.stdin
+        assert child.stdout
+        assert child.stderr
+        assert child.stderr.read(2) == b"go"
+        child.stdout.close()
+        child.stdin.close()
+        assert child.stderr.read() == b"False True"

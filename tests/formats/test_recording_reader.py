@@ -1,0 +1,328 @@
+"""Recordings, read back: every state from its place, and no file that is believed unseen."""
+
+import contextlib
+import gc
+import io
+import os
+import struct
+import tracemalloc
+import warnings
+import zipfile
+from collections.abc import Callable, Mapping
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, example, given, settings
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+
+from mjrun.errors import FileError
+from mjrun.formats import recording_reader
+from mjrun.formats.recording_reader import RecordingFile
+from mjrun.formats.recording_writer import PIECE, RecordingWriter
+
+NUMBERS = st.floats(allow_nan=False, allow_infinity=False)
+STATES = st.tuples(st.integers(1, 9), st.integers(1, 5)).flatmap(
+    lambda shape: arrays(np.float64, shape, elements=NUMBERS)
+)
+GOOD: Mapping[str, np.ndarray] = {
+    "states": np.arange(12.0).reshape(4, 3),
+    "steps": np.array([0, 5, 10, 15]),
+    "facts": np.array('{"model": "a"}'),
+}
+HINT = "\nmjrun … --recording FILE.npz makes one"
+hypothesis = settings(max_examples=40, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+
+
+def written(path: Path, states: np.ndarray, stride: int = 1, **facts: object) -> Path:
+    """A recording of `states` `(n, size)`."""
+    with RecordingWriter(str(path), states.shape[1], facts) as writer:
+        for index, state in enumerate(states):
+            writer.write(index * stride, state)
+        writer.publish()
+    return path
+
+
+def saved(path: Path, **changed: object) -> Path:
+    """What NumPy makes of a good recording with some arrays changed, or left out when None."""
+    arrays = {name: array for name, array in {**GOOD, **changed}.items() if array is not None}
+    np.savez(path, **arrays)  # type: ignore[arg-type]
+    return path
+
+
+@given(states=STATES, stride=st.integers(1, 2**40))
+@hypothesis
+def test_what_was_written_comes_back_bit_for_bit_in_any_order(tmp_path: Path, states: np.ndarray, stride: int) -> None:
+    with RecordingFile(written(tmp_path / "run.npz", states, stride, model="a", n=[1])) as found:
+        assert (found.size, found.facts) == (states.shape[1], {"model": "a", "n": [1]})
+        assert found.steps.dtype == np.int64
+        assert found.steps.tolist() == [stride * index for index in range(len(states))]
+        for index in (*reversed(range(len(states))), 0, len(states) - 1):
+            assert found.state(index).tobytes() == states[index].tobytes()
+            assert found.state(index).shape == states[index].shape
+
+
+def test_a_recording_that_numpy_wrote_is_one(tmp_path: Path) -> None:
+    with RecordingFile(saved(tmp_path / "run.npz", more=np.array([object()]))) as found:
+        assert (found.steps.tolist(), found.facts) == ([0, 5, 10, 15], {"model": "a"})
+        assert [found.state(index).tolist() for index in range(4)] == GOOD["states"].tolist()
+
+
+def test_a_state_is_the_readers_to_change(tmp_path: Path) -> None:
+    with RecordingFile(saved(tmp_path / "run.npz")) as found:
+        found.state(1)[:] = 7
+        assert found.state(1).tolist() == [3, 4, 5]
+
+
+@pytest.mark.parametrize("index", [4, 10**9, -1])
+def test_there_is_nothing_before_the_first_nor_behind_the_last(tmp_path: Path, index: int) -> None:
+    with RecordingFile(saved(tmp_path / "run.npz")) as found, pytest.raises(IndexError):
+        found.state(index)
+
+
+def test_a_long_recording_stays_on_disk(tmp_path: Path) -> None:
+    states = np.random.default_rng(4).standard_normal((20_000, 100))
+    path = written(tmp_path / "run.npz", states)
+    assert states.nbytes > 10 * PIECE
+    tracemalloc.start()
+    with RecordingFile(path) as found:
+        assert np.array_equal(found.state(12_345), states[12_345])
+    most = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert most < 5 * PIECE
+
+
+def descriptors() -> int:
+    return len(os.listdir("/proc/self/fd"))  # noqa: PTH208
+
+
+def test_a_recording_is_over_when_it_is_closed(tmp_path: Path) -> None:
+    path = saved(tmp_path / "run.npz")
+    before = descriptors()
+    with RecordingFile(path) as found:
+        assert descriptors() == before + 1
+    found.close()
+    assert descriptors() == before
+    with pytest.raises(ValueError, match="closed"):
+        found.state(0)
+
+
+def test_a_recording_that_nobody_has_any_more_is_closed(tmp_path: Path) -> None:
+    path = saved(tmp_path / "run.npz")
+    before = descriptors()
+    found = RecordingFile(path)
+    del found
+    gc.collect()
+    assert descriptors() == before
+
+
+@pytest.mark.parametrize("changed", [{}, {"facts": None}, {"states": np.full((4, 3), np.nan)}])
+def test_a_file_that_is_refused_is_closed(tmp_path: Path, changed: dict[str, object]) -> None:
+    path = saved(tmp_path / "run.npz", **changed)
+    before = descriptors()
+    with contextlib.suppress(FileError):
+        RecordingFile(path).close()
+    assert descriptors() == before
+
+
+def test_a_recording_that_is_replaced_while_it_is_read_is_read_on(tmp_path: Path) -> None:
+    with RecordingFile(saved(tmp_path / "run.npz")) as found:
+        written(tmp_path / "run.npz", np.zeros((1, 1)))
+        assert found.state(3).tolist() == [9, 10, 11]
+
+
+def test_a_recording_that_is_cut_while_it_is_read_says_so(tmp_path: Path) -> None:
+    path = saved(tmp_path / "run.npz")
+    with RecordingFile(path) as found:
+        os.truncate(path, 100)
+        with pytest.raises(FileError) as caught:
+            found.state(2)
+    assert str(caught.value) == f"{path}: has changed while it was read: state 2 is gone"
+
+
+BROKEN = [
+    ({"states": None}, "it has no array 'states'"),
+    ({"steps": None}, "it has no array 'steps'"),
+    ({"facts": None}, "it has no array 'facts'"),
+    ({"states": np.zeros((4, 3), np.float32)}, "'states' holds float32, not float64"),
+    ({"states": np.zeros((4, 3), ">f8")}, "'states' holds >f8, not float64"),
+    ({"states": np.array([[None] * 3] * 4)}, "'states' holds objects, not float64"),
+    ({"states": np.zeros((4, 3), complex)}, "'states' holds complex values, not float64"),
+    ({"states": np.zeros(4, "f8,f8")}, "'states' holds void128, not float64"),
+    ({"states": np.zeros(4)}, "'states' has the shape (4,), not (n, size)"),
+    ({"states": np.zeros((4, 0))}, "'states' has the shape (4, 0), not (n, size)"),
+    ({"states": np.zeros((0, 3))}, "'states' has the shape (0, 3), not (n, size)"),
+    ({"states": np.zeros((4, 3), order="F")}, "'states' lies by the column, not by the row"),
+    ({"states": np.zeros((5, 3))}, "it has 5 states and 4 steps"),
+    ({"states": np.full((4, 3), np.nan)}, "state 0, at step 0: number 0 of its state is nan"),
+    ({"states": np.array([[0.0] * 3] * 3 + [[0, -np.inf, 0]])}, "state 3, at step 15: number 1 of its state is -inf"),
+    ({"steps": np.arange(4.0)}, "'steps' holds float64, not int64"),
+    ({"steps": np.arange(4, dtype=np.int32)}, "'steps' holds int32, not int64"),
+    ({"steps": np.array(list("abcd"))}, "'steps' holds text, not int64"),
+    ({"steps": np.array(7)}, "'steps' has the shape (), not (n,)"),
+    ({"steps": np.arange(1, 5)}, "its first step is 1, not 0"),
+    ({"steps": np.array([0, 2, 2, 3])}, "its steps do not ascend: 2 comes after 2"),
+    ({"steps": np.array([0, 2**62, -(2**62), 3])}, f"its steps do not ascend: {-(2**62)} comes after {2**62}"),
+    ({"facts": np.array(["{}", "{}"])}, "'facts' has the shape (2,), not ()"),
+    ({"facts": np.array(b"{}")}, "'facts' holds text, not unicode text"),
+    ({"facts": np.array({})}, "'facts' holds objects, not unicode text"),
+    ({"facts": np.array("[1]")}, "'facts' is not a JSON object"),
+    ({"facts": np.array("{")}, "'facts' is not a JSON object"),
+    ({"facts": np.array('{"a":' + "[" * 100_000)}, "'facts' is not a JSON object"),
+]
+
+
+@pytest.mark.parametrize(("changed", "message"), BROKEN, ids=[message for _, message in BROKEN])
+def test_what_is_wrong_with_a_recording_is_said(tmp_path: Path, changed: dict[str, object], message: str) -> None:
+    path = saved(tmp_path / "run.npz", **changed)
+    with pytest.raises(FileError) as caught:
+        RecordingFile(path)
+    assert str(caught.value) == f"{path}: is not a recording: {message}{HINT}"
+
+
+def compressed(path: Path) -> None:
+    np.savez_compressed(path, **GOOD)  # type: ignore[arg-type]
+
+
+def twice(path: Path) -> None:
+    with warnings.catch_warnings(), zipfile.ZipFile(saved(path), "a") as archive:
+        warnings.simplefilter("ignore")
+        archive.writestr("steps.npy", archive.read("steps.npy"))
+
+
+def flipped(path: Path) -> None:
+    content = saved(path).read_bytes()
+    path.write_bytes(content.replace(struct.pack("<d", 7.0), struct.pack("<d", 7.5)))
+
+
+def claiming(shape: tuple[int, ...], values: bytes = bytes(96), version: tuple[int, int] = (1, 0)) -> bytes:
+    """An array's file that says it has `shape`."""
+    head = io.BytesIO()
+    np.lib.format.write_array_header_1_0(head, {"descr": "<f8", "fortran_order": False, "shape": shape})
+    return b"\x93NUMPY" + bytes(version) + head.getvalue()[8:] + values
+
+
+def with_states(member: bytes) -> Callable[[Path], None]:
+    def make(path: Path) -> None:
+        saved(path, states=None)
+        with zipfile.ZipFile(path, "a") as archive:
+            archive.writestr("states.npy", member)
+
+    return make
+
+
+def vast(path: Path) -> None:
+    """An archive whose directory says that a member of a few bytes has exabytes."""
+    saved(path)
+    with zipfile.ZipFile(path, "a") as archive:
+        info = archive.getinfo("states.npy")
+        info.compress_size = info.file_size = 2**60
+        archive.writestr("more.npy", b"")
+
+
+DAMAGED = [
+    pytest.param(lambda path: path.write_bytes(b""), "File is not a zip file", id="empty"),
+    pytest.param(lambda path: path.write_text("time,qpos\n0,1\n"), "File is not a zip file", id="text"),
+    pytest.param(lambda path: os.truncate(saved(path), 700), "File is not a zip file", id="cut"),
+    pytest.param(compressed, "'states' is compressed; np.savez keeps arrays as they are", id="compressed"),
+    pytest.param(twice, "it has two arrays 'steps'", id="twice"),
+    pytest.param(flipped, "Bad CRC-32 for file 'states.npy'", id="flipped"),
+    pytest.param(vast, "'states' ends early", id="vast"),
+    pytest.param(
+        with_states(claiming((10**9, 10**9))), f"'states' has the shape {(10**9, 10**9)}, but 96 bytes", id="claims"
+    ),
+    pytest.param(with_states(claiming((4, 3), bytes(95))), "'states' has the shape (4, 3), but 95 bytes", id="short"),
+    pytest.param(with_states(claiming((-4, -3))), "'states' has the shape (-4, -3), not (n, size)", id="negative"),
+    pytest.param(
+        with_states(claiming((4, 3), version=(9, 0))), "'states' is of the unknown version (9, 0)", id="version"
+    ),
+    pytest.param(
+        with_states(b"\x93NUMPY\x01\x00\xff\xff{"),
+        "EOF: reading array header, expected 65535 bytes got 1",
+        id="no header",
+    ),
+]
+
+
+@pytest.mark.parametrize(("damage", "message"), DAMAGED)
+def test_a_damaged_recording_is_refused(tmp_path: Path, damage: Callable[[Path], object], message: str) -> None:
+    path = tmp_path / "run.npz"
+    damage(path)
+    with pytest.raises(FileError) as caught:
+        RecordingFile(path)
+    assert str(caught.value) == f"{path}: is not a recording: {message}{HINT}"
+
+
+def test_facts_of_any_length_are_not_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(recording_reader, "FACTS", 10)
+    path = saved(tmp_path / "run.npz")
+    with pytest.raises(FileError, match="'facts' has 14 characters, not 1 to 10"):
+        RecordingFile(path)
+
+
+class Trap:
+    """Makes a file when it is unpickled."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+
+    def __reduce__(self) -> tuple[Callable[[str], object], tuple[str]]:
+        return os.mkdir, (str(self.path),)
+
+
+@pytest.mark.parametrize("name", GOOD)
+def test_nothing_in_a_recording_runs(tmp_path: Path, name: str) -> None:
+    trap = np.empty(4, object)
+    trap[:] = Trap(tmp_path / "trapped")
+    with pytest.raises(FileError, match="holds objects"):
+        RecordingFile(saved(tmp_path / "run.npz", **{name: trap}))
+    assert not (tmp_path / "trapped").exists()
+
+
+@given(
+    st.lists(st.tuples(st.floats(0, 1, exclude_max=True), st.integers(0, 255)), min_size=1, max_size=6),
+    st.floats(0.5, 1),
+)
+@example([], 0.9999)
+@settings(hypothesis, max_examples=300)
+def test_however_the_bytes_of_a_recording_are_changed_it_reads_as_finite_states_or_is_refused(
+    tmp_path: Path, changes: list[tuple[float, int]], kept: float
+) -> None:
+    path = written(tmp_path / "run.npz", GOOD["states"], 5, model="a")
+    content = bytearray(path.read_bytes())
+    for place, value in changes:
+        content[int(place * len(content))] = value
+    path.write_bytes(content[: len(content) if kept > 0.9 else int(kept * len(content))])
+    try:
+        with RecordingFile(path) as found:
+            states = np.stack([found.state(index) for index in range(len(found.steps))])
+    except FileError as error:
+        assert str(error).startswith(f"{path}: is not a recording: ")  # noqa: PT017  (it may read, too)
+    else:
+        assert states.tobytes() == GOOD["states"].tobytes()
+
+
+def test_a_file_that_is_not_there_is_told_with_those_like_it(tmp_path: Path) -> None:
+    saved(tmp_path / "jump.npz")
+    (tmp_path / "jumq.csv").write_text("")
+    with pytest.raises(FileError) as caught:
+        RecordingFile(tmp_path / "jumo.npz")
+    assert str(caught.value) == f"{tmp_path}/jumo.npz: no such file (did you mean 'jump.npz'?){HINT}"
+
+
+def test_a_folder_or_a_pipe_is_no_recording(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "pipe.npz")
+    with pytest.raises(FileError, match=r"pipe.npz: is not a regular file"):
+        RecordingFile(tmp_path / "pipe.npz")
+    with pytest.raises(FileError, match="is a folder, not a recording"):
+        RecordingFile(tmp_path)
+
+
+def test_what_a_file_says_of_itself_is_cleaned(tmp_path: Path) -> None:
+    path = tmp_path / "run.npz"
+    with_states(b"\x93NUMPY\x01\x00\x10\x00'\x1b[31m'          ")(path)
+    with pytest.raises(FileError) as caught:
+        RecordingFile(path)
+    assert "\x1b" not in str(caught.value)
+    assert "\\x1b[31m" in str(caught.value)

@@ -1,0 +1,643 @@
+"""Tables come back as they went out; those of others are written by pyarrow, numpy, scipy, MATLAB and by hand."""
+
+import codecs
+import csv
+import importlib.util
+import io
+import json
+import os
+import pickle
+import re
+import struct
+import tracemalloc
+import zipfile
+import zlib
+from collections.abc import Callable
+from decimal import Decimal
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.csv
+import pyarrow.feather
+import pyarrow.parquet as pq
+import pytest
+import scipy.io
+import scipy.sparse
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from mjrun.errors import FileError, MissingExtraError, MjrunError, UnknownNameError, clean
+from mjrun.formats import table_reader
+from mjrun.formats.table_reader import READERS, read_table
+from mjrun.formats.table_writer import FORMATS, SUFFIXES, TableWriter, table_format
+from mjrun.model.column import Column
+
+Broken = tuple[str, Callable[[], bytes], str]
+
+NAMES = ["time", "qpos/knee", "ctrl/motor"]
+ODD = [0.0, -0.0, 5e-324, -2.2250738585072014e-308, 0.1, 1e23, 123456789012345680.0, -1.7976931348623157e308]
+BROKEN = [float("nan"), float("inf"), float("-inf")]
+MATLAB = Path(scipy.io.__file__).parent / "matlab/tests/data"  # files that MATLAB wrote, which scipy brings along
+VECTORS = [path for kind in ("bool", "double", "minus", "multi") for path in MATLAB.glob(f"test{kind}_[5-8]*.mat")]
+
+
+def write(path: Path, data: np.ndarray, names: list[str] = NAMES) -> Path:
+    """A published table, in the format that the path's suffix means."""
+    with TableWriter(str(path), table_format(str(path)), [Column(name) for name in names], {"seed": 7}) as out:
+        out.write(data)
+        out.publish()
+    return path
+
+
+def put(path: Path, content: str | bytes) -> Path:
+    path.write_bytes(content.encode() if isinstance(content, str) else content)
+    return path
+
+
+def everything(name: str) -> bool:
+    return True
+
+
+def lists(path: Path, *wanted: str) -> dict[str, list[float]]:
+    """The wanted columns, or else all of them."""
+    found = read_table(path, lambda name: not wanted or name in wanted)
+    assert all(column.dtype == np.float64 and column.ndim == 1 for column in found.values())
+    return {name: column.tolist() for name, column in found.items()}
+
+
+def bits(values: object) -> list[int]:
+    """The float64 patterns of `values`, every NaN as one: text knows only one."""
+    array = np.asarray(values, np.float64)
+    return np.where(np.isnan(array), np.nan, array).view(np.uint64).tolist()
+
+
+@pytest.fixture
+def small_pieces(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Few rows to a piece, so that small tables have many."""
+    monkeypatch.setattr(table_reader, "ROWS", 3)
+    monkeypatch.setattr(table_reader, "PIECE", 5)
+
+
+floats = st.floats(width=64) | st.sampled_from([*ODD, *BROKEN])
+finite = st.floats(width=64, allow_nan=False, allow_infinity=False) | st.sampled_from(ODD)
+hypothesis = settings(max_examples=40, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+
+
+@pytest.mark.parametrize("form", FORMATS)
+@given(data=st.data(), picked=st.sets(st.sampled_from(NAMES)))
+@hypothesis
+def test_what_mjrun_writes_comes_back_as_the_same_bits_column_by_column(
+    tmp_path: Path, small_pieces: None, form: str, data: st.DataObject, picked: set[str]
+) -> None:
+    cell = finite if form == "jsonl" else floats  # null is all JSON has
+    table = np.array(data.draw(st.lists(st.tuples(cell, cell, cell), min_size=1, max_size=24)))
+    found = read_table(write(tmp_path / f"t.{form}", table), picked.__contains__)
+    assert list(found) == [name for name in NAMES if name in picked]
+    for name, column in found.items():
+        assert (column.dtype, column.shape) == (np.float64, (len(table),))
+        assert bits(column) == bits(table[:, NAMES.index(name)])
+
+
+group = st.text(st.characters(codec="utf-8", exclude_characters="\0"), max_size=12).map(lambda text: f"qpos/{text}")
+
+
+@pytest.mark.parametrize("form", FORMATS)
+@given(names=st.lists(group, min_size=1, max_size=5, unique_by=lambda name: clean(name).strip(" ")))
+@hypothesis
+def test_names_come_back_exactly_but_cleaned_in_csv(tmp_path: Path, form: str, names: list[str]) -> None:
+    path = write(tmp_path / f"t.{form}", np.arange(2.0 * len(names)).reshape(2, -1), names)
+    expected = [clean(name).strip(" ") for name in names] if form == "csv" else names
+    if form == "csv" and len(names) == 1 and ";" in names[0]:
+        return  # looks like a table of another kind
+    assert lists(path) == {name: [i, i + len(names)] for i, name in enumerate(expected)}
+
+
+@pytest.mark.parametrize("form", FORMATS)
+def test_a_long_table_comes_back_and_may_be_changed(tmp_path: Path, form: str) -> None:
+    table = np.random.default_rng(5).standard_normal((150_000, 3))
+    found = read_table(write(tmp_path / f"t.{form}", table), everything)
+    assert np.array_equal(np.column_stack(list(found.values())), table)
+    found["time"] += 1
+
+
+@pytest.mark.parametrize("form", [form for form in FORMATS if form != "jsonl"])
+def test_a_table_of_no_rows_has_its_columns(tmp_path: Path, form: str) -> None:
+    assert lists(write(tmp_path / f"t.{form}", np.empty((0, 3)))) == {name: [] for name in NAMES}
+
+
+@pytest.mark.parametrize("form", FORMATS)
+def test_nothing_wanted_is_nothing(tmp_path: Path, form: str) -> None:
+    assert read_table(write(tmp_path / f"t.{form}", np.zeros((2, 3))), lambda name: False) == {}
+
+
+def test_every_format_is_read() -> None:
+    assert READERS.keys() == FORMATS.keys()
+
+
+def test_the_suffix_may_be_in_capitals(tmp_path: Path) -> None:
+    assert lists(write(tmp_path / "T.CSV", np.ones((1, 3))), "time") == {"time": [1.0]}
+
+
+def test_memory_holds_the_wanted_columns_and_little_besides(tmp_path: Path) -> None:
+    path = write(tmp_path / "t.csv", np.zeros((100_000, 20)), [str(i) + "/" for i in range(20)])
+    read_table(path, "1/".__eq__)
+    tracemalloc.start()
+    try:
+        read_table(path, "1/".__eq__)
+        assert tracemalloc.get_traced_memory()[1] < 2 * 8 * 100_000 + 2**20  # bytes; the text has 8 MB
+    finally:
+        tracemalloc.stop()
+
+
+# --- tables of others --------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        "time,ctrl/a\n0,1\n0.5,-2.5e-3\n",
+        "time,ctrl/a\r\n0,1\r\n0.5,-2.5e-3",
+        "time,ctrl/a\r0,1\r0.5,-2.5e-3\r",
+        codecs.BOM_UTF8 + b"time,ctrl/a\n0,1\n0.5,-2.5e-3\n",
+        codecs.BOM_UTF8 + b'"time","ctrl/a"\r\n"0","1"\r\n"0.5","-2.5e-3"\r\n',
+        " time ,\tctrl/a\t\n 0 , 1 \n 0.5 ,\t-2.5e-3 \n",
+        'time, "ctrl/a"\n0, "1"\n0.5, "-.0025"\n',
+        "\n\ntime,ctrl/a\n0,1\n\n0.5,-2.5e-3\n\n   \n\r\n",
+        'note,time,ctrl/a,note\n"a, ""b""\nc",+0.,1E0,\n,.5,-25e-4,=1+1\n',
+        b"\xb0C,time,ctrl/a\n20,0,1\n\xff,0.5,-0.0025\n",
+    ],
+)
+def test_csv_of_spreadsheets_and_scripts_is_read(tmp_path: Path, content: str | bytes) -> None:
+    assert lists(put(tmp_path / "t.csv", content), "time", "ctrl/a") == {"time": [0, 0.5], "ctrl/a": [1, -0.0025]}
+
+
+def test_csv_of_pyarrow_and_of_numpy_is_read(tmp_path: Path) -> None:
+    table = pa.table({"time": [0.1, 0.2], "ctrl/a": pa.array([1, 2]), "note": ['x, "y"', None]})
+    pyarrow.csv.write_csv(table, tmp_path / "arrow.csv")
+    assert lists(tmp_path / "arrow.csv", "time", "ctrl/a") == {"time": [0.1, 0.2], "ctrl/a": [1, 2]}
+    data = np.array([[1 / 3, np.nan], [-np.inf, 2.0]])
+    np.savetxt(tmp_path / "numpy.csv", data, "%.18e", ",", header="time,ctrl/a", comments="")
+    assert bits(list(lists(tmp_path / "numpy.csv").values())) == bits(data.T)
+
+
+@given(st.lists(st.tuples(st.text(max_size=6), floats), min_size=1, max_size=20))
+@hypothesis
+def test_csv_is_read_as_the_csv_module_and_float_read_it(tmp_path: Path, rows: list[tuple[str, float]]) -> None:
+    text = io.StringIO(newline="")
+    csv.writer(text, quoting=csv.QUOTE_NONNUMERIC).writerows([("note", "time"), *rows])
+    path = put(tmp_path / "t.csv", text.getvalue().encode("utf-8", "replace"))
+    assert bits(lists(path, "time")["time"]) == bits([value for _, value in rows])
+
+
+def test_jsonl_of_others_is_read(tmp_path: Path) -> None:
+    rows = [
+        {"time": 0, "note": "a\nb", "ctrl/a": True, "more": {"x": [1, None], "time": 3}},
+        {"ctrl/a": 2, "time": 2**70, "else": 1},
+        {"time": -0.0, "ctrl/a": 1e-320, "note": None},
+    ]
+    text = "\n" + "\r\n \r\n".join(map(json.dumps, rows))
+    path = put(tmp_path / "t.jsonl", codecs.BOM_UTF8 + text.replace("/", "\\/").encode())
+    found = lists(path, "time", "ctrl/a")
+    assert list(found) == ["time", "ctrl/a"]
+    assert bits(list(found.values())) == bits([[0, 2.0**70, -0.0], [1, 2, 1e-320]])
+
+
+def test_what_is_nested_deeply_and_not_wanted_does_no_harm(tmp_path: Path) -> None:
+    path = put(tmp_path / "t.jsonl", '{"time":1,"note":' + "[" * 1000 + "]" * 1000 + "}")
+    assert lists(path, "time") == {"time": [1]}
+
+
+ARROW = {
+    "time": pa.array([0.5, np.nan, 1e300]),
+    "int": pa.array([1, -2, 3], pa.int8()),
+    "uint": pa.array([1, 2, 2**64 - 1], pa.uint64()),
+    "half": pa.array(np.array([0.5, 1, 2], np.float16)),
+    "single": pa.array([0.1, 1, 2], pa.float32()),
+    "bool": pa.array([True, False, True]),
+    "decimal": pa.array([Decimal("0.001"), Decimal("-12.300"), Decimal(7)], pa.decimal128(18, 3)),
+    "category": pa.array([0.1, 5, 0.1]).dictionary_encode(),
+    "a": pa.array([1.0, 2.0, 3.0]),
+    "a.b": pa.array([4.0, 5.0, 6.0]),
+    "nested": pa.array([{"b": 1}, {"b": None}, None]),
+    "note": pa.array(["x", None, "z"]),
+    "when": pa.array([1, 2, 3], pa.timestamp("ns")),
+}
+NUMBERS = list(ARROW)[: list(ARROW).index("nested")]
+
+
+def expected(name: str) -> list[int]:
+    return bits([float(value) for value in ARROW[name].to_pylist()])
+
+
+@pytest.mark.parametrize("suffix", [".parquet", ".feather", ".arrow"])
+@pytest.mark.parametrize("names", [NUMBERS, ["a"], ["a.b"], ["category", "int"]])
+def test_every_type_of_number_in_arrow_is_read(tmp_path: Path, suffix: str, names: list[str]) -> None:
+    path, table = tmp_path / f"t{suffix}", pa.table(ARROW)
+    if suffix == ".parquet":
+        pq.write_table(table, path, row_group_size=2)
+    else:
+        pyarrow.feather.write_feather(table, path, compression="zstd", chunksize=2)
+    found = lists(path, *names)
+    assert list(found) == [name for name in NUMBERS if name in names]
+    assert {name: bits(values) for name, values in found.items()} == {name: expected(name) for name in found}
+
+
+@pytest.mark.parametrize("save", [np.savez, np.savez_compressed])
+def test_npz_of_numpy_is_read(tmp_path: Path, save: Callable[..., None]) -> None:
+    arrays = {
+        "time": np.arange(7) / 7,
+        "int": np.arange(7, dtype=np.int16),
+        "big": np.arange(7, dtype=">f4") / 3,
+        "tall": np.arange(7.0)[:, None],
+        "fortran": np.asfortranarray(np.arange(7.0)[:, None]),
+        "bool": np.arange(7) % 2 == 0,
+        "strided": np.arange(14.0)[::2],
+    }
+    save(tmp_path / "t.npz", **arrays, note=np.array(["x"] * 3), matrix=np.zeros((2, 2)))
+    assert lists(tmp_path / "t.npz", *arrays) == {name: array.ravel().tolist() for name, array in arrays.items()}
+
+
+@pytest.mark.parametrize("packed", [False, True])
+def test_mat_of_scipy_is_read_under_its_variables_names(tmp_path: Path, packed: bool) -> None:
+    numbers = {
+        "time": np.arange(7)[:, None] / 7,
+        "row": np.arange(7.0)[None] / 3,
+        "int": np.arange(7, dtype=np.int64)[:, None] - 2**60,
+        "single": np.arange(7, dtype=np.float32)[:, None] / 3,
+        "bool": np.arange(7)[:, None] % 2 == 0,
+    }
+    others = {"note": "x", "cell": np.array([1, "a"], object), "struct": {"a": 1}, "columns": np.zeros((2, 2))}
+    sparse = scipy.sparse.csc_matrix(np.eye(2))
+    scipy.io.savemat(tmp_path / "t.mat", {**others, **numbers, "sparse": sparse}, do_compression=packed)
+    assert lists(tmp_path / "t.mat", *numbers) == {n: a.ravel().astype(float).tolist() for n, a in numbers.items()}
+
+
+@pytest.mark.parametrize("path", VECTORS, ids=lambda path: path.name)
+def test_mat_of_matlab_is_read_as_scipy_reads_it(path: Path) -> None:
+    found = {name: value for name, value in scipy.io.loadmat(path).items() if not name.startswith("__")}
+    found = {name: value for name, value in found.items() if 1 in value.shape}
+    assert found
+    assert lists(path, *found) == {name: value.ravel().astype(float).tolist() for name, value in found.items()}
+
+
+def test_mat_of_a_machine_of_the_other_byte_order_is_read(tmp_path: Path) -> None:
+    def element(kind: int, content: bytes) -> bytes:
+        return struct.pack(">II", kind, len(content)) + content + bytes(-len(content) % 8)
+
+    parts = [(6, struct.pack(">II", 6, 0)), (5, struct.pack(">ii", 3, 1)), (1, b"time")]
+    values = struct.pack(">hhh", 1, -2, 300)  # MATLAB keeps whole numbers small
+    matrix = element(14, b"".join(element(*part) for part in [*parts, (3, values)]))
+    assert lists(put(tmp_path / "t.mat", bytes(124) + b"\1\0MI" + matrix)) == {"time": [1, -2, 300]}
+
+
+# --- tables that cannot be read ----------------------------------------------------------------------
+
+
+def arrow(write: Callable[[pa.Table, Any], None] = pq.write_table, **columns: Any) -> Callable[[], bytes]:
+    return lambda: _written(lambda file: write(pa.table(columns), file))
+
+
+def npz(**arrays: Any) -> Callable[[], bytes]:
+    return lambda: _written(lambda file: np.savez(file, **arrays))
+
+
+def mat(*packed: bool, **variables: Any) -> Callable[[], bytes]:
+    return lambda: _written(lambda file: scipy.io.savemat(file, variables, do_compression=bool(packed)))
+
+
+def _written(write: Callable[[io.BytesIO], Any]) -> bytes:
+    file = io.BytesIO()
+    write(file)
+    return file.getvalue()
+
+
+def text(content: str | bytes) -> Callable[[], bytes]:
+    return lambda: content.encode() if isinstance(content, str) else content
+
+
+def zipped(*members: tuple[str, bytes]) -> Callable[[], bytes]:
+    def write(file: io.BytesIO) -> None:
+        with zipfile.ZipFile(file, "w") as archive:
+            for name, content in members:
+                archive.writestr(zipfile.ZipInfo(name), content)
+
+    return lambda: _written(write)
+
+
+def npy(shape: str, content: bytes = b"", descr: str = "<f8", version: bytes = b"\1\0") -> bytes:
+    head = f"{{'descr': '{descr}', 'fortran_order': False, 'shape': {shape}}}\n".encode()
+    return b"\x93NUMPY" + version + struct.pack("<H", len(head)) + head + content
+
+
+def cut(content: Callable[[], bytes], at: int) -> Callable[[], bytes]:
+    return lambda: content()[:at]
+
+
+def with_byte(content: Callable[[], bytes], at: int, byte: int) -> Callable[[], bytes]:
+    def changed() -> bytes:
+        whole = bytearray(content())
+        whole[at] = byte
+        return bytes(whole)
+
+    return changed
+
+
+CELLS = {"columns": np.array(["ctrl/a"], object), "variables": np.array(["ctrl_a"], object)}
+LONG = '{"time":1,"x":"' + "long" * 30 + '"}'
+TEXTS: list[Broken] = [
+    ("t.csv", text(""), "{}: is empty: a table begins with the names of its columns"),
+    ("t.csv", text("\n \n\r\n"), "{}: is empty: a table begins with the names of its columns"),
+    ("t.csv", text("0.0,1\n0.1,2\n"), "{}:1: holds numbers: a table begins with the names of its columns"),
+    ("t.csv", text("time;x\n0;1\n"), "{}:1: 'time;x' is one column: columns are separated by commas"),
+    ("t.csv", text("\ntime\tx\n0\t1\n"), r"{}:2: 'time\tx' is one column: columns are separated by commas"),
+    ("t.csv", text("time,x\n0,1\n".encode("utf-16")), "{}:1: is not text in UTF-8"),
+    ("t.csv", text("time,x\n0,1\n2\n"), "{}:3: expected 2 cells, as in the header, got 1"),
+    ("t.csv", text("time,x\n0,1\n\n2,3,\n"), "{}:4: expected 2 cells, as in the header, got 3"),
+    ("t.csv", text("time,x\n0,1\n1,abc\nd,2\n"), "{}:3: column 'x': 'abc' is not a number"),
+    ("t.csv", text("time,x\n0,1\nd,e\n"), "{}:3: column 'time': 'd' is not a number"),
+    ("t.csv", text("time,x\n0,1\n1,\n"), "{}:3: column 'x': an empty cell is not a number"),
+    ("t.csv", text('time,x\n0,1\n1,"2,5"\n'), "{}:3: column 'x': '2,5' is not a number"),
+    ("t.csv", text("time,x\n0,1_000\n"), "{}:2: column 'x': '1_000' is not a number"),
+    ("t.csv", text("time,x\n0,１\n"), "{}:2: column 'x': '１' is not a number"),
+    ("t.csv", text("time,x\n0,0x10\n"), "{}:2: column 'x': '0x10' is not a number"),
+    ("t.csv", text("time,x\n0,\x1b[31m\u202e\n"), r"{}:2: column 'x': '\x1b[31m\u202e' is not a number"),
+    ("t.csv", text(b"time,x\n0,\xb0\n"), r"{}:2: column 'x': '\udcb0' is not a number"),
+    ("t.csv", text("time,x\n0," + "y" * 99), f"{{}}:2: column 'x': '{'y' * 79}…' is not a number"),
+    ("t.csv", text('"ti\nme",x\n"1\n",2\n3,"4\r\n\n"\n5,"6 7"\n'), "{}:8: column 'x': '6 7' is not a number"),
+    ("t.csv", text('time,note,x\n0,"a\nb\n",1\n1,"c\n",y\n'), "{}:5: column 'x': 'y' is not a number"),
+    ("t.csv", text('time,note\n0,"a\nb"\n1\n'), "{}:4: expected 2 cells, as in the header, got 1"),
+    ("t.csv", text("time,x, time\n0,1,2\n"), "{}: two columns are called 'time'"),
+    ("t.csv", text('time,x\n0,1\n1,"2\n3,4\n'), "{}:3: cannot be read as .csv: unexpected end of data"),
+    ("t.csv", text('time,x\n0,"1"2\n'), "{}:2: cannot be read as .csv: ',' expected after '\"'"),
+    ("t.csv", text("time\n0,1\n"), "{}:2: expected 1 cell, as in the header, got 2"),
+    ("t.jsonl", text(""), "{}: is empty: its first row has the names of the columns"),
+    ("t.jsonl", text('{"time":1}\n\n{"time":}\n'), "{}:3: cannot be read as JSON: unexpected character*"),
+    ("t.jsonl", text('{"time":1}\n{"time":'), "{}:2: cannot be read as JSON: unexpected end of data*"),
+    ("t.jsonl", text(b'{"time":1}\n{"\xff":1}\n'), "{}:2: cannot be read as JSON: *"),
+    ("t.jsonl", text('[{"time":1}]\n'), '{}:1: is not an object, as in {{"time": 0.0}}'),
+    ("t.jsonl", text('{"time":1}\n2\n'), '{}:2: is not an object, as in {{"time": 0.0}}'),
+    ("t.jsonl", text('{"time":1,"x":0,"time":2}\n'), "{}:1: two columns are called 'time'"),
+    ("t.jsonl", text('{"time":1,"x":0}\n{"time":1}\n'), "{}:2: column 'x' is missing"),
+    ("t.jsonl", text('{"time":1}\n{"time":1,"x":0}\n'), "{}:2: column 'x' is not in the first row"),
+    ("t.jsonl", text('{"time":1}\n\n{"time":null}\n'), "{}:3: column 'time': null is not a number"),
+    ("t.jsonl", text('{"time":1}\n{"time":"2"}\n'), "{}:2: column 'time': '2' is not a number"),
+    ("t.jsonl", text('{"time":[1]}\n'), "{}:1: column 'time': a list is not a number"),
+    ("t.jsonl", text('{"time":{}}\n'), "{}:1: column 'time': an object is not a number"),
+    ("t.jsonl", text(LONG), f"{{}}:1: column 'x': '{'long' * 19}lon…' is not a number"),
+]
+COLUMNAR: list[Broken] = [
+    ("t.parquet", text(""), "{}: cannot be read as .parquet: *"),
+    ("t.parquet", text("time,x\n0,1\n"), "{}: cannot be read as .parquet: *"),
+    ("t.parquet", cut(arrow(time=[1.0]), -20), "{}: cannot be read as .parquet: *"),
+    ("t.parquet", with_byte(arrow(time=[1.0]), -7, 99), "{}: cannot be read as .parquet: *"),
+    ("t.parquet", arrow(time=[1.0], x=["a"]), "{}: column 'x' holds string, not numbers"),
+    ("t.parquet", arrow(x=pa.array(["a"]).dictionary_encode()), "{}: column 'x' holds string, not numbers"),
+    ("t.parquet", arrow(time=pa.array([0], pa.timestamp("s"))), "{}: column 'time' holds timestamp[ms], not numbers"),
+    ("t.parquet", arrow(x=[[1.0]]), "{}: column 'x' holds list<element: double>, not numbers"),
+    ("t.parquet", arrow(time=[1, 2], x=[1.0, None]), "{}: row 2: column 'x': null is not a number"),
+    ("t.parquet", arrow(x=pa.array([None, 1.5]).dictionary_encode()), "{}: row 1: column 'x': null is not a number"),
+    ("t.feather", text(""), "{}: cannot be read as .feather: *"),
+    ("t.arrow", arrow(time=[1.0]), "{}: cannot be read as .arrow: *"),
+    ("t.feather", cut(arrow(pyarrow.feather.write_feather, time=[1.0]), -9), "{}: cannot be read as .feather: *"),
+    ("t.feather", arrow(pyarrow.feather.write_feather, x=[1, None]), "{}: row 2: column 'x': null is not a number"),
+    ("t.npz", text(""), "{}: cannot be read as .npz: File is not a zip file"),
+    ("t.npz", cut(npz(time=np.zeros(3)), -9), "{}: cannot be read as .npz: File is not a zip file"),
+    ("t.npz", with_byte(npz(time=np.zeros(3)), 170, 1), "{}: cannot be read as .npz: Bad CRC-32 for file 'time.npy'"),
+    ("t.npz", npz(x=np.zeros((2, 3))), "{}: column 'x' has the shape (2, 3), not (n,)"),
+    ("t.npz", npz(x=np.zeros(())), "{}: column 'x' has the shape (), not (n,)"),
+    ("t.npz", npz(x=np.array(["a", "b"])), "{}: column 'x' holds text, not numbers"),
+    ("t.npz", npz(x=np.array([1j])), "{}: column 'x' holds complex values, not numbers"),
+    ("t.npz", npz(x=np.array([{}])), "{}: column 'x' holds objects, not numbers"),
+    ("t.npz", npz(x=np.zeros(2, "M8[s]")), "{}: column 'x' holds datetime64[s], not numbers"),
+    ("t.npz", npz(x=np.zeros(2, [("a", float)])), "{}: column 'x' holds void64, not numbers"),
+    ("t.npz", npz(time=np.zeros(2), x=np.zeros(3)), "{}: columns differ in rows: 'time' 2 and 'x' 3"),
+    (
+        "t.npz",
+        lambda: zipped(("x.npy", b""), ("y.npy", b""))().replace(b"y.npy", b"x.npy"),
+        "{}: two columns are called 'x'",
+    ),
+    ("t.npz", zipped(("x.npy", b"")), "{}: cannot be read as .npz: EOF: *"),
+    ("t.npz", zipped(("x.npy", pickle.dumps([1.0]))), "{}: cannot be read as .npz: *"),
+    ("t.npz", zipped(("x.npy", npy("(2,)", bytes(8)))), "{}: cannot be read as .npz: buffer is smaller than*"),
+    (
+        "t.npz",
+        zipped(("x.npy", npy("(2,)", bytes(17)))),
+        "{}: cannot be read as .npz: an array is longer than its shape",
+    ),
+    ("t.npz", zipped(("x.npy", npy("(-2,)"))), "{}: cannot be read as .npz: *"),
+    ("t.npz", zipped(("x.npy", npy(f"({2**80},)"))), "{}: cannot be read as .npz: *"),
+    ("t.npz", zipped(("x.npy", npy(f"({2**55},)"))), "{}: its columns do not fit in memory"),
+    ("t.npz", zipped(("x.npy", npy("(0,)", version=b"\7\0"))), "{}: cannot be read as .npz: *version*"),
+    ("t.mat", text(""), "{}: cannot be read as .mat: it is not of MATLAB 5 to 7.2; MATLAB saves one with -v7"),
+    (
+        "t.mat",
+        text(b"MATLAB 7.3 MAT-file".ljust(124) + b"\0\2IM" + bytes(600)),
+        "{}: cannot be read as .mat: it is not of*",
+    ),
+    ("t.mat", cut(mat(x=np.zeros((9, 1))), -8), "{}: cannot be read as .mat: it is cut off"),
+    ("t.mat", cut(mat(x=np.zeros((9, 1))), 131), "{}: cannot be read as .mat: *"),
+    (
+        "t.mat",
+        with_byte(mat(x=np.zeros((9, 1))), 128, 99),
+        "{}: cannot be read as .mat: it holds data of the unknown type 99",
+    ),
+    ("t.mat", with_byte(mat(x=np.zeros((9, 1))), 160, 8), "{}: cannot be read as .mat: a matrix is not of the size*"),
+    (
+        "t.mat",
+        with_byte(mat(x=np.zeros((9, 1))), 180, 99),
+        "{}: cannot be read as .mat: a part of a variable is longer*",
+    ),
+    (
+        "t.mat",
+        with_byte(mat(True, x=np.zeros((9, 1))), -1, 99),
+        "{}: cannot be read as .mat: Error -3 while decompressing*",
+    ),
+    ("t.mat", mat(x=np.zeros((2, 3))), "{}: column 'x' has the shape (2, 3), not (n, 1) or (1, n)"),
+    ("t.mat", mat(x="text"), "{}: column 'x' holds text, not numbers"),
+    ("t.mat", mat(x={"a": 1}), "{}: column 'x' holds a structure, not numbers"),
+    ("t.mat", mat(x=np.array([1, "a"], object)), "{}: column 'x' holds cells, not numbers"),
+    ("t.mat", mat(x=scipy.sparse.csc_matrix(np.eye(2))), "{}: column 'x' holds a sparse matrix, not numbers"),
+    ("t.mat", mat(x=np.array([[1j]])), "{}: column 'x' holds complex values, not numbers"),
+    ("t.mat", mat(a=np.zeros((2, 1)), b=np.zeros((3, 1))), "{}: columns differ in rows: 'a' 2 and 'b' 3"),
+    ("t.mat", mat(**CELLS), "{}: cannot be read as .mat: a column has no variable"),
+    ("t.mat", lambda: mat(x=np.ones((1, 1)))() + mat(x=np.ones((1, 1)))()[128:], "{}: two columns are called 'x'"),
+]
+
+
+@pytest.mark.parametrize(("name", "content", "message"), [*TEXTS, *COLUMNAR])
+def test_a_broken_table_is_told_in_a_sentence(
+    tmp_path: Path, name: str, content: Callable[[], bytes], message: str
+) -> None:
+    path = put(tmp_path / name, content())
+    with pytest.raises(FileError) as error:
+        read_table(path, lambda column: column != "note")
+    told, pattern = str(error.value), re.escape(message.format(path)).replace(r"\*", ".*")
+    assert re.fullmatch(pattern, told), told
+    assert error.value.exit_code == 7
+    assert "\n" not in told
+    assert clean(told) == told
+
+
+@pytest.mark.parametrize("row", [1, 2, 3, 4, 7, 11])
+@pytest.mark.parametrize("form", ["csv", "jsonl", "parquet", "feather"])
+def test_the_place_of_a_bad_cell_is_right_in_every_piece(
+    tmp_path: Path, small_pieces: None, form: str, row: int
+) -> None:
+    cells: list[float | None] = [0.5] * 12
+    cells[row - 1] = None
+    table, path = pa.table({"note": ["a\nb"] * 12, "time": pa.array(cells, pa.float64())}), tmp_path / f"t.{form}"
+    if form == "csv":
+        pyarrow.csv.write_csv(table, path)
+    elif form == "jsonl":
+        put(path, "".join(json.dumps(record) + "\n" for record in table.to_pylist()))
+    elif form == "parquet":
+        pq.write_table(table, path, row_group_size=5)
+    else:
+        pyarrow.feather.write_feather(table, path, chunksize=5)
+    place = {"csv": f":{2 * row}: ", "jsonl": f":{row}: "}.get(form, f": row {row}: ")
+    with pytest.raises(FileError, match=f"^{re.escape(str(path))}{place}column 'time': "):
+        read_table(path, "time".__eq__)
+
+
+def test_columns_that_are_not_wanted_may_be_anything(tmp_path: Path) -> None:
+    files = [
+        put(tmp_path / "t.csv", "x,time,x,\na,1,,b\n"),
+        put(tmp_path / "t.jsonl", '{"x":"a","time":1,"y":null}\n'),
+        put(tmp_path / "t.npz", zipped(("x.npy", b""), ("time.npy", npy("(1,)", struct.pack("<d", 1))), ("x", b""))()),
+        put(tmp_path / "t.mat", mat(x="a", time=1.0, y=np.zeros((2, 2)))()),
+    ]
+    pq.write_table(pa.table([["a"], [1.0], [None]], ["x", "time", "x"]), tmp_path / "t.parquet")
+    for path in [*files, tmp_path / "t.parquet"]:
+        assert lists(path, "time") == {"time": [1]}
+
+
+def test_what_is_pickled_stays_so(tmp_path: Path) -> None:
+    class Trap:
+        def __reduce__(self) -> tuple[Any, ...]:
+            return os.mkdir, (str(tmp_path / "sprung"),)
+
+    path = put(tmp_path / "t.npz", npz(time=np.array([Trap()]))())
+    for wanted in (everything, "x".__eq__):
+        try:
+            read_table(path, wanted)
+        except FileError as error:
+            assert str(error) == f"{path}: column 'time' holds objects, not numbers"  # noqa: PT017
+    assert not (tmp_path / "sprung").exists()
+
+
+def test_a_line_without_end_is_refused_before_it_fills_the_memory(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(table_reader, "LINE", 2**10)
+    for name, content in (("t.csv", "time,x\n0,"), ("t.jsonl", '{"time":0}\n{"time":')):
+        path = put(tmp_path / name, content + "0" * 2**20)
+        with pytest.raises(FileError, match=f"^{re.escape(str(path))}:2: is a line of more than 1024 characters"):
+            read_table(path, everything)
+
+
+def test_a_small_file_that_unpacks_to_much_more_than_it_says_is_refused(tmp_path: Path) -> None:
+    bomb = zlib.compress(struct.pack("<II", 14, 64) + bytes(2**26))
+    path = put(tmp_path / "t.mat", bytes(124) + b"\0\1IM" + struct.pack("<II", 15, len(bomb)) + bomb)
+    tracemalloc.start()
+    try:
+        with pytest.raises(FileError, match=r"cannot be read as .mat: a variable is cut off"):
+            read_table(path, everything)
+        assert tracemalloc.get_traced_memory()[1] < 2**20  # bytes
+    finally:
+        tracemalloc.stop()
+
+
+SOUND: dict[str, list[Callable[[], bytes]]] = {
+    "csv": [text('time,"a,b"\n0.5,nan\n"1",-2e5\n')],
+    "jsonl": [text('{"time":0.5,"a":1}\n{"time":1,"a":-2e5}\n')],
+    "parquet": [arrow(time=[0.5, 1.0], a=pa.array([1, 2]).dictionary_encode(), note=["x", None])],
+    "feather": [arrow(pyarrow.feather.write_feather, time=[0.5, 1.0], a=pa.array([1.5, 2]).dictionary_encode())],
+    "npz": [npz(time=np.zeros(2), a=np.arange(2)), lambda: _written(lambda file: np.savez_compressed(file, a=[1.0]))],
+    "mat": [mat(x=np.zeros((3, 1)), ctrl_a=np.ones((3, 1)), **CELLS), mat(True, ctrl_a=np.ones((3, 1)), **CELLS)],
+}
+
+
+@pytest.mark.parametrize("form", FORMATS)
+@given(data=st.data())
+@settings(hypothesis, max_examples=300)
+def test_whatever_happens_to_a_file_it_is_read_or_refused(tmp_path: Path, form: str, data: st.DataObject) -> None:
+    content = bytearray(data.draw(st.sampled_from(SOUND[form]))())
+    for _ in range(data.draw(st.integers(1, 3))):
+        at, length = data.draw(st.integers(0, len(content))), data.draw(st.sampled_from([0, 0, 1, 4, 8, 10**6]))
+        content[at : at + length] = data.draw(st.binary(max_size=4) if length < 10**6 else st.just(b""))
+    path = put(tmp_path / f"t.{form}", bytes(content))
+    try:
+        lists(path)
+    except MjrunError as error:
+        assert str(error).startswith(str(path))  # noqa: PT017
+        assert clean(str(error)) == str(error)  # noqa: PT017
+
+
+# --- files that are not there ------------------------------------------------------------------------
+
+
+def test_a_file_that_is_not_there_is_told_with_one_that_is(tmp_path: Path) -> None:
+    put(tmp_path / "throw.csv", "time\n0\n")
+    put(tmp_path / "throw.txt", "")
+    with pytest.raises(FileError) as error:
+        read_table(tmp_path / "thrwo.csv", everything)
+    assert str(error.value) == f"{tmp_path}/thrwo.csv: no such file (did you mean 'throw.csv'?)"
+    for missing in (tmp_path / "none/t.csv", tmp_path / "throw.csv/t.csv"):
+        with pytest.raises(FileError) as error:
+            read_table(missing, everything)
+        assert str(error.value) == f"{missing}: no such file"
+
+
+def test_what_is_no_file_is_told(tmp_path: Path) -> None:
+    (tmp_path / "t.csv").mkdir()
+    os.mkfifo(tmp_path / "p.csv")
+    for path, message in (
+        (tmp_path / "t.csv", "is a folder, not a table"),
+        (tmp_path, "is a folder, not a table"),
+        (tmp_path / "p.csv", "is not a regular file"),
+        (tmp_path / ("x" * 300 + ".csv"), "cannot be read: File name too long"),
+    ):
+        with pytest.raises(FileError) as error:
+            read_table(path, everything)
+        assert str(error.value) == f"{path}: {message}"
+    with pytest.raises(FileError, match=r"\\x00.csv: cannot be read: embedded null byte"):
+        read_table(tmp_path / "\0.csv", everything)
+
+
+@pytest.mark.parametrize("suffix", SUFFIXES)
+def test_a_file_that_may_not_be_opened_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, suffix: str) -> None:
+    def refuse(*_: object, **__: object) -> None:
+        raise PermissionError(13, "Permission denied")
+
+    path = put(tmp_path / f"t{suffix}", "")
+    monkeypatch.setattr(Path, "open", refuse)
+    with pytest.raises(FileError) as error:
+        read_table(path, everything)
+    assert str(error.value) == f"{path}: cannot be read: Permission denied"
+
+
+def test_a_suffix_that_means_no_format_is_told_with_those_that_do(tmp_path: Path) -> None:
+    path = put(tmp_path / "t.xlsx", "")
+    with pytest.raises(UnknownNameError) as error:
+        read_table(path, everything)
+    assert str(error.value) == f"no table format '.xlsx' in {path}\ntable formats: " + ", ".join(SUFFIXES)
+
+
+@pytest.mark.parametrize("suffix", [".parquet", ".feather", ".arrow"])
+def test_without_pyarrow_what_needs_it_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, suffix: str) -> None:
+    monkeypatch.setattr(importlib.util, "find_spec", lambda name: None if name == "pyarrow" else name)
+    with pytest.raises(MissingExtraError) as error:
+        read_table(put(tmp_path / f"t{suffix}", ""), everything)
+    assert str(error.value) == f"reading {suffix} needs pyarrow, which is not installed\npip install 'mjrun[parquet]'"
+    assert lists(write(tmp_path / "t.csv", np.ones((1, 3))), "time") == {"time": [1.0]}
+
+
+def test_memory_that_runs_out_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def full(*_: object) -> None:
+        raise MemoryError
+
+    monkeypatch.setattr(np, "concatenate", full)
+    with pytest.raises(FileError, match=r"t.csv: its columns do not fit in memory"):
+        read_table(put(tmp_path / "t.csv", "time\n0\n"), everything)

@@ -1,0 +1,260 @@
+"""Films, looked at by a decoder."""
+
+import io
+import struct
+import subprocess
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from fractions import Fraction
+from pathlib import Path
+
+import imageio_ffmpeg
+import numpy as np
+import pytest
+from PIL import Image, ImageSequence
+
+from mjrun.errors import EncoderError, MjrunError
+from mjrun.formats.codecs import CODECS, encoding
+from mjrun.formats.video import FilmWriter, encoder_version, working_codecs
+
+SIZE = (64, 48)
+FPS = Fraction(25)
+GREY, RED, GREEN, BLUE = (128, 128, 128), (200, 30, 30), (30, 180, 60), (40, 60, 200)
+
+
+def frames(count: int, size: tuple[int, int] = SIZE, moving: bool = True) -> np.ndarray:
+    """Four flat colours, and a white square that moves two pixels per frame."""
+    width, height = size
+    films = np.empty((count, height, width, 3), np.uint8)
+    films[:, : height // 2, : width // 2] = GREY
+    films[:, : height // 2, width // 2 :] = RED
+    films[:, height // 2 :, : width // 2] = GREEN
+    films[:, height // 2 :, width // 2 :] = BLUE
+    for k in range(count if moving else 0):
+        films[k, 4:12, 2 * k % (width - 8) : 2 * k % (width - 8) + 8] = 255
+    return films
+
+
+def write(output: str, pictures: np.ndarray, promised: int | None = None, fps: Fraction = FPS, **how: object) -> None:
+    chosen = encoding(output, **how)  # type: ignore[arg-type]
+    size = (pictures.shape[2], pictures.shape[1])
+    with FilmWriter(output, chosen, size, fps, len(pictures) if promised is None else promised) as film:
+        for picture in pictures:
+            film.write(picture)
+        film.publish()
+
+
+@pytest.mark.parametrize(
+    ("name", "codec", "error"),
+    [
+        ("f.mp4", "h264", 4),
+        ("f.mp4", "h265", 6),
+        ("f.mp4", "av1", 6),
+        ("f.mov", "h264", 4),
+        ("f.mov", "prores", 4),
+        ("f.mkv", "ffv1", 0),
+        ("f.mkv", "h264rgb", 0),
+        ("f.mp4", "h264rgb", 0),
+        ("f.webm", "vp9", 6),
+        ("f.webm", "av1", 6),
+        ("f.apng", "apng", 0),
+        ("f.gif", "gif", 8),
+    ],
+)
+def test_a_film_has_every_frame_in_order_and_in_its_colours(
+    tmp_path: Path, decode: Callable, name: str, codec: str, error: float
+) -> None:
+    original = frames(12)
+    write(str(tmp_path / name), original, codec=codec)
+    film = decode(tmp_path / name)
+    assert film.frames.shape == original.shape
+    assert film.fps == 25
+    difference = np.abs(film.frames.astype(int) - original)
+    assert np.sqrt((difference**2).mean(axis=(1, 2, 3))).max() <= error * 2.5
+    for colour, corner in ((GREY, (20, 10)), (RED, (20, 54)), (GREEN, (40, 10)), (BLUE, (40, 54))):
+        assert np.abs(film.frames[:, *corner].astype(int) - colour).max() <= error
+    for k in (0, 5, 11):
+        assert film.frames[k, 8, 2 * k + 4].min() > 200
+
+
+def test_bare_pixels_are_the_frames(tmp_path: Path) -> None:
+    original = frames(5)
+    write(str(tmp_path / "f.rgb"), original)
+    write(str(tmp_path / "g.bin"), original, format="rgb")
+    for name in ("f.rgb", "g.bin"):
+        found = np.frombuffer((tmp_path / name).read_bytes(), np.uint8)
+        assert np.array_equal(found.reshape(original.shape), original)
+
+
+@pytest.mark.parametrize(("name", "codec"), [("n.mkv", "ffv1-gray16"), ("n/", "png-gray16")])
+def test_numbers_of_sixteen_bits_stay_as_they_are(tmp_path: Path, name: str, codec: str) -> None:
+    original = np.random.default_rng(0).integers(0, 2**16, (3, 48, 64)).astype(np.uint16)
+    chosen = encoding(f"{tmp_path}/{name}", content="exact")
+    assert chosen.codec == codec
+    with FilmWriter(f"{tmp_path}/{name}", chosen, SIZE, FPS, 3) as film:
+        for numbers in original:
+            film.write(numbers)
+        film.publish()
+    if name.endswith("/"):
+        found = np.stack([np.array(Image.open(file)) for file in sorted((tmp_path / name).iterdir())])
+    else:
+        program = imageio_ffmpeg.get_ffmpeg_exe()
+        raw = [program, "-v", "error", "-i", f"{tmp_path}/{name}", "-f", "rawvideo", "-pix_fmt", "gray16le", "-"]
+        done = subprocess.run(raw, capture_output=True, check=True)
+        found = np.frombuffer(done.stdout, "<u2").reshape(original.shape)
+    assert np.array_equal(found, original)
+
+
+def test_an_animated_webp_has_every_frame(tmp_path: Path) -> None:
+    original = frames(12)
+    write(str(tmp_path / "f.webp"), original)
+    with Image.open(tmp_path / "f.webp") as film:
+        found = np.stack([np.asarray(frame.convert("RGB")) for frame in ImageSequence.Iterator(film)])
+    assert found.shape == original.shape
+    assert np.abs(found[:, 40, 54].astype(int) - BLUE).max() < 12
+
+
+@pytest.mark.parametrize("name", ["f.webp", "f.gif", "f.apng", "f.mp4"])
+def test_a_film_in_which_nothing_moves_is_a_film(tmp_path: Path, name: str) -> None:
+    write(str(tmp_path / name), frames(8, moving=False))
+    assert (tmp_path / name).stat().st_size > 100
+
+
+def test_a_webp_with_pauses_lasts_as_long_as_promised(tmp_path: Path) -> None:
+    original = frames(12)
+    original[3:9] = original[3]
+    write(str(tmp_path / "f.webp"), original)
+    with Image.open(tmp_path / "f.webp") as film:
+        lasts = []
+        for frame in ImageSequence.Iterator(film):
+            frame.load()
+            lasts.append(film.info["duration"])
+    assert sum(lasts) == 12 * 40
+
+
+@pytest.mark.parametrize("name", ["frames/", "f_%03d.png"])
+def test_pngs_are_the_frames_to_the_last_bit(tmp_path: Path, name: str) -> None:
+    original = frames(5)
+    write(f"{tmp_path}/{name}", original)
+    files = sorted(tmp_path.rglob("*.png"))
+    assert np.array_equal(np.stack([np.asarray(Image.open(file)) for file in files]), original)
+
+
+def test_an_mp4_plays_in_a_browser(tmp_path: Path, decode: Callable) -> None:
+    write(str(tmp_path / "f.mp4"), frames(5))
+    stream = decode(tmp_path / "f.mp4").stream
+    assert "h264" in stream
+    assert "yuv420p(tv, bt709" in stream
+    boxes = [kind for kind, _ in top_boxes((tmp_path / "f.mp4").read_bytes())]
+    assert boxes.index(b"moov") < boxes.index(b"mdat")
+
+
+def top_boxes(film: bytes) -> Iterator[tuple[bytes, int]]:
+    """Kind and size of an ISO media file's outermost boxes."""
+    stream = io.BytesIO(film)
+    while head := stream.read(8):
+        size, kind = struct.unpack(">I4s", head)
+        yield kind, size
+        stream.seek(size - 8, io.SEEK_CUR)
+
+
+@pytest.mark.parametrize("size", [(63, 48), (64, 47), (63, 47)])
+def test_odd_sides_are_padded_by_repeating_the_edge(tmp_path: Path, decode: Callable, size: tuple[int, int]) -> None:
+    original = frames(3, size)
+    write(str(tmp_path / "f.mp4"), original)
+    found = decode(tmp_path / "f.mp4").frames
+    assert found.shape == (3, 48, 64, 3)
+    shown = found[:, : size[1], : size[0]].astype(int)
+    assert np.abs(shown - original).mean() < 6
+    if size[0] == 63:
+        assert np.abs(found[:, 40, 63].astype(int) - BLUE).max() < 12
+
+
+def test_rates_are_kept_exactly(tmp_path: Path, decode: Callable) -> None:
+    write(str(tmp_path / "f.mp4"), frames(3), fps=Fraction(30000, 1001))
+    assert decode(tmp_path / "f.mp4").fps == 29.97
+
+
+def test_quality_and_effort_reach_the_encoder(tmp_path: Path) -> None:
+    noise = np.random.default_rng(0).integers(0, 255, (6, 48, 64, 3), np.uint8)
+    sizes = {}
+    for crf in (5, 40):
+        write(str(tmp_path / "f.mp4"), noise, crf=crf, preset="ultrafast")
+        sizes[crf] = (tmp_path / "f.mp4").stat().st_size
+    assert sizes[40] < sizes[5] / 2
+
+
+@pytest.mark.parametrize("promised", [4, 6])
+def test_a_film_that_is_not_what_was_promised_is_not_published(tmp_path: Path, promised: int) -> None:
+    (tmp_path / "f.mp4").write_text("old")
+    with pytest.raises(EncoderError, match=f"the film has 5 frames, {promised} were promised"):
+        write(str(tmp_path / "f.mp4"), frames(5), promised)
+    assert (tmp_path / "f.mp4").read_text() == "old"
+
+
+def test_a_file_that_lost_frames_is_noticed(tmp_path: Path) -> None:
+    with FilmWriter(str(tmp_path / "f.mp4"), encoding("f.mp4"), SIZE, FPS, 5) as film:
+        for picture in frames(5)[:4]:
+            film.write(picture)
+        film.written += 1  # as if the encoder had dropped one
+        with pytest.raises(EncoderError, match="the encoder wrote 4 frames, 5 were promised"):
+            film.publish()
+
+
+def test_a_killed_encoder_is_an_error_and_leaves_the_old_film(tmp_path: Path) -> None:
+    (tmp_path / "f.mp4").write_text("old")
+    large = frames(1, (640, 480))[0]
+
+    def go_on_writing(film: FilmWriter) -> None:
+        film.write(large)
+        film._child.kill()
+        while True:
+            film.write(large)
+            time.sleep(0.001)
+
+    with (
+        FilmWriter(str(tmp_path / "f.mp4"), encoding("f.mp4"), (640, 480), FPS, 100) as film,
+        pytest.raises(EncoderError, match="the encoder failed after"),
+    ):
+        go_on_writing(film)
+    assert (tmp_path / "f.mp4").read_text() == "old"
+
+
+def test_what_the_encoder_said_last_is_in_the_error(tmp_path: Path) -> None:
+    broken = replace(encoding("f.mp4"), preset="nonsense")
+
+    def go_on_writing(film: FilmWriter) -> None:
+        for picture in frames(200):
+            film.write(picture)
+        film.publish()
+
+    with (
+        FilmWriter(str(tmp_path / "f.mp4"), broken, SIZE, FPS, 200) as film,
+        pytest.raises(EncoderError, match="nonsense"),
+    ):
+        go_on_writing(film)
+
+
+def test_too_small_a_film_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(MjrunError, match="at least 16x16"):
+        FilmWriter(str(tmp_path / "f.mp4"), encoding("f.mp4"), (64, 8), FPS, 1)
+
+
+def test_a_frame_of_another_size_is_a_programming_error(tmp_path: Path) -> None:
+    with (
+        FilmWriter(str(tmp_path / "f.mp4"), encoding("f.mp4"), SIZE, FPS, 1) as film,
+        pytest.raises(ValueError, match="a frame must be uint8"),
+    ):
+        film.write(np.zeros((10, 10, 3), np.uint8))
+
+
+def test_every_codec_works_here() -> None:
+    assert encoder_version()
+    assert working_codecs() == dict.fromkeys(CODECS, True)
+
+
+def test_a_missing_encoder_is_said_so(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("IMAGEIO_FFMPEG_EXE", "/nowhere/ffmpeg")
+    with pytest.raises(EncoderError, match="ffmpeg cannot be run"):
+        encoder_version()

@@ -1,0 +1,269 @@
+"""Many outputs of one simulation in one pass: the same as each alone."""
+
+import json
+import warnings
+from dataclasses import replace
+from fractions import Fraction
+from pathlib import Path
+from typing import Any
+
+import mujoco
+import numpy as np
+import pytest
+from PIL import Image as Pillow
+
+from mjrun.camera.script import AroundRig, Event, Script, Shot
+from mjrun.errors import FailedAssertionError, FileError, JobsError, UnknownNameError, UnstableError, UsageError
+from mjrun.job.image import Image
+from mjrun.job.perform import perform, planned
+from mjrun.job.plot import Plot
+from mjrun.job.recording import Recording
+from mjrun.job.simulation import Simulation
+from mjrun.job.trace import Trace
+from mjrun.job.video import Video
+from mjrun.model.override import Setting
+from mjrun.model.source import Source
+
+pytestmark = pytest.mark.filterwarnings("ignore:drawing in software")
+
+SIZE = (64, 48)
+
+
+def frames(folder: Path) -> list[np.ndarray]:
+    return [np.array(Pillow.open(path)) for path in sorted(folder.iterdir())]
+
+
+def test_one_pass_makes_what_each_job_makes_alone(swing: Path, tmp_path: Path) -> None:
+    simulation = Simulation(swing, duration=0.2, qvel={"hinge": 3})
+
+    def jobs(folder: Path) -> list[Video | Image | Trace | Plot | Recording]:
+        folder.mkdir()
+        return [
+            Video(simulation, f"{folder}/f/", fps=20, size=SIZE, camera="side", text="{energy/kinetic:.3f}"),
+            Image(simulation, f"{folder}/i.png", at=0.1, size=SIZE, view="depth"),
+            Trace(simulation, f"{folder}/t.csv", probes=["qpos", "energy"], every=3, contacts=f"{folder}/c.csv"),
+            Trace(simulation, f"{folder}/u.npz"),
+            Plot(simulation, f"{folder}/p.png", probes=["energy", "qpos/hinge"], size=(200, 160)),
+            Recording(simulation, f"{folder}/r.npz"),
+        ]
+
+    together = perform(jobs(tmp_path / "together"))
+    alone = [job.run() for job in jobs(tmp_path / "alone")]
+    for name in ("i.png", "p.png"):
+        one, other = (np.array(Pillow.open(tmp_path / folder / name)) for folder in ("together", "alone"))
+        assert np.array_equal(one, other)
+    for one, other in zip(frames(tmp_path / "together/f"), frames(tmp_path / "alone/f"), strict=True):
+        assert np.array_equal(one, other)
+    for name in ("t.csv", "c.csv"):
+        assert (tmp_path / "together" / name).read_bytes() == (tmp_path / "alone" / name).read_bytes()
+    for name in ("u.npz", "r.npz"):
+        one, other = (np.load(tmp_path / folder / name) for folder in ("together", "alone"))
+        assert all(np.array_equal(one[key], other[key]) for key in one.files if one[key].dtype.kind in "fi")
+    assert [type(result) for result in together] == [type(result) for result in alone]
+
+
+def test_a_replay_gives_the_same_numbers_as_the_simulation(swing: Path, tmp_path: Path) -> None:
+    live = Simulation(swing, steps=120, qvel={"hinge": 3})
+    perform([Trace(live, f"{tmp_path}/a.csv"), Recording(live, f"{tmp_path}/r.npz")])
+    Trace(Simulation(swing, replay=f"{tmp_path}/r.npz"), f"{tmp_path}/b.csv").run()
+    assert (tmp_path / "a.csv").read_bytes() == (tmp_path / "b.csv").read_bytes()
+    with pytest.raises(UsageError, match="the recording ends at step 120"):
+        Trace(Simulation(swing, replay=f"{tmp_path}/r.npz", steps=121), f"{tmp_path}/c.csv").run()
+    with pytest.raises(UsageError, match="--qvel would change it"):
+        Simulation(swing, replay=f"{tmp_path}/r.npz", qvel={"hinge": 1})
+
+
+def thrown(path: Path) -> int:
+    """The first step at which the ball of `swing` touches the floor, by a bare loop."""
+    model = mujoco.MjModel.from_xml_path(str(path))
+    data = mujoco.MjData(model)
+    ball, floor = model.geom("ball").id, model.geom("floor").id
+    for step in range(500):
+        mujoco.mj_forward(model, data)
+        if any({*contact.geom} == {ball, floor} for contact in data.contact):
+            return step
+        mujoco.mj_step(model, data)
+    raise AssertionError("it never does")
+
+
+def test_an_event_cuts_stills_and_films_at_the_very_step(swing: Path, tmp_path: Path, backend: object) -> None:
+    hit = thrown(swing)
+    assert 20 < hit < 200
+    simulation = Simulation(swing, duration=0.5)
+    event = Event("contact(ball, floor)")
+    slow = Script("hit", [Shot(AroundRig(), until=event), Shot(AroundRig("ball"), speed=Fraction(1, 2))])
+    film = Video(simulation, f"{tmp_path}/f/", fps=20, size=SIZE, camera=slow, text="{step}")
+    still = Image(simulation, f"{tmp_path}/i.png", at=event, size=SIZE)
+    made = perform([film, still])
+    timestep = Fraction(1, 500)
+    lasts = hit * timestep + 2 * (Fraction(1, 2) - hit * timestep)
+    assert made[0].frames == -(-lasts // Fraction(1, 20))
+    assert made[1].step == hit
+    again = perform([replace(still, output=f"{tmp_path}/j.png", at=None, step=hit)])
+    assert again[0].step == hit
+    assert np.array_equal(np.array(Pillow.open(tmp_path / "i.png")), np.array(Pillow.open(tmp_path / "j.png")))
+
+
+def test_an_assertion_that_fails_keeps_all_outputs(swing: Path, tmp_path: Path) -> None:
+    simulation = Simulation(swing, steps=10)
+    jobs = [Trace(simulation, f"{tmp_path}/a.csv", asserts=["time < 0"]), Recording(simulation, f"{tmp_path}/r.npz")]
+    with pytest.raises(FailedAssertionError):
+        perform(jobs)
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["a.csv", "r.npz", "swing.xml"]
+
+
+def test_what_fails_early_leaves_nothing_of_any_job(swing: Path, tmp_path: Path) -> None:
+    simulation = Simulation(swing, steps=10)
+    good = Trace(simulation, f"{tmp_path}/a.csv")
+    for bad, error in (
+        (Trace(simulation, f"{tmp_path}/b.csv", probes=["nothing"]), JobsError),
+        (Plot(simulation, f"{tmp_path}/none/p.png", probes=["energy"]), FileError),
+        (Image(simulation, f"{tmp_path}/i.png", at=Event("speed(nobody) > 1")), JobsError),
+    ):
+        with pytest.raises(error):
+            perform([good, bad])
+        assert [path.name for path in tmp_path.iterdir()] == ["swing.xml"]
+
+
+def test_an_instability_keeps_partial_traces_only(exploding: Path, tmp_path: Path) -> None:
+    simulation = Simulation(exploding, key="fast", duration=5)
+    kept = Trace(simulation, f"{tmp_path}/a.csv", keep_partial=True, manifest=f"{tmp_path}/m.json")
+    with pytest.raises(UnstableError) as caught:
+        perform([kept, Recording(simulation, f"{tmp_path}/r.npz")])
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["a.csv", "exploding.xml", "m.json"]
+    assert len((tmp_path / "a.csv").read_text().splitlines()) == caught.value.step + 2
+    assert json.loads((tmp_path / "m.json").read_text())["failure"] == str(caught.value)
+
+
+def test_jobs_of_two_simulations_or_none_are_no_pass(swing: Path) -> None:
+    with pytest.raises(UsageError, match="of the same simulation"):
+        perform([Trace(Simulation(swing)), Trace(Simulation(swing))])
+    with pytest.raises(UsageError, match="no output"):
+        perform([])
+
+
+def test_a_plan_counts_what_is_then_made(swing: Path, tmp_path: Path) -> None:
+    simulation = Simulation(swing, duration=0.1)
+    event = Script("hit", [Shot(AroundRig(), until=Event("time > 0.05")), Shot(AroundRig())])
+    jobs = [
+        Video(simulation, f"{tmp_path}/f.mp4", fps=20, size=(64, 48)),
+        Video(simulation, f"{tmp_path}/g.mp4", fps=20, size=(64, 48), camera=event),
+        Trace(simulation, f"{tmp_path}/t.csv", every=7),
+        Recording(simulation, f"{tmp_path}/r.npz"),
+    ]
+    plan = planned(jobs)
+    assert [path.name for path in tmp_path.iterdir()] == ["swing.xml"]
+    made = perform(jobs)
+    assert [part.count for part in plan.outlines] == [made[0].frames, None, made[2].rows, made[3].states]
+    assert (plan.steps, plan.duration) == (50, 0.1)
+
+
+def test_all_that_is_wrong_with_jobs_is_told_at_once(swing: Path, tmp_path: Path) -> None:
+    simulation = Simulation(swing, duration=0.1, qpos={"hing": 1})
+    film = Video(simulation, f"{tmp_path}/f.mp4", camera="sde", size=SIZE)
+    trace = Trace(simulation, f"{tmp_path}/t.csv", probes=["qpos"])
+    plot = Plot(simulation, f"{tmp_path}/p.png", probes=["enrgy"])
+    with pytest.raises(JobsError) as caught:
+        perform([film, trace, plot])
+    assert [index for index, _ in caught.value.faults] == [0, 2, None]
+    assert [getattr(error, "name", None) for _, error in caught.value.faults] == ["sde", "enrgy", "hing"]
+    assert [line for line in str(caught.value).splitlines() if line.startswith("no ")] == [
+        "no camera 'sde' (did you mean 'side'?)",
+        "no probe 'enrgy' (did you mean 'energy'?)",
+        "no joint 'hing' (did you mean 'hinge'?)",
+    ]
+    with pytest.raises(UnknownNameError, match="no probe 'enrgy'"):
+        planned([replace(plot, simulation=replace(simulation, qpos={}))])
+    assert [*tmp_path.iterdir()] == [swing]
+
+
+def test_no_file_is_written_twice_or_read_and_written(swing: Path, tmp_path: Path) -> None:
+    simulation = Simulation(swing, duration=0.1)
+    at = f"{tmp_path}/"
+    before = swing.read_bytes()
+    for jobs, said in [
+        ([Image(simulation, f"{at}a.json", view="seg", calibration=f"{at}a.json")], "a.json clashes with the output"),
+        ([Image(simulation, f"{at}a.png", manifest=f"{at}a.png")], "a.png clashes with the output"),
+        ([Image(simulation, f"{at}a.png", view="seg", calibration=f"{at}a.labels.json")], "a.labels.json clashes"),
+        (
+            [Image(simulation, f"{at}a.png", calibration=f"{at}c.json", manifest=f"{at}c.json")],
+            "c.json clashes with the",
+        ),
+        (
+            [Video(simulation, f"{at}a.mkv", view=["rgb", "seg"], separate=True, calibration=f"{at}a-seg.labels.json")],
+            "a-seg.labels.json clashes with the output",
+        ),
+        (
+            [Video(simulation, f"{at}f/", calibration=f"{at}f/transforms.json")],
+            "transforms.json clashes with the output",
+        ),
+        ([Trace(simulation, f"{at}t.npz"), Recording(simulation, f"{at}t.npz")], "t.npz clashes with the output"),
+        ([Image(simulation, f"{at}a.png", calibration=str(swing))], "swing.xml clashes with the model, which is read"),
+        ([Plot(simulation, f"{at}a.png", probes=["time"], manifest=f"{at}x/../swing.xml")], "clashes with the model"),
+    ]:
+        with pytest.raises(UsageError, match=f"{said}.*; each output needs a file of its own"):
+            perform(jobs)
+        assert [*tmp_path.iterdir()] == [swing]
+    assert swing.read_bytes() == before
+
+
+def test_an_error_brings_what_was_made_in_spite_of_it(exploding: Path, tmp_path: Path) -> None:
+    simulation = Simulation(exploding, key="fast", duration=5)
+    table, recording = f"{tmp_path}/t.csv", f"{tmp_path}/r.npz"
+    with pytest.raises(UnstableError) as caught:
+        perform([Trace(simulation, table, keep_partial=True), Recording(simulation, recording, keep_partial=True)])
+    trace, record = caught.value.results
+    assert (trace.path, record.path) == (table, recording)
+    assert caught.value.__notes__ == [f"kept, up to there: {table}, {recording}"]
+    assert trace.rows == record.states == caught.value.step + 1
+    assert record.simulated == pytest.approx(caught.value.time)
+    again = Trace(Simulation(exploding, replay=recording), f"{tmp_path}/u.csv").run()
+    assert again.rows == trace.rows
+    assert (tmp_path / "u.csv").read_bytes() == (tmp_path / "t.csv").read_bytes()
+
+
+def test_a_failed_assertion_brings_every_verdict(swing: Path, tmp_path: Path) -> None:
+    simulation = Simulation(swing, duration=0.1)
+    asserts = ["last(time) == 0.1", "max(time) < 0"]
+    with pytest.raises(FailedAssertionError) as caught:
+        perform([Trace(simulation, f"{tmp_path}/t.csv", asserts=asserts)])
+    (result,) = caught.value.results
+    found = [(verdict.text, verdict.passed) for verdict in result.assertions]
+    assert found == [(asserts[0], True), (asserts[1], False)]
+    assert caught.value.messages == (result.assertions[1].message,)
+
+
+@pytest.mark.parametrize(
+    ("change", "told"),
+    [
+        ({"settings": (Setting("opt.gravity", "0,0,-1"),)}, True),
+        ({"settings": (Setting("geom/box.mass", "50"),)}, True),
+        ({"settings": (Setting("vis.map.force", "3"), Setting("geom/box.rgba", "1,1,1,1"))}, False),
+        ({}, False),
+    ],
+)
+def test_a_recording_of_other_physics_is_told(swing: Path, tmp_path: Path, change: dict[str, Any], told: bool) -> None:
+    Recording(Simulation(swing, duration=0.1), f"{tmp_path}/r.npz").run()
+    again = Trace(
+        Simulation(Source(swing, **change), replay=f"{tmp_path}/r.npz"), f"{tmp_path}/t.csv", probes=["energy"]
+    )
+    with warnings.catch_warnings(record=True) as heard:
+        warnings.simplefilter("always")
+        again.run()
+    assert any("other physics" in str(warning.message) for warning in heard) == told
+
+
+def test_a_lone_text_is_a_list_of_one(swing: Path, tmp_path: Path) -> None:
+    simulation, out = Simulation(swing, duration=0.1), f"{tmp_path}/out"
+    trace = Trace(simulation, f"{out}.csv", probes="energy", asserts="max(time) < 1")
+    assert (trace.probes, trace.asserts) == (("energy",), ("max(time) < 1",))
+    assert len(trace.run().assertions) == 1
+    assert Plot(simulation, f"{out}.png", probes="energy").probes == ("energy",)
+    video = Video(simulation, f"{out}.mp4", plot="energy", trail="box", ghost="opacity=.5", size=SIZE)
+    assert (video.plot, video.trail, video.ghost) == (("energy",), ("box",), ("opacity=.5",))
+
+
+@pytest.mark.parametrize("size", ["64x48", (64,), (64, 0), (64, 48.5), (64, "48")])
+def test_a_size_that_is_none_is_told_at_once(swing: Path, size: Any) -> None:
+    with pytest.raises(UsageError, match=r"size: .* is not a width and a height in pixels"):
+        Image(Simulation(swing), "a.png", size=size)

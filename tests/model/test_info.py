@@ -1,0 +1,201 @@
+"""Theorems about the job that describes a model: sections are checked, values are JSON, the schema stays."""
+
+import json
+import math
+from pathlib import Path
+from typing import Any
+
+import mujoco
+import pytest
+
+from mjrun.errors import BrokenModelError, MjrunWarning, ModelNotFoundError, UnknownNameError
+from mjrun.job.simulation import Simulation
+from mjrun.job.trace import columns
+from mjrun.model.description.model import SECTIONS
+from mjrun.model.info import Info
+from mjrun.model.override import Setting
+from mjrun.model.source import Source
+
+SCENES = sorted((Path(__file__).parents[2] / "scenes").glob("*.xml"))
+
+# One of everything that a section can list.
+WHOLE = """<mujoco><option timestep=".001"/><visual><map znear=".3"/></visual>
+<worldbody><camera/><light/><site name="s"/><geom name="floor" type="plane" size="1 1 1"/>
+  <body name="a"><joint name="j"/><geom name="g" size=".1"/></body><body name="b"/>
+  <flexcomp type="grid" count="2 2 1" spacing=".1 .1 .1" radius=".01" name="f" dim="2">
+    <edge equality="true"/></flexcomp></worldbody>
+<contact><pair geom1="floor" geom2="g"/><exclude body1="a" body2="b"/></contact>
+<equality><joint joint1="j"/></equality><tendon><fixed><joint joint="j" coef="1"/></fixed></tendon>
+<extension><plugin plugin="mujoco.pid"><instance name="p"><config key="kp" value="4"/></instance></plugin></extension>
+<actuator><plugin joint="j" plugin="mujoco.pid" instance="p"/></actuator><sensor><clock/></sensor>
+<keyframe><key/></keyframe></mujoco>"""
+
+NAMED = ["id", "name"]
+OBJECT = [*NAMED, "body"]
+RESISTS = ["stiffness", "stiffness_polynomial", "damping", "damping_polynomial", "armature", "frictionloss"]
+SCHEMA = {
+    "summary": [
+        *("name", "file", "mujoco", "mass", "centre_of_mass", "extent", "center", "timestep", "gravity", "integrator"),
+        *("solver", "cone", "jacobian", "memory", "sizes"),
+    ],
+    "bodies": [
+        *(*NAMED, "parent", "depth", "joints", "joint_types", "geoms", "geom_types", "sites", "mass", "subtree_mass"),
+        *("position", "centre_of_mass", "inertia", "gravity_compensation", "mocap"),
+    ],
+    "joints": [
+        *(*OBJECT, "type", "unit", "axis", "anchor", "range", "qpos", "qpos_size", "dof", "dof_size", "qpos0"),
+        *("spring_reference", *RESISTS, "actuator_force_range"),
+    ],
+    "geoms": [
+        *(*OBJECT, "type", "asset", "size", "position", "contype", "conaffinity", "condim", "friction", "margin"),
+        *("gap", "group", "material"),
+    ],
+    "sites": [*OBJECT, "type", "size", "position", "group"],
+    "actuators": [
+        *(*NAMED, "kind", "transmission", "target_kind", "target", "reference", "gear", "unit", "force_unit"),
+        *("dynamics", "dynamics_parameters", "gain", "gain_parameters", "bias", "bias_parameters", "ctrl"),
+        *("ctrl_size", "ctrl_range", "act", "act_size", "act_range", "force_range", "delay", "damping", "armature"),
+        *("group", "plugin"),
+    ],
+    "sensors": [
+        *(*NAMED, "type", "object_kind", "object", "reference_kind", "reference", "dim", "address", "unit"),
+        *("data_type", "needs", "cutoff", "noise", "delay", "period", "plugin"),
+    ],
+    "cameras": [
+        *(*OBJECT, "mode", "target", "projection", "fovy", "height", "sensor_size", "focal_length"),
+        *("principal_point", "resolution", "outputs", "position"),
+    ],
+    "lights": [*OBJECT, "type", "mode", "target", "position", "active", "shadow"],
+    "keyframes": [*NAMED, "time", "finite", "outside"],
+    "tendons": [
+        *(*NAMED, "type", "unit", "path", "length0", "range", "spring_length", *RESISTS, "actuator_force_range"),
+    ],
+    "equalities": [*NAMED, "type", "object_kind", "object1", "object2", "active", "data", "solref", "solimp"],
+    "pairs": [*NAMED, "geom1", "geom2", "condim", "friction", "margin", "gap", "solref", "solimp"],
+    "excludes": [*NAMED, "body1", "body2"],
+    "flexes": [
+        *(*NAMED, "elements_are", "vertices", "edges", "elements", "nodes", "radius", "half_size", "rigid"),
+        *("interpolated", "edge_equality", "edge_stiffness", "edge_damping", "damping", "self_collision", "condim"),
+        *("friction", "group"),
+    ],
+    "plugins": [*NAMED, "plugin", "settings", "state", "users"],
+    "options": ["path", "value", "default", "unit"],
+    "visual": ["path", "value", "default", "unit"],
+    "statistics": ["center", "extent", "meansize", "meanmass", "meaninertia"],
+    "assets": ["kind", "name", "path", "bytes", "content"],
+}
+
+
+def strict(value: Any) -> Any:
+    """Through JSON that knows no NaN."""
+    return json.loads(json.dumps(value, allow_nan=False))
+
+
+@pytest.fixture
+def whole(tmp_path: Path) -> Path:
+    path = tmp_path / "whole.xml"
+    path.write_text(WHOLE)
+    return path
+
+
+def test_the_schema_of_the_document_is_stable(whole: Path) -> None:
+    document = strict(Info(whole).run().document())
+    assert [*document] == [*SECTIONS, "warnings"] == [*SCHEMA, "warnings"]
+    for name, expected in SCHEMA.items():
+        rows = document[name] if isinstance(document[name], list) else [document[name]]
+        assert rows, name
+        assert all([*row] == expected for row in rows)
+
+
+@pytest.mark.parametrize("name", [*SECTIONS, "warnings"])
+def test_the_document_has_the_sections_asked_for_once_and_in_order(whole: Path, name: str) -> None:
+    if name == "warnings":
+        asked, expected = ["joints", "summary", "joints"], ["joints", "summary"]
+    else:
+        asked = expected = [name]
+    document = Info(whole, asked).run().document()
+    assert [*document] == [*expected, "warnings"]
+    everything = Info(whole).run().document()
+    assert all(document[section] == everything[section] for section in expected)
+
+
+def test_a_wrong_section_is_refused_before_the_model_is_looked_at() -> None:
+    with pytest.raises(UnknownNameError, match=r"no section 'joint' \(did you mean 'joints'\?\)"):
+        Info("there_is_no_such_model.xml", ["joint"]).run()
+    with pytest.raises(ModelNotFoundError):
+        Info("there_is_no_such_model.xml", ["joints"]).run()
+
+
+def test_overrides_are_part_of_what_is_described(whole: Path) -> None:
+    source = Source(whole, (Setting("geom/g.size", ".2"), Setting("opt.timestep", ".004")))
+    found = Info(source, ["summary", "geoms", "options"]).run().description
+    assert found.summary.timestep == 0.004
+    assert next(geom.size for geom in found.geoms if geom.name == "g") == (0.2,)
+    assert [(s.path, s.value) for s in found.options] == [("opt.timestep", 0.004)]
+
+
+def test_a_compiled_model_is_described_as_its_file_is_but_for_the_files(whole: Path) -> None:
+    model = mujoco.MjModel.from_xml_path(str(whole))
+    compiled, loaded = Info(model).run().document(), Info(whole).run().document()
+    assert (compiled["summary"].pop("file"), compiled.pop("assets")) == (None, [])
+    assert loaded["summary"].pop("file") == str(whole)
+    assert [asset["kind"] for asset in loaded.pop("assets")] == ["model"]
+    assert compiled == loaded
+
+
+def test_a_number_that_is_not_finite_is_null_in_the_document(whole: Path) -> None:
+    model = mujoco.MjModel.from_xml_path(str(whole))
+    model.opt.gravity[:] = math.nan, math.inf, -1
+    document = strict(Info(model).run().document())
+    assert document["summary"]["gravity"] == [None, None, -1]
+
+
+def test_what_mujoco_warns_of_is_kept_and_told(tmp_path: Path) -> None:
+    (tmp_path / "child.xml").write_text("""<mujoco><option timestep=".005"/><worldbody><body name="b">
+        <geom size="1"/></body></worldbody></mujoco>""")
+    (tmp_path / "parent.xml").write_text("""<mujoco><asset><model name="child" file="child.xml"/></asset><worldbody>
+        <attach model="child" body="b" prefix="c"/></worldbody></mujoco>""")
+    with pytest.warns(MjrunWarning, match="timestep: parent has 0.002"):
+        result = Info(tmp_path / "parent.xml", ["summary"]).run()
+    assert len(result.warnings) == 1
+    assert "timestep: parent has 0.002" in result.document()["warnings"][0]
+
+
+@pytest.mark.parametrize("path", SCENES, ids=lambda path: path.stem)
+def test_sensors_and_joints_have_the_units_of_their_columns(path: Path) -> None:
+    found = Info(path, ["joints", "sensors"]).run().description
+    for column in columns(Simulation(path)):
+        group = column.name.partition("/")[0]
+        if group == "qpos" and column.kind == "joint" and found.joints[column.id].type in ("hinge", "slide"):
+            assert column.unit == found.joints[column.id].unit
+        if group == "sensor" and column.unit:
+            assert column.unit == found.sensors[column.id].unit
+
+
+class Listener:
+    """A reporter that keeps what it is told."""
+
+    def __init__(self) -> None:
+        self.warned: list[str] = []
+
+    def note(self, text: str) -> None: ...
+
+    def warn(self, text: str) -> None:
+        self.warned.append(text)
+
+    def progress(self, what: str, done: int, total: int) -> None: ...
+
+
+def test_every_real_model_is_described_or_refused(shared_models: Path) -> None:
+    described = 0
+    for path in sorted([*shared_models.rglob("*.xml"), *SCENES]):
+        listener = Listener()
+        try:
+            result = Info(path).run(listener)
+        except BrokenModelError:
+            assert "malformed" in path.parts
+            continue
+        assert len(listener.warned) == len(result.warnings)
+        assert strict(result.document())["summary"]["file"] == str(path)
+        described += 1
+    assert described > 30

@@ -1,0 +1,432 @@
+"""Frames from several processes, and what is left of them."""
+
+import contextlib
+import gc
+import os
+import signal
+import subprocess
+import sys
+import time
+import warnings
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import pytest
+
+from mjrun.errors import BadValueError, DrawError, MjrunError, NoRendererError, UnstableError
+from mjrun.render import process_count
+from mjrun.render.backend import Backend
+from mjrun.render.process_count import available_cores, guess, jobs_for
+from mjrun.render.workers import SLOTS, Pool, Workers
+
+sys.path.append(str(Path(__file__).parent))  # drawing processes look where we look
+
+from painters import ASKED, OPENING, Adding, Drawing, Telling, Warner
+
+HERE = Path(__file__).parent
+SHAPE = (2, 3)
+STATES = [np.array([10.0 * k, -k]) for k in range(20)]
+FRAMES = [np.full(SHAPE, k + 9 * k) for k in range(20)]  # what Adding makes of them
+FALLING = '<mujoco><worldbody><body><freejoint/><geom size=".1"/></body></worldbody></mujoco>'
+
+
+def drawn(painter: Adding, jobs: int, states: list[np.ndarray] = STATES) -> list[np.ndarray]:
+    with Pool(painter, SHAPE, jobs, np.int64) as pool:
+        return [frame.copy() for frame in pool.frames(states)]
+
+
+def alive(process: int) -> bool:
+    """Whether there is such a process, and not just its exit code."""
+    try:
+        return "\nState:\tZ" not in Path(f"/proc/{process}/status").read_text()
+    except OSError:
+        return False
+
+
+def children() -> list[int]:
+    """Drawing processes of this one, ended ones that nobody waited for included."""
+    found = []
+    for folder in Path("/proc").glob("[0-9]*"):
+        try:
+            parent = (folder / "stat").read_text().rpartition(")")[2].split()[1]
+        except OSError:
+            continue
+        if int(parent) == os.getpid():
+            found.append(int(folder.name))
+    return found
+
+
+def held() -> tuple[list[int], int, bool]:
+    """What drawing might leave behind: processes, descriptors, memory."""
+    gc.collect()  # tracebacks that hold a frame
+    mapped = "memfd:mjrun" in Path("/proc/self/maps").read_text()
+    return children(), len([*Path("/proc/self/fd").iterdir()]), mapped
+
+
+@pytest.fixture(autouse=True)
+def _nothing_is_left() -> Iterator[None]:
+    before = held()
+    yield
+    assert held() == before
+
+
+@pytest.mark.parametrize("jobs", [1, 2, 3])
+def test_frames_come_in_order_whoever_draws_them_and_however_long_it_takes(jobs: int) -> None:
+    assert np.array_equal(drawn(Adding(delay=0.003), jobs), FRAMES)
+
+
+@pytest.mark.parametrize("jobs", [1, 2])
+def test_a_pool_draws_none_one_and_many_one_after_the_other(jobs: int) -> None:
+    with Pool(Adding(), SHAPE, jobs, np.int64) as pool:
+        for count in (0, 1, 20, 3):
+            made = [frame.copy() for frame in pool.frames(iter(STATES[:count]))]
+            assert np.array_equal(made, FRAMES[:count])
+
+
+def test_processes_that_were_started_before_draw_and_end_with_the_pool() -> None:
+    crew = Workers(2)
+    started = set(children())
+    with Pool(Telling(delay=0.005), (2,), crew, np.int64) as pool:
+        told = {int(frame[0]) for frame in pool.frames(STATES)}
+    assert told == started
+    assert not children()
+    crew.close()  # again
+
+
+@pytest.mark.parametrize("wait", [0, 0.5])
+def test_processes_that_are_not_needed_end_at_once(wait: float) -> None:
+    crew = Workers(2, "mjrun.render.compositor")
+    time.sleep(wait)
+    assert len(children()) == 2
+    crew.close()
+    assert not children()
+
+
+def test_processes_import_no_windows(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv("MUJOCO_GL")
+    with Pool(Adding(), SHAPE, Workers(2, "mjrun.render.compositor"), np.int64) as pool:
+        for _ in pool.frames(STATES):
+            pool.ask("windows")
+        assert pool.answer is False
+
+
+def test_a_module_that_is_not_there_is_told_with_the_painter_s_own_words() -> None:
+    with Pool(Adding(), SHAPE, Workers(2, "nowhere.at.all"), np.int64) as pool:
+        assert len([*pool.frames(STATES)]) == len(STATES)
+
+
+@pytest.mark.parametrize("jobs", [1, 2])
+def test_frames_are_numbered_from_where_it_is_said(jobs: int) -> None:
+    with Pool(Adding(), SHAPE, jobs, np.int64) as pool:
+        made = [frame.copy() for first in (0, 13) for frame in pool.frames(STATES[first : first + 7], first)]
+    assert np.array_equal(made, [*FRAMES[:7], *FRAMES[13:]])
+
+
+@pytest.mark.parametrize("jobs", [1, 2])
+@pytest.mark.parametrize("when", [0, 7, len(STATES) - 1])
+def test_a_question_is_answered_by_a_process_that_draws_and_disturbs_nothing(jobs: int, when: int) -> None:
+    with Pool(Adding(delay=0.002), SHAPE, jobs, np.int64) as pool:
+        processes = {os.getpid()} if jobs == 1 else set(children())
+        assert pool.answer is None
+        made = []
+        for index, frame in enumerate(pool.frames(STATES)):
+            made.append(frame.copy())
+            if index == when:
+                pool.ask("process")
+        assert pool.answer in processes
+    assert np.array_equal(made, FRAMES)
+
+
+def test_a_question_that_fails_is_a_bug_of_mjrun() -> None:
+    with Pool(Adding({ASKED: "divides"}), SHAPE, 2, np.int64) as pool:
+        frames = pool.frames(STATES)
+        next(frames)
+        pool.ask("process")
+        with pytest.raises(MjrunError, match=r"a bug in mjrun, in a drawing process: ZeroDivisionError") as caught:
+            list(frames)
+    assert caught.value.exit_code == 70
+
+
+@pytest.mark.parametrize("jobs", [1, 2])
+def test_states_are_taken_only_as_frames_are_asked_for(jobs: int) -> None:
+    taken = 0
+
+    def states() -> Iterator[np.ndarray]:
+        nonlocal taken
+        for state in STATES:
+            taken += 1
+            yield state
+
+    with Pool(Adding(), SHAPE, jobs, np.int64) as pool:
+        for index, frame in enumerate(pool.frames(states())):
+            time.sleep(0.005)  # for the processes to run ahead
+            assert taken <= index + SLOTS * jobs
+            assert np.array_equal(frame, FRAMES[index])  # still what it was
+    assert taken == len(STATES)
+
+
+def test_every_process_is_one_of_its_own_with_one_thread_to_draw() -> None:
+    environment = dict(os.environ)
+    with Pool(Telling(delay=0.005), (2,), 2, np.int64) as pool:
+        told = {tuple(frame) for frame in pool.frames(STATES)}
+    processes, threads = zip(*told, strict=True)
+    assert len(set(processes)) == 2
+    assert os.getpid() not in processes
+    assert set(threads) == {1}
+    assert os.environ == environment
+
+
+@pytest.mark.parametrize(
+    ("mischief", "how"),
+    [
+        ("is killed", "was killed by SIGKILL\nthe system does that when memory runs out; fewer --jobs need less"),
+        ("crashes", "was killed by SIGSEGV"),
+        ("ends", "ended with code 3"),
+        ("exits", "ended with code 4"),
+    ],
+)
+def test_a_process_that_dies_is_told_with_its_frame_and_its_end(mischief: str, how: str) -> None:
+    with pytest.raises(DrawError) as caught:
+        drawn(Adding({5: mischief}), 2)
+    assert str(caught.value) == f"the process drawing frame 5 {how}"
+
+
+def test_a_death_is_noticed_at_once_though_another_process_hangs() -> None:
+    start = time.monotonic()
+    with pytest.raises(DrawError, match="drawing frame 1 ended with code 3"):
+        drawn(Adding({0: "hangs", 1: "ends"}), 2)
+    assert time.monotonic() - start < 10
+
+
+@pytest.mark.parametrize("jobs", [1, 2, 3])
+def test_what_a_painter_raises_arrives_in_its_turn_as_it_was(jobs: int) -> None:
+    made = []
+    with Pool(Adding({7: "is unstable", 8: "divides"}, delay=0.002), SHAPE, jobs, np.int64) as pool:
+        frames = pool.frames(STATES)
+        with pytest.raises(UnstableError) as caught:
+            made.extend(frame.copy() for frame in frames)
+    expected = UnstableError(7, 0.5, "qpos", "hinge", 0.002)
+    assert (str(caught.value), caught.value.exit_code) == (str(expected), 4)
+    assert (caught.value.step, caught.value.joint) == (7, "hinge")
+    assert np.array_equal(made, FRAMES[:7])
+
+
+def test_a_bug_in_a_process_is_a_bug_of_mjrun_and_keeps_its_traceback() -> None:
+    with pytest.raises(MjrunError) as caught:
+        drawn(Adding({3: "divides"}), 2)
+    assert caught.value.exit_code == 70
+    assert str(caught.value).startswith("a bug in mjrun, drawing frame 3: ZeroDivisionError: ")
+    assert "in paint" in str(caught.value.__cause__)
+
+
+@pytest.mark.parametrize("jobs", [1, 2])
+def test_a_painter_that_cannot_be_opened_says_why(jobs: int) -> None:
+    with pytest.raises(NoRendererError, match=r"egl: is not there\ninstall it") as caught:
+        drawn(Adding({OPENING: "has no renderer"}), jobs)
+    assert caught.value.tried == {"egl": "is not there"}
+
+
+@pytest.mark.parametrize(
+    ("mischief", "message"),
+    [
+        ("divides", r"a drawing process cannot start: ZeroDivisionError: .* \(painters.py:\d+\)"),
+        ("crashes", "a drawing process, as it started, was killed by SIGSEGV"),
+    ],
+)
+def test_a_process_that_cannot_start_is_no_frame_s_fault(mischief: str, message: str) -> None:
+    with pytest.raises(DrawError, match=message):
+        drawn(Adding({OPENING: mischief}), 2)
+
+
+def test_a_system_that_refuses_processes_is_told_so(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sys, "executable", "/nowhere/python")
+    with pytest.raises(DrawError, match=r"several processes: .*/nowhere/python'\n--jobs 1"):
+        Pool(Adding(), SHAPE, 2)
+
+
+@pytest.mark.parametrize("jobs", [1, 2])
+def test_an_error_of_whoever_takes_the_frames_ends_everything_at_once(jobs: int) -> None:
+    start = time.monotonic()
+    frames = iter([])
+    with contextlib.suppress(ZeroDivisionError), Pool(Adding({3: "hangs"}), SHAPE, jobs, np.int64) as pool:
+        frames = pool.frames(STATES)
+        assert next(frames).size / 0
+    with pytest.raises(ValueError, match="the pool is closed"):
+        next(frames)
+    assert time.monotonic() - start < 10
+
+
+@pytest.mark.parametrize("jobs", [1, 2])
+def test_leaving_early_ends_everything_at_once(jobs: int) -> None:
+    start = time.monotonic()
+    frames = Pool(Adding({3: "hangs"}), SHAPE, jobs, np.int64).frames(STATES)
+    first = next(frames)
+    del frames
+    assert not children()
+    assert np.array_equal(first, FRAMES[0])  # its memory lasts as long as it does
+    assert time.monotonic() - start < 10
+
+
+def test_states_of_different_shapes_are_refused() -> None:
+    with pytest.raises(ValueError, match=r"a state must be float64 \(2,\), not float64 \(1,\)"):
+        drawn(Adding(), 2, [STATES[0], np.zeros(1)])
+
+
+def test_what_painters_print_does_not_reach_standard_output(capfd: pytest.CaptureFixture[str]) -> None:
+    assert np.array_equal(drawn(Adding({4: "prints"}), 2), FRAMES)
+    assert capfd.readouterr() == ("", "from Python\nfrom a driver\n")
+
+
+def test_mujoco_s_warnings_are_told_once_by_the_parent(
+    capfd: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    model = mujoco.MjModel.from_xml_string(FALLING)
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        drawn(Warner(model=model), 2)
+    assert len(caught) == 1
+    assert "Nan, Inf or huge value in QPOS" in str(caught[0].message)
+    assert caught[0].filename == __file__
+    assert capfd.readouterr() == ("", "")
+    assert not list(tmp_path.iterdir())
+
+
+ENVIRONMENT = {**os.environ, "PYTHONPATH": str(HERE.parents[1])}
+SCRIPT = """
+import sys
+import numpy as np
+from mjrun.render.workers import Pool
+sys.path.append({here!r})
+from painters import Telling
+with Pool(Telling({mischief}), (2,), 2, np.int64) as pool:
+    for frame in pool.frames(np.zeros(1) for _ in range({count})):
+        print(frame[0], flush=True)
+"""
+
+
+def script(count: int, mischief: dict[int, str]) -> subprocess.Popen[str]:
+    """A script without a main guard, read from standard input."""
+    child = subprocess.Popen(
+        [sys.executable, "-"],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+        env=ENVIRONMENT,
+    )
+    assert child.stdin
+    child.stdin.write(SCRIPT.format(here=str(HERE), count=count, mischief=mischief))
+    child.stdin.close()
+    child.stdin = None
+    return child
+
+
+def test_a_script_from_standard_input_needs_no_main_guard() -> None:
+    child = script(6, {})
+    out, err = child.communicate(timeout=60)
+    assert (len(out.split()), err, child.returncode) == (6, "", 0)
+
+
+def test_a_script_may_have_no_standard_input(tmp_path: Path) -> None:
+    path = tmp_path / "script.py"
+    path.write_text(SCRIPT.format(here=str(HERE), count=6, mischief={}))
+    command = ["sh", "-c", 'exec "$0" "$1" <&-', sys.executable, str(path)]
+    done = subprocess.run(command, capture_output=True, env=ENVIRONMENT, timeout=60)
+    assert (len(done.stdout.split()), done.stderr, done.returncode) == (6, b"", 0)
+
+
+@pytest.mark.parametrize(
+    ("end", "number"), [(os.kill, signal.SIGKILL), (os.killpg, signal.SIGINT), (os.killpg, signal.SIGTERM)]
+)
+@pytest.mark.parametrize("mischief", [{}, {20: "hangs"}])
+def test_processes_end_with_their_parent_even_if_busy(
+    end: Callable[[int, int], None], number: int, mischief: dict[int, str]
+) -> None:
+    child = script(10**9, mischief)
+    assert child.stdout
+    processes = {int(child.stdout.readline()) for _ in range(20)}
+    assert len(processes) == 2
+    end(child.pid, number)
+    _, err = child.communicate(timeout=60)
+    assert child.returncode == -number
+    assert err.count("Traceback") == (number == signal.SIGINT)
+    deadline = time.monotonic() + 10
+    while any(map(alive, processes)) and time.monotonic() < deadline:
+        time.sleep(0.05)
+    assert not any(map(alive, processes))
+
+
+def test_pixels_are_the_same_in_one_process_in_two_and_by_mujoco(
+    swing: Path, backend: Backend, still: Callable[..., np.ndarray]
+) -> None:
+    size = (64, 48)
+    model = mujoco.MjModel.from_xml_path(str(swing))
+    data = mujoco.MjData(model)
+    states, expected = [], []
+    for angle in (0.0, 0.4, 0.8, 1.2):
+        data.qpos[0] = angle
+        mujoco.mj_forward(model, data)
+        states.append(data.qpos.copy())
+        expected.append(still(model, data, size, "side"))
+    assert not np.array_equal(expected[0], expected[1])
+    for jobs in (1, 2):
+        with Pool(Drawing(model, backend, size), (size[1], size[0], 3), jobs) as pool:
+            assert np.array_equal([frame.copy() for frame in pool.frames(states)], expected)
+
+
+@pytest.mark.parametrize(
+    ("asked", "software", "frames", "cost", "cores", "expected"),
+    [
+        ("auto", False, 10_000, 1.0, 8, 1),  # a GPU
+        ("auto", True, 300, 0.005, 8, 1),  # short
+        ("auto", True, 300, 0.1, 8, 8),
+        ("auto", True, 300, 0.1, 2, 2),
+        ("auto", True, 19, 0.1, 2, 1),
+        ("auto", True, 5, 60.0, 8, 5),
+        ("auto", True, 300, 1.0, 1, 1),
+        (3, False, 300, 0.001, 1, 3),
+        (3, True, 2, 0.1, 8, 2),
+        (2, True, 0, 0.1, 8, 1),
+    ],
+)
+def test_processes_are_as_many_as_are_worth_it(
+    asked: int | str, software: bool, frames: int, cost: float, cores: int, expected: int
+) -> None:
+    assert jobs_for(asked, software, frames, cost, cores) == expected
+
+
+def test_a_guess_grows_with_pixels_and_panels() -> None:
+    assert guess((640, 480)) == pytest.approx(0.06072)
+    assert guess((640, 480), 3) == pytest.approx(3 * 0.06072)
+
+
+@pytest.mark.parametrize("asked", [0, -1, "many", "2"])
+def test_a_number_of_processes_that_is_none_is_refused(asked: int | str) -> None:
+    with pytest.raises(BadValueError, match=r"--jobs: .* is not a number of processes from 1 on, or auto"):
+        jobs_for(asked, True, 100, 0.1, 2)
+
+
+@pytest.mark.parametrize(
+    ("inner", "outer", "expected"),
+    [("max 100000", "max 100000", 64), ("150000 100000", "max 100000", 2), ("max 100000", "400000 100000", 4)],
+)
+def test_a_control_group_s_share_limits_the_cores(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, inner: str, outer: str, expected: int
+) -> None:
+    (tmp_path / "a/b").mkdir(parents=True)
+    (tmp_path / "a/cpu.max").write_text(f"{outer}\n")
+    (tmp_path / "a/b/cpu.max").write_text(f"{inner}\n")
+    (tmp_path / "own").write_text("1:cpu:/\n0::/a/b\n")
+    monkeypatch.setattr(process_count, "GROUPS", tmp_path)
+    monkeypatch.setattr(process_count, "OWN_GROUP", tmp_path / "own")
+    monkeypatch.setattr(os, "sched_getaffinity", lambda process: set(range(64)))
+    assert available_cores() == expected
+
+
+def test_without_control_groups_every_core_of_the_affinity_counts(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(process_count, "OWN_GROUP", Path("/nowhere"))
+    assert available_cores() == len(os.sched_getaffinity(0))

@@ -1,0 +1,176 @@
+"""Timed rollouts: what the clock is asked, exactly, and that the motion is that of a bare loop."""
+
+from collections.abc import Iterator
+
+import mujoco
+import numpy as np
+import pytest
+
+from mjrun.bench.control_noise import controls
+from mjrun.bench.step_phases import phases
+from mjrun.errors import UnstableError
+from mjrun.sim.rollout_timing import BatchRoller, LoopRoller, Roller, Run, StoppedError, profile
+
+MODEL = """
+<mujoco>
+  <option integrator="{integrator}"><flag sleep="{sleep}"/></option>
+  <worldbody>
+    <geom type="plane" size="5 5 1"/>
+    <body pos="0 0 .09"><freejoint/><geom type="box" size=".1 .1 .1"/></body>
+    <body pos="1 0 1"><joint name="h" axis="0 1 0"/><geom size=".05" pos=".3 0 0"/></body>
+  </worldbody>
+  <actuator><motor name="m" joint="h"/></actuator>
+</mujoco>
+"""
+# A pyramid of contacts that the arena has no room for.
+CROWDED = """
+<mujoco>
+  <size memory="12K"/>
+  <worldbody>
+    <geom type="plane" size="5 5 1"/>
+    <replicate count="6" offset=".15 0 0"><body pos="0 0 .04"><freejoint/><geom size=".05"/></body></replicate>
+  </worldbody>
+</mujoco>
+"""
+
+
+class FakeClock:
+    """Goes on by what it is told, and counts how often it is asked."""
+
+    def __init__(self, ticks: Iterator[float]) -> None:
+        self.now, self.asked, self._ticks = 0.0, 0, ticks
+
+    def __call__(self) -> float:
+        self.asked += 1
+        if self.asked % 2 == 0:  # at the end of a block
+            self.now += next(self._ticks)
+        return self.now
+
+
+def run_of(noise: bool = True, integrator: str = "Euler", sleep: str = "disable") -> Run:
+    model = mujoco.MjModel.from_xml_string(MODEL.format(integrator=integrator, sleep=sleep))
+    return Run.of(model, mujoco.MjData(model), controls(model, 400, 0.5) if noise else None)
+
+
+def bare(run: Run, steps: int) -> mujoco.MjData:
+    data = run.data()
+    for step in range(steps):
+        if run.controls is not None:
+            data.ctrl[:] = run.controls[step]
+        mujoco.mj_step(run.model, data)
+    return data
+
+
+@pytest.mark.parametrize("kind", [BatchRoller, LoopRoller])
+def test_every_block_is_timed_by_two_looks_at_the_clock_and_the_last_is_shorter(kind: type[Roller]) -> None:
+    clock = FakeClock(iter([1.0, 2.0, 4.0]))
+    assert kind(run_of()).seconds(250, 100, clock).tolist() == [1.0, 2.0, 4.0]  # type: ignore[call-arg]
+    assert clock.asked == 6
+
+
+@pytest.mark.parametrize("sleep", ["disable", "enable"])
+@pytest.mark.parametrize("noise", [True, False])
+@pytest.mark.parametrize("copies", [1, 2])
+def test_every_rollout_of_every_copy_is_bit_for_bit_the_motion_of_a_bare_loop(
+    copies: int, noise: bool, sleep: str
+) -> None:
+    run = run_of(noise, sleep=sleep)
+    roller = BatchRoller(run, copies)
+    expected = bare(run, 250)
+    for _ in range(2):
+        roller.seconds(250, 100, lambda: 0.0)
+        for state in roller._batch.bind("qpos"):
+            assert state.tolist() == expected.qpos.tolist()
+
+
+@pytest.mark.parametrize("noise", [True, False])
+def test_the_loop_in_python_makes_the_same_motion_each_time(noise: bool) -> None:
+    run = run_of(noise)
+    roller, expected = LoopRoller(run), bare(run, 250)
+    for _ in range(2):
+        roller.seconds(250, 100, lambda: 0.0)
+        assert roller._data.qpos.tolist() == expected.qpos.tolist()
+
+
+def test_states_on_the_way_are_those_of_a_bare_loop() -> None:
+    run = run_of()
+    data = run.data()
+    for step, found in zip((0, 70), run.states([0, 70]), strict=True):
+        mujoco.mj_setState(run.model, data, found, int(mujoco.mjtState.mjSTATE_INTEGRATION))
+        assert data.qpos.tolist() == bare(run, step).qpos.tolist()
+
+
+def test_counts_are_the_means_of_a_bare_loop() -> None:
+    run, data, seen = run_of(), run_of().data(), []
+    assert run.controls is not None
+    for row in run.controls[:120]:
+        data.ctrl[:] = row
+        mujoco.mj_step(run.model, data)
+        islands = min(max(data.nisland, 1), mujoco.mjNISLAND)
+        seen.append((data.ncon, data.nefc, sum(data.solver_niter[:islands]) / islands))
+    found = profile(run, 120)
+    assert (found.contacts, found.constraints, found.iterations) == pytest.approx(np.mean(seen, axis=0))
+    assert found.contacts > 1
+    assert (found.arena, found.arena_size) == (data.maxuse_arena, data.narena)
+    assert not found.warned
+
+
+@pytest.fixture
+def ticking() -> Iterator[None]:
+    """A clock for MuJoCo's timers that goes on by one at every look."""
+    count = iter(range(10**9))
+    mujoco.set_mjcb_time(lambda: float(next(count)))
+    yield
+    mujoco.set_mjcb_time(None)
+
+
+@pytest.mark.usefixtures("ticking")
+@pytest.mark.parametrize("integrator", ["Euler", "RK4", "implicitfast"])
+def test_phases_are_mujocos_timers_per_step_and_the_parts_make_up_the_whole(integrator: str) -> None:
+    run = run_of(integrator=integrator)
+    data = bare(run, 25)
+    found, timer = phases(data), {name: data.timer[int(i)] for name, i in mujoco.mjtTimer.__members__.items()
+                                  if name != "mjNTIMER"}  # fmt: skip
+    assert found is not None
+    assert found.seconds == timer["mjTIMER_STEP"].duration / 25
+    tops = {part.name: part for part in found.parts}
+    assert list(tops) == ["position", "velocity", "actuation", "constraint", "advance", "other"]
+    for name in ("position", "velocity", "actuation", "constraint", "advance"):
+        assert tops[name].seconds == timer[f"mjTIMER_{name.upper()}"].duration / 25
+    for whole in (found, tops["position"]):
+        assert sum(part.seconds for part in whole.parts) == pytest.approx(whole.seconds)
+        assert sum(part.share for part in whole.parts) == pytest.approx(whole.share)
+    position = {part.name: part for part in tops["position"].parts}
+    assert list(position) == ["kinematics", "inertia", "collision", "make", "project", "other"]
+    assert [part.name for part in position["collision"].parts] == ["broad", "narrow", "other"]
+    assert position["collision"].seconds == timer["mjTIMER_POS_COLLISION"].duration / 25
+
+
+def test_without_a_step_there_are_no_phases() -> None:
+    assert phases(run_of().data()) is None
+
+
+def test_an_unstable_run_names_its_step_and_joint() -> None:
+    model = mujoco.MjModel.from_xml_string(
+        "<mujoco><option timestep='.1'/><worldbody><body><joint name='hinge' stiffness='1e6'/>"
+        "<geom size='.1' pos='.1 0 0'/></body></worldbody><actuator><motor joint='hinge'/></actuator></mujoco>"
+    )
+    data = mujoco.MjData(model)
+    data.qpos[0] = 1
+    for noise in (None, controls(model, 500)):
+        run = Run.of(model, data, noise)
+        with pytest.raises(UnstableError, match="joint 'hinge'") as caught:
+            profile(run, 500)
+        assert 0 < caught.value.step < 500
+
+
+@pytest.mark.filterwarnings("ignore")
+def test_a_batch_says_that_mujocos_warnings_stopped_it_and_a_loop_goes_on() -> None:
+    model = mujoco.MjModel.from_xml_string(CROWDED)
+    run = Run.of(model, mujoco.MjData(model))
+    assert profile(run, 20).warned
+    with pytest.raises(StoppedError):
+        BatchRoller(run).seconds(20, 5, lambda: 0.0)
+    roller = LoopRoller(run)
+    roller.seconds(20, 5, lambda: 0.0)
+    assert roller._data.time == pytest.approx(20 * model.opt.timestep)
