@@ -5,10 +5,12 @@ line of a message says what and where; further lines say what is valid and what 
 """
 
 import difflib
+import re
 import signal
 import traceback
 import unicodedata
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -16,6 +18,23 @@ LISTED = 24  # names shown before a list is cut
 LOGGED = 8  # lines of an encoder's log that are shown
 NEAR = 0.6  # of two names, the least share that agrees when one may be meant by the other
 FAULTS = 50  # problems of a document that are shown
+
+
+# Around the name of an option in a message. `clean` leaves neither in foreign text, which cannot be taken for one then.
+_OPTION = re.compile("\x02([^\x02\x03]*)\x03")
+
+Spelling = Callable[[str], str]
+OptionPath = tuple[str | int, ...]
+
+
+def option(name: str) -> str:
+    """The option `name` within a message: each front end spells it in its own way, `--trail-span` or `trail_span`."""
+    return f"\x02{name}\x03"
+
+
+def spelled(text: str, spelling: Spelling = str) -> str:
+    """`text` with its options as `spelling` writes their names; as Python does if nothing is said."""
+    return _OPTION.sub(lambda found: spelling(found[1]), text)
 
 
 def clean(text: str) -> str:
@@ -80,6 +99,13 @@ class MjrunError(Exception):
     exit_code = 70
     results: Sequence[Any] = ()
 
+    def __str__(self) -> str:
+        return spelled(super().__str__())
+
+    def spelled(self, spelling: Spelling) -> str:
+        """The message and its notes, with options as `spelling` writes their names."""
+        return spelled("\n".join([super().__str__(), *getattr(self, "__notes__", ())]), spelling)
+
 
 # --- 1: the answer is no ----------------------------------------------------------------------------
 
@@ -98,9 +124,29 @@ class FailedAssertionError(MjrunError):
 
 
 class UsageError(MjrunError):
-    """Flags or values that cannot be meant."""
+    """Options or values that cannot be meant.
+
+    Attributes:
+      path: the option that is at fault, and the place in its value: `("camera", 0, "lookat")`; empty if unknown.
+    """
 
     exit_code = 2
+
+    def __init__(self, message: str, path: OptionPath = ()) -> None:
+        super().__init__(message)
+        first = _OPTION.search(message)
+        self.path: OptionPath = path or ((first[1],) if first else ())
+
+
+@contextmanager
+def concerning(*path: str | int) -> Iterator[None]:
+    """Says of a UsageError raised within which option, and which part of its value, is at fault."""
+    try:
+        yield
+    except UsageError as error:
+        if error.path[: len(path)] != path:
+            error.path = (*path, *error.path)
+        raise
 
 
 class UnknownNameError(UsageError):
@@ -115,11 +161,11 @@ class UnknownNameError(UsageError):
 
 
 class BadValueError(UsageError):
-    """A value of the wrong type, size or range."""
+    """A value of the wrong type, size or range; `what` is the name of it, `option("fps")` as a rule."""
 
     def __init__(self, what: str, value: object, expected: str) -> None:
         self.value = str(value)
-        super().__init__(f"{clean(what)}: {quoted(self.value)} is not {expected}")
+        super().__init__(f"{what}: {quoted(self.value)} is not {expected}")
 
 
 class Problem(NamedTuple):
@@ -244,7 +290,7 @@ class UnstableError(SimulationError):
             time,
             f"the simulation became unstable at step {step}, time {time:.9g} s: "
             f"{quantity} of {clean(joint)} is not finite or too large\n"
-            f"a smaller --timestep than {timestep:g} s may cure it, or another --integrator: "
+            f"a smaller {option('timestep')} than {timestep:g} s may cure it, or another {option('integrator')}: "
             "implicitfast where damping or contacts are stiff, rk4 for fast free motion",
         )
 
@@ -272,7 +318,7 @@ class SoftwareRendererError(RendererError):
 
     def __init__(self, renderer: str) -> None:
         super().__init__(
-            f"--require-gpu: the only working renderer is software ({clean(renderer)})\n"
+            f"{option('require_gpu')}: the only working renderer is software ({clean(renderer)})\n"
             "`mjrun doctor` shows every backend and what to do about it"
         )
 

@@ -4,7 +4,7 @@ import warnings
 from collections.abc import Iterable
 from typing import Protocol
 
-from mjrun.errors import MjrunWarning, clean
+from mjrun.errors import MjrunWarning, clean, spelled
 
 
 class Reporter(Protocol):
@@ -30,7 +30,7 @@ class QuietReporter:
         pass
 
     def warn(self, text: str) -> None:
-        warnings.warn(text, MjrunWarning, stacklevel=2)
+        warnings.warn(spelled(text), MjrunWarning, stacklevel=2)
 
     def progress(self, what: str, done: int, total: int) -> None:
         pass

@@ -261,7 +261,7 @@ def test_a_step_that_mujoco_could_not_finish_is_told_with_its_reason() -> None:
         (UnknownNameError("geom", EVIL, ["floor"]), 2),
         (UnknownNameError("geom", "floor", [EVIL]), 2),
         (UnknownNameError("geom", EVIL, [EVIL + "x"]), 2),
-        (BadValueError(EVIL, EVIL, "a number"), 1),
+        (BadValueError("size", EVIL, "a number"), 1),
         (DocumentError([Problem(EVIL, EVIL, EVIL), Problem(EVIL, "", "is bad")]), 2),
         (CompiledModelError(EVIL_PATH, [EVIL]), 2),
         (ModelNotFoundError(EVIL_PATH, "no such file", EVIL_PATH, [EVIL, EVIL + "x"]), 2),

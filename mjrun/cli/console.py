@@ -12,8 +12,15 @@ from typing import TYPE_CHECKING, Any, TextIO
 if TYPE_CHECKING:
     from rich.progress import Progress, TaskID
 
+from mjrun.errors import spelled
+
 STDOUT, STDERR = 1, 2
 EVERY = 10.0  # [s] between two lines of progress when stderr is no terminal
+
+
+def flag(name: str) -> str:
+    """The option `name` as the command line spells it: `--trail-span`."""
+    return f"--{name.replace('_', '-')}"
 
 
 class Console:
@@ -68,17 +75,17 @@ class Console:
 
     def note(self, text: str) -> None:
         if self.verbosity >= 0:
-            self._line(f"mjrun: {text}")
+            self._line(f"mjrun: {spelled(text, flag)}")
 
     def warn(self, text: str) -> None:
         if self.verbosity >= 0:
-            self._line(f"mjrun: warning: {text}")
+            self._line(f"mjrun: warning: {spelled(text, flag)}")
 
     def error(self, text: str) -> None:
         """What ended the command."""
         if self.debug:
             traceback.print_exc()
-        first, *rest = text.splitlines()
+        first, *rest = spelled(text, flag).splitlines()
         self._line("\n".join([f"mjrun: error: {first}", *(f"  {line}" for line in rest)]))
 
     def progress(self, what: str, done: int, total: int) -> None:

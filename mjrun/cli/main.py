@@ -14,7 +14,7 @@ from typing import Any, NoReturn
 import click
 from click.shell_completion import shell_complete
 
-from mjrun.cli.console import Console
+from mjrun.cli.console import Console, flag
 from mjrun.errors import ClosedPipeError, EndedError, MjrunError, TerminatedError, clean, quoted
 from mjrun.version import __version__
 
@@ -125,7 +125,7 @@ def _guarded(console: Console, action: Callable[[], int]) -> int:
         console.error(error.format_message())
         return error.exit_code
     except MjrunError as error:
-        console.error("\n".join([str(error), *getattr(error, "__notes__", ())]))
+        console.error(error.spelled(flag))
         return error.exit_code
     except (BrokenPipeError, ClosedPipeError):
         # Python would complain of the closed pipe once more when it exits.

@@ -8,7 +8,7 @@ from types import SimpleNamespace
 import pytest
 
 from mjrun.errors import NoRendererError, SoftwareRendererError, UnknownNameError
-from mjrun.render import backend
+from mjrun.render import backend as backend_module
 from mjrun.render.backend import Backend, Probe, Search, VulkanSearch, candidates, remedy
 
 
@@ -220,10 +220,10 @@ def test_a_backend_that_draws_is_seen_to_and_one_that_draws_nothing_is_refused(
     backend: Backend, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     assert Probe(backend.name, draw=True).result() == backend
-    script = Path(backend.__file__).with_name("probe.py").read_text()
-    blind = tmp_path / "probe.py"
+    script = Path(backend_module.__file__).with_name("backend_test.py").read_text()
+    blind = tmp_path / "backend_test.py"
     blind.write_text(script.replace("mujoco.mjr_render(rect, scene, context)", "pass"))
-    monkeypatch.setattr(backend, "__file__", str(tmp_path / "backend.py"))
+    monkeypatch.setattr(backend_module, "__file__", str(tmp_path / "backend.py"))
     assert Probe(backend.name, draw=True).result() == f"{backend.renderer} draws wrongly"
     assert Probe(backend.name).result() == backend
 

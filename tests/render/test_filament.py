@@ -382,7 +382,8 @@ model = mujoco.MjModel.from_xml_string('''<mujoco><asset><material name="mirror"
   <geom size=".2" pos="-.5 0 1" rgba="1 0 0 1"/><camera pos="0 -2 3" xyaxes="1 0 0 0 .83 .55"/></worldbody></mujoco>''')
 data = mujoco.MjData(model)
 mujoco.mj_forward(model, data)
-stage, seen = Stage(model, mujoco.MjvOption()), CameraMotion(script("0", model), model, (96, 64)).pose(save(model, data))
+stage = Stage(model, mujoco.MjvOption())
+seen = CameraMotion(script("0", model), model, (96, 64)).pose(save(model, data))
 stage.update(data)
 shown = [stage.draw((96, 64), seen, Form("RGB8", "DEFAULT", 3, np.uint8), reflections=on).astype(int) for on in (0, 1)]
 print("row", np.nonzero(np.abs(shown[0] - shown[1]).max(axis=2) > 20)[0].mean())
