@@ -51,7 +51,7 @@ def film(swing: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callab
                 started.append(jobs)
                 super().__init__(jobs, module)
 
-        monkeypatch.setattr(frame_drawing, "Crew", Counted)
+        monkeypatch.setattr(frame_drawing, "Workers", Counted)
         listener = Listener()
         simulation = Simulation(swing, duration=duration)
         job = Video(simulation, f"{tmp_path}/f/", size=SIZE, camera="side", **options)  # type: ignore[arg-type]

@@ -32,7 +32,7 @@ def test_a_backend_that_does_not_work_is_reported_with_its_reason_and_the_packag
 ) -> None:
     monkeypatch.delenv("DISPLAY", raising=False)
     monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
-    monkeypatch.setattr(backend, "candidates", lambda: ("glfw",))
+    monkeypatch.setattr(backend_module, "candidates", lambda: ("glfw",))
     monkeypatch.setattr(platform, "freedesktop_os_release", lambda: {"ID": "ubuntu", "ID_LIKE": "debian"})
     with pytest.raises(NoRendererError) as caught:
         Search("glfw").result()
@@ -57,7 +57,7 @@ def test_where_the_environment_is_the_cause_to_change_it_is_the_cure(
 ) -> None:
     if backend.name != "egl":
         pytest.skip("another backend draws")
-    monkeypatch.setattr(backend, "candidates", lambda: ("egl",))
+    monkeypatch.setattr(backend_module, "candidates", lambda: ("egl",))
     for variable, value in variables.items():
         monkeypatch.setenv(variable, value)
     with pytest.raises(NoRendererError) as caught:
@@ -84,7 +84,7 @@ def test_rendering_that_is_switched_off_is_said_so(off: str) -> None:
 
 
 def test_a_search_goes_on_to_the_next_backend(monkeypatch: pytest.MonkeyPatch, backend: Backend) -> None:
-    monkeypatch.setattr(backend, "candidates", lambda: ("nonsense", backend.name))
+    monkeypatch.setattr(backend_module, "candidates", lambda: ("nonsense", backend.name))
     assert Search("auto").result() == backend
 
 
@@ -116,14 +116,14 @@ class Hardware:
 
 
 def test_a_required_gpu_refuses_software(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(backend, "Probe", Hardware({"egl": "llvmpipe"}))
+    monkeypatch.setattr(backend_module, "Probe", Hardware({"egl": "llvmpipe"}))
     with pytest.raises(SoftwareRendererError, match="llvmpipe"):
         Search("egl").result(require_gpu=True)
 
 
 def test_a_required_gpu_is_found_behind_a_software_backend(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(backend, "candidates", lambda: ("egl", "glfw"))
-    monkeypatch.setattr(backend, "Probe", Hardware({"egl": "llvmpipe", "glfw": "NVIDIA"}))
+    monkeypatch.setattr(backend_module, "candidates", lambda: ("egl", "glfw"))
+    monkeypatch.setattr(backend_module, "Probe", Hardware({"egl": "llvmpipe", "glfw": "NVIDIA"}))
     assert Search("auto").result(require_gpu=True).name == "glfw"
 
 
@@ -145,7 +145,7 @@ def test_a_driver_that_hangs_is_an_answer(monkeypatch: pytest.MonkeyPatch, tmp_p
     hang.write_text("#!/bin/sh\nexec sleep 60\n")
     hang.chmod(0o755)
     monkeypatch.setattr(backend.sys, "executable", str(hang))
-    monkeypatch.setattr(backend, "TIMEOUT", 0.1)
+    monkeypatch.setattr(backend_module, "TIMEOUT", 0.1)
     assert Probe("egl").result() == "did not answer within 0.1 s"
 
 
@@ -172,7 +172,7 @@ def test_a_vulkan_without_a_driver_is_reported_with_the_packages_and_the_other_r
 
 @pytest.mark.parametrize(("renderer", "refused"), [("llvmpipe (LLVM 15.0.6, 256 bits)", True), ("NVIDIA H200", False)])
 def test_a_required_gpu_refuses_software_vulkan(monkeypatch: pytest.MonkeyPatch, renderer: str, refused: bool) -> None:
-    monkeypatch.setattr(backend, "Probe", Hardware({"vulkan": renderer}))
+    monkeypatch.setattr(backend_module, "Probe", Hardware({"vulkan": renderer}))
     search = VulkanSearch()
     if refused:
         with pytest.raises(SoftwareRendererError, match="llvmpipe"):
