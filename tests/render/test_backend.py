@@ -128,7 +128,7 @@ def test_a_required_gpu_is_found_behind_a_software_backend(monkeypatch: pytest.M
 
 
 def test_a_driver_that_crashes_is_an_answer(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(backend.sys, "executable", "/bin/false")
+    monkeypatch.setattr(backend_module.sys, "executable", "/bin/false")
     assert Probe("egl").result() == "its process ended with code 1"
 
 
@@ -136,7 +136,7 @@ def test_a_driver_that_crashes_has_the_last_word(monkeypatch: pytest.MonkeyPatch
     crash = tmp_path / "crash"
     crash.write_text("#!/bin/sh\necho noise\necho one >&2\necho 'reason: no device' >&2\nexit 3\n")
     crash.chmod(0o755)
-    monkeypatch.setattr(backend.sys, "executable", str(crash))
+    monkeypatch.setattr(backend_module.sys, "executable", str(crash))
     assert Probe("vulkan").result() == "its process ended with code 3 (reason: no device)"
 
 
@@ -144,7 +144,7 @@ def test_a_driver_that_hangs_is_an_answer(monkeypatch: pytest.MonkeyPatch, tmp_p
     hang = tmp_path / "hang"
     hang.write_text("#!/bin/sh\nexec sleep 60\n")
     hang.chmod(0o755)
-    monkeypatch.setattr(backend.sys, "executable", str(hang))
+    monkeypatch.setattr(backend_module.sys, "executable", str(hang))
     monkeypatch.setattr(backend_module, "TIMEOUT", 0.1)
     assert Probe("egl").result() == "did not answer within 0.1 s"
 
