@@ -16,10 +16,10 @@ import mujoco
 from mjrun.camera.argument import script
 from mjrun.camera.motion import CameraMotion
 from mjrun.job.simulation import Simulation
-from mjrun.render.backend import Backend, Search
-from mjrun.render.classic import ClassicRenderer
-from mjrun.render.segmentation import Segmentation
-from mjrun.render.visual import Visual
+from mjrun.rendering.backend import Backend, Search
+from mjrun.rendering.classic import ClassicRenderer
+from mjrun.rendering.segmentation import Segmentation
+from mjrun.rendering.visual import Visual
 
 ROOT = Path(__file__).resolve().parents[1]
 MODELS = [ROOT / "scenes/dominos.xml", ROOT / "../shared/models/humanoid/22_humanoids.xml"]

@@ -39,7 +39,7 @@ if TYPE_CHECKING:
     from mjrun.model.info import Info as Info
     from mjrun.model.info import InfoResult as InfoResult
     from mjrun.model.load import load as load
-    from mjrun.render.visual import Visual as Visual
+    from mjrun.rendering.visual import Visual as Visual
 
 _HOMES = {
     "Image": "mjrun.job.image",
@@ -59,7 +59,7 @@ _HOMES = {
     "TraceResult": "mjrun.job.trace",
     "Video": "mjrun.job.video",
     "VideoResult": "mjrun.job.video",
-    "Visual": "mjrun.render.visual",
+    "Visual": "mjrun.rendering.visual",
     "load": "mjrun.model.load",
     "perform": "mjrun.job.perform",
     "read_camera": "mjrun.document.camera",

@@ -15,7 +15,7 @@ import numpy as np
 from mjrun.errors import EncoderError, NoRendererError, UnknownNameError
 from mjrun.formats.video import encoder_version, working_codecs
 from mjrun.model import mujoco_bugs
-from mjrun.render.backend import DEVICE, GL, VULKAN, Backend, Probe, candidates, cure, remedy, sought, way_out
+from mjrun.rendering.backend import DEVICE, GL, VULKAN, Backend, Probe, candidates, cure, remedy, sought, way_out
 from mjrun.version import __version__
 
 EXTRAS = {"parquet": "pyarrow", "mat": "scipy", "plot": "matplotlib", "warp": "mujoco_warp"}

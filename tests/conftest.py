@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 
 from mjrun.errors import NoRendererError
-from mjrun.render.backend import Backend, Search, VulkanSearch
+from mjrun.rendering.backend import Backend, Search, VulkanSearch
 
 ROOT = Path(__file__).parents[1]
 

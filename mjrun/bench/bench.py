@@ -30,8 +30,8 @@ from mjrun.job.view import Drawing
 from mjrun.model.mujoco_globals import collected_warnings
 from mjrun.model.names import names
 from mjrun.model.source import Source
-from mjrun.render.backend import Backend
-from mjrun.render.process_count import AUTO, available_cores
+from mjrun.rendering.backend import Backend
+from mjrun.rendering.process_count import AUTO, available_cores
 from mjrun.reporter import QuietReporter, Reporter, pass_on
 from mjrun.sim.parameter_grid import points, settings
 from mjrun.sim.rollout_timing import Clock

@@ -15,9 +15,9 @@ from mjrun.formats.codecs import encoding
 from mjrun.formats.video import FilmWriter
 from mjrun.job.view import Drawing, painter
 from mjrun.model.mujoco_globals import without_timers
-from mjrun.render.backend import Backend
-from mjrun.render.compositor import Overlay, SceneCompositor, Stream
-from mjrun.render.timed_renderers import DRAW, READ, TIMED, UPDATE, Stopwatch
+from mjrun.rendering.backend import Backend
+from mjrun.rendering.compositor import Overlay, SceneCompositor, Stream
+from mjrun.rendering.timed_renderers import DRAW, READ, TIMED, UPDATE, Stopwatch
 from mjrun.sim.rollout_timing import Clock
 
 FEW, MOST = 7, 30  # frames that are timed, after the first

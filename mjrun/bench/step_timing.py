@@ -7,7 +7,7 @@ import numpy as np
 
 from mjrun.bench.statistics import Stat, stat
 from mjrun.model.mujoco_globals import without_timers
-from mjrun.render.process_count import available_cores
+from mjrun.rendering.process_count import available_cores
 from mjrun.sim.rollout_timing import BatchRoller, Clock, LoopRoller, Profile, Roller, Run, StoppedError, profile
 
 MOST_STEPS = 10_000  # of one rollout; testspeed's own

@@ -14,7 +14,7 @@ from mjrun.check.model_files import found_models
 from mjrun.check.rule_table import CRASHED, FAILED, MEMORY, RULES, TIMED_OUT, finding
 from mjrun.check.worker_processes import Children, Said
 from mjrun.errors import BadValueError, UnknownNameError, UsageError
-from mjrun.render.process_count import available_cores
+from mjrun.rendering.process_count import available_cores
 from mjrun.reporter import QuietReporter, Reporter
 
 AUTO = "auto"

@@ -110,7 +110,7 @@ def _count(word: str) -> int | str:
 def _drawings(given: dict[str, Any]) -> list["Drawing"]:
     """Every combination of size, view, quality and renderer."""
     from mjrun.job.view import SIZE, Drawing
-    from mjrun.render.visual import Visual
+    from mjrun.rendering.visual import Visual
 
     several = {name: given[name] for name in ("sizes", "views", "qualities", "renderers")}
     if not given["render"]:

@@ -19,7 +19,7 @@ DOCUMENTS = (".yaml", ".yml")
 if TYPE_CHECKING:
     from mjrun.job.simulation import Simulation
     from mjrun.model.source import Source
-    from mjrun.render.visual import Visual
+    from mjrun.rendering.visual import Visual
 
 
 def import_mujoco() -> None:
@@ -104,7 +104,7 @@ def answering(console: Console, as_json: bool, document: Callable[[Sequence[Any]
 
 def visual(given: dict[str, Any]) -> "Visual":
     """What `view_options` and `renderer_options` say is drawn."""
-    from mjrun.render.visual import Visual
+    from mjrun.rendering.visual import Visual
 
     groups = {kind: given[f"{kind}group"] for kind in GROUP_KINDS}
     return Visual(

@@ -21,8 +21,8 @@ from mjrun.job.simulation import Simulation
 from mjrun.job.trace import Trace
 from mjrun.job.video import Video
 from mjrun.probe.select import DEFAULT, split
-from mjrun.render.graph import SIDES
-from mjrun.render.process_count import AUTO
+from mjrun.rendering.graph import SIDES
+from mjrun.rendering.process_count import AUTO
 
 Positives = Annotated[int, Field(gt=0)]
 

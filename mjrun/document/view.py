@@ -33,10 +33,10 @@ from mjrun.errors import UsageError, quoted
 from mjrun.formats.calibration import FORMATS as CALIBRATIONS
 from mjrun.job.scene_decorations import DOES
 from mjrun.job.view import LAYOUTS, RENDERERS, SIZE, STYLES
-from mjrun.render.compositor import VIEWS
-from mjrun.render.segmentation import grouping
-from mjrun.render.text import CORNERS
-from mjrun.render.visual import GROUPS, QUALITIES, Visual, flags
+from mjrun.rendering.compositor import VIEWS
+from mjrun.rendering.segmentation import grouping
+from mjrun.rendering.text import CORNERS
+from mjrun.rendering.visual import GROUPS, QUALITIES, Visual, flags
 
 ALL = tuple(range(6))  # groups
 

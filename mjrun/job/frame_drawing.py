@@ -6,10 +6,10 @@ from types import TracebackType
 import numpy as np
 
 from mjrun.errors import clean
-from mjrun.render.backend import Backend
-from mjrun.render.compositor import Costs, SceneCompositor
-from mjrun.render.process_count import available_cores, guess, jobs_for
-from mjrun.render.workers import Pool, Workers
+from mjrun.rendering.backend import Backend
+from mjrun.rendering.compositor import Costs, SceneCompositor
+from mjrun.rendering.process_count import available_cores, guess, jobs_for
+from mjrun.rendering.workers import Pool, Workers
 from mjrun.reporter import Reporter
 from mjrun.sim.state_buffer import StateBuffer
 

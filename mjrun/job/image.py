@@ -25,9 +25,9 @@ from mjrun.job.perform import Artifact, Context, Preview, Work, perform
 from mjrun.job.simulation import Simulation
 from mjrun.job.view import Drawing, painter, tags, unused
 from mjrun.model.rendered_view import Picture
-from mjrun.render.compositor import Overlay, Panel, SceneCompositor, Stream, Style
-from mjrun.render.layout import layout_size
-from mjrun.render.segmentation import Segmentation
+from mjrun.rendering.compositor import Overlay, Panel, SceneCompositor, Stream, Style
+from mjrun.rendering.layout import layout_size
+from mjrun.rendering.segmentation import Segmentation
 from mjrun.reporter import Reporter
 from mjrun.sim.observe import Tap
 from mjrun.sim.state_buffer import StateBuffer

@@ -10,8 +10,8 @@ from mjrun.errors import UsageError, quoted
 from mjrun.job.text_template import Template, template
 from mjrun.job.trace_rows import Table
 from mjrun.probe.select import catalogue, split
-from mjrun.render.compositor import Overlay
-from mjrun.render.graph import Graph, graph_size
+from mjrun.rendering.compositor import Overlay
+from mjrun.rendering.graph import Graph, graph_size
 from mjrun.sim.stepper import Stepper
 from mjrun.timeline import Timeline
 

@@ -19,7 +19,7 @@ from mjrun.job.trace import rows
 from mjrun.job.trace_rows import RowBuffer, Rows, Table
 from mjrun.job.view import tags
 from mjrun.probe.select import split
-from mjrun.render.graph import Graph
+from mjrun.rendering.graph import Graph
 from mjrun.reporter import Reporter
 from mjrun.sim.observe import Tap
 

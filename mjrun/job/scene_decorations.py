@@ -17,8 +17,8 @@ from mjrun.formats.table_reader import read_table
 from mjrun.model import state
 from mjrun.model.names import identify
 from mjrun.probe.fields import field_probe
-from mjrun.render.decorations import LIMIT, Decoration, Ghost, trails
-from mjrun.render.visual import Visual
+from mjrun.rendering.decorations import LIMIT, Decoration, Ghost, trails
+from mjrun.rendering.visual import Visual
 from mjrun.sim.replay import require_model, require_timestep, states_at
 from mjrun.timeline import Timeline, rational
 

@@ -23,10 +23,10 @@ from mjrun.job.perform import Artifact, Context, Preview, Work, perform
 from mjrun.job.simulation import Simulation, lone, positive
 from mjrun.job.view import Drawing, painter, tags, unused
 from mjrun.model.uint16_pixels import MOST
-from mjrun.render.compositor import Overlay, SceneCompositor, Stream
-from mjrun.render.graph import SIDES
-from mjrun.render.layout import layout_size
-from mjrun.render.process_count import AUTO
+from mjrun.rendering.compositor import Overlay, SceneCompositor, Stream
+from mjrun.rendering.graph import SIDES
+from mjrun.rendering.layout import layout_size
+from mjrun.rendering.process_count import AUTO
 from mjrun.reporter import Reporter
 from mjrun.sim.observe import Tap
 from mjrun.sim.state_buffer import StateBuffer

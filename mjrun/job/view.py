@@ -18,13 +18,13 @@ from mjrun.formats.labels import labels_beside
 from mjrun.job.output_files import named
 from mjrun.job.scene_decorations import SceneDecorations, additions
 from mjrun.job.simulation import lone
-from mjrun.render.backend import Backend, Search, VulkanSearch
-from mjrun.render.classic import ClassicRenderer, check_size
-from mjrun.render.compositor import VIEWS, Overlay, Panel, SceneCompositor, Stream, Style
-from mjrun.render.decorations import Decoration
-from mjrun.render.filament import FilamentRenderer, check_segmentation, check_visual, left_out
-from mjrun.render.segmentation import Segmentation, grouping
-from mjrun.render.visual import Visual
+from mjrun.rendering.backend import Backend, Search, VulkanSearch
+from mjrun.rendering.classic import ClassicRenderer, check_size
+from mjrun.rendering.compositor import VIEWS, Overlay, Panel, SceneCompositor, Stream, Style
+from mjrun.rendering.decorations import Decoration
+from mjrun.rendering.filament import FilamentRenderer, check_segmentation, check_visual, left_out
+from mjrun.rendering.segmentation import Segmentation, grouping
+from mjrun.rendering.visual import Visual
 
 SIZE = (1280, 720)
 LAYOUTS = ("row", "column", "grid")

@@ -24,11 +24,11 @@ from mjrun.camera.motion import CameraMotion
 from mjrun.errors import BadValueError, FileError, ModelNotFoundError, UnstableError, UsageError
 from mjrun.job.view import Drawing
 from mjrun.model.source import Source
-from mjrun.render.backend import Backend
-from mjrun.render.classic import ClassicRenderer
-from mjrun.render.segmentation import Segmentation
-from mjrun.render.timed_renderers import Stopwatch, TimedClassicRenderer
-from mjrun.render.visual import Visual
+from mjrun.rendering.backend import Backend
+from mjrun.rendering.classic import ClassicRenderer
+from mjrun.rendering.segmentation import Segmentation
+from mjrun.rendering.timed_renderers import Stopwatch, TimedClassicRenderer
+from mjrun.rendering.visual import Visual
 from mjrun.sim.parameter_grid import points, scan_values, settings
 from mjrun.sim.rollout_timing import Run
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import mujoco
 import pytest
 
-from mjrun.render.backend import Backend
+from mjrun.rendering.backend import Backend
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -176,7 +176,7 @@ def test_words_that_the_command_line_repeats_are_those_of_the_layers_below() -> 
 
     from mjrun.cli import main, options
     from mjrun.model.names import members
-    from mjrun.render.visual import GROUPS, QUALITIES
+    from mjrun.rendering.visual import GROUPS, QUALITIES
 
     assert set(INTEGRATORS) == set(members(mujoco.mjtIntegrator))
     assert set(main.MODELS) == set(SUFFIXES)

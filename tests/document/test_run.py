@@ -22,7 +22,7 @@ from mjrun.job.trace import Trace
 from mjrun.job.video import Video
 from mjrun.model.override import Setting
 from mjrun.model.source import Source
-from mjrun.render.visual import Visual
+from mjrun.rendering.visual import Visual
 
 MODEL = """
 <mujoco>

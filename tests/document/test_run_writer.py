@@ -40,9 +40,9 @@ from mjrun.job.trace import Trace
 from mjrun.job.video import Video
 from mjrun.model.override import Setting
 from mjrun.model.source import Source
-from mjrun.render.segmentation import grouping
-from mjrun.render.text import CORNERS
-from mjrun.render.visual import GROUPS, Visual, flags
+from mjrun.rendering.segmentation import grouping
+from mjrun.rendering.text import CORNERS
+from mjrun.rendering.visual import GROUPS, Visual, flags
 from mjrun.timeline import rational
 
 

@@ -11,9 +11,9 @@ import pytest
 from mjrun.job import frame_drawing
 from mjrun.job.simulation import Simulation
 from mjrun.job.video import Video, VideoResult
-from mjrun.render.backend import Backend
-from mjrun.render.visual import Visual
-from mjrun.render.workers import Workers
+from mjrun.rendering.backend import Backend
+from mjrun.rendering.visual import Visual
+from mjrun.rendering.workers import Workers
 from mjrun.reporter import QuietReporter
 
 SIZE = (64, 48)

@@ -14,7 +14,7 @@ from mjrun.errors import BadValueError, MjrunError, UnknownNameError, UsageError
 from mjrun.job.image import Image
 from mjrun.job.simulation import Simulation
 from mjrun.job.video import Video
-from mjrun.render.layout import layout_size, places
+from mjrun.rendering.layout import layout_size, places
 
 SIZE = (96, 64)
 Still = Callable[..., np.ndarray]

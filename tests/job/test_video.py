@@ -19,7 +19,7 @@ from mjrun.job import frame_drawing, perform
 from mjrun.job.image import Image
 from mjrun.job.simulation import Simulation
 from mjrun.job.video import Video
-from mjrun.render.visual import Visual
+from mjrun.rendering.visual import Visual
 
 pytestmark = pytest.mark.filterwarnings("ignore:drawing in software")
 

@@ -17,10 +17,10 @@ from mjrun.job.scene_decorations import additions
 from mjrun.job.simulation import Simulation
 from mjrun.job.trace import Trace
 from mjrun.job.video import Video
-from mjrun.render.backend import Backend
-from mjrun.render.classic import ClassicRenderer
-from mjrun.render.graph import graph_size
-from mjrun.render.visual import Visual
+from mjrun.rendering.backend import Backend
+from mjrun.rendering.classic import ClassicRenderer
+from mjrun.rendering.graph import graph_size
+from mjrun.rendering.visual import Visual
 
 pytestmark = pytest.mark.filterwarnings("ignore:drawing in software")
 

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from mjrun.errors import UnknownNameError
-from mjrun.render.text import stamp
+from mjrun.rendering.text import stamp
 
 LAYOUTS = ("row", "column", "grid")
 GROUND = (24, 25, 28)  # between pictures, and where a grid has none

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from mjrun.errors import UnknownNameError
 from mjrun.model.rendered_view import Segment
-from mjrun.render.colormaps import (
+from mjrun.rendering.colormaps import (
     COLORMAPS,
     UNSEEN,
     colormap_table,
@@ -26,7 +26,7 @@ from mjrun.render.colormaps import (
     segmentation_palette,
     ticks,
 )
-from mjrun.render.text import crisp, text_size
+from mjrun.rendering.text import crisp, text_size
 
 THINGS = [Segment("geom", i, f"part_{i}", "robot") for i in range(200)]
 finite = st.floats(-1e9, 1e9)

@@ -13,15 +13,15 @@ import numpy as np
 from mjrun.camera.pose import Pose
 from mjrun.model.rendered_view import Picture
 from mjrun.model.uint16_pixels import millimetres, numbered
-from mjrun.render.backend import Backend
-from mjrun.render.classic import ClassicRenderer
-from mjrun.render.colormaps import colors_of, colour_bar, depth_colors, depth_range, in_view, legend, seg_colors
-from mjrun.render.decorations import Decoration
-from mjrun.render.graph import Graph
-from mjrun.render.layout import compose, layout_size
-from mjrun.render.segmentation import Segmentation
-from mjrun.render.text import stamp
-from mjrun.render.visual import Visual
+from mjrun.rendering.backend import Backend
+from mjrun.rendering.classic import ClassicRenderer
+from mjrun.rendering.colormaps import colors_of, colour_bar, depth_colors, depth_range, in_view, legend, seg_colors
+from mjrun.rendering.decorations import Decoration
+from mjrun.rendering.graph import Graph
+from mjrun.rendering.layout import compose, layout_size
+from mjrun.rendering.segmentation import Segmentation
+from mjrun.rendering.text import stamp
+from mjrun.rendering.visual import Visual
 
 VIEWS = ("rgb", "depth", "seg")
 NAMES = {"rgb": "colour", "depth": "depth", "seg": "segmentation"}

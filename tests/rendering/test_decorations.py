@@ -9,8 +9,8 @@ import pytest
 
 from mjrun.camera.targets import ObjectPath, object_paths, trail
 from mjrun.errors import UnknownNameError
-from mjrun.render.decorations import WIDENING, Decoration, Ghost, Trail, ramp, trails
-from mjrun.render.visual import Visual
+from mjrun.rendering.decorations import WIDENING, Decoration, Ghost, Trail, ramp, trails
+from mjrun.rendering.visual import Visual
 
 STATE = mujoco.mjtState.mjSTATE_INTEGRATION
 MODEL = mujoco.MjModel.from_xml_string(

@@ -16,11 +16,11 @@ from mjrun.errors import DrawError, UsageError
 from mjrun.model.names import members
 from mjrun.model.rendered_view import Picture
 from mjrun.model.state import restore
-from mjrun.render.backend import Backend
-from mjrun.render.decorations import Decoration
-from mjrun.render.exact_framebuffer import ExactBuffer
-from mjrun.render.segmentation import Segmentation
-from mjrun.render.visual import Visual
+from mjrun.rendering.backend import Backend
+from mjrun.rendering.decorations import Decoration
+from mjrun.rendering.exact_framebuffer import ExactBuffer
+from mjrun.rendering.segmentation import Segmentation
+from mjrun.rendering.visual import Visual
 
 GEOMS = 10_000  # room in the scene to begin with; it grows
 FONTS = (50, 100, 150, 200, 250, 300)  # percent

@@ -9,7 +9,7 @@ import numpy as np
 from mjrun.camera.targets import ObjectPath, object_paths
 from mjrun.model.names import members
 from mjrun.model.state import restore
-from mjrun.render.visual import Visual
+from mjrun.rendering.visual import Visual
 
 DECOR = mujoco.mjtCatBit.mjCAT_DECOR.value
 DYNAMIC = mujoco.mjtCatBit.mjCAT_DYNAMIC.value

@@ -8,8 +8,8 @@ from types import SimpleNamespace
 import pytest
 
 from mjrun.errors import NoRendererError, SoftwareRendererError, UnknownNameError
-from mjrun.render import backend as backend_module
-from mjrun.render.backend import Backend, Probe, Search, VulkanSearch, candidates, remedy
+from mjrun.rendering import backend as backend_module
+from mjrun.rendering.backend import Backend, Probe, Search, VulkanSearch, candidates, remedy
 
 
 def test_a_renderer_is_found_without_being_told(backend: Backend) -> None:

@@ -12,11 +12,11 @@ from mjrun.camera.motion import CameraMotion
 from mjrun.camera.pose import Pose
 from mjrun.errors import UsageError
 from mjrun.model.rendered_view import Picture
-from mjrun.render import classic
-from mjrun.render.backend import Backend
-from mjrun.render.classic import ClassicRenderer, check_size
-from mjrun.render.segmentation import Segmentation
-from mjrun.render.visual import Visual
+from mjrun.rendering import classic
+from mjrun.rendering.backend import Backend
+from mjrun.rendering.classic import ClassicRenderer, check_size
+from mjrun.rendering.segmentation import Segmentation
+from mjrun.rendering.visual import Visual
 
 SIZE = (96, 64)
 Still = Callable[..., np.ndarray]

@@ -9,7 +9,7 @@ import numpy as np
 
 from mjrun.errors import UnknownNameError
 from mjrun.model.rendered_view import Segment
-from mjrun.render.text import (
+from mjrun.rendering.text import (
     INK,
     baseline,
     blend,

@@ -7,8 +7,8 @@ from hypothesis import strategies as st
 from PIL import Image, ImageDraw, ImageFont
 
 from mjrun.errors import UnknownNameError
-from mjrun.render.colormaps import oklab
-from mjrun.render.text import (
+from mjrun.rendering.colormaps import oklab
+from mjrun.rendering.text import (
     CORNERS,
     INK,
     SMALLEST,

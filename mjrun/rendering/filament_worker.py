@@ -16,12 +16,12 @@ from mjrun.model.mujoco_globals import collected_warnings
 from mjrun.model.names import COUNTS, KINDS
 from mjrun.model.rendered_view import Picture
 from mjrun.model.state import restore
-from mjrun.render.decorations import Decoration
-from mjrun.render.filament import MIRRORS, MODES, flags
-from mjrun.render.filament_scene import NUMBERED, Form, Stage
-from mjrun.render.segmentation import NOTHING, Segmentation
-from mjrun.render.visual import Visual
-from mjrun.render.worker_process import Failure
+from mjrun.rendering.decorations import Decoration
+from mjrun.rendering.filament import MIRRORS, MODES, flags
+from mjrun.rendering.filament_scene import NUMBERED, Form, Stage
+from mjrun.rendering.segmentation import NOTHING, Segmentation
+from mjrun.rendering.visual import Visual
+from mjrun.rendering.worker_process import Failure
 
 GEOMS = 2_000  # room in the scene to begin with; it grows
 EVERYTHING, DECORATION = mujoco.mjtCatBit.mjCAT_ALL.value, mujoco.mjtCatBit.mjCAT_DECOR.value

@@ -7,9 +7,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from PIL import Image, ImageDraw
 
-from mjrun.render.colormaps import figures, segmentation_palette, ticks
-from mjrun.render.layout import GROUND
-from mjrun.render.text import INK, LINE, baseline, blend, crisp, fitted, letters, rounded, width_of, write
+from mjrun.rendering.colormaps import figures, segmentation_palette, ticks
+from mjrun.rendering.layout import GROUND
+from mjrun.rendering.text import INK, LINE, baseline, blend, crisp, fitted, letters, rounded, width_of, write
 
 SIDES = ("under", "beside")
 # M. Okabe and K. Ito, "Color Universal Design", 2008, lightened for a dark ground; without black and dark blue.

@@ -8,8 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from mjrun.errors import UnknownNameError
-from mjrun.render.layout import GROUND, LAYOUTS, columns, compose, gap, layout_size, places
-from mjrun.render.text import stamp
+from mjrun.rendering.layout import GROUND, LAYOUTS, columns, compose, gap, layout_size, places
+from mjrun.rendering.text import stamp
 
 layouts = st.sampled_from(LAYOUTS)
 sizes = st.tuples(st.integers(1, 90), st.integers(1, 90))

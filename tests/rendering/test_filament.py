@@ -19,13 +19,13 @@ from mjrun.camera.pose import Pose
 from mjrun.errors import DrawError, UsageError
 from mjrun.model.rendered_view import Picture
 from mjrun.model.state import save
-from mjrun.render import filament
-from mjrun.render.backend import Backend
-from mjrun.render.classic import ClassicRenderer
-from mjrun.render.decorations import Ghost
-from mjrun.render.filament import FilamentRenderer, check_segmentation, check_visual, left_out
-from mjrun.render.segmentation import Segmentation
-from mjrun.render.visual import Visual
+from mjrun.rendering import filament
+from mjrun.rendering.backend import Backend
+from mjrun.rendering.classic import ClassicRenderer
+from mjrun.rendering.decorations import Ghost
+from mjrun.rendering.filament import FilamentRenderer, check_segmentation, check_visual, left_out
+from mjrun.rendering.segmentation import Segmentation
+from mjrun.rendering.visual import Visual
 
 SIZE = (96, 64)
 EXACT = ("depth", "seg")
@@ -373,9 +373,9 @@ def test_reflections_that_are_left_out_are_told(shape: str, told: bool) -> None:
 MIRROR = """
 import mujoco, numpy as np
 from mjrun.camera.motion import CameraMotion
-from mjrun.render.filament_worker import Form
+from mjrun.rendering.filament_worker import Form
 from mjrun.camera.argument import script
-from mjrun.render.filament_scene import Stage
+from mjrun.rendering.filament_scene import Stage
 from mjrun.model.state import save
 model = mujoco.MjModel.from_xml_string('''<mujoco><asset><material name="mirror" reflectance=".8"/></asset><worldbody>
   <light pos="0 0 4" castshadow="false"/><geom type="plane" size="3 3 .1" material="mirror"/>

@@ -23,17 +23,19 @@ from mjrun.camera.pose import Pose
 from mjrun.errors import DrawError, UsageError
 from mjrun.model.names import members
 from mjrun.model.rendered_view import Picture
-from mjrun.render.backend import Backend
-from mjrun.render.classic import check_size
-from mjrun.render.decorations import Decoration
-from mjrun.render.segmentation import Segmentation
-from mjrun.render.visual import Visual
-from mjrun.render.worker_process import Failure
+from mjrun.rendering.backend import Backend
+from mjrun.rendering.classic import check_size
+from mjrun.rendering.decorations import Decoration
+from mjrun.rendering.segmentation import Segmentation
+from mjrun.rendering.visual import Visual
+from mjrun.rendering.worker_process import Failure
 
 # Pictures drawn by one process: with Mesa 22.3 each leaves 1.5 MB behind, in drivers for GPUs less or none. Counted,
 # not measured, so that a film is the same each time.
 LIFETIME = 200
-BOOT = "import sys; sys.path[:] = sys.argv[2:]; from mjrun.render.filament_worker import serve; serve(int(sys.argv[1]))"
+BOOT = (
+    "import sys; sys.path[:] = sys.argv[2:]; from mjrun.rendering.filament_worker import serve; serve(int(sys.argv[1]))"
+)
 MIRRORS = False  # under Vulkan, MuJoCo 4.0.0 draws reflections upside down
 
 CLASSIC = "--renderer classic can"

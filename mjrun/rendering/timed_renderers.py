@@ -9,9 +9,9 @@ import numpy as np
 
 from mjrun.camera.pose import Pose
 from mjrun.model.rendered_view import Picture
-from mjrun.render.classic import ClassicRenderer
-from mjrun.render.exact_framebuffer import ExactBuffer
-from mjrun.render.filament import FilamentRenderer
+from mjrun.rendering.classic import ClassicRenderer
+from mjrun.rendering.exact_framebuffer import ExactBuffer
+from mjrun.rendering.filament import FilamentRenderer
 
 Clock = Callable[[], float]
 UPDATE, DRAW, READ = "update", "draw", "read"

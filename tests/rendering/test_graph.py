@@ -8,10 +8,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from mjrun.render import graph
-from mjrun.render.colormaps import oklab
-from mjrun.render.graph import SERIES, SIDES, Graph, graph_size
-from mjrun.render.layout import GROUND
+from mjrun.rendering import graph
+from mjrun.rendering.colormaps import oklab
+from mjrun.rendering.graph import SERIES, SIDES, Graph, graph_size
+from mjrun.rendering.layout import GROUND
 
 SIZE = (480, 140)
 TIMES = np.linspace(0, 4, 401)

@@ -16,10 +16,10 @@ import numpy as np
 import pytest
 
 from mjrun.errors import BadValueError, DrawError, MjrunError, NoRendererError, UnstableError
-from mjrun.render import process_count
-from mjrun.render.backend import Backend
-from mjrun.render.process_count import available_cores, guess, jobs_for
-from mjrun.render.workers import SLOTS, Pool, Workers
+from mjrun.rendering import process_count
+from mjrun.rendering.backend import Backend
+from mjrun.rendering.process_count import available_cores, guess, jobs_for
+from mjrun.rendering.workers import SLOTS, Pool, Workers
 
 sys.path.append(str(Path(__file__).parent))  # drawing processes look where we look
 
@@ -97,7 +97,7 @@ def test_processes_that_were_started_before_draw_and_end_with_the_pool() -> None
 
 @pytest.mark.parametrize("wait", [0, 0.5])
 def test_processes_that_are_not_needed_end_at_once(wait: float) -> None:
-    crew = Workers(2, "mjrun.render.compositor")
+    crew = Workers(2, "mjrun.rendering.compositor")
     time.sleep(wait)
     assert len(children()) == 2
     crew.close()
@@ -106,7 +106,7 @@ def test_processes_that_are_not_needed_end_at_once(wait: float) -> None:
 
 def test_processes_import_no_windows(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delenv("MUJOCO_GL")
-    with Pool(Adding(), SHAPE, Workers(2, "mjrun.render.compositor"), np.int64) as pool:
+    with Pool(Adding(), SHAPE, Workers(2, "mjrun.rendering.compositor"), np.int64) as pool:
         for _ in pool.frames(STATES):
             pool.ask("windows")
         assert pool.answer is False
@@ -298,7 +298,7 @@ ENVIRONMENT = {**os.environ, "PYTHONPATH": str(HERE.parents[1])}
 SCRIPT = """
 import sys
 import numpy as np
-from mjrun.render.workers import Pool
+from mjrun.rendering.workers import Pool
 sys.path.append({here!r})
 from painters import Telling
 with Pool(Telling({mischief}), (2,), 2, np.int64) as pool:

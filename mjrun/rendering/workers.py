@@ -24,7 +24,7 @@ import numpy as np
 import numpy.typing as npt
 
 from mjrun.errors import DrawError
-from mjrun.render.worker_process import GRACE, Failure, Layout, Painter, Reply, Slot, anonymous
+from mjrun.rendering.worker_process import GRACE, Failure, Layout, Painter, Reply, Slot, anonymous
 
 AHEAD = 2  # frames a process has been given: one to draw, one to go on with
 SLOTS = 3  # frames in memory per process; the third waits for its turn
@@ -33,7 +33,7 @@ SLOTS = 3  # frames in memory per process; the third waits for its turn
 # And by MuJoCo as it is imported, which else imports GLFW, and that starts a process to look for its library.
 ENVIRONMENT = {"LP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "MUJOCO_GL": "disable"}
 BOOT = (
-    "import sys; sys.path[:] = sys.argv[5:]; from mjrun.render.worker_process import work; "
+    "import sys; sys.path[:] = sys.argv[5:]; from mjrun.rendering.worker_process import work; "
     "work(*map(int, sys.argv[1:4]), sys.argv[4])"
 )
 

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from mjrun.errors import NoRendererError, UnstableError
-from mjrun.render.backend import Backend
+from mjrun.rendering.backend import Backend
 
 OPENING, ASKED = -1, -2  # the frames of mischief done by `open` and when asked for the process
 

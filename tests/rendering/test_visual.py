@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from mjrun.errors import BadValueError, UnknownNameError
-from mjrun.render.visual import GROUPS, Visual, flags
+from mjrun.rendering.visual import GROUPS, Visual, flags
 
 VISUALIZER = [name for name in mujoco.mjtVisFlag.__members__ if name.startswith("mjVIS_")]
 RENDERING = [name for name in mujoco.mjtRndFlag.__members__ if name.startswith("mjRND_")]
