@@ -16,7 +16,7 @@ from mjrun.formats.coco import Coco
 from mjrun.formats.exr import exr
 from mjrun.formats.image_format import FORMATS, Format
 from mjrun.formats.labels import labels, labels_beside
-from mjrun.formats.publishing import StagedFile, StandardOutput, Target
+from mjrun.formats.publishing import Destination, StagedFile, StandardOutput
 from mjrun.model.rendered_view import Segment
 from mjrun.model.uint16_pixels import check_things, millimetres, numbered
 
@@ -212,7 +212,7 @@ class ImageWriter:
             raise ValueError(f"colours must be uint8 {(len(legend), 3)}, not {colours.dtype} {colours.shape}")
 
 
-def _targets(output: str | None, kind: Format, opened: ExitStack) -> tuple[Target, Target | None]:
+def _targets(output: str | None, kind: Format, opened: ExitStack) -> tuple[Destination, Destination | None]:
     """Where the picture goes, and its labels."""
     if output is None:
         return StandardOutput(terminal=kind.several), None  # a document is text, and may go to a terminal
@@ -225,7 +225,7 @@ def _targets(output: str | None, kind: Format, opened: ExitStack) -> tuple[Targe
     return picture, beside
 
 
-def _put(target: Target, data: bytes) -> None:
+def _put(target: Destination, data: bytes) -> None:
     """Writes a whole file."""
     path = target.path if target.stdout is None else target.stdout
     try:

@@ -1,10 +1,11 @@
 """Outputs that appear whole or not at all.
 
-A target is written beside itself under a temporary name and renamed when it is complete. After any
-failure, kill or full disk the target is the old one or the new one, never a mixture.
+An output is written next to its final place under a temporary name, and renamed when it is complete. After any
+failure, kill or full disk there is the old output or the new one, never a mixture.
 """
 
 import contextlib
+import ctypes
 import errno
 import os
 import re
@@ -13,27 +14,30 @@ import select
 import shutil
 import stat
 import sys
+from collections.abc import Iterator
 from pathlib import Path
-from typing import Protocol
+from types import TracebackType
+from typing import BinaryIO, Protocol, Self
 
-from mjrun.errors import FileError
+from mjrun.errors import ClosedPipeError, FileError
 
 FRAME_NAME = "%06d.png"
+AT_FDCWD, RENAME_EXCHANGE = -100, 2  # of Linux: paths relative to the working folder; swap both names
 
 
-class Target(Protocol):
-    """Where an encoder writes, and what happens when it is done."""
+class Destination(Protocol):
+    """Where an output is written, and how it gets to its final place."""
 
-    path: str  # what the encoder is given as its output
-    shown: Path  # what the user is told
+    path: str  # where to write
+    shown: Path  # what to call it in messages
 
     @property
     def stdout(self) -> int | None:
-        """The descriptor it writes to, when `path` means standard output."""
+        """The file descriptor to write to if this is standard output."""
         ...
 
     def publish(self) -> list[Path]:
-        """Puts what was written in its place, and says which files that is."""
+        """Moves the output to its final place and returns its files."""
         ...
 
     def discard(self) -> None:
@@ -41,8 +45,76 @@ class Target(Protocol):
         ...
 
 
+class OutputWriter:
+    """Base of all writers: a context manager that leaves nothing behind unless the output was published.
+
+    Creating the destination proves that the output can be written.
+
+    Attributes:
+      resources: closed when the writer is, last opened first; the destination is discarded last.
+    """
+
+    def __init__(self, destination: Destination) -> None:
+        self.destination = destination
+        self.resources = contextlib.ExitStack()
+        self.resources.callback(destination.discard)
+
+    def publish(self) -> list[Path]:
+        """Completes the output, moves it to its final place, and returns its files.
+
+        Raises:
+          FileError: the output cannot be written.
+          ClosedPipeError: nobody reads standard output any more.
+        """
+        return self.destination.publish()
+
+    def close(self) -> None:
+        """Closes what is open, and removes what was not published."""
+        self.resources.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    @contextlib.contextmanager
+    def opening(self) -> Iterator[None]:
+        """Wraps the rest of a constructor: if it fails, everything is closed and removed."""
+        try:
+            with self.writing():
+                yield
+        except BaseException:
+            self.close()
+            raise
+
+    @contextlib.contextmanager
+    def writing(self) -> Iterator[None]:
+        """Turns what the operating system raises into the errors of mjrun."""
+        try:
+            yield
+        except BrokenPipeError:
+            raise ClosedPipeError from None
+        except OSError as error:
+            raise _unwritable(self.destination.shown, error) from None
+
+    def open_file(self) -> BinaryIO:
+        """The file to write to, closed with the writer."""
+        stdout = self.destination.stdout
+        file = open(self.destination.path if stdout is None else stdout, "wb", closefd=stdout is None)  # noqa: SIM115
+        self.resources.callback(_close_quietly, file)
+        return file
+
+    def write_file(self, content: bytes) -> None:
+        """Writes all of the output at once."""
+        with self.writing(), self.open_file() as file:
+            file.write(content)
+
+
 class StagedFile:
-    """One file. Creating it proves that the target can be written.
+    """One file.
 
     Raises:
       FileError: the folder is missing, or it or the target cannot be written.
@@ -106,25 +178,26 @@ class StagedFolder:
         self.path = _pattern_in(self._temporary)
 
     def publish(self) -> list[Path]:
-        old = _beside(self._target)
         try:
             if self._target.exists():
-                self._target.rename(old)
-            self._temporary.rename(self._target)
+                _swap(self._temporary, self._target)
+            else:
+                self._temporary.rename(self._target)
+            frames = sorted(self.shown.iterdir(), key=_frame_number)
         except OSError as error:
             raise _unwritable(self.shown, error) from None
-        shutil.rmtree(old, ignore_errors=True)
-        return sorted(self.shown.iterdir())
+        self.discard()  # the old frames
+        return frames
 
     def discard(self) -> None:
         shutil.rmtree(self._temporary, ignore_errors=True)
 
 
 class StagedFrames:
-    """Files named by a pattern such as `frame_%04d.png`. Others of such names are not this film's, and stay.
+    """Frames named by a pattern such as `frame_%04d.png`. Other files whose names match are left alone.
 
     Attributes:
-      others: those that follow its last frame, once it is published.
+      others: names of matching files numbered beyond the last frame, known once the frames are published.
 
     Raises:
       FileError: the folder is missing or cannot be written.
@@ -145,18 +218,23 @@ class StagedFrames:
     def publish(self) -> list[Path]:
         before, width, after = re.split(r"%(\d*)d", self.shown.name, maxsplit=1)
         numbered = re.compile(f"{re.escape(before)}(\\d+){re.escape(after)}")
-        folder, new = self.shown.parent, list[Path]()
+        folder, published = self.shown.parent, list[Path]()
+
+        def name(number: int) -> str:
+            return f"{before}{number:{width or 1}d}{after}"
+
         try:
-            for index, frame in enumerate(sorted(self._temporary.iterdir())):
-                new.append(folder / f"{before}{index:{width or 1}d}{after}")
-                frame.replace(new[-1])
+            for index, frame in enumerate(sorted(self._temporary.iterdir(), key=_frame_number)):
+                published.append(folder / name(index))
+                frame.replace(published[-1])
             self._temporary.rmdir()
-            there = {path.name: int(found[1]) for path in folder.iterdir() if (found := numbered.fullmatch(path.name))}
+            matches = [match for path in folder.iterdir() if (match := numbered.fullmatch(path.name))]
         except OSError as error:
             raise _unwritable(self.shown, error) from None
-        late = [(n, name) for name, n in there.items() if n >= len(new) and name == f"{before}{n:{width or 1}d}{after}"]
-        self.others = [name for _, name in sorted(late)]
-        return new
+
+        later = sorted(int(match[1]) for match in matches if match[0] == name(int(match[1])))
+        self.others = [name(number) for number in later if number >= len(published)]
+        return published
 
     def discard(self) -> None:
         shutil.rmtree(self._temporary, ignore_errors=True)
@@ -169,14 +247,14 @@ class StandardOutput:
     shown = Path("-")
 
     def __init__(self, *, terminal: bool = False) -> None:
-        """`terminal`: whether it may be one, for what people read there."""
+        """`terminal`: whether it may be a terminal, as for text."""
         if sys.stdout.isatty() and not terminal:
             raise FileError("-", "standard output is a terminal", "send it to a file or a pipe: mjrun … -o - | player")
         sys.stdout.flush()
         self.stdout = sys.stdout.fileno()
 
     def reader_is_gone(self) -> bool:
-        """Whether whoever read our standard output has closed it."""
+        """Whether the other end of the pipe is closed."""
         poll = select.poll()
         poll.register(self.stdout, 0)
         return any(events & (select.POLLERR | select.POLLHUP) for _, events in poll.poll(0))
@@ -189,8 +267,41 @@ class StandardOutput:
 
 
 def no_space(text: str) -> bool:
-    """Whether an encoder's log says that the disk is full."""
+    """Whether the log of an encoder says that the disk is full."""
     return os.strerror(errno.ENOSPC) in text or os.strerror(errno.EDQUOT) in text
+
+
+def _swap(new: Path, old: Path) -> None:
+    """Exchanges the names of two folders: in one step where the system can, else undone if it fails halfway."""
+    if _exchange(new, old):
+        return
+    aside = _beside(old)
+    old.rename(aside)
+    try:
+        new.rename(old)
+    except OSError:
+        aside.rename(old)
+        raise
+    aside.rename(new)
+
+
+def _exchange(one: Path, other: Path) -> bool:
+    """Exchanges two names in one step, as only Linux and some of its file systems can; False elsewhere."""
+    try:
+        renameat2 = ctypes.CDLL(None).renameat2
+    except AttributeError:
+        return False
+    return renameat2(AT_FDCWD, os.fsencode(one), AT_FDCWD, os.fsencode(other), RENAME_EXCHANGE) == 0
+
+
+def _frame_number(path: Path) -> int:
+    return int(path.stem)
+
+
+def _close_quietly(file: BinaryIO) -> None:
+    """Closes `file`, whether or not what is still buffered can be written."""
+    with contextlib.suppress(OSError):
+        file.close()
 
 
 def _beside(target: Path) -> Path:
@@ -214,11 +325,11 @@ def _check_parent(target: Path, folder: Path) -> None:
 def _check_only_frames(shown: Path, folder: Path) -> None:
     if not folder.is_dir():
         raise FileError(shown, "exists and is not a folder")
-    foreign = [p.name for p in folder.iterdir() if not re.fullmatch(r"\d{6,}\.png", p.name)]
-    if foreign:
+    others = [p.name for p in folder.iterdir() if not re.fullmatch(r"\d{6,}\.png", p.name)]
+    if others:
         raise FileError(
             shown,
-            f"the folder holds other files ({sorted(foreign)[0]!r}), and would be replaced as a whole",
+            f"the folder holds other files ({sorted(others)[0]!r}), and would be replaced as a whole",
             "give a new folder, or a pattern such as frame_%04d.png",
         )
 

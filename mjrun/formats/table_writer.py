@@ -29,7 +29,7 @@ import orjson
 
 from mjrun.errors import ClosedPipeError, FileError, MissingExtraError, UnknownNameError, UsageError, clean
 from mjrun.formats.columnar import FeatherSink, MatSink, NpzSink, ParquetSink
-from mjrun.formats.publishing import StagedFile, StandardOutput, Target
+from mjrun.formats.publishing import Destination, StagedFile, StandardOutput
 from mjrun.model.column import Column
 
 PIECE = 2**16  # values turned into text at a time
@@ -259,7 +259,7 @@ class TableWriter:
 
 
 @contextlib.contextmanager
-def _opened(target: Target) -> Iterator[BinaryIO]:
+def _opened(target: Destination) -> Iterator[BinaryIO]:
     """The file to write to, which is closed at the end, whether or not what it still holds can be written."""
     path = target.path if target.stdout is None else target.stdout
     file = open(path, "wb", closefd=target.stdout is None)  # noqa: SIM115

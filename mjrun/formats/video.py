@@ -18,7 +18,7 @@ import numpy as np
 
 from mjrun.errors import BadValueError, ClosedPipeError, EncoderError, FileError, UsageError
 from mjrun.formats.codecs import CODECS, FORMATS, GRAY16, Encoding, is_folder
-from mjrun.formats.publishing import StagedFile, StagedFolder, StagedFrames, StandardOutput, Target, no_space
+from mjrun.formats.publishing import Destination, StagedFile, StagedFolder, StagedFrames, StandardOutput, no_space
 
 SMALLEST = 16  # pixels a side; below it some encoders fail
 LOG_LINES = 200
@@ -248,7 +248,7 @@ def _ffmpeg(*arguments: str) -> list[str]:
     return [program, "-hide_banner", "-nostdin", "-loglevel", "warning", *arguments]
 
 
-def _target(output: str | None, encoding: Encoding) -> Target:
+def _target(output: str | None, encoding: Encoding) -> Destination:
     if output is None:
         return StandardOutput()
     if encoding.format != "png":

@@ -1,4 +1,4 @@
-"""Targets that appear whole or not at all."""
+"""Destinations that appear whole or not at all."""
 
 import os
 import subprocess
@@ -8,8 +8,16 @@ from pathlib import Path
 
 import pytest
 
-from mjrun.errors import FileError
-from mjrun.formats.publishing import StagedFile, StagedFolder, StagedFrames, StandardOutput, Target
+from mjrun.errors import ClosedPipeError, FileError
+from mjrun.formats import publishing
+from mjrun.formats.publishing import (
+    Destination,
+    OutputWriter,
+    StagedFile,
+    StagedFolder,
+    StagedFrames,
+    StandardOutput,
+)
 
 needs_permissions = pytest.mark.skipif(os.geteuid() == 0, reason="root may write anywhere")
 
@@ -19,7 +27,7 @@ def names(folder: Path) -> list[str]:
     return sorted(path.name for path in folder.iterdir())
 
 
-def fill(target: Target, count: int, text: str) -> None:
+def fill(target: Destination, count: int, text: str) -> None:
     """Writes what an encoder would: numbered frames, or one file."""
     if "%06d" in target.path:
         for index in range(count):
@@ -44,7 +52,7 @@ def test_a_file_is_the_old_one_until_it_is_published(tmp_path: Path) -> None:
     ("make", "name"),
     [(StagedFile, "film.mp4"), (StagedFolder, "frames"), (StagedFrames, "frame_%03d.png")],
 )
-def test_what_is_discarded_leaves_no_trace(tmp_path: Path, make: Callable[[Path], Target], name: str) -> None:
+def test_what_is_discarded_leaves_no_trace(tmp_path: Path, make: Callable[[Path], Destination], name: str) -> None:
     staged = make(tmp_path / name)
     fill(staged, 3, "new")
     staged.discard()
@@ -76,7 +84,7 @@ def test_a_missing_folder_is_named_with_the_command_that_makes_it(tmp_path: Path
 
 
 @pytest.mark.parametrize("make", [StagedFile, StagedFolder])
-def test_a_folder_that_is_a_file_is_refused(tmp_path: Path, make: Callable[[Path], Target]) -> None:
+def test_a_folder_that_is_a_file_is_refused(tmp_path: Path, make: Callable[[Path], Destination]) -> None:
     (tmp_path / "file").write_text("")
     with pytest.raises(FileError, match="is not a folder"):
         make(tmp_path / "file/x")
@@ -111,6 +119,117 @@ def test_a_folder_of_frames_is_replaced_as_a_whole(tmp_path: Path) -> None:
     assert names(tmp_path / "frames") == ["000000.png", "000001.png", "000002.png"]
     assert (tmp_path / "frames/000002.png").read_text() == "new 2"
     assert names(tmp_path) == ["frames"]
+
+
+def no_exchange(*_: object) -> bool:
+    """Stands in for a system that cannot exchange two names in one step."""
+    return False
+
+
+@pytest.mark.parametrize("one_step", [True, False])
+def test_a_folder_whose_replacement_fails_keeps_its_old_frames(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, one_step: bool
+) -> None:
+    folder = tmp_path / "frames"
+    first = StagedFolder(folder)
+    fill(first, 2, "old")
+    first.publish()
+    second = StagedFolder(folder)
+    fill(second, 3, "new")
+    rename = Path.rename
+
+    def refuse(self: Path, target: Path) -> Path:
+        if Path(second.path).parent == self:
+            raise OSError(5, "Input/output error")
+        return rename(self, target)
+
+    monkeypatch.setattr(Path, "rename", refuse)
+    if one_step:
+        monkeypatch.setattr(publishing, "RENAME_EXCHANGE", 2**31 - 1)  # flags that no system knows
+    else:
+        monkeypatch.setattr(publishing, "_exchange", no_exchange)
+    with pytest.raises(FileError, match="frames: cannot be written: Input/output error"):
+        second.publish()
+    assert (folder / "000001.png").read_text() == "old 1"
+    second.discard()
+    assert names(tmp_path) == ["frames"]
+    assert names(folder) == ["000000.png", "000001.png"]
+
+
+@pytest.mark.parametrize("exchange", [publishing._exchange, no_exchange])
+def test_a_folder_is_replaced_with_and_without_an_exchange_of_names(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, exchange: Callable[[Path, Path], bool]
+) -> None:
+    monkeypatch.setattr(publishing, "_exchange", exchange)
+    for text in ("old", "new"):
+        staged = StagedFolder(tmp_path / "frames")
+        fill(staged, 1, text)
+        staged.publish()
+        assert (tmp_path / "frames/000000.png").read_text() == f"{text} 0"
+        assert names(tmp_path) == ["frames"]
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="only Linux exchanges two names")
+def test_names_are_exchanged_in_one_step(tmp_path: Path) -> None:
+    for name in ("a", "b"):
+        (tmp_path / name).mkdir()
+        (tmp_path / name / name).write_text("")
+    if publishing._exchange(tmp_path / "a", tmp_path / "b"):  # not every file system can
+        assert names(tmp_path / "a") == ["b"]
+        assert names(tmp_path / "b") == ["a"]
+    assert not publishing._exchange(tmp_path / "a", tmp_path / "none")
+
+
+@pytest.mark.parametrize("make", [StagedFolder, StagedFrames])
+def test_frames_beyond_a_million_stay_in_order(tmp_path: Path, make: Callable[[Path], Destination]) -> None:
+    target = tmp_path / ("frames" if make is StagedFolder else "f_%d.png")
+    staged = make(target)
+    numbers = [999_998, 999_999, 1_000_000, 1_000_001]
+    for number in numbers:  # six digits, then seven
+        Path(staged.path % number).write_text(str(number))
+    assert [int(path.read_text()) for path in staged.publish()] == numbers
+
+
+class Lines(OutputWriter):
+    """A writer of one file; fails on request while it opens."""
+
+    def __init__(self, path: Path, failure: BaseException | None = None) -> None:
+        super().__init__(StagedFile(path))
+        with self.opening():
+            self.file = self.open_file()
+            if failure:
+                raise failure
+
+
+def test_a_writer_leaves_nothing_unless_it_is_published(tmp_path: Path) -> None:
+    with Lines(tmp_path / "a") as writer:
+        writer.file.write(b"lost")
+    assert writer.file.closed
+    assert names(tmp_path) == []
+    with Lines(tmp_path / "a") as writer:
+        writer.file.write(b"kept")
+        writer.file.flush()
+        assert writer.publish() == [tmp_path / "a"]
+    assert (tmp_path / "a").read_bytes() == b"kept"
+
+
+def test_a_writer_that_fails_while_it_opens_leaves_nothing(tmp_path: Path) -> None:
+    with pytest.raises(FileError, match="a: cannot be written: No space left on device"):
+        Lines(tmp_path / "a", OSError(28, "No space left on device"))
+    with pytest.raises(ClosedPipeError):
+        Lines(tmp_path / "a", BrokenPipeError())
+    with pytest.raises(KeyboardInterrupt):
+        Lines(tmp_path / "a", KeyboardInterrupt())
+    assert names(tmp_path) == []
+
+
+def test_what_the_system_refuses_is_named_with_the_output(tmp_path: Path) -> None:
+    with OutputWriter(StagedFile(tmp_path / "a")) as writer:
+        Path(writer.destination.path).unlink()
+        Path(writer.destination.path).mkdir()
+        with pytest.raises(FileError, match="a: cannot be written: Is a directory"):
+            writer.write_file(b"")
+        Path(writer.destination.path).rmdir()
 
 
 def test_a_folder_with_anything_else_in_it_is_left_alone(tmp_path: Path) -> None:
