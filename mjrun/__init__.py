@@ -24,6 +24,8 @@ if TYPE_CHECKING:
     from mjrun.check.check import Check as Check
     from mjrun.check.check import CheckResult as CheckResult
     from mjrun.document.camera import read_camera as read_camera
+    from mjrun.formats.table import Table as Table
+    from mjrun.formats.table_reader import read_table as read_table
     from mjrun.job.image import Image as Image
     from mjrun.job.image import ImageResult as ImageResult
     from mjrun.job.perform import perform as perform
@@ -55,6 +57,7 @@ _HOMES = {
     "Recording": "mjrun.job.recording",
     "RecordingResult": "mjrun.job.recording",
     "Simulation": "mjrun.job.simulation",
+    "Table": "mjrun.formats.table",
     "Trace": "mjrun.job.trace",
     "TraceResult": "mjrun.job.trace",
     "Video": "mjrun.job.video",
@@ -63,6 +66,7 @@ _HOMES = {
     "load": "mjrun.model.load",
     "perform": "mjrun.job.perform",
     "read_camera": "mjrun.document.camera",
+    "read_table": "mjrun.formats.table_reader",
 }
 
 __all__ = [
@@ -79,6 +83,7 @@ __all__ = [
     "Recording",
     "RecordingResult",
     "Simulation",
+    "Table",
     "Trace",
     "TraceResult",
     "Video",
@@ -88,6 +93,7 @@ __all__ = [
     "load",
     "perform",
     "read_camera",
+    "read_table",
 ]
 
 

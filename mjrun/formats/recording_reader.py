@@ -19,9 +19,9 @@ from typing import Any, BinaryIO
 import numpy as np
 
 from mjrun.errors import FileError
+from mjrun.formats import npy
 from mjrun.formats.input_file import decoding, require_file
 from mjrun.formats.recording_writer import PIECE, SUFFIX, odd
-from mjrun.formats.table_reader import HEADERS, SAID
 
 FACTS = 2**24  # characters of facts, at most
 LOCAL = 26  # bytes of a member's header in the archive before the lengths of its name and extra field
@@ -126,10 +126,7 @@ def _found(archive: zipfile.ZipFile, file: BinaryIO, name: str) -> _Array:
     if begin + info.file_size > os.fstat(file.fileno()).st_size:  # or much would be allocated to read it
         raise ValueError(f"{name!r} ends early")
     with archive.open(info) as member:
-        version = np.lib.format.read_magic(member)
-        if version not in HEADERS:
-            raise ValueError(f"{name!r} is of the unknown version {version}")
-        shape, by_column, dtype = HEADERS[version](member)
+        shape, by_column, dtype = npy.read_header(member)
         head = member.tell()
     _require_kind(name, shape, dtype)
     if by_column and len(shape) > 1:
@@ -142,8 +139,7 @@ def _found(archive: zipfile.ZipFile, file: BinaryIO, name: str) -> _Array:
 def _require_kind(name: str, shape: tuple[int, ...], dtype: np.dtype) -> None:
     kind, axes = ARRAYS[name]
     if dtype.kind != "U" if kind == TEXT else dtype != np.dtype(kind):
-        said = SAID.get(dtype.kind, dtype.name if dtype.isnative else dtype.str)
-        raise ValueError(f"{name!r} holds {said}, not {kind}")
+        raise ValueError(f"{name!r} holds {npy.content_name(dtype)}, not {kind}")
     if len(shape) != len(axes) or any(length < 1 for length in shape):
         raise ValueError(f"{name!r} has the shape {shape}, not ({', '.join(axes)}{',' * (len(axes) == 1)})")
     if kind == TEXT and not 0 < dtype.itemsize <= 4 * FACTS:

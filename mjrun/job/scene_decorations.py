@@ -154,7 +154,8 @@ def _share(text: str) -> float:
 def _trace(path: Path, model: mujoco.MjModel) -> tuple[np.ndarray, np.ndarray]:
     """Times and positions in a table such as a trace."""
     names = [clean(column.name) for column in field_probe(model, "qpos").columns]
-    found = {clean(name): values for name, values in read_table(path, lambda n: clean(n) in ("time", *names)).items()}
+    table = read_table(path, lambda name: clean(name) in ("time", *names))
+    found = {clean(name): values for name, values in table.columns.items()}
     missing = [name for name in ("time", *names) if name not in found]
     if missing and path.suffix.lower() == SUFFIX and not set(names) & set(found):
         raise UsageError(f"{clean(str(path))} is no trace; if it is a recording, write recording= instead of trace=")

@@ -168,7 +168,7 @@ class Simulation:
 
     def _table(self, model: mujoco.MjModel) -> ControlTable:
         path = Path(str(self.ctrl_from))
-        columns = read_table(path, lambda name: name == "time" or name.startswith(PREFIX))
+        columns = read_table(path, lambda name: name == "time" or name.startswith(PREFIX)).columns
         names = inputs(model)
         held = {n: [i for part in inputs_of(model, n) for i in range(part.start, part.stop)] for n in self.ctrl}
         # `*` means the others.

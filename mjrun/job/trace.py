@@ -8,7 +8,8 @@ from dataclasses import dataclass
 from fractions import Fraction
 
 from mjrun.errors import UsageError
-from mjrun.formats.table_writer import TableWriter, table_format
+from mjrun.formats.table_writer import TableWriter
+from mjrun.formats.tables import output_format
 from mjrun.job.manifest import origin
 from mjrun.job.output_files import named
 from mjrun.job.perform import Artifact, Context, Preview, Work, perform
@@ -119,8 +120,8 @@ class TraceWork(Work):
     def __init__(self, job: Trace, stack: ExitStack) -> None:
         self._job = job
         self._target = None if job.output == "-" else job.output
-        self._format = table_format(self._target, job.format)
-        self._contacts_format = None if job.contacts is None else table_format(job.contacts)
+        self._format = output_format(self._target, job.format).name
+        self._contacts_format = None if job.contacts is None else output_format(job.contacts).name
         self.keeps_partial = job.keep_partial
 
     def plan(self, ground: Context) -> None:

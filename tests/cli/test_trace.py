@@ -116,7 +116,7 @@ def test_the_list_is_of_the_probes_that_are_given(mjrun: Command) -> None:
         (["--probe", ""], "--probe: '' is not a name of something to measure; --list shows what there is"),
         (["--probe", "qpos", "--probe", " , "], "--probe: ' , ' is not a name of something to measure"),
         (["--list", "--probe", ""], "--probe: '' is not a name"),
-        (["-o", "t.npz", "--csv"], "--format csv (or --csv) and the suffix of t.npz disagree"),
+        (["-o", "t.npz", "--csv"], "--format csv and the suffix of t.npz disagree"),
         (["-o", "t.csv", "--format", "jsonl", "--csv"], "--csv and --format jsonl exclude each other"),
         (["--assert", "max(speed/bob) < 1"], "the model offers it: add --probe speed/bob"),
     ],

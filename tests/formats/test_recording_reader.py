@@ -235,7 +235,7 @@ DAMAGED = [
     pytest.param(with_states(claiming((4, 3), bytes(95))), "'states' has the shape (4, 3), but 95 bytes", id="short"),
     pytest.param(with_states(claiming((-4, -3))), "'states' has the shape (-4, -3), not (n, size)", id="negative"),
     pytest.param(
-        with_states(claiming((4, 3), version=(9, 0))), "'states' is of the unknown version (9, 0)", id="version"
+        with_states(claiming((4, 3), version=(9, 0))), "an array is of the unknown version (9, 0)", id="version"
     ),
     pytest.param(
         with_states(b"\x93NUMPY\x01\x00\xff\xff{"),

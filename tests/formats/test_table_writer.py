@@ -26,9 +26,9 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from mjrun.errors import FileError, MissingExtraError, UnknownNameError, UsageError, clean
-from mjrun.formats import columnar, table_writer
-from mjrun.formats.columnar import MATLAB_OWN, identifiers
-from mjrun.formats.table_writer import FORMATS, TableWriter, table_format
+from mjrun.formats import column_groups, text_columns
+from mjrun.formats.table_writer import TableWriter
+from mjrun.formats.tables import formats, mat, output_format
 from mjrun.model.column import Column
 
 ROOT = Path(__file__).parents[2]
@@ -52,6 +52,7 @@ ODD = [
     -1.7976931348623157e308,
 ]
 BROKEN = [float("nan"), float("inf"), float("-inf")]
+FORMATS = list(formats())
 TEXT, EMBEDDING = ("csv", "jsonl"), ("parquet", "feather", "npz", "mat")
 
 
@@ -61,7 +62,7 @@ def columns(*names: str) -> list[Column]:
 
 def write(path: Path, blocks: list[np.ndarray], of: list[Column] = COLUMNS) -> Path:
     """A published table, in the format that the path's suffix means."""
-    with TableWriter(str(path), table_format(str(path)), of, MANIFEST) as out:
+    with TableWriter(str(path), output_format(str(path)).name, of, MANIFEST) as out:
         for block in blocks:
             out.write(block)
         out.publish()
@@ -128,8 +129,8 @@ def names(folder: Path) -> list[str]:
 @pytest.fixture
 def small_groups(monkeypatch: pytest.MonkeyPatch) -> None:
     """Few rows to a piece of text and to a group of columns, so that small tables have many."""
-    monkeypatch.setattr(table_writer, "PIECE", 10)
-    monkeypatch.setattr(columnar, "GROUP", 12)
+    monkeypatch.setattr(text_columns, "PIECE", 10)
+    monkeypatch.setattr(column_groups, "GROUP", 12)
 
 
 floats = st.floats(width=64) | st.sampled_from([*ODD, *BROKEN])
@@ -418,7 +419,7 @@ def test_a_mat_cell_of_texts_too_large_for_the_format_is_refused_as_its_rows_com
     long = "🚗" * 15
     rows = np.zeros((100, 1))
     written = write(tmp_path / "all.mat", [rows], [Column("geom1", labels=(long,))]).stat().st_size
-    monkeypatch.setattr(columnar, "MATLAB_LIMIT", written)
+    monkeypatch.setattr(mat, "LIMIT", written)
     with TableWriter(str(tmp_path / "t.mat"), "mat", [Column("geom1", labels=(long,))]) as out:
         out.write(rows[:50])
         with pytest.raises(FileError, match=r"t.mat: cannot be written: a .mat file holds at most 2 GiB per column"):
@@ -427,14 +428,14 @@ def test_a_mat_cell_of_texts_too_large_for_the_format_is_refused_as_its_rows_com
 
 @given(st.lists(st.text(max_size=80) | st.sampled_from(["a/b", "a_b", "a.b", "units", "x" * 90]), unique=True))
 def test_matlab_variables_are_valid_and_unlike(named: list[str]) -> None:
-    variables = identifiers(named)
-    assert len({*variables, *MATLAB_OWN}) == len(named) + len(MATLAB_OWN)
+    variables = mat.identifiers(named)
+    assert len({*variables, *mat.RESERVED}) == len(named) + len(mat.RESERVED)
     assert all(re.fullmatch(r"[A-Za-z][A-Za-z0-9_]{0,62}", variable) for variable in variables)
 
 
 def test_a_matlab_variable_is_called_like_its_column() -> None:
     named = ["time", "qpos/knee", "qpos/torso/x", "joint:3", "a/b", "a:b", "3d"]
-    assert identifiers(named) == ["time", "qpos_knee", "qpos_torso_x", "joint_3", "a_b", "a_b_2", "x3d"]
+    assert mat.identifiers(named) == ["time", "qpos_knee", "qpos_torso_x", "joint_3", "a_b", "a_b_2", "x3d"]
 
 
 @pytest.mark.parametrize("read", [pq.read_schema, lambda path: pyarrow.feather.read_table(path).schema])
@@ -498,7 +499,7 @@ def test_npz_is_an_archive_that_any_unzip_takes(tmp_path: Path) -> None:
 def test_a_mat_variable_too_large_for_the_format_is_refused_as_its_rows_come(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(columnar, "MATLAB_LIMIT", 8 * 100)
+    monkeypatch.setattr(mat, "LIMIT", 8 * 100)
     with TableWriter(str(tmp_path / "t.mat"), "mat", COLUMNS) as out:
         out.write(np.zeros((99, 3)))
         with pytest.raises(FileError, match=r"t.mat: cannot be written: a .mat file holds at most 2 GiB per column"):
@@ -608,7 +609,7 @@ def test_no_two_columns_have_one_name(tmp_path: Path) -> None:
     ],
 )
 def test_the_suffix_means_the_format(output: str | None, asked: str | None, meant: str) -> None:
-    assert table_format(output, asked) == meant
+    assert output_format(output, asked).name == meant
 
 
 @pytest.mark.parametrize(
@@ -620,9 +621,14 @@ def test_the_suffix_means_the_format(output: str | None, asked: str | None, mean
             UnknownNameError,
             r"'.parqet' in t.parqet \(did you mean '.parquet'\?\)\ntable formats: .csv",
         ),
-        ("table", None, UnknownNameError, r"no table format '' in table\ntable formats: .csv, .jsonl, .parquet"),
-        ("t.csv", "xls", UnknownNameError, r"no format 'xls'.*\nformats: csv, jsonl, parquet, feather, npz, mat"),
-        ("t.csv", "npz", UsageError, "--format npz and the suffix of t.csv disagree"),
+        (
+            "table",
+            None,
+            UnknownNameError,
+            r"no table format '' in table\ntable formats: .csv, .feather, .arrow, .jsonl",
+        ),
+        ("t.csv", "xls", UnknownNameError, r"no format 'xls'.*\nformats: csv, feather, jsonl, mat, npz, parquet"),
+        ("t.csv", "npz", UsageError, "format npz and the suffix of t.csv disagree"),
         (None, "parquet", UsageError, "cannot be written to standard output\ncsv and jsonl can"),
     ],
 )
@@ -630,7 +636,7 @@ def test_a_format_that_cannot_be_meant_is_refused(
     output: str | None, asked: str | None, kind: type[UsageError], message: str
 ) -> None:
     with pytest.raises(kind, match=message):
-        table_format(output, asked)
+        output_format(output, asked)
 
 
 @pytest.mark.parametrize(
@@ -642,19 +648,19 @@ def test_a_library_that_is_not_installed_is_named_with_the_command_that_installs
 ) -> None:
     monkeypatch.setattr(importlib.util, "find_spec", lambda name: None if name == library else name)
     with pytest.raises(MissingExtraError) as error:
-        table_format(f"t{suffix}")
+        output_format(f"t{suffix}")
     assert str(error.value) == (
         f"writing {suffix} needs {library}, which is not installed\npip install 'mjrun[{extra}]'"
     )
     assert error.value.exit_code == 2
-    assert table_format("t.csv") == "csv"
+    assert output_format("t.csv").name == "csv"
 
 
 PROGRAM = """
 import sys
 import numpy as np
 from mjrun.errors import ClosedPipeError, FileError
-from mjrun.formats.table_writer import TableWriter, table_format
+from mjrun.formats.table_writer import TableWriter
 from mjrun.model.column import Column
 
 try:
@@ -730,7 +736,7 @@ def test_nothing_is_printed_before_the_first_row(capfd: pytest.CaptureFixture[st
 def test_memory_does_not_grow_with_the_table(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, form: str, labels: tuple[str, ...]
 ) -> None:
-    monkeypatch.setattr(columnar, "GROUP", 2**14)
+    monkeypatch.setattr(column_groups, "GROUP", 2**14)
     block = np.random.default_rng(2).standard_normal((500, 20))
     block[:, 1:3] = 1
     many = [Column(str(i), labels=labels if i in (1, 2) else ()) for i in range(20)]

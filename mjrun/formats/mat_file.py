@@ -1,7 +1,7 @@
-"""MATLAB's files of versions 5 to 7.2, read with every size checked.
+"""A parser of MATLAB files, versions 5 to 7.2, that checks every size.
 
 scipy's own reader follows types and sizes in the file unchecked: one flipped byte can crash the process.
-The format is in MathWorks' "MAT-File Format".
+The format is described in MathWorks' "MAT-File Format".
 """
 
 import os
@@ -9,6 +9,7 @@ import struct
 import zlib
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cached_property
 from typing import BinaryIO
 
 import numpy as np
@@ -26,7 +27,7 @@ IMAGINARY = 0x800
 
 @dataclass(frozen=True)
 class Matrix:
-    """A MATLAB array: what its head says, and the type and content of each part after that."""
+    """A MATLAB array: what its header says, and the type and content of each part after it."""
 
     kind: int
     imaginary: bool
@@ -39,7 +40,7 @@ class MatFile:
     """The variables of a file of MATLAB 5 to 7.2, which also scipy and Octave write.
 
     Raises:
-      ValueError: it is none, or not whole.
+      ValueError: it is something else, or not complete.
     """
 
     def __init__(self, file: BinaryIO) -> None:
@@ -60,23 +61,35 @@ class MatFile:
 
     def columns(self) -> list[tuple[str, int]]:
         """Columns by name, with the index of their variable: those that mjrun's cells name, or else all variables."""
-        heads = [self._matrix(self._body(index, BEGIN)) for index in range(len(self._places))]
-        indices = {head.name: index for index, head in enumerate(heads)}
-        cells = [self._texts(indices[name]) for name in ("columns", "variables") if name in indices]
-        if len(cells) == 2 and len(cells[0]) == len(cells[1]) > 0:
-            if not indices.keys() >= set(cells[1]):
+        indices = {name: index for index, name in enumerate(self._names)}
+        names, variables = self._cell("columns"), self._cell("variables")
+        if len(names) == len(variables) > 0:
+            if not indices.keys() >= set(variables):
                 raise ValueError("a column has no variable")
-            return [(name, indices[variable]) for name, variable in zip(*cells, strict=True)]
-        return [(head.name, index) for index, head in enumerate(heads) if head.name]  # without: of MATLAB's own
+            return [(name, indices[variable]) for name, variable in zip(names, variables, strict=True)]
+        return [(name, index) for index, name in enumerate(self._names) if name]  # without: of MATLAB's own
+
+    def units(self) -> dict[str, str]:
+        """The units of columns, if mjrun wrote the file."""
+        names = self._cell("columns")
+        units = self._cell("units") if names else []
+        return dict(zip(names, units, strict=True)) if len(names) == len(units) else {}
 
     def read(self, index: int) -> Matrix:
         """The variable with this index, whole."""
         return self._matrix(self._body(index))
 
-    def _texts(self, index: int) -> list[str]:
-        """The texts in a cell array, or none if it is something else."""
-        found = self.read(index)
-        inner = [self._matrix(part) for kind, part in found.parts if kind == MATRIX] if found.kind == 1 else []
+    @cached_property
+    def _names(self) -> list[str]:
+        """The names of all variables."""
+        return [self._matrix(self._body(index, BEGIN)).name for index in range(len(self._places))]
+
+    def _cell(self, name: str) -> list[str]:
+        """The texts in the cell array `name`; none if there is no such variable, or it is something else."""
+        if name not in self._names:
+            return []
+        cell = self.read(len(self._names) - 1 - self._names[::-1].index(name))  # MATLAB takes the last of a name
+        inner = [self._matrix(part) for kind, part in cell.parts if kind == MATRIX] if cell.kind == 1 else []
         return ["".join(map(self._text, matrix.parts)) for matrix in inner if matrix.kind == 4]
 
     def _text(self, part: tuple[int, np.ndarray]) -> str:

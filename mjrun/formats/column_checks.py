@@ -1,0 +1,41 @@
+"""Checks that all readers of tables share. What a file says is not trusted, and cleaned before it is shown."""
+
+from collections.abc import Mapping, Sequence, Sized
+from pathlib import Path
+
+from mjrun.errors import FileError, quoted
+from mjrun.formats.input_file import cut
+from mjrun.formats.table_format import ColumnFilter
+
+
+def select(path: Path, names: Sequence[str], wanted: ColumnFilter) -> dict[str, int]:
+    """The names that the filter accepts, each with its index.
+
+    Raises:
+      FileError: two of them are alike.
+    """
+    indices: dict[str, int] = {}
+    for index, name in enumerate(names):
+        if wanted(name):
+            if name in indices:
+                raise FileError(path, f"two columns are called {shown(name)}")
+            indices[name] = index
+    return indices
+
+
+def require_equal_lengths(path: Path, columns: Mapping[str, Sized]) -> None:
+    """Raises FileError if the columns differ in length."""
+    names = {len(values): name for name, values in columns.items()}
+    if len(names) > 1:
+        examples = " and ".join(f"{shown(name)} {length}" for length, name in list(names.items())[:2])
+        raise FileError(path, f"columns differ in rows: {examples}")
+
+
+def shown(text: str) -> str:
+    """Text from a file, as messages show it."""
+    return quoted(cut(text))
+
+
+def unreadable(path: Path) -> str:
+    """What is wrong with a file that cannot be decoded."""
+    return f"cannot be read as {path.suffix.lower()}"

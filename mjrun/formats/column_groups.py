@@ -1,0 +1,81 @@
+"""Rows turned into columns, for the formats that hold a table by column.
+
+Rows arrive in blocks and are transposed in groups of bounded size. Parquet and Feather take one group after the
+other; npz and mat need whole columns, so their groups wait in an unnamed file beside the table.
+"""
+
+import contextlib
+import tempfile
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+
+import numpy as np
+
+GROUP = 2**21  # values in a group: 16 MiB
+
+
+class ColumnGroups:
+    """Takes rows, yields groups `(columns, rows)` of at most `GROUP` values, each valid until the next one."""
+
+    def __init__(self, columns: int) -> None:
+        self._group = np.empty((columns, max(1, GROUP // columns)))
+        self._filled = 0
+
+    def add(self, block: np.ndarray) -> Iterator[np.ndarray]:
+        """Takes the rows of `block` `(n, columns)` and yields every group they fill."""
+        size = self._group.shape[1]
+        while len(block):
+            part, block = np.split(block, [size - self._filled])
+            self._group[:, self._filled : self._filled + len(part)] = part.T
+            self._filled += len(part)
+            if self._filled == size:
+                self._filled = 0
+                yield self._group
+
+    def rest(self) -> Iterator[np.ndarray]:
+        """The rows that fill no group, if there are any."""
+        if self._filled:
+            yield self._group[:, : self._filled]
+            self._filled = 0
+
+
+class ColumnSpill:
+    """A table on disk, written by row and read by column, in a file without a name, which no failure leaves behind.
+
+    Args:
+      folder: where the file is; that of the table, whose disk must have the space.
+    """
+
+    def __init__(self, folder: Path, columns: int) -> None:
+        self.rows = 0
+        self._groups = ColumnGroups(columns)
+        self._sizes: list[int] = []  # rows in each group
+        self._columns = columns
+        self._file = tempfile.TemporaryFile(dir=folder)  # noqa: SIM115  (closed by close)
+
+    def write(self, block: np.ndarray) -> None:
+        """Adds the rows of `block` `(n, columns)`."""
+        self.rows += len(block)
+        self._store(self._groups.add(block))
+
+    def end(self) -> None:
+        """Stores the last rows; `column` can be called then."""
+        self._store(self._groups.rest())
+
+    def column(self, index: int) -> Iterator[np.ndarray]:
+        """The values of one column, in pieces."""
+        before = 0
+        for size in self._sizes:
+            self._file.seek(8 * (self._columns * before + index * size))
+            yield np.frombuffer(self._file.read(8 * size))
+            before += size
+
+    def close(self) -> None:
+        """Frees the disk space."""
+        with contextlib.suppress(OSError):
+            self._file.close()
+
+    def _store(self, groups: Iterable[np.ndarray]) -> None:
+        for group in groups:
+            self._file.write(np.ascontiguousarray(group).data)
+            self._sizes.append(group.shape[1])

@@ -1,0 +1,166 @@
+"""CSV: RFC 4180 in UTF-8, a header with the names of the columns, then rows of numbers and `nan`, `inf`, `-inf`.
+
+Written names are cleaned of control characters and quoted where they need it. A name that a spreadsheet would take
+for a formula is quoted too, but not changed: in mjrun's own columns a group such as `qpos/` comes before every name
+from a model, so none can be one.
+
+A label may be any name from a model. It is cleaned and quoted in the same way; where a spreadsheet would take it for
+a formula, quoted or not, an apostrophe goes before it, as is the custom: `=1+1` is `'=1+1`. No text is an empty
+cell, an empty label `""`.
+
+When reading, names lose the spaces around them, and an empty cell is not a number.
+"""
+
+from __future__ import annotations
+
+import csv
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from itertools import groupby
+from pathlib import Path
+from typing import IO, TYPE_CHECKING, BinaryIO
+
+from mjrun.errors import FileError, clean
+from mjrun.formats.table import Table
+from mjrun.formats.table_format import ColumnFilter, TableFormat
+from mjrun.model.column import Column
+
+if TYPE_CHECKING:
+    import numpy as np
+
+FORMULA = ("=", "+", "-", "@")  # a cell that starts so is a formula to a spreadsheet
+# The same in full width, as in Japan, and after a semicolon, which separates cells where a comma is decimal.
+LABEL_FORMULA = re.compile(r"(^|;)(?=\s*[=+\-@＝＋－＠])")
+
+
+class CsvWriter:
+    """Writes the header with the first row, so that a failure before it prints nothing."""
+
+    def __init__(self, file: BinaryIO, columns: Sequence[Column], manifest: str) -> None:
+        from mjrun.formats.text_columns import label_text
+
+        self._file = file
+        self._header = b",".join(_cell(column.name) for column in columns) + b"\n"
+        self._labels = label_text(columns, _label_cell, b"")
+
+    def write(self, block: np.ndarray) -> None:
+        from mjrun.formats.text_columns import pieces
+
+        self._write_header()
+        for piece in pieces(block):
+            self._file.write(_mixed_lines(piece, self._labels) if self._labels else _lines(piece))
+
+    def finish(self, manifest: str) -> None:
+        self._write_header()
+
+    def close(self) -> None:
+        pass
+
+    def _write_header(self) -> None:
+        self._file.write(self._header)
+        self._header = b""
+
+
+def _cell(name: str) -> bytes:
+    cell = clean(name)
+    if not cell or cell.startswith(FORMULA) or any(c in cell for c in ',;"'):
+        cell = '"' + cell.replace('"', '""') + '"'
+    return cell.encode()
+
+
+def _label_cell(label: str) -> bytes:
+    return _cell(LABEL_FORMULA.sub(r"\1'", clean(label)))
+
+
+def _lines(piece: np.ndarray) -> bytes:
+    import numpy as np
+
+    from mjrun.formats.text_columns import number_text
+
+    text = number_text(piece).replace(b"],[", b"\n") + b"\n"
+    not_finite = piece[~np.isfinite(piece)]
+    if not not_finite.size:
+        return text
+
+    words = np.array([b"inf", b"-inf", b"nan"])[np.where(np.isnan(not_finite), 2, not_finite < 0)]
+    between = text.split(b"null")
+    parts = [b""] * (2 * len(between) - 1)
+    parts[::2], parts[1::2] = between, words.tolist()
+    return b"".join(parts)
+
+
+def _mixed_lines(piece: np.ndarray, labels: Mapping[int, np.ndarray]) -> bytes:
+    """The lines of a piece with text columns: the numbers between those are printed together."""
+    import numpy as np
+
+    cells = []
+    for index, run in groupby(range(piece.shape[1]), key=lambda i: i if i in labels else -1):
+        values = np.ascontiguousarray(piece[:, list(run)])
+        cells.append(_lines(values).splitlines() if index < 0 else labels[index][values[:, 0].astype(int)].tolist())
+    return b"\n".join(map(b",".join, zip(*cells, strict=True))) + b"\n"
+
+
+def read(path: Path, wanted: ColumnFilter) -> Table:
+    """The columns that the filter accepts."""
+    from mjrun.formats.column_checks import select
+    from mjrun.formats.text_columns import number_columns
+
+    # Other columns may hold bytes that are not UTF-8: an older spreadsheet writes its own code page.
+    with path.open(encoding="utf-8-sig", errors="surrogateescape", newline="") as file:
+        rows = _rows(path, file)
+        line, header = next(rows, (1, []))
+        names = [name.strip(" \t") for name in header]
+        _require_header(path, line, names)
+        return Table(number_columns(path, rows, select(path, names, wanted), _floats))
+
+
+def _rows(path: Path, file: IO[str]) -> Iterator[tuple[int, list[str]]]:
+    """The header and every row of its length, each with the line on which it begins; blank lines are skipped."""
+    from mjrun.formats.text_columns import lines
+
+    reader = csv.reader(lines(path, file), skipinitialspace=True, strict=True)
+    width = -1
+    while True:
+        line = reader.line_num + 1
+        try:
+            row = next(reader, None)
+        except csv.Error as error:
+            raise FileError(f"{path}:{line}", f"cannot be read as .csv: {clean(str(error))}") from None
+        if row is None:
+            return
+        if len(row) == width:
+            yield line, row
+        elif row not in ([], [""]):
+            if width >= 0:
+                expected = f"{width} cell{'s' * (width > 1)}, as in the header"
+                raise FileError(f"{path}:{line}", f"expected {expected}, got {len(row)}")
+            width = len(row)
+            yield line, row
+
+
+def _require_header(path: Path, line: int, names: Sequence[str]) -> None:
+    """Raises FileError if `names` cannot be a header."""
+    from mjrun.formats.column_checks import shown
+    from mjrun.formats.text_columns import is_number
+
+    place = f"{path}:{line}"
+    if not names:
+        raise FileError(path, "is empty: a table begins with the names of its columns")
+    if any("\0" in name for name in names):
+        raise FileError(place, "is not text in UTF-8")
+    if len(names) == 1 and any(separator in names[0] for separator in ";\t"):
+        raise FileError(place, f"{shown(names[0])} is one column: columns are separated by commas")
+    if all(is_number(name, _floats) for name in names):
+        raise FileError(place, "holds numbers: a table begins with the names of its columns")
+
+
+def _floats(cells: list[str]) -> np.ndarray:
+    import numpy as np
+
+    text = "".join(cells)
+    if "_" in text or not text.isascii():  # Python's float takes 1_000 and the digits of any script
+        raise ValueError
+    return np.array(list(map(float, cells)))
+
+
+FORMAT = TableFormat("csv", (".csv",), CsvWriter, read, pipe=True)

@@ -1,0 +1,135 @@
+"""JSON Lines: one object for each row, `{"time":0.0,"qpos/knee":0.5}`; not finite, and no text, is null.
+
+A name or label with control characters is escaped, so that it reads back exactly and cannot steer a terminal.
+When reading, the keys of the first row are the columns, and null is not a number.
+"""
+
+from __future__ import annotations
+
+import codecs
+import contextlib
+import itertools
+import json
+from collections import Counter
+from collections.abc import Iterable, Iterator, KeysView, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, BinaryIO
+
+import orjson
+
+from mjrun.errors import FileError, clean
+from mjrun.formats.table import Table
+from mjrun.formats.table_format import ColumnFilter, TableFormat
+from mjrun.model.column import Column
+
+if TYPE_CHECKING:
+    import numpy as np
+
+
+class JsonlWriter:
+    """Writes an object with the same keys for each row."""
+
+    def __init__(self, file: BinaryIO, columns: Sequence[Column], manifest: str) -> None:
+        from mjrun.formats.text_columns import label_text
+
+        self._file = file
+        first, *others = (_string(column.name) + b":" for column in columns)
+        self._before = [b"}\n{" + first, *(b"," + key for key in others)]
+        self._labels = label_text(columns, _string, b"null")
+
+    def write(self, block: np.ndarray) -> None:
+        from mjrun.formats.text_columns import number_text, pieces
+
+        for piece in pieces(block):
+            parts = [b""] * (2 * piece.size)
+            parts[::2] = self._before * len(piece)
+            parts[1::2] = number_text(piece).replace(b"],[", b",").split(b",")
+            for index, labels in self._labels.items():
+                parts[2 * index + 1 :: 2 * piece.shape[1]] = labels[piece[:, index].astype(int)].tolist()
+            parts[0] = parts[0].removeprefix(b"}\n")
+            self._file.write(b"".join(parts) + b"}\n")
+
+    def finish(self, manifest: str) -> None:
+        pass
+
+    def close(self) -> None:
+        pass
+
+
+def _string(text: str) -> bytes:
+    return json.dumps(text, ensure_ascii=clean(text) != text).encode()
+
+
+def read(path: Path, wanted: ColumnFilter) -> Table:
+    """The columns that the filter accepts."""
+    from mjrun.formats.column_checks import select
+    from mjrun.formats.text_columns import number_columns
+
+    with path.open("rb") as file:
+        rows = _rows(path, file)
+        first = next(rows, None)
+        if first is None:
+            raise FileError(path, "is empty: its first row has the names of the columns")
+        names = first[1].keys()
+        keys = {name: name for name in select(path, list(names), wanted)}
+        alike = _with_keys(path, rows, names, wanted)
+        return Table(number_columns(path, itertools.chain([first], alike), keys, _floats))
+
+
+def _rows(path: Path, file: BinaryIO) -> Iterator[tuple[int, dict[str, Any]]]:
+    """Every object, with its line; blank lines are skipped, and the keys of the first row are unique."""
+    from mjrun.formats.text_columns import lines
+
+    first = True
+    for number, text in enumerate(lines(path, file), 1):
+        line = text.removeprefix(codecs.BOM_UTF8) if number == 1 else text
+        if not line.strip():
+            continue
+        place = f"{path}:{number}"
+        try:
+            row = orjson.loads(line)
+        except orjson.JSONDecodeError as error:
+            raise FileError(place, f"cannot be read as JSON: {clean(error.msg)}, character {error.pos + 1}") from None
+        if not isinstance(row, dict):
+            raise FileError(place, 'is not an object, as in {"time": 0.0}')
+        if first:
+            _require_unique_keys(place, line)
+            first = False
+        yield number, row
+
+
+def _require_unique_keys(place: str, line: bytes) -> None:
+    """Raises FileError if two keys of the object in `line` are alike, of which orjson would keep the last."""
+    from mjrun.formats.column_checks import shown
+
+    with contextlib.suppress(RecursionError):  # orjson goes deeper
+        names = Counter(name for name, _ in json.loads(line, object_pairs_hook=list, parse_int=float))
+        name, count = names.most_common(1)[0] if names else ("", 0)
+        if count > 1:
+            raise FileError(place, f"two columns are called {shown(name)}")
+
+
+def _with_keys(
+    path: Path, rows: Iterable[tuple[int, dict[str, Any]]], names: KeysView[str], wanted: ColumnFilter
+) -> Iterator[tuple[int, dict[str, Any]]]:
+    """`rows`, whose wanted keys are checked to be those in `names`."""
+    from mjrun.formats.column_checks import shown
+
+    for line, row in rows:
+        if row.keys() != names:
+            for name in (*names, *row):
+                if (name in names) != (name in row) and wanted(name):
+                    reason = "is not in the first row" if name in row else "is missing"
+                    raise FileError(f"{path}:{line}", f"column {shown(name)} {reason}")
+        yield line, row
+
+
+def _floats(cells: list[Any]) -> np.ndarray:
+    import numpy as np
+
+    if not {int, float, bool}.issuperset(map(type, cells)):
+        raise ValueError
+    return np.array(cells, np.float64)
+
+
+FORMAT = TableFormat("jsonl", (".jsonl",), JsonlWriter, read, pipe=True)

@@ -1,0 +1,132 @@
+"""MATLAB 5: one column vector `(rows, 1)` for each column; text columns are cells of texts.
+
+Variables are named as MATLAB allows: `qpos/knee` is `qpos_knee`. The cells `columns`, `variables` and `units` hold
+the exact names, the variables and the units in order; the text `manifest` is JSON. The format holds 2 GiB for each
+variable; more rows are refused as they arrive, counting every text as the longest label.
+
+When reading a file that mjrun did not write, every variable is a column. scipy writes, `mat_file` reads.
+"""
+
+from __future__ import annotations
+
+import errno
+import math
+import re
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, BinaryIO
+
+from mjrun.errors import FileError
+from mjrun.formats.table import Table
+from mjrun.formats.table_format import ColumnFilter, TableFormat
+from mjrun.model.column import Column
+
+if TYPE_CHECKING:
+    import numpy as np
+
+    from mjrun.formats.mat_file import Matrix
+
+LIMIT = 2**31  # bytes in one variable
+CELL = 64  # bytes that a text in a cell takes besides its characters, of which each takes at most 4
+LONGEST_NAME = 63  # characters in the name of a variable
+RESERVED = ("columns", "variables", "units", "manifest")
+HEADER = 116  # bytes of text at the start of the file
+
+
+class MatWriter:
+    """Writes the variables once all rows are there; they wait in an unnamed file beside the table."""
+
+    def __init__(self, file: BinaryIO, columns: Sequence[Column], manifest: str) -> None:
+        import scipy.io  # noqa: F401  (a broken installation shows before the first step)
+
+        from mjrun.formats.column_groups import ColumnSpill
+
+        self._file, self._columns = file, columns
+        self._spill = ColumnSpill(Path(file.name).parent, len(columns))
+        self._widest = max([8, *(CELL + 4 * len(label) for column in columns for label in column.labels)])
+
+    def write(self, block: np.ndarray) -> None:
+        if self._widest * (self._spill.rows + len(block)) >= LIMIT:
+            raise OSError(errno.EFBIG, "a .mat file holds at most 2 GiB per column; .parquet and .npz hold more")
+        self._spill.write(block)
+
+    def finish(self, manifest: str) -> None:
+        import numpy as np
+
+        self._spill.end()
+        variables = identifiers([column.name for column in self._columns])
+        for index, (variable, column) in enumerate(zip(variables, self._columns, strict=True)):
+            values = np.concatenate([np.empty(0), *self._spill.column(index)])[:, None]
+            self._save(variable, _cells([*column.labels, ""])[values.astype(int)] if column.labels else values)
+        self._save("columns", _cells(column.name for column in self._columns))
+        self._save("variables", _cells(variables))
+        self._save("units", _cells(column.unit for column in self._columns))
+        self._save("manifest", manifest)
+        self._file.seek(0)  # scipy writes the time of day there
+        self._file.write(b"MATLAB 5.0 MAT-file, written by mjrun".ljust(HEADER))
+
+    def close(self) -> None:
+        self._spill.close()
+
+    def _save(self, variable: str, value: np.ndarray | str) -> None:
+        import scipy.io
+
+        scipy.io.savemat(self._file, {variable: value}, oned_as="column")  # appends, after the first
+
+
+def identifiers(names: Sequence[str]) -> list[str]:
+    """A MATLAB variable for each name, no two alike, and none of `RESERVED`."""
+    taken: dict[str, None] = dict.fromkeys(RESERVED)
+    for name in names:
+        base = re.sub(r"\W", "_", name, flags=re.ASCII)
+        base = base if base[:1].isalpha() else f"x{base}"
+        variable, count = base[:LONGEST_NAME], 1
+        while variable in taken:
+            count += 1
+            variable = f"{base[: LONGEST_NAME - len(str(count)) - 1]}_{count}"
+        taken[variable] = None
+    return list(taken)[len(RESERVED) :]
+
+
+def _cells(texts: Iterable[str]) -> np.ndarray:
+    import numpy as np
+
+    return np.array(list(texts), object)
+
+
+def read(path: Path, wanted: ColumnFilter) -> Table:
+    """The columns that the filter accepts."""
+    from mjrun.formats.column_checks import require_equal_lengths, select, unreadable
+    from mjrun.formats.input_file import decoding
+    from mjrun.formats.mat_file import MatFile
+
+    with path.open("rb") as file:
+        with decoding(path, unreadable(path)):
+            mat = MatFile(file)
+            variables, units = mat.columns(), mat.units()
+        columns = {}
+        for name, index in select(path, [name for name, _ in variables], wanted).items():
+            with decoding(path, unreadable(path)):
+                columns[name] = _floats(path, name, mat.read(variables[index][1]))
+    require_equal_lengths(path, columns)
+    return Table(columns, units)
+
+
+def _floats(path: Path, name: str, matrix: Matrix) -> np.ndarray:
+    import numpy as np
+
+    from mjrun.formats.column_checks import shown
+    from mjrun.formats.mat_file import KINDS, NUMERIC_KINDS
+
+    if matrix.kind not in NUMERIC_KINDS or matrix.imaginary:
+        content = "complex values" if matrix.imaginary else KINDS.get(matrix.kind, "objects")
+        raise FileError(path, f"column {shown(name)} holds {content}, not numbers")
+    if len(matrix.shape) != 2 or 1 not in matrix.shape:
+        raise FileError(path, f"column {shown(name)} has the shape {matrix.shape}, not (n, 1) or (1, n)")
+    _, values = next(matrix.parts)
+    if values.size != math.prod(matrix.shape):
+        raise ValueError("the size of a matrix is not that of its shape")
+    return values.astype(np.float64)
+
+
+FORMAT = TableFormat("mat", (".mat",), MatWriter, read, library="scipy", extra="mat")

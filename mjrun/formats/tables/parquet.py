@@ -1,0 +1,82 @@
+"""Parquet: flat float64 columns in zstd row groups, with units and the manifest; see `arrow_columns`.
+
+The manifest is also in the file's own key-value metadata, where DuckDB finds it.
+"""
+
+from __future__ import annotations
+
+import base64
+import contextlib
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, BinaryIO
+
+from mjrun.formats.table import Table
+from mjrun.formats.table_format import ColumnFilter, TableFormat
+from mjrun.model.column import Column
+
+if TYPE_CHECKING:
+    import numpy as np
+
+
+class ParquetWriter:
+    """Writes row groups of bounded size."""
+
+    def __init__(self, file: BinaryIO, columns: Sequence[Column], manifest: str) -> None:
+        import pyarrow.parquet
+
+        from mjrun.formats.arrow_columns import schema
+        from mjrun.formats.column_groups import ColumnGroups
+
+        self._columns, self._groups = columns, ColumnGroups(len(columns))
+        self._schema = schema(columns)
+        texts: Any = [column.name for column in columns if column.labels]
+        self._writer = pyarrow.parquet.ParquetWriter(file, self._schema, compression="zstd", use_dictionary=texts)
+
+    def write(self, block: np.ndarray) -> None:
+        for group in self._groups.add(block):
+            self._write(group)
+
+    def finish(self, manifest: str) -> None:
+        from mjrun.formats.arrow_columns import MANIFEST
+
+        for group in self._groups.rest():
+            self._write(group)
+        # Arrow keeps its own schema, metadata included, beside that of Parquet: both get the same manifest.
+        final = base64.b64encode(self._schema.with_metadata({MANIFEST: manifest}).serialize())
+        self._writer.add_key_value_metadata({MANIFEST: manifest, "ARROW:schema": final})
+        self._writer.close()
+
+    def close(self) -> None:
+        with contextlib.suppress(Exception):  # it may have stopped anywhere
+            self._writer.close()
+        self._writer.is_open = False  # or its finalizer would try once more
+
+    def _write(self, group: np.ndarray) -> None:
+        import pyarrow
+
+        from mjrun.formats.arrow_columns import record_batch
+
+        self._writer.write_table(pyarrow.Table.from_batches([record_batch(group, self._columns, self._schema)]))
+
+
+def read(path: Path, wanted: ColumnFilter) -> Table:
+    """The columns that the filter accepts."""
+    import pyarrow.parquet
+
+    from mjrun.formats.arrow_columns import select_numbers, table
+    from mjrun.formats.column_checks import unreadable
+    from mjrun.formats.input_file import decoding
+
+    with path.open("rb") as file:
+        with decoding(path, unreadable(path)):
+            parquet = pyarrow.parquet.ParquetFile(file)
+            schema = parquet.schema_arrow
+        indices = select_numbers(path, schema, wanted)
+        names = list(indices)
+        with decoding(path, unreadable(path)):
+            batches = ([batch[name] for name in names] for batch in parquet.iter_batches(columns=names))
+            return table(path, schema, indices, batches)
+
+
+FORMAT = TableFormat("parquet", (".parquet",), ParquetWriter, read, library="pyarrow", extra="parquet")
