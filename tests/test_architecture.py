@@ -38,8 +38,8 @@ LIBRARIES = {
     "pyarrow": ("formats.arrow_columns", "formats.tables"),
     "scipy": ("formats.tables.mat",),
     "OpenGL": ("rendering",),
-    "warp": ("sim.warp_engine",),
-    "mujoco_warp": ("sim.warp_engine",),
+    "warp": ("sim.warp_device",),
+    "mujoco_warp": ("sim.warp_device",),
     "mujoco": ("cli", "doctor", "check", "bench", "job", "sim", "probe", "camera", "rendering", "formats", "model"),
     "numpy": ("cli", "doctor", "check", "bench", "job", "sim", "probe", "camera", "rendering", "formats", "model"),
 }

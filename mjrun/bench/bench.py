@@ -20,8 +20,9 @@ from mjrun.bench.load_timing import Load, timed_load
 from mjrun.bench.machine import Machine, machine
 from mjrun.bench.output_timing import whole_film, whole_trace
 from mjrun.bench.results import BenchResult, Engine, ModelFacts, Options
+from mjrun.bench.rollout_timing import Clock
 from mjrun.bench.runner import Case, Plan, Stimulus, check_reference, remarks, timed_rows
-from mjrun.bench.warp_timing import LEFT_OUT, WARP, C, check_engine
+from mjrun.bench.warp_timing import LEFT_OUT, WARP, C, WarpOptions, check_engine
 from mjrun.errors import BadValueError, FileError, UsageError
 from mjrun.formats.publishing import StagedFile
 from mjrun.job.manifest import origin
@@ -34,8 +35,6 @@ from mjrun.rendering.backend import Backend
 from mjrun.rendering.process_count import AUTO, available_cores
 from mjrun.reporter import QuietReporter, Reporter, pass_on
 from mjrun.sim.parameter_grid import points, settings
-from mjrun.sim.rollout_timing import Clock
-from mjrun.sim.warp_engine import WarpEngine
 from mjrun.timeline import nearest, rational
 
 TEST = "test"  # the keyframe that testspeed starts from
@@ -66,7 +65,7 @@ class Bench:
       drawings: pictures to time, of one camera and one view each.
       whole: also time a whole trace and a whole film.
       engine: `c`, MuJoCo itself, or `warp`, MuJoCo Warp, which times steps alone.
-      worlds, device, nconmax, njmax: of `warp`, as `WarpEngine` has them.
+      worlds, device, nconmax, njmax: of `warp`, as `WarpOptions` has them.
       save: a file for the result, to be compared with later.
       compare: a file so saved.
       fail_above: by how much a figure may be slower: 0.1 is a tenth.
@@ -119,10 +118,10 @@ class Bench:
             raise UsageError("each drawing that is timed must be of one camera and one view")
         if self.scan and isinstance(self.model, mujoco.MjModel):
             raise UsageError("a scan changes a model before it is compiled; give its file")
-        of_c = {"--threads": self.threads is not None, "--accuracy": self.accuracy}
-        of_c |= {"--render": bool(self.drawings), "--whole": self.whole}
+        of_c = {"threads": self.threads is not None, "accuracy": self.accuracy}
+        of_c |= {"render": bool(self.drawings), "whole": self.whole}
         names_of_warp = ("worlds", "device", "nconmax", "njmax")
-        check_engine(self.engine, of_c, {f"--{name}": getattr(self, name) for name in names_of_warp})
+        check_engine(self.engine, of_c, {name: getattr(self, name) for name in names_of_warp})
 
     def run(self, reporter: Reporter | None = None, clock: Clock = time.perf_counter) -> BenchResult:
         """Measures. What can fail early fails before the first step; an unstable point of a grid is a result.
@@ -222,12 +221,12 @@ class Bench:
             found.append(Case(point, compiled, fixed))
         return found
 
-    def _warp(self) -> WarpEngine | None:
+    def _warp(self) -> WarpOptions | None:
         if self.engine == C:
             return None
-        return WarpEngine(self.device, self.worlds, self.nconmax, self.njmax)
+        return WarpOptions(self.device, self.worlds, self.nconmax, self.njmax)
 
-    def _plan(self, warp: WarpEngine | None) -> Plan:
+    def _plan(self, warp: WarpOptions | None) -> Plan:
         usual = (1,) if self.scan else (1, AUTO)
         asked = [available_cores() if count == AUTO else int(count) for count in self.threads or usual]
         return Plan(
@@ -254,7 +253,7 @@ class Bench:
         model: mujoco.MjModel,
         load: Load | None,
         here: Machine,
-        warp: WarpEngine | None,
+        warp: WarpOptions | None,
     ) -> BenchResult:
         """What is known before a step is taken."""
         known = origin(self, simulation, model, simulation.timeline(model))
@@ -291,7 +290,7 @@ class Bench:
         )
 
 
-def _engine(warp: WarpEngine, here: Machine) -> Engine:
+def _engine(warp: WarpOptions, here: Machine) -> Engine:
     name = here.cpu if warp.device == "cpu" else warp.device_name  # Warp says no more than CPU
     return Engine(WARP, warp.version, warp.device, name, warp.worlds, warp.nconmax, warp.njmax)
 

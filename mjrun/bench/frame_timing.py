@@ -10,6 +10,7 @@ from pathlib import Path
 import mujoco
 import numpy as np
 
+from mjrun.bench.rollout_timing import Clock
 from mjrun.bench.statistics import Stat, stat
 from mjrun.formats.codecs import encoding
 from mjrun.formats.video import FilmWriter
@@ -18,7 +19,6 @@ from mjrun.model.mujoco_globals import without_timers
 from mjrun.rendering.backend import Backend
 from mjrun.rendering.compositor import Overlay, SceneCompositor, Stream
 from mjrun.rendering.timed_renderers import DRAW, READ, TIMED, UPDATE, Stopwatch
-from mjrun.sim.rollout_timing import Clock
 
 FEW, MOST = 7, 30  # frames that are timed, after the first
 FPS = Fraction(30)

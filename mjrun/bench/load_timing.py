@@ -4,10 +4,10 @@ from dataclasses import dataclass
 
 import mujoco
 
+from mjrun.bench.rollout_timing import Clock
 from mjrun.bench.statistics import Stat, stat
 from mjrun.model.override import apply
 from mjrun.model.source import Source
-from mjrun.sim.rollout_timing import Clock
 
 REPEATS = 3
 PARSED = (".xml", ".urdf")

@@ -4,11 +4,11 @@ import tempfile
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+from mjrun.bench.rollout_timing import Clock
 from mjrun.job.simulation import Simulation
 from mjrun.job.trace import Trace
 from mjrun.job.video import Video
 from mjrun.job.view import Drawing
-from mjrun.sim.rollout_timing import Clock
 
 
 class Silence:

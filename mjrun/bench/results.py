@@ -13,8 +13,8 @@ from mjrun.bench.load_timing import Load
 from mjrun.bench.machine import Machine
 from mjrun.bench.output_timing import Whole
 from mjrun.bench.statistics import Stat
+from mjrun.bench.step_phases import Phase
 from mjrun.bench.step_timing import Threads
-from mjrun.sim.step_phases import Phase
 
 
 @dataclass(frozen=True)

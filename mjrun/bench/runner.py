@@ -10,13 +10,13 @@ import mujoco
 from mjrun.bench.accuracy import arrive, distance
 from mjrun.bench.control_noise import controls
 from mjrun.bench.results import Accuracy, Counts, Row
+from mjrun.bench.rollout_timing import Clock, Run
 from mjrun.bench.step_timing import MOST_STEPS, Effort, Stepping
-from mjrun.bench.warp_timing import WorldsEngine, WorldsStepping
+from mjrun.bench.warp_timing import WarpOptions, WarpStepping
 from mjrun.errors import BadValueError, SimulationError
 from mjrun.model.names import members
 from mjrun.reporter import Reporter
 from mjrun.sim.initial_state import Start
-from mjrun.sim.rollout_timing import Clock, Run
 from mjrun.timeline import rational
 
 FINER = 8  # times as many steps as the finest of the grid take the runs that distances are measured from
@@ -70,14 +70,14 @@ class Plan:
     threads: Sequence[int]
     horizon: Fraction | None
     reference: Fraction | None
-    engine: WorldsEngine | None = None
+    engine: WarpOptions | None = None
 
     def stepping(self, case: Case, stimulus: Stimulus, share: float, clock: Clock) -> Stepping:
         """The steps of a case, on a `share` of the budget."""
         make, effort = partial(stimulus.run, case.model), Effort(share * self.budget, case.steps, self.repeats)
         if self.engine is None:
             return Stepping(make, effort, clock)
-        return WorldsStepping(make, effort, clock, engine=self.engine)
+        return WarpStepping(make, effort, clock, warp=self.engine)
 
 
 def check_reference(reference: Fraction | None, cases: Sequence[Case]) -> None:

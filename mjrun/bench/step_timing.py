@@ -5,10 +5,10 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from mjrun.bench.rollout_timing import BatchRoller, Clock, LoopRoller, Profile, Roller, Run, StoppedError, profile
 from mjrun.bench.statistics import Stat, stat
 from mjrun.model.mujoco_globals import without_timers
 from mjrun.rendering.process_count import available_cores
-from mjrun.sim.rollout_timing import BatchRoller, Clock, LoopRoller, Profile, Roller, Run, StoppedError, profile
 
 MOST_STEPS = 10_000  # of one rollout; testspeed's own
 LEAST_REPEATS, MOST_REPEATS = 7, 50  # 7 give a ratio of medians an interval of 95 %

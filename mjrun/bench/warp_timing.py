@@ -2,64 +2,167 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Protocol
 
 import numpy as np
 
+from mjrun.bench.rollout_timing import Clock, Profile, Run, blocks_of
 from mjrun.bench.step_timing import Stepping, Threads
-from mjrun.errors import BadValueError, UnknownNameError, UsageError
-from mjrun.sim.rollout_timing import Clock, Profile, Run
+from mjrun.errors import BadValueError, SimulationError, UnknownNameError, UsageError, option
+from mjrun.sim.warp_device import WarpDevice
+from mjrun.sim.warp_worlds import WarpWorlds
 
 C, WARP = ENGINES = ("c", "warp")
+ON_GPU, ON_CPU = 4096, 8  # worlds, if nobody says how many
 LEFT_OUT = "warp tells of no phases and no arena; each world plays the noise of the one before it, a step ahead"
 
 
-class Worlds(Protocol):
-    """Copies of a run that are stepped at once, as `mjrun.sim.warp_engine` has them."""
+class WarpOptions:
+    """How many worlds to time, on which device.
 
-    copies: int
+    Args:
+      device, nconmax, njmax: as `WarpDevice` and `WarpWorlds` have them.
+      worlds: how many; `ON_GPU` or `ON_CPU` when None.
 
-    def first(self, clock: Clock) -> float: ...
+    Attributes:
+      device, device_name, version: of the device.
+      worlds: as given, or as chosen.
+    """
 
-    def seconds(self, steps: int, block: int, clock: Clock) -> np.ndarray: ...
+    def __init__(
+        self,
+        device: str | None = None,
+        worlds: int | None = None,
+        nconmax: int | None = None,
+        njmax: int | None = None,
+    ) -> None:
+        self._device = WarpDevice(device)
+        self.device, self.device_name, self.version = self._device.alias, self._device.name, self._device.version
+        self.worlds = worlds or (ON_GPU if self._device.is_gpu else ON_CPU)
+        self.nconmax, self.njmax = nconmax, njmax
 
-    def profile(self, steps: int) -> Profile: ...
+    def open(self, run: Run) -> "WarpRoller":
+        """Worlds that start as `run` does.
 
-    def overflows(self) -> Sequence[str]: ...
+        Raises:
+          UsageError: mujoco_warp cannot simulate this model, or not so many worlds.
+        """
+        starts = np.tile(run.start, (self.worlds, 1))
+        return WarpRoller(WarpWorlds(self._device, run.model, starts, self.nconmax, self.njmax), run)
 
 
-class WorldsEngine(Protocol):
-    """What makes them."""
+class WarpRoller:
+    """Rolls worlds out and times them.
 
-    worlds: int
+    Each plays the controls of the run a step ahead of the one before it, so that no two move alike; the first plays
+    them as they are. The run has controls for that: of as many steps more as there are worlds. Without controls all
+    worlds are alike. Wall times include handing controls over, from memory of the device's own.
 
-    def open(self, run: Run) -> Worlds: ...
+    Attributes:
+      copies: how many worlds.
+    """
+
+    def __init__(self, worlds: WarpWorlds, run: Run) -> None:
+        self.copies = worlds.count
+        self._worlds, self._run = worlds, run
+        with worlds.active():
+            self._controls = None if run.controls is None else worlds.upload(run.controls)
+        self._contacts = self._constraints = 0  # the most that were needed at once
+
+    def first(self, clock: Clock) -> float:
+        """Takes the first step, for which Warp compiles what it has not cached.
+
+        Returns:
+          Its wall time [s].
+
+        Raises:
+          UsageError: mujoco_warp cannot simulate this model, or not so many worlds.
+        """
+        before = clock()
+        self._worlds.compile()
+        return clock() - before
+
+    def seconds(self, steps: int, block: int, clock: Clock) -> np.ndarray:
+        """As `Roller` has it: wall time of each block, of all worlds together [s]."""
+        times = []
+        with self._worlds.active():
+            self._worlds.restart()
+            for first, count in blocks_of(steps, block):
+                before = clock()
+                for step in range(first, first + count):
+                    self._advance(step)
+                self._worlds.wait()
+                times.append(clock() - before)
+        return np.array(times)
+
+    def profile(self, steps: int) -> Profile:
+        """Rolls `steps` steps out, looking at each. Not to be timed from outside.
+
+        Raises:
+          SimulationError: some worlds have become unstable.
+        """
+        contacts = constraints = iterations = 0.0
+        self._contacts = self._constraints = 0
+        with self._worlds.active():
+            self._worlds.restart()
+            for step in range(steps):
+                self._advance(step)
+                demand = self._worlds.demand()
+                self._contacts = max(self._contacts, demand.contacts, demand.candidates)
+                self._constraints = max(self._constraints, int(demand.constraints.max()))
+                contacts += demand.contacts / self.copies
+                constraints += float(demand.constraints.mean())
+                iterations += float(demand.iterations.mean())
+            self._check(steps)
+        return Profile(contacts / steps, constraints / steps, iterations / steps, None, None, None, warned=False)
+
+    def overflows(self) -> Sequence[str]:
+        """What did not fit in the rollout that was profiled, and what to raise, a sentence each."""
+        return self._worlds.overflows(self._contacts, self._constraints)
+
+    def _advance(self, step: int) -> None:
+        if self._controls is not None:
+            # Rows `step` and on, one for each world, lie in a row.
+            self._worlds.set_controls(self._controls, step * self._run.model.nu)
+        self._worlds.step()
+
+    def _check(self, steps: int) -> None:
+        """Raises SimulationError if a world has become unstable."""
+        bad = int(self._worlds.unstable().sum())
+        if bad:
+            timestep = self._run.model.opt.timestep
+            raise SimulationError(
+                steps,
+                steps * timestep,
+                f"the simulation became unstable in {bad} of {self.copies} worlds within {steps} steps, "
+                f"{steps * timestep:.9g} s\na smaller {option('timestep')} than {timestep:g} s may cure it; "
+                "mujoco_warp computes in single precision",
+            )
 
 
 @dataclass
-class WorldsStepping(Stepping):
+class WarpStepping(Stepping):
     """The steps of many worlds being timed, rollout by rollout. `step` is that of one world.
 
     Attributes:
-      engine: takes the steps.
+      warp: how many worlds, and where.
     """
 
-    engine: WorldsEngine = field(kw_only=True)
-    _worlds: Worlds = field(init=False)
+    warp: WarpOptions = field(kw_only=True)
+    _worlds: WarpRoller = field(init=False)
 
     def threads(self, counts: Sequence[int]) -> list[Threads]:
         return []
 
     def _opened(self, most: int) -> float:
-        self.run = self.make(most + self.engine.worlds)  # each world is a step ahead of the one before it
-        self._roller = self._worlds = self.engine.open(self.run)
+        self.run = self.make(most + self.warp.worlds)  # each world is a step ahead of the one before it
+        self._roller = self._worlds = self.warp.open(self.run)
         self.first = self._worlds.first(self.clock)
         return self._longest(most)
 
     def _profiled(self) -> Profile:
-        found = self._worlds.profile(self.steps)
+        profile = self._worlds.profile(self.steps)
         self.overflows = self._worlds.overflows()
-        return found
+        return profile
 
 
 def check_engine(engine: str, of_c: Mapping[str, bool], of_warp: Mapping[str, int | str | None]) -> None:
@@ -74,16 +177,20 @@ def check_engine(engine: str, of_c: Mapping[str, bool], of_warp: Mapping[str, in
     """
     if engine not in ENGINES:
         raise UnknownNameError("engine", engine, ENGINES)
-    for flag, value in of_warp.items():
+    for name, value in of_warp.items():
         if isinstance(value, int) and value < 1:
-            raise BadValueError(flag, value, "a positive whole number")
+            raise BadValueError(option(name), value, "a positive whole number")
+    engine_option = option("engine")
     if engine == WARP:
-        for flag, asked in of_c.items():
+        for name, asked in of_c.items():
             if asked:
                 raise UsageError(
-                    f"{flag} is for --engine {C}; --engine {WARP} times steps alone, of --worlds N at once"
+                    f"{option(name)} is for {engine_option} {C}; {engine_option} {WARP} times steps alone, "
+                    f"of as many simulations at once as {option('worlds')} says"
                 )
     else:
-        for flag, value in of_warp.items():
-            if value is not None and (flag, value) != ("--worlds", 1):
-                raise UsageError(f"{flag} is for --engine {WARP}; in {C}, --threads N runs copies side by side")
+        for name, value in of_warp.items():
+            if value is not None and (name, value) != ("worlds", 1):
+                raise UsageError(
+                    f"{option(name)} is for {engine_option} {WARP}; in {C}, {option('threads')} runs copies"
+                )

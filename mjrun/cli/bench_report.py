@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from mjrun.bench.frame_timing import Frame
     from mjrun.bench.results import Accuracy, BenchResult, Row
     from mjrun.bench.statistics import Stat
-    from mjrun.sim.step_phases import Phase
+    from mjrun.bench.step_phases import Phase
 
 UNITS = ((1.0, "s"), (1e-3, "ms"), (1e-6, "µs"), (1e-9, "ns"))
 BYTES = ((10**9, "GB"), (10**6, "MB"), (10**3, "kB"))

@@ -9,7 +9,7 @@ from mjrun.errors import clean
 
 if TYPE_CHECKING:
     from mjrun.bench.results import BenchResult, Row
-    from mjrun.sim.step_phases import Phase
+    from mjrun.bench.step_phases import Phase
 
 
 def table(result: "BenchResult") -> str:

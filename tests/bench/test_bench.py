@@ -18,6 +18,7 @@ from mjrun.bench.bench import Bench
 from mjrun.bench.control_noise import controls
 from mjrun.bench.machine import Machine, machine
 from mjrun.bench.results import BenchResult
+from mjrun.bench.rollout_timing import Run
 from mjrun.bench.step_timing import Effort, Stepping, nice
 from mjrun.camera.argument import script
 from mjrun.camera.motion import CameraMotion
@@ -30,7 +31,6 @@ from mjrun.rendering.segmentation import Segmentation
 from mjrun.rendering.timed_renderers import Stopwatch, TimedClassicRenderer
 from mjrun.rendering.visual import Visual
 from mjrun.sim.parameter_grid import points, scan_values, settings
-from mjrun.sim.rollout_timing import Run
 
 MODEL = """
 <mujoco>

@@ -1,7 +1,7 @@
 """Benchmarks of many worlds, with a fake engine and a fake clock; what only one of the engines can do."""
 
 import json
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -12,10 +12,11 @@ import pytest
 
 from mjrun.bench.bench import Bench
 from mjrun.bench.control_noise import controls
+from mjrun.bench.rollout_timing import Clock, Profile, Run, blocks_of
+from mjrun.bench.warp_timing import WarpOptions, WarpRoller
 from mjrun.cli import bench_report
-from mjrun.errors import MjrunWarning, SimulationError, UsageError
+from mjrun.errors import MjrunWarning, SimulationError, UsageError, spelled
 from mjrun.job.view import Drawing
-from mjrun.sim.rollout_timing import Clock, Profile, Run, blocks_of
 
 MODEL = """
 <mujoco>
@@ -24,7 +25,7 @@ MODEL = """
   <actuator><motor name="m" joint="x"/></actuator>
 </mujoco>
 """
-OVERFLOW = "the constraints do not fit: raise --njmax"
+OVERFLOW = "the constraints do not fit: raise njmax"
 
 
 class FakeClock:
@@ -77,7 +78,7 @@ class FakeEngine:
 
 @pytest.fixture
 def path(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    monkeypatch.setattr("mjrun.bench.bench.WarpEngine", FakeEngine)
+    monkeypatch.setattr("mjrun.bench.bench.WarpOptions", FakeEngine)
     monkeypatch.setattr(FakeEngine, "opened", [], raising=False)
     path = tmp_path / "model.xml"
     path.write_text(MODEL)
@@ -178,18 +179,130 @@ def test_the_report_tells_of_worlds_and_of_compiling_in_80_columns(path: Path) -
 @pytest.mark.parametrize(
     ("changed", "said"),
     [
-        ({"threads": [1]}, "--threads is for --engine c"),
-        ({"accuracy": True}, "--accuracy is for --engine c"),
-        ({"whole": True}, "--whole is for --engine c"),
-        ({"drawings": [Drawing()]}, "--render is for --engine c"),
-        ({"worlds": 0}, "--worlds: '0' is not a positive whole number"),
-        ({"njmax": -1}, "--njmax: '-1' is not"),
-        ({"engine": "c", "worlds": 2}, "--worlds is for --engine warp"),
-        ({"engine": "c", "device": "cpu"}, "--device is for --engine warp"),
-        ({"engine": "c", "nconmax": 1}, "--nconmax is for --engine warp"),
+        ({"threads": [1]}, "threads is for engine c"),
+        ({"accuracy": True}, "accuracy is for engine c"),
+        ({"whole": True}, "whole is for engine c"),
+        ({"drawings": [Drawing()]}, "render is for engine c"),
+        ({"worlds": 0}, "worlds: '0' is not a positive whole number"),
+        ({"njmax": -1}, "njmax: '-1' is not"),
+        ({"engine": "c", "worlds": 2}, "worlds is for engine warp"),
+        ({"engine": "c", "device": "cpu"}, "device is for engine warp"),
+        ({"engine": "c", "nconmax": 1}, "nconmax is for engine warp"),
         ({"engine": "mjx"}, "no engine 'mjx'\nengines: c, warp"),
     ],
 )
 def test_what_an_engine_cannot_do_is_refused_at_once(path: Path, changed: dict[str, Any], said: str) -> None:
     with pytest.raises(UsageError, match=said):
         bench(path, **changed)
+
+
+# --- rollouts of real worlds, on Warp's CPU device ------------------------------------------------------------------
+
+# A ball that falls, and stays where it has fallen; and a slider that is pushed.
+BALL = """
+<mujoco>
+  <option timestep=".01"/>
+  <worldbody>
+    <geom type="plane" size="5 5 1"/>
+    <body pos="0 0 .5"><freejoint/><geom size=".1"/></body>
+    <body pos="2 0 5"><joint name="x" type="slide" axis="1 0 0"/><geom size=".1"/></body>
+  </worldbody>
+  <actuator><motor name="m" joint="x"/></actuator>
+</mujoco>
+"""
+FALLING, FALLEN = 25, 45  # steps; the ball meets the plane in between: it falls 0.4 m in 0.29 s
+WORLDS = 2
+
+
+class BlockClock:
+    """Goes on by what it is told at every second look."""
+
+    def __init__(self, ticks: Iterator[float]) -> None:
+        self.now, self.asked, self._ticks = 0.0, 0, ticks
+
+    def __call__(self) -> float:
+        self.asked += 1
+        if self.asked % 2 == 0:
+            self.now += next(self._ticks)
+        return self.now
+
+
+def run_of(speed: float = 0.0) -> Run:
+    model = mujoco.MjModel.from_xml_string(BALL)
+    data = mujoco.MjData(model)
+    data.qvel[2] = speed
+    return Run.of(model, data, controls(model, FALLEN + WORLDS, 20))
+
+
+def bare(run: Run, steps: int, ahead: int = 0) -> np.ndarray:
+    """Where a bare loop ends that plays the controls `ahead` of their time."""
+    data = run.data()
+    for step in range(steps):
+        if run.controls is not None:
+            data.ctrl[:] = run.controls[step + ahead]
+        mujoco.mj_step(run.model, data)
+    return data.qpos
+
+
+@pytest.fixture(scope="module")
+def warp() -> WarpOptions:
+    pytest.importorskip("mujoco_warp")
+    return WarpOptions("cpu", WORLDS)
+
+
+@pytest.fixture(scope="module")
+def pushed(warp: WarpOptions) -> tuple[Run, WarpRoller]:
+    """Worlds that have taken their first step: compiling takes most of the time here."""
+    run = run_of()
+    roller = warp.open(run)
+    assert roller.first(BlockClock(iter([4.0]))) == 4.0
+    return run, roller
+
+
+@pytest.mark.parametrize("steps", [FALLEN, FALLING])
+def test_every_rollout_of_every_world_moves_as_a_bare_loop_does(pushed: tuple[Run, WarpRoller], steps: int) -> None:
+    run, worlds = pushed
+    worlds.seconds(steps, 10, BlockClock(iter([1.0] * 5)))
+    found = worlds._worlds.read("qpos")
+    assert found.shape == (WORLDS, run.model.nq)
+    for world in range(WORLDS):
+        np.testing.assert_allclose(found[world], bare(run, steps, world), atol=2e-5)
+    assert abs(bare(run, steps)[7] - bare(run, steps, 1)[7]) > 1e-3  # the worlds are told apart by that
+
+
+def test_every_block_is_timed_by_two_looks_at_the_clock_and_the_last_is_shorter(
+    pushed: tuple[Run, WarpRoller],
+) -> None:
+    clock = BlockClock(iter([1.0, 2.0, 4.0]))
+    assert pushed[1].seconds(5, 2, clock).tolist() == [1.0, 2.0, 4.0]
+    assert clock.asked == 6
+
+
+def test_a_profile_counts_what_a_bare_loop_counts(pushed: tuple[Run, WarpRoller]) -> None:
+    run, worlds = pushed
+    data, contacts, constraints = run.data(), 0, 0
+    for _ in range(FALLEN):
+        mujoco.mj_step(run.model, data)
+        contacts, constraints = contacts + data.ncon, constraints + data.nefc
+    found = worlds.profile(FALLEN)
+    assert contacts > 0
+    assert (found.contacts, found.constraints) == (contacts / FALLEN, constraints / FALLEN)
+    assert found.iterations > 0
+    assert (found.arena, found.phases, found.warned) == (None, None, False)
+    assert list(worlds.overflows()) == []
+
+
+def test_what_does_not_fit_is_told_with_what_was_needed(warp: WarpOptions) -> None:
+    narrow = WarpOptions("cpu", WORLDS, njmax=2).open(run_of())
+    narrow.profile(FALLEN)
+    (message,) = narrow.overflows()
+    assert spelled(message).endswith(": raise njmax to 4")  # a pyramid of 4 sides
+
+
+def test_worlds_that_leave_all_bounds_are_unstable(warp: WarpOptions) -> None:
+    with pytest.raises(SimulationError, match=r"unstable in 2 of 2 worlds within 2 steps, 0\.02 s"):
+        warp.open(run_of(speed=1e12)).profile(2)
+
+
+def test_on_a_cpu_there_are_eight_worlds_if_nobody_says_how_many(warp: WarpOptions) -> None:
+    assert (warp.device, warp.worlds, WarpOptions("cpu").worlds) == ("cpu", WORLDS, 8)

@@ -12,10 +12,10 @@ import mujoco
 import numpy as np
 from mujoco.batch import Batch
 
+from mjrun.bench.step_phases import Phase, phases
 from mjrun.model import state
 from mjrun.model.names import inputs
 from mjrun.sim.control import PREFIX, Control, ControlTable
-from mjrun.sim.step_phases import Phase, phases
 from mjrun.sim.stepper import BAD, PhysicsStepper
 from mjrun.timeline import rational, seconds
 

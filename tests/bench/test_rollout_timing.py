@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from mjrun.bench.control_noise import controls
+from mjrun.bench.rollout_timing import BatchRoller, LoopRoller, Roller, Run, StoppedError, profile
+from mjrun.bench.step_phases import phases
 from mjrun.errors import UnstableError
-from mjrun.sim.rollout_timing import BatchRoller, LoopRoller, Roller, Run, StoppedError, profile
-from mjrun.sim.step_phases import phases
 
 MODEL = """
 <mujoco>

@@ -1,0 +1,89 @@
+"""What an engine is: something that steps n simulations at once and records them as blocks of rows."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Protocol
+
+import mujoco
+import numpy as np
+
+from mjrun.errors import SimulationError
+
+BLOCK_STEPS = 4096  # steps in a block, at most
+BLOCK_BYTES = 64 * 2**20  # memory for the rows of a block, unless a single row takes more
+
+Fields = Mapping[str, np.ndarray]
+
+
+@dataclass(frozen=True)
+class Block:
+    """Consecutive rows of n simulations.
+
+    Each row is one instant: the state at its step, and the derived fields computed from that state with the controls
+    applied there.
+
+    Attributes:
+      steps: the step of each row, `(rows,)`.
+      fields: MjData fields by name, `(n, rows, …)`.
+      initial: the same fields at step 0, `(n, 1, …)`, for what is measured from the beginning.
+      counts: how many of the rows each simulation has, `(n,)`. A simulation that has failed has fewer than the block;
+        what is beyond them means nothing.
+      failures: the simulations that failed since the previous block, by index.
+    """
+
+    steps: np.ndarray
+    fields: Fields
+    initial: Fields
+    counts: np.ndarray
+    failures: Mapping[int, SimulationError] = field(default_factory=dict)
+
+
+class Engine(Protocol):
+    """Steps n simulations at once."""
+
+    def rollout(
+        self,
+        models: mujoco.MjModel | Sequence[mujoco.MjModel],
+        starts: np.ndarray,
+        controls: np.ndarray | None,
+        steps: int,
+        record: Sequence[str],
+        every: int = 1,
+    ) -> Iterator[Block]:
+        """Takes `steps` steps from each start, and yields the rows at steps 0, every, 2·every, … and at the last.
+
+        A simulation that becomes unstable, or in which MuJoCo gives up, ends there; the others go on. Memory does not
+        grow with the number of steps. Energy is recorded where the model has it enabled.
+
+        Args:
+          models: one for each simulation, with the same sizes, or one for all of them; not changed.
+          starts: integration states (`mjSTATE_INTEGRATION`), `(n, nstate)`.
+          controls: those of every step, `(n, steps, nu)`; the ones in `starts` throughout when None.
+          steps: how many to take.
+          record: names of MjData fields.
+          every: steps from one row to the next.
+
+        Raises:
+          UsageError: the engine cannot simulate these models.
+        """
+        ...
+
+
+def models_of(models: mujoco.MjModel | Sequence[mujoco.MjModel], count: int) -> Sequence[mujoco.MjModel]:
+    """The model of each of `count` simulations.
+
+    Raises:
+      ValueError: there are not as many models as simulations.
+    """
+    if isinstance(models, mujoco.MjModel):
+        return [models] * count
+    if len(models) != count:
+        raise ValueError(f"{len(models)} models for {count} simulations")
+    return models
+
+
+def block_steps(model: mujoco.MjModel, record: Sequence[str], count: int) -> int:
+    """How many steps of `count` simulations fit in a block."""
+    data = mujoco.MjData(model)
+    row = sum(np.asarray(getattr(data, name)).nbytes for name in record)
+    return int(np.clip(BLOCK_BYTES // max(1, count * row), 1, BLOCK_STEPS))
