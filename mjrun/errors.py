@@ -219,11 +219,12 @@ class ControllerError(UsageError):
 
 
 class CompiledModelError(UsageError):
-    """Source-level overrides asked of a model that is already compiled."""
+    """Overrides of a model that is already compiled, each as the option that asks for it and its value."""
 
-    def __init__(self, path: Path, overrides: Sequence[str]) -> None:
+    def __init__(self, path: Path | str, overrides: Sequence[tuple[str, str]]) -> None:
+        spelled_overrides = ", ".join(f"{option(name)} {clean(value)}" for name, value in overrides)
         super().__init__(
-            f"{clean(str(path))} is compiled: {listing(overrides)} cannot be overridden in it\n"
+            f"{clean(str(path))} is compiled: {spelled_overrides} cannot be overridden in it\n"
             "overrides are applied to the source before compilation; give the .xml, .urdf or .mjz instead"
         )
 
@@ -238,11 +239,13 @@ class ModelError(MjrunError):
 
 
 class ModelNotFoundError(ModelError):
-    """There is no model file at this path."""
+    """There is no such model; `valid` are those there are, under the heading `place`, to compare `name` with."""
 
-    def __init__(self, path: Path, reason: str, folder: Path | None = None, siblings: Sequence[str] = ()) -> None:
-        hint = suggestion(path.name, siblings)
-        choices = f"\nmodels in {clean(str(folder))}: {listing(siblings)}" if siblings else ""
+    def __init__(
+        self, path: Path | str, reason: str, valid: Sequence[str] = (), place: str = "models", name: str | None = None
+    ) -> None:
+        hint = suggestion(Path(path).name if name is None else name, valid)
+        choices = f"\n{clean(place)}: {listing(valid)}" if valid else ""
         super().__init__(f"{clean(str(path))}: {reason}{hint}{choices}")
 
 

@@ -31,6 +31,7 @@ from mjrun.job.view import Drawing
 from mjrun.model.mujoco_globals import collected_warnings
 from mjrun.model.names import names
 from mjrun.model.source import Source
+from mjrun.model.sources import ModelLike, source_of
 from mjrun.rendering.backend import Backend
 from mjrun.rendering.process_count import AUTO, available_cores
 from mjrun.reporter import QuietReporter, Reporter, pass_on
@@ -73,7 +74,7 @@ class Bench:
       command: the command line.
     """
 
-    model: mujoco.MjModel | Source | str | Path
+    model: ModelLike
     _: KW_ONLY
     key: str | int | None = None
     noise_std: float = STD
@@ -192,16 +193,13 @@ class Bench:
         return replace(found, comparison=compare(asdict(found), base, str(self.compare), self.fail_above, overridden))
 
     @property
-    def _source(self) -> Source | None:
-        """Where the model comes from; None if it is compiled."""
-        if isinstance(self.model, mujoco.MjModel):
-            return None
-        return self.model if isinstance(self.model, Source) else Source(Path(self.model))
+    def _source(self) -> Source:
+        """Where the model comes from."""
+        return source_of(self.model)
 
     def _loaded(self, clock: Clock) -> tuple[mujoco.MjModel, Load | None]:
         if isinstance(self.model, mujoco.MjModel):
             return self.model, None
-        assert self._source
         return timed_load(self._source, clock)
 
     def _key(self, model: mujoco.MjModel) -> str | None:
@@ -215,7 +213,6 @@ class Bench:
         for point in points(self.scan):
             compiled = model
             if point:
-                assert self._source
                 compiled = replace(self._source, settings=(*self._source.settings, *settings(point))).load()
             fixed = steps_of(base, point) if base is not None and self.steps is None else self.steps
             found.append(Case(point, compiled, fixed))
@@ -267,7 +264,7 @@ class Bench:
             model=ModelFacts(
                 path=known["model"]["path"],
                 sha256=known["model"]["sha256"],
-                file_sha256=source and hashlib.sha256(source.path.read_bytes()).hexdigest(),
+                file_sha256=source.main_file and hashlib.sha256(source.main_file.read_bytes()).hexdigest(),
                 **{size: int(getattr(model, size)) for size in SIZES},
             ),
             options=Options(
@@ -277,7 +274,7 @@ class Bench:
                 steps=self.steps,
                 repeats=self.repeats,
                 budget=float(self.budget),
-                settings=[setting.asked for setting in source.settings] if source else [],
+                settings=[str(setting) for setting in source.settings],
                 scan={path: list(values) for path, values in self.scan.items()},
             ),
             load=load,

@@ -38,12 +38,12 @@ def timed_load(source: Source, clock: Clock) -> tuple[mujoco.MjModel, Load]:
     before = clock()
     model = source.load()
     first = clock() - before
-    if source.path.suffix not in PARSED:
+    if source.main_file is None or source.main_file.suffix not in PARSED:
         return model, Load(first)
     parses, compiles = [], []
     for _ in range(REPEATS):
         before = clock()
-        spec = mujoco.MjSpec.from_file(str(source.path))
+        spec = mujoco.MjSpec.from_file(str(source.main_file))
         parsed = clock()
         for setting in source.settings:
             apply(spec, setting)

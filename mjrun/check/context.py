@@ -12,7 +12,8 @@ import numpy as np
 
 from mjrun.check.finding import Place
 from mjrun.check.xml_source import XML, Element, Source, regular
-from mjrun.model.load import FAULTS, load
+from mjrun.model.compilation import FAULTS
+from mjrun.model.load import load
 from mjrun.model.names import COUNTS, KINDS, names
 
 KEYS = 8  # keyframes that rules start from

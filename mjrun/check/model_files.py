@@ -6,6 +6,10 @@ from contextlib import suppress
 from pathlib import Path
 from xml.parsers import expat
 
+from mjrun.errors import UsageError, clean
+from mjrun.model.source import NamedSource
+from mjrun.model.sources import source_of
+
 HEAD = 2**16  # bytes in which the root of an XML file must begin
 SUFFIXES = (".xml", ".urdf", ".mjz")
 ROOTS = {"mujoco", "robot"}
@@ -19,7 +23,7 @@ def found_models(given: Sequence[str | Path]) -> tuple[list[str], int]:
     """
     paths: dict[str, None] = {}
     skipped = 0
-    for path in map(str, given):
+    for path in map(_path, given):
         if not Path(path).is_dir():
             if root_tag(Path(path)) == FRAGMENT:
                 skipped += 1
@@ -32,6 +36,14 @@ def found_models(given: Sequence[str | Path]) -> tuple[list[str], int]:
             else:
                 skipped += 1
     return list(paths), skipped
+
+
+def _path(model: str | Path) -> str:
+    """The path of a model; a name in a collection, such as `scene:dominos`, stands for its file."""
+    source = source_of(model)
+    if source.main_file is None:
+        raise UsageError(f"{clean(str(model))}: a check needs a model file")
+    return str(source.main_file if isinstance(source, NamedSource) else model)
 
 
 def _below(folder: Path) -> Iterator[Path]:

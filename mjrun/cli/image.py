@@ -1,7 +1,6 @@
 """`mjrun image`."""
 
 from dataclasses import asdict
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -48,9 +47,10 @@ def _make(console: Console, given: dict[str, Any]) -> "ImageResult":
     values.import_mujoco()
     from mjrun.job.image import Image
 
+    simulation = values.simulation(given)
     job = Image(
-        simulation=values.simulation(given),
-        output=given["output"] or f"{Path(given['model']).stem}.png",
+        simulation=simulation,
+        output=given["output"] or f"{simulation.source.stem}.png",
         at=given["at"],
         step=given["step"],
         format=given["format_"],

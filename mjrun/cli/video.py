@@ -1,7 +1,6 @@
 """`mjrun video`."""
 
 from dataclasses import asdict
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -51,9 +50,10 @@ def _make(console: Console, given: dict[str, Any]) -> "VideoResult":
     values.import_mujoco()
     from mjrun.job.video import Video
 
+    simulation = values.simulation(given)
     job = Video(
-        simulation=values.simulation(given),
-        output=given["output"] or f"{Path(given['model']).stem}.mp4",
+        simulation=simulation,
+        output=given["output"] or f"{simulation.source.stem}.mp4",
         fps=given["fps"],
         speed=given["speed"],
         format=given["format_"],

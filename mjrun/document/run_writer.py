@@ -21,7 +21,6 @@ from mjrun.job.simulation import Simulation
 from mjrun.job.trace import Trace
 from mjrun.job.video import Video
 from mjrun.model.override import Setting
-from mjrun.model.source import Source
 from mjrun.rendering.visual import Visual
 
 Plain = dict[str, Any]
@@ -78,15 +77,14 @@ def _escaped(value: Any) -> Any:
 def _simulation(simulation: Simulation) -> Plain:
     if simulation.controller is not None:
         raise UsageError("--controller: code stays on the command line; a document cannot hold it")
-    source = simulation.model
-    if not isinstance(source, Source | str) and not hasattr(source, "__fspath__"):
+    source = simulation.source
+    if not source.text:
         raise UsageError("a compiled model has no file that a document could name")
-    path, settings = (source.path, source.settings) if isinstance(source, Source) else (source, ())
     numbers = {name: number(getattr(simulation, name)) for name in ("ctrl_noise", "ctrl_noise_time", "perturb", "seed")}
     return known(
         {
-            "model": str(path),
-            **_settings(settings),
+            "model": source.text,
+            **_settings(source.settings),
             "key": simulation.key,
             **{name: _by_name(getattr(simulation, name)) for name in ("qpos", "qvel", "ctrl")},
             "ctrl_from": None if simulation.ctrl_from is None else str(simulation.ctrl_from),
@@ -104,7 +102,7 @@ def _settings(settings: Sequence[Setting]) -> Plain:
     rest, ends = [*settings], {}
     for key, fits in (("timestep", _is_timestep), ("integrator", lambda text: text in INTEGRATORS)):
         last = rest[-1] if rest else None
-        if last and (last.path, last.flag) == (f"opt.{key}", f"--{key}") and fits(last.value):
+        if last and (last.path, last.option) == (f"opt.{key}", key) and fits(last.value):
             ends[key] = float(last.value) if key == "timestep" else last.value
             rest.pop()
     found: Plain = {}

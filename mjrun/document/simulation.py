@@ -12,7 +12,7 @@ from mjrun.document.machine import Machine
 from mjrun.job.simulation import INTERPOLATIONS, Simulation
 from mjrun.model.names import members
 from mjrun.model.override import NAMED_INTEGERS, Setting
-from mjrun.model.source import Source
+from mjrun.model.sources import parse_source
 
 INTEGRATORS = tuple(members(NAMED_INTEGERS["integrator"]))
 PHYSICS = ("key", "qpos", "qvel", "ctrl", "ctrl_from", "ctrl_noise", "perturb")  # nothing of it is in a replay
@@ -101,12 +101,12 @@ class Simulated(Form):
         """
         settings = [Setting(path, text) for path, text in self.settings.items()]
         if self.integrator:
-            settings.append(Setting("opt.integrator", self.integrator, "--integrator"))
+            settings.append(Setting("opt.integrator", self.integrator, "integrator"))
         if self.timestep:
-            settings.append(Setting("opt.timestep", repr(float(self.timestep)), "--timestep"))
+            settings.append(Setting("opt.timestep", repr(float(self.timestep)), "timestep"))
         same = ("key", "ctrl_interpolation", "ctrl_noise", "ctrl_noise_time", "perturb", "seed", "duration", "steps")
         return Simulation(
-            Source(inputs / self.model, tuple(settings)),
+            parse_source(self.model, settings, inputs),
             qpos=_tuples(self.qpos),
             qvel=_tuples(self.qvel),
             ctrl=_tuples(self.ctrl),

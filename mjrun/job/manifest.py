@@ -11,7 +11,6 @@ import mujoco
 import numpy as np
 
 from mjrun.job.simulation import Simulation
-from mjrun.model.source import Source
 from mjrun.timeline import Timeline
 from mjrun.version import __version__
 
@@ -21,8 +20,6 @@ def origin(job: Any, simulation: Simulation, model: mujoco.MjModel, timeline: Ti
 
     The model's fingerprint is that of its compiled form, with all its assets and overrides.
     """
-    source = simulation.model
-    path = "" if isinstance(source, mujoco.MjModel) else source.path if isinstance(source, Source) else source
     options = plain(job)
     return {
         "mjrun": __version__,
@@ -31,7 +28,7 @@ def origin(job: Any, simulation: Simulation, model: mujoco.MjModel, timeline: Ti
         "python": platform.python_version(),
         "machine": f"{platform.system()} {platform.machine()}",
         "command": options.pop("command", ""),
-        "model": {"path": str(path), "sha256": _fingerprint(model)},
+        "model": {"path": simulation.source.text, "sha256": _fingerprint(model)},
         "options": options,
         "seed": simulation.seed,
         "timestep": float(timeline.timestep),

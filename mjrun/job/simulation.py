@@ -5,6 +5,7 @@ from collections.abc import Mapping
 from dataclasses import KW_ONLY, dataclass, field
 from fractions import Fraction
 from functools import cached_property
+from itertools import chain, repeat
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +18,7 @@ from mjrun.model import mujoco_bugs
 from mjrun.model.names import inputs, inputs_of
 from mjrun.model.physics_fingerprint import fingerprint
 from mjrun.model.source import Source
+from mjrun.model.sources import ModelLike, source_of
 from mjrun.sim.control import PREFIX, Control, Controller, ControlTable, Feedback, Noise
 from mjrun.sim.initial_state import Start, Values
 from mjrun.sim.replay import ReplayStepper
@@ -56,7 +58,7 @@ class Simulation:
       UsageError: a duration or a number of steps that cannot be.
     """
 
-    model: mujoco.MjModel | Source | str | Path
+    model: ModelLike
     _: KW_ONLY
     key: str | int | None = None
     qpos: Mapping[str, Values] = field(default_factory=dict)
@@ -102,17 +104,20 @@ class Simulation:
         return Start(key, self.qpos, self.qvel, self.ctrl, self.perturb, self.seed)
 
     @property
+    def source(self) -> Source:
+        """Where the model comes from."""
+        return source_of(self.model)
+
+    @property
     def inputs(self) -> list[tuple[str, Path]]:
         """The files that it reads, with what they are, as far as that is known without reading them."""
-        model = self.model.path if isinstance(self.model, Source) else self.model
-        files = {"model": model, "table of controls": self.ctrl_from, "recording": self.replay}
-        return [(what, Path(file)) for what, file in files.items() if isinstance(file, (str, Path))]
+        model_files = zip(chain(["model"], repeat("file of the model")), self.source.files, strict=False)
+        tables = (("table of controls", self.ctrl_from), ("recording", self.replay))
+        return [*model_files, *((what, Path(file)) for what, file in tables if file is not None)]
 
     def load(self) -> mujoco.MjModel:
         """The compiled model."""
-        if isinstance(self.model, mujoco.MjModel):
-            return self.model
-        return (self.model if isinstance(self.model, Source) else Source(Path(self.model))).load()
+        return self.source.load()
 
     def timeline(self, model: mujoco.MjModel) -> Timeline:
         """How this simulation falls on the timesteps of `model`."""

@@ -3,16 +3,13 @@
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields, is_dataclass
-from pathlib import Path
 from typing import Any
-
-import mujoco
 
 from mjrun.errors import UnknownNameError
 from mjrun.model import mujoco_bugs
 from mjrun.model.description.model import SECTIONS, Description
 from mjrun.model.mujoco_globals import collected_warnings
-from mjrun.model.source import Source
+from mjrun.model.sources import ModelLike, source_of
 from mjrun.reporter import QuietReporter, Reporter, pass_on
 
 
@@ -25,7 +22,7 @@ class Info:
       sections: names of `mjrun.model.description.model.SECTIONS`; all of them when empty.
     """
 
-    model: mujoco.MjModel | Source | str | Path
+    model: ModelLike
     sections: Sequence[str] = ()
 
     def run(self, reporter: Reporter | None = None) -> "InfoResult":
@@ -51,10 +48,8 @@ class Info:
         return InfoResult(description, sections, (*known, *heard))
 
     def _description(self) -> Description:
-        if isinstance(self.model, mujoco.MjModel):
-            return Description(self.model)
-        source = self.model if isinstance(self.model, Source) else Source(Path(self.model))
-        return Description(source.load(), source.path)
+        source = source_of(self.model)
+        return Description(source.load(), source.main_file)
 
 
 @dataclass(frozen=True)

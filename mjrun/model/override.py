@@ -1,4 +1,4 @@
-"""`--set PATH=VALUE`: anything in an MjSpec by MuJoCo's own names, before compilation.
+"""Overrides, the option `set`: anything in an MjSpec by MuJoCo's own names, before compilation.
 
 Paths are `opt.FIELD`, `opt.flag.NAME`, `vis.SECTION.FIELD`, `stat.FIELD`, `compiler.FIELD`, and
 `KIND/NAME.FIELD` for an element, where NAME may hold `*`, `?` and `[…]`, or be an index.
@@ -13,7 +13,7 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from mjrun.errors import BadValueError, UnknownNameError, UsageError, clean
+from mjrun.errors import BadValueError, OptionPath, UnknownNameError, UsageError, clean, option
 from mjrun.model.names import is_enum, is_index, member, members
 
 ROOTS: dict[str, Callable[[mujoco.MjSpec], Any]] = {
@@ -79,21 +79,29 @@ INERTIAL = {"mass", "inertia", "fullinertia", "ipos", "iquat"}
 
 @dataclass(frozen=True)
 class Setting:
-    """One override: the `path` in the source, the `value` as text, and the flag it came from."""
+    """One override: the `path` in the source, the `value` as text, and the name of the option that it came from."""
 
     path: str
     value: str
-    flag: str = "--set"
+    option: str = "set"
+
+    def __str__(self) -> str:
+        return f"{self.path}={self.value}"
 
     @property
-    def asked(self) -> str:
-        """What the user wrote."""
-        return f"--set {self.path}={self.value}" if self.flag == "--set" else f"{self.flag} {self.value}"
+    def option_value(self) -> str:
+        """The value of the option."""
+        return str(self) if self.option == "set" else self.value
 
     @property
     def name(self) -> str:
-        """What a message calls it."""
-        return self.path if self.flag == "--set" else self.flag
+        """What messages call it."""
+        return clean(self.path) if self.option == "set" else option(self.option)
+
+    @property
+    def option_path(self) -> OptionPath:
+        """The place within the options that errors are about."""
+        return ("set", self.path) if self.option == "set" else (self.option,)
 
 
 def apply(spec: mujoco.MjSpec, setting: Setting) -> None:

@@ -1,21 +1,82 @@
-"""What stands where a model stands."""
+"""The interface of everything that stands where a model stands: a file, standard input, `scene:dominos`."""
 
-from dataclasses import dataclass
+import re
+from abc import ABC, abstractmethod
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
+from typing import ClassVar
 
 import mujoco
 
-from mjrun.model.load import load
+from mjrun.errors import ModelNotFoundError
 from mjrun.model.override import Setting
 
 
 @dataclass(frozen=True)
-class Source:
-    """A model file and the overrides to load it with."""
+class Source(ABC):
+    """Where a model comes from, and the overrides to load it with: a picklable value.
 
-    path: Path
-    settings: tuple[Setting, ...] = ()
+    Attributes:
+      settings: overrides, applied in order before compilation.
+    """
 
+    settings: tuple[Setting, ...] = field(default=(), kw_only=True)
+
+    @property
+    @abstractmethod
+    def text(self) -> str:
+        """The source as users, documents and manifests write it."""
+
+    @property
+    @abstractmethod
+    def stem(self) -> str:
+        """The base of the names of outputs, without a folder or a suffix."""
+
+    @property
+    def main_file(self) -> Path | None:
+        """The model file; None if there is none."""
+        return None
+
+    @property
+    def files(self) -> tuple[Path, ...]:
+        """The files that loading reads, the model file first, as far as they are known without compiling."""
+        return ()
+
+    @abstractmethod
     def load(self) -> mujoco.MjModel:
-        """The compiled model."""
-        return load(self.path, overrides=self.settings)
+        """Compiles the model.
+
+        Raises:
+          ModelError: it cannot be found or read, or MuJoCo refuses it.
+          UsageError: an override names nothing, or its value does not fit.
+        """
+
+
+@dataclass(frozen=True)
+class NamedSource(Source):
+    """A model out of a collection, written `PREFIX:NAME`. A module in `mjrun.model.sources` holds each collection."""
+
+    PREFIX: ClassVar[str]
+
+    name: str
+
+    @classmethod
+    @abstractmethod
+    def descriptions(cls) -> Mapping[str, str]:
+        """A line about each model of the collection, by name."""
+
+    @property
+    def text(self) -> str:
+        return f"{self.PREFIX}:{self.name}"
+
+    @property
+    def stem(self) -> str:
+        return re.sub(r"\W+", "_", self.name)
+
+    def check_name(self) -> None:
+        """Raises ModelNotFoundError, which lists the collection, if it has no model of this name."""
+        if self.name in (valid := self.descriptions()):
+            return
+        path, reason = (self.text, "no such") if self.name else (self.PREFIX, "name the")
+        raise ModelNotFoundError(path, f"{reason} {self.PREFIX}", [*valid], f"{self.PREFIX}s", self.name)

@@ -24,7 +24,7 @@ from mjrun.camera.argument import script
 from mjrun.camera.motion import CameraMotion
 from mjrun.errors import BadValueError, FileError, ModelNotFoundError, UnstableError, UsageError
 from mjrun.job.view import Drawing
-from mjrun.model.source import Source
+from mjrun.model.sources.file import FileSource
 from mjrun.rendering.backend import Backend
 from mjrun.rendering.classic import ClassicRenderer
 from mjrun.rendering.segmentation import Segmentation
@@ -66,7 +66,7 @@ def path(tmp_path: Path) -> Path:
     return path
 
 
-def bench(model: Path | Source | mujoco.MjModel, **changed: Any) -> Bench:
+def bench(model: Path | FileSource | mujoco.MjModel, **changed: Any) -> Bench:
     return Bench(model, **{"steps": 20, "repeats": 8, "threads": (1, 2), **changed})
 
 
@@ -157,7 +157,7 @@ def test_a_base_is_refused_before_anything_is_timed(path: Path, monkeypatch: pyt
     with pytest.raises(UsageError, match=r"noise_std: 0.01 there, 0.5 here\n--force"):
         bench(path, compare=base, noise_std=0.5).run(clock=FakeClock())
     with pytest.raises(UsageError, match="another model"):
-        bench(Source(path, settings({"opt.gravity": "0,0,-1"})), compare=base).run(clock=FakeClock())
+        bench(FileSource(path, settings=settings({"opt.gravity": "0,0,-1"})), compare=base).run(clock=FakeClock())
     with pytest.raises(FileError, match="cannot be read"):
         bench(path, compare="none.json").run(clock=FakeClock())
 
@@ -304,7 +304,7 @@ def test_an_unstable_point_of_a_grid_is_a_result_and_a_grid_of_them_an_error(pat
     with pytest.raises(UnstableError, match="joint 'x'"):
         bench(path, scan={"timestep": ["1", "2"]}).run(clock=FakeClock())
     with pytest.raises(UnstableError):
-        bench(Source(path, settings({"timestep": "1"}))).run(clock=FakeClock())
+        bench(FileSource(path, settings=settings({"timestep": "1"}))).run(clock=FakeClock())
 
 
 def test_a_compiled_model_is_timed_but_not_loaded() -> None:

@@ -17,7 +17,7 @@ import pytest
 from mjrun import __version__
 from mjrun.cli.main import COMMANDS, group
 from mjrun.cli.options import INTEGRATORS
-from mjrun.model.load import SUFFIXES
+from mjrun.model.sources.file import SUFFIXES
 
 if TYPE_CHECKING:
     from tests.conftest import Command

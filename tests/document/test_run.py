@@ -21,7 +21,7 @@ from mjrun.job.simulation import Simulation
 from mjrun.job.trace import Trace
 from mjrun.job.video import Video
 from mjrun.model.override import Setting
-from mjrun.model.source import Source
+from mjrun.model.sources.file import FileSource
 from mjrun.rendering.visual import Visual
 
 MODEL = """
@@ -61,7 +61,7 @@ def problems(text: str, *assignments: str) -> list[str]:
 
 
 def simulation(**settings: Any) -> Simulation:
-    return Simulation(Source(Path("m.xml"), settings.pop("settings", ())), **settings)
+    return Simulation(FileSource(Path("m.xml"), settings=settings.pop("settings", ())), **settings)
 
 
 USUAL: dict[str, Any] = {"camera": ("free",), "view": ("rgb",)}
@@ -74,9 +74,9 @@ USUAL: dict[str, Any] = {"camera": ("free",), "view": ("rgb",)}
     ("text", "said"),
     [
         ("", {}),
-        ("integrator: rk4", {"settings": (Setting("opt.integrator", "rk4", "--integrator"),)}),
-        ("timestep: 1e-3", {"settings": (Setting("opt.timestep", "0.001", "--timestep"),)}),
-        ("timestep: 1/1000", {"settings": (Setting("opt.timestep", "0.001", "--timestep"),)}),
+        ("integrator: rk4", {"settings": (Setting("opt.integrator", "rk4", "integrator"),)}),
+        ("timestep: 1e-3", {"settings": (Setting("opt.timestep", "0.001", "timestep"),)}),
+        ("timestep: 1/1000", {"settings": (Setting("opt.timestep", "0.001", "timestep"),)}),
         (
             "timestep: 0.002\nintegrator: euler\n"
             "set: {opt.gravity: [0, 0, -1.6], opt.cone: elliptic, geom/floor.friction: .1, opt.flag.contact: false,"
@@ -88,8 +88,8 @@ USUAL: dict[str, Any] = {"camera": ("free",), "view": ("rgb",)}
                     Setting("geom/floor.friction", "0.1"),
                     Setting("opt.flag.contact", "false"),
                     Setting("opt.iterations", "4"),
-                    Setting("opt.integrator", "euler", "--integrator"),
-                    Setting("opt.timestep", "0.002", "--timestep"),
+                    Setting("opt.integrator", "euler", "integrator"),
+                    Setting("opt.timestep", "0.002", "timestep"),
                 )
             },
         ),
@@ -251,7 +251,7 @@ def test_files_that_are_read_are_relative_to_the_document_and_outputs_to_the_fol
         "films: [{output: a.mp4, camera: cameras/fly.yaml, ghost: ['opacity=.3,trace=g.csv', {recording: h.npz}]}]"
     )
     (film,) = jobs(text, name="study/d.yaml")
-    assert film.simulation == Simulation(Source(Path("study/../m.xml")), ctrl_from="study/c.csv")
+    assert film.simulation == Simulation(FileSource(Path("study/../m.xml")), ctrl_from="study/c.csv")
     assert film.camera == (Script("fly", [Shot(ModelRig("a"))]),)
     assert film.ghost == ("opacity=.3,trace=study/g.csv", "recording=study/h.npz")
     assert film.output == "out/a.mp4"
@@ -261,7 +261,7 @@ def test_files_that_are_read_are_relative_to_the_document_and_outputs_to_the_fol
 
 
 def test_absolute_inputs_stay_as_they_are() -> None:
-    assert jobs("model: /models/m.xml\nrecording: a.npz")[0].simulation.model == Source(Path("/models/m.xml"))
+    assert jobs("model: /models/m.xml\nrecording: a.npz")[0].simulation.model == FileSource(Path("/models/m.xml"))
 
 
 def test_settings_of_the_command_line_count_above_the_document() -> None:

@@ -39,7 +39,7 @@ from mjrun.job.simulation import Simulation
 from mjrun.job.trace import Trace
 from mjrun.job.video import Video
 from mjrun.model.override import Setting
-from mjrun.model.source import Source
+from mjrun.model.sources.file import FileSource
 from mjrun.rendering.segmentation import grouping
 from mjrun.rendering.text import CORNERS
 from mjrun.rendering.visual import GROUPS, Visual, flags
@@ -65,8 +65,8 @@ def normal(value: Any, name: str = "") -> Any:
     """`value`, a job or a part of it, in one form: exact numbers, tuples, paths, one of something as a list of one."""
     if name in ("qpos", "qvel", "ctrl"):
         return {key: tuple(inner) if isinstance(inner, Sequence) else (inner,) for key, inner in value.items()}
-    if isinstance(value, Simulation) and not isinstance(value.model, Source):
-        value = dataclasses.replace(value, model=Source(Path(str(value.model))))
+    if isinstance(value, Simulation) and not isinstance(value.model, FileSource):
+        value = dataclasses.replace(value, model=FileSource(Path(str(value.model))))
     if dataclasses.is_dataclass(value) and not isinstance(value, type):
         fields = {field.name: getattr(value, field.name) for field in dataclasses.fields(value)}
         return type(value).__name__, {key: normal(inner, key) for key, inner in fields.items() if key != "command"}
@@ -190,8 +190,8 @@ def scripts(draw: st.DrawFn) -> Script:
 overrides = st.sampled_from(
     ["0,0,-1.6", ".1", "0.1", "true", "True", "elliptic", "1e-3", "4", " 5", "0,up", "1,,2", "0x10", "1.50", "~", "-0"]
 )
-integrators = st.just(Setting("opt.integrator", "rk4", "--integrator"))
-timesteps = positives.map(lambda value: Setting("opt.timestep", repr(value), "--timestep"))
+integrators = st.just(Setting("opt.integrator", "rk4", "integrator"))
+timesteps = positives.map(lambda value: Setting("opt.timestep", repr(value), "timestep"))
 
 
 @st.composite
@@ -199,7 +199,7 @@ def sources(draw: st.DrawFn) -> Any:
     values = draw(st.dictionaries(names, overrides | texts, max_size=4))
     ends = [draw(maybe(integrators)), draw(maybe(timesteps))]
     found = [*(Setting(path, value) for path, value in values.items()), *(end for end in ends if end)]
-    source = Source(Path("m.xml"), tuple(found))
+    source = FileSource(Path("m.xml"), settings=tuple(found))
     return source if found else draw(st.sampled_from([source, "m.xml", Path("m.xml")]))
 
 
@@ -426,9 +426,9 @@ def test_the_document_reads_as_a_person_would_write_it() -> None:
         Setting("opt.cone", "elliptic"),
         Setting("opt.flag.contact", "true"),
     )
-    ends = (Setting("opt.integrator", "rk4", "--integrator"), Setting("opt.timestep", "0.001", "--timestep"))
+    ends = (Setting("opt.integrator", "rk4", "integrator"), Setting("opt.timestep", "0.001", "timestep"))
     simulation = Simulation(
-        Source(Path("m.xml"), settings + ends),
+        FileSource(Path("m.xml"), settings=settings + ends),
         key="home",
         qpos={"hip": (0.3,), "root": [0, 0, 1.0]},
         duration=Fraction(3),
@@ -515,7 +515,7 @@ def shot(**settings: Any) -> Any:
 
 
 def overridden(*settings: Setting) -> Any:
-    return Recording(Simulation(Source(Path("m.xml"), settings)), "a.npz")
+    return Recording(Simulation(FileSource(Path("m.xml"), settings=settings)), "a.npz")
 
 
 @pytest.mark.parametrize(
@@ -565,10 +565,10 @@ def test_jobs_of_several_simulations_are_no_document() -> None:
 @pytest.mark.parametrize(
     "settings",
     [
-        (Setting("opt.integrator", "RK4", "--integrator"),),
-        (Setting("opt.timestep", "1e-3", "--timestep"),),
-        (Setting("opt.timestep", "0.001", "--timestep"), Setting("opt.cone", "elliptic")),
-        (Setting("opt.timestep", "0.001", "--timestep"), Setting("opt.integrator", "rk4", "--integrator")),
+        (Setting("opt.integrator", "RK4", "integrator"),),
+        (Setting("opt.timestep", "1e-3", "timestep"),),
+        (Setting("opt.timestep", "0.001", "timestep"), Setting("opt.cone", "elliptic")),
+        (Setting("opt.timestep", "0.001", "timestep"), Setting("opt.integrator", "rk4", "integrator")),
     ],
 )
 def test_overrides_in_another_form_than_the_documents_own_keep_their_text_and_order(settings: Any) -> None:

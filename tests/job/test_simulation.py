@@ -11,7 +11,7 @@ import pytest
 from mjrun.errors import BadValueError, ModelNotFoundError, UnknownNameError, UsageError
 from mjrun.job.simulation import Simulation, positive
 from mjrun.model.override import Setting
-from mjrun.model.source import Source
+from mjrun.model.sources.file import FileSource
 from mjrun.timeline import Timeline
 
 XML = """<mujoco><worldbody><body><joint name="hinge"/><geom size=".1" pos="0 0 -1"/></body></worldbody>
@@ -45,7 +45,7 @@ def test_a_simulation_lasts_as_asked_or_five_seconds(how: dict[str, Any], timeli
 
 
 def test_the_timestep_is_that_of_the_model_which_may_be_overridden(path: Path) -> None:
-    simulation = Simulation(Source(path, (Setting("opt.timestep", "0.01"),)), duration=1)
+    simulation = Simulation(FileSource(path, settings=(Setting("opt.timestep", "0.01"),)), duration=1)
     assert simulation.timeline(simulation.load()) == Timeline(Fraction(1, 100), Fraction(1), 100)
 
 
@@ -91,13 +91,13 @@ def test_a_compiled_model_is_used_as_it_is() -> None:
     assert Simulation(MODEL).load() is MODEL
 
 
-@pytest.mark.parametrize("kind", [str, Path, Source])
+@pytest.mark.parametrize("kind", [str, Path, FileSource])
 def test_a_path_is_loaded_however_it_is_given(path: Path, kind: Any) -> None:
     assert Simulation(kind(path)).load().joint("hinge").id == 0
 
 
 def test_a_source_is_loaded_with_its_overrides(path: Path) -> None:
-    source = Source(path, (Setting("opt.gravity", "0,0,1"), Setting("joint/hinge.damping", "7")))
+    source = FileSource(path, settings=(Setting("opt.gravity", "0,0,1"), Setting("joint/hinge.damping", "7")))
     model = Simulation(source).load()
     assert model.opt.gravity.tolist() == [0, 0, 1]
     assert model.dof_damping.tolist() == [7]

@@ -228,7 +228,7 @@ def test_a_timestep_that_cannot_be_is_refused_unless_it_is_overridden(tmp_path: 
     path = write(tmp_path / "a.xml", f'<mujoco><option timestep="{timestep}"/></mujoco>')
     first, second = str(refusal(path)).splitlines()
     assert first == f"{path}: its timestep is {timestep}, and must be positive and finite"
-    assert second == "--timestep overrides it"
+    assert second == "timestep overrides it"
     assert load(path, timestep=0.01).opt.timestep == 0.01
     assert load(path, overrides={"opt.timestep": "0.01"}).opt.timestep == 0.01
 
@@ -237,7 +237,7 @@ def test_a_compiled_model_with_a_bad_timestep_is_not_advised_what_cannot_be_done
     model = mujoco.MjModel.from_xml_string(MODEL)
     model.opt.timestep = 0
     mujoco.mj_saveModel(model, str(tmp_path / "a.mjb"))
-    assert "--timestep" not in str(refusal(tmp_path / "a.mjb"))
+    assert "overrides" not in str(refusal(tmp_path / "a.mjb"))
 
 
 @pytest.mark.parametrize("timestep", [0.0, -0.01, float("nan"), float("inf")])
@@ -277,7 +277,7 @@ def test_a_compiled_model_refuses_overrides_and_names_them_as_they_were_asked(tm
     path = compiled(tmp_path / "a.mjb")
     with pytest.raises(CompiledModelError) as caught:
         load(path, timestep=0.1, overrides={"opt.cone": "elliptic"})
-    assert "--set opt.cone=elliptic, --timestep 0.1" in str(caught.value)
+    assert "set opt.cone=elliptic, timestep 0.1" in str(caught.value)
     assert caught.value.exit_code == 2
 
 
@@ -285,7 +285,7 @@ def test_an_override_that_breaks_the_model_is_named_in_the_refusal(tmp_path: Pat
     path = write(tmp_path / "a.xml", MODEL)
     with pytest.raises(BrokenModelError) as caught:
         load(path, overrides={"geom/skin.material": "gold"})
-    assert str(caught.value).endswith("with --set geom/skin.material=gold")
+    assert str(caught.value).endswith("with set geom/skin.material=gold")
 
 
 def test_foreign_text_in_an_override_cannot_steer_the_terminal(tmp_path: Path) -> None:

@@ -8,7 +8,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from mjrun.errors import BadValueError, MjrunError, UnknownNameError, UsageError, clean
+from mjrun.errors import BadValueError, MjrunError, UnknownNameError, UsageError, clean, option
 from mjrun.model.load import load
 from mjrun.model.names import members
 from mjrun.model.override import ELEMENTS, Setting, apply
@@ -345,10 +345,10 @@ def test_foreign_text_in_a_path_cannot_steer_the_terminal(path: str) -> None:
 
 
 def test_a_setting_says_how_it_was_asked() -> None:
-    assert Setting("opt.cone", "elliptic").asked == "--set opt.cone=elliptic"
+    assert Setting("opt.cone", "elliptic").option_value == "opt.cone=elliptic"
     assert Setting("opt.cone", "elliptic").name == "opt.cone"
-    assert Setting("opt.timestep", "1", "--timestep").asked == "--timestep 1"
-    assert Setting("opt.timestep", "1", "--timestep").name == "--timestep"
+    assert Setting("opt.timestep", "1", "timestep").option_value == "1"
+    assert Setting("opt.timestep", "1", "timestep").name == option("timestep")
 
 
 @pytest.mark.parametrize(("kind", "plural"), ELEMENTS.items())

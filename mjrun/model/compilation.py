@@ -1,0 +1,94 @@
+"""Compilation of a model: overrides applied, the result checked, and MuJoCo's refusals put into errors."""
+
+import math
+import re
+import zipfile
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+import mujoco
+
+from mjrun.errors import BadValueError, BrokenModelError, clean, concerning, option
+from mjrun.model.mujoco_globals import without_log
+from mjrun.model.override import Setting, apply
+
+# Everything that MuJoCo's loaders are known to raise for a bad file. "Caught an unknown exception!" is
+# a RuntimeError and means that memory ran out.
+FAULTS = (ValueError, RuntimeError, MemoryError, TypeError, mujoco.FatalError, zipfile.BadZipFile, OSError)
+NOT_UTF8 = "a name in it is not UTF-8; save the file as UTF-8"
+# "Element 'geom', line 12", "Element name 'x', id 3, line 12", "Line number=12"; names may hold anything.
+_LINE = re.compile(r"(?:', |id -?\d+, )line (\d+)$|Line number=(\d+)", re.MULTILINE)
+
+
+def compile_model(
+    parse: Callable[[], mujoco.MjSpec], settings: Sequence[Setting], path: Path, advice: str = ""
+) -> mujoco.MjModel:
+    """Compiles what `parse` returns, with overrides.
+
+    Args:
+      settings: overrides, applied in order.
+      path: the model as errors call it.
+      advice: added as a note to MuJoCo's refusal of a model without overrides.
+
+    Raises:
+      BrokenModelError: MuJoCo refuses the model.
+      UsageError: an override names nothing, or its value does not fit.
+    """
+    with without_log():
+        try:
+            spec = parse()
+        except FAULTS as error:
+            raise broken_model(path, error, advice=advice) from error
+        try:
+            for setting in settings:
+                with concerning(*setting.option_path):
+                    apply(spec, setting)
+        except UnicodeDecodeError:  # a name that an override was compared with
+            raise BrokenModelError(path, NOT_UTF8) from None
+        try:
+            model = spec.compile()
+        except FAULTS as error:
+            overrides = ", ".join(f"{option(s.option)} {clean(s.option_value)}" for s in settings)
+            raise broken_model(path, error, f"with {overrides}" if settings else "", advice) from error
+
+    if any(setting.path == "opt.timestep" for setting in settings) and not _is_timestep(model.opt.timestep):
+        raise BadValueError(option("timestep"), f"{model.opt.timestep:g}", "a positive number of seconds")
+    check_model(model, path, f"{option('timestep')} overrides it")
+    return model
+
+
+def check_model(model: mujoco.MjModel, path: Path, timestep_advice: str = "") -> None:
+    """Raises BrokenModelError if names in `model` are not UTF-8, or its timestep is not a positive number."""
+    try:
+        model.names.decode("utf-8")
+    except UnicodeDecodeError:
+        raise BrokenModelError(path, NOT_UTF8) from None
+    if not _is_timestep(step := model.opt.timestep):
+        raise BrokenModelError(path, f"its timestep is {step:g}, and must be positive and finite", hint=timestep_advice)
+
+
+def broken_model(path: Path, error: BaseException, hint: str = "", advice: str = "") -> BrokenModelError:
+    """MuJoCo's refusal `error` of the model `path` as an error with its line, if MuJoCo says which.
+
+    Args:
+      hint: a last line for the message.
+      advice: a note for when there is no hint.
+    """
+    message = str(error).strip()
+    if "unknown exception" in message or isinstance(error, MemoryError):
+        message = "MuJoCo ran out of memory"
+    lines = _LINE.findall(message)
+    line = int("".join(lines[-1])) if lines else None
+    message = re.sub(r"^(XML Error: )?(Error: )*", "", message)
+    message = re.sub(r"\s*\n?\s*Error=(XML_\w+).*", r" \1", message)
+    message = re.sub(r"Element name '', id -?\d+(, )?", "", message)
+    message = re.sub(r"(, |^)line \d+$", "", message, flags=re.MULTILINE)
+
+    broken = BrokenModelError(path, message, line, hint)
+    if advice and not hint:  # a note, which is no part of what MuJoCo said
+        broken.add_note(advice)
+    return broken
+
+
+def _is_timestep(value: float) -> bool:
+    return math.isfinite(value) and value > 0

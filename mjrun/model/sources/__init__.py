@@ -1,0 +1,58 @@
+"""The one place that turns text into a model source. A module in this package is a kind of source."""
+
+import pkgutil
+from collections.abc import Mapping, Sequence
+from functools import cache
+from importlib import import_module
+from os import PathLike
+from pathlib import Path
+
+import mujoco
+
+from mjrun.model.override import Setting
+from mjrun.model.source import NamedSource, Source
+from mjrun.model.sources.compiled import CompiledSource
+from mjrun.model.sources.file import FileSource
+from mjrun.model.sources.stdin import StdinSource
+
+ModelLike = mujoco.MjModel | Source | str | PathLike[str]
+
+
+def parse_source(text: str, settings: Sequence[Setting] = (), folder: str | Path = "") -> Source:
+    """The source that `text` names: `PREFIX:NAME` of a collection, `-` for standard input, else a file.
+
+    Args:
+      settings: overrides to load it with.
+      folder: what a relative file is relative to.
+    """
+    prefix, colon, name = text.partition(":")
+    if text == "-":
+        return StdinSource(settings=tuple(settings))
+    if colon and (collection := model_collections().get(prefix)):
+        return collection(name, settings=tuple(settings))
+    return FileSource(Path(folder, text), settings=tuple(settings))
+
+
+def source_of(model: ModelLike) -> Source:
+    """The source that stands for `model`: text is parsed, a path is a file, a compiled model is itself."""
+    match model:
+        case Source():
+            return model
+        case mujoco.MjModel():
+            return CompiledSource(model)
+        case str():
+            return parse_source(model)
+    return FileSource(Path(model))
+
+
+@cache
+def model_collections() -> Mapping[str, type[NamedSource]]:
+    """The model_collections of models, by prefix."""
+    for module in pkgutil.iter_modules(__path__):
+        import_module(f"{__name__}.{module.name}")
+    return {collection.PREFIX: collection for collection in NamedSource.__subclasses__()}
+
+
+def listed_collection(text: str) -> type[NamedSource] | None:
+    """The collection that `text` names without naming a model in it, as `scene:` does."""
+    return model_collections().get(text[:-1]) if text.endswith(":") else None

@@ -1,0 +1,28 @@
+"""A compiled model in memory as a source, for Python callers."""
+
+from dataclasses import dataclass
+
+import mujoco
+
+from mjrun.errors import CompiledModelError
+from mjrun.model.source import Source
+
+
+@dataclass(frozen=True)
+class CompiledSource(Source):
+    """A compiled model, which is used as it is."""
+
+    model: mujoco.MjModel
+
+    @property
+    def text(self) -> str:
+        return ""
+
+    @property
+    def stem(self) -> str:
+        return "model"
+
+    def load(self) -> mujoco.MjModel:
+        if self.settings:
+            raise CompiledModelError("the model", [(s.option, s.option_value) for s in self.settings])
+        return self.model

@@ -1,0 +1,106 @@
+"""Model files as sources: MJCF, URDF, archives of these, and compiled models."""
+
+import shlex
+import stat
+import zipfile
+from dataclasses import dataclass
+from pathlib import Path
+
+import mujoco
+
+from mjrun.errors import CompiledModelError, ModelNotFoundError, clean
+from mjrun.model.compilation import FAULTS, broken_model, check_model, compile_model
+from mjrun.model.description import archive_files
+from mjrun.model.description.referenced_files import named
+from mjrun.model.mujoco_globals import without_log
+from mjrun.model.source import Source
+
+SOURCES = (".xml", ".urdf", ".mjz", ".zip")
+COMPILED = (".mjb",)
+SUFFIXES = SOURCES + COMPILED
+
+
+@dataclass(frozen=True)
+class FileSource(Source):
+    """A model file: .xml, .urdf, .mjz, .zip or .mjb."""
+
+    path: Path
+
+    @property
+    def text(self) -> str:
+        return str(self.path)
+
+    @property
+    def stem(self) -> str:
+        return self.path.stem
+
+    @property
+    def main_file(self) -> Path:
+        return self.path
+
+    @property
+    def files(self) -> tuple[Path, ...]:
+        main = archive_files.main_source(self.path)
+        named_files = [Path(file.path) for file in named(main)] if main and main == str(self.path) else []
+        return tuple(dict.fromkeys([self.path, *named_files]))
+
+    def load(self) -> mujoco.MjModel:
+        self._check_file()
+        if self.path.suffix in COMPILED:
+            return self._load_compiled()
+        advice = f"mjrun check {clean(shlex.quote(str(self.path)))} says where and what to do"
+        return compile_model(self._parse, self.settings, self.path, advice)
+
+    def _check_file(self) -> None:
+        path = self.path
+        try:
+            mode = path.stat().st_mode
+        except FileNotFoundError:
+            raise ModelNotFoundError(path, "no such model file", *_models_in(path.parent)) from None
+        except OSError as error:
+            raise ModelNotFoundError(path, error.strerror or str(error)) from None
+        except ValueError as error:  # a null character in the path
+            raise ModelNotFoundError(path, str(error)) from None
+
+        if stat.S_ISDIR(mode):
+            raise ModelNotFoundError(path, "is a folder, not a model file", *_models_in(path))
+        if not stat.S_ISREG(mode):
+            raise ModelNotFoundError(path, "is not a regular file")
+        if path.suffix not in SUFFIXES:
+            lower = "; MuJoCo knows them in lower case only" if path.suffix.lower() in SUFFIXES else ""
+            raise ModelNotFoundError(path, f"is not a model file; model files end in {', '.join(SUFFIXES)}{lower}")
+
+    def _load_compiled(self) -> mujoco.MjModel:
+        if self.settings:
+            raise CompiledModelError(self.path, [(s.option, s.option_value) for s in self.settings])
+        with without_log():
+            try:
+                model = mujoco.MjModel.from_binary_path(str(self.path))
+            except FAULTS as error:
+                hint = f"a .mjb file loads only in the MuJoCo that wrote it; this is {mujoco.mj_versionString()}"
+                raise broken_model(self.path, error, hint) from error
+        check_model(model, self.path)
+        return model
+
+    def _parse(self) -> mujoco.MjSpec:
+        path = self.path
+        if path.suffix not in (".mjz", ".zip"):
+            return mujoco.MjSpec.from_file(str(path))
+
+        # MuJoCo looks for model.xml or one named as the archive; its own `to_zip` writes neither.
+        with zipfile.ZipFile(path) as archive:
+            members = [name for name in archive.namelist() if name.endswith(".xml")]
+        expected = {"model.xml", f"{path.stem}.xml", f"{path.stem}/{path.stem}.xml", f"{path.stem}/model.xml"}
+        if len(members) == 1 and not expected & set(members):
+            with path.open("rb") as archive:
+                return mujoco.MjSpec.from_zip(archive)
+        return mujoco.MjSpec.from_file(str(path))
+
+
+def _models_in(folder: Path) -> tuple[list[str], str]:
+    """The names of the model files in `folder`, and what to call them."""
+    try:
+        names = sorted(path.name for path in folder.iterdir() if path.suffix in SUFFIXES)
+    except OSError:
+        names = []
+    return names, f"models in {folder}"

@@ -1,0 +1,70 @@
+"""Standard input as a model source, written `-`."""
+
+import sys
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+
+import mujoco
+
+from mjrun.errors import BrokenModelError, UsageError
+from mjrun.model.compilation import compile_model
+from mjrun.model.source import Source
+
+LABEL = Path("<stdin>")
+
+
+@dataclass(frozen=True)
+class StdinSource(Source):
+    """MJCF or URDF on standard input; its assets and includes are relative to the working directory.
+
+    Standard input is read when the model is first loaded, and once per process.
+
+    Attributes:
+      xml: the text; None to read it from standard input.
+    """
+
+    xml: str | None = None
+
+    @property
+    def text(self) -> str:
+        return "-"
+
+    @property
+    def stem(self) -> str:
+        return "model"
+
+    def load(self) -> mujoco.MjModel:
+        xml = self._read()
+        return compile_model(lambda: mujoco.MjSpec.from_string(xml), self.settings, LABEL)
+
+    def __reduce__(self) -> tuple[type, tuple[()], dict[str, object]]:
+        # Another process has another standard input.
+        return StdinSource, (), {"settings": self.settings, "xml": self._read()}
+
+    def _read(self) -> str:
+        return _standard_input() if self.xml is None else self.xml
+
+
+@cache
+def _standard_input() -> str:
+    """All of standard input.
+
+    Raises:
+      UsageError: it is a terminal, or closed.
+      BrokenModelError: it is empty, or no text.
+    """
+    if sys.stdin is None or sys.stdin.closed or sys.stdin.isatty():
+        state = "is a terminal" if sys.stdin and not sys.stdin.closed else "is closed"
+        raise UsageError(
+            f"the model - is read from standard input, which {state}\n"
+            "pipe MJCF into it, as in `mjrun video - < scene.xml`, or name a file"
+        )
+    content = sys.stdin.buffer.read()
+    if not content.strip():
+        raise BrokenModelError(LABEL, "standard input is empty; MJCF or URDF is expected")
+    try:
+        return content.decode("utf-8-sig")
+    except UnicodeDecodeError:
+        reason = "standard input is not UTF-8 text; MJCF or URDF is expected, and archives are read from files only"
+        raise BrokenModelError(LABEL, reason) from None

@@ -1,0 +1,26 @@
+"""Theorems about a compiled model as a source."""
+
+import dataclasses
+
+import mujoco
+import pytest
+
+from mjrun.errors import CompiledModelError
+from mjrun.model.override import Setting
+from mjrun.model.sources import source_of
+
+MODEL = mujoco.MjModel.from_xml_string("<mujoco/>")
+
+
+def test_it_loads_as_itself_and_has_no_file() -> None:
+    source = source_of(MODEL)
+    assert source.load() is MODEL
+    assert (source.text, source.stem, source.main_file, source.files) == ("", "model", None, ())
+
+
+def test_overrides_come_too_late() -> None:
+    source = dataclasses.replace(source_of(MODEL), settings=(Setting("opt.cone", "elliptic"),))
+    with pytest.raises(
+        CompiledModelError, match=r"^the model is compiled: set opt\.cone=elliptic cannot be overridden"
+    ):
+        source.load()
