@@ -16,7 +16,8 @@ import mujoco
 from mjrun.camera.argument import script
 from mjrun.camera.motion import CameraMotion
 from mjrun.job.simulation import Simulation
-from mjrun.rendering.backend import Backend, Search
+from mjrun.rendering.backend import Backend
+from mjrun.rendering.backend_detection import BackendDetection
 from mjrun.rendering.classic import ClassicRenderer
 from mjrun.rendering.segmentation import Segmentation
 from mjrun.rendering.visual import Visual
@@ -53,7 +54,7 @@ def main() -> None:
     parser.add_argument("--size", default="640x480")
     parser.add_argument("--frames", type=int, default=10)
     given = parser.parse_args()
-    backend = Search("auto").result()
+    backend = BackendDetection("auto").result()
     width, height = map(int, given.size.split("x"))
     print(f"{given.size}, {backend.renderer}")
     for path in given.models:

@@ -15,7 +15,9 @@ import numpy as np
 from mjrun.errors import EncoderError, NoRendererError, UnknownNameError
 from mjrun.formats.video import encoder_version, working_codecs
 from mjrun.model import mujoco_bugs
-from mjrun.rendering.backend import DEVICE, GL, VULKAN, Backend, Probe, candidates, cure, remedy, sought, way_out
+from mjrun.rendering.backend import DEVICE, GL, Backend, candidates, requested_backends
+from mjrun.rendering.backend_detection import BackendTrial, alternative, repair_advice
+from mjrun.rendering.install_advice import VULKAN, install_advice
 from mjrun.version import __version__
 
 EXTRAS = {"parquet": "pyarrow", "mat": "scipy", "plot": "matplotlib", "warp": "mujoco_warp"}
@@ -56,14 +58,14 @@ class Examination:
 
 def examine() -> Examination:
     """Looks at everything mjrun needs; backends and drivers in child processes."""
-    probes = {name: Probe(name, draw=True) for name in ("egl", "osmesa", "glfw", "vulkan")}
+    trials = {name: BackendTrial(name, draw=True) for name in ("egl", "osmesa", "glfw", "vulkan")}
     if platform.system() == "Darwin":
-        probes["cgl"] = Probe("cgl", draw=True)
-    devices = Probe("devices").answer().get("devices", [])
+        trials["cgl"] = BackendTrial("cgl", draw=True)
+    devices = BackendTrial("devices").answer().get("devices", [])
     encoder = _encoder()
-    backends = {name: probe.result() for name, probe in probes.items() if name != "vulkan"}
+    backends = {name: trial.result() for name, trial in trials.items() if name != "vulkan"}
     drawing = _drawing(backends)
-    filament = _filament(probes["vulkan"].result(), drawing.used)
+    filament = _filament(trials["vulkan"].result(), drawing.used)
     findings = [*_versions(), *_extras(), *drawing.findings, *_devices(devices), filament, *encoder]
     return Examination(
         findings,
@@ -113,14 +115,14 @@ def _drawing(found: Mapping[str, Backend | str]) -> _Drawing:
     if names == candidates():
         asked.pop(GL, None)
     used = next((name for name in names if isinstance(found.get(name), Backend)), None)
-    failed = [] if used else [Finding("opengl", "used", MISSING, fault or _nothing(asked), way_out(names))]
+    failed = [] if used else [Finding("opengl", "used", MISSING, fault or _nothing(asked), alternative(names))]
     return _Drawing([*failed, *_backends(found, used, default=GL not in asked)], used, asked)
 
 
 def _sought() -> tuple[Sequence[str], str]:
     """The backends that are tried; or none, and why."""
     try:
-        return sought(), ""
+        return requested_backends(), ""
     except NoRendererError as error:
         return (), f"nothing: {GL} {error.tried[GL]}"
     except UnknownNameError as error:
@@ -140,18 +142,18 @@ def _backends(found: Mapping[str, Backend | str], used: str | None, default: boo
             mark = "" if name != used else ", used by default" if default else f", used by {GL}"
             findings.append(Finding("opengl", name, OK, f"{answer.renderer} ({kind}{mark}), {answer.version}"))
         else:
-            # One backend that works is enough.
-            findings.append(Finding("opengl", name, MISSING, answer, f"{'not needed; ' if used else ''}{cure(name)}"))
+            advice = f"not needed; {repair_advice(name)}" if used else repair_advice(name)  # one is enough
+            findings.append(Finding("opengl", name, MISSING, answer, advice))
     return findings
 
 
 def _devices(devices: Sequence[Mapping[str, Any]]) -> list[Finding]:
     """Those that EGL knows, each tried. MuJoCo takes CUDA's number for one where the driver tells it."""
     numbers = [device["index"] if device["cuda"] is None else device["cuda"] for device in devices]
-    probes = [Probe("egl", draw=True, device=number) for number in numbers]
+    trials = [BackendTrial("egl", draw=True, device=number) for number in numbers]
     findings = []
-    for device, number, probe in zip(devices, numbers, probes, strict=True):
-        answer, cuda = probe.result(), "" if device["cuda"] is None else f", CUDA device {device['cuda']}"
+    for device, number, trial in zip(devices, numbers, trials, strict=True):
+        answer, cuda = trial.result(), "" if device["cuda"] is None else f", CUDA device {device['cuda']}"
         where = f"MUJOCO_EGL_DEVICE_ID={number}{cuda}" + (f", {device['file']}" if device["file"] else "")
         name = f"device {device['index']}"
         if isinstance(answer, Backend):
@@ -164,7 +166,7 @@ def _devices(devices: Sequence[Mapping[str, Any]]) -> list[Finding]:
 def _filament(answer: Backend | str, used: str | None) -> Finding:
     if isinstance(answer, str):
         return Finding(
-            "vulkan", "filament", MISSING, answer, f"not needed but for --renderer filament; {remedy(VULKAN)}"
+            "vulkan", "filament", MISSING, answer, f"not needed but for --renderer filament; {install_advice(VULKAN)}"
         )
     kind = "software" if answer.software else "GPU"
     alone = "" if used else "--renderer filament draws, the default renderer does not"

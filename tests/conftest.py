@@ -16,7 +16,8 @@ import numpy as np
 import pytest
 
 from mjrun.errors import NoRendererError
-from mjrun.rendering.backend import Backend, Search, VulkanSearch
+from mjrun.rendering.backend import Backend
+from mjrun.rendering.backend_detection import BackendDetection, VulkanDetection
 
 ROOT = Path(__file__).parents[1]
 
@@ -71,14 +72,14 @@ def exploding(tmp_path: Path) -> Path:
 @pytest.fixture(scope="session")
 def backend() -> Backend:
     """A renderer that works here; a test that needs one fails where there is none."""
-    return Search("auto").result()
+    return BackendDetection("auto").result()
 
 
 @pytest.fixture(scope="session")
 def vulkan() -> Backend:
     """A Vulkan that Filament draws with; skipped only where the set-up could not install one."""
     try:
-        return VulkanSearch().result()
+        return VulkanDetection().result()
     except NoRendererError:
         if (ROOT / ".venv/mjrun-no-vulkan").exists():
             pytest.skip("Vulkan cannot be installed here")

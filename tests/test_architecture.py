@@ -161,7 +161,7 @@ def test_a_planted_bad_import_is_found(tmp_path: Path, module: str, source: str)
         ("cli/video.py", "from mjrun.errors import clean\nfrom mjrun.job.video import Video\nimport click"),
         ("job/video.py", "from mjrun import Visual\nfrom mjrun.version import __version__"),
         ("formats/video.py", "import imageio_ffmpeg"),
-        ("rendering/backend_test.py", "def f():\n    from OpenGL import GL"),
+        ("rendering/try_backend.py", "def f():\n    from OpenGL import GL"),
         ("document/run.py", "import yaml\nfrom mjrun.job.video import Video"),
         ("__main__.py", "from mjrun.cli.main import run"),
         ("__init__.py", "from mjrun.job.video import Video"),

@@ -4,6 +4,7 @@ import contextlib
 import gc
 import math
 import os
+import resource
 import signal
 import subprocess
 import sys
@@ -18,9 +19,8 @@ from mjrun.process import STDERR_LIMIT, STDOUT_LIMIT, Exit, Process, limit_this_
 
 MIB = 2**20
 FOREVER = "import time; time.sleep(600)"
-IGNORES_TERMINATION = (
-    f"import signal; signal.signal(signal.SIGTERM, signal.SIG_IGN); print('ready', flush=True); {FOREVER}"
-)
+READY = f"print('ready', flush=True); {FOREVER}"
+PARENT = f"import subprocess, sys; print(subprocess.Popen([sys.executable, '-c', {FOREVER!r}]).pid, flush=True)"
 
 
 def python(code: str, **how: object) -> Process:
@@ -81,7 +81,7 @@ except OSError:
     with python(code, descriptors=[theirs]) as child:
         os.close(theirs)
         assert child.wait() == Exit(0)
-    with open(ours, "rb") as pipe:
+    with os.fdopen(ours, "rb") as pipe:
         assert pipe.read() == b"hello, nothing else"
 
 
@@ -169,10 +169,9 @@ def test_a_process_can_limit_itself(limits: str, code: str, text: str, tmp_path:
 
 
 def test_limits_that_are_not_named_stay() -> None:
-    assert "limit_this_process" in limit_this_process.__name__
-    before = [os.sysconf("SC_OPEN_MAX"), *map(__import__("resource").getrlimit, range(4))]
+    before = [resource.getrlimit(kind) for kind in range(8)]
     limit_this_process()
-    assert [os.sysconf("SC_OPEN_MAX"), *map(__import__("resource").getrlimit, range(4))] == before
+    assert [resource.getrlimit(kind) for kind in range(8)] == before
 
 
 # --- output ---------------------------------------------------------------------------------------
@@ -204,15 +203,14 @@ def test_a_process_may_close_its_streams_early() -> None:
 
 
 def test_output_can_go_to_a_file(tmp_path: Path) -> None:
-    with open(tmp_path / "log", "w+b") as file:
+    with (tmp_path / "log").open("w+b") as file:
         python("import os; print('out', flush=True); os.system('echo err >&2')", stdout=file, stderr=file).wait()
         file.seek(0)
         assert file.read() == b"out\nerr\n"
 
 
 def test_a_grandchild_that_holds_the_pipe_is_killed_with_the_session() -> None:
-    code = f"import subprocess, sys; print(subprocess.Popen([sys.executable, '-c', {FOREVER!r}]).pid, flush=True)"
-    child = python(code, stdout="capture")
+    child = python(PARENT, stdout="capture")
     assert child.wait() == Exit(0)
     assert eventually(lambda: gone(int(child.stdout)))
 
@@ -221,7 +219,7 @@ def test_a_grandchild_that_holds_the_pipe_is_killed_with_the_session() -> None:
 
 
 def test_a_process_is_asked_to_end_before_it_is_killed() -> None:
-    code = f"import signal, sys; signal.signal(signal.SIGTERM, lambda *_: sys.exit(7)); print('ready', flush=True); {FOREVER}"
+    code = f"import signal, sys; signal.signal(signal.SIGTERM, lambda *_: sys.exit(7)); {READY}"
     child = python(code, stdout="capture")
     assert eventually(lambda: child.stdout == b"ready\n")
     assert child.end(grace=30) == Exit(7, "ended")
@@ -229,15 +227,14 @@ def test_a_process_is_asked_to_end_before_it_is_killed() -> None:
 
 
 def test_a_process_that_does_not_end_is_killed() -> None:
-    child = python(IGNORES_TERMINATION, stdout="capture")
+    child = python(f"import signal; signal.signal(signal.SIGTERM, signal.SIG_IGN); {READY}", stdout="capture")
     assert eventually(lambda: child.stdout == b"ready\n")
     assert child.end(grace=0.1) == Exit(-signal.SIGKILL, "ended")
     assert gone(child.pid)
 
 
 def test_ending_kills_what_the_process_has_started() -> None:
-    code = f"import subprocess, sys; print(subprocess.Popen([sys.executable, '-c', {FOREVER!r}]).pid, flush=True); {FOREVER}"
-    with python(code, stdout="capture") as child:
+    with python(f"{PARENT}; {FOREVER}", stdout="capture") as child:
         assert eventually(lambda: child.stdout.endswith(b"\n"))
     assert gone(child.pid)
     assert eventually(lambda: gone(int(child.stdout)))
@@ -266,7 +263,8 @@ def test_a_process_that_nobody_holds_is_ended() -> None:
 
 
 def test_no_process_outlives_the_interpreter() -> None:
-    code = f"import sys; from mjrun.process import Process; child = Process([sys.executable, '-c', {FOREVER!r}]); print(child.pid)"
+    start = f"child = Process([sys.executable, '-c', {FOREVER!r}])"
+    code = f"import sys; from mjrun.process import Process; {start}; print(child.pid)"
     out = subprocess.run([sys.executable, "-c", code], capture_output=True, check=True, text=True)
     assert out.stderr == ""
     assert gone(int(out.stdout))

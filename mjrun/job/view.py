@@ -18,11 +18,12 @@ from mjrun.formats.labels import labels_beside
 from mjrun.job.output_files import named
 from mjrun.job.scene_decorations import SceneDecorations, additions
 from mjrun.job.simulation import lone
-from mjrun.rendering.backend import Backend, Search, VulkanSearch
+from mjrun.rendering.backend import Backend
+from mjrun.rendering.backend_detection import BackendDetection, VulkanDetection
 from mjrun.rendering.classic import ClassicRenderer, check_size
 from mjrun.rendering.compositor import VIEWS, Overlay, Panel, SceneCompositor, Stream, Style
 from mjrun.rendering.decorations import Decoration
-from mjrun.rendering.filament import FilamentRenderer, check_segmentation, check_visual, left_out
+from mjrun.rendering.filament import FilamentRenderer, check_segmentation, check_visual, omissions
 from mjrun.rendering.segmentation import Segmentation, grouping
 from mjrun.rendering.visual import Visual
 
@@ -106,9 +107,9 @@ class Drawing:
             if not names or any(name in names[:index] for index, name in enumerate(names)):
                 raise UsageError(f"{what}: each once, and at least one")
 
-    def search(self) -> Search | VulkanSearch:
+    def search(self) -> BackendDetection | VulkanDetection:
         """Begins to try what can draw."""
-        return VulkanSearch() if self.renderer == "filament" else Search(self.gl)
+        return VulkanDetection() if self.renderer == "filament" else BackendDetection(self.gl)
 
     def check(self, model: mujoco.MjModel, backend: Backend) -> list[str]:
         """What the renderer will leave out of this unasked.
@@ -121,7 +122,7 @@ class Drawing:
             return []
         check_visual(model, self.visual)
         check_segmentation(Segmentation(model, self.seg_by) if "seg" in self.views else None)
-        return left_out(model, self.visual)
+        return omissions(model, self.visual)
 
     @property
     def cameras(self) -> Sequence[str | Script]:

@@ -12,7 +12,7 @@ import numpy as np
 
 from mjrun.camera.calibration import lens, metric_depth
 from mjrun.camera.pose import Pose, user_camera
-from mjrun.errors import DrawError, UsageError
+from mjrun.errors import DrawError, UsageError, option
 from mjrun.model.names import members
 from mjrun.model.rendered_view import Picture
 from mjrun.model.state import restore
@@ -34,7 +34,7 @@ class ClassicRenderer:
     Args:
       model: read only; its framebuffer size is ignored, any `size` can be drawn.
       size: width and height of a frame [pixels].
-      backend: one that works, from `backend.Search`.
+      backend: one that works, from `BackendDetection`.
       visual: flags, groups, frames, labels and quality.
       segmentation: what ids tell apart.
       decors: what is added to colour pictures.
@@ -196,8 +196,8 @@ def check_size(size: tuple[int, int], backend: Backend, visual: Visual) -> None:
     """Raises UsageError when the backend cannot draw that large."""
     if max(size) * visual.samples > backend.max_size:
         raise UsageError(
-            f"--size {size[0]}x{size[1]} is too large: {backend.renderer} draws at most "
-            f"{backend.max_size // visual.samples} pixels a side at --quality {visual.quality}"
+            f"{option('size')} {size[0]}x{size[1]} is too large: {backend.renderer} draws at most "
+            f"{backend.max_size // visual.samples} pixels a side at {option('quality')} {visual.quality}"
         )
 
 

@@ -1,14 +1,9 @@
 """MuJoCo's physically based renderer, Filament, drawing recorded states through Vulkan, in a process of its own.
 
-It ends its process when something is not to its liking, prints on stdout, and loses memory with every picture. What
-it cannot draw is refused, or told by `left_out` where nobody asked for it: never left out in silence.
+Filament aborts on errors, prints on stdout and leaks memory with every image. What it cannot draw is refused, or
+reported by `omissions` where nobody asked for it: never left out silently.
 """
 
-import os
-import signal
-import subprocess
-import sys
-import tempfile
 import warnings
 from collections.abc import Sequence
 from dataclasses import replace
@@ -20,9 +15,10 @@ import mujoco
 import numpy as np
 
 from mjrun.camera.pose import Pose
-from mjrun.errors import DrawError, UsageError
+from mjrun.errors import DrawError, UsageError, option
 from mjrun.model.names import members
 from mjrun.model.rendered_view import Picture
+from mjrun.process import Process, python_call
 from mjrun.rendering.backend import Backend
 from mjrun.rendering.classic import check_size
 from mjrun.rendering.decorations import Decoration
@@ -30,20 +26,18 @@ from mjrun.rendering.segmentation import Segmentation
 from mjrun.rendering.visual import Visual
 from mjrun.rendering.worker_process import Failure
 
-# Pictures drawn by one process: with Mesa 22.3 each leaves 1.5 MB behind, in drivers for GPUs less or none. Counted,
-# not measured, so that a film is the same each time.
+# Images drawn by one process: each leaks 1.5 MB with Mesa 22.3, less or nothing with drivers for GPUs. Counted,
+# not measured, so that a video is the same each time.
 LIFETIME = 200
-BOOT = (
-    "import sys; sys.path[:] = sys.argv[2:]; from mjrun.rendering.filament_worker import serve; serve(int(sys.argv[1]))"
-)
+DEATH_GRACE = 10.0  # [s] for a process to end after it has hung up
 MIRRORS = False  # under Vulkan, MuJoCo 4.0.0 draws reflections upside down
 
-CLASSIC = "--renderer classic can"
+CLASSIC = f"{option('renderer')} classic can"
 # What to do instead of changing a flag that Filament does not know.
 REFUSED = {
     **dict.fromkeys(("additive", "cull_face", "flexvert", "flexedge", "flexface", "flexskin"), CLASSIC),
-    **dict.fromkeys(("segment", "idcolor"), "--view seg can"),
-    "depth": "--view depth can",
+    **dict.fromkeys(("segment", "idcolor"), f"{option('view')} seg can"),
+    "depth": f"{option('view')} depth can",
     "fog": f"{CLASSIC}; its own fog is the model's: <custom><numeric name='filament.fog.enabled' data='1'/></custom>",
 }
 # Ways to draw the whole picture, and the value of the flag that asks for each.
@@ -59,7 +53,7 @@ class FilamentRenderer:
     Args:
       model: read only.
       size: width and height of a frame [pixels].
-      backend: of `backend.VulkanSearch`.
+      backend: of `VulkanDetection`.
       visual: flags, groups, frames and quality.
       segmentation: what ids tell apart: things of the model, whatever is shown beside them.
       decors: what is added to colour pictures.
@@ -85,8 +79,8 @@ class FilamentRenderer:
         self._segmentation = segmentation
         self._task = (model, size, visual, segmentation, decors)
         self._index, self._drawn = 0, 0
-        self._told: set[str] = set()
-        self._process = _Process()
+        self._shown_warnings: set[str] = set()
+        self._process = _FilamentProcess()
         try:
             self._ask("open", *self._task)
         except BaseException:
@@ -107,7 +101,7 @@ class FilamentRenderer:
         self._index = index
         if self._drawn >= LIFETIME:
             self._process.close()
-            self._process, self._drawn = _Process(), 0
+            self._process, self._drawn = _FilamentProcess(), 0
             self._ask("open", *self._task)
         self._ask("look", state, index)
 
@@ -121,8 +115,10 @@ class FilamentRenderer:
           DrawError: Filament ended its process.
         """
         self._drawn += 1
-        seen = self._ask("picture", pose, tuple(views))
-        return replace(seen, legend=self._segmentation.legend) if self._segmentation and "seg" in views else seen
+        picture = self._ask("picture", pose, tuple(views))
+        if self._segmentation and "seg" in views:
+            return replace(picture, legend=self._segmentation.legend)
+        return picture
 
     def draft_cost(self) -> float:
         """Seconds to draw the last scene once more without shadows."""
@@ -141,34 +137,28 @@ class FilamentRenderer:
         self.close()
 
     def _ask(self, name: str, *arguments: Any) -> Any:
-        answer, failure, heard = self._process.ask(name, *arguments)
-        for text in heard:
-            if text not in self._told:
-                self._told.add(text)
+        answer, failure, texts = self._process.ask(name, *arguments)
+        for text in texts:
+            if text not in self._shown_warnings:
+                self._shown_warnings.add(text)
                 warnings.warn(text, stacklevel=3)
         if failure:
             raise failure.error(None if name == "open" else f"drawing frame {self._index}")
         return answer
 
 
-class _Process:
-    """Filament's process, which does what it is asked, one thing after the other."""
+class _FilamentProcess:
+    """Filament's process, which answers one request after the other."""
 
     def __init__(self) -> None:
         self._connection, theirs = Pipe()
-        self._said = tempfile.TemporaryFile()  # noqa: SIM115
+        command = python_call("mjrun.rendering.filament_worker:serve")
         try:
-            self._child = subprocess.Popen(
-                [sys.executable, "-P", "-c", BOOT, str(theirs.fileno()), *sys.path],
-                stdin=subprocess.DEVNULL,
-                stdout=subprocess.DEVNULL,
-                stderr=self._said,
-                env={**os.environ, "MUJOCO_GL": "disable"},
-                pass_fds=(theirs.fileno(),),
-                process_group=0,  # Ctrl-C is ours
+            self.process = Process(
+                command, environment={"MUJOCO_GL": "disable"}, descriptors=[theirs.fileno()], stderr="capture"
             )
         except OSError as error:
-            self._said.close()
+            self._connection.close()
             raise DrawError(f"cannot start a process for filament: {error}") from error
         finally:
             theirs.close()
@@ -183,24 +173,18 @@ class _Process:
             self._connection.send((name, arguments))
             return self._connection.recv()
         except (EOFError, OSError):
-            raise self._lost() from None
+            raise self._death() from None
 
     def close(self) -> None:
-        """Ends the process, whatever it does."""
-        self._child.kill()
-        self._child.wait()
+        """Ends the process, even if it is busy."""
+        self.process.end()
         self._connection.close()
-        self._said.close()
 
-    def _lost(self) -> DrawError:
-        code = self._child.wait()
-        self._said.seek(0)
-        last = self._said.read().decode(errors="replace").strip().rpartition("\n")[2]
-        name = next((known.name for known in signal.Signals if known == -code), "")
-        how = f"was killed by {name}" if name else f"ended with code {code}"
-        return DrawError(
-            f"filament's process {how}" + (f": {last}" if last else "") + "\n--renderer classic may do better"
-        )
+    def _death(self) -> DrawError:
+        ending = self.process.wait(DEATH_GRACE)
+        last = self.process.last_words
+        reason = f"filament's process {ending}" + (f": {last}" if last else "")
+        return DrawError(f"{reason}\n{option('renderer')} classic may do better")
 
 
 def check_visual(model: mujoco.MjModel, visual: Visual) -> None:
@@ -210,30 +194,31 @@ def check_visual(model: mujoco.MjModel, visual: Visual) -> None:
       UsageError: names the option, and what to do instead.
     """
     if visual.label != "none":
-        raise UsageError(f"--label {visual.label}: filament cannot write\n{CLASSIC}")
+        raise UsageError(f"{option('label')} {visual.label}: filament cannot draw text\n{CLASSIC}")
     if "reflection" in visual.show and not MIRRORS:
-        raise UsageError(f"--show reflection: filament draws reflections upside down\n{CLASSIC}")
+        raise UsageError(f"{option('show')} reflection: filament draws reflections upside down\n{CLASSIC}")
     usual, wanted = _usual(model), _wanted(model, visual)
     for name, instead in REFUSED.items():
         if wanted[name] != usual[name]:
-            raise UsageError(f"{_spelt(name, wanted)}: filament cannot do that\n{instead}")
-    modes = [_spelt(name, wanted) for name, (value, _) in MODES.items() if wanted[name] == value]
+            raise UsageError(f"{_option_text(name, wanted)}: filament cannot do that\n{instead}")
+    modes = [_option_text(name, wanted) for name, (value, _) in MODES.items() if wanted[name] == value]
     if len(modes) > 1:
         raise UsageError(f"{' and '.join(modes)}: filament can do one at a time\n{CLASSIC} do both")
 
 
-def left_out(model: mujoco.MjModel, visual: Visual) -> list[str]:
-    """What Filament leaves out of pictures of `model` though nobody has hidden it, to be told."""
+def omissions(model: mujoco.MjModel, visual: Visual) -> list[str]:
+    """Warnings of what Filament leaves out of images of `model` although nobody has hidden it."""
     if MIRRORS or not _wanted(model, visual)["reflection"] or not _reflects(model):
         return []
-    return ["filament leaves out reflections, which it draws upside down; --hide reflection, or --renderer classic"]
+    advice = f"{option('hide')} reflection, or {option('renderer')} classic"
+    return [f"filament leaves out reflections, which it draws upside down; {advice}"]
 
 
 def check_segmentation(segmentation: Segmentation | None) -> None:
-    """Raises UsageError when nothing of what is to be told apart is a thing of the model to Filament."""
-    kinds = {thing.type for thing in segmentation.legend} if segmentation else set()
+    """Raises UsageError when Filament can draw none of the objects that a segmentation is to distinguish."""
+    kinds = {segment.type for segment in segmentation.legend} if segmentation else set()
     if kinds and kinds <= {"joint", "camera", "light"}:
-        raise UsageError(f"filament does not show a {min(kinds)} to a segmentation\n{CLASSIC}")
+        raise UsageError(f"filament cannot draw a {min(kinds)} in a segmentation\n{CLASSIC}")
 
 
 def flags(options: mujoco.MjvOption, scene: mujoco.MjvScene) -> dict[str, int]:
@@ -254,8 +239,8 @@ def _wanted(model: mujoco.MjModel, visual: Visual) -> dict[str, int]:
     return flags(visual.options(), scene)
 
 
-def _spelt(name: str, wanted: dict[str, int]) -> str:
-    return f"--{'show' if wanted[name] else 'hide'} {name}"
+def _option_text(name: str, wanted: dict[str, int]) -> str:
+    return f"{option('show' if wanted[name] else 'hide')} {name}"
 
 
 def _reflects(model: mujoco.MjModel) -> bool:

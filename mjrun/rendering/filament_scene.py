@@ -14,7 +14,7 @@ import mujoco
 import numpy as np
 
 from mjrun.camera.pose import Pose
-from mjrun.errors import UsageError
+from mjrun.errors import UsageError, option
 from mjrun.model.names import COUNTS, KINDS, members
 
 SPOT, POINT = mujoco.mjtLightType.mjLIGHT_SPOT.value, mujoco.mjtLightType.mjLIGHT_POINT.value
@@ -156,7 +156,8 @@ class Stage:
     def _renderable(self, shape: int, data: int) -> Any:
         if shape not in SHAPES | MESHES:
             name = next(name for name, value in _GEOMS.items() if value == shape)
-            raise UsageError(f"filament cannot draw a {name} that is not the model's own\n--renderer classic can")
+            message = f"filament cannot draw a {name} that is not the model's own"
+            raise UsageError(f"{message}\n{option('renderer')} classic can")
         found = self._context.create_renderable(self._mjrf.RenderableParams(cast_shadow=False, receive_shadow=False))
         quality = self._model.vis.quality
         if shape in SHAPES:

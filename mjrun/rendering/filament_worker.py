@@ -29,22 +29,22 @@ DEPTH = Form("R32F", "DEPTH", 1, np.float32)
 SEGMENTS = Form("RGB8", "SEGMENTATION_BY_ID", 3, np.uint8)
 
 
-def serve(descriptor: int) -> None:
+def serve(descriptor: str) -> None:
     """Answers until the other end of the connection behind `descriptor` is closed."""
     drawing: Drawing | None = None
-    with contextlib.suppress(EOFError, ConnectionError), Connection(descriptor) as connection:
+    with contextlib.suppress(EOFError, ConnectionError), Connection(int(descriptor)) as connection:
         while True:
             name, arguments = connection.recv()
-            answer, failure, heard = None, None, []
+            answer, failure, texts = None, None, []
             try:
-                with collected_warnings() as heard:
+                with collected_warnings() as texts:
                     if name == "open":
                         drawing = Drawing(*arguments)
                     else:
                         answer = getattr(drawing, name)(*arguments)
             except Exception as error:
                 failure = Failure.of(error)
-            connection.send((answer, failure, heard))
+            connection.send((answer, failure, texts))
 
 
 class Drawing:

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 
 import mujoco
 
-from mjrun.errors import BadValueError, UnknownNameError
+from mjrun.errors import BadValueError, UnknownNameError, option
 from mjrun.model.names import member, members
 
 GROUPS = {
@@ -49,13 +49,13 @@ class Visual:
                 raise UnknownNameError("visual flag", name, sorted(valid))
         both = set(self.show) & set(self.hide)
         if both:
-            raise BadValueError("--show and --hide", ", ".join(sorted(both)), "to be in both")
+            raise BadValueError(f"{option('show')} and {option('hide')}", ", ".join(sorted(both)), "to be in both")
         for kind, drawn in self.groups.items():
             if kind not in GROUPS:
                 raise UnknownNameError("kind of group", kind, list(GROUPS), plural="kinds")
             for number in drawn:
                 if not 0 <= number < mujoco.mjNGROUP:
-                    raise BadValueError(f"--{GROUPS[kind]}", number, f"a group from 0 to {mujoco.mjNGROUP - 1}")
+                    raise BadValueError(option(GROUPS[kind]), number, f"a group from 0 to {mujoco.mjNGROUP - 1}")
         member(mujoco.mjtFrame, "frame", self.frame)
         member(mujoco.mjtLabel, "label", self.label)
 
@@ -91,5 +91,5 @@ class Visual:
 
 
 def flags() -> list[str]:
-    """Every name that `--show` and `--hide` know."""
+    """Every name that the options show and hide take."""
     return [*members(mujoco.mjtVisFlag), *members(mujoco.mjtRndFlag)]

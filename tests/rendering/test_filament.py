@@ -23,7 +23,7 @@ from mjrun.rendering import filament
 from mjrun.rendering.backend import Backend
 from mjrun.rendering.classic import ClassicRenderer
 from mjrun.rendering.decorations import Ghost
-from mjrun.rendering.filament import FilamentRenderer, check_segmentation, check_visual, left_out
+from mjrun.rendering.filament import FilamentRenderer, check_segmentation, check_visual, omissions
 from mjrun.rendering.segmentation import Segmentation
 from mjrun.rendering.visual import Visual
 
@@ -231,7 +231,7 @@ def test_a_film_is_the_same_each_time_across_processes(
             for steps in range(0, 50, 10):
                 renderer.look(save(room, after(room, steps)))
                 film.append(renderer.picture(view).rgb)
-                processes.add(renderer._process._child.pid)
+                processes.add(renderer._process.process.pid)
             films.append(np.array(film))
     assert np.array_equal(*films)
     assert len(processes) == 6
@@ -328,16 +328,16 @@ def test_lights_with_an_intensity_keep_it(draw: Draw) -> None:
 @pytest.mark.parametrize(
     ("visual", "message"),
     [
-        ({"label": "body"}, "--label body: filament cannot write\n--renderer classic can"),
-        ({"show": ["fog"]}, "--show fog: filament cannot do that\n--renderer classic can; its own fog"),
-        ({"show": ["additive"]}, "--show additive: filament cannot do that\n--renderer classic can"),
-        ({"hide": ["cull_face"]}, "--hide cull_face: filament cannot do that\n--renderer classic can"),
-        ({"show": ["depth"]}, "--show depth: filament cannot do that\n--view depth can"),
-        ({"show": ["segment"]}, "--show segment: filament cannot do that\n--view seg can"),
-        ({"show": ["flexvert"]}, "--show flexvert: filament cannot do that\n--renderer classic can"),
-        ({"hide": ["flexskin"]}, "--hide flexskin: filament cannot do that\n--renderer classic can"),
-        ({"show": ["reflection"]}, "--show reflection: filament draws reflections upside down\n--renderer classic can"),
-        ({"show": ["wireframe"], "hide": ["texture"]}, "--show wireframe and --hide texture: filament can do one at a"),
+        ({"label": "body"}, "label body: filament cannot draw text\nrenderer classic can"),
+        ({"show": ["fog"]}, "show fog: filament cannot do that\nrenderer classic can; its own fog"),
+        ({"show": ["additive"]}, "show additive: filament cannot do that\nrenderer classic can"),
+        ({"hide": ["cull_face"]}, "hide cull_face: filament cannot do that\nrenderer classic can"),
+        ({"show": ["depth"]}, "show depth: filament cannot do that\nview depth can"),
+        ({"show": ["segment"]}, "show segment: filament cannot do that\nview seg can"),
+        ({"show": ["flexvert"]}, "show flexvert: filament cannot do that\nrenderer classic can"),
+        ({"hide": ["flexskin"]}, "hide flexskin: filament cannot do that\nrenderer classic can"),
+        ({"show": ["reflection"]}, "show reflection: filament draws reflections upside down\nrenderer classic can"),
+        ({"show": ["wireframe"], "hide": ["texture"]}, "show wireframe and hide texture: filament can do one at a"),
     ],
 )
 def test_what_filament_cannot_draw_is_refused(room: mujoco.MjModel, visual: dict, message: str) -> None:
@@ -355,7 +355,7 @@ def test_asking_for_what_is_so_anyway_is_no_refusal(room: mujoco.MjModel) -> Non
 def test_a_segmentation_of_what_filament_never_shows_to_one_is_refused(room: mujoco.MjModel) -> None:
     for by in ("object", "geom", "tendon", "body", "root-body"):
         check_segmentation(Segmentation(room, by))
-    with pytest.raises(UsageError, match="filament does not show a joint to a segmentation"):
+    with pytest.raises(UsageError, match="filament cannot draw a joint in a segmentation"):
         check_segmentation(Segmentation(room, "joint"))
 
 
@@ -365,9 +365,9 @@ def test_reflections_that_are_left_out_are_told(shape: str, told: bool) -> None:
         f"""<mujoco><asset><material name="mirror" reflectance=".5"/></asset>
         <worldbody><geom type="{shape}" size="1 1 1" material="mirror"/></worldbody></mujoco>"""
     )
-    assert bool(left_out(model, Visual())) is told
-    assert left_out(model, Visual(hide=["reflection"])) == []
-    assert left_out(model, Visual(quality="draft")) == []
+    assert bool(omissions(model, Visual())) is told
+    assert omissions(model, Visual(hide=["reflection"])) == []
+    assert omissions(model, Visual(quality="draft")) == []
 
 
 MIRROR = """
@@ -409,7 +409,7 @@ def test_nothing_is_printed(room: mujoco.MjModel, draw: Draw, capfd: pytest.Capt
 
 def test_a_process_that_ends_is_told_and_ends_nothing_else(room: mujoco.MjModel, vulkan: Backend) -> None:
     with FilamentRenderer(room, SIZE, vulkan, Visual()) as renderer:
-        os.kill(renderer._process._child.pid, signal.SIGABRT)
+        os.kill(renderer._process.process.pid, signal.SIGABRT)
         with pytest.raises(DrawError, match="filament's process was killed by SIGABRT"):
             renderer.look(save(room, after(room, 0)))
 
@@ -425,7 +425,7 @@ def test_without_a_driver_the_process_says_why_it_ended(
 
 def test_a_size_beyond_the_renderer_s_is_refused(room: mujoco.MjModel, vulkan: Backend) -> None:
     side = vulkan.max_size // 2
-    with pytest.raises(UsageError, match=f"draws at most {side} pixels a side at --quality high"):
+    with pytest.raises(UsageError, match=f"draws at most {side} pixels a side at quality high"):
         FilamentRenderer(room, (side + 1, 64), vulkan, Visual(quality="high"))
 
 
