@@ -15,6 +15,7 @@ from mjrun.errors import UsageError, clean
 
 if TYPE_CHECKING:
     from mjrun.model.info import InfoResult
+    from mjrun.model.source import NamedSource
 
 DETAILS = ("geoms", "sites", "lights", "visual", "statistics")  # shown only when asked for
 ROWS = 24  # of one section that are shown when it is not asked for
@@ -34,6 +35,7 @@ def command(console: Console, /, as_json: bool, **given: Any) -> None:
     mjrun info scene.xml
     mjrun info scene.xml joints actuators
     mjrun info scene.xml --json | jq .summary.mass
+    mjrun info scene:
 
     Sections: summary, bodies, joints, geoms, sites, actuators, sensors, cameras, lights, keyframes, tendons,
     equalities, pairs, excludes, flexes, plugins, options, visual, statistics, assets.
@@ -46,12 +48,27 @@ def command(console: Console, /, as_json: bool, **given: Any) -> None:
         show_columns(console, values.source(given), as_json)
         return
     from mjrun.model.info import Info
+    from mjrun.model.sources import listed_collection
 
+    if not given["sections"] and (collection := listed_collection(given["model"])):
+        _show_collection(console, collection, as_json)
+        return
     result = Info(values.source(given), given["sections"]).run(console)
     if as_json:
         console.document(result.document())
     else:
         console.result(_page(result, bool(given["sections"]), given["model"]))
+
+
+def _show_collection(console: Console, collection: "type[NamedSource]", as_json: bool) -> None:
+    """Lists a collection of models, such as our scenes, a line each."""
+    models = {f"{collection.PREFIX}:{name}": text for name, text in collection.descriptions().items()}
+    if as_json:
+        console.document({"models": [{"name": name, "description": text} for name, text in models.items()]})
+        return
+    width = max(map(len, models), default=0)
+    for name, text in models.items():
+        console.result(clean(f"{name:{width}}  {text}"))
 
 
 def _page(result: "InfoResult", asked: bool, model: str) -> str:

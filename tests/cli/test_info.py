@@ -219,3 +219,17 @@ def test_real_models_are_shown_or_refused_without_a_traceback(
         assert done.returncode in ((0, 3) if "malformed" in pattern else (0,)), done.stderr.decode()
         assert b"Traceback" not in done.stderr
         assert bool(done.stdout) == (done.returncode == 0)
+
+
+def test_a_collection_is_listed_a_line_each(mjrun: Command) -> None:
+    models = json.loads(mjrun("info", "scene:", "--json").stdout)["models"]
+    assert [model["name"] for model in models] == [f"scene:{scene.stem}" for scene in SCENES]
+    page = lines(mjrun("info", "scene:"))
+    assert [line.split(maxsplit=1) for line in page] == [[model["name"], model["description"]] for model in models]
+
+
+def test_a_collection_has_neither_sections_nor_columns(mjrun: Command) -> None:
+    for arguments in (["joints"], ["--columns"]):
+        done = mjrun("info", "scene:", *arguments)
+        assert done.returncode == 3
+        assert done.stderr.decode().startswith("mjrun: error: scene: name the scene\n")

@@ -20,7 +20,5 @@ def test_it_loads_as_itself_and_has_no_file() -> None:
 
 def test_overrides_come_too_late() -> None:
     source = dataclasses.replace(source_of(MODEL), settings=(Setting("opt.cone", "elliptic"),))
-    with pytest.raises(
-        CompiledModelError, match=r"^the model is compiled: set opt\.cone=elliptic cannot be overridden"
-    ):
+    with pytest.raises(CompiledModelError, match=r"^the model is compiled: set opt\.cone=elliptic "):
         source.load()
