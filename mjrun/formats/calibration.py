@@ -15,7 +15,7 @@ from types import TracebackType
 import numpy as np
 
 from mjrun.errors import FileError, UnknownNameError, UsageError, listing
-from mjrun.formats.publishing import StagedFile
+from mjrun.formats.publishing import Completable, StagedFile
 from mjrun.model.rendered_view import CameraCalibration
 
 CENTER = 0.5  # of the first pixel
@@ -63,7 +63,7 @@ class Format:
     millimetres: bool = False
 
 
-class CalibrationWriter:
+class CalibrationWriter(Completable):
     """Writes one calibration file, entry by entry. Opening it proves that the output can be written.
 
     Leave the context without `publish` and no trace of the file is left.
@@ -128,17 +128,20 @@ class CalibrationWriter:
         except OSError as error:
             raise self._unwritable(error) from None
 
+    def complete(self) -> None:
+        try:
+            self._file.write(self._format.tail)
+            self._file.close()
+        except OSError as error:
+            raise self._unwritable(error) from None
+
     def publish(self) -> list[Path]:
         """Ends the file, puts it in its place, and says which that is.
 
         Raises:
           FileError: it cannot be written.
         """
-        try:
-            self._file.write(self._format.tail)
-            self._file.close()
-        except OSError as error:
-            raise self._unwritable(error) from None
+        self.finish()
         return self._target.publish()
 
     def close(self) -> None:

@@ -16,7 +16,7 @@ from mjrun.formats.coco import Coco
 from mjrun.formats.exr import exr
 from mjrun.formats.image_format import FORMATS, Format
 from mjrun.formats.labels import labels, labels_beside
-from mjrun.formats.publishing import Destination, StagedFile, StandardOutput
+from mjrun.formats.publishing import Completable, Destination, StagedFile, StandardOutput
 from mjrun.model.rendered_view import Segment
 from mjrun.model.uint16_pixels import check_things, millimetres, numbered
 
@@ -94,7 +94,7 @@ ENCODERS: dict[str, dict[str, Callable[[Still], bytes]]] = {
 }
 
 
-class ImageWriter:
+class ImageWriter(Completable):
     """Writes one picture; in a `coco` document, any number of them. Nothing is published until `publish`.
 
     Opening it proves that the output can be written. Leave the context without `publish` and no trace
@@ -175,6 +175,12 @@ class ImageWriter:
             said = labels(self._target.shown.name, self._size, legend, self._format.nothing, colours, pixels)
             _put(self._labels, said.encode())
 
+    def complete(self) -> None:
+        if not self._written:
+            raise ValueError("there is no picture yet")
+        if self._format.several:
+            _put(self._target, self._coco.document().encode())
+
     def publish(self) -> list[Path]:
         """Puts the picture, and labels, in their place, and says which files these are.
 
@@ -182,10 +188,7 @@ class ImageWriter:
           FileError: it cannot be put in its place.
           ClosedPipeError: whoever read standard output is gone.
         """
-        if not self._written:
-            raise ValueError("there is no picture yet")
-        if self._format.several:
-            _put(self._target, self._coco.document().encode())
+        self.finish()
         said = self._labels.publish() if self._labels else []
         return [*self._target.publish(), *said]
 

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from mjrun.errors import FileError
-from mjrun.formats.publishing import StagedFile
+from mjrun.formats.publishing import Completable, StagedFile
 from mjrun.model.rendered_view import Segment
 
 
@@ -55,7 +55,7 @@ def labels_beside(output: str) -> str:
     return str(path.with_name(f"{path.stem}.labels.json"))
 
 
-class LabelsWriter:
+class LabelsWriter(Completable):
     """The labels beside a film. Opening it proves that they can be written.
 
     Args:

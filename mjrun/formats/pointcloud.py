@@ -8,7 +8,7 @@ from types import TracebackType
 import numpy as np
 
 from mjrun.errors import FileError, UsageError, clean
-from mjrun.formats.publishing import StagedFile
+from mjrun.formats.publishing import Completable, StagedFile
 from mjrun.model.rendered_view import Picture, Segment
 
 SUFFIX = ".ply"
@@ -19,7 +19,7 @@ LABEL = (("label", "<i4"),)
 COUNT = 20  # digits that a number of points may have
 
 
-class PointCloudWriter:
+class PointCloudWriter(Completable):
     """Writes the points of pictures, those of several one after the other, to a binary little-endian PLY file.
 
     A point is where the ray through the centre of a pixel ends; pixels in which nothing is seen have none.
@@ -61,18 +61,21 @@ class PointCloudWriter:
             raise self._unwritable(error) from None
         self.count += len(points)
 
-    def publish(self) -> list[Path]:
-        """Ends the file, puts it in its place, and says which that is.
-
-        Raises:
-          FileError: it cannot be written.
-        """
+    def complete(self) -> None:
         try:
             self._file.seek(0)
             self._file.write(self._header())
             self._file.close()
         except OSError as error:
             raise self._unwritable(error) from None
+
+    def publish(self) -> list[Path]:
+        """Ends the file, puts it in its place, and says which that is.
+
+        Raises:
+          FileError: it cannot be written.
+        """
+        self.finish()
         return self._target.publish()
 
     def close(self) -> None:

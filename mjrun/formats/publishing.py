@@ -45,7 +45,26 @@ class Destination(Protocol):
         ...
 
 
-class OutputWriter:
+class Completable:
+    """What is complete before it is published, so that all outputs of a pass can be completed before any is moved."""
+
+    _is_finished = False
+
+    def complete(self) -> None:
+        """Writes the end of the output and verifies it; called once, by `finish`."""
+
+    def finish(self) -> None:
+        """Completes and verifies the output, which then only has to be moved; does nothing the second time.
+
+        Raises:
+          MjrunError: the output cannot be completed.
+        """
+        if not self._is_finished:
+            self.complete()
+            self._is_finished = True
+
+
+class OutputWriter(Completable):
     """Base of all writers: a context manager that leaves nothing behind unless the output was published.
 
     Creating the destination proves that the output can be written.
@@ -60,12 +79,13 @@ class OutputWriter:
         self.resources.callback(destination.discard)
 
     def publish(self) -> list[Path]:
-        """Completes the output, moves it to its final place, and returns its files.
+        """Finishes the output, moves it to its final place, and returns its files.
 
         Raises:
           FileError: the output cannot be written.
           ClosedPipeError: nobody reads standard output any more.
         """
+        self.finish()
         return self.destination.publish()
 
     def close(self) -> None:

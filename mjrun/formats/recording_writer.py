@@ -25,13 +25,13 @@ from typing import Any
 import numpy as np
 
 from mjrun.errors import FileError, UsageError, clean, quoted
-from mjrun.formats.publishing import StagedFile
+from mjrun.formats.publishing import Completable, StagedFile
 
 SUFFIX = ".npz"
 PIECE = 2**20  # bytes handled at a time
 
 
-class RecordingWriter:
+class RecordingWriter(Completable):
     """Streams states to a recording as they come; nothing is published until `publish`.
 
     Opening it proves that the output can be written. Leave the context without `publish` and no trace of the
@@ -84,12 +84,7 @@ class RecordingWriter:
             self._steps.write(struct.pack("<q", step))
         self.count, self._last = self.count + 1, step
 
-    def publish(self) -> list[Path]:
-        """Completes the recording, puts it in its place, and says which file that is.
-
-        Raises:
-          FileError: it cannot be completed or put in its place.
-        """
+    def complete(self) -> None:
         if not self.count:
             raise ValueError("a recording has at least one state")
         with self._writing():
@@ -103,6 +98,14 @@ class RecordingWriter:
                 np.lib.format.write_array(member, np.array(self._facts), allow_pickle=False)
             self._archive.close()
             self._file.close()
+
+    def publish(self) -> list[Path]:
+        """Completes the recording, puts it in its place, and says which file that is.
+
+        Raises:
+          FileError: it cannot be completed or put in its place.
+        """
+        self.finish()
         return self._target.publish()
 
     def close(self) -> None:

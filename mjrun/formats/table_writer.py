@@ -63,19 +63,23 @@ class TableWriter(OutputWriter):
                 self._file.flush()
         self.rows += len(block)
 
+    def complete(self) -> None:
+        with self.writing():
+            self._rows.finish(self._manifest)
+            self._file.close()
+
     def publish(self, manifest: Mapping[str, Any] | None = None) -> list[Path]:
-        """Completes the table, moves it to its final place, and returns its files.
+        """Finishes the table, moves it to its final place, and returns its files.
 
         Args:
-          manifest: replaces that given at opening, in every format but feather.
+          manifest: replaces that given at opening, in every format but feather, if the table is not finished yet.
 
         Raises:
           FileError: the output cannot be written.
           ClosedPipeError: nobody reads standard output any more.
         """
-        with self.writing():
-            self._rows.finish(self._manifest if manifest is None else _json(manifest))
-            self._file.close()
+        if manifest is not None:
+            self._manifest = _json(manifest)
         return super().publish()
 
 

@@ -18,13 +18,21 @@ import numpy as np
 
 from mjrun.errors import BadValueError, ClosedPipeError, EncoderError, FileError, UsageError
 from mjrun.formats.codecs import CODECS, FORMATS, GRAY16, Encoding, is_folder
-from mjrun.formats.publishing import Destination, StagedFile, StagedFolder, StagedFrames, StandardOutput, no_space
+from mjrun.formats.publishing import (
+    Completable,
+    Destination,
+    StagedFile,
+    StagedFolder,
+    StagedFrames,
+    StandardOutput,
+    no_space,
+)
 
 SMALLEST = 16  # pixels a side; below it some encoders fail
 LOG_LINES = 200
 
 
-class FilmWriter:
+class FilmWriter(Completable):
     """Streams frames to the encoder as they come; nothing is published until all are there.
 
     Opening it proves that the output can be written. Leave the context without `publish` and no trace
@@ -99,6 +107,10 @@ class FilmWriter:
             raise self._failure()
         self._drain.join()
 
+    def complete(self) -> None:
+        self.end()
+        self._check()
+
     def publish(self) -> list[Path]:
         """Ends the film, checks that it has every frame, puts it in its place, and says which files that is.
 
@@ -106,8 +118,7 @@ class FilmWriter:
           EncoderError: the encoder failed, or frames are missing.
           FileError: the film cannot be put in its place.
         """
-        self.end()
-        self._check()
+        self.finish()
         return self._target.publish()
 
     @property
