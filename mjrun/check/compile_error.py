@@ -1,65 +1,71 @@
-"""The sentence with which MuJoCo refuses a model, and the element that it means."""
+"""The message with which MuJoCo rejects a model, and the XML element that it is about."""
 
 import re
 from collections.abc import Iterator
-from pathlib import Path
 from typing import NamedTuple
 
-from mjrun.check.finding import Sighting
-from mjrun.check.xml_source import Element, Source
+from mjrun.check.finding import Finding, Place
+from mjrun.check.rule import Rule
+from mjrun.check.xml_source import Element, XmlSource
 from mjrun.errors import BrokenModelError, clean
 
 
-class Refusal(NamedTuple):
-    """What MuJoCo said of the model `source`, without its line, and that line in the model itself."""
+class CompileError(NamedTuple):
+    """An error of MuJoCo's parser or compiler.
 
-    source: Source
+    Attributes:
+      source: the model.
+      message: in one line, without the line number.
+      line: in the model, or in a model that it attaches; None or 0 if unknown.
+    """
+
+    source: XmlSource
     message: str
     line: int | None
 
-    @property
-    def place(self) -> tuple[Path, int | None]:
-        """The model, with the line only if it cannot be one of a model that is attached."""
-        return self.source.path, None if self.source.attached else self.line or None
+    @classmethod
+    def of(cls, error: BrokenModelError, source: XmlSource) -> "CompileError":
+        """MuJoCo's message in `error`."""
+        place = clean(str(error.path)) + (f":{error.line}" if error.line else "")
+        return cls(source, "; ".join(str(error).removeprefix(f"{place}: ").splitlines()), error.line)
 
-    def element(self, told: str = "") -> Element | None:
-        """The element that MuJoCo means: by line, the one that holds the text `told`."""
-        named = re.search(r"; Element name '(.+)', id", self.message)
-        told = told or (named[1] if named else "")
+    @property
+    def text(self) -> str:
+        """The message without MuJoCo's own description of the element."""
+        return re.sub(r"; Element .*", "", self.message)
+
+    @property
+    def pattern(self) -> str:
+        """The message without names and numbers, which change when a model is attached."""
+        return re.sub(r"'.*?'|\d+", "", self.text)
+
+    @property
+    def place(self) -> Place:
+        """The model, with the line unless it could be one of an attached model."""
+        return Place(self.source.path, None if self.source.attached else self.line or None)
+
+    def element(self, value: str = "") -> Element | None:
+        """The element that the message is about, which has an attribute `value`, if that is not empty."""
+        name = re.search(r"; Element name '(.+)', id", self.message)
+        value = value or (name[1] if name else "")
         words = set(re.findall(r"\w+", self.message))
-        if not self.line:  # in an included file, whose lines MuJoCo forgets
-            found = [e for e in self._elements() if told and told in e.attributes.values()]
-            return next((e for e in found if e.tag in words), next(iter(found), None))
+        if not self.line:  # in an included file, whose lines MuJoCo does not keep
+            candidates = [e for e in self._elements() if value and value in e.attributes.values()]
+            return next((e for e in candidates if e.tag in words), next(iter(candidates), None))
+
         files = {self.source.path, *(root.file for root in self.source.attached)}  # MuJoCo does not say which
-        lined = [e for e in self._elements() if e.line == self.line and e.file in files]
-        lined = [e for e in lined if told in e.attributes.values()] or lined
-        lined = [e for e in lined if e.tag in words] or lined
-        return lined[0] if len({e.file for e in lined}) == 1 else None
+        candidates = [e for e in self._elements() if e.line == self.line and e.file in files]
+        candidates = [e for e in candidates if value in e.attributes.values()] or candidates
+        candidates = [e for e in candidates if e.tag in words] or candidates
+        return candidates[0] if len({e.file for e in candidates}) == 1 else None
 
     def _elements(self) -> Iterator[Element]:
         yield from self.source.elements()
         yield from (e for root in self.source.attached for e in root.walk())
 
-    @property
-    def said(self) -> str:
-        """MuJoCo's sentence without what it says of the element, which it names by its tag."""
-        return re.sub(r"; Element .*", "", self.message)
-
-    @property
-    def form(self) -> str:
-        """The sentence without names and numbers, which change when a model is attached."""
-        return re.sub(r"'.*?'|\d+", "", self.said)
-
-    @classmethod
-    def of(cls, error: BrokenModelError, source: Source) -> "Refusal":
-        """What MuJoCo said in `error`, on one line."""
-        text = str(error)
-        place = clean(str(error.path)) + (f":{error.line}" if error.line else "")
-        return cls(source, "; ".join(text.removeprefix(f"{place}: ").splitlines()), error.line)
-
-    def sighting(self, message: str, remedy: str, told: str = "") -> Sighting:
-        """A sighting at the element that MuJoCo means."""
-        element = self.element(told)
+    def finding(self, rule: Rule, message: str, remedy: str, value: str = "") -> Finding:
+        """A violation of `rule` by the element that the message is about."""
+        element = self.element(value)
         if element is None:
-            return Sighting(message, remedy, "", self.place)
-        return Sighting(message, remedy, str(element), (element.file, element.line))
+            return rule.finding(message, remedy, self.place)
+        return rule.in_element(element, message, remedy)

@@ -1,29 +1,28 @@
-"""What a rule finds, and where."""
+"""Findings, violations of rules, and their places in files."""
 
 import os
-from collections.abc import Callable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
-SEVERITIES = ("note", "warning", "error")  # from the least
+SEVERITIES = ("note", "warning", "error")  # in ascending order
 
 
 @dataclass(frozen=True)
 class Finding:
-    """One thing wrong, or worth knowing.
+    """One thing that is wrong with a model, or worth knowing.
 
     Attributes:
       code: of the rule, such as `MJ301`; stable.
       severity: `error`, `warning` or `note`.
-      message: what is wrong, one line.
-      file: where; the model, or a file that it includes. What a model attaches is told where it attaches it.
-      line: of `file`, from 1 on, if it is known.
-      object: what it is about, as in `joint 'knee'`; empty when it is about the whole.
+      message: what is wrong, in one line.
+      file: the model, or a file that it includes. For a model that it attaches, this is where it is attached.
+      line: in `file`, counted from 1, if known.
+      object: what the finding is about, such as `joint 'knee'`; empty if it is about the whole model.
       remedy: what to do about it.
 
-    All texts but `code` and `severity` may hold foreign names as they are.
+    All texts but `code` and `severity` may hold names from the model unescaped.
     """
 
     code: str
@@ -36,11 +35,11 @@ class Finding:
 
 
 class Place(NamedTuple):
-    """Where something is said.
+    """A line of a file.
 
     Attributes:
-      line: of `file`, from 1 on, if it is known.
-      origin: file and line in a model that is attached at this place.
+      line: counted from 1, if known.
+      origin: file and line in the model that is attached at this place.
     """
 
     file: Path
@@ -48,45 +47,24 @@ class Place(NamedTuple):
     origin: tuple[Path, int] | None = None
 
 
-class Sighting(NamedTuple):
-    """What a rule function yields; the registry knows the rest of the finding.
+class Violation(NamedTuple):
+    """What the function of a rule yields.
 
     Attributes:
-      place: file and line, and an origin where there is one; the model itself when None.
-      severity: instead of the rule's own.
+      severity: overrides the severity of the rule, if not empty.
     """
 
     message: str
     remedy: str
+    place: Place
     object: str = ""
-    place: Place | tuple[Path, int | None] | None = None
     severity: str = ""
 
-    def finding(self, code: str, severity: str, path: Path) -> Finding:
-        """The finding of the rule `code` in the model `path`."""
-        file, line, origin = self.place if isinstance(self.place, Place) else Place(*(self.place or (path, None)))
-        message = f"{self.message} (attached from {tidy(origin[0])}:{origin[1]})" if origin else self.message
-        return Finding(code, self.severity or severity, message, tidy(file), line, self.object, self.remedy)
 
-
-def tidy(path: Path) -> str:
-    """`path` without detours, as in `arm/../hand/hand.xml`, if that is still the same file."""
+def short_path(path: Path) -> str:
+    """`path` without detours such as `arm/../hand/hand.xml`, if that is still the same file."""
     short = Path(os.path.normpath(path))
     with suppress(OSError, ValueError):
         if short != path and short.samefile(path):
             return str(short)
     return str(path)
-
-
-class Rule(NamedTuple):
-    """Something to look for.
-
-    Attributes:
-      severity: of its findings as a rule.
-      title: a few words.
-      find: yields what it sees in a `LintContext`; None for what is found while loading or stepping.
-    """
-
-    severity: str
-    title: str
-    find: Callable[[Any], Iterator[Sighting]] | None = None

@@ -10,32 +10,32 @@ from mjrun.errors import UsageError, clean
 from mjrun.model.source import NamedSource
 from mjrun.model.sources import source_of
 
-HEAD = 2**16  # bytes in which the root of an XML file must begin
+HEAD = 2**16  # bytes within which the root of an XML file must begin
 SUFFIXES = (".xml", ".urdf", ".mjz")
 ROOTS = {"mujoco", "robot"}
 FRAGMENT = "mujocoinclude"  # the root of what other models include
 
 
-def found_models(given: Sequence[str | Path]) -> tuple[list[str], int]:
-    """The models in `given`, each once and in order, and how many of its files are none by themselves.
+def find_models(paths: Sequence[str | Path]) -> tuple[list[str], int]:
+    """The models among files and folders, each once and in order, and how many files are not models.
 
-    Those are files of its folders with another root than a model's, and parts that models include, wherever they are.
+    The latter are the files in folders whose root element is not that of a model, and the parts that models include.
     """
-    paths: dict[str, None] = {}
+    models: dict[str, None] = {}
     skipped = 0
-    for path in map(_path, given):
+    for path in map(_path, paths):
         if not Path(path).is_dir():
             if root_tag(Path(path)) == FRAGMENT:
                 skipped += 1
             else:
-                paths[path] = None
+                models[path] = None
             continue
         for file in _below(Path(path)):
             if file.suffix == ".mjz" or root_tag(file) in ROOTS:
-                paths[str(file)] = None
+                models[str(file)] = None
             else:
                 skipped += 1
-    return list(paths), skipped
+    return list(models), skipped
 
 
 def _path(model: str | Path) -> str:
@@ -47,14 +47,14 @@ def _path(model: str | Path) -> str:
 
 
 def _below(folder: Path) -> Iterator[Path]:
-    """Files with the suffix of a model below `folder`, sorted; hidden folders and links to folders are left alone."""
+    """Files with the suffix of a model below `folder`, sorted; hidden and linked folders are skipped."""
     for parent, folders, files in os.walk(folder):
         folders[:] = sorted(name for name in folders if not name.startswith("."))
         yield from (Path(parent) / name for name in sorted(files) if name.endswith(SUFFIXES))
 
 
 def root_tag(path: Path) -> str:
-    """The tag of the root element of an XML file; empty if there is none, or the file cannot be read at once."""
+    """The tag of the root element of an XML file; empty if there is none, or if the file is not a regular one."""
     tags: list[str] = []
     parser = expat.ParserCreate()
     parser.StartElementHandler = lambda tag, attributes: tags.append(tag)

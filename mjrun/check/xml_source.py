@@ -11,16 +11,16 @@ from pathlib import Path
 from typing import NamedTuple
 from xml.parsers import expat
 
-DEEPEST = 50  # includes inside includes
-FULLEST = 500  # files; beyond them nothing is followed any more
+MAX_DEPTH = 50  # of includes inside includes
+MAX_FILES = 500  # beyond these, includes and attached models are not followed
 XML = (".xml", ".urdf")
-POINTER = b"version https://git-lfs"  # with which Git LFS begins what it puts in the place of a file
-PULL = "fetch the file itself: git lfs pull"
+LFS_POINTER = b"version https://git-lfs"  # the first bytes of the pointer that Git LFS leaves in place of a file
+LFS_REMEDY = "fetch the file itself: git lfs pull"
 
 
 @dataclass(eq=False)
 class Element:
-    """One element: where its start tag is, and what it holds; `text` is its own, stripped, from `text_line` on."""
+    """One element, with the place of its start tag; `text` is its own text, stripped, which begins at `text_line`."""
 
     tag: str
     attributes: dict[str, str]
@@ -32,7 +32,7 @@ class Element:
     text_line: int = 0
 
     def walk(self) -> "Iterator[Element]":
-        """This element and all below it, in the order of the file."""
+        """This element and all elements below it, in the order of the file."""
         stack: list[Element] = [self]
         while stack:
             element = stack.pop()
@@ -51,8 +51,8 @@ class Element:
         return f"<{self.tag}>" if name is None else f'<{self.tag} name="{name}">'
 
 
-class SyntaxFault(NamedTuple):
-    """Why a file is no XML."""
+class XmlError(NamedTuple):
+    """Why a file is not well-formed XML."""
 
     file: Path
     line: int
@@ -61,89 +61,93 @@ class SyntaxFault(NamedTuple):
 
 
 @dataclass
-class Source:
+class XmlSource:
     """The XML of a model.
 
     Attributes:
       path: the model.
-      root: None when nothing could be read.
-      attached: the roots of the models that it attaches, and that these attach; what they include is not followed.
+      root: None if nothing could be read.
+      attached: the roots of the models that it attaches, directly or indirectly; their includes are not followed.
       circular: whether any of these attaches itself again, on which MuJoCo crashes.
-      faults: the files that are no XML.
+      errors: one for each file that is not well-formed.
     """
 
     path: Path
     root: Element | None = None
     attached: list[Element] = field(default_factory=list)
     circular: bool = False
-    faults: list[SyntaxFault] = field(default_factory=list)
+    errors: list[XmlError] = field(default_factory=list)
 
     def elements(self) -> Iterator[Element]:
-        """All elements, in order, those of included files in the place of their include."""
+        """All elements in order, those of included files in place of the include."""
         return self.root.walk() if self.root else iter(())
 
 
-def read(path: Path) -> Source:
-    """The XML of the model `path` as far as it can be read; nothing of an archive or a binary."""
-    source = Source(path)
+def read_xml(path: Path) -> XmlSource:
+    """The XML of the model `path` as far as it can be read; none for an archive or a binary."""
+    source = XmlSource(path)
     if path.suffix in XML:
-        source.root = _parsed(path, source.faults)
+        source.root = _parsed(path, source.errors)
     if source.root:
         _follow(source, source.root)
         _attach(source)
     return source
 
 
-def regular(path: Path) -> bool:
-    """Whether `path` is a file that can be read without waiting for somebody."""
+def is_regular(path: Path) -> bool:
+    """Whether `path` is a regular file, which can be read without blocking."""
     try:
         return stat.S_ISREG(path.stat().st_mode)
     except (OSError, ValueError):
         return False
 
 
-def included(element: Element, path: Path) -> list[Path]:
-    """The paths at which MuJoCo looks for what `<include>` names in the model `path`."""
-    name = slashed(element.attributes.get("file", ""))
+def include_paths(element: Element, path: Path) -> list[Path]:
+    """The paths at which MuJoCo looks for the file of an `<include>` in the model `path`."""
+    name = with_slashes(element.attributes.get("file", ""))
     return list(dict.fromkeys([path.parent / name, element.file.parent / name]))
 
 
-def attached(element: Element, path: Path) -> list[Path]:
-    """The paths at which MuJoCo looks for what `<model>` names in the model `path`."""
-    name = slashed(element.attributes.get("file", ""))
+def attach_paths(element: Element, path: Path) -> list[Path]:
+    """The paths at which MuJoCo looks for the file of a `<model>` in the model `path`."""
+    name = with_slashes(element.attributes.get("file", ""))
     return list(dict.fromkeys([Path(name), path.parent / name]))
 
 
-def slashed(name: str) -> str:
-    """A file name as MuJoCo opens it: backslashes part folders everywhere."""
+def with_slashes(name: str) -> str:
+    """A file name as MuJoCo opens it: backslashes separate folders on every system."""
     return name.replace("\\", "/")
 
 
-def _follow(source: Source, root: Element) -> None:
-    """Puts the elements of included files in the place of each `<include>` under `root`."""
+def _follow(source: XmlSource, root: Element) -> None:
+    """Replaces each `<include>` under `root` by the elements of the included file."""
     seen = {source.path.resolve()}
     waiting = [(element, 0) for element in root.walk() if element.tag == "include"]
     while waiting:
         include, depth = waiting.pop()
-        found = next(filter(regular, included(include, source.path)), None)
-        if found is None or include.parent is None or depth > DEEPEST or len(seen) > FULLEST or found.resolve() in seen:
+        path = next(filter(is_regular, include_paths(include, source.path)), None)
+        if path is None or include.parent is None or path.resolve() in seen:
             continue
-        seen.add(found.resolve())
-        inner = _parsed(found, source.faults)
+        if depth > MAX_DEPTH or len(seen) > MAX_FILES:
+            continue
+
+        seen.add(path.resolve())
+        inner = _parsed(path, source.errors)
         if inner is None:
             continue
-        where = include.parent.children.index(include)
+
+        position = include.parent.children.index(include)
         for child in inner.children:
             child.parent = include.parent
-        include.parent.children[where : where + 1] = inner.children
+        include.parent.children[position : position + 1] = inner.children
         waiting += [(e, depth + 1) for child in inner.children for e in child.walk() if e.tag == "include"]
 
 
-def _attach(source: Source) -> None:
-    """Reads the models that `source` attaches, and those that these attach."""
+def _attach(source: XmlSource) -> None:
+    """Reads the models that `source` attaches, directly or indirectly."""
     seen = {source.path.resolve()}
     waiting = [(path, frozenset(seen)) for path in reversed(attached_files(source.elements(), source.path))]
-    while waiting and len(source.attached) < FULLEST:
+    while waiting and len(source.attached) < MAX_FILES:
         path, above = waiting.pop()
         real = path.resolve()
         source.circular |= real in above
@@ -155,45 +159,45 @@ def _attach(source: Source) -> None:
 
 
 def attached_files(elements: Iterator[Element], path: Path) -> list[Path]:
-    """The files that `<model>` elements of the model `path` name, as far as there are any."""
-    tried = (attached(element, path) for element in elements if element.tag == "model")
-    return [found for paths in tried if (found := next(filter(regular, paths), None))]
+    """The files that `<model>` elements of the model `path` refer to; missing ones are left out."""
+    candidates = (attach_paths(element, path) for element in elements if element.tag == "model")
+    return [file for paths in candidates if (file := next(filter(is_regular, paths), None))]
 
 
-def _parsed(path: Path, faults: list[SyntaxFault]) -> Element | None:
-    """The root of one file; of a broken one, what stands before the fault."""
-    if not regular(path):
+def _parsed(path: Path, errors: list[XmlError]) -> Element | None:
+    """The root of one file; if it is not well-formed, up to the first error, which is added to `errors`."""
+    if not is_regular(path):
         return None
     try:
         text = path.read_bytes()
     except OSError:
         return None
-    building = _Building(path)
+    parser = _Parser(path)
     try:
-        building.parser.Parse(text, True)
+        parser.expat.Parse(text, True)
     except expat.ExpatError as error:
-        faults.append(building.explained(error, text))
+        errors.append(parser.explain(error, text))
     except (ValueError, LookupError) as error:  # an encoding that Python does not have
-        faults.append(SyntaxFault(path, 1, f"its text cannot be read: {error}", "save the file as UTF-8"))
-    return building.root
+        errors.append(XmlError(path, 1, f"its text cannot be read: {error}", "save the file as UTF-8"))
+    return parser.root
 
 
-class _Building:
-    """One file being read."""
+class _Parser:
+    """Builds the elements of one file."""
 
     def __init__(self, path: Path) -> None:
         self.path = path
         self.root: Element | None = None
         self.open: list[Element] = []
-        self.parser = expat.ParserCreate()
-        self.parser.buffer_text = True
-        self.parser.StartElementHandler = self._start
-        self.parser.EndElementHandler = self._end
-        self.parser.CharacterDataHandler = self._text
+        self.expat = expat.ParserCreate()
+        self.expat.buffer_text = True
+        self.expat.StartElementHandler = self._start
+        self.expat.EndElementHandler = self._end
+        self.expat.CharacterDataHandler = self._text
 
     def _start(self, tag: str, attributes: dict[str, str]) -> None:
         parent = self.open[-1] if self.open else None
-        element = Element(tag, attributes, self.path, self.parser.CurrentLineNumber, parent)
+        element = Element(tag, attributes, self.path, self.expat.CurrentLineNumber, parent)
         if parent is not None:
             parent.children.append(element)
         self.root = self.root or element
@@ -205,43 +209,43 @@ class _Building:
     def _text(self, text: str) -> None:
         if not (self.open and text.strip()):
             return
-        last = self.open[-1]
-        if not last.text:  # the parser is at the end of the text already
-            last.text_line = self.parser.CurrentLineNumber - text.lstrip().count("\n")
-        last.text = f"{last.text} {text.strip()}".strip()
+        element = self.open[-1]
+        if not element.text:  # the parser has reached the end of the text already
+            element.text_line = self.expat.CurrentLineNumber - text.lstrip().count("\n")
+        element.text = f"{element.text} {text.strip()}".strip()
 
-    def explained(self, error: expat.ExpatError, text: bytes) -> SyntaxFault:
-        """`error` in terms of the elements that are open where it happened."""
-        said = expat.errors.messages[error.code]
+    def explain(self, error: expat.ExpatError, text: bytes) -> XmlError:
+        """`error` in terms of the elements that are open where it occurred."""
+        reason = expat.errors.messages[error.code]
         last = self.open[-1] if self.open else None
-        if said == expat.errors.XML_ERROR_TAG_MISMATCH and last is not None:
-            return self._mismatch(last, error.lineno, text[self.parser.ErrorByteIndex :])
+        if reason == expat.errors.XML_ERROR_TAG_MISMATCH and last is not None:
+            return self._mismatch(last, error.lineno, text[self.expat.ErrorByteIndex :])
         if last is not None and error.code == _NO_ELEMENT:
             message = f"the file ends before {last} is closed"
-            return SyntaxFault(self.path, last.line, message, f"close it with </{last.tag}>, or end its tag with />")
+            return XmlError(self.path, last.line, message, f"close it with </{last.tag}>, or end its tag with />")
         if not text.strip():
-            return SyntaxFault(self.path, 1, "the file is empty", "write a model into it: <mujoco> … </mujoco>")
-        if text.startswith(POINTER):
-            return SyntaxFault(self.path, 1, "it is a pointer of Git LFS, and not the file itself", PULL)
+            return XmlError(self.path, 1, "the file is empty", "write a model into it: <mujoco> … </mujoco>")
+        if text.startswith(LFS_POINTER):
+            return XmlError(self.path, 1, "it is a Git LFS pointer, not the file itself", LFS_REMEDY)
         place = f"line {error.lineno}, column {error.offset + 1}"
-        remedy = _CURES.get(said, f"look at {place}; `xmllint --noout {self.path}` checks a file")
-        if bare := _BARE.search(text[: self.parser.ErrorByteIndex].rpartition(b"<")[2]):
-            remedy = f'write {bare[1].decode(errors="replace")}="…": values of attributes stand in quotes'
-        return SyntaxFault(self.path, error.lineno, f"not well-formed XML: {said} at column {error.offset + 1}", remedy)
+        remedy = _REMEDIES.get(reason, f"look at {place}; `xmllint --noout {self.path}` checks a file")
+        if unquoted := _UNQUOTED_VALUE.search(text[: self.expat.ErrorByteIndex].rpartition(b"<")[2]):
+            remedy = f'write {unquoted[1].decode(errors="replace")}="…": attribute values must be quoted'
+        return XmlError(self.path, error.lineno, f"not well-formed XML: {reason} at column {error.offset + 1}", remedy)
 
-    def _mismatch(self, last: Element, line: int, rest: bytes) -> SyntaxFault:
-        found = re.match(rb"(?:</)?\s*([^\s>]+)", rest)
-        closing = found[1].decode(errors="replace") if found else "?"
+    def _mismatch(self, last: Element, line: int, rest: bytes) -> XmlError:
+        tag = re.match(rb"(?:</)?\s*([^\s>]+)", rest)
+        closing = tag[1].decode(errors="replace") if tag else "?"
         if any(element.tag == closing for element in self.open):
             message = f"{last} is not closed before </{closing}> on line {line}"
-            return SyntaxFault(self.path, last.line, message, f"close it with </{last.tag}>, or end its tag with />")
-        message = f"</{closing}> closes nothing: the element that is open is {last} of line {last.line}"
-        return SyntaxFault(self.path, line, message, f"write </{last.tag}> instead, or remove it")
+            return XmlError(self.path, last.line, message, f"close it with </{last.tag}>, or end its tag with />")
+        message = f"</{closing}> closes nothing: the open element is {last} on line {last.line}"
+        return XmlError(self.path, line, message, f"write </{last.tag}> instead, or remove it")
 
 
-_BARE = re.compile(rb"\A[^>]*\s([\w:.-]+)\s*=\s*\Z")  # before a value without its quote
+_UNQUOTED_VALUE = re.compile(rb"\A[^>]*\s([\w:.-]+)\s*=\s*\Z")  # what precedes it
 _NO_ELEMENT = expat.errors.codes[expat.errors.XML_ERROR_NO_ELEMENTS]
-_CURES = {
+_REMEDIES = {
     expat.errors.XML_ERROR_DUPLICATE_ATTRIBUTE: "an element has each attribute once; remove one of the two",
     expat.errors.XML_ERROR_JUNK_AFTER_DOC_ELEMENT: "a file holds one root element; put all inside one <mujoco>",
     expat.errors.XML_ERROR_INVALID_TOKEN: "save the file as UTF-8, and write & and < as &amp; and &lt;",

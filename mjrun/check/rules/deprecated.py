@@ -1,8 +1,8 @@
-"""What MJCF once had, or never had, and what to write instead. From MuJoCo's changelog, where versions are given."""
+"""What MJCF no longer has, or never had, and what to write instead. Versions are from MuJoCo's changelog."""
 
 FLEXCOMP = 'use <flexcomp type="grid" dim="1" …> with <elasticity young=… shear=…/> or <edge equality="true"/>'
 
-# Element → since when, and the remedy.
+# Element: since when, and the remedy.
 REMOVED_ELEMENTS = {
     "composite": ("in MuJoCo 4.0.0", f"{FLEXCOMP}; cloth and soft bodies are <flexcomp> of dim 2 and 3"),
     "flexvert": (
@@ -19,7 +19,7 @@ REMOVED_PLUGINS = {
     "mujoco.sdf.sdflib": ("in MuJoCo 3.3.5", 'use a mesh of its own: <geom type="sdf" mesh=…>'),
 }
 
-# Element and attribute → since when, and the remedy.
+# Element and attribute: since when, and the remedy.
 REMOVED_ATTRIBUTES = {
     ("option", "collision"): (
         "in MuJoCo 3.0.0",
@@ -38,7 +38,7 @@ REMOVED_ATTRIBUTES = {
     ("contact", "internal"): ("in MuJoCo 3.15.0", "write selfcollide"),
 }
 
-# Element, attribute and value.
+# Element, attribute and value: since when, and the remedy.
 REMOVED_VALUES = {
     ("edge", "equality", "vert"): ("in MuJoCo 4.0.0", REMOVED_ELEMENTS["flexvert"][1]),
     ("compiler", "coordinate", "global"): (
@@ -47,7 +47,7 @@ REMOVED_VALUES = {
     ),
 }
 
-# Keywords of other formats and languages → what MJCF calls them, wherever it takes one of these.
+# Words of other formats and languages: the keywords of MJCF for the same thing.
 SYNONYMS = {
     "yes": ("true", "enable"),
     "on": ("true", "enable"),
@@ -78,8 +78,8 @@ SYNONYMS = {
     "gauss-seidel": ("PGS",),
 }
 
-# What MJCF never had, and people write.
-REMEDIES = {
+# Elements that MJCF never had, and people write.
+FOREIGN_ELEMENTS = {
     "solver": 'the solver is chosen in <option>: <option solver="Newton" iterations="100" tolerance="1e-8"/>',
     "world": "the world is called <worldbody>",
     "restitution": 'there is none; what bounces has little damping: <geom solref="-STIFFNESS -DAMPING">',

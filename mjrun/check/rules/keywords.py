@@ -1,16 +1,18 @@
-"""Keywords that attributes take, as MuJoCo's XML spells them, and what was probably meant.
+"""The keywords that attributes take, as MJCF spells them, and which one was probably meant.
 
-MuJoCo stops at the first that it does not know, and does not say which there are.
+MuJoCo stops at the first unknown keyword, and does not list the valid ones.
 """
 
 from collections.abc import Iterator
 
-from mjrun.check.finding import Sighting
+from mjrun.check.finding import Finding
+from mjrun.check.rule import Rule
 from mjrun.check.rules.deprecated import REMOVED_VALUES, SYNONYMS
-from mjrun.check.xml_source import Element, Source
+from mjrun.check.xml_source import Element, XmlSource
 from mjrun.errors import clean, listing, near, quoted
 
-KEYWORD = "MJ110"
+BAD_VALUE = Rule("MJ110", "error", "bad value of an attribute")
+
 TRUTH, AUTO, SWITCH = "true false", "true false auto", "enable disable"
 SHAPES = "plane hfield sphere capsule ellipsoid cylinder box mesh sdf"
 FOLLOWING = "fixed track trackcom targetbody targetbodycom"
@@ -18,7 +20,7 @@ DYNAMICS = "none integrator filter filterexact pid dcmotor muscle user"
 INPUTS = "none pos vel expmap quat"
 DOF = "full radial trilinear quadratic 2d"
 ANY = "*"
-# Elements, attributes of theirs, and the keywords that these take; nothing else may stand around them.
+# Elements, some of their attributes, and the keywords that these take; without any other characters.
 TABLE = (
     ("compiler", "angle", "radian degree"),
     ("compiler", "inertiafromgeom", AUTO),
@@ -83,7 +85,7 @@ TABLE = (
     ("user", "datatype", "real positive axis quaternion"),
     ("user", "needstage", "none pos vel acc"),
 )
-FRAMED = ("body", "xbody", "geom", "site", "camera")  # what a sensor of frames looks at
+FRAME_OBJECTS = ("body", "xbody", "geom", "site", "camera")  # of frame sensors
 # Element and attribute that take several keywords.
 SEVERAL = {
     ("camera", "output"): ("rgb", "depth", "distance", "normal", "segmentation"),
@@ -98,37 +100,37 @@ SINGLE = {
 }
 
 
-def valid(element: Element, attribute: str) -> tuple[str, ...]:
-    """The keywords that an attribute takes; none if it takes something else."""
+def valid_keywords(element: Element, attribute: str) -> tuple[str, ...]:
+    """The keywords that an attribute takes; none if it does not take keywords."""
     key = (element.tag, attribute)
     if attribute in ("objtype", "reftype") and (element.tag.startswith("frame") or element.tag == "insidesite"):
-        return FRAMED
+        return FRAME_OBJECTS
     return SEVERAL.get(key) or SINGLE.get(key) or SINGLE.get((ANY, attribute), ())
 
 
-def wrong(source: Source) -> Iterator[tuple[str, Sighting]]:
-    """Every value in the XML that is no keyword where one must be: codes and sightings, in the order of the file."""
+def invalid_keywords(source: XmlSource) -> Iterator[Finding]:
+    """Every attribute in the XML whose value is not one of its keywords, in the order of the file."""
     if source.root is None or source.root.tag != "mujoco":
         return
     for element in source.elements():
         for attribute, value in element.attributes.items():
-            choices = valid(element, attribute)
+            choices = valid_keywords(element, attribute)
             words = value.split() if (element.tag, attribute) in SEVERAL else [value]
-            strange = [word for word in words if choices and word not in choices]
-            if strange and (element.tag, attribute, value) not in REMOVED_VALUES:
-                yield KEYWORD, _sighting(element, attribute, strange[0], choices)
+            invalid = [word for word in words if choices and word not in choices]
+            if invalid and (element.tag, attribute, value) not in REMOVED_VALUES:
+                yield _invalid(element, attribute, invalid[0], choices)
 
 
-def _sighting(element: Element, attribute: str, word: str, choices: tuple[str, ...]) -> Sighting:
-    likely = meant(word, choices)
+def _invalid(element: Element, attribute: str, word: str, choices: tuple[str, ...]) -> Finding:
+    likely = _likely(word, choices)
     hint = f" (did you mean {quoted(likely)}?)" if likely else ""
     message = f"{attribute} of <{clean(element.tag)}>: no such keyword: {quoted(word)}{hint}"
     remedy = f'write {attribute}="{likely}"; ' if likely else ""
-    return Sighting(message, f"{remedy}valid: {listing(choices)}", str(element), (element.file, element.line))
+    return BAD_VALUE.in_element(element, message, f"{remedy}valid: {listing(choices)}")
 
 
-def meant(word: str, choices: tuple[str, ...]) -> str:
-    """The keyword that `word` was probably meant to be; empty if there is none."""
+def _likely(word: str, choices: tuple[str, ...]) -> str:
+    """The keyword that was probably meant by `word`; empty if there is none."""
     word = word.strip()
-    same = [known for known in SYNONYMS.get(word.casefold(), ()) if known in choices]
-    return next(iter(same or near(word, choices)), "")
+    synonyms = [keyword for keyword in SYNONYMS.get(word.casefold(), ()) if keyword in choices]
+    return next(iter(synonyms or near(word, choices)), "")

@@ -1,4 +1,4 @@
-"""Ranges that are missing, reversed or already left."""
+"""Ranges of joints, tendons and actuators that are missing, reversed or violated at the start."""
 
 from collections.abc import Iterator
 
@@ -6,24 +6,27 @@ import mujoco
 import numpy as np
 
 from mjrun.check.context import LintContext
-from mjrun.check.finding import Sighting
+from mjrun.check.finding import Violation
+from mjrun.check.rule import rule
+from mjrun.errors import option
 
-WRITTEN = 6e-4  # relative, by which 1.57 differs from a quarter turn
+ROUNDING = 6e-4  # relative error of 1.57 as a quarter turn
 SLACK = 0.01  # of a range; limits are soft, and keyframes are saved from simulations that lean on them
 # MuJoCo's enums equal integers, but are not found among those of numpy.
 JOINT_DRIVEN = (int(mujoco.mjtTrn.mjTRN_JOINT), int(mujoco.mjtTrn.mjTRN_JOINTINPARENT))
-TURNING = (int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_BALL))
+ROTATING = (int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_BALL))
 SCALAR = (int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE))
 
 
-def unbounded(subject: LintContext) -> Iterator[Sighting]:
-    """Actuators whose control and force nothing limits."""
-    model = subject.model
+@rule("MJ301", "note", "actuator without limits")
+def actuators_without_limits(context: LintContext) -> Iterator[Violation]:
+    """Actuators with neither a limited control nor a limited force."""
+    model = context.model
     for i in range(model.nactuator):
         start, count = model.actuator_ctrladr[i], model.actuator_ctrlnum[i]
         target = int(model.actuator_trnid[i, 0])
         limited = model.actuator_ctrllimited[start : start + count].all() or model.actuator_forcelimited[i]
-        # What acts through an activation is as bounded as that; a muscle clamps its control to [0, 1] by itself.
+        # An activation limits what acts through it; a muscle clamps its control to [0, 1] by itself.
         limited = limited or model.actuator_actlimited[i] or model.actuator_dyntype[i] == mujoco.mjtDyn.mjDYN_MUSCLE
         if model.actuator_trntype[i] in JOINT_DRIVEN:
             limited = limited or model.jnt_actfrclimited[target]
@@ -32,12 +35,13 @@ def unbounded(subject: LintContext) -> Iterator[Sighting]:
         if not limited:
             message = "it has neither ctrlrange nor forcerange: nothing bounds what it does"
             remedy = 'give it ctrlrange="-1 1" or forcerange="-10 10", or its joint actuatorfrcrange'
-            yield Sighting(message, remedy, subject.object("actuator", i), subject.place("actuator", i))
+            yield context.violation("actuator", i, message, remedy)
 
 
-def ignored(subject: LintContext) -> Iterator[Sighting]:
-    """Ranges whose first number is the larger: MuJoCo then limits nothing, and says nothing."""
-    model = subject.model
+@rule("MJ302", "warning", "reversed range")
+def reversed_ranges(context: LintContext) -> Iterator[Violation]:
+    """Ranges whose first number is the larger one, which MuJoCo silently ignores."""
+    model = context.model
     fields = (
         ("joint", "range", model.jnt_range, model.jnt_limited),
         ("joint", "actuatorfrcrange", model.jnt_actfrcrange, model.jnt_actfrclimited),
@@ -48,64 +52,66 @@ def ignored(subject: LintContext) -> Iterator[Sighting]:
         ("actuator", "actrange", model.actuator_actrange, model.actuator_actlimited),
     )
     for kind, attribute, ranges, limited in fields:
-        for i in np.flatnonzero((ranges[:, 0] > ranges[:, 1]) & (limited == 0)):
+        for i in map(int, np.flatnonzero((ranges[:, 0] > ranges[:, 1]) & (limited == 0))):
             low, high = ranges[i]
             message = f"its {attribute} {low:g} {high:g} is reversed, and limits nothing"
             remedy = f'write {attribute}="{high:g} {low:g}" (angles as <compiler angle=…> says), or remove it'
-            yield Sighting(message, remedy, subject.object(kind, int(i)), subject.place(kind, int(i)))
+            yield context.violation(kind, i, message, remedy)
 
 
-def outside(subject: LintContext) -> Iterator[Sighting]:
+@rule("MJ304", "warning", "joint or tendon starts beyond its range")
+def starts_beyond_range(context: LintContext) -> Iterator[Violation]:
     """Joints and tendons that start beyond their range."""
-    model = subject.model
-    for joint in np.flatnonzero(model.jnt_limited):
-        if beyond := beyond_range(model, int(joint), model.qpos0):
+    model = context.model
+    for joint in map(int, np.flatnonzero(model.jnt_limited)):
+        if beyond := beyond_range(model, joint, model.qpos0):
             message = f"it starts {beyond}, and is pushed back from the first step on"
-            remedy = "choose a range that holds the start, 0 or ref, or start from a keyframe with --key"
-            yield Sighting(message, remedy, subject.object("joint", int(joint)), subject.place("joint", int(joint)))
+            remedy = f"choose a range that includes the start, 0 or ref, or start from a keyframe with {option('key')}"
+            yield context.violation("joint", joint, message, remedy)
     for tendon in map(int, np.flatnonzero(model.tendon_limited)):
-        if beyond := beyond_span(float(subject.at(None).ten_length[tendon]), model.tendon_range[tendon], "m"):
+        if beyond := beyond_span(float(context.data_at(None).ten_length[tendon]), model.tendon_range[tendon], "m"):
             message = f"it starts {beyond}, and is pulled back from the first step on"
-            remedy = "choose a range that holds its first length, or start from a keyframe with --key"
-            place = subject.place("tendon", tendon)
-            yield Sighting(message, remedy, subject.object("tendon", tendon), place, "note")  # a taut string, as a rule
+            remedy = f"choose a range that includes its initial length, or start from a keyframe with {option('key')}"
+            yield context.violation("tendon", tendon, message, remedy, "note")  # usually a taut string
 
 
-def other_unit(subject: LintContext) -> Iterator[Sighting]:
+@rule("MJ305", "warning", "angle in another unit than meant")
+def ranges_in_other_unit(context: LintContext) -> Iterator[Violation]:
     """Ranges of joints in degrees that look like radians, and the other way round."""
-    model, spec = subject.model, subject.spec
-    for joint in map(int, np.flatnonzero(model.jnt_limited & np.isin(model.jnt_type, TURNING))):
-        place = subject.place("joint", joint)
-        attached = place.origin or (place.line is None and subject.source.attached)  # which has a unit of its own
-        told = None if attached or not spec else _mistaken(model.jnt_range[joint], bool(spec.compiler.degree))
-        if told:
-            yield Sighting(*told, subject.object("joint", joint), place)
+    model, spec = context.model, context.spec
+    for joint in map(int, np.flatnonzero(model.jnt_limited & np.isin(model.jnt_type, ROTATING))):
+        place = context.place("joint", joint)
+        attached = place.origin or (place.line is None and context.source.attached)  # in a unit of its own
+        if attached or not spec:
+            continue
+        if explanation := _other_unit(model.jnt_range[joint], bool(spec.compiler.degree)):
+            yield context.violation("joint", joint, *explanation)
 
 
-def _mistaken(span: np.ndarray, degree: bool) -> tuple[str, str] | None:
-    """What there is to say of a range `(2,)` [rad] that was given in degrees, or in radians; None if it looks well."""
-    said, meant = ("degree", "radian") if degree else ("radian", "degree")
-    given = np.degrees(span) if degree else span
-    if not (all(map(_part_of_a_turn, given[given != 0])) if degree else _whole_degrees(given)):
+def _other_unit(span: np.ndarray, degree: bool) -> tuple[str, str] | None:
+    """Message and remedy for a range `(2,)` [rad], written in degrees or radians, that looks like the other unit."""
+    unit, meant = ("degree", "radian") if degree else ("radian", "degree")
+    written = np.degrees(span) if degree else span
+    if not (all(map(_quarter_turns, written[written != 0])) if degree else _whole_degrees(written)):
         return None
-    low, high = np.degrees(given).round() if degree else np.radians(given)
-    message = f"its range {given[0]:.6g} {given[1]:.6g} is in {said}s, and looks like {meant}s"
-    return message, f'write <compiler angle="{meant}"/> if that is so of all angles, or range="{low:.4g} {high:.4g}"'
+    low, high = np.degrees(written).round() if degree else np.radians(written)
+    message = f"its range {written[0]:.6g} {written[1]:.6g} is in {unit}s, and looks like {meant}s"
+    return message, f'write <compiler angle="{meant}"/> if that is true of all angles, or range="{low:.4g} {high:.4g}"'
 
 
-def _part_of_a_turn(angle: float) -> bool:
-    """Whether an angle is one to four quarter turns in radians, written with two decimals or more."""
+def _quarter_turns(angle: float) -> bool:
+    """Whether an angle in radians is one to four quarter turns, written with two or more decimals."""
     quarters = abs(angle) / (np.pi / 2)
-    return 1 <= round(quarters) <= 4 and abs(quarters / round(quarters) - 1) < WRITTEN
+    return 1 <= round(quarters) <= 4 and abs(quarters / round(quarters) - 1) < ROUNDING
 
 
 def _whole_degrees(span: np.ndarray) -> bool:
-    """Whether a range reads like degrees: whole numbers from an eighth of a turn to a full one."""
+    """Whether a range looks like degrees: whole numbers, from an eighth of a turn to a full turn."""
     return bool((span == span.round()).all()) and 45 <= abs(span).max() <= 360
 
 
 def beyond_range(model: mujoco.MjModel, joint: int, qpos: np.ndarray) -> str:
-    """How far a limited joint lies beyond its range, in words; empty when it does not."""
+    """Where a limited joint is, if that is beyond its range; else empty."""
     kind, start = int(model.jnt_type[joint]), int(model.jnt_qposadr[joint])
     low, high = map(float, model.jnt_range[joint])
     if kind in SCALAR:
@@ -120,7 +126,7 @@ def beyond_range(model: mujoco.MjModel, joint: int, qpos: np.ndarray) -> str:
 
 
 def beyond_span(value: float, span: np.ndarray, unit: str = "") -> str:
-    """How far `value` lies beyond `span` `(2,)`, in words; empty when it does not."""
+    """Where `value` is, if that is beyond `span` `(2,)`; else empty."""
     return _beyond(value, float(span[0]), float(span[1]), unit)
 
 

@@ -1,4 +1,4 @@
-"""Masses and inertias that make a model move other than meant, or badly conditioned."""
+"""Masses and inertias that make a model ill-conditioned, or move other than intended."""
 
 from collections.abc import Iterator
 
@@ -6,70 +6,77 @@ import mujoco
 import numpy as np
 
 from mjrun.check.context import LintContext
-from mjrun.check.finding import Sighting
-from mjrun.check.rules.unnamed import flex_bodies
+from mjrun.check.finding import Violation
+from mjrun.check.rule import rule
+from mjrun.check.rules.unnamed_objects import flex_bodies
 from mjrun.errors import quoted
 
 # Double precision has 16 digits; factoring the inertia matrix costs as many as its condition number has.
-FLATTEST = 1e6  # largest to smallest principal inertia; a rod of 1 m by 1 mm has 3e5
-STEEPEST = 1e9  # largest to smallest inertia of joints of one kind in one tree
-MASSLESS_KINDS = (int(mujoco.mjtGeom.mjGEOM_PLANE), int(mujoco.mjtGeom.mjGEOM_HFIELD))
+MAX_PRINCIPAL_RATIO = 1e6  # largest to smallest principal inertia of a body; a rod of 1 m by 1 mm has 3e5
+MAX_TREE_RATIO = 1e9  # largest to smallest inertia of joints of one kind in one tree
+MASSLESS_TYPES = (int(mujoco.mjtGeom.mjGEOM_PLANE), int(mujoco.mjtGeom.mjGEOM_HFIELD))
 
 
-def weightless(subject: LintContext) -> Iterator[Sighting]:
-    """Geoms that collide, belong to a body that moves and takes its mass from its geoms, and have none."""
-    model, spec = subject.model, subject.spec
+@rule("MJ203", "note", "geom without mass")
+def geoms_without_mass(context: LintContext) -> Iterator[Violation]:
+    """Geoms that collide and have no mass, on a body that moves and takes its mass from its geoms."""
+    model, spec = context.model, context.spec
     if spec is None:
         return
     inferred = {b.id for b in spec.bodies if not b.explicitinertial}
     if spec.compiler.inertiafromgeom == mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_TRUE:
         inferred = {b.id for b in spec.bodies}
+
     for geom in spec.geoms:
-        if not 0 <= geom.id < model.ngeom or model.geom_type[geom.id] in MASSLESS_KINDS:
+        if not 0 <= geom.id < model.ngeom or model.geom_type[geom.id] in MASSLESS_TYPES:
             continue
         body = int(model.geom_bodyid[geom.id])
         moves = model.body_weldid[body] != 0
         collides = model.geom_contype[geom.id] or model.geom_conaffinity[geom.id]
-        if moves and collides and body in inferred and 0 in (geom.mass, geom.density if np.isnan(geom.mass) else 1):
-            message = f"it collides, and adds no mass to {quoted(subject.name('body', body))}"
-            remedy = 'give it a density or mass; or contype="0" conaffinity="0" if it is only to be seen'
-            yield Sighting(message, remedy, subject.object("geom", geom.id), subject.place("geom", geom.id))
+        massless = 0 in (geom.mass, geom.density if np.isnan(geom.mass) else 1)
+        if moves and collides and massless and body in inferred:
+            message = f"it collides, but adds no mass to {quoted(context.name('body', body))}"
+            remedy = 'give it a density or mass, or contype="0" conaffinity="0" if it is only visual'
+            yield context.violation("geom", geom.id, message, remedy)
 
 
-def flat(subject: LintContext) -> Iterator[Sighting]:
-    """Bodies that turn and have next to no inertia about one axis."""
-    model = subject.model
-    made = flex_bodies(model)
+@rule("MJ204", "warning", "extreme principal inertias")
+def extreme_principal_inertias(context: LintContext) -> Iterator[Violation]:
+    """Bodies that rotate and have next to no inertia about one of their axes."""
+    model = context.model
+    generated = flex_bodies(model)
     for body in range(1, model.nbody):
         low, high = model.body_inertia[body].min(), model.body_inertia[body].max()
-        if body in made or not model.body_dofnum[body] or high <= FLATTEST * low:
+        if body in generated or not model.body_dofnum[body] or high <= MAX_PRINCIPAL_RATIO * low:
             continue
         message = f"its principal inertias, {low:.3g} and {high:.3g} kg m², differ by a factor of {_ratio(high, low)}"
         remedy = "make its geoms less thin, or give it <inertial diaginertia=…>, or its joints some armature"
-        yield Sighting(message, remedy, subject.object("body", body), subject.place("body", body))
+        yield context.violation("body", body, message, remedy)
 
 
-def steep(subject: LintContext) -> Iterator[Sighting]:
-    """Trees whose joints move inertias of very different size, which costs digits in every step."""
-    model = subject.model
+@rule("MJ205", "warning", "extreme inertias in one tree")
+def extreme_inertia_ratios(context: LintContext) -> Iterator[Violation]:
+    """Kinematic trees whose joints move very different inertias, which costs digits in every step."""
+    model = context.model
     for tree in range(model.ntree):
-        of_tree = np.flatnonzero(model.dof_treeid == tree)
-        for turns in (False, True):
-            dofs = np.array([d for d in map(int, of_tree) if _turns(model, d) == turns], int)
+        tree_dofs = [int(dof) for dof in np.flatnonzero(model.dof_treeid == tree)]
+        for rotates in (False, True):
+            dofs = np.array([dof for dof in tree_dofs if _rotates(model, dof) == rotates], int)
             inertia = model.dof_M0[dofs]
-            if dofs.size < 2 or inertia.max() <= STEEPEST * inertia.min():
+            if dofs.size < 2 or inertia.max() <= MAX_TREE_RATIO * inertia.min():
                 continue
+
             light, heavy = (int(model.dof_jntid[dofs[i]]) for i in (inertia.argmin(), inertia.argmax()))
-            unit = "kg m²" if turns else "kg"
+            unit = "kg m²" if rotates else "kg"
             message = (
-                f"it moves {inertia.min():.3g} {unit}, and {subject.object('joint', heavy)} of the same tree "
+                f"it moves {inertia.min():.3g} {unit}, and {context.object('joint', heavy)} of the same tree "
                 f"{inertia.max():.3g} {unit}: a factor of {_ratio(inertia.max(), inertia.min())}"
             )
             remedy = "give the light joint some armature, or check the masses and their unit, kg"
-            yield Sighting(message, remedy, subject.object("joint", light), subject.place("joint", light))
+            yield context.violation("joint", light, message, remedy)
 
 
-def _turns(model: mujoco.MjModel, dof: int) -> bool:
+def _rotates(model: mujoco.MjModel, dof: int) -> bool:
     joint = model.dof_jntid[dof]
     kind = int(model.jnt_type[joint])
     if kind == mujoco.mjtJoint.mjJNT_FREE:

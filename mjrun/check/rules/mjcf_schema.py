@@ -1,6 +1,6 @@
-"""Elements and attributes against MuJoCo's own schema, all at once, with what was probably meant.
+"""All violations of MuJoCo's own XML schema, with what was probably meant.
 
-MuJoCo stops at the first violation, and inside `<frame>` and `<replicate>` it does not look at attributes at all.
+MuJoCo stops at the first violation, and does not check attributes inside `<frame>` and `<replicate>` at all.
 """
 
 import re
@@ -11,60 +11,73 @@ from functools import cache
 
 import mujoco
 
-from mjrun.check.finding import Sighting
-from mjrun.check.rules.deprecated import REMEDIES, REMOVED_ATTRIBUTES, REMOVED_ELEMENTS, REMOVED_PLUGINS, REMOVED_VALUES
-from mjrun.check.xml_source import Element, Source
+from mjrun.check.finding import Finding, Place
+from mjrun.check.rule import Rule
+from mjrun.check.rules.deprecated import (
+    FOREIGN_ELEMENTS,
+    REMOVED_ATTRIBUTES,
+    REMOVED_ELEMENTS,
+    REMOVED_PLUGINS,
+    REMOVED_VALUES,
+)
+from mjrun.check.xml_source import Element, XmlSource
 from mjrun.errors import clean, listing, near, quoted, suggestion
 
-UNKNOWN, MISPLACED, ATTRIBUTE, REMOVED, VALUE, TWICE = "MJ102", "MJ103", "MJ104", "MJ105", "MJ106", "MJ111"
-BODY = "(world)body"  # as the schema calls the node of both
+UNKNOWN_ELEMENT = Rule("MJ102", "error", "unknown element")
+MISPLACED_ELEMENT = Rule("MJ103", "error", "element in the wrong place")
+UNKNOWN_ATTRIBUTE = Rule("MJ104", "error", "unknown attribute")
+REMOVED = Rule("MJ105", "error", "removed from MuJoCo")
+STRAY_VALUE = Rule("MJ106", "error", "value outside an attribute")
+REPEATED_ELEMENT = Rule("MJ111", "error", "element given twice")
+
+BODY = "(world)body"  # the schema's name for the node of both
 POSE = {"pos", "quat", "axisangle", "xyaxes", "zaxis", "euler"}
-# What MuJoCo's schema does not list, and its reference does.
+# What is in MuJoCo's XML reference but not in its schema.
 UNLISTED = {
     "worldbody": frozenset(),
     "frame": frozenset({"name", "childclass", *POSE}),
     "replicate": frozenset({"count", "sep", "offset", "euler", "childclass"}),
     "include": frozenset({"file"}),
 }
-RARE = ("default", "frame", "replicate")  # where an element may stand, and is seldom meant to
+UNLIKELY_PARENTS = ("default", "frame", "replicate")  # valid, but seldom what was meant
 
 
 @dataclass
 class Node:
-    """What may stand in an element: attributes, children, and whether a parent has it at most once."""
+    """What an element may contain: attributes and children; and whether it may occur only once in its parent."""
 
     attributes: set[str] = field(default_factory=set)
     children: "dict[str, Node]" = field(default_factory=dict)
     unique: bool = False
 
     def child(self, tag: str) -> "Node | None":
-        """The node of a child, or None if there must be none with this tag."""
+        """The node of a child, or None if there may be none with this tag."""
         return self.children.get(tag)
 
 
 @cache
 def schema() -> Node:
-    """The schema of the installed MuJoCo, its root being what holds `<mujoco>`."""
+    """The schema of the installed MuJoCo; its root is the parent of `<mujoco>`."""
     top = Node()
     path: list[Node] = [top]
     for line in mujoco.mj_printSchema(False, False).splitlines():
-        found = re.match(r"( *)(\S+) \((.)\)\s*(.*)", line)
-        if not found:
+        element = re.match(r"( *)(\S+) \((.)\)\s*(.*)", line)
+        if not element:
             path[-1].attributes.update(line.split())
             continue
-        indent, name, kind, attributes = found.groups()
+        indent, name, kind, attributes = element.groups()
         node = Node(set(attributes.split()), unique=kind in "?!")
         del path[len(indent) // 3 + 1 :]
         path[-1].children[name] = node
         path.append(node)
         if kind == "R":
             node.children[name] = node
-    _name_bodies(top.children["mujoco"])
+    _split_bodies(top.children["mujoco"])
     return top
 
 
-def _name_bodies(root: Node) -> None:
-    """Makes `worldbody`, `body`, `frame` and `replicate` nodes of their own, with one set of children."""
+def _split_bodies(root: Node) -> None:
+    """Makes separate nodes of `worldbody`, `body`, `frame` and `replicate`, which share their children."""
     body = root.children.pop(BODY)
     inside = body.children
     inside.pop(BODY)
@@ -75,9 +88,9 @@ def _name_bodies(root: Node) -> None:
 
 
 @cache
-def _places() -> dict[str, list[tuple[str, Node]]]:
-    """Where each element may stand: its parents' tags with its node."""
-    found: dict[str, dict[str, Node]] = {}
+def valid_parents() -> dict[str, list[tuple[str, Node]]]:
+    """By tag, the parents that an element may have, and its node in each."""
+    parents_by_tag: dict[str, dict[str, Node]] = {}
     waiting, seen = [("mujoco", schema().children["mujoco"])], set()
     while waiting:
         parent, node = waiting.pop(0)
@@ -85,13 +98,16 @@ def _places() -> dict[str, list[tuple[str, Node]]]:
             continue
         seen.add((parent, id(node.children)))
         for tag, child in node.children.items():
-            found.setdefault(tag, {}).setdefault(parent, child)
+            parents_by_tag.setdefault(tag, {}).setdefault(parent, child)
             waiting.append((tag, child))
-    return {tag: sorted(parents.items(), key=lambda home: home[0] in RARE) for tag, parents in found.items()}
+    return {
+        tag: sorted(parents.items(), key=lambda parent: parent[0] in UNLIKELY_PARENTS)
+        for tag, parents in parents_by_tag.items()
+    }
 
 
-def violations(source: Source) -> Iterator[tuple[str, Sighting]]:
-    """Everything in the XML that is not in the schema: codes and sightings, in the order of the file."""
+def violations(source: XmlSource) -> Iterator[Finding]:
+    """Everything in the XML that is not in the schema, in the order of the file."""
     if source.root is None or source.root.tag != "mujoco":
         return
     stack = [(source.root, schema().children["mujoco"])]
@@ -100,52 +116,48 @@ def violations(source: Source) -> Iterator[tuple[str, Sighting]]:
         yield from _attributes(element, node)
         yield from _repeated(element, node)
         if element.text and not _is_value(element):
-            yield VALUE, _stray_text(element)
-        below = []
+            yield _stray_text(element)
+        children = []
         for child in element.children:
             inner = node.child(child.tag)
             if inner is None and child.tag not in UNLISTED:
                 yield _unknown(child, node)
-                inner = _meant(child)
+                inner = _only_node(child)
             if inner is not None:
-                below.append((child, inner))
-        stack.extend(reversed(below))
+                children.append((child, inner))
+        stack.extend(reversed(children))
 
 
-def _sighting(element: Element, message: str, remedy: str) -> Sighting:
-    return Sighting(message, remedy, str(element), (element.file, element.line))
-
-
-def _attributes(element: Element, node: Node) -> Iterator[tuple[str, Sighting]]:
+def _attributes(element: Element, node: Node) -> Iterator[Finding]:
     for name, value in element.attributes.items():
         removed = REMOVED_VALUES.get((element.tag, name, value))
         if name == "plugin" and value in REMOVED_PLUGINS:
             removed = REMOVED_PLUGINS[value]
         if removed:
             message = f"{name}={quoted(value)} of <{element.tag}> was removed {removed[0]}"
-            yield REMOVED, _sighting(element, message, removed[1])
+            yield REMOVED.in_element(element, message, removed[1])
         if name in node.attributes:
             continue
-        if known := REMOVED_ATTRIBUTES.get((element.tag, name)):
-            message = f"the attribute {quoted(name)} of <{element.tag}> was removed {known[0]}"
-            yield REMOVED, _sighting(element, message, known[1])
+        if removed := REMOVED_ATTRIBUTES.get((element.tag, name)):
+            message = f"the attribute {quoted(name)} of <{element.tag}> was removed {removed[0]}"
+            yield REMOVED.in_element(element, message, removed[1])
             continue
         message = f"<{clean(element.tag)}> has no attribute {quoted(name)}{suggestion(name, node.attributes)}"
-        yield ATTRIBUTE, _sighting(element, message, _attribute_remedy(element, name, node))
+        yield UNKNOWN_ATTRIBUTE.in_element(element, message, _attribute_remedy(element, name, node))
 
 
 def _attribute_remedy(element: Element, name: str, node: Node) -> str:
     if not node.attributes:
         inner = [c.tag for c in element.children if c.tag in node.children and name in node.children[c.tag].attributes]
         example = f"<{inner[0]} {name}=…>" if inner else "its children"
-        return f"<{element.tag}> only groups, and takes no attributes; write it on {example}"
+        return f"<{element.tag}> only groups elements and takes no attributes; write it on {example}"
     close = near(name, node.attributes)
     if close:
         return f"write {close[0]}"
     return f"attributes of <{element.tag}>: {listing(sorted(node.attributes))}"
 
 
-def _repeated(element: Element, node: Node) -> Iterator[tuple[str, Sighting]]:
+def _repeated(element: Element, node: Node) -> Iterator[Finding]:
     counts = Counter(child.tag for child in element.children)
     for child in element.children:
         inner = node.child(child.tag)
@@ -153,33 +165,34 @@ def _repeated(element: Element, node: Node) -> Iterator[tuple[str, Sighting]]:
             continue
         first = next(other for other in element.children if other.tag == child.tag)
         if child is not first:
-            message = f"<{child.tag}> stands in <{element.tag}> more than once; the first is on line {first.line}"
-            yield TWICE, _sighting(child, message, "put all its attributes into one element")
+            message = f"<{child.tag}> occurs more than once in <{element.tag}>; the first is on line {first.line}"
+            yield REPEATED_ELEMENT.in_element(child, message, "put all its attributes into one element")
 
 
-def _unknown(element: Element, node: Node) -> tuple[str, Sighting]:
-    """Why there can be no such element here."""
+def _unknown(element: Element, node: Node) -> Finding:
+    """Why this element may not occur here."""
     tag, parent = element.tag, element.parent
     assert parent is not None
     if tag in REMOVED_ELEMENTS:
         since, remedy = REMOVED_ELEMENTS[tag]
-        return REMOVED, _sighting(element, f"<{tag}> was removed {since}", remedy)
+        return REMOVED.in_element(element, f"<{tag}> was removed {since}", remedy)
     if value := _as_attribute(element, node):
-        return VALUE, value
-    where = _places().get(tag)
-    if where and tag not in REMEDIES:
-        homes = " or ".join(f"<{home}>" for home, _ in where[:3])
-        message = f"<{tag}> stands in <{clean(parent.tag)}>, and belongs directly in {homes}"
-        return MISPLACED, _sighting(element, message, _move(tag, parent, [home for home, _ in where]))
-    message = f"<{clean(parent.tag)}> holds no element <{clean(tag)}>{suggestion(tag, node.children)}"
-    return UNKNOWN, _sighting(element, message, REMEDIES.get(tag) or _children_remedy(tag, parent, node))
+        return value
+    parents = [tag for tag, _ in valid_parents().get(tag, [])]
+    if parents and tag not in FOREIGN_ELEMENTS:
+        homes = " or ".join(f"<{home}>" for home in parents[:3])
+        message = f"<{tag}> is in <{clean(parent.tag)}>, but belongs directly in {homes}"
+        return MISPLACED_ELEMENT.in_element(element, message, _move(tag, parent, parents[0]))
+    message = f"<{clean(parent.tag)}> has no element <{clean(tag)}>{suggestion(tag, node.children)}"
+    remedy = FOREIGN_ELEMENTS.get(tag) or _children_remedy(tag, parent, node)
+    return UNKNOWN_ELEMENT.in_element(element, message, remedy)
 
 
-def _move(tag: str, parent: Element, homes: list[str]) -> str:
-    if homes[0] == "mujoco":
+def _move(tag: str, parent: Element, home: str) -> str:
+    if home == "mujoco":
         outer = "worldbody" if parent.tag == "worldbody" or parent.within("worldbody") else parent.tag
         return f"move <{tag}> … </{tag}> out of <{clean(outer)}>, directly into <mujoco>"
-    return f"move it into <{homes[0]}>"
+    return f"move it into <{home}>"
 
 
 def _children_remedy(tag: str, parent: Element, node: Node) -> str:
@@ -187,12 +200,12 @@ def _children_remedy(tag: str, parent: Element, node: Node) -> str:
     if close:
         return f"write <{close[0]}>"
     if not node.children:
-        return f"<{clean(parent.tag)}> holds no elements; end its tag with />"
+        return f"<{clean(parent.tag)}> contains no elements; end its tag with />"
     return f"elements of <{clean(parent.tag)}>: {listing(sorted(node.children))}"
 
 
-def _as_attribute(element: Element, node: Node) -> Sighting | None:
-    """What to say when `element` is a value, as in `<friction>0.3</friction>`."""
+def _as_attribute(element: Element, node: Node) -> Finding | None:
+    """A finding if `element` is the value of an attribute, as in `<friction>0.3</friction>`."""
     parent, tag = element.parent, element.tag
     assert parent is not None
     if not (element.text and not element.attributes and not element.children):
@@ -205,26 +218,26 @@ def _as_attribute(element: Element, node: Node) -> Sighting | None:
     holder = holders[0]
     inner = node if holder == parent.tag else node.children[holder]
     values = {tag: element.text}
-    if holder != parent.tag:  # all that stands beside it and belongs in the same element
+    if holder != parent.tag:  # with its siblings that belong in the same element
         values = {c.tag: c.text for c in parent.children if c.text and c.tag in inner.attributes}
     example = " ".join(f'{name}="{value}"' for name, value in values.items())
-    message = f"<{tag}> is written as an element, and is an attribute of <{holder}>"
-    return _sighting(element, message, f"write <{holder} {example}/>: MJCF holds values in attributes")
+    message = f"<{tag}> is written as an element, but is an attribute of <{holder}>"
+    return STRAY_VALUE.in_element(element, message, f"write <{holder} {example}/>: MJCF has values in attributes")
 
 
 def _is_value(element: Element) -> bool:
-    """Whether an element was already told to be a value."""
+    """Whether an element has been reported as a value."""
     return not element.attributes and not element.children
 
 
-def _stray_text(element: Element) -> Sighting:
+def _stray_text(element: Element) -> Finding:
     shown = element.text if len(element.text) <= 40 else f"{element.text[:39]}…"
     message = f"text between the tags of <{clean(element.tag)}>: {quoted(shown)}"
-    remedy = "MuJoCo ignores it; put values into attributes, remarks into <!-- … -->"
-    return Sighting(message, remedy, str(element), (element.file, element.text_line))
+    remedy = "MuJoCo ignores it; put values into attributes and comments into <!-- … -->"
+    return STRAY_VALUE.finding(message, remedy, Place(element.file, element.text_line), str(element))
 
 
-def _meant(element: Element) -> Node | None:
-    """The node of a misplaced element, if there is only one it can be."""
-    where = _places().get(element.tag, [])
-    return where[0][1] if len(where) == 1 else None
+def _only_node(element: Element) -> Node | None:
+    """The node of a misplaced element, if it has only one valid parent."""
+    parents = valid_parents().get(element.tag, [])
+    return parents[0][1] if len(parents) == 1 else None

@@ -1,0 +1,198 @@
+"""Constraints at the start: geoms that overlap, forces that launch bodies, springs too stiff for the timestep."""
+
+from collections.abc import Iterator
+from typing import NamedTuple
+
+import mujoco
+import numpy as np
+
+from mjrun.check.context import LintContext
+from mjrun.check.finding import Violation
+from mjrun.check.rule import rule
+
+MAX_DEPTH = 0.1  # of the smaller geom's half size
+MAX_ACCELERATION = 20.0  # times gravity; a contact with the default solref pushes that hard at a depth of 7 cm
+GRAVITY = 9.81  # [m/s²] where a model has none
+ROUNDING = 1e-9  # relative, of a timestep
+SPHERE, CAPSULE = int(mujoco.mjtGeom.mjGEOM_SPHERE), int(mujoco.mjtGeom.mjGEOM_CAPSULE)
+CYLINDER = int(mujoco.mjtGeom.mjGEOM_CYLINDER)
+INFINITE = (int(mujoco.mjtGeom.mjGEOM_PLANE), int(mujoco.mjtGeom.mjGEOM_HFIELD))
+
+
+@rule("MJ501", "warning", "initial penetration")
+def initial_penetrations(context: LintContext) -> Iterator[Violation]:
+    """Geoms that deeply penetrate each other: the worst pair of each start, and no pair twice."""
+    reported: set[tuple[int, int]] = set()
+    for start in context.starts:
+        depths = penetration_depths(context, start).items()
+        deep = {pair: depth for pair, depth in depths if depth[1] > MAX_DEPTH and pair not in reported}
+        reported |= deep.keys()
+        if not deep:
+            continue
+
+        worst = max(deep, key=lambda pair: deep[pair][1])
+        moves = context.model.body_weldid[context.model.geom_bodyid[list(worst)]] != 0
+        one, other = worst if moves[0] else worst[::-1]
+        depth, share = deep[worst]
+        others = f" (and {len(deep) - 1} more pairs)" if len(deep) > 1 else ""
+        message = (
+            f"{context.start_phrase(start)} it penetrates {context.object('geom', other)} by {depth:.3g} m, "
+            f"{100 * share:.0f} % of the smaller one's half size{others}"
+        )
+        remedy = "move one of them, or exclude their contact: <contact><exclude body1=… body2=…/>"
+        place = context.place("geom", one) if start is None else context.place("keyframe", start)
+        yield Violation(message, remedy, place, context.object("geom", one))
+
+
+def penetration_depths(context: LintContext, start: int | None) -> dict[tuple[int, int], tuple[float, float]]:
+    """Depth [m], and depth relative to the smaller geom's half size, of every pair of geoms in contact."""
+    depths: dict[tuple[int, int], float] = {}
+    for contact in context.data_at(start).contact:
+        pair = (int(contact.geom[0]), int(contact.geom[1]))
+        if min(pair) >= 0 and contact.efc_address >= 0:
+            depths[pair] = max(depths.get(pair, 0.0), -float(contact.dist))
+    sizes = {pair: min(_half_size(context.model, geom) for geom in pair) for pair in depths}
+    return {pair: (depth, depth / sizes[pair]) for pair, depth in depths.items() if sizes[pair] > 0}
+
+
+def _half_size(model: mujoco.MjModel, geom: int) -> float:
+    """Half of a geom's smallest extent [m]; infinite for planes and height fields."""
+    kind, size = int(model.geom_type[geom]), model.geom_size[geom]
+    if kind in INFINITE:
+        return np.inf
+    if kind == SPHERE:
+        return float(size[0])
+    if kind in (CAPSULE, CYLINDER):
+        return float(size[0] if kind == CAPSULE else min(size[:2]))
+    return float(min(model.geom_aabb[geom, 3:]))
+
+
+@rule("MJ502", "warning", "violent initial forces")
+def violent_initial_forces(context: LintContext) -> Iterator[Violation]:
+    """Bodies that contacts, limits or equalities launch when a simulation starts at rest."""
+    model, reported = context.model, set()
+    gravity = float(np.linalg.norm(model.opt.gravity)) or GRAVITY
+    for start in context.starts if model.nv else ():
+        data = context.data_at(start)
+        accelerations = constraint_accelerations(model, data)
+        body = int(accelerations.argmax())
+        if accelerations[body] <= MAX_ACCELERATION * gravity or body in reported:
+            continue
+
+        reported.add(body)
+        size = f"{accelerations[body]:.3g} m/s², {accelerations[body] / gravity:.0f} times gravity"
+        message = f"{context.start_phrase(start)} {_strongest_constraint(context, data)} accelerates it by {size}"
+        remedy = "start where nothing overlaps, joints are within their ranges and equalities hold"
+        yield context.violation("body", body, message, remedy)
+
+
+def constraint_accelerations(model: mujoco.MjModel, data: mujoco.MjData) -> np.ndarray:
+    """Accelerations of the bodies' centres of mass by constraints alone, `(nbody,)` [m/s²]: J (qacc − qacc_smooth)."""
+    qacc, jacobian, accelerations = data.qacc - data.qacc_smooth, np.zeros((3, model.nv)), np.zeros(model.nbody)
+    if not data.nefc or not np.isfinite(qacc).all():
+        return accelerations
+    for body in np.flatnonzero(model.body_weldid):
+        mujoco.mj_jacBodyCom(model, data, jacobian, None, int(body))
+        accelerations[body] = np.linalg.norm(jacobian @ qacc)
+    return accelerations
+
+
+def _strongest_constraint(context: LintContext, data: mujoco.MjData) -> str:
+    """The constraint with the largest force."""
+    row = int(abs(data.efc_force).argmax())
+    kind, index = mujoco.mjtConstraint(int(data.efc_type[row])), int(data.efc_id[row])
+    if kind == mujoco.mjtConstraint.mjCNSTR_EQUALITY:
+        return context.object("equality", index)
+    if kind in (mujoco.mjtConstraint.mjCNSTR_LIMIT_JOINT, mujoco.mjtConstraint.mjCNSTR_FRICTION_DOF):
+        joint = index if kind == mujoco.mjtConstraint.mjCNSTR_LIMIT_JOINT else int(context.model.dof_jntid[index])
+        return f"the limit of {context.object('joint', joint)}"
+    if kind in (mujoco.mjtConstraint.mjCNSTR_LIMIT_TENDON, mujoco.mjtConstraint.mjCNSTR_FRICTION_TENDON):
+        return f"the limit of {context.object('tendon', index)}"
+    geoms = [context.name("geom", int(geom)) for geom in data.contact.geom[index] if geom >= 0]
+    return f"the contact of {' and '.join(repr(name) for name in geoms)}" if len(geoms) == 2 else "a contact"
+
+
+class Spring(NamedTuple):
+    """The spring-damper of a constraint: the kind and id of what it belongs to, the attribute, its two numbers."""
+
+    kind: str
+    id: int
+    attribute: str
+    solref: tuple[float, float]
+
+
+@rule("MJ503", "warning", "timestep too large for a constraint")
+def springs_too_stiff_for_timestep(context: LintContext) -> Iterator[Violation]:
+    """Contacts, limits and equalities that are too stiff for the timestep: the stiffest of each kind."""
+    model = context.model
+    stiff: dict[tuple[str, str], list[Spring]] = {}
+    for spring in _springs(model):
+        if stiffness_problem(model, spring):
+            stiff.setdefault((spring.kind, spring.attribute), []).append(spring)
+    for springs in stiff.values():
+        worst = min(springs, key=lambda spring: _time_constant(spring.solref))
+        others = f" (and {len(springs) - 1} more)" if len(springs) > 1 else ""
+        shown = " ".join(f"{number:g}" for number in worst.solref)
+        message = (
+            f"{worst.attribute}={shown!r}{others} is too stiff for the timestep {model.opt.timestep:g} s: "
+            f"{stiffness_problem(model, worst)}"
+        )
+        yield context.violation(worst.kind, worst.id, message, _softer(model, springs))
+
+
+def _springs(model: mujoco.MjModel) -> Iterator[Spring]:
+    """The springs of all constraints that can act."""
+    off = model.opt.disableflags
+    bits = mujoco.mjtDisableBit
+    if not off & (bits.mjDSBL_CONTACT | bits.mjDSBL_CONSTRAINT):
+        collides = (model.geom_contype | model.geom_conaffinity) != 0
+        for geom in np.flatnonzero(collides):
+            yield Spring("geom", int(geom), "solref", _pair(model.geom_solref[geom]))
+        for pair in range(model.npair):
+            yield Spring("geom", int(model.pair_geom1[pair]), "solref", _pair(model.pair_solref[pair]))
+    if not off & (bits.mjDSBL_LIMIT | bits.mjDSBL_CONSTRAINT):
+        for joint in np.flatnonzero(model.jnt_limited):
+            yield Spring("joint", int(joint), "solreflimit", _pair(model.jnt_solref[joint]))
+        for tendon in np.flatnonzero(model.tendon_limited):
+            yield Spring("tendon", int(tendon), "solreflimit", _pair(model.tendon_solref_lim[tendon]))
+    if not off & (bits.mjDSBL_EQUALITY | bits.mjDSBL_CONSTRAINT):
+        for equality in np.flatnonzero(model.eq_active0):
+            yield Spring("equality", int(equality), "solref", _pair(model.eq_solref[equality]))
+
+
+def _pair(solref: np.ndarray) -> tuple[float, float]:
+    return float(solref[0]), float(solref[1])
+
+
+def stiffness_problem(model: mujoco.MjModel, spring: Spring) -> str:
+    """Why a spring is too stiff for the timestep h; empty if it is not.
+
+    MuJoCo's manual, Modeling, Solver parameters: the time constant of solref should be at least 2h, and with refsafe
+    MuJoCo takes 2h instead of a smaller one. Computation, integrator `discrete`: contacts and limits whose timeconst
+    times dampratio is below h are replaced, the rest is stable. The direct format, −stiffness −damping, is not
+    guarded: v' = v − h (b v + k x), x' = x + h v' is stable while 2 h b + h² k < 4 (Jury's criterion).
+    """
+    step, (first, second) = model.opt.timestep, spring.solref
+    safe = not model.opt.disableflags & mujoco.mjtDisableBit.mjDSBL_REFSAFE
+    discrete = model.opt.integrator == mujoco.mjtIntegrator.mjINT_DISCRETE
+    if discrete:
+        resolved = spring.kind == "equality" or first <= 0 or first * second >= step * (1 - ROUNDING)
+        return "" if resolved or not safe else "timeconst × dampratio is below it, and MuJoCo takes a softer one"
+    if first <= 0:
+        return "" if 2 * step * -second + step**2 * -first < 4 else "it gains energy"
+    if first >= 2 * step * (1 - ROUNDING):
+        return ""
+    return f"MuJoCo takes {2 * step:g} instead" if safe else "it may become unstable"
+
+
+def _time_constant(solref: tuple[float, float]) -> float:
+    """The time in which a spring acts [s]."""
+    return solref[0] if solref[0] > 0 else float(1 / np.sqrt(max(-solref[0], 1e-12)))
+
+
+def _softer(model: mujoco.MjModel, springs: list[Spring]) -> str:
+    positive = [spring.solref[0] for spring in springs if spring.solref[0] > 0]
+    if not positive:
+        return "take a smaller timestep, or less stiffness and damping"
+    step = model.opt.timestep
+    return f"write a time constant of at least {2 * step:g}, or a timestep of at most {min(positive) / 2:g}"

@@ -1,0 +1,94 @@
+"""What goes wrong when a model is simulated: instability, energy out of nowhere, warnings of MuJoCo."""
+
+import copy
+from collections.abc import Iterator
+
+import mujoco
+import numpy as np
+
+from mjrun.check.context import LintContext
+from mjrun.check.finding import Finding
+from mjrun.check.rule import Rule
+from mjrun.errors import FailedStepError, SimulationError
+from mjrun.model import mujoco_bugs
+from mjrun.model.mujoco_globals import collected_warnings
+from mjrun.sim.stepper import PhysicsStepper
+
+UNSTABLE = Rule("MJ701", "error", "unstable simulation")
+ENERGY_GAIN = Rule("MJ702", "warning", "passive model gains energy")
+WARNING = Rule("MJ703", "warning", "MuJoCo warns while stepping")
+FAILED_STEP = Rule("MJ704", "error", "MuJoCo gives up while stepping")
+KNOWN_BUG = Rule("MJ705", "note", "known bug of the installed MuJoCo")
+CODES = frozenset(rule.code for rule in (UNSTABLE, ENERGY_GAIN, WARNING, FAILED_STEP, KNOWN_BUG))
+
+SAMPLES = 50  # of the energy
+MAX_GAIN = 0.1  # of the largest kinetic energy plus that of a fall by the mean size of a geom
+ENERGY = int(mujoco.mjtEnableBit.mjENBL_ENERGY)
+
+
+def simulate(context: LintContext, steps: int) -> Iterator[Finding]:
+    """What goes wrong within `steps` steps from the model's own start, without controls."""
+    for bug in mujoco_bugs.of_model(context.model):
+        message, _, remedy = bug.partition("; ")
+        yield KNOWN_BUG.in_model(context.path, message, remedy)
+    if steps and context.model.nv + context.model.na:
+        yield from _step(context, steps)
+
+
+def _step(context: LintContext, steps: int) -> Iterator[Finding]:
+    model = copy.copy(context.model)
+    model.opt.enableflags |= ENERGY  # which does not affect the motion
+    energies: list[tuple[float, float]] = []
+    passive = True
+    with collected_warnings() as warnings:
+        stepper = PhysicsStepper(model, mujoco.MjData(model))
+        try:
+            for step in _sample_steps(steps):
+                stepper.advance(step)
+                data = stepper.instant()
+                energies.append((float(data.energy[0]), float(data.energy[1])))
+                passive = passive and not data.actuator_force.any()
+        except SimulationError as error:
+            message, _, remedy = str(error).partition("\n")
+            rule = FAILED_STEP if isinstance(error, FailedStepError) else UNSTABLE
+            yield rule.in_model(context.path, message, remedy)
+            return
+
+    for text in warnings:
+        line = "; ".join(text.split("\n"))
+        yield WARNING.in_model(context.path, f"within {steps} steps MuJoCo warns: {line}")
+    if passive and _conserves_energy(context.model):
+        yield from _energy_gain(context, np.array(energies))
+
+
+def _sample_steps(steps: int) -> list[int]:
+    """The steps at which to sample the energy, the first and the last included."""
+    return sorted({round(k * steps / SAMPLES) for k in range(SAMPLES + 1)})
+
+
+def _conserves_energy(model: mujoco.MjModel) -> bool:
+    """Whether nothing in `model` can do work that MuJoCo's energy does not include."""
+    return not (
+        model.nplugin
+        or model.nflex
+        or model.nmocap
+        or model.body_gravcomp.any()
+        or model.geom_surfacevel.any()
+        or model.geom_adhesion.any()
+        or model.opt.wind.any()
+    )
+
+
+def _energy_gain(context: LintContext, energies: np.ndarray) -> Iterator[Finding]:
+    """A finding if potential plus kinetic energy, `(n, 2)` [J], ever exceeds its initial value."""
+    model, total, kinetic = context.model, energies.sum(axis=1), energies[:, 1]
+    fall = float(model.body_mass.sum() * np.linalg.norm(model.opt.gravity) * model.stat.meansize)
+    gain, scale = float(total.max() - total[0]), float(kinetic.max()) + fall
+    if gain <= MAX_GAIN * scale or not np.isfinite(gain):
+        return
+    message = (
+        f"nothing drives it, but its energy grows by {gain:.3g} J, {100 * gain / scale:.0f} % of what moves: "
+        f"from {total[0]:.4g} to {total.max():.4g} J"
+    )
+    remedy = "use a smaller timestep, or integrator rk4 or implicitfast; look for negative damping and initial overlaps"
+    yield ENERGY_GAIN.in_model(context.path, message, remedy)
