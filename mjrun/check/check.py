@@ -1,36 +1,36 @@
-"""`mjrun check`: what is wrong with models, each looked at in a process of its own."""
+"""`mjrun check`: what is wrong with models, each checked in a process of its own."""
 
-import json
 import math
-import signal
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 
-from mjrun.check.finding import SEVERITIES, Finding, Sighting
-from mjrun.check.model_files import found_models
-from mjrun.check.rule_table import CRASHED, FAILED, MEMORY, RULES, TIMED_OUT, finding
-from mjrun.check.worker_processes import Children, Said
-from mjrun.errors import BadValueError, UnknownNameError, UsageError
+from mjrun.check.finding import SEVERITIES, Finding
+from mjrun.check.model_files import find_models
+from mjrun.check.rule_table import RULES
+from mjrun.check.rules.process_failures import CRASH, INTERNAL_ERROR, OUT_OF_MEMORY, TIMEOUT
+from mjrun.check.worker import MEMORY_REMEDY
+from mjrun.check.worker_pool import WorkerOutput, WorkerPool, WorkerTask
+from mjrun.errors import BadValueError, Spelling, UnknownNameError, UsageError, option, spelled
 from mjrun.rendering.process_count import available_cores
 from mjrun.reporter import QuietReporter, Reporter
 
 AUTO = "auto"
-CRASHES = (
+CRASH_REMEDY = (
     "MuJoCo crashes on models that attach each other in a circle, thousands of nested elements or includes, "
     "SDF plugins of infinite size, and damaged .mjb files"
 )
 
 
 @dataclass(frozen=True)
-class Checked:
-    """One model.
+class ModelResult:
+    """The result for one model.
 
     Attributes:
-      model: as it was given.
-      loads: whether it loads, and lives through everything that was done to it.
+      model: its path, as given.
+      loads: whether it loads, and the process that checked it survived.
       findings: those selected, in the order in which they were found.
     """
 
@@ -41,39 +41,39 @@ class Checked:
 
 @dataclass(frozen=True)
 class CheckResult:
-    """All models, in the order given.
+    """The results for all models, in the order given.
 
     Attributes:
-      models: what was found in each.
-      skipped: files that are no models by themselves, such as those that models include.
-      code: the exit code: 3 if a model does not load, 1 if something is at or above `fail_on`, else 0.
+      models: the result for each.
+      skipped: how many files are not models by themselves, such as those that models include.
+      code: the exit code: 3 if a model does not load, 1 if a finding is at or above `fail_on`, else 0.
     """
 
-    models: tuple[Checked, ...]
+    models: tuple[ModelResult, ...]
     skipped: int
     code: int
 
     def count(self, severity: str) -> int:
-        """How many findings are of this severity."""
+        """The number of findings of this severity."""
         return sum(f.severity == severity for model in self.models for f in model.findings)
 
 
 @dataclass(frozen=True)
 class Check:
-    """Which models to look at, and for what.
+    """Checks models for errors, and for what is likely to become one.
 
     Args:
-      models: files, and folders: these mean all models below them.
-      select: codes or beginnings of codes to look for; all when empty.
-      ignore: codes or beginnings of codes to leave out. That a model does not load is always told.
-      fail_on: the least severity that makes the answer no: `error`, `warning` or `note`.
-      steps: how many to take, from the model's own start; none when 0.
+      models: files, and folders, which stand for all models below them.
+      select: codes, or their first characters, of the rules to apply; all if empty.
+      ignore: codes, or their first characters, to leave out. Why a model does not load is always reported.
+      fail_on: the lowest severity at which the exit code is 1: `error`, `warning` or `note`.
+      steps: to simulate from the model's own start; none if 0.
       timeout: for one model [s].
       memory: for one model, beyond what mjrun itself needs [MiB].
-      jobs: models at once, or `auto`: as many as there are cores.
+      jobs: models at once, or `auto`: one per core.
 
     Raises:
-      UsageError: a code, severity or number that cannot be.
+      UsageError: a code, severity or number is invalid.
     """
 
     models: Sequence[str | Path]
@@ -88,105 +88,105 @@ class Check:
     def __post_init__(self) -> None:
         if self.fail_on not in SEVERITIES:
             raise UnknownNameError("severity", self.fail_on, SEVERITIES, plural="severities")
-        for flag, value, least in (("--steps", self.steps, 0), ("--memory", self.memory, 1)):
+        for name, value, least in (("steps", self.steps, 0), ("memory", self.memory, 1)):
             if not isinstance(value, int) or value < least:
-                raise BadValueError(flag, value, f"a whole number from {least} on")
+                raise BadValueError(option(name), value, f"a whole number from {least} on")
         if not 0 < self.timeout < math.inf:
-            raise BadValueError("--timeout", self.timeout, "a positive number of seconds")
+            raise BadValueError(option("timeout"), self.timeout, "a positive number of seconds")
         if self.jobs != AUTO and not (isinstance(self.jobs, int) and self.jobs > 0):
-            raise BadValueError("--jobs", self.jobs, f"a number of processes from 1 on, or {AUTO}")
+            raise BadValueError(option("jobs"), self.jobs, f"a number of processes from 1 on, or {AUTO}")
         _ = self.codes
 
     @cached_property
     def codes(self) -> frozenset[str]:
-        """The codes that are looked for."""
-        chosen = matching(self.select) if self.select else frozenset(RULES)
-        return chosen - matching(self.ignore)
+        """The codes of the rules to apply."""
+        selected = matching_codes(self.select) if self.select else frozenset(RULES)
+        return selected - matching_codes(self.ignore)
 
-    def run(self, reporter: Reporter | None = None) -> CheckResult:
-        """Looks at all models.
+    def run(self, reporter: Reporter | None = None, spelling: Spelling = str) -> CheckResult:
+        """Checks all models.
+
+        Args:
+          reporter: gets the progress.
+          spelling: how remedies write the names of mjrun's options.
 
         Raises:
-          UsageError: there is no model in what was given.
+          UsageError: `models` are folders without any model.
         """
         reporter = reporter or QuietReporter()
-        paths, skipped = found_models(self.models)
-        if not paths and all(Path(given).is_dir() for given in self.models):
-            raise UsageError("there is no model to check: give model files, or folders that hold some")
-        checked = []
-        for model in self._examined(paths):
-            checked.append(model)
-            reporter.progress("models", len(checked), len(paths))
-        return CheckResult(tuple(checked), skipped, self._code(checked))
+        paths, skipped = find_models(self.models)
+        if not paths and all(Path(path).is_dir() for path in self.models):
+            raise UsageError("there is no model to check: give model files, or folders that contain some")
+        results = []
+        for result in self._check_all(paths, spelling):
+            results.append(result)
+            reporter.progress("models", len(results), len(paths))
+        return CheckResult(tuple(results), skipped, self._exit_code(results))
 
-    def _examined(self, paths: Sequence[str]) -> Iterator[Checked]:
-        """What is found in each of `paths`, several at once, in their order."""
+    def _check_all(self, paths: Sequence[str], spelling: Spelling) -> Iterator[ModelResult]:
+        """The results for `paths` in their order; several are checked at once."""
         jobs = min(available_cores() if self.jobs == AUTO else int(self.jobs), max(1, len(paths)))
-        children = Children()
-        with ThreadPoolExecutor(jobs) as pool:
+        workers = WorkerPool()
+        with ThreadPoolExecutor(jobs) as threads:
             try:
-                yield from pool.map(lambda path: self._examine(path, children), paths)
+                yield from threads.map(lambda path: self._check(path, workers, spelling), paths)
             finally:
-                children.end()
-                pool.shutdown(cancel_futures=True)
+                workers.end()
+                threads.shutdown(cancel_futures=True)
 
-    def _examine(self, path: str, children: Children) -> Checked:
-        asked = {"path": path, "codes": sorted(self.codes), "steps": self.steps}
-        asked |= {"seconds": self.timeout, "memory": self.memory}
-        said = children.run(json.dumps(asked), self.timeout, self.memory)
-        loads, findings = self._understood(path, said)
-        kept = tuple(f for f in findings if f.code in self.codes or (f.severity == "error" and not loads))
-        return Checked(path, loads, kept)
+    def _check(self, path: str, workers: WorkerPool, spelling: Spelling) -> ModelResult:
+        output = workers.run(WorkerTask(path, sorted(self.codes), self.steps, self.timeout, self.memory))
+        findings = [Finding(**message["finding"]) for message in output.messages if "finding" in message]
+        loads = any(message.get("loaded") for message in output.messages)
+        if not any(message.get("done") for message in output.messages):
+            findings.append(self._failure(Path(path), output))
+            loads = False
+        loads = loads and all(finding.code != OUT_OF_MEMORY.code for finding in findings)
 
-    def _understood(self, path: str, said: Said) -> tuple[bool, list[Finding]]:
-        """Whether the model in `path` loads and all went well with it, and what was found."""
-        findings = [Finding(**line["finding"]) for line in said.lines if "finding" in line]
-        if any(line.get("done") for line in said.lines):
-            starved = any(found.code == MEMORY for found in findings)
-            return any(line.get("loaded") for line in said.lines) and not starved, findings
-        doing = next((line["doing"] for line in reversed(said.lines) if "doing" in line), "starting")
-        return False, [*findings, finding(*self._ended(doing, said), Path(path))]
+        selected = (f for f in findings if f.code in self.codes or (f.severity == "error" and not loads))
+        return ModelResult(path, loads, tuple(_spelled(finding, spelling) for finding in selected))
 
-    def _ended(self, doing: str, said: Said) -> tuple[str, Sighting]:
+    def _failure(self, model: Path, output: WorkerOutput) -> Finding:
         """Why a process ended before it was done."""
-        if said.starved or b"bad_alloc" in said.printed or b"MemoryError" in said.printed:
-            message = f"it needs more memory than {self.memory} MiB, while {doing}"
-            return MEMORY, Sighting(message, "give it more with --memory, or look for a size that is too large")
-        if said.code is None:
-            message = f"not done after {self.timeout:g} s, while {doing}"
-            remedy = "give it more with --timeout, or take fewer --steps; a pipe among its files never ends"
-            return TIMED_OUT, Sighting(message, remedy)
-        last = said.printed.decode(errors="replace").strip().rpartition("\n")[2]
-        said_last = f": {last}" if last else ""
-        if said.code >= 0:
-            return FAILED, Sighting(f"mjrun fails while {doing}{said_last}", "please report it")
-        return CRASHED, Sighting(f"its process ended by {_signal_name(-said.code)} while {doing}{said_last}", CRASHES)
+        stages = [message["stage"] for message in output.messages if "stage" in message]
+        stage = stages[-1] if stages else "starting"
+        ended = output.exit
+        if ended.cause == "memory" or "bad_alloc" in output.stderr or "MemoryError" in output.stderr:
+            message = f"it needs more memory than {self.memory} MiB, while {stage}"
+            return OUT_OF_MEMORY.in_model(model, message, MEMORY_REMEDY)
+        if ended.cause:
+            message = f"not done after {self.timeout:g} s, while {stage}"
+            remedy = f"raise {option('timeout')}, or lower {option('steps')}; a pipe among its files never ends"
+            return TIMEOUT.in_model(model, message, remedy)
 
-    def _code(self, checked: Sequence[Checked]) -> int:
-        if not all(model.loads for model in checked):
+        reason = output.stderr.strip().rpartition("\n")[2]
+        detail = f": {reason}" if reason else ""
+        if ended.signal:
+            message = f"its process was killed by {ended.signal} while {stage}{detail}"
+            return CRASH.in_model(model, message, CRASH_REMEDY)
+        return INTERNAL_ERROR.in_model(model, f"mjrun fails while {stage}{detail}", "please report it")
+
+    def _exit_code(self, results: Sequence[ModelResult]) -> int:
+        if not all(result.loads for result in results):
             return 3
         least = SEVERITIES.index(self.fail_on)
-        failing = (f for model in checked for f in model.findings if SEVERITIES.index(f.severity) >= least)
-        return 1 if any(failing) else 0
+        return int(any(SEVERITIES.index(f.severity) >= least for result in results for f in result.findings))
 
 
-def matching(beginnings: Sequence[str]) -> frozenset[str]:
-    """The codes that begin with one of `beginnings`, in any case.
+def matching_codes(prefixes: Sequence[str]) -> frozenset[str]:
+    """The codes that begin with one of `prefixes`, in any case.
 
     Raises:
-      UnknownNameError: one begins no code.
+      UnknownNameError: no code begins with one of them.
     """
-    found: set[str] = set()
-    for beginning in beginnings:
-        codes = {code for code in RULES if beginning and code.startswith(beginning.upper())}
+    matching: set[str] = set()
+    for prefix in prefixes:
+        codes = {code for code in RULES if prefix and code.startswith(prefix.upper())}
         if not codes:
-            raise UnknownNameError("code", beginning, list(RULES))
-        found |= codes
-    return frozenset(found)
+            raise UnknownNameError("code", prefix, list(RULES))
+        matching |= codes
+    return frozenset(matching)
 
 
-def _signal_name(number: int) -> str:
-    try:
-        return signal.Signals(number).name
-    except ValueError:
-        return f"signal {number}"
+def _spelled(finding: Finding, spelling: Spelling) -> Finding:
+    return replace(finding, message=spelled(finding.message, spelling), remedy=spelled(finding.remedy, spelling))

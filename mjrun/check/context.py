@@ -181,8 +181,7 @@ class LintContext:
         return [
             attach.element
             for attach in self._attaches
-            if element.file in attach.files
-            and (name.startswith(attach.prefix + own) if own else name == attach.prefix)
+            if element.file in attach.files and (name.startswith(attach.prefix + own) if own else name == attach.prefix)
         ]
 
     @cached_property

@@ -2,7 +2,7 @@
 
 import importlib
 import pkgutil
-from collections.abc import Collection, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -11,14 +11,14 @@ from mjrun.check.context import LintContext
 from mjrun.check.finding import Finding, short_path
 from mjrun.check.rule import Rule
 from mjrun.check.rules import asset_files, compile_errors, mjcf_schema, process_failures
-from mjrun.check.xml_source import XmlSource, read_xml
+from mjrun.check.xml_source import XmlSource
 from mjrun.errors import BrokenModelError, ModelError, clean
 
 MAX_FINDINGS = 20  # of one code in one model
 
 
 def _declared() -> Iterator[Rule]:
-    """The rules that the modules of `mjrun.check.rules` declare; one that several of them import comes several times."""
+    """The rules in the modules of `mjrun.check.rules`; several times those that several of them import."""
     for module in pkgutil.iter_modules(rules.__path__):
         values = vars(importlib.import_module(f"{rules.__name__}.{module.name}")).values()
         yield from (value for value in values if isinstance(value, Rule))
@@ -53,16 +53,6 @@ def ignored_xml(source: XmlSource) -> list[Finding]:
 def apply(code: str, context: LintContext) -> list[Finding]:
     """What the rule `code` finds in a model that loads; nothing if the rule is not for such a model."""
     return capped(list(RULES[code].findings(context)))
-
-
-def inspect(path: Path, codes: Collection[str] = RULES.keys()) -> list[Finding]:
-    """All findings in the model `path` that need no step, in this process: a bad file may end it."""
-    source = read_xml(path)
-    try:
-        context = LintContext.load(path, source)
-    except ModelError as error:
-        return [*unsafe_files(source), *explain(error, source)]
-    return [*ignored_xml(source), *(finding for code in RULES if code in codes for finding in apply(code, context))]
 
 
 def _by_place(findings: Iterable[Finding], model: Path) -> list[Finding]:

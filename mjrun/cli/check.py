@@ -6,7 +6,7 @@ import click
 
 from mjrun.cli import options, values
 from mjrun.cli.check_options import check_options
-from mjrun.cli.console import Console
+from mjrun.cli.console import Console, flag
 from mjrun.errors import UsageError
 
 if TYPE_CHECKING:
@@ -56,7 +56,7 @@ def _checked(console: Console, given: dict[str, Any]) -> "CheckResult":
         timeout=float(given["timeout"]),
         **{name: given[name] for name in same},
     )
-    return job.run(console)
+    return job.run(console, flag)
 
 
 def _show(console: Console, given: dict[str, Any], result: "CheckResult") -> None:

@@ -1,4 +1,4 @@
-"""Findings as text, JSON, SARIF and annotations of a workflow on GitHub."""
+"""Findings as text, JSON, SARIF and annotations of a GitHub workflow."""
 
 import os
 import re
@@ -9,7 +9,7 @@ from typing import Any
 from urllib.parse import quote
 
 from mjrun.check.check import CheckResult
-from mjrun.check.finding import SEVERITIES, Finding, tidy
+from mjrun.check.finding import SEVERITIES, Finding, short_path
 from mjrun.check.rule_table import RULES
 from mjrun.errors import clean
 from mjrun.version import __version__
@@ -23,36 +23,35 @@ def lines(result: CheckResult) -> Iterator[str]:
     """A line for each finding, as compilers write them, and its remedy below it; models in their order."""
     for finding, model in _all(result):
         place = clean(finding.file) + (f":{finding.line}" if finding.line else "")
-        yield f"{place}: {finding.severity} {finding.code}: {clean(told(finding, model))}"
+        yield f"{place}: {finding.severity} {finding.code}: {clean(full_message(finding, model))}"
         if finding.remedy:
             yield from (f"    {clean(line)}" for line in finding.remedy.splitlines())
 
 
 def summary(result: CheckResult) -> str:
-    """What there was, in a line."""
+    """The numbers of models and findings, in one line."""
     counts = [_counted(result.count(severity), severity) for severity in reversed(SEVERITIES)]
-    found = ", ".join(count for count in counts if count) or "nothing found"
+    findings = ", ".join(count for count in counts if count) or "nothing found"
     unloaded = sum(not model.loads for model in result.models)
-    parts = [f"{_counted(len(result.models), 'model') or 'no model'}: {found}"]
+    parts = [f"{_counted(len(result.models), 'model') or 'no model'}: {findings}"]
     if unloaded:
         parts.append(f"{unloaded} {'does' if unloaded == 1 else 'do'} not load")
     if result.skipped:
-        parts.append(
-            f"{_counted(result.skipped, 'file')} skipped that {'is' if result.skipped == 1 else 'are'} no model"
-        )
+        are = "is not a model" if result.skipped == 1 else "are not models"
+        parts.append(f"{_counted(result.skipped, 'file')} skipped that {are}")
     return "; ".join(parts)
 
 
-def told(finding: Finding, model: str) -> str:
-    """The message with what it is about, and the model where the file is another; messages name elements themselves."""
-    where = "" if finding.file in (model, tidy(Path(model))) else f" (in {model})"
-    if not finding.object or finding.object.startswith("<") or finding.object in finding.message:
+def full_message(finding: Finding, model: str) -> str:
+    """The message with the object that it is about, and with the model if the file is another."""
+    where = "" if finding.file in (model, short_path(Path(model))) else f" (in {model})"
+    if not finding.object or finding.object.startswith("<") or finding.object in finding.message:  # names elements
         return finding.message + where
     return f"{finding.object}: {finding.message}{where}"
 
 
 def document(result: CheckResult) -> dict[str, Any]:
-    """The result as JSON has it."""
+    """The result as a JSON document."""
     counts = {f"{severity}s": result.count(severity) for severity in reversed(SEVERITIES)}
     return {"mjrun": __version__, **asdict(result), **counts}
 
@@ -60,10 +59,10 @@ def document(result: CheckResult) -> dict[str, Any]:
 def annotations(result: CheckResult) -> Iterator[str]:
     """Workflow commands of GitHub Actions: `::warning file=…,line=…,title=…::message`."""
     for finding, model in _all(result):
-        place = f"file={_property(finding.file)}" + (f",line={finding.line}" if finding.line else "")
-        title = _property(f"{finding.code} {RULES[finding.code].title}")
-        text = "\n".join(filter(None, (told(finding, model), finding.remedy)))
-        yield f"::{ANNOTATIONS[finding.severity]} {place},title={title}::{_data(text)}"
+        place = f"file={_escaped_property(finding.file)}" + (f",line={finding.line}" if finding.line else "")
+        title = _escaped_property(f"{finding.code} {RULES[finding.code].title}")
+        text = "\n".join(filter(None, (full_message(finding, model), finding.remedy)))
+        yield f"::{ANNOTATIONS[finding.severity]} {place},title={title}::{_escaped(text)}"
 
 
 def sarif(result: CheckResult) -> dict[str, Any]:
@@ -90,7 +89,7 @@ def _rule(code: str) -> dict[str, Any]:
 
 
 def _result(finding: Finding, model: str, index: int) -> dict[str, Any]:
-    text = "\n".join(clean(part) for part in (told(finding, model), finding.remedy) if part)
+    text = "\n".join(clean(part) for part in (full_message(finding, model), finding.remedy) if part)
     place: dict[str, Any] = {"artifactLocation": {"uri": _uri(finding.file)}}
     if finding.line:
         place["region"] = {"startLine": finding.line}
@@ -121,12 +120,12 @@ def _uri(path: str) -> str:
     return f"file://{text}" if text.startswith("/") else text
 
 
-def _data(text: str) -> str:
-    """Text of a workflow command: one line, and nothing in it that could begin another."""
+def _escaped(text: str) -> str:
+    """The text of a workflow command, in one line and without anything that could begin another."""
     cleaned = "\n".join(clean(line) for line in text.split("\n"))
     return cleaned.replace("%", "%25").replace("\r", "%0D").replace("\n", "%0A")
 
 
-def _property(text: str) -> str:
+def _escaped_property(text: str) -> str:
     """A property of a workflow command."""
     return clean(text).replace("%", "%25").replace(":", "%3A").replace(",", "%2C")

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from mjrun.check.check import Checked, CheckResult
+from mjrun.check.check import CheckResult, ModelResult
 from mjrun.check.finding import SEVERITIES, Finding
 from mjrun.check.rule_table import RULES
 from mjrun.cli import check_report
@@ -81,8 +81,8 @@ def test_a_finding_is_a_line_as_compilers_write_it_and_its_remedy(models: Comman
 def test_the_summary_counts_and_quiet_leaves_it_out(models: Command) -> None:
     (models.folder / "part.xml").write_text("<mujocoinclude/>")
     last = models("check", ".").stdout.decode().splitlines()[-1]
-    assert last == "4 models: 1 error, 1 warning, 1 note; 1 does not load; 1 file skipped that is no model"
-    assert models("check", "part.xml").stdout == b"no model: nothing found; 1 file skipped that is no model\n"
+    assert last == "4 models: 1 error, 1 warning, 1 note; 1 does not load; 1 file skipped that is not a model"
+    assert models("check", "part.xml").stdout == b"no model: nothing found; 1 file skipped that is not a model\n"
     assert models("check", "-q", "fine.xml").stdout == b""
     assert models("check", "fine.xml").stdout == b"1 model: nothing found\n"
 
@@ -168,7 +168,7 @@ NASTY = "a\x1b[31m%\n::error::b,:"
 
 def nasty() -> CheckResult:
     finding = Finding("MJ301", "note", f"m {NASTY}", f"dir/{NASTY}.xml", 3, f"actuator '{NASTY}'", NASTY)
-    return CheckResult((Checked("a", True, (finding,)),), 0, 0)
+    return CheckResult((ModelResult("a", True, (finding,)),), 0, 0)
 
 
 def test_foreign_names_reach_neither_terminal_nor_pipeline_as_they_are() -> None:
@@ -193,7 +193,7 @@ def test_foreign_names_reach_neither_terminal_nor_pipeline_as_they_are() -> None
     ],
 )
 def test_a_file_is_a_uri_in_sarif(path: str, uri: str) -> None:
-    result = CheckResult((Checked("a", True, (Finding("MJ301", "note", "m", path),)),), 0, 0)
+    result = CheckResult((ModelResult("a", True, (Finding("MJ301", "note", "m", path),)),), 0, 0)
     place = check_report.sarif(result)["runs"][0]["results"][0]["locations"][0]["physicalLocation"]
     assert place == {"artifactLocation": {"uri": uri}}
 

@@ -6,13 +6,13 @@ import mujoco
 import numpy as np
 import pytest
 
-from mjrun.check.rule_table import inspect
 from mjrun.errors import BadValueError, UnknownNameError
 from mjrun.formats.table_reader import read_table
 from mjrun.job.simulation import Simulation
 from mjrun.job.trace import Trace
 from mjrun.model.names import inputs, inputs_of
 from mjrun.probe.fields import field_probe
+from tests.check.models import lint_file
 
 TEXT = """
 <mujoco>
@@ -86,7 +86,7 @@ def test_columns_of_outputs_belong_to_their_actuators(path: Path) -> None:
 
 
 def test_a_keyframe_beyond_the_range_of_a_control_names_its_actuator(path: Path) -> None:
-    found = inspect(path)
+    found = lint_file(path)
     assert "MJ005" not in {one.code for one in found}
     (beyond,) = [one for one in found if one.code == "MJ403"]
     assert "actuator 'push'" in beyond.message

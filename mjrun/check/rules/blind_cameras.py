@@ -145,7 +145,7 @@ def _visible(model: mujoco.MjModel) -> np.ndarray:
 
 
 def _encloses(model: mujoco.MjModel, data: mujoco.MjData, frustum: Frustum, geom: int) -> bool:
-    """Whether a camera is inside a convex geom, which rays along ±z both hit, or inside a mesh, with no face toward it."""
+    """Whether a camera is inside a convex geom, which both rays along ±z hit, or a mesh, with no face toward it."""
     if frustum.orthographic:
         return False
     if model.geom_type[geom] == MESH:

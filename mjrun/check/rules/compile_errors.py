@@ -21,6 +21,7 @@ NOT_WELL_FORMED = Rule("MJ101", "error", "not well-formed XML")
 DUPLICATE_NAME = Rule("MJ108", "error", "duplicate name")
 MISSING_ATTRIBUTE = Rule("MJ112", "error", "missing attribute")
 BAD_TIMESTEP = Rule("MJ114", "error", "timestep that is not positive")
+WARNING = Rule("MJ115", "warning", "MuJoCo warns while loading")
 MASSLESS_BODY = Rule("MJ202", "error", "moving body without mass")
 MISSING_RANGE = Rule("MJ303", "error", "limit without range")
 
@@ -117,7 +118,7 @@ def _files(error: CompileError, match: re.Match[str]) -> Findings:
 
 
 def _memory(error: CompileError, match: re.Match[str]) -> Findings:
-    remedy = f"allow more with {option('memory')}, or look for a count, a size or a resolution that is too large"
+    remedy = f"raise {option('memory')}, or look for a count, a size or a resolution that is too large"
     yield OUT_OF_MEMORY.finding("the model needs more memory than it may use", remedy, error.place)
 
 
@@ -171,9 +172,7 @@ def _missing_range(error: CompileError, match: re.Match[str]) -> Findings:
     remedy = "write a range with the smaller number first, or do not declare it limited"
     reason = "it is limited, but has no range or a reversed one"
     if "autolimits" in match[0] or "`limited`" in match[0]:
-        remedy = (
-            'remove autolimits="false" from <compiler>, or write limited="true" or limited="false" beside the range'
-        )
+        remedy = 'remove autolimits="false" from <compiler>, or write limited="true" or "false" beside the range'
         reason = "is it limited or not?"
     yield error.finding(MISSING_RANGE, f"{error.text.partition('. ')[0]}: {reason}", remedy)
 
@@ -202,7 +201,7 @@ def _keyframe_size(error: CompileError, match: re.Match[str]) -> Findings:
 
 
 # Patterns in MuJoCo's messages, and the functions that explain them; the first that yields anything wins.
-EXPLANATIONS: list[tuple[str, Callable[[CompileError, re.Match[str]], Found]]] = [
+EXPLANATIONS: list[tuple[str, Callable[[CompileError, re.Match[str]], Findings]]] = [
     (r"XML_|XML parse error|empty file|not UTF-8", _syntax),
     (r"Schema violation|unrecognized model element|World body cannot have attr|Unrecognized XML model type", _schema),
     (r"plugin .* not found|coordinates no longer supported", _schema),

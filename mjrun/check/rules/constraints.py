@@ -34,7 +34,7 @@ def initial_penetrations(context: LintContext) -> Iterator[Violation]:
         moves = context.model.body_weldid[context.model.geom_bodyid[list(worst)]] != 0
         one, other = worst if moves[0] else worst[::-1]
         depth, share = deep[worst]
-        others = f" (and {len(deep) - 1} more pairs)" if len(deep) > 1 else ""
+        others = f" (and {len(deep) - 1} more)" if len(deep) > 1 else ""
         message = (
             f"{context.start_phrase(start)} it penetrates {context.object('geom', other)} by {depth:.3g} m, "
             f"{100 * share:.0f} % of the smaller one's half size{others}"

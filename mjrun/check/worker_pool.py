@@ -1,0 +1,104 @@
+"""The processes that check models: one for each model, several at once, within limits of time and memory."""
+
+import json
+import os
+import sys
+import threading
+from collections.abc import Sequence
+from contextlib import suppress
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+from mjrun.process import Exit, Process, python_call
+
+MIB = 2**20
+PACKAGE = str(Path(__file__).parents[2])
+ENVIRONMENT = {
+    "MUJOCO_GL": "disable",
+    "OPENBLAS_NUM_THREADS": "1",
+    "OMP_NUM_THREADS": "1",
+    "MALLOC_ARENA_MAX": "2",
+    "PYTHONDONTWRITEBYTECODE": "1",
+}
+
+
+@dataclass(frozen=True)
+class WorkerTask:
+    """What one process is to check.
+
+    Attributes:
+      path: the model.
+      codes: of the rules to apply.
+      steps: to simulate.
+      timeout: [s].
+      memory: beyond what mjrun itself needs [MiB].
+    """
+
+    path: str
+    codes: Sequence[str]
+    steps: int
+    timeout: float
+    memory: int
+
+
+@dataclass(frozen=True)
+class WorkerOutput:
+    """What a process wrote, and how it ended.
+
+    Attributes:
+      messages: the objects that `mjrun.check.worker` wrote.
+      exit: how the process ended.
+      stderr: what libraries printed.
+    """
+
+    messages: Sequence[dict[str, Any]]
+    exit: Exit
+    stderr: str
+
+
+class WorkerPool:
+    """Starts processes, from any thread, and ends all of them at once."""
+
+    def __init__(self) -> None:
+        self._running: set[Process] = set()
+        self._lock = threading.Lock()
+        self._ended = False
+
+    def run(self, task: WorkerTask) -> WorkerOutput:
+        """Waits for a process to check one model."""
+        with self._lock:
+            if self._ended:
+                return WorkerOutput((), Exit(0, "ended"), "")
+            process = _start(task)
+            self._running.add(process)
+        with process:
+            try:
+                ended = process.wait(task.timeout, task.memory * MIB)
+            finally:
+                with self._lock:
+                    self._running.discard(process)
+            return WorkerOutput(_messages(process.stdout), ended, process.stderr.decode(errors="replace"))
+
+    def end(self) -> None:
+        """Kills the processes that run, and starts no more."""
+        with self._lock:
+            self._ended = True
+            for process in self._running:
+                process.kill()
+
+
+def _start(task: WorkerTask) -> Process:
+    # A folder of models may hold files that are named like modules.
+    path = [folder for folder in sys.path if os.path.realpath(folder) != os.path.realpath("")]
+    command = python_call("mjrun.check.worker:main", json.dumps(asdict(task)), path=[*path, PACKAGE])
+    return Process(command, environment=ENVIRONMENT, stdout="capture", stderr="capture")
+
+
+def _messages(stdout: bytes) -> list[dict[str, Any]]:
+    """The JSON objects in `stdout`, one on a line; an incomplete last line is skipped."""
+    messages = []
+    for line in stdout.splitlines():
+        with suppress(ValueError):
+            messages.append(json.loads(line))
+    return messages

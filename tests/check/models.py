@@ -1,0 +1,123 @@
+"""Models that violate rules, and what the rules find in them, in this process and without simulation."""
+
+from collections.abc import Collection
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from mjrun.check.check import Check, CheckResult, ModelResult
+from mjrun.check.context import LintContext
+from mjrun.check.finding import SEVERITIES, Finding
+from mjrun.check.rule_table import RULES, apply, explain, ignored_xml, unsafe_files
+from mjrun.check.xml_source import read_xml
+from mjrun.errors import ModelError
+
+ROOT = Path(__file__).parents[2]
+
+
+MESH = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 2 3\nf 1 2 4\nf 1 3 4\nf 2 3 4\n"
+
+
+def mjcf(body: str, after: str = "", before: str = "") -> str:
+    """A model whose world holds `body` from line 4 on."""
+    return f"<mujoco>\n{before}\n<worldbody>\n{body}\n</worldbody>\n{after}\n</mujoco>"
+
+
+def hinged(joint: str = "", geom: str = 'size=".1"', after: str = "", before: str = "", world: str = "") -> str:
+    """A body `b` with a joint `j` and a geom `g`."""
+    return mjcf(f'<body name="b">\n<joint name="j" {joint}/>\n<geom name="g" {geom}/>\n</body>\n{world}', after, before)
+
+
+def keyed(key: str, joint: str = 'range="-1 1"', before: str = '<compiler angle="radian"/>') -> str:
+    motor = '<actuator><motor name="m" joint="j" ctrlrange="-1 1"/></actuator>'
+    return hinged(joint, after=f"{motor}\n<keyframe>\n<key name='k' {key}/></keyframe>", before=before)
+
+
+FINE = hinged()
+
+
+@dataclass(frozen=True)
+class Case:
+    """A model in which the rule `code` finds something at `line`, with a message that contains `message`; and one
+    like it that is correct."""
+
+    code: str
+    bad: str
+    line: int | None
+    message: str
+    good: str
+
+    def check(self) -> None:
+        found = [finding for finding in lint(self.bad) if finding.code == self.code]
+        assert [finding.line for finding in found] == [self.line]
+        assert self.message in found[0].message
+        assert found[0].file == "model.xml"
+        assert found[0].severity in SEVERITIES
+        assert found[0].remedy
+        assert [finding for finding in lint(self.good) if finding.code == self.code] == []
+
+    def __str__(self) -> str:
+        return f"{self.code} {self.message[:40]}"
+
+
+def lint_file(path: Path, codes: Collection[str] = RULES.keys()) -> list[Finding]:
+    """What is found in the model `path`."""
+    source = read_xml(path)
+    try:
+        context = LintContext.load(path, source)
+    except ModelError as error:
+        return [*unsafe_files(source), *explain(error, source)]
+    return [*ignored_xml(source), *(finding for code in RULES if code in codes for finding in apply(code, context))]
+
+
+def lint(text: str) -> list[Finding]:
+    """What is found in the model `text`, written to `model.xml` in the working directory, beside a mesh `yes.obj`."""
+    Path("yes.obj").write_text(MESH)
+    path = Path("model.xml")
+    path.write_text(text)
+    return lint_file(path)
+
+
+def arms(attach: str, key: str = "", joint: str = 'range="2 1"', before: str = "") -> str:
+    """Writes a model `arm.xml`, whose joint is on line 5, and makes one that attaches it by `attach` from line 4 on."""
+    text = mjcf(f'<body name="b">\n<joint name="j" {joint}/><geom size="1"/></body>', key, before)
+    Path("arm.xml").write_text(text)
+    return mjcf(attach, before=f'{before}<asset><model name="arm" file="arm.xml"/></asset>')
+
+
+def attaching(prefix: str) -> str:
+    return f'<body pos="9 0 {len(prefix)}">\n<attach model="arm" body="b" prefix="{prefix}"/></body>'
+
+
+PARENT = mjcf(
+    '<geom size="1"/>\n<geom size="1"/><site/>\n<attach model="arm" body="arm" prefix="left_"/>',
+    before='<asset><model name="arm" file="sub/arm.xml"/></asset>',
+)
+
+
+def attached_arm(geom: str = 'size="1"', asset: str = "") -> str:
+    """What `PARENT` attaches: a geom on line 5, where the parent has one too."""
+    return mjcf(f'<body name="arm">\n<geom name="g" {geom}/>\n</body>', before=f"<asset>{asset}</asset>")
+
+
+LFS = "version https://git-lfs.github.com/spec/v1\noid sha256:0\nsize 12\n"
+
+
+PASSIVE = (
+    '<mujoco><worldbody><body name="b"><joint name="j" {}/><geom size=".1" pos="1 0 0"/></body></worldbody></mujoco>'
+)
+
+
+def write(name: str, text: str) -> str:
+    """Writes a file, and returns its name."""
+    Path(name).write_text(text)
+    return name
+
+
+def checked(*models: str, **options: Any) -> CheckResult:
+    """The result of `mjrun check`, each model in a process of its own."""
+    return Check(models, **{"timeout": 30.0, "memory": 1024, **options}).run()
+
+
+def codes(result: ModelResult) -> list[str]:
+    return [finding.code for finding in result.findings]

@@ -1,0 +1,103 @@
+"""Theorems about cameras that see nothing."""
+
+from pathlib import Path
+
+import mujoco
+import pytest
+
+from mjrun.errors import option
+from mjrun.model.load import load
+from tests.check.models import Case, lint, mjcf
+
+
+def looking(camera: str, geom: str = 'pos="0 0 -3" size=".1"') -> str:
+    return mjcf(f'<geom {geom}/>\n<camera name="eye" {camera}/>')
+
+
+CASES = [
+    Case("MJ601", looking('zaxis="0 0 -1"'), 5, "it sees nothing", looking('zaxis="0 0 1"')),
+]
+
+
+@pytest.mark.parametrize("case", CASES, ids=str)
+def test_a_rule_finds_what_it_is_for_at_its_line_and_nothing_in_a_correct_model(case: Case) -> None:
+    case.check()
+
+
+SEEN = [
+    ('zaxis="0 0 1"', 'pos="0 0 -3" size=".001"'),  # smaller than a pixel
+    ('zaxis="0 0 1"', 'pos="0 0 -3" type="plane" size="1 1 1"'),
+    ('zaxis="0 0 1" projection="orthographic" fovy="1"', 'pos=".4 0 -3" size=".01"'),
+    ('zaxis="0 0 1" fovy="10"', 'pos="0 .25 -3" size=".01"'),
+    ('zaxis="0 0 1" focal=".01 .01" sensorsize=".01 .01" resolution="100 100"', 'pos="1.4 0 -3" size=".01"'),
+]
+
+
+UNSEEN = [
+    ('zaxis="0 0 1"', 'pos="0 0 -3" size="1" group="3"'),
+    ('zaxis="0 0 1"', 'pos="0 0 -3" size="1" rgba="1 1 1 0"'),
+    ('zaxis="0 0 1"', 'pos="0 0 3" size="1"'),
+    ('zaxis="0 0 1" fovy="10"', 'pos="0 .35 -3" size=".01"'),
+    ('zaxis="0 0 1" projection="orthographic" fovy="1"', 'pos="2 0 -3" size=".01"'),
+    ('zaxis="0 0 1" focal=".01 .01" sensorsize=".01 .01" resolution="100 100"', 'pos="1.6 0 -3" size=".01"'),
+]
+
+
+@pytest.mark.parametrize(("camera", "geom"), SEEN)
+def test_a_camera_that_sees_anything_is_well(camera: str, geom: str) -> None:
+    assert lint(looking(camera, geom)) == []
+
+
+@pytest.mark.parametrize(("camera", "geom"), UNSEEN)
+def test_a_camera_that_sees_nothing_is_told(camera: str, geom: str) -> None:
+    assert [f.code for f in lint(looking(camera, geom))] == ["MJ601"]
+
+
+FOUR = '<asset><mesh name="m" vertex="-.2 -.2 -.2 .2 -.2 -.2 0 .3 -.2 0 0 .3"/></asset>'
+
+
+AROUND = [
+    'type="box" size=".15 .15 .15"',
+    'type="sphere" size=".15"',
+    'type="capsule" size=".15 .1"',
+    'type="cylinder" size=".15 .15"',
+    'type="ellipsoid" size=".15 .2 .15"',
+    'type="box" size=".15 .15 .15" rgba="1 1 1 .5"',
+    'type="mesh" mesh="m"',
+    'type="mesh" mesh="m" pos="0 0 -.5"',
+    'type="box" size=".15 .15 .15" pos="0 0 -.2"',
+    'type="sphere" size=".15" pos="0 0 -.3"',
+    'type="plane" size="1 1 .1" pos="0 0 -.1"',
+    'type="plane" size="1 1 .1" pos="0 0 -.1" zaxis="0 0 -1"',
+]
+
+
+@pytest.mark.parametrize("other", ["", '<geom name="other" pos="0 0 -3" size=".5"/>'], ids=["alone", "before another"])
+@pytest.mark.parametrize("geom", AROUND)
+def test_a_camera_in_a_geom_sees_what_mujoco_draws_of_it_and_through_it(geom: str, other: str) -> None:
+    text = mjcf(f'<geom name="skull" {geom}/>\n<camera name="eye"/>\n{other}', before=FOUR)
+    findings = lint(text)
+    model = load(Path("model.xml"))
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    with mujoco.Renderer(model, 24, 32) as renderer:
+        renderer.enable_segmentation_rendering()
+        renderer.update_scene(data, "eye")
+        drawn = bool((renderer.render()[..., 0] >= 0).any())
+    assert ["MJ601" for _ in range(not drawn)] == [f.code for f in findings if f.code == "MJ601"]
+    assert all("it is inside geom 'skull'" in f.message for f in findings)
+
+
+@pytest.mark.parametrize(
+    ("hidden", "told", "remedy"),
+    [
+        ('group="3"', "is in group 3", f"{option('geomgroup')} 0,1,2,3"),
+        ('group="5"', "is in group 5", f"{option('geomgroup')} 0,1,2,5"),
+        ('rgba="1 1 1 0"', "is transparent, with alpha 0", "give it or its material an alpha"),
+    ],
+)
+def test_what_is_hidden_before_a_camera_is_named(hidden: str, told: str, remedy: str) -> None:
+    glass = "" if "rgba" in hidden else 'name="glass" pos="0 0 -3" size="1" rgba="1 1 1 0"/>\n<geom '
+    (finding,) = lint(looking('zaxis="0 0 1"', f'{glass}name="veiled" pos="0 0 -3" size="1" {hidden}'))
+    assert f"geom 'veiled' in its view {told}" in finding.message
+    assert remedy in finding.remedy

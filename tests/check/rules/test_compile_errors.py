@@ -1,0 +1,127 @@
+"""Theorems about explanations of MuJoCo's errors."""
+
+from pathlib import Path
+
+import pytest
+
+from tests.check.models import FINE, PARENT, Case, attached_arm, hinged, keyed, lint, lint_file, mjcf
+
+CASES = [
+    Case("MJ100", mjcf("<joint/>"), 4, "World body cannot have joints", FINE),
+    Case(
+        "MJ101", mjcf('<body name="x"><geom size="1"/>'), 4, '<body name="x"> is not closed before </worldbody>', FINE
+    ),
+    Case("MJ101", "<mujoco>\n<worldbody>\n<body>", 3, "the file ends before <body> is closed", "<mujoco/>"),
+    Case("MJ101", mjcf("</bodies>"), 4, "</bodies> closes nothing: the open element is <worldbody>", FINE),
+    Case("MJ101", mjcf('<geom size="1" size="2"/>'), 4, "duplicate attribute", mjcf('<geom size="1"/>')),
+    Case("MJ101", "", 1, "the file is empty", "<mujoco/>"),
+    Case("MJ108", mjcf('<site name="a"/>\n<site name="a"/>'), 5, "the name 'a' is already taken on line 4", FINE),
+    Case("MJ112", mjcf('<replicate><geom size="1"/></replicate>'), 4, "<replicate> needs the attribute 'count'", FINE),
+    Case("MJ114", hinged(before='<option timestep="0"/>'), 2, "its timestep is 0, and must be positive", FINE),
+    Case("MJ114", hinged(before='<option timestep="-1"/>'), 2, "its timestep is -1", FINE),
+    Case("MJ202", hinged(geom='size=".1" mass="0"'), 4, '<body name="b"> can move, but has no mass', FINE),
+    Case(
+        "MJ303",
+        hinged('limited="true"'),
+        5,
+        "it is limited, but has no range or a reversed one",
+        hinged('limited="false"'),
+    ),
+    Case(
+        "MJ303",
+        hinged('range="-1 1"', before='<compiler autolimits="false"/>'),
+        5,
+        "joint has `range` but not `limited`: is it limited or not?",
+        hinged('range="-1 1" limited="true"', before='<compiler autolimits="false"/>'),
+    ),
+]
+
+
+@pytest.mark.parametrize("case", CASES, ids=str)
+def test_a_rule_finds_what_it_is_for_at_its_line_and_nothing_in_a_correct_model(case: Case) -> None:
+    case.check()
+
+
+def test_the_users_own_mistakes_are_explained_all_at_once() -> None:
+    text = """<mujoco>
+<worldbody>
+<body><joint name="j"/><geom size=".1"/></body>
+<actuator name="m">
+<motor joint="j"/>
+</actuator>
+</worldbody>
+<contact>
+<geom1>one</geom1>
+<geom2>two</geom2>
+<friction>0.3 0.01 0.001</friction>
+<restitution>0.5</restitution>
+</contact>
+<solver>
+<iterations>100</iterations>
+</solver>
+</mujoco>"""
+    findings = lint(text)
+    codes = ["MJ103", "MJ104", "MJ106", "MJ106", "MJ106", "MJ102", "MJ102"]
+    assert [(f.line, f.code) for f in findings] == list(zip([4, 4, 9, 10, 11, 12, 14], codes, strict=True))
+    assert findings[0].remedy == "move <actuator> … </actuator> out of <worldbody>, directly into <mujoco>"
+    assert findings[1].remedy.endswith("write it on <motor name=…>")
+    assert 'write <pair geom1="one" geom2="two" friction="0.3 0.01 0.001"/>' in findings[4].remedy
+    assert "solref" in findings[5].remedy
+    assert '<option solver="Newton" iterations="100"' in findings[6].remedy
+
+
+@pytest.mark.parametrize(
+    "arm",
+    [
+        attached_arm('type="boxx"'),
+        attached_arm('siez="1"'),
+        attached_arm('class="c"'),
+        attached_arm('material="no"'),
+        attached_arm('mass="-1"'),
+        attached_arm('type="mesh"'),
+        attached_arm('type="mesh" mesh="m"', '<mesh name="m" file="no.obj"/>'),
+        attached_arm(">"),
+        attached_arm('pos="1"'),
+        "",
+        "version https://git-lfs.github.com/spec/v1\n",
+        "<mujocoinclude/>",
+    ],
+)
+def test_a_mistake_in_an_attached_model_is_told_as_of_that_model_itself(arm: str) -> None:
+    Path("sub").mkdir()
+    path = Path("sub/arm.xml")
+    path.write_text(arm)
+    told = lint_file(path)
+    assert lint(PARENT) == told
+    assert {(f.file, f.severity) for f in told} == {("sub/arm.xml", "error")}
+    between = PARENT.replace("sub/arm.xml", "deep.xml").replace('"left_"/>', '"low_"/></body>')
+    path.write_text(between.replace("<attach", '<body name="arm"><attach'))
+    Path("sub/deep.xml").write_text(arm)
+    assert lint(PARENT) == lint_file(Path("sub/deep.xml")) != []
+
+
+@pytest.mark.parametrize("mistake", ['<option solver="x"/>', "<goem/>", "</b>"])
+def test_what_mujoco_refuses_before_it_attaches_anything_is_told_first(mistake: str) -> None:
+    Path("sub").mkdir()
+    for arm in (attached_arm('type="x"'), attached_arm('siez="1"'), attached_arm("</b>")):
+        Path("sub/arm.xml").write_text(arm)
+        told = lint(PARENT.replace("<asset>", f"{mistake}<asset>"))
+        assert [(f.file, f.line) for f in told] == [("model.xml", 2)]
+
+
+@pytest.mark.parametrize(
+    ("mistake", "line"),
+    [('size="1" material="no"', 5), ('name="own" size="-1"', 5), ('size="-1"', None)],  # the last might be the arm's
+)
+def test_a_model_that_attaches_another_is_never_told_with_its_lines(mistake: str, line: int | None) -> None:
+    Path("sub").mkdir()
+    Path("sub/arm.xml").write_text(attached_arm())
+    (finding,) = lint(PARENT.replace('<geom size="1"/><site/>', f"<geom {mistake}/><site/>"))
+    assert (finding.file, finding.line, finding.severity) == ("model.xml", line, "error")
+
+
+def test_a_keyframe_without_a_name_is_told_by_its_place() -> None:
+    text = keyed('ctrl="1"').replace("</keyframe>", '\n<key ctrl="1 2"/>\n<key ctrl="1 2 3"/></keyframe>')
+    (finding,) = [f for f in lint(text) if f.severity == "error"]
+    assert (finding.code, finding.line) == ("MJ405", 13)
+    assert finding.message == "ctrl of the keyframe has 2 numbers, and the model 1"

@@ -1,0 +1,116 @@
+"""Theorems about constraints at the start."""
+
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from mjrun.check.context import LintContext
+from mjrun.check.rules import constraints
+from mjrun.check.xml_source import read_xml
+from tests.check.models import Case, hinged, lint
+
+
+def apart(gap: float) -> str:
+    """Two spheres of radius 0.1 m, `gap` [m] apart, the first of which can move."""
+    return hinged(
+        'type="slide" axis="1 0 0"', world=f'<geom name="h" size=".1" pos="{0.2 + gap} 0 0"/>', before="<option/>"
+    )
+
+
+def stiff(solref: str, option: str = 'timestep=".002"') -> str:
+    return hinged(geom=f'size=".1" solref="{solref}"', before=f"<option {option}/>")
+
+
+CASES = [
+    Case("MJ501", apart(-0.02), 6, "at the start it penetrates geom 'h' by 0.02 m, 20 %", apart(-0.001)),
+    Case("MJ502", apart(-0.15), 4, "accelerates it by", apart(-0.001)),
+    Case(
+        "MJ503",
+        stiff(".003 1"),
+        6,
+        "solref='0.003 1' is too stiff for the timestep 0.002 s: MuJoCo takes 0.004",
+        stiff(".004 1"),
+    ),
+]
+
+
+@pytest.mark.parametrize("case", CASES, ids=str)
+def test_a_rule_finds_what_it_is_for_at_its_line_and_nothing_in_a_correct_model(case: Case) -> None:
+    case.check()
+
+
+def steps_until_it_diverges(solref: tuple[float, float], step: float) -> bool:
+    """Whether a unit mass on the direct spring of `solref` gains amplitude under semi-implicit Euler steps."""
+    position, velocity = 1.0, 0.0
+    for _ in range(2000):
+        velocity += step * (solref[0] * position + solref[1] * velocity)
+        position += step * velocity
+        if abs(position) > 1e6:
+            return True
+    return False
+
+
+@given(stiffness=st.floats(1, 1e6), damping=st.floats(0, 1e3), step=st.floats(1e-4, 1e-2))
+def test_a_direct_spring_is_stiff_exactly_when_its_steps_diverge(stiffness: float, damping: float, step: float) -> None:
+    model = mujoco.MjModel.from_xml_string("<mujoco/>")
+    model.opt.timestep = step
+    margin = 2 * step * damping + step**2 * stiffness
+    spring = constraints.Spring("geom", 0, "solref", (-stiffness, -damping))
+    if abs(margin / 4 - 1) > 0.05:
+        assert bool(constraints.stiffness_problem(model, spring)) == steps_until_it_diverges(spring.solref, step)
+
+
+@pytest.mark.parametrize(
+    ("solref", "option", "stiff_for_it"),
+    [
+        (".003 1", 'timestep=".0015"', False),
+        (".003 1", 'timestep=".002" integrator="discrete"', False),
+        (".001 1", 'timestep=".002" integrator="discrete"', True),
+        ("-100 -10", 'timestep=".002"', False),
+        ("-1e7 -10", 'timestep=".002"', True),
+    ],
+)
+def test_how_stiff_a_contact_may_be_depends_on_the_integrator_and_the_format(
+    solref: str, option: str, stiff_for_it: bool
+) -> None:
+    assert ("MJ503" in {f.code for f in lint(stiff(solref, option))}) == stiff_for_it
+
+
+def test_disabled_contacts_are_never_too_stiff() -> None:
+    text = stiff(".001 1").replace("/>", '><flag contact="disable"/></option>', 1)
+    assert lint(text) == []
+
+
+def test_without_refsafe_a_stiff_contact_may_be_unstable() -> None:
+    text = stiff(".001 1").replace("/>", '><flag refsafe="disable"/></option>', 1)
+    assert [f.message.rpartition(": ")[2] for f in lint(text)] == ["it may become unstable"]
+
+
+@given(st.floats(0.02, 0.19))
+def test_the_depth_of_two_spheres_is_that_of_geometry(depth: float) -> None:
+    path = Path("deep.xml")
+    path.write_text(apart(-depth))
+    context = LintContext.load(path, read_xml(path))
+    ((told, share),) = constraints.penetration_depths(context, None).values()
+    np.testing.assert_allclose([told, share], [depth, depth / 0.1], rtol=1e-6)
+
+
+def test_bodies_are_thrown_as_a_bare_step_throws_them() -> None:
+    path = Path("thrown.xml")
+    path.write_text(apart(-0.15).replace("<option/>", '<option gravity="0 0 0" timestep="1e-5"/>'))
+    context = LintContext.load(path, read_xml(path))
+    data = mujoco.MjData(context.model)
+    mujoco.mj_step(context.model, data)
+    thrown = constraints.constraint_accelerations(context.model, context.data_at(None))
+    np.testing.assert_allclose(thrown[1], abs(data.qvel[0]) / 1e-5, rtol=1e-6)
+
+
+def test_a_keyframe_is_a_start_too() -> None:
+    text = apart(0.5).replace("<worldbody>", '<keyframe>\n<key name="in" qpos="0.6"/></keyframe><worldbody>')
+    (inside,) = [f for f in lint(text) if f.code == "MJ501"]
+    assert inside.message.startswith("in keyframe 'in' it penetrates geom 'h' by 0.1 m, 100 %")
+    assert inside.line == 4

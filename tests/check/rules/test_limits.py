@@ -1,0 +1,109 @@
+"""Theorems about limits and ranges."""
+
+from pathlib import Path
+
+import mujoco
+import pytest
+
+from tests.check.models import FINE, Case, arms, attaching, hinged, lint, lint_file, mjcf
+
+
+def driven(motor: str) -> str:
+    return hinged(after=f'<actuator>\n<motor name="m" joint="j" {motor}/></actuator>')
+
+
+CASES = [
+    Case("MJ301", driven(""), 11, "it has neither ctrlrange nor forcerange", driven('ctrlrange="-1 1"')),
+    Case("MJ301", driven('gear="2"'), 11, "nothing bounds what it does", driven('forcerange="-1 1"')),
+    Case("MJ302", hinged('range="1 -1"'), 5, "is reversed, and limits nothing", hinged('range="-1 1"')),
+    Case("MJ302", driven('ctrlrange="1 -1"'), 11, "its ctrlrange 1 -1 is reversed", driven('ctrlrange="-1 1"')),
+    Case("MJ304", hinged('type="slide" range="1 2"'), 5, "it starts at 0 m, outside [1, 2]", hinged('range="-1 2"')),
+    Case("MJ304", hinged('ref="90" range="0 60"'), 5, "it starts at 1.571 rad, outside [0, 1.047]", FINE),
+    Case(
+        "MJ305",
+        hinged('range="-1.57 1.57"'),
+        5,
+        "its range -1.57 1.57 is in degrees, and looks like radians",
+        hinged('range="-1.57 1.57"', before='<compiler angle="radian"/>'),
+    ),
+    Case(
+        "MJ305",
+        hinged('range="0 90"', before='<compiler angle="radian"/>'),
+        5,
+        "its range 0 90 is in radians, and looks like degrees",
+        hinged('range="0 90"'),
+    ),
+]
+
+
+@pytest.mark.parametrize("case", CASES, ids=str)
+def test_a_rule_finds_what_it_is_for_at_its_line_and_nothing_in_a_correct_model(case: Case) -> None:
+    case.check()
+
+
+MUSCLE = ".75 1.05 5 200 .5 1.6 1.5 1.3 1.2"
+
+
+def largest_force(actuator: str, ctrl: float) -> float:
+    """The largest force in 5 s on a joint that is too heavy to move far."""
+    body = '<body name="b"><joint name="j" armature="1e9"/><geom name="g" size=".1"/></body>'
+    model = mujoco.MjModel.from_xml_string(mjcf(body, f"<actuator>{actuator}</actuator>", '<option gravity="0 0 0"/>'))
+    data, largest = mujoco.MjData(model), 0.0
+    data.ctrl[:] = ctrl
+    for _ in range(2500):
+        mujoco.mj_step(model, data)
+        largest = max(largest, abs(float(data.actuator_force[0])))
+    return largest
+
+
+@pytest.mark.parametrize(
+    "actuator",
+    [
+        '<motor name="a" joint="j"/>',
+        '<motor name="a" joint="j" ctrlrange="-1 1"/>',
+        '<motor name="a" joint="j" forcerange="-1 1"/>',
+        '<position name="a" joint="j"/>',
+        '<velocity name="a" joint="j"/>',
+        '<intvelocity name="a" joint="j" kp="3" actrange="-1 1"/>',
+        '<intvelocity name="a" joint="j" kp="3"/>',
+        '<muscle name="a" joint="j" lengthrange="0 1" force="5"/>',
+        f'<general name="a" joint="j" gaintype="muscle" lengthrange="0 1" gainprm="{MUSCLE}"/>',
+        '<general name="a" joint="j" dyntype="filter" dynprm=".1" actlimited="true" actrange="0 1"/>',
+        '<general name="a" joint="j" dyntype="filter" dynprm=".1"/>',
+    ],
+)
+def test_an_actuator_has_limits_exactly_when_a_huge_control_makes_no_huge_force(actuator: str) -> None:
+    codes = [f.code for f in lint(hinged(after=f"<actuator>{actuator}</actuator>"))]
+    bounded = largest_force(actuator, 1e6) < 1.01 * largest_force(actuator, 1)
+    assert ("MJ301" in codes) == (not bounded)
+
+
+@pytest.mark.parametrize(
+    ("unit", "joint", "mistaken", "remedy"),
+    [
+        ("degree", 'range="0 6.28"', True, 'range="0 360"'),
+        ("degree", 'range="-3.1416 3.14159265"', True, 'range="-180 180"'),
+        ("degree", 'range="-1.571 4.71"', True, 'range="-90 270"'),
+        ("degree", 'range="-1.5 1.5"', False, ""),
+        ("degree", 'range="-3 3.14"', False, ""),
+        ("degree", 'type="ball" range="0 1.57"', True, 'range="0 90"'),
+        ("degree", 'type="slide" range="-1.57 1.57"', False, ""),
+        ("degree", 'range="-90 90"', False, ""),
+        ("radian", 'range="-45 45"', True, 'range="-0.7854 0.7854"'),
+        ("radian", 'range="-40 40"', False, ""),
+        ("radian", 'range="-62.83 62.83"', False, ""),
+        ("radian", 'range="-720 720"', False, ""),
+        ("radian", 'type="slide" range="-90 90"', False, ""),
+    ],
+)
+def test_a_range_in_the_other_unit_is_one_that_only_that_unit_explains(
+    unit: str, joint: str, mistaken: bool, remedy: str
+) -> None:
+    told = [f for f in lint(hinged(joint, before=f'<compiler angle="{unit}"/>')) if f.code == "MJ305"]
+    assert len(told) == mistaken
+    assert all(remedy in f.remedy for f in told)
+
+
+def test_the_unit_of_an_attached_model_is_told_of_that_model_alone() -> None:
+    assert lint(arms(attaching("l_"), joint='range="-1.57 1.57"')) == []
+    assert [f.code for f in lint_file(Path("arm.xml"))] == ["MJ305"]

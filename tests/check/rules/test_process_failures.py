@@ -1,0 +1,85 @@
+"""Whatever a model does to the process that checks it is a finding like any other."""
+
+import os
+from pathlib import Path
+
+import pytest
+
+from tests.check.models import PASSIVE, checked, codes, write
+
+
+def circle() -> list[str]:
+    """Two models that attach each other, which crashes MuJoCo 4.0.0."""
+    for own, other in ("ab", "ba"):
+        attach = f'<attach model="m" prefix="x" body="{other}"/>'
+        asset = f'<asset><model name="m" file="{other}.xml"/></asset>'
+        write(f"{own}.xml", f'<mujoco>{asset}<worldbody><body name="{own}">{attach}</body></worldbody></mujoco>')
+    return ["a.xml", "b.xml"]
+
+
+def test_a_crash_is_a_finding_and_the_other_models_are_looked_at() -> None:
+    result = checked(*circle(), write("fine.xml", PASSIVE.format("")))
+    assert [model.loads for model in result.models] == [False, False, True]
+    (crash,) = result.models[0].findings
+    assert crash.code == "MJ002"
+    assert crash.message == "its process was killed by SIGSEGV while loading it"
+    assert result.code == 3
+
+
+def test_a_model_that_is_refused_before_it_attaches_a_circle_is_explained() -> None:
+    model, _ = circle()
+    text = Path(model).read_text()
+    for mistake, code in (('<option solver="x"/>', "MJ110"), ("<goem/>", "MJ102")):
+        write(model, text.replace("<mujoco>", f"<mujoco>{mistake}"))
+        assert codes(checked(model).models[0]) == [code]
+
+
+def test_a_model_that_attaches_itself_is_a_crash_whose_cause_is_told() -> None:
+    asset = '<asset>\n<model name="me" file="self.xml"/></asset>'
+    attach = '<attach model="me" prefix="x" body="b"/>'
+    write("self.xml", f'<mujoco>{asset}<worldbody><body name="b">{attach}</body></worldbody></mujoco>')
+    (model,) = checked("self.xml").models
+    assert codes(model)[0] == "MJ113"
+    assert model.findings[0].line == 2
+    assert not model.loads
+
+
+def test_a_pipe_among_the_files_is_told_and_its_wait_has_an_end() -> None:
+    os.mkfifo("pipe.obj")
+    write("model.xml", '<mujoco>\n<asset><mesh file="pipe.obj"/></asset></mujoco>')
+    (model,) = checked("model.xml", timeout=1.5).models
+    assert not model.loads
+    assert codes(model)[-1] == "MJ003"
+    assert "not done after 1.5 s" in model.findings[-1].message
+
+
+def test_a_pipe_for_a_model_is_refused_at_once() -> None:
+    os.mkfifo("pipe.xml")
+    (model,) = checked("pipe.xml").models
+    assert codes(model) == ["MJ001"]
+    assert model.findings[0].message == "is not a regular file"
+
+
+def test_a_model_that_takes_too_long_is_a_finding() -> None:
+    result = checked(write("fine.xml", PASSIVE.format("")), timeout=0.001)
+    assert codes(result.models[0]) == ["MJ003"]
+    assert result.code == 3
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        '<asset><texture name="t" type="2d" builtin="flat" width="60000" height="60000"/></asset>',
+        '<size memory="900G"/><worldbody><body><freejoint/><geom size="1"/></body></worldbody>',
+    ],
+    ids=["texture", "arena"],
+)
+def test_a_model_that_explodes_is_a_finding(text: str) -> None:
+    result = checked(write("big.xml", f"<mujoco>{text}</mujoco>"), memory=300)
+    assert codes(result.models[0]) == ["MJ004"]
+    assert result.code == 3
+
+
+def test_an_arena_that_is_large_and_not_filled_is_no_memory() -> None:
+    text = PASSIVE.format("").replace("<mujoco>", '<mujoco><size memory="1G"/>')
+    assert checked(write("wide.xml", text), memory=1200).code == 0

@@ -1,0 +1,39 @@
+"""Theorems about the places of objects in XML."""
+
+from pathlib import Path
+
+from tests.check.models import arms, attaching, lint, mjcf
+
+
+def test_lines_are_those_of_included_files_too() -> None:
+    Path("parts").mkdir()
+    Path("parts/arm.xml").write_text(
+        '<mujocoinclude>\n<body name="b">\n<joint name="j" range="2 1"/>\n<geom size="1"/></body>\n</mujocoinclude>'
+    )
+    findings = lint(mjcf('<include file="parts/arm.xml"/>'))
+    assert [(f.code, f.file, f.line) for f in findings] == [("MJ302", "parts/arm.xml", 3)]
+
+
+def test_what_is_attached_is_told_where_the_model_attaches_it_with_its_origin() -> None:
+    findings = lint(arms(f"{attaching('l_')}\n{attaching('right_')}"))
+    assert [(f.object, f.file, f.line) for f in findings] == [
+        ("joint 'l_j'", "model.xml", 5),
+        ("joint 'right_j'", "model.xml", 7),
+    ]
+    assert [f.message.rpartition(" (")[2] for f in findings] == ["attached from arm.xml:5)"] * 2
+
+
+def test_where_it_is_not_clear_what_attached_an_object_only_the_file_is_told() -> None:
+    text = arms(f"{attaching('l_')}\n{attaching('right_')}").replace('name="arm"', "")
+    Path("arm.xml").write_text(
+        Path("arm.xml").read_text().replace('name="j" ', "").replace("<mujoco", '<mujoco model="arm"')
+    )
+    findings = [f for f in lint(text) if f.code == "MJ302"]
+    assert [(f.file, f.line) for f in findings] == [("model.xml", None)] * 2
+
+
+def test_the_origin_of_what_is_attached_is_the_element_whose_name_is_closest() -> None:
+    keys = '<keyframe>\n<key name="k"/>\n<key name="k2" qpos="2"/>\n<key qpos="3"/></keyframe>'
+    text = arms(attaching("l_"), keys, 'range="-1 1"', '<compiler angle="radian"/>')
+    told = {f.object: f.message.rpartition(" from ")[2] for f in lint(text)}
+    assert told == {"keyframe 'l_k2'": "arm.xml:9)", "keyframe 'l_'": "arm.xml:10)"}

@@ -1,0 +1,69 @@
+"""Theorems about the rules together."""
+
+from importlib import import_module
+from pathlib import Path
+from pkgutil import iter_modules
+from types import ModuleType
+
+import pytest
+
+import mjrun.check.rules
+import tests.check.rules
+from mjrun.check.finding import Finding
+from mjrun.check.rule import Rule
+from mjrun.check.rule_table import MAX_FINDINGS, RULES, capped
+from mjrun.check.rules import simulation
+from mjrun.errors import ModelError
+from mjrun.model.load import load
+from tests.check.models import ROOT, lint, lint_file, mjcf
+
+
+def modules(package: ModuleType) -> list[ModuleType]:
+    return [import_module(f"{package.__name__}.{module.name}") for module in iter_modules(package.__path__)]
+
+
+def test_every_code_has_a_model_but_those_that_only_a_process_or_a_step_can_show() -> None:
+    codes = {case.code for module in modules(tests.check.rules) for case in getattr(module, "CASES", ())}
+    elsewhere = {"MJ001", "MJ002", "MJ003", "MJ004", "MJ005", "MJ113", "MJ115"}
+    assert codes | elsewhere | simulation.CODES == set(RULES)
+
+
+def test_no_two_rules_share_a_code_and_titles_name_no_options() -> None:
+    rules = {
+        value for module in modules(mjrun.check.rules) for value in vars(module).values() if isinstance(value, Rule)
+    }
+    assert rules == set(RULES.values())
+    assert list(RULES) == sorted(rule.code for rule in rules)
+    assert not any("--" in rule.title for rule in rules)
+
+
+def test_scenes_of_mjrun_hold_no_errors() -> None:
+    for scene in sorted((ROOT / "scenes").glob("*.xml")):
+        assert [finding for finding in lint_file(scene) if finding.severity == "error"] == [], scene
+
+
+@pytest.mark.filterwarnings("ignore:Attach conflict")
+def test_models_that_load_hold_no_errors_and_those_that_do_not_are_explained(shared_models: Path) -> None:
+    for path in sorted(shared_models.rglob("*.xml")):
+        try:
+            load(path)
+            loads = True
+        except ModelError:
+            loads = False
+        errors = [finding for finding in lint_file(path) if finding.severity == "error"]
+        assert (errors == []) == loads, path
+
+
+def test_what_is_replicated_is_told_once_at_the_line_that_says_it() -> None:
+    body = '<body name="b"><joint name="j" range="2 1"/><geom size="1"/></body>'
+    findings = lint(mjcf(f'<replicate count="5" offset="0 0 3">\n{body}</replicate>'))
+    assert [(f.code, f.line) for f in findings] == [("MJ302", 5)]
+    assert findings[0].message.endswith("(and 4 more like it)")
+
+
+def test_findings_of_one_code_are_counted_when_there_are_many() -> None:
+    many = [Finding("MJ301", "note", f"number {i}", "a.xml") for i in range(MAX_FINDINGS + 5)]
+    told = capped(many)
+    assert told[:-1] == many[: MAX_FINDINGS - 1]
+    assert told[-1].message == "… and 6 more like it"
+    assert capped(many[:MAX_FINDINGS]) == many[:MAX_FINDINGS]
