@@ -2,7 +2,7 @@
 
 import copy
 from bisect import bisect_left
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 
@@ -12,9 +12,9 @@ import numpy as np
 from mjrun.errors import SimulationError, clean
 from mjrun.model.column import Column
 from mjrun.probe.contacts import contact_columns, contacts
-from mjrun.probe.fields import Probe
+from mjrun.probe.fields import FieldProbe, Fields, InstantProbe
 from mjrun.probe.select import select
-from mjrun.sim.native_rollout import blocks, instant
+from mjrun.sim.native_rollout import blocks
 from mjrun.sim.observe import Tap, observe
 from mjrun.sim.stepper import PhysicsStepper, Stepper
 from mjrun.timeline import Timeline, rational, seconds
@@ -52,22 +52,26 @@ class Table:
         self.columns = [TIME, *(column for probe in self.probes for column in probe.columns)]
         self.contact_columns = contact_columns(model) if with_contacts else []
         self._timeline = timeline
-        self._fields = sorted({field for probe in self.probes for field in probe.fields})
+        of_fields = [probe for probe in self.probes if isinstance(probe, FieldProbe)]
+        self._fields = sorted({name for probe in of_fields for name in probe.fields})
+        self._needs_initial = any(probe.needs_initial for probe in of_fields)
         self.model = copy.copy(model)
         if "energy" in self._fields:
             self.model.opt.enableflags |= int(mujoco.mjtEnableBit.mjENBL_ENERGY)
 
     def blocks(self, stepper: PhysicsStepper, rows: Sequence[int]) -> Iterator[Callable[[], Rows]]:
         """Blocks of the rows at the steps `rows`, each yet to be computed by whoever takes it."""
-        if self.contact_columns or any(probe.at for probe in self.probes):
+        probes = [probe for probe in self.probes if isinstance(probe, FieldProbe)]
+        if self.contact_columns or len(probes) < len(self.probes):
             yield from self._by_instants(stepper, rows)
             return
-        for first, count, record in blocks(stepper, self._fields, self._timeline.steps):
-            kept = np.array(rows[bisect_left(rows, first) : bisect_left(rows, first + count)])
-            if len(kept):
-                index = slice(None) if len(kept) == count else kept - first
-                yield lambda kept=kept, index=index, record=record: self._join(
-                    kept, [probe.compute({f: record[f][index] for f in probe.fields}) for probe in self.probes]
+        initial = self._initial(stepper)
+        for first, count, fields in blocks(stepper, self._fields, self._timeline.steps):
+            steps = np.array(rows[bisect_left(rows, first) : bisect_left(rows, first + count)])
+            if len(steps):
+                index = slice(None) if len(steps) == count else steps - first
+                yield lambda steps=steps, index=index, fields=fields: self._join(
+                    steps, _columns(probes, {name: values[0, index] for name, values in fields.items()}, initial)
                 )
 
     def _by_instants(self, stepper: PhysicsStepper, rows: Sequence[int]) -> Iterator[Callable[[], Rows]]:
@@ -90,11 +94,19 @@ class Table:
 
     def read(self, stepper: Stepper) -> Rows:
         """The row of the instant where `stepper` stands, without its time."""
-        record, data = instant(stepper, self._fields), stepper.instant()
-        values = [_value(probe, record, stepper.model, data) for probe in self.probes]
+        data, initial = stepper.instant(), self._initial(stepper)
+        fields = _fields(data, self._fields)
+        values = [
+            probe.measure(stepper.model, data) if isinstance(probe, InstantProbe) else probe.compute(fields, initial)
+            for probe in self.probes
+        ]
         time = float(self._timeline.time(stepper.step))
         touching = contacts(stepper.model, data, time) if self.contact_columns else None
         return Rows(np.concatenate([np.empty(0), *values]), touching)
+
+    def _initial(self, stepper: Stepper) -> Fields:
+        """The fields at step 0, if a probe looks at them."""
+        return _fields(stepper.initial(), self._fields) if self._needs_initial else {}
 
     def _join(self, steps: np.ndarray, parts: Sequence[np.ndarray], touching: np.ndarray | None = None) -> Rows:
         return Rows(np.column_stack([seconds(steps, self._timeline.timestep), *parts]), touching)
@@ -130,5 +142,9 @@ def repeated(timeline: Timeline, rate: float | str | Fraction | None) -> str:
     return f"{told}: every step has one row; a smaller --timestep has more"
 
 
-def _value(probe: Probe, record: Mapping[str, np.ndarray], model: mujoco.MjModel, data: mujoco.MjData) -> np.ndarray:
-    return probe.at(model, data) if probe.at else probe.compute(record)[0]
+def _fields(data: mujoco.MjData, names: Sequence[str]) -> Fields:
+    return {name: np.array(getattr(data, name)) for name in names}
+
+
+def _columns(probes: Sequence[FieldProbe], fields: Fields, initial: Fields) -> list[np.ndarray]:
+    return [probe.compute(fields, initial) for probe in probes]

@@ -15,7 +15,7 @@ import numpy as np
 from mjrun.errors import UnknownNameError, UsageError, clean, quoted
 from mjrun.model.column import Column
 from mjrun.model.names import PLURALS, identify, names
-from mjrun.probe.fields import Probe, instant_only
+from mjrun.probe.fields import InstantProbe
 
 FRAME, WORLD = ("normal", "tangent1", "tangent2"), ("x", "y", "z")
 ACTION = "{} that geom1 exerts on geom2, {} frame"
@@ -95,7 +95,7 @@ def identify_party(text: str, model: mujoco.MjModel) -> tuple[str, int]:
     raise UnknownNameError("object", text, list(dict.fromkeys([*known["body"], *known["geom"]])), plural=plural)
 
 
-def pair(text: str, model: mujoco.MjModel) -> Probe:
+def pair(text: str, model: mujoco.MjModel) -> InstantProbe:
     """The number of contacts between two objects, `A/B`, in either order.
 
     A body is its own geoms and those of all bodies below it, so `world` is everything. A contact counts, once, if one
@@ -110,14 +110,14 @@ def pair(text: str, model: mujoco.MjModel) -> Probe:
     first, second = _split(text, model)
     one, other = _party(model, first), _party(model, second)
 
-    def at(model: mujoco.MjModel, data: mujoco.MjData) -> np.ndarray:
+    def measure(model: mujoco.MjModel, data: mujoco.MjData) -> np.ndarray:
         found = data.contact
         sides = _things(model, found), _bodies(model, found.geom, found.flex, found.vert)
         between = one.has(*sides) & other.has(*sides)[:, ::-1]
         return np.array([np.count_nonzero(between.any(axis=1))], float)
 
     meaning = f"number of contacts between {quoted(first)} and {quoted(second)}"
-    return Probe([Column(f"contact/{text}", "", meaning)], (), instant_only, at)
+    return InstantProbe([Column(f"contact/{text}", "", meaning)], measure)
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,7 @@ import numpy as np
 
 from mjrun.model.column import Column
 from mjrun.model.names import members, names
-from mjrun.probe.fields import Probe, Recording, instant_only
+from mjrun.probe.fields import FieldProbe, Fields, InstantProbe, Probe
 
 POSITIONS = {"body": "xpos", "geom": "geom_xpos", "site": "site_xpos"}
 WARNINGS = {
@@ -26,40 +26,37 @@ WARNINGS = {
 }
 
 
-def energy(model: mujoco.MjModel) -> Probe:
-    """Potential, kinetic and total energy, and the total's drift from the first row [J]."""
-    first: list[float] = []
+def energy(model: mujoco.MjModel) -> FieldProbe:
+    """Potential, kinetic and total energy, and the total's drift since the start of the simulation [J]."""
 
-    def compute(record: Recording) -> np.ndarray:
-        total = record["energy"].sum(axis=1)
-        if not first:
-            first.append(float(total[0]))
-        return np.column_stack([record["energy"], total, total - first[0]])
+    def compute(fields: Fields, initial: Fields) -> np.ndarray:
+        parts, first = fields["energy"], initial["energy"].sum(axis=-1)
+        total = parts.sum(axis=-1)
+        return np.concatenate([parts, total[..., None], (total - first)[..., None]], axis=-1)
 
     meanings = ("potential energy", "kinetic energy", "potential + kinetic", "total energy less that of the first row")
     parts = ("potential", "kinetic", "total", "drift")
     columns = [Column(f"energy/{part}", "J", meaning) for part, meaning in zip(parts, meanings, strict=True)]
-    return Probe(columns, ("energy",), compute)
+    return FieldProbe(columns, ("energy",), compute, needs_initial=True)
 
 
-def counts(model: mujoco.MjModel) -> Probe:
+def counts(model: mujoco.MjModel) -> FieldProbe:
     """The number of contacts."""
     column = Column("contact/ncon", "", "number of detected contacts")
-    return Probe([column], ("ncon",), lambda record: record["ncon"].reshape(-1, 1).astype(float))
+    return FieldProbe([column], ("ncon",), lambda fields, initial: fields["ncon"][..., None].astype(float))
 
 
-def solver(model: mujoco.MjModel) -> Probe:
+def solver(model: mujoco.MjModel) -> FieldProbe:
     """Iterations of the constraint solver, over all islands, and the number of constraints."""
     columns = [Column("solver/niter", "", "solver iterations, all islands"), Column("solver/nefc", "", "constraints")]
 
-    def compute(record: Recording) -> np.ndarray:
-        iterations = record["solver_niter"].reshape(len(record["nefc"]), -1).sum(axis=1)
-        return np.column_stack([iterations, record["nefc"].reshape(-1)]).astype(float)
+    def compute(fields: Fields, initial: Fields) -> np.ndarray:
+        return np.stack([fields["solver_niter"].sum(axis=-1), fields["nefc"]], axis=-1).astype(float)
 
-    return Probe(columns, ("solver_niter", "nefc"), compute)
+    return FieldProbe(columns, ("solver_niter", "nefc"), compute)
 
 
-def speed(model: mujoco.MjModel) -> Probe:
+def speed(model: mujoco.MjModel) -> FieldProbe:
     """How fast the origin of every body, geom and site moves [m/s]."""
     owners = [("body", i, i) for i in range(model.nbody)]
     owners += [("geom", i, int(body)) for i, body in enumerate(model.geom_bodyid)]
@@ -75,40 +72,40 @@ def speed(model: mujoco.MjModel) -> Probe:
         taken.add(name)
         columns.append(Column(shown, "m/s", f"speed of the origin of this {kind}", kind, index))
 
-    def compute(record: Recording) -> np.ndarray:
-        points = np.concatenate([record[field] for field in POSITIONS.values()], axis=1)
-        return np.linalg.norm(_velocity(record, bodies, roots, points), axis=2)
+    def compute(fields: Fields, initial: Fields) -> np.ndarray:
+        points = np.concatenate([fields[name] for name in POSITIONS.values()], axis=-2)
+        return np.linalg.norm(_velocity(fields, bodies, roots, points), axis=-1)
 
-    return Probe(columns, ("cvel", "subtree_com", *POSITIONS.values()), compute)
+    return FieldProbe(columns, ("cvel", "subtree_com", *POSITIONS.values()), compute)
 
 
-def com(model: mujoco.MjModel) -> Probe:
+def com(model: mujoco.MjModel) -> FieldProbe:
     """The centre of mass of everything that is in the model [m], world included."""
     columns = [Column(f"com/{axis}", "m", "centre of mass of the model") for axis in "xyz"]
-    return Probe(columns, ("subtree_com",), lambda record: record["subtree_com"][:, 0])
+    return FieldProbe(columns, ("subtree_com",), lambda fields, initial: fields["subtree_com"][..., 0, :])
 
 
-def momentum(model: mujoco.MjModel) -> Probe:
+def momentum(model: mujoco.MjModel) -> FieldProbe:
     """Linear momentum, and angular momentum about the centre of mass, of the whole model."""
     mass, inertia = model.body_mass, model.body_inertia
     columns = [Column(f"momentum/p{axis}", "kg·m/s", "linear momentum") for axis in "xyz"]
     columns += [Column(f"momentum/l{axis}", "kg·m²/s", "angular momentum about the centre of mass") for axis in "xyz"]
     bodies = np.arange(model.nbody)
 
-    def compute(record: Recording) -> np.ndarray:
-        centres = record["xipos"]
-        velocity = _velocity(record, bodies, model.body_rootid, centres)
+    def compute(fields: Fields, initial: Fields) -> np.ndarray:
+        centres = fields["xipos"]
+        velocity = _velocity(fields, bodies, model.body_rootid, centres)
         linear = mass[:, None] * velocity
-        arm = centres - record["subtree_com"][:, :1]
-        frames = record["ximat"].reshape(len(centres), -1, 3, 3)
-        spin = np.einsum("nbji,nbj->nbi", frames, record["cvel"][..., :3])  # in the inertia's own axes
-        angular = np.einsum("nbij,nbj->nbi", frames, inertia * spin) + np.cross(arm, linear)
-        return np.concatenate([linear.sum(axis=1), angular.sum(axis=1)], axis=1)
+        arm = centres - fields["subtree_com"][..., :1, :]
+        frames = fields["ximat"].reshape(*centres.shape, 3)
+        spin = np.einsum("...ji,...j->...i", frames, fields["cvel"][..., :3])  # in the inertia's own axes
+        angular = np.einsum("...ij,...j->...i", frames, inertia * spin) + np.cross(arm, linear)
+        return np.concatenate([linear.sum(axis=-2), angular.sum(axis=-2)], axis=-1)
 
-    return Probe(columns, ("cvel", "subtree_com", "xipos", "ximat"), compute)
+    return FieldProbe(columns, ("cvel", "subtree_com", "xipos", "ximat"), compute)
 
 
-def contact_force(model: mujoco.MjModel) -> Probe:
+def contact_force(model: mujoco.MjModel) -> InstantProbe:
     """The sum over all contacts of the normal and of the friction force, world frame [N].
 
     Each contact counts with the force that acts on its second geom, which is the one above on a floor.
@@ -120,7 +117,7 @@ def contact_force(model: mujoco.MjModel) -> Probe:
         for axis in "xyz"
     ]
 
-    def at(model: mujoco.MjModel, data: mujoco.MjData) -> np.ndarray:
+    def measure(model: mujoco.MjModel, data: mujoco.MjData) -> np.ndarray:
         sums, wrench = np.zeros((2, 3)), np.zeros(6)
         for index in range(data.ncon):
             mujoco.mj_contactForce(model, data, index, wrench)
@@ -129,29 +126,29 @@ def contact_force(model: mujoco.MjModel) -> Probe:
             sums[1] += frame[1:].T @ wrench[1:3]
         return sums.ravel()
 
-    return Probe(columns, (), instant_only, at)
+    return InstantProbe(columns, measure)
 
 
-def penetration(model: mujoco.MjModel) -> Probe:
+def penetration(model: mujoco.MjModel) -> InstantProbe:
     """How deep the deepest contact penetrates [m]; 0 without one."""
     column = Column("penetration/deepest", "m", "depth of the deepest contact")
 
-    def at(model: mujoco.MjModel, data: mujoco.MjData) -> np.ndarray:
+    def measure(model: mujoco.MjModel, data: mujoco.MjData) -> np.ndarray:
         return np.array([max([0.0, *(-data.contact.dist)])])
 
-    return Probe([column], (), instant_only, at)
+    return InstantProbe([column], measure)
 
 
-def warning(model: mujoco.MjModel) -> Probe:
+def warning(model: mujoco.MjModel) -> InstantProbe:
     """How often MuJoCo has warned, of each kind, up to this instant."""
     kinds = members(mujoco.mjtWarning)
     columns = [Column(f"warning/{kind}", "", f"MuJoCo's warnings so far: {WARNINGS[kind]}") for kind in kinds]
     index = list(kinds.values())
 
-    def at(model: mujoco.MjModel, data: mujoco.MjData) -> np.ndarray:
+    def measure(model: mujoco.MjModel, data: mujoco.MjData) -> np.ndarray:
         return np.array([data.warning[kind].number for kind in index], float)
 
-    return Probe(columns, (), instant_only, at)
+    return InstantProbe(columns, measure)
 
 
 DERIVED: dict[str, Callable[[mujoco.MjModel], Probe]] = {
@@ -167,7 +164,7 @@ DERIVED: dict[str, Callable[[mujoco.MjModel], Probe]] = {
 }
 
 
-def _velocity(record: Recording, bodies: np.ndarray, roots: np.ndarray, points: np.ndarray) -> np.ndarray:
-    """The velocity of `points` `(n, k, 3)`, each fixed to a body; world frame [m/s]."""
-    twist, com = record["cvel"][:, bodies], record["subtree_com"][:, roots]
+def _velocity(fields: Fields, bodies: np.ndarray, roots: np.ndarray, points: np.ndarray) -> np.ndarray:
+    """The velocity of `points` `(…, k, 3)`, each fixed to a body; world frame [m/s]."""
+    twist, com = fields["cvel"][..., bodies, :], fields["subtree_com"][..., roots, :]
     return twist[..., 3:] + np.cross(twist[..., :3], points - com)

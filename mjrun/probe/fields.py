@@ -4,7 +4,7 @@ What a field holds, and by which object it is indexed, is read from MuJoCo's own
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from itertools import product
 from typing import Any
@@ -54,39 +54,54 @@ UNTOLD = dict.fromkeys(("qH", "qHDiagInv", "qDeriv", "qLU"), "an integrator comp
 UNTOLD |= dict.fromkeys(("flexvert_lambda", "flexvert_conage"), "a step hands it to the next, outside of the state")
 UNTOLD |= {"plugin_data": "it holds addresses in memory"}
 
-Recording = Mapping[str, np.ndarray]
+Fields = Mapping[str, np.ndarray]
+Measure = Callable[[mujoco.MjModel, mujoco.MjData], np.ndarray]
 
 
 @dataclass(frozen=True)
-class Probe:
-    """Something to measure: columns, and how to compute them.
+class FieldProbe:
+    """Columns that follow from recorded fields alone, for any number of simulations and instants at once.
 
     Attributes:
       columns: in order.
       fields: the MjData fields it reads; all of them must belong to one instant.
-      compute: from `{field: (n, …)}` of n instants to `(n, len(columns))`.
-      at: for what no field holds: from one consistent MjData to `(len(columns),)`; `compute` is not used.
+      compute: from fields `{name: (*instants, …)}`, whose leading axes are any number of instants, and the same fields
+        at step 0 of each simulation, which broadcast against them, to `(*instants, len(columns))`.
+      needs_initial: whether it looks at the latter.
     """
 
     columns: Sequence[Column]
     fields: Sequence[str]
-    compute: Callable[[Recording], np.ndarray]
-    at: Callable[[mujoco.MjModel, mujoco.MjData], np.ndarray] | None = None
+    compute: Callable[[Fields, Fields], np.ndarray]
+    needs_initial: bool = False
 
-    def only(self, kept: Sequence[int]) -> "Probe":
+    def only(self, indices: Sequence[int]) -> "FieldProbe":
         """The probe with only these of its columns."""
-        index, compute, at = np.array(kept, int), self.compute, self.at
-        return Probe(
-            [self.columns[i] for i in kept],
-            self.fields,
-            lambda record: compute(record)[:, index],
-            None if at is None else lambda model, data: at(model, data)[index],
-        )
+        index, compute = np.array(indices, int), self.compute
+        columns = [self.columns[i] for i in indices]
+        return replace(self, columns=columns, compute=lambda fields, initial: compute(fields, initial)[..., index])
 
 
-def instant_only(record: Recording) -> np.ndarray:
-    """The `compute` of a probe that has `at`."""
-    raise TypeError("this probe is read at an instant")
+@dataclass(frozen=True)
+class InstantProbe:
+    """Columns that no field holds: they are measured on an MjData.
+
+    Attributes:
+      columns: in order.
+      measure: from a model and an MjData in which everything belongs to one instant to `(len(columns),)`; it changes
+        neither.
+    """
+
+    columns: Sequence[Column]
+    measure: Measure
+
+    def only(self, indices: Sequence[int]) -> "InstantProbe":
+        """The probe with only these of its columns."""
+        index, measure = np.array(indices, int), self.measure
+        return InstantProbe([self.columns[i] for i in indices], lambda model, data: measure(model, data)[index])
+
+
+Probe = FieldProbe | InstantProbe
 
 
 @cache
@@ -107,13 +122,14 @@ def field_probe(model: mujoco.MjModel, field: str, group: str = "") -> Probe:
     """The probe of a field; its columns are called `group/…`, or by the field's own name."""
     columns = tuple(_columns(model, field, group or field))
     if field in LAZY:
-        return Probe(columns, (), instant_only, _completed(model, field))
+        return InstantProbe(columns, _completed(model, field))
+    axes = len(extents()[field][0])
 
-    def compute(record: Recording) -> np.ndarray:
-        values = record[field]
-        return values.reshape(len(values), -1).astype(float, copy=False)
+    def compute(fields: Fields, initial: Fields) -> np.ndarray:
+        values = fields[field]
+        return values.reshape(*values.shape[: values.ndim - axes], -1).astype(float, copy=False)
 
-    return Probe(columns, (field,), compute)
+    return FieldProbe(columns, (field,), compute)
 
 
 def _inverse(model: mujoco.MjModel, data: mujoco.MjData) -> None:
@@ -126,16 +142,16 @@ LAZY |= dict.fromkeys(("cacc", "cfrc_int", "cfrc_ext"), mujoco.mj_rnePostConstra
 LAZY |= dict.fromkeys(("subtree_linvel", "subtree_angmom"), mujoco.mj_subtreeVel)
 
 
-def _completed(model: mujoco.MjModel, field: str) -> Callable[[mujoco.MjModel, mujoco.MjData], np.ndarray]:
-    """Reads `field` of an instant, computed on a copy: all that look at the instant see the same."""
-    own = cache(lambda: mujoco.MjData(model))
+def _completed(model: mujoco.MjModel, field: str) -> Measure:
+    """Measures a field that a step leaves out, on a copy: whoever looks at the instant next sees it unchanged."""
+    scratch = cache(lambda: mujoco.MjData(model))
 
-    def at(model: mujoco.MjModel, data: mujoco.MjData) -> np.ndarray:
-        mujoco.mj_copyData(own(), model, data)
-        LAZY[field](model, own())
-        return getattr(own(), field).ravel().copy()
+    def measure(model: mujoco.MjModel, data: mujoco.MjData) -> np.ndarray:
+        mujoco.mj_copyData(scratch(), model, data)
+        LAZY[field](model, scratch())
+        return getattr(scratch(), field).ravel().copy()
 
-    return at
+    return measure
 
 
 def _shape(model: mujoco.MjModel, field: str) -> tuple[int, ...]:

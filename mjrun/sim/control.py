@@ -108,6 +108,17 @@ def _times(columns: Mapping[str, np.ndarray], source: str) -> np.ndarray:
     return time
 
 
+class ControlSequence:
+    """Controls step by step, `(steps, nu)`: the first row acts at step 0; the last one holds to the end."""
+
+    def __init__(self, values: np.ndarray) -> None:
+        self._values = values
+
+    def apply(self, ctrl: np.ndarray, first: int, timestep: Fraction) -> None:
+        """Puts the controls of the steps from `first` on into `ctrl` `(n, nu)`."""
+        ctrl[:] = self._values[np.minimum(np.arange(first, first + len(ctrl)), len(self._values) - 1)]
+
+
 class Noise:
     """Gaussian noise on every control: white, or an Ornstein-Uhlenbeck process.
 
@@ -254,7 +265,7 @@ class Control:
 
     timestep: Fraction
     held: np.ndarray
-    table: ControlTable | None = None
+    table: ControlTable | ControlSequence | None = None
     noise: Noise | None = None
     feedback: Feedback | None = None
 

@@ -8,6 +8,7 @@ import mujoco
 import numpy as np
 
 from mjrun.errors import SimulationError
+from mjrun.model import state
 
 BLOCK_STEPS = 4096  # steps in a block, at most
 BLOCK_BYTES = 64 * 2**20  # memory for the rows of a block, unless a single row takes more
@@ -60,7 +61,7 @@ class Engine(Protocol):
           starts: integration states (`mjSTATE_INTEGRATION`), `(n, nstate)`.
           controls: those of every step, `(n, steps, nu)`; the ones in `starts` throughout when None.
           steps: how many to take.
-          record: names of MjData fields.
+          record: names of MjData fields that are arrays, `ncon` and `nefc`.
           every: steps from one row to the next.
 
         Raises:
@@ -85,5 +86,5 @@ def models_of(models: mujoco.MjModel | Sequence[mujoco.MjModel], count: int) -> 
 def block_steps(model: mujoco.MjModel, record: Sequence[str], count: int) -> int:
     """How many steps of `count` simulations fit in a block."""
     data = mujoco.MjData(model)
-    row = sum(np.asarray(getattr(data, name)).nbytes for name in record)
+    row = 8 * state.size(model) + sum(np.asarray(getattr(data, name)).nbytes for name in record)
     return int(np.clip(BLOCK_BYTES // max(1, count * row), 1, BLOCK_STEPS))

@@ -11,7 +11,7 @@ import numpy as np
 
 from mjrun.errors import UsageError, clean, listing
 from mjrun.model import state
-from mjrun.sim.stepper import derive
+from mjrun.sim.stepper import derive, instant_of
 from mjrun.timeline import rational
 
 SLEEP = int(mujoco.mjtEnableBit.mjENBL_SLEEP)
@@ -65,6 +65,7 @@ class ReplayStepper:
         self._data = mujoco.MjData(self.model)
         self._instant = mujoco.MjData(self.model)
         self._instant_step = -1
+        self._initial: mujoco.MjData | None = None
         self._put(0)
 
     def require(self, steps: Sequence[int]) -> None:
@@ -103,6 +104,11 @@ class ReplayStepper:
             derive(self.model, self._data, self._instant, self.step)
             self._instant_step = self.step
         return self._instant
+
+    def initial(self) -> mujoco.MjData:
+        """An MjData in which every field belongs to step 0, wherever the stepper stands; not to be written to."""
+        self._initial = self._initial or instant_of(self.model, self._states.state(0))
+        return self._initial
 
     def _put(self, index: int) -> None:
         """Goes to a state. MuJoCo wakes the bodies in it that move, or are not where they slept."""

@@ -39,6 +39,10 @@ class Stepper(Protocol):
         """An MjData in which every field belongs to `self.step`; not to be kept or written to."""
         ...
 
+    def initial(self) -> mujoco.MjData:
+        """An MjData in which every field belongs to step 0, wherever the stepper stands; not to be written to."""
+        ...
+
 
 def derive(model: mujoco.MjModel, data: mujoco.MjData, instant: mujoco.MjData, step: int) -> None:
     """Makes `instant` a copy of `data`, which is at `step`, in which every field belongs to the state.
@@ -51,6 +55,18 @@ def derive(model: mujoco.MjModel, data: mujoco.MjData, instant: mujoco.MjData, s
         mujoco.mj_forward(model, instant)
     except mujoco.FatalError as error:
         raise FailedStepError(step, data.time, str(error)) from None
+
+
+def instant_of(model: mujoco.MjModel, start: np.ndarray) -> mujoco.MjData:
+    """A new MjData in the integration state `start` of step 0, in which every field belongs to it.
+
+    Raises:
+      FailedStepError: MuJoCo gave up.
+    """
+    data, instant = mujoco.MjData(model), mujoco.MjData(model)
+    state.restore(model, data, start)
+    derive(model, data, instant, 0)
+    return instant
 
 
 class PhysicsStepper:
@@ -77,6 +93,8 @@ class PhysicsStepper:
         if self.control.feedback:
             self.control.feedback.reset(self.model, self.instant())
         self._arrive()
+        self._start = self.state()
+        self._initial: mujoco.MjData | None = None
 
     def advance(self, step: int) -> None:
         if step < self.step:
@@ -106,6 +124,10 @@ class PhysicsStepper:
             derive(self.model, self._data, self._instant, self.step)
             self._instant_step = self.step
         return self._instant
+
+    def initial(self) -> mujoco.MjData:
+        self._initial = self._initial or instant_of(self.model, self._start)
+        return self._initial
 
     def _arrive(self) -> None:
         """Puts the inputs that belong to this step in force."""

@@ -182,8 +182,7 @@ def test_what_geom1_does_to_a_free_sphere_is_how_it_accelerates(cone: str, condi
 def test_the_sums_are_those_of_the_probe_of_all_contacts() -> None:
     model, data = pile("elliptic", 3)
     read, probe = Read(model, data), contact_force(model)
-    assert probe.at
-    normal, friction = probe.at(model, data).reshape(2, 3)
+    normal, friction = probe.measure(model, data).reshape(2, 3)
     assert read["world_force"].sum(axis=0) == pytest.approx(normal + friction)
     assert read["force"][:, :1].T @ read["normal"] == pytest.approx(normal[None])
 
@@ -309,8 +308,7 @@ def belongs(model: mujoco.MjModel, geom: int, name: str) -> bool:
 def count(text: str, model: mujoco.MjModel, data: mujoco.MjData) -> float:
     probe = pair(text, model)
     assert [column.name for column in probe.columns] == [f"contact/{text}"]
-    assert probe.at
-    (found,) = probe.at(model, data)
+    (found,) = probe.measure(model, data)
     return float(found)
 
 

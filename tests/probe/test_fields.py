@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 from mjrun.model import state
-from mjrun.probe.fields import LAZY, Probe, extents, field_probe, offered
+from mjrun.probe.derived import DERIVED
+from mjrun.probe.fields import LAZY, InstantProbe, Probe, extents, field_probe, offered
 from mjrun.probe.select import catalogue
 
 MODEL = mujoco.MjModel.from_xml_string(
@@ -31,11 +32,11 @@ MODEL = mujoco.MjModel.from_xml_string(
 )
 
 
-def moved() -> mujoco.MjData:
+def moved(steps: int = 50) -> mujoco.MjData:
     data = mujoco.MjData(MODEL)
     data.qvel[:] = np.arange(1, MODEL.nv + 1) / 7
     data.ctrl[:] = [0.5, 2]
-    mujoco.mj_step(MODEL, data, nstep=50)
+    mujoco.mj_step(MODEL, data, nstep=steps)
     mujoco.mj_forward(MODEL, data)
     return data
 
@@ -48,9 +49,13 @@ def measured(field: str, data: mujoco.MjData, group: str = "") -> dict[str, floa
 
 def row(probe: Probe, data: mujoco.MjData) -> np.ndarray:
     """The values of a probe at an instant."""
-    if probe.at:
-        return probe.at(MODEL, data)
-    return probe.compute({field: np.array(getattr(data, field))[None] for field in probe.fields})[0]
+    return row_of(MODEL, probe, data)
+
+
+def row_of(model: mujoco.MjModel, probe: Probe, data: mujoco.MjData) -> np.ndarray:
+    if isinstance(probe, InstantProbe):
+        return probe.measure(model, data)
+    return probe.compute({name: np.array(getattr(data, name)) for name in probe.fields}, {})
 
 
 def test_positions_and_velocities_are_those_of_the_named_joint() -> None:
@@ -152,8 +157,8 @@ def test_spatial_forces_and_motions_are_called_by_what_they_are() -> None:
     found = {}
     for field in ("cvel", "cfrc_ext"):
         probe = field_probe(model, field)
-        values = probe.at(model, data) if probe.at else probe.compute({field: getattr(data, field)[None]})[0]
-        found |= dict(zip([column.name for column in probe.columns], values, strict=True))
+        names = [column.name for column in probe.columns]
+        found |= dict(zip(names, row_of(model, probe, data), strict=True))
     assert [found[f"cvel/b/v{axis}"] for axis in "xyz"] == pytest.approx([1, 2, 3])
     assert [found[f"cvel/b/w{axis}"] for axis in "xyz"] == pytest.approx([4, 5, 6])
     assert [found[f"cfrc_ext/b/f{axis}"] for axis in "xyz"] == pytest.approx([10, 20, 30])
@@ -206,7 +211,26 @@ def test_a_probe_may_be_cut_to_some_of_its_columns() -> None:
     data = moved()
     probe = field_probe(MODEL, "xpos").only([4, 0])
     assert [column.name for column in probe.columns] == ["xpos/free/y", "xpos/world/x"]
-    assert list(probe.compute({"xpos": data.xpos[None]})[0]) == [data.xpos[1, 1], 0]
-    at = Probe(probe.columns, (), probe.compute, lambda model, data: np.array([1.0, 2.0])).only([1])
-    assert at.at
-    assert list(at.at(MODEL, data)) == [2.0]
+    assert row(probe, data).tolist() == [data.xpos[1, 1], 0]
+    lone = InstantProbe(probe.columns, lambda model, data: np.array([1.0, 2.0])).only([1])
+    assert row(lone, data).tolist() == [2.0]
+
+
+def test_blocks_of_simulations_are_measured_as_each_instant_alone() -> None:
+    instants = np.array([[moved(steps) for steps in row] for row in ((0, 5, 11), (7, 2, 50))])
+    probes = [field_probe(MODEL, name) for name in offered(MODEL)] + [make(MODEL) for make in DERIVED.values()]
+    compared = 0
+    for probe in probes:
+        if isinstance(probe, InstantProbe):
+            continue
+        fields = {name: np.array([[getattr(data, name) for data in row] for row in instants]) for name in probe.fields}
+        values = probe.compute(fields, {name: part[:, :1] for name, part in fields.items()})
+        assert values.shape == (2, 3, len(probe.columns))
+        for n, row_index in np.ndindex(2, 3):
+            alone = probe.compute(
+                {name: part[n, row_index] for name, part in fields.items()},
+                {name: part[n, 0] for name, part in fields.items()},
+            )
+            assert values[n, row_index].tobytes() == alone.tobytes()
+            compared += 1
+    assert compared > 300

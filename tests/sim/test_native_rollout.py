@@ -53,7 +53,7 @@ def streamed(stepper: PhysicsStepper, fields: Sequence[str], steps: int, chunk: 
     for first, _, block in blocks(stepper, fields, steps, chunk):
         assert first == expected
         for field in fields:
-            found[field].append(block[field].reshape(len(block[field]), -1))
+            found[field].append(block[field][0].reshape(block[field].shape[1], -1))
         expected += len(found[fields[0]][-1])
     return {field: np.concatenate(parts) for field, parts in found.items()}
 

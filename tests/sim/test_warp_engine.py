@@ -22,7 +22,7 @@ MODEL = """
   <sensor><jointpos joint="x"/></sensor>
 </mujoco>
 """
-FIELDS = ("time", "qpos", "qvel", "ctrl", "xpos", "xmat", "energy", "ncon", "sensordata")
+FIELDS = ("qpos", "qvel", "ctrl", "xpos", "xmat", "energy", "ncon", "sensordata")
 STEPS, N = 30, 3
 
 
