@@ -1,4 +1,4 @@
-"""How far a simulation is from where a finer one goes, and how much energy it makes."""
+"""Accuracy of a simulation: its distance from one with finer steps, and its energy drift."""
 
 import copy
 from dataclasses import dataclass
@@ -12,13 +12,13 @@ from mjrun.timeline import nearest, rational
 
 
 @dataclass(frozen=True)
-class Arrival:
-    """Where a simulation got to.
+class FinalState:
+    """The end of a simulation.
 
     Attributes:
       time: simulated [s], exact.
       qpos, qvel: `(nq,)`, `(nv,)`.
-      drift: its potential and kinetic energy, less those at the start [J].
+      drift: potential and kinetic energy, less those at the start [J].
     """
 
     time: Fraction
@@ -27,7 +27,7 @@ class Arrival:
     drift: float
 
 
-def arrive(model: mujoco.MjModel, data: mujoco.MjData, horizon: Fraction) -> Arrival:
+def simulate_to(model: mujoco.MjModel, data: mujoco.MjData, horizon: Fraction) -> FinalState:
     """Simulates from the state in `data`, its controls held, for the whole number of steps nearest to `horizon` [s].
 
     Raises:
@@ -37,11 +37,11 @@ def arrive(model: mujoco.MjModel, data: mujoco.MjData, horizon: Fraction) -> Arr
     return _advanced(_stepper(model, data), max(1, nearest(horizon / timestep)), timestep)
 
 
-def distance(model: mujoco.MjModel, data: mujoco.MjData, arrival: Arrival, timestep: Fraction) -> float:
-    """How far `arrival` is from where `model` itself goes when it takes finer steps.
+def distance_from_finer(model: mujoco.MjModel, data: mujoco.MjData, final: FinalState, timestep: Fraction) -> float:
+    """How far `final` is from where `model` gets with finer steps.
 
     Args:
-      data: where both start.
+      data: the start of both.
       timestep: of the finer simulation [s].
 
     Returns:
@@ -53,15 +53,15 @@ def distance(model: mujoco.MjModel, data: mujoco.MjData, arrival: Arrival, times
     """
     finer = copy.copy(model)
     finer.opt.timestep = float(timestep)
-    steps = nearest(arrival.time / timestep)
+    steps = nearest(final.time / timestep)
     reference = _advanced(_stepper(finer, data), steps, timestep)
-    # Its steps need not meet that instant: what is left, half a step at most, goes by its velocity.
-    qpos, left = reference.qpos.copy(), float(arrival.time - reference.time)
-    mujoco.mj_integratePos(model, qpos, reference.qvel, left)
-    return apart(model, qpos, arrival.qpos)
+    # Its steps need not meet that instant: its velocity covers the rest, half a step at most.
+    qpos, rest = reference.qpos.copy(), float(final.time - reference.time)
+    mujoco.mj_integratePos(model, qpos, reference.qvel, rest)
+    return position_distance(model, qpos, final.qpos)
 
 
-def apart(model: mujoco.MjModel, a: np.ndarray, b: np.ndarray) -> float:
+def position_distance(model: mujoco.MjModel, a: np.ndarray, b: np.ndarray) -> float:
     """Root mean square over all degrees of freedom of the difference of two positions `(nq,)` [m and rad]."""
     difference = np.zeros(model.nv)
     mujoco.mj_differentiatePos(model, difference, 1.0, a, b)
@@ -74,8 +74,8 @@ def _stepper(model: mujoco.MjModel, data: mujoco.MjData) -> PhysicsStepper:
     return PhysicsStepper(measured, data)
 
 
-def _advanced(stepper: PhysicsStepper, steps: int, timestep: Fraction) -> Arrival:
+def _advanced(stepper: PhysicsStepper, steps: int, timestep: Fraction) -> FinalState:
     before = float(stepper.instant().energy.sum())
     stepper.advance(steps)
-    there = stepper.instant()
-    return Arrival(steps * timestep, there.qpos.copy(), there.qvel.copy(), float(there.energy.sum()) - before)
+    end = stepper.instant()
+    return FinalState(steps * timestep, end.qpos.copy(), end.qvel.copy(), float(end.energy.sum()) - before)

@@ -1,39 +1,51 @@
-"""Is it slower than it was? The ratio of two benchmarks, with its interval.
+"""BaselineComparison of a benchmark with one that was saved: is it slower, and is that certain?
 
-An interval knows how samples differ within a benchmark, not what another process did to all of them. That only adds to
+Wall times of two benchmarks differ with the state of the machine as well as with what is measured. Where both have
+timed the same reference workload in turn with a figure, its samples `s` are divided by those of the workload, `r`, in
+the same turn, and the quotients of both benchmarks are compared by the ratio of their medians:
+
+    ratio = median(s_i / r_i) now / median(s_j / r_j) in the baseline
+
+A machine that is slower as a whole changes neither quotient. The interval of the ratio is that of
+`statistics.ratio_interval`, for the quotients; it needs no more than that turns are independent of each other.
+
+The interval knows how samples differ within a benchmark, not what another process did to all of them. That only adds to
 a wall time, and the fastest sample escapes it first: what is slower must be so by median and by fastest sample.
 """
 
 import json
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from mjrun.bench.compared_timings import Document, FigureId, FigureSamples, figures, figures_of_row
 from mjrun.bench.statistics import CONFIDENCE, median, ratio_interval
-from mjrun.errors import FileError, UsageError, clean, listing
+from mjrun.errors import FileError, UsageError, clean, listing, option
 
 SCHEMA = "mjrun-bench-1"
-FAILED, SLOWER, INCONCLUSIVE, FASTER, FINE = "failed", "slower", "inconclusive", "faster", "not slower"
-WORST_FIRST = (FAILED, SLOWER, INCONCLUSIVE, FINE, FASTER)
-# What both must have been asked alike, or else they did not do the same.
+FAILED, SLOWER, INCONCLUSIVE, FASTER, NOT_SLOWER = "failed", "slower", "inconclusive", "faster", "not slower"
+WORST_FIRST = (FAILED, SLOWER, INCONCLUSIVE, NOT_SLOWER, FASTER)
+
+# What must be the same in both, or else they have not measured the same.
 OPTIONS = ("key", "noise_std", "noise_rate", "settings")
 MACHINE = ("system", "cpu", "cores", "available")
 ENGINE = ("name", "device", "device_name", "worlds", "nconmax", "njmax")
 
-Figure = tuple[str, str]  # its name, and the device if the processor did not make it
-
 
 @dataclass(frozen=True)
-class Ratio:
+class FigureRatio:
     """How one figure changed.
 
     Attributes:
       name: of the figure: `step`, `threads 2`, `rgb 1280x720 model`, with the point of the grid it belongs to.
       base, now: medians of the wall time [s].
-      ratio: of the medians; above 1 is slower.
+      ratio: of the medians, relative to the reference workload, where `reference_workload` is a number; above 1 is
+        slower.
       low, high: the interval of the ratio at 95 %; None when there are too few samples for one.
-      fastest: ratio of the fastest samples.
+      fastest: ratio of the fastest samples, likewise relative to the reference workload.
+      reference_workload: how many times as long that took, by its median; above 1 the machine is slower. None where
+        wall times are compared as they are.
       verdict: `slower`, if all of the interval and `fastest` are above the limit; `faster`, if all of it is below 1;
         `not slower`, if none of it is above the limit; else `inconclusive`.
     """
@@ -45,17 +57,18 @@ class Ratio:
     low: float | None
     high: float | None
     fastest: float
+    reference_workload: float | None
     verdict: str
 
 
 @dataclass(frozen=True)
-class Gone:
-    """A figure that the base has, and this benchmark has not.
+class MissingFigure:
+    """A figure of the baseline that this benchmark does not have.
 
     Attributes:
-      name: of the figure, with the device if the processor did not make it.
+      name: of the figure, with the device if that is not the processor.
       base: median of the wall time [s].
-      failure: why it could not be measured, such as an instability; None where it was not to be.
+      failure: why it could not be measured, such as an instability; None where it was not meant to be.
     """
 
     name: str
@@ -64,27 +77,27 @@ class Gone:
 
 
 @dataclass(frozen=True)
-class Comparison:
-    """How a benchmark stands to its base.
+class BaselineComparison:
+    """A benchmark beside its baseline.
 
     Attributes:
       base: the file.
       limit: the ratio above which a figure is slower.
-      verdict: the worst of all figures; `failed` where one of the base could not be measured.
+      verdict: the worst of all figures; `failed` where one of the baseline could not be measured.
       ratios: of every figure that both have.
-      gone: figures that only the base has.
-      differences: between model, options and machines, where that was overridden.
+      gone: figures that only the baseline has.
+      differences: between model, options and machines, where they were overridden.
     """
 
     base: str
     limit: float
     verdict: str
-    ratios: Sequence[Ratio]
-    gone: Sequence[Gone]
+    ratios: Sequence[FigureRatio]
+    gone: Sequence[MissingFigure]
     differences: Sequence[str]
 
 
-def read_base(path: str | Path) -> dict[str, Any]:
+def read_base(path: str | Path) -> Document:
     """A benchmark that was saved.
 
     Raises:
@@ -97,140 +110,163 @@ def read_base(path: str | Path) -> dict[str, Any]:
         raise FileError(path, f"cannot be read: {error.strerror or error}") from None
     except ValueError as error:
         raise FileError(path, f"is not JSON: {clean(str(error))}") from None
+
     schema = document.get("schema") if isinstance(document, dict) else None
     if schema != SCHEMA:
-        raise FileError(path, "is not a benchmark of this mjrun", f"mjrun bench MODEL --save {path} makes one")
+        raise FileError(path, "is not a benchmark of this mjrun", f"mjrun bench with {option('save')} makes one")
+
     try:
         list(figures(document))
         differences(document, document)
+        workload_obstacle(document, document)
     except (KeyError, TypeError, ValueError, AttributeError) as error:
         raise FileError(path, f"is not a whole benchmark: {type(error).__name__} {clean(str(error))}") from None
     return document
 
 
-def differences(now: Mapping[str, Any], base: Mapping[str, Any]) -> list[str]:
+def differences(now: Document, base: Document) -> list[str]:
     """Why `now` and `base` cannot be compared, if they cannot, a sentence each.
 
-    A compiled model is another in every version of MuJoCo; of two versions, the model's file is compared.
+    A compiled model differs from version to version of MuJoCo; across versions, the model's file is compared.
     """
     same_mujoco = now["mujoco"] == base["mujoco"]
     fingerprint = "sha256" if same_mujoco else "file_sha256"
-    found = []
+    reasons = []
     if now["model"][fingerprint] != base["model"][fingerprint]:
-        found.append("another model" if same_mujoco else "another model file")
+        reasons.append("another model" if same_mujoco else "another model file")
+
     for part, keys in (("engine", ENGINE), ("options", OPTIONS), ("machine", MACHINE)):
         for key in keys:
             there, here = base[part][key], now[part][key]
             if there != here:
                 name = "engine" if (part, key) == ("engine", "name") else key
-                found.append(f"{name}: {clean(_word(there))} there, {clean(_word(here))} here")
+                reasons.append(f"{name}: {clean(_word(there))} there, {clean(_word(here))} here")
+
     steps = now["options"]["steps"]
     others = sorted({row["steps"] for row in base["rows"] if row["step"] is not None and row["steps"] != steps})
     if steps is not None and others:
-        found.append(f"steps: {', '.join(map(str, others))} there, {steps} here")
-    return found
+        reasons.append(f"steps: {', '.join(map(str, others))} there, {steps} here")
+    return reasons
 
 
-def steps_of(base: Mapping[str, Any], point: Mapping[str, str]) -> int | None:
+def workload_obstacle(now: Document, base: Document) -> str | None:
+    """Why the reference workloads of `now` and `base` cannot be compared; None if they can.
+
+    The workload is simulated by MuJoCo: if another version of it is slower, so is the workload, and would hide it.
+    """
+    here, there = now.get("reference_workload"), base.get("reference_workload")
+    if here is None:
+        return "no reference workload is timed with this engine"
+    if there is None:
+        return "the baseline has no reference workload; earlier versions of mjrun did not time one"
+    if here["version"] != there["version"]:
+        return "the baseline has another reference workload"
+    if now["mujoco"] != base["mujoco"]:
+        return f"the reference workload, too, was simulated by MuJoCo {clean(_word(base['mujoco']))} in the baseline"
+    return None
+
+
+def steps_of(base: Document, point: Mapping[str, str]) -> int | None:
     """The steps of a rollout at a point of the grid, which a benchmark must take too to be compared."""
     return next((row["steps"] for row in base["rows"] if row["point"] == point and row["step"] is not None), None)
 
 
-def check_same(now: Mapping[str, Any], base: Mapping[str, Any], path: str, force: bool) -> list[str]:
+def check_same(now: Document, base: Document, path: str, force: bool) -> list[str]:
     """The differences that `force` overrides.
 
     Raises:
       UsageError: there are some, and no `force`.
     """
-    found = differences(now, base)
-    if found and not force:
-        lines = "\n".join(found)
-        raise UsageError(f"{clean(path)} is no base for this benchmark\n{lines}\n--force compares all the same")
-    return found
+    reasons = differences(now, base)
+    if reasons and not force:
+        lines = "\n".join(reasons)
+        advice = f"{option('force')} compares them nevertheless"
+        raise UsageError(f"{clean(path)} is no baseline for this benchmark\n{lines}\n{advice}", ("compare",))
+    return reasons
 
 
 def compare(
-    now: Mapping[str, Any], base: Mapping[str, Any], path: str, threshold: float, overridden: Sequence[str] = ()
-) -> Comparison:
-    """Compares every figure that both documents have, and names those that only the base has.
+    now: Document, base: Document, path: str, threshold: float, overridden: Sequence[str] = ()
+) -> BaselineComparison:
+    """Compares every figure that both documents have, and lists those that only the baseline has.
 
     Args:
       threshold: by how much a figure may be slower: 0.1 is a tenth.
-      overridden: the differences that do not matter, as `check_same` found them.
+      overridden: the differences that are ignored, as `check_same` returned them.
 
     Raises:
       UsageError: they have no figure in common, and nothing has failed.
     """
-    known, here, limit = dict(figures(base)), dict(figures(now)), 1 + threshold
-    ratios = [_ratio(of[0], samples, known[of], limit) for of, samples in here.items() if of in known]
+    before, here, limit = dict(figures(base)), dict(figures(now)), 1 + threshold
+    with_workload = workload_obstacle(now, base) is None
+    ratios = [
+        _ratio(figure[0], samples, before[figure], limit, with_workload)
+        for figure, samples in here.items()
+        if figure in before
+    ]
+
     failures = _failures(now, base)
-    gone = [Gone(_shown(of), median(known[of]), failures.get(of)) for of in known if of not in here]
-    verdicts = [ratio.verdict for ratio in ratios] + [FAILED for one in gone if one.failure]
+    missing = [
+        MissingFigure(_label(figure), samples.median, failures.get(figure))
+        for figure, samples in before.items()
+        if figure not in here
+    ]
+
+    verdicts = [ratio.verdict for ratio in ratios] + [FAILED for figure in missing if figure.failure]
     if not verdicts:
-        has = listing([*map(_shown, known)])
-        raise UsageError(f"{clean(path)} has no figure in common with this benchmark\nit has {has}")
-    return Comparison(path, limit, min(verdicts, key=WORST_FIRST.index), ratios, gone, overridden)
+        names = listing([*map(_label, before)])
+        message = f"{clean(path)} has no figure in common with this benchmark\nit has {names}"
+        raise UsageError(message, ("compare",))
+    return BaselineComparison(path, limit, min(verdicts, key=WORST_FIRST.index), ratios, missing, overridden)
 
 
-def figures(document: Mapping[str, Any]) -> Iterator[tuple[Figure, list[float]]]:
-    """All figures that are compared, and their samples [s]."""
-    for row in document["rows"]:
-        yield from _of_row(row)
-    for frame in document["frames"]:
-        (width, height), other = frame["size"], frame["renderer"]
-        name = f"{frame['view']} {width}x{height} {frame['quality']}" + (f" {other}" if other != "classic" else "")
-        yield (name, frame["device"]), _samples(frame["total"])
-
-
-def _of_row(row: Mapping[str, Any]) -> Iterator[tuple[Figure, list[float]]]:
-    """The figures of a point of the grid."""
-    point = "".join(f" {path}={value}" for path, value in row["point"].items())
-    if row["step"] is not None:
-        yield (f"step{point}", ""), _samples(row["step"])
-    for threads in row["threads"]:
-        if threads["threads"] > 1:
-            yield (f"threads {threads['threads']}{point}", ""), _samples(threads["step"])
-
-
-def _failures(now: Mapping[str, Any], base: Mapping[str, Any]) -> dict[Figure, str]:
-    """The figures of the base that could not be measured now, and why."""
+def _failures(now: Document, base: Document) -> dict[FigureId, str]:
+    """The figures of the baseline that could not be measured now, and why."""
     failed = [row for row in now["rows"] if row["failure"] is not None]
     return {
-        of: row["failure"]
+        figure: row["failure"]
         for row in failed
-        for was in base["rows"]
-        if was["point"] == row["point"]
-        for of, _ in _of_row(was)
+        for before in base["rows"]
+        if before["point"] == row["point"]
+        for figure, _ in figures_of_row(before)
     }
 
 
-def _samples(stat: Mapping[str, Any]) -> list[float]:
-    samples = [float(sample) for sample in stat["samples"]]
-    if not samples or min(samples) <= 0:
-        raise ValueError("samples must be positive")
-    return samples
+def _ratio(name: str, now: FigureSamples, base: FigureSamples, limit: float, with_workload: bool) -> FigureRatio:
+    here, there, fastest, workload = now.times, base.times, min(now.times) / min(base.times), None
+    if with_workload and now.workload and base.workload:
+        here, there = now.quotients(now.workload), base.quotients(base.workload)
+        fastest /= min(now.workload) / min(base.workload)
+        workload = median(now.workload) / median(base.workload)
 
-
-def _ratio(name: str, samples: Sequence[float], base: Sequence[float], limit: float) -> Ratio:
-    interval = ratio_interval(samples, base, CONFIDENCE)
+    interval = ratio_interval(here, there, CONFIDENCE)
     low, high = (None, None) if interval is None else (interval.low, interval.high)
-    before, now, fastest = median(base), median(samples), min(samples) / min(base)
-    return Ratio(name, before, now, now / before, low, high, fastest, verdict(low, high, fastest, limit))
+    return FigureRatio(
+        name=name,
+        base=base.median,
+        now=now.median,
+        ratio=median(here) / median(there),
+        low=low,
+        high=high,
+        fastest=fastest,
+        reference_workload=workload,
+        verdict=verdict(low, high, fastest, limit),
+    )
 
 
 def verdict(low: float | None, high: float | None, fastest: float, limit: float) -> str:
-    """What a ratio's interval, and that of the fastest samples, say."""
+    """What follows from the interval of a ratio, and from the ratio of the fastest samples."""
     if low is None or high is None:
         return INCONCLUSIVE
     if low > limit and fastest > limit:
         return SLOWER
     if high < 1:
         return FASTER
-    return FINE if high <= limit else INCONCLUSIVE
+    return NOT_SLOWER if high <= limit else INCONCLUSIVE
 
 
-def _shown(of: Figure) -> str:
-    name, device = of
+def _label(figure: FigureId) -> str:
+    name, device = figure
     return f"{name} by {device}" if device else name
 
 

@@ -1,6 +1,5 @@
-"""A benchmark: what the steps, the pictures and the accuracy of a simulation cost on this machine."""
+"""A benchmark: what steps and frames of a simulation cost on this machine, and how accurate it is."""
 
-import hashlib
 import json
 import math
 import time
@@ -13,17 +12,25 @@ from typing import Any
 
 import mujoco
 
-from mjrun.bench.baseline import check_same, compare, read_base, steps_of
+from mjrun.bench.baseline import check_same, compare, read_base, steps_of, workload_obstacle
 from mjrun.bench.control_noise import RATE, STD
-from mjrun.bench.frame_timing import FEW, FPS, Frame, timed_frames
-from mjrun.bench.load_timing import Load, timed_load
-from mjrun.bench.machine import Machine, machine
-from mjrun.bench.output_timing import whole_film, whole_trace
-from mjrun.bench.results import BenchResult, Engine, ModelFacts, Options
+from mjrun.bench.frame_timing import FPS, LEAST, FrameTiming, timed_frames
+from mjrun.bench.grid_timing import (
+    GridPoint,
+    MeasurementSettings,
+    RolloutSetup,
+    check_reference,
+    notes_on,
+    timed_grid,
+)
+from mjrun.bench.load_timing import LoadTiming, timed_load
+from mjrun.bench.machine_info import MachineInfo, machine_info
+from mjrun.bench.output_timing import timed_trace, timed_video
+from mjrun.bench.reference_workload import ReferenceInfo
+from mjrun.bench.results import BenchOptions, BenchResult, EngineInfo, ModelInfo
 from mjrun.bench.rollout_timing import Clock
-from mjrun.bench.runner import Case, Plan, Stimulus, check_reference, remarks, timed_rows
 from mjrun.bench.warp_timing import LEFT_OUT, WARP, C, WarpOptions, check_engine
-from mjrun.errors import BadValueError, FileError, UsageError
+from mjrun.errors import BadValueError, FileError, UsageError, option
 from mjrun.formats.publishing import StagedFile
 from mjrun.job.manifest import origin
 from mjrun.job.simulation import Simulation, positive
@@ -39,8 +46,8 @@ from mjrun.sim.parameter_grid import points, settings
 from mjrun.timeline import nearest, rational
 
 TEST = "test"  # the keyframe that testspeed starts from
-WHOLE = Fraction(1)  # [s] simulated, of whole films and traces
-SIZES = ("nq", "nv", "nu", "nbody", "ngeom")
+HORIZON = Fraction(1)  # [s] simulated
+WHOLE = Fraction(1)  # [s] simulated, of whole videos and traces
 
 
 @dataclass(frozen=True)
@@ -49,7 +56,7 @@ class Bench:
 
     Args:
       model: a compiled model, or the path of one.
-      key: keyframe to start from, by name or index; `test`, if there is one, when None, as testspeed has it.
+      key: keyframe to start from, by name or index; `test`, if there is one, when None, as in testspeed.
       noise_std: scale of the noise on the controls, in half ranges; testspeed's own. With 0 the controls stay those
         of the start, as in a bare loop.
       noise_rate: time in which controls return to the keyframe's, or to the middle of their ranges [s].
@@ -61,17 +68,21 @@ class Bench:
       scan: settings, `integrator`, `timestep` or any path, to the values that they take; all combinations are
         measured in turn, so that what disturbs one disturbs all.
       accuracy: also measure energy drift, and distance from a run with finer steps.
-      horizon: simulated time after which that is done [s].
+      horizon: simulated time after which that is done [s]; 1 when None.
       reference: timestep of the finer run, finer than every one in the grid [s]; an eighth of the finest when None.
-      drawings: pictures to time, of one camera and one view each.
-      whole: also time a whole trace and a whole film.
+      drawings: frames to time, of one camera and one view each.
+      whole: also time a whole trace and a whole video.
+      video: what that video shows; the first of `drawings`, or else what a video shows by default, when None.
       engine: `c`, MuJoCo itself, or `warp`, MuJoCo Warp, which times steps alone.
       worlds, device, nconmax, njmax: of `warp`, as `WarpOptions` has them.
       save: a file for the result, to be compared with later.
       compare: a file so saved.
       fail_above: by how much a figure may be slower: 0.1 is a tenth.
-      force: compare whatever differs.
+      force: compare in spite of differences.
       command: the command line.
+
+    Raises:
+      UsageError: a value makes no sense, or would have no effect.
     """
 
     model: ModelLike
@@ -85,10 +96,11 @@ class Bench:
     threads: Sequence[int | str] | None = None
     scan: Mapping[str, Sequence[str]] = field(default_factory=dict)
     accuracy: bool = False
-    horizon: float | str | Fraction = 1
+    horizon: float | str | Fraction | None = None
     reference: float | str | Fraction | None = None
     drawings: Sequence[Drawing] = ()
     whole: bool = False
+    video: Drawing | None = None
     engine: str = C
     worlds: int | None = None
     device: str | None = None
@@ -101,28 +113,46 @@ class Bench:
     command: str = ""
 
     def __post_init__(self) -> None:
-        for flag, count in (("--steps", self.steps), ("--repeats", self.repeats)):
-            if count is not None and not (isinstance(count, int) and count > 0):
-                raise BadValueError(flag, count, "a positive whole number")
-        for flag, value in (("--noise-rate", self.noise_rate), ("--fail-above", self.fail_above)):
-            if not 0 <= value < math.inf:
-                raise BadValueError(flag, value, "a number from 0 on")
-        if not 0 <= self.noise_std <= 1:
-            raise BadValueError("--noise-std", self.noise_std, "a number from 0 to 1")
-        for count in self.threads or ():
-            if count != AUTO and not (isinstance(count, int) and count > 0):
-                raise BadValueError("--threads", count, f"a number from 1 on, or {AUTO}")
-        for flag, value in (("--budget", self.budget), ("--horizon", self.horizon), ("--reference", self.reference)):
-            if value is not None:
-                positive(flag, value)
+        self._check_numbers()
+        self._check_effects()
         if any(len(drawing.panels) != 1 for drawing in self.drawings):
             raise UsageError("each drawing that is timed must be of one camera and one view")
         if self.scan and isinstance(self.model, mujoco.MjModel):
-            raise UsageError("a scan changes a model before it is compiled; give its file")
+            raise UsageError(f"{option('scan')} changes a model before it is compiled; give its file")
+
         of_c = {"threads": self.threads is not None, "accuracy": self.accuracy}
         of_c |= {"render": bool(self.drawings), "whole": self.whole}
-        names_of_warp = ("worlds", "device", "nconmax", "njmax")
-        check_engine(self.engine, of_c, {name: getattr(self, name) for name in names_of_warp})
+        of_warp = {"worlds": self.worlds, "device": self.device, "nconmax": self.nconmax, "njmax": self.njmax}
+        check_engine(self.engine, of_c, of_warp)
+
+    def _check_numbers(self) -> None:
+        for name, count in (("steps", self.steps), ("repeats", self.repeats)):
+            if count is not None and not (isinstance(count, int) and count > 0):
+                raise BadValueError(option(name), count, "a positive whole number")
+        for name, value in (("noise_rate", self.noise_rate), ("fail_above", self.fail_above)):
+            if not 0 <= value < math.inf:
+                raise BadValueError(option(name), value, "a number from 0 on")
+        if not 0 <= self.noise_std <= 1:
+            raise BadValueError(option("noise_std"), self.noise_std, "a number from 0 to 1")
+        for count in self.threads or ():
+            if count != AUTO and not (isinstance(count, int) and count > 0):
+                raise BadValueError(option("threads"), count, f"a number from 1 on, or {AUTO}")
+        for name, duration in (("budget", self.budget), ("horizon", self.horizon), ("reference", self.reference)):
+            if duration is not None:
+                positive(option(name), duration)
+
+    def _check_effects(self) -> None:
+        """Refuses options that would be ignored."""
+        needs = (
+            ("horizon", self.horizon is not None, "accuracy", self.accuracy),
+            ("reference", self.reference is not None, "accuracy", self.accuracy),
+            ("video", self.video is not None, "whole", self.whole),
+            ("fail_above", self.fail_above > 0, "compare", self.compare is not None),
+            ("force", self.force, "compare", self.compare is not None),
+        )
+        for name, is_given, other, has_effect in needs:
+            if is_given and not has_effect:
+                raise UsageError(f"{option(name)} has no effect without {option(other)}")
 
     def run(self, reporter: Reporter | None = None, clock: Clock = time.perf_counter) -> BenchResult:
         """Measures. What can fail early fails before the first step; an unstable point of a grid is a result.
@@ -135,7 +165,7 @@ class Bench:
           SimulationError: every point of the grid is unstable.
         """
         reporter, begun = reporter or QuietReporter(), clock()
-        with collected_warnings() as heard, ExitStack() as stack:
+        with collected_warnings() as warnings, ExitStack() as stack:
             target = None if self.save is None else StagedFile(Path(self.save))
             if target:
                 stack.callback(target.discard)
@@ -143,61 +173,57 @@ class Bench:
             result = replace(result, wall=clock() - begun)
             if target:
                 _publish(target, result)
-        if not any(
-            row.failure or (row.accuracy and row.accuracy.failure) for row in result.rows
-        ):  # which say it better
-            pass_on(heard, reporter)
+
+        # The failures say better what MuJoCo warns of.
+        if not any(row.failure or (row.accuracy and row.accuracy.failure) for row in result.rows):
+            pass_on(warnings, reporter)
         return result
 
     def _measured(self, reporter: Reporter, clock: Clock) -> BenchResult:
         base = None if self.compare is None else read_base(self.compare)
-        here, warp = machine(), self._warp()
+        machine, warp = machine_info(), self._warp()
         model, load = self._loaded(clock)
-        key = self._key(model)
-        simulation = Simulation(self.model, key=key, duration=WHOLE)
-        facts = self._facts(simulation, model, load, here, warp)
-        overridden = [] if base is None else check_same(asdict(facts), base, str(self.compare), self.force)
-        stimulus, cases, plan = (
-            Stimulus(key, self.noise_std, self.noise_rate),
-            self._cases(model, base),
-            self._plan(warp),
-        )
-        check_reference(plan.reference, cases)
-        # Before the first step.
-        drawn = [*self.drawings, *([Drawing()] if self.whole and not self.drawings else [])]
-        backends = [drawing.search().result(drawing.require_gpu) for drawing in drawn]
-        rows = timed_rows(cases, stimulus, plan, reporter, clock)
-        for overflow in dict.fromkeys(overflow for row in rows for overflow in row.overflows):
-            reporter.warn(overflow)
-        frames = [self._frame(model, stimulus, *pair, clock) for pair in zip(self.drawings, backends, strict=False)]
-        whole = []
-        if self.whole:
-            whole = [whole_trace(simulation, clock)]
-            whole += [whole_film(simulation, drawing, clock) for drawing in self.drawings[:1] or (None,)]
-        found = replace(
-            facts,
-            rows=rows,
-            frames=frames,
-            whole=whole,
-            load_after=machine().load,
-            # What is known to be wrong with MuJoCo is not so of Warp.
-            notes=[
-                *here.remarks,
-                *(simulation.start if warp else simulation).remarks(model),
-                *remarks(rows, cases),
-                *([LEFT_OUT] if warp else []),
-            ],
-        )
-        if base is None:
-            return found
-        return replace(found, comparison=compare(asdict(found), base, str(self.compare), self.fail_above, overridden))
+        setup = RolloutSetup(self._key(model), self.noise_std, self.noise_rate)
+        simulation = Simulation(self.model, key=setup.key, duration=WHOLE)
+        header = self._header(simulation, model, load, machine, warp)
+        overridden = [] if base is None else check_same(asdict(header), base, str(self.compare), self.force)
+        grid, measurement = self._grid(model, base), self._measurement(warp)
+        check_reference(measurement.reference, grid)
+        video = self.video or next(iter(self.drawings), Drawing())
+        backends = self._backends(video)
+
+        rows = timed_grid(grid, setup, measurement, reporter, clock)
+        frames = [
+            self._frames(model, setup, drawing, backend, clock)
+            for drawing, backend in zip(self.drawings, backends, strict=False)
+        ]
+        whole = [timed_trace(simulation, clock), timed_video(simulation, video, clock)] if self.whole else []
+
+        # MuJoCo's known bugs are not those of Warp.
+        notes = [*machine.disturbances, *(simulation.start if warp else simulation).remarks(model)]
+        notes += [*notes_on(rows, grid), *([LEFT_OUT] if warp else [])]
+        result = replace(header, rows=rows, frames=frames, whole=whole, load_after=machine_info().load, notes=notes)
+        return result if base is None else self._compared(result, base, overridden)
+
+    def _compared(self, result: BenchResult, base: Mapping[str, Any], overridden: Sequence[str]) -> BenchResult:
+        now, path = asdict(result), str(self.compare)
+        comparison = compare(now, base, path, self.fail_above, overridden)
+        if not (obstacle := workload_obstacle(now, base)):
+            return replace(result, comparison=comparison)
+        note = f"wall times are compared as they are, on whatever else this machine does: {obstacle}"
+        return replace(result, comparison=comparison, notes=[*result.notes, note])
+
+    def _backends(self, video: Drawing) -> list[Backend]:
+        """What draws each of the drawings, found before anything is timed; that of the video is only tried."""
+        drawings = [*self.drawings, *([video] if self.whole and video not in self.drawings else [])]
+        return [drawing.search().result(drawing.require_gpu) for drawing in drawings]
 
     @property
     def _source(self) -> Source:
         """Where the model comes from."""
         return source_of(self.model)
 
-    def _loaded(self, clock: Clock) -> tuple[mujoco.MjModel, Load | None]:
+    def _loaded(self, clock: Clock) -> tuple[mujoco.MjModel, LoadTiming | None]:
         if isinstance(self.model, mujoco.MjModel):
             return self.model, None
         return timed_load(self._source, clock)
@@ -207,89 +233,83 @@ class Bench:
             return str(self.key)
         return TEST if TEST in names(model, "keyframe") else None
 
-    def _cases(self, model: mujoco.MjModel, base: Mapping[str, Any] | None) -> list[Case]:
-        """Every point of the grid, with its model; a base decides how many steps it takes, if nobody else does."""
-        found = []
+    def _grid(self, model: mujoco.MjModel, base: Mapping[str, Any] | None) -> list[GridPoint]:
+        """Every point of the grid, with its model; a baseline decides on its steps, if they are not given."""
+        grid = []
         for point in points(self.scan):
             compiled = model
             if point:
                 compiled = replace(self._source, settings=(*self._source.settings, *settings(point))).load()
-            fixed = steps_of(base, point) if base is not None and self.steps is None else self.steps
-            found.append(Case(point, compiled, fixed))
-        return found
+            steps = steps_of(base, point) if base is not None and self.steps is None else self.steps
+            grid.append(GridPoint(point, compiled, steps))
+        return grid
 
     def _warp(self) -> WarpOptions | None:
         if self.engine == C:
             return None
         return WarpOptions(self.device, self.worlds, self.nconmax, self.njmax)
 
-    def _plan(self, warp: WarpOptions | None) -> Plan:
+    def _measurement(self, warp: WarpOptions | None) -> MeasurementSettings:
         usual = (1,) if self.scan else (1, AUTO)
-        asked = [available_cores() if count == AUTO else int(count) for count in self.threads or usual]
-        return Plan(
+        threads = [available_cores() if count == AUTO else int(count) for count in self.threads or usual]
+        horizon = HORIZON if self.horizon is None else rational(self.horizon)
+        return MeasurementSettings(
             budget=float(self.budget),
             repeats=self.repeats,
-            threads=list(dict.fromkeys(asked)),
-            horizon=rational(self.horizon) if self.accuracy else None,
+            threads=list(dict.fromkeys(threads)),
+            horizon=horizon if self.accuracy else None,
             reference=None if self.reference is None else rational(self.reference),
-            engine=warp,
+            warp=warp,
         )
 
-    def _frame(
-        self, model: mujoco.MjModel, stimulus: Stimulus, drawing: Drawing, backend: Backend, clock: Clock
-    ) -> Frame:
-        """What a picture costs: of the first instants of a film."""
+    def _frames(
+        self, model: mujoco.MjModel, setup: RolloutSetup, drawing: Drawing, backend: Backend, clock: Clock
+    ) -> FrameTiming:
+        """The cost of a frame: of the first instants of a video."""
         spacing = 1 / (FPS * rational(model.opt.timestep))
-        steps = [nearest(k * spacing) for k in range(FEW)]
-        states = stimulus.run(model, steps[-1]).states(steps)
+        steps = [nearest(k * spacing) for k in range(LEAST)]
+        states = setup.run(model, steps[-1]).states(steps)
         return timed_frames(drawing, model, backend, states, float(self.budget) / len(self.drawings), clock)
 
-    def _facts(
+    def _header(
         self,
         simulation: Simulation,
         model: mujoco.MjModel,
-        load: Load | None,
-        here: Machine,
+        load: LoadTiming | None,
+        machine: MachineInfo,
         warp: WarpOptions | None,
     ) -> BenchResult:
-        """What is known before a step is taken."""
-        known = origin(self, simulation, model, simulation.timeline(model))
+        """The result as far as it is known before a step is taken."""
         source = self._source
+        options = BenchOptions(
+            key=simulation.start.key,
+            noise_std=float(self.noise_std),
+            noise_rate=float(self.noise_rate),
+            steps=self.steps,
+            repeats=self.repeats,
+            budget=float(self.budget),
+            settings=[str(setting) for setting in source.settings],
+            scan={path: list(values) for path, values in self.scan.items()},
+        )
+        facts = origin(self, simulation, model, simulation.timeline(model))
         return BenchResult(
-            **{name: known[name] for name in ("mjrun", "mujoco", "numpy", "python")},
+            **{name: facts[name] for name in ("mjrun", "mujoco", "numpy", "python")},
             command=self.command,
-            machine=here,
+            machine=machine,
             load_after=None,
-            engine=Engine(C, None, "cpu", here.cpu, 1, None, None) if warp is None else _engine(warp, here),
-            model=ModelFacts(
-                path=known["model"]["path"],
-                sha256=known["model"]["sha256"],
-                file_sha256=source.main_file and hashlib.sha256(source.main_file.read_bytes()).hexdigest(),
-                **{size: int(getattr(model, size)) for size in SIZES},
-            ),
-            options=Options(
-                key=self._key(model),
-                noise_std=float(self.noise_std),
-                noise_rate=float(self.noise_rate),
-                steps=self.steps,
-                repeats=self.repeats,
-                budget=float(self.budget),
-                settings=[str(setting) for setting in source.settings],
-                scan={path: list(values) for path, values in self.scan.items()},
-            ),
+            engine=_engine(warp, machine),
+            model=ModelInfo.of(model, facts["model"]["path"], facts["model"]["sha256"], source.main_file),
+            options=options,
+            reference_workload=None if warp else ReferenceInfo(),
             load=load,
-            rows=[],
-            frames=[],
-            whole=[],
-            comparison=None,
-            notes=[],
-            wall=0.0,
         )
 
 
-def _engine(warp: WarpOptions, here: Machine) -> Engine:
-    name = here.cpu if warp.device == "cpu" else warp.device_name  # Warp says no more than CPU
-    return Engine(WARP, warp.version, warp.device, name, warp.worlds, warp.nconmax, warp.njmax)
+def _engine(warp: WarpOptions | None, machine: MachineInfo) -> EngineInfo:
+    if warp is None:
+        return EngineInfo(C, None, "cpu", machine.cpu, 1, None, None)
+    name = machine.cpu if warp.device == "cpu" else warp.device_name  # Warp calls every processor CPU
+    return EngineInfo(WARP, warp.version, warp.device, name, warp.worlds, warp.nconmax, warp.njmax)
 
 
 def _publish(target: StagedFile, result: BenchResult) -> None:

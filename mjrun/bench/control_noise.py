@@ -1,6 +1,6 @@
-"""The stimulus of MuJoCo's own `testspeed`: smoothed pseudo-random noise on every control.
+"""The control noise of MuJoCo's own `testspeed`: smoothed pseudo-random noise on every control.
 
-It keeps a model from settling, where warm starts make steps cheaper than in use, and is the same for everybody.
+It keeps a model from settling, where warm starts make steps cheaper than in use, and is the same on every machine.
 """
 
 import math
@@ -16,12 +16,12 @@ def halton(index: np.ndarray, base: int) -> np.ndarray:
 
     The digits of the index, mirrored at the point: Halton 1960, Numerische Mathematik 2, 84-90.
     """
-    rest, share, found = np.array(index), 1 / base, np.zeros(len(index))
+    rest, weight, elements = np.array(index), 1 / base, np.zeros(len(index))
     while rest.any():
         rest, digit = np.divmod(rest, base)
-        found += share * digit
-        share /= base
-    return found
+        elements += weight * digit
+        weight /= base
+    return elements
 
 
 def controls(
@@ -30,7 +30,7 @@ def controls(
     """The controls of every step, `(steps, nu)`, as MuJoCo 4.0's `sample/testspeed.cc` makes them.
 
     Each control returns to its centre exponentially, is pushed by an element of a Halton sequence, and stays in its
-    range: an Ornstein-Uhlenbeck process, but for its noise, which is even and not Gaussian.
+    range: an Ornstein-Uhlenbeck process, except that its noise is uniform instead of Gaussian.
 
     Args:
       std: scale of the noise, in half ranges of the actuator; in its own units where it has no range.
@@ -43,10 +43,10 @@ def controls(
     scale = std * math.sqrt(1 - keep * keep) * np.where(limited, 0.5 * (high - low), 1.0)
     pushes = [2 * halton(np.arange(steps), actuator + 2) - 1 for actuator in range(model.nu)]
     low, high = np.where(limited, low, -np.inf), np.where(limited, high, np.inf)
-    found = scale * np.column_stack(pushes) if model.nu else np.empty((steps, 0))
+    noise = scale * np.column_stack(pushes) if model.nu else np.empty((steps, 0))
     last = middle
-    for row in found:
+    for row in noise:
         row += keep * last + (1 - keep) * middle
         np.clip(row, low, high, out=row)
         last = row
-    return found
+    return noise

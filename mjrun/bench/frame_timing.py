@@ -1,7 +1,7 @@
-"""The wall time of a frame: scene update, drawing, reading back, composing; and of its encoding."""
+"""The wall time of a frame: updating the scene, drawing, reading back, composing, and encoding."""
 
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from functools import partial
@@ -10,35 +10,39 @@ from pathlib import Path
 import mujoco
 import numpy as np
 
+from mjrun.bench.reference_workload import ReferenceWorkload
 from mjrun.bench.rollout_timing import Clock
-from mjrun.bench.statistics import Stat, stat
+from mjrun.bench.statistics import SampleStatistics, summarized
 from mjrun.formats.codecs import encoding
 from mjrun.formats.video import FilmWriter
 from mjrun.job.view import Drawing, painter
 from mjrun.model.mujoco_globals import without_timers
 from mjrun.rendering.backend import Backend
 from mjrun.rendering.compositor import Overlay, SceneCompositor, Stream
+from mjrun.rendering.process_count import available_cores
 from mjrun.rendering.timed_renderers import DRAW, READ, TIMED, UPDATE, Stopwatch
 
-FEW, MOST = 7, 30  # frames that are timed, after the first
+LEAST, MOST = 7, 30  # frames that are timed, after the first
 FPS = Fraction(30)
-FILMS, ROUNDS = 3, 4  # films that are encoded, and how often each has every frame
+VIDEOS, ROUNDS = 3, 4  # videos that are encoded, and how often each has every frame
 COMPOSE = "compose"
 
 
 @dataclass(frozen=True)
-class Frame:
-    """What a frame costs; wall times in seconds.
+class FrameTiming:
+    """Wall time of a frame [s].
 
     Attributes:
-      view, size, renderer, quality: of what.
-      device: who drew, by its own name.
-      software: whether a CPU drew.
+      view, size, renderer, quality: what was drawn, and how.
+      device: what drew, by its own name.
+      software: whether that is the processor.
       first: the first frame, which compiles shaders.
-      update, draw, read, compose: derived fields and scene; drawing until it is done; pixels back in memory, and what
-        is made of them; the film's frame made of that. None where a renderer does not tell them apart.
+      update, draw, read, compose: derived fields and scene; drawing until it is done; reading pixels back and
+        converting them; making the frame of a video of them. None where a renderer does not tell them apart.
       total: all of these.
-      encode: per frame of a film as `mjrun video` encodes it by default, while nothing is drawn; from when the encoder
+      reference_workload: wall time per step of the reference workload, on all cores, after each frame; None where a GPU
+        draws, whose speed it does not share.
+      encode: per frame of a video as `mjrun video` encodes it by default, while nothing is drawn; from when the encoder
         has taken the first frame to its end.
     """
 
@@ -49,92 +53,118 @@ class Frame:
     device: str
     software: bool
     first: float
-    update: Stat
-    draw: Stat
-    read: Stat | None
-    compose: Stat
-    total: Stat
-    encode: Stat
+    update: SampleStatistics
+    draw: SampleStatistics
+    read: SampleStatistics | None
+    compose: SampleStatistics
+    total: SampleStatistics
+    reference_workload: SampleStatistics | None
+    encode: SampleStatistics
 
 
 def timed_frames(
-    job: Drawing, model: mujoco.MjModel, backend: Backend, states: Sequence[np.ndarray], budget: float, clock: Clock
-) -> Frame:
+    drawing: Drawing,
+    model: mujoco.MjModel,
+    backend: Backend,
+    states: Sequence[np.ndarray],
+    budget: float,
+    clock: Clock,
+) -> FrameTiming:
     """Draws `states` one after the other, again and again, and encodes them.
 
     Args:
-      job: one camera and one view.
+      drawing: one camera and one view.
       budget: wall time that may be spent on drawing [s]; a few frames are drawn in any case.
 
     Raises:
       RendererError: it cannot be drawn.
       UsageError: it cannot be drawn in that size.
     """
-    job.check(model, backend)
-    watch, (course,) = Stopwatch(clock), job.courses(model)
-    (stream,) = job.streams(with_legend=False, overlay=Overlay())
-    drawn = painter(job, model, backend, [stream], [(course.pose(state),) for state in states])
-    drawn.renderer = partial(TIMED[job.renderer], watch=watch)
+    drawing.check(model, backend)
+    watch, (motion,) = Stopwatch(clock), drawing.courses(model)
+    (stream,) = drawing.streams(with_legend=False, overlay=Overlay())
+    compositor = painter(drawing, model, backend, [stream], [(motion.pose(state),) for state in states])
+    compositor.renderer = partial(TIMED[drawing.renderer], watch=watch)
+    workload = ReferenceWorkload(clock, available_cores()) if backend.software else None
+
     try:
         with without_timers():
-            drawn.open()
-            spans, frames = _spans(drawn, watch, states, budget)
+            compositor.open()
+            costs, frames = _drawn(compositor, watch, states, budget, workload)
     finally:
-        drawn.close()
-    first, *rest = spans
-    parts = {name: [span.get(name, 0.0) for span in rest] for name in (UPDATE, DRAW, READ, COMPOSE)}
-    return Frame(
-        view=job.views[0],
-        size=job.size,
-        renderer=job.renderer,
-        quality=job.visual.quality,
+        compositor.close()
+
+    first, *rest = costs
+    parts = {name: [cost.get(name, 0.0) for cost in rest] for name in (UPDATE, DRAW, READ, COMPOSE)}
+    return FrameTiming(
+        view=drawing.views[0],
+        size=drawing.size,
+        renderer=drawing.renderer,
+        quality=drawing.visual.quality,
         device=backend.renderer,
         software=backend.software,
         first=sum(first.values()),
-        update=stat(parts[UPDATE]),
-        draw=stat(parts[DRAW]),
-        read=stat(parts[READ]) if READ in first else None,
-        compose=stat(parts[COMPOSE]),
-        total=stat([sum(span.values()) for span in rest]),
-        encode=_encoded(stream, frames, job.views[0], clock),
+        update=summarized(parts[UPDATE]),
+        draw=summarized(parts[DRAW]),
+        read=summarized(parts[READ]) if READ in first else None,
+        compose=summarized(parts[COMPOSE]),
+        total=summarized([sum(cost.values()) for cost in rest]),
+        reference_workload=workload and workload.step,
+        encode=_encoded(stream, frames, drawing.views[0], clock),
     )
 
 
-def _spans(
-    drawn: SceneCompositor, watch: Stopwatch, states: Sequence[np.ndarray], budget: float
+def _drawn(
+    compositor: SceneCompositor,
+    watch: Stopwatch,
+    states: Sequence[np.ndarray],
+    budget: float,
+    workload: ReferenceWorkload | None,
 ) -> tuple[list[dict[str, float]], list[np.ndarray]]:
-    """What each part of each frame took [s], and a frame of each state that was drawn."""
-    if any(panel.view == "depth" for stream in drawn.streams for panel in stream.panels) and not drawn.ranges:
-        drawn.look_ahead(dict(enumerate(states[:1])))
-    spans: list[dict[str, float]] = []
+    """The wall time of each part of each frame [s], and a frame of each state that was drawn."""
+    views = [panel.view for stream in compositor.streams for panel in stream.panels]
+    if "depth" in views and not compositor.ranges:
+        compositor.look_ahead(dict(enumerate(states[:1])))
+
+    costs: list[dict[str, float]] = []
     frames: list[np.ndarray] = []
-    while len(spans) <= FEW or (len(spans) <= MOST and sum(sum(span.values()) for span in spans) < budget):
-        index = len(spans) % len(states)
-        room = np.empty(drawn.bytes, np.uint8)
+    while len(costs) <= LEAST or (len(costs) <= MOST and sum(sum(cost.values()) for cost in costs) < budget):
+        index = len(costs) % len(states)
+        pixels = np.empty(compositor.bytes, np.uint8)
         watch.spent = {}
         with watch.part(COMPOSE):
-            drawn.paint(states[index], index, room)
-        spans.append(watch.spent)
+            compositor.paint(states[index], index, pixels)
+        costs.append(watch.spent)
+        if workload:
+            _sample_between_frames(workload, costs)
         if len(frames) < len(states):
-            frames.append(drawn.parts(room)[0])
-    return spans, frames
+            frames.append(compositor.parts(pixels)[0])
+    return costs, frames
 
 
-def _encoded(stream: Stream, frames: Sequence[np.ndarray], view: str, clock: Clock) -> Stat:
-    """Wall time to encode a frame [s], a sample for each film."""
+def _sample_between_frames(workload: ReferenceWorkload, costs: Sequence[Mapping[str, float]]) -> None:
+    """Times the workload after each frame but the first, by whose successor its length is chosen."""
+    if len(costs) == 2:
+        workload.fit(sum(costs[-1].values()))
+    if len(costs) > 1:
+        workload.time()
+
+
+def _encoded(stream: Stream, frames: Sequence[np.ndarray], view: str, clock: Clock) -> SampleStatistics:
+    """Wall time to encode a frame [s], a sample for each video."""
     with tempfile.TemporaryDirectory() as folder:
-        path = str(Path(folder) / "film.mp4")
-        return stat([_film(path, stream, [*frames] * ROUNDS, view, clock) for _ in range(FILMS)])
+        path = str(Path(folder) / "video.mp4")
+        return summarized([_encoded_video(path, stream, [*frames] * ROUNDS, view, clock) for _ in range(VIDEOS)])
 
 
-def _film(path: str, stream: Stream, frames: Sequence[np.ndarray], view: str, clock: Clock) -> float:
-    """Wall time of a film by the frame [s], without that to start the encoder."""
+def _encoded_video(path: str, stream: Stream, frames: Sequence[np.ndarray], view: str, clock: Clock) -> float:
+    """Wall time per frame of a video [s], without starting the encoder."""
     coded = encoding(path, None, None, None, None, "ids" if view == "seg" else "film")
     first, *rest = frames
-    with FilmWriter(path, coded, stream.size_of_frame, FPS, count=len(frames)) as film:
-        film.write(first)
+    with FilmWriter(path, coded, stream.size_of_frame, FPS, count=len(frames)) as video:
+        video.write(first)
         before = clock()
         for frame in rest:
-            film.write(frame)
-        film.end()  # nobody will see it
+            video.write(frame)
+        video.end()  # it is never published
         return (clock() - before) / len(frames)

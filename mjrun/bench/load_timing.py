@@ -1,11 +1,11 @@
-"""The wall time of getting a model: reading, parsing, compiling."""
+"""The wall time of loading a model: reading, parsing, compiling."""
 
 from dataclasses import dataclass
 
 import mujoco
 
 from mjrun.bench.rollout_timing import Clock
-from mjrun.bench.statistics import Stat, stat
+from mjrun.bench.statistics import SampleStatistics, summarized
 from mjrun.model.override import apply
 from mjrun.model.source import Source
 
@@ -14,22 +14,22 @@ PARSED = (".xml", ".urdf")
 
 
 @dataclass(frozen=True)
-class Load:
-    """What it took to get the model [s].
+class LoadTiming:
+    """Wall time to load the model [s].
 
     Attributes:
-      first: all of it, the first time in this process.
-      parse, compile: from the file to an MjSpec, and from there to an MjModel, again and again, with MuJoCo's cache of
-        assets warm; None for what is not MJCF or URDF.
+      first: in all, the first time in this process.
+      parse, compile: from the file to an MjSpec, and from there to an MjModel, repeated with MuJoCo's cache of assets
+        warm; None for other files than MJCF and URDF.
     """
 
     first: float
-    parse: Stat | None = None
-    compile: Stat | None = None
+    parse: SampleStatistics | None = None
+    compile: SampleStatistics | None = None
 
 
-def timed_load(source: Source, clock: Clock) -> tuple[mujoco.MjModel, Load]:
-    """The compiled model, and what it took.
+def timed_load(source: Source, clock: Clock) -> tuple[mujoco.MjModel, LoadTiming]:
+    """The compiled model, and the wall time of loading it.
 
     Raises:
       ModelError: it cannot be loaded.
@@ -38,8 +38,9 @@ def timed_load(source: Source, clock: Clock) -> tuple[mujoco.MjModel, Load]:
     before = clock()
     model = source.load()
     first = clock() - before
+
     if source.main_file is None or source.main_file.suffix not in PARSED:
-        return model, Load(first)
+        return model, LoadTiming(first)
     parses, compiles = [], []
     for _ in range(REPEATS):
         before = clock()
@@ -51,4 +52,4 @@ def timed_load(source: Source, clock: Clock) -> tuple[mujoco.MjModel, Load]:
         spec.compile()
         compiles.append(clock() - ready)
         parses.append(parsed - before)
-    return model, Load(first, stat(parses), stat(compiles))
+    return model, LoadTiming(first, summarized(parses), summarized(compiles))

@@ -1,4 +1,4 @@
-"""The wall time of a whole film and a whole trace."""
+"""The wall time of a whole trace and a whole video, from loading the model to the finished file."""
 
 import tempfile
 from dataclasses import dataclass, replace
@@ -11,8 +11,8 @@ from mjrun.job.video import Video
 from mjrun.job.view import Drawing
 
 
-class Silence:
-    """A reporter that says nothing: what there is to say of a job, `bench` says itself."""
+class SilentReporter:
+    """Reports nothing: `bench` itself says what there is to say of the model."""
 
     def note(self, text: str) -> None:
         pass
@@ -25,15 +25,15 @@ class Silence:
 
 
 @dataclass(frozen=True)
-class Whole:
-    """What all of a job took, loading included, but not the start of Python.
+class OutputTiming:
+    """What a whole output took, loading the model included, but not the start of Python.
 
     Attributes:
       what: `video` or `trace`.
       simulated: time [s].
-      count, unit: `frames` or `rows` that were made.
+      count, unit: number of `frames` or `rows`.
       seconds: wall time [s].
-      simulation, rest: of which stepping, and all else, where the job tells; else None.
+      simulation, rest: wall time of stepping, and of all else [s]; None for a trace.
     """
 
     what: str
@@ -45,33 +45,39 @@ class Whole:
     rest: float | None = None
 
 
-def whole_trace(simulation: Simulation, clock: Clock) -> Whole:
-    """A trace of every step with the columns that it has by default, as CSV.
+def timed_trace(simulation: Simulation, clock: Clock) -> OutputTiming:
+    """A trace of every step, with the default columns, as CSV.
 
     Raises:
       MjrunError: it cannot be made.
     """
     with tempfile.TemporaryDirectory() as folder:
-        job = Trace(simulation, str(Path(folder) / "trace.csv"))
+        trace = Trace(simulation, str(Path(folder) / "trace.csv"))
         before = clock()
-        made = job.run(Silence())
-        took = clock() - before
-    return Whole("trace", made.simulated, made.rows, "rows", took)
+        result = trace.run(SilentReporter())
+        seconds = clock() - before
+    return OutputTiming("trace", result.simulated, result.rows, "rows", seconds)
 
 
-def whole_film(simulation: Simulation, drawing: Drawing | None, clock: Clock) -> Whole:
-    """A film as it is by default, or of what `drawing` shows.
+def timed_video(simulation: Simulation, drawing: Drawing, clock: Clock) -> OutputTiming:
+    """A video of what `drawing` shows.
 
     Raises:
       MjrunError: it cannot be made.
     """
     with tempfile.TemporaryDirectory() as folder:
-        job = Video(simulation, str(Path(folder) / "film.mp4"))
-        if drawing is not None:
-            same = ("camera", "view", "size", "visual", "renderer", "gl", "require_gpu")
-            job = replace(job, **{name: getattr(drawing, name) for name in same})
+        video = replace(
+            Video(simulation, str(Path(folder) / "video.mp4")),
+            camera=drawing.camera,
+            view=drawing.view,
+            size=drawing.size,
+            visual=drawing.visual,
+            renderer=drawing.renderer,
+            gl=drawing.gl,
+            require_gpu=drawing.require_gpu,
+        )
         before = clock()
-        made = job.run(Silence())
-        took = clock() - before
-    rest = made.wall - made.simulation_wall
-    return Whole("video", made.simulated, made.frames, "frames", took, made.simulation_wall, rest)
+        result = video.run(SilentReporter())
+        seconds = clock() - before
+    rest = result.wall - result.simulation_wall
+    return OutputTiming("video", result.simulated, result.frames, "frames", seconds, result.simulation_wall, rest)

@@ -1,29 +1,34 @@
-"""What a benchmark found. As JSON (`mjrun bench --json`), its dataclasses are objects with these keys.
+"""Results of a benchmark. As JSON (`mjrun bench --json`), these dataclasses are objects with the same keys.
 
-All wall times are in seconds, simulated times too; a `Stat` says how often something was measured, its median with an
-interval, and its spread. A file with the same `schema` has the same keys; new ones may come.
+All wall times and simulated times are in seconds; `SampleStatistics` say how often something was measured, and give its
+median with an interval and its spread. Files with the same `schema` have these keys, and may have new ones.
 """
 
+import hashlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
-from mjrun.bench.baseline import SCHEMA, Comparison
-from mjrun.bench.frame_timing import Frame
-from mjrun.bench.load_timing import Load
-from mjrun.bench.machine import Machine
-from mjrun.bench.output_timing import Whole
-from mjrun.bench.statistics import Stat
+import mujoco
+
+from mjrun.bench.baseline import SCHEMA, BaselineComparison
+from mjrun.bench.frame_timing import FrameTiming
+from mjrun.bench.load_timing import LoadTiming
+from mjrun.bench.machine_info import MachineInfo
+from mjrun.bench.output_timing import OutputTiming
+from mjrun.bench.reference_workload import ReferenceInfo
+from mjrun.bench.statistics import SampleStatistics
 from mjrun.bench.step_phases import Phase
-from mjrun.bench.step_timing import Threads
+from mjrun.bench.step_timing import ThreadScaling
 
 
 @dataclass(frozen=True)
-class ModelFacts:
-    """Which model.
+class ModelInfo:
+    """The model that was measured.
 
     Attributes:
-      path: of its file; empty for one that was compiled elsewhere.
-      sha256: of its compiled form, with all assets and overrides, but for the scan.
+      path: of its file; empty for one that was given compiled.
+      sha256: of its compiled form, with all assets and overrides, without those of the scan.
       file_sha256: of its file alone; None without one.
       nq, nv, nu, nbody, ngeom: MuJoCo's sizes.
     """
@@ -37,17 +42,23 @@ class ModelFacts:
     nbody: int
     ngeom: int
 
+    @classmethod
+    def of(cls, model: mujoco.MjModel, path: str, sha256: str, file: Path | None) -> "ModelInfo":
+        """With the sizes of `model`, and the fingerprint of its `file`."""
+        file_sha256 = file and hashlib.sha256(file.read_bytes()).hexdigest()
+        return cls(path, sha256, file_sha256, model.nq, model.nv, model.nu, model.nbody, model.ngeom)
+
 
 @dataclass(frozen=True)
-class Options:
-    """What was asked.
+class BenchOptions:
+    """Options of the benchmark.
 
     Attributes:
       key: keyframe that it starts from.
-      noise_std, noise_rate: of the stimulus, as `Bench` says it.
-      steps, repeats: as asked; None when the budget decided.
+      noise_std, noise_rate: of the noise on the controls, as `Bench` has them.
+      steps, repeats: as given; None when the budget decided.
       budget: wall time [s].
-      settings: overrides, as they were given.
+      settings: overrides, as given.
       scan: settings and their values.
     """
 
@@ -62,16 +73,16 @@ class Options:
 
 
 @dataclass(frozen=True)
-class Engine:
+class EngineInfo:
     """What takes the steps.
 
     Attributes:
       name: `c`, MuJoCo itself, or `warp`, MuJoCo Warp in single precision.
       version: of mujoco_warp and Warp; None of MuJoCo, whose version is that of the benchmark.
       device: `cpu`, or Warp's alias, such as `cuda:0`.
-      device_name: what that calls itself.
+      device_name: the name that the device gives itself.
       worlds: copies of the model that are stepped at once.
-      nconmax, njmax: contacts and constraints of a world that there is room for; None where nobody said.
+      nconmax, njmax: contacts and constraints of a world that there is room for; None where not given.
     """
 
     name: str
@@ -84,7 +95,7 @@ class Engine:
 
 
 @dataclass(frozen=True)
-class Counts:
+class StepCounts:
     """What a step of one world consists of, on average.
 
     Attributes:
@@ -103,13 +114,13 @@ class Counts:
 
 @dataclass(frozen=True)
 class Accuracy:
-    """How good the motion is that was timed, without noise.
+    """How accurate the motion is, without noise on the controls.
 
     Attributes:
       horizon: simulated time after which this is measured [s].
-      energy_drift: potential and kinetic energy less those at the start [J]; the integrator's error only where
-        nothing drives or brakes the model.
-      reference: timestep of the run that it is compared with [s]; all else is as in the row.
+      energy_drift: potential and kinetic energy less those at the start [J]; this is the integrator's error only
+        where nothing drives or brakes the model.
+      reference: timestep of the finer run that it is compared with [s]; all else is the same.
       distance: root mean square of the difference of the positions, over all degrees of freedom [m and rad].
       failure: why there are no numbers; else None.
     """
@@ -122,23 +133,23 @@ class Accuracy:
 
 
 @dataclass(frozen=True)
-class Row:
-    """A simulation: one point of the grid, or the only one.
+class GridPointResult:
+    """One point of the grid, or the only simulation.
 
     Attributes:
       point: settings of the grid.
-      integrator, timestep: in force.
+      integrator, timestep: of this simulation.
       steps, block: of one rollout, and those that are timed at once.
       step: wall time per step of one world, a sample for each rollout; `p5` and `p95` are of blocks of steps.
+      reference_workload: wall time per step of the reference workload, a sample after each rollout; None with `warp`.
       steps_per_second, realtime_factor: of the median, of all worlds together.
       first_step: wall time of the first step of all worlds [s], in which `warp` compiles what it has not cached; None
         with `c`.
       counts: what a step consists of.
-      phases: MuJoCo's own, timed in a rollout of their own, in which the timers themselves cost time; None where
-        there are none.
-      threads: independent copies.
+      phases: MuJoCo's own, timed in a separate rollout, in which the timers themselves cost time; None with `warp`.
+      threads: independent copies of the simulation.
       overflows: what `warp` had no room for, and what to raise, a sentence each.
-      accuracy: if it was asked for.
+      accuracy: None where it was not asked for.
       failure: why it could not be measured, such as an instability; else None.
     """
 
@@ -147,16 +158,41 @@ class Row:
     timestep: float
     steps: int
     block: int
-    step: Stat | None
+    step: SampleStatistics | None
+    reference_workload: SampleStatistics | None
     steps_per_second: float | None
     realtime_factor: float | None
     first_step: float | None
-    counts: Counts | None
+    counts: StepCounts | None
     phases: Phase | None
-    threads: Sequence[Threads]
+    threads: Sequence[ThreadScaling]
     overflows: Sequence[str]
     accuracy: Accuracy | None
     failure: str | None
+
+    @classmethod
+    def failed(
+        cls, point: Mapping[str, str], integrator: str, timestep: float, accuracy: Accuracy | None, failure: str
+    ) -> "GridPointResult":
+        """A point that could not be measured."""
+        return cls(
+            point=dict(point),
+            integrator=integrator,
+            timestep=timestep,
+            steps=0,
+            block=0,
+            step=None,
+            reference_workload=None,
+            steps_per_second=None,
+            realtime_factor=None,
+            first_step=None,
+            counts=None,
+            phases=None,
+            threads=[],
+            overflows=[],
+            accuracy=accuracy,
+            failure=failure,
+        )
 
 
 @dataclass(frozen=True)
@@ -164,19 +200,20 @@ class BenchResult:
     """A benchmark.
 
     Attributes:
-      schema: the form of this.
+      schema: of this document.
       mjrun, mujoco, numpy, python: versions.
       command: the command line.
-      machine, load_after: what it ran on before it began, and the load average after it.
+      machine, load_after: what it ran on, and the load average when it was done.
       engine: what took the steps.
       model, options: what was measured.
-      load: getting the model; None for one that was compiled elsewhere.
-      rows: simulations.
+      reference_workload: what was timed in turn with the figures, for comparisons; None with `warp`.
+      load: loading the model; None for one that was given compiled.
+      rows: points of the grid.
       frames: drawing, if it was asked for.
-      whole: films and traces as a whole, if they were asked for.
-      comparison: with a base, if there was one.
-      notes: what is to be known of these figures.
-      wall: wall time of it all.
+      whole: a trace and a video from start to end, if they were asked for.
+      comparison: with a baseline, if there was one.
+      notes: what a reader of these figures should know.
+      wall: wall time of the benchmark itself.
     """
 
     mjrun: str
@@ -184,16 +221,17 @@ class BenchResult:
     numpy: str
     python: str
     command: str
-    machine: Machine
+    machine: MachineInfo
     load_after: float | None
-    engine: Engine
-    model: ModelFacts
-    options: Options
-    load: Load | None
-    rows: Sequence[Row]
-    frames: Sequence[Frame]
-    whole: Sequence[Whole]
-    comparison: Comparison | None
-    notes: Sequence[str]
-    wall: float
+    engine: EngineInfo
+    model: ModelInfo
+    options: BenchOptions
+    reference_workload: ReferenceInfo | None
+    load: LoadTiming | None
+    rows: Sequence[GridPointResult] = ()
+    frames: Sequence[FrameTiming] = ()
+    whole: Sequence[OutputTiming] = ()
+    comparison: BaselineComparison | None = None
+    notes: Sequence[str] = ()
+    wall: float = 0.0
     schema: str = SCHEMA

@@ -1,4 +1,4 @@
-"""What can be said of timings without assuming how they are distributed."""
+"""Medians of timings and their confidence intervals, whatever the distribution."""
 
 import math
 from collections.abc import Sequence
@@ -11,8 +11,8 @@ CONFIDENCE = 0.95
 
 
 @dataclass(frozen=True)
-class Interval:
-    """An interval, and the probability that such an interval holds the true value."""
+class ConfidenceInterval:
+    """An interval, and the probability that an interval so computed contains the true value."""
 
     low: float
     high: float
@@ -20,15 +20,15 @@ class Interval:
 
 
 @dataclass(frozen=True)
-class Stat:
-    """A quantity that was measured several times; wall times are in seconds.
+class SampleStatistics:
+    """Statistics of repeated measurements; wall times are in seconds.
 
     Attributes:
-      n: how often.
+      n: number of samples.
       median: of the samples.
       low, high, confidence: an interval for the true median, and its coverage; None when `n` is too small for one.
       min: the smallest sample.
-      p5, p95: 5th and 95th percentile of the samples, or of what the owner of this says.
+      p5, p95: 5th and 95th percentile of the samples, or of finer samples where the field that holds this says so.
       samples: in order of time.
     """
 
@@ -43,15 +43,11 @@ class Stat:
     samples: Sequence[float]
 
 
-def stat(samples: Sequence[float], spread: Sequence[float] | None = None) -> Stat:
-    """Sums `samples` up.
-
-    Args:
-      spread: finer samples, whose percentiles are given instead.
-    """
+def summarized(samples: Sequence[float], finer: Sequence[float] | None = None) -> SampleStatistics:
+    """The statistics of `samples`; percentiles are those of `finer` samples where there are some."""
     interval = median_interval(samples)
-    p5, p95 = np.percentile(samples if spread is None else spread, [5, 95])
-    return Stat(
+    p5, p95 = np.percentile(samples if finer is None else finer, [5, 95])
+    return SampleStatistics(
         n=len(samples),
         median=median(samples),
         low=interval and interval.low,
@@ -69,7 +65,7 @@ def median(samples: Sequence[float]) -> float:
     return float(np.median(samples))
 
 
-def median_interval(samples: Sequence[float], confidence: float = CONFIDENCE) -> Interval | None:
+def median_interval(samples: Sequence[float], confidence: float = CONFIDENCE) -> ConfidenceInterval | None:
     """The interval between two order statistics that holds the true median with at least this `confidence`.
 
     The number of samples below the true median is binomial (n, 1/2) whatever the distribution, if the samples are
@@ -79,13 +75,15 @@ def median_interval(samples: Sequence[float], confidence: float = CONFIDENCE) ->
     Returns:
       None when even the smallest and the largest sample do not reach `confidence`: fewer than 6 samples for 95 %.
     """
-    ordered, found = sorted(samples), None
+    ordered, narrowest = sorted(samples), None
+
     for k in range(1, len(ordered) // 2 + 1):
         covered = coverage(len(ordered), k)
         if covered < confidence:
             break
-        found = Interval(float(ordered[k - 1]), float(ordered[-k]), float(covered))
-    return found
+        narrowest = ConfidenceInterval(float(ordered[k - 1]), float(ordered[-k]), float(covered))
+
+    return narrowest
 
 
 def coverage(n: int, k: int) -> Fraction:
@@ -93,18 +91,21 @@ def coverage(n: int, k: int) -> Fraction:
     return 1 - Fraction(2 * sum(math.comb(n, below) for below in range(k)), 2**n)
 
 
-def ratio_interval(samples: Sequence[float], base: Sequence[float], confidence: float = CONFIDENCE) -> Interval | None:
+def ratio_interval(
+    samples: Sequence[float], base: Sequence[float], confidence: float = CONFIDENCE
+) -> ConfidenceInterval | None:
     """An interval for the ratio of the true medians, of `samples` to `base`; both positive.
 
-    Each median is enclosed by order statistics at a confidence of (1 + `confidence`) / 2; both intervals hold, and so
-    does the quotient of their ends, with at least `confidence` (Bonferroni), whatever the distributions.
+    Each median is enclosed by order statistics at a confidence of (1 + `confidence`) / 2. Both intervals hold at once
+    with a probability of at least `confidence` (Bonferroni), and so does the quotient of their ends, whatever the
+    distributions.
 
     Returns:
       None when there are too few samples of either: fewer than 7 for 95 %.
     """
     each = 1 - (1 - confidence) / 2
-    above, below = median_interval(samples, each), median_interval(base, each)
-    if above is None or below is None:
+    numerator, denominator = median_interval(samples, each), median_interval(base, each)
+    if numerator is None or denominator is None:
         return None
-    held = above.confidence + below.confidence - 1
-    return Interval(above.low / below.high, above.high / below.low, held)
+    low, high = numerator.low / denominator.high, numerator.high / denominator.low
+    return ConfidenceInterval(low, high, numerator.confidence + denominator.confidence - 1)

@@ -6,9 +6,9 @@ from dataclasses import dataclass
 import mujoco
 
 # A phase, its timer (`mjtTimer`, without the prefix), and what it consists of.
-Plan = tuple[str, str, Sequence["Plan"]]
-COLLISION: Plan = ("collision", "POS_COLLISION", [("broad", "COL_BROAD", ()), ("narrow", "COL_NARROW", ())])
-POSITION: Plan = (
+PhaseTimer = tuple[str, str, Sequence["PhaseTimer"]]
+COLLISION: PhaseTimer = ("collision", "POS_COLLISION", [("broad", "COL_BROAD", ()), ("narrow", "COL_NARROW", ())])
+POSITION: PhaseTimer = (
     "position",
     "POSITION",
     [
@@ -19,7 +19,7 @@ POSITION: Plan = (
         ("project", "POS_PROJECT", ()),
     ],
 )
-STEP: Plan = (
+STEP: PhaseTimer = (
     "step",
     "STEP",
     [
@@ -31,13 +31,13 @@ STEP: Plan = (
         ("inverse", "INVERSE", ()),
     ],
 )
-OPTIONAL = ("inverse",)  # shown only when it happened
+OPTIONAL = ("inverse",)  # left out where they take no time
 REST = "other"
 
 
 @dataclass(frozen=True)
 class Phase:
-    """One of MuJoCo's phases, and those in it.
+    """One of the phases of a step, as MuJoCo times them, and its parts.
 
     Attributes:
       name: `step`, `position`, `collision`, …; `other` is what no timer of that level counts.
@@ -60,18 +60,20 @@ def phases(data: mujoco.MjData) -> Phase | None:
     whole = data.timer[int(mujoco.mjtTimer.mjTIMER_STEP)]
     if not whole.number or whole.duration <= 0:
         return None
-    kinds = {
-        name.removeprefix("mjTIMER_"): int(i) for name, i in mujoco.mjtTimer.__members__.items() if "NTIMER" not in name
+    seconds = {
+        name.removeprefix("mjTIMER_"): data.timer[int(i)].duration / whole.number
+        for name, i in mujoco.mjtTimer.__members__.items()
+        if "NTIMER" not in name
     }
-    seconds = {name: data.timer[i].duration / whole.number for name, i in kinds.items()}
     return _phase(STEP, seconds, seconds["STEP"])
 
 
-def _phase(plan: Plan, seconds: Mapping[str, float], whole: float) -> Phase:
-    name, timer, parts = plan
-    found = [_phase(part, seconds, whole) for part in parts]
-    found = [part for part in found if part.seconds or part.name not in OPTIONAL]
-    rest = seconds[timer] - sum(part.seconds for part in found)
-    if found and rest > 0:
-        found.append(Phase(REST, rest, rest / whole))
-    return Phase(name, seconds[timer], seconds[timer] / whole, tuple(found))
+def _phase(timer: PhaseTimer, seconds: Mapping[str, float], step: float) -> Phase:
+    name, key, inner = timer
+    parts = [_phase(part, seconds, step) for part in inner]
+    parts = [part for part in parts if part.seconds or part.name not in OPTIONAL]
+
+    rest = seconds[key] - sum(part.seconds for part in parts)
+    if parts and rest > 0:
+        parts.append(Phase(REST, rest, rest / step))
+    return Phase(name, seconds[key], seconds[key] / step, tuple(parts))

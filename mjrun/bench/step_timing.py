@@ -1,12 +1,13 @@
-"""The wall time of steps: how many are rolled out, how often, and what comes of it."""
+"""The wall time of steps: rollouts of one simulation, repeated as often as the budget allows."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 
+from mjrun.bench.reference_workload import ReferenceWorkload
 from mjrun.bench.rollout_timing import BatchRoller, Clock, LoopRoller, Profile, Roller, Run, StoppedError, profile
-from mjrun.bench.statistics import Stat, stat
+from mjrun.bench.statistics import SampleStatistics, summarized
 from mjrun.model.mujoco_globals import without_timers
 from mjrun.rendering.process_count import available_cores
 
@@ -15,60 +16,68 @@ LEAST_REPEATS, MOST_REPEATS = 7, 50  # 7 give a ratio of medians an interval of 
 BLOCK = 2e-3  # [s] of steps that are timed at once, beside which what the clock and a call take is nothing
 WARM_UP, ROLLOUTS, THREADS, PROFILE = 0.1, 0.4, 0.3, 0.1  # shares of the budget
 PROFILES = 3
-NICE = (1, 2, 5)
+ROUND = (1, 2, 5)  # leading digits of round numbers
 
 
 @dataclass(frozen=True)
-class Effort:
-    """How much is measured.
+class TimingBudget:
+    """How much wall time, and how many steps, the timing of one simulation may take.
 
     Attributes:
-      budget: wall time that may be spent, more or less [s].
+      seconds: wall time that may be spent, more or less.
       steps: of one rollout; as many as the budget allows, at most `MOST_STEPS`, when None.
       repeats: of the rollout; as many as the budget allows, within `LEAST_REPEATS` and `MOST_REPEATS`, when None.
     """
 
-    budget: float
+    seconds: float
     steps: int | None = None
     repeats: int | None = None
 
 
 @dataclass(frozen=True)
-class Threads:
+class ThreadScaling:
     """Independent copies of the simulation, a thread each.
 
     Attributes:
-      threads: how many.
-      step: wall time per step of all copies together [s].
+      threads: number of copies.
+      step: wall time per step, counting the steps of all copies [s].
+      reference_workload: the same of the reference workload on as many threads, in turn with the rollouts.
       steps_per_second, realtime_factor: of all copies together.
-      scaling: how many times as many steps a second as one thread takes.
+      scaling: steps per second, relative to one thread.
     """
 
     threads: int
-    step: Stat
+    step: SampleStatistics
+    reference_workload: SampleStatistics | None
     steps_per_second: float
     realtime_factor: float
     scaling: float
 
 
 @dataclass
-class Stepping:
-    """The steps of one simulation being timed, rollout by rollout.
+class StepTimer:
+    """Times the steps of one simulation, rollout by rollout: `warm_up`, `begin`, then `rollout` again and again.
+
+    Args:
+      make: the run with the controls of so many steps.
+      clock: wall time [s].
+      workload: timed after each rollout; None without.
 
     Attributes:
       run: what is rolled out.
       steps: of a rollout; those that the budget allows, from `warm_up` on, and those that are taken, from `begin` on.
-      block, repeats: steps that are timed at once, rollouts; known from `begin` on.
+      block, repeats: steps that are timed at once, and rollouts; known from `begin` on.
       profile: what a step consists of; known from `begin` on.
       rollouts: wall times per step of each block of each rollout so far [s].
-      in_batch: whether it is stepped in C, which ends at MuJoCo's warnings.
-      first: wall time of the first step, which compiles something [s]; None where nothing is.
+      in_batch: whether it is stepped in C, where MuJoCo's warnings end a rollout.
+      first: wall time of the first step, which compiles something [s]; None where nothing is compiled.
       overflows: what an engine had no room for, a sentence each.
     """
 
     make: Callable[[int], Run]
-    effort: Effort
+    budget: TimingBudget
     clock: Clock
+    workload: ReferenceWorkload | None = None
     rollouts: list[np.ndarray] = field(default_factory=list, init=False)
     in_batch: bool = field(default=True, init=False)
     first: float | None = field(default=None, init=False)
@@ -87,10 +96,10 @@ class Stepping:
         Raises:
           SimulationError: the simulation is unstable, or MuJoCo gave up.
         """
-        most = self.effort.steps or MOST_STEPS
+        most = self.budget.steps or MOST_STEPS
         self._cost = self._opened(most)
-        share = ROLLOUTS * self.effort.budget
-        self.steps = self.effort.steps or nice(share / (LEAST_REPEATS * self._cost), most)
+        share = ROLLOUTS * self.budget.seconds
+        self.steps = self.budget.steps or rounded_down(share / (LEAST_REPEATS * self._cost), most)
 
     def begin(self, steps: int) -> None:
         """Chooses how often rollouts of `steps` steps are timed, and profiles one.
@@ -99,64 +108,87 @@ class Stepping:
           SimulationError: the simulation is unstable, or MuJoCo gave up.
         """
         self.steps = steps
-        fitting = int(ROLLOUTS * self.effort.budget / (self._cost * steps))
-        self.repeats = self.effort.repeats or min(max(fitting, LEAST_REPEATS), MOST_REPEATS)
-        self.block = nice(BLOCK / self._cost, steps)
+        rollout = self._cost * steps
+        self.repeats = self._affordable(ROLLOUTS, rollout)
+        self.block = rounded_down(BLOCK / self._cost, steps)
+
         self.profile = self._profiled()
         if self.profile.warned and self.in_batch:
             self._leave_batch()
 
+        if self.workload:
+            self.workload.fit(rollout)
+
     def rollout(self) -> None:
-        """Times one more rollout."""
+        """Times one more rollout, and then the reference workload."""
         self.rollouts.append(self._rolled(self._roller, self.steps, self.block))
+        if self.workload:
+            self.workload.time()
 
     @property
-    def step(self) -> Stat:
-        """Wall time per step of one copy [s]: of whole rollouts, and its spread over blocks of steps."""
+    def step(self) -> SampleStatistics:
+        """Wall time per step of one copy [s]: of whole rollouts, with percentiles over blocks of steps."""
         copies = self._roller.copies
         whole = [self._mean(blocks) / copies for blocks in self.rollouts]
-        return stat(whole, (np.concatenate(self.rollouts) / copies).tolist())
+        return summarized(whole, (np.concatenate(self.rollouts) / copies).tolist())
 
-    def threads(self, counts: Sequence[int]) -> list[Threads]:
-        """The same on several threads; with none of them where MuJoCo's warnings end a batch."""
+    @property
+    def reference_workload(self) -> SampleStatistics | None:
+        """Wall time per step of the reference workload [s], a sample for each rollout."""
+        return self.workload and self.workload.step
+
+    def threads(self, counts: Sequence[int]) -> list[ThreadScaling]:
+        """The same on several threads; none of them where MuJoCo's warnings end a rollout."""
         return [self._threads(count) for count in counts] if self.in_batch else []
 
     def _opened(self, most: int) -> float:
-        """Makes ready for rollouts of at most so many steps, and returns what a step costs, roughly [s]."""
+        """Prepares rollouts of at most so many steps, and returns what a step costs, roughly [s]."""
         self.run = self.make(most)
         self._roller = BatchRoller(self.run)
         try:
             return self._longest(most)
         except StoppedError:
-            self.run.check(self.steps)  # which says so, if it is unstable
+            self.run.check(self.steps)  # raises if the simulation is unstable
             self._leave_batch()
             return self._longest(most)
 
-    def _threads(self, count: int) -> Threads:
+    def _threads(self, count: int) -> ThreadScaling:
         one = self.step
-        if count == 1:
-            found = one
-        else:
-            roller, rounds = BatchRoller(self.run, count), max(1, count / available_cores())
-            fitting = int(THREADS * self.effort.budget / (one.median * self.steps * rounds))
-            repeats = self.effort.repeats or min(max(fitting, LEAST_REPEATS), MOST_REPEATS)
-            self._rolled(roller, min(self.steps, 2 * self.block), self.block)  # wakes the threads up
-            # Threads meet at the end of each block: fewer, longer ones.
-            blocks = [self._rolled(roller, self.steps, 10 * self.block) for _ in range(repeats)]
-            found = stat([self._mean(part, 10) / count for part in blocks], (np.concatenate(blocks) / count).tolist())
-        speed = 1 / found.median
+        step, reference = (one, self.reference_workload) if count == 1 else self._timed_threads(count)
+        speed = 1 / step.median
         timestep = self.run.model.opt.timestep
-        return Threads(count, found, speed, speed * timestep, one.median / found.median)
+        return ThreadScaling(count, step, reference, speed, speed * timestep, one.median / step.median)
+
+    def _timed_threads(self, count: int) -> tuple[SampleStatistics, SampleStatistics]:
+        """Wall time per step of so many copies, and of the reference workload on as many threads."""
+        roller, workload = BatchRoller(self.run, count), ReferenceWorkload(self.clock, count)
+        rollout = self.step.median * self.steps * max(1, count / available_cores())
+        workload.fit(rollout)
+        self._rolled(roller, min(self.steps, 2 * self.block), self.block)  # wakes the threads up
+
+        rollouts = []
+        for _ in range(self._affordable(THREADS, rollout)):
+            # ThreadScaling meet at the end of each block: fewer, longer ones.
+            rollouts.append(self._rolled(roller, self.steps, 10 * self.block))
+            workload.time()
+
+        whole = [self._mean(blocks, 10) / count for blocks in rollouts]
+        return summarized(whole, (np.concatenate(rollouts) / count).tolist()), workload.step
+
+    def _affordable(self, share: float, rollout: float) -> int:
+        """Number of rollouts, each of which takes so long [s], that a share of the budget allows."""
+        fitting = int(share * self.budget.seconds / rollout)
+        return self.budget.repeats or min(max(fitting, LEAST_REPEATS), MOST_REPEATS)
 
     def _profiled(self) -> Profile:
         """The least disturbed of some profiles."""
-        found, spent = [profile(self.run, self.steps)], 0.0
-        while found[-1].phases and len(found) < PROFILES:
-            spent += found[-1].phases.seconds * self.steps
-            if spent > PROFILE * self.effort.budget:
+        profiles, spent = [profile(self.run, self.steps)], 0.0
+        while (phases := profiles[-1].phases) and len(profiles) < PROFILES:
+            spent += phases.seconds * self.steps
+            if spent > PROFILE * self.budget.seconds:
                 break
-            found.append(profile(self.run, self.steps))
-        return min(found, key=lambda one: one.phases.seconds if one.phases else 0.0)
+            profiles.append(profile(self.run, self.steps))
+        return min(profiles, key=lambda one: one.phases.seconds if one.phases else 0.0)
 
     def _leave_batch(self) -> None:
         self.in_batch, self._roller = False, LoopRoller(self.run)
@@ -164,7 +196,7 @@ class Stepping:
     def _longest(self, most: int) -> float:
         """Rolls out more and more steps, and returns what one took in the last and longest rollout [s]."""
         self.steps, cost, spent = 0, 0.0, 0.0
-        while self.steps < most and spent < WARM_UP * self.effort.budget:
+        while self.steps < most and spent < WARM_UP * self.budget.seconds:
             self.steps = min(max(1, 2 * self.steps), most)
             cost = float(self._rolled(self._roller, self.steps, self.steps)[0])
             spent += cost * self.steps
@@ -184,9 +216,9 @@ class Stepping:
         return np.array([min(block, steps - first) for first in range(0, steps, block)])
 
 
-def nice(value: float, most: int) -> int:
+def rounded_down(value: float, most: int) -> int:
     """The largest of 1, 2, 5, 10, 20, … up to `value`, at least 1; `most` if `value` is no less."""
     if value >= most:
         return most
     scale = 10 ** int(np.floor(np.log10(max(value, 1))))
-    return max([1, *(digit * scale for digit in NICE if digit * scale <= value)])
+    return max([1, *(digit * scale for digit in ROUND if digit * scale <= value)])

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from mjrun.bench.rollout_timing import Clock, Profile, Run, blocks_of
-from mjrun.bench.step_timing import Stepping, Threads
+from mjrun.bench.step_timing import StepTimer, ThreadScaling
 from mjrun.errors import BadValueError, SimulationError, UnknownNameError, UsageError, option
 from mjrun.sim.warp_device import WarpDevice
 from mjrun.sim.warp_worlds import WarpWorlds
@@ -140,7 +140,7 @@ class WarpRoller:
 
 
 @dataclass
-class WarpStepping(Stepping):
+class WarpStepTimer(StepTimer):
     """The steps of many worlds being timed, rollout by rollout. `step` is that of one world.
 
     Attributes:
@@ -150,7 +150,7 @@ class WarpStepping(Stepping):
     warp: WarpOptions = field(kw_only=True)
     _worlds: WarpRoller = field(init=False)
 
-    def threads(self, counts: Sequence[int]) -> list[Threads]:
+    def threads(self, counts: Sequence[int]) -> list[ThreadScaling]:
         return []
 
     def _opened(self, most: int) -> float:

@@ -7,10 +7,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
+from click.core import ParameterSource
 
-from mjrun.cli import bench_options, bench_report, options, values
+from mjrun.cli import bench_csv, bench_options, bench_report, options, values
 from mjrun.cli.console import Console
-from mjrun.errors import BadValueError, FileError, UsageError
+from mjrun.errors import BadValueError, FileError, UsageError, option
 
 if TYPE_CHECKING:
     from mjrun.bench.bench import Bench
@@ -32,9 +33,9 @@ SLOWER, PARTLY = 1, 8  # exit codes
 @options.output_options
 @click.pass_obj
 def command(console: Console, /, as_json: bool, **given: Any) -> None:
-    """Time the simulation of MODEL: its steps, their phases, threads, drawing; and tell what it is worth.
+    """Time the simulation of MODEL: its steps and their phases, threads, drawing; and measure its accuracy.
 
-    Rolls out the stimulus of MuJoCo's own testspeed again and again, and gives the median with its interval.
+    Repeats a rollout with the control noise of MuJoCo's own testspeed, and gives the median with its interval.
 
     \b
     mjrun bench scene.xml
@@ -47,7 +48,9 @@ def command(console: Console, /, as_json: bool, **given: Any) -> None:
     Exits with 8 when points of a --scan could not be measured, as with a timestep that is too long.
     """
     if sum((as_json, given["csv"], given["markdown"])) > 1:
-        raise UsageError("--json, --csv and --markdown all want standard output; give one of them")
+        raise UsageError(
+            f"{option('json')}, {option('csv')} and {option('markdown')} all write to standard output; give one of them"
+        )
     summary = _summary(given["summary"])
     console.guard_stdout()
     values.import_mujoco()
@@ -55,15 +58,17 @@ def command(console: Console, /, as_json: bool, **given: Any) -> None:
     if as_json:
         console.document(asdict(result))
     else:
-        form = "csv" if given["csv"] else "markdown" if given["markdown"] else "text"
-        console.result(bench_report.FORMS[form](result))
+        format_of = (
+            bench_csv.table if given["csv"] else bench_report.markdown if given["markdown"] else bench_report.text
+        )
+        console.result(format_of(result))
     if summary:
         _append(summary, bench_report.markdown(result))
     console.code = _code(result, given["fail_above"] is not None)
 
 
 def _code(result: "BenchResult", limited: bool) -> int:
-    """1 where a comparison with a limit is lost, 8 where points of the grid could not be measured, else 0."""
+    """1 where something is slower than the limit, 8 where points of the grid could not be measured, else 0."""
     if limited and result.comparison and result.comparison.verdict in ("slower", "failed"):
         return SLOWER
     return PARTLY if any(row.failure for row in result.rows) else 0
@@ -73,53 +78,55 @@ def _job(console: Console, given: dict[str, Any]) -> "Bench":
     from mjrun.bench.bench import Bench
 
     if given["fail_above"] is not None and given["compare"] is None:
-        raise UsageError("--fail-above is the limit of a comparison; name the base with --compare FILE")
+        raise UsageError(f"{option('fail_above')} has no effect without {option('compare')}, which names the baseline")
     same = ("key", "noise_std", "noise_rate", "steps", "repeats", "accuracy", "horizon", "reference", "whole")
     same += ("engine", "worlds", "device", "nconmax", "njmax", "save", "compare", "force")
+    drawings = _drawings(given)
     return Bench(
         values.source(given),
         threads=None if given["threads"] is None else [_count(word) for word in given["threads"]],
         scan=_scan(given["scan"]),
         budget=float(given["budget"]),
-        drawings=_drawings(given),
+        drawings=drawings if given["render"] else (),
+        video=drawings[0] if given["whole"] else None,
         fail_above=given["fail_above"] or 0.0,
         command=console.command,
         **{name: given[name] for name in same},
     )
 
 
-def _scan(given: list[tuple[str, str]]) -> dict[str, list[str]]:
+def _scan(assignments: list[tuple[str, str]]) -> dict[str, list[str]]:
     from mjrun.sim.parameter_grid import scan_values
 
-    found: dict[str, list[str]] = {}
-    for path, text in given:
-        if path in found:
-            raise UsageError(f"--scan {path} is given twice; give all its values at once")
-        found[path] = scan_values(path, text)
-    return found
+    scan: dict[str, list[str]] = {}
+    for path, text in assignments:
+        if path in scan:
+            raise UsageError(f"{option('scan')} {path} is given twice; give all its values at once")
+        scan[path] = scan_values(path, text)
+    return scan
 
 
 def _count(word: str) -> int | str:
     if word == "auto":
         return word
     if not (word.isascii() and word.isdigit() and 0 < int(word) < 10_000):
-        raise BadValueError("--threads", word, "a number of threads from 1 on, or auto")
+        raise BadValueError(option("threads"), word, "a number of threads from 1 on, or auto")
     return int(word)
 
 
 def _drawings(given: dict[str, Any]) -> list["Drawing"]:
-    """Every combination of size, view, quality and renderer."""
+    """Every combination of size, view, quality and renderer; the first is what a whole video shows."""
     from mjrun.job.view import SIZE, Drawing
     from mjrun.rendering.visual import Visual
 
-    several = {name: given[name] for name in ("sizes", "views", "qualities", "renderers")}
-    if not given["render"]:
-        if any(several.values()):
-            raise UsageError("--size, --view, --quality and --renderer say what is drawn; add --render to time it")
-        return []
-    return [
+    if not (given["render"] or given["whole"]) and (names := _drawing_options(given)):
+        raise UsageError(
+            f"{', '.join(map(option, names))}: nothing is drawn\nadd {option('render')} to time frames, or "
+            f"{option('whole')} to time a video"
+        )
+    drawings = [
         Drawing(
-            camera=given["camera"],
+            camera=given["camera"] or "free",
             size=size,
             view=view,
             visual=Visual(quality=quality),
@@ -128,21 +135,36 @@ def _drawings(given: dict[str, Any]) -> list["Drawing"]:
             require_gpu=given["require_gpu"],
         )
         for renderer, size, quality, view in product(
-            several["renderers"] or ["classic"],
-            several["sizes"] or [SIZE],
-            several["qualities"] or ["model"],
-            several["views"] or ["rgb"],
+            given["renderers"] or ["classic"],
+            given["sizes"] or [SIZE],
+            given["qualities"] or ["model"],
+            given["views"] or ["rgb"],
         )
     ]
+    if len(drawings) > 1 and not given["render"]:
+        raise UsageError(
+            f"{option('whole')} times one video, not {len(drawings)}; {option('render')} times several views"
+        )
+    return drawings
 
 
-def _summary(given: str | None) -> str | None:
+def _drawing_options(given: dict[str, Any]) -> list[str]:
+    """The options on the command line that say what is drawn, and how."""
+    several = {"size": "sizes", "view": "views", "quality": "qualities", "renderer": "renderers"}
+    names = [name for name in ("camera", "require_gpu") if given[name]]
+    names += [name for name, plural in several.items() if given[plural]]
+    # $MUJOCO_GL says how to draw if anything is drawn; the option, that something is.
+    source = click.get_current_context().get_parameter_source("gl")
+    return [*names, *(["gl"] if source is ParameterSource.COMMANDLINE else [])]
+
+
+def _summary(file: str | None) -> str | None:
     """The file that the summary is appended to, which can be written."""
-    if given is None:
+    if file is None:
         return None
-    path = given or os.environ.get(SUMMARY, "")
+    path = file or os.environ.get(SUMMARY, "")
     if not path:
-        raise UsageError(f"--summary: name a file; there is no ${SUMMARY} to take it from")
+        raise UsageError(f"{option('summary')}: name a file, since ${SUMMARY} does not")
     _append(path, "")
     return path
 

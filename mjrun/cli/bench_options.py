@@ -52,16 +52,14 @@ measurement_options = bundle(
     option(
         "--horizon",
         type=Exact("SECONDS"),
-        default="1",
-        show_default=True,
-        help="Simulated time after which accuracy is measured.",
+        help="Simulated time after which accuracy is measured.  [default: 1]",
     ),
     option("--reference", type=Exact("SECONDS"), help="Timestep of the finer run.  [default: an eighth of the finest]"),
-    option("--whole", is_flag=True, help="Also time a whole trace and a whole film of 1 s."),
+    option("--whole", is_flag=True, help="Also time a whole trace and a whole video of 1 s."),
 )
 
 engine_options = bundle(
-    "Engine",
+    "EngineInfo",
     option(
         "--engine",
         type=click.Choice(["c", "warp"]),
@@ -90,7 +88,7 @@ drawing_options = bundle(
     "Drawing",
     option("--render", is_flag=True, help="Also time drawing and encoding."),
     option("--size", "sizes", type=Size(), multiple=True, help="Of a view. Repeatable.  [default: 1280x720]"),
-    option("--camera", default="free", show_default=True, metavar="SPEC", help="As for mjrun video."),
+    option("--camera", metavar="SPEC", help="As for mjrun video.  [default: free]"),
     option(
         "--view",
         "views",
@@ -126,13 +124,17 @@ report_options = bundle(
         metavar="[FILE]",
         help="Also append Markdown to a file, or to that named by $GITHUB_STEP_SUMMARY.",
     ),
-    option("--save", metavar="FILE", help="Keep the result, to compare with."),
-    option("--compare", metavar="FILE", help="Compare with a result that was kept."),
+    option("--save", metavar="FILE", help="Save the result as a baseline."),
+    option(
+        "--compare",
+        metavar="FILE",
+        help="Compare with a saved result.",
+    ),
     option(
         "--fail-above",
         type=Percent(),
-        help="Exit with 1 if it is surely slower than that: 10%, or became unstable. A ratio whose interval does not "
-        "clear it is inconclusive.",
+        help="Exit with 1 if it is certainly slower than that: 10%, or became unstable. A ratio whose interval "
+        "contains the limit is inconclusive.",
     ),
-    option("--force", is_flag=True, help="Compare other models, options or machines all the same."),
+    option("--force", is_flag=True, help="Compare in spite of other models, options or machines."),
 )

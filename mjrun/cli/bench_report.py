@@ -1,17 +1,17 @@
 """What a benchmark found, as text for a terminal and as Markdown."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from textwrap import fill
 from typing import TYPE_CHECKING
 
-from mjrun.cli import bench_table
+from mjrun.cli import bench_csv
 from mjrun.errors import clean
 
 if TYPE_CHECKING:
-    from mjrun.bench.frame_timing import Frame
-    from mjrun.bench.results import Accuracy, BenchResult, Row
-    from mjrun.bench.statistics import Stat
+    from mjrun.bench.frame_timing import FrameTiming
+    from mjrun.bench.results import Accuracy, BenchResult, GridPointResult
+    from mjrun.bench.statistics import SampleStatistics
     from mjrun.bench.step_phases import Phase
 
 UNITS = ((1.0, "s"), (1e-3, "ms"), (1e-6, "µs"), (1e-9, "ns"))
@@ -67,9 +67,6 @@ def markdown(result: "BenchResult") -> str:
         parts.append("\n".join([f"**{_escaped(title)}**", "", *lines]))
     parts += ["\n".join(f"- {_escaped(note)}" for note in notes)] if (notes := _notes(result)) else []
     return "\n\n".join(parts) + "\n"
-
-
-FORMS: dict[str, Callable[["BenchResult"], str]] = {"text": text, "markdown": markdown, "csv": bench_table.table}
 
 
 def _model(result: "BenchResult") -> str:
@@ -166,7 +163,7 @@ def _grid_title(result: "BenchResult") -> str:
     return said if rows[0].accuracy is None else f"{said};\n{_horizon(rows[0].accuracy)}"
 
 
-def _grid(rows: Sequence["Row"]) -> Table:
+def _grid(rows: Sequence["GridPointResult"]) -> Table:
     paths, accuracy = list(rows[0].point), rows[0].accuracy
     header = [*map(_short, paths), "step", "±", "real time"]
     found = [header + ["drift", "distance"] * bool(accuracy)]
@@ -181,7 +178,7 @@ def _grid(rows: Sequence["Row"]) -> Table:
     return found
 
 
-def _unsure(step: "Stat") -> str:
+def _unsure(step: "SampleStatistics") -> str:
     """How far the farther end of the interval is from the median."""
     if step.low is None or step.high is None:
         return "-"
@@ -198,7 +195,7 @@ def _horizon(accuracy: "Accuracy") -> str:
     return f"energy and position after {accuracy.horizon:.6g} s, against a timestep of {accuracy.reference:.6g} s"
 
 
-def _threads(row: "Row") -> Table:
+def _threads(row: "GridPointResult") -> Table:
     found = [["threads", "steps/s", "real time", "scaling"]]
     for one in row.threads:
         speed = [_digits(one.steps_per_second), f"{_digits(one.realtime_factor)} x", f"{one.scaling:.2f}"]
@@ -208,18 +205,17 @@ def _threads(row: "Row") -> Table:
 
 def _phase_table(whole: "Phase") -> Table:
     rows = [
-        [f"{'  ' * depth}{p.name}", duration(p.seconds), f"{p.share:.1%}"]
-        for _, depth, p in bench_table.phases_of(whole)
+        [f"{'  ' * depth}{p.name}", duration(p.seconds), f"{p.share:.1%}"] for _, depth, p in bench_csv.phases_of(whole)
     ]
     return [["phase", "time", "share"], *rows]
 
 
-def _overhead(whole: "Phase", step: "Stat") -> str:
+def _overhead(whole: "Phase", step: "SampleStatistics") -> str:
     longer = whole.seconds / step.median - 1
     return f"{longer:.0%} longer" if longer >= 0 else "no longer"
 
 
-def _frames(frames: Sequence["Frame"]) -> Table:
+def _frames(frames: Sequence["FrameTiming"]) -> Table:
     found = [["view", "size", "quality", "update", "draw", "read", "compose", "encode", "first"]]
     for frame in frames:
         parts = (frame.update, frame.draw, frame.read, frame.compose, frame.encode)

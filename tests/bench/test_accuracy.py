@@ -7,7 +7,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from mjrun.bench.accuracy import apart, arrive, distance
+from mjrun.bench.accuracy import distance, position_distance, simulate_to
 from mjrun.errors import UnstableError
 
 # A mass on a spring: x = cos(10 t).
@@ -35,7 +35,7 @@ def spring(integrator: str, timestep: str = ".01") -> tuple[mujoco.MjModel, mujo
 
 def test_it_arrives_at_the_whole_step_nearest_to_the_horizon_and_drift_is_the_energy_it_has_made() -> None:
     model, data = spring("Euler")
-    found = arrive(model, data, Fraction(1, 3))
+    found = simulate_to(model, data, Fraction(1, 3))
     assert found.time == Fraction(33, 100)
     for _ in range(33):
         mujoco.mj_step(model, data)
@@ -48,7 +48,7 @@ def test_it_arrives_at_the_whole_step_nearest_to_the_horizon_and_drift_is_the_en
 def test_nothing_is_changed_by_looking() -> None:
     model, data = spring("Euler")
     flags, before = int(model.opt.enableflags), data.qpos.copy()
-    distance(model, data, arrive(model, data, Fraction(1, 3)), Fraction(1, 1000))
+    distance(model, data, simulate_to(model, data, Fraction(1, 3)), Fraction(1, 1000))
     assert (model.opt.enableflags, model.opt.timestep) == (flags, 0.01)
     assert data.qpos.tolist() == before.tolist()
 
@@ -56,14 +56,14 @@ def test_nothing_is_changed_by_looking() -> None:
 @pytest.mark.parametrize(("integrator", "tolerance"), [("Euler", 2e-2), ("RK4", 1e-3)])
 def test_the_distance_from_a_finer_run_is_that_from_the_closed_form(integrator: str, tolerance: float) -> None:
     model, data = spring(integrator)
-    found = arrive(model, data, Fraction(1))
+    found = simulate_to(model, data, Fraction(1))
     error = abs(found.qpos[0] - math.cos(10))
     assert distance(model, data, found, Fraction(1, 10_000)) == pytest.approx(error, rel=tolerance)
 
 
 def test_a_finer_run_that_does_not_meet_the_instant_goes_the_rest_by_its_velocity() -> None:
     model, data = spring("RK4")
-    found = arrive(model, data, Fraction(1, 2))
+    found = simulate_to(model, data, Fraction(1, 2))
     meeting = distance(model, data, found, Fraction(1, 8000))
     missing = distance(model, data, found, Fraction(1, 7777))
     assert (found.time / Fraction(1, 7777)).denominator > 1
@@ -75,11 +75,11 @@ def test_positions_are_a_root_mean_square_over_degrees_of_freedom_apart() -> Non
     data = mujoco.MjData(model)
     moved = data.qpos.copy()
     mujoco.mj_integratePos(model, moved, np.array([1.0, 2, 3, 0, 0.4, 0, 0.5]), 1)
-    assert apart(model, data.qpos, moved) == pytest.approx(math.sqrt((1 + 4 + 9 + 0.16 + 0.25) / 7))
-    assert apart(mujoco.MjModel.from_xml_string("<mujoco/>"), np.empty(0), np.empty(0)) == 0
+    assert position_distance(model, data.qpos, moved) == pytest.approx(math.sqrt((1 + 4 + 9 + 0.16 + 0.25) / 7))
+    assert position_distance(mujoco.MjModel.from_xml_string("<mujoco/>"), np.empty(0), np.empty(0)) == 0
 
 
 def test_an_unstable_simulation_does_not_arrive() -> None:
     model, data = spring("Euler", "1")
     with pytest.raises(UnstableError):
-        arrive(model, data, Fraction(1000))
+        simulate_to(model, data, Fraction(1000))

@@ -13,13 +13,13 @@ import numpy as np
 import pytest
 from mujoco.batch import Batch
 
-from mjrun.bench.accuracy import arrive, distance
+from mjrun.bench.accuracy import distance, simulate_to
 from mjrun.bench.bench import Bench
 from mjrun.bench.control_noise import controls
-from mjrun.bench.machine import Machine, machine
+from mjrun.bench.machine_info import MachineInfo, machine_info
 from mjrun.bench.results import BenchResult
 from mjrun.bench.rollout_timing import Run
-from mjrun.bench.step_timing import Effort, Stepping, nice
+from mjrun.bench.step_timing import StepTimer, TimingBudget, rounded_down
 from mjrun.camera.argument import script
 from mjrun.camera.motion import CameraMotion
 from mjrun.errors import BadValueError, FileError, ModelNotFoundError, UnstableError, UsageError
@@ -112,8 +112,8 @@ def test_it_starts_from_the_keyframe_called_test_with_noise_about_its_controls(
     path: Path, given: str | int | None, key: str, center: float, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     runs: list[Run] = []
-    begun = Stepping.warm_up
-    monkeypatch.setattr(Stepping, "warm_up", lambda self: (begun(self), runs.append(self.run))[0])
+    begun = StepTimer.warm_up
+    monkeypatch.setattr(StepTimer, "warm_up", lambda self: (begun(self), runs.append(self.run))[0])
     found = bench(path, key=given).run(clock=FakeClock())
     assert found.options.key == key
     model = mujoco.MjModel.from_xml_string(MODEL)
@@ -124,8 +124,8 @@ def test_it_starts_from_the_keyframe_called_test_with_noise_about_its_controls(
 
 def test_without_noise_the_controls_stay_those_of_the_start(path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     runs: list[Run] = []
-    begun = Stepping.warm_up
-    monkeypatch.setattr(Stepping, "warm_up", lambda self: (begun(self), runs.append(self.run))[0])
+    begun = StepTimer.warm_up
+    monkeypatch.setattr(StepTimer, "warm_up", lambda self: (begun(self), runs.append(self.run))[0])
     bench(path, noise_std=0).run(clock=FakeClock())
     assert runs[0].controls is None
     assert runs[0].data().ctrl.tolist() == [0.5]
@@ -153,7 +153,7 @@ def test_a_planted_slowdown_of_30_percent_is_caught_and_ten_repeats_of_the_same_
 def test_a_base_is_refused_before_anything_is_timed(path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     base = str(path.with_name("base.json"))
     bench(path, save=base).run(clock=FakeClock())
-    monkeypatch.setattr(Stepping, "warm_up", lambda self: pytest.fail("was timed"))
+    monkeypatch.setattr(StepTimer, "warm_up", lambda self: pytest.fail("was timed"))
     with pytest.raises(UsageError, match=r"noise_std: 0.01 there, 0.5 here\n--force"):
         bench(path, compare=base, noise_std=0.5).run(clock=FakeClock())
     with pytest.raises(UsageError, match="another model"):
@@ -270,7 +270,7 @@ def test_accuracy_is_measured_without_noise_against_steps_finer_than_the_finest(
         model.opt.integrator = 1 if row.integrator == "rk4" else 0
         data = mujoco.MjData(model)
         mujoco.mj_resetDataKeyframe(model, data, 0)
-        there = arrive(model, data, Fraction(1, 2))
+        there = simulate_to(model, data, Fraction(1, 2))
         assert row.accuracy is not None
         assert (row.accuracy.horizon, row.accuracy.energy_drift) == (0.5, there.drift)
         assert row.accuracy.reference == 0.01 / 8
@@ -288,7 +288,7 @@ def test_a_reference_must_be_finer_than_every_timestep(
     if not refused:
         assert {row.accuracy and row.accuracy.reference for row in job.run(clock=FakeClock()).rows} == {0.009}
         return
-    monkeypatch.setattr(Stepping, "warm_up", lambda self: pytest.fail("was timed"))
+    monkeypatch.setattr(StepTimer, "warm_up", lambda self: pytest.fail("was timed"))
     with pytest.raises(BadValueError, match=rf"--reference: '0{reference}' is not finer than.* finest is 0.01 s"):
         job.run(clock=FakeClock())
 
@@ -362,7 +362,7 @@ def test_the_budget_decides_how_many_steps_are_taken_how_often(
 
     monkeypatch.setattr(Batch, "rollout", counted)
     model = mujoco.MjModel.from_xml_string(MODEL)
-    stepping = Stepping(lambda count: Run.of(model, mujoco.MjData(model)), Effort(3.0), clock)
+    stepping = StepTimer(lambda count: Run.of(model, mujoco.MjData(model)), TimingBudget(3.0), clock)
     stepping.warm_up()
     stepping.begin(stepping.steps)
     assert (stepping.steps, stepping.block, stepping.repeats) == (steps, block, repeats)
@@ -378,7 +378,7 @@ def test_the_budget_decides_how_many_steps_are_taken_how_often(
 def test_numbers_of_steps_are_round_and_do_not_follow_every_change_of_the_clock(
     value: float, most: int, expected: int
 ) -> None:
-    assert nice(value, most) == expected
+    assert rounded_down(value, most) == expected
 
 
 @pytest.mark.parametrize(
@@ -409,14 +409,14 @@ def test_without_a_scan_there_is_one_point() -> None:
     ],
 )
 def test_what_spoils_figures_is_told(load: float | None, governor: str | None, said: Sequence[str]) -> None:
-    remarks = Machine("Linux", "a CPU", 4, 4, governor, load).remarks
+    remarks = MachineInfo("Linux", "a CPU", 4, 4, governor, load).remarks
     assert len(remarks) == len(said)
     for remark, part in zip(remarks, said, strict=True):
         assert part in remark
 
 
 def test_this_machine_is_known() -> None:
-    found = machine()
+    found = machine_info()
     assert found.cpu
     assert 1 <= found.available <= found.cores
 

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mjrun.bench.statistics import coverage, median_interval, ratio_interval, stat
+from mjrun.bench.statistics import coverage, median_interval, ratio_interval, summarized
 
 SAMPLES = st.lists(st.floats(1e-9, 1e3), min_size=1, max_size=60)
 
@@ -51,14 +51,14 @@ def test_so_many_intervals_hold_the_true_median_as_they_say() -> None:
 
 
 def test_the_spread_may_be_that_of_finer_samples() -> None:
-    found = stat([3.0, 1.0, 2.0], range(101))
+    found = summarized([3.0, 1.0, 2.0], range(101))
     assert (found.n, found.median, found.min, found.p5, found.p95) == (3, 2.0, 1.0, 5.0, 95.0)
     assert (found.low, found.high, found.confidence) == (None, None, None)
     assert found.samples == [3.0, 1.0, 2.0]
 
 
 def test_percentiles_are_those_of_the_samples_else() -> None:
-    found = stat(np.arange(21.0).tolist())
+    found = summarized(np.arange(21.0).tolist())
     assert (found.p5, found.p95) == (1.0, 19.0)
     assert found.low is not None
 

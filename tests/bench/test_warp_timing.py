@@ -14,7 +14,7 @@ from mjrun.bench.bench import Bench
 from mjrun.bench.control_noise import controls
 from mjrun.bench.rollout_timing import Clock, Profile, Run, blocks_of
 from mjrun.bench.warp_timing import WarpOptions, WarpRoller
-from mjrun.cli import bench_report
+from mjrun.cli import bench_csv, bench_report
 from mjrun.errors import MjrunWarning, SimulationError, UsageError, spelled
 from mjrun.job.view import Drawing
 
@@ -149,7 +149,7 @@ def test_what_does_not_fit_is_a_warning_and_stays_in_the_document(path: Path, mo
         found = bench(path, scan={"timestep": [".01", ".02"]}).run(clock=FakeClock())
     assert [str(warning.message) for warning in heard] == [OVERFLOW]  # once for both points
     assert [row["overflows"] for row in json.loads(json.dumps(asdict(found)))["rows"]] == [[OVERFLOW]] * 2
-    assert f"- timestep=.02: {OVERFLOW}" in bench_report.FORMS["markdown"](found)
+    assert f"- timestep=.02: {OVERFLOW}" in bench_report.markdown(found)
 
 
 def test_worlds_that_are_unstable_are_a_result_of_a_grid(path: Path) -> None:
@@ -162,17 +162,17 @@ def test_worlds_that_are_unstable_are_a_result_of_a_grid(path: Path) -> None:
 
 def test_the_report_tells_of_worlds_and_of_compiling_in_80_columns(path: Path) -> None:
     found = bench(path).run(clock=FakeClock())
-    lines = bench_report.FORMS["text"](found).splitlines()
+    lines = bench_report.text(found).splitlines()
     assert lines[1] == "4 worlds on cuda:0, a GPU; mujoco_warp 4; noise 0.01"
     assert "all worlds 1.000 s for a step of each of them" in lines
     assert "first step 1.000 s; it compiles what is not cached" in lines
     assert not any("arena" in line for line in lines if not line.startswith("note: "))
     assert max(map(len, lines)) <= 80
-    header, row = bench_report.FORMS["csv"](found).splitlines()
+    header, row = bench_csv.table(found).splitlines()
     known = dict(zip(header.split(","), row.split(","), strict=True))
     names = ("engine", "device", "worlds", "first_step", "steps_per_second", "arena")
     assert [known[name] for name in names] == ["warp", "cuda:0", "4", "1.0", "4.0", ""]
-    grid = bench_report.FORMS["text"](bench(path, scan={"timestep": [".01", ".02"]}).run(clock=FakeClock()))
+    grid = bench_report.text(bench(path, scan={"timestep": [".01", ".02"]}).run(clock=FakeClock()))
     assert "a step, of rollouts of 20 steps of 4 worlds" in grid.splitlines()
 
 

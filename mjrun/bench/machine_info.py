@@ -1,4 +1,4 @@
-"""What is measured on, as far as it can be known."""
+"""The machine that a benchmark runs on, as far as it can be known."""
 
 import os
 import platform
@@ -10,19 +10,19 @@ from mjrun.rendering.process_count import available_cores
 
 CPU_INFO = Path("/proc/cpuinfo")
 GOVERNOR = Path("/sys/devices/system/cpu/cpu0/cpufreq/scaling_governor")
-BUSY = 0.25  # of the cores, kept busy by others, from which on figures cannot be trusted
+BUSY = 0.25  # share of the cores that others keep busy, above which figures cannot be trusted
 
 
 @dataclass(frozen=True)
-class Machine:
+class MachineInfo:
     """A machine, and how busy it is.
 
     Attributes:
       system: operating system and architecture.
-      cpu: its model, as it calls itself.
+      cpu: model of the processor, by its own name.
       cores, available: logical processors, and those that this process may use.
       governor: Linux' policy for the processor's frequency; None where it cannot be read.
-      load: processes that ran or waited, in the mean of the last minute; None where it cannot be read.
+      load: processes that ran or waited, averaged over the last minute; None where it cannot be read.
     """
 
     system: str
@@ -33,20 +33,20 @@ class Machine:
     load: float | None
 
     @property
-    def remarks(self) -> Sequence[str]:
+    def disturbances(self) -> Sequence[str]:
         """What makes figures worse than they need be."""
-        found = []
+        causes = []
         if self.load is not None and self.load > BUSY * self.cores:
-            found.append(f"other processes keep this machine busy: load average {self.load:.2f} on {self.cores} cores")
+            causes.append(f"other processes keep this machine busy: load average {self.load:.2f} on {self.cores} cores")
         if self.governor not in (None, "performance"):
-            found.append(f"the processor's governor is {self.governor}; performance makes figures steadier")
-        return found
+            causes.append(f"the processor's governor is {self.governor}; performance makes figures steadier")
+        return causes
 
 
-def machine() -> Machine:
+def machine_info() -> MachineInfo:
     """The machine that this runs on."""
-    return Machine(
-        system=f"{platform.system()} {platform.machine()}",
+    return MachineInfo(
+        system=f"{platform.system()} {platform.machine_info()}",
         cpu=_cpu(),
         cores=os.cpu_count() or 1,
         available=available_cores(),
@@ -60,7 +60,7 @@ def _cpu() -> str:
         name, _, value = line.partition(":")
         if name.strip() == "model name":
             return value.strip()
-    return platform.processor() or platform.machine()
+    return platform.processor() or platform.machine_info()
 
 
 def _text(path: Path) -> str | None:

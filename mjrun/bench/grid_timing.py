@@ -1,0 +1,221 @@
+"""Timing of a grid of simulations: every point in turn, with what its steps consist of and how accurate they are."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from fractions import Fraction
+from functools import partial
+
+import mujoco
+
+from mjrun.bench.accuracy import distance_from_finer, simulate_to
+from mjrun.bench.control_noise import controls
+from mjrun.bench.reference_workload import ReferenceWorkload
+from mjrun.bench.results import Accuracy, GridPointResult, StepCounts
+from mjrun.bench.rollout_timing import Clock, Run
+from mjrun.bench.step_timing import MOST_STEPS, StepTimer, TimingBudget
+from mjrun.bench.warp_timing import WarpOptions, WarpStepTimer
+from mjrun.errors import BadValueError, SimulationError, option, spelled
+from mjrun.model.names import members
+from mjrun.reporter import Reporter
+from mjrun.sim.initial_state import Start
+from mjrun.timeline import rational
+
+FINER = 8  # the default finer run takes so many times the steps of the finest point of the grid
+
+
+@dataclass(frozen=True)
+class GridPoint:
+    """A point of the grid: its settings, its model, and the steps of a rollout, if they are fixed."""
+
+    point: Mapping[str, str]
+    model: mujoco.MjModel
+    steps: int | None = None
+
+
+@dataclass(frozen=True)
+class RolloutSetup:
+    """Where a rollout starts, and the noise on its controls, as `Bench` has it."""
+
+    key: str | None
+    noise_std: float
+    noise_rate: float
+
+    def run(self, model: mujoco.MjModel, steps: int) -> Run:
+        """The rollout of `model`, with the controls of so many steps."""
+        data = self.data(model)
+        if not (self.noise_std and model.nu):
+            return Run.of(model, data)
+        center = None if self.key is None else data.ctrl.copy()
+        return Run.of(model, data, controls(model, steps, self.noise_std, self.noise_rate, center))
+
+    def data(self, model: mujoco.MjModel) -> mujoco.MjData:
+        """A new MjData at the start."""
+        return Start(self.key).data(model)
+
+
+@dataclass(frozen=True)
+class MeasurementSettings:
+    """How much of each point of the grid is measured.
+
+    Attributes:
+      budget: wall time for all points [s].
+      repeats: of each rollout; the budget decides when None.
+      threads: numbers of copies.
+      horizon: simulated time after which accuracy is measured [s]; None without.
+      reference: timestep of the finer run [s]; an eighth of the finest of the grid when None.
+      warp: how many worlds MuJoCo Warp steps at once; one is stepped by MuJoCo itself when None.
+    """
+
+    budget: float
+    repeats: int | None
+    threads: Sequence[int]
+    horizon: Fraction | None
+    reference: Fraction | None
+    warp: WarpOptions | None = None
+
+    def timer(self, point: GridPoint, setup: RolloutSetup, share: float, clock: Clock) -> StepTimer:
+        """Times the steps of a point, on a `share` of the budget."""
+        make = partial(setup.run, point.model)
+        budget = TimingBudget(share * self.budget, point.steps, self.repeats)
+        if self.warp is None:
+            return StepTimer(make, budget, clock, ReferenceWorkload(clock))
+        return WarpStepTimer(make, budget, clock, warp=self.warp)
+
+
+def check_reference(reference: Fraction | None, grid: Sequence[GridPoint]) -> None:
+    """Refuses a finer run that is no finer than what is measured against it.
+
+    Raises:
+      BadValueError: its timestep is not below every other.
+    """
+    finest = min(point.model.opt.timestep for point in grid)
+    if reference is not None and reference >= rational(finest):
+        expected = f"finer than every timestep that is measured, of which the finest is {finest:.6g} s"
+        raise BadValueError(option("reference"), f"{float(reference):.6g}", expected)
+
+
+def timed_grid(
+    grid: Sequence[GridPoint], setup: RolloutSetup, settings: MeasurementSettings, reporter: Reporter, clock: Clock
+) -> list[GridPointResult]:
+    """Measures every point. Their rollouts take turns, so that what disturbs one disturbs all.
+
+    Raises:
+      SimulationError: no point is stable.
+    """
+    timers = [settings.timer(point, setup, 1 / len(grid), clock) for point in grid]
+    if settings.warp:
+        reporter.note("warp compiles what it has not cached, which may take a minute")
+
+    failures = [_failure(timer.warm_up) for timer in timers]
+    # As many steps for all, unless they are fixed: what a step costs changes in the course of the motion.
+    fewest = min((t.steps for t, failure in zip(timers, failures, strict=True) if not failure), default=1)
+    failures = [
+        failure or _failure(partial(timer.begin, point.steps or fewest))
+        for point, timer, failure in zip(grid, timers, failures, strict=True)
+    ]
+    stable = [timer for timer, failure in zip(timers, failures, strict=True) if not failure]
+    if not stable:
+        raise next(failure for failure in failures if failure)
+
+    _take_turns(stable, reporter)
+    finer = settings.reference or min(rational(point.model.opt.timestep) for point in grid) / FINER
+    results = [
+        _result(point, failure or timer, settings.threads, _accuracy(point.model, setup, settings.horizon, finer))
+        for point, timer, failure in zip(grid, timers, failures, strict=True)
+    ]
+    for overflow in dict.fromkeys(overflow for timer in stable for overflow in timer.overflows):
+        reporter.warn(overflow)
+    return results
+
+
+def _failure(action: Callable[[], None]) -> SimulationError | None:
+    try:
+        action()
+    except SimulationError as error:
+        return error
+    return None
+
+
+def _take_turns(timers: Sequence[StepTimer], reporter: Reporter) -> None:
+    done, total = 0, sum(timer.repeats for timer in timers)
+    for turn in range(max(timer.repeats for timer in timers)):
+        for timer in timers:
+            if turn < timer.repeats:
+                timer.rollout()
+                done += 1
+                reporter.progress("rollouts", done, total)
+
+
+def _result(
+    point: GridPoint, timer: StepTimer | SimulationError, threads: Sequence[int], accuracy: Accuracy | None
+) -> GridPointResult:
+    opt = point.model.opt
+    integrator, timestep = _name(mujoco.mjtIntegrator, opt.integrator), float(opt.timestep)
+    if isinstance(timer, SimulationError):
+        return GridPointResult.failed(point.point, integrator, timestep, accuracy, _first_line(timer))
+
+    step, profile = timer.step, timer.profile
+    counts = StepCounts(
+        contacts=profile.contacts,
+        constraints=profile.constraints,
+        solver=_name(mujoco.mjtSolver, opt.solver),
+        iterations=profile.iterations,
+        arena=profile.arena,
+        arena_size=profile.arena_size,
+    )
+    return GridPointResult(
+        point=dict(point.point),
+        integrator=integrator,
+        timestep=timestep,
+        steps=timer.steps,
+        block=timer.block,
+        step=step,
+        reference_workload=timer.reference_workload,
+        steps_per_second=1 / step.median,
+        realtime_factor=timestep / step.median,
+        first_step=timer.first,
+        counts=counts,
+        phases=profile.phases,
+        threads=timer.threads(threads),
+        overflows=[spelled(overflow) for overflow in timer.overflows],
+        accuracy=accuracy,
+        failure=None,
+    )
+
+
+def _name(enum: type, value: int) -> str:
+    """How MJCF spells a member of one of MuJoCo's enums."""
+    return next(name for name, number in members(enum).items() if number == value)
+
+
+def _accuracy(model: mujoco.MjModel, setup: RolloutSetup, horizon: Fraction | None, finer: Fraction) -> Accuracy | None:
+    if horizon is None:
+        return None
+    drift = None
+    try:
+        final = simulate_to(model, setup.data(model), horizon)
+        drift = final.drift
+        distance = distance_from_finer(model, setup.data(model), final, finer)
+    except SimulationError as error:
+        where = "" if drift is None else "the finer run: "
+        return Accuracy(float(horizon), drift, float(finer), None, where + _first_line(error))
+    return Accuracy(float(final.time), drift, float(finer), distance)
+
+
+def _first_line(error: SimulationError) -> str:
+    return str(error).partition("\n")[0]
+
+
+def notes_on(results: Sequence[GridPointResult], grid: Sequence[GridPoint]) -> list[str]:
+    """What a reader of these results should know."""
+    notes = []
+    fewer = sorted({result.steps for result in results if result.step and result.steps < MOST_STEPS})
+    if fewer and all(point.steps is None for point in grid):
+        shown = ", ".join(map(str, fewer))
+        notes.append(
+            f"rollouts of {shown} steps instead of {MOST_STEPS}, to keep to the budget; give the "
+            "number of steps to fix it"
+        )
+    if any(result.step and result.step.confidence is None for result in results):
+        notes.append("there are too few repeats for an interval, which takes at least 6")
+    return notes
