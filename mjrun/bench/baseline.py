@@ -31,6 +31,8 @@ WORST_FIRST = (FAILED, SLOWER, INCONCLUSIVE, NOT_SLOWER, FASTER)
 OPTIONS = ("key", "noise_std", "noise_rate", "settings")
 MACHINE = ("system", "cpu", "cores", "available")
 ENGINE = ("name", "device", "device_name", "worlds", "nconmax", "njmax")
+# How earlier versions of mjrun wrote overrides, and how they are written now.
+EARLIER_SETTINGS = (("--set ", ""), ("--integrator ", "opt.integrator="), ("--timestep ", "opt.timestep="))
 
 
 @dataclass(frozen=True)
@@ -113,7 +115,7 @@ def read_base(path: str | Path) -> Document:
 
     schema = document.get("schema") if isinstance(document, dict) else None
     if schema != SCHEMA:
-        raise FileError(path, "is not a benchmark of this mjrun", f"mjrun bench with {option('save')} makes one")
+        raise FileError(path, "is not a benchmark of this mjrun", f"`mjrun bench` makes one with {option('save')}")
 
     try:
         list(figures(document))
@@ -138,6 +140,8 @@ def differences(now: Document, base: Document) -> list[str]:
     for part, keys in (("engine", ENGINE), ("options", OPTIONS), ("machine", MACHINE)):
         for key in keys:
             there, here = base[part][key], now[part][key]
+            if key == "settings":
+                there, here = [*map(_setting, there)], [*map(_setting, here)]
             if there != here:
                 name = "engine" if (part, key) == ("engine", "name") else key
                 reasons.append(f"{name}: {clean(_word(there))} there, {clean(_word(here))} here")
@@ -268,6 +272,14 @@ def verdict(low: float | None, high: float | None, fastest: float, limit: float)
 def _label(figure: FigureId) -> str:
     name, device = figure
     return f"{name} by {device}" if device else name
+
+
+def _setting(text: str) -> str:
+    """An override as it is written now."""
+    for before, after in EARLIER_SETTINGS:
+        if text.startswith(before):
+            return after + text.removeprefix(before)
+    return text
 
 
 def _word(value: Any) -> str:

@@ -29,7 +29,7 @@ from mjrun.bench.output_timing import timed_trace, timed_video
 from mjrun.bench.reference_workload import ReferenceInfo
 from mjrun.bench.results import BenchOptions, BenchResult, EngineInfo, ModelInfo
 from mjrun.bench.rollout_timing import Clock
-from mjrun.bench.warp_timing import LEFT_OUT, WARP, C, WarpOptions, check_engine
+from mjrun.bench.warp_timing import LEFT_OUT, C, WarpOptions, check_engine
 from mjrun.errors import BadValueError, FileError, UsageError, option
 from mjrun.formats.publishing import StagedFile
 from mjrun.job.manifest import origin
@@ -43,7 +43,7 @@ from mjrun.rendering.backend import Backend
 from mjrun.rendering.process_count import AUTO, available_cores
 from mjrun.reporter import QuietReporter, Reporter, pass_on
 from mjrun.sim.parameter_grid import points, settings
-from mjrun.timeline import nearest, rational
+from mjrun.timeline import rational
 
 TEST = "test"  # the keyframe that testspeed starts from
 HORIZON = Fraction(1)  # [s] simulated
@@ -193,10 +193,7 @@ class Bench:
         backends = self._backends(video)
 
         rows = timed_grid(grid, setup, measurement, reporter, clock)
-        frames = [
-            self._frames(model, setup, drawing, backend, clock)
-            for drawing, backend in zip(self.drawings, backends, strict=False)
-        ]
+        frames = self._frames(model, setup, backends, clock)
         whole = [timed_trace(simulation, clock), timed_video(simulation, video, clock)] if self.whole else []
 
         # MuJoCo's known bugs are not those of Warp.
@@ -206,11 +203,11 @@ class Bench:
         return result if base is None else self._compared(result, base, overridden)
 
     def _compared(self, result: BenchResult, base: Mapping[str, Any], overridden: Sequence[str]) -> BenchResult:
-        now, path = asdict(result), str(self.compare)
-        comparison = compare(now, base, path, self.fail_above, overridden)
+        now = asdict(result)
+        comparison = compare(now, base, str(self.compare), self.fail_above, overridden)
         if not (obstacle := workload_obstacle(now, base)):
             return replace(result, comparison=comparison)
-        note = f"wall times are compared as they are, on whatever else this machine does: {obstacle}"
+        note = f"wall times are compared as they are, whatever else the machine was doing: {obstacle}"
         return replace(result, comparison=comparison, notes=[*result.notes, note])
 
     def _backends(self, video: Drawing) -> list[Backend]:
@@ -263,13 +260,14 @@ class Bench:
         )
 
     def _frames(
-        self, model: mujoco.MjModel, setup: RolloutSetup, drawing: Drawing, backend: Backend, clock: Clock
-    ) -> FrameTiming:
-        """The cost of a frame: of the first instants of a video."""
-        spacing = 1 / (FPS * rational(model.opt.timestep))
-        steps = [nearest(k * spacing) for k in range(LEAST)]
-        states = setup.run(model, steps[-1]).states(steps)
-        return timed_frames(drawing, model, backend, states, float(self.budget) / len(self.drawings), clock)
+        self, model: mujoco.MjModel, setup: RolloutSetup, backends: Sequence[Backend], clock: Clock
+    ) -> list[FrameTiming]:
+        """The cost of a frame of each drawing, over the first frames of a video."""
+        states = setup.first_frames(model, FPS, LEAST) if self.drawings else []
+        return [
+            timed_frames(drawing, model, backend, states, float(self.budget) / len(self.drawings), clock)
+            for drawing, backend in zip(self.drawings, backends, strict=False)
+        ]
 
     def _header(
         self,
@@ -297,19 +295,12 @@ class Bench:
             command=self.command,
             machine=machine,
             load_after=None,
-            engine=_engine(warp, machine),
+            engine=EngineInfo.of(warp, machine),
             model=ModelInfo.of(model, facts["model"]["path"], facts["model"]["sha256"], source.main_file),
             options=options,
             reference_workload=None if warp else ReferenceInfo(),
             load=load,
         )
-
-
-def _engine(warp: WarpOptions | None, machine: MachineInfo) -> EngineInfo:
-    if warp is None:
-        return EngineInfo(C, None, "cpu", machine.cpu, 1, None, None)
-    name = machine.cpu if warp.device == "cpu" else warp.device_name  # Warp calls every processor CPU
-    return EngineInfo(WARP, warp.version, warp.device, name, warp.worlds, warp.nconmax, warp.njmax)
 
 
 def _publish(target: StagedFile, result: BenchResult) -> None:

@@ -6,6 +6,7 @@ from fractions import Fraction
 from functools import partial
 
 import mujoco
+import numpy as np
 
 from mjrun.bench.accuracy import distance_from_finer, simulate_to
 from mjrun.bench.control_noise import controls
@@ -18,7 +19,7 @@ from mjrun.errors import BadValueError, SimulationError, option, spelled
 from mjrun.model.names import members
 from mjrun.reporter import Reporter
 from mjrun.sim.initial_state import Start
-from mjrun.timeline import rational
+from mjrun.timeline import nearest, rational
 
 FINER = 8  # the default finer run takes so many times the steps of the finest point of the grid
 
@@ -47,6 +48,12 @@ class RolloutSetup:
             return Run.of(model, data)
         center = None if self.key is None else data.ctrl.copy()
         return Run.of(model, data, controls(model, steps, self.noise_std, self.noise_rate, center))
+
+    def first_frames(self, model: mujoco.MjModel, fps: Fraction, count: int) -> list[np.ndarray]:
+        """The integration states at the first frames of a video."""
+        spacing = 1 / (fps * rational(model.opt.timestep))
+        steps = [nearest(frame * spacing) for frame in range(count)]
+        return self.run(model, steps[-1]).states(steps)
 
     def data(self, model: mujoco.MjModel) -> mujoco.MjData:
         """A new MjData at the start."""

@@ -46,7 +46,7 @@ class MachineInfo:
 def machine_info() -> MachineInfo:
     """The machine that this runs on."""
     return MachineInfo(
-        system=f"{platform.system()} {platform.machine_info()}",
+        system=f"{platform.system()} {platform.machine()}",
         cpu=_cpu(),
         cores=os.cpu_count() or 1,
         available=available_cores(),
@@ -60,7 +60,7 @@ def _cpu() -> str:
         name, _, value = line.partition(":")
         if name.strip() == "model name":
             return value.strip()
-    return platform.processor() or platform.machine_info()
+    return platform.processor() or platform.machine()
 
 
 def _text(path: Path) -> str | None:

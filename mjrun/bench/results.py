@@ -20,6 +20,7 @@ from mjrun.bench.reference_workload import ReferenceInfo
 from mjrun.bench.statistics import SampleStatistics
 from mjrun.bench.step_phases import Phase
 from mjrun.bench.step_timing import ThreadScaling
+from mjrun.bench.warp_timing import WARP, C, WarpOptions
 
 
 @dataclass(frozen=True)
@@ -92,6 +93,14 @@ class EngineInfo:
     worlds: int
     nconmax: int | None
     njmax: int | None
+
+    @classmethod
+    def of(cls, warp: WarpOptions | None, machine: MachineInfo) -> "EngineInfo":
+        """Of MuJoCo itself, or of MuJoCo Warp if there are options for it."""
+        if warp is None:
+            return cls(C, None, "cpu", machine.cpu, 1, None, None)
+        name = machine.cpu if warp.device == "cpu" else warp.device_name  # Warp calls every processor CPU
+        return cls(WARP, warp.version, warp.device, name, warp.worlds, warp.nconmax, warp.njmax)
 
 
 @dataclass(frozen=True)

@@ -168,7 +168,7 @@ class StepTimer:
 
         rollouts = []
         for _ in range(self._affordable(THREADS, rollout)):
-            # ThreadScaling meet at the end of each block: fewer, longer ones.
+            # Threads meet at the end of each block: fewer, longer ones.
             rollouts.append(self._rolled(roller, self.steps, 10 * self.block))
             workload.time()
 

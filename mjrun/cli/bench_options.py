@@ -59,7 +59,7 @@ measurement_options = bundle(
 )
 
 engine_options = bundle(
-    "EngineInfo",
+    "Engine",
     option(
         "--engine",
         type=click.Choice(["c", "warp"]),

@@ -9,6 +9,7 @@ from mjrun.cli import bench_csv
 from mjrun.errors import clean
 
 if TYPE_CHECKING:
+    from mjrun.bench.baseline import BaselineComparison
     from mjrun.bench.frame_timing import FrameTiming
     from mjrun.bench.results import Accuracy, BenchResult, GridPointResult
     from mjrun.bench.statistics import SampleStatistics
@@ -45,9 +46,9 @@ def text(result: "BenchResult") -> str:
     lines += [f"{'load':{LABEL}}{_load(result)}"] if result.load else []
     for title, table in _sections(result):
         lines += ["", title, *_aligned(table)]
-    if result.comparison:
-        lines += ["", f"verdict: {result.comparison.verdict}"]
-        lines += [f"compared all the same: {difference}" for difference in result.comparison.differences]
+    if comparison := result.comparison:
+        lines += ["", f"verdict: {comparison.verdict}", *_reference_workload(comparison)]
+        lines += [f"compared in spite of a difference: {clean(difference)}" for difference in comparison.differences]
     notes = [fill(f"note: {note}", WIDTH, subsequent_indent="      ") for note in _notes(result)]
     lines += ["", *notes] if notes else []
     return "\n".join(lines)
@@ -242,6 +243,15 @@ def _ratios(result: "BenchResult") -> Table:
         verdict = "failed" if one.failure else "not measured"
         found.append([clean(one.name), duration(one.base, 3), "-", "-", "-", verdict])
     return found
+
+
+def _reference_workload(comparison: "BaselineComparison") -> list[str]:
+    """How the machine itself has changed, where ratios are relative to that."""
+    factors = [one.reference_workload for one in comparison.ratios if one.reference_workload is not None]
+    if not factors:
+        return []
+    span = " to ".join(dict.fromkeys(f"{factor:.3g}" for factor in (min(factors), max(factors))))
+    return [f"relative to a reference workload, which took {span} times as long as in the baseline"]
 
 
 def _short(path: str) -> str:

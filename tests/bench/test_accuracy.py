@@ -7,7 +7,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from mjrun.bench.accuracy import distance, position_distance, simulate_to
+from mjrun.bench.accuracy import distance_from_finer, position_distance, simulate_to
 from mjrun.errors import UnstableError
 
 # A mass on a spring: x = cos(10 t).
@@ -48,7 +48,7 @@ def test_it_arrives_at_the_whole_step_nearest_to_the_horizon_and_drift_is_the_en
 def test_nothing_is_changed_by_looking() -> None:
     model, data = spring("Euler")
     flags, before = int(model.opt.enableflags), data.qpos.copy()
-    distance(model, data, simulate_to(model, data, Fraction(1, 3)), Fraction(1, 1000))
+    distance_from_finer(model, data, simulate_to(model, data, Fraction(1, 3)), Fraction(1, 1000))
     assert (model.opt.enableflags, model.opt.timestep) == (flags, 0.01)
     assert data.qpos.tolist() == before.tolist()
 
@@ -58,14 +58,14 @@ def test_the_distance_from_a_finer_run_is_that_from_the_closed_form(integrator: 
     model, data = spring(integrator)
     found = simulate_to(model, data, Fraction(1))
     error = abs(found.qpos[0] - math.cos(10))
-    assert distance(model, data, found, Fraction(1, 10_000)) == pytest.approx(error, rel=tolerance)
+    assert distance_from_finer(model, data, found, Fraction(1, 10_000)) == pytest.approx(error, rel=tolerance)
 
 
 def test_a_finer_run_that_does_not_meet_the_instant_goes_the_rest_by_its_velocity() -> None:
     model, data = spring("RK4")
     found = simulate_to(model, data, Fraction(1, 2))
-    meeting = distance(model, data, found, Fraction(1, 8000))
-    missing = distance(model, data, found, Fraction(1, 7777))
+    meeting = distance_from_finer(model, data, found, Fraction(1, 8000))
+    missing = distance_from_finer(model, data, found, Fraction(1, 7777))
     assert (found.time / Fraction(1, 7777)).denominator > 1
     assert missing == pytest.approx(meeting, abs=100 / 2 / 7777**2)  # what acceleration adds in half a step
 

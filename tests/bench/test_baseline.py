@@ -7,8 +7,11 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
-from mjrun.bench.baseline import check_same, compare, figures, read_base, steps_of, verdict
+from mjrun.bench.baseline import check_same, compare, read_base, steps_of, verdict, workload_obstacle
+from mjrun.bench.compared_timings import figures
 from mjrun.errors import FileError, UsageError
 
 BASE = [1.00, 1.01, 1.02, 0.99, 1.03, 1.00, 0.98, 1.01]
@@ -57,6 +60,52 @@ def test_every_figure_that_both_have_is_compared(factor: float, expected: str) -
         assert ratio.high == pytest.approx(factor * 1.03 / 0.98)
         assert ratio.verdict == expected
     assert (found.verdict, found.limit) == (expected, 1.1)
+
+
+def with_workload(document: dict[str, Any], samples: list[float], version: int = 1) -> dict[str, Any]:
+    """The same beside a reference workload."""
+    row, frame = document["rows"][0], document["frames"][0]
+    stat = {"samples": samples}
+    threads = [{**one, "reference_workload": stat} for one in row["threads"]]
+    return {
+        **document,
+        "reference_workload": {"version": version, "steps": 100},
+        "rows": [{**row, "reference_workload": stat, "threads": threads}],
+        "frames": [{**frame, "reference_workload": stat}],
+    }
+
+
+@given(st.lists(st.floats(0.01, 100), min_size=8, max_size=8))
+def test_ratios_are_those_of_quotients_so_that_what_slows_both_in_a_turn_is_not_seen(factors: list[float]) -> None:
+    base = with_workload(document(), [0.5] * 8)
+    now = document([1.3 * factor * sample for factor, sample in zip(factors, BASE, strict=True)])
+    found = compare(with_workload(now, [0.5 * factor for factor in factors]), base, "base.json", 0.1)
+    for ratio in found.ratios:
+        assert ratio.ratio == pytest.approx(1.3)
+        assert ratio.low == pytest.approx(1.3 * 0.98 / 1.03)
+        assert ratio.high == pytest.approx(1.3 * 1.03 / 0.98)
+        assert ratio.reference_workload == pytest.approx(sorted(factors)[3] / 2 + sorted(factors)[4] / 2)
+
+
+def test_the_fastest_samples_are_compared_relative_to_the_fastest_of_the_workload() -> None:
+    base = with_workload(document(), [0.5] * 7 + [0.4])
+    found = compare(with_workload(scaled(3), [1.0] * 8), base, "base.json", 0.1)
+    assert found.ratios[0].fastest == pytest.approx(3 / (1.0 / 0.4))
+
+
+@pytest.mark.parametrize("there", [document(), with_workload(document(), [0.5] * 8, version=2)])
+def test_without_the_same_workload_wall_times_are_compared_as_they_are(there: dict[str, Any]) -> None:
+    found = compare(with_workload(scaled(2), [1.0] * 8), there, "base.json", 0.1)
+    assert {(ratio.ratio, ratio.reference_workload) for ratio in found.ratios} == {(2.0, None)}
+    assert found.verdict == "slower"
+
+
+def test_another_mujoco_may_be_slower_with_its_workload_so_that_wall_times_are_compared() -> None:
+    base = with_workload(document(mujoco="4.0.1"), [0.5] * 8)
+    now = with_workload(scaled(2), [1.0] * 8)
+    assert "MuJoCo 4.0.1" in (workload_obstacle(now, base) or "")
+    assert compare(now, base, "base.json", 0.1).verdict == "slower"
+    assert workload_obstacle(now, with_workload(document(), [0.5] * 8)) is None
 
 
 @pytest.mark.parametrize(
@@ -146,7 +195,7 @@ def test_benchmarks_of_different_things_have_no_figure_in_common() -> None:
         ("model", "sha256", "c", "another model"),
         ("options", "noise_std", 0.0, "noise_std: 0.0 there, 0.01 here"),
         ("options", "key", "test", "key: test there, null here"),
-        ("options", "settings", ["--set a=b"], r'settings: \["--set a=b"\] there, \[\] here'),
+        ("options", "settings", ["a=b"], r'settings: \["a=b"\] there, \[\] here'),
         ("machine", "cpu", "bad\x1bone", r"cpu: bad\\x1bone there, a CPU here"),
         ("machine", "cores", 4, "cores: 4 there, 2 here"),
         ("engine", "name", "warp", "engine: warp there, c here"),
@@ -161,10 +210,21 @@ def test_another_model_options_or_machine_is_refused_unless_forced(
 ) -> None:
     base = document()
     base[part] = {**base[part], key: value}
-    with pytest.raises(UsageError, match=f"base.json is no base.*\n{said}\n--force"):
+    with pytest.raises(UsageError, match=f"base.json is no baseline.*\n{said}\nforce"):
         check_same(document(), base, "base.json", force=False)
     assert len(check_same(document(), base, "base.json", force=True)) == 1
     assert check_same(document(), document(), "base.json", force=False) == []
+
+
+def test_overrides_are_the_same_as_earlier_versions_wrote_them() -> None:
+    def overridden(*settings: str) -> dict[str, Any]:
+        return document(options={**document()["options"], "settings": [*settings]})
+
+    now = overridden("opt.gravity=0,0,-1", "opt.integrator=rk4", "opt.timestep=0.001")
+    base = overridden("--set opt.gravity=0,0,-1", "--integrator rk4", "--timestep 0.001")
+    assert check_same(now, base, "base.json", force=False) == []
+    with pytest.raises(UsageError, match="settings"):
+        check_same(overridden("opt.timestep=0.002"), base, "base.json", force=False)
 
 
 def test_steps_that_were_asked_for_must_be_those_of_the_base() -> None:
@@ -190,11 +250,16 @@ def without(key: str) -> Callable[[dict[str, Any]], None]:
 @pytest.mark.parametrize(
     ("spoil", "said"),
     [
-        (lambda d: d.update(schema="mjrun-bench-0"), "is not a benchmark of this mjrun\nmjrun bench MODEL --save"),
+        (
+            lambda d: d.update(schema="mjrun-bench-0"),
+            "is not a benchmark of this mjrun\n.*makes one with save",
+        ),
         (without("machine"), "is not a whole benchmark: KeyError 'machine'"),
         (lambda d: d["rows"][0]["step"].update(samples=[1, -1]), "samples must be positive"),
         (lambda d: d["rows"][0]["step"].update(samples=[]), "samples must be positive"),
         (lambda d: d.update(rows=3), "is not a whole benchmark: TypeError"),
+        (lambda d: d.update(reference_workload={}), "is not a whole benchmark: KeyError 'version'"),
+        (lambda d: d["rows"][0].update(reference_workload={"samples": [1.0]}), "as many samples as the figure"),
     ],
 )
 def test_a_file_that_is_no_benchmark_is_refused(

@@ -136,7 +136,7 @@ def test_a_base_of_another_engine_device_or_number_of_worlds_is_refused(path: Pa
         ({"nconmax": 9}, "nconmax: null there, 9 here"),
         ({"engine": "c"}, "engine: warp there, c here"),
     ):
-        with pytest.raises(UsageError, match=f"is no base for this benchmark(.|\n)*{said}"):
+        with pytest.raises(UsageError, match=f"is no baseline for this benchmark(.|\n)*{said}"):
             bench(path, compare=base, **changed).run(clock=FakeClock())
     forced = bench(path, compare=base, worlds=8, force=True).run(clock=FakeClock()).comparison
     assert forced is not None

@@ -1,0 +1,76 @@
+"""A small model, and clocks that make wall times exact."""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import mujoco
+import numpy as np
+from mujoco.batch import Batch
+
+from mjrun.bench.bench import Bench
+from mjrun.bench.reference_workload import MJCF
+from mjrun.model.source import Source
+
+MODEL = """
+<mujoco>
+  <option timestep=".01"/>
+  <visual><global offwidth="64" offheight="48"/></visual>
+  <worldbody>
+    <light pos="0 0 3"/>
+    <geom type="plane" size="1 1 .1"/>
+    <body pos="0 0 .2"><joint name="x" type="slide" axis="1 0 0" stiffness="100"/><geom size=".1" mass="1"/></body>
+  </worldbody>
+  <actuator><motor name="m" joint="x"/></actuator>
+  <keyframe><key name="test" qpos=".3" ctrl=".5"/><key name="rest"/></keyframe>
+</mujoco>
+"""
+
+
+def bench(model: Path | Source | mujoco.MjModel, **changed: Any) -> Bench:
+    """A small benchmark."""
+    return Bench(model, **{"steps": 20, "repeats": 8, "threads": (1, 2), **changed})
+
+
+class FakeClock:
+    """Advances by `tick` [s] at every look, plus up to `noise` of it."""
+
+    def __init__(self, tick: float = 1.0, noise: float = 0.0, seed: int = 0) -> None:
+        self.now, self._tick, self._noise = 0.0, tick, noise
+        self._random = np.random.default_rng(seed)
+
+    def __call__(self) -> float:
+        self.now += self._tick * (1 + self._noise * self._random.random())
+        return self.now
+
+
+class SimulatedMachine:
+    """A clock that advances with the steps that `mujoco.batch` takes, at the speed of a machine that is not this one.
+
+    Args:
+      subject: how many times as long the steps of other models than the reference workload take.
+      slowdown: how many times as long everything takes, as a function of the time so far [s].
+      noise: standard deviation of the logarithm of every wall time.
+    """
+
+    STEP = 2.0**-10  # [s]
+
+    def __init__(
+        self,
+        subject: float = 1.0,
+        slowdown: Callable[[float], float] = lambda now: 1.0,
+        noise: float = 0.0,
+        seed: int = 0,
+    ) -> None:
+        self.now, self._subject, self._slowdown, self._noise = 0.0, subject, slowdown, noise
+        self._random = np.random.default_rng(seed)
+        self._workload = mujoco.MjModel.from_xml_string(MJCF).nv
+
+    def __call__(self) -> float:
+        return self.now
+
+    def took(self, batch: Batch, steps: int) -> None:
+        """Steps of all simulations of a batch were taken."""
+        is_workload = batch.model.nv == self._workload
+        cost = self.STEP * (1.0 if is_workload else self._subject)
+        self.now += cost * steps * self._slowdown(self.now) * np.exp(self._noise * self._random.standard_normal())
