@@ -7,11 +7,11 @@ from typing import TYPE_CHECKING
 import click
 
 from mjrun.cli import options, values
-from mjrun.cli.console import Console
+from mjrun.cli.console import Console, flag
 from mjrun.errors import EncoderError, RendererError, clean
 
 if TYPE_CHECKING:
-    from mjrun.doctor import Examination
+    from mjrun.doctor import DoctorReport
 
 MARKS = {"ok": "✓", "warning": "!", "missing": "✗"}
 NOT_NEEDED = "·"
@@ -21,30 +21,30 @@ NOT_NEEDED = "·"
 @options.output_options
 @click.pass_obj
 def command(console: Console, /, as_json: bool) -> None:
-    """Show what works on this machine, and what to install.
+    """Show what works on this machine, and how to repair what does not.
 
-    Tries every OpenGL backend, Filament and every encoder for real. Exits with 5 when nothing can draw, or not what
-    $MUJOCO_GL and $MUJOCO_EGL_DEVICE_ID ask for.
+    Tries every OpenGL backend, Filament and every encoder. Exits with 5 if nothing can draw, or if what $MUJOCO_GL
+    and $MUJOCO_EGL_DEVICE_ID ask for cannot.
     """
     console.guard_stdout()
     values.import_mujoco()
     from mjrun.doctor import examine
 
-    found = examine()
+    report = examine(flag)
     if as_json:
-        console.document(asdict(found))
+        console.document(asdict(report))
     else:
-        console.result(_page(found))
-    if not found.can_draw:
+        console.result(_page(report))
+    if not report.can_draw:
         console.code = RendererError.exit_code
-    elif not found.can_encode:
+    elif not report.can_encode:
         console.code = EncoderError.exit_code
 
 
-def _page(found: "Examination") -> str:
-    width = max(len(finding.name) for finding in found.findings)
+def _page(report: "DoctorReport") -> str:
+    width = max(len(finding.name) for finding in report.findings)
     lines = []
-    for group, findings in groupby(found.findings, key=lambda finding: finding.group):
+    for group, findings in groupby(report.findings, key=lambda finding: finding.group):
         lines.append(group)
         for finding in findings:
             mark = NOT_NEEDED if finding.remedy.startswith("not needed") else MARKS[finding.status]

@@ -113,5 +113,5 @@ def test_where_filament_cannot_draw_the_doctor_says_what_to_install_and_all_else
     assert done.returncode == 0
     assert filament["status"] == "missing"
     assert filament["value"].startswith("no driver works")
-    assert filament["remedy"].startswith("not needed but for --renderer filament; ")
+    assert filament["remedy"].startswith("not needed except for --renderer filament; ")
     assert "mesa-vulkan-drivers" in filament["remedy"] or "Vulkan" in filament["remedy"]

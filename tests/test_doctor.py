@@ -1,0 +1,92 @@
+"""Theorems about what the doctor makes of a machine."""
+
+import tomllib
+from pathlib import Path
+
+import pytest
+
+import mjrun.doctor
+from mjrun.doctor import examine, extras
+from mjrun.errors import UnknownNameError
+from mjrun.rendering.backend import DEVICE, GL, Backend
+
+ROOT = Path(__file__).parents[1]
+GPU = Backend("egl", "NVIDIA H100", "NVIDIA", "4.6", 16384)
+SOFTWARE = Backend("osmesa", "llvmpipe", "Mesa", "4.5", 8192)
+
+
+@pytest.fixture(autouse=True)
+def environment(monkeypatch: pytest.MonkeyPatch) -> None:
+    for variable in (GL, DEVICE):
+        monkeypatch.delenv(variable, raising=False)
+
+
+def test_the_extras_are_those_of_the_package_and_their_libraries_are_what_they_install() -> None:
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+    installed = {name: " ".join(packages) for name, packages in project["optional-dependencies"].items()}
+    assert set(extras()) == set(installed) - {"all"}
+    for extra, (library, uses) in extras().items():
+        assert library.replace("_", "-") in installed[extra]
+        assert uses
+
+
+def test_every_extra_is_imported_somewhere() -> None:
+    source = "".join(path.read_text() for path in (ROOT / "mjrun").rglob("*.py"))
+    for library, _ in extras().values():
+        assert f"import {library}" in source or f"from {library}" in source
+
+
+def test_an_extra_that_is_not_installed_is_a_warning_with_its_command(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(mjrun.doctor, "extras", lambda: {"parquet": ("no_such_library", [".parquet", ".feather"])})
+    (diagnostic,) = mjrun.doctor._extras()
+    assert (diagnostic.status, diagnostic.value) == ("warning", "no_such_library is not installed")
+    assert diagnostic.remedy == "pip install 'mjrun[parquet]' for .parquet, .feather"
+
+
+def test_the_first_backend_that_works_is_the_one_used() -> None:
+    opengl = mjrun.doctor._opengl({"egl": "no device", "osmesa": SOFTWARE, "glfw": "no display"})
+    assert opengl.used == "osmesa"
+    by_name = {diagnostic.name: diagnostic for diagnostic in opengl.findings}
+    assert by_name["osmesa"].value == "llvmpipe (software, used by default), 4.5"
+    assert by_name["egl"].remedy.startswith("not needed; ")
+    assert mjrun.doctor._opengl({"egl": GPU, "osmesa": SOFTWARE}).used == "egl"
+
+
+def test_the_backend_that_the_environment_asks_for_is_the_only_one_used(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv(GL, "osmesa")
+    assert mjrun.doctor._opengl({"egl": GPU, "osmesa": SOFTWARE}).used == "osmesa"
+    monkeypatch.setattr(mjrun.doctor, "alternative", lambda tried: "")
+    opengl = mjrun.doctor._opengl({"egl": GPU, "osmesa": "not installed"})
+    assert opengl.used is None
+    assert opengl.variables == {GL: "osmesa"}
+    assert (opengl.findings[0].name, opengl.findings[0].value) == ("used", f"nothing draws with {GL}=osmesa")
+
+
+def test_a_backend_that_does_not_exist_is_explained(monkeypatch: pytest.MonkeyPatch) -> None:
+    def requested() -> None:
+        raise UnknownNameError("backend", "eg1", ["egl"])
+
+    monkeypatch.setattr(mjrun.doctor, "requested_backends", requested)
+    monkeypatch.setattr(mjrun.doctor, "alternative", lambda tried: "")
+    used = mjrun.doctor._opengl({"egl": GPU}).findings[0]
+    assert used.value == "nothing: no backend 'eg1' (did you mean 'egl'?)"
+
+
+def test_options_in_remedies_are_spelled_as_asked(monkeypatch: pytest.MonkeyPatch) -> None:
+    class Failing:
+        def __init__(self, name: str, **_: object) -> None:
+            self.name = name
+
+        def answer(self) -> dict:
+            return {}
+
+        def result(self) -> str:
+            return "it fails"
+
+    monkeypatch.setattr(mjrun.doctor, "BackendTrial", Failing)
+    monkeypatch.setattr(mjrun.doctor, "alternative", lambda tried: "")
+    for spelling, name in ((str, "renderer"), (lambda name: f"--{name}", "--renderer")):
+        report = examine(spelling)
+        assert not report.can_draw
+        (filament,) = [diagnostic for diagnostic in report.findings if diagnostic.name == "filament"]
+        assert filament.remedy.startswith(f"not needed except for {name} filament; ")
