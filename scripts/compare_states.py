@@ -38,6 +38,7 @@ Parts = dict[str, str]  # what a file holds: the name of each part, and its dige
 RENAMED = {"films": "videos", "stills": "images"}  # keys of documents, old to new
 VOLATILE = re.compile(r"(\w+_)?wall")  # JSON keys of wall times
 MADE_IN = re.compile(rb"made in [\d.]+ s(, [\d.]+ frames/s)?")  # what the sentence about a result ends with
+SLOW = re.compile(rb" ms per frame|: \d+ of \d+ frames$")  # messages that appear only where drawing takes long
 SHOWN = 6  # differences of one command that are listed
 LINE = 110  # characters shown of a line
 
@@ -248,8 +249,7 @@ def _printed(run: Run, command: Command) -> tuple[list[bytes], list[bytes]]:
     """The lines of standard output that are a payload, and all prose, without wall times."""
     lines = (run.folder / "stdout").read_bytes().splitlines()
     prose = [line for line in lines if command.prose or MADE_IN.search(line)]
-    # How long software takes to draw is said only where it is long.
-    messages = [line for line in (run.folder / "stderr").read_bytes().splitlines() if b" ms per frame" not in line]
+    messages = [line for line in (run.folder / "stderr").read_bytes().splitlines() if not SLOW.search(line)]
     return [line for line in lines if line not in prose], [MADE_IN.sub(b"made", line) for line in prose + messages]
 
 
@@ -278,7 +278,8 @@ def commands(checkout: Path, small: bool) -> tuple[list[Command], list[str]]:
 
 
 def _shrunk(code: str) -> str:
-    return re.sub(r"\bat=[\d.]+", "at=0.2", re.sub(r"\bduration=[\d.]+", "duration=0.4", code))
+    code = re.sub(r"\bduration=[\d.]+", f"duration={DURATION}", re.sub(r"\bat=[\d.]+", f"at={DURATION / 2}", code))
+    return re.sub(r"(mjrun\.(?:Video|Image)\((?!.*size).*)\)\.run", rf"\1, size=({SIZE.replace('x', ', ')})).run", code)
 
 
 def pair(old: list[Command], new: list[Command]) -> tuple[list[Comparison], list[Command], list[Command]]:
@@ -325,6 +326,12 @@ class State:
         result = json.loads(outcome.read_text())
         return Run(folder, result["exit"], result["seconds"])
 
+    def fingerprint(self) -> str:
+        """What outputs depend on: the code, the scenes, the installed libraries, and how commands are changed."""
+        sources = [*_files(self.checkout / "scenes"), *sorted((self.checkout / "mjrun").rglob("*.py"))]
+        libraries = sorted(f"{each.name} {each.version}" for each in distributions() if each.name != "mjrun")
+        return _digest(repr(([_bytes(path) for path in sources], libraries, self._programs())).encode())[:16]
+
     def _execute(self, command: Command, folder: Path) -> dict[str, float]:
         with tempfile.TemporaryDirectory() as temporary:
             work = Path(temporary) / "work"
@@ -332,15 +339,22 @@ class State:
             shell = ["sh", "-ec", command.text]
             start = time.monotonic()
             with (folder / "stdout").open("wb") as stdout, (folder / "stderr").open("wb") as stderr:
-                environment = self._environment(Path(temporary) / "bin")
+                environment = self._installed(Path(temporary) / "bin")
                 done = subprocess.run(shell, cwd=work, env=environment, stdout=stdout, stderr=stderr)
             seconds = time.monotonic() - start
             shutil.rmtree(work / "scenes")
             shutil.move(work, folder / "files")
         return {"exit": done.returncode, "seconds": round(seconds, 1)}
 
-    def _environment(self, programs: Path) -> dict[str, str]:
-        """An environment whose `mjrun` and `python` are the checkout's, with smaller outputs if so wished."""
+    def _installed(self, folder: Path) -> dict[str, str]:
+        """An environment in which `mjrun` and `python` are the checkout's, put into `folder`."""
+        folder.mkdir()
+        for name, script in self._programs().items():
+            (folder / name).write_text(script)
+            (folder / name).chmod(0o755)
+        return {**os.environ, "PYTHONPATH": str(self.checkout), "PATH": f"{folder}:{os.environ['PATH']}"}
+
+    def _programs(self) -> dict[str, str]:
         # How busy the machine is decides neither a comparison with a baseline nor the number of drawing processes.
         more = {"bench": '$(case "$*" in *--fail-above*) echo "--fail-above 100000%";; esac)'}
         more |= dict.fromkeys(("video", "run"), f"--jobs {self.jobs}")
@@ -350,12 +364,11 @@ class State:
             more["run"] += f" {self._small_document()}"
             more["image"] = f"--size {SIZE}"
         cases = " ".join(f'{name}) set -- "$@" {options};;' for name, options in more.items())
-        programs.mkdir()
-        scripts = {"python": 'exec "{}" "$@"', "mjrun": f'case $1 in {cases} esac\nexec "{{}}" -m mjrun "$@"'}
-        for name, script in scripts.items():
-            (programs / name).write_text("#!/bin/sh\n" + script.replace("{}", sys.executable) + "\n")
-            (programs / name).chmod(0o755)
-        return {**os.environ, "PYTHONPATH": str(self.checkout), "PATH": f"{programs}:{os.environ['PATH']}"}
+        python = f'exec "{sys.executable}"'
+        return {
+            "python": f'#!/bin/sh\n{python} "$@"\n',
+            "mjrun": f'#!/bin/sh\ncase $1 in {cases} esac\n{python} -m mjrun "$@"\n',
+        }
 
     def _small_document(self) -> str:
         """Assignments that make what a scene's document draws small, by the keys that this state has."""
@@ -363,14 +376,6 @@ class State:
         old = re.search(r"^films:", documents, re.MULTILINE)
         videos, images = RENAMED if old else RENAMED.values()
         return f"{videos}[0].size={SIZE} {videos}[0].fps={FPS / 2} {images}[0].size={SIZE}"
-
-
-def fingerprint(state: State) -> str:
-    """What a state's outputs depend on: its code, its scenes, the installed libraries, and this script."""
-    checkout = state.checkout
-    sources = [Path(__file__), *_files(checkout / "scenes"), *sorted((checkout / "mjrun").rglob("*.py"))]
-    libraries = sorted(f"{each.name} {each.version}" for each in distributions() if each.name != "mjrun")
-    return _digest(repr(([_bytes(path) for path in sources], libraries, state.small, state.jobs)).encode())[:16]
 
 
 # The report
@@ -405,7 +410,7 @@ def main() -> int:
     with tempfile.TemporaryDirectory() as temporary:
         store = (options.cache or Path(temporary)).resolve()
         old, new = (State(path.resolve(), store, options.small, options.jobs) for path in (options.old, options.new))
-        old = replace(old, store=store / f"old-{fingerprint(old)}")
+        old = replace(old, store=store / f"old-{old.fingerprint()}")
         return _compare_states(old, replace(new, store=store / "new"), options.filter)
 
 

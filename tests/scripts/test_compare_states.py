@@ -137,6 +137,7 @@ def test_every_command_of_the_readme_and_every_scene_is_run() -> None:
 PROGRAM = """
 import pathlib, sys
 pathlib.Path("top.csv").write_text({table!r})
+print("mjrun: 3 of {wall:.0f}9 frames", file=sys.stderr)
 print("time,qpos" if "--csv" in sys.argv else "top.csv: {words}; made in {wall} s")
 sys.exit({exit})
 """
