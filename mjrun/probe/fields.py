@@ -15,7 +15,7 @@ from mujoco.batch import DATA_FIELDS
 from mujoco.introspect import structs
 
 from mjrun.model.column import Column
-from mjrun.model.description.units import sensor_unit
+from mjrun.model.description.units import actuator_force_unit, actuator_unit, rate_unit, sensor_unit, tendon_unit
 from mjrun.model.joints import QPOS_PARTS, QVEL_PARTS
 from mjrun.model.names import actuator_parts, names
 
@@ -32,17 +32,24 @@ TWIST, WRENCH = ("wx", "wy", "wz", "vx", "vy", "vz"), ("tx", "ty", "tz", "fx", "
 SPATIAL = {"cvel": TWIST, "cacc": TWIST, "cdof": TWIST, "cdof_dot": TWIST, "cfrc_int": WRENCH, "cfrc_ext": WRENCH}
 SPATIAL |= {"xfrc_applied": WRENCH[3:] + WRENCH[:3]}
 
-LENGTHS = ("xpos", "xipos", "xanchor", "geom_xpos", "site_xpos", "cam_xpos", "light_xpos", "subtree_com", "ten_length")
+LENGTHS = ("xpos", "xipos", "xanchor", "geom_xpos", "site_xpos", "cam_xpos", "light_xpos", "subtree_com", "wrap_xpos")
 UNITS = dict.fromkeys(LENGTHS, "m") | {
     "mocap_pos": "m",
-    "ten_velocity": "m/s",
-    "actuator_force": "N",
     "energy": "J",
     "subtree_linvel": "m/s",
     "subtree_angmom": "kg·m²/s",
 }
+# Units that depend on what a tendon or an actuator moves.
+OBJECT_UNITS: dict[str, Callable[[mujoco.MjModel, int], str]] = {
+    "ten_length": tendon_unit,
+    "ten_velocity": lambda model, tendon: rate_unit(tendon_unit(model, tendon)),
+    "actuator_length": actuator_unit,
+    "actuator_velocity": lambda model, actuator: rate_unit(actuator_unit(model, actuator)),
+    "actuator_force": actuator_force_unit,
+}
 # Generalized quantities: units for a translation and for a rotation.
-DOF_UNITS = {"qvel": ("m/s", "rad/s"), "qacc": ("m/s²", "rad/s²"), "qacc_warmstart": ("m/s²", "rad/s²")}
+DOF_UNITS = {"qvel": ("m/s", "rad/s")}
+DOF_UNITS |= dict.fromkeys(("qacc", "qacc_smooth", "qacc_warmstart"), ("m/s²", "rad/s²"))
 FORCE_UNITS = ("N", "N·m")
 # Of spatial vectors, by what their components begin with.
 WRENCH_UNITS = {"f": "N", "t": "N·m"}
@@ -220,8 +227,14 @@ def _of_objects(model: mujoco.MjModel, field: str, group: str, meaning: str) -> 
     parts = SPATIAL.get(field) or COMPONENTS.get(width, tuple(map(str, range(width))))
     for name, index in objects:
         for part in ("",) if len(shape) == 1 else parts:
-            unit = SPATIAL_UNITS[field][part[0]] if field in SPATIAL_UNITS else UNITS.get(field, "")
+            unit = _unit(model, field, part, index)
             yield Column(f"{group}/{name}" + (f"/{part}" if part else ""), unit, meaning, kind, index)
+
+
+def _unit(model: mujoco.MjModel, field: str, part: str, index: int) -> str:
+    if field in SPATIAL_UNITS:
+        return SPATIAL_UNITS[field][part[0]]
+    return OBJECT_UNITS[field](model, index) if field in OBJECT_UNITS else UNITS.get(field, "")
 
 
 def _objects(model: mujoco.MjModel, counted: str, count: int) -> tuple[str, list[tuple[str, int]]]:

@@ -110,6 +110,7 @@ def test_a_field_has_as_many_columns_as_numbers(field: str) -> None:
         ("qvel", "qvel/root/wz", "rad/s"),
         ("qacc", "qacc/turn", "rad/s²"),
         ("qacc", "qacc/root/vx", "m/s²"),
+        ("qacc_smooth", "qacc_smooth/turn", "rad/s²"),
         ("qfrc_actuator", "qfrc_actuator/turn", "N·m"),
         ("qfrc_actuator", "qfrc_actuator/rail", "N"),
         ("xpos", "xpos/arm/x", "m"),
@@ -214,6 +215,51 @@ def test_a_probe_may_be_cut_to_some_of_its_columns() -> None:
     assert row(probe, data).tolist() == [data.xpos[1, 1], 0]
     lone = InstantProbe(probe.columns, lambda model, data: np.array([1.0, 2.0])).only([1])
     assert row(lone, data).tolist() == [2.0]
+
+
+DRIVEN = """
+<mujoco>
+  <worldbody>
+    <body><joint name="hinge" type="hinge"/><geom size=".1"/><site name="tip" pos=".1 0 0"/></body>
+    <body pos="1 0 0"><joint name="slide" type="slide"/><geom size=".1"/><site name="end" pos=".1 0 0"/></body>
+    <body name="ball" pos="2 0 0"><joint name="ball" type="ball"/><geom size=".1"/></body>
+  </worldbody>
+  <tendon>
+    <fixed name="turning"><joint joint="hinge" coef="2"/></fixed>
+    <fixed name="sliding"><joint joint="slide" coef="2"/></fixed>
+    <fixed name="mixed"><joint joint="hinge" coef="1"/><joint joint="slide" coef="1"/></fixed>
+    <spatial name="rope"><site site="tip"/><site site="end"/></spatial>
+  </tendon>
+  <actuator>
+    <motor name="of_hinge" joint="hinge"/>
+    <motor name="of_slide" joint="slide"/>
+    <motor name="of_ball" joint="ball" gear="1 0 0"/>
+    <motor name="of_turning" tendon="turning"/>
+    <motor name="of_sliding" tendon="sliding"/>
+    <motor name="of_mixed" tendon="mixed"/>
+    <motor name="of_rope" tendon="rope"/>
+    <motor name="push" site="tip" gear="1 0 0 0 0 0"/>
+    <motor name="twist" site="tip" gear="0 0 0 1 0 0"/>
+    <motor name="both" site="tip" gear="1 0 0 1 0 0"/>
+    <adhesion name="stick" body="ball" ctrlrange="0 1"/>
+  </actuator>
+</mujoco>
+"""
+
+
+def test_the_unit_of_a_tendon_or_an_actuator_is_that_of_what_it_moves() -> None:
+    model = mujoco.MjModel.from_xml_string(DRIVEN)
+    units = {column.name: column.unit for name in offered(model) for column in field_probe(model, name).columns}
+    angle, length, neither = ("rad", "rad/s", "N·m"), ("m", "m/s", "N"), ("", "", "")
+    tendons = {"turning": angle, "sliding": length, "mixed": neither, "rope": length}
+    for name, (position, velocity, _) in tendons.items():
+        assert (units[f"ten_length/{name}"], units[f"ten_velocity/{name}"]) == (position, velocity), name
+    actuators = {f"of_{name}": expected for name, expected in tendons.items()}
+    actuators |= {"of_hinge": angle, "of_slide": length, "of_ball": angle, "push": length, "twist": angle}
+    actuators |= {"both": neither, "stick": (None, None, "N")}
+    for name, expected in actuators.items():
+        found = tuple(units[f"actuator_{quantity}/{name}"] for quantity in ("length", "velocity", "force"))
+        assert all(want is None or unit == want for unit, want in zip(found, expected, strict=True)), (name, found)
 
 
 def test_blocks_of_simulations_are_measured_as_each_instant_alone() -> None:

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import mujoco
 
 from mjrun.model.description.plain_values import BODY, JOINT, SITE, TENDON, Pair, called, limits, spelled, trimmed
-from mjrun.model.description.units import actuator_unit, force_unit
+from mjrun.model.description.units import actuator_force_unit, actuator_unit
 
 ACTUATOR = mujoco.mjtObj.mjOBJ_ACTUATOR
 TARGETS = {
@@ -95,7 +95,7 @@ def _actuator(model: mujoco.MjModel, i: int) -> Actuator:
         reference=called(model, SITE, reference),
         gear=tuple(trimmed(model.actuator_gear[k]) for k in forces),
         unit=unit,
-        force_unit="N" if transmission == "body" else force_unit(unit),
+        force_unit=actuator_force_unit(model, i),
         dynamics=spelled(mujoco.mjtDyn, model.actuator_dyntype[i]),
         dynamics_parameters=trimmed(model.actuator_dynprm[i]),
         gain=spelled(mujoco.mjtGain, model.actuator_gaintype[i]),

@@ -69,6 +69,17 @@ def force_unit(unit: str) -> str:
     return FORCES.get(unit, "")
 
 
+def actuator_force_unit(model: mujoco.MjModel, actuator: int) -> str:
+    """The unit of an actuator's force, before its gear; empty where its length has none or several."""
+    pulls_on_body = spelled(mujoco.mjtTrn, model.actuator_trntype[actuator]) == "body"
+    return "N" if pulls_on_body else force_unit(actuator_unit(model, actuator))
+
+
+def rate_unit(unit: str) -> str:
+    """The unit of the velocity of something whose unit is `unit`."""
+    return f"{unit}/s" if unit else ""
+
+
 def sensor_unit(model: mujoco.MjModel, sensor: int) -> str:
     """The unit of a sensor's values; empty for pure numbers, and where a sensor reports several things."""
     kind = spelled(mujoco.mjtSensor, model.sensor_type[sensor])
@@ -76,7 +87,7 @@ def sensor_unit(model: mujoco.MjModel, sensor: int) -> str:
         return _chosen(kind, int(model.sensor_intprm[sensor, 0]))
     if kind in (*POSITION, *VELOCITY, *FORCE):
         unit = _followed(model, int(model.sensor_objtype[sensor]), int(model.sensor_objid[sensor]))
-        return force_unit(unit) if kind in FORCE else f"{unit}/s" if kind in VELOCITY and unit else unit
+        return force_unit(unit) if kind in FORCE else rate_unit(unit) if kind in VELOCITY else unit
     return SENSORS.get(kind, "")
 
 
