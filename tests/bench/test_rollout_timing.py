@@ -8,7 +8,6 @@ import pytest
 
 from mjrun.bench.control_noise import controls
 from mjrun.bench.rollout_timing import BatchRoller, LoopRoller, Roller, Run, StoppedError, profile
-from mjrun.bench.step_phases import phases
 from mjrun.errors import UnstableError
 
 MODEL = """
@@ -113,41 +112,6 @@ def test_counts_are_the_means_of_a_bare_loop() -> None:
     assert found.contacts > 1
     assert (found.arena, found.arena_size) == (data.maxuse_arena, data.narena)
     assert not found.warned
-
-
-@pytest.fixture
-def ticking() -> Iterator[None]:
-    """A clock for MuJoCo's timers that goes on by one at every look."""
-    count = iter(range(10**9))
-    mujoco.set_mjcb_time(lambda: float(next(count)))
-    yield
-    mujoco.set_mjcb_time(None)
-
-
-@pytest.mark.usefixtures("ticking")
-@pytest.mark.parametrize("integrator", ["Euler", "RK4", "implicitfast"])
-def test_phases_are_mujocos_timers_per_step_and_the_parts_make_up_the_whole(integrator: str) -> None:
-    run = run_of(integrator=integrator)
-    data = bare(run, 25)
-    found, timer = phases(data), {name: data.timer[int(i)] for name, i in mujoco.mjtTimer.__members__.items()
-                                  if name != "mjNTIMER"}  # fmt: skip
-    assert found is not None
-    assert found.seconds == timer["mjTIMER_STEP"].duration / 25
-    tops = {part.name: part for part in found.parts}
-    assert list(tops) == ["position", "velocity", "actuation", "constraint", "advance", "other"]
-    for name in ("position", "velocity", "actuation", "constraint", "advance"):
-        assert tops[name].seconds == timer[f"mjTIMER_{name.upper()}"].duration / 25
-    for whole in (found, tops["position"]):
-        assert sum(part.seconds for part in whole.parts) == pytest.approx(whole.seconds)
-        assert sum(part.share for part in whole.parts) == pytest.approx(whole.share)
-    position = {part.name: part for part in tops["position"].parts}
-    assert list(position) == ["kinematics", "inertia", "collision", "make", "project", "other"]
-    assert [part.name for part in position["collision"].parts] == ["broad", "narrow", "other"]
-    assert position["collision"].seconds == timer["mjTIMER_POS_COLLISION"].duration / 25
-
-
-def test_without_a_step_there_are_no_phases() -> None:
-    assert phases(run_of().data()) is None
 
 
 def test_an_unstable_run_names_its_step_and_joint() -> None:
