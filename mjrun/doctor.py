@@ -81,7 +81,7 @@ def examine(spelling: Spelling = str) -> DoctorReport:
 
 def _versions() -> list[Diagnostic]:
     version = mujoco.mj_versionString()
-    known = mujoco_bugs.of_version(version)
+    known = mujoco_bugs.bugs_of_version(version)
     cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
     system = f"{platform.system()} {platform.machine()}, {cores} cores"
     return [

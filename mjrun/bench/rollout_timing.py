@@ -14,7 +14,7 @@ from mujoco.batch import Batch
 
 from mjrun.bench.step_phases import Phase, phases
 from mjrun.model import state
-from mjrun.model.names import inputs
+from mjrun.model.names import control_names
 from mjrun.sim.control import PREFIX, Control, ControlTable
 from mjrun.sim.stepper import BAD, PhysicsStepper
 from mjrun.timeline import rational, seconds
@@ -76,7 +76,9 @@ class Run:
         if self.controls is None or not self.model.nu:
             return None
         timestep = rational(self.model.opt.timestep)
-        columns = {f"{PREFIX}{name}": column for name, column in zip(inputs(self.model), self.controls.T, strict=True)}
+        columns = {
+            f"{PREFIX}{name}": column for name, column in zip(control_names(self.model), self.controls.T, strict=True)
+        }
         time = np.asarray(seconds(np.arange(len(self.controls)), timestep), float)
         return Control(timestep, np.zeros(self.model.nu), ControlTable(self.model, {"time": time, **columns}, "noise"))
 

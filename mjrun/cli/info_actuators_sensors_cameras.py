@@ -19,7 +19,7 @@ from mjrun.cli.info_formatting import (
 from mjrun.errors import clean
 
 if TYPE_CHECKING:
-    from mjrun.model.description.model import Actuator, Camera, Plugin, Sensor
+    from mjrun.model.description.model_description import Actuator, Camera, Plugin, Sensor
 
 PLAIN = ("joint", "tendon", "site", "body", "so3")  # transmissions that the target tells
 

@@ -7,7 +7,7 @@ from mjrun.cli.info_formatting import number, size, vector
 from mjrun.errors import clean
 
 if TYPE_CHECKING:
-    from mjrun.model.description.model import Statistics, Summary
+    from mjrun.model.description.model_description import ModelSummary, Statistics
 
 ALWAYS = ("nq", "nv", "na", "nu", "nbody", "njnt", "ngeom")  # sizes that are told even where they are 0
 STATE = ("nq", "nv", "na", "nu", "nsensordata", "nuserdata", "nmocap", "npluginstate", "nhistory", "nplastic")
@@ -15,7 +15,7 @@ UNTOLD = ("nM", "nB", "nC", "nD")  # what only the curious want, of --json
 NOTHING = 1e-9  # of the extent of a model
 
 
-def summary(found: "Summary") -> list[tuple[str, str]]:
+def summary(found: "ModelSummary") -> list[tuple[str, str]]:
     """The whole of a model."""
     memory = found.memory
     state = [name for name in found.sizes if name in STATE]
@@ -40,7 +40,7 @@ def _point_in_space(values: Sequence[float] | None, extent: float) -> str:
     return "" if values is None else f"{vector(value if abs(value) > NOTHING * extent else 0 for value in values)} m"
 
 
-def _sizes(found: "Summary", fields: Sequence[str]) -> str:
+def _sizes(found: "ModelSummary", fields: Sequence[str]) -> str:
     told = [name for name in fields if found.sizes[name] or name in ALWAYS]
     return "  ".join(f"{name}={found.sizes[name]}" for name in told)
 

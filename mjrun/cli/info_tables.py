@@ -24,7 +24,15 @@ from mjrun.cli.info_formatting import (
 from mjrun.errors import clean
 
 if TYPE_CHECKING:
-    from mjrun.model.description.model import Asset, Body, Equality, Geom, Keyframe, Setting, Tendon
+    from mjrun.model.description.model_description import (
+        Asset,
+        Body,
+        Equality,
+        Geom,
+        Keyframe,
+        NonDefaultSetting,
+        Tendon,
+    )
 
 # The unit of what a joint or a tendon resists with, by the unit of its position.
 STIFFNESS = {"rad": "N·m/rad", "m": "N/m"}
@@ -196,7 +204,7 @@ def flexes(rows: Sequence[Any]) -> list[Column]:
     ]
 
 
-def settings(rows: Sequence["Setting"]) -> list[Column]:
+def settings(rows: Sequence["NonDefaultSetting"]) -> list[Column]:
     return [
         texts("setting", rows, "path"),
         Column("value", [_value(row.value) for row in rows]),

@@ -10,11 +10,11 @@ from mjrun.document.document_model import NUMBER, TEXT, Among, ComplaintError, F
 from mjrun.document.field_types import Exact, Numbers
 from mjrun.document.machine import Machine
 from mjrun.job.simulation import INTERPOLATIONS, Simulation
-from mjrun.model.names import members
+from mjrun.model.names import enum_members
 from mjrun.model.override import NAMED_INTEGERS, Setting
 from mjrun.model.sources import parse_source
 
-INTEGRATORS = tuple(members(NAMED_INTEGERS["integrator"]))
+INTEGRATORS = tuple(enum_members(NAMED_INTEGERS["integrator"]))
 PHYSICS = ("key", "qpos", "qvel", "ctrl", "ctrl_from", "ctrl_noise", "perturb")  # nothing of it is in a replay
 
 NotNegative = Annotated[float, Field(ge=0)]

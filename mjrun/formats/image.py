@@ -18,7 +18,7 @@ from mjrun.formats.image_format import FORMATS, Format
 from mjrun.formats.labels import labels, labels_beside
 from mjrun.formats.publishing import Completable, Destination, StagedFile, StandardOutput
 from mjrun.model.rendered_view import Segment
-from mjrun.model.uint16_pixels import check_things, millimetres, numbered
+from mjrun.model.uint16_pixels import check_segment_count, depth_millimetres, segment_numbers
 
 NOTHING = np.zeros((1, 3), np.uint8)  # black, the first colour of a palette
 
@@ -31,7 +31,7 @@ class Still:
     """What goes into one file.
 
     Attributes:
-      pixels: of the view, as in `Picture`.
+      pixels: of the view, as in `RenderedView`.
       things: how many the ids tell apart.
       colours: of the things, `(n, 3)` uint8.
       tags: texts to embed where the format can hold them.
@@ -61,7 +61,7 @@ def _tiff(still: Still) -> bytes:
 
 
 def _millimetre_png(still: Still) -> bytes:
-    return _png(Image.fromarray(millimetres(still.pixels)), still.tags)
+    return _png(Image.fromarray(depth_millimetres(still.pixels)), still.tags)
 
 
 def _exr(still: Still) -> bytes:
@@ -75,7 +75,7 @@ def _npy(still: Still) -> bytes:
 
 
 def _id_png(still: Still) -> bytes:
-    return _png(Image.fromarray(numbered(still.pixels, still.things)), still.tags)
+    return _png(Image.fromarray(segment_numbers(still.pixels, still.things)), still.tags)
 
 
 def _palette_png(still: Still) -> bytes:
@@ -138,7 +138,7 @@ class ImageWriter(Completable):
     def check_things(self, count: int) -> None:
         """Raises UsageError when the format cannot tell so many things apart; `write` looks, too."""
         if self._format.things is not None:
-            check_things(count, self._format.things)
+            check_segment_count(count, self._format.things)
 
     def write(
         self,
@@ -150,7 +150,7 @@ class ImageWriter(Completable):
         """Writes the picture.
 
         Args:
-          pixels: of the view, as in `Picture`: rgb `(h, w, 3)` uint8, depth `(h, w)` float32 [m], ids `(h, w)` int32.
+          pixels: of the view, as in `RenderedView`: rgb `(h, w, 3)` uint8, depth `(h, w)` float32 [m], ids `(h, w)` int32.
           legend: what ids mean.
           colours: of the legend, `(n, 3)` uint8, for labels and a palette.
           image: what a COCO document says of the image: `file_name`, and anything else such as `camera` and `time`.

@@ -25,7 +25,7 @@ from pathlib import Path
 import numpy as np
 
 from mjrun.errors import UnknownNameError, UsageError, clean
-from mjrun.model.uint16_pixels import MOST, clipped
+from mjrun.model.uint16_pixels import UINT16_MAX, clipped_share
 
 WORDS = {"rgb": "colours", "depth": "exact depth", "seg": "exact segmentation"}
 
@@ -59,13 +59,13 @@ FORMATS = {
         "tiff": Format((".tif", ".tiff")),
     },
     "depth": {
-        "png": Format((".png",), clipped=clipped),
+        "png": Format((".png",), clipped=clipped_share),
         "npy": Format((".npy",)),
         "exr": Format((".exr",)),
         "tiff": Format((".tif", ".tiff")),
     },
     "seg": {
-        "png": Format((".png",), things=MOST, nothing=0),
+        "png": Format((".png",), things=UINT16_MAX, nothing=0),
         "palette": Format((".png",), things=255, nothing=0),
         "npy": Format((".npy",), nothing=-1),
         "coco": Format((".json",), several=True),

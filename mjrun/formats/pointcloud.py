@@ -9,7 +9,7 @@ import numpy as np
 
 from mjrun.errors import FileError, UsageError, clean
 from mjrun.formats.publishing import Completable, StagedFile
-from mjrun.model.rendered_view import Picture, Segment
+from mjrun.model.rendered_view import RenderedView, Segment
 
 SUFFIX = ".ply"
 TYPES = {"<f4": "float", "u1": "uchar", "<i4": "int"}
@@ -48,7 +48,7 @@ class PointCloudWriter(Completable):
             self._target.discard()
             raise self._unwritable(error) from None
 
-    def write(self, picture: Picture) -> None:
+    def write(self, picture: RenderedView) -> None:
         """Adds the points of a picture, which has depth and colours, and ids if points are labelled.
 
         Raises:
@@ -92,14 +92,14 @@ class PointCloudWriter(Completable):
     ) -> None:
         self.close()
 
-    def _points(self, picture: Picture) -> np.ndarray:
+    def _points(self, picture: RenderedView) -> np.ndarray:
         """A structured array `(n,)`, row by row."""
         depth, rgb, ids = picture.depth, picture.rgb, picture.ids
         labelled = LABEL[0] in self._fields
         if depth is None or rgb is None or (labelled and ids is None):
             raise ValueError("a picture for a point cloud needs depth and rgb, and ids for labels")
         seen = np.isfinite(depth)
-        places = picture.lens.unproject(np.where(seen, depth, 0.0))[seen]
+        places = picture.calibration.unproject(np.where(seen, depth, 0.0))[seen]
         columns = [*places.T, *rgb[seen].T, *([ids[seen]] if labelled and ids is not None else [])]
         points = np.empty(len(places), np.dtype(self._fields))
         for (name, _), column in zip(self._fields, columns, strict=True):

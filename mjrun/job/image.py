@@ -24,7 +24,7 @@ from mjrun.job.overlay import Values, blank, gauges
 from mjrun.job.perform import Artifact, Context, Preview, Work, perform
 from mjrun.job.simulation import Simulation
 from mjrun.job.view import Drawing, painter, tags, unused
-from mjrun.model.rendered_view import Picture
+from mjrun.model.rendered_view import RenderedView
 from mjrun.rendering.compositor import Overlay, Panel, SceneCompositor, Stream, Style
 from mjrun.rendering.layout import layout_size
 from mjrun.rendering.segmentation import Segmentation
@@ -293,7 +293,7 @@ def _stream(job: Image, output: _Output, overlay: Overlay) -> Stream:
 
 
 def _write(
-    output: _Output, stream: Stream, sink: ImageWriter, drawn: SceneCompositor, pictures: Sequence[Picture]
+    output: _Output, stream: Stream, sink: ImageWriter, drawn: SceneCompositor, pictures: Sequence[RenderedView]
 ) -> None:
     picture = pictures[output.panels[0].camera]
     if output.view == "depth":

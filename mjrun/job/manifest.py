@@ -1,7 +1,6 @@
 """What a manifest says: versions, command, model, resolved options, time."""
 
 import dataclasses
-import hashlib
 import platform
 from collections.abc import Mapping, Sequence
 from fractions import Fraction
@@ -11,6 +10,7 @@ import mujoco
 import numpy as np
 
 from mjrun.job.simulation import Simulation
+from mjrun.model.fingerprint import model_fingerprint
 from mjrun.timeline import Timeline
 from mjrun.version import __version__
 
@@ -28,7 +28,7 @@ def origin(job: Any, simulation: Simulation, model: mujoco.MjModel, timeline: Ti
         "python": platform.python_version(),
         "machine": f"{platform.system()} {platform.machine()}",
         "command": options.pop("command", ""),
-        "model": {"path": simulation.source.text, "sha256": _fingerprint(model)},
+        "model": {"path": simulation.source.text, "sha256": model_fingerprint(model)},
         "options": options,
         "seed": simulation.seed,
         "timestep": float(timeline.timestep),
@@ -53,9 +53,3 @@ def plain(value: Any) -> Any:
     if isinstance(value, (np.ndarray, np.generic)):
         return value.tolist()
     return getattr(value, "__qualname__", None) or str(value)
-
-
-def _fingerprint(model: mujoco.MjModel) -> str:
-    content = np.zeros(mujoco.mj_sizeModel(model), np.uint8)
-    mujoco.mj_saveModel(model, None, content)
-    return hashlib.sha256(content.data).hexdigest()

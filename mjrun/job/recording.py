@@ -10,7 +10,7 @@ from mjrun.job.output_files import named
 from mjrun.job.perform import Artifact, Context, Preview, Work, perform
 from mjrun.job.simulation import Simulation
 from mjrun.model import state
-from mjrun.model.physics_fingerprint import fingerprint
+from mjrun.model.fingerprint import physics_fingerprint
 from mjrun.reporter import Reporter
 from mjrun.sim.observe import Tap
 from mjrun.sim.replay import sizes
@@ -84,7 +84,7 @@ class RecordingWork(Work):
 
     def open(self, stack: ExitStack) -> None:
         job, ground = self._job, self._ground
-        told = {"sizes": sizes(ground.model), "physics": fingerprint(ground.model)}
+        told = {"sizes": sizes(ground.model), "physics": physics_fingerprint(ground.model)}
         self._facts = {**origin(job, job.simulation, ground.model, ground.timeline), **told}
         self._sink = stack.enter_context(RecordingWriter(job.output, state.size(ground.model), self._facts))
 

@@ -15,8 +15,8 @@ from mjrun.errors import BadValueError, UnknownNameError, UsageError, clean, lis
 from mjrun.formats.recording_reader import RecordingFile
 from mjrun.formats.table_reader import read_table
 from mjrun.model import mujoco_bugs
-from mjrun.model.names import inputs, inputs_of
-from mjrun.model.physics_fingerprint import fingerprint
+from mjrun.model.fingerprint import physics_fingerprint
+from mjrun.model.names import control_names, control_slices
 from mjrun.model.source import Source
 from mjrun.model.sources import ModelLike, source_of
 from mjrun.sim.control import PREFIX, Control, Controller, ControlTable, Feedback, Noise
@@ -154,12 +154,15 @@ class Simulation:
     def remarks(self, model: mujoco.MjModel) -> list[str]:
         """What the user should know of this simulation before it runs."""
         other = []
-        if self.replay is not None and self._recorded.facts.get("physics", physics := fingerprint(model)) != physics:
+        if (
+            self.replay is not None
+            and self._recorded.facts.get("physics", physics := physics_fingerprint(model)) != physics
+        ):
             other = [
                 "the recording was made with other physics: positions are as recorded, "
                 "forces and energies are what this model makes of them"
             ]
-        return [*mujoco_bugs.of_model(model), *self.start.remarks(model), *other]
+        return [*mujoco_bugs.bugs_of_model(model), *self.start.remarks(model), *other]
 
     @cached_property
     def _recorded(self) -> RecordingFile:
@@ -174,8 +177,8 @@ class Simulation:
     def _table(self, model: mujoco.MjModel) -> ControlTable:
         path = Path(str(self.ctrl_from))
         columns = read_table(path, lambda name: name == "time" or name.startswith(PREFIX)).columns
-        names = inputs(model)
-        held = {n: [i for part in inputs_of(model, n) for i in range(part.start, part.stop)] for n in self.ctrl}
+        names = control_names(model)
+        held = {n: [i for part in control_slices(model, n) for i in range(part.start, part.stop)] for n in self.ctrl}
         # `*` means the others.
         twice = [name for name, of in held.items() if name != "*" and any(PREFIX + names[i] in columns for i in of)]
         if twice:

@@ -22,7 +22,7 @@ from mjrun.job.overlay import Values, blank, gauges
 from mjrun.job.perform import Artifact, Context, Preview, Work, perform
 from mjrun.job.simulation import Simulation, lone, positive
 from mjrun.job.view import Drawing, painter, tags, unused
-from mjrun.model.uint16_pixels import MOST
+from mjrun.model.uint16_pixels import UINT16_MAX
 from mjrun.rendering.compositor import Overlay, SceneCompositor, Stream
 from mjrun.rendering.graph import SIDES
 from mjrun.rendering.layout import layout_size
@@ -244,7 +244,7 @@ class FilmWork(Work):
         for index, frames in enumerate(self._filming.draw(drawn, self._recording, reporter)):
             for film, part, depth in zip(self._films, drawn.parts(frames), far, strict=True):
                 film.write(part)
-                clipped += np.count_nonzero(part == MOST) if depth else 0
+                clipped += np.count_nonzero(part == UINT16_MAX) if depth else 0
             reporter.progress("frames", index + 1, total)
         if clipped:
             share = clipped / (total * sum(far) * job.size[0] * job.size[1])

@@ -1,19 +1,18 @@
-"""What one column of a table is: its name, its unit, and what of the model it belongs to."""
+"""The description of one column of a table: its name, its unit, and the object of the model it belongs to."""
 
 from dataclasses import dataclass
 
 
 @dataclass(frozen=True)
 class Column:
-    """One named series of numbers, or of texts.
+    """A named series of numbers, or of texts.
 
     Attributes:
       name: `group/object[/component]`, as in `qpos/knee` and `xpos/hand/z`; `time` alone.
       unit: SI, as in `m/s`; empty for pure numbers.
-      meaning: a few words.
+      meaning: a short description.
       kind, id: the kind of object it belongs to (`joint`, `body`, …) and its MuJoCo id; −1 for none.
-      labels: the texts that the numbers stand for, each an index into them, −1 for no text; tables hold the texts.
-        Empty for a column of numbers.
+      labels: for a column of texts, the texts that the numbers are indices into, −1 for none; tables show the texts.
     """
 
     name: str

@@ -7,7 +7,7 @@ from typing import Any
 
 from mjrun.errors import UnknownNameError
 from mjrun.model import mujoco_bugs
-from mjrun.model.description.model import SECTIONS, Description
+from mjrun.model.description.model_description import SECTIONS, ModelDescription
 from mjrun.model.mujoco_globals import collected_warnings
 from mjrun.model.sources import ModelLike, source_of
 from mjrun.reporter import QuietReporter, Reporter, pass_on
@@ -19,7 +19,7 @@ class Info:
 
     Args:
       model: a compiled model, or the path of one. It is not changed.
-      sections: names of `mjrun.model.description.model.SECTIONS`; all of them when empty.
+      sections: names of `mjrun.model.description.model_description.SECTIONS`; all of them when empty.
     """
 
     model: ModelLike
@@ -41,15 +41,15 @@ class Info:
             description = self._description()
             for name in sections:
                 getattr(description, name)  # now, where warnings are heard
-        known = mujoco_bugs.of_model(description.model)
+        known = mujoco_bugs.bugs_of_model(description.model)
         for text in known:
             reporter.warn(text)
         pass_on(heard, reporter)
         return InfoResult(description, sections, (*known, *heard))
 
-    def _description(self) -> Description:
+    def _description(self) -> ModelDescription:
         source = source_of(self.model)
-        return Description(source.load(), source.main_file)
+        return ModelDescription(source.load(), source.main_file)
 
 
 @dataclass(frozen=True)
@@ -62,7 +62,7 @@ class InfoResult:
       warnings: what MuJoCo warned of, and faults of its that touch the model.
     """
 
-    description: Description
+    description: ModelDescription
     sections: Sequence[str]
     warnings: Sequence[str]
 

@@ -1,19 +1,19 @@
-"""Known faults of the installed MuJoCo, and whether they touch a model."""
+"""Known bugs of the installed MuJoCo, and whether they affect a model."""
 
 import mujoco
 
 SPARSE_NEWTON = (
     "MuJoCo 4.0.0 factors the sparse Newton matrix wrongly for some models (issue 3767, fixed in 4.0.1); "
-    "upgrade, or add --set opt.jacobian=dense"
+    "upgrade, or set opt.jacobian=dense"
 )
 
 
-def of_version(version: str) -> list[str]:
-    """The faults of a MuJoCo version."""
+def bugs_of_version(version: str) -> list[str]:
+    """The known bugs of a version of MuJoCo."""
     return [SPARSE_NEWTON] if version == "4.0.0" else []
 
 
-def of_model(model: mujoco.MjModel) -> list[str]:
-    """The faults of the installed MuJoCo that can change the motion of `model`."""
+def bugs_of_model(model: mujoco.MjModel) -> list[str]:
+    """The known bugs of the installed MuJoCo that can change the motion of `model`."""
     sparse_newton = model.opt.solver == mujoco.mjtSolver.mjSOL_NEWTON and mujoco.mj_isSparse(model)
-    return of_version(mujoco.mj_versionString()) if sparse_newton else []
+    return bugs_of_version(mujoco.mj_versionString()) if sparse_newton else []

@@ -90,24 +90,24 @@ def actuator_parts(model: mujoco.MjModel, counts: Iterable[int]) -> list[tuple[s
     return found
 
 
-def inputs(model: mujoco.MjModel) -> list[str]:
+def control_names(model: mujoco.MjModel) -> list[str]:
     """The names of all controls, in the order of `ctrl`."""
     return [name for name, _ in actuator_parts(model, model.actuator_ctrlnum)]
 
 
-def inputs_of(model: mujoco.MjModel, pattern: str) -> list[slice]:
+def control_slices(model: mujoco.MjModel, pattern: str) -> list[slice]:
     """Where in `ctrl` the inputs of all actuators are that `pattern` names, or the one input of that name.
 
     Raises:
       UnknownNameError: there is none.
     """
-    if pattern in (valid := inputs(model)):
+    if pattern in (valid := control_names(model)):
         return [slice(valid.index(pattern), valid.index(pattern) + 1)]
     starts, counts = model.actuator_ctrladr, model.actuator_ctrlnum
     return [slice(int(starts[i]), int(starts[i] + counts[i])) for i in matching(model, "actuator", pattern)]
 
 
-def members(enum: Any) -> dict[str, int]:
+def enum_members(enum: Any) -> dict[str, int]:
     """The members of a MuJoCo enum by the part of their name that differs, in lower case.
 
     `mjtVisFlag.mjVIS_CONTACTPOINT` is `contactpoint`; counters (`mjNVISFLAG`) are left out.
@@ -116,13 +116,13 @@ def members(enum: Any) -> dict[str, int]:
     return {name.partition("_")[2].lower(): int(value) for name, value in kept.items()}
 
 
-def member(enum: Any, kind: str, name: str) -> int:
+def enum_value(enum: Any, kind: str, name: str) -> int:
     """The value of the member of `enum` called `name`: `elliptic`, `ELLIPTIC` or `mjCONE_ELLIPTIC`.
 
     Raises:
       UnknownNameError: there is none.
     """
-    valid = members(enum)
+    valid = enum_members(enum)
     if name.lower() in valid:
         return valid[name.lower()]
     if name in enum.__members__ and not name.startswith("mjN"):

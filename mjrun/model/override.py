@@ -14,7 +14,7 @@ import mujoco
 import numpy as np
 
 from mjrun.errors import BadValueError, OptionPath, UnknownNameError, UsageError, clean, option
-from mjrun.model.names import is_enum, is_index, member, members
+from mjrun.model.names import enum_members, enum_value, is_enum, is_index
 
 ROOTS: dict[str, Callable[[mujoco.MjSpec], Any]] = {
     "opt": lambda spec: spec.option,
@@ -164,7 +164,7 @@ def _check_effect(element: Any, kind: str, fields: list[str], setting: Setting) 
 
 
 def _set_flag(option: Any, fields: list[str], setting: Setting) -> None:
-    disable, enable = members(mujoco.mjtDisableBit), members(mujoco.mjtEnableBit)
+    disable, enable = enum_members(mujoco.mjtDisableBit), enum_members(mujoco.mjtEnableBit)
     name = ".".join(fields)
     if name not in disable and name not in enable:
         raise UnknownNameError("flag", name, [*disable, *enable], where="opt.flag")
@@ -228,9 +228,9 @@ def _is_vector(value: object) -> bool:
 def _coerce(field: str, current: Any, setting: Setting) -> Any:
     """The text of `setting` as a value of the type of `current`."""
     if field in NAMED_INTEGERS:
-        return member(NAMED_INTEGERS[field], field, setting.value)
+        return enum_value(NAMED_INTEGERS[field], field, setting.value)
     if is_enum(current):
-        return type(current)(member(type(current), field, setting.value))
+        return type(current)(enum_value(type(current), field, setting.value))
     if isinstance(current, bool):
         return _truth(setting)
     if field in SWITCHES and isinstance(current, int):

@@ -1,4 +1,4 @@
-"""What is seen of one instant through one camera, as plain values: colours, depth, objects, and the lens."""
+"""One instant as one camera renders it: colours, depth, segmentation, and the camera's calibration."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -8,13 +8,13 @@ import numpy as np
 
 @dataclass(frozen=True)
 class Segment:
-    """What a segmentation tells apart.
+    """One object of a segmentation.
 
     Attributes:
-      type: `geom`, `site`, `tendon`, `flex`, `skin`, …, or `body` and `root-body` when whole bodies are told apart.
-      id: MuJoCo's, of that type.
-      name: the object's, `geom:3` without one.
-      body: the name of the body it belongs to; empty for none.
+      type: `geom`, `site`, `tendon`, `flex`, `skin`, …, or `body` or `root-body` in a segmentation by bodies.
+      id: the MuJoCo id within that type.
+      name: the name of the object, `geom:3` if it has none.
+      body: the name of the body that it belongs to; empty if there is none.
     """
 
     type: str
@@ -25,11 +25,11 @@ class Segment:
 
 @dataclass(frozen=True)
 class CameraCalibration:
-    """A calibrated camera, in the axes of OpenCV: x right, y down, z into the picture.
+    """The calibration of a camera in the axes of OpenCV: x right, y down, z forward.
 
-    A point p in the world is seen at pixel (u, v), where (x, y, z) = inverse(pose) p, u = fx x/z + cx and
+    A point p in the world appears at pixel (u, v), where (x, y, z) = inverse(pose) p, u = fx x/z + cx and
     v = fy y/z + cy; without `perspective` u = fx x + cx and v = fy y + cy. The centre of the first pixel is
-    (0.5, 0.5), the picture's corner (0, 0).
+    (0.5, 0.5), the corner of the image (0, 0).
 
     Attributes:
       size: width and height [pixels].
@@ -63,7 +63,7 @@ class CameraCalibration:
         return np.concatenate([pixels, local[:, 2:]], axis=1)
 
     def unproject(self, depth: np.ndarray) -> np.ndarray:
-        """Points in the world `(h, w, 3)` of a picture of planar depths `(h, w)` [m]."""
+        """Points in the world `(h, w, 3)` of an image of planar depths `(h, w)` [m]."""
         height, width = depth.shape
         u, v = np.meshgrid(np.arange(width) + 0.5, np.arange(height) + 0.5)
         scale = depth if self.perspective else 1.0
@@ -72,18 +72,18 @@ class CameraCalibration:
 
 
 @dataclass(frozen=True)
-class Picture:
-    """What is seen; views that were not asked for are None.
+class RenderedView:
+    """The views of one instant through one camera; those that were not requested are None.
 
     Attributes:
-      lens: through what.
+      calibration: of the camera.
       rgb: `(h, w, 3)` uint8.
-      depth: `(h, w)` float32, planar [m]; infinite where nothing is seen.
-      ids: `(h, w)` int32, indices into `legend`; −1 where nothing is seen.
-      legend: what the ids mean, the same for every frame of a film.
+      depth: `(h, w)` float32, planar [m]; infinite for the background.
+      ids: `(h, w)` int32, indices into `legend`; −1 for the background.
+      legend: the objects of the segmentation, the same for every frame of a video.
     """
 
-    lens: CameraCalibration
+    calibration: CameraCalibration
     rgb: np.ndarray | None = None
     depth: np.ndarray | None = None
     ids: np.ndarray | None = None

@@ -1,42 +1,43 @@
-"""Depth and ids as the whole numbers that a 16-bit picture holds."""
+"""Depth and segmentation as the whole numbers of a 16-bit image."""
 
 import numpy as np
 
 from mjrun.errors import UsageError
 
-MOST = 65535  # what 16 bits hold
+UINT16_MAX = 65535
 
 
-def millimetres(depth: np.ndarray) -> np.ndarray:
-    """`depth` [m] to the nearest millimetre, uint16; 0 where nothing is seen, that is where it is not finite.
+def depth_millimetres(depth: np.ndarray) -> np.ndarray:
+    """`depth` [m], rounded to millimetres, as uint16; 0 for the background, where depth is not finite.
 
-    What is seen is at least 1, however near, and at most 65535, however far: see `clipped`.
+    Everything else is at least 1, however near, and at most 65535, however far: see `clipped_share`.
     """
     seen = np.isfinite(depth)
-    return np.where(seen, np.clip(_rounded(np.where(seen, depth, 0)), 1, MOST), 0).astype(np.uint16)
+    rounded = np.clip(_round_millimetres(np.where(seen, depth, 0)), 1, UINT16_MAX)
+    return np.where(seen, rounded, 0).astype(np.uint16)
 
 
-def clipped(depth: np.ndarray) -> float:
-    """The share of what is seen in `depth` [m] that lies beyond 65.535 m, which is all that `millimetres` can say."""
+def clipped_share(depth: np.ndarray) -> float:
+    """The share of the finite pixels of `depth` [m] that lie beyond 65.535 m, the range of `depth_millimetres`."""
     seen = depth[np.isfinite(depth)]
-    return float(np.mean(_rounded(seen) > MOST)) if seen.size else 0.0
+    return float(np.mean(_round_millimetres(seen) > UINT16_MAX)) if seen.size else 0.0
 
 
-def numbered(ids: np.ndarray, things: int) -> np.ndarray:
-    """`ids` of `things` things plus one, uint16; 0 where nothing is seen.
+def segment_numbers(ids: np.ndarray, count: int) -> np.ndarray:
+    """`ids` of `count` segments plus one, as uint16; 0 for the background.
 
     Raises:
-      UsageError: there are more things than 16 bits tell apart.
+      UsageError: there are more segments than 16 bits can number.
     """
-    check_things(things, MOST)
+    check_segment_count(count, UINT16_MAX)
     return (ids + 1).astype(np.uint16)
 
 
-def check_things(things: int, most: int) -> None:
-    """Raises UsageError when a picture cannot tell so many things apart."""
-    if things > most:
-        raise UsageError(f"{things} things cannot be told apart in a picture that holds {most}")
+def check_segment_count(count: int, most: int) -> None:
+    """Raises UsageError if an image cannot number so many segments."""
+    if count > most:
+        raise UsageError(f"a segmentation of {count} objects does not fit an image that can hold {most}")
 
 
-def _rounded(depth: np.ndarray) -> np.ndarray:
+def _round_millimetres(depth: np.ndarray) -> np.ndarray:
     return np.rint(depth.astype(np.float64) * 1000)

@@ -11,7 +11,7 @@ import mujoco
 import numpy as np
 
 from mjrun.model.column import Column
-from mjrun.model.names import members, names
+from mjrun.model.names import enum_members, names
 from mjrun.probe.fields import FieldProbe, Fields, InstantProbe, Probe
 
 POSITIONS = {"body": "xpos", "geom": "geom_xpos", "site": "site_xpos"}
@@ -141,7 +141,7 @@ def penetration(model: mujoco.MjModel) -> InstantProbe:
 
 def warning(model: mujoco.MjModel) -> InstantProbe:
     """How often MuJoCo has warned, of each kind, up to this instant."""
-    kinds = members(mujoco.mjtWarning)
+    kinds = enum_members(mujoco.mjtWarning)
     columns = [Column(f"warning/{kind}", "", f"MuJoCo's warnings so far: {WARNINGS[kind]}") for kind in kinds]
     index = list(kinds.values())
 

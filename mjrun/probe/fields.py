@@ -16,7 +16,7 @@ from mujoco.introspect import structs
 
 from mjrun.model.column import Column
 from mjrun.model.description.units import actuator_force_unit, actuator_unit, rate_unit, sensor_unit, tendon_unit
-from mjrun.model.joints import QPOS_PARTS, QVEL_PARTS
+from mjrun.model.joint_components import QPOS_COMPONENTS, QVEL_COMPONENTS
 from mjrun.model.names import actuator_parts, names
 
 # What the first dimension of a field counts, as the kind of object and the model's size of it.
@@ -169,9 +169,9 @@ def _columns(model: mujoco.MjModel, field: str, group: str) -> Iterator[Column]:
     extent, meaning = extents()[field]
     first = extent[0]
     if field == "qpos":
-        yield from _of_joints(model, group, meaning, QPOS_PARTS, field)
+        yield from _of_joints(model, group, meaning, QPOS_COMPONENTS, field)
     elif first == "nv":
-        yield from _of_joints(model, group, meaning, QVEL_PARTS, field, SPATIAL.get(field, ("",)))
+        yield from _of_joints(model, group, meaning, QVEL_COMPONENTS, field, SPATIAL.get(field, ("",)))
     elif field == "sensordata":
         yield from _of_sensors(model, group)
     elif first == "na":

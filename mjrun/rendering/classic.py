@@ -13,8 +13,8 @@ import numpy as np
 from mjrun.camera.calibration import lens, metric_depth
 from mjrun.camera.pose import Pose, user_camera
 from mjrun.errors import DrawError, UsageError, option
-from mjrun.model.names import members
-from mjrun.model.rendered_view import Picture
+from mjrun.model.names import enum_members
+from mjrun.model.rendered_view import RenderedView
 from mjrun.model.state import restore
 from mjrun.rendering.backend import Backend
 from mjrun.rendering.decorations import Decoration
@@ -94,10 +94,10 @@ class ClassicRenderer:
             raise DrawError(f"MuJoCo failed at time {self._data.time:.9g} s: {error}") from error
         self._index = index
 
-    def picture(self, pose: Pose, views: Sequence[str] = ("rgb",)) -> Picture:
+    def picture(self, pose: Pose, views: Sequence[str] = ("rgb",)) -> RenderedView:
         """What is seen from `pose`, of the views `rgb`, `depth` and `seg`. Colours are reused by the next call."""
         self._update_scene(pose)
-        seen = Picture(lens(pose, self.size))
+        seen = RenderedView(lens(pose, self.size))
         if "depth" in views or "seg" in views:
             seen = self._exact(seen, pose, views)
         if "rgb" in views:
@@ -144,7 +144,7 @@ class ClassicRenderer:
             self._scene = mujoco.MjvScene(self._model, 2 * self._scene.maxgeom)
             self._scene.flags[:] = flags
 
-    def _exact(self, seen: Picture, pose: Pose, views: Sequence[str]) -> Picture:
+    def _exact(self, seen: RenderedView, pose: Pose, views: Sequence[str]) -> RenderedView:
         """Depth and ids, of one pass without shades."""
         if self._buffer is None:
             self._buffer = ExactBuffer(self.size)
@@ -161,7 +161,7 @@ class ClassicRenderer:
     @contextlib.contextmanager
     def _flags(self, **wanted: bool) -> Iterator[None]:
         """Sets rendering flags for a while."""
-        kept, known = self._scene.flags.copy(), members(mujoco.mjtRndFlag)
+        kept, known = self._scene.flags.copy(), enum_members(mujoco.mjtRndFlag)
         for name, value in wanted.items():
             self._scene.flags[known[name]] = value
         try:

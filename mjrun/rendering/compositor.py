@@ -11,8 +11,8 @@ import mujoco
 import numpy as np
 
 from mjrun.camera.pose import Pose
-from mjrun.model.rendered_view import Picture
-from mjrun.model.uint16_pixels import millimetres, numbered
+from mjrun.model.rendered_view import RenderedView
+from mjrun.model.uint16_pixels import depth_millimetres, segment_numbers
 from mjrun.rendering.backend import Backend
 from mjrun.rendering.classic import ClassicRenderer
 from mjrun.rendering.colormaps import colors_of, colour_bar, depth_colors, depth_range, in_view, legend, seg_colors
@@ -34,7 +34,7 @@ class Renderer(Protocol):
         """Goes to the instant of an integration `state`, that of a frame by its index."""
         ...
 
-    def picture(self, pose: Pose, views: Sequence[str]) -> Picture:
+    def picture(self, pose: Pose, views: Sequence[str]) -> RenderedView:
         """What is seen of that instant from `pose`."""
         ...
 
@@ -215,7 +215,7 @@ class SceneCompositor:
             start = end
         return found
 
-    def see(self, state: np.ndarray, index: int, views: Sequence[str] | None = None) -> list[Picture]:
+    def see(self, state: np.ndarray, index: int, views: Sequence[str] | None = None) -> list[RenderedView]:
         """What each camera sees of a state: the views that streams want of it, or `views`."""
         assert self._drawing
         self._drawing.look(state, index)
@@ -226,7 +226,7 @@ class SceneCompositor:
             found.append(picture if picture.rgb is None else _kept(picture))
         return found
 
-    def frame(self, stream: Stream, pictures: Sequence[Picture], index: int) -> np.ndarray:
+    def frame(self, stream: Stream, pictures: Sequence[RenderedView], index: int) -> np.ndarray:
         """The frame of `stream`, made of what each camera sees."""
         if stream.exact:
             (panel,) = stream.panels
@@ -247,7 +247,7 @@ class SceneCompositor:
         many = len({other.view for stream in self.streams for other in stream.panels}) > 1
         return f"{self.names[panel.camera]} · {NAMES[panel.view]}" if many else self.names[panel.camera]
 
-    def _colored(self, panel: Panel, picture: Picture, with_legend: bool) -> np.ndarray:
+    def _colored(self, panel: Panel, picture: RenderedView, with_legend: bool) -> np.ndarray:
         if panel.view == "rgb":
             assert picture.rgb is not None
             return picture.rgb
@@ -265,15 +265,15 @@ class SceneCompositor:
         return image
 
 
-def _kept(picture: Picture) -> Picture:
+def _kept(picture: RenderedView) -> RenderedView:
     """The picture with colours that outlast the next one, and may be written on."""
     assert picture.rgb is not None
     return replace(picture, rgb=np.array(picture.rgb))
 
 
-def _numbers(panel: Panel, picture: Picture) -> np.ndarray:
+def _numbers(panel: Panel, picture: RenderedView) -> np.ndarray:
     if panel.view == "depth":
         assert picture.depth is not None
-        return millimetres(picture.depth)
+        return depth_millimetres(picture.depth)
     assert picture.ids is not None
-    return numbered(picture.ids, len(picture.legend))
+    return segment_numbers(picture.ids, len(picture.legend))

@@ -7,7 +7,7 @@ import mujoco
 import numpy as np
 
 from mjrun.camera.targets import ObjectPath, object_paths
-from mjrun.model.names import members
+from mjrun.model.names import enum_members
 from mjrun.model.state import restore
 from mjrun.rendering.visual import Visual
 
@@ -204,7 +204,7 @@ class Ghost:
             self._data = mujoco.MjData(self.model)
             self._options = self.visual.options()
             self._options.frame, self._options.label = mujoco.mjtFrame.mjFRAME_NONE, mujoco.mjtLabel.mjLABEL_NONE
-            for flag, value in members(mujoco.mjtVisFlag).items():
+            for flag, value in enum_members(mujoco.mjtVisFlag).items():
                 if flag.startswith(("flex", "skin")):
                     self._options.flags[value] = 0
         restore(self.model, self._data, state)

@@ -16,8 +16,8 @@ import numpy as np
 
 from mjrun.camera.pose import Pose
 from mjrun.errors import DrawError, UsageError, option
-from mjrun.model.names import members
-from mjrun.model.rendered_view import Picture
+from mjrun.model.names import enum_members
+from mjrun.model.rendered_view import RenderedView
 from mjrun.process import Process, python_call
 from mjrun.rendering.backend import Backend
 from mjrun.rendering.classic import check_size
@@ -105,7 +105,7 @@ class FilamentRenderer:
             self._ask("open", *self._task)
         self._ask("look", state, index)
 
-    def picture(self, pose: Pose, views: Sequence[str] = ("rgb",)) -> Picture:
+    def picture(self, pose: Pose, views: Sequence[str] = ("rgb",)) -> RenderedView:
         """What is seen from `pose`, of the views `rgb`, `depth` and `seg`.
 
         Depth and ids end at the far plane, as MuJoCo's do; colours do not.
@@ -223,7 +223,7 @@ def check_segmentation(segmentation: Segmentation | None) -> None:
 
 def flags(options: mujoco.MjvOption, scene: mujoco.MjvScene) -> dict[str, int]:
     """All flags of the visualizer and of rendering, by name."""
-    visual, rendering = members(mujoco.mjtVisFlag), members(mujoco.mjtRndFlag)
+    visual, rendering = enum_members(mujoco.mjtVisFlag), enum_members(mujoco.mjtRndFlag)
     return {name: int(options.flags[i]) for name, i in visual.items()} | {
         name: int(scene.flags[i]) for name, i in rendering.items()
     }

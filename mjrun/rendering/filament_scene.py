@@ -15,12 +15,12 @@ import numpy as np
 
 from mjrun.camera.pose import Pose
 from mjrun.errors import UsageError, option
-from mjrun.model.names import COUNTS, KINDS, members
+from mjrun.model.names import COUNTS, KINDS, enum_members
 
 SPOT, POINT = mujoco.mjtLightType.mjLIGHT_SPOT.value, mujoco.mjtLightType.mjLIGHT_POINT.value
 # Of Filament, for models made for the classic renderer, whose lights have no intensity.
 LIGHTS, HEADLIGHT = 80_000.0, 40_000.0  # [lux] of all lights together, and of the headlight
-_GEOMS = members(mujoco.mjtGeom)
+_GEOMS = enum_members(mujoco.mjtGeom)
 SHAPELESS, MESHES = {_GEOMS["label"], _GEOMS["none"]}, {_GEOMS["mesh"], _GEOMS["sdf"]}
 SHAPES = set(_GEOMS.values()) - SHAPELESS - MESHES - {_GEOMS["hfield"], _GEOMS["flex"], _GEOMS["skin"]}
 NUMBERED = ("geom", "site", "flex", "skin", "tendon", "actuator")  # in the order of their numbers in segments

@@ -14,7 +14,7 @@ from mjrun.camera.pose import Frustum, Pose, pose_of, user_camera
 from mjrun.errors import DrawError
 from mjrun.model.mujoco_globals import collected_warnings
 from mjrun.model.names import COUNTS, KINDS
-from mjrun.model.rendered_view import Picture
+from mjrun.model.rendered_view import RenderedView
 from mjrun.model.state import restore
 from mjrun.rendering.decorations import Decoration
 from mjrun.rendering.filament import MIRRORS, MODES, flags
@@ -84,11 +84,11 @@ class Drawing:
         self._index = index
         self._stage.update(self._data)
 
-    def picture(self, pose: Pose, views: Sequence[str]) -> Picture:
+    def picture(self, pose: Pose, views: Sequence[str]) -> RenderedView:
         """What is seen, without a legend."""
         self._pose = pose
         self._update_scene()
-        seen = Picture(lens(pose, self._size))
+        seen = RenderedView(lens(pose, self._size))
         if "depth" in views or "seg" in views:
             seen = self._exact(seen, views)
         if "rgb" in views:
@@ -113,7 +113,7 @@ class Drawing:
                 return
             self._scene = mujoco.MjvScene(self._model, 2 * self._scene.maxgeom)
 
-    def _exact(self, seen: Picture, views: Sequence[str]) -> Picture:
+    def _exact(self, seen: RenderedView, views: Sequence[str]) -> RenderedView:
         """Depth and ids. Segments have no far plane, so depth says where it is."""
         depth = _metres(self._stage.draw(self._size, self._pose, DEPTH)[:, :, 0], self._pose.frustum)
         if "depth" in views:

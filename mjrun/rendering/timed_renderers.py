@@ -8,7 +8,7 @@ import mujoco
 import numpy as np
 
 from mjrun.camera.pose import Pose
-from mjrun.model.rendered_view import Picture
+from mjrun.model.rendered_view import RenderedView
 from mjrun.rendering.classic import ClassicRenderer
 from mjrun.rendering.exact_framebuffer import ExactBuffer
 from mjrun.rendering.filament import FilamentRenderer
@@ -63,7 +63,7 @@ class TimedClassicRenderer(ClassicRenderer):
         with self.watch.part(UPDATE):
             super().look(state, index)
 
-    def picture(self, pose: Pose, views: Sequence[str] = ("rgb",)) -> Picture:
+    def picture(self, pose: Pose, views: Sequence[str] = ("rgb",)) -> RenderedView:
         with self.watch.part(READ):
             return super().picture(pose, views)
 
@@ -77,7 +77,7 @@ class TimedClassicRenderer(ClassicRenderer):
             mujoco.mjr_finish()
         mujoco.mjr_readPixels(self._pixels, None, self._rect, self._context)
 
-    def _exact(self, seen: Picture, pose: Pose, views: Sequence[str]) -> Picture:
+    def _exact(self, seen: RenderedView, pose: Pose, views: Sequence[str]) -> RenderedView:
         if self._buffer is None:
             self._buffer = _TimedBuffer(self.size, self.watch)
         return super()._exact(seen, pose, views)
@@ -123,7 +123,7 @@ class TimedFilamentRenderer(FilamentRenderer):
         with self.watch.part(UPDATE):
             super().look(state, index)
 
-    def picture(self, pose: Pose, views: Sequence[str] = ("rgb",)) -> Picture:
+    def picture(self, pose: Pose, views: Sequence[str] = ("rgb",)) -> RenderedView:
         with self.watch.part(DRAW):
             return super().picture(pose, views)
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 import mujoco
 
 from mjrun.errors import BadValueError, UnknownNameError, option
-from mjrun.model.names import member, members
+from mjrun.model.names import enum_members, enum_value
 
 GROUPS = {
     "geom": "geomgroup",
@@ -56,8 +56,8 @@ class Visual:
             for number in drawn:
                 if not 0 <= number < mujoco.mjNGROUP:
                     raise BadValueError(option(GROUPS[kind]), number, f"a group from 0 to {mujoco.mjNGROUP - 1}")
-        member(mujoco.mjtFrame, "frame", self.frame)
-        member(mujoco.mjtLabel, "label", self.label)
+        enum_value(mujoco.mjtFrame, "frame", self.frame)
+        enum_value(mujoco.mjtLabel, "label", self.label)
 
     @property
     def samples(self) -> int:
@@ -67,20 +67,20 @@ class Visual:
     def options(self) -> mujoco.MjvOption:
         """The visualizer's options."""
         options = mujoco.MjvOption()
-        visualizer = members(mujoco.mjtVisFlag)
+        visualizer = enum_members(mujoco.mjtVisFlag)
         for names, value in ((self.show, 1), (self.hide, 0)):
             for name in names:
                 if name in visualizer:
                     options.flags[visualizer[name]] = value
         for kind, drawn in self.groups.items():
             getattr(options, GROUPS[kind])[:] = [number in drawn for number in range(mujoco.mjNGROUP)]
-        options.frame = member(mujoco.mjtFrame, "frame", self.frame)
-        options.label = member(mujoco.mjtLabel, "label", self.label)
+        options.frame = enum_value(mujoco.mjtFrame, "frame", self.frame)
+        options.label = enum_value(mujoco.mjtLabel, "label", self.label)
         return options
 
     def set_flags(self, scene: mujoco.MjvScene) -> None:
         """Sets the rendering flags of `scene`."""
-        rendering = members(mujoco.mjtRndFlag)
+        rendering = enum_members(mujoco.mjtRndFlag)
         if self.quality == "draft":
             scene.flags[rendering["shadow"]] = 0
             scene.flags[rendering["reflection"]] = 0
@@ -92,4 +92,4 @@ class Visual:
 
 def flags() -> list[str]:
     """Every name that the options show and hide take."""
-    return [*members(mujoco.mjtVisFlag), *members(mujoco.mjtRndFlag)]
+    return [*enum_members(mujoco.mjtVisFlag), *enum_members(mujoco.mjtRndFlag)]

@@ -15,7 +15,7 @@ import numpy as np
 
 from mjrun.errors import ControllerError, UnknownNameError, UsageError, clean, listing
 from mjrun.model import state
-from mjrun.model.names import inputs
+from mjrun.model.names import control_names
 from mjrun.timeline import nearest, seconds
 
 Controller = Callable[[mujoco.MjModel, mujoco.MjData], Any]
@@ -52,7 +52,7 @@ class ControlTable:
         linear: bool = False,
         constant: Collection[int] = (),
     ) -> None:
-        actuators = inputs(model)
+        actuators = control_names(model)
         driven = {name.removeprefix(PREFIX): values for name, values in columns.items() if name.startswith(PREFIX)}
         for name in driven:
             if name not in actuators:
@@ -228,7 +228,7 @@ class Feedback:
             )
         bad = np.flatnonzero(~np.isfinite(data.ctrl))
         if bad.size:
-            actuator = inputs(model)[bad[0]]
+            actuator = control_names(model)[bad[0]]
             raise ControllerError(f"the controller {self.name} set {clean(actuator)} to {data.ctrl[bad[0]]} {when}")
 
     def _checked(self, model: mujoco.MjModel, given: Any, when: str) -> np.ndarray:
@@ -239,7 +239,7 @@ class Feedback:
             raise ControllerError(f"the controller {self.name} returned a {kind} {when}, not numbers") from None
         if ctrl.shape == (model.nu,) or (ctrl.shape == () and model.nu == 1):
             return ctrl
-        actuators = listing(inputs(model))
+        actuators = listing(control_names(model))
         shape = f"shape {ctrl.shape} {when}; the model takes ({model.nu},)"
         raise ControllerError(
             f"the controller {self.name} returned {shape}\n"

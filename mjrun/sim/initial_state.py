@@ -7,8 +7,8 @@ import mujoco
 import numpy as np
 
 from mjrun.errors import BadValueError, UnknownNameError, UsageError, clean
-from mjrun.model.joints import QPOS_PARTS, QVEL_PARTS
-from mjrun.model.names import identify, inputs, inputs_of, matching, names
+from mjrun.model.joint_components import QPOS_COMPONENTS, QVEL_COMPONENTS
+from mjrun.model.names import control_names, control_slices, identify, matching, names
 
 Values = float | Sequence[float]
 
@@ -44,13 +44,13 @@ class Start:
         if self.key is not None:
             mujoco.mj_resetDataKeyframe(model, data, identify(model, "keyframe", self.key))
         for name, values in self.qpos.items():
-            where = _joint_slices(model, model.jnt_qposadr, QPOS_PARTS, name, "--qpos")
+            where = _joint_slices(model, model.jnt_qposadr, QPOS_COMPONENTS, name, "--qpos")
             _set(data.qpos, where, values, f"--qpos {name}")
         for name, values in self.qvel.items():
-            where = _joint_slices(model, model.jnt_dofadr, QVEL_PARTS, name, "--qvel")
+            where = _joint_slices(model, model.jnt_dofadr, QVEL_COMPONENTS, name, "--qvel")
             _set(data.qvel, where, values, f"--qvel {name}")
         for name, values in self.ctrl.items():
-            _set(data.ctrl, inputs_of(model, name), values, f"--ctrl {name}")
+            _set(data.ctrl, control_slices(model, name), values, f"--ctrl {name}")
         if self.seed < 0:
             raise BadValueError("--seed", self.seed, "a whole number from 0 on")
         if self.perturb:
@@ -60,8 +60,8 @@ class Start:
 
     def remarks(self, model: mujoco.MjModel) -> list[str]:
         """What the user should know of this start: controls that MuJoCo will clamp."""
-        data, controls = self.data(model), inputs(model)
-        asked = {i for name in self.ctrl for part in inputs_of(model, name) for i in range(part.start, part.stop)}
+        data, controls = self.data(model), control_names(model)
+        asked = {i for name in self.ctrl for part in control_slices(model, name) for i in range(part.start, part.stop)}
         clamps = not model.opt.disableflags & mujoco.mjtDisableBit.mjDSBL_CLAMPCTRL
         found = []
         for i in sorted(asked if clamps else ()):

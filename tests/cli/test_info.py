@@ -16,7 +16,7 @@ from mjrun.cli.info_layout import Page
 from mjrun.cli.info_summary import LINES
 from mjrun.cli.info_tables import TABLES
 from mjrun.errors import clean
-from mjrun.model.description.model import SECTIONS, Description
+from mjrun.model.description.model_description import SECTIONS, ModelDescription
 from mjrun.model.mujoco_globals import collected_warnings
 
 if TYPE_CHECKING:
@@ -196,7 +196,7 @@ def test_every_real_model_has_a_page(shared_models: Path, monkeypatch: pytest.Mo
     for path in sorted(shared_models.rglob("*.xml")):
         with collected_warnings():
             try:
-                found = Description(mujoco.MjModel.from_xml_path(str(path)), path)
+                found = ModelDescription(mujoco.MjModel.from_xml_path(str(path)), path)
             except ValueError:
                 continue  # which the next test looks at
             page = Page()

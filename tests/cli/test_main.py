@@ -175,10 +175,10 @@ def test_words_that_the_command_line_repeats_are_those_of_the_layers_below() -> 
     import mujoco
 
     from mjrun.cli import main, options
-    from mjrun.model.names import members
+    from mjrun.model.names import enum_members
     from mjrun.rendering.visual import GROUPS, QUALITIES
 
-    assert set(INTEGRATORS) == set(members(mujoco.mjtIntegrator))
+    assert set(INTEGRATORS) == set(enum_members(mujoco.mjtIntegrator))
     assert set(main.MODELS) == set(SUFFIXES)
     assert set(options.GROUP_KINDS) == set(GROUPS)
     assert {"draft", "model", "high"} == set(QUALITIES)

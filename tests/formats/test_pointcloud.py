@@ -13,7 +13,7 @@ from mjrun.camera.calibration import lens
 from mjrun.camera.pose import pose_of
 from mjrun.errors import FileError, UsageError
 from mjrun.formats.pointcloud import PointCloudWriter
-from mjrun.model.rendered_view import CameraCalibration, Picture, Segment
+from mjrun.model.rendered_view import CameraCalibration, RenderedView, Segment
 
 KINDS = {"float": "<f4", "uchar": "u1", "int": "<i4"}
 
@@ -51,7 +51,7 @@ SCENE = """
 LEGEND = [Segment("geom", 0, "table", "world"), Segment("geom", 1, "cube", "world")]
 
 
-def pictures(*cameras: str, size: tuple[int, int] = (80, 61)) -> list[Picture]:
+def pictures(*cameras: str, size: tuple[int, int] = (80, 61)) -> list[RenderedView]:
     """The scene as MuJoCo's own renderer sees it."""
     model = mujoco.MjModel.from_xml_string(SCENE)
     data = mujoco.MjData(model)
@@ -66,11 +66,11 @@ def pictures(*cameras: str, size: tuple[int, int] = (80, 61)) -> list[Picture]:
             renderer.enable_depth_rendering()
             depth = np.where(ids < 0, np.inf, renderer.render()).astype(np.float32)
             renderer.disable_depth_rendering()
-            found.append(Picture(lens(pose_of(renderer.scene), size), rgb, depth, ids, LEGEND))
+            found.append(RenderedView(lens(pose_of(renderer.scene), size), rgb, depth, ids, LEGEND))
     return found
 
 
-def cloud(folder: Path, *seen: Picture, legend: list[Segment] | None = None) -> np.ndarray:
+def cloud(folder: Path, *seen: RenderedView, legend: list[Segment] | None = None) -> np.ndarray:
     with PointCloudWriter(str(folder / "cloud.ply"), legend) as writer:
         for picture in seen:
             writer.write(picture)
@@ -103,16 +103,16 @@ def test_points_have_the_colours_of_their_pixels(tmp_path: Path) -> None:
     assert picture.depth is not None
     colors = np.stack([points[name] for name in ("red", "green", "blue")], axis=1)
     assert np.array_equal(colors, picture.rgb[np.isfinite(picture.depth)])
-    back = picture.lens.project(places(points).astype(float))[:, :2]
+    back = picture.calibration.project(places(points).astype(float))[:, :2]
     rows, columns = np.nonzero(np.isfinite(picture.depth))
     assert back == pytest.approx(np.stack([columns + 0.5, rows + 0.5], axis=1), abs=1e-2)
 
 
-def a_picture(width: int, height: int) -> Picture:
+def a_picture(width: int, height: int) -> RenderedView:
     """A wall one metre away that fills the view."""
     through = CameraCalibration((width, height), 100, 100, width / 2, height / 2, np.eye(4), 0.01, 10)
     shape = (height, width)
-    return Picture(through, np.zeros((*shape, 3), np.uint8), np.ones(shape, np.float32), np.zeros(shape, np.int32))
+    return RenderedView(through, np.zeros((*shape, 3), np.uint8), np.ones(shape, np.float32), np.zeros(shape, np.int32))
 
 
 def test_what_labels_mean_stands_in_the_header_in_plain_ascii(tmp_path: Path) -> None:

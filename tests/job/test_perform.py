@@ -22,7 +22,7 @@ from mjrun.job.simulation import Simulation
 from mjrun.job.trace import Trace
 from mjrun.job.video import Video
 from mjrun.model.override import Setting
-from mjrun.model.source import Source
+from mjrun.model.sources.file import FileSource
 
 pytestmark = pytest.mark.filterwarnings("ignore:drawing in software")
 
@@ -245,7 +245,7 @@ def test_a_failed_assertion_brings_every_verdict(swing: Path, tmp_path: Path) ->
 def test_a_recording_of_other_physics_is_told(swing: Path, tmp_path: Path, change: dict[str, Any], told: bool) -> None:
     Recording(Simulation(swing, duration=0.1), f"{tmp_path}/r.npz").run()
     again = Trace(
-        Simulation(Source(swing, **change), replay=f"{tmp_path}/r.npz"), f"{tmp_path}/t.csv", probes=["energy"]
+        Simulation(FileSource(swing, **change), replay=f"{tmp_path}/r.npz"), f"{tmp_path}/t.csv", probes=["energy"]
     )
     with warnings.catch_warnings(record=True) as heard:
         warnings.simplefilter("always")

@@ -95,7 +95,7 @@ def test_a_film_s_calibration_is_what_its_frames_were_drawn_through(
         for camera, course in enumerate(courses):
             for k, pose in enumerate(course.poses(states, times, times, [(0, 0.2)])):
                 renderer.look(states[k])
-                drawn = renderer.picture(pose, ["depth"]).lens
+                drawn = renderer.picture(pose, ["depth"]).calibration
                 assert np.allclose(drawn.pose, entries[2 * k + camera]["world_from_camera"], atol=0)
                 assert np.allclose(drawn.matrix, entries[2 * k + camera]["K"], atol=0)
 

@@ -11,7 +11,7 @@ import pytest
 from mjrun.errors import BrokenModelError, MjrunWarning, ModelNotFoundError, UnknownNameError
 from mjrun.job.simulation import Simulation
 from mjrun.job.trace import columns
-from mjrun.model.description.model import SECTIONS
+from mjrun.model.description.model_description import SECTIONS
 from mjrun.model.info import Info
 from mjrun.model.override import Setting
 from mjrun.model.sources.file import FileSource

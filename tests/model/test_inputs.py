@@ -10,7 +10,7 @@ from mjrun.errors import BadValueError, UnknownNameError
 from mjrun.formats.table_reader import read_table
 from mjrun.job.simulation import Simulation
 from mjrun.job.trace import Trace
-from mjrun.model.names import inputs, inputs_of
+from mjrun.model.names import control_names, control_slices
 from mjrun.probe.fields import field_probe
 from tests.check.models import lint_file
 
@@ -38,16 +38,16 @@ def path(tmp_path: Path) -> Path:
 def test_every_control_has_the_name_of_the_actuator_at_its_address(path: Path) -> None:
     model = mujoco.MjModel.from_xml_path(str(path))
     assert model.nu > model.nactuator
-    names = inputs(model)
+    names = control_names(model)
     assert len(names) == model.nu
     for actuator, name in enumerate(("turn", "push")):
-        (part,) = inputs_of(model, name)
+        (part,) = control_slices(model, name)
         address = model.actuator_ctrladr[actuator]
         assert (part.start, part.stop) == (address, address + model.actuator_ctrlnum[actuator])
         assert {found.partition("/")[0] for found in names[part]} == {name}
-    assert inputs_of(model, "turn/1") == [slice(1, 2)]
+    assert control_slices(model, "turn/1") == [slice(1, 2)]
     with pytest.raises(UnknownNameError, match="no actuator 'turn/3'"):
-        inputs_of(model, "turn/3")
+        control_slices(model, "turn/3")
 
 
 def test_controls_by_name_drive_what_they_name(path: Path, tmp_path: Path) -> None:

@@ -4,7 +4,7 @@ import mujoco
 import pytest
 
 from mjrun.errors import UnknownNameError
-from mjrun.model.names import COUNTS, KINDS, PLURALS, identify, is_enum, matching, member, members, names
+from mjrun.model.names import COUNTS, KINDS, PLURALS, enum_members, enum_value, identify, is_enum, matching, names
 
 MODEL = mujoco.MjModel.from_xml_string("""<mujoco><worldbody><camera/><camera name="top"/>
 <body name="arm"><joint name="knee"/><joint name="1" axis="1 0 0"/><joint axis="0 1 0"/><geom size="1"/><site/></body>
@@ -124,22 +124,22 @@ def test_a_name_with_wild_characters_means_itself_and_not_what_it_would_match() 
 def test_every_member_of_an_enum_answers_to_its_short_and_to_its_full_name(enum: type) -> None:
     wanted = {name: int(value) for name, value in enum.__members__.items() if not name.startswith("mjN")}
     assert wanted
-    assert list(members(enum).values()) == list(wanted.values())
+    assert list(enum_members(enum).values()) == list(wanted.values())
     for name, value in wanted.items():
         short = name.split("_", 1)[1]
-        assert [member(enum, "x", n) for n in (name, short, short.lower(), short.upper())] == [value] * 4
+        assert [enum_value(enum, "x", n) for n in (name, short, short.lower(), short.upper())] == [value] * 4
 
 
 def test_counters_are_no_members() -> None:
     assert "mjNVISFLAG" in mujoco.mjtVisFlag.__members__
-    assert len(members(mujoco.mjtVisFlag)) == int(mujoco.mjtVisFlag.mjNVISFLAG)
+    assert len(enum_members(mujoco.mjtVisFlag)) == int(mujoco.mjtVisFlag.mjNVISFLAG)
 
 
 @pytest.mark.parametrize("name", ["", "contactpoin", "mjNVISFLAG", "mjVIS_", "vis_joint", "0"])
 def test_what_is_no_member_is_refused_with_those_that_are(name: str) -> None:
     with pytest.raises(UnknownNameError) as caught:
-        member(mujoco.mjtVisFlag, "flag", name)
-    assert caught.value.valid == tuple(members(mujoco.mjtVisFlag))
+        enum_value(mujoco.mjtVisFlag, "flag", name)
+    assert caught.value.valid == tuple(enum_members(mujoco.mjtVisFlag))
 
 
 def test_an_enum_member_is_told_from_a_number() -> None:

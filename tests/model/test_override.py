@@ -10,7 +10,7 @@ import pytest
 
 from mjrun.errors import BadValueError, MjrunError, UnknownNameError, UsageError, clean, option
 from mjrun.model.load import load
-from mjrun.model.names import members
+from mjrun.model.names import enum_members
 from mjrun.model.override import ELEMENTS, Setting, apply
 
 MODEL = """<mujoco><compiler angle="radian"/><option/><statistic/><visual><quality/><global/><rgba/></visual>
@@ -164,14 +164,14 @@ def flags(name: str, *values: str) -> tuple[int, int]:
     return spec.option.disableflags, spec.option.enableflags
 
 
-@pytest.mark.parametrize("name", sorted({*members(mujoco.mjtDisableBit)} - {"autoreset"}))
+@pytest.mark.parametrize("name", sorted({*enum_members(mujoco.mjtDisableBit)} - {"autoreset"}))
 def test_disabling_a_flag_sets_its_disable_bit_and_enabling_clears_it(name: str) -> None:
     bit = int(getattr(mujoco.mjtDisableBit, f"mjDSBL_{name.upper()}"))
     assert flags(name, "disable") == flags(name, "enable", "disable", "disable") == (bit, 0)
     assert flags(name, "enable") == flags(name, "disable", "enable") == (0, 0)
 
 
-@pytest.mark.parametrize("name", sorted(members(mujoco.mjtEnableBit)))
+@pytest.mark.parametrize("name", sorted(enum_members(mujoco.mjtEnableBit)))
 def test_enabling_a_flag_sets_its_enable_bit_and_disabling_clears_it(name: str) -> None:
     bit = int(getattr(mujoco.mjtEnableBit, f"mjENBL_{name.upper()}"))
     assert flags(name, "enable") == flags(name, "disable", "enable", "enable") == (0, bit)

@@ -11,7 +11,7 @@ from mjrun.camera.argument import script
 from mjrun.camera.motion import CameraMotion
 from mjrun.camera.pose import Pose
 from mjrun.errors import UsageError
-from mjrun.model.rendered_view import Picture
+from mjrun.model.rendered_view import RenderedView
 from mjrun.rendering import classic
 from mjrun.rendering.backend import Backend
 from mjrun.rendering.classic import ClassicRenderer, check_size
@@ -132,7 +132,7 @@ def test_a_size_beyond_the_renderer_s_is_refused(backend: Backend) -> None:
         check_size((side + 1, 64), backend, Visual(quality="high"))
 
 
-def seen(path: Path, backend: Backend, by: str = "object", camera: str = "side", **visual: object) -> Picture:
+def seen(path: Path, backend: Backend, by: str = "object", camera: str = "side", **visual: object) -> RenderedView:
     """Depth and ids of the model where it begins."""
     model, data = at(path, 0)
     look = Visual(**visual)  # type: ignore[arg-type]
@@ -141,16 +141,20 @@ def seen(path: Path, backend: Backend, by: str = "object", camera: str = "side",
         return renderer.picture(pose(camera, model, data), ["depth", "seg"])
 
 
-def rays(path: Path, picture: Picture) -> tuple[np.ndarray, np.ndarray]:
+def rays(path: Path, picture: RenderedView) -> tuple[np.ndarray, np.ndarray]:
     """What `mj_ray` hits from the camera through the centre of every pixel: geom ids and planar depths [m]."""
     model, data = at(path, 0)
     width, height = SIZE
-    eye, ahead = picture.lens.pose[:3, 3], picture.lens.pose[:3, 2]
+    eye, ahead = picture.calibration.pose[:3, 3], picture.calibration.pose[:3, 2]
     ids, depths, hit = np.full((height, width), -1), np.full((height, width), np.inf), np.zeros(1, np.int32)
     for v in range(height):
         for u in range(width):
-            local = [(u + 0.5 - picture.lens.cx) / picture.lens.fx, (v + 0.5 - picture.lens.cy) / picture.lens.fy, 1]
-            ray = picture.lens.pose[:3, :3] @ local
+            local = [
+                (u + 0.5 - picture.calibration.cx) / picture.calibration.fx,
+                (v + 0.5 - picture.calibration.cy) / picture.calibration.fy,
+                1,
+            ]
+            ray = picture.calibration.pose[:3, :3] @ local
             ray /= np.linalg.norm(ray)
             distance = mujoco.mj_ray(model, data, eye, ray, None, 1, -1, hit)
             if distance >= 0:

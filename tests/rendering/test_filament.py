@@ -17,7 +17,7 @@ from mjrun.camera.argument import script
 from mjrun.camera.motion import CameraMotion
 from mjrun.camera.pose import Pose
 from mjrun.errors import DrawError, UsageError
-from mjrun.model.rendered_view import Picture
+from mjrun.model.rendered_view import RenderedView
 from mjrun.model.state import save
 from mjrun.rendering import filament
 from mjrun.rendering.backend import Backend
@@ -94,7 +94,7 @@ class Draw:
 
     def __call__(
         self, model: mujoco.MjModel, views: tuple[str, ...] = ("rgb",), camera: str = "side", steps: int = 5, **visual
-    ) -> Picture:
+    ) -> RenderedView:
         with self.renderer(model, SIZE, self.backend, Visual(**visual), Segmentation(model)) as renderer:
             state = save(model, after(model, steps))
             renderer.look(state)
@@ -111,26 +111,26 @@ def classic(backend: Backend) -> Draw:
     return Draw(ClassicRenderer, backend)
 
 
-def colors(picture: Picture) -> np.ndarray:
+def colors(picture: RenderedView) -> np.ndarray:
     assert picture.rgb is not None
     return picture.rgb.astype(int)
 
 
-def exact(picture: Picture) -> tuple[np.ndarray, np.ndarray]:
+def exact(picture: RenderedView) -> tuple[np.ndarray, np.ndarray]:
     assert picture.depth is not None
     assert picture.ids is not None
     return picture.depth, picture.ids
 
 
-def seen_as(picture: Picture, name: str) -> np.ndarray:
+def seen_as(picture: RenderedView, name: str) -> np.ndarray:
     """Where the thing called `name` is in a picture's ids."""
     assert picture.ids is not None
     return picture.ids == [thing.name for thing in picture.legend].index(name)
 
 
-def rays(model: mujoco.MjModel, data: mujoco.MjData, picture: Picture) -> Iterator[tuple[int, int, float, int]]:
+def rays(model: mujoco.MjModel, data: mujoco.MjData, picture: RenderedView) -> Iterator[tuple[int, int, float, int]]:
     """Column, row, planar depth [m] and geom of some pixels, by mj_ray; sites and tendons do not stop it."""
-    lens, met = picture.lens, np.zeros(1, np.int32)
+    lens, met = picture.calibration, np.zeros(1, np.int32)
     corner, ahead = lens.pose[:3, 3], lens.pose[:3, 2]
     for y, x in product(range(0, SIZE[1], 5), range(0, SIZE[0], 5)):
         (point,) = lens.unproject(np.ones(SIZE[::-1]))[y, x][None]
@@ -244,7 +244,7 @@ def test_contacts_are_drawn_where_they_are_in_colours_only(room: mujoco.MjModel,
     changed = np.abs(colors(plain) - colors(shown)).max(axis=2) > 40
     rows, columns = np.nonzero(changed)
     assert len(rows) > 3
-    places = plain.lens.project(contacts)[:, :2]
+    places = plain.calibration.project(contacts)[:, :2]
     distances = np.linalg.norm(np.stack([columns, rows], axis=1)[:, None] + 0.5 - places, axis=2)
     assert (distances.min(axis=1) < 8).all()
     assert all(map(np.array_equal, exact(plain), exact(shown)))
@@ -277,7 +277,7 @@ def test_decors_are_in_colours_only_meshes_too(room: mujoco.MjModel, vulkan: Bac
     assert all(map(np.array_equal, exact(plain), exact(shown)))
     for name in ("box", "cube", "geom:6"):
         centre = after(room, 5).geom_xpos[room.ngeom - 1 if ":" in name else room.geom(name).id] + offset
-        u, v, _ = plain.lens.project(centre[None])[0]
+        u, v, _ = plain.calibration.project(centre[None])[0]
         assert np.abs(colors(plain) - colors(shown))[int(v), int(u)].max() > 10
 
 

@@ -4,7 +4,17 @@ from dataclasses import dataclass
 
 import mujoco
 
-from mjrun.model.description.plain_values import BODY, JOINT, SITE, TENDON, Pair, called, limits, spelled, trimmed
+from mjrun.model.description.plain_values import (
+    BODY,
+    JOINT,
+    SITE,
+    TENDON,
+    Pair,
+    enum_name,
+    limited_range,
+    object_name,
+    without_trailing_zeros,
+)
 from mjrun.model.description.units import actuator_force_unit, actuator_unit
 
 ACTUATOR = mujoco.mjtObj.mjOBJ_ACTUATOR
@@ -81,46 +91,47 @@ def actuators(model: mujoco.MjModel) -> tuple[Actuator, ...]:
 
 
 def _actuator(model: mujoco.MjModel, i: int) -> Actuator:
-    transmission, kind = spelled(mujoco.mjtTrn, model.actuator_trntype[i]), _target_kind(model, i)
+    transmission, kind = enum_name(mujoco.mjtTrn, model.actuator_trntype[i]), _target_kind(model, i)
     unit, first, controls = actuator_unit(model, i), int(model.actuator_ctrladr[i]), int(model.actuator_ctrlnum[i])
     forces = range(model.actuator_outadr[i], model.actuator_outadr[i] + model.actuator_outnum[i])
     target, reference = model.actuator_trnid[i]
     return Actuator(
         id=i,
-        name=called(model, ACTUATOR, i) or "",
+        name=object_name(model, ACTUATOR, i) or "",
         kind=_kind(model, i),
         transmission=transmission,
-        target_kind=spelled(mujoco.mjtObj, kind),
-        target=called(model, kind, target),
-        reference=called(model, SITE, reference),
-        gear=tuple(trimmed(model.actuator_gear[k]) for k in forces),
+        target_kind=enum_name(mujoco.mjtObj, kind),
+        target=object_name(model, kind, target),
+        reference=object_name(model, SITE, reference),
+        gear=tuple(without_trailing_zeros(model.actuator_gear[k]) for k in forces),
         unit=unit,
         force_unit=actuator_force_unit(model, i),
-        dynamics=spelled(mujoco.mjtDyn, model.actuator_dyntype[i]),
-        dynamics_parameters=trimmed(model.actuator_dynprm[i]),
-        gain=spelled(mujoco.mjtGain, model.actuator_gaintype[i]),
-        gain_parameters=trimmed(model.actuator_gainprm[i]),
-        bias=spelled(mujoco.mjtBias, model.actuator_biastype[i]),
-        bias_parameters=trimmed(model.actuator_biasprm[i]),
+        dynamics=enum_name(mujoco.mjtDyn, model.actuator_dyntype[i]),
+        dynamics_parameters=without_trailing_zeros(model.actuator_dynprm[i]),
+        gain=enum_name(mujoco.mjtGain, model.actuator_gaintype[i]),
+        gain_parameters=without_trailing_zeros(model.actuator_gainprm[i]),
+        bias=enum_name(mujoco.mjtBias, model.actuator_biastype[i]),
+        bias_parameters=without_trailing_zeros(model.actuator_biasprm[i]),
         ctrl=first,
         ctrl_size=controls,
         ctrl_range=tuple(
-            limits(model.actuator_ctrllimited[k], model.actuator_ctrlrange[k]) for k in range(first, first + controls)
+            limited_range(model.actuator_ctrllimited[k], model.actuator_ctrlrange[k])
+            for k in range(first, first + controls)
         ),
         act=int(model.actuator_actadr[i]) if model.actuator_actnum[i] else None,
         act_size=int(model.actuator_actnum[i]),
-        act_range=limits(model.actuator_actlimited[i], model.actuator_actrange[i]),
-        force_range=limits(model.actuator_forcelimited[i], model.actuator_forcerange[i]),
+        act_range=limited_range(model.actuator_actlimited[i], model.actuator_actrange[i]),
+        force_range=limited_range(model.actuator_forcelimited[i], model.actuator_forcerange[i]),
         delay=float(model.actuator_delay[i]),
         damping=float(model.actuator_damping[i]),
         armature=float(model.actuator_armature[i]),
         group=int(model.actuator_group[i]),
-        plugin=called(model, mujoco.mjtObj.mjOBJ_PLUGIN, model.actuator_plugin[i]),
+        plugin=object_name(model, mujoco.mjtObj.mjOBJ_PLUGIN, model.actuator_plugin[i]),
     )
 
 
 def _target_kind(model: mujoco.MjModel, i: int) -> mujoco.mjtObj:
-    transmission = spelled(mujoco.mjtTrn, model.actuator_trntype[i])
+    transmission = enum_name(mujoco.mjtTrn, model.actuator_trntype[i])
     if transmission == "so3":  # a ball joint, or a site relative to another
         return JOINT if model.actuator_trnid[i, 1] < 0 else SITE
     return TARGETS.get(transmission, mujoco.mjtObj.mjOBJ_UNKNOWN)
@@ -130,12 +141,12 @@ def _kind(model: mujoco.MjModel, i: int) -> str:
     """The element that sets what this actuator has, as MuJoCo's manual lists for each of them:
     https://mujoco.readthedocs.io/en/latest/XMLreference.html#actuator
     """
-    dynamics = spelled(mujoco.mjtDyn, model.actuator_dyntype[i])
+    dynamics = enum_name(mujoco.mjtDyn, model.actuator_dyntype[i])
     gain, bias = (
-        spelled(mujoco.mjtGain, model.actuator_gaintype[i]),
-        spelled(mujoco.mjtBias, model.actuator_biastype[i]),
+        enum_name(mujoco.mjtGain, model.actuator_gaintype[i]),
+        enum_name(mujoco.mjtBias, model.actuator_biastype[i]),
     )
-    gains, biases = trimmed(model.actuator_gainprm[i]), trimmed(model.actuator_biasprm[i])
+    gains, biases = without_trailing_zeros(model.actuator_gainprm[i]), without_trailing_zeros(model.actuator_biasprm[i])
     if model.actuator_plugin[i] >= 0:
         return "plugin"
     if gain in BY_GAIN:
@@ -145,7 +156,7 @@ def _kind(model: mujoco.MjModel, i: int) -> str:
     if gain == "fixed" and bias == "affine":
         return _servo(dynamics, gains, biases)
     if (gain, bias, dynamics) == ("fixed", "none", "none"):
-        if spelled(mujoco.mjtTrn, model.actuator_trntype[i]) == "body":
+        if enum_name(mujoco.mjtTrn, model.actuator_trntype[i]) == "body":
             return "adhesion"
         return "motor" if gains == (1,) else "general"
     return "general"

@@ -7,7 +7,7 @@ ARCHIVES = (".mjz", ".zip")
 MOST = 1 << 26  # bytes of a source file that are read; MJCF holds no more by hand
 
 
-def size(path: str) -> int | None:
+def file_size(path: str) -> int | None:
     """Bytes of a file; None where there is none."""
     archive = _archive(path)
     try:
@@ -19,9 +19,9 @@ def size(path: str) -> int | None:
         return None
 
 
-def content(path: str) -> bytes | None:
+def file_content(path: str) -> bytes | None:
     """What is in a file; None where there is none, or too much."""
-    if (size(path) or MOST + 1) > MOST:
+    if (file_size(path) or MOST + 1) > MOST:
         return None
     archive = _archive(path)
     try:
@@ -33,7 +33,7 @@ def content(path: str) -> bytes | None:
         return None
 
 
-def main_source(path: Path) -> str | None:
+def main_mjcf(path: Path) -> str | None:
     """The MJCF that MuJoCo reads first: `path` itself, or the one in an archive; None of a compiled model."""
     if path.suffix not in ARCHIVES:
         return str(path) if path.suffix == ".xml" else None

@@ -8,8 +8,8 @@ import mujoco
 import numpy as np
 
 from mjrun.model.description import archive_files
-from mjrun.model.description.plain_values import called
-from mjrun.model.description.referenced_files import Named, named
+from mjrun.model.description.plain_values import object_name
+from mjrun.model.description.referenced_files import ReferencedFile, referenced_files
 
 KINDS = {"include": "include", "model": "attached model", "texture": "texture", "flexcomp": "flexcomp"}
 
@@ -46,19 +46,19 @@ def assets(model: mujoco.MjModel, path: Path | None) -> tuple[Asset, ...]:
     return (*own, *sources, *_meshes(model), *_textures(model, faces), *_hfields(model), *_skins(model))
 
 
-def _named(path: Path | None) -> list[Named]:
-    main = None if path is None else archive_files.main_source(path)
-    return [] if main is None else named(main)
+def _named(path: Path | None) -> list[ReferencedFile]:
+    main = None if path is None else archive_files.main_mjcf(path)
+    return [] if main is None else referenced_files(main)
 
 
 def _file(kind: str, name: str | None, path: str | None, content: dict[str, int] | None = None) -> Asset:
-    return Asset(kind, name, path, None if path is None else archive_files.size(path), content or {})
+    return Asset(kind, name, path, None if path is None else archive_files.file_size(path), content or {})
 
 
 def _meshes(model: mujoco.MjModel) -> Iterator[Asset]:
     for i in range(model.nmesh):
         content = {"vertices": int(model.mesh_vertnum[i]), "faces": int(model.mesh_facenum[i])}
-        name = called(model, mujoco.mjtObj.mjOBJ_MESH, i)
+        name = object_name(model, mujoco.mjtObj.mjOBJ_MESH, i)
         yield _file("mesh", name, _path(model, model.mesh_pathadr[i]), content)
 
 
@@ -66,7 +66,7 @@ def _textures(model: mujoco.MjModel, faces: dict[str, list[str]]) -> Iterator[As
     for i in range(model.ntex):
         width, height, channels = (int(size[i]) for size in (model.tex_width, model.tex_height, model.tex_nchannel))
         content = {"width": width, "height": height, "channels": channels}
-        name, path = called(model, mujoco.mjtObj.mjOBJ_TEXTURE, i), _path(model, model.tex_pathadr[i])
+        name, path = object_name(model, mujoco.mjtObj.mjOBJ_TEXTURE, i), _path(model, model.tex_pathadr[i])
         for file in [path] if path else faces.get(name or "") or [None]:
             yield _file("texture", name, file, content)
 
@@ -74,14 +74,14 @@ def _textures(model: mujoco.MjModel, faces: dict[str, list[str]]) -> Iterator[As
 def _hfields(model: mujoco.MjModel) -> Iterator[Asset]:
     for i in range(model.nhfield):
         content = {"rows": int(model.hfield_nrow[i]), "columns": int(model.hfield_ncol[i])}
-        name = called(model, mujoco.mjtObj.mjOBJ_HFIELD, i)
+        name = object_name(model, mujoco.mjtObj.mjOBJ_HFIELD, i)
         yield _file("hfield", name, _path(model, model.hfield_pathadr[i]), content)
 
 
 def _skins(model: mujoco.MjModel) -> Iterator[Asset]:
     for i in range(model.nskin):
         content = {"vertices": int(model.skin_vertnum[i]), "faces": int(model.skin_facenum[i])}
-        name = called(model, mujoco.mjtObj.mjOBJ_SKIN, i)
+        name = object_name(model, mujoco.mjtObj.mjOBJ_SKIN, i)
         yield _file("skin", name, _path(model, model.skin_pathadr[i]), content)
 
 

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import mujoco
 
-from mjrun.model.description.plain_values import CAMERA, body, called, floats, spelled
+from mjrun.model.description.plain_values import CAMERA, body_name, enum_name, floats, object_name
 
 
 @dataclass(frozen=True)
@@ -47,14 +47,14 @@ def cameras(model: mujoco.MjModel) -> tuple[Camera, ...]:
 
 
 def _camera(model: mujoco.MjModel, i: int) -> Camera:
-    projection, bits = spelled(mujoco.mjtProjection, model.cam_projection[i]), int(model.cam_output[i])
+    projection, bits = enum_name(mujoco.mjtProjection, model.cam_projection[i]), int(model.cam_output[i])
     flat, intrinsic = projection == "orthographic", bool(model.cam_sensorsize[i, 1])
     return Camera(
         id=i,
-        name=called(model, CAMERA, i) or "",
-        body=body(model, model.cam_bodyid[i]),
-        mode=spelled(mujoco.mjtCamLight, model.cam_mode[i]),
-        target=called(model, mujoco.mjtObj.mjOBJ_BODY, model.cam_targetbodyid[i]),
+        name=object_name(model, CAMERA, i) or "",
+        body=body_name(model, model.cam_bodyid[i]),
+        mode=enum_name(mujoco.mjtCamLight, model.cam_mode[i]),
+        target=object_name(model, mujoco.mjtObj.mjOBJ_BODY, model.cam_targetbodyid[i]),
         projection=projection,
         fovy=None if flat or intrinsic else float(model.cam_fovy[i]),
         height=float(model.cam_fovy[i]) if flat else None,
@@ -62,7 +62,7 @@ def _camera(model: mujoco.MjModel, i: int) -> Camera:
         focal_length=floats(model.cam_intrinsic[i, :2]) if intrinsic else None,
         principal_point=floats(model.cam_intrinsic[i, 2:]) if intrinsic else None,
         resolution=(int(model.cam_resolution[i, 0]), int(model.cam_resolution[i, 1])),
-        outputs=tuple(spelled(mujoco.mjtCamOutBit, 1 << k) for k in range(bits.bit_length()) if bits >> k & 1),
+        outputs=tuple(enum_name(mujoco.mjtCamOutBit, 1 << k) for k in range(bits.bit_length()) if bits >> k & 1),
         position=floats(model.cam_pos[i]),
     )
 
@@ -98,11 +98,11 @@ def lights(model: mujoco.MjModel) -> tuple[Light, ...]:
 def _light(model: mujoco.MjModel, i: int) -> Light:
     return Light(
         id=i,
-        name=called(model, mujoco.mjtObj.mjOBJ_LIGHT, i) or "",
-        body=body(model, model.light_bodyid[i]),
-        type=spelled(mujoco.mjtLightType, model.light_type[i]),
-        mode=spelled(mujoco.mjtCamLight, model.light_mode[i]),
-        target=called(model, mujoco.mjtObj.mjOBJ_BODY, model.light_targetbodyid[i]),
+        name=object_name(model, mujoco.mjtObj.mjOBJ_LIGHT, i) or "",
+        body=body_name(model, model.light_bodyid[i]),
+        type=enum_name(mujoco.mjtLightType, model.light_type[i]),
+        mode=enum_name(mujoco.mjtCamLight, model.light_mode[i]),
+        target=object_name(model, mujoco.mjtObj.mjOBJ_BODY, model.light_targetbodyid[i]),
         position=floats(model.light_pos[i]),
         active=bool(model.light_active[i]),
         shadow=bool(model.light_castshadow[i]),

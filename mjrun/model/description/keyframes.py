@@ -7,8 +7,8 @@ import mujoco
 import numpy as np
 
 from mjrun.model.description.actuators import ACTUATOR
-from mjrun.model.description.plain_values import JOINT, called
-from mjrun.model.joints import BALL
+from mjrun.model.description.plain_values import JOINT, object_name
+from mjrun.model.joint_components import BALL
 
 SLACK = 1e-9  # of a range, for what decimals of an angle cannot say
 
@@ -43,7 +43,7 @@ def _keyframe(model: mujoco.MjModel, i: int) -> Keyframe:
     )
     return Keyframe(
         id=i,
-        name=called(model, mujoco.mjtObj.mjOBJ_KEY, i) or "",
+        name=object_name(model, mujoco.mjtObj.mjOBJ_KEY, i) or "",
         time=float(model.key_time[i]),
         finite=bool(np.isfinite(model.key_time[i]) and all(np.isfinite(field[i]).all() for field in fields)),
         outside=(*_joints_outside(model, i), *_actuators_outside(model, i)),
@@ -55,18 +55,18 @@ def _joints_outside(model: mujoco.MjModel, key: int) -> Iterator[str]:
         qpos = model.key_qpos[key, model.jnt_qposadr[joint] :]
         value = _turned(qpos[:4]) if int(model.jnt_type[joint]) == BALL else qpos[0]
         if _beyond(value, model.jnt_range[joint]):
-            yield f"qpos/{called(model, JOINT, joint)}"
+            yield f"qpos/{object_name(model, JOINT, joint)}"
 
 
 def _actuators_outside(model: mujoco.MjModel, key: int) -> Iterator[str]:
     for i in range(model.nactuator):
         for k in _block(model.actuator_ctrladr[i], model.actuator_ctrlnum[i]):
             if model.actuator_ctrllimited[k] and _beyond(model.key_ctrl[key, k], model.actuator_ctrlrange[k]):
-                yield f"ctrl/{called(model, ACTUATOR, i)}"
+                yield f"ctrl/{object_name(model, ACTUATOR, i)}"
                 break
         for k in _block(model.actuator_actadr[i], model.actuator_actnum[i]):
             if model.actuator_actlimited[i] and _beyond(model.key_act[key, k], model.actuator_actrange[i]):
-                yield f"act/{called(model, ACTUATOR, i)}"
+                yield f"act/{object_name(model, ACTUATOR, i)}"
                 break
 
 

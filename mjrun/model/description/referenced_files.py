@@ -7,14 +7,14 @@ from dataclasses import dataclass
 from pathlib import Path
 from xml.parsers import expat
 
-from mjrun.model.description.archive_files import content, size
+from mjrun.model.description.archive_files import file_content, file_size
 
 NAMING = ("include", "model", "texture", "flexcomp")  # elements that name such files
 FACES = ("fileright", "fileleft", "fileup", "filedown", "filefront", "fileback")
 
 
 @dataclass(frozen=True)
-class Named:
+class ReferencedFile:
     """A file that a source names: `kind` is `include`, `model`, `texture` or `flexcomp`, `name` that of the element."""
 
     kind: str
@@ -30,12 +30,12 @@ class _Scan:
     folders: dict[str, str]
 
 
-def named(main: str) -> list[Named]:
+def referenced_files(main: str) -> list[ReferencedFile]:
     """Every file that the MJCF at `main`, and all that it includes or attaches, name; each once, if it is there.
 
     A file that cannot be read or is not XML names nothing.
     """
-    found: dict[str, Named] = {}
+    found: dict[str, ReferencedFile] = {}
     waiting, seen = [(main, main)], {main}
     while waiting:
         path, root = waiting.pop(0)
@@ -60,16 +60,16 @@ def _scanned(path: str) -> _Scan:
 
     parser.StartElementHandler = start
     with suppress(expat.ExpatError, ValueError):  # what was found up to there holds
-        parser.Parse(content(path) or b"", True)
+        parser.Parse(file_content(path) or b"", True)
     return scan
 
 
-def _things(scan: _Scan, path: str, root: str) -> Iterator[Named]:
+def _things(scan: _Scan, path: str, root: str) -> Iterator[ReferencedFile]:
     for tag, attributes in scan.elements:
         keys = FACES if tag == "texture" else ("file",)
         for key in keys:
             if place := _found(attributes.get(key, ""), path, root, scan.folders):
-                yield Named(tag, attributes.get("name", ""), place)
+                yield ReferencedFile(tag, attributes.get("name", ""), place)
 
 
 def _found(file: str, path: str, root: str, folders: dict[str, str]) -> str | None:
@@ -81,4 +81,4 @@ def _found(file: str, path: str, root: str, folders: dict[str, str]) -> str | No
     # A folder name counts only for the file name where MuJoCo strips paths; both are tried.
     places += [os.path.join(base, folder, Path(file).name) for folder in folders.values() for base in bases]  # noqa: PTH118
     tidy = (os.path.normpath(place) for place in places)
-    return next((place for place in tidy if size(place) is not None), None)
+    return next((place for place in tidy if file_size(place) is not None), None)

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import mujoco
 
-from mjrun.model.description.plain_values import called, spelled
+from mjrun.model.description.plain_values import enum_name, object_name
 from mjrun.model.description.units import sensor_unit
 
 
@@ -57,8 +57,8 @@ def _sensor(model: mujoco.MjModel, i: int) -> Sensor:
     reference_kind, reference = _object(model, model.sensor_reftype[i], model.sensor_refid[i])
     return Sensor(
         id=i,
-        name=called(model, mujoco.mjtObj.mjOBJ_SENSOR, i) or "",
-        type=spelled(mujoco.mjtSensor, model.sensor_type[i]),
+        name=object_name(model, mujoco.mjtObj.mjOBJ_SENSOR, i) or "",
+        type=enum_name(mujoco.mjtSensor, model.sensor_type[i]),
         object_kind=object_kind,
         object=name,
         reference_kind=reference_kind,
@@ -66,17 +66,17 @@ def _sensor(model: mujoco.MjModel, i: int) -> Sensor:
         dim=int(model.sensor_dim[i]),
         address=int(model.sensor_adr[i]),
         unit=sensor_unit(model, i),
-        data_type=spelled(mujoco.mjtDataType, model.sensor_datatype[i]),
-        needs=spelled(mujoco.mjtStage, model.sensor_needstage[i]),
+        data_type=enum_name(mujoco.mjtDataType, model.sensor_datatype[i]),
+        needs=enum_name(mujoco.mjtStage, model.sensor_needstage[i]),
         cutoff=float(model.sensor_cutoff[i]) or None,
         noise=float(model.sensor_noise[i]),
         delay=float(model.sensor_delay[i]),
         period=float(model.sensor_interval[i, 0]),
-        plugin=called(model, mujoco.mjtObj.mjOBJ_PLUGIN, model.sensor_plugin[i]),
+        plugin=object_name(model, mujoco.mjtObj.mjOBJ_PLUGIN, model.sensor_plugin[i]),
     )
 
 
 def _object(model: mujoco.MjModel, kind: int, index: int) -> tuple[str | None, str | None]:
     if index < 0 or int(kind) == int(mujoco.mjtObj.mjOBJ_UNKNOWN):
         return None, None
-    return spelled(mujoco.mjtObj, kind), called(model, kind, index)
+    return enum_name(mujoco.mjtObj, kind), object_name(model, kind, index)

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import mujoco
 
-from mjrun.model.description.plain_values import floats, spelled
+from mjrun.model.description.plain_values import enum_name, floats
 
 SIZES = (
     *("nq", "nv", "na", "nu", "nsensordata", "nuserdata", "nmocap", "npluginstate", "nhistory", "nplastic"),
@@ -17,7 +17,7 @@ SIZES = (
 
 
 @dataclass(frozen=True)
-class Memory:
+class MemorySize:
     """What the model takes in memory [bytes]: `model`, `data` without its arena, and the `arena`, which holds
     contacts, constraints and what is computed on the way.
     """
@@ -28,7 +28,7 @@ class Memory:
 
 
 @dataclass(frozen=True)
-class Summary:
+class ModelSummary:
     """The whole of a model in a few numbers.
 
     Attributes:
@@ -59,17 +59,17 @@ class Summary:
     solver: str
     cone: str
     jacobian: str
-    memory: Memory
+    memory: MemorySize
     sizes: dict[str, int]
 
 
-def summary(model: mujoco.MjModel, path: Path | None) -> Summary:
+def summary(model: mujoco.MjModel, path: Path | None) -> ModelSummary:
     """The whole of a model in a few numbers."""
     data = mujoco.MjData(model)
     mujoco.mj_kinematics(model, data)
     mujoco.mj_comPos(model, data)
     mass = float(mujoco.mj_getTotalmass(model))
-    return Summary(
+    return ModelSummary(
         name=model.names[: model.names.index(b"\0")].decode("utf-8", "replace"),
         file=None if path is None else str(path),
         mujoco=mujoco.mj_versionString(),
@@ -79,10 +79,10 @@ def summary(model: mujoco.MjModel, path: Path | None) -> Summary:
         center=floats(model.stat.center),
         timestep=float(model.opt.timestep),
         gravity=floats(model.opt.gravity),
-        integrator=spelled(mujoco.mjtIntegrator, model.opt.integrator),
-        solver=spelled(mujoco.mjtSolver, model.opt.solver),
-        cone=spelled(mujoco.mjtCone, model.opt.cone),
+        integrator=enum_name(mujoco.mjtIntegrator, model.opt.integrator),
+        solver=enum_name(mujoco.mjtSolver, model.opt.solver),
+        cone=enum_name(mujoco.mjtCone, model.opt.cone),
         jacobian="sparse" if mujoco.mj_isSparse(model) else "dense",
-        memory=Memory(int(model.nbuffer), int(data.nbuffer), int(data.narena)),
+        memory=MemorySize(int(model.nbuffer), int(data.nbuffer), int(data.narena)),
         sizes={name: int(getattr(model, name)) for name in SIZES},
     )

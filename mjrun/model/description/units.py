@@ -6,7 +6,7 @@ https://mujoco.readthedocs.io/en/latest/XMLunits.html
 
 import mujoco
 
-from mjrun.model.description.plain_values import spelled
+from mjrun.model.description.plain_values import enum_name
 
 FREE, BALL = mujoco.mjtJoint.mjJNT_FREE, mujoco.mjtJoint.mjJNT_BALL
 SLIDE, HINGE = mujoco.mjtJoint.mjJNT_SLIDE, mujoco.mjtJoint.mjJNT_HINGE
@@ -48,7 +48,7 @@ def tendon_unit(model: mujoco.MjModel, tendon: int) -> str:
 
 def actuator_unit(model: mujoco.MjModel, actuator: int) -> str:
     """The unit of an actuator's length, before its gear; empty where it has none or several."""
-    transmission, target = spelled(mujoco.mjtTrn, model.actuator_trntype[actuator]), model.actuator_trnid[actuator, 0]
+    transmission, target = enum_name(mujoco.mjtTrn, model.actuator_trntype[actuator]), model.actuator_trnid[actuator, 0]
     if transmission in ("joint", "jointinparent"):
         return joint_unit(model, target)
     if transmission == "tendon":
@@ -82,7 +82,7 @@ def rate_unit(unit: str) -> str:
 
 def sensor_unit(model: mujoco.MjModel, sensor: int) -> str:
     """The unit of a sensor's values; empty for pure numbers, and where a sensor reports several things."""
-    kind = spelled(mujoco.mjtSensor, model.sensor_type[sensor])
+    kind = enum_name(mujoco.mjtSensor, model.sensor_type[sensor])
     if kind in CHOSEN:
         return _chosen(kind, int(model.sensor_intprm[sensor, 0]))
     if kind in (*POSITION, *VELOCITY, *FORCE):
@@ -101,6 +101,6 @@ def _followed(model: mujoco.MjModel, kind: int, index: int) -> str:
 
 
 def _chosen(kind: str, bits: int) -> str:
-    fields = [spelled(FIELDS[kind], bit) for bit in range(bits.bit_length()) if bits >> bit & 1]
+    fields = [enum_name(FIELDS[kind], bit) for bit in range(bits.bit_length()) if bits >> bit & 1]
     units = {CHOSEN[kind].get(field, "") for field in fields}
     return units.pop() if len(units) == 1 else ""

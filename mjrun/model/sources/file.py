@@ -11,7 +11,7 @@ import mujoco
 from mjrun.errors import CompiledModelError, ModelNotFoundError, clean
 from mjrun.model.compilation import FAULTS, broken_model, check_model, compile_model
 from mjrun.model.description import archive_files
-from mjrun.model.description.referenced_files import named
+from mjrun.model.description.referenced_files import referenced_files
 from mjrun.model.mujoco_globals import without_log
 from mjrun.model.source import Source
 
@@ -40,8 +40,8 @@ class FileSource(Source):
 
     @property
     def files(self) -> tuple[Path, ...]:
-        main = archive_files.main_source(self.path)
-        named_files = [Path(file.path) for file in named(main)] if main and main == str(self.path) else []
+        main = archive_files.main_mjcf(self.path)
+        named_files = [Path(file.path) for file in referenced_files(main)] if main and main == str(self.path) else []
         return tuple(dict.fromkeys([self.path, *named_files]))
 
     def load(self) -> mujoco.MjModel:

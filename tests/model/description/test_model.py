@@ -16,7 +16,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mjrun.model.description.model import SECTIONS, Description
+from mjrun.model.description.model_description import SECTIONS, ModelDescription
 from mjrun.model.mujoco_globals import collected_warnings
 from mjrun.model.override import Setting, apply
 
@@ -44,24 +44,24 @@ MIXED = """<mujoco model="mixed"><compiler angle="radian"/>
 </mujoco>"""
 
 
-def described(text: str, assets: dict[str, bytes] | None = None) -> Description:
-    return Description(mujoco.MjModel.from_xml_string(text, assets or {}))
+def described(text: str, assets: dict[str, bytes] | None = None) -> ModelDescription:
+    return ModelDescription(mujoco.MjModel.from_xml_string(text, assets or {}))
 
 
 @pytest.fixture(scope="module")
-def mixed() -> Description:
+def mixed() -> ModelDescription:
     return described(MIXED.replace('ctrl="5"', 'ctrl="5 0 0 0 0 0 0"'))
 
 
 @pytest.fixture(params=SCENES, ids=lambda path: path.stem)
-def scene(request: pytest.FixtureRequest) -> Description:
-    return Description(mujoco.MjModel.from_xml_path(str(request.param)), request.param)
+def scene(request: pytest.FixtureRequest) -> ModelDescription:
+    return ModelDescription(mujoco.MjModel.from_xml_path(str(request.param)), request.param)
 
 
 # --- the whole ---------------------------------------------------------------------------------------
 
 
-def test_the_summary_is_what_mujoco_says(scene: Description) -> None:
+def test_the_summary_is_what_mujoco_says(scene: ModelDescription) -> None:
     model, found = scene.model, scene.summary
     data = mujoco.MjData(model)
     mujoco.mj_forward(model, data)
@@ -92,7 +92,7 @@ def leaves(value: Any) -> Iterator[Any]:
         yield value
 
 
-def test_every_value_is_plain(scene: Description, mixed: Description) -> None:
+def test_every_value_is_plain(scene: ModelDescription, mixed: ModelDescription) -> None:
     for description in (scene, mixed):
         for name in SECTIONS:
             assert {type(leaf) for leaf in leaves(getattr(description, name))} <= {str, int, float, bool, type(None)}
@@ -104,7 +104,7 @@ def tiles(blocks: list[tuple[int | None, int]], total: int) -> bool:
     return taken == [*range(total)]
 
 
-def test_addresses_tile_every_vector(scene: Description, mixed: Description) -> None:
+def test_addresses_tile_every_vector(scene: ModelDescription, mixed: ModelDescription) -> None:
     for found in (scene, mixed):
         model = found.model
         assert tiles([(joint.qpos, joint.qpos_size) for joint in found.joints], model.nq)
@@ -117,7 +117,7 @@ def test_addresses_tile_every_vector(scene: Description, mixed: Description) -> 
 # --- bodies and what is fixed to them -----------------------------------------------------------------
 
 
-def test_the_tree_of_bodies_is_that_of_the_source(scene: Description) -> None:
+def test_the_tree_of_bodies_is_that_of_the_source(scene: ModelDescription) -> None:
     def nested(element: ET.Element, depth: int) -> Iterator[tuple[str | None, int]]:
         for child in element.findall("body"):
             yield child.get("name"), depth
@@ -133,7 +133,7 @@ def test_the_tree_of_bodies_is_that_of_the_source(scene: Description) -> None:
     ]
 
 
-def test_bodies_hold_every_joint_geom_and_site_once_and_masses_add_up(scene: Description) -> None:
+def test_bodies_hold_every_joint_geom_and_site_once_and_masses_add_up(scene: ModelDescription) -> None:
     for what in ("joints", "geoms", "sites"):
         held = [name for body in scene.bodies for name in getattr(body, what)]
         assert sorted(held) == sorted(thing.name for thing in getattr(scene, what))
@@ -145,7 +145,7 @@ def test_bodies_hold_every_joint_geom_and_site_once_and_masses_add_up(scene: Des
         assert all(child.depth == body.depth + 1 for child in children)
 
 
-def test_joints_say_what_the_source_says(mixed: Description) -> None:
+def test_joints_say_what_the_source_says(mixed: ModelDescription) -> None:
     ball, slide, hinge, free = mixed.joints
     assert [joint.name for joint in mixed.joints] == ["ball", "slide", "hinge", "joint:3"]
     assert [joint.type for joint in mixed.joints] == ["ball", "slide", "hinge", "free"]
@@ -158,7 +158,7 @@ def test_joints_say_what_the_source_says(mixed: Description) -> None:
     assert (ball.qpos0, free.qpos0) == ((1, 0, 0, 0), (2, 0, 0, 1, 0, 0, 0))
 
 
-def test_a_geom_has_as_many_sizes_as_its_type(mixed: Description) -> None:
+def test_a_geom_has_as_many_sizes_as_its_type(mixed: ModelDescription) -> None:
     sizes = [(geom.type, len(geom.size)) for geom in mixed.geoms]
     assert sizes == [("plane", 3), ("sphere", 1), ("capsule", 2), ("sphere", 1), ("box", 3)]
     assert mixed.bodies[2].geom_types == ("capsule",)
@@ -168,7 +168,7 @@ def test_a_geom_has_as_many_sizes_as_its_type(mixed: Description) -> None:
 # --- tendons, equalities, contacts --------------------------------------------------------------------
 
 
-def test_a_tendon_passes_what_the_source_lists(mixed: Description) -> None:
+def test_a_tendon_passes_what_the_source_lists(mixed: ModelDescription) -> None:
     total, both, rope = mixed.tendons
     assert [tuple(vars(point).values()) for point in total.path] == [("joint", "hinge", 2)]
     assert [tuple(vars(point).values()) for point in both.path] == [("joint", "hinge", 1), ("joint", "slide", -0.5)]
@@ -181,7 +181,7 @@ def test_a_tendon_passes_what_the_source_lists(mixed: Description) -> None:
     assert rope.stiffness == 5
 
 
-def test_equalities_pairs_and_excludes_name_what_they_bind(mixed: Description) -> None:
+def test_equalities_pairs_and_excludes_name_what_they_bind(mixed: ModelDescription) -> None:
     bound = [(e.type, e.object_kind, e.object1, e.object2, e.active) for e in mixed.equalities]
     assert bound == [
         ("connect", "body", "car", "world", True),
@@ -228,7 +228,7 @@ def test_an_actuator_is_of_the_kind_that_it_was_written_as(element: str) -> None
     )
 
 
-def test_actuators_say_what_the_source_says(mixed: Description) -> None:
+def test_actuators_say_what_the_source_says(mixed: ModelDescription) -> None:
     motor, muscle, servo, integrator, jet = mixed.actuators
     assert [actuator.name for actuator in mixed.actuators] == ["m", "actuator:1", "o", "actuator:3", "actuator:4"]
     assert (motor.gear, motor.force_range, motor.ctrl_range, motor.gain_parameters) == (
@@ -309,7 +309,7 @@ def test_a_camera_has_an_angle_a_height_or_a_sensor() -> None:
 # --- keyframes -----------------------------------------------------------------------------------------
 
 
-def test_keyframes_name_what_is_outside_its_range(mixed: Description) -> None:
+def test_keyframes_name_what_is_outside_its_range(mixed: ModelDescription) -> None:
     fine, far = mixed.keyframes
     assert (fine.name, fine.time, fine.finite, fine.outside) == ("fine", 0, True, ())
     assert (far.name, far.time, far.finite) == ("far", 2, True)
@@ -328,14 +328,14 @@ def test_a_ball_is_outside_where_mujoco_limits_it(angle: float, axis: tuple[floa
     mujoco.mj_forward(BALL, data)
     distance = 1 - abs(math.remainder(angle, 2 * math.pi))
     if abs(distance) > 1e-6:
-        assert bool(Description(BALL).keyframes[0].outside) == bool(data.nefc) == (distance < 0)
+        assert bool(ModelDescription(BALL).keyframes[0].outside) == bool(data.nefc) == (distance < 0)
 
 
 @pytest.mark.parametrize("field", ["key_qpos", "key_qvel", "key_ctrl", "key_act", "key_mpos"])
 def test_a_number_that_is_not_finite_is_found_in_any_part_of_a_keyframe(field: str) -> None:
     model = mujoco.MjModel.from_xml_string(MIXED.replace('ctrl="5"', ""))
     getattr(model, field)[1, 0] = math.nan
-    assert [key.finite for key in Description(model).keyframes] == [True, False]
+    assert [key.finite for key in ModelDescription(model).keyframes] == [True, False]
 
 
 # --- settings ------------------------------------------------------------------------------------------
@@ -357,7 +357,7 @@ def state(model: mujoco.MjModel) -> dict[str, Any]:
     }
 
 
-def test_the_settings_told_are_all_that_makes_the_model_differ(scene: Description) -> None:
+def test_the_settings_told_are_all_that_makes_the_model_differ(scene: ModelDescription) -> None:
     spec = mujoco.MjSpec()
     for setting in (*scene.options, *scene.visual):
         apply(spec, Setting(setting.path, as_text(setting.value)))
@@ -433,7 +433,7 @@ EXPECTED = {
 
 def test_every_file_of_a_model_is_found_with_its_size_on_disk(project: Path) -> None:
     path = project / "main.xml"
-    found = Description(mujoco.MjModel.from_xml_path(str(path)), path).assets
+    found = ModelDescription(mujoco.MjModel.from_xml_path(str(path)), path).assets
     files = [asset for asset in found if asset.path]
     assert {(asset.kind, os.path.relpath(asset.path or "", project)) for asset in files} == EXPECTED
     assert all(asset.bytes == Path(asset.path or "").stat().st_size for asset in files)
@@ -449,7 +449,7 @@ def test_files_are_found_from_another_working_directory_and_from_the_models_own(
     for folder in (project, project.parent):
         monkeypatch.chdir(folder)
         path = (project / "main.xml").relative_to(folder)
-        found = Description(mujoco.MjModel.from_xml_path(str(path)), path).assets
+        found = ModelDescription(mujoco.MjModel.from_xml_path(str(path)), path).assets
         assert {
             (asset.kind, os.path.relpath(asset.path, project.relative_to(folder))) for asset in found if asset.path
         } == EXPECTED
@@ -464,7 +464,7 @@ def test_files_in_an_archive_are_found_with_their_sizes(tmp_path: Path) -> None:
         archive.writestr("robot.xml", text)
         archive.writestr("more.xml", more)
         archive.write(tmp_path / "red.png", "red.png")
-    found = Description(mujoco.MjSpec.from_file(str(path)).compile(), path).assets
+    found = ModelDescription(mujoco.MjSpec.from_file(str(path)).compile(), path).assets
     assert [(asset.kind, asset.path and os.path.relpath(asset.path, path), asset.bytes) for asset in found] == [
         ("model", ".", path.stat().st_size),
         ("include", "more.xml", len(more)),
@@ -476,7 +476,7 @@ def test_a_compiled_model_remembers_its_files_and_says_when_they_are_gone(projec
     path = project / "main.mjb"
     mujoco.mj_saveModel(mujoco.MjModel.from_xml_path(str(project / "main.xml")), str(path))
     shutil.rmtree(project / "shapes")
-    found = {asset.kind: asset for asset in Description(mujoco.MjModel.from_binary_path(str(path)), path).assets}
+    found = {asset.kind: asset for asset in ModelDescription(mujoco.MjModel.from_binary_path(str(path)), path).assets}
     assert (found["model"].path, found["model"].bytes) == (str(path), path.stat().st_size)
     assert (found["mesh"].path, found["mesh"].bytes) == (str(project / "shapes/tetra.obj"), None)
 
@@ -485,8 +485,8 @@ def test_a_source_that_is_not_xml_or_gone_names_nothing(tmp_path: Path) -> None:
     model = mujoco.MjModel.from_xml_string("<mujoco/>")
     broken = tmp_path / "broken.xml"
     broken.write_text('<mujoco><include file="broken.xml"/><asset></mujoco>')
-    assert [asset.kind for asset in Description(model, broken).assets] == ["model", "include"]
-    (asset,) = Description(model, tmp_path / "gone.xml").assets
+    assert [asset.kind for asset in ModelDescription(model, broken).assets] == ["model", "include"]
+    (asset,) = ModelDescription(model, tmp_path / "gone.xml").assets
     assert (asset.kind, asset.bytes) == ("model", None)
 
 
@@ -499,7 +499,7 @@ def test_plugins_are_told_by_name_with_what_the_source_sets(shared_models: Path)
         instance.get("name"): {config.get("key"): config.get("value") for config in instance.findall("config")}
         for instance in ET.parse(path).getroot().iter("instance")
     }
-    found = Description(mujoco.MjModel.from_xml_path(str(path))).plugins
+    found = ModelDescription(mujoco.MjModel.from_xml_path(str(path))).plugins
     assert {plugin.name: plugin.settings for plugin in found} == written
     assert {plugin.plugin for plugin in found} == {"mujoco.pid"}
     assert [plugin.users for plugin in found] == [(f"actuator/actuator:{i}",) for i in range(4)]
@@ -507,7 +507,7 @@ def test_plugins_are_told_by_name_with_what_the_source_sets(shared_models: Path)
 
 def test_a_flex_is_counted_and_its_equality_names_it(shared_models: Path) -> None:
     model = mujoco.MjModel.from_xml_path(str(shared_models / "flex/pancake.xml"))
-    found = Description(model)
+    found = ModelDescription(model)
     (flex,) = found.flexes
     assert (flex.name, flex.elements_are, flex.edge_equality) == ("plate", "triangles", "edges")
     assert (flex.vertices, flex.elements, flex.edges) == (model.nflexvert, model.nflexelem, model.nflexedge)
@@ -523,7 +523,7 @@ def test_every_real_model_is_described_whole(shared_models: Path) -> None:
             except ValueError:
                 assert "malformed" in path.parts
                 continue
-            found = Description(model, path)
+            found = ModelDescription(model, path)
             assert all(getattr(found, name) is not None for name in SECTIONS)
         assert found.summary.mass == mujoco.mj_getTotalmass(model)
         assert all(asset.bytes for asset in found.assets if asset.path)

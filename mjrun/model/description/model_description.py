@@ -8,8 +8,14 @@ import mujoco
 
 from mjrun.model.description.actuators import Actuator, actuators
 from mjrun.model.description.assets import Asset, assets
+from mjrun.model.description.bodies import Body, Geom, Joint, Site, bodies, geoms, joints, sites
 from mjrun.model.description.cameras_lights import Camera, Light, cameras, lights
-from mjrun.model.description.constraints import (
+from mjrun.model.description.flexes_plugins import Flex, Plugin, flexes, plugins
+from mjrun.model.description.keyframes import Keyframe, keyframes
+from mjrun.model.description.non_default_settings import NonDefaultSetting, Statistics, options, statistics, visual
+from mjrun.model.description.sensors import Sensor, sensors
+from mjrun.model.description.summary import ModelSummary, summary
+from mjrun.model.description.tendons_constraints import (
     ContactPair,
     Equality,
     Exclude,
@@ -19,12 +25,6 @@ from mjrun.model.description.constraints import (
     pairs,
     tendons,
 )
-from mjrun.model.description.flexes import Flex, Plugin, flexes, plugins
-from mjrun.model.description.keyframes import Keyframe, keyframes
-from mjrun.model.description.kinematics import Body, Geom, Joint, Site, bodies, geoms, joints, sites
-from mjrun.model.description.sensors import Sensor, sensors
-from mjrun.model.description.settings import Setting, Statistics, options, statistics, visual
-from mjrun.model.description.summary import Summary, summary
 
 SECTIONS = (
     *("summary", "bodies", "joints", "geoms", "sites", "actuators", "sensors", "cameras", "lights", "keyframes"),
@@ -33,7 +33,7 @@ SECTIONS = (
 
 
 @dataclass(frozen=True)
-class Description:
+class ModelDescription:
     """What `model` is; each section is computed when it is first asked for.
 
     Args:
@@ -45,7 +45,7 @@ class Description:
     path: Path | None = None
 
     @cached_property
-    def summary(self) -> Summary:
+    def summary(self) -> ModelSummary:
         return summary(self.model, self.path)
 
     @cached_property
@@ -109,11 +109,11 @@ class Description:
         return plugins(self.model)
 
     @cached_property
-    def options(self) -> tuple[Setting, ...]:
+    def options(self) -> tuple[NonDefaultSetting, ...]:
         return options(self.model)
 
     @cached_property
-    def visual(self) -> tuple[Setting, ...]:
+    def visual(self) -> tuple[NonDefaultSetting, ...]:
         return visual(self.model)
 
     @cached_property

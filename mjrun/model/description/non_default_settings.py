@@ -8,8 +8,8 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from mjrun.model.description.plain_values import exact, floats, spelled
-from mjrun.model.names import members
+from mjrun.model.description.plain_values import decimal_float, enum_name, floats
+from mjrun.model.names import enum_members
 from mjrun.model.override import NAMED_INTEGERS
 
 VISUAL = {"global": "global_", "quality": "quality", "headlight": "headlight", "map": "map", "scale": "scale"}
@@ -24,7 +24,7 @@ Value = str | int | float | bool | tuple[float, ...]
 
 
 @dataclass(frozen=True)
-class Setting:
+class NonDefaultSetting:
     """A setting of the model that is not MuJoCo's default.
 
     Attributes:
@@ -65,22 +65,23 @@ def statistics(model: mujoco.MjModel) -> Statistics:
     )
 
 
-def options(model: mujoco.MjModel) -> tuple[Setting, ...]:
+def options(model: mujoco.MjModel) -> tuple[NonDefaultSetting, ...]:
     """Every option and flag that differs from MuJoCo's default."""
     usual = _usual().opt
     found = [
-        Setting(f"opt.{name}", mine, theirs, UNITS.get(name, "")) for name, mine, theirs in _apart(model.opt, usual)
+        NonDefaultSetting(f"opt.{name}", mine, theirs, UNITS.get(name, ""))
+        for name, mine, theirs in _apart(model.opt, usual)
     ]
     flags = [*_flags(mujoco.mjtDisableBit, model.opt.disableflags, usual.disableflags, ("enable", "disable"))]
     flags += _flags(mujoco.mjtEnableBit, model.opt.enableflags, usual.enableflags, ("disable", "enable"))
     return (*found, *flags)
 
 
-def visual(model: mujoco.MjModel) -> tuple[Setting, ...]:
+def visual(model: mujoco.MjModel) -> tuple[NonDefaultSetting, ...]:
     """Every setting of how the model is drawn that differs from MuJoCo's default."""
     usual = _usual().vis
     return tuple(
-        Setting(f"vis.{section}.{name}", mine, theirs)
+        NonDefaultSetting(f"vis.{section}.{name}", mine, theirs)
         for section, field in VISUAL.items()
         for name, mine, theirs in _apart(getattr(model.vis, field), getattr(usual, field))
     )
@@ -107,16 +108,16 @@ def _plain(name: str, value: Any, number: Callable[[Any], float]) -> Value:
     if isinstance(value, np.ndarray):
         return floats(value)
     if name in NAMED_INTEGERS:
-        return spelled(NAMED_INTEGERS[name], value)
+        return enum_name(NAMED_INTEGERS[name], value)
     return value if isinstance(value, int) else number(value)
 
 
 def _single(value: float) -> float:
     """A number that MuJoCo holds in single precision, as it was written."""
-    return exact(np.float32(value))
+    return decimal_float(np.float32(value))
 
 
-def _flags(enum: Any, mine: int, theirs: int, words: tuple[str, str]) -> Iterator[Setting]:
-    for name, bit in members(enum).items():
+def _flags(enum: Any, mine: int, theirs: int, words: tuple[str, str]) -> Iterator[NonDefaultSetting]:
+    for name, bit in enum_members(enum).items():
         if (mine ^ theirs) & bit:
-            yield Setting(f"opt.flag.{name}", words[bool(mine & bit)], words[bool(theirs & bit)])
+            yield NonDefaultSetting(f"opt.flag.{name}", words[bool(mine & bit)], words[bool(theirs & bit)])

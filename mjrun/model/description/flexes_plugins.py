@@ -9,7 +9,7 @@ from pathlib import Path
 
 import mujoco
 
-from mjrun.model.description.plain_values import called, floats, spelled
+from mjrun.model.description.plain_values import enum_name, floats, object_name
 
 PLUGIN = mujoco.mjtObj.mjOBJ_PLUGIN
 DIMENSIONS = {1: "lines", 2: "triangles", 3: "tetrahedra"}
@@ -72,7 +72,7 @@ def _flex(model: mujoco.MjModel, i: int) -> Flex:
     equality = int(model.flex_edgeequality[i])
     return Flex(
         id=i,
-        name=called(model, mujoco.mjtObj.mjOBJ_FLEX, i) or "",
+        name=object_name(model, mujoco.mjtObj.mjOBJ_FLEX, i) or "",
         elements_are=DIMENSIONS.get(int(model.flex_dim[i]), str(model.flex_dim[i])),
         vertices=int(model.flex_vertnum[i]),
         edges=int(model.flex_edgenum[i]),
@@ -86,7 +86,7 @@ def _flex(model: mujoco.MjModel, i: int) -> Flex:
         edge_stiffness=float(model.flex_edgestiffness[i]),
         edge_damping=float(model.flex_edgedamping[i]),
         damping=float(model.flex_damping[i]),
-        self_collision=spelled(mujoco.mjtFlexSelf, model.flex_selfcollide[i]),
+        self_collision=enum_name(mujoco.mjtFlexSelf, model.flex_selfcollide[i]),
         condim=int(model.flex_condim[i]),
         friction=floats(model.flex_friction[i]),
         group=int(model.flex_group[i]),
@@ -125,14 +125,14 @@ def _plugin(model: mujoco.MjModel, i: int) -> Plugin:
     settings = {_text(name): _text(text) for name, text in zip(names, texts, strict=False) if text}
     own = None if registered is None else _text(registered.name)
     users = tuple(_users(model, i))
-    return Plugin(i, called(model, PLUGIN, i) or "", own, settings, int(model.plugin_statenum[i]), users)
+    return Plugin(i, object_name(model, PLUGIN, i) or "", own, settings, int(model.plugin_statenum[i]), users)
 
 
 def _users(model: mujoco.MjModel, instance: int) -> Iterator[str]:
     for kind, (field, code) in USERS.items():
         for i, plugin in enumerate(getattr(model, field)):
             if plugin == instance:
-                yield f"{kind}/{called(model, code, i)}"
+                yield f"{kind}/{object_name(model, code, i)}"
 
 
 class _Registered(ctypes.Structure):

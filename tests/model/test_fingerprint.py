@@ -5,7 +5,7 @@ from collections.abc import Callable
 import mujoco
 import pytest
 
-from mjrun.model.physics_fingerprint import fingerprint
+from mjrun.model.fingerprint import physics_fingerprint
 
 XML = """
 <mujoco>
@@ -25,7 +25,7 @@ XML = """
 def changed(change: Callable[[mujoco.MjSpec], object]) -> str:
     spec = mujoco.MjSpec.from_string(XML)
     change(spec)
-    return fingerprint(spec.compile())
+    return physics_fingerprint(spec.compile())
 
 
 SAME: list[Callable[[mujoco.MjSpec], object]] = [
@@ -58,9 +58,9 @@ OTHER: list[Callable[[mujoco.MjSpec], object]] = [
 
 @pytest.mark.parametrize("change", SAME)
 def test_looks_starts_and_names_are_no_physics(change: Callable[[mujoco.MjSpec], object]) -> None:
-    assert changed(change) == fingerprint(mujoco.MjModel.from_xml_string(XML))
+    assert changed(change) == physics_fingerprint(mujoco.MjModel.from_xml_string(XML))
 
 
 @pytest.mark.parametrize("change", OTHER)
 def test_what_moves_or_weighs_otherwise_is_another(change: Callable[[mujoco.MjSpec], object]) -> None:
-    assert changed(change) != fingerprint(mujoco.MjModel.from_xml_string(XML))
+    assert changed(change) != physics_fingerprint(mujoco.MjModel.from_xml_string(XML))

@@ -10,12 +10,12 @@ from mjrun.model.description.plain_values import (
     SITE,
     TENDON,
     Pair,
-    body,
-    called,
+    body_name,
+    enum_name,
     floats,
-    limits,
-    spelled,
-    trimmed,
+    limited_range,
+    object_name,
+    without_trailing_zeros,
 )
 from mjrun.model.description.units import tendon_unit
 
@@ -86,26 +86,26 @@ def _tendon(model: mujoco.MjModel, i: int) -> Tendon:
     start, count = int(model.tendon_adr[i]), int(model.tendon_num[i])
     return Tendon(
         id=i,
-        name=called(model, TENDON, i) or "",
-        type=spelled(mujoco.mjtTendon, model.tendon_type[i]),
+        name=object_name(model, TENDON, i) or "",
+        type=enum_name(mujoco.mjtTendon, model.tendon_type[i]),
         unit=tendon_unit(model, i),
         path=tuple(_point(model, k) for k in range(start, start + count)),
         length0=float(model.tendon_length0[i]),
-        range=limits(model.tendon_limited[i], model.tendon_range[i]),
+        range=limited_range(model.tendon_limited[i], model.tendon_range[i]),
         spring_length=floats(model.tendon_lengthspring[i]),
         stiffness=float(model.tendon_stiffness[i]),
-        stiffness_polynomial=trimmed(model.tendon_stiffnesspoly[i]),
+        stiffness_polynomial=without_trailing_zeros(model.tendon_stiffnesspoly[i]),
         damping=float(model.tendon_damping[i]),
-        damping_polynomial=trimmed(model.tendon_dampingpoly[i]),
+        damping_polynomial=without_trailing_zeros(model.tendon_dampingpoly[i]),
         armature=float(model.tendon_armature[i]),
         frictionloss=float(model.tendon_frictionloss[i]),
-        actuator_force_range=limits(model.tendon_actfrclimited[i], model.tendon_actfrcrange[i]),
+        actuator_force_range=limited_range(model.tendon_actfrclimited[i], model.tendon_actfrcrange[i]),
     )
 
 
 def _point(model: mujoco.MjModel, i: int) -> PathPoint:
-    kind = spelled(mujoco.mjtWrap, model.wrap_type[i])
-    name = called(model, WRAPPED[kind], model.wrap_objid[i]) if kind in WRAPPED else None
+    kind = enum_name(mujoco.mjtWrap, model.wrap_type[i])
+    name = object_name(model, WRAPPED[kind], model.wrap_objid[i]) if kind in WRAPPED else None
     return PathPoint(kind, name, float(model.wrap_prm[i]) if kind in ("joint", "pulley") else None)
 
 
@@ -141,17 +141,17 @@ def equalities(model: mujoco.MjModel) -> tuple[Equality, ...]:
 
 
 def _equality(model: mujoco.MjModel, i: int) -> Equality:
-    law = spelled(mujoco.mjtEq, model.eq_type[i])
+    law = enum_name(mujoco.mjtEq, model.eq_type[i])
     kind = BOUND.get(law, model.eq_objtype[i])
     return Equality(
         id=i,
-        name=called(model, mujoco.mjtObj.mjOBJ_EQUALITY, i) or "",
+        name=object_name(model, mujoco.mjtObj.mjOBJ_EQUALITY, i) or "",
         type=law,
-        object_kind=spelled(mujoco.mjtObj, kind),
-        object1=called(model, kind, model.eq_obj1id[i]),
-        object2=called(model, kind, model.eq_obj2id[i]),
+        object_kind=enum_name(mujoco.mjtObj, kind),
+        object1=object_name(model, kind, model.eq_obj1id[i]),
+        object2=object_name(model, kind, model.eq_obj2id[i]),
         active=bool(model.eq_active0[i]),
-        data=trimmed(model.eq_data[i]),
+        data=without_trailing_zeros(model.eq_data[i]),
         solref=floats(model.eq_solref[i]),
         solimp=floats(model.eq_solimp[i]),
     )
@@ -188,9 +188,9 @@ def pairs(model: mujoco.MjModel) -> tuple[ContactPair, ...]:
 def _pair(model: mujoco.MjModel, i: int) -> ContactPair:
     return ContactPair(
         id=i,
-        name=called(model, mujoco.mjtObj.mjOBJ_PAIR, i) or "",
-        geom1=called(model, GEOM, model.pair_geom1[i]),
-        geom2=called(model, GEOM, model.pair_geom2[i]),
+        name=object_name(model, mujoco.mjtObj.mjOBJ_PAIR, i) or "",
+        geom1=object_name(model, GEOM, model.pair_geom1[i]),
+        geom2=object_name(model, GEOM, model.pair_geom2[i]),
         condim=int(model.pair_dim[i]),
         friction=floats(model.pair_friction[i]),
         margin=float(model.pair_margin[i]),
@@ -217,5 +217,5 @@ def excludes(model: mujoco.MjModel) -> tuple[Exclude, ...]:
 
 def _exclude(model: mujoco.MjModel, i: int) -> Exclude:
     signature = int(model.exclude_signature[i])  # as MuJoCo packs it: body1 << 16 + body2
-    name = called(model, mujoco.mjtObj.mjOBJ_EXCLUDE, i) or ""
-    return Exclude(i, name, body(model, signature >> 16), body(model, signature & 0xFFFF))
+    name = object_name(model, mujoco.mjtObj.mjOBJ_EXCLUDE, i) or ""
+    return Exclude(i, name, body_name(model, signature >> 16), body_name(model, signature & 0xFFFF))

@@ -10,16 +10,16 @@ from mjrun.model.description.plain_values import (
     JOINT,
     SITE,
     Pair,
-    body,
-    called,
+    body_name,
+    enum_name,
     floats,
-    limits,
-    owned,
-    spelled,
-    trimmed,
+    limited_range,
+    object_name,
+    object_names,
+    without_trailing_zeros,
 )
 from mjrun.model.description.units import joint_unit
-from mjrun.model.joints import QPOS_PARTS, QVEL_PARTS
+from mjrun.model.joint_components import QPOS_COMPONENTS, QVEL_COMPONENTS
 
 # How many of a geom's three sizes its type has.
 SIZES = {"sphere": 1, "capsule": 2, "cylinder": 2}
@@ -69,7 +69,7 @@ def bodies(model: mujoco.MjModel) -> tuple[Body, ...]:
         depths[i] = depths[model.body_parentid[i]] + 1
     sites: list[list[str]] = [[] for _ in range(model.nbody)]
     for i in range(model.nsite):
-        sites[model.site_bodyid[i]].append(called(model, SITE, i) or "")
+        sites[model.site_bodyid[i]].append(object_name(model, SITE, i) or "")
     return tuple(_body(model, i, depths[i], tuple(sites[i])) for i in range(model.nbody))
 
 
@@ -79,13 +79,13 @@ def _body(model: mujoco.MjModel, i: int, depth: int, sites: tuple[str, ...]) -> 
     )
     return Body(
         id=i,
-        name=called(model, BODY, i) or "",
+        name=object_name(model, BODY, i) or "",
         parent=int(model.body_parentid[i]) if i else -1,
         depth=depth,
-        joints=owned(model, JOINT, joint, joint_count),
-        joint_types=tuple(spelled(mujoco.mjtJoint, model.jnt_type[joint + k]) for k in range(joint_count)),
-        geoms=owned(model, GEOM, geom, geom_count),
-        geom_types=tuple(spelled(mujoco.mjtGeom, model.geom_type[geom + k]) for k in range(geom_count)),
+        joints=object_names(model, JOINT, joint, joint_count),
+        joint_types=tuple(enum_name(mujoco.mjtJoint, model.jnt_type[joint + k]) for k in range(joint_count)),
+        geoms=object_names(model, GEOM, geom, geom_count),
+        geom_types=tuple(enum_name(mujoco.mjtGeom, model.geom_type[geom + k]) for k in range(geom_count)),
         sites=sites,
         mass=float(model.body_mass[i]),
         subtree_mass=float(model.body_subtreemass[i]),
@@ -148,29 +148,29 @@ def joints(model: mujoco.MjModel) -> tuple[Joint, ...]:
 
 def _joint(model: mujoco.MjModel, i: int) -> Joint:
     kind, qpos, dof = int(model.jnt_type[i]), int(model.jnt_qposadr[i]), int(model.jnt_dofadr[i])
-    size, name = len(QPOS_PARTS.get(kind, ("",))), spelled(mujoco.mjtJoint, kind)
+    size, name = len(QPOS_COMPONENTS.get(kind, ("",))), enum_name(mujoco.mjtJoint, kind)
     return Joint(
         id=i,
-        name=called(model, JOINT, i) or "",
-        body=body(model, model.jnt_bodyid[i]),
+        name=object_name(model, JOINT, i) or "",
+        body=body_name(model, model.jnt_bodyid[i]),
         type=name,
         unit=joint_unit(model, i),
         axis=floats(model.jnt_axis[i]) if name in AXES else None,
         anchor=floats(model.jnt_pos[i]),
-        range=limits(model.jnt_limited[i], model.jnt_range[i]),
+        range=limited_range(model.jnt_limited[i], model.jnt_range[i]),
         qpos=qpos,
         qpos_size=size,
         dof=dof,
-        dof_size=len(QVEL_PARTS.get(kind, ("",))),
+        dof_size=len(QVEL_COMPONENTS.get(kind, ("",))),
         qpos0=floats(model.qpos0[qpos : qpos + size]),
         spring_reference=float(model.qpos_spring[qpos]) if name in AXES else None,
         stiffness=float(model.jnt_stiffness[i]),
-        stiffness_polynomial=trimmed(model.jnt_stiffnesspoly[i]),
+        stiffness_polynomial=without_trailing_zeros(model.jnt_stiffnesspoly[i]),
         damping=float(model.dof_damping[dof]),
-        damping_polynomial=trimmed(model.dof_dampingpoly[dof]),
+        damping_polynomial=without_trailing_zeros(model.dof_dampingpoly[dof]),
         armature=float(model.dof_armature[dof]),
         frictionloss=float(model.dof_frictionloss[dof]),
-        actuator_force_range=limits(model.jnt_actfrclimited[i], model.jnt_actfrcrange[i]),
+        actuator_force_range=limited_range(model.jnt_actfrclimited[i], model.jnt_actfrcrange[i]),
     )
 
 
@@ -214,14 +214,14 @@ def geoms(model: mujoco.MjModel) -> tuple[Geom, ...]:
 
 
 def _geom(model: mujoco.MjModel, i: int) -> Geom:
-    kind = spelled(mujoco.mjtGeom, model.geom_type[i])
+    kind = enum_name(mujoco.mjtGeom, model.geom_type[i])
     shown = mujoco.mjtObj.mjOBJ_HFIELD if kind == "hfield" else mujoco.mjtObj.mjOBJ_MESH
     return Geom(
         id=i,
-        name=called(model, GEOM, i) or "",
-        body=body(model, model.geom_bodyid[i]),
+        name=object_name(model, GEOM, i) or "",
+        body=body_name(model, model.geom_bodyid[i]),
         type=kind,
-        asset=called(model, shown, model.geom_dataid[i]),
+        asset=object_name(model, shown, model.geom_dataid[i]),
         size=floats(model.geom_size[i][: SIZES.get(kind, 3)]),
         position=floats(model.geom_pos[i]),
         contype=int(model.geom_contype[i]),
@@ -231,7 +231,7 @@ def _geom(model: mujoco.MjModel, i: int) -> Geom:
         margin=float(model.geom_margin[i]),
         gap=float(model.geom_gap[i]),
         group=int(model.geom_group[i]),
-        material=called(model, mujoco.mjtObj.mjOBJ_MATERIAL, model.geom_matid[i]),
+        material=object_name(model, mujoco.mjtObj.mjOBJ_MATERIAL, model.geom_matid[i]),
     )
 
 
@@ -254,11 +254,11 @@ def sites(model: mujoco.MjModel) -> tuple[Site, ...]:
 
 
 def _site(model: mujoco.MjModel, i: int) -> Site:
-    kind = spelled(mujoco.mjtGeom, model.site_type[i])
+    kind = enum_name(mujoco.mjtGeom, model.site_type[i])
     return Site(
         id=i,
-        name=called(model, SITE, i) or "",
-        body=body(model, model.site_bodyid[i]),
+        name=object_name(model, SITE, i) or "",
+        body=body_name(model, model.site_bodyid[i]),
         type=kind,
         size=floats(model.site_size[i][: SIZES.get(kind, 3)]),
         position=floats(model.site_pos[i]),
