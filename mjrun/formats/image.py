@@ -150,7 +150,7 @@ class ImageWriter(Completable):
         """Writes the picture.
 
         Args:
-          pixels: of the view, as in `RenderedView`: rgb `(h, w, 3)` uint8, depth `(h, w)` float32 [m], ids `(h, w)` int32.
+          pixels: of the view: rgb `(h, w, 3)` uint8, depth `(h, w)` float32 [m], ids `(h, w)` int32.
           legend: what ids mean.
           colours: of the legend, `(n, 3)` uint8, for labels and a palette.
           image: what a COCO document says of the image: `file_name`, and anything else such as `camera` and `time`.

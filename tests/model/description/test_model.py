@@ -20,7 +20,7 @@ from mjrun.model.description.model_description import SECTIONS, ModelDescription
 from mjrun.model.mujoco_globals import collected_warnings
 from mjrun.model.override import Setting, apply
 
-SCENES = sorted((Path(__file__).parents[2] / "scenes").glob("*.xml"))
+SCENES = sorted((Path(__file__).parents[3] / "scenes").glob("*.xml"))
 
 MIXED = """<mujoco model="mixed"><compiler angle="radian"/>
 <worldbody><site name="ref"/><geom type="plane" size="1 1 1"/>
