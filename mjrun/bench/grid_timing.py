@@ -16,7 +16,7 @@ from mjrun.bench.rollout_timing import Clock, Run
 from mjrun.bench.step_timing import MOST_STEPS, StepTimer, TimingBudget
 from mjrun.bench.warp_timing import WarpOptions, WarpStepTimer
 from mjrun.errors import BadValueError, SimulationError, option, spelled
-from mjrun.model.names import members
+from mjrun.model.names import enum_members
 from mjrun.reporter import Reporter
 from mjrun.sim.initial_state import Start
 from mjrun.timeline import nearest, rational
@@ -192,7 +192,7 @@ def _result(
 
 def _name(enum: type, value: int) -> str:
     """How MJCF spells a member of one of MuJoCo's enums."""
-    return next(name for name, number in members(enum).items() if number == value)
+    return next(name for name, number in enum_members(enum).items() if number == value)
 
 
 def _accuracy(model: mujoco.MjModel, setup: RolloutSetup, horizon: Fraction | None, finer: Fraction) -> Accuracy | None:
