@@ -164,10 +164,31 @@ def mjrun(tmp_path: Path) -> Command:
     return Command(folder)
 
 
+def _log_to_file(enabled: bool) -> None:
+    """Whether MuJoCo writes its warnings to MUJOCO_LOG.TXT in the working directory of this process."""
+    config = mujoco.MjLogConfig.get()
+    config.logto_file = enabled
+    config.set()
+
+
+LOG = Path("MUJOCO_LOG.TXT").absolute()
+LOG_SIZE = LOG.stat().st_size if LOG.exists() else None
+_log_to_file(False)  # bare loops diverge on purpose
+
+
+@pytest.fixture
+def mujoco_log() -> Iterator[None]:
+    """MuJoCo writes its log, as it does by default; only for tests in a folder of their own."""
+    _log_to_file(True)
+    yield
+    _log_to_file(False)
+
+
 @pytest.fixture(autouse=True)
-def _nothing_half_made_is_left(tmp_path: Path) -> Iterator[None]:
+def _nothing_is_left(tmp_path: Path) -> Iterator[None]:
     yield
     assert not list(tmp_path.rglob("*.part"))
+    assert (LOG.stat().st_size if LOG.exists() else None) == LOG_SIZE
 
 
 @pytest.fixture

@@ -17,8 +17,8 @@ DIVERGING = mujoco.MjModel.from_xml_string(
 
 
 @pytest.fixture(autouse=True)
-def workplace(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """An empty working directory, into which MuJoCo's log would go."""
+def workplace(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, mujoco_log: None) -> Path:
+    """An empty working directory, into which MuJoCo writes its log."""
     monkeypatch.chdir(tmp_path)
     return tmp_path
 

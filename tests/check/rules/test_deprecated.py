@@ -1,0 +1,55 @@
+"""Theorems about what MJCF no longer has: the installed MuJoCo does not have it either."""
+
+from pathlib import Path
+
+import mujoco
+import pytest
+
+from mjrun.check.rules.deprecated import (
+    FOREIGN_ELEMENTS,
+    REMOVED_ATTRIBUTES,
+    REMOVED_ELEMENTS,
+    REMOVED_PLUGINS,
+    REMOVED_VALUES,
+    SYNONYMS,
+)
+from mjrun.check.rules.keywords import SEVERAL, SINGLE, invalid_keywords
+from mjrun.check.rules.mjcf_schema import valid_parents, violations
+from mjrun.check.xml_source import read_xml
+from tests.check.models import mjcf, write
+
+KEYWORDS = {keyword for choices in (*SINGLE.values(), *SEVERAL.values()) for keyword in choices}
+
+
+def test_removed_elements_are_in_no_schema() -> None:
+    assert not set(REMOVED_ELEMENTS) & set(valid_parents())
+
+
+def test_removed_attributes_are_in_the_schema_of_none_of_their_elements() -> None:
+    for tag, attribute in REMOVED_ATTRIBUTES:
+        assert all(attribute not in node.attributes for _, node in valid_parents()[tag]), (tag, attribute)
+
+
+@pytest.mark.parametrize("plugin", REMOVED_PLUGINS)
+def test_removed_plugins_are_refused_by_mujoco(plugin: str) -> None:
+    with pytest.raises(ValueError, match="not found"):
+        mujoco.MjModel.from_xml_string(mjcf("", f'<extension><plugin plugin="{plugin}"/></extension>'))
+
+
+@pytest.mark.parametrize(("tag", "attribute", "value"), REMOVED_VALUES)
+def test_removed_values_are_reported_as_removed_and_not_as_unknown(tag: str, attribute: str, value: str) -> None:
+    homes = [parent for parent, node in valid_parents()[tag] if attribute in node.attributes]
+    assert homes
+    text = f'<{tag} {attribute}="{value}"/>'
+    text = mjcf("", text) if "mujoco" in homes else mjcf(f"<{homes[0]}>{text}</{homes[0]}>")
+    source = read_xml(Path(write("model.xml", text)))
+    assert [finding.code for finding in (*violations(source), *invalid_keywords(source))] == ["MJ105"]
+
+
+def test_elements_of_other_formats_are_not_children_of_mujoco_or_of_bodies() -> None:
+    parents = {tag: {parent for parent, _ in valid_parents().get(tag, [])} for tag in FOREIGN_ELEMENTS}
+    assert all(not homes & {"body", "worldbody"} for homes in parents.values()), parents
+
+
+def test_synonyms_stand_for_keywords_of_mjcf() -> None:
+    assert {keyword for keywords in SYNONYMS.values() for keyword in keywords} <= KEYWORDS
