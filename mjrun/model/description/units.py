@@ -71,7 +71,7 @@ def force_unit(unit: str) -> str:
 
 def actuator_force_unit(model: mujoco.MjModel, actuator: int) -> str:
     """The unit of an actuator's force, before its gear; empty where its length has none or several."""
-    pulls_on_body = spelled(mujoco.mjtTrn, model.actuator_trntype[actuator]) == "body"
+    pulls_on_body = enum_name(mujoco.mjtTrn, model.actuator_trntype[actuator]) == "body"
     return "N" if pulls_on_body else force_unit(actuator_unit(model, actuator))
 
 
