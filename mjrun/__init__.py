@@ -26,6 +26,8 @@ if TYPE_CHECKING:
     from mjrun.document.camera import read_camera as read_camera
     from mjrun.formats.table import Table as Table
     from mjrun.formats.table_reader import read_table as read_table
+    from mjrun.formats.video_reader import read_video as read_video
+    from mjrun.formats.video_writer import write_video as write_video
     from mjrun.job.image import Image as Image
     from mjrun.job.image import ImageResult as ImageResult
     from mjrun.job.perform import perform as perform
@@ -67,6 +69,8 @@ _HOMES = {
     "perform": "mjrun.job.perform",
     "read_camera": "mjrun.document.camera",
     "read_table": "mjrun.formats.table_reader",
+    "read_video": "mjrun.formats.video_reader",
+    "write_video": "mjrun.formats.video_writer",
 }
 
 __all__ = [
@@ -94,6 +98,8 @@ __all__ = [
     "perform",
     "read_camera",
     "read_table",
+    "read_video",
+    "write_video",
 ]
 
 

@@ -14,7 +14,7 @@ from mjrun.bench.reference_workload import ReferenceWorkload
 from mjrun.bench.rollout_timing import Clock
 from mjrun.bench.statistics import SampleStatistics, summarized
 from mjrun.formats.codecs import encoding
-from mjrun.formats.video import FilmWriter
+from mjrun.formats.video_writer import VideoWriter
 from mjrun.job.view import Drawing, painter
 from mjrun.model.mujoco_globals import without_timers
 from mjrun.rendering.backend import Backend
@@ -159,9 +159,9 @@ def _encoded(stream: Stream, frames: Sequence[np.ndarray], view: str, clock: Clo
 
 def _encoded_video(path: str, stream: Stream, frames: Sequence[np.ndarray], view: str, clock: Clock) -> float:
     """Wall time per frame of a video [s], without starting the encoder."""
-    coded = encoding(path, None, None, None, None, "ids" if view == "seg" else "film")
+    coded = encoding(path, None, None, None, None, "ids" if view == "seg" else "video")
     first, *rest = frames
-    with FilmWriter(path, coded, stream.size_of_frame, FPS, count=len(frames)) as video:
+    with VideoWriter(path, coded, stream.size_of_frame, FPS, count=len(frames)) as video:
         video.write(first)
         before = clock()
         for frame in rest:

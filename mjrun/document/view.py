@@ -30,7 +30,7 @@ from mjrun.document.reader import SUFFIXES
 from mjrun.document.simulation import Whole, within
 from mjrun.document.yaml_writer import number
 from mjrun.errors import UsageError, quoted
-from mjrun.formats.calibration import FORMATS as CALIBRATIONS
+from mjrun.formats.calibration_writer import FORMATS as CALIBRATIONS
 from mjrun.job.scene_decorations import DOES
 from mjrun.job.view import LAYOUTS, RENDERERS, SIZE, STYLES
 from mjrun.rendering.compositor import VIEWS

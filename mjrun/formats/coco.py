@@ -2,7 +2,7 @@
 
 - A category is one thing of the model: its name, its type as supercategory, and of mjrun's own `mujoco_id` and `body`.
   Every thing of the legend is one, seen or not, so that ids agree between documents, and with the 16-bit PNG.
-- An annotation is one thing in one image, with all its visible parts.
+- An annotation is one segment in one image, with all its visible parts.
 - Its mask is an uncompressed RLE, column by column, exact to the pixel, which pycocotools, detectron2 and others
   take as well as polygons. `iscrowd` is 0 all the same: 1 would say that it is a crowd, and training leaves those out.
 """
@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from mjrun.formats.labels import document, text
+from mjrun.formats.labels import ascii_json, json_document
 from mjrun.model.rendered_view import Segment
 
 INFO = {"description": "segmentation by mjrun", "contributor": "mjrun"}
@@ -38,7 +38,7 @@ class Region:
 
 
 def regions(ids: np.ndarray) -> Iterator[Region]:
-    """What is seen in `ids` `(h, w)`, by rising id; −1 is nothing."""
+    """What is seen in `ids` `(h, w)`, by rising id; −1 is nosegment."""
     height = len(ids)
     flat = ids.ravel(order="F")
     cuts = np.flatnonzero(flat[1:] != flat[:-1]) + 1
@@ -68,8 +68,8 @@ class Coco:
         """
         height, width = ids.shape
         number = len(self._images) + 1
-        categories = [self._categories.setdefault(thing, len(self._categories) + 1) for thing in legend]
-        self._images.append(text({"id": number, "width": width, "height": height, **image}))
+        categories = [self._categories.setdefault(segment, len(self._categories) + 1) for segment in legend]
+        self._images.append(ascii_json({"id": number, "width": width, "height": height, **image}))
         for region in regions(ids):
             annotation = {
                 "id": len(self._annotations) + 1,  # from 1: pycocotools takes 0 for no match
@@ -80,23 +80,23 @@ class Coco:
                 "iscrowd": 0,
                 "segmentation": {"size": [height, width], "counts": region.counts},
             }
-            self._annotations.append(text(annotation))
+            self._annotations.append(ascii_json(annotation))
 
     def document(self) -> str:
         """The whole, as JSON."""
-        names = Counter(thing.name for thing in self._categories)
+        names = Counter(segment.name for segment in self._categories)
         categories = [
             {
                 "id": number,
-                "name": thing.name if names[thing.name] == 1 else f"{thing.type}/{thing.name}",
-                "supercategory": thing.type,
-                "mujoco_id": thing.id,
-                "body": thing.body,
+                "name": segment.name if names[segment.name] == 1 else f"{segment.type}/{segment.name}",
+                "supercategory": segment.type,
+                "mujoco_id": segment.id,
+                "body": segment.body,
             }
-            for thing, number in self._categories.items()
+            for segment, number in self._categories.items()
         ]
-        lists = {"images": self._images, "annotations": self._annotations, "categories": map(text, categories)}
-        return document({"info": INFO, "licenses": []}, lists)
+        lists = {"images": self._images, "annotations": self._annotations, "categories": map(ascii_json, categories)}
+        return json_document({"info": INFO, "licenses": []}, lists)
 
 
 def _region(index: int, starts: np.ndarray, ends: np.ndarray, height: int, size: int) -> Region:

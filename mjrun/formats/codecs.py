@@ -1,18 +1,18 @@
-"""The formats of a film and the codecs in them: plain tables, and the encoder arguments they mean."""
+"""Video containers and codecs: one table of each, and the encoder arguments that follow from them."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from pathlib import Path
 
-from mjrun.errors import BadValueError, UnknownNameError, UsageError
+from mjrun.errors import BadValueError, UnknownNameError, UsageError, clean, option
 
 # Untagged colour shifts hue: players guess. This is the transform for BT.709 and the tags that say so.
 BT709 = (
     "scale=out_color_matrix=bt709:out_range=tv,format={pixels},"
     "setparams=colorspace=bt709:color_primaries=bt709:color_trc=bt709:range=tv"
 )
-# A palette per frame: one for the whole film would need the whole film in memory.
+# A palette per frame: one for the whole video would need all of it in memory.
 PALETTE = "split[a][b];[a]palettegen=stats_mode=single[p];[b][p]paletteuse=new=1:dither=bayer:bayer_scale=4"
 RGB24, GRAY16 = "rgb24", "gray16le"  # what the encoder is sent
 X264_PRESETS = (
@@ -85,14 +85,14 @@ CODECS = {
 
 
 @dataclass(frozen=True)
-class Format:
-    """A container.
+class Container:
+    """A video container; its suffix is its name.
 
     Attributes:
-      muxer: ffmpeg's name.
+      muxer: the name that ffmpeg gives it.
       codecs: those it can hold, the default first.
       file, pipe: further arguments when written to a file, or to a pipe; None: it cannot be piped.
-      merges: whether the format joins equal frames, so that only its duration can be checked.
+      merges: whether it joins equal frames, so that only its duration can be checked.
     """
 
     muxer: str
@@ -103,25 +103,25 @@ class Format:
 
 
 FAST_START = ("-movflags", "+faststart")
-# A fragment per second, for players; the header waits for the first, or the film would start late by its B-frames.
+# A fragment per second, for players; the header waits for the first, or the video would start late by its B-frames.
 FRAGMENTED = ("-movflags", "frag_keyframe+empty_moov+delay_moov+default_base_moof", "-frag_duration", "1000000")
 
-FORMATS = {
-    "mp4": Format("mp4", ("h264", "h265", "av1", "h264rgb"), FAST_START, FRAGMENTED),
-    "mov": Format("mov", ("h264", "h265", "prores", "h264rgb"), FAST_START, FRAGMENTED),
-    "mkv": Format("matroska", ("h264", "h265", "av1", "vp9", "h264rgb", "ffv1", "ffv1-gray16")),
-    "webm": Format("webm", ("vp9", "av1")),
-    "gif": Format("gif", ("gif",), ("-loop", "0"), ("-loop", "0")),
-    "apng": Format("apng", ("apng",), ("-plays", "0"), ("-plays", "0")),
-    "webp": Format("webp", ("webp",), ("-loop", "0"), ("-loop", "0"), merges=True),
-    "png": Format("image2", ("png", "png-gray16"), ("-start_number", "0"), None),
-    "rgb": Format("rawvideo", ("raw",)),
+CONTAINERS = {
+    "mp4": Container("mp4", ("h264", "h265", "av1", "h264rgb"), FAST_START, FRAGMENTED),
+    "mov": Container("mov", ("h264", "h265", "prores", "h264rgb"), FAST_START, FRAGMENTED),
+    "mkv": Container("matroska", ("h264", "h265", "av1", "vp9", "h264rgb", "ffv1", "ffv1-gray16")),
+    "webm": Container("webm", ("vp9", "av1")),
+    "gif": Container("gif", ("gif",), ("-loop", "0"), ("-loop", "0")),
+    "apng": Container("apng", ("apng",), ("-plays", "0"), ("-plays", "0")),
+    "webp": Container("webp", ("webp",), ("-loop", "0"), ("-loop", "0"), merges=True),
+    "png": Container("image2", ("png", "png-gray16"), ("-start_number", "0"), None),
+    "rgb": Container("rawvideo", ("raw",)),
 }
-# What holds more than pictures for the eye: the colours of a segmentation to the bit, or numbers of 16 bits.
+# Codecs that keep more than the eye sees: the colours of a segmentation to the bit, or numbers of 16 bits.
 LOSSLESS = ("h264rgb", "ffv1", "apng", "png", "raw")
 EXACT = ("ffv1-gray16", "png-gray16")
-SAID = {"ids": "the colours of a segmentation without loss", "exact": "numbers of 16 bits"}
-CONTENTS = {"film": tuple(codec for codec in CODECS if codec not in EXACT), "ids": LOSSLESS, "exact": EXACT}
+CONTENT_NAMES = {"ids": "the colours of a segmentation without loss", "exact": "numbers of 16 bits"}
+CONTENTS = {"video": tuple(codec for codec in CODECS if codec not in EXACT), "ids": LOSSLESS, "exact": EXACT}
 FPS = Fraction(30)
 GIF_FPS = Fraction(25)
 
@@ -142,13 +142,15 @@ class Encoding:
 
     @property
     def fps(self) -> Fraction:
-        """Frames per second when nothing is said."""
+        """The default frames per second."""
         return GIF_FPS if self.format == "gif" else FPS
 
     def check_fps(self, fps: Fraction) -> None:
         """Raises BadValueError when the format cannot keep this rate exactly."""
         if self.format == "gif" and ((100 / fps).denominator != 1 or fps > 50):
-            raise BadValueError("--fps", fps, "possible in a GIF, whose delays are hundredths: 50, 100/3, 25, 20, 10")
+            raise BadValueError(
+                option("fps"), fps, "possible in a GIF, whose delays are hundredths: 50, 100/3, 25, 20, 10"
+            )
 
     def padding(self, width: int, height: int) -> tuple[int, int]:
         """Columns and rows that the codec needs beyond the frame."""
@@ -156,7 +158,7 @@ class Encoding:
 
     def arguments(self, width: int, height: int, to_pipe: bool) -> list[str]:
         """What ffmpeg is told between its input and its output."""
-        codec, kind = CODECS[self.codec], FORMATS[self.format]
+        codec, kind = CODECS[self.codec], CONTAINERS[self.format]
         filters = [_pad(width, height, *self.padding(width, height)), codec.filters]
         graph = ",".join(f for f in filters if f)
         quality = ["-crf", str(self.crf)] if self.crf is not None else []
@@ -173,34 +175,35 @@ def encoding(
     codec: str | None = None,
     crf: int | None = None,
     preset: str | None = None,
-    content: str = "film",
+    content: str = "video",
 ) -> Encoding:
-    """The encoding meant by an output's suffix and what else was asked; `output` None is a pipe.
+    """The encoding that the suffix of an output and the options mean; `output` None is a pipe.
 
     Args:
-      content: `film`, for the eye; `ids`, colours that must stay as they are unless a codec is asked for;
+      content: `video`, for the eye; `ids`, colours that must stay as they are unless a codec is named;
         `exact`, numbers of 16 bits.
 
     Raises:
       UsageError: they do not fit together; the message lists what does.
     """
-    name = _format(output, format)
-    if output is None and FORMATS[name].pipe is None:
-        raise UsageError(f"--format {name} cannot be written to a pipe")
-    lossy = content == "ids" and codec is not None  # asked for, whatever it does to the colours
-    holds = [held for held in FORMATS[name].codecs if held in CONTENTS["film" if lossy else content]]
+    name = container_name(output, format)
+    if output is None and CONTAINERS[name].pipe is None:
+        raise UsageError(f"{option('format')} {name} cannot be written to a pipe")
+    accepts_loss = content == "ids" and codec is not None  # the user accepts what it does to the colours
+    holds = [held for held in CONTAINERS[name].codecs if held in CONTENTS["video" if accepts_loss else content]]
     if not holds:
-        able = [other for other, known in FORMATS.items() if set(known.codecs) & set(CONTENTS[content])]
-        instead = "or name a --codec, and accept the loss" if content == "ids" else "or --style color"
-        raise UsageError(f"{name} cannot hold {SAID[content]}\n{', '.join(able)} can; {instead}")
+        able = [other for other, known in CONTAINERS.items() if set(known.codecs) & set(CONTENTS[content])]
+        lossy = f"or set {option('codec')}, and accept the loss"
+        instead = lossy if content == "ids" else f"or set {option('style')} to color"
+        raise UsageError(f"{name} cannot hold {CONTENT_NAMES[content]}\n{', '.join(able)} can; {instead}")
     if codec is not None and codec not in holds:
         raise UnknownNameError("codec", codec, holds, where=name)
     chosen = codec or holds[0]
     known = CODECS[chosen]
     if crf is not None and known.crf is None:
-        raise UsageError(f"--crf: {chosen} has no constant rate factor")
+        raise UsageError(f"{option('crf')}: {chosen} has no constant rate factor")
     if crf is not None and known.crf and not known.crf[0] <= crf <= known.crf[1]:
-        raise BadValueError("--crf", crf, f"from {known.crf[0]} (best) to {known.crf[1]}, as {chosen} takes")
+        raise BadValueError(option("crf"), crf, f"from {known.crf[0]} (best) to {known.crf[1]}, as {chosen} takes")
     if preset is not None and preset not in known.presets:
         raise UnknownNameError("preset", preset, known.presets, where=f"codec {chosen}")
     default_crf = known.crf[2] if known.crf else None
@@ -212,19 +215,28 @@ def is_folder(output: str) -> bool:
     return output.endswith("/") or Path(output).is_dir() or not Path(output).suffix
 
 
-def _format(output: str | None, asked: str | None) -> str:
-    if asked is not None and asked not in FORMATS:
-        raise UnknownNameError("format", asked, list(FORMATS))
+def suffixes() -> list[str]:
+    """The suffixes of videos; `.png` is that of frames in files of their own."""
+    return [f".{name}" for name in CONTAINERS]
+
+
+def container_name(output: str | None, format: str | None) -> str:  # noqa: A002  (the option's name)
+    """The container that the suffix of an output or the option `format` means; `output` None is a pipe.
+
+    Raises:
+      UsageError: there is no such container, or the two disagree.
+    """
+    if format is not None and format not in CONTAINERS:
+        raise UnknownNameError("format", format, list(CONTAINERS))
     if output is None:
-        return asked or "mp4"
+        return format or "mp4"
     suffix = "png" if is_folder(output) else Path(output).suffix.lower().removeprefix(".")
-    if suffix not in FORMATS:
-        if asked:
-            return asked
-        valid = [f".{name}" for name in FORMATS]
-        raise UnknownNameError("film format", f".{suffix}", valid, where=output)
-    if asked not in (None, suffix):
-        raise UsageError(f"--format {asked} and the suffix of {output} disagree")
+    if suffix not in CONTAINERS:
+        if format:
+            return format
+        raise UnknownNameError("video format", f".{suffix}", suffixes(), where=output)
+    if format not in (None, suffix):
+        raise UsageError(f"{option('format')} {format} and the suffix of {clean(output)} disagree")
     return suffix
 
 

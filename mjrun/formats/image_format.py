@@ -1,126 +1,205 @@
-"""The formats of still pictures: a plain table, and what an output's name means in it.
+"""The image formats: one table of what each view can be saved as, and what the name of an output means in it.
 
-| view  | format  | suffix         | holds                                                                    |
-|-------|---------|----------------|--------------------------------------------------------------------------|
-| rgb   | png     | `.png`         | the pixels                                                               |
-|       | jpeg    | `.jpg .jpeg`   | nearly the pixels: quality 95, colour at full size                       |
-|       | webp    | `.webp`        | the pixels                                                               |
-|       | tiff    | `.tif .tiff`   | the pixels                                                               |
-| depth | png     | `.png`         | millimetres to the nearest, uint16, 1 to 65535; 0 where nothing is seen  |
-|       | npy     | `.npy`         | metres, float32; infinite where nothing is seen                          |
-|       | exr     | `.exr`         | the same, channel `Y`                                                    |
-|       | tiff    | `.tif .tiff`   | the same                                                                 |
-| seg   | png     | `.png`         | index in the legend + 1, uint16; 0 where nothing is seen; labels         |
-|       | palette | `.png`         | the same in 8 bits with a colour for each, at most 255 things; labels    |
-|       | npy     | `.npy`         | index in the legend, int32; −1 where nothing is seen; labels             |
-|       | coco    | `.json`        | masks of one or more images, see `coco`                                  |
+| view  | format  | suffix         | holds                                                                       |
+|-------|---------|----------------|-----------------------------------------------------------------------------|
+| rgb   | png     | `.png`         | the pixels                                                                  |
+|       | jpeg    | `.jpg .jpeg`   | nearly the pixels: quality 95, colour at full size                          |
+|       | webp    | `.webp`        | the pixels                                                                  |
+|       | tiff    | `.tif .tiff`   | the pixels                                                                  |
+| depth | png     | `.png`         | millimetres to the nearest, uint16, 1 to 65535; 0 where nothing is seen     |
+|       | npy     | `.npy`         | metres, float32; infinite where nothing is seen                             |
+|       | exr     | `.exr`         | the same, channel `Y`                                                       |
+|       | tiff    | `.tif .tiff`   | the same                                                                    |
+| seg   | png     | `.png`         | index in the legend + 1, uint16; 0 where nothing is seen; labels            |
+|       | palette | `.png`         | the same in 8 bits with a colour for each, at most 255 segments; labels     |
+|       | npy     | `.npy`         | index in the legend, int32; −1 where nothing is seen; labels                |
+|       | coco    | `.json`        | masks of one or more images, see `coco`                                     |
 
-Labels are a second file, `NAME.labels.json`, published with the picture; on standard output there are none.
+Labels are a second file, `NAME.labels.json`, published with the image; on standard output there are none.
 """
 
-from collections.abc import Callable, Sequence
+import io
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from PIL import Image, PngImagePlugin
 
-from mjrun.errors import UnknownNameError, UsageError, clean
-from mjrun.model.uint16_pixels import UINT16_MAX, clipped_share
+from mjrun.errors import UnknownNameError, UsageError, clean, option
+from mjrun.formats.exr import exr
+from mjrun.model.uint16_pixels import UINT16_MAX, clipped_share, depth_millimetres, segment_numbers
 
-WORDS = {"rgb": "colours", "depth": "exact depth", "seg": "exact segmentation"}
+CONTENTS = {"rgb": "colours", "depth": "exact depth", "seg": "exact segmentation"}
+BLACK = np.zeros((1, 3), np.uint8)
 
 
 @dataclass(frozen=True)
-class Format:
-    """A format of pictures.
+class ImageContent:
+    """What an image file is encoded from.
 
     Attributes:
-      suffixes: those that mean it, the usual one first.
+      pixels: rgb `(h, w, 3)` uint8, depth `(h, w)` float32 [m] or ids `(h, w)` int32.
+      segments: how many segments the ids tell apart.
+      colours: of the segments, `(n, 3)` uint8.
+      tags: texts to embed where the format can hold them.
+    """
+
+    pixels: np.ndarray
+    segments: int
+    colours: np.ndarray | None
+    tags: Mapping[str, str]
+
+
+@dataclass(frozen=True)
+class ImageFormat:
+    """An image format of one view.
+
+    Attributes:
+      suffixes: those of its files, the usual one first.
+      encode: makes the file; None for a document of any number of images.
       largest: pixels a side, if it has a limit.
-      things: how many it tells apart.
+      segments: how many it tells apart, if it has a limit.
       nothing: its value where nothing is seen, if labels go with it.
-      clipped: the share of what is seen in the pixels that it cannot say.
-      several: whether it is a document of any number of images.
+      clipped: the share of what is seen in the pixels that is beyond its range.
     """
 
     suffixes: Sequence[str]
+    encode: Callable[[ImageContent], bytes] | None
     largest: int | None = None
-    things: int | None = None
+    segments: int | None = None
     nothing: int | None = None
     clipped: Callable[[np.ndarray], float] = lambda pixels: 0.0
-    several: bool = False
+
+
+def _rgb_png(image: ImageContent) -> bytes:
+    return _png(Image.fromarray(image.pixels), image.tags)
+
+
+def _jpeg(image: ImageContent) -> bytes:
+    return _saved(Image.fromarray(image.pixels), "JPEG", quality=95, subsampling=0)
+
+
+def _webp(image: ImageContent) -> bytes:
+    return _saved(Image.fromarray(image.pixels), "WEBP", lossless=True)
+
+
+def _tiff(image: ImageContent) -> bytes:
+    description = image.tags.get("description", "")
+    return _saved(Image.fromarray(image.pixels), "TIFF", compression="tiff_adobe_deflate", description=description)
+
+
+def _millimetre_png(image: ImageContent) -> bytes:
+    return _png(Image.fromarray(depth_millimetres(image.pixels)), image.tags)
+
+
+def _exr(image: ImageContent) -> bytes:
+    return exr(image.pixels, image.tags)
+
+
+def _npy(image: ImageContent) -> bytes:
+    buffer = io.BytesIO()
+    np.save(buffer, image.pixels, allow_pickle=False)
+    return buffer.getvalue()
+
+
+def _id_png(image: ImageContent) -> bytes:
+    return _png(Image.fromarray(segment_numbers(image.pixels, image.segments)), image.tags)
+
+
+def _palette_png(image: ImageContent) -> bytes:
+    if image.colours is None:
+        raise ValueError("a palette needs colours")
+    indexed = Image.fromarray((image.pixels + 1).astype(np.uint8))
+    # Filled up to 256: Pillow would pack the pixels of a shorter palette into fewer bits.
+    indexed.putpalette(np.concatenate([BLACK, image.colours]).tobytes().ljust(3 * 256, b"\0"))
+    return _png(indexed, image.tags)
+
+
+def _png(image: Image.Image, tags: Mapping[str, str]) -> bytes:
+    chunks = PngImagePlugin.PngInfo()
+    for name, text in tags.items():
+        chunks.add_itxt(name.capitalize(), text)  # the keywords that PNG defines: Title, Comment, Description
+    return _saved(image, "PNG", pnginfo=chunks)
+
+
+def _saved(image: Image.Image, kind: str, **settings: object) -> bytes:
+    buffer = io.BytesIO()
+    image.save(buffer, kind, **settings)
+    return buffer.getvalue()
 
 
 FORMATS = {
     "rgb": {
-        "png": Format((".png",)),
-        "jpeg": Format((".jpg", ".jpeg"), largest=65500),
-        "webp": Format((".webp",), largest=16383),
-        "tiff": Format((".tif", ".tiff")),
+        "png": ImageFormat((".png",), _rgb_png),
+        "jpeg": ImageFormat((".jpg", ".jpeg"), _jpeg, largest=65500),
+        "webp": ImageFormat((".webp",), _webp, largest=16383),
+        "tiff": ImageFormat((".tif", ".tiff"), _tiff),
     },
     "depth": {
-        "png": Format((".png",), clipped=clipped_share),
-        "npy": Format((".npy",)),
-        "exr": Format((".exr",)),
-        "tiff": Format((".tif", ".tiff")),
+        "png": ImageFormat((".png",), _millimetre_png, clipped=clipped_share),
+        "npy": ImageFormat((".npy",), _npy),
+        "exr": ImageFormat((".exr",), _exr),
+        "tiff": ImageFormat((".tif", ".tiff"), _tiff),
     },
     "seg": {
-        "png": Format((".png",), things=UINT16_MAX, nothing=0),
-        "palette": Format((".png",), things=255, nothing=0),
-        "npy": Format((".npy",), nothing=-1),
-        "coco": Format((".json",), several=True),
+        "png": ImageFormat((".png",), _id_png, segments=UINT16_MAX, nothing=0),
+        "palette": ImageFormat((".png",), _palette_png, segments=255, nothing=0),
+        "npy": ImageFormat((".npy",), _npy, nothing=-1),
+        "coco": ImageFormat((".json",), None),
     },
 }
 
 
-def image_format(output: str | None, view: str, format: str | None = None, hint: str = "") -> str:  # noqa: A002
-    """The name in `FORMATS[view]` meant by an output's suffix, or by `format`; `output` None is standard output, png.
+def suffixes(view: str) -> list[str]:
+    """The suffixes of images that can hold `view`."""
+    return list(dict.fromkeys(suffix for known in FORMATS[view].values() for suffix in known.suffixes))
 
-    A suffix of several formats means the first; `format` may be a suffix without its point.
+
+def image_format(output: str | None, view: str, format: str | None = None, hint: str = "") -> str:  # noqa: A002
+    """The name in `FORMATS[view]` of the format meant by the suffix of `output` or by the option `format`.
+
+    A suffix of several formats means the first; `format` may be a suffix without its dot.
 
     Args:
-      hint: what else the user can do when the view cannot be held.
+      output: a file, or None for standard output, which is png by default.
+      hint: what else the user can do if the view cannot be held.
 
     Raises:
       UnknownNameError: there is no such view, format or suffix; the message lists those there are.
-      UsageError: the format cannot hold the view, or the suffix is another's.
+      UsageError: the format cannot hold the view, or the suffix is that of another format.
     """
     if view not in FORMATS:
         raise UnknownNameError("view", view, list(FORMATS))
-    known = FORMATS[view]
-    asked = None if format is None else _named(format, view, hint)
+    named = None if format is None else _named(format, view, hint)
     if output is None:
-        return asked or "png"
+        return named or "png"
+
     suffix = Path(output).suffix.lower()
-    meant = [name for name, kind in known.items() if suffix in kind.suffixes]
-    if asked and (asked in meant or not _views(suffix)):
-        return asked
-    if asked:
-        raise UsageError(f"--format {asked} and the suffix of {clean(output)} disagree")
-    if not meant and _views(suffix):
-        raise _cannot_hold(f"{clean(output)}: a {suffix}", view, _suffixes(view), hint)
+    meant = [name for name, known in FORMATS[view].items() if suffix in known.suffixes]
+    if named and (named in meant or not _is_known(suffix)):
+        return named
+    if named:
+        raise UsageError(f"{option('format')} {named} and the suffix of {clean(output)} disagree")
+    if not meant and _is_known(suffix):
+        raise _cannot_hold(f"{clean(output)}: a {suffix}", view, suffixes(view), hint)
     if not meant:
-        raise UnknownNameError("image format", suffix, _suffixes(view), where=output)
+        raise UnknownNameError("image format", suffix, suffixes(view), where=output)
     return meant[0]
 
 
-def _named(asked: str, view: str, hint: str) -> str:
-    for name, kind in FORMATS[view].items():
-        if asked == name or f".{asked}" in kind.suffixes:
-            return name
-    if any(asked in known for known in FORMATS.values()) or _views(f".{asked}"):
-        raise _cannot_hold(f"--format {asked}", view, list(FORMATS[view]), hint)
-    raise UnknownNameError("format", asked, list(FORMATS[view]))
+def _named(name: str, view: str, hint: str) -> str:
+    for known, form in FORMATS[view].items():
+        if name == known or f".{name}" in form.suffixes:
+            return known
+    if any(name in known for known in FORMATS.values()) or _is_known(f".{name}"):
+        raise _cannot_hold(f"{option('format')} {name}", view, list(FORMATS[view]), hint)
+    raise UnknownNameError("format", name, list(FORMATS[view]))
 
 
-def _views(suffix: str) -> list[str]:
-    """Those that files of this suffix can hold."""
-    return [view for view in FORMATS if suffix in _suffixes(view)]
-
-
-def _suffixes(view: str) -> list[str]:
-    return list(dict.fromkeys(suffix for kind in FORMATS[view].values() for suffix in kind.suffixes))
+def _is_known(suffix: str) -> bool:
+    return any(suffix in suffixes(view) for view in FORMATS)
 
 
 def _cannot_hold(what: str, view: str, valid: Sequence[str], hint: str) -> UsageError:
-    return UsageError(f"{what} cannot hold {WORDS[view]}\n{', '.join(valid)} can" + (f"\n{hint}" if hint else ""))
+    return UsageError(f"{what} cannot hold {CONTENTS[view]}\n{', '.join(valid)} can" + (f"\n{hint}" if hint else ""))

@@ -45,26 +45,7 @@ class Destination(Protocol):
         ...
 
 
-class Completable:
-    """What is complete before it is published, so that all outputs of a pass can be completed before any is moved."""
-
-    _is_finished = False
-
-    def complete(self) -> None:
-        """Writes the end of the output and verifies it; called once, by `finish`."""
-
-    def finish(self) -> None:
-        """Completes and verifies the output, which then only has to be moved; does nothing the second time.
-
-        Raises:
-          MjrunError: the output cannot be completed.
-        """
-        if not self._is_finished:
-            self.complete()
-            self._is_finished = True
-
-
-class OutputWriter(Completable):
+class OutputWriter:
     """Base of all writers: a context manager that leaves nothing behind unless the output was published.
 
     Creating the destination proves that the output can be written.
@@ -77,13 +58,30 @@ class OutputWriter(Completable):
         self.destination = destination
         self.resources = contextlib.ExitStack()
         self.resources.callback(destination.discard)
+        self._is_finished = False
+
+    def finish(self) -> None:
+        """Completes and verifies the output, which then only has to be moved; does nothing the second time.
+
+        All outputs of a pass are finished before any of them is published.
+
+        Raises:
+          FileError: the output cannot be written.
+          EncoderError: the encoder failed, or frames are missing.
+          ClosedPipeError: nobody reads standard output any more.
+        """
+        if not self._is_finished:
+            self.complete()
+            self._is_finished = True
+
+    def complete(self) -> None:
+        """Writes the end of the output and verifies it; for subclasses, called once by `finish`."""
 
     def publish(self) -> list[Path]:
         """Finishes the output, moves it to its final place, and returns its files.
 
         Raises:
-          FileError: the output cannot be written.
-          ClosedPipeError: nobody reads standard output any more.
+          MjrunError: as `finish`, or the output cannot be moved.
         """
         self.finish()
         return self.destination.publish()

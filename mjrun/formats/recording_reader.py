@@ -21,7 +21,7 @@ import numpy as np
 from mjrun.errors import FileError
 from mjrun.formats import npy
 from mjrun.formats.input_file import decoding, require_file
-from mjrun.formats.recording_writer import PIECE, SUFFIX, odd
+from mjrun.formats.recording_writer import PIECE, SUFFIX, not_finite
 
 FACTS = 2**24  # characters of facts, at most
 LOCAL = 26  # bytes of a member's header in the archive before the lengths of its name and extra field
@@ -184,5 +184,5 @@ def _require_finite(archive: zipfile.ZipFile, states: _Array, steps: np.ndarray)
         good = np.isfinite(block).all(axis=1)
         if not good.all():
             row = int(good.argmin())
-            raise ValueError(f"state {first + row}, at step {steps[first + row]}: {odd(block[row])}")
+            raise ValueError(f"state {first + row}, at step {steps[first + row]}: {not_finite(block[row])}")
         first += len(block)

@@ -19,23 +19,21 @@ import zipfile
 import zlib
 from collections.abc import Iterator, Mapping
 from pathlib import Path
-from types import TracebackType
 from typing import Any
 
 import numpy as np
 
-from mjrun.errors import FileError, UsageError, clean, quoted
-from mjrun.formats.publishing import Completable, StagedFile
+from mjrun.errors import FileError, UsageError, clean, option, quoted
+from mjrun.formats.publishing import OutputWriter, StagedFile
 
 SUFFIX = ".npz"
 PIECE = 2**20  # bytes handled at a time
 
 
-class RecordingWriter(Completable):
-    """Streams states to a recording as they come; nothing is published until `publish`.
+class RecordingWriter(OutputWriter):
+    """Streams states to a recording; nothing is published until `publish`.
 
-    Opening it proves that the output can be written. Leave the context without `publish` and no trace of the
-    recording is left. The same states and facts make the same bytes.
+    Opening it proves that the output can be written. The same states and facts make the same bytes.
 
     Args:
       path: a .npz file.
@@ -55,17 +53,14 @@ class RecordingWriter(Completable):
         self.count, self._size, self._last = 0, size, -1
         self._facts = json.dumps(dict(facts), default=str)
         self._info = zipfile.ZipInfo("states.npy")  # dated 1980: same recording, same bytes
-        with contextlib.ExitStack() as opened:
-            self._target = StagedFile(Path(path))
-            opened.callback(self._target.discard)
-            with self._writing():
-                folder = Path(self._target.path).parent
-                self._file = opened.enter_context(_closed(Path(self._target.path).open("wb")))  # noqa: SIM115
-                self._steps = opened.enter_context(_closed(tempfile.TemporaryFile(dir=folder)))  # noqa: SIM115
-                self._archive = opened.enter_context(_closed(zipfile.ZipFile(self._file, "w")))
-                self._member = opened.enter_context(_closed(_member(self._archive, self._info)))
-                np.lib.format.write_array_header_1_0(self._member, self._head(0))
-            self._opened = opened.pop_all()
+        super().__init__(StagedFile(Path(path)))
+        with self.opening():
+            folder, enter = Path(self.destination.path).parent, self.resources.enter_context
+            self._file = self.open_file()
+            self._steps = enter(_closing(tempfile.TemporaryFile(dir=folder)))  # noqa: SIM115
+            self._archive = enter(_closing(zipfile.ZipFile(self._file, "w")))
+            self._member = enter(_closing(_member(self._archive, self._info)))
+            np.lib.format.write_array_header_1_0(self._member, self._head(0))
 
     def write(self, step: int, state: np.ndarray) -> None:
         """Adds the state `(size,)` float64 at `step`: 0 at first, then ever greater.
@@ -78,8 +73,8 @@ class RecordingWriter(Completable):
         if step <= self._last or (self._last < 0 and step):
             raise ValueError(f"step {step} cannot come after {self._last if self.count else 'nothing'}")
         if not np.isfinite(state).all():
-            raise FileError(self._target.shown, f"cannot hold step {step}: {odd(state)}")
-        with self._writing():
+            raise FileError(self.destination.shown, f"cannot hold step {step}: {not_finite(state)}")
+        with self.writing():
             self._member.write(state.astype("<f8").tobytes())
             self._steps.write(struct.pack("<q", step))
         self.count, self._last = self.count + 1, step
@@ -87,9 +82,9 @@ class RecordingWriter(Completable):
     def complete(self) -> None:
         if not self.count:
             raise ValueError("a recording has at least one state")
-        with self._writing():
+        with self.writing():
             self._member.close()
-            self._say_count()
+            self._write_count()
             with _member(self._archive, zipfile.ZipInfo("steps.npy")) as member:
                 np.lib.format.write_array_header_1_0(member, _head("<i8", (self.count,)))
                 self._steps.seek(0)
@@ -99,31 +94,10 @@ class RecordingWriter(Completable):
             self._archive.close()
             self._file.close()
 
-    def publish(self) -> list[Path]:
-        """Completes the recording, puts it in its place, and says which file that is.
-
-        Raises:
-          FileError: it cannot be completed or put in its place.
-        """
-        self.finish()
-        return self._target.publish()
-
-    def close(self) -> None:
-        """Ends the recording, and removes what is not published."""
-        self._opened.close()
-
-    def __enter__(self) -> "RecordingWriter":
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self.close()
-
     def _head(self, count: int) -> dict[str, Any]:
         return _head("<f8", (count, self._size))
 
-    def _say_count(self) -> None:
+    def _write_count(self) -> None:
         """Puts the number of states into the array's header, for which NumPy leaves room, and into the checksum.
 
         With heads A and B of one length, crc(A + data) ^ crc(B + data) is crc(A + zeros) ^ crc(B + zeros), for as
@@ -140,27 +114,21 @@ class RecordingWriter(Completable):
         self._file.seek(self._info.header_offset)
         self._file.write(self._info.FileHeader(zip64=True) + heads[1])
 
-    @contextlib.contextmanager
-    def _writing(self) -> Iterator[None]:
-        """Tells what the operating system refuses as mjrun tells it."""
-        try:
-            yield
-        except OSError as error:
-            raise FileError(self._target.shown, f"cannot be written: {error.strerror or error}") from None
-
 
 def _require_suffix(path: str) -> None:
     if path == "-":
-        raise UsageError("--recording: a recording cannot be written to standard output\ngive a file, as in run.npz")
+        raise UsageError(
+            f"{option('recording')}: a recording cannot be written to standard output\ngive a file, as in run.npz"
+        )
     suffix = Path(path).suffix
     if suffix.lower() != SUFFIX:
-        said = f"not {quoted(suffix)}" if suffix else "and this has no suffix"
-        raise UsageError(f"--recording {clean(path)}: a recording is a {SUFFIX} file, {said}")
+        reason = f"not {quoted(suffix)}" if suffix else "and this has no suffix"
+        raise UsageError(f"{option('recording')} {clean(path)}: a recording is a {SUFFIX} file, {reason}")
 
 
 @contextlib.contextmanager
-def _closed(part: Any) -> Iterator[Any]:
-    """`part`, which is closed at the end, whether or not what it still holds can be written."""
+def _closing(part: Any) -> Iterator[Any]:
+    """`part`, closed at the end, whether or not what it still buffers can be written."""
     try:
         yield part
     finally:
@@ -185,7 +153,7 @@ def _followed_by_zeros(crc: int, count: int) -> int:
     return crc
 
 
-def odd(state: np.ndarray) -> str:
+def not_finite(state: np.ndarray) -> str:
     """What is not finite in `state`."""
     index = int(np.isfinite(state).argmin())
     return f"number {index} of its state is {state[index]}"

@@ -7,7 +7,7 @@ from pathlib import Path
 from mjrun.camera.calibration import lens
 from mjrun.camera.motion import CameraMotion
 from mjrun.camera.pose import Pose
-from mjrun.formats.calibration import CalibrationWriter, Exposure
+from mjrun.formats.calibration_writer import CalibrationEntry, CalibrationWriter
 from mjrun.job.view import Drawing
 
 FRAME = "%06d.png"  # in a folder
@@ -40,7 +40,7 @@ class Calibration:
         """Adds what every camera saw a frame through; `time` is simulated [s]."""
         for camera, pose in enumerate(poses):
             file, depth = (self._file(camera, view, frame) for view in ("rgb", "depth"))
-            self.writer.write(Exposure(self._names[camera], lens(pose, self._size), frame, time, file, depth))
+            self.writer.write(CalibrationEntry(self._names[camera], lens(pose, self._size), frame, time, file, depth))
 
     def _file(self, camera: int, view: str, frame: int) -> str:
         """The picture of a frame, as seen from the calibration file; empty for none."""

@@ -12,8 +12,8 @@ import numpy as np
 from mjrun.camera.pose import Pose
 from mjrun.camera.script import Event
 from mjrun.errors import BadValueError, UsageError, clean
-from mjrun.formats.image import ImageWriter
 from mjrun.formats.image_format import image_format
+from mjrun.formats.image_writer import ImageWriter
 from mjrun.formats.pointcloud import PointCloudWriter
 from mjrun.job.calibration import Calibration
 from mjrun.job.event_detection import conditions, time_of

@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 
 from mjrun.errors import BadValueError, UsageError, quoted
-from mjrun.formats.image import ImageWriter
 from mjrun.formats.image_format import image_format
+from mjrun.formats.image_writer import ImageWriter
 from mjrun.job.manifest import origin
 from mjrun.job.output_files import named
 from mjrun.job.perform import Artifact, Context, Preview, Work, perform

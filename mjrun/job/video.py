@@ -12,7 +12,7 @@ from mjrun.camera.pose import Pose
 from mjrun.errors import UnknownNameError, UsageError, clean
 from mjrun.formats.codecs import Encoding, encoding
 from mjrun.formats.labels import LabelsWriter
-from mjrun.formats.video import FilmWriter
+from mjrun.formats.video_writer import VideoWriter
 from mjrun.job.calibration import Calibration
 from mjrun.job.event_detection import conditions
 from mjrun.job.frame_drawing import Filming
@@ -174,7 +174,7 @@ class FilmWork(Work):
         ):
             _remark_padding(encoded, stream.size_of_frame, ground.reporter)
             target = None if path == "-" else path
-            film = FilmWriter(target, encoded, stream.size_of_frame, self._fps, tags=tags(target, self._facts))
+            film = VideoWriter(target, encoded, stream.size_of_frame, self._fps, tags=tags(target, self._facts))
             self._films.append(stack.enter_context(film))
             if path != "-" and [panel.view for panel in panels] == ["seg"]:
                 self._legends.append((stack.enter_context(LabelsWriter(path)), stream))
@@ -300,7 +300,7 @@ def _encodings(job: Video) -> list[Encoding]:
     found = []
     for (path, panels), stream in zip(job.outputs(job.output), job.streams(False, Overlay()), strict=True):
         coded = all(panel.view == "seg" for panel in panels)
-        content = "exact" if stream.exact else "ids" if coded else "film"
+        content = "exact" if stream.exact else "ids" if coded else "video"
         target = None if path == "-" else path
         found.append(encoding(target, job.format, job.codec, job.crf, job.preset, content))
     return found

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from mjrun.errors import MjrunError
-from mjrun.formats.codecs import CODECS, FORMATS, Encoding, encoding, is_folder
+from mjrun.formats.codecs import CODECS, CONTAINERS, Encoding, encoding, is_folder, suffixes
 
 
 @pytest.mark.parametrize(
@@ -33,7 +33,7 @@ def test_the_output_s_name_chooses_the_format(output: str | None, format_name: s
 
 
 def test_every_format_holds_codecs_that_exist_and_every_codec_has_a_format() -> None:
-    assert {codec for kind in FORMATS.values() for codec in kind.codecs} == set(CODECS)
+    assert {codec for kind in CONTAINERS.values() for codec in kind.codecs} == set(CODECS)
     assert all(codec.preset in codec.presets or not codec.presets for codec in CODECS.values())
     assert all(codec.crf is None or codec.crf[0] <= codec.crf[2] <= codec.crf[1] for codec in CODECS.values())
 
@@ -41,15 +41,15 @@ def test_every_format_holds_codecs_that_exist_and_every_codec_has_a_format() -> 
 @pytest.mark.parametrize(
     ("wanted", "message"),
     [
-        ({"output": "film.avi"}, "no film format '.avi' in film.avi"),
-        ({"output": "film.mpg4"}, "no film format '.mpg4' in film.mpg4 (did you mean '.mp4'"),
-        ({"output": "film.mp4", "format": "gif"}, "--format gif and the suffix of film.mp4 disagree"),
+        ({"output": "film.avi"}, "no video format '.avi' in film.avi"),
+        ({"output": "film.mpg4"}, "no video format '.mpg4' in film.mpg4 (did you mean '.mp4'"),
+        ({"output": "film.mp4", "format": "gif"}, "format gif and the suffix of film.mp4 disagree"),
         ({"output": None, "format": "mp5"}, "no format 'mp5' (did you mean 'mp4'?)\nformats: mp4, mov"),
-        ({"output": None, "format": "png"}, "--format png cannot be written to a pipe"),
+        ({"output": None, "format": "png"}, "format png cannot be written to a pipe"),
         ({"output": "film.webm", "codec": "h264"}, "no codec 'h264' in webm\ncodecs: vp9, av1"),
-        ({"output": "film.mp4", "crf": 52}, "--crf: '52' is not from 0 (best) to 51, as h264 takes"),
-        ({"output": "film.mp4", "crf": -1}, "--crf: '-1' is not from 0 (best) to 51, as h264 takes"),
-        ({"output": "film.gif", "crf": 3}, "--crf: gif has no constant rate factor"),
+        ({"output": "film.mp4", "crf": 52}, "crf: '52' is not from 0 (best) to 51, as h264 takes"),
+        ({"output": "film.mp4", "crf": -1}, "crf: '-1' is not from 0 (best) to 51, as h264 takes"),
+        ({"output": "film.gif", "crf": 3}, "crf: gif has no constant rate factor"),
         (
             {"output": "film.mp4", "preset": "slowest"},
             "no preset 'slowest' in codec h264 (did you mean 'slower' or 'slow'?)",
@@ -81,7 +81,7 @@ def test_a_gif_refuses_rates_that_it_would_play_wrongly(fps: Fraction) -> None:
 
 
 def test_the_default_rate_is_one_that_the_format_keeps() -> None:
-    for name in FORMATS:
+    for name in CONTAINERS:
         chosen = encoding(None if name == "rgb" else f"film_%d.{name}", "rgb" if name == "rgb" else None)
         chosen.check_fps(chosen.fps)
 
@@ -96,3 +96,8 @@ def test_an_existing_folder_is_a_folder_whatever_its_name(tmp_path: Path) -> Non
     (tmp_path / "take.2").mkdir()
     assert is_folder(str(tmp_path / "take.2"))
     assert not is_folder(str(tmp_path / "take.3"))
+
+
+def test_suffixes_are_those_of_the_table() -> None:
+    assert suffixes()[:2] == [".mp4", ".mov"]
+    assert all(encoding(f"f_%d{suffix}").format == suffix[1:] for suffix in suffixes())

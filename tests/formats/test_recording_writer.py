@@ -117,10 +117,10 @@ def test_a_failure_leaves_no_trace(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("path", "message"),
     [
-        ("-", "--recording: a recording cannot be written to standard output\ngive a file, as in run.npz"),
-        ("run.csv", "--recording run.csv: a recording is a .npz file, not '.csv'"),
-        ("run", "--recording run: a recording is a .npz file, and this has no suffix"),
-        ("run.npz.\x1b", "--recording run.npz.\\x1b: a recording is a .npz file, not '.\\x1b'"),
+        ("-", "recording: a recording cannot be written to standard output\ngive a file, as in run.npz"),
+        ("run.csv", "recording run.csv: a recording is a .npz file, not '.csv'"),
+        ("run", "recording run: a recording is a .npz file, and this has no suffix"),
+        ("run.npz.\x1b", "recording run.npz.\\x1b: a recording is a .npz file, not '.\\x1b'"),
     ],
 )
 def test_what_cannot_be_a_recording_is_refused(path: str, message: str) -> None:

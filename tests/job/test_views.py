@@ -239,7 +239,7 @@ def test_a_dataset_of_bop_has_depth_in_millimetres_or_none(swing: Path, tmp_path
     output = f"{tmp_path}/d.png" if make is Image else f"{tmp_path}/d/"
     options = {"size": (32, 24), "calibration": f"{tmp_path}/c.json", "calibration_format": "bop"}
     views = {"view": ["rgb", "depth"], "separate": True}
-    with pytest.raises(UsageError, match="it speaks of depth in 16-bit PNGs of millimetres; add --style exact"):
+    with pytest.raises(UsageError, match="its depth is in 16-bit PNGs of millimetres; set style to exact"):
         make(simulation, output, **options, **views, style="color").run()
     make(simulation, output, **options, **views, style="exact").run()
     assert json.loads((tmp_path / "c.json").read_text())["0"]["depth_scale"] == 1

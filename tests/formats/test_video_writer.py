@@ -1,9 +1,11 @@
 """Films, looked at by a decoder."""
 
 import io
+import re
 import struct
 import subprocess
 import time
+import weakref
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from fractions import Fraction
@@ -14,9 +16,9 @@ import numpy as np
 import pytest
 from PIL import Image, ImageSequence
 
-from mjrun.errors import EncoderError, MjrunError
-from mjrun.formats.codecs import CODECS, encoding
-from mjrun.formats.video import FilmWriter, encoder_version, working_codecs
+from mjrun.errors import EncoderError, MjrunError, UsageError
+from mjrun.formats.codecs import encoding
+from mjrun.formats.video_writer import VideoWriter, write_video
 
 SIZE = (64, 48)
 FPS = Fraction(25)
@@ -39,7 +41,7 @@ def frames(count: int, size: tuple[int, int] = SIZE, moving: bool = True) -> np.
 def write(output: str, pictures: np.ndarray, promised: int | None = None, fps: Fraction = FPS, **how: object) -> None:
     chosen = encoding(output, **how)  # type: ignore[arg-type]
     size = (pictures.shape[2], pictures.shape[1])
-    with FilmWriter(output, chosen, size, fps, len(pictures) if promised is None else promised) as film:
+    with VideoWriter(output, chosen, size, fps, len(pictures) if promised is None else promised) as film:
         for picture in pictures:
             film.write(picture)
         film.publish()
@@ -92,7 +94,7 @@ def test_numbers_of_sixteen_bits_stay_as_they_are(tmp_path: Path, name: str, cod
     original = np.random.default_rng(0).integers(0, 2**16, (3, 48, 64)).astype(np.uint16)
     chosen = encoding(f"{tmp_path}/{name}", content="exact")
     assert chosen.codec == codec
-    with FilmWriter(f"{tmp_path}/{name}", chosen, SIZE, FPS, 3) as film:
+    with VideoWriter(f"{tmp_path}/{name}", chosen, SIZE, FPS, 3) as film:
         for numbers in original:
             film.write(numbers)
         film.publish()
@@ -188,13 +190,13 @@ def test_quality_and_effort_reach_the_encoder(tmp_path: Path) -> None:
 @pytest.mark.parametrize("promised", [4, 6])
 def test_a_film_that_is_not_what_was_promised_is_not_published(tmp_path: Path, promised: int) -> None:
     (tmp_path / "f.mp4").write_text("old")
-    with pytest.raises(EncoderError, match=f"the film has 5 frames, {promised} were promised"):
+    with pytest.raises(EncoderError, match=f"the video has 5 frames, {promised} were promised"):
         write(str(tmp_path / "f.mp4"), frames(5), promised)
     assert (tmp_path / "f.mp4").read_text() == "old"
 
 
 def test_a_file_that_lost_frames_is_noticed(tmp_path: Path) -> None:
-    with FilmWriter(str(tmp_path / "f.mp4"), encoding("f.mp4"), SIZE, FPS, 5) as film:
+    with VideoWriter(str(tmp_path / "f.mp4"), encoding("f.mp4"), SIZE, FPS, 5) as film:
         for picture in frames(5)[:4]:
             film.write(picture)
         film.written += 1  # as if the encoder had dropped one
@@ -206,7 +208,7 @@ def test_a_killed_encoder_is_an_error_and_leaves_the_old_film(tmp_path: Path) ->
     (tmp_path / "f.mp4").write_text("old")
     large = frames(1, (640, 480))[0]
 
-    def go_on_writing(film: FilmWriter) -> None:
+    def go_on_writing(film: VideoWriter) -> None:
         film.write(large)
         film._child.kill()
         while True:
@@ -214,7 +216,7 @@ def test_a_killed_encoder_is_an_error_and_leaves_the_old_film(tmp_path: Path) ->
             time.sleep(0.001)
 
     with (
-        FilmWriter(str(tmp_path / "f.mp4"), encoding("f.mp4"), (640, 480), FPS, 100) as film,
+        VideoWriter(str(tmp_path / "f.mp4"), encoding("f.mp4"), (640, 480), FPS, 100) as film,
         pytest.raises(EncoderError, match="the encoder failed after"),
     ):
         go_on_writing(film)
@@ -224,13 +226,13 @@ def test_a_killed_encoder_is_an_error_and_leaves_the_old_film(tmp_path: Path) ->
 def test_what_the_encoder_said_last_is_in_the_error(tmp_path: Path) -> None:
     broken = replace(encoding("f.mp4"), preset="nonsense")
 
-    def go_on_writing(film: FilmWriter) -> None:
+    def go_on_writing(film: VideoWriter) -> None:
         for picture in frames(200):
             film.write(picture)
         film.publish()
 
     with (
-        FilmWriter(str(tmp_path / "f.mp4"), broken, SIZE, FPS, 200) as film,
+        VideoWriter(str(tmp_path / "f.mp4"), broken, SIZE, FPS, 200) as film,
         pytest.raises(EncoderError, match="nonsense"),
     ):
         go_on_writing(film)
@@ -238,23 +240,119 @@ def test_what_the_encoder_said_last_is_in_the_error(tmp_path: Path) -> None:
 
 def test_too_small_a_film_is_refused(tmp_path: Path) -> None:
     with pytest.raises(MjrunError, match="at least 16x16"):
-        FilmWriter(str(tmp_path / "f.mp4"), encoding("f.mp4"), (64, 8), FPS, 1)
+        VideoWriter(str(tmp_path / "f.mp4"), encoding("f.mp4"), (64, 8), FPS, 1)
 
 
 def test_a_frame_of_another_size_is_a_programming_error(tmp_path: Path) -> None:
     with (
-        FilmWriter(str(tmp_path / "f.mp4"), encoding("f.mp4"), SIZE, FPS, 1) as film,
+        VideoWriter(str(tmp_path / "f.mp4"), encoding("f.mp4"), SIZE, FPS, 1) as film,
         pytest.raises(ValueError, match="a frame must be uint8"),
     ):
         film.write(np.zeros((10, 10, 3), np.uint8))
 
 
-def test_every_codec_works_here() -> None:
-    assert encoder_version()
-    assert working_codecs() == dict.fromkeys(CODECS, True)
+# --- write_video -------------------------------------------------------------------------------------
 
 
-def test_a_missing_encoder_is_said_so(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("IMAGEIO_FFMPEG_EXE", "/nowhere/ffmpeg")
-    with pytest.raises(EncoderError, match="ffmpeg cannot be run"):
-        encoder_version()
+@pytest.mark.parametrize(
+    ("name", "options", "error"),
+    [
+        ("f.mp4", {}, 4),
+        ("f.mp4", {"codec": "h264rgb"}, 0),
+        ("f.webm", {"crf": 10}, 6),
+        ("f.mkv", {"codec": "ffv1"}, 0),
+        ("f.apng", {}, 0),
+        ("f.bin", {"format": "mkv", "preset": "ultrafast"}, 4),
+    ],
+)
+def test_an_iterable_of_frames_becomes_a_video(
+    tmp_path: Path, decode: Callable, name: str, options: dict, error: float
+) -> None:
+    original = frames(7)
+    assert write_video(tmp_path / name, iter(original), 25, **options) == [tmp_path / name]
+    found = decode(tmp_path / name)
+    assert (found.frames.shape, found.fps) == (original.shape, 25)
+    assert np.sqrt(((found.frames.astype(int) - original) ** 2).mean(axis=(1, 2, 3))).max() <= error * 2.5
+
+
+def test_frames_are_encoded_as_they_come(tmp_path: Path) -> None:
+    alive: list[weakref.ref] = []
+
+    def noise() -> Iterator[np.ndarray]:
+        rng = np.random.default_rng(0)
+        for _ in range(20):
+            frame = rng.integers(0, 255, (48, 64, 3), np.uint8)
+            alive.append(weakref.ref(frame))
+            yield frame
+            del frame
+            assert sum(ref() is not None for ref in alive) <= 2  # the first one, and the one before
+
+    write_video(tmp_path / "f.mp4", noise())
+    assert len(alive) == 20
+
+
+def test_grey_frames_are_their_colours(tmp_path: Path, decode: Callable) -> None:
+    grey = frames(3)[..., 0]
+    write_video(tmp_path / "f.mkv", grey, codec="ffv1")
+    assert np.array_equal(decode(tmp_path / "f.mkv").frames, np.repeat(grey[..., None], 3, axis=3))
+
+
+def test_sixteen_bits_stay_as_they_are(tmp_path: Path) -> None:
+    millimetres = np.random.default_rng(0).integers(0, 2**16, (3, 48, 64)).astype(np.uint16)
+    files = write_video(tmp_path / "frames", millimetres)
+    assert [file.name for file in files] == ["000000.png", "000001.png", "000002.png"]
+    assert np.array_equal(np.stack([np.array(Image.open(file)) for file in files]), millimetres)
+    with pytest.raises(UsageError, match="mp4 cannot hold numbers of 16 bits\\nmkv, png can"):
+        write_video(tmp_path / "f.mp4", millimetres)
+
+
+GOOD = np.zeros((48, 64, 3), np.uint8)
+
+
+@pytest.mark.parametrize(
+    ("pictures", "message"),
+    [
+        ([], "there are no frames"),
+        ([GOOD, GOOD, GOOD[:40]], "frame 2 is uint8 (40, 64, 3), but frame 0 is uint8 (48, 64, 3)"),
+        ([GOOD, GOOD[..., 0]], "frame 1 is uint8 (48, 64), but frame 0 is uint8 (48, 64, 3)"),
+        ([GOOD / 255], "frame 0 is float64 (48, 64, 3), not uint8 (height, width, 3), uint8 (height, width) or"),
+        ([np.zeros((48, 64, 4), np.uint8)], "frame 0 is uint8 (48, 64, 4), not uint8 (height, width, 3)"),
+        ([GOOD, None], "frame 1 is NoneType, not uint8"),
+        ([GOOD.tolist()], "frame 0 is list, not uint8"),
+    ],
+)
+def test_a_frame_that_is_wrong_is_named_and_nothing_is_written(tmp_path: Path, pictures: list, message: str) -> None:
+    with pytest.raises(ValueError, match=re.escape(message)):
+        write_video(tmp_path / "f.mp4", pictures)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_what_cannot_be_written_is_told_before_a_second_frame_is_drawn(tmp_path: Path) -> None:
+    def endless() -> Iterator[np.ndarray]:
+        yield GOOD
+        raise AssertionError
+
+    for path, options, error in (
+        (tmp_path / "none/f.mp4", {}, "there is no folder"),
+        (tmp_path / "f.mp5", {}, "no video format '.mp5'"),
+        (tmp_path / "f.mp4", {"codec": "vp9"}, "no codec 'vp9' in mp4"),
+        (tmp_path / "f.mp4", {"crf": 99}, "crf: '99' is not from 0"),
+        (tmp_path / "f.mp4", {"fps": 0}, "fps: '0' is not a positive number"),
+        (tmp_path / "f.mp4", {"fps": "fast"}, "fps: 'fast' is not a positive number"),
+        (tmp_path / "f.gif", {}, "fps: '30' is not possible in a GIF"),
+    ):
+        with pytest.raises(MjrunError, match=re.escape(error)):
+            write_video(path, endless(), **options)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_source_of_frames_that_fails_leaves_the_old_video(tmp_path: Path) -> None:
+    def failing() -> Iterator[np.ndarray]:
+        yield from [GOOD, GOOD]
+        raise RuntimeError("no more")
+
+    (tmp_path / "f.mp4").write_text("old")
+    with pytest.raises(RuntimeError, match="no more"):
+        write_video(tmp_path / "f.mp4", failing())
+    assert (tmp_path / "f.mp4").read_text() == "old"
+    assert [path.name for path in tmp_path.iterdir()] == ["f.mp4"]

@@ -22,8 +22,8 @@ from hypothesis.extra import numpy as hnp
 from PIL import Image, JpegImagePlugin
 
 from mjrun.errors import BadValueError, FileError, UsageError
-from mjrun.formats.image import ImageWriter
 from mjrun.formats.image_format import FORMATS, image_format
+from mjrun.formats.image_writer import ImageWriter
 from mjrun.model.rendered_view import Segment
 
 ROOT = Path(__file__).parents[2]
@@ -369,7 +369,7 @@ def test_a_bad_path_fails_at_opening_and_leaves_nothing(tmp_path: Path) -> None:
 
 
 def test_a_picture_too_large_for_its_format_is_refused_at_opening(tmp_path: Path) -> None:
-    with pytest.raises(BadValueError, match="--size: '16384x8' is not at most 16383 a side, as webp holds"):
+    with pytest.raises(BadValueError, match="size: '16384x8' is not at most 16383 a side, as webp holds"):
         ImageWriter(str(tmp_path / "a.webp"), "rgb", "webp", (16384, 8))
     write(tmp_path / "a.webp", "rgb", np.zeros((1, 16383, 3), np.uint8))
     write(tmp_path / "a.jpg", "rgb", np.zeros((1, 65500, 3), np.uint8))
@@ -378,9 +378,9 @@ def test_a_picture_too_large_for_its_format_is_refused_at_opening(tmp_path: Path
 @pytest.mark.parametrize(("form", "most"), [("png", 65535), ("palette", 255)])
 def test_too_many_things_are_refused_with_the_number_there_may_be(tmp_path: Path, form: str, most: int) -> None:
     with ImageWriter(str(tmp_path / "a.png"), "seg", form, (1, 1)) as out:
-        out.check_things(most)
+        out.check_segments(most)
         for fails in (
-            lambda: out.check_things(most + 1),
+            lambda: out.check_segments(most + 1),
             lambda: out.write(np.zeros((1, 1), np.int32), LEGEND[:1] * (most + 1)),
         ):
             with pytest.raises(
@@ -411,12 +411,12 @@ def test_pixels_of_another_kind_are_a_fault_of_the_caller(
 
 def test_one_file_is_one_picture_with_its_colours(tmp_path: Path) -> None:
     with ImageWriter(str(tmp_path / "a.png"), "seg", "palette", (WIDTH, HEIGHT)) as out:
-        with pytest.raises(ValueError, match="no picture yet"):
+        with pytest.raises(ValueError, match="no image yet"):
             out.publish()
         with pytest.raises(ValueError, match="colours must be uint8"):
             out.write(ids(), LEGEND, COLOURS[:2])
         out.write(ids(), LEGEND, COLOURS)
-        with pytest.raises(ValueError, match="holds one picture"):
+        with pytest.raises(ValueError, match="holds one image"):
             out.write(ids(), LEGEND, COLOURS)
 
 
@@ -452,7 +452,7 @@ PROGRAM = """
 import sys
 import numpy as np
 from mjrun.errors import ClosedPipeError, FileError
-from mjrun.formats.image import ImageWriter
+from mjrun.formats.image_writer import ImageWriter
 from mjrun.model.rendered_view import Segment
 view, form, side = sys.argv[1], sys.argv[2], int(sys.argv[3])
 noise = np.random.default_rng(1).integers(0, 3, (side, side, 3))

@@ -11,7 +11,7 @@ import pytest
 import yaml
 
 from mjrun.errors import FileError, UsageError
-from mjrun.formats.calibration import FORMATS, CalibrationWriter, Exposure
+from mjrun.formats.calibration_writer import FORMATS, CalibrationEntry, CalibrationWriter
 from mjrun.model.rendered_view import CameraCalibration
 
 RANDOM = np.random.default_rng(7)
@@ -27,25 +27,25 @@ def a_lens(height: float = 3.0, focal: float = 411.7, perspective: bool = True) 
     return CameraCalibration((641, 479), focal, focal * 1.1, 300.1, 251 / 3, pose, 0.01, 50.0, perspective)
 
 
-def film(count: int = 3, **settings: Any) -> list[Exposure]:
+def film(count: int = 3, **settings: Any) -> list[CalibrationEntry]:
     """Pictures of a camera that rises."""
     return [
-        Exposure("side", a_lens(3 + k / 7, **settings), k, k / 30, f"frames/{k:06d}.png", f"depth/{k:06d}.png")
+        CalibrationEntry("side", a_lens(3 + k / 7, **settings), k, k / 30, f"frames/{k:06d}.png", f"depth/{k:06d}.png")
         for k in range(count)
     ]
 
 
-def written(folder: Path, format: str, exposures: list[Exposure], name: str = "out") -> str:  # noqa: A002
-    cameras = list(dict.fromkeys(exposure.camera for exposure in exposures))
+def written(folder: Path, format: str, entries: list[CalibrationEntry], name: str = "out") -> str:  # noqa: A002
+    cameras = list(dict.fromkeys(entry.camera for entry in entries))
     with CalibrationWriter(str(folder / name), format, cameras) as writer:
-        for exposure in exposures:
-            writer.write(exposure)
+        for entry in entries:
+            writer.write(entry)
         assert writer.publish() == [folder / name]
     return (folder / name).read_text("utf-8")
 
 
 def test_our_own_file_says_all_of_a_lens_to_the_last_bit(tmp_path: Path) -> None:
-    exposures = [*film(2), Exposure("top view", a_lens(perspective=False), 1, 1 / 30)]
+    exposures = [*film(2), CalibrationEntry("top view", a_lens(perspective=False), 1, 1 / 30)]
     document = json.loads(written(tmp_path, "mjrun", exposures))
     assert document["axes"] == "opencv"
     assert document["pixel_center"] == 0.5
@@ -114,7 +114,7 @@ def test_every_number_is_a_number_in_yaml_too(tmp_path: Path, focal: float) -> N
 
 @pytest.mark.parametrize("name", ["camera:3", 'a"b\n: [', "\x1b[31m", "no", "1", "кам"])
 def test_any_name_of_a_camera_is_text(tmp_path: Path, name: str) -> None:
-    exposure = Exposure(name, a_lens())
+    exposure = CalibrationEntry(name, a_lens())
     ros = yaml.safe_load(written(tmp_path, "ros", [exposure]))["camera_name"]
     assert isinstance(ros, str)
     assert ros.replace("_", "a").isalnum()
@@ -123,34 +123,34 @@ def test_any_name_of_a_camera_is_text(tmp_path: Path, name: str) -> None:
 
 @pytest.mark.parametrize("format", ["nerfstudio", "bop", "ros"])
 def test_an_orthographic_camera_is_refused_where_the_format_knows_none(tmp_path: Path, format: str) -> None:  # noqa: A002
-    message = f"--calibration-format {format}: it knows no orthographic camera, and top is one"
+    message = f"calibration_format {format}: it has no orthographic cameras, and top is one"
     with pytest.raises(UsageError, match=message):
         CalibrationWriter(str(tmp_path / "out"), format, ["top"], orthographic=["top"])
     with CalibrationWriter(str(tmp_path / "out"), format) as writer, pytest.raises(UsageError, match=message):
-        writer.write(Exposure("top", a_lens(perspective=False)))
+        writer.write(CalibrationEntry("top", a_lens(perspective=False)))
     assert list(tmp_path.iterdir()) == []
 
 
 @pytest.mark.parametrize("format", ["bop", "ros"])
 def test_several_cameras_are_refused_where_a_file_is_about_one(tmp_path: Path, format: str) -> None:  # noqa: A002
-    with pytest.raises(UsageError, match=r"a file is about one camera, not 2: side, top\n.*mjrun can say it"):
+    with pytest.raises(UsageError, match=r"a file describes one camera, not 2: side, top\n.*mjrun can hold it"):
         CalibrationWriter(str(tmp_path / "out"), format, ["side", "top"])
 
 
 def test_a_lens_that_changes_is_refused_where_a_file_is_about_one(tmp_path: Path) -> None:
     with CalibrationWriter(str(tmp_path / "out"), "ros") as writer:
         writer.write(film(1)[0])
-        with pytest.raises(UsageError, match="about one lens, and this one changes at frame 4"):
-            writer.write(Exposure("side", a_lens(focal=100), 4))
+        with pytest.raises(UsageError, match="describes one lens, and this one changes at frame 4"):
+            writer.write(CalibrationEntry("side", a_lens(focal=100), 4))
     assert list(tmp_path.iterdir()) == []
 
 
 def test_nerfstudio_needs_pictures_in_files(tmp_path: Path) -> None:
-    message = "it names the file of each colour picture: write PNGs, as in -o frames/"
+    message = "it names the file of each colour image: write a folder of PNGs"
     with pytest.raises(UsageError, match=message):
-        CalibrationWriter(str(tmp_path / "out"), "nerfstudio", ["side"], pictures=False)
+        CalibrationWriter(str(tmp_path / "out"), "nerfstudio", ["side"], image_files=False)
     with CalibrationWriter(str(tmp_path / "out"), "nerfstudio") as writer, pytest.raises(UsageError, match=message):
-        writer.write(Exposure("side", a_lens()))
+        writer.write(CalibrationEntry("side", a_lens()))
 
 
 def test_an_unknown_format_is_refused_with_those_there_are(tmp_path: Path) -> None:

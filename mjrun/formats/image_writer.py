@@ -1,0 +1,128 @@
+"""Writes images: the pixels of one view become one published file."""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from mjrun.errors import BadValueError, clean, option
+from mjrun.formats.coco import Coco
+from mjrun.formats.image_format import FORMATS, ImageContent
+from mjrun.formats.labels import LabelsWriter
+from mjrun.formats.publishing import OutputWriter, StagedFile, StandardOutput
+from mjrun.model.rendered_view import Segment
+from mjrun.model.uint16_pixels import check_segment_count
+
+# The pixels of a view: their shape after height and width, and their type.
+PIXELS = {"rgb": ((3,), np.uint8), "depth": ((), np.float32), "seg": ((), np.int32)}
+
+
+class ImageWriter(OutputWriter):
+    """Writes one image, or any number of them to a COCO document; nothing is published until `publish`.
+
+    Opening it proves that the output can be written.
+
+    Args:
+      output: a file, or None for standard output.
+      view: `rgb` for colours of any origin, `depth` or `seg`.
+      format: a name from `image_format`.
+      size: width and height [pixels].
+      tags: title, comment and description, embedded in PNG and EXR; TIFF holds the description only.
+
+    Attributes:
+      clipped: the share of what is seen that is beyond the range of the format, known once it is written.
+
+    Raises:
+      FileError: the output, or the labels beside it, cannot be written.
+      BadValueError: the format cannot hold so large an image.
+    """
+
+    def __init__(
+        self,
+        output: str | None,
+        view: str,
+        format: str,  # noqa: A002  (the option's name)
+        size: tuple[int, int],
+        tags: Mapping[str, str] | None = None,
+    ) -> None:
+        self.clipped = 0.0
+        self._view, self._name, self._size = view, format, size
+        self._format = FORMATS[view][format]
+        self._tags = {name: clean(text) for name, text in (tags or {}).items()}
+        self._coco, self._written = Coco(), 0
+        largest = self._format.largest
+        if largest and max(size) > largest:
+            raise BadValueError(option("size"), f"{size[0]}x{size[1]}", f"at most {largest} a side, as {format} holds")
+
+        is_document = self._format.encode is None  # text, which may go to a terminal
+        super().__init__(StandardOutput(terminal=is_document) if output is None else StagedFile(Path(output)))
+        with self.opening():
+            labelled = output is not None and self._format.nothing is not None
+            self._labels = self.resources.enter_context(LabelsWriter(output)) if labelled else None
+
+    def check_segments(self, count: int) -> None:
+        """Raises UsageError when the format cannot tell so many segments apart; `write` checks it, too."""
+        if self._format.segments is not None:
+            check_segment_count(count, self._format.segments)
+
+    def write(
+        self,
+        pixels: np.ndarray,
+        legend: Sequence[Segment] = (),
+        colours: np.ndarray | None = None,
+        image: Mapping[str, Any] | None = None,
+    ) -> None:
+        """Writes the image.
+
+        Args:
+          pixels: rgb `(h, w, 3)` uint8, depth `(h, w)` float32 [m], or ids `(h, w)` int32.
+          legend: what the ids mean.
+          colours: of the legend, `(n, 3)` uint8, for labels and a palette.
+          image: what a COCO document says of the image: `file_name`, and anything else such as `camera` and `time`.
+
+        Raises:
+          UsageError: the format cannot tell so many segments apart.
+          FileError: the disk is full.
+          ClosedPipeError: nobody reads standard output any more.
+        """
+        self._check(pixels, legend, colours)
+        self.check_segments(len(legend))
+        self._written += 1
+        if self._format.encode is None:
+            stem = self.destination.shown.stem if self.destination.stdout is None else "image"
+            self._coco.add(pixels, legend, {"file_name": f"{stem}.png", **(image or {})})
+            return
+        if self._written > 1:
+            raise ValueError(f"{self._name} holds one image")
+        self.clipped = self._format.clipped(pixels)
+        self.write_file(self._format.encode(ImageContent(pixels, len(legend), colours, self._tags)))
+        if self._labels:
+            self._labels.write(self._size, legend, colours, self._format.nothing or 0, pixels)
+
+    def complete(self) -> None:
+        if not self._written:
+            raise ValueError("there is no image yet")
+        if self._format.encode is None:
+            self.write_file(self._coco.document().encode())
+
+    def publish(self) -> list[Path]:
+        """Finishes the image, moves it and its labels to their final place, and returns these files.
+
+        Raises:
+          FileError: the output cannot be written.
+          ClosedPipeError: nobody reads standard output any more.
+        """
+        self.finish()
+        labels = self._labels.publish() if self._labels else []
+        return [*super().publish(), *labels]
+
+    def _check(self, pixels: np.ndarray, legend: Sequence[Segment], colours: np.ndarray | None) -> None:
+        """Raises ValueError when these are not pixels of the view and size, or do not fit together."""
+        shape, kind = (self._size[1], self._size[0], *PIXELS[self._view][0]), PIXELS[self._view][1]
+        if pixels.shape != shape or pixels.dtype != kind:
+            raise ValueError(f"{self._view} must be {kind.__name__} {shape}, not {pixels.dtype} {pixels.shape}")
+        if self._view == "seg" and not -1 <= pixels.min() <= pixels.max() < len(legend):
+            raise ValueError(f"ids must be from −1 to {len(legend) - 1}")
+        if colours is not None and (colours.shape != (len(legend), 3) or colours.dtype != np.uint8):
+            raise ValueError(f"colours must be uint8 {(len(legend), 3)}, not {colours.dtype} {colours.shape}")

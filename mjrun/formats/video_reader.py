@@ -1,0 +1,121 @@
+"""Reads videos: one frame at a time, or all of them as an array."""
+
+import contextlib
+import traceback
+import warnings
+from collections.abc import Iterator
+from pathlib import Path
+
+import imageio.v3 as iio
+import imageio_ffmpeg
+import numpy as np
+from PIL import Image, ImageSequence
+
+from mjrun.errors import FileError, UsageError, clean
+from mjrun.formats import codecs
+from mjrun.formats.column_checks import unreadable
+from mjrun.formats.input_file import decoding, require_file
+
+ANIMATIONS = (".gif", ".apng", ".webp")  # read by Pillow, which knows how long each frame lasts
+RAW = ".rgb"  # pixels without a size
+
+
+def read_video(path: str | Path) -> "VideoReader":
+    """Opens a video to read: iterate over it for one frame at a time, or take all of them as `.frames`.
+
+    Raises:
+      FileError: there is no such file, or it cannot be decoded.
+      UsageError: the format can be written, but not read.
+    """
+    return VideoReader(Path(path))
+
+
+class VideoReader:
+    """The frames of a video.
+
+    Each iteration decodes the file anew and holds one frame at a time: uint8 `(height, width, 3)`, or uint16
+    `(height, width)` for a video of 16-bit numbers.
+
+    Attributes:
+      fps: frames per second, as the file says. Frames of an animation that last longer than its shortest one are
+        repeated.
+      size: width and height [pixels].
+    """
+
+    def __init__(self, path: Path) -> None:
+        self._path, self._suffix = path, path.suffix.lower()
+        require_file(path, "video", codecs.suffixes())
+        if self._suffix == RAW:
+            raise UsageError(
+                f"{clean(str(path))}: {RAW} videos can be written, but not read: they do not hold their size"
+            )
+        self._repeats: list[int] = []
+        self._is_numbers = False
+        with self._decoding():
+            if self._suffix in ANIMATIONS:
+                self.fps, self.size = self._read_animation()
+            else:
+                properties = iio.immeta(path, plugin="FFMPEG")
+                self.fps, self.size = float(properties["fps"]), tuple[int, int](properties["size"])
+                self._is_numbers = properties["pix_fmt"].startswith("gray16")
+
+    @property
+    def frames(self) -> np.ndarray:
+        """All frames, `(n, height, width, 3)` uint8 or `(n, height, width)` uint16.
+
+        Raises:
+          FileError: the file cannot be decoded.
+        """
+        return np.stack(list(self))
+
+    def __iter__(self) -> Iterator[np.ndarray]:
+        decode = self._animation if self._suffix in ANIMATIONS else self._numbers if self._is_numbers else self._colours
+        frames = decode()
+        while True:
+            with self._decoding():
+                frame = next(frames, None)
+            if frame is None:
+                return
+            yield frame
+
+    def _colours(self) -> Iterator[np.ndarray]:
+        yield from iio.imiter(self._path, plugin="FFMPEG")
+
+    def _numbers(self) -> Iterator[np.ndarray]:
+        """Frames of 16-bit numbers, which the plugin of imageio would turn into colours."""
+        frames = imageio_ffmpeg.read_frames(self._path, pix_fmt="gray16le", bits_per_pixel=16)
+        next(frames)  # properties
+        for content in frames:
+            yield np.frombuffer(content, "<u2").astype(np.uint16).reshape(self.size[::-1])
+
+    def _animation(self) -> Iterator[np.ndarray]:
+        with Image.open(self._path) as file:
+            for repeats, frame in zip(self._repeats, ImageSequence.Iterator(file), strict=True):
+                for _ in range(repeats):
+                    yield np.array(frame.convert("RGB"))
+
+    def _read_animation(self) -> tuple[float, tuple[int, int]]:
+        durations = []  # [ms]
+        with Image.open(self._path) as file:
+            for frame in ImageSequence.Iterator(file):
+                frame.load()  # sets the duration
+                durations.append(float(frame.info.get("duration", 0)))
+            size = file.size
+        shortest = min(durations)
+        if shortest <= 0:
+            raise ValueError("a frame has no duration")
+        self._repeats = [round(duration / shortest) for duration in durations]
+        return 1000 * sum(self._repeats) / sum(durations), size
+
+    @contextlib.contextmanager
+    def _decoding(self) -> Iterator[None]:
+        try:
+            with decoding(self._path, unreadable(self._path)):
+                yield
+        except OSError as error:
+            raise FileError(self._path, f"cannot be read: {error.strerror or error}") from None
+        except FileError as error:
+            if error.__cause__:  # in its frames, imageio-ffmpeg leaves pipes open
+                with warnings.catch_warnings(action="ignore"):
+                    traceback.clear_frames(error.__cause__.__traceback__)
+            raise

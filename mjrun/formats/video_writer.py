@@ -1,0 +1,292 @@
+"""Writes videos: frames become one verified and published video, through the bundled ffmpeg."""
+
+import contextlib
+import re
+import signal
+import subprocess
+import threading
+from collections import deque
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from fractions import Fraction
+from pathlib import Path
+
+import numpy as np
+
+from mjrun.errors import BadValueError, ClosedPipeError, EncoderError, FileError, UsageError, clean, option
+from mjrun.formats import ffmpeg
+from mjrun.formats.codecs import CONTAINERS, GRAY16, Encoding, container_name, encoding, is_folder
+from mjrun.formats.publishing import (
+    Destination,
+    OutputWriter,
+    StagedFile,
+    StagedFolder,
+    StagedFrames,
+    StandardOutput,
+    no_space,
+)
+from mjrun.timeline import rational
+
+SMALLEST = 16  # pixels a side; below it some encoders fail
+LOG_LINES = 200
+
+
+def write_video(
+    path: str | Path,
+    frames: Iterable[np.ndarray],
+    fps: float | str | Fraction = 30,
+    *,
+    codec: str | None = None,
+    crf: int | None = None,
+    preset: str | None = None,
+    format: str | None = None,  # noqa: A002  (the option's name)
+) -> list[Path]:
+    """Encodes frames into a video, which appears whole and verified, or not at all.
+
+    Frames are encoded as they are taken from the iterable, so memory does not grow with the video. Codecs that
+    subsample colour pad odd sides by one pixel.
+
+    Args:
+      path: a .mp4, .mov, .mkv, .webm, .gif, .apng or .webp file; a folder or a pattern such as `frame_%04d.png` for
+        PNGs.
+      frames: arrays of one shape: colours `(height, width, 3)` uint8, grey `(height, width)` uint8, or numbers such
+        as millimetres `(height, width)` uint16, which .mkv and PNG hold without loss.
+      fps: frames per second; `"30000/1001"` is exact.
+      codec, crf, preset: as in `mjrun video`; the defaults depend on the format.
+      format: instead of the suffix of `path`.
+
+    Returns:
+      The files of the video.
+
+    Raises:
+      ValueError: there are no frames, or one differs from the first; the message says which.
+      UsageError: the format cannot hold these frames, or the options do not fit together.
+      FileError: the video cannot be written.
+      EncoderError: the encoder failed.
+    """
+    output, rate = str(path), _rate(fps)
+    container_name(output, format)  # fails before the first frame is drawn
+    checked = _checked(frames)
+    first = next(checked, None)
+    if first is None:
+        raise ValueError("there are no frames")
+
+    content = "exact" if first.dtype == np.uint16 else "video"
+    how = encoding(output, format, codec, crf, preset, content)
+    with VideoWriter(output, how, (first.shape[1], first.shape[0]), rate) as writer:
+        writer.write(first)
+        for frame in checked:
+            writer.write(frame)
+        writer.count = writer.written
+        return writer.publish()
+
+
+class VideoWriter(OutputWriter):
+    """Streams frames to the encoder; nothing is published until all of them are there.
+
+    Opening it proves that the output can be written.
+
+    Args:
+      output: a file, a folder of frames, a pattern such as `frame_%04d.png`, or None for stdout.
+      size: width and height of the frames [pixels].
+      count: frames promised; set before `publish` if it is not known yet.
+      tags: title and comment, embedded where the format can hold them.
+
+    Raises:
+      FileError: the output cannot be written.
+      UsageError: the format cannot hold this.
+    """
+
+    def __init__(
+        self,
+        output: str | None,
+        encoding: Encoding,
+        size: tuple[int, int],
+        fps: Fraction,
+        count: int | None = None,
+        tags: Mapping[str, str] | None = None,
+    ) -> None:
+        if min(size) < SMALLEST:
+            raise BadValueError(option("size"), f"{size[0]}x{size[1]}", f"at least {SMALLEST}x{SMALLEST}")
+        encoding.check_fps(fps)
+        self.size, self.fps, self.count, self.written = size, fps, count, 0
+        self._encoding = encoding
+        super().__init__(_destination(output, encoding))
+        self._log: deque[str] = deque(maxlen=LOG_LINES)
+        with self.opening():
+            self._child = self._start(tags or {})
+        self._log_reader = threading.Thread(target=self._read_log, name="ffmpeg log", daemon=True)
+        self._log_reader.start()
+        self.resources.callback(self._end_child)
+
+    def write(self, frame: np.ndarray) -> None:
+        """Adds one frame: uint8 `(height, width, 3)`, or uint16 `(height, width)` where numbers are encoded.
+
+        Raises:
+          EncoderError: the encoder died; the message ends with the last lines of its log.
+          FileError: the disk is full.
+          ClosedPipeError: nobody reads standard output any more.
+        """
+        width, height = self.size
+        numbers = self._encoding.pixels == GRAY16
+        shape, kind = ((height, width), np.uint16) if numbers else ((height, width, 3), np.uint8)
+        if frame.shape != shape or frame.dtype != kind:
+            raise ValueError(f"a frame must be {np.dtype(kind)} {shape}, not {frame.dtype} {frame.shape}")
+        assert self._child.stdin
+        try:
+            self._child.stdin.write(np.ascontiguousarray(frame).data)
+        except OSError:
+            raise self._failure() from None
+        self.written += 1
+
+    def end(self) -> None:
+        """Waits until the encoder has written the last frame.
+
+        Raises:
+          EncoderError: it failed.
+        """
+        assert self._child.stdin
+        try:
+            self._child.stdin.close()
+        except OSError:
+            raise self._failure() from None
+        if self._child.wait() != 0:
+            raise self._failure()
+        self._log_reader.join()
+
+    def complete(self) -> None:
+        self.end()
+        self._check()
+
+    @property
+    def others(self) -> Sequence[str]:
+        """Frames of an older video that match the pattern and follow the last one, known once this is published."""
+        return self.destination.others if isinstance(self.destination, StagedFrames) else ()
+
+    def _start(self, tags: Mapping[str, str]) -> subprocess.Popen[bytes]:
+        width, height = self.size
+        source = [
+            "-f",
+            "rawvideo",
+            "-pix_fmt",
+            self._encoding.pixels,
+            "-s",
+            f"{width}x{height}",
+            "-framerate",
+            str(self.fps),
+        ]
+        metadata = [part for name, text in tags.items() for part in ("-metadata", f"{name}={text}")]
+        return subprocess.Popen(
+            [
+                *ffmpeg.command("-y", *source, "-i", "pipe:0"),
+                *self._encoding.arguments(width, height, to_pipe=self.destination.stdout is not None),
+                *metadata,
+                self.destination.path,
+            ],
+            stdin=subprocess.PIPE,
+            stdout=self.destination.stdout if self.destination.stdout is not None else subprocess.DEVNULL,
+            stderr=subprocess.PIPE,
+            process_group=0,  # Ctrl-C is ours: the encoder would end the film as if it were whole
+        )
+
+    def _end_child(self) -> None:
+        if self._child.poll() is None:
+            self._child.kill()
+        self._child.wait()
+        self._log_reader.join()
+        for pipe in (self._child.stdin, self._child.stderr):
+            if pipe:
+                with contextlib.suppress(OSError):  # frames still buffered for an encoder that is gone
+                    pipe.close()
+
+    def _read_log(self) -> None:
+        assert self._child.stderr
+        for line in self._child.stderr:
+            self._log.append(line.decode(errors="replace").rstrip())
+
+    def _failure(self) -> BaseException:
+        """What went wrong, once the encoder has stopped reading."""
+        self._child.kill()
+        code = self._child.wait()
+        self._log_reader.join()
+        if isinstance(self.destination, StandardOutput) and self.destination.reader_is_gone():
+            return ClosedPipeError()
+        log = "\n".join(self._log)
+        if no_space(log):
+            return FileError(self.destination.shown, "cannot be written: the disk is full")
+        how = f"was killed by {signal.Signals(-code).name}" if code < 0 and code != -signal.SIGKILL else "failed"
+        return EncoderError(f"the encoder {how} after {self.written} of {self.count} frames", log)
+
+    def _check(self) -> None:
+        if self.written != self.count:
+            raise EncoderError(f"the video has {self.written} frames, {self.count} were promised")
+        if isinstance(self.destination, StandardOutput):
+            return
+        if self._encoding.format == "png":
+            count = len(list(Path(self.destination.path).parent.iterdir()))
+        elif self._encoding.format == "rgb":  # raw pixels, which nothing can demux
+            width, height = self.size
+            count = Path(self.destination.path).stat().st_size // (3 * width * height)
+        else:
+            count = self._frames_in_file()
+        if count != self.count:
+            raise EncoderError(f"the encoder wrote {count} frames, {self.count} were promised")
+
+    def _frames_in_file(self) -> int:
+        """The frames in the video as a demuxer counts them; in a format that merges, from its duration."""
+        command = ffmpeg.command("-i", self.destination.path, "-map", "0:v:0", "-c", "copy", "-progress", "pipe:1")
+        done = subprocess.run([*command, "-f", "null", "-"], capture_output=True, stdin=subprocess.DEVNULL)
+        report = done.stdout.decode(errors="replace")
+        frames = re.findall(r"^frame=(\d+)", report, re.MULTILINE)
+        if done.returncode or not frames:
+            raise EncoderError("the video cannot be read back", done.stderr.decode(errors="replace"))
+        count = int(frames[-1])
+        if CONTAINERS[self._encoding.format].merges:
+            if count == 1:  # nothing moved: a single frame, which has no duration
+                return self.written
+            lasts = re.findall(r"^out_time_us=(\d+)", report, re.MULTILINE)
+            return round(Fraction(int(lasts[-1]), 10**6) * self.fps)
+        return count
+
+
+def _rate(fps: float | str | Fraction) -> Fraction:
+    try:
+        rate = rational(fps)
+    except ValueError:
+        rate = Fraction(0)
+    if rate <= 0:
+        raise BadValueError(option("fps"), fps, "a positive number")
+    return rate
+
+
+def _checked(frames: Iterable[np.ndarray]) -> Iterator[np.ndarray]:
+    """The frames, grey as colours; all must be like the first."""
+    like = ""
+    for index, frame in enumerate(frames):
+        kind = f"{frame.dtype} {frame.shape}" if isinstance(frame, np.ndarray) else type(frame).__name__
+        if not isinstance(frame, np.ndarray) or not _is_frame(frame):
+            expected = "uint8 (height, width, 3), uint8 (height, width) or uint16 (height, width)"
+            raise ValueError(f"frame {index} is {kind}, not {expected}")
+        like = like or kind
+        if kind != like:
+            raise ValueError(f"frame {index} is {kind}, but frame 0 is {like}")
+        yield np.repeat(frame[..., None], 3, axis=2) if frame.dtype == np.uint8 and frame.ndim == 2 else frame
+
+
+def _is_frame(frame: np.ndarray) -> bool:
+    if frame.ndim == 2:
+        return frame.dtype in (np.uint8, np.uint16)
+    return frame.dtype == np.uint8 and frame.ndim == 3 and frame.shape[2] == 3
+
+
+def _destination(output: str | None, encoding: Encoding) -> Destination:
+    if output is None:
+        return StandardOutput()
+    if encoding.format != "png":
+        return StagedFile(Path(output))
+    if is_folder(output):
+        return StagedFolder(Path(output))
+    if len(re.findall(r"%\d*d", Path(output).name)) != 1:
+        raise UsageError(
+            f"{clean(output)}: PNG frames need a number in their name, as in frame_%04d.png, or a folder, as in frames/"
+        )
+    return StagedFrames(Path(output))
