@@ -58,8 +58,9 @@ class ImageWriter(OutputWriter):
         is_document = self._format.encode is None  # text, which may go to a terminal
         super().__init__(StandardOutput(terminal=is_document) if output is None else StagedFile(Path(output)))
         with self.opening():
-            labelled = output is not None and self._format.nothing is not None
-            self._labels = self.resources.enter_context(LabelsWriter(output)) if labelled else None
+            self._labels: LabelsWriter | None = None
+            if output is not None and self._format.nothing is not None:
+                self._labels = self.resources.enter_context(LabelsWriter(output))
 
     def check_segments(self, count: int) -> None:
         """Raises UsageError when the format cannot tell so many segments apart; `write` checks it, too."""

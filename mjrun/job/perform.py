@@ -146,7 +146,7 @@ def perform(jobs: Sequence[Job], reporter: Reporter | None = None) -> list[Any]:
     """
     reporter, start = reporter or QuietReporter(), time.perf_counter()
     with ExitStack() as stack:
-        manifests = [job.manifest and stack.enter_context(ManifestWriter(job.manifest)) for job in jobs]
+        manifests = [stack.enter_context(ManifestWriter(job.manifest)) if job.manifest else None for job in jobs]
         with collected_warnings() as heard, without_timers():
             everything, failure = _made(jobs, reporter)
         if failure is None:  # which says it better

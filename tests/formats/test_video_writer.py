@@ -10,6 +10,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import replace
 from fractions import Fraction
 from pathlib import Path
+from typing import Any
 
 import imageio_ffmpeg
 import numpy as np
@@ -332,7 +333,7 @@ def test_what_cannot_be_written_is_told_before_a_second_frame_is_drawn(tmp_path:
         yield GOOD
         raise AssertionError
 
-    for path, options, error in (
+    cases: tuple[tuple[Path, dict[str, Any], str], ...] = (
         (tmp_path / "none/f.mp4", {}, "there is no folder"),
         (tmp_path / "f.mp5", {}, "no video format '.mp5'"),
         (tmp_path / "f.mp4", {"codec": "vp9"}, "no codec 'vp9' in mp4"),
@@ -340,7 +341,8 @@ def test_what_cannot_be_written_is_told_before_a_second_frame_is_drawn(tmp_path:
         (tmp_path / "f.mp4", {"fps": 0}, "fps: '0' is not a positive number"),
         (tmp_path / "f.mp4", {"fps": "fast"}, "fps: 'fast' is not a positive number"),
         (tmp_path / "f.gif", {}, "fps: '30' is not possible in a GIF"),
-    ):
+    )
+    for path, options, error in cases:
         with pytest.raises(MjrunError, match=re.escape(error)):
             write_video(path, endless(), **options)
     assert list(tmp_path.iterdir()) == []
