@@ -13,8 +13,8 @@ import mujoco
 import numpy as np
 
 from mjrun.errors import EncoderError, NoRendererError, Spelling, UnknownNameError, option, spelled
-from mjrun.formats.tables import formats
 from mjrun.formats.ffmpeg import encoder_version, working_codecs
+from mjrun.formats.tables import formats
 from mjrun.model import mujoco_bugs
 from mjrun.rendering.backend import DEVICE, GL, Backend, candidates, requested_backends
 from mjrun.rendering.backend_detection import BackendTrial, alternative, repair_advice
