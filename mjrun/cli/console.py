@@ -91,7 +91,7 @@ class Console:
     def progress(self, what: str, done: int, total: int) -> None:
         if self.verbosity < 0:
             return
-        if sys.stderr.isatty():
+        if self._progress or sys.stderr.isatty():  # a bar replaces sys.stderr by something that is no terminal
             self._bar(what, done, total)
         elif time.monotonic() - self._last > EVERY and done < total:
             self._last = time.monotonic()

@@ -11,10 +11,8 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from mjrun.check.check import CheckResult, ModelResult
-from mjrun.check.finding import SEVERITIES, Finding
+from mjrun.check.finding import SEVERITIES
 from mjrun.check.rule_table import RULES
-from mjrun.cli import check_report
 from mjrun.version import __version__
 
 if TYPE_CHECKING:
@@ -161,41 +159,6 @@ def test_the_list_names_every_code_and_needs_no_model(models: Command) -> None:
 def test_a_code_that_is_none_is_answered_with_one_that_is(models: Command) -> None:
     done = models("check", "fine.xml", "--ignore", "MJ3O2")
     assert b"no code 'MJ3O2' (did you mean 'MJ302'" in done.stderr
-
-
-NASTY = "a\x1b[31m%\n::error::b,:"
-
-
-def nasty() -> CheckResult:
-    finding = Finding("MJ301", "note", f"m {NASTY}", f"dir/{NASTY}.xml", 3, f"actuator '{NASTY}'", NASTY)
-    return CheckResult((ModelResult("a", True, (finding,)),), 0, 0)
-
-
-def test_foreign_names_reach_neither_terminal_nor_pipeline_as_they_are() -> None:
-    for lines in (check_report.lines(nasty()), check_report.annotations(nasty())):
-        told = list(lines)
-        assert not any("\x1b" in line or "\n" in line for line in told)
-        assert sum(line.startswith("::") for line in told) <= 1
-    (annotation,) = check_report.annotations(nasty())
-    properties = annotation.split("::")[1]
-    assert properties.count(",") == 2  # between file, line and title
-    assert "%25" in properties
-
-
-@pytest.mark.parametrize(
-    ("path", "uri"),
-    [
-        ("a b/c.xml", "a%20b/c.xml"),
-        ("../é.xml", "../%C3%A9.xml"),
-        ("/tmp/a#b.xml", "file:///tmp/a%23b.xml"),
-        ("a:b.xml", "a%3Ab.xml"),
-        (os.fsdecode(b"\xff.xml"), "%FF.xml"),
-    ],
-)
-def test_a_file_is_a_uri_in_sarif(path: str, uri: str) -> None:
-    result = CheckResult((ModelResult("a", True, (Finding("MJ301", "note", "m", path),)),), 0, 0)
-    place = check_report.sarif(result)["runs"][0]["results"][0]["locations"][0]["physicalLocation"]
-    assert place == {"artifactLocation": {"uri": uri}}
 
 
 def test_a_file_that_crashes_mujoco_is_told_beside_the_others(models: Command) -> None:

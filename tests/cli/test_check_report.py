@@ -1,0 +1,92 @@
+"""Theorems about the reports of `mjrun check`."""
+
+import os
+
+import pytest
+
+from mjrun.check.check import CheckResult, ModelResult
+from mjrun.check.finding import SEVERITIES, Finding
+from mjrun.check.rule_table import RULES
+from mjrun.cli import check_report
+
+NASTY = "a\x1b[31m%\n::error::b,:"
+
+
+def nasty() -> CheckResult:
+    finding = Finding("MJ301", "note", f"m {NASTY}", f"dir/{NASTY}.xml", 3, f"actuator '{NASTY}'", NASTY)
+    return CheckResult((ModelResult("a", True, (finding,)),), 0, 0)
+
+
+def test_foreign_names_reach_neither_terminal_nor_pipeline_as_they_are() -> None:
+    for lines in (check_report.lines(nasty()), check_report.annotations(nasty())):
+        told = list(lines)
+        assert not any("\x1b" in line or "\n" in line for line in told)
+        assert sum(line.startswith("::") for line in told) <= 1
+    (annotation,) = check_report.annotations(nasty())
+    properties = annotation.split("::")[1]
+    assert properties.count(",") == 2  # between file, line and title
+    assert "%25" in properties
+
+
+@pytest.mark.parametrize(
+    ("path", "uri"),
+    [
+        ("a b/c.xml", "a%20b/c.xml"),
+        ("../é.xml", "../%C3%A9.xml"),
+        ("/tmp/a#b.xml", "file:///tmp/a%23b.xml"),
+        ("a:b.xml", "a%3Ab.xml"),
+        (os.fsdecode(b"\xff.xml"), "%FF.xml"),
+    ],
+)
+def test_a_file_is_a_uri_in_sarif(path: str, uri: str) -> None:
+    result = CheckResult((ModelResult("a", True, (Finding("MJ301", "note", "m", path),)),), 0, 0)
+    place = check_report.sarif(result)["runs"][0]["results"][0]["locations"][0]["physicalLocation"]
+    assert place == {"artifactLocation": {"uri": uri}}
+
+
+def result(*findings: Finding, loads: bool = True, skipped: int = 0) -> CheckResult:
+    return CheckResult((ModelResult("a.xml", loads, findings),), skipped, 0)
+
+
+def finding(code: str, file: str = "a.xml", name: str = "") -> Finding:
+    return Finding(code, RULES[code].severity, "message", file, 3, name, "remedy")
+
+
+@pytest.mark.parametrize(
+    ("checked", "text"),
+    [
+        (result(), "1 model: nothing found"),
+        (result(finding("MJ301")), "1 model: 1 note"),
+        (result(finding("MJ301"), finding("MJ302"), finding("MJ302")), "1 model: 2 warnings, 1 note"),
+        (result(finding("MJ102"), loads=False), "1 model: 1 error; 1 does not load"),
+        (result(skipped=1), "1 model: nothing found; 1 file skipped that is not a model"),
+        (result(skipped=2), "1 model: nothing found; 2 files skipped that are not models"),
+        (CheckResult((), 0, 0), "no model: nothing found"),
+    ],
+)
+def test_the_summary_counts_in_plain_english(checked: CheckResult, text: str) -> None:
+    assert check_report.summary(checked) == text
+
+
+@pytest.mark.parametrize(
+    ("one", "message"),
+    [
+        (finding("MJ301"), "message"),
+        (finding("MJ301", name="joint 'j'"), "joint 'j': message"),
+        (finding("MJ301", name="<joint>"), "message"),
+        (finding("MJ301", file="part.xml"), "message (in a.xml)"),
+    ],
+)
+def test_a_message_begins_with_its_object_and_ends_with_its_model_where_the_file_is_another(
+    one: Finding, message: str
+) -> None:
+    assert check_report.full_message(one, "a.xml") == message
+
+
+def test_the_levels_of_sarif_and_github_are_the_severities() -> None:
+    codes = {RULES[code].severity: code for code in ("MJ102", "MJ302", "MJ301")}
+    checked = result(*(finding(codes[severity]) for severity in SEVERITIES))
+    levels = [entry["level"] for entry in check_report.sarif(checked)["runs"][0]["results"]]
+    assert levels == list(SEVERITIES)
+    commands = [line.split()[0] for line in check_report.annotations(checked)]
+    assert commands == ["::notice", "::warning", "::error"]

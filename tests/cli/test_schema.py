@@ -1,0 +1,27 @@
+"""`mjrun schema` as a user runs it."""
+
+from __future__ import annotations
+
+import json
+from typing import TYPE_CHECKING
+
+import pytest
+
+from mjrun.cli.schema import KINDS
+from mjrun.document.json_schema import schema
+
+if TYPE_CHECKING:
+    from tests.conftest import Command
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_each_kind_is_the_schema_of_the_library_as_json(mjrun: Command, kind: str) -> None:
+    done = mjrun("schema", kind)
+    assert (done.returncode, done.stderr) == (0, b"")
+    assert json.loads(done.stdout) == schema(kind)
+
+
+def test_another_kind_is_refused_with_those_there_are(mjrun: Command) -> None:
+    done = mjrun("schema", "film")
+    assert (done.returncode, done.stdout) == (2, b"")
+    assert all(f"'{kind}'".encode() in done.stderr for kind in KINDS)
