@@ -9,7 +9,7 @@ from fractions import Fraction
 import mujoco
 import numpy as np
 
-from mjrun.errors import SimulationError, clean
+from mjrun.errors import SimulationError, clean, option
 from mjrun.model.column import Column
 from mjrun.probe.contacts import contact_columns, contacts
 from mjrun.probe.fields import FieldProbe, Fields, InstantProbe
@@ -138,8 +138,8 @@ def repeated(timeline: Timeline, rate: float | str | Fraction | None) -> str:
     if rate is None or rational(rate) * timeline.timestep <= 1:
         return ""
     steps = f"{float(1 / timeline.timestep):g}"
-    told = f"--rate {clean(str(rate))} is more than the {steps} steps of a simulated second"
-    return f"{told}: every step has one row; a smaller --timestep has more"
+    told = f"{option('rate')} {clean(str(rate))} is more than the {steps} steps of a simulated second"
+    return f"{told}: every step has one row; a smaller {option('timestep')} has more"
 
 
 def _fields(data: mujoco.MjData, names: Sequence[str]) -> Fields:

@@ -1,4 +1,4 @@
-"""What an assertion keeps of the rows: picked values and exact sums, the same however the rows are split."""
+"""Aggregates of rows that stream by: single values and exact sums, the same however the rows are split."""
 
 import math
 from collections.abc import Callable
@@ -7,19 +7,25 @@ from typing import Any
 
 import numpy as np
 
-PIECE = 512  # rows evaluated at once; sums of so many products of two 27-bit numbers fit 63 bits
+CHUNK = 512  # rows evaluated at once: sums of so many products of two 27-bit numbers fit 63 bits
 
 
 @dataclass(frozen=True)
-class Piece:
-    """Some rows that follow each other: their columns, and the number of the first of them."""
+class RowChunk:
+    """Consecutive rows.
+
+    Attributes:
+      columns: values by name, `(count,)` each.
+      first: the number of the first row.
+      count: how many rows.
+    """
 
     columns: dict[str, np.ndarray]
     first: int
     count: int
 
     def place(self, index: int) -> str:
-        """Where the row at `index` is, as a message ends."""
+        """Where the row at `index` is, for the end of a message."""
         times = self.columns.get("time")
         return f", at row {self.first + index}" + ("" if times is None else f", time {shown(times[index])}")
 
@@ -35,7 +41,7 @@ _POWERS = {"count": (), "sum": (1,), "mean": (1,), "rms": (2,), "std": (1, 2)}  
 
 
 def _exact(values: np.ndarray, power: int) -> int:
-    """The sum of at most `PIECE` finite values, or of their squares, in units of 2⁻¹¹²⁶ or its square: exact."""
+    """The sum of at most `CHUNK` finite values, or of their squares, in units of 2⁻¹¹²⁶ or its square: exact."""
     fractions, exponents = np.frexp(values)
     mantissas = np.ldexp(fractions, 53).astype(np.int64)
     units, groups = np.unique(exponents, return_inverse=True)
@@ -69,40 +75,53 @@ def _root(numerator: int, denominator: int) -> float:
     return _ratio(root << max(shift, 0), 1 << max(-shift, 0))
 
 
-class Picked:
-    """The value of one row: `find` names it in a piece, `better` says whether it replaces the one of earlier pieces."""
+class RowAccumulator:
+    """The value of one row, such as the largest.
 
-    def __init__(self, find: Callable[[np.ndarray], Any], better: Callable[[float, float], bool]) -> None:
-        self._find, self._better, self._value, self.place = find, better, None, ""
+    Args:
+      find: the index of that row in a chunk.
+      replaces: whether a chunk's value, given first, replaces the one of earlier chunks.
 
-    def add(self, values: np.ndarray, piece: Piece) -> None:
-        """Takes one piece."""
+    Attributes:
+      place: where the row is.
+    """
+
+    def __init__(self, find: Callable[[np.ndarray], Any], replaces: Callable[[float, float], bool]) -> None:
+        self._find, self._replaces, self.place = find, replaces, ""
+        self._value: float | None = None
+
+    def add(self, values: np.ndarray, chunk: RowChunk) -> None:
+        """Takes the operand's values on the rows of the next chunk."""
         index = int(self._find(values))
         value = float(values[index])
-        if self._value is None or self._better(value, self._value):
-            self._value, self.place = value, piece.place(index)
+        if self._value is None or self._replaces(value, self._value):
+            self._value, self.place = value, chunk.place(index)
 
     @property
     def value(self) -> float:
-        """What was found, once there was a row."""
+        """The value; NaN before the first row."""
         return math.nan if self._value is None else self._value
 
 
-class Summed:
-    """Exact sums of the powers that `name` needs; `place` is the first row that is not finite, if there is one."""
+class SumAccumulator:
+    """An aggregate that follows from exact sums of values and of squares.
+
+    Attributes:
+      place: where the first value is that is not finite, if there is one.
+    """
 
     def __init__(self, name: str) -> None:
         self._name, self._count, self._totals, self.place = name, 0, {1: 0, 2: 0}, ""
         self._powers, self._infinite = _POWERS[name], {1: 0.0, 2: 0.0}
 
-    def add(self, values: np.ndarray, piece: Piece) -> None:
-        """Takes one piece."""
+    def add(self, values: np.ndarray, chunk: RowChunk) -> None:
+        """Takes the operand's values on the rows of the next chunk."""
         self._count += len(values)
         if not self._powers:
             return
         finite = np.isfinite(values)
         if not finite.all():
-            self.place = self.place or piece.place(int(np.argmin(finite)))
+            self.place = self.place or chunk.place(int(np.argmin(finite)))
             for power in (1, 2):
                 self._infinite[power] += float(np.sum(values[~finite] ** power))
             values = values[finite]
@@ -127,14 +146,16 @@ class Summed:
         return _root(n * squares - total * total, n * n << 2 * _UNIT)
 
 
-def gatherer(name: str) -> Picked | Summed:
+def accumulator(name: str) -> RowAccumulator | SumAccumulator:
+    """A new accumulator of the aggregate `name`."""
     match name:
         case "min":
-            return Picked(np.argmin, lambda new, old: old == old and not new >= old)  # the first NaN wins for good
+            # The first NaN wins for good.
+            return RowAccumulator(np.argmin, lambda new, old: old == old and not new >= old)
         case "max":
-            return Picked(np.argmax, lambda new, old: old == old and not new <= old)
+            return RowAccumulator(np.argmax, lambda new, old: old == old and not new <= old)
         case "first":
-            return Picked(lambda values: 0, lambda new, old: False)
+            return RowAccumulator(lambda values: 0, lambda new, old: False)
         case "last":
-            return Picked(lambda values: len(values) - 1, lambda new, old: True)
-    return Summed(name)
+            return RowAccumulator(lambda values: len(values) - 1, lambda new, old: True)
+    return SumAccumulator(name)

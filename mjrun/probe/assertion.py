@@ -33,7 +33,7 @@ doubled. Where it is known what model the table measures, `speed(box)` is the co
 NaN: no comparison with NaN holds, not even `!=`, nor under `not`; an aggregate of values among which is a NaN is NaN.
 `abs(x) < inf` therefore says that x is finite.
 
-Sums are exact: `sum`, `mean`, `rms` and `std` are the true value rounded once. Rows are evaluated in pieces of `PIECE`
+Sums are exact: `sum`, `mean`, `rms` and `std` are the true value rounded once. Rows are evaluated in chunks of `CHUNK`
 counted from the first, so a verdict does not depend on how the rows are split into blocks, to the last bit. Nothing
 else is kept of them. An expression is read by this module alone and never reaches Python's own evaluation.
 """
@@ -44,47 +44,47 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from mjrun.errors import clean
-from mjrun.probe.aggregate import PIECE, Piece, gatherer, shown
+from mjrun.errors import clean, option
+from mjrun.probe.aggregate import CHUNK, RowChunk, accumulator, shown
 from mjrun.probe.expression import (
     START,
-    Aggregate,
-    ColumnValue,
-    EachRow,
-    Known,
+    AggregateCall,
+    AggregateValues,
+    AllRows,
+    BooleanExpression,
+    BooleanOperation,
+    ColumnReference,
     Node,
-    Several,
-    Truth,
-    Value,
-    holds_on,
-    number_of,
+    NumericExpression,
+    evaluate,
+    evaluate_truth,
     sides,
     walk,
 )
 from mjrun.probe.parser import Parser
-from mjrun.probe.scanner import Source, Vocabulary
+from mjrun.probe.scanner import SourceText, Vocabulary
 
 
-def on_rows(value: Value, piece: Piece, known: Known) -> np.ndarray:
-    """The value on each row of `piece`: `(n,)`."""
-    return np.broadcast_to(number_of(value, piece.columns, known), piece.count)
+def evaluate_rows(value: NumericExpression, chunk: RowChunk, known: AggregateValues) -> np.ndarray:
+    """The value on each row of `chunk`: `(n,)`."""
+    return np.broadcast_to(evaluate(value, chunk.columns, known), chunk.count)
 
 
-class Watch:
+class RowCheck:
     """Where a truth fails first, what was compared there, and how often it fails."""
 
-    def __init__(self, truth: Truth) -> None:
+    def __init__(self, truth: BooleanExpression) -> None:
         self.truth, self.failures, self.place = truth, 0, ""
-        self.found: dict[Value, float] = {}
+        self.found: dict[NumericExpression, float] = {}
 
-    def add(self, piece: Piece, known: Known) -> None:
-        """Takes one piece."""
-        holds = holds_on(self.truth, piece.columns, known)
-        failures = piece.count - int(np.count_nonzero(holds))
+    def add(self, chunk: RowChunk, known: AggregateValues) -> None:
+        """Takes one chunk."""
+        holds = evaluate_truth(self.truth, chunk.columns, known)
+        failures = chunk.count - int(np.count_nonzero(holds))
         if failures and not self.failures:
             index = int(np.argmin(holds))
-            self.place = piece.place(index)
-            self.found = {side: float(on_rows(side, piece, known)[index]) for side in sides(self.truth)}
+            self.place = chunk.place(index)
+            self.found = {side: float(evaluate_rows(side, chunk, known)[index]) for side in sides(self.truth)}
         self.failures += failures
 
 
@@ -110,7 +110,7 @@ class Assertion:
     text: str
     columns: tuple[str, ...]
     table: tuple[str, ...]
-    _truth: Truth = field(repr=False)
+    _truth: BooleanExpression = field(repr=False)
 
     def checker(self) -> "Checker":
         """A new check, which has seen no row."""
@@ -125,8 +125,8 @@ def parse(text: str, columns: Sequence[str] | Vocabulary) -> Assertion:
       UsageError: the text is none of the language; the message says where, what was found and what is valid.
     """
     vocabulary = columns if isinstance(columns, Vocabulary) else Vocabulary(columns)
-    truth = Parser(Source(text, "--assert"), vocabulary).whole()
-    read = {node.name for node in walk(truth) if isinstance(node, ColumnValue)}
+    truth = Parser(SourceText(text, option("assert")), vocabulary).whole()
+    read = {node.name for node in walk(truth) if isinstance(node, ColumnReference)}
     table = vocabulary.names
     return Assertion(text, tuple(name for name in dict.fromkeys(table) if name in read), table, truth)
 
@@ -139,13 +139,13 @@ class Checker:
         table = assertion.table
         self._names = [name for name in dict.fromkeys(table) if name in {*assertion.columns, "time"}]
         self._indices = [table.index(name) for name in self._names]
-        self._buffer = np.empty((len(self._names), PIECE))
+        self._buffer = np.empty((len(self._names), CHUNK))
         self._first = self._count = self._waiting = 0  # rows evaluated and rows that wait, from the first on
         nodes = list(walk(self._truth))
-        self._gatherers = {node: gatherer(node.name) for node in nodes if isinstance(node, Aggregate)}
-        self._watches = {node: Watch(node.truth) for node in nodes if isinstance(node, EachRow)}
-        self._known: Known = {}  # what the first row told
-        self._values: Known = {}  # what the last row told
+        self._accumulators = {node: accumulator(node.name) for node in nodes if isinstance(node, AggregateCall)}
+        self._row_checks = {node: RowCheck(node.truth) for node in nodes if isinstance(node, AllRows)}
+        self._known: AggregateValues = {}  # what the first row told
+        self._values: AggregateValues = {}  # what the last row told
         self._lone = len({self._written(side) for side in sides(self._truth)}) == 1
 
     def feed(self, block: np.ndarray, first_row: int) -> None:
@@ -162,10 +162,10 @@ class Checker:
             raise ValueError(f"a block from row {first_row} after row {self._first + seen - 1}")
         start = 0
         while start < len(block):
-            rows = block[start : start + PIECE - self._waiting, self._indices]
+            rows = block[start : start + CHUNK - self._waiting, self._indices]
             self._buffer[:, self._waiting : self._waiting + len(rows)] = rows.T
             self._waiting, start = self._waiting + len(rows), start + len(rows)
-            if self._waiting == PIECE:
+            if self._waiting == CHUNK:
                 self._digest()
 
     def verdict(self) -> Verdict:
@@ -175,8 +175,8 @@ class Checker:
         if not self._count:
             return Verdict(text, False, f"{clean(text)}: there are no rows")
         with np.errstate(all="ignore"):
-            self._values = {node: gatherer.value for node, gatherer in self._gatherers.items()}
-            passed = self._outcome(self._truth)
+            self._values = {node: accumulator.value for node, accumulator in self._accumulators.items()}
+            passed = self._passes(self._truth)
             sentences = dict.fromkeys(self._sentences(self._truth, passed))
         return Verdict(text, passed, f"{clean(text)}: {'; '.join(sentences)}")
 
@@ -185,54 +185,54 @@ class Checker:
         if not self._waiting:
             return
         columns = {name: row[: self._waiting] for name, row in zip(self._names, self._buffer, strict=True)}
-        piece = Piece(columns, self._first + self._count, self._waiting)
+        chunk = RowChunk(columns, self._first + self._count, self._waiting)
         self._count, self._waiting = self._count + self._waiting, 0
         with np.errstate(all="ignore"):
-            for node, gatherer in self._gatherers.items():
-                gatherer.add(on_rows(node.operand, piece, self._known), piece)
-                self._known[node] = gatherer.value if node.kind == START else math.nan
-            for watch in self._watches.values():
-                watch.add(piece, self._known)
+            for node, accumulator in self._accumulators.items():
+                accumulator.add(evaluate_rows(node.operand, chunk, self._known), chunk)
+                self._known[node] = accumulator.value if node.kind == START else math.nan
+            for check in self._row_checks.values():
+                check.add(chunk, self._known)
 
-    def _outcome(self, truth: Truth) -> bool:
+    def _passes(self, truth: BooleanExpression) -> bool:
         match truth:
-            case EachRow():
-                return not self._watches[truth].failures
-            case Several(every=every, parts=parts):
-                return (all if every else any)(map(self._outcome, parts))
-        return bool(holds_on(truth, {}, self._values))
+            case AllRows():
+                return not self._row_checks[truth].failures
+            case BooleanOperation(every=every, parts=parts):
+                return (all if every else any)(map(self._passes, parts))
+        return bool(evaluate_truth(truth, {}, self._values))
 
-    def _sentences(self, truth: Truth, outcome: bool) -> Iterator[str]:
+    def _sentences(self, truth: BooleanExpression, outcome: bool) -> Iterator[str]:
         """What decided: the parts whose outcome is that of the whole."""
         match truth:
-            case Several(parts=parts):
+            case BooleanOperation(parts=parts):
                 for part in parts:
-                    if self._outcome(part) == outcome:
+                    if self._passes(part) == outcome:
                         yield from self._sentences(part, outcome)
-            case EachRow() if outcome:
+            case AllRows() if outcome:
                 rows = f"all {self._count} rows" if self._count > 1 else "the only row"
                 yield f"{'it' if truth is self._truth else self._written(truth)} holds on {rows}"
-            case EachRow():
-                yield self._failure(self._watches[truth])
+            case AllRows():
+                yield self._failure(self._row_checks[truth])
             case _:
                 yield from map(self._side, sides(truth))
 
-    def _failure(self, watch: Watch) -> str:
+    def _failure(self, check: RowCheck) -> str:
         """The first row where a truth fails, and what is compared there."""
-        sides = dict.fromkeys(self._told(side, value) for side, value in watch.found.items())
-        more = f", the first of {watch.failures} such rows" if watch.failures > 1 else ""
-        return ", ".join(sides) + watch.place + more
+        sides = dict.fromkeys(self._told(side, value) for side, value in check.found.items())
+        more = f", the first of {check.failures} such rows" if check.failures > 1 else ""
+        return ", ".join(sides) + check.place + more
 
-    def _side(self, side: Value) -> str:
+    def _side(self, side: NumericExpression) -> str:
         """The value of one side of a comparison, and the rows that its aggregates come from."""
-        sentence = self._told(side, float(number_of(side, {}, self._values)))
-        if isinstance(side, Aggregate):
-            return sentence + self._gatherers[side].place
-        inner = [node for node in walk(side) if isinstance(node, Aggregate)]
-        told = (f"{self._written(n)} is {shown(self._values[n])}{self._gatherers[n].place}" for n in inner)
+        sentence = self._told(side, float(evaluate(side, {}, self._values)))
+        if isinstance(side, AggregateCall):
+            return sentence + self._accumulators[side].place
+        inner = [node for node in walk(side) if isinstance(node, AggregateCall)]
+        told = (f"{self._written(n)} is {shown(self._values[n])}{self._accumulators[n].place}" for n in inner)
         return f"{sentence} ({'; '.join(dict.fromkeys(told))})"
 
-    def _told(self, side: Value, value: float) -> str:
+    def _told(self, side: NumericExpression, value: float) -> str:
         subject = "it" if self._lone else self._written(side)
         return f"{subject} is {shown(value)}" + (" (no comparison with nan holds)" if math.isnan(value) else "")
 

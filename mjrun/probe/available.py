@@ -6,9 +6,9 @@ from functools import cached_property
 
 import mujoco
 
-from mjrun.errors import UnknownNameError, UsageError, clean, listing, quoted
+from mjrun.errors import UnknownNameError, UsageError, clean, listing, option, quoted
 from mjrun.probe.contacts import identify_party, pair
-from mjrun.probe.scanner import Accessor, Source, Token, Vocabulary, spelled
+from mjrun.probe.scanner import Accessor, SourceText, Token, Vocabulary, spelled
 from mjrun.probe.select import PAIRS, aliases, catalogue, object_of
 
 
@@ -37,13 +37,13 @@ class AvailableProbes(Vocabulary):
     def is_count(self, column: str) -> bool:
         return column.startswith(self.beginnings)
 
-    def missing(self, name: str, position: int, source: Source) -> UsageError:
+    def missing(self, name: str, position: int, source: SourceText) -> UsageError:
         error = self._unpaired(name) if name.startswith(self.beginnings) and name.count("/") > 1 else None
         if error:
             return source.unknown(position, "object", error.name, error.valid)
         return super().missing(name, position, source)
 
-    def accessed(self, accessor: Accessor, source: Source) -> str:
+    def accessed(self, accessor: Accessor, source: SourceText) -> str:
         group, objects, component = accessor.group, accessor.objects, accessor.component
         if group.text == PAIRS and len(objects) == 2:
             return self._touching(objects, component, source)
@@ -64,7 +64,7 @@ class AvailableProbes(Vocabulary):
             return error
         return None
 
-    def _touching(self, objects: tuple[Token, ...], component: Token, source: Source) -> str:
+    def _touching(self, objects: tuple[Token, ...], component: Token, source: SourceText) -> str:
         for token in objects:
             try:
                 identify_party(token.text, self._model)
@@ -76,7 +76,7 @@ class AvailableProbes(Vocabulary):
         pair(name.partition("/")[2], self._model)  # which has something to say if it can be read in two ways
         return name
 
-    def _misread(self, accessor: Accessor, source: Source) -> UsageError:
+    def _misread(self, accessor: Accessor, source: SourceText) -> UsageError:
         """What is wrong with an accessor of one object."""
         group, token, component = accessor.group, accessor.objects[0], accessor.component
         name = f"{group.text}/{token.text}"
@@ -106,16 +106,16 @@ class SelectedProbes(Vocabulary):
     def groups(self) -> frozenset[str]:
         return self._offer.groups
 
-    def missing(self, name: str, position: int, source: Source) -> UsageError:
+    def missing(self, name: str, position: int, source: SourceText) -> UsageError:
         column = self._offer.column(name)
         if column is None:
             return super().missing(name, position, source)
         if column in self.names:
             return source.fault(position, quoted(name), f"the column's own name, {clean(spelled(column))}")
         place, probe = clean(source.place(position)), shlex.quote(clean(column))
-        return UsageError(f"no column {quoted(name)} in {place}\nthe model offers it: add --probe {probe}")
+        return UsageError(f"no column {quoted(name)} in {place}\nthe model offers it: add {option('probe')} {probe}")
 
-    def accessed(self, accessor: Accessor, source: Source) -> str:
+    def accessed(self, accessor: Accessor, source: SourceText) -> str:
         column = self._offer.accessed(accessor, source)
         if self.column(column) is None:
             raise self.missing(column, accessor.group.start, source)
@@ -126,7 +126,7 @@ class SelectedProbes(Vocabulary):
         return AvailableProbes(self._model)  # every column of a large model takes a while
 
 
-def _plain(name: str, component: Token, source: Source) -> UsageError:
+def _plain(name: str, component: Token, source: SourceText) -> UsageError:
     return source.fault(component.start, f"component {clean(component.text)}", f"none, {clean(name)} is one number")
 
 

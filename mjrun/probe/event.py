@@ -18,9 +18,9 @@ import mujoco
 import numpy as np
 
 from mjrun.probe.available import AvailableProbes
-from mjrun.probe.expression import ColumnValue, Truth, holds_on, walk
+from mjrun.probe.expression import BooleanExpression, ColumnReference, evaluate_truth, walk
 from mjrun.probe.parser import Parser
-from mjrun.probe.scanner import Source
+from mjrun.probe.scanner import SourceText
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,7 +34,7 @@ class Condition:
 
     text: str
     columns: tuple[str, ...]
-    _truth: Truth = field(repr=False)
+    _truth: BooleanExpression = field(repr=False)
 
     def holds(self, values: np.ndarray) -> np.ndarray:
         """At which of n instants it holds: `(n,)` bool. No comparison with NaN does.
@@ -49,7 +49,7 @@ class Condition:
         if values.ndim != 2 or values.shape[1] != len(names):
             raise ValueError(f"values of shape {values.shape} for {len(names)} columns")
         with np.errstate(all="ignore"):
-            return holds_on(self._truth, dict(zip(names, np.ascontiguousarray(values.T), strict=True)), {})
+            return evaluate_truth(self._truth, dict(zip(names, np.ascontiguousarray(values.T), strict=True)), {})
 
 
 def condition(text: str, model: mujoco.MjModel, label: str = "when") -> Condition:
@@ -62,8 +62,8 @@ def condition(text: str, model: mujoco.MjModel, label: str = "when") -> Conditio
       UnknownNameError: a name is that of no column, object or function; the message lists near and valid ones.
       UsageError: the text is none of the language; the message says where, what was found and what is valid.
     """
-    truth = Parser(Source(text, label), AvailableProbes(model), aggregates=False).truth()
-    read = dict.fromkeys(node.name for node in walk(truth) if isinstance(node, ColumnValue))
+    truth = Parser(SourceText(text, label), AvailableProbes(model), aggregates=False).truth()
+    read = dict.fromkeys(node.name for node in walk(truth) if isinstance(node, ColumnReference))
     return Condition(text, tuple(name for name in read if name != "time"), truth)
 
 
@@ -80,14 +80,3 @@ class Onsets:
         begins = holds & ~before[:-1]
         self.indices += (self._count + np.flatnonzero(begins)).tolist()
         self._count, self._held = self._count + len(holds), bool(before[-1])
-
-
-def happenings(holds: np.ndarray) -> np.ndarray:
-    """The indices of the rows at which a condition begins to hold; row 0 is one if it holds there.
-
-    Args:
-      holds: `(n,)` bool, whether it holds at each row.
-    """
-    onsets = Onsets()
-    onsets.feed(holds)
-    return np.array(onsets.indices, int)

@@ -9,7 +9,7 @@ import numpy as np
 
 LEVELS = {"or": 1, "and": 2, "<": 4, "<=": 4, ">": 4, ">=": 4, "==": 4, "!=": 4}
 LEVELS |= {"+": 5, "-": 5, "*": 6, "/": 6, "^": 8, "**": 8}
-NOT, COMPARISON, SIGN, POWER = 3, 4, 7, 8
+NOT, COMPARISON, SIGN = 3, 4, 7
 COMPLEMENT = {"<": ">=", "<=": ">", ">": "<=", ">=": "<", "==": "!=", "!=": "=="}
 CONSTANTS = {"pi": math.pi, "inf": math.inf}
 KEYWORDS = ("and", "or", "not")
@@ -31,11 +31,11 @@ COMPARE: dict[str, Function] = {"<": np.less, "<=": np.less_equal, ">": np.great
 COMPARE |= {"==": np.equal, "!=": _unequal}
 ELEMENTWISE: dict[str, Function] = {"abs": np.abs, "sqrt": np.sqrt, "exp": np.exp, "log": np.log}
 ELEMENTWISE |= {"sin": np.sin, "cos": np.cos, "tan": np.tan}
-SEVERAL: dict[str, Function] = {"min": np.minimum, "max": np.maximum}
+FOLDED: dict[str, Function] = {"min": np.minimum, "max": np.maximum}
 AGGREGATES = ("min", "max", "mean", "rms", "std", "sum", "first", "last", "count")
 FUNCTIONS = (*ELEMENTWISE, *AGGREGATES)
 
-# What an expression is known by: itself, the first row, each row, all rows.
+# When the value of an expression is known: at once, from the first row on, on each row, after all rows.
 FIXED, START, ROW, TABLE = "fixed", "start", "row", "table"
 
 
@@ -43,8 +43,8 @@ FIXED, START, ROW, TABLE = "fixed", "start", "row", "table"
 
 
 @dataclass(frozen=True, eq=False)
-class Value:
-    """A number: `start` and `end` are where it is written."""
+class NumericExpression:
+    """Something that has a number for its value; it is written from character `start` to `end`."""
 
     start: int
     end: int
@@ -52,64 +52,75 @@ class Value:
 
 
 @dataclass(frozen=True, eq=False)
-class Number(Value):
+class NumberLiteral(NumericExpression):
+    """A number as it is written."""
+
     value: float
 
 
 @dataclass(frozen=True, eq=False)
-class ColumnValue(Value):
+class ColumnReference(NumericExpression):
+    """The column `name` of the table."""
+
     name: str
 
 
 @dataclass(frozen=True, eq=False)
-class Call(Value):
+class FunctionCall(NumericExpression):
     """One function of one operand, or several that fold operands from the left."""
 
     functions: tuple[Function, ...]
-    operands: tuple[Value, ...]
+    operands: tuple[NumericExpression, ...]
 
 
 @dataclass(frozen=True, eq=False)
-class Aggregate(Value):
+class AggregateCall(NumericExpression):
+    """A function of the operand on all rows, such as `mean`."""
+
     name: str
-    operand: Value
+    operand: NumericExpression
 
 
 @dataclass(frozen=True, eq=False)
-class Truth:
-    """What holds or does not: a comparison, or whether all or any of its parts hold."""
+class BooleanExpression:
+    """Something that is true or false."""
 
     start: int
     end: int
 
 
 @dataclass(frozen=True, eq=False)
-class Comparison(Truth):
+class Comparison(BooleanExpression):
+    """Two sides and what is between them."""
+
     operator: str
-    sides: tuple[Value, Value]
+    sides: tuple[NumericExpression, NumericExpression]
 
 
 @dataclass(frozen=True, eq=False)
-class Several(Truth):
+class BooleanOperation(BooleanExpression):
+    """`and`, where `every` part must hold, or `or`."""
+
     every: bool
-    parts: tuple[Truth, ...]
+    parts: tuple[BooleanExpression, ...]
 
 
 @dataclass(frozen=True, eq=False)
-class EachRow(Truth):
+class AllRows(BooleanExpression):
     """Whether `truth` holds on each row."""
 
-    truth: Truth
+    truth: BooleanExpression
 
 
-Node = Value | Truth
+Node = NumericExpression | BooleanExpression
 
 
 def parts(node: Node) -> tuple[Node, ...]:
+    """The expressions that `node` consists of."""
     match node:
-        case Call(operands=nodes) | Comparison(sides=nodes) | Several(parts=nodes):
+        case FunctionCall(operands=nodes) | Comparison(sides=nodes) | BooleanOperation(parts=nodes):
             return nodes
-        case Aggregate(operand=node) | EachRow(truth=node):
+        case AggregateCall(operand=node) | AllRows(truth=node):
             return (node,)
     return ()
 
@@ -121,62 +132,66 @@ def walk(node: Node) -> Iterator[Node]:
     yield node
 
 
-def sides(truth: Truth) -> list[Value]:
+def sides(truth: BooleanExpression) -> list[NumericExpression]:
     """What is compared in `truth`, apart from what the expression itself spells out."""
     pairs = [node.sides for node in walk(truth) if isinstance(node, Comparison)]
     return [side for pair in pairs for side in pair if side.kind != FIXED]
 
 
-def is_row(truth: Truth) -> bool:
+def is_row(truth: BooleanExpression) -> bool:
+    """Whether `truth` compares values per row."""
     return any(side.kind == ROW for side in sides(truth))
 
 
-def is_mixed(truth: Truth) -> bool:
+def is_mixed(truth: BooleanExpression) -> bool:
+    """Whether some of its comparisons are of values per row, and some of aggregates."""
     comparisons = [node for node in walk(truth) if isinstance(node, Comparison)]
     return len({is_row(comparison) for comparison in comparisons}) == 2
 
 
-def negated(truth: Truth) -> Truth:
+def negated(truth: BooleanExpression) -> BooleanExpression:
+    """What holds where `truth` does not."""
     match truth:
         case Comparison(start, end, operator, sides):
             return Comparison(start, end, COMPLEMENT[operator], sides)
-        case Several(start, end, every, parts):
-            return Several(start, end, not every, tuple(map(negated, parts)))
+        case BooleanOperation(start, end, every, parts):
+            return BooleanOperation(start, end, not every, tuple(map(negated, parts)))
     raise TypeError(truth)
 
 
 # --- evaluation ------------------------------------------------------------------------------------
 
-Known = dict["Aggregate", float]
+AggregateValues = dict["AggregateCall", float]
 
 
-def number_of(value: Value, columns: dict[str, np.ndarray], known: Known) -> Any:
+def evaluate(value: NumericExpression, columns: dict[str, np.ndarray], known: AggregateValues) -> Any:
+    """The value on each row of `columns`, or on all of them alike; `known` has the aggregates'."""
     match value:
-        case Number(value=number):
+        case NumberLiteral(value=number):
             return number
-        case ColumnValue(name=name):
+        case ColumnReference(name=name):
             return columns[name]
-        case Aggregate():
+        case AggregateCall():
             return known[value]
-        case Call(functions=functions, operands=(first, *rest)):
-            result = number_of(first, columns, known)
+        case FunctionCall(functions=functions, operands=(first, *rest)):
+            result = evaluate(first, columns, known)
             if not rest:
                 return functions[0](result)
             for function, operand in zip(functions, rest, strict=True):
-                result = function(result, number_of(operand, columns, known))
+                result = function(result, evaluate(operand, columns, known))
             return result
     raise TypeError(value)
 
 
-def holds_on(truth: Truth, columns: dict[str, np.ndarray], known: Known) -> Any:
+def evaluate_truth(truth: BooleanExpression, columns: dict[str, np.ndarray], known: AggregateValues) -> Any:
     """Whether `truth` holds, row by row where it has rows."""
     match truth:
         case Comparison(operator=operator, sides=(left, right)):
-            return COMPARE[operator](number_of(left, columns, known), number_of(right, columns, known))
-        case Several(every=every, parts=(first, *rest)):
-            result = holds_on(first, columns, known)
+            return COMPARE[operator](evaluate(left, columns, known), evaluate(right, columns, known))
+        case BooleanOperation(every=every, parts=(first, *rest)):
+            result = evaluate_truth(first, columns, known)
             for part in rest:
-                other = holds_on(part, columns, known)
+                other = evaluate_truth(part, columns, known)
                 result = result & other if every else result | other
             return result
     raise TypeError(truth)

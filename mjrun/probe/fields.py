@@ -57,9 +57,12 @@ SPATIAL_UNITS: dict[str, dict[str, str]] = dict.fromkeys(("cfrc_int", "cfrc_ext"
 SPATIAL_UNITS |= {"cvel": {"w": "rad/s", "v": "m/s"}, "cacc": {"w": "rad/s²", "v": "m/s²"}}
 
 # Fields that are not measured, and why.
-UNTOLD = dict.fromkeys(("qH", "qHDiagInv", "qDeriv", "qLU"), "an integrator computes it in the middle of a step")
-UNTOLD |= dict.fromkeys(("flexvert_lambda", "flexvert_conage"), "a step hands it to the next, outside of the state")
-UNTOLD |= {"plugin_data": "it holds addresses in memory"}
+UNMEASURABLE = dict.fromkeys(("qH", "qHDiagInv", "qDeriv", "qLU"), "an integrator computes it in the middle of a step")
+UNMEASURABLE |= {
+    "flexvert_lambda": "a step passes it on to the next, outside the state",
+    "flexvert_conage": "a step passes it on to the next, outside the state",
+    "plugin_data": "it holds addresses in memory",
+}
 
 Fields = Mapping[str, np.ndarray]
 Measure = Callable[[mujoco.MjModel, mujoco.MjData], np.ndarray]
@@ -116,7 +119,7 @@ def extents() -> dict[str, tuple[tuple[str | int, ...], str]]:
     """Every array field of MjData that can be recorded, with its extents and its meaning."""
     described: Any = structs.STRUCTS["mjData"].fields
     arrays = [field for field in described if getattr(field, "array_extent", None)]
-    told = DATA_FIELDS - UNTOLD.keys()
+    told = DATA_FIELDS - UNMEASURABLE.keys()
     return {field.name: (tuple(field.array_extent), field.doc) for field in arrays if field.name in told}
 
 

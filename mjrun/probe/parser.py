@@ -13,29 +13,29 @@ from mjrun.probe.expression import (
     CONSTANTS,
     ELEMENTWISE,
     FIXED,
+    FOLDED,
     LEVELS,
     MEANT,
     NOT,
     ROW,
-    SEVERAL,
     SIGN,
     START,
     TABLE,
-    Aggregate,
-    Call,
-    ColumnValue,
+    AggregateCall,
+    AllRows,
+    BooleanExpression,
+    BooleanOperation,
+    ColumnReference,
     Comparison,
-    EachRow,
+    FunctionCall,
     Node,
-    Number,
-    Several,
-    Truth,
-    Value,
+    NumberLiteral,
+    NumericExpression,
     is_mixed,
     is_row,
     negated,
 )
-from mjrun.probe.scanner import SHOWN, Scanner, Source, Token, Vocabulary, is_bare, is_name, is_word, spelled
+from mjrun.probe.scanner import SHOWN, Scanner, SourceText, Token, Vocabulary, is_bare, is_name, is_word, spelled
 
 LONGEST = 10_000  # characters of an expression
 DEEPEST = 100  # expressions within expressions
@@ -48,18 +48,18 @@ class Parser:
       aggregates: whether there are any; without them all values are per row.
     """
 
-    def __init__(self, source: Source, vocabulary: Vocabulary, aggregates: bool = True) -> None:
+    def __init__(self, source: SourceText, vocabulary: Vocabulary, aggregates: bool = True) -> None:
         if len(source.text) > LONGEST:
             raise UsageError(f"{source.label}: {len(source.text)} characters, expected at most {LONGEST}")
         self.source, self.text, self.vocabulary, self.aggregates = source, source.text, vocabulary, aggregates
         self.scanner, self.depth = Scanner(source, vocabulary), 0
         self.token, self.end = self.scanner.token(0), 0
 
-    def whole(self) -> Truth:
-        """The whole text as one truth, in which `EachRow` marks what is checked row by row."""
+    def whole(self) -> BooleanExpression:
+        """The whole text as one truth, in which `AllRows` marks what is checked row by row."""
         return self._planned(self.truth())
 
-    def truth(self) -> Truth:
+    def truth(self) -> BooleanExpression:
         """The whole text as one truth."""
         node = self._expression(0)
         if self.token.kind != "end":
@@ -93,12 +93,12 @@ class Parser:
             operands.append(self._expression(min(level, SIGN)))
         if level < NOT:
             truths = tuple(self._truth(node) for node in operands)
-            return Several(start, self.end, operators[0].text == "and", truths)
+            return BooleanOperation(start, self.end, operators[0].text == "and", truths)
         values = tuple(self._value(node) for node in operands)
         if level == COMPARISON:
             return self._compared(start, operators, values)
         functions = tuple(ARITHMETIC[token.text] for token in operators)
-        return Call(start, self.end, self._kind(values), functions, values)
+        return FunctionCall(start, self.end, self._kind(values), functions, values)
 
     def _operand(self, floor: int) -> Node:
         token = self.token
@@ -107,7 +107,7 @@ class Parser:
                 return self._number(self._take())
             case "column", _:
                 self._take()
-                return ColumnValue(token.start, token.end, ROW, token.text)
+                return ColumnReference(token.start, token.end, ROW, token.text)
             case "word", _:
                 return self._named(self._take())
             case "operator", "(":
@@ -121,18 +121,18 @@ class Parser:
                 raise self._unknown(token)
         raise self._unexpected("a number, a column, a function" + (", '(' or 'not'" if floor <= NOT else " or '('"))
 
-    def _number(self, token: Token) -> Value:
+    def _number(self, token: Token) -> NumericExpression:
         value = float(token.text)
         if math.isinf(value):
             raise self.source.fault(token.start, f"a number beyond all floats ({token.text[:SHOWN]})", "less, or inf")
-        return Number(token.start, token.end, FIXED, value)
+        return NumberLiteral(token.start, token.end, FIXED, value)
 
-    def _named(self, token: Token) -> Value:
+    def _named(self, token: Token) -> NumericExpression:
         if token.text in CONSTANTS:
-            return Number(token.start, token.end, FIXED, CONSTANTS[token.text])
+            return NumberLiteral(token.start, token.end, FIXED, CONSTANTS[token.text])
         if not self._is("("):
             raise self._unexpected(f"'(' after {token.text}")
-        arguments: list[Value] = []
+        arguments: list[NumericExpression] = []
         while not arguments or self._is(","):
             self._take()
             arguments.append(self._value(self._expression(COMPARISON)))
@@ -150,41 +150,41 @@ class Parser:
             raise self._unexpected(expected)
         self._take()
 
-    def _signed(self, sign: Token) -> Value:
+    def _signed(self, sign: Token) -> NumericExpression:
         value = self._value(self._expression(SIGN))
         function = np.negative if sign.text == "-" else np.positive
-        return Call(sign.start, self.end, value.kind, (function,), (value,))
+        return FunctionCall(sign.start, self.end, value.kind, (function,), (value,))
 
-    def _call(self, name: Token, values: list[Value]) -> Value:
-        alone = len(values) == 1 or name.text not in SEVERAL
+    def _call(self, name: Token, values: list[NumericExpression]) -> NumericExpression:
+        alone = len(values) == 1 or name.text not in FOLDED
         if name.text in AGGREGATES and alone and not self.aggregates:
-            meant = f"{name.text} of several" if name.text in SEVERAL else "values of one instant"
+            meant = f"{name.text} of several" if name.text in FOLDED else "values of one instant"
             raise self.source.fault(name.start, f"{name.text} over all instants", meant)
         if name.text in AGGREGATES and len(values) == 1:
             return self._aggregate(name, values[0])
-        if name.text in SEVERAL:
-            functions = (SEVERAL[name.text],) * (len(values) - 1)
-            return Call(name.start, self.end, self._kind(values), functions, tuple(values))
+        if name.text in FOLDED:
+            functions = (FOLDED[name.text],) * (len(values) - 1)
+            return FunctionCall(name.start, self.end, self._kind(values), functions, tuple(values))
         if len(values) > 1:
             raise self.source.fault(name.start, f"{name.text} of {len(values)} values", f"{name.text} of one")
-        return Call(name.start, self.end, values[0].kind, (ELEMENTWISE[name.text],), tuple(values))
+        return FunctionCall(name.start, self.end, values[0].kind, (ELEMENTWISE[name.text],), tuple(values))
 
-    def _aggregate(self, name: Token, value: Value) -> Value:
+    def _aggregate(self, name: Token, value: NumericExpression) -> NumericExpression:
         if value.kind == FIXED:
             raise self.source.fault(value.start, f"{name.text} of what is the same on all rows", "a column in it")
         if value.kind != ROW:
             raise self.source.fault(value.start, f"an aggregate within {name.text}", "values per row in it")
-        return Aggregate(name.start, self.end, START if name.text == "first" else TABLE, name.text, value)
+        return AggregateCall(name.start, self.end, START if name.text == "first" else TABLE, name.text, value)
 
-    def _compared(self, start: int, operators: list[Token], values: tuple[Value, ...]) -> Truth:
+    def _compared(self, start: int, operators: list[Token], values: tuple[NumericExpression, ...]) -> BooleanExpression:
         pairs = []
         for token, left, right in zip(operators, values, values[1:], strict=False):
             if self._kind([left, right]) == FIXED:
                 raise self.source.fault(left.start, "a comparison of numbers only", "a column on one side")
             pairs.append(Comparison(left.start, right.end, token.text, (left, right)))
-        return pairs[0] if len(pairs) == 1 else Several(start, self.end, True, tuple(pairs))
+        return pairs[0] if len(pairs) == 1 else BooleanOperation(start, self.end, True, tuple(pairs))
 
-    def _kind(self, values: Sequence[Value]) -> str:
+    def _kind(self, values: Sequence[NumericExpression]) -> str:
         """By what a combination of `values` is known."""
         kinds = {value.kind for value in values}
         if kinds >= {ROW, TABLE}:
@@ -196,24 +196,24 @@ class Parser:
             )
         return next(kind for kind in (TABLE, ROW, START, FIXED) if kind in kinds)
 
-    def _value(self, node: Node) -> Value:
-        if isinstance(node, Value):
+    def _value(self, node: Node) -> NumericExpression:
+        if isinstance(node, NumericExpression):
             return node
         raise self.source.fault(node.start, "a comparison", "a number")
 
-    def _truth(self, node: Node) -> Truth:
-        if isinstance(node, Truth):
+    def _truth(self, node: Node) -> BooleanExpression:
+        if isinstance(node, BooleanExpression):
             return node
-        if isinstance(node, ColumnValue) and self.vocabulary.is_count(node.name):
-            return Comparison(node.start, node.end, ">", (node, Number(node.end, node.end, FIXED, 0.0)))
+        if isinstance(node, ColumnReference) and self.vocabulary.is_count(node.name):
+            return Comparison(node.start, node.end, ">", (node, NumberLiteral(node.end, node.end, FIXED, 0.0)))
         raise self.source.fault(node.start, "a number", "a comparison (< <= > >= == !=)")
 
-    def _planned(self, truth: Truth) -> Truth:
+    def _planned(self, truth: BooleanExpression) -> BooleanExpression:
         """`truth` with what is checked row by row marked; all aggregates are outside of the marks."""
-        if not isinstance(truth, Several):
-            return EachRow(truth.start, truth.end, truth) if is_row(truth) else truth
+        if not isinstance(truth, BooleanOperation):
+            return AllRows(truth.start, truth.end, truth) if is_row(truth) else truth
         if truth.every:
-            return Several(truth.start, truth.end, True, tuple(map(self._planned, truth.parts)))
+            return BooleanOperation(truth.start, truth.end, True, tuple(map(self._planned, truth.parts)))
         parts = list(self._alternatives(truth))
         rows = [part for part in parts if is_row(part) and not is_mixed(part)]
         rest = [self._planned(part) for part in parts if part not in rows]
@@ -224,12 +224,12 @@ class Parser:
                 "two assertions, or aggregates only",
             )
         if not rows:
-            return Several(truth.start, truth.end, False, tuple(rest))
-        row = EachRow(rows[0].start, rows[-1].end, Several(truth.start, truth.end, False, tuple(rows)))
-        return Several(truth.start, truth.end, False, (row, *rest)) if rest else row
+            return BooleanOperation(truth.start, truth.end, False, tuple(rest))
+        row = AllRows(rows[0].start, rows[-1].end, BooleanOperation(truth.start, truth.end, False, tuple(rows)))
+        return BooleanOperation(truth.start, truth.end, False, (row, *rest)) if rest else row
 
-    def _alternatives(self, truth: Truth) -> Iterator[Truth]:
-        if isinstance(truth, Several) and not truth.every:
+    def _alternatives(self, truth: BooleanExpression) -> Iterator[BooleanExpression]:
+        if isinstance(truth, BooleanOperation) and not truth.every:
             for part in truth.parts:
                 yield from self._alternatives(part)
         else:
@@ -241,7 +241,7 @@ class Parser:
         return self._unquoted() or self.vocabulary.missing(token.text, token.start, self.source)
 
     def _no_function(self, name: Token) -> UsageError:
-        valid = [*ELEMENTWISE, *(AGGREGATES if self.aggregates else SEVERAL)]
+        valid = [*ELEMENTWISE, *(AGGREGATES if self.aggregates else FOLDED)]
         groups = sorted(self.vocabulary.groups)
         if not groups:
             return self.source.unknown(name.start, "function", name.text, valid)

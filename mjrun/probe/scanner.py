@@ -61,8 +61,8 @@ class Accessor:
 
 
 @dataclass(frozen=True)
-class Source:
-    """A text as it was written, and what messages call it: `--assert`."""
+class SourceText:
+    """A text as it was written, and what messages call it: the option, or `when`."""
 
     text: str
     label: str
@@ -113,11 +113,11 @@ class Vocabulary:
         """Whether `column` is a number that alone says something: that there is any."""
         return False
 
-    def missing(self, name: str, position: int, source: Source) -> UsageError:
+    def missing(self, name: str, position: int, source: SourceText) -> UsageError:
         """The error that nothing is called `name`."""
         return source.unknown(position, "column", name, self.names)
 
-    def accessed(self, accessor: Accessor, source: Source) -> str:
+    def accessed(self, accessor: Accessor, source: SourceText) -> str:
         """The name in the table of the column that `accessor` stands for.
 
         Raises:
@@ -129,7 +129,7 @@ class Vocabulary:
 class Scanner:
     """Cuts the text of `source` into tokens, one at a time."""
 
-    def __init__(self, source: Source, vocabulary: Vocabulary) -> None:
+    def __init__(self, source: SourceText, vocabulary: Vocabulary) -> None:
         self.source, self.text, self.vocabulary = source, source.text, vocabulary
         self.bare = {name for name in vocabulary.names if is_bare(name)}
         self.lengths = sorted({len(name) for name in self.bare}, reverse=True)

@@ -1,4 +1,4 @@
-"""`--probe NAME,…`: what to measure, by name, object and wildcard."""
+"""Choosing what to measure, by name, object and wildcard."""
 
 import re
 from collections.abc import Iterable, Sequence
@@ -6,11 +6,11 @@ from fnmatch import fnmatchcase
 
 import mujoco
 
-from mjrun.errors import UnknownNameError, UsageError, quoted
+from mjrun.errors import UnknownNameError, UsageError, option, quoted
 from mjrun.model.column import Column
 from mjrun.probe.contacts import pair
 from mjrun.probe.derived import DERIVED
-from mjrun.probe.fields import COMPONENTS, SPATIAL, UNTOLD, Probe, extents, field_probe, offered
+from mjrun.probe.fields import COMPONENTS, SPATIAL, UNMEASURABLE, Probe, extents, field_probe, offered
 
 DEFAULT = ("qpos", "qvel", "ctrl", "act", "energy", "contact", "sensor")
 ALIASES = {"sensor": "sensordata"}
@@ -44,7 +44,7 @@ def select(model: mujoco.MjModel, asked: Iterable[str] = DEFAULT) -> list[Probe]
         for column in probe.columns:
             if column.name in seen:
                 raise UsageError(
-                    f"--probe: {quoted(seen[column.name])} and {quoted(text)} both give {quoted(column.name)}"
+                    f"{option('probe')}: {quoted(seen[column.name])} and {quoted(text)} both give {quoted(column.name)}"
                 )
             seen[column.name] = text
     return [probe for probe in probes if probe.columns]
@@ -101,8 +101,8 @@ def _whole(model: mujoco.MjModel, name: str) -> Probe:
     if name in DERIVED:
         return DERIVED[name](model)
     field = ALIASES.get(name, name)
-    if field in UNTOLD:
-        raise UsageError(f"--probe: {field} cannot be measured at an instant: {UNTOLD[field]}")
+    if field in UNMEASURABLE:
+        raise UsageError(f"{option('probe')}: {field} cannot be measured at an instant: {UNMEASURABLE[field]}")
     if field not in extents():
         raise UnknownNameError("probe", name, [*dict.fromkeys([*DEFAULT, *DERIVED, *offered(model)])])
     return field_probe(model, field, name)

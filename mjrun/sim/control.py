@@ -13,7 +13,7 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from mjrun.errors import ControllerError, UnknownNameError, UsageError, clean, listing
+from mjrun.errors import ControllerError, UnknownNameError, UsageError, clean, listing, option
 from mjrun.model import state
 from mjrun.model.names import control_names
 from mjrun.timeline import nearest, seconds
@@ -61,7 +61,7 @@ class ControlTable:
         if not driven or missing:
             wanted = listing([f"{PREFIX}{name}" for name in missing or actuators]) or "nothing: it has no actuators"
             raise UsageError(
-                f"{clean(source)} lacks columns that the model takes: {wanted}\n--ctrl can hold the others"
+                f"{clean(source)} lacks columns that the model takes: {wanted}\n{option('ctrl')} can hold the others"
             )
         self._time, self._linear = _times(columns, source), linear
         self._actuators = np.array([actuators.index(name) for name in driven])
@@ -189,7 +189,7 @@ class Feedback:
         self.name = getattr(controller, "__qualname__", type(controller).__qualname__)
         if self._ratio < 1:
             raise UsageError(
-                f"--control-dt {float(period):g} is shorter than the timestep, {float(timestep):g} s\n"
+                f"{option('control_dt')} {float(period):g} is shorter than the timestep, {float(timestep):g} s\n"
                 "a controller can be called once a step at most"
             )
         if not _takes(controller, 2):

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 import mujoco
 import numpy as np
 
-from mjrun.errors import BadValueError, UnknownNameError, UsageError, clean
+from mjrun.errors import BadValueError, UnknownNameError, UsageError, clean, concerning, option
 from mjrun.model.joint_components import QPOS_COMPONENTS, QVEL_COMPONENTS
 from mjrun.model.names import control_names, control_slices, identify, matching, names
 
@@ -42,17 +42,19 @@ class Start:
         """
         data = mujoco.MjData(model)
         if self.key is not None:
-            mujoco.mj_resetDataKeyframe(model, data, identify(model, "keyframe", self.key))
-        for name, values in self.qpos.items():
-            where = _joint_slices(model, model.jnt_qposadr, QPOS_COMPONENTS, name, "--qpos")
-            _set(data.qpos, where, values, f"--qpos {name}")
-        for name, values in self.qvel.items():
-            where = _joint_slices(model, model.jnt_dofadr, QVEL_COMPONENTS, name, "--qvel")
-            _set(data.qvel, where, values, f"--qvel {name}")
-        for name, values in self.ctrl.items():
-            _set(data.ctrl, control_slices(model, name), values, f"--ctrl {name}")
+            with concerning("key"):
+                mujoco.mj_resetDataKeyframe(model, data, identify(model, "keyframe", self.key))
+        with concerning("qpos"):
+            for name, values in self.qpos.items():
+                _set(data.qpos, _joint_slices(model, model.jnt_qposadr, QPOS_COMPONENTS, name), values, "qpos", name)
+        with concerning("qvel"):
+            for name, values in self.qvel.items():
+                _set(data.qvel, _joint_slices(model, model.jnt_dofadr, QVEL_COMPONENTS, name), values, "qvel", name)
+        with concerning("ctrl"):
+            for name, values in self.ctrl.items():
+                _set(data.ctrl, control_slices(model, name), values, "ctrl", name)
         if self.seed < 0:
-            raise BadValueError("--seed", self.seed, "a whole number from 0 on")
+            raise BadValueError(option("seed"), self.seed, "a whole number from 0 on")
         if self.perturb:
             data.qvel += self.perturb * np.random.default_rng(self.seed).standard_normal(model.nv)
         _check_finite(model, data)
@@ -63,41 +65,41 @@ class Start:
         data, controls = self.data(model), control_names(model)
         asked = {i for name in self.ctrl for part in control_slices(model, name) for i in range(part.start, part.stop)}
         clamps = not model.opt.disableflags & mujoco.mjtDisableBit.mjDSBL_CLAMPCTRL
-        found = []
+        texts = []
         for i in sorted(asked if clamps else ()):
             low, high = model.actuator_ctrlrange[i]
             if model.actuator_ctrllimited[i] and not low <= data.ctrl[i] <= high:
                 value = f"{clean(controls[i])}={data.ctrl[i]:g}"
-                found.append(f"--ctrl {value} is beyond the actuator's range, MuJoCo clamps it to [{low:g}, {high:g}]")
-        return found
+                limits = f"[{low:g}, {high:g}]"
+                texts.append(f"{option('ctrl')} {value} is beyond the actuator's range; MuJoCo clamps it to {limits}")
+        return texts
 
 
-def _set(vector: np.ndarray, where: Sequence[slice], values: Values, what: str) -> None:
-    given = np.atleast_1d(np.asarray(values, float))
-    for part in where:
+def _set(vector: np.ndarray, slices: Sequence[slice], values: Values, what: str, name: str) -> None:
+    """Writes `values` into every one of `slices`, which the option `what` has called `name`."""
+    numbers = np.atleast_1d(np.asarray(values, float))
+    for part in slices:
         size = part.stop - part.start
-        if given.shape != (size,):
-            text = ",".join(f"{v:g}" for v in given.ravel())
-            raise BadValueError(what, text, f"{size} number{'s' * (size > 1)}, as it takes")
-        vector[part] = given
+        if numbers.shape != (size,):
+            text = ",".join(f"{number:g}" for number in numbers.ravel())
+            raise BadValueError(f"{option(what)} {clean(name)}", text, f"{size} number{'s' * (size > 1)}, as it takes")
+        vector[part] = numbers
 
 
 def _joint_slices(
-    model: mujoco.MjModel, addresses: np.ndarray, parts: dict[int, tuple[str, ...]], name: str, flag: str
+    model: mujoco.MjModel, addresses: np.ndarray, parts: dict[int, tuple[str, ...]], name: str
 ) -> list[slice]:
-    """Where in qpos or qvel the joints, or the joint components, that `name` means are kept."""
-    found = []
-    for joint, component in _joints(model, parts, name, flag):
+    """Where in qpos or qvel the joints, or the joint components, that `name` stands for are."""
+    slices = []
+    for joint, component in _joints(model, parts, name):
         start, size = int(addresses[joint]), len(parts.get(int(model.jnt_type[joint]), ("",)))
-        found.append(
+        slices.append(
             slice(start, start + size) if component is None else slice(start + component, start + component + 1)
         )
-    return found
+    return slices
 
 
-def _joints(
-    model: mujoco.MjModel, parts: dict[int, tuple[str, ...]], name: str, flag: str
-) -> Iterator[tuple[int, int | None]]:
+def _joints(model: mujoco.MjModel, parts: dict[int, tuple[str, ...]], name: str) -> Iterator[tuple[int, int | None]]:
     """Joint ids that `name` means, each with the component it names, if any."""
     try:
         yield from ((joint, None) for joint in _joints_named(model, name))
@@ -109,7 +111,7 @@ def _joints(
     for joint in _joints_named(model, owner):
         valid = parts.get(int(model.jnt_type[joint]), ())
         if part not in valid:
-            raise UnknownNameError("component", part, valid, where=f"{flag} {owner}")
+            raise UnknownNameError("component", part, valid, where=f"joint {owner}")
         yield joint, valid.index(part)
 
 

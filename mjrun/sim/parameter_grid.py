@@ -3,7 +3,7 @@
 from collections.abc import Iterator, Mapping, Sequence
 from itertools import product
 
-from mjrun.errors import UsageError, clean
+from mjrun.errors import UsageError, clean, option
 from mjrun.model.override import Setting
 
 SHORT = {"integrator": "opt.integrator", "timestep": "opt.timestep"}
@@ -17,10 +17,10 @@ def scan_values(path: str, text: str) -> list[str]:
     Raises:
       UsageError: there are none, or one twice.
     """
-    found = [value.strip() for value in text.split(";" if ";" in text else ",")]
-    if not all(found) or len(set(found)) < len(found):
-        raise UsageError(f"--scan {clean(path)}={clean(text)}: write values separated by commas, each once")
-    return found
+    values = [value.strip() for value in text.split(";" if ";" in text else ",")]
+    if not all(values) or len(set(values)) < len(values):
+        raise UsageError(f"{option('scan')} {clean(path)}={clean(text)}: write values separated by commas, each once")
+    return values
 
 
 def points(scan: Mapping[str, Sequence[str]]) -> Iterator[Point]:

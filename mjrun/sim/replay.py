@@ -178,7 +178,7 @@ def require_timestep(model: mujoco.MjModel, states: States) -> None:
     if not math.isclose(found, model.opt.timestep, rel_tol=ALIKE):
         raise UsageError(
             f"the recording was made with a timestep of {found:.6g} s, not {model.opt.timestep:g} s\n"
-            "give the --timestep that it was made with, or the model as it was"
+            "give the {option('timestep')} that it was made with, or the model as it was"
         )
 
 

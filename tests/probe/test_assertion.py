@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 
 from mjrun.errors import UnknownNameError, UsageError, clean
 from mjrun.probe import assertion
-from mjrun.probe.aggregate import PIECE, shown
+from mjrun.probe.aggregate import CHUNK, shown
 from mjrun.probe.assertion import Verdict, parse
 from mjrun.probe.expression import FUNCTIONS
 from mjrun.probe.parser import DEEPEST, LONGEST
@@ -276,7 +276,7 @@ def test_what_is_no_assertion_is_told_where_what_was_found_and_what_is_valid(
     assert caught.value.exit_code == 2
     if found:
         pointer = f"\n  {text}\n  {' ' * (place - 1)}^" if text.strip() else ""
-        assert str(caught.value) == f"--assert, character {place}: found {found}, expected {expected}{pointer}"
+        assert str(caught.value) == f"assert, character {place}: found {found}, expected {expected}{pointer}"
 
 
 @pytest.mark.parametrize(
@@ -311,7 +311,7 @@ def test_an_unknown_name_is_told_with_near_and_valid_ones(text: str, message: st
 
 
 def test_an_expression_too_long_is_refused_and_one_at_the_limit_is_not() -> None:
-    with pytest.raises(UsageError, match=rf"^--assert: {LONGEST + 1} characters, expected at most {LONGEST}$"):
+    with pytest.raises(UsageError, match=rf"^assert: {LONGEST + 1} characters, expected at most {LONGEST}$"):
         parse("x" * (LONGEST + 1), ["x"])
     longest = "+".join(["x"] * (LONGEST // 2 - 1)) + "<1"
     assert judged(longest.ljust(LONGEST), ["x"], [0]).passed
@@ -525,8 +525,8 @@ def test_the_oracles_own_precedence_is_pythons() -> None:
 # --- any split of the table ------------------------------------------------------------------------
 
 LONG = (
-    np.random.default_rng(7).standard_normal((3 * PIECE + 17, len(COLUMNS)))
-    * np.logspace(-9, 9, 3 * PIECE + 17)[:, None]
+    np.random.default_rng(7).standard_normal((3 * CHUNK + 17, len(COLUMNS)))
+    * np.logspace(-9, 9, 3 * CHUNK + 17)[:, None]
 )
 SPLIT = [
     "sum(x) < 0 and mean(x) < 0 and rms(x) < 0",
@@ -549,10 +549,10 @@ def test_rows_one_at_a_time_give_the_same_verdict_to_the_last_bit(text: str) -> 
     assert judged(text, COLUMNS, LONG, list(range(len(LONG)))) == judged(text, COLUMNS, LONG)
 
 
-@pytest.mark.parametrize("row", [0, PIECE - 1, PIECE, PIECE + 1, 2 * PIECE, 3 * PIECE + 16])
+@pytest.mark.parametrize("row", [0, CHUNK - 1, CHUNK, CHUNK + 1, 2 * CHUNK, 3 * CHUNK + 16])
 def test_a_single_bad_row_is_found_wherever_it_is(row: int) -> None:
     for bad, shows in ((9.0, "9"), (NAN, "nan (no comparison with nan holds)"), (INF, "inf")):
-        table = np.zeros(3 * PIECE + 17)
+        table = np.zeros(3 * CHUNK + 17)
         table[row] = bad
         for text in ("x < 1", "max(x) < 1"):
             assert judged(text, ["x"], table).message == f"{text}: it is {shows}, at row {row}"
@@ -571,10 +571,10 @@ def test_sums_neither_cancel_nor_drift() -> None:
 
 def test_what_a_checker_keeps_does_not_grow() -> None:
     def size() -> int:
-        state = [vars(g) for g in checker._gatherers.values()] + [vars(w) for w in checker._watches.values()]
+        state = [vars(g) for g in checker._accumulators.values()] + [vars(w) for w in checker._row_checks.values()]
         return checker._buffer.nbytes + sum(len(str(value)) for kept in state for value in kept.values())
 
-    checker, block = parse(f"{' and '.join(SPLIT[:1])} and x < 1", COLUMNS).checker(), np.ones((100 * PIECE, 4))
+    checker, block = parse(f"{' and '.join(SPLIT[:1])} and x < 1", COLUMNS).checker(), np.ones((100 * CHUNK, 4))
     checker.feed(block, 0)
     before = size()
     checker.feed(block, len(block))

@@ -59,7 +59,7 @@ def test_what_could_be_measured_is_told_with_the_probe_that_measures_it(text: st
         parse(text, SelectedProbes(MEASURED, MODEL))
     first, hint = str(caught.value).splitlines()
     assert first.startswith(f"no column '{name}' in '")
-    assert hint == f"the model offers it: add --probe {probe}"
+    assert hint == f"the model offers it: add probe {probe}"
     assert columns_of(probe) == ["time", probe]
     if name == probe:
         assert probe in parse(text, SelectedProbes([*MEASURED, probe], MODEL)).columns

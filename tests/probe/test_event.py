@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from mjrun.errors import UnknownNameError, UsageError, clean
 from mjrun.job.trace_rows import Table
 from mjrun.probe.assertion import parse
-from mjrun.probe.event import Condition, Onsets, condition, happenings
+from mjrun.probe.event import Condition, Onsets, condition
 from mjrun.probe.parser import LONGEST
 from mjrun.probe.scanner import spelled
 from mjrun.probe.select import aliases, catalogue
@@ -55,7 +55,9 @@ def measured(text: str, model: mujoco.MjModel, steps: int, qvel: Sequence[float]
 
 def begins(text: str, model: mujoco.MjModel, steps: int, qvel: Sequence[float] = ()) -> list[int]:
     watched, rows = measured(text, model, steps, qvel)
-    return happenings(watched.holds(rows)).tolist()
+    onsets = Onsets()
+    onsets.feed(watched.holds(rows))
+    return onsets.indices
 
 
 def loop(model: mujoco.MjModel, steps: int, qvel: Sequence[float], holds: Callable[[mujoco.MjData], bool]) -> list[int]:
@@ -392,8 +394,10 @@ def naive(holds: Sequence[bool]) -> list[int]:
 
 
 @given(st.lists(st.booleans()))
-def test_happenings_are_what_a_loop_finds(holds: list[bool]) -> None:
-    assert happenings(np.array(holds, bool)).tolist() == naive(holds)
+def test_onsets_are_what_a_loop_finds(holds: list[bool]) -> None:
+    onsets = Onsets()
+    onsets.feed(np.array(holds, bool))
+    assert onsets.indices == naive(holds)
 
 
 @given(st.lists(st.booleans()), st.lists(st.integers(0, 30)))

@@ -1,4 +1,4 @@
-"""`--probe`: names, objects, wildcards, columns."""
+"""Probes by name: names, objects, wildcards, columns."""
 
 import mujoco
 import pytest
@@ -81,7 +81,7 @@ def test_a_list_is_split_at_commas_outside_brackets(text: str, parts: list[str])
         (["qpos[*_elbow]"], "no object '*_elbow' in probe qpos"),
         (["xpos/left/w"], "no column 'xpos/left/w' (did you mean 'xpos/left/z'"),
         (["xpos[nobody]"], "no object 'nobody' in probe xpos"),
-        (["qpos", "qpos[left_hip]"], "--probe: 'qpos' and 'qpos[left_hip]' both give 'qpos/left_hip'"),
+        (["qpos", "qpos[left_hip]"], "probe: 'qpos' and 'qpos[left_hip]' both give 'qpos/left_hip'"),
         (["qpos["], "no probe 'qpos['"),
         (["contact_frce"], "did you mean 'contact_force'"),
         (["qLU"], "qLU cannot be measured at an instant: an integrator computes it in the middle of a step"),

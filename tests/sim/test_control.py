@@ -70,7 +70,7 @@ def stepped_in_c(run: PhysicsStepper, steps: int, chunk: int = 64) -> dict[str, 
     found: dict[str, list[np.ndarray]] = {field: [] for field in FIELDS}
     for _, _, block in blocks(run, FIELDS, steps, chunk):
         for field in FIELDS:
-            found[field].append(block[field])
+            found[field].append(block[field][0])
     return {field: np.concatenate(values) for field, values in found.items()}
 
 
@@ -194,7 +194,7 @@ def test_a_controller_that_leaves_is_an_error() -> None:
 
 
 def test_a_controller_cannot_be_called_between_steps() -> None:
-    with pytest.raises(UsageError, match=r"--control-dt 0.001 is shorter than the timestep, 0.002 s"):
+    with pytest.raises(UsageError, match=r"control_dt 0.001 is shorter than the timestep, 0.002 s"):
         Feedback(lambda model, data: None, Fraction("0.001"), Fraction("0.002"))
 
 

@@ -120,16 +120,16 @@ def test_noise_has_the_asked_deviation_about_zero() -> None:
 @pytest.mark.parametrize(
     ("how", "message"),
     [
-        ({"qpos": {"root": 1}}, "--qpos root: '1' is not 7 numbers"),
-        ({"qpos": {"root": [1, 2, 3]}}, "--qpos root: '1,2,3' is not 7 numbers"),
-        ({"qvel": {"root": [1, 2, 3, 4, 5, 6, 7]}}, "--qvel root: '1,2,3,4,5,6,7' is not 6 numbers"),
-        ({"qpos": {"shoulder": [1, 0, 0]}}, "--qpos shoulder: '1,0,0' is not 4 numbers"),
-        ({"qvel": {"shoulder": [1, 0, 0, 0]}}, "--qvel shoulder: '1,0,0,0' is not 3 numbers"),
-        ({"qpos": {"hand": [1, 2]}}, "--qpos hand: '1,2' is not 1 number,"),
-        ({"qpos": {"hand": []}}, "--qpos hand: '' is not 1 number,"),
-        ({"qpos": {"root/z": [1, 2]}}, "--qpos root/z: '1,2' is not 1 number,"),
-        ({"qpos": {"*": 1}}, "--qpos *: '1' is not 7 numbers"),
-        ({"ctrl": {"motor": [1, 2]}}, "--ctrl motor: '1,2' is not 1 number,"),
+        ({"qpos": {"root": 1}}, "qpos root: '1' is not 7 numbers"),
+        ({"qpos": {"root": [1, 2, 3]}}, "qpos root: '1,2,3' is not 7 numbers"),
+        ({"qvel": {"root": [1, 2, 3, 4, 5, 6, 7]}}, "qvel root: '1,2,3,4,5,6,7' is not 6 numbers"),
+        ({"qpos": {"shoulder": [1, 0, 0]}}, "qpos shoulder: '1,0,0' is not 4 numbers"),
+        ({"qvel": {"shoulder": [1, 0, 0, 0]}}, "qvel shoulder: '1,0,0,0' is not 3 numbers"),
+        ({"qpos": {"hand": [1, 2]}}, "qpos hand: '1,2' is not 1 number,"),
+        ({"qpos": {"hand": []}}, "qpos hand: '' is not 1 number,"),
+        ({"qpos": {"root/z": [1, 2]}}, "qpos root/z: '1,2' is not 1 number,"),
+        ({"qpos": {"*": 1}}, "qpos *: '1' is not 7 numbers"),
+        ({"ctrl": {"motor": [1, 2]}}, "ctrl motor: '1,2' is not 1 number,"),
     ],
 )
 def test_a_wrong_number_of_values_is_refused_with_the_right_one(how: dict[str, Any], message: str) -> None:
@@ -149,10 +149,10 @@ def test_a_wrong_number_of_values_is_refused_with_the_right_one(how: dict[str, A
         ({"qpos": {"two": 1}}, "no joint 'two'"),
         ({"qpos": {"world": 1}}, "no joint 'world'"),
         ({"qpos": {"hip*": 1}}, "no joint 'hip*'"),
-        ({"qpos": {"root/wx": 1}}, "no component 'wx' in --qpos root"),
-        ({"qvel": {"root/x": 1}}, "no component 'x' in --qvel root"),
-        ({"qvel": {"shoulder/vx": 1}}, "no component 'vx' in --qvel shoulder"),
-        ({"qpos": {"hand/x": 1}}, "no component 'x' in --qpos hand\nthere are no components"),
+        ({"qpos": {"root/wx": 1}}, "no component 'wx' in joint root"),
+        ({"qvel": {"root/x": 1}}, "no component 'x' in joint root"),
+        ({"qvel": {"shoulder/vx": 1}}, "no component 'vx' in joint shoulder"),
+        ({"qpos": {"hand/x": 1}}, "no component 'x' in joint hand\nthere are no components"),
         ({"ctrl": {"moter": 1}}, "no actuator 'moter' (did you mean 'motor'?)\nactuators: motor, actuator:1"),
         ({"ctrl": {"left/knee": 1}}, "no actuator 'left/knee'"),
     ],
@@ -204,7 +204,7 @@ def test_foreign_text_in_a_name_cannot_steer_the_terminal() -> None:
 
 @pytest.mark.parametrize("value", [1.5, -1.001])
 def test_a_control_beyond_its_range_is_remarked_on_with_the_range(value: float) -> None:
-    expected = f"--ctrl motor={value:g} is beyond the actuator's range, MuJoCo clamps it to [-1, 1]"
+    expected = f"ctrl motor={value:g} is beyond the actuator's range; MuJoCo clamps it to [-1, 1]"
     assert Start(ctrl={"motor": value}).remarks(MODEL) == [expected]
     assert Start(ctrl={"*": value}).remarks(MODEL) == [expected]
 
