@@ -13,7 +13,7 @@ from pathlib import Path
 
 import mujoco
 
-from mjrun.camera.argument import script
+from mjrun.camera.argument import parse_camera
 from mjrun.camera.motion import CameraMotion
 from mjrun.job.simulation import Simulation
 from mjrun.rendering.backend import Backend
@@ -37,7 +37,7 @@ def cost(model: mujoco.MjModel, size: tuple[int, int], backend: Backend, case: s
     """The median of seconds per frame, after a frame that compiles shaders."""
     quality, views = CASES[case]
     state = Simulation(model).stepper(model).state()
-    free = CameraMotion(script("free", model), model, size).pose(state)
+    free = CameraMotion(parse_camera("free", model), model, size).pose(state)
     found = []
     with ClassicRenderer(model, size, backend, Visual(quality=quality), Segmentation(model)) as renderer:
         for _ in range(frames + 1):

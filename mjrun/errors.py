@@ -45,6 +45,11 @@ def clean(text: str) -> str:
     return "".join(ascii(c)[1:-1] if unicodedata.category(c) in ("Cc", "Cf", "Cs", "Zl", "Zp") else c for c in text)
 
 
+def _clean_but_options(text: str) -> str:
+    """`text`, cleaned around the options that it names."""
+    return "".join(option(part) if i % 2 else clean(part) for i, part in enumerate(_OPTION.split(text)))
+
+
 def quoted(name: str) -> str:
     """`name` in quotes, cleaned."""
     return f"'{clean(name)}'"
@@ -156,7 +161,7 @@ class UnknownNameError(UsageError):
         plural = plural or f"{kind}s"
         self.name, self.valid = name, tuple(valid)
         choices = f"{plural}: {listing(valid)}" if valid else f"there are no {plural}"
-        place = f" in {clean(where)}" if where else ""
+        place = f" in {_clean_but_options(where)}" if where else ""
         super().__init__(f"no {kind} {quoted(name)}{place}{suggestion(name, valid)}\n{choices}")
 
 

@@ -1,11 +1,8 @@
-"""How numbers go over time: easings of ramps, shapes of blends, and the trembling of a hand."""
+"""How numbers change over time: ramps with their easings, and blends from one shot to the next."""
 
 import math
 from collections.abc import Callable
-
-import numpy as np
-
-from mjrun.camera.script import Blend, Ramp, Shake
+from dataclasses import dataclass
 
 # From 0 to 1 as u does, never back.
 EASINGS: dict[str, Callable[[float], float]] = {
@@ -24,38 +21,43 @@ BLENDS: dict[str, Callable[[float], float]] = {
     "sigmoid": lambda x: 1 / (1 + math.exp(-min(max(x, -60.0), 60.0))),
 }
 
-NOTHING = 1e-12  # a weight that cannot be seen
-SAME = 1e-9  # [s], times that differ by a rounding
-_SINES = 16
+NEGLIGIBLE = 1e-12  # a weight that makes no difference
+SAME_TIME = 1e-9  # [s], times that differ by a rounding
 
 
-def ramped(ramp: Ramp, u: float) -> float:
-    """The value of `ramp` at `u` of its shot, from 0 to 1."""
-    return ramp.start + (ramp.end - ramp.start) * EASINGS[ramp.ease](u)
+@dataclass(frozen=True)
+class Ramp:
+    """A number that goes from `start` to `end` over a shot, by one of `EASINGS`."""
+
+    start: float
+    end: float
+    ease: str = "linear"
+
+    @classmethod
+    def still(cls, value: float) -> "Ramp":
+        """One that does not change."""
+        return cls(value, value)
+
+    def at(self, phase: float) -> float:
+        """The value at `phase` of the shot, from 0 to 1."""
+        return self.start + (self.end - self.start) * EASINGS[self.ease](phase)
 
 
-def weight(blend: Blend | None, since: float) -> float:
-    """How far a shot has taken over from the one before, `since` it began [s]; 0 and 1 where one cannot be seen."""
-    if blend is None:
-        return float(since >= -SAME)
-    value = BLENDS[blend.shape](since / blend.width)
-    return 0.0 if value < NOTHING else 1.0 if value > 1 - NOTHING else value
+@dataclass(frozen=True)
+class Blend:
+    """How one shot becomes the next, by one of `BLENDS`.
 
-
-class Tremor:
-    """Smooth noise on two angles: sums of sines with random phases, between half and one and a half of a frequency.
-
-    Over a long time the standard deviation is `shake.angle`, without being estimated: frequencies differ, so
-    the variances of the sines add up.
+    Attributes:
+      width: of the change [s]; of a sigmoid the time in which it changes from 1/2 to 1/(1+e).
     """
 
-    def __init__(self, shake: Shake) -> None:
-        random = np.random.default_rng(shake.seed).random((2, 2, _SINES))
-        self._amplitude = shake.angle * math.sqrt(2 / _SINES)
-        self._frequencies = shake.frequency * (0.5 + (np.arange(_SINES) + random[0]) / _SINES)
-        self._phases = random[1]
+    shape: str = "cosine"
+    width: float = 0.5
 
-    def at(self, film: float) -> np.ndarray:
-        """Pan and tilt `(2,)` [deg] at a time of the film [s]."""
-        turns = self._frequencies * film + self._phases
-        return self._amplitude * np.sin(2 * math.pi * turns).sum(axis=1)
+
+def blend_weight(blend: Blend | None, since: float) -> float:
+    """The share of a shot in the view, `since` it began [s], from 0 to 1; a step for a cut, which is None."""
+    if blend is None:
+        return float(since >= -SAME_TIME)
+    value = BLENDS[blend.shape](since / blend.width)
+    return 0.0 if value < NEGLIGIBLE else 1.0 if value > 1 - NEGLIGIBLE else value

@@ -1,4 +1,4 @@
-"""The course of a camera: a script found in a model, and a pose for every frame."""
+"""The motion of a camera: a camera script bound to a model, and a pose for every frame."""
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
@@ -7,11 +7,12 @@ from itertools import groupby
 import mujoco
 import numpy as np
 
-from mjrun.camera.easing import BLENDS, Tremor, ramped, weight
+from mjrun.camera.easing import BLENDS, blend_weight
 from mjrun.camera.pose import Frustum, Pose, fitted, rotation
-from mjrun.camera.rigs import BoundRig, Moment, Viewer, aim, check_ramp, place
-from mjrun.camera.script import Script, Shot
-from mjrun.camera.targets import Bounds, bounds
+from mjrun.camera.rigs.rig import BoundRig, ModelCameras, ShotTime, check_ramp, compute_positions
+from mjrun.camera.script import CameraScript, Shot
+from mjrun.camera.shake import ShakeNoise
+from mjrun.camera.targets import Bounds, object_bounds
 from mjrun.errors import BadValueError, UnknownNameError, UsageError, clean
 from mjrun.model.state import restore
 
@@ -19,10 +20,10 @@ Span = tuple[float, float]
 
 
 class CameraMotion:
-    """A script with every name found in a model.
+    """A camera script with every name found in a model.
 
     Args:
-      size: width and height of the pictures [pixels], for what is to fit into them.
+      size: width and height of the images [pixels], for what is to fit into them.
 
     Raises:
       UnknownNameError: a name is not there; the message lists those that are.
@@ -30,44 +31,44 @@ class CameraMotion:
       UsageError: settings do not go together.
     """
 
-    def __init__(self, script: Script, model: mujoco.MjModel, size: tuple[int, int]) -> None:
+    def __init__(self, script: CameraScript, model: mujoco.MjModel, size: tuple[int, int]) -> None:
         if not script.shots:
             raise UsageError(f"camera {clean(script.name)}: there are no shots")
         self.script, self._model, self._size = script, model, size
         self._data = mujoco.MjData(model)
-        viewer = Viewer(model)
-        self._takes = [self._found(i, shot, viewer) for i, shot in enumerate(script.shots)]
-        self._tremors = [Tremor(shot.shake) if shot.shake else None for shot in script.shots]
+        cameras = ModelCameras(model)
+        self._shots = [self._bind(i, shot, cameras) for i, shot in enumerate(script.shots)]
+        self._shakes = [ShakeNoise(shot.shake) if shot.shake else None for shot in script.shots]
         for i, shot in enumerate(script.shots):
             self._check_blend(i, shot)
 
     @property
     def perspective(self) -> bool:
-        """Whether all of it is in perspective, which some calibration files need."""
-        return not any(take.aim.frustum.orthographic for take in self._takes)
+        """Whether all shots have perspective, which some calibration files require."""
+        return not any(shot.rig.frustum.orthographic for shot in self._shots)
 
     def poses(
         self,
         states: Iterable[np.ndarray],
         times: Sequence[float],
-        films: Sequence[float],
+        video_times: Sequence[float],
         spans: Sequence[Span],
     ) -> Iterator[Pose]:
-        """The pose of each frame, in order. While a blend lasts its frames are read before the first is given.
+        """The pose of each frame, in order. The frames of a blend are read before its first pose is yielded.
 
         Args:
           states: integration states, read once.
           times: of the frames, ascending [s], simulated.
-          films: of the frames [s], of film.
+          video_times: of the frames [s], in the video.
           spans: start and end of each shot [s], simulated, one after the other.
 
         Raises:
-          UsageError: at some time a camera is where it is to look.
+          UsageError: at some time the camera is at the point that it looks at.
         """
-        assert len(spans) == len(self._takes)
+        assert len(spans) == len(self._shots)
         weights = (self._weights(time, spans) for time in times)
-        frames = zip(states, times, films, weights, strict=True)
-        for mixed, run in groupby(frames, lambda frame: len(_seen(frame[3])) > 1):
+        frames = zip(states, times, video_times, weights, strict=True)
+        for mixed, run in groupby(frames, lambda frame: len(_visible(frame[3])) > 1):
             views = (self._view(*frame, spans) for frame in run)
             if not mixed:
                 yield from (self._shaken(next(iter(view.poses.values())), view) for view in views)
@@ -78,24 +79,24 @@ class CameraMotion:
 
     def pose(self, state: np.ndarray) -> Pose:
         """The pose for one state, at the beginning of the first shot."""
-        later = [(np.inf, np.inf)] * (len(self._takes) - 1)
+        later = [(np.inf, np.inf)] * (len(self._shots) - 1)
         return next(self.poses([state], [0.0], [0.0], [(0.0, 0.0), *later]))
 
     def _weights(self, time: float, spans: Sequence[Span]) -> list[float]:
-        """How far each shot has taken over from all before it."""
+        """The weight of each shot over all those before it."""
         later = zip(self.script.shots[1:], spans[1:], strict=True)
-        return [1.0, *(weight(shot.blend, time - start) for shot, (start, _) in later)]
+        return [1.0, *(blend_weight(shot.blend, time - start) for shot, (start, _) in later)]
 
     def _view(
-        self, state: np.ndarray, time: float, film: float, weights: list[float], spans: Sequence[Span]
-    ) -> "_View":
+        self, state: np.ndarray, time: float, video_time: float, weights: list[float], spans: Sequence[Span]
+    ) -> "_FrameView":
         restore(self._model, self._data, state)
-        place(self._model, self._data)
-        poses = {i: self._takes[i].pose(self._data, _moment(time, spans[i]), self._size) for i in _seen(weights)}
-        return _View(time, film, weights, poses)
+        compute_positions(self._model, self._data)
+        poses = {i: self._shots[i].pose(self._data, _shot_time(time, spans[i]), self._size) for i in _visible(weights)}
+        return _FrameView(time, video_time, weights, poses)
 
-    def _blended(self, views: Sequence["_View"], spans: Sequence[Span]) -> list[Pose]:
-        """The poses of frames that several shots have a share in: each shot blended into those before it."""
+    def _blended(self, views: Sequence["_FrameView"], spans: Sequence[Span]) -> list[Pose]:
+        """The poses of frames that several shots contribute to: each shot is blended into those before it."""
         poses = [view.poses.get(0) for view in views]
         for i in range(1, len(spans)):
             poses = [p if v.weights[i] < 1 else v.poses.get(i) for p, v in zip(poses, views, strict=True)]
@@ -108,24 +109,24 @@ class CameraMotion:
                     poses[k] = pose
         return [pose for pose in poses if pose]
 
-    def _shaken(self, pose: Pose, view: "_View") -> Pose:
-        if not any(self._tremors):
+    def _shaken(self, pose: Pose, view: "_FrameView") -> Pose:
+        if not any(self._shakes):
             return pose
         angles = np.zeros(2)
-        for tremor, share in zip(self._tremors, view.weights, strict=True):
-            angles += share * ((tremor.at(view.film) if tremor else 0.0) - angles)
+        for noise, share in zip(self._shakes, view.weights, strict=True):
+            angles += share * ((noise.at(view.video_time) if noise else 0.0) - angles)
         return pose.panned(*angles) if angles.any() else pose
 
-    def _found(self, i: int, shot: Shot, viewer: Viewer) -> "_Take":
+    def _bind(self, i: int, shot: Shot, cameras: ModelCameras) -> "_BoundShot":
         try:
-            return _take(shot, viewer, self._where(i))
+            return _bound_shot(shot, cameras, self._where(i))
         except UsageError as error:
             if self._where(i) not in str(error):
                 error.add_note(f"in {self._where(i)}")
             raise
 
     def _where(self, i: int) -> str:
-        """What is to be named in errors."""
+        """What errors call a shot."""
         return f"camera {clean(self.script.name)}" + (f": shot {i + 1}" if len(self.script.shots) > 1 else "")
 
     def _check_blend(self, i: int, shot: Shot) -> None:
@@ -137,7 +138,7 @@ class CameraMotion:
             raise UnknownNameError("blend", shot.blend.shape, list(BLENDS), where=self._where(i))
         if not 0 < shot.blend.width < np.inf:
             raise BadValueError(f"{self._where(i)}: width", f"{shot.blend.width:g}", "a positive number of seconds")
-        if len({take.aim.frustum.orthographic for take in self._takes[i - 1 : i + 1]}) > 1:
+        if len({shot.rig.frustum.orthographic for shot in self._shots[i - 1 : i + 1]}) > 1:
             raise UsageError(
                 f"{self._where(i)}: a camera with perspective and one without cannot be blended\n"
                 "cut from one to the other"
@@ -145,18 +146,18 @@ class CameraMotion:
 
 
 @dataclass(frozen=True)
-class _Take:
-    """A shot with its names found."""
+class _BoundShot:
+    """A shot with its names found in a model."""
 
     shot: Shot
-    aim: BoundRig
+    rig: BoundRig
     bounds: Bounds | None
 
-    def pose(self, data: mujoco.MjData, moment: Moment, size: tuple[int, int]) -> Pose:
-        pose = self.aim.pose(data, moment)
+    def pose(self, data: mujoco.MjData, at: ShotTime, size: tuple[int, int]) -> Pose:
+        pose = self.rig.pose(data, at)
         if self.shot.fovy:
-            pose = pose.opened(ramped(self.shot.fovy, moment.phase))
-        if roll := ramped(self.shot.roll, moment.phase):
+            pose = pose.opened(self.shot.fovy.at(at.phase))
+        if roll := self.shot.roll.at(at.phase):
             pose = pose.rolled(roll)
         if self.shot.fit and self.bounds:
             pose = fitted(pose, self.bounds.points(data), size, self.shot.fit.margin)
@@ -164,19 +165,19 @@ class _Take:
 
 
 @dataclass(frozen=True)
-class _View:
-    """A frame as its shots see it: the poses of those that have a share in it."""
+class _FrameView:
+    """A frame as its shots see it: the poses of those that contribute to it, by index."""
 
     time: float
-    film: float
+    video_time: float
     weights: list[float]
     poses: dict[int, Pose]
 
 
-def _take(shot: Shot, viewer: Viewer, where: str) -> _Take:
-    found = aim(shot.rig, viewer, where)
+def _bound_shot(shot: Shot, cameras: ModelCameras, where: str) -> _BoundShot:
+    rig = shot.rig.bind(cameras, where)
     check_ramp(shot.roll, f"{where}: roll")
-    if shot.fovy and found.frustum.orthographic:
+    if shot.fovy and rig.frustum.orthographic:
         check_ramp(shot.fovy, f"{where}: fovy", 0.0, expected="a positive number of metres")
     elif shot.fovy:
         check_ramp(shot.fovy, f"{where}: fovy", 0.0, 180.0, "an angle between 0 and 180 degrees")
@@ -188,17 +189,17 @@ def _take(shot: Shot, viewer: Viewer, where: str) -> _Take:
         raise BadValueError(f"{where}: shake: seed", shot.shake.seed, "0 or more")
     if shot.fit and not 1 <= shot.fit.margin < np.inf:
         raise BadValueError(f"{where}: fit: margin", f"{shot.fit.margin:g}", "1 or more")
-    return _Take(shot, found, bounds(shot.fit.target, viewer.model) if shot.fit else None)
+    return _BoundShot(shot, rig, object_bounds(shot.fit.target, cameras.model) if shot.fit else None)
 
 
-def _moment(time: float, span: Span) -> Moment:
+def _shot_time(time: float, span: Span) -> ShotTime:
     start, end = span
     elapsed = min(max(time - start, 0.0), end - start)
-    return Moment(time, elapsed, elapsed / (end - start) if end > start else float(time > start))
+    return ShotTime(time, elapsed, elapsed / (end - start) if end > start else float(time > start))
 
 
-def _seen(weights: Sequence[float]) -> list[int]:
-    """The shots that have a share in a frame: those from the last that hides all before it."""
+def _visible(weights: Sequence[float]) -> list[int]:
+    """The shots that contribute to a frame: from the last one that hides all before it."""
     first = max(i for i, share in enumerate(weights) if share == 1)
     return [first, *(i for i in range(first + 1, len(weights)) if weights[i] > 0)]
 
@@ -214,24 +215,24 @@ def _crossfade(
     starts, ends = (_continued(np.array([p.angles for p in poses]), join) for poses in (before, after))
     ends -= 360 * np.round((ends[join] - starts[join]) / 360)
     angles = starts + weights[:, None] * (ends - starts)
-    found = []
+    poses = []
     for a, b, share, (azimuth, elevation, roll) in zip(before, after, weights, angles, strict=True):
         turn = rotation(azimuth, elevation, roll)
         distance = a.distance + share * (b.distance - a.distance)
         lookat = a.lookat + share * (b.lookat - a.lookat)
         frustum = _between(a.frustum, b.frustum, share, size)
-        found.append(Pose(lookat + distance * turn[:, 2], turn, frustum, distance))
-    return found
+        poses.append(Pose(lookat + distance * turn[:, 2], turn, frustum, distance))
+    return poses
 
 
 def _continued(angles: np.ndarray, middle: int) -> np.ndarray:
     """Azimuths, elevations and rolls `(n, 3)` [deg] without jumps, followed from `middle` both ways."""
-    found = angles.copy()
-    for k in range(middle + 1, len(found)):
-        found[k] = _nearest(found[k], found[k - 1])
+    continued = angles.copy()
+    for k in range(middle + 1, len(continued)):
+        continued[k] = _nearest(continued[k], continued[k - 1])
     for k in range(middle - 1, -1, -1):
-        found[k] = _nearest(found[k], found[k + 1])
-    return found
+        continued[k] = _nearest(continued[k], continued[k + 1])
+    return continued
 
 
 def _nearest(angles: np.ndarray, other: np.ndarray) -> np.ndarray:

@@ -1,4 +1,4 @@
-"""Objects that are looked at or followed: by name, how large they are, and where they go over a recording."""
+"""Objects that a camera looks at or follows: by name, their bounds, and their paths over a recording."""
 
 import math
 from collections.abc import Iterable, Sequence
@@ -10,6 +10,9 @@ import numpy as np
 from mjrun.errors import BadValueError, UnknownNameError, UsageError, clean
 from mjrun.model.names import PLURALS, identify, names
 from mjrun.model.state import restore
+
+Vector = tuple[float, float, float]
+Place = str | Vector  # an object, `box`, `geom:edge`, `site:tip`, `subtree:torso`, or a point [m]
 
 # In the order in which a bare name is looked up, with their position in MjData.
 TARGETS = {"body": "xpos", "geom": "geom_xpos", "site": "site_xpos"}
@@ -44,8 +47,8 @@ def identify_object(text: str, model: mujoco.MjModel) -> tuple[str, int]:
 
 
 @dataclass(frozen=True)
-class Spot:
-    """Somewhere to look at or from: an object, or a point when its kind is empty.
+class Target:
+    """What a camera looks at or from: an object, or a point when its kind is empty.
 
     Attributes:
       kind, id: of the object; a `subtree` has the id of its body.
@@ -54,7 +57,7 @@ class Spot:
 
     kind: str = ""
     id: int = -1
-    point: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    point: Vector = (0.0, 0.0, 0.0)
 
     def position(self, data: mujoco.MjData) -> np.ndarray:
         """Where it is now `(3,)` [m]."""
@@ -68,8 +71,8 @@ class Spot:
         return math.degrees(math.atan2(matrix[3], matrix[0]))
 
 
-def spot(place: str | tuple[float, float, float], model: mujoco.MjModel) -> Spot:
-    """What `place` names: a point, an object as in `identify_object`, or `subtree:BODY`, its centre of mass.
+def find_target(place: Place, model: mujoco.MjModel) -> Target:
+    """What `place` means: a point, an object as in `identify_object`, or `subtree:BODY`, its centre of mass.
 
     Raises:
       UnknownNameError: there is no such object.
@@ -79,11 +82,11 @@ def spot(place: str | tuple[float, float, float], model: mujoco.MjModel) -> Spot
         x, y, z = map(float, place)
         if not all(map(math.isfinite, (x, y, z))):
             raise BadValueError("place", f"{x:g}, {y:g}, {z:g}", "a point: its numbers are to be finite")
-        return Spot(point=(x, y, z))
+        return Target(point=(x, y, z))
     kind, colon, name = place.partition(":")
     if colon and kind == "subtree":
-        return Spot("subtree", identify(model, "body", name))
-    return Spot(*identify_object(place, model))
+        return Target("subtree", identify(model, "body", name))
+    return Target(*identify_object(place, model))
 
 
 @dataclass(frozen=True)
@@ -107,24 +110,26 @@ class Bounds:
         return (self.corners @ turns.transpose(0, 2, 1) + places[:, None]).reshape(-1, 3)
 
 
-def bounds(text: str, model: mujoco.MjModel) -> Bounds:
+def object_bounds(text: str, model: mujoco.MjModel) -> Bounds:
     """The bounds of the object called `text`: of a body with all that hangs on it. Infinite planes have none.
 
     Raises:
       UnknownNameError: there is no such object.
       UsageError: it has no bounds.
     """
-    found = spot(text, model)
-    if found.kind == "site":
-        half = _site_halves(model, found.id)
-        return Bounds("site", np.array([found.id]), (CORNERS * half)[None])
-    ids = np.array([found.id]) if found.kind == "geom" else np.flatnonzero(_inside(model, found.id)[model.geom_bodyid])
+    target = find_target(text, model)
+    if target.kind == "site":
+        half = _site_halves(model, target.id)
+        return Bounds("site", np.array([target.id]), (CORNERS * half)[None])
+    ids = np.flatnonzero(_inside(model, target.id)[model.geom_bodyid])
+    if target.kind == "geom":
+        ids = np.array([target.id])
     centers, halves = model.geom_aabb[ids, :3].copy(), model.geom_aabb[ids, 3:].copy()
     planes = model.geom_type[ids] == PLANE  # whose boxes are infinite even where what is drawn is not
     centers[planes], halves[planes] = 0.0, model.geom_size[ids[planes]] * [1, 1, 0]
     finite = ~planes | (model.geom_size[ids, :2] > 0).all(axis=1)
     if not finite.any():
-        raise UsageError(f"{clean(text)} cannot be fitted into a picture: it has no geoms that end somewhere")
+        raise UsageError(f"{clean(text)} cannot be fitted into an image: it has no geoms that end somewhere")
     return Bounds("geom", ids[finite], (centers[:, None] + halves[:, None] * CORNERS)[finite])
 
 
@@ -146,7 +151,7 @@ def _site_halves(model: mujoco.MjModel, site: int) -> np.ndarray:
     return np.array([x, x, y] if kind == mujoco.mjtGeom.mjGEOM_CYLINDER else [x, y, z])
 
 
-def trail(text: str, model: mujoco.MjModel) -> list[tuple[str, int]]:
+def identify_objects(text: str, model: mujoco.MjModel) -> list[tuple[str, int]]:
     """Kinds and ids of the objects in `text`, `OBJECT[,OBJECT…]`, each once.
 
     Raises:
@@ -172,7 +177,7 @@ class ObjectPath:
     def at(self, times: np.ndarray) -> np.ndarray:
         """Positions `(m, 3)` at `times` `(m,)`: cubic Hermite arcs through positions and velocities.
 
-        Between the instants of a film, a few hundredths of a second apart, straight lines would show.
+        Between the frames of a video, a few hundredths of a second apart, straight lines would show.
         """
         last = len(self.times) - 1
         if not last:
@@ -217,5 +222,5 @@ def object_paths(
             mujoco.mj_objectVelocity(model, data, FRAMES[kind].value, index, velocity, 0)
             row.append(np.concatenate([getattr(data, TARGETS[kind])[index], velocity[3:]]))
         points.append(row)
-    found = np.array(points).reshape(len(times), len(objects), 6)
-    return [ObjectPath(np.array(times), found[:, k, :3], found[:, k, 3:]) for k in range(len(objects))]
+    paths = np.array(points).reshape(len(times), len(objects), 6)
+    return [ObjectPath(np.array(times), paths[:, k, :3], paths[:, k, 3:]) for k in range(len(objects))]

@@ -15,10 +15,13 @@ from collections.abc import Iterator, Mapping
 from fractions import Fraction
 from typing import Annotated, Any, Literal
 
-from pydantic import BeforeValidator, ConfigDict, Field, Tag
+from pydantic import BeforeValidator, ConfigDict, Field, Tag, create_model
 
-from mjrun.camera import script
+from mjrun.camera import easing, script, shake
 from mjrun.camera.easing import BLENDS
+from mjrun.camera.rigs.model import ModelRig
+from mjrun.camera.rigs.registry import RIGS
+from mjrun.camera.rigs.rig import Rig
 from mjrun.document.document_model import (
     MAPPING,
     NUMBER,
@@ -33,11 +36,9 @@ from mjrun.document.document_model import (
     kinds,
 )
 from mjrun.document.reader import read
-from mjrun.document.rigs import FreeOrEmpty, Look, OrbitOrEmpty, Path, PositiveSliding, Sliding, Track, maybe_ramp, ramp
+from mjrun.document.rigs import DeclaredForm, PositiveSliding, Sliding, maybe_ramp, ramp, rig_fields
 from mjrun.errors import near
 from mjrun.timeline import rational
-
-RIGS = ("camera", "free", "orbit", "track", "look", "path")
 
 Shape = Annotated[str, Among(tuple(BLENDS))]
 Index = Annotated[int, Field(ge=0)]
@@ -96,11 +97,7 @@ class Fit(Form):
     """How much larger than the object the picture is."""
 
 
-class Shot(Form):
-    """A rig for a stretch of time: one of camera, free, orbit, track, look and path."""
-
-    model_config = ConfigDict(json_schema_extra={"oneOf": [{"required": [rig]} for rig in RIGS]})
-
+class _ModelCamera(Form):
     camera: Maybe[
         Annotated[
             Annotated[Name, Tag(TEXT)] | Annotated[Index, Tag(NUMBER)],
@@ -108,16 +105,13 @@ class Shot(Form):
         ]
     ] = None
     """A camera of the model, by name or index."""
-    free: Maybe[FreeOrEmpty] = None
-    """MuJoCo's free camera."""
-    orbit: Maybe[OrbitOrEmpty] = None
-    """Around a point or an object."""
-    track: Maybe[Track] = None
-    """With an object."""
-    look: Maybe[Look] = None
-    """From one place at another."""
-    path: Maybe[Path] = None
-    """Through waypoints."""
+
+
+class Shot(create_model("_Rigs", __base__=_ModelCamera, **rig_fields())):
+    """A rig for a stretch of time: one of camera, free, orbit, track, look and path."""
+
+    model_config = ConfigDict(json_schema_extra={"oneOf": [{"required": [rig]} for rig in RIGS]})
+
     until: Maybe[
         Annotated[
             Annotated[Positive, Tag(NUMBER)] | Annotated[Event, Tag(MAPPING)],
@@ -175,11 +169,11 @@ class Shot(Form):
             fit=_fit(self.fit),
         )
 
-    def _rig(self) -> script.Rig:
-        for rig in (self.free, self.orbit, self.track, self.look, self.path):
-            if rig is not None:
-                return rig.rig()
-        return script.ModelRig(str(self.camera))
+    def _rig(self) -> Rig:
+        for _, value in self:
+            if isinstance(value, DeclaredForm) and isinstance(rig := value.value(), Rig):
+                return rig
+        return ModelRig(str(self.camera))
 
 
 class Document(Form):
@@ -201,12 +195,12 @@ class Document(Form):
                 yield ("shots", i), "when does this shot end? all but the last say until or duration"
         yield from _disordered(shots)
 
-    def script(self, name: str) -> script.Script:
+    def script(self, name: str) -> script.CameraScript:
         """The script, under a name."""
-        return script.Script(name, [shot.shot(self.speed) for shot in self.shots])
+        return script.CameraScript(name, [shot.shot(self.speed) for shot in self.shots])
 
 
-def read_camera(path: pathlib.Path | str) -> script.Script:
+def read_camera(path: pathlib.Path | str) -> script.CameraScript:
     """The camera document at `path`; the script is called as the file is, less its suffix.
 
     Raises:
@@ -220,16 +214,16 @@ def _exact(value: float | None) -> Fraction | None:
     return None if value is None else rational(value)
 
 
-def _blend(given: str | float | Blend | None) -> script.Blend | None:
+def _blend(given: str | float | Blend | None) -> easing.Blend | None:
     if isinstance(given, Blend):
-        return script.Blend(given.shape, given.width)
+        return easing.Blend(given.shape, given.width)
     if isinstance(given, str):
-        return script.Blend(shape=given)
-    return None if given is None else script.Blend(width=given)
+        return easing.Blend(shape=given)
+    return None if given is None else easing.Blend(width=given)
 
 
-def _shake(given: Shake | None) -> script.Shake | None:
-    return None if given is None else script.Shake(given.angle, given.frequency, given.seed)
+def _shake(given: Shake | None) -> shake.Shake | None:
+    return None if given is None else shake.Shake(given.angle, given.frequency, given.seed)
 
 
 def _fit(given: str | Fit | None) -> script.Fit | None:

@@ -2,16 +2,22 @@
 
 from collections.abc import Mapping, Sequence
 from fractions import Fraction
-from typing import Any
+from typing import Any, cast
 
 from mjrun.camera import script
+from mjrun.camera.easing import Blend, Ramp
+from mjrun.camera.rigs.model import ModelRig
+from mjrun.camera.rigs.path import Waypoint
+from mjrun.camera.rigs.rig import Rig
+from mjrun.camera.rigs.settings import declared_fields
+from mjrun.camera.shake import Shake
 from mjrun.document.yaml_writer import decimal, number
-from mjrun.errors import UsageError, quoted
+from mjrun.errors import UsageError
 
 Plain = dict[str, Any]
 
 
-def written(camera: script.Script) -> Plain:
+def written(camera: script.CameraScript) -> Plain:
     """The document of `camera`, as it is written within a run document.
 
     Raises:
@@ -42,59 +48,49 @@ def _shot(shot: script.Shot, what: str) -> Plain:
             "until": until,
             "duration": _time(shot.lasting, what),
             "speed": _time(shot.speed, what),
-            "blend": shot.blend and _changed(shot.blend, script.Blend()),
-            "roll": None if shot.roll == script.Ramp.still(0) else _sliding(shot.roll),
+            "blend": shot.blend and _changed(shot.blend, Blend()),
+            "roll": None if shot.roll == Ramp.still(0) else _sliding(shot.roll),
             "fovy": _sliding(shot.fovy),
-            "shake": shot.shake and _changed(shot.shake, script.Shake()),
+            "shake": shot.shake and _changed(shot.shake, Shake()),
             "fit": shot.fit and _fit(shot.fit),
         }
     )
 
 
-def _rig(rig: script.Rig, what: str) -> Plain:
-    match rig:
-        case script.ModelRig():
-            return {"camera": rig.camera}
-        case script.LookRig():
-            return {"look": {"from": _place(rig.eye), "at": _place(rig.target)}}
-        case script.PathRig():
-            settings = {key: getattr(rig, key) for key in ("curve", "pace", "ease")}
-            usual = {"curve": "spline", "pace": "constant", "ease": "linear"}
-            said = {key: value for key, value in settings.items() if value != usual[key]}
-            points = [_waypoint(point) for point in rig.waypoints]
-            return {"path": known({"lookat": _place(rig.lookat), **said, "waypoints": points})}
-    return _around(rig, what)
+def _rig(rig: Rig, what: str) -> Plain:
+    if isinstance(rig, ModelRig):
+        return {rig.kind: rig.camera}
+    fields = _declared(rig)
+    for _, conflict in rig.conflicts(fields):
+        raise UsageError(f"{what}: no document says this of a camera: {conflict}")
+    return {rig.kind: fields}
 
 
-def _around(rig: script.AroundRig, what: str) -> Plain:
-    ramps = known({key: _sliding(getattr(rig, key)) for key in ("distance", "azimuth", "elevation")})
-    aimed = known({"lookat": _place(rig.target), **ramps})
-    steered = rig.heading or any(rig.offset)
-    if (rig.turn and (steered or rig.azimuth is not None)) or (steered and not isinstance(rig.target, str)):
-        raise UsageError(f"{what}: no document says this of a camera: {quoted(str(rig))}")
-    turning = rig.turn or (rig.azimuth is not None and rig.azimuth.start != rig.azimuth.end)
-    if turning and not steered:
-        ease = {} if rig.turn in (None, "linear") else {"ease": rig.turn}
-        return {"orbit": {**aimed, **ease}}
-    if not isinstance(rig.target, str):
-        return {"free": aimed}
-    heading = {"heading": True} if rig.heading else {}
-    offset = {"offset": _place(rig.offset)} if any(rig.offset) else {}
-    return {"track": {"target": rig.target, **ramps, **heading, **offset}}
+def _declared(value: Rig | Waypoint) -> Plain:
+    """The declared fields of a rig or a waypoint, but for those that have their defaults."""
+    values = vars(value)
+    fields = [field for field in declared_fields(type(value)) if values[field.name] != field.default]
+    fields.sort(key=lambda field: field.setting.kind == "records")  # long lists last
+    return {field.key: _field(values[field.name]) for field in fields}
 
 
-def _waypoint(point: script.Waypoint) -> Plain:
-    numbers = {key: getattr(point, key) for key in ("distance", "azimuth", "elevation", "at")}
-    said = {key: None if value is None else number(value) for key, value in numbers.items()}
-    return known({"eye": _place(point.eye), **said, "lookat": _place(point.lookat)})
+def _field(value: object) -> object:
+    match value:
+        case bool() | str():
+            return value
+        case int() | float():
+            return number(value)
+        case Ramp():
+            return _sliding(value)
+        case Waypoint():
+            return _declared(value)
+        case _:
+            assert isinstance(value, Sequence)
+            return [_field(item) for item in cast("Sequence[object]", value)]
 
 
-def _place(place: script.Place | None) -> str | Sequence[float] | None:
-    return place if place is None or isinstance(place, str) else [number(value) for value in place]
-
-
-def _sliding(ramp: script.Ramp | None) -> float | Plain | None:
-    if ramp is None or ramp == script.Ramp.still(ramp.start):
+def _sliding(ramp: Ramp | None) -> float | Plain | None:
+    if ramp is None or ramp == Ramp.still(ramp.start):
         return None if ramp is None else number(ramp.start)
     ease = {} if ramp.ease == "linear" else {"ease": ramp.ease}
     return {"from": number(ramp.start), "to": number(ramp.end), **ease}

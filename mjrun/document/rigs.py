@@ -1,12 +1,15 @@
-"""The rigs of a camera document: what each may say, and what it is to the camera."""
+"""The rigs of a camera document, derived from the declarations of `camera.rigs`: their forms, and what they hold."""
 
 from collections.abc import Iterator, Mapping
-from typing import Annotated, Any, Literal
+from functools import cache
+from typing import Annotated, Any, ClassVar, Protocol
 
-from pydantic import BeforeValidator, Field, Tag
+from pydantic import AfterValidator, BeforeValidator, Field, Tag, create_model
 
-from mjrun.camera import script
-from mjrun.camera.easing import EASINGS
+from mjrun.camera.easing import EASINGS, Ramp
+from mjrun.camera.rigs.model import ModelRig
+from mjrun.camera.rigs.registry import RIGS
+from mjrun.camera.rigs.settings import Setting, declared_fields
 from mjrun.document.document_model import (
     LIST,
     MAPPING,
@@ -15,7 +18,6 @@ from mjrun.document.document_model import (
     Among,
     Form,
     Loc,
-    Maybe,
     Name,
     Positive,
     Vector,
@@ -57,179 +59,97 @@ PositiveSliding = Annotated[
 ]
 
 
-def ramp(given: float | Slide) -> script.Ramp:
-    """A number that slides or stands still."""
-    if isinstance(given, Slide):
-        return script.Ramp(given.start, given.end, given.ease)
-    return script.Ramp.still(given)
+def ramp(value: float | Slide) -> Ramp:
+    """A number that changes over the shot, or does not."""
+    if isinstance(value, Slide):
+        return Ramp(value.start, value.end, value.ease)
+    return Ramp.still(value)
 
 
-def maybe_ramp(given: float | Slide | None) -> script.Ramp | None:
+def maybe_ramp(value: float | Slide | None) -> Ramp | None:
     """The same of one that may be left out."""
-    return None if given is None else ramp(given)
+    return None if value is None else ramp(value)
 
 
-class Around(Form):
-    """What the free, orbiting and tracking rigs have in common."""
+class Declared(Protocol):
+    """A dataclass with declared fields, such as a rig or a waypoint."""
 
-    distance: Maybe[PositiveSliding] = None
-    """How far away the camera is [m]; as MuJoCo's free camera if left out."""
-    azimuth: Maybe[Sliding] = None
-    """Where the camera looks, counter-clockwise from above [deg]: 0 along x, 90 along y."""
-    elevation: Maybe[Sliding] = None
-    """How far the camera looks up [deg]: -90 looks straight down."""
+    def __init__(self, *values: Any, **fields: Any) -> None: ...
 
-    def around(self, target: script.Place | None, **settings: Any) -> script.AroundRig:
-        """The rig around `target`; None: what MuJoCo's free camera looks at."""
-        distance, azimuth, elevation = map(maybe_ramp, (self.distance, self.azimuth, self.elevation))
-        return script.AroundRig(target, distance, azimuth, elevation, **settings)
+    @classmethod
+    def conflicts(cls, values: Mapping[str, object]) -> Iterator[tuple[Loc, str]]:
+        """What is wrong with the combination of values."""
+        ...
 
 
-class Aimed(Form):
-    """What looks at something."""
+class DeclaredForm(Form):
+    """A mapping that holds the declared fields of a dataclass."""
 
-    lookat: Maybe[Place] = None
-    """What is looked at: an object, as in box, geom:edge, site:tip or subtree:torso, or a point [m]."""
-
-
-class Free(Around, Aimed):
-    """MuJoCo's free camera, around a point or an object."""
-
-    def rig(self) -> script.AroundRig:
-        """The rig."""
-        return self.around(self.lookat)
-
-
-class Orbit(Free):
-    """Around a point or an object: once, or from one azimuth to another."""
-
-    azimuth: Maybe[Sliding] = None
-    """Where the camera looks, counter-clockwise from above [deg]; once round if left out."""
-    ease: Ease = "linear"
-    """How it goes once round; an azimuth has an ease of its own."""
+    declared: ClassVar[type[Declared]]
 
     @classmethod
     def complaints(cls, given: Mapping[str, Any]) -> Iterator[tuple[Loc, str]]:
-        if "ease" in given and "azimuth" in given:
-            yield ("ease",), "the ease belongs into the azimuth: {from, to, ease}"
+        return cls.declared.conflicts(given)
 
-    def rig(self) -> script.AroundRig:
-        """Without an azimuth the camera turns once."""
-        return self.around(self.lookat, turn=self.ease if self.azimuth is None else None)
-
-
-class Track(Around):
-    """Goes with an object."""
-
-    target: Name
-    """The object: box, geom:edge, site:tip or subtree:torso."""
-    heading: bool = False
-    """Whether the azimuth turns with the object, as that of a chase camera; 0 looks along the object's own x then."""
-    offset: Vector = (0.0, 0.0, 0.0)
-    """Of the point that is looked at from the target [m], in the world; turned with the object if heading is true."""
-
-    def rig(self) -> script.AroundRig:
-        """The rig."""
-        return self.around(self.target, heading=self.heading, offset=self.offset)
+    def value(self) -> Declared:
+        """The dataclass."""
+        return self.declared(**{name: _field_value(value) for name, value in self})
 
 
-class Look(Form):
-    """From one place at another, upright; each stands still or moves."""
-
-    eye: Place = Field(alias="from")
-    """Where the camera is: an object, or a point [m]."""
-    target: Place = Field(alias="at")
-    """What is looked at: an object, or a point [m]."""
-
-    def rig(self) -> script.LookRig:
-        """The rig."""
-        return script.LookRig(self.eye, self.target)
+def _field_value(value: object) -> object:
+    """What a field of the dataclass holds for the value of a form's."""
+    match value:
+        case DeclaredForm():
+            return value.value()
+        case list():
+            return [_field_value(item) for item in value]
+        case _:
+            return value
 
 
-class Waypoint(Form):
-    """A point on the camera's path: an eye, or distance, azimuth and elevation around what is looked at."""
-
-    eye: Maybe[Vector] = None
-    """Where the camera is [m]."""
-    distance: Maybe[Positive] = None
-    """How far from what is looked at [m]."""
-    azimuth: Maybe[float] = None
-    """Where the camera looks, counter-clockwise from above [deg]."""
-    elevation: Maybe[float] = None
-    """How far the camera looks up [deg]."""
-    lookat: Maybe[Place] = None
-    """What is looked at from here: an object, or a point [m]; what the path looks at if left out."""
-    at: Maybe[Annotated[float, Field(ge=0)]] = None
-    """When the camera is here [s], from the beginning of the shot; only with pace: time."""
-
-    @classmethod
-    def complaints(cls, given: Mapping[str, Any]) -> Iterator[tuple[Loc, str]]:
-        around = ("distance", "azimuth", "elevation")
-        found = [key for key in around if key in given]
-        if "eye" in given:
-            yield from (((key,), f"an eye has no {key} beside it") for key in found)
-        elif len(found) < len(around):
-            yield (), f"expected eye, or distance, azimuth and elevation, got {' and '.join(found) or 'none of them'}"
-
-    def point(self) -> script.Waypoint:
-        """The waypoint."""
-        return script.Waypoint(self.eye, self.distance, self.azimuth, self.elevation, self.lookat, self.at)
+@cache
+def declared_form(declared: type[Declared]) -> type[DeclaredForm]:
+    """The form of a dataclass with declared fields; its docstring is the description."""
+    fields: dict[str, Any] = {}
+    for field in declared_fields(declared):
+        alias = field.key if field.key != field.name else None
+        default = ... if field.required else field.default
+        fields[field.name] = (_annotation(field.setting), Field(default, alias=alias, description=field.setting.help))
+    name = declared.__name__.removesuffix("Rig")
+    form = create_model(name, __base__=DeclaredForm, __doc__=declared.__doc__, **fields)
+    form.declared = declared
+    return form
 
 
-class Path(Form):
-    """Along a path through waypoints."""
-
-    waypoints: list[Waypoint] = Field(min_length=2)
-    """The points, in order; all by eye, or all by distance, azimuth and elevation."""
-    lookat: Maybe[Place] = None
-    """What is looked at on the way: an object, or a point [m]; where the path leads if left out."""
-    curve: Literal["spline", "linear"] = "spline"
-    """What is between waypoints: a smooth curve, or straight lines."""
-    pace: Literal["constant", "time"] = "constant"
-    """Constant speed along the path, or by the times of the waypoints."""
-    ease: Ease = "linear"
-    """How the camera starts and stops; with pace: constant only."""
-
-    @classmethod
-    def complaints(cls, given: Mapping[str, Any]) -> Iterator[tuple[Loc, str]]:
-        timed = given.get("pace") == "time"
-        if timed and "ease" in given:
-            yield ("ease",), "ease is for pace: constant; with pace: time the waypoints' times say it all"
-        points = given.get("waypoints")
-        points = points if isinstance(points, list) and all(isinstance(p, dict) for p in points) else []
-        yield from _mixed(points, "lookat" in given)
-        for i, point in enumerate(points):
-            if ("at" in point) != timed:
-                where: Loc = ("waypoints", i) if timed else ("waypoints", i, "at")
-                yield where, "with pace: time each waypoint needs its at [s]" if timed else "at needs pace: time"
-        yield from _disordered(points if timed else [])
-
-    def rig(self) -> script.PathRig:
-        """The rig."""
-        points = [waypoint.point() for waypoint in self.waypoints]
-        return script.PathRig(points, self.lookat, self.curve, self.pace, self.ease)
+def _annotation(setting: Setting) -> Any:
+    """The type of a setting in a document."""
+    match setting.kind:
+        case "object":
+            return Name
+        case "place":
+            return Place
+        case "point":
+            return Vector
+        case "ramp":
+            return Annotated[PositiveSliding if setting.positive else Sliding, AfterValidator(ramp)]
+        case "number":
+            return Annotated[float, Field(gt=0 if setting.positive else None, ge=setting.least)]
+        case "flag":
+            return bool
+        case "choice":
+            return Annotated[str, Among(setting.choices)]
+        case "records":
+            assert setting.record
+            return Annotated[list[declared_form(setting.record)], Field(min_length=setting.length)]
 
 
-def _mixed(points: list[dict[str, Any]], looking: bool) -> Iterator[tuple[Loc, str]]:
-    """What waypoints of one path have to have in common."""
-    for i, point in enumerate(points):
-        if ("eye" in point) != ("eye" in points[0]) and {"eye", "distance"} & point.keys():
-            yield ("waypoints", i), "waypoints are all given by eye, or all by distance, azimuth and elevation"
-    needed = any("lookat" in point or "distance" in point for point in points)
-    for i, point in enumerate(points):
-        if needed and not looking and "lookat" not in point:
-            yield ("waypoints", i), "what is looked at from here? give it a lookat, or the path"
-
-
-def _disordered(points: list[dict[str, Any]]) -> Iterator[tuple[Loc, str]]:
-    latest = -1.0
-    for i, point in enumerate(points):
-        time = point.get("at")
-        if isinstance(time, int | float):
-            if time <= latest:
-                yield ("waypoints", i, "at"), f"expected a time later than {latest:g}, that of the waypoint before"
-            latest = max(latest, time)
-
-
-FreeOrEmpty = Annotated[Free, BeforeValidator(given_nothing, json_schema_input_type=Free | None)]
-OrbitOrEmpty = Annotated[Orbit, BeforeValidator(given_nothing, json_schema_input_type=Orbit | None)]
+def rig_fields() -> dict[str, Any]:
+    """The fields of a shot that hold its rig, for `pydantic.create_model`; a camera of the model is not a mapping."""
+    fields: dict[str, Any] = {}
+    for kind, rig in RIGS.items():
+        if rig is not ModelRig:
+            form: Any = declared_form(rig)
+            if not any(field.required for field in declared_fields(rig)):
+                form = Annotated[form, BeforeValidator(given_nothing, json_schema_input_type=form | None)]
+            fields[kind] = (form, Field(None, description=rig.help))
+    return fields

@@ -4,7 +4,7 @@ import dataclasses
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from mjrun.camera.script import Event, Script
+from mjrun.camera.script import CameraScript, Event
 from mjrun.document.camera_writer import event, known, written
 from mjrun.document.document_model import ComplaintError
 from mjrun.document.output_folder import WRITTEN, refusal
@@ -175,7 +175,7 @@ def _value(name: str, value: Any) -> Any:
         return f"{value[0]}x{value[1]}"
     if name == "depth_range":
         return [number(part) for part in value]
-    if isinstance(value, Script):
+    if isinstance(value, CameraScript):
         return written(value)
     if isinstance(value, str | bool):
         return value

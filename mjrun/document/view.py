@@ -6,7 +6,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field, Strict, Tag
 
-from mjrun.camera.script import Script
+from mjrun.camera.script import CameraScript
 from mjrun.document.camera import Document, read_camera
 from mjrun.document.document_model import (
     LIST,
@@ -212,7 +212,7 @@ class Picture(Form):
         )
 
 
-def _camera(given: str | int | Camera, inputs: Path) -> str | Script:
+def _camera(given: str | int | Camera, inputs: Path) -> str | CameraScript:
     if isinstance(given, Camera):
         return given.script(given.name)
     text = str(given)

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from fractions import Fraction
 from itertools import repeat
 
-from mjrun.camera.script import Event, Script
+from mjrun.camera.script import CameraScript, Event
 from mjrun.errors import UsageError, clean
 from mjrun.job.event_detection import time_of
 from mjrun.timeline import Timeline
@@ -33,7 +33,7 @@ class FrameSchedule:
 
 
 def pacing(
-    scripts: Sequence[Script],
+    scripts: Sequence[CameraScript],
     timeline: Timeline,
     fps: Fraction,
     speed: Fraction,
@@ -62,12 +62,12 @@ def pacing(
     )
 
 
-def events(scripts: Sequence[Script]) -> list[Event]:
+def events(scripts: Sequence[CameraScript]) -> list[Event]:
     """The events that end shots."""
     return [shot.until for script in scripts for shot in script.shots if isinstance(shot.until, Event)]
 
 
-def shot_spans(script: Script, timeline: Timeline, happened: Mapping[str, Sequence[int]]) -> list[Span]:
+def shot_spans(script: CameraScript, timeline: Timeline, happened: Mapping[str, Sequence[int]]) -> list[Span]:
     """Start and end of each shot [s]; the last may end before or after the simulation."""
     found: list[Span] = []
     start = Fraction(0)
@@ -87,7 +87,7 @@ def shot_spans(script: Script, timeline: Timeline, happened: Mapping[str, Sequen
     return found
 
 
-def _unseen(script: Script, spans: Sequence[Span], duration: Fraction) -> list[str]:
+def _unseen(script: CameraScript, spans: Sequence[Span], duration: Fraction) -> list[str]:
     """The warning that the simulation ends before some shots begin."""
     late = [index for index, (start, _) in enumerate(spans) if start >= duration]
     if not late:
@@ -97,7 +97,7 @@ def _unseen(script: Script, spans: Sequence[Span], duration: Fraction) -> list[s
 
 
 def _pieces(
-    scripts: Sequence[Script], spans: Sequence[Sequence[Span]], duration: Fraction, speed: Fraction
+    scripts: Sequence[CameraScript], spans: Sequence[Sequence[Span]], duration: Fraction, speed: Fraction
 ) -> list[tuple[Fraction, Fraction]]:
     """Stretches of the film: where each ends [s], simulated, and its speed."""
     paced = [index for index, script in enumerate(scripts) if any(shot.speed for shot in script.shots)]
@@ -109,6 +109,6 @@ def _pieces(
 
 
 def _stretches(
-    script: Script, spans: Sequence[Span], duration: Fraction, speed: Fraction
+    script: CameraScript, spans: Sequence[Span], duration: Fraction, speed: Fraction
 ) -> list[tuple[Fraction, Fraction]]:
     return [(min(end, duration), shot.speed or speed) for shot, (_, end) in zip(script.shots, spans, strict=True)]

@@ -9,7 +9,7 @@ from pathlib import Path
 import mujoco
 import numpy as np
 
-from mjrun.camera.targets import trail
+from mjrun.camera.targets import identify_objects
 from mjrun.errors import BadValueError, UnknownNameError, UsageError, clean, listing
 from mjrun.formats.recording_reader import RecordingFile
 from mjrun.formats.recording_writer import SUFFIX
@@ -107,7 +107,7 @@ def additions(
     """
     if span is not None and not 0 < span < math.inf:
         raise BadValueError("--trail-span", span, "a positive number of seconds")
-    objects = dict.fromkeys(found for text in followed for found in trail(text, model))
+    objects = dict.fromkeys(found for text in followed for found in identify_objects(text, model))
     return SceneDecorations(model, visual, list(objects), span, [_spirit(text, model) for text in ghosts])
 
 

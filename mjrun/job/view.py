@@ -9,10 +9,10 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from mjrun.camera.argument import script
+from mjrun.camera.argument import parse_camera
 from mjrun.camera.motion import CameraMotion
 from mjrun.camera.pose import Pose
-from mjrun.camera.script import Script
+from mjrun.camera.script import CameraScript
 from mjrun.errors import BadValueError, UnknownNameError, UsageError, clean, listing
 from mjrun.formats.labels import labels_beside
 from mjrun.job.output_files import named
@@ -62,7 +62,7 @@ class Drawing:
       command: the command line, for the manifest.
     """
 
-    camera: str | Script | Sequence[str | Script] = "free"
+    camera: str | CameraScript | Sequence[str | CameraScript] = "free"
     view: str | Sequence[str] = "rgb"
     size: tuple[int, int] = SIZE
     visual: Visual = field(default_factory=Visual)
@@ -125,14 +125,16 @@ class Drawing:
         return omissions(model, self.visual)
 
     @property
-    def cameras(self) -> Sequence[str | Script]:
+    def cameras(self) -> Sequence[str | CameraScript]:
         """The cameras asked for."""
-        return (self.camera,) if isinstance(self.camera, (str, Script)) else tuple(self.camera)
+        return (self.camera,) if isinstance(self.camera, (str, CameraScript)) else tuple(self.camera)
 
     @property
     def names(self) -> list[str]:
         """What the cameras are called."""
-        return [camera.name if isinstance(camera, Script) else camera.partition(",")[0] for camera in self.cameras]
+        return [
+            camera.name if isinstance(camera, CameraScript) else camera.partition(",")[0] for camera in self.cameras
+        ]
 
     @property
     def views(self) -> Sequence[str]:
@@ -179,9 +181,9 @@ class Drawing:
             found.append(Stream(panels, self.size, style, exact))
         return found
 
-    def scripts(self, model: mujoco.MjModel) -> list[Script]:
+    def scripts(self, model: mujoco.MjModel) -> list[CameraScript]:
         """What each camera does."""
-        return [camera if isinstance(camera, Script) else script(camera, model) for camera in self.cameras]
+        return [camera if isinstance(camera, CameraScript) else parse_camera(camera, model) for camera in self.cameras]
 
     def courses(self, model: mujoco.MjModel) -> list[CameraMotion]:
         """The cameras, found in `model`."""

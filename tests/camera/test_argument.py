@@ -6,10 +6,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mjrun.camera.argument import script
+from mjrun.camera.argument import parse_camera
+from mjrun.camera.easing import Ramp
 from mjrun.camera.motion import CameraMotion
 from mjrun.camera.pose import Pose, pose_of
-from mjrun.camera.script import AroundRig, ModelRig, Ramp, Shot
+from mjrun.camera.rigs.around import OrbitRig, TrackRig
+from mjrun.camera.rigs.model import ModelRig
+from mjrun.camera.script import Shot
 from mjrun.errors import MjrunError
 from mjrun.model.state import save
 
@@ -39,17 +42,17 @@ def moved() -> mujoco.MjData:
 def posed(text: str, phase: float = 0.0, model: mujoco.MjModel = MODEL) -> Pose:
     """The pose `phase` of the way through a shot of two seconds."""
     data = moved() if model is MODEL else mujoco.MjData(model)
-    course = CameraMotion(script(text, model), model, (64, 48))
+    course = CameraMotion(parse_camera(text, model), model, (64, 48))
     return next(course.poses([save(model, data)], [2 * phase], [0.0], [(0.0, 2.0)]))
 
 
 def shot(text: str) -> Shot:
-    return script(text, MODEL).shots[0]
+    return parse_camera(text, MODEL).shots[0]
 
 
-def around(text: str) -> AroundRig:
+def track(text: str) -> TrackRig:
     rig = shot(text).rig
-    assert isinstance(rig, AroundRig)
+    assert isinstance(rig, TrackRig)
     return rig
 
 
@@ -73,8 +76,8 @@ def test_a_model_camera_answers_to_name_and_index(text: str, height: float) -> N
 
 def test_a_model_camera_wins_over_a_rig_of_the_same_name() -> None:
     model = mujoco.MjModel.from_xml_string('<mujoco><worldbody><camera name="orbit"/></worldbody></mujoco>')
-    assert script("orbit", model).shots[0].rig == ModelRig("orbit")
-    assert isinstance(script("orbit:distance=1", model).shots[0].rig, AroundRig)
+    assert parse_camera("orbit", model).shots[0].rig == ModelRig("orbit")
+    assert isinstance(parse_camera("orbit:distance=1", model).shots[0].rig, OrbitRig)
 
 
 @given(phases)
@@ -128,9 +131,16 @@ def test_settings_that_are_not_given_stay_the_free_camera_s() -> None:
 
 
 def test_a_heading_turns_with_the_object() -> None:
-    assert around("track:box,heading").heading
-    assert around("track:box,heading,distance=2").distance == Ramp(2, 2)
-    assert not around("track:box").heading
+    assert track("track:box,heading").heading
+    assert track("track:box,heading,distance=2").distance == Ramp(2, 2)
+    assert not track("track:box").heading
+
+
+def test_an_offset_and_a_look_are_written_as_points() -> None:
+    assert posed("track:box,offset=1/0/-1").lookat == pytest.approx(np.array([5, 5, 5]))
+    pose = posed("look:from=0/0/9,at=tip")
+    assert pose.position == pytest.approx(np.array([0, 0, 9]))
+    assert pose.lookat == pytest.approx(np.array([4, 5, 6.5]))
 
 
 @given(phases)
@@ -144,44 +154,48 @@ def test_roll_and_field_of_view_are_ramps_like_the_others(phase: float) -> None:
     ("text", "name"), [("top", "top"), ("orbit:lookat=box,distance=2,roll=3", "orbit:lookat=box"), ("free", "free")]
 )
 def test_a_script_is_called_as_its_text_begins(text: str, name: str) -> None:
-    assert script(text, MODEL).name == name
+    assert parse_camera(text, MODEL).name == name
 
 
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("tpo", "no camera 'tpo' (did you mean 'top'?)\ncameras: top, camera:1, free, orbit:…, track:BODY"),
+        ("tpo", "no camera 'tpo' (did you mean 'top'?)\ncameras: top, camera:1, free, orbit:…, track:BODY, look:"),
         ("2", "no camera '2'"),
         ("-1", "no camera '-1'"),
         ("", "no camera ''"),
-        ("orbit:azimut=3", "no setting 'azimut' in --camera orbit (did you mean 'azimuth'?)"),
-        ("orbit:azimuth", "--camera orbit: write azimuth=VALUE, once"),
-        ("orbit:azimuth=1,azimuth=2", "--camera orbit: write azimuth=VALUE, once"),
-        ("orbit:azimuth=1..x", "--camera orbit: azimuth: '1..x' is not a number, or two as in 140..240"),
+        ("orbit:azimut=3", "no setting 'azimut' in camera orbit (did you mean 'azimuth'?)"),
+        ("orbit:azimuth", "camera orbit: write azimuth=VALUE, once"),
+        ("orbit:azimuth=1,azimuth=2", "camera orbit: write azimuth=VALUE, once"),
+        ("orbit:azimuth=1..x", "camera orbit: azimuth: '1..x' is not a number, or two as in 140..240"),
         ("orbit:azimuth=nan", "is not a number"),
-        ("orbit:distance=0", "--camera orbit: distance: '0' is not a positive number of metres"),
+        ("orbit:distance=0", "camera orbit: distance: '0' is not a positive number of metres"),
         ("orbit:distance=1..-1", "is not a positive number of metres"),
         ("orbit:lookat=bxo", "no object 'bxo' (did you mean 'box'?)\nbodies, geoms and sites: world, box, edge, tip"),
         ("orbit:lookat=1/2/inf", "lookat: '1/2/inf' is not a point x/y/z [m]"),
-        ("orbit:box", "no setting 'box' in --camera orbit\nsettings: lookat, distance, azimuth, elevation, roll, fovy"),
-        ("orbit:ease=cubic", "no ease 'cubic' in --camera orbit\neases: linear, cosine"),
+        ("orbit:box", "no setting 'box' in camera orbit\nsettings: lookat, distance, azimuth, elevation, roll, fovy"),
+        ("orbit:ease=cubic", "no ease 'cubic' in camera orbit\neases: linear, cosine"),
         ("orbit:fovy=180", "camera orbit:fovy=180: fovy: '180' is not an angle between 0 and 180 degrees"),
         ("orbit:fovy=20..0", "is not an angle between 0 and 180 degrees"),
-        ("free:ease=in", "no setting 'ease' in --camera free"),
-        ("free:heading", "no setting 'heading' in --camera free"),
+        ("free:ease=in", "no setting 'ease' in camera free"),
+        ("free:heading", "no setting 'heading' in camera free"),
         ("track", "which object? write track:BODY"),
         ("track:", "which object? write track:BODY"),
         ("track:distance=3", "which object? write track:BODY"),
-        ("track:box,lookat=tip", "no setting 'lookat' in --camera track"),
-        ("track:box,heading=1", "--camera track: write heading, once"),
-        ("track:box,heading,heading", "--camera track: write heading, once"),
+        ("track:box,lookat=tip", "no setting 'lookat' in camera track"),
+        ("track:box,offset=1/2", "offset: '1/2' is not a point x/y/z [m]"),
+        ("look", "camera look: from is missing: write look:from=PLACE,at=PLACE"),
+        ("look:from=tip", "camera look: at is missing"),
+        ("path:lookat=tip", "no camera 'path:lookat=tip'"),
+        ("track:box,heading=1", "camera track: write heading, once"),
+        ("track:box,heading,heading", "camera track: write heading, once"),
         ("track:geom:box", "no geom 'box'"),
         ("track:subtree:bxo", "no body 'bxo'"),
     ],
 )
 def test_a_wrong_camera_is_refused_with_what_is_right(text: str, message: str) -> None:
     with pytest.raises(MjrunError) as caught:
-        CameraMotion(script(text, MODEL), MODEL, (64, 48))
+        CameraMotion(parse_camera(text, MODEL), MODEL, (64, 48))
     assert caught.value.exit_code == 2
     assert message in str(caught.value)
 

@@ -3,13 +3,11 @@
 import itertools
 import math
 
-import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mjrun.camera.easing import BLENDS, EASINGS, Tremor, ramped, weight
-from mjrun.camera.script import Blend, Ramp, Shake
+from mjrun.camera.easing import BLENDS, EASINGS, Blend, Ramp, blend_weight
 
 ROUNDING = 1e-15
 shares = st.floats(0, 1)
@@ -49,55 +47,33 @@ def test_the_smoother_of_two_has_no_jolt_either() -> None:
 
 @given(st.floats(-5, 5), st.floats(-5, 5), shares)
 def test_a_ramp_goes_from_start_to_end(start: float, end: float, u: float) -> None:
-    assert ramped(Ramp(start, end), u) == pytest.approx(start + (end - start) * u)
+    assert Ramp(start, end).at(u) == pytest.approx(start + (end - start) * u)
     cosine = start + (end - start) * (1 - math.cos(math.pi * u)) / 2
-    assert ramped(Ramp(start, end, "cosine"), u) == pytest.approx(cosine, abs=1e-12)
-    assert ramped(Ramp.still(start), u) == start
+    assert Ramp(start, end, "cosine").at(u) == pytest.approx(cosine, abs=1e-12)
+    assert Ramp.still(start).at(u) == start
 
 
 @given(st.sampled_from(sorted(BLENDS)), st.floats(-2, 2), st.floats(0.1, 3))
 def test_what_a_blend_gives_to_one_shot_it_takes_from_the_other(shape: str, since: float, width: float) -> None:
     blend = Blend(shape, width)
-    assert weight(blend, since) + weight(blend, -since) == pytest.approx(1)
-    assert weight(blend, 0) == pytest.approx(0.5)
+    assert blend_weight(blend, since) + blend_weight(blend, -since) == pytest.approx(1)
+    assert blend_weight(blend, 0) == pytest.approx(0.5)
 
 
 @given(st.sampled_from(["cosine", "linear", "smooth"]), st.floats(0.1, 3), st.floats(1.0001, 9))
 def test_a_blend_is_over_outside_its_window(shape: str, width: float, times: float) -> None:
-    assert weight(Blend(shape, width), -times * width / 2) == 0
-    assert weight(Blend(shape, width), times * width / 2) == 1
+    assert blend_weight(Blend(shape, width), -times * width / 2) == 0
+    assert blend_weight(Blend(shape, width), times * width / 2) == 1
 
 
 @given(st.floats(-5, 5))
 def test_a_sigmoid_is_the_logistic_function_until_nothing_of_it_can_be_seen(since: float) -> None:
     blend = Blend("sigmoid", 0.3)
-    assert weight(blend, since) == pytest.approx(1 / (1 + math.exp(-since / 0.3)))
-    assert weight(blend, -0.3 * 28) == 0
-    assert weight(blend, 0.3 * 28) == 1
-    assert weight(blend, -1e9) == 0
+    assert blend_weight(blend, since) == pytest.approx(1 / (1 + math.exp(-since / 0.3)))
+    assert blend_weight(blend, -0.3 * 28) == 0
+    assert blend_weight(blend, 0.3 * 28) == 1
+    assert blend_weight(blend, -1e9) == 0
 
 
 def test_a_cut_has_no_in_between_and_forgives_a_rounding() -> None:
-    assert [weight(None, since) for since in (-1, -1e-6, -1e-12, 0, 1)] == [0, 0, 1, 1, 1]
-
-
-def tremble(shake: Shake, rate: float = 40, count: int = 80_000) -> np.ndarray:
-    return np.array([Tremor(shake).at(k / rate) for k in range(count)])
-
-
-def test_a_tremor_has_the_deviation_and_the_band_that_it_promises() -> None:
-    angles = tremble(Shake(angle=0.7, frequency=2.0, seed=3))
-    assert angles.std(axis=0) == pytest.approx([0.7, 0.7], rel=0.02)
-    assert angles.mean(axis=0) == pytest.approx([0, 0], abs=0.01)
-    power = np.abs(np.fft.rfft(angles[:, 0] * np.hanning(len(angles)))) ** 2
-    hertz = np.fft.rfftfreq(len(angles), 1 / 40)
-    assert power[(hertz > 0.99) & (hertz < 3.01)].sum() > 0.9999 * power.sum()
-    assert abs(np.corrcoef(angles.T)[0, 1]) < 0.05
-
-
-def test_a_tremor_depends_on_seed_and_time_alone() -> None:
-    one, other = Tremor(Shake(seed=1)), Tremor(Shake(seed=2))
-    forward = [one.at(t) for t in (0.0, 0.5, 1.0)]
-    backward = [Tremor(Shake(seed=1)).at(t) for t in (1.0, 0.5, 0.0)]
-    assert np.array_equal(forward, backward[::-1])
-    assert not np.allclose(one.at(0.5), other.at(0.5))
+    assert [blend_weight(None, since) for since in (-1, -1e-6, -1e-12, 0, 1)] == [0, 0, 1, 1, 1]

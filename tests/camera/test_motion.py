@@ -11,10 +11,15 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from mjrun.camera.easing import BLENDS
+from mjrun.camera.easing import BLENDS, Blend, Ramp
 from mjrun.camera.motion import CameraMotion
 from mjrun.camera.pose import Pose, pose_of, rotation
-from mjrun.camera.script import AroundRig, Blend, Fit, LookRig, ModelRig, Ramp, Rig, Script, Shake, Shot
+from mjrun.camera.rigs.around import FreeRig, OrbitRig, TrackRig
+from mjrun.camera.rigs.look import LookRig
+from mjrun.camera.rigs.model import ModelRig
+from mjrun.camera.rigs.rig import Rig
+from mjrun.camera.script import CameraScript, Fit, Shot
+from mjrun.camera.shake import Shake
 from mjrun.errors import MjrunError
 from mjrun.model.state import save
 
@@ -54,7 +59,7 @@ def states(times: Sequence[float], spin: float = 50.0) -> Iterator[np.ndarray]:
 
 
 def course(*shots: Shot) -> CameraMotion:
-    return CameraMotion(Script("a", shots), MODEL, SIZE)
+    return CameraMotion(CameraScript("a", shots), MODEL, SIZE)
 
 
 def film(shots: Sequence[Shot], times: Sequence[float], ends: Sequence[float], spin: float = 50.0) -> list[Pose]:
@@ -65,14 +70,14 @@ def film(shots: Sequence[Shot], times: Sequence[float], ends: Sequence[float], s
 
 def around(
     distance: float, azimuth: float, elevation: float = 0.0, target: tuple[float, float, float] = (0, 0, 0)
-) -> AroundRig:
-    return AroundRig(target, Ramp.still(distance), Ramp.still(azimuth), Ramp.still(elevation))
+) -> FreeRig:
+    return FreeRig(target, Ramp.still(distance), Ramp.still(azimuth), Ramp.still(elevation))
 
 
 def test_the_last_film_of_mujoco_s_tutorial() -> None:
     throw = 0.9
-    orbit = AroundRig("geom:floor", Ramp.still(0.9), Ramp(140, 240, "cosine"), Ramp.still(-30))
-    track = AroundRig("geom:box", Ramp.still(0.08), Ramp.still(280), Ramp.still(-10))
+    orbit = OrbitRig("geom:floor", Ramp.still(0.9), Ramp(140, 240, "cosine"), Ramp.still(-30))
+    track = TrackRig("geom:box", Ramp.still(0.08), Ramp.still(280), Ramp.still(-10))
     times = np.arange(0, 2, 1 / 60)
     found = film([Shot(orbit), Shot(track, blend=Blend("sigmoid", 0.3))], list(times), (throw, 2))
     data, camera, scene = mujoco.MjData(MODEL), mujoco.MjvCamera(), mujoco.MjvScene(MODEL, 1)
@@ -99,7 +104,7 @@ def test_cameras_follow_what_mj_forward_computes() -> None:
     times = [k / 5 for k in range(9)]
     data, camera, scene = mujoco.MjData(MODEL), mujoco.MjvCamera(), mujoco.MjvScene(MODEL, 1)
     camera.type, camera.fixedcamid = mujoco.mjtCamera.mjCAMERA_FIXED.value, MODEL.camera("com").id
-    tracking, following = (film([Shot(rig)], times, (2,)) for rig in (ModelRig("com"), AroundRig("subtree:box")))
+    tracking, following = (film([Shot(rig)], times, (2,)) for rig in (ModelRig("com"), TrackRig("subtree:box")))
     for track, follow, state in zip(tracking, following, states(times), strict=True):
         mujoco.mj_setState(MODEL, data, state, mujoco.mjtState.mjSTATE_INTEGRATION.value)
         mujoco.mj_forward(MODEL, data)
@@ -115,7 +120,7 @@ def test_a_cut_is_at_the_first_frame_of_the_new_shot() -> None:
 
 
 def test_a_ramp_lasts_as_long_as_its_shot_and_holds_outside_of_it() -> None:
-    moving = AroundRig((0, 0, 0), Ramp(1, 3), Ramp.still(0), Ramp.still(0))
+    moving = FreeRig((0, 0, 0), Ramp(1, 3), Ramp.still(0), Ramp.still(0))
     shots = [Shot(around(5, 0)), Shot(moving, blend=Blend("linear", 2)), Shot(around(9, 0), blend=Blend("linear", 2))]
     found = film(shots, [1.5, 2, 2.5, 3, 5, 6, 6.5, 7.5], (2, 7, 10))
     weight = 0.25  # of the second shot at 1.5 s, which has not moved then
@@ -160,9 +165,7 @@ def apart(one: Pose, other: Pose) -> float:
 
 rigs = st.one_of(
     st.builds(
-        lambda d, a, da, e, heading: AroundRig(
-            "box", Ramp.still(d), Ramp(a, a + da), Ramp(e, e / 2, "smooth"), heading
-        ),
+        lambda d, a, da, e, heading: TrackRig("box", Ramp.still(d), Ramp(a, a + da), Ramp(e, e / 2, "smooth"), heading),
         st.floats(0.1, 3),
         st.floats(-400, 400),
         st.floats(-90, 90),
@@ -191,7 +194,7 @@ def test_nothing_jumps_where_two_shots_join(one: Rig, other: Rig, shape: str, wi
 
 
 def test_a_blend_does_not_change_its_mind_when_the_short_way_does() -> None:
-    chase = AroundRig("box", Ramp.still(1), Ramp.still(0), Ramp.still(0), heading=True)
+    chase = TrackRig("box", Ramp.still(1), Ramp.still(0), Ramp.still(0), heading=True)
     times = [float(t) for t in np.arange(0.5, 1.5, 1e-3)]
     spin = 170.0  # at 1 s the two are 170 degrees apart, soon after 180 and more
     found = film([Shot(around(1, 0)), Shot(chase, blend=Blend("cosine", 1))], times, (1, 2), spin)
@@ -202,7 +205,7 @@ def test_a_blend_does_not_change_its_mind_when_the_short_way_does() -> None:
 
 
 def test_an_orbit_is_not_unwound_by_a_blend_that_began_long_ago() -> None:
-    orbit = AroundRig((0, 0, 0), Ramp.still(1), Ramp(0, 1080), Ramp.still(0))
+    orbit = OrbitRig((0, 0, 0), Ramp.still(1), Ramp(0, 1080), Ramp.still(0))
     times = [float(t) for t in np.arange(0, 4, 0.01)]
     shots = [Shot(orbit), Shot(around(1, 30), blend=Blend("sigmoid", 0.5))]
     found = film(shots, times, (3, 4))
@@ -235,7 +238,7 @@ def test_a_blend_follows_a_camera_that_nods_over_the_pole_where_its_azimuth_turn
         data.qpos[0] = time - 0.9  # upside down before 0.9 s
         found.append(save(model, data))
     shots = [Shot(ModelRig("eye")), Shot(around(1, 120, -30), blend=Blend("cosine", 2))]
-    poses = list(CameraMotion(Script("a", shots), model, SIZE).poses(found, times, times, [(0, 1), (1, 2)]))
+    poses = list(CameraMotion(CameraScript("a", shots), model, SIZE).poses(found, times, times, [(0, 1), (1, 2)]))
     assert max(itertools.starmap(apart, itertools.pairwise(poses))) < 0.05
 
 
@@ -310,7 +313,7 @@ FITTED = [Shot(around(5, 30, -20)), Shot(LookRig((0, -1, 2), "box"), roll=Ramp.s
 @pytest.mark.parametrize("shot", FITTED)
 def test_what_is_fitted_stays_whole_in_the_picture(shot: Shot, size: tuple[int, int]) -> None:
     times = [k / 10 for k in range(20)]
-    fitted = CameraMotion(Script("a", [replace(shot, fit=Fit("box", 1.3))]), MODEL, size)
+    fitted = CameraMotion(CameraScript("a", [replace(shot, fit=Fit("box", 1.3))]), MODEL, size)
     data = mujoco.MjData(MODEL)
     for pose, state in zip(fitted.poses(states(times), times, times, [(0, 2)]), states(times), strict=True):
         mujoco.mj_setState(MODEL, data, state, mujoco.mjtState.mjSTATE_INTEGRATION.value)
@@ -343,7 +346,7 @@ def test_frames_are_read_once_and_no_earlier_than_needed() -> None:
 
 
 def test_a_shot_without_length_and_a_film_of_one_frame_have_a_pose() -> None:
-    moving = AroundRig((0, 0, 0), Ramp(1, 3), Ramp.still(0), Ramp.still(0))
+    moving = FreeRig((0, 0, 0), Ramp(1, 3), Ramp.still(0), Ramp.still(0))
     assert film([Shot(moving)], [0], (0,))[0].distance == 1
     shots = [Shot(around(5, 0)), Shot(moving), Shot(around(7, 0))]
     assert [pose.distance for pose in film(shots, [0, 1, 2], (1, 1, 2))] == [5, 7, 7]

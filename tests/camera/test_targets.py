@@ -4,7 +4,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from mjrun.camera.targets import Spot, bounds, spot, trail
+from mjrun.camera.targets import Target, find_target, identify_objects, object_bounds
 from mjrun.errors import MjrunError
 
 MODEL = mujoco.MjModel.from_xml_string(
@@ -37,30 +37,30 @@ def data() -> mujoco.MjData:
 
 
 def test_a_spot_is_where_mujoco_has_the_object(data: mujoco.MjData) -> None:
-    assert np.array_equal(spot("hand", MODEL).position(data), data.body("hand").xpos)
-    assert np.array_equal(spot("geom:edge", MODEL).position(data), data.geom("edge").xpos)
-    assert np.array_equal(spot("rod", MODEL).position(data), data.site("rod").xpos)
-    assert np.array_equal(spot((1, 2, 3), MODEL).position(data), [1, 2, 3])
+    assert np.array_equal(find_target("hand", MODEL).position(data), data.body("hand").xpos)
+    assert np.array_equal(find_target("geom:edge", MODEL).position(data), data.geom("edge").xpos)
+    assert np.array_equal(find_target("rod", MODEL).position(data), data.site("rod").xpos)
+    assert np.array_equal(find_target((1, 2, 3), MODEL).position(data), [1, 2, 3])
 
 
 def test_a_subtree_is_the_centre_of_mass_of_all_that_hangs_on_a_body(data: mujoco.MjData) -> None:
     masses = [MODEL.body(name).mass[0] for name in ("arm", "hand")]
     centers = [data.body(name).xipos for name in ("arm", "hand")]
     expected = np.average(centers, axis=0, weights=masses)
-    assert spot("subtree:arm", MODEL).position(data) == pytest.approx(expected)
-    assert spot("subtree:1", MODEL) == spot("subtree:arm", MODEL)
+    assert find_target("subtree:arm", MODEL).position(data) == pytest.approx(expected)
+    assert find_target("subtree:1", MODEL) == find_target("subtree:arm", MODEL)
 
 
 @pytest.mark.parametrize("name", ["arm", "geom:edge", "site:can", "subtree:arm"])
 def test_the_yaw_is_that_of_the_x_axis_seen_from_above(name: str, data: mujoco.MjData) -> None:
     matrix = data.geom("edge").xmat if name == "geom:edge" else data.body("arm").xmat
     x, y = matrix.reshape(3, 3)[:2, 0]
-    yaw = np.radians(spot(name, MODEL).yaw(data))
+    yaw = np.radians(find_target(name, MODEL).yaw(data))
     assert np.array([np.cos(yaw), np.sin(yaw)]) * np.hypot(x, y) == pytest.approx(np.array([x, y]))
 
 
 def test_a_point_faces_nowhere_in_particular(data: mujoco.MjData) -> None:
-    assert Spot(point=(1, 2, 3)).yaw(data) == 0
+    assert Target(point=(1, 2, 3)).yaw(data) == 0
 
 
 @pytest.mark.parametrize(
@@ -73,14 +73,14 @@ def test_a_point_faces_nowhere_in_particular(data: mujoco.MjData) -> None:
 )
 def test_a_spot_that_is_not_there_is_refused(name: str | tuple[float, float, float], message: str) -> None:
     with pytest.raises(MjrunError) as caught:
-        spot(name, MODEL)
+        find_target(name, MODEL)
     assert caught.value.exit_code == 2
     assert message in str(caught.value)
 
 
 def test_a_subtree_leaves_no_trail() -> None:
     with pytest.raises(MjrunError, match="no object 'subtree:arm'"):
-        trail("subtree:arm", MODEL)
+        identify_objects("subtree:arm", MODEL)
 
 
 def box(center: np.ndarray, matrix: np.ndarray, halves: list[float]) -> np.ndarray:
@@ -96,19 +96,19 @@ def same_points(one: np.ndarray, other: np.ndarray) -> bool:
 
 def test_the_bounds_of_a_box_are_its_corners(data: mujoco.MjData) -> None:
     geom = data.geom("edge")
-    assert same_points(bounds("edge", MODEL).points(data), box(geom.xpos, geom.xmat, [0.1, 0.2, 0.3]))
+    assert same_points(object_bounds("edge", MODEL).points(data), box(geom.xpos, geom.xmat, [0.1, 0.2, 0.3]))
 
 
 def test_the_bounds_of_a_body_hold_all_that_hangs_on_it(data: mujoco.MjData) -> None:
-    points = bounds("arm", MODEL).points(data)
-    assert np.array_equal(points[:8], bounds("edge", MODEL).points(data))
-    assert np.array_equal(points[8:], bounds("hand", MODEL).points(data))
-    assert np.array_equal(bounds("subtree:arm", MODEL).points(data), points)
+    points = object_bounds("arm", MODEL).points(data)
+    assert np.array_equal(points[:8], object_bounds("edge", MODEL).points(data))
+    assert np.array_equal(points[8:], object_bounds("hand", MODEL).points(data))
+    assert np.array_equal(object_bounds("subtree:arm", MODEL).points(data), points)
 
 
 def test_a_mesh_lies_within_its_bounds_and_touches_each_side(data: mujoco.MjData) -> None:
     matrix = data.geom("wedge").xmat.reshape(3, 3)
-    corners = bounds("geom:wedge", MODEL).points(data) @ matrix
+    corners = object_bounds("geom:wedge", MODEL).points(data) @ matrix
     vertices = (MODEL.mesh_vert @ matrix.T + data.geom("wedge").xpos) @ matrix
     assert corners.min(axis=0) == pytest.approx(vertices.min(axis=0), abs=1e-5)
     assert corners.max(axis=0) == pytest.approx(vertices.max(axis=0), abs=1e-5)
@@ -120,19 +120,19 @@ def test_a_mesh_lies_within_its_bounds_and_touches_each_side(data: mujoco.MjData
 )
 def test_a_site_is_as_large_as_its_type_and_size_say(name: str, halves: list[float], data: mujoco.MjData) -> None:
     site = data.site(name)
-    assert same_points(bounds(name, MODEL).points(data), box(site.xpos, site.xmat, halves))
+    assert same_points(object_bounds(name, MODEL).points(data), box(site.xpos, site.xmat, halves))
 
 
 def test_a_plane_is_as_large_as_it_is_drawn_and_nothing_if_it_has_no_end(data: mujoco.MjData) -> None:
-    points = bounds("floor", MODEL).points(data)
+    points = object_bounds("floor", MODEL).points(data)
     assert points.min(axis=0) == pytest.approx(np.array([-2, -1, -1]))
     assert points.max(axis=0) == pytest.approx(np.array([2, 1, -1]))
-    world = bounds("world", MODEL)
+    world = object_bounds("world", MODEL)
     assert sorted(world.ids) == [MODEL.geom(name).id for name in ("floor", "edge", "wedge")]
 
 
 @pytest.mark.parametrize("name", ["air", "earth"])
 def test_what_has_no_bounds_cannot_be_fitted(name: str) -> None:
-    with pytest.raises(MjrunError, match=f"{name} cannot be fitted into a picture") as caught:
-        bounds(name, MODEL)
+    with pytest.raises(MjrunError, match=f"{name} cannot be fitted into an image") as caught:
+        object_bounds(name, MODEL)
     assert caught.value.exit_code == 2

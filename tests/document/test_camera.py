@@ -2,30 +2,19 @@
 
 from fractions import Fraction
 from pathlib import Path
-from typing import get_args
 
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from mjrun.camera import rigs
-from mjrun.camera.easing import BLENDS, EASINGS
-from mjrun.camera.script import (
-    AroundRig,
-    Blend,
-    Event,
-    Fit,
-    LookRig,
-    ModelRig,
-    PathRig,
-    Ramp,
-    Rig,
-    Script,
-    Shake,
-    Shot,
-    Waypoint,
-)
-from mjrun.document import rigs as rig_models
+from mjrun.camera.easing import BLENDS, EASINGS, Blend, Ramp
+from mjrun.camera.rigs.around import FreeRig, OrbitRig, TrackRig
+from mjrun.camera.rigs.look import LookRig
+from mjrun.camera.rigs.model import ModelRig
+from mjrun.camera.rigs.path import CURVES, PathRig, Waypoint
+from mjrun.camera.rigs.rig import Rig
+from mjrun.camera.script import CameraScript, Event, Fit, Shot
+from mjrun.camera.shake import Shake
 from mjrun.document.camera import RIGS, read_camera
 from mjrun.errors import DocumentError
 
@@ -36,7 +25,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
 
 
-def script(text: str) -> Script:
+def script(text: str) -> CameraScript:
     Path("c.yaml").write_text(text)
     return read_camera("c.yaml")
 
@@ -61,16 +50,16 @@ def test_shots_are_what_the_document_says() -> None:
       - camera: top
     """
     still = Ramp.still
-    assert script(text) == Script(
+    assert script(text) == CameraScript(
         "c",
         [
             Shot(
-                AroundRig("floor", still(0.9), Ramp(140, 240, "cosine"), still(-30)),
+                OrbitRig("floor", still(0.9), Ramp(140, 240, "cosine"), still(-30)),
                 until=Event("speed(box) > 0.02"),
                 speed=Fraction(1, 4),
             ),
             Shot(
-                AroundRig("box", still(0.08), still(280), still(-10)),
+                TrackRig("box", still(0.08), still(280), still(-10)),
                 lasting=Fraction(1, 10),
                 speed=Fraction(1, 2),
                 blend=Blend("sigmoid", 0.3),
@@ -86,20 +75,20 @@ def test_shots_are_what_the_document_says() -> None:
         ("camera: top", ModelRig("top")),
         ("camera: 2", ModelRig("2")),
         ("camera: '2'", ModelRig("2")),
-        ("free:", AroundRig()),
-        ("free: {}", AroundRig()),
-        ("free: {lookat: [1, -.5, 2e-1]}", AroundRig((1.0, -0.5, 0.2))),
-        ("free: {azimuth: 90}", AroundRig(azimuth=Ramp(90, 90))),
-        ("orbit:", AroundRig(turn="linear")),
-        ("orbit: {ease: out}", AroundRig(turn="out")),
-        ("orbit: {elevation: -90}", AroundRig(elevation=Ramp(-90, -90), turn="linear")),
-        ("orbit: {lookat: geom:edge, azimuth: 0}", AroundRig("geom:edge", azimuth=Ramp(0, 0))),
-        ("orbit: {azimuth: {from: 0, to: 90}}", AroundRig(azimuth=Ramp(0, 90, "linear"))),
-        ("free: {distance: {from: 1, to: 2, ease: out}}", AroundRig(distance=Ramp(1, 2, "out"))),
-        ("track: {target: box}", AroundRig("box")),
+        ("free:", FreeRig()),
+        ("free: {}", FreeRig()),
+        ("free: {lookat: [1, -.5, 2e-1]}", FreeRig((1.0, -0.5, 0.2))),
+        ("free: {azimuth: 90}", FreeRig(azimuth=Ramp(90, 90))),
+        ("orbit:", OrbitRig()),
+        ("orbit: {ease: out}", OrbitRig(ease="out")),
+        ("orbit: {elevation: -90}", OrbitRig(elevation=Ramp(-90, -90))),
+        ("orbit: {lookat: geom:edge, azimuth: 0}", OrbitRig("geom:edge", azimuth=Ramp(0, 0))),
+        ("orbit: {azimuth: {from: 0, to: 90}}", OrbitRig(azimuth=Ramp(0, 90, "linear"))),
+        ("free: {distance: {from: 1, to: 2, ease: out}}", FreeRig(distance=Ramp(1, 2, "out"))),
+        ("track: {target: box}", TrackRig("box")),
         (
             "track: {target: box, heading: true, offset: [0, 0, 1]}",
-            AroundRig("box", heading=True, offset=(0.0, 0.0, 1.0)),
+            TrackRig("box", heading=True, offset=(0.0, 0.0, 1.0)),
         ),
         ("look: {from: [0, 0, 1], at: box}", LookRig((0.0, 0.0, 1.0), "box")),
         ("look: {from: site:eye, at: [1, 2, 3]}", LookRig("site:eye", (1.0, 2.0, 3.0))),
@@ -128,7 +117,7 @@ def test_shots_are_what_the_document_says() -> None:
     ],
 )
 def test_a_rig_is_what_the_document_says(text: str, rig: Rig) -> None:
-    assert script(f"shots:\n  - {text}") == Script("c", [Shot(rig)])
+    assert script(f"shots:\n  - {text}") == CameraScript("c", [Shot(rig)])
 
 
 @pytest.mark.parametrize(
@@ -156,7 +145,7 @@ def test_a_rig_is_what_the_document_says(text: str, rig: Rig) -> None:
     ],
 )
 def test_a_shot_is_what_the_document_says(text: str, shot: Shot) -> None:
-    assert script(f"shots:\n  - camera: a\n    {text}") == Script("c", [shot])
+    assert script(f"shots:\n  - camera: a\n    {text}") == CameraScript("c", [shot])
 
 
 @pytest.mark.parametrize(
@@ -193,15 +182,17 @@ def test_easings_blends_curves_and_paces_are_those_that_the_camera_knows() -> No
     for shape in BLENDS:
         shots = script(f"shots: [{{camera: a, until: 1}}, {{camera: b, blend: {shape}}}]").shots
         assert shots[1].blend == Blend(shape)
-    assert get_args(rig_models.Path.model_fields["curve"].annotation) == rigs.CURVES
-    assert get_args(rig_models.Path.model_fields["pace"].annotation) == rigs.PACES
+    for curve in CURVES:
+        path = f"path: {{curve: {curve}, waypoints: [{{eye: [0, 0, 0]}}, {{eye: [1, 0, 0]}}]}}"
+        expected = PathRig([Waypoint((0, 0, 0)), Waypoint((1, 0, 0))], curve=curve)
+        assert script(f"shots: [{{{path}}}]").shots[0].rig == expected
 
 
 # --- what is wrong -----------------------------------------------------------------------------------
 
 SHOT_KEYS = "keys: camera, free, orbit, track, look, path, until, duration, speed, blend, roll, fovy, shake, fit"
 AROUND_KEYS = "keys: lookat, distance, azimuth, elevation"
-TRACK = "distance, azimuth, elevation, target, heading, offset"
+TRACK = "target, distance, azimuth, elevation, heading, offset"
 SLIDING = "expected a number or {from, to, ease}"
 SHAPES = "expected 'cosine', 'linear', 'smooth' or 'sigmoid'"
 EASES = "expected 'linear', 'cosine', 'smooth', 'smoother', 'in' or 'out'"

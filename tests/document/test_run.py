@@ -8,7 +8,10 @@ import mujoco
 import numpy as np
 import pytest
 
-from mjrun.camera.script import AroundRig, Event, ModelRig, Ramp, Script, Shot
+from mjrun.camera.easing import Ramp
+from mjrun.camera.rigs.around import FreeRig
+from mjrun.camera.rigs.model import ModelRig
+from mjrun.camera.script import CameraScript, Event, Shot
 from mjrun.document import run
 from mjrun.document.machine import Machine
 from mjrun.document.run import read_run
@@ -123,10 +126,10 @@ def test_the_simulation_is_what_the_document_says(text: str, said: dict[str, Any
         ("camera: top", {"camera": ("top",)}),
         ("camera: 0", {"camera": ("0",)}),
         ("camera: [top, 'orbit:lookat=box,distance=1']", {"camera": ("top", "orbit:lookat=box,distance=1")}),
-        ("camera: {shots: [{camera: a}]}", {"camera": (Script("script", [Shot(ModelRig("a"))]),)}),
+        ("camera: {shots: [{camera: a}]}", {"camera": (CameraScript("script", [Shot(ModelRig("a"))]),)}),
         (
             "camera: [top, {name: b, speed: 0.5, shots: [{free: {azimuth: 3}}]}]",
-            {"camera": ("top", Script("b", [Shot(AroundRig(azimuth=Ramp(3, 3)), speed=Fraction(1, 2))]))},
+            {"camera": ("top", CameraScript("b", [Shot(FreeRig(azimuth=Ramp(3, 3)), speed=Fraction(1, 2))]))},
         ),
         (
             "view: [rgb, seg]\n  layout: grid\n  captions: true",
@@ -252,7 +255,7 @@ def test_files_that_are_read_are_relative_to_the_document_and_outputs_to_the_fol
     )
     (film,) = jobs(text, name="study/d.yaml")
     assert film.simulation == Simulation(FileSource(Path("study/../m.xml")), ctrl_from="study/c.csv")
-    assert film.camera == (Script("fly", [Shot(ModelRig("a"))]),)
+    assert film.camera == (CameraScript("fly", [Shot(ModelRig("a"))]),)
     assert film.ghost == ("opacity=.3,trace=study/g.csv", "recording=study/h.npz")
     assert film.output == "out/a.mp4"
     assert (
@@ -413,7 +416,7 @@ WRONG = [
     (f"{HEAD}films: [{{output: a.mp4, depth_range: [2, 1]}}]",
      ["2:9: films[0]: --depth-range: '2..1' is not two depths in metres, the nearer first"]),
     (f"{HEAD}films: [{{output: a.mp4, show: shadow, hide: [fog, shadow]}}]",
-     ["2:9: films[0]: --show and --hide: 'shadow' is not to be in both"]),
+     ["2:9: films[0]: show and hide: 'shadow' is not to be in both"]),
     (f"{HEAD}films: [{{output: a.mp4, groups: {{geom: [6], site: some, gem: all}}}}]",
      ["2:41: films[0].groups.geom[0]: expected a number of at most 5, got 6",
       "2:51: films[0].groups.site: expected 'all' or 'none', got 'some'",

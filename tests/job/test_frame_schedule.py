@@ -6,7 +6,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mjrun.camera.script import Event, ModelRig, Script, Shot
+from mjrun.camera.rigs.model import ModelRig
+from mjrun.camera.script import CameraScript, Event, Shot
 from mjrun.errors import UsageError
 from mjrun.job.frame_schedule import pacing
 from mjrun.timeline import Timeline
@@ -16,11 +17,11 @@ LINE = Timeline.lasting(STEP, Fraction(2))
 FPS = Fraction(30)
 
 
-def shots(*ends: dict) -> Script:
-    return Script("film", [Shot(ModelRig("0"), **end) for end in ends])
+def shots(*ends: dict) -> CameraScript:
+    return CameraScript("film", [Shot(ModelRig("0"), **end) for end in ends])
 
 
-def paced(*scripts: Script, speed: int | Fraction = 1, **happened: list[int]):  # type: ignore[no-untyped-def]
+def paced(*scripts: CameraScript, speed: int | Fraction = 1, **happened: list[int]):  # type: ignore[no-untyped-def]
     return pacing(scripts, LINE, FPS, Fraction(speed), {"hit": happened.get("hit", [])})
 
 

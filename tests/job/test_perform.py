@@ -12,7 +12,8 @@ import numpy as np
 import pytest
 from PIL import Image as Pillow
 
-from mjrun.camera.script import AroundRig, Event, Script, Shot
+from mjrun.camera.rigs.around import FreeRig, TrackRig
+from mjrun.camera.script import CameraScript, Event, Shot
 from mjrun.errors import FailedAssertionError, FileError, JobsError, UnknownNameError, UnstableError, UsageError
 from mjrun.job.image import Image
 from mjrun.job.perform import perform, planned
@@ -91,7 +92,7 @@ def test_an_event_cuts_stills_and_films_at_the_very_step(swing: Path, tmp_path: 
     assert 20 < hit < 200
     simulation = Simulation(swing, duration=0.5)
     event = Event("contact(ball, floor)")
-    slow = Script("hit", [Shot(AroundRig(), until=event), Shot(AroundRig("ball"), speed=Fraction(1, 2))])
+    slow = CameraScript("hit", [Shot(FreeRig(), until=event), Shot(TrackRig("ball"), speed=Fraction(1, 2))])
     film = Video(simulation, f"{tmp_path}/f/", fps=20, size=SIZE, camera=slow, text="{step}")
     still = Image(simulation, f"{tmp_path}/i.png", at=event, size=SIZE)
     made = perform([film, still])
@@ -144,7 +145,7 @@ def test_jobs_of_two_simulations_or_none_are_no_pass(swing: Path) -> None:
 
 def test_a_plan_counts_what_is_then_made(swing: Path, tmp_path: Path) -> None:
     simulation = Simulation(swing, duration=0.1)
-    event = Script("hit", [Shot(AroundRig(), until=Event("time > 0.05")), Shot(AroundRig())])
+    event = CameraScript("hit", [Shot(FreeRig(), until=Event("time > 0.05")), Shot(FreeRig())])
     jobs = [
         Video(simulation, f"{tmp_path}/f.mp4", fps=20, size=(64, 48)),
         Video(simulation, f"{tmp_path}/g.mp4", fps=20, size=(64, 48), camera=event),

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from PIL import Image as Pillow
 
-from mjrun.camera.argument import script
+from mjrun.camera.argument import parse_camera
 from mjrun.camera.motion import CameraMotion
 from mjrun.errors import MjrunError, MjrunWarning, UnknownNameError, UsageError
 from mjrun.job.image import Image
@@ -90,7 +90,7 @@ def test_a_film_s_calibration_is_what_its_frames_were_drawn_through(
         stepper.advance(step)
         states.append(stepper.state())
     times = [0, 0.05, 0.1, 0.15]
-    courses = [CameraMotion(script(text, model), model, (32, 24)) for text in ("side", orbit)]
+    courses = [CameraMotion(parse_camera(text, model), model, (32, 24)) for text in ("side", orbit)]
     with ClassicRenderer(model, (32, 24), backend, Visual()) as renderer:
         for camera, course in enumerate(courses):
             for k, pose in enumerate(course.poses(states, times, times, [(0, 0.2)])):

@@ -7,7 +7,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from mjrun.camera.argument import script
+from mjrun.camera.argument import parse_camera
 from mjrun.camera.motion import CameraMotion
 from mjrun.camera.pose import Pose
 from mjrun.errors import UsageError
@@ -39,7 +39,7 @@ def state_of(model: mujoco.MjModel, data: mujoco.MjData) -> np.ndarray:
 
 
 def pose(camera: str, model: mujoco.MjModel, data: mujoco.MjData) -> Pose:
-    return CameraMotion(script(camera, model), model, SIZE).pose(state_of(model, data))
+    return CameraMotion(parse_camera(camera, model), model, SIZE).pose(state_of(model, data))
 
 
 def draw(path: Path, step: int, backend: Backend, camera: str = "side", **visual: object) -> np.ndarray:

@@ -7,7 +7,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from mjrun.camera.targets import ObjectPath, object_paths, trail
+from mjrun.camera.targets import ObjectPath, identify_objects, object_paths
 from mjrun.errors import UnknownNameError
 from mjrun.rendering.decorations import WIDENING, Decoration, Ghost, Trail, ramp, trails
 from mjrun.rendering.visual import Visual
@@ -96,7 +96,7 @@ def circle(frames: int, speed: float = 2.0) -> ObjectPath:
     ("kind", "name", "place"), [("body", "arm", 0), ("body", "hand", 0.4), ("site", "tip", 0.5), ("geom", "rod", 0.25)]
 )
 def test_the_path_of_something_that_turns_is_a_circle_at_constant_speed(kind: str, name: str, place: float) -> None:
-    (path,) = object_paths(MODEL, trail(f"{kind}:{name}" if kind != "body" else name, MODEL), recorded(20))
+    (path,) = object_paths(MODEL, identify_objects(f"{kind}:{name}" if kind != "body" else name, MODEL), recorded(20))
     angle = 3 * np.arange(20) * 0.04
     assert path.times == pytest.approx(np.arange(20) * 0.04)
     zero = np.zeros(20)
@@ -106,7 +106,7 @@ def test_the_path_of_something_that_turns_is_a_circle_at_constant_speed(kind: st
 
 def test_velocities_are_the_differences_of_positions_over_a_short_time() -> None:
     close = recorded(3, steps=1)
-    for path in object_paths(MODEL, trail("palm,ball,mark", MODEL), close):
+    for path in object_paths(MODEL, identify_objects("palm,ball,mark", MODEL), close):
         difference = (path.positions[2] - path.positions[0]) / 0.02
         assert path.velocities[1] == pytest.approx(difference, rel=1e-3, abs=1e-3)
 
@@ -122,11 +122,11 @@ def test_between_its_frames_a_path_is_the_cubic_through_positions_and_velocities
 
 
 def test_objects_to_follow_are_named_by_commas_each_once() -> None:
-    assert trail("hand,site:tip,ball,hand", MODEL) == [("body", 2), ("site", 1), ("body", 3)]
+    assert identify_objects("hand,site:tip,ball,hand", MODEL) == [("body", 2), ("site", 1), ("body", 3)]
     with pytest.raises(UnknownNameError, match="no object 'hnad'"):
-        trail("ball,hnad", MODEL)
+        identify_objects("ball,hnad", MODEL)
     with pytest.raises(UnknownNameError, match="no object ''"):
-        trail("ball,", MODEL)
+        identify_objects("ball,", MODEL)
 
 
 # --- trails -----------------------------------------------------------------------------------------
@@ -226,7 +226,7 @@ def test_a_path_may_be_closer_than_the_frames() -> None:
 
 
 def test_trails_of_one_model_share_one_scale_of_speed() -> None:
-    fast, slow = trails(MODEL, trail("site:tip,ball", MODEL), recorded(10))  # 1.5 m/s, .5 m/s
+    fast, slow = trails(MODEL, identify_objects("site:tip,ball", MODEL), recorded(10))  # 1.5 m/s, .5 m/s
     widths = [added(each, 9)[0].size[0] for each in (fast, slow)]
     assert widths[0] / widths[1] == pytest.approx(WIDENING / (1 + (WIDENING - 1) / 3))
 

@@ -13,7 +13,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from mjrun.camera.argument import script
+from mjrun.camera.argument import parse_camera
 from mjrun.camera.motion import CameraMotion
 from mjrun.camera.pose import Pose
 from mjrun.errors import DrawError, UsageError
@@ -82,7 +82,7 @@ def after(model: mujoco.MjModel, steps: int) -> mujoco.MjData:
 
 
 def pose(camera: str, model: mujoco.MjModel, state: np.ndarray) -> Pose:
-    return CameraMotion(script(camera, model), model, SIZE).pose(state)
+    return CameraMotion(parse_camera(camera, model), model, SIZE).pose(state)
 
 
 @dataclass(frozen=True)
@@ -374,7 +374,7 @@ MIRROR = """
 import mujoco, numpy as np
 from mjrun.camera.motion import CameraMotion
 from mjrun.rendering.filament_worker import Form
-from mjrun.camera.argument import script
+from mjrun.camera.argument import parse_camera
 from mjrun.rendering.filament_scene import Stage
 from mjrun.model.state import save
 model = mujoco.MjModel.from_xml_string('''<mujoco><asset><material name="mirror" reflectance=".8"/></asset><worldbody>
@@ -383,7 +383,7 @@ model = mujoco.MjModel.from_xml_string('''<mujoco><asset><material name="mirror"
 data = mujoco.MjData(model)
 mujoco.mj_forward(model, data)
 stage = Stage(model, mujoco.MjvOption())
-seen = CameraMotion(script("0", model), model, (96, 64)).pose(save(model, data))
+seen = CameraMotion(parse_camera("0", model), model, (96, 64)).pose(save(model, data))
 stage.update(data)
 shown = [stage.draw((96, 64), seen, Form("RGB8", "DEFAULT", 3, np.uint8), reflections=on).astype(int) for on in (0, 1)]
 print("row", np.nonzero(np.abs(shown[0] - shown[1]).max(axis=2) > 20)[0].mean())

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from mjrun.camera.path import Curve, Odometer, centripetal, orbital, orbital_lengths
+from mjrun.camera.curve import ArcLength, Curve, centripetal, orbital_lengths, orbital_position
 from mjrun.camera.pose import rotation
 
 numbers = st.integers(-20, 20).map(lambda i: i / 4)
@@ -125,8 +125,8 @@ def test_where_a_curve_halts_it_leads_to_where_it_goes_next_or_came_from_at_last
 @given(moving, st.booleans())
 def test_equal_shares_of_a_path_are_equally_long(points: np.ndarray, straight: bool) -> None:
     curve = spline(points, straight)
-    odometer = Odometer(curve.knots, curve.at)
-    places = curve.at(np.array([odometer.after(share) for share in np.linspace(0, 1, 2001)]))
+    odometer = ArcLength(curve.knots, curve.at)
+    places = curve.at(np.array([odometer.at(share) for share in np.linspace(0, 1, 2001)]))
     ways = np.diff(places, axis=0)
     steps = chords(places)
     # Chords are shorter than the path where it bends: leave out what is near a bend.
@@ -138,14 +138,14 @@ def test_equal_shares_of_a_path_are_equally_long(points: np.ndarray, straight: b
 
 def test_the_length_of_a_straight_path_is_that_of_its_parts() -> None:
     points = np.array([[0, 0, 0], [3, 4, 0], [3, 4, 2.0]])
-    odometer = Odometer(np.array([0, 1, 5.0]), Curve(np.array([0, 1, 5.0]), points, straight=True).at)
+    odometer = ArcLength(np.array([0, 1, 5.0]), Curve(np.array([0, 1, 5.0]), points, straight=True).at)
     assert odometer.length == pytest.approx(7)
-    assert [odometer.after(share) for share in (0, 5 / 7, 6 / 7, 1)] == pytest.approx([0, 1, 3, 5])
+    assert [odometer.at(share) for share in (0, 5 / 7, 6 / 7, 1)] == pytest.approx([0, 1, 3, 5])
 
 
 @given(st.floats(0.1, 9), st.floats(-400, 400), st.floats(-90, 90))
 def test_an_orbit_is_behind_what_it_looks_at(distance: float, azimuth: float, elevation: float) -> None:
-    place = orbital(np.array([[distance, azimuth, elevation]]))[0]
+    place = orbital_position(np.array([[distance, azimuth, elevation]]))[0]
     assert place == pytest.approx(distance * rotation(azimuth, elevation)[:, 2], abs=1e-12)
 
 

@@ -1,4 +1,4 @@
-"""The way through waypoints: curves, how long they are, and where one is on them."""
+"""Curves through points, and the length along them."""
 
 from collections.abc import Callable
 from itertools import pairwise
@@ -6,7 +6,7 @@ from itertools import pairwise
 import numpy as np
 
 SAMPLES = 512  # of a curve between two waypoints, along which its length is measured
-PLACE = 1e-9  # of a path's length: what is nearer than that is at the same place
+SAME_POINT = 1e-9  # of a curve's length: what is nearer than that is the same point
 _NUDGE = 1e-3  # of a segment: how far from a halt it is plain where a curve leads
 
 
@@ -77,7 +77,7 @@ class Curve:
         later = moving[moving >= i]
         k = int(later[0] if later.size else moving[-1])
         share = min(max(u, _NUDGE), 1 - _NUDGE) if k == i else _NUDGE if later.size else 1 - _NUDGE
-        still = PLACE * np.abs(self._slopes).sum(axis=1).max()
+        still = SAME_POINT * np.abs(self._slopes).sum(axis=1).max()
         for candidate in (self.velocity(i, u), self.velocity(k, share)):
             if np.linalg.norm(candidate) > still:
                 return candidate / np.linalg.norm(candidate)
@@ -93,10 +93,10 @@ def centripetal(lengths: np.ndarray) -> np.ndarray:
     return np.concatenate([[0.0], np.cumsum(np.sqrt(lengths))])
 
 
-def orbital(points: np.ndarray) -> np.ndarray:
-    """Where from the point that is looked at `(m, 3)` [m] a camera is, at a distance [m], azimuth, elevation [deg].
+def orbital_position(points: np.ndarray) -> np.ndarray:
+    """Positions `(m, 3)` [m] relative to the point that is looked at, of distances [m], azimuths and elevations [deg].
 
-    Angles are those of MuJoCo's free camera, and tell where it looks. `points` is `(m, 3)`.
+    Angles are those of MuJoCo's free camera: the direction it looks in. `points` is `(m, 3)`.
     """
     distance, azimuth, elevation = points[:, 0], *np.radians(points[:, 1:]).T
     across = np.cos(elevation)
@@ -106,25 +106,25 @@ def orbital(points: np.ndarray) -> np.ndarray:
 
 
 def orbital_lengths(points: np.ndarray) -> np.ndarray:
-    """About how long the ways `(n - 1,)` [m] between `points` `(n, 3)` around something are; angles as given."""
+    """The approximate lengths `(n - 1,)` [m] of the way from each of `points` `(n, 3)` to the next; angles as given."""
     distance, _, elevation = ((points[1:] + points[:-1]) / 2).T
     radial, *turns = np.diff(points, axis=0).T
     azimuth, tilt = np.radians(turns)
     return np.sqrt(radial**2 + (distance * tilt) ** 2 + (distance * np.cos(np.radians(elevation)) * azimuth) ** 2)
 
 
-class Odometer:
-    """How far along a curve is far enough: by length, to a thousandth.
+class ArcLength:
+    """Finds points of a curve by the length along it, to a thousandth.
 
     Args:
       knots: of the curve.
-      place: where it is `(m, 3)` [m] at `(m,)`.
+      position: gives points `(m, 3)` [m] of the curve at `(m,)`.
     """
 
-    def __init__(self, knots: np.ndarray, place: Callable[[np.ndarray], np.ndarray]) -> None:
+    def __init__(self, knots: np.ndarray, position: Callable[[np.ndarray], np.ndarray]) -> None:
         parts = [np.linspace(a, b, SAMPLES, endpoint=False) for a, b in pairwise(knots)]
         self._x = np.concatenate([*parts, knots[-1:]])
-        steps = np.linalg.norm(np.diff(place(self._x), axis=0), axis=1)
+        steps = np.linalg.norm(np.diff(position(self._x), axis=0), axis=1)
         self._lengths = np.concatenate([[0.0], np.cumsum(steps)])
 
     @property
@@ -132,6 +132,6 @@ class Odometer:
         """Of the whole curve [m]."""
         return float(self._lengths[-1])
 
-    def after(self, share: float) -> float:
-        """Where on the curve `share` of its length is behind, from 0 to 1."""
+    def at(self, share: float) -> float:
+        """The knot value up to which the curve has `share` of its length, from 0 to 1."""
         return float(np.interp(share * self.length, self._lengths, self._x))

@@ -1,0 +1,245 @@
+"""A camera on a path through waypoints."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Annotated, ClassVar, cast
+
+import mujoco
+import numpy as np
+
+from mjrun.camera.curve import SAME_POINT, ArcLength, Curve, centripetal, orbital_lengths, orbital_position
+from mjrun.camera.easing import EASINGS
+from mjrun.camera.pose import Pose, around, heading, rotation
+from mjrun.camera.rigs.rig import ErrorPath, ModelCameras, Rig, ShotTime, looking_at
+from mjrun.camera.rigs.settings import Setting
+from mjrun.camera.targets import Place, Target, Vector, find_target
+from mjrun.errors import BadValueError, UsageError
+
+CURVES = ("spline", "linear")
+PACES = ("constant", "time")
+AROUND = ("distance", "azimuth", "elevation")
+
+
+@dataclass(frozen=True)
+class Waypoint:
+    """A point on the camera's path: an eye, or distance, azimuth and elevation around what is looked at."""
+
+    eye: Annotated[Vector | None, Setting("point", "Where the camera is [m].")] = None
+    distance: Annotated[
+        float | None, Setting("number", "How far from what is looked at [m].", positive=True, unit="metres")
+    ] = None
+    azimuth: Annotated[
+        float | None, Setting("number", "Where the camera looks, counter-clockwise from above [deg].")
+    ] = None
+    elevation: Annotated[float | None, Setting("number", "How far the camera looks up [deg].")] = None
+    lookat: Annotated[
+        Place | None,
+        Setting("place", "What is looked at from here: an object, or a point [m]; what the path looks at if left out."),
+    ] = None
+    at: Annotated[
+        float | None,
+        Setting(
+            "number", "When the camera is here [s], from the beginning of the shot; only with pace: time.", least=0
+        ),
+    ] = None
+
+    @classmethod
+    def conflicts(cls, values: Mapping[str, object]) -> Iterator[tuple[ErrorPath, str]]:
+        """What is wrong with the combination of values, as of `Rig.conflicts`."""
+        present = [key for key in AROUND if key in values]
+        if "eye" in values:
+            yield from (((key,), f"an eye has no {key} beside it") for key in present)
+        elif len(present) < len(AROUND):
+            text = " and ".join(present) or "none of them"
+            yield (), f"expected eye, or distance, azimuth and elevation, got {text}"
+
+
+@dataclass(frozen=True)
+class PathRig(Rig):
+    """Along a path through waypoints."""
+
+    kind: ClassVar[str] = "path"
+    help: ClassVar[str] = "Through waypoints."
+
+    waypoints: Annotated[
+        Sequence[Waypoint],
+        Setting(
+            "records",
+            "The points, in order; all by eye, or all by distance, azimuth and elevation.",
+            record=Waypoint,
+            length=2,
+        ),
+    ]
+    lookat: Annotated[
+        Place | None,
+        Setting("place", "What is looked at on the way: an object, or a point [m]; where the path leads if left out."),
+    ] = None
+    curve: Annotated[
+        str,
+        Setting("choice", "What is between waypoints: a smooth curve, or straight lines.", choices=CURVES),
+    ] = "spline"
+    pace: Annotated[
+        str,
+        Setting("choice", "Constant speed along the path, or by the times of the waypoints.", choices=PACES),
+    ] = "constant"
+    ease: Annotated[
+        str,
+        Setting("choice", "How the camera starts and stops; with pace: constant only.", choices=tuple(EASINGS)),
+    ] = "linear"
+
+    def bind(self, cameras: ModelCameras, where: str) -> "BoundPathRig":
+        self.check(where)
+        _check_path(self, where)
+        return BoundPathRig(self, cameras, where)
+
+    @classmethod
+    def conflicts(cls, values: Mapping[str, object]) -> Iterator[tuple[ErrorPath, str]]:
+        timed = values.get("pace") == "time"
+        if timed and "ease" in values:
+            yield ("ease",), "ease is for pace: constant; with pace: time the waypoints' times say it all"
+        points = _mappings(values.get("waypoints"))
+        yield from _mixed_waypoints(points, "lookat" in values)
+        for i, point in enumerate(points):
+            if ("at" in point) != timed:
+                where: ErrorPath = ("waypoints", i) if timed else ("waypoints", i, "at")
+                yield where, "with pace: time each waypoint needs its at [s]" if timed else "at needs pace: time"
+        if timed:
+            yield from _unordered_times(points)
+
+
+def _mappings(value: object) -> list[dict[str, object]]:
+    """The mappings of a list; none if it holds anything else."""
+    items = cast("list[object]", value) if isinstance(value, list) else []
+    mappings = [cast("dict[str, object]", item) for item in items if isinstance(item, dict)]
+    return mappings if len(mappings) == len(items) else []
+
+
+def _mixed_waypoints(points: Sequence[Mapping[str, object]], has_lookat: bool) -> Iterator[tuple[ErrorPath, str]]:
+    """What waypoints of one path must have in common."""
+    for i, point in enumerate(points):
+        if ("eye" in point) != ("eye" in points[0]) and {"eye", "distance"} & point.keys():
+            yield ("waypoints", i), "waypoints are all given by eye, or all by distance, azimuth and elevation"
+    needed = any("lookat" in point or "distance" in point for point in points)
+    for i, point in enumerate(points):
+        if needed and not has_lookat and "lookat" not in point:
+            yield ("waypoints", i), "what is looked at from here? give it a lookat, or the path"
+
+
+def _unordered_times(points: Sequence[Mapping[str, object]]) -> Iterator[tuple[ErrorPath, str]]:
+    latest = -1.0
+    for i, point in enumerate(points):
+        time = point.get("at")
+        if isinstance(time, int | float):
+            if time <= latest:
+                yield ("waypoints", i, "at"), f"expected a time later than {latest:g}, that of the waypoint before"
+            latest = max(latest, time)
+
+
+class BoundPathRig:
+    """Along a path.
+
+    The speed is constant as seen in the model's initial state: where the path leads around objects that move,
+    it is so relative to them.
+    """
+
+    def __init__(self, rig: PathRig, cameras: ModelCameras, where: str) -> None:
+        self._rig, self._where, self.frustum = rig, where, cameras.frustum
+        self._around = rig.waypoints[0].eye is None
+        self._lookats = _lookats(rig, cameras.model, self._around, where)
+        points = np.array([_coordinates(point) for point in rig.waypoints], float)
+        knots = _knots(rig) if rig.pace == "time" else self._centripetal(points, cameras.data)
+        self._straight = rig.curve == "linear"
+        self._curve = Curve(knots, points, self._straight, bounded=(0,) if self._around else ())
+        self._arc_length = None if rig.pace == "time" else ArcLength(knots, lambda x: self._eyes(x, cameras.data))
+        if not self._lookats and (points == points[0]).all():
+            raise UsageError(f"{where}: what does the camera look at? the path leads nowhere, and has no lookat")
+
+    def _centripetal(self, points: np.ndarray, data: mujoco.MjData) -> np.ndarray:
+        lengths = orbital_lengths(points) if self._around else np.linalg.norm(np.diff(points, axis=0), axis=1)
+        if self._around:
+            targets = np.array([target.position(data) for target in self._lookats])
+            lengths = np.hypot(lengths, np.linalg.norm(np.diff(targets, axis=0), axis=1))
+        least = SAME_POINT * np.abs(points[:, :1] if self._around else points).max()
+        for i, length in enumerate(lengths, 1):
+            if length <= least:
+                raise UsageError(
+                    f"{self._where}: waypoints {i} and {i + 1} are at the same place, where a camera of constant "
+                    "speed cannot stay; say when it is where, with pace: time"
+                )
+        return centripetal(lengths)
+
+    def _targets(self, x: np.ndarray, data: mujoco.MjData) -> np.ndarray:
+        """What is looked at `(m, 3)` [m]."""
+        points = np.array([target.position(data) for target in self._lookats])
+        return Curve(self._curve.knots, points, self._straight).at(x)
+
+    def _eyes(self, x: np.ndarray, data: mujoco.MjData) -> np.ndarray:
+        """Where the camera is `(m, 3)` [m]."""
+        points = self._curve.at(x)
+        return self._targets(x, data) + orbital_position(points) if self._around else points
+
+    def pose(self, data: mujoco.MjData, at: ShotTime) -> Pose:
+        x = self._arc_length.at(EASINGS[self._rig.ease](at.phase)) if self._arc_length else at.elapsed
+        here = np.array([x])
+        if self._around:
+            distance, azimuth, elevation = self._curve.at(here)[0]
+            return around(self._targets(here, data)[0], float(distance), azimuth, elevation, self.frustum)
+        eye = self._curve.at(here)[0]
+        if not self._lookats:
+            return Pose(eye, rotation(*heading(self._curve.direction(x))), self.frustum)
+        return looking_at(eye, self._targets(here, data)[0], self.frustum, self._where, at)
+
+
+def _coordinates(point: Waypoint) -> Sequence[float]:
+    if point.eye is not None:
+        return point.eye
+    assert point.distance is not None
+    assert point.azimuth is not None
+    assert point.elevation is not None
+    return point.distance, point.azimuth, point.elevation
+
+
+def _knots(rig: PathRig) -> np.ndarray:
+    return np.array([point.at for point in rig.waypoints], float)
+
+
+def _lookats(rig: PathRig, model: mujoco.MjModel, needed: bool, where: str) -> list[Target]:
+    """What is looked at from each waypoint; empty if the camera looks where the path leads."""
+    places = [rig.lookat if point.lookat is None else point.lookat for point in rig.waypoints]
+    if not needed and all(place is None for place in places):
+        return []
+    for i, place in enumerate(places, 1):
+        if place is None:
+            raise UsageError(f"{where}: waypoint {i}: what does it look at? give it a lookat, or the path")
+    return [find_target(place, model) for place in places if place is not None]
+
+
+def _check_path(rig: PathRig, where: str) -> None:
+    if len(rig.waypoints) < 2:
+        raise UsageError(f"{where}: a path needs two waypoints or more")
+    if rig.pace == "time" and rig.ease != "linear":
+        raise UsageError(f"{where}: ease is for a path of constant speed; this one has times")
+    for i, point in enumerate(rig.waypoints, 1):
+        _check_waypoint(point, f"{where}: waypoint {i}")
+        if (point.at is None) == (rig.pace == "time"):
+            raise UsageError(f"{where}: waypoint {i}: `at` goes with pace: time, all through a path")
+    if len({point.eye is None for point in rig.waypoints}) > 1:
+        raise UsageError(f"{where}: waypoints are either all given by eye, or all by distance, azimuth and elevation")
+    times = [point.at for point in rig.waypoints if point.at is not None]
+    for i, (before, after) in enumerate(pairwise(times), 2):
+        if not before < after:
+            raise BadValueError(f"{where}: waypoint {i}: at", f"{after:g}", f"later than {before:g} s")
+
+
+def _check_waypoint(point: Waypoint, where: str) -> None:
+    numbers = (point.distance, point.azimuth, point.elevation)
+    present = [number for number in numbers if number is not None]
+    if point.eye is not None and present:
+        raise UsageError(f"{where}: give it an eye, or distance, azimuth and elevation, not both")
+    if point.eye is None and len(present) < 3:
+        raise UsageError(f"{where}: give it an eye, or distance, azimuth and elevation")
+    if not np.isfinite([*(point.eye or present), point.at or 0.0]).all():
+        raise BadValueError(where, ", ".join(f"{v:g}" for v in (point.eye or present)), "made of finite numbers")
+    if point.distance is not None and point.distance <= 0:
+        raise BadValueError(f"{where}: distance", f"{point.distance:g}", "a positive number of metres")

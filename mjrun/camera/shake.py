@@ -1,0 +1,41 @@
+"""The shake of a hand-held camera."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+SINES = 16  # that the noise on an angle is the sum of
+
+
+@dataclass(frozen=True)
+class Shake:
+    """A hand-held camera: smooth noise on the direction of view.
+
+    Attributes:
+      angle: standard deviation of each angle [deg].
+      frequency: of the shaking [Hz], in time of the video.
+    """
+
+    angle: float = 0.3
+    frequency: float = 2.0
+    seed: int = 0
+
+
+class ShakeNoise:
+    """Smooth noise on two angles: sums of sines with random phases, of 0.5 to 1.5 times the frequency.
+
+    Over a long time the standard deviation is exactly `shake.angle`: frequencies differ, so the variances of the
+    sines add up.
+    """
+
+    def __init__(self, shake: Shake) -> None:
+        random = np.random.default_rng(shake.seed).random((2, 2, SINES))
+        self._amplitude = shake.angle * math.sqrt(2 / SINES)
+        self._frequencies = shake.frequency * (0.5 + (np.arange(SINES) + random[0]) / SINES)
+        self._phases = random[1]
+
+    def at(self, video_time: float) -> np.ndarray:
+        """Pan and tilt `(2,)` [deg] at a time of the video [s]."""
+        turns = self._frequencies * video_time + self._phases
+        return self._amplitude * np.sin(2 * math.pi * turns).sum(axis=1)

@@ -1,0 +1,105 @@
+"""What all rigs refuse."""
+
+import math
+
+import mujoco
+import pytest
+
+from mjrun.camera.easing import Ramp
+from mjrun.camera.pose import Pose
+from mjrun.camera.rigs.around import FreeRig, OrbitRig
+from mjrun.camera.rigs.look import LookRig
+from mjrun.camera.rigs.model import ModelRig
+from mjrun.camera.rigs.path import PathRig, Waypoint
+from mjrun.camera.rigs.rig import ModelCameras, Rig, ShotTime
+from mjrun.camera.targets import Place
+from mjrun.errors import MjrunError
+
+MODEL = mujoco.MjModel.from_xml_string(
+    """
+    <mujoco>
+      <statistic center="0 0 1" extent="4"/>
+      <visual><global azimuth="20" elevation="-10"/></visual>
+      <worldbody>
+        <body name="box" pos="1 2 3">
+          <freejoint/><geom name="edge" pos=".1 0 0" size=".1"/><site name="tip" pos="0 0 .5"/>
+          <body name="arm" pos="0 0 1"><joint axis="0 1 0"/><geom size=".1" pos="1 0 0"/></body>
+          <camera name="fixed" pos="0 -2 .5" euler="70 10 5"/>
+        </body>
+        <body name="mark" pos="0 0 1"><geom size=".1"/></body>
+      </worldbody>
+    </mujoco>
+    """
+)
+
+
+CAMERAS_OF_MODEL = ModelCameras(MODEL)
+
+
+STILL = ShotTime(0.0, 0.0, 0.0)
+
+
+def moved(yaw: float = 0.0) -> mujoco.MjData:
+    data = mujoco.MjData(MODEL)
+    half = math.radians(yaw) / 2
+    data.qpos[:] = [4, 5, 6, math.cos(half), 0, 0, math.sin(half), 0.3]
+    mujoco.mj_forward(MODEL, data)
+    return data
+
+
+def posed(rig: Rig, time: ShotTime = STILL, data: mujoco.MjData | None = None) -> Pose:
+    return rig.bind(CAMERAS_OF_MODEL, "camera a").pose(data or moved(), time)
+
+
+SQUARE = tuple(Waypoint(eye=eye) for eye in ((0.0, 0.0, 0.0), (2.0, 0.0, 0.5), (2.0, 3.0, 0.0), (0.0, 3.0, 1.0)))
+
+
+def orbit(*points: tuple[float, float, float], lookat: Place | None = None) -> list[Waypoint]:
+    return [Waypoint(distance=d, azimuth=a, elevation=e, lookat=lookat) for d, a, e in points]
+
+
+TWO = SQUARE[:2]
+
+
+TIMED = [Waypoint(eye=(0.0, 0.0, 0.0), at=1.0), Waypoint(eye=(1.0, 0.0, 0.0), at=1.0)]
+
+
+@pytest.mark.parametrize(
+    ("rig", "message"),
+    [
+        (ModelRig("fixde"), "no camera 'fixde' (did you mean 'fixed'?)"),
+        (FreeRig("bxo"), "no object 'bxo' (did you mean 'box'?)"),
+        (FreeRig(distance=Ramp(1, 0)), "camera a: distance: '0' is not a positive number of metres"),
+        (FreeRig(distance=Ramp(1, 2, "quick")), "no ease 'quick' in camera a: distance\neases: linear, cosine"),
+        (FreeRig(elevation=Ramp(1, math.nan)), "camera a: elevation: 'nan' is not finite"),
+        (OrbitRig(azimuth=Ramp(1, 2), ease="in"), "camera a: the ease belongs into the azimuth"),
+        (OrbitRig(ease="quick"), "no ease 'quick' in camera a\neases: linear, cosine"),
+        (FreeRig((1.0, 2.0, math.inf)), "is not a point"),
+        (LookRig("box", "box"), "camera a: the camera cannot look at where it is"),
+        (LookRig("box", "bxo"), "no object 'bxo'"),
+        (PathRig(TWO[:1]), "camera a: a path needs two waypoints or more"),
+        (PathRig(TWO, curve="bezier"), "no curve 'bezier' in camera a\ncurves: spline, linear"),
+        (PathRig(TWO, pace="slow"), "no pace 'slow' in camera a\npaces: constant, time"),
+        (PathRig(TWO, ease="slow"), "no ease 'slow' in camera a\neases: linear"),
+        (PathRig(TIMED, pace="time", ease="in"), "camera a: ease is for a path of constant speed"),
+        (PathRig(TIMED, pace="time"), "camera a: waypoint 2: at: '1' is not later than 1 s"),
+        (PathRig(TIMED), "camera a: waypoint 1: `at` goes with pace: time, all through a path"),
+        (PathRig([TIMED[0], TWO[1]], pace="time"), "camera a: waypoint 2: `at` goes with pace: time"),
+        (PathRig([TWO[0], *orbit((1, 2, 3))], "box"), "camera a: waypoints are either all given by eye, or all by"),
+        (PathRig([TWO[0], TWO[0]], "box"), "camera a: waypoints 1 and 2 are at the same place"),
+        (PathRig(orbit((1, 0, 90), (1, 90, 90)), "box"), "camera a: waypoints 1 and 2 are at the same place"),
+        (PathRig(orbit((1, 2, 3), (2, 3, 4))), "camera a: waypoint 1: what does it look at?"),
+        (PathRig([TWO[0], Waypoint(eye=(1.0, 1.0, 1.0), lookat="box")]), "waypoint 1: what does it look at?"),
+        (PathRig(orbit((1, 2, 3), (0, 3, 4)), "box"), "camera a: waypoint 2: distance: '0' is not a positive number"),
+        (PathRig([TWO[0], Waypoint()]), "camera a: waypoint 2: give it an eye, or distance, azimuth and elevation"),
+        (PathRig([TWO[0], Waypoint(eye=(0.0, 0.0, 0.0), azimuth=3.0)]), "azimuth and elevation, not both"),
+        (PathRig([TWO[0], Waypoint(eye=(0.0, 0.0, math.nan))]), "waypoint 2: '0, 0, nan' is not made of finite"),
+        (PathRig([Waypoint(eye=(0, 0, 0), at=t) for t in (0, 1)], pace="time"), "what does the camera look at?"),
+        (PathRig(TWO, lookat="bxo"), "no object 'bxo'"),
+    ],
+)
+def test_a_wrong_rig_is_refused_with_what_is_right(rig: Rig, message: str) -> None:
+    with pytest.raises(MjrunError) as caught:
+        rig.bind(CAMERAS_OF_MODEL, "camera a")
+    assert caught.value.exit_code == 2
+    assert message in str(caught.value)
