@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from mjrun.bench.rollout_timing import Run
-from mjrun.camera.argument import script
+from mjrun.camera.argument import parse_camera
 from mjrun.camera.motion import CameraMotion
 from mjrun.job.view import Drawing
 from mjrun.rendering.backend import Backend
@@ -63,7 +63,7 @@ def test_filament_does_not_tell_drawing_from_reading(path: Path, vulkan: Backend
 def test_a_timed_picture_is_the_picture(path: Path, backend: Backend) -> None:
     model = mujoco.MjModel.from_xml_path(str(path))
     state = Run.of(model, mujoco.MjData(model)).start
-    pose = CameraMotion(script("free", model), model, (64, 48)).pose(state)
+    pose = CameraMotion(parse_camera("free", model), model, (64, 48)).pose(state)
     arguments = (model, (64, 48), backend, Visual(), Segmentation(model))
     seen: list[dict[str, np.ndarray]] = []
     for make in (ClassicRenderer, partial(TimedClassicRenderer, watch=Stopwatch(FakeClock()))):
