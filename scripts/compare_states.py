@@ -257,8 +257,10 @@ def _first_difference(old: list[bytes], new: list[bytes]) -> list[str]:
     """The first line in which two texts differ, as it was and as it is; nothing where they are equal."""
     if old == new:
         return []
-    before, after = next((b, a) for b, a in zip_longest(old, new, fillvalue=b"(nothing)") if b != a)
-    return [" → ".join(line.decode("utf-8", "replace")[:LINE] for line in (before, after))]
+    lines = next((b, a) for b, a in zip_longest(old, new, fillvalue=b"(nothing)") if b != a)
+    texts = [line.decode("utf-8", "replace") for line in lines]
+    start = max(0, next((i for i, (b, a) in enumerate(zip(*texts, strict=False)) if b != a), 0) - LINE // 2)
+    return [" → ".join(text[start : start + LINE] for text in texts)]
 
 
 # Commands
@@ -274,7 +276,7 @@ def commands(checkout: Path, small: bool) -> tuple[list[Command], list[str]]:
     texts = [line for line in lines if line not in left_out]
     texts += [f"python -W ignore -c {shlex.quote(code)}" for code in programs]
     texts += [f"mjrun run scenes/{path.name} -o out" for path in sorted((checkout / "scenes").glob("*.yaml"))]
-    return [Command(text) for text in texts], left_out
+    return [Command(text) for text in dict.fromkeys(texts)], left_out
 
 
 def _shrunk(code: str) -> str:
@@ -385,7 +387,7 @@ def report(comparison: Comparison, old: Run, new: Run) -> str:
     """Print a command's line of the table, with what differs below; return its verdict."""
     verdict = "DIFFERS" if comparison.differences else "prose" if comparison.prose else "equal"
     print(f"{verdict:8}{old.exit:5}{old.seconds:8.1f}{new.seconds:8.1f}  {comparison.new.label[:LINE]}")
-    if _renamed(comparison.old.text) != comparison.new.text:
+    if comparison.old.text != comparison.new.text:
         print(f"{'':31}was: {comparison.old.label[:LINE]}")
     for lines, title in ((comparison.differences, "DIFFERS"), (comparison.prose, "prose")):
         print("".join(f"{'':31}{title}: {line}\n" for line in lines[:SHOWN]), end="")
