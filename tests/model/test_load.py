@@ -1,9 +1,5 @@
-"""Theorems about loading: every kind of file loads as MuJoCo loads it, and every bad one is refused in words."""
+"""Theorems about `mjrun.load`: its arguments reach the model."""
 
-import os
-import subprocess
-import sys
-import zipfile
 from pathlib import Path
 
 import mujoco
@@ -11,14 +7,7 @@ import numpy as np
 import pytest
 
 from mjrun.errors import (
-    BadValueError,
-    BrokenModelError,
-    CompiledModelError,
-    MjrunError,
-    ModelError,
-    ModelNotFoundError,
     UnknownNameError,
-    clean,
 )
 from mjrun.model.load import load
 from mjrun.model.override import Setting
@@ -28,16 +17,6 @@ MODEL = """<mujoco>
     <body name="ball"><freejoint/><geom name="skin" size=".1"/></body>
   </worldbody>
 </mujoco>"""
-URDF = """<robot name="r"><link name="base"/>
-<link name="arm"><inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial></link>
-<joint name="elbow" type="revolute"><parent link="base"/><child link="arm"/><axis xyz="0 0 1"/>
-<limit lower="-1" upper="1" effort="1" velocity="1"/></joint></robot>"""
-CORNERS = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 2 3 4\nf 3 1 4\n"
-MESH = (
-    '<mujoco><asset><mesh name="m" file="m.obj"/></asset><worldbody><geom type="mesh" mesh="m"/></worldbody></mujoco>'
-)
-ROOT = Path(__file__).parents[2]
-MALFORMED = ROOT / "../shared/models/malformed"
 
 
 @pytest.fixture(autouse=True)
@@ -51,13 +30,6 @@ def write(path: Path, content: str | bytes) -> Path:
     return path
 
 
-def archive(path: Path, files: dict[str, str]) -> Path:
-    with zipfile.ZipFile(path, "w") as target:
-        for name, text in files.items():
-            target.writestr(name, text)
-    return path
-
-
 def content(model: mujoco.MjModel) -> bytes:
     """The whole compiled model."""
     buffer = np.zeros(mujoco.mj_sizeModel(model), np.uint8)
@@ -68,184 +40,6 @@ def content(model: mujoco.MjModel) -> bytes:
 def compiled(path: Path, text: str = MODEL) -> Path:
     mujoco.mj_saveModel(mujoco.MjModel.from_xml_string(text), str(path))
     return path
-
-
-def refusal(path: Path) -> ModelError:
-    with pytest.raises(ModelError) as caught:
-        load(path)
-    assert caught.value.exit_code == 3
-    return caught.value
-
-
-@pytest.mark.parametrize("name", ["a.xml", "a b.xml", "modèle.xml", "a.b.xml"])
-def test_an_xml_file_is_what_mujoco_makes_of_it(tmp_path: Path, name: str) -> None:
-    path = write(tmp_path / name, MODEL)
-    assert content(load(path)) == content(load(str(path))) == content(mujoco.MjModel.from_xml_string(MODEL))
-
-
-def test_a_urdf_file_is_what_mujoco_makes_of_it(tmp_path: Path) -> None:
-    path = write(tmp_path / "r.urdf", URDF)
-    assert content(load(path)) == content(mujoco.MjModel.from_xml_path(str(path)))
-    assert load(path).joint("elbow").range.tolist() == [-1, 1]
-
-
-def test_a_compiled_model_is_the_model_that_was_compiled(tmp_path: Path) -> None:
-    assert content(load(compiled(tmp_path / "a.mjb"))) == content(mujoco.MjModel.from_xml_string(MODEL))
-
-
-@pytest.mark.parametrize("suffix", [".zip", ".mjz"])
-@pytest.mark.parametrize(
-    "files",
-    [
-        {"model.xml": MODEL},
-        {"a.xml": MODEL, "other.xml": "<mujoco/>"},
-        {"anything.xml": MODEL},
-        {"MuJoCo Model.xml": MODEL},
-        {"model.xml": MESH, "m.obj": CORNERS},
-    ],
-)
-def test_an_archive_holds_its_model_as_model_xml_as_its_own_name_or_alone(
-    tmp_path: Path, suffix: str, files: dict[str, str]
-) -> None:
-    model = load(archive(tmp_path / f"a{suffix}", files))
-    assert (model.ngeom, model.nmesh) == (1, "m.obj" in files)
-
-
-@pytest.mark.parametrize("suffix", [".zip", ".mjz"])
-def test_what_mujoco_packs_loads_with_its_meshes(tmp_path: Path, suffix: str) -> None:
-    spec = mujoco.MjSpec.from_string(MESH, assets={"m.obj": CORNERS.encode()})
-    expected = spec.compile()
-    packed = tmp_path / f"a{suffix}"
-    with packed.open("wb") as file:
-        spec.to_zip(file)
-    assert load(packed).mesh_vert == pytest.approx(expected.mesh_vert)
-
-
-@pytest.mark.parametrize("name", ["A.XML", "A.URDF", "A.MJB", "A.ZIP", "A.MJZ"])
-def test_a_suffix_in_capitals_which_mujoco_cannot_read_is_said_so(tmp_path: Path, name: str) -> None:
-    path = tmp_path / name
-    path.write_text(MODEL)
-    assert "MuJoCo knows them in lower case only" in str(refusal(path))
-
-
-def test_a_missing_file_names_those_that_are_there_and_the_nearest(tmp_path: Path) -> None:
-    for name in ("pendulum.xml", "car.mjb", "notes.txt"):
-        write(tmp_path / name, "")
-    error = refusal(tmp_path / "pendlum.xml")
-    assert isinstance(error, ModelNotFoundError)
-    first, second = str(error).splitlines()
-    assert first == f"{tmp_path / 'pendlum.xml'}: no such model file (did you mean 'pendulum.xml'?)"
-    assert second == f"models in {tmp_path}: car.mjb, pendulum.xml"
-
-
-def test_a_folder_is_refused_with_the_models_in_it(tmp_path: Path) -> None:
-    folder = tmp_path / "folder"
-    folder.mkdir()
-    write(folder / "car.xml", MODEL)
-    assert str(refusal(folder)) == f"{folder}: is a folder, not a model file\nmodels in {folder}: car.xml"
-
-
-def test_a_missing_folder_is_a_missing_file(tmp_path: Path) -> None:
-    assert str(refusal(tmp_path / "no" / "a.xml")).endswith("a.xml: no such model file")
-
-
-def test_a_pipe_is_refused_at_once_instead_of_waited_for(tmp_path: Path) -> None:
-    os.mkfifo(tmp_path / "a.xml")
-    code = "import sys; from mjrun.model.load import load; load(sys.argv[1])"
-    command = [sys.executable, "-c", code, str(tmp_path / "a.xml")]
-    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=60, check=False)
-    assert done.stderr.endswith("a.xml: is not a regular file\n")
-
-
-@pytest.mark.parametrize("name", ["a.txt", "a", "a.obj", ".xml"])
-def test_another_suffix_is_refused_with_the_list_of_those_that_are_read(tmp_path: Path, name: str) -> None:
-    error = refusal(write(tmp_path / name, MODEL))
-    assert isinstance(error, ModelNotFoundError)
-    assert str(error).endswith("is not a model file; model files end in .xml, .urdf, .mjz, .zip, .mjb")
-
-
-@pytest.mark.parametrize("name", ["a\0b.xml", "x" * 300 + ".xml"])
-def test_a_name_that_no_file_can_have_is_refused(name: str) -> None:
-    assert isinstance(refusal(Path(name)), ModelNotFoundError)
-
-
-@pytest.mark.parametrize(
-    ("text", "line", "words"),
-    [
-        ('<mujoco>\n<worldbody>\n<geom siz="1"/>\n</worldbody></mujoco>', 3, "unrecognized attribute: 'siz'"),
-        ('<mujoco>\n\n\n<worldbody><geom rgba="x" size="1"/></worldbody></mujoco>', 4, "'rgba'"),
-        ('<mujoco>\n<worldbody>\n<geom name="x" size="0"/>\n</worldbody></mujoco>', 3, "size 0 must be positive"),
-        ('<mujoco>\n<worldbody>\n\n<geom type="mesh" mesh="no"/>\n</worldbody></mujoco>', 4, "mesh 'no' not found"),
-        ('<mujoco>\n<actuator>\n<motor joint="a"/>\n</actuator></mujoco>', 3, "unknown transmission target 'a'"),
-        ("<mujoco>\n<worldbody></mujoco>", 2, "XML_ERROR_MISMATCHED_ELEMENT"),
-        ('<mujoco>\n<worldbody>\n<body name="line 77"><freejoint/></body>\n</worldbody></mujoco>', 3, "mass"),
-        ("hello", 1, "XML parse error"),
-        ("", None, "empty file"),
-        ('<mujoco><asset><mesh file="no.obj"/></asset></mujoco>', None, "no.obj"),
-    ],
-)
-def test_a_broken_model_is_refused_with_the_line_and_mujocos_reason(
-    tmp_path: Path, text: str, line: int | None, words: str
-) -> None:
-    path = write(tmp_path / "a.xml", text)
-    error = refusal(path)
-    assert isinstance(error, BrokenModelError)
-    assert (error.path, error.line) == (path, line)
-    first = str(error).splitlines()[0]
-    assert first.startswith(f"{path}:{line}: " if line else f"{path}: ")
-    assert words in first
-    assert "Error: " not in first
-
-
-@pytest.mark.parametrize("name", ["a.zip", "a.mjz", "a.mjb"])
-@pytest.mark.parametrize("data", [b"", b"hello", b"PK\x03\x04 and no more"])
-def test_rubbish_in_a_binary_file_is_refused(tmp_path: Path, name: str, data: bytes) -> None:
-    assert isinstance(refusal(write(tmp_path / name, data)), BrokenModelError)
-
-
-def test_a_cut_off_compiled_model_is_refused_with_the_version_that_would_have_to_match(tmp_path: Path) -> None:
-    path = compiled(tmp_path / "a.mjb")
-    path.write_bytes(path.read_bytes()[:-10])
-    assert mujoco.mj_versionString() in str(refusal(path)).splitlines()[-1]
-
-
-@pytest.mark.parametrize("files", [{}, {"readme.txt": "hi"}, {"b.xml": MODEL, "c.xml": MODEL}])
-def test_an_archive_without_one_clear_model_is_refused(tmp_path: Path, files: dict[str, str]) -> None:
-    assert "no model XML found" in str(refusal(archive(tmp_path / "a.zip", files)))
-
-
-@pytest.mark.parametrize("overrides", [{}, {"opt.cone": "elliptic"}, {"geom/skin.size": "1"}])
-def test_a_name_in_latin_1_is_refused_with_the_cure_whatever_is_overridden(
-    tmp_path: Path, overrides: dict[str, str]
-) -> None:
-    path = write(tmp_path / "a.xml", MODEL.replace("skin", "pé").encode("latin-1"))
-    with pytest.raises(BrokenModelError, match="not UTF-8; save the file as UTF-8"):
-        load(path, overrides=overrides)
-
-
-@pytest.mark.parametrize("timestep", ["0", "-1", "nan", "inf"])
-def test_a_timestep_that_cannot_be_is_refused_unless_it_is_overridden(tmp_path: Path, timestep: str) -> None:
-    path = write(tmp_path / "a.xml", f'<mujoco><option timestep="{timestep}"/></mujoco>')
-    first, second = str(refusal(path)).splitlines()
-    assert first == f"{path}: its timestep is {timestep}, and must be positive and finite"
-    assert second == "timestep overrides it"
-    assert load(path, timestep=0.01).opt.timestep == 0.01
-    assert load(path, overrides={"opt.timestep": "0.01"}).opt.timestep == 0.01
-
-
-def test_a_compiled_model_with_a_bad_timestep_is_not_advised_what_cannot_be_done(tmp_path: Path) -> None:
-    model = mujoco.MjModel.from_xml_string(MODEL)
-    model.opt.timestep = 0
-    mujoco.mj_saveModel(model, str(tmp_path / "a.mjb"))
-    assert "overrides" not in str(refusal(tmp_path / "a.mjb"))
-
-
-@pytest.mark.parametrize("timestep", [0.0, -0.01, float("nan"), float("inf")])
-def test_asking_for_a_timestep_that_cannot_be_is_wrong_usage(tmp_path: Path, timestep: float) -> None:
-    path = write(tmp_path / "a.xml", MODEL)
-    with pytest.raises(BadValueError) as caught:
-        load(path, timestep=timestep)
-    assert caught.value.exit_code == 2
 
 
 @pytest.mark.parametrize("name", ["euler", "rk4", "implicit", "implicitfast", "discrete"])
@@ -273,34 +67,7 @@ def test_the_timestep_in_the_model_is_the_asked_one_to_the_last_bit(tmp_path: Pa
     assert load(write(tmp_path / "a.xml", MODEL), timestep=timestep).opt.timestep == timestep
 
 
-def test_a_compiled_model_refuses_overrides_and_names_them_as_they_were_asked(tmp_path: Path) -> None:
-    path = compiled(tmp_path / "a.mjb")
-    with pytest.raises(CompiledModelError) as caught:
-        load(path, timestep=0.1, overrides={"opt.cone": "elliptic"})
-    assert "set opt.cone=elliptic, timestep 0.1" in str(caught.value)
-    assert caught.value.exit_code == 2
-
-
-def test_an_override_that_breaks_the_model_is_named_in_the_refusal(tmp_path: Path) -> None:
-    path = write(tmp_path / "a.xml", MODEL)
-    with pytest.raises(BrokenModelError) as caught:
-        load(path, overrides={"geom/skin.material": "gold"})
-    assert str(caught.value).endswith("with set geom/skin.material=gold")
-
-
-def test_foreign_text_in_an_override_cannot_steer_the_terminal(tmp_path: Path) -> None:
-    path = write(tmp_path / "a.xml", MODEL)
-    with pytest.raises(MjrunError) as caught:
-        load(path, overrides={"geom/skin.material": "\x1b[31m"})
-    assert all(line == clean(line) for line in str(caught.value).splitlines())
-
-
-@pytest.mark.parametrize("path", sorted(MALFORMED.glob("*.xml")), ids=lambda path: path.stem)
-def test_a_malformed_model_loads_or_is_refused_in_words(path: Path) -> None:
-    said = str(path)
-    try:
-        assert load(path).nbody > 0
-    except ModelError as error:
-        said = str(error)
-    assert said.startswith(str(path))
-    assert all(line == clean(line) for line in said.splitlines())
+def test_a_scene_and_a_compiled_model_load_too() -> None:
+    assert load("scene:pendulum").joint("hinge").id == 0
+    model = mujoco.MjModel.from_xml_string(MODEL)
+    assert load(model) is model

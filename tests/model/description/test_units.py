@@ -1,0 +1,45 @@
+"""Theorems about units: they follow from metres, kilograms and seconds, so forces and velocities do work in joules."""
+
+import mujoco
+import pytest
+
+from mjrun.model.description.units import actuator_force_unit, actuator_unit, joint_unit, rate_unit, tendon_unit
+
+MODEL = mujoco.MjModel.from_xml_string("""<mujoco><worldbody><site name="world"/>
+<body name="b"><joint name="hinge"/><joint name="slide" type="slide"/><geom size="1"/><site name="s"/></body>
+<body name="c"><joint name="ball" type="ball"/><geom size="1"/></body><body><freejoint/><geom size="1"/></body>
+</worldbody>
+<tendon><fixed name="angle"><joint joint="hinge" coef="2"/></fixed><fixed name="way"><joint joint="slide" coef="1"/>
+</fixed><fixed name="both"><joint joint="hinge" coef="1"/><joint joint="slide" coef="1"/></fixed>
+<spatial name="rope"><site site="world"/><site site="s"/></spatial></tendon>
+<actuator><motor joint="hinge"/><motor joint="slide"/><motor joint="ball"/><motor tendon="angle"/>
+<motor tendon="way"/><motor tendon="both"/><motor tendon="rope"/><adhesion body="b" gain="1" ctrlrange="0 1"/>
+<motor site="s" gear="1 0 0 0 0 0"/><motor site="s" gear="0 0 0 0 1 0"/><motor site="s" gear="1 0 0 0 1 0"/>
+<motor cranksite="s" slidersite="world" cranklength="9"/></actuator></mujoco>""")
+
+
+def test_hinges_and_balls_turn_slides_move_and_free_joints_do_both() -> None:
+    assert [joint_unit(MODEL, i) for i in range(MODEL.njnt)] == ["rad", "m", "rad", ""]
+
+
+def test_a_tendon_is_as_long_as_what_it_sums() -> None:
+    assert [tendon_unit(MODEL, i) for i in range(MODEL.ntendon)] == ["rad", "m", "", "m"]
+
+
+@pytest.mark.parametrize(
+    ("actuator", "unit", "force"),
+    [
+        *((0, "rad", "N·m"), (1, "m", "N"), (2, "rad", "N·m"), (3, "rad", "N·m"), (4, "m", "N"), (5, "", "")),
+        *((6, "m", "N"), (8, "m", "N"), (9, "rad", "N·m"), (10, "", ""), (11, "m", "N")),
+    ],
+)
+def test_the_force_of_an_actuator_does_work_on_its_length(actuator: int, unit: str, force: str) -> None:
+    assert (actuator_unit(MODEL, actuator), actuator_force_unit(MODEL, actuator)) == (unit, force)
+
+
+def test_adhesion_is_a_force_between_surfaces() -> None:
+    assert actuator_force_unit(MODEL, 7) == "N"
+
+
+def test_a_rate_is_per_second_if_there_is_a_unit() -> None:
+    assert [rate_unit(unit) for unit in ("m", "rad", "")] == ["m/s", "rad/s", ""]

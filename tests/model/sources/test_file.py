@@ -1,0 +1,219 @@
+"""Theorems about model files: every kind loads as MuJoCo loads it, and every bad one is refused in words."""
+
+import os
+import subprocess
+import sys
+import zipfile
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import pytest
+
+from mjrun.errors import (
+    BrokenModelError,
+    CompiledModelError,
+    ModelError,
+    ModelNotFoundError,
+    clean,
+)
+from mjrun.model.load import load
+from mjrun.model.sources.file import FileSource
+
+MODEL = """<mujoco>
+  <worldbody>
+    <body name="ball"><freejoint/><geom name="skin" size=".1"/></body>
+  </worldbody>
+</mujoco>"""
+URDF = """<robot name="r"><link name="base"/>
+<link name="arm"><inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial></link>
+<joint name="elbow" type="revolute"><parent link="base"/><child link="arm"/><axis xyz="0 0 1"/>
+<limit lower="-1" upper="1" effort="1" velocity="1"/></joint></robot>"""
+CORNERS = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 2 3 4\nf 3 1 4\n"
+MESH = (
+    '<mujoco><asset><mesh name="m" file="m.obj"/></asset><worldbody><geom type="mesh" mesh="m"/></worldbody></mujoco>'
+)
+ROOT = Path(__file__).parents[3]
+MALFORMED = ROOT / "../shared/models/malformed"
+
+
+@pytest.fixture(autouse=True)
+def workplace(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A working directory for MuJoCo's log, which warns of a NaN in a file."""
+    monkeypatch.chdir(tmp_path)
+
+
+def write(path: Path, content: str | bytes) -> Path:
+    path.write_bytes(content if isinstance(content, bytes) else content.encode())
+    return path
+
+
+def archive(path: Path, files: dict[str, str]) -> Path:
+    with zipfile.ZipFile(path, "w") as target:
+        for name, text in files.items():
+            target.writestr(name, text)
+    return path
+
+
+def content(model: mujoco.MjModel) -> bytes:
+    """The whole compiled model."""
+    buffer = np.zeros(mujoco.mj_sizeModel(model), np.uint8)
+    mujoco.mj_saveModel(model, None, buffer)
+    return buffer.tobytes()
+
+
+def compiled(path: Path, text: str = MODEL) -> Path:
+    mujoco.mj_saveModel(mujoco.MjModel.from_xml_string(text), str(path))
+    return path
+
+
+def refusal(path: Path) -> ModelError:
+    with pytest.raises(ModelError) as caught:
+        load(path)
+    assert caught.value.exit_code == 3
+    return caught.value
+
+
+@pytest.mark.parametrize("name", ["a.xml", "a b.xml", "modèle.xml", "a.b.xml"])
+def test_an_xml_file_is_what_mujoco_makes_of_it(tmp_path: Path, name: str) -> None:
+    path = write(tmp_path / name, MODEL)
+    assert content(load(path)) == content(load(str(path))) == content(mujoco.MjModel.from_xml_string(MODEL))
+
+
+def test_a_urdf_file_is_what_mujoco_makes_of_it(tmp_path: Path) -> None:
+    path = write(tmp_path / "r.urdf", URDF)
+    assert content(load(path)) == content(mujoco.MjModel.from_xml_path(str(path)))
+    assert load(path).joint("elbow").range.tolist() == [-1, 1]
+
+
+def test_a_compiled_model_is_the_model_that_was_compiled(tmp_path: Path) -> None:
+    assert content(load(compiled(tmp_path / "a.mjb"))) == content(mujoco.MjModel.from_xml_string(MODEL))
+
+
+@pytest.mark.parametrize("suffix", [".zip", ".mjz"])
+@pytest.mark.parametrize(
+    "files",
+    [
+        {"model.xml": MODEL},
+        {"a.xml": MODEL, "other.xml": "<mujoco/>"},
+        {"anything.xml": MODEL},
+        {"MuJoCo Model.xml": MODEL},
+        {"model.xml": MESH, "m.obj": CORNERS},
+    ],
+)
+def test_an_archive_holds_its_model_as_model_xml_as_its_own_name_or_alone(
+    tmp_path: Path, suffix: str, files: dict[str, str]
+) -> None:
+    model = load(archive(tmp_path / f"a{suffix}", files))
+    assert (model.ngeom, model.nmesh) == (1, "m.obj" in files)
+
+
+@pytest.mark.parametrize("suffix", [".zip", ".mjz"])
+def test_what_mujoco_packs_loads_with_its_meshes(tmp_path: Path, suffix: str) -> None:
+    spec = mujoco.MjSpec.from_string(MESH, assets={"m.obj": CORNERS.encode()})
+    expected = spec.compile()
+    packed = tmp_path / f"a{suffix}"
+    with packed.open("wb") as file:
+        spec.to_zip(file)
+    assert load(packed).mesh_vert == pytest.approx(expected.mesh_vert)
+
+
+@pytest.mark.parametrize("name", ["A.XML", "A.URDF", "A.MJB", "A.ZIP", "A.MJZ"])
+def test_a_suffix_in_capitals_which_mujoco_cannot_read_is_said_so(tmp_path: Path, name: str) -> None:
+    path = tmp_path / name
+    path.write_text(MODEL)
+    assert "MuJoCo knows them in lower case only" in str(refusal(path))
+
+
+def test_a_missing_file_names_those_that_are_there_and_the_nearest(tmp_path: Path) -> None:
+    for name in ("pendulum.xml", "car.mjb", "notes.txt"):
+        write(tmp_path / name, "")
+    error = refusal(tmp_path / "pendlum.xml")
+    assert isinstance(error, ModelNotFoundError)
+    first, second = str(error).splitlines()
+    assert first == f"{tmp_path / 'pendlum.xml'}: no such model file (did you mean 'pendulum.xml'?)"
+    assert second == f"models in {tmp_path}: car.mjb, pendulum.xml"
+
+
+def test_a_folder_is_refused_with_the_models_in_it(tmp_path: Path) -> None:
+    folder = tmp_path / "folder"
+    folder.mkdir()
+    write(folder / "car.xml", MODEL)
+    assert str(refusal(folder)) == f"{folder}: is a folder, not a model file\nmodels in {folder}: car.xml"
+
+
+def test_a_missing_folder_is_a_missing_file(tmp_path: Path) -> None:
+    assert str(refusal(tmp_path / "no" / "a.xml")).endswith("a.xml: no such model file")
+
+
+def test_a_pipe_is_refused_at_once_instead_of_waited_for(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "a.xml")
+    code = "import sys; from mjrun.model.load import load; load(sys.argv[1])"
+    command = [sys.executable, "-c", code, str(tmp_path / "a.xml")]
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=60, check=False)
+    assert done.stderr.endswith("a.xml: is not a regular file\n")
+
+
+@pytest.mark.parametrize("name", ["a.txt", "a", "a.obj", ".xml"])
+def test_another_suffix_is_refused_with_the_list_of_those_that_are_read(tmp_path: Path, name: str) -> None:
+    error = refusal(write(tmp_path / name, MODEL))
+    assert isinstance(error, ModelNotFoundError)
+    assert str(error).endswith("is not a model file; model files end in .xml, .urdf, .mjz, .zip, .mjb")
+
+
+@pytest.mark.parametrize("name", ["a\0b.xml", "x" * 300 + ".xml"])
+def test_a_name_that_no_file_can_have_is_refused(name: str) -> None:
+    assert isinstance(refusal(Path(name)), ModelNotFoundError)
+
+
+@pytest.mark.parametrize("name", ["a.zip", "a.mjz", "a.mjb"])
+@pytest.mark.parametrize("data", [b"", b"hello", b"PK\x03\x04 and no more"])
+def test_rubbish_in_a_binary_file_is_refused(tmp_path: Path, name: str, data: bytes) -> None:
+    assert isinstance(refusal(write(tmp_path / name, data)), BrokenModelError)
+
+
+def test_a_cut_off_compiled_model_is_refused_with_the_version_that_would_have_to_match(tmp_path: Path) -> None:
+    path = compiled(tmp_path / "a.mjb")
+    path.write_bytes(path.read_bytes()[:-10])
+    assert mujoco.mj_versionString() in str(refusal(path)).splitlines()[-1]
+
+
+@pytest.mark.parametrize("files", [{}, {"readme.txt": "hi"}, {"b.xml": MODEL, "c.xml": MODEL}])
+def test_an_archive_without_one_clear_model_is_refused(tmp_path: Path, files: dict[str, str]) -> None:
+    assert "no model XML found" in str(refusal(archive(tmp_path / "a.zip", files)))
+
+
+def test_a_compiled_model_with_a_bad_timestep_is_not_advised_what_cannot_be_done(tmp_path: Path) -> None:
+    model = mujoco.MjModel.from_xml_string(MODEL)
+    model.opt.timestep = 0
+    mujoco.mj_saveModel(model, str(tmp_path / "a.mjb"))
+    assert "overrides" not in str(refusal(tmp_path / "a.mjb"))
+
+
+def test_a_compiled_model_refuses_overrides_and_names_them_as_they_were_asked(tmp_path: Path) -> None:
+    path = compiled(tmp_path / "a.mjb")
+    with pytest.raises(CompiledModelError) as caught:
+        load(path, timestep=0.1, overrides={"opt.cone": "elliptic"})
+    assert "set opt.cone=elliptic, timestep 0.1" in str(caught.value)
+    assert caught.value.exit_code == 2
+
+
+@pytest.mark.parametrize("path", sorted(MALFORMED.glob("*.xml")), ids=lambda path: path.stem)
+def test_a_malformed_model_loads_or_is_refused_in_words(path: Path) -> None:
+    said = str(path)
+    try:
+        assert load(path).nbody > 0
+    except ModelError as error:
+        said = str(error)
+    assert said.startswith(str(path))
+    assert all(line == clean(line) for line in said.splitlines())
+
+
+def test_its_files_are_the_model_and_what_it_names_and_outputs_are_called_after_it(tmp_path: Path) -> None:
+    (tmp_path / "part.xml").write_text("<mujocoinclude><worldbody><geom size='1'/></worldbody></mujocoinclude>")
+    path = write(tmp_path / "arm.v2.xml", '<mujoco><include file="part.xml"/></mujoco>')
+    source = FileSource(path)
+    assert (source.text, source.stem, source.main_file) == (str(path), "arm.v2", path)
+    assert source.files == (path, tmp_path / "part.xml")
+    assert FileSource(tmp_path / "gone.xml").files == (tmp_path / "gone.xml",)
+    assert FileSource(compiled(tmp_path / "a.mjb")).files == (tmp_path / "a.mjb",)

@@ -1,0 +1,48 @@
+"""Theorems about the interface of sources: a collection offers its models by name."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import ClassVar
+
+import mujoco
+import pytest
+
+from mjrun.errors import ModelNotFoundError
+from mjrun.model.source import NamedSource
+
+
+@dataclass(frozen=True)
+class TaskSource(NamedSource):
+    PREFIX: ClassVar[str] = "task"
+
+    @classmethod
+    def descriptions(cls) -> Mapping[str, str]:
+        return {"humanoid/walk": "Walks.", "humanoid/run": "Runs."}
+
+    def load(self) -> mujoco.MjModel:
+        self.check_name()
+        return mujoco.MjModel.from_xml_string("<mujoco/>")
+
+
+def test_a_named_source_is_written_with_its_prefix_and_names_outputs_without_folders() -> None:
+    source = TaskSource("humanoid/walk")
+    assert (source.text, source.stem, source.main_file, source.files) == (
+        "task:humanoid/walk",
+        "humanoid_walk",
+        None,
+        (),
+    )
+    assert source.load().nbody == 1
+
+
+@pytest.mark.parametrize(
+    ("name", "first"),
+    [
+        ("humanoid/wlak", "task:humanoid/wlak: no such task (did you mean 'humanoid/walk' or 'humanoid/run'?)"),
+        ("", "task: name the task"),
+    ],
+)
+def test_an_unknown_name_is_answered_with_the_collection(name: str, first: str) -> None:
+    with pytest.raises(ModelNotFoundError) as caught:
+        TaskSource(name).load()
+    assert str(caught.value).splitlines() == [first, "tasks: humanoid/walk, humanoid/run"]
