@@ -43,6 +43,7 @@ if TYPE_CHECKING:
     from mjrun.model.info import Info as Info
     from mjrun.model.info import InfoResult as InfoResult
     from mjrun.model.load import load as load
+    from mjrun.rendering.render import render as render
     from mjrun.rendering.visual import Visual as Visual
 
 _HOMES = {
@@ -68,6 +69,7 @@ _HOMES = {
     "load": "mjrun.model.load",
     "perform": "mjrun.job.perform",
     "read_camera": "mjrun.document.camera",
+    "render": "mjrun.rendering.render",
     "read_table": "mjrun.formats.table_reader",
     "read_video": "mjrun.formats.video_reader",
     "write_video": "mjrun.formats.video_writer",
@@ -99,6 +101,7 @@ __all__ = [
     "read_camera",
     "read_table",
     "read_video",
+    "render",
     "write_video",
 ]
 

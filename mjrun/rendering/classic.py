@@ -5,7 +5,6 @@ import time
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from types import TracebackType
-from typing import Any
 
 import mujoco
 import numpy as np
@@ -16,7 +15,7 @@ from mjrun.errors import DrawError, UsageError, option
 from mjrun.model.names import enum_members
 from mjrun.model.rendered_view import RenderedView
 from mjrun.model.state import restore
-from mjrun.rendering.backend import Backend
+from mjrun.rendering.backend import Backend, OpenGLContext
 from mjrun.rendering.decorations import Decoration
 from mjrun.rendering.exact_framebuffer import ExactBuffer
 from mjrun.rendering.segmentation import Segmentation
@@ -66,7 +65,7 @@ class ClassicRenderer:
         self._rect = mujoco.MjrRect(0, 0, width, height)
         self._pixels = np.empty((height, width, 3), np.uint8)
         visual.set_flags(self._scene)
-        self._gl: Any = None
+        self._gl: OpenGLContext | None = None
         self._context: mujoco.MjrContext | None = None
         self._buffer: ExactBuffer | None = None  # made when it is needed
         try:
@@ -106,6 +105,13 @@ class ClassicRenderer:
             self._render()
             seen = replace(seen, rgb=self._shown())
         return seen
+
+    def make_current(self) -> None:
+        """Directs this thread's OpenGL calls to this renderer, if another one has been used since."""
+        assert self._gl
+        assert self._context
+        self._gl.make_current()
+        mujoco.mjr_setBuffer(OFFSCREEN, self._context)
 
     def draft_cost(self) -> float:
         """Seconds to draw the last scene once more without shadows and reflections."""
