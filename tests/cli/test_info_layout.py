@@ -1,0 +1,89 @@
+"""Theorems about pages of tables and lines."""
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from rich.cells import cell_len
+
+from mjrun.cli.info_formatting import Column
+from mjrun.cli.info_layout import Page
+
+WORDS = st.text("ab字_", min_size=1, max_size=60)
+
+
+def page(monkeypatch: pytest.MonkeyPatch, width: int | None) -> Page:
+    """A page for a terminal of this width; for a pipe if None."""
+    if width is None:
+        monkeypatch.delenv("COLUMNS", raising=False)
+    else:
+        monkeypatch.setenv("COLUMNS", str(width))
+    return Page()
+
+
+@given(
+    cells=st.lists(st.tuples(WORDS, WORDS, WORDS), min_size=1, max_size=4),
+    width=st.integers(30, 120),
+)
+def test_no_line_is_wider_than_the_terminal_and_no_character_of_the_first_column_is_lost(
+    cells: list[tuple[str, str, str]], width: int
+) -> None:
+    with pytest.MonkeyPatch.context() as monkeypatch:
+        written = page(monkeypatch, width)
+        columns = [Column(heading, texts) for heading, texts in zip("xyz", zip(*cells, strict=True), strict=True)]
+        written.table("title", columns, len(cells))
+    lines = written.text().splitlines()
+    assert max(map(cell_len, lines)) <= width
+    shown = "".join("".join(lines).split())
+    for name, *_ in cells:
+        assert all(shown.count(character) >= name.count(character) for character in set(name))
+
+
+def test_in_a_pipe_every_row_is_one_line_without_spaces_at_its_end(monkeypatch: pytest.MonkeyPatch) -> None:
+    written = page(monkeypatch, None)
+    written.table("title", [Column("name", ["a" * 300, "b"]), Column("value", ["1", ""], right=True)], 2)
+    assert written.text() == f"title  2\n  name{' ' * 298}value\n  {'a' * 300}      1\n  b"
+
+
+def test_columns_that_say_nothing_are_left_out(monkeypatch: pytest.MonkeyPatch) -> None:
+    written = page(monkeypatch, 80)
+    written.table("title", [Column("name", ["a"]), Column("blank", [""]), Column("value", ["1"])], 1)
+    assert "blank" not in written.text()
+
+
+def test_what_has_no_room_is_named_and_extra_columns_go_first(monkeypatch: pytest.MonkeyPatch) -> None:
+    columns = [Column("name", ["a" * 10]), Column("kind", ["b" * 10]), Column("size", ["c" * 10], right=True)]
+    columns += [Column("extra", ["d" * 30], extra=True)]
+    wide, narrow = page(monkeypatch, 80), page(monkeypatch, 40)
+    wide.table("title", columns, 1)
+    narrow.table("title", columns, 1)
+    assert "d" * 30 in wide.text()
+    assert "no room" not in wide.text()
+    assert narrow.text().splitlines()[-1] == "  no room for extra; --json has them"
+    assert "c" * 10 in narrow.text()
+
+
+def test_a_table_that_is_cut_counts_the_rest(monkeypatch: pytest.MonkeyPatch) -> None:
+    written = page(monkeypatch, 80)
+    written.table("title", [Column("name", ["a", "b", "c"])], 3, shown=1, hint="ask")
+    assert written.text().splitlines() == ["title  3", "  name", "  a", "  … 2 more: ask"]
+
+
+def test_units_stand_under_headings_at_one_height(monkeypatch: pytest.MonkeyPatch) -> None:
+    written = page(monkeypatch, 80)
+    written.table("title", [Column("name", ["a"]), Column("range", ["1"], "rad\nm", right=True)], 1)
+    assert [line.split() for line in written.text().splitlines()[1:]] == [
+        ["name", "range"],
+        ["[rad]"],
+        ["[m]"],
+        ["a", "1"],
+    ]
+
+
+def test_sections_are_parted_by_a_blank_line_and_lines_without_a_value_are_left_out(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    written = page(monkeypatch, 80)
+    written.lines("one", [("mass", "1 kg"), ("file", "")])
+    written.table("two", [Column("name", [])], 0)
+    written.note("noted")
+    assert written.text() == "one\n  mass  1 kg\n\ntwo  none\n\nnoted"
