@@ -12,23 +12,27 @@ from pathlib import Path
 import numpy as np
 
 GROUP = 2**21  # values in a group: 16 MiB
+FIRST_ROWS = 2**9  # rows for which there is room at first: a short table needs little memory
 
 
 class ColumnGroups:
     """Takes rows, yields groups `(columns, rows)` of at most `GROUP` values, each valid until the next one."""
 
     def __init__(self, columns: int) -> None:
-        self._group = np.empty((columns, max(1, GROUP // columns)))
+        self._rows = max(1, GROUP // columns)  # in a full group
+        self._group = np.empty((columns, min(self._rows, FIRST_ROWS)))
         self._filled = 0
 
     def add(self, block: np.ndarray) -> Iterator[np.ndarray]:
         """Takes the rows of `block` `(n, columns)` and yields every group they fill."""
-        size = self._group.shape[1]
         while len(block):
-            part, block = np.split(block, [size - self._filled])
-            self._group[:, self._filled : self._filled + len(part)] = part.T
-            self._filled += len(part)
-            if self._filled == size:
+            part, block = np.split(block, [self._rows - self._filled])
+            end = self._filled + len(part)
+            if end > self._group.shape[1]:
+                self._grow(end)
+            self._group[:, self._filled : end] = part.T
+            self._filled = end
+            if self._filled == self._rows:
                 self._filled = 0
                 yield self._group
 
@@ -37,6 +41,16 @@ class ColumnGroups:
         if self._filled:
             yield self._group[:, : self._filled]
             self._filled = 0
+
+    def close(self) -> None:
+        """Frees the memory, which would otherwise last as long as anything refers to the writer of the table."""
+        self._group = np.empty((0, 0))
+
+    def _grow(self, rows: int) -> None:
+        """Makes room for `rows` rows and, as more are to come, for twice as many as before."""
+        before = self._group
+        self._group = np.empty((len(before), min(self._rows, max(rows, 2 * before.shape[1]))))
+        self._group[:, : self._filled] = before[:, : self._filled]
 
 
 class ColumnSpill:
@@ -71,7 +85,8 @@ class ColumnSpill:
             before += size
 
     def close(self) -> None:
-        """Frees the disk space."""
+        """Frees memory and disk space."""
+        self._groups.close()
         with contextlib.suppress(OSError):
             self._file.close()
 

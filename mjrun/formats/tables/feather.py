@@ -43,6 +43,7 @@ class FeatherWriter:
         self._writer.close()
 
     def close(self) -> None:
+        self._groups.close()
         with contextlib.suppress(Exception):  # it may have stopped anywhere
             self._writer.close()
 

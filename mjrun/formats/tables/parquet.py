@@ -48,6 +48,7 @@ class ParquetWriter:
         self._writer.close()
 
     def close(self) -> None:
+        self._groups.close()
         with contextlib.suppress(Exception):  # it may have stopped anywhere
             self._writer.close()
         self._writer.is_open = False  # or its finalizer would try once more

@@ -1,0 +1,79 @@
+"""Rows turned into columns: numpy's transpose is the oracle."""
+
+import gc
+import tracemalloc
+import weakref
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from mjrun.formats import column_groups
+from mjrun.formats.column_groups import ColumnGroups, ColumnSpill
+from mjrun.formats.table_writer import TableWriter
+from mjrun.formats.tables import formats
+from mjrun.model.column import Column
+
+
+@given(columns=st.integers(1, 5), cuts=st.lists(st.integers(0, 40), max_size=6).map(sorted), size=st.integers(1, 60))
+def test_groups_are_the_transposed_rows_however_these_are_cut(columns: int, cuts: list[int], size: int) -> None:
+    rows = np.arange(40.0 * columns).reshape(40, columns)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(column_groups, "GROUP", size)
+        patch.setattr(column_groups, "FIRST_ROWS", 2)
+        groups = ColumnGroups(columns)
+        found = [group.copy() for block in np.split(rows, cuts) for group in groups.add(block)]
+        found += [group.copy() for group in groups.rest()]
+    assert np.array_equal(np.concatenate(found, axis=1), rows.T)
+    full = max(1, size // columns)
+    assert [group.shape[1] for group in found[:-1]] == [full] * (len(found) - 1)
+    assert list(groups.rest()) == []
+
+
+def test_a_spill_gives_every_column_and_leaves_no_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(column_groups, "GROUP", 12)
+    rows = np.random.default_rng(0).standard_normal((25, 3))
+    spill = ColumnSpill(tmp_path, 3)
+    for block in np.array_split(rows, 4):
+        spill.write(block)
+    assert list(tmp_path.iterdir()) == []
+    spill.end()
+    assert spill.rows == 25
+    for index in (2, 0, 1, 2):
+        assert np.array_equal(np.concatenate(list(spill.column(index))), rows[:, index])
+    spill.close()
+
+
+def write(path: Path, columns: int = 20) -> TableWriter:
+    """A published table of 500 rows."""
+    with TableWriter(str(path), path.suffix[1:], [Column(f"c{i}") for i in range(columns)]) as out:
+        out.write(np.zeros((500, columns)))
+        out.publish()
+    return out
+
+
+@pytest.mark.parametrize("form", formats())
+def test_fifty_tables_leave_no_memory_behind_even_while_their_writers_live(tmp_path: Path, form: str) -> None:
+    write(tmp_path / f"t.{form}")
+    tracemalloc.start()
+    try:
+        before = tracemalloc.get_traced_memory()[0]
+        writers = [write(tmp_path / f"t.{form}") for _ in range(50)]
+        assert tracemalloc.get_traced_memory()[0] - before < 2**20  # bytes; the rows of all have 4 MB
+        del writers
+    finally:
+        tracemalloc.stop()
+
+
+@pytest.mark.parametrize("form", formats())
+def test_a_writer_is_in_no_reference_cycle(tmp_path: Path, form: str) -> None:
+    gc.disable()
+    try:
+        writer = write(tmp_path / f"t.{form}")
+        reference = weakref.ref(writer)
+        del writer
+        assert reference() is None
+    finally:
+        gc.enable()
