@@ -85,7 +85,7 @@ def broken_model(path: Path, error: BaseException, hint: str = "", advice: str =
     message = re.sub(r"(, |^)line \d+$", "", message, flags=re.MULTILINE)
 
     broken = BrokenModelError(path, message, line, hint)
-    if advice and not hint:  # a note, which is no part of what MuJoCo said
+    if advice and not hint:  # a note is not part of MuJoCo's message
         broken.add_note(advice)
     return broken
 

@@ -1,4 +1,4 @@
-"""What a model is: its sections, as typed plain values."""
+"""`mjrun info`: the description of a model, section by section."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -15,11 +15,11 @@ from mjrun.reporter import QuietReporter, Reporter, pass_on
 
 @dataclass(frozen=True)
 class Info:
-    """Which model, and what of it.
+    """The description of a model, to be made.
 
     Args:
-      model: a compiled model, or the path of one. It is not changed.
-      sections: names of `mjrun.model.description.model_description.SECTIONS`; all of them when empty.
+      model: a file, `scene:NAME`, another source, or a compiled model. It is not changed.
+      sections: some of `mjrun.model.description.model_description.SECTIONS`; all of them when empty.
     """
 
     model: ModelLike
@@ -37,15 +37,15 @@ class Info:
             if name not in SECTIONS:
                 raise UnknownNameError("section", name, SECTIONS)
         sections = tuple(dict.fromkeys(self.sections)) or SECTIONS
-        with collected_warnings() as heard:
+        with collected_warnings() as warnings:
             description = self._description()
             for name in sections:
-                getattr(description, name)  # now, where warnings are heard
-        known = mujoco_bugs.bugs_of_model(description.model)
-        for text in known:
+                getattr(description, name)  # computed here, so that warnings are collected
+        bugs = mujoco_bugs.bugs_of_model(description.model)
+        for text in bugs:
             reporter.warn(text)
-        pass_on(heard, reporter)
-        return InfoResult(description, sections, (*known, *heard))
+        pass_on(warnings, reporter)
+        return InfoResult(description, sections, (*bugs, *warnings))
 
     def _description(self) -> ModelDescription:
         source = source_of(self.model)
@@ -54,12 +54,12 @@ class Info:
 
 @dataclass(frozen=True)
 class InfoResult:
-    """What was found.
+    """The description of a model.
 
     Attributes:
-      description: of the model, each section an attribute of it.
-      sections: those that were asked for, in order.
-      warnings: what MuJoCo warned of, and faults of its that touch the model.
+      description: has an attribute for each section.
+      sections: the names of those requested, in order.
+      warnings: MuJoCo's, and those of its known bugs that affect the model.
     """
 
     description: ModelDescription
@@ -68,8 +68,8 @@ class InfoResult:
 
     def document(self) -> dict[str, Any]:
         """The sections by name, and `warnings`, as JSON holds them; a number that is not finite is null."""
-        found = {name: _plain(getattr(self.description, name)) for name in self.sections}
-        return {**found, "warnings": list(self.warnings)}
+        sections = {name: _plain(getattr(self.description, name)) for name in self.sections}
+        return {**sections, "warnings": list(self.warnings)}
 
 
 def _plain(value: Any) -> Any:

@@ -1,4 +1,4 @@
-"""Objects of a model by name or index, and enum members by MuJoCo's own spelling."""
+"""Names of model objects and their ids, names of controls, and members of MuJoCo's enums by name."""
 
 from collections.abc import Iterable
 from enum import Enum
@@ -44,8 +44,8 @@ PLURALS = {"body": "bodies", "equality": "equalities", "flex": "flexes"}
 
 def names(model: mujoco.MjModel, kind: str) -> list[str]:
     """The names of all objects of `kind`, in order of id; an unnamed one is `kind:id`."""
-    found = (mujoco.mj_id2name(model, KINDS[kind], i) for i in range(getattr(model, COUNTS[kind])))
-    return [name or f"{kind}:{i}" for i, name in enumerate(found)]
+    count = getattr(model, COUNTS[kind])
+    return [mujoco.mj_id2name(model, KINDS[kind], i) or f"{kind}:{i}" for i in range(count)]
 
 
 def identify(model: mujoco.MjModel, kind: str, name: str) -> int:
@@ -69,25 +69,25 @@ def is_index(text: str, count: int) -> bool:
 
 
 def matching(model: mujoco.MjModel, kind: str, pattern: str) -> list[int]:
-    """The ids of all objects of `kind` that `pattern` names; `*`, `?` and `[…]` are wild.
+    """The ids of all objects of `kind` whose names match `pattern`; `*`, `?` and `[…]` are wildcards.
 
     Raises:
       UnknownNameError: there is none.
     """
     valid = names(model, kind)
     if pattern not in valid:
-        found = [i for i, name in enumerate(valid) if fnmatchcase(name, pattern)]
-        if found:
-            return found
+        ids = [i for i, name in enumerate(valid) if fnmatchcase(name, pattern)]
+        if ids:
+            return ids
     return [identify(model, kind, pattern)]
 
 
 def actuator_parts(model: mujoco.MjModel, counts: Iterable[int]) -> list[tuple[str, int]]:
-    """Name and actuator of each part of all actuators, which have `counts` of them: `motor`; of several `servo/0` …"""
-    found = []
+    """The name and actuator of each of the `counts` parts of every actuator: `motor`; of several, `servo/0` …"""
+    parts = []
     for actuator, (name, count) in enumerate(zip(names(model, "actuator"), map(int, counts), strict=True)):
-        found += [(f"{name}/{i}" if count > 1 else name, actuator) for i in range(count)]
-    return found
+        parts += [(f"{name}/{i}" if count > 1 else name, actuator) for i in range(count)]
+    return parts
 
 
 def control_names(model: mujoco.MjModel) -> list[str]:
@@ -96,7 +96,7 @@ def control_names(model: mujoco.MjModel) -> list[str]:
 
 
 def control_slices(model: mujoco.MjModel, pattern: str) -> list[slice]:
-    """Where in `ctrl` the inputs of all actuators are that `pattern` names, or the one input of that name.
+    """Where in `ctrl` the controls of the actuators matching `pattern` are, or the one control of that name.
 
     Raises:
       UnknownNameError: there is none.
@@ -108,12 +108,15 @@ def control_slices(model: mujoco.MjModel, pattern: str) -> list[slice]:
 
 
 def enum_members(enum: Any) -> dict[str, int]:
-    """The members of a MuJoCo enum by the part of their name that differs, in lower case.
+    """The members of a MuJoCo enum by their short names in lower case.
 
     `mjtVisFlag.mjVIS_CONTACTPOINT` is `contactpoint`; counters (`mjNVISFLAG`) are left out.
     """
-    kept = {name: value for name, value in enum.__members__.items() if not name.startswith("mjN")}
-    return {name.partition("_")[2].lower(): int(value) for name, value in kept.items()}
+    return {
+        name.partition("_")[2].lower(): int(value)
+        for name, value in enum.__members__.items()
+        if not name.startswith("mjN")
+    }
 
 
 def enum_value(enum: Any, kind: str, name: str) -> int:

@@ -70,7 +70,7 @@ ORIENTATIONS = {
     "euler": mujoco.mjtOrientation.mjORIENTATION_EULER,
 }
 ALTERNATIVES = {"quat": "alt", "iquat": "ialt"}
-TRUTH = {"true": True, "enable": True, "1": True, "false": False, "disable": False, "0": False}
+BOOLEANS = {"true": True, "enable": True, "1": True, "false": False, "disable": False, "0": False}
 # Switches that MjSpec keeps as integers.
 SWITCHES = {"orthographic", "ellipsoidinertia", "bvactive", "active", "useexisting", "uselimit"}
 PLACEMENT = {"pos", "quat", "alt"}
@@ -137,19 +137,19 @@ def _elements(spec: mujoco.MjSpec, kind: str, rest: str) -> tuple[list[Any], lis
         pattern, fields = ".".join(parts[:cut]), parts[cut:]
         if pattern in named:
             return [named[pattern]], fields
-        found = [element for name, element in named.items() if fnmatchcase(name, pattern)]
+        matches = [element for name, element in named.items() if fnmatchcase(name, pattern)]
         index = pattern.removeprefix(f"{kind}:")
-        if not found and is_index(index, len(elements)):
-            found = [elements[int(index)]]
-        if found:
-            return found, fields
+        if not matches and is_index(index, len(elements)):
+            matches = [elements[int(index)]]
+        if matches:
+            return matches, fields
     if len(parts) == 1:
         raise UsageError(f"{kind}/{clean(rest)}: which field? write {kind}/{clean(rest)}.FIELD=VALUE")
     raise UnknownNameError(kind, parts[0], list(named), plural=ELEMENTS[kind])
 
 
 def _check_effect(element: Any, kind: str, fields: list[str], setting: Setting) -> None:
-    # The compiler infers inertia from geoms and silently ignores what the body says.
+    # The compiler infers inertia from geoms and silently ignores that of the body.
     if kind == "body" and fields[0] in INERTIAL and not element.explicitinertial:
         raise UsageError(
             f"{clean(setting.path)} has no effect: the inertia of this body comes from its geoms\n"
@@ -173,7 +173,7 @@ def _set_flag(option: Any, fields: list[str], setting: Setting) -> None:
             "opt.flag.autoreset cannot be set: a reset in mid-run would put two simulations in one output\n"
             "mjrun stops an unstable simulation instead, and names the step and the joint"
         )
-    on = _truth(setting)
+    on = _parse_bool(setting)
     bits, bit, set_it = ("enableflags", enable[name], on) if name in enable else ("disableflags", disable[name], not on)
     value = getattr(option, bits)
     setattr(option, bits, value | bit if set_it else value & ~bit)
@@ -195,7 +195,7 @@ def _assign(owner: Any, fields: list[str], setting: Setting) -> None:
         above = setting.path.removesuffix("".join(f".{part}" for part in deeper))
         raise UsageError(f"{clean(setting.path)}: {clean(above)} is a value and holds no settings")
     try:
-        setattr(owner, field, _coerce(field, current, setting))
+        setattr(owner, field, _parse_value(field, current, setting))
     except TypeError:
         raise BadValueError(setting.name, setting.value, f"what {field} takes") from None
     if field in ORIENTATIONS and hasattr(owner, "euler"):
@@ -206,14 +206,14 @@ def _assign(owner: Any, fields: list[str], setting: Setting) -> None:
 
 def _fields(owner: Any) -> list[str]:
     """The fields of an MjSpec object that can be set, or that hold fields that can."""
-    found = []
+    names = []
     for name in dir(type(owner)):
         if name.startswith("_") or name.endswith("_") or name in HIDDEN:
             continue
         value = getattr(owner, name)
         if _is_leaf(value) or (type(value).__module__.startswith("mujoco") and not callable(value) and _fields(value)):
-            found.append(name)
-    return found
+            names.append(name)
+    return names
 
 
 def _is_leaf(value: object) -> bool:
@@ -225,34 +225,34 @@ def _is_vector(value: object) -> bool:
     return type(value).__name__ in ("MjDoubleVec", "MjFloatVec", "MjIntVec")
 
 
-def _coerce(field: str, current: Any, setting: Setting) -> Any:
+def _parse_value(field: str, current: Any, setting: Setting) -> Any:
     """The text of `setting` as a value of the type of `current`."""
     if field in NAMED_INTEGERS:
         return enum_value(NAMED_INTEGERS[field], field, setting.value)
     if is_enum(current):
         return type(current)(enum_value(type(current), field, setting.value))
     if isinstance(current, bool):
-        return _truth(setting)
+        return _parse_bool(setting)
     if field in SWITCHES and isinstance(current, int):
-        return int(_truth(setting))
+        return int(_parse_bool(setting))
     if isinstance(current, int):
-        return int(_number(setting.value, setting, "a whole number", int))
+        return int(_parse_number(setting.value, setting, "a whole number", int))
     if isinstance(current, float):
-        return _number(setting.value, setting, "a number", float)
+        return _parse_number(setting.value, setting, "a number", float)
     if isinstance(current, np.ndarray):
-        return _array(field, current, setting)
+        return _parse_array(field, current, setting)
     if _is_vector(current):
-        return _numbers(setting)
+        return _parse_numbers(setting)
     return setting.value
 
 
-def _truth(setting: Setting) -> bool:
-    if setting.value.lower() not in TRUTH:
+def _parse_bool(setting: Setting) -> bool:
+    if setting.value.lower() not in BOOLEANS:
         raise BadValueError(setting.name, setting.value, "enable or disable (true or false)")
-    return TRUTH[setting.value.lower()]
+    return BOOLEANS[setting.value.lower()]
 
 
-def _number(text: str, setting: Setting, expected: str, kind: Callable[[str], float]) -> float:
+def _parse_number(text: str, setting: Setting, expected: str, kind: Callable[[str], float]) -> float:
     try:
         value = kind(text)
     except ValueError:
@@ -262,14 +262,15 @@ def _number(text: str, setting: Setting, expected: str, kind: Callable[[str], fl
     return value
 
 
-def _numbers(setting: Setting) -> list[float]:
+def _parse_numbers(setting: Setting) -> list[float]:
     return [
-        _number(part, setting, "numbers separated by commas", float) for part in setting.value.replace(",", " ").split()
+        _parse_number(part, setting, "numbers separated by commas", float)
+        for part in setting.value.replace(",", " ").split()
     ]
 
 
-def _array(field: str, current: np.ndarray, setting: Setting) -> np.ndarray:
-    values, size = _numbers(setting), current.size
+def _parse_array(field: str, current: np.ndarray, setting: Setting) -> np.ndarray:
+    values, size = _parse_numbers(setting), current.size
     fits = 0 < len(values) <= size if field in PARTIAL else len(values) == size
     if not fits:
         most = "at most " if field in PARTIAL else ""

@@ -1,1 +1,1 @@
-"""What a compiled model is, kind by kind, as typed plain values."""
+"""Descriptions of compiled models, a module per kind of object, as typed plain values."""

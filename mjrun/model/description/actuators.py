@@ -1,4 +1,4 @@
-"""Actuators: what they act on, and by which law."""
+"""Actuators: what they act on, and their force laws."""
 
 from dataclasses import dataclass
 
@@ -26,7 +26,7 @@ TARGETS = {
     "site": SITE,
     "body": BODY,
 }
-# What a user of MJCF wrote, told from the gain alone.
+# MJCF elements that follow from the type of gain alone.
 BY_GAIN = {"so3": "orientation", "pid": "pid", "dcmotor": "dcmotor", "muscle": "muscle"}
 POSITION_FILTERS = ("none", "filter", "filterexact")
 

@@ -1,14 +1,14 @@
-"""Files on disk and inside of archives, by one kind of path: `robot.mjz/meshes/arm.obj` lies in `robot.mjz`."""
+"""Files on disk and inside archives by one kind of path: `robot.mjz/meshes/arm.obj` lies in `robot.mjz`."""
 
 import zipfile
 from pathlib import Path
 
 ARCHIVES = (".mjz", ".zip")
-MOST = 1 << 26  # bytes of a source file that are read; MJCF holds no more by hand
+MOST = 1 << 26  # [bytes] files beyond this are not read; MJCF is smaller
 
 
 def file_size(path: str) -> int | None:
-    """Bytes of a file; None where there is none."""
+    """The size of a file [bytes]; None if there is none."""
     archive = _archive(path)
     try:
         if archive is None:
@@ -20,7 +20,7 @@ def file_size(path: str) -> int | None:
 
 
 def file_content(path: str) -> bytes | None:
-    """What is in a file; None where there is none, or too much."""
+    """The content of a file; None if there is none, or more than `MOST`."""
     if (file_size(path) or MOST + 1) > MOST:
         return None
     archive = _archive(path)
@@ -43,12 +43,12 @@ def main_mjcf(path: Path) -> str | None:
     except (OSError, zipfile.BadZipFile):
         return None
     expected = [f"{path.stem}.xml", "model.xml", f"{path.stem}/{path.stem}.xml", f"{path.stem}/model.xml"]
-    found = next((name for name in expected if name in sources), sources[0] if len(sources) == 1 else None)
-    return found and f"{path}/{found}"
+    main = next((name for name in expected if name in sources), sources[0] if len(sources) == 1 else None)
+    return main and f"{path}/{main}"
 
 
 def _archive(path: str) -> Path | None:
-    """The archive that a path leads into."""
+    """The archive that a path lies in."""
     parents = (parent for parent in Path(path).parents if parent.suffix in ARCHIVES)
     return next((parent for parent in parents if parent.is_file()), None)
 

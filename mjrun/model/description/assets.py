@@ -1,4 +1,4 @@
-"""The files that a model is made of, and what the compiled model keeps of them."""
+"""The files and assets of a model: its sources, meshes, textures, height fields and skins."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -16,14 +16,14 @@ KINDS = {"include": "include", "model": "attached model", "texture": "texture", 
 
 @dataclass(frozen=True)
 class Asset:
-    """A file, or an asset without one: built in, or written out in the model.
+    """A file, or an asset without one: built in, or written in the MJCF.
 
     Attributes:
       kind: `model`, `include`, `attached model`, `mesh`, `texture`, `hfield`, `skin` or `flexcomp`.
       name: of the asset; None of a source.
-      path: None without a file. One inside of an archive begins with the archive's path.
-      bytes: on disk; None where it cannot be seen, as from a compiled model that was moved.
-      content: what the model keeps of it: `vertices` and `faces`; `width`, `height` and `channels`;
+      path: None without a file. One inside an archive begins with the archive's path.
+      bytes: on disk; None if it is not there, as for a compiled model that was moved.
+      content: its size in the compiled model: `vertices` and `faces`; `width`, `height` and `channels`;
         `rows` and `columns`; empty for a source.
     """
 
@@ -36,17 +36,17 @@ class Asset:
 
 def assets(model: mujoco.MjModel, path: Path | None) -> tuple[Asset, ...]:
     """Every file that can be found, the model's own first, and every asset without one."""
-    extra = _named(path)
+    referenced = _referenced(path)
     faces: dict[str, list[str]] = {}
-    for thing in extra:
-        if thing.kind == "texture":
-            faces.setdefault(thing.name, []).append(thing.path)
-    sources = [_file(KINDS[thing.kind], thing.name or None, thing.path) for thing in extra if thing.kind != "texture"]
+    for file in referenced:
+        if file.kind == "texture":
+            faces.setdefault(file.name, []).append(file.path)
+    sources = [_file(KINDS[file.kind], file.name or None, file.path) for file in referenced if file.kind != "texture"]
     own = [] if path is None else [_file("model", None, str(path))]
     return (*own, *sources, *_meshes(model), *_textures(model, faces), *_hfields(model), *_skins(model))
 
 
-def _named(path: Path | None) -> list[ReferencedFile]:
+def _referenced(path: Path | None) -> list[ReferencedFile]:
     main = None if path is None else archive_files.main_mjcf(path)
     return [] if main is None else referenced_files(main)
 

@@ -18,10 +18,10 @@ class Camera:
       projection: `perspective` or `orthographic`.
       fovy: angle of view from top to bottom [°]; None for a camera that is orthographic or has a sensor size.
       height: what an orthographic camera sees from top to bottom [m]; None for another.
-      sensor_size, focal_length, principal_point: [m]; the point is where the optical axis meets the picture, from
+      sensor_size, focal_length, principal_point: [m]; the point is where the optical axis meets the image, from
         its centre. None for a camera that fovy describes.
-      resolution: width and height that it was made for [px]; (1, 1) where nobody said. `--size` does not follow it.
-      outputs: kinds of pictures that it was made for: `rgb`, `depth` …
+      resolution: width and height that it was made for [px]; (1, 1) if not set. Images do not follow it.
+      outputs: kinds of images that it was made for: `rgb`, `depth` …
       position: in its body [m].
     """
 

@@ -152,8 +152,8 @@ def _registered(slot: int) -> "_Registered | None":
         with suppress(OSError, AttributeError):
             function = ctypes.CDLL(str(library)).mjp_getPluginAtSlot
             function.argtypes, function.restype = [ctypes.c_int], ctypes.POINTER(_Registered)
-            found = function(slot)
-            return found.contents if found else None
+            plugin = function(slot)
+            return plugin.contents if plugin else None
     return None
 
 

@@ -1,4 +1,4 @@
-"""What a compiled model is, section by section, as typed plain values."""
+"""The description of a compiled model: a tuple of plain values for each kind of object, computed on demand."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -34,7 +34,7 @@ SECTIONS = (
 
 @dataclass(frozen=True)
 class ModelDescription:
-    """What `model` is; each section is computed when it is first asked for.
+    """The description of `model`; each section is computed when it is first used.
 
     Args:
       model: compiled. It is not changed.

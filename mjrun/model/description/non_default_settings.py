@@ -1,4 +1,4 @@
-"""What a model sets otherwise than MuJoCo, and its statistics."""
+"""The options and visual settings of a model that differ from MuJoCo's defaults, and its statistics."""
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -28,7 +28,7 @@ class NonDefaultSetting:
     """A setting of the model that is not MuJoCo's default.
 
     Attributes:
-      path: by which `--set` overrides it: `opt.gravity`, `opt.flag.contact`, `vis.quality.shadowsize`.
+      path: as the option `set` overrides it: `opt.gravity`, `opt.flag.contact`, `vis.quality.shadowsize`.
       value, default: numbers, or MuJoCo's own words.
       unit: empty for pure numbers.
     """
@@ -41,7 +41,7 @@ class NonDefaultSetting:
 
 @dataclass(frozen=True)
 class Statistics:
-    """By which MuJoCo scales what it draws, and its solver.
+    """The statistics of a model, by which MuJoCo scales what it draws and its solver.
 
     Attributes:
       center: of what the free camera looks at [m].
@@ -58,7 +58,7 @@ class Statistics:
 
 
 def statistics(model: mujoco.MjModel) -> Statistics:
-    """The model's statistics, as MuJoCo computed them or as it says itself."""
+    """The model's statistics, computed by MuJoCo or set in the model."""
     stat = model.stat
     return Statistics(
         floats(stat.center), float(stat.extent), float(stat.meansize), float(stat.meanmass), float(stat.meaninertia)
@@ -67,33 +67,33 @@ def statistics(model: mujoco.MjModel) -> Statistics:
 
 def options(model: mujoco.MjModel) -> tuple[NonDefaultSetting, ...]:
     """Every option and flag that differs from MuJoCo's default."""
-    usual = _usual().opt
-    found = [
+    defaults = _default_model().opt
+    settings = [
         NonDefaultSetting(f"opt.{name}", mine, theirs, UNITS.get(name, ""))
-        for name, mine, theirs in _apart(model.opt, usual)
+        for name, mine, theirs in _differences(model.opt, defaults)
     ]
-    flags = [*_flags(mujoco.mjtDisableBit, model.opt.disableflags, usual.disableflags, ("enable", "disable"))]
-    flags += _flags(mujoco.mjtEnableBit, model.opt.enableflags, usual.enableflags, ("disable", "enable"))
-    return (*found, *flags)
+    flags = [*_flags(mujoco.mjtDisableBit, model.opt.disableflags, defaults.disableflags, ("enable", "disable"))]
+    flags += _flags(mujoco.mjtEnableBit, model.opt.enableflags, defaults.enableflags, ("disable", "enable"))
+    return (*settings, *flags)
 
 
 def visual(model: mujoco.MjModel) -> tuple[NonDefaultSetting, ...]:
     """Every setting of how the model is drawn that differs from MuJoCo's default."""
-    usual = _usual().vis
+    defaults = _default_model().vis
     return tuple(
         NonDefaultSetting(f"vis.{section}.{name}", mine, theirs)
         for section, field in VISUAL.items()
-        for name, mine, theirs in _apart(getattr(model.vis, field), getattr(usual, field))
+        for name, mine, theirs in _differences(getattr(model.vis, field), getattr(defaults, field))
     )
 
 
 @cache
-def _usual() -> mujoco.MjModel:
-    """A model that says nothing."""
+def _default_model() -> mujoco.MjModel:
+    """An empty model."""
     return mujoco.MjSpec().compile()
 
 
-def _apart(mine: Any, theirs: Any) -> Iterator[tuple[str, Value, Value]]:
+def _differences(mine: Any, theirs: Any) -> Iterator[tuple[str, Value, Value]]:
     """The fields of two of MuJoCo's structures that differ."""
     number = float if isinstance(mine, mujoco.MjOption) else _single
     for name in dir(type(mine)):

@@ -11,7 +11,7 @@ from mjrun.model.names import enum_members
 
 BODY, JOINT, GEOM = mujoco.mjtObj.mjOBJ_BODY, mujoco.mjtObj.mjOBJ_JOINT, mujoco.mjtObj.mjOBJ_GEOM
 SITE, CAMERA, TENDON = mujoco.mjtObj.mjOBJ_SITE, mujoco.mjtObj.mjOBJ_CAMERA, mujoco.mjtObj.mjOBJ_TENDON
-# How MuJoCo's kinds of objects are called where its own short word is another one.
+# Kinds of objects that mjrun does not call by MuJoCo's short word.
 WORDS = {"xbody": "body", "key": "keyframe"}
 
 SINGLE: type = np.float32
@@ -47,7 +47,7 @@ def body_name(model: mujoco.MjModel, index: Any) -> str:
 
 
 def decimal_float(value: Any) -> float:
-    """A number as a float; one that MuJoCo holds in single precision as it was written, 0.1 and not 0.10000000149."""
+    """A number as a float; in single precision the shortest decimal that rounds to it, 0.1 and not 0.10000000149."""
     return float(str(value)) if isinstance(value, SINGLE) else float(value)
 
 
@@ -58,12 +58,12 @@ def floats(values: Iterable[Any]) -> tuple[float, ...]:
 
 def without_trailing_zeros(values: Iterable[Any]) -> tuple[float, ...]:
     """Numbers as floats, without the zeros at the end."""
-    found = list(floats(values))
-    while found and found[-1] == 0:
-        found.pop()
-    return tuple(found)
+    numbers = list(floats(values))
+    while numbers and numbers[-1] == 0:
+        numbers.pop()
+    return tuple(numbers)
 
 
 def limited_range(limited: Any, values: np.ndarray) -> Pair | None:
-    """A range, or None where it does not hold."""
+    """A range, or None if it is not enforced."""
     return (float(values[0]), float(values[1])) if limited else None

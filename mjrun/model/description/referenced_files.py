@@ -1,4 +1,4 @@
-"""Which files an MJCF names that its compiled model does not remember: included and attached ones, faces of cubes."""
+"""The files that an MJCF refers to and its compiled model does not record: includes, attached models, cube faces."""
 
 import os.path
 from collections.abc import Iterator
@@ -15,7 +15,7 @@ FACES = ("fileright", "fileleft", "fileup", "filedown", "filefront", "fileback")
 
 @dataclass(frozen=True)
 class ReferencedFile:
-    """A file that a source names: `kind` is `include`, `model`, `texture` or `flexcomp`, `name` that of the element."""
+    """A file that MJCF refers to: `kind` is `include`, `model`, `texture` or `flexcomp`, `name` is the element's."""
 
     kind: str
     name: str
@@ -23,62 +23,63 @@ class ReferencedFile:
 
 
 @dataclass
-class _Scan:
-    """What one source file says: its elements of interest, and the folders that its compiler element sets."""
+class _SourceFile:
+    """One file of MJCF: its elements that refer to files, and the folders that its compiler element sets."""
 
     elements: list[tuple[str, dict[str, str]]]
     folders: dict[str, str]
 
 
 def referenced_files(main: str) -> list[ReferencedFile]:
-    """Every file that the MJCF at `main`, and all that it includes or attaches, name; each once, if it is there.
+    """Every existing file that the MJCF at `main`, and what it includes or attaches, refers to; each once.
 
-    A file that cannot be read or is not XML names nothing.
+    A file that cannot be read or is not XML refers to none.
     """
-    found: dict[str, ReferencedFile] = {}
-    waiting, seen = [(main, main)], {main}
-    while waiting:
-        path, root = waiting.pop(0)
-        scan = _scanned(path)
-        for thing in _things(scan, path, root):
-            found.setdefault(thing.path, thing)
-            if thing.kind in ("include", "model") and thing.path not in seen:
-                seen.add(thing.path)
-                waiting.append((thing.path, root if thing.kind == "include" else thing.path))
-    return list(found.values())
+    files: dict[str, ReferencedFile] = {}
+    queue, visited = [(main, main)], {main}
+    while queue:
+        path, root = queue.pop(0)
+        for file in _references(_parse(path), path, root):
+            files.setdefault(file.path, file)
+            if file.kind in ("include", "model") and file.path not in visited:
+                visited.add(file.path)
+                queue.append((file.path, root if file.kind == "include" else file.path))
+    return list(files.values())
 
 
-def _scanned(path: str) -> _Scan:
-    scan = _Scan([], {})
+def _parse(path: str) -> _SourceFile:
+    source = _SourceFile([], {})
     parser = expat.ParserCreate()
 
     def start(tag: str, attributes: dict[str, str]) -> None:
         if tag in NAMING:
-            scan.elements.append((tag, attributes))
+            source.elements.append((tag, attributes))
         elif tag == "compiler":
-            scan.folders |= {key: attributes[key] for key in ("assetdir", "texturedir", "meshdir") if key in attributes}
+            source.folders |= {
+                key: attributes[key] for key in ("assetdir", "texturedir", "meshdir") if key in attributes
+            }
 
     parser.StartElementHandler = start
-    with suppress(expat.ExpatError, ValueError):  # what was found up to there holds
+    with suppress(expat.ExpatError, ValueError):  # what precedes the fault counts
         parser.Parse(file_content(path) or b"", True)
-    return scan
+    return source
 
 
-def _things(scan: _Scan, path: str, root: str) -> Iterator[ReferencedFile]:
-    for tag, attributes in scan.elements:
+def _references(source: _SourceFile, path: str, root: str) -> Iterator[ReferencedFile]:
+    for tag, attributes in source.elements:
         keys = FACES if tag == "texture" else ("file",)
         for key in keys:
-            if place := _found(attributes.get(key, ""), path, root, scan.folders):
+            if place := _resolve(attributes.get(key, ""), path, root, source.folders):
                 yield ReferencedFile(tag, attributes.get("name", ""), place)
 
 
-def _found(file: str, path: str, root: str, folders: dict[str, str]) -> str | None:
-    """Where a file is: beside the source that names it, beside the main one, or in a folder of assets."""
+def _resolve(file: str, path: str, root: str, folders: dict[str, str]) -> str | None:
+    """The path of a file: beside the source that refers to it, beside the main one, or in a folder of assets."""
     if not file:
         return None
     bases = [os.path.dirname(path), os.path.dirname(root)]  # noqa: PTH120 – a pathlib path would drop the leading ./
     places = [os.path.join(base, folder, file) for folder in ("", *folders.values()) for base in bases]  # noqa: PTH118
     # A folder name counts only for the file name where MuJoCo strips paths; both are tried.
     places += [os.path.join(base, folder, Path(file).name) for folder in folders.values() for base in bases]  # noqa: PTH118
-    tidy = (os.path.normpath(place) for place in places)
-    return next((place for place in tidy if file_size(place) is not None), None)
+    normal = (os.path.normpath(place) for place in places)
+    return next((place for place in normal if file_size(place) is not None), None)

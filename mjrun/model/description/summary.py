@@ -1,4 +1,4 @@
-"""The whole of a model in a few numbers."""
+"""The summary of a model."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -32,7 +32,7 @@ class ModelSummary:
     """The whole of a model in a few numbers.
 
     Attributes:
-      name: what the model calls itself.
+      name: of the model.
       file: its path; None of a model that is in memory only.
       mujoco: the version that compiled it.
       mass: of all bodies [kg].
@@ -64,7 +64,7 @@ class ModelSummary:
 
 
 def summary(model: mujoco.MjModel, path: Path | None) -> ModelSummary:
-    """The whole of a model in a few numbers."""
+    """The summary of a model."""
     data = mujoco.MjData(model)
     mujoco.mj_kinematics(model, data)
     mujoco.mj_comPos(model, data)

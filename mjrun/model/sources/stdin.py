@@ -12,6 +12,7 @@ from mjrun.model.compilation import compile_model
 from mjrun.model.source import Source
 
 LABEL = Path("<stdin>")
+DEVICE = Path("/dev/stdin")
 
 
 @dataclass(frozen=True)
@@ -33,6 +34,10 @@ class StdinSource(Source):
     @property
     def stem(self) -> str:
         return "model"
+
+    @property
+    def files(self) -> tuple[Path, ...]:
+        return (DEVICE,)
 
     def load(self) -> mujoco.MjModel:
         xml = self._read()

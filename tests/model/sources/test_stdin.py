@@ -81,9 +81,24 @@ def test_a_pickled_source_takes_what_was_read_along(monkeypatch: pytest.MonkeyPa
     assert pickle.loads(pickled).load().opt.timestep == 0.5
 
 
-def test_no_file_is_known_and_outputs_are_named_after_a_model() -> None:
+def test_outputs_are_named_after_a_model() -> None:
     source = parse_source("-")
-    assert (source.text, source.stem, source.main_file, source.files) == ("-", "model", None, ())
+    assert (source.text, source.stem, source.main_file) == ("-", "model", None)
+
+
+@pytest.mark.parametrize(
+    ("option", "output"),
+    [("ctrl_from='/dev/stdin'", "trace.csv"), ("duration=1", "model.xml")],
+    ids=["read", "written"],
+)
+def test_nothing_else_may_read_standard_input_or_write_to_its_file(folder: Path, option: str, output: str) -> None:
+    (folder / "model.xml").write_text(MODEL)
+    code = f"from mjrun import Simulation, Trace; Trace(Simulation('-', {option}), '{output}', format='csv').run()"
+    with (folder / "model.xml").open() as stdin:
+        done = subprocess.run([sys.executable, "-c", code], stdin=stdin, capture_output=True, text=True, check=False)
+    assert "UsageError" in done.stderr
+    assert "clashes with the model, which is read" in done.stderr
+    assert (folder / "model.xml").read_text() == MODEL
 
 
 @pytest.mark.parametrize(
