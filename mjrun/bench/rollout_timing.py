@@ -14,10 +14,10 @@ from mujoco.batch import Batch
 
 from mjrun.bench.step_phases import Phase, phases
 from mjrun.model import state
-from mjrun.model.names import control_names
-from mjrun.sim.control import PREFIX, Control, ControlTable
+from mjrun.sim.control import ControlSignal
+from mjrun.sim.control_table import ControlSequence
 from mjrun.sim.stepper import BAD, PhysicsStepper
-from mjrun.timeline import rational, seconds
+from mjrun.timeline import rational
 
 Clock = Callable[[], float]  # wall time [s], from anywhere on
 
@@ -72,15 +72,11 @@ class Run:
     def _stepper(self) -> PhysicsStepper:
         return PhysicsStepper(self.model, self.data(), self._control())
 
-    def _control(self) -> Control | None:
+    def _control(self) -> ControlSignal | None:
         if self.controls is None or not self.model.nu:
             return None
         timestep = rational(self.model.opt.timestep)
-        columns = {
-            f"{PREFIX}{name}": column for name, column in zip(control_names(self.model), self.controls.T, strict=True)
-        }
-        time = np.asarray(seconds(np.arange(len(self.controls)), timestep), float)
-        return Control(timestep, np.zeros(self.model.nu), ControlTable(self.model, {"time": time, **columns}, "noise"))
+        return ControlSignal(timestep, np.zeros(self.model.nu), ControlSequence(self.controls))
 
 
 class StoppedError(Exception):

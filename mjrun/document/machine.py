@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from fractions import Fraction
 
-from mjrun.sim.control import Controller
+from mjrun.sim.controller import Controller
 
 
 @dataclass(frozen=True)

@@ -19,7 +19,10 @@ from mjrun.model.fingerprint import physics_fingerprint
 from mjrun.model.names import control_names, control_slices
 from mjrun.model.source import Source
 from mjrun.model.sources import ModelLike, source_of
-from mjrun.sim.control import PREFIX, Control, Controller, ControlTable, Feedback, Noise
+from mjrun.sim.control import ControlSignal
+from mjrun.sim.control_noise import ControlNoise
+from mjrun.sim.control_table import PREFIX, ControlTable
+from mjrun.sim.controller import Controller, PeriodicController
 from mjrun.sim.initial_state import Start, Values
 from mjrun.sim.replay import ReplayStepper
 from mjrun.sim.stepper import PhysicsStepper, Stepper
@@ -141,15 +144,15 @@ class Simulation:
             return stepper
         data = self.start.data(model)
         timestep = rational(model.opt.timestep)
-        noise = table = feedback = None
+        noise = table = controller = None
         if self.ctrl_from is not None:
             table = self._table(model)
         if self.ctrl_noise:
-            noise = Noise(self.ctrl_noise, self.ctrl_noise_time, self.seed, model.opt.timestep, model.nu)
+            noise = ControlNoise(self.ctrl_noise, self.ctrl_noise_time, self.seed, model.opt.timestep, model.nu)
         if self.controller is not None:
             period = timestep if self.control_dt is None else rational(self.control_dt)
-            feedback = Feedback(self.controller, period, timestep)
-        return PhysicsStepper(model, data, Control(timestep, data.ctrl.copy(), table, noise, feedback))
+            controller = PeriodicController(self.controller, period, timestep)
+        return PhysicsStepper(model, data, ControlSignal(timestep, data.ctrl.copy(), table, noise, controller))
 
     def remarks(self, model: mujoco.MjModel) -> list[str]:
         """What the user should know of this simulation before it runs."""

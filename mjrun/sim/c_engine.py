@@ -16,7 +16,8 @@ from mujoco.batch import SimulationError as BatchError
 
 from mjrun.errors import FailedStepError, SimulationError, UsageError
 from mjrun.model import state
-from mjrun.sim.control import Control, ControlSequence
+from mjrun.sim.control import ControlSignal
+from mjrun.sim.control_table import ControlSequence
 from mjrun.sim.engine import Block, Fields, block_steps, models_of
 from mjrun.sim.stepper import PhysicsStepper
 from mjrun.timeline import rational
@@ -242,7 +243,7 @@ class _Run:
         control = None
         if self._controls is not None and self._controls.shape[1]:
             table = ControlSequence(self._controls[index])
-            control = Control(rational(model.opt.timestep), np.zeros(model.nu), table)
+            control = ControlSignal(rational(model.opt.timestep), np.zeros(model.nu), table)
         stepper = PhysicsStepper(model, data, control)
         stepper.jump(step, self._states[index])
         return stepper

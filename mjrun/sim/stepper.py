@@ -9,7 +9,7 @@ import numpy as np
 from mjrun.errors import FailedStepError, SimulationError, UnstableError
 from mjrun.model import state
 from mjrun.model.names import names
-from mjrun.sim.control import Control
+from mjrun.sim.control import ControlSignal
 from mjrun.timeline import rational
 
 CHUNK = 50  # steps between two looks at the warning counters; a look per step costs about 10 %
@@ -80,7 +80,7 @@ class PhysicsStepper:
     first bad step, and `step` is then the last good one.
     """
 
-    def __init__(self, model: mujoco.MjModel, data: mujoco.MjData, control: Control | None = None) -> None:
+    def __init__(self, model: mujoco.MjModel, data: mujoco.MjData, control: ControlSignal | None = None) -> None:
         self.model = copy.copy(model)
         self.model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_AUTORESET)
         self.step = 0
@@ -89,9 +89,9 @@ class PhysicsStepper:
         self._instant = mujoco.MjData(self.model)
         self._instant_step = -1
         state.restore(self.model, self._data, state.save(model, data))
-        self.control = control or Control(rational(model.opt.timestep), data.ctrl.copy())
-        if self.control.feedback:
-            self.control.feedback.reset(self.model, self.instant())
+        self.control = control or ControlSignal(rational(model.opt.timestep), data.ctrl.copy())
+        if self.control.controller:
+            self.control.controller.reset(self.model, self.instant())
         self._arrive()
         self._start = self.state()
         self._initial: mujoco.MjData | None = None
@@ -100,7 +100,7 @@ class PhysicsStepper:
         if step < self.step:
             raise ValueError(f"cannot go back from step {self.step} to step {step}")
         while self.step < step:
-            count = min(CHUNK, step - self.step, self.control.next(self.step) - self.step)
+            count = min(CHUNK, step - self.step, self.control.next_call(self.step) - self.step)
             # A copy, not a state: it knows which bodies sleep, and is whole after a step that broke off.
             mujoco.mj_copyData(self._saved, self.model, self._data)
             if self._take(count) is not None:
@@ -132,15 +132,15 @@ class PhysicsStepper:
     def _arrive(self) -> None:
         """Puts the inputs that belong to this step in force."""
         control = self.control
-        if control.feedback and control.is_due(self.step):
-            self._data.ctrl[:] = control.held
+        if control.controller and control.is_due(self.step):
+            self._data.ctrl[:] = control.constant
             self._instant_step = -1
             data = self.instant()  # a copy: all that a controller can change is the inputs
             seen = state.save(self.model, data, state.INPUTS)
-            control.feedback.act(self.model, data, self.step)
+            control.controller.act(self.model, data, self.step)
             inputs = state.save(self.model, data, state.INPUTS)
             state.restore(self.model, self._data, inputs, state.INPUTS)
-            control.held[:] = self._data.ctrl
+            control.constant[:] = self._data.ctrl
             if not np.array_equal(seen, inputs):
                 self._instant_step = -1
         if control.varies:

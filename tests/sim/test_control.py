@@ -1,296 +1,30 @@
-"""What drives a simulation, against bare loops that set `data.ctrl` by hand."""
+"""Controls from several things at once, against bare loops."""
 
-import math
-from collections.abc import Callable, Sequence
-from fractions import Fraction
+from collections.abc import Callable
 
 import mujoco
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
-from mjrun.errors import ControllerError, UnknownNameError, UnstableError, UsageError
-from mjrun.model import state
-from mjrun.sim.control import BLOCK, Control, ControlTable, Feedback, Noise
-from mjrun.sim.native_rollout import blocks
-from mjrun.sim.stepper import PhysicsStepper
-from mjrun.timeline import nearest, rational
-
-ARM = """
-<mujoco>
-  <option integrator="{integrator}"/>
-  <worldbody>
-    <geom type="plane" size="5 5 1"/>
-    <body pos="0 0 .3"><joint name="a" axis="0 1 0" damping=".1"/><geom size=".05" pos=".3 0 0"/>
-      <body pos=".3 0 0"><joint name="b" axis="0 1 0" damping=".1"/><geom size=".05" pos=".3 0 0"/><site name="s"/>
-      </body>
-    </body>
-    <body name="lift" pos="1 0 .2"><freejoint/><geom size=".1"/></body>
-  </worldbody>
-  <actuator><motor name="m" joint="a"/><general name="g" joint="b" dyntype="filter" dynprm=".1"/></actuator>
-  <sensor><accelerometer site="s"/></sensor>
-</mujoco>
-"""
-FIELDS = ("qpos", "qvel", "act", "ctrl", "qacc", "sensordata", "actuator_force")
-
-
-def arm(integrator: str = "Euler") -> mujoco.MjModel:
-    return mujoco.MjModel.from_xml_string(ARM.format(integrator=integrator))
-
-
-def stepper(model: mujoco.MjModel, **drives: object) -> PhysicsStepper:
-    control = Control(rational(model.opt.timestep), np.zeros(model.nu), **drives)  # type: ignore[arg-type]
-    return PhysicsStepper(model, mujoco.MjData(model), control)
-
-
-def table(model: mujoco.MjModel, time: Sequence[float], m: Sequence[float], linear: bool = False) -> ControlTable:
-    columns = {"time": np.array(time), "ctrl/m": np.array(m, float), "ctrl/g": -np.array(m, float)}
-    return ControlTable(model, columns, "t.csv", linear)
-
-
-def bare(model: mujoco.MjModel, steps: int, ctrl: Callable[[int, mujoco.MjData], object]) -> dict[str, np.ndarray]:
-    """Every instant of a plain loop; `ctrl` sets the inputs of a consistent copy, which the loop takes over."""
-    data, shown = mujoco.MjData(model), mujoco.MjData(model)
-    found: dict[str, list[np.ndarray]] = {field: [] for field in FIELDS}
-    for step in range(steps + 1):
-        mujoco.mj_copyData(shown, model, data)
-        mujoco.mj_forward(model, shown)
-        ctrl(step, shown)
-        data.ctrl[:] = shown.ctrl
-        data.xfrc_applied[:] = shown.xfrc_applied
-        mujoco.mj_forward(model, shown)
-        for field in FIELDS:
-            found[field].append(np.array(getattr(shown, field)))
-        mujoco.mj_step(model, data)
-    return {field: np.stack(values) for field, values in found.items()}
-
-
-def stepped_in_c(run: PhysicsStepper, steps: int, chunk: int = 64) -> dict[str, np.ndarray]:
-    found: dict[str, list[np.ndarray]] = {field: [] for field in FIELDS}
-    for _, _, block in blocks(run, FIELDS, steps, chunk):
-        for field in FIELDS:
-            found[field].append(block[field][0])
-    return {field: np.concatenate(values) for field, values in found.items()}
-
-
-def by_instants(run: PhysicsStepper, steps: int) -> dict[str, np.ndarray]:
-    found: dict[str, list[np.ndarray]] = {field: [] for field in FIELDS}
-    for step in range(steps + 1):
-        run.advance(step)
-        for field in FIELDS:
-            found[field].append(np.array(getattr(run.instant(), field)))
-    return {field: np.stack(values) for field, values in found.items()}
-
-
-def same(left: dict[str, np.ndarray], right: dict[str, np.ndarray]) -> bool:
-    return all(np.array_equal(left[field], right[field]) for field in FIELDS)
-
-
-class Swing:
-    """A controller with a memory of its own."""
-
-    def __init__(self) -> None:
-        self.calls: list[float] = []
-        self.resets = 0
-
-    def reset(self) -> None:
-        self.resets += 1
-
-    def __call__(self, model: mujoco.MjModel, data: mujoco.MjData) -> None:
-        self.calls.append(data.time)
-        data.ctrl[:] = [math.sin(20 * data.time) - 0.3 * data.qvel[0], 0.1 * data.sensordata[0]]
-        data.xfrc_applied[3, 2] = 3 * len(self.calls)
-
-
-@pytest.mark.parametrize("integrator", ["Euler", "RK4", "implicitfast"])
-@pytest.mark.parametrize("taken", [stepped_in_c, by_instants])
-@pytest.mark.parametrize(("period", "every"), [("0.002", 1), ("0.014", 7), ("0.3", 150)])
-def test_a_controller_drives_as_a_bare_loop_does(integrator: str, taken: Callable, period: str, every: int) -> None:
-    model, swing, other = arm(integrator), Swing(), Swing()
-    run = stepper(model, feedback=Feedback(swing, Fraction(period), Fraction("0.002")))
-    oracle = bare(model, 300, lambda step, data: None if step % every else other(model, data))
-    assert same(taken(run, 300), oracle)
-    assert len(swing.calls) == len(other.calls) == 300 // every + 1
-    assert swing.resets == 1
-
-
-def test_a_controller_that_does_nothing_changes_nothing() -> None:
-    model = arm()
-    idle = stepper(model, feedback=Feedback(lambda model, data: None, Fraction("0.004"), Fraction("0.002")))
-    alone = stepper(model)
-    idle.advance(500)
-    alone.advance(500)
-    assert np.array_equal(idle.state(), alone.state())
-
-
-def test_looking_on_does_not_call_a_controller() -> None:
-    model, watched, alone = arm(), Swing(), Swing()
-    runs = [stepper(model, feedback=Feedback(s, Fraction("0.01"), Fraction("0.002"))) for s in (watched, alone)]
-    for step in range(0, 101, 3):
-        runs[0].advance(step)
-        runs[0].instant()
-        runs[0].state()
-    for run in runs:
-        run.advance(101)
-    assert watched.calls == alone.calls
-    assert np.array_equal(runs[0].state(), runs[1].state())
-
-
-def test_a_controller_sees_one_instant() -> None:
-    model = arm()
-
-    def check(model: mujoco.MjModel, data: mujoco.MjData) -> None:
-        fresh = mujoco.MjData(model)
-        state.restore(model, fresh, state.save(model, data))
-        mujoco.mj_forward(model, fresh)
-        assert np.array_equal(fresh.xpos, data.xpos)
-        assert np.array_equal(fresh.sensordata, data.sensordata)
-        data.ctrl[:] = math.cos(9 * data.time)
-
-    stepper(model, feedback=Feedback(check, Fraction("0.002"), Fraction("0.002"))).advance(60)
-
-
-@given(st.fractions(1, 40, max_denominator=60), st.integers(0, 3000))
-def test_a_controller_is_called_at_the_steps_nearest_to_its_multiples(ratio: Fraction, step: int) -> None:
-    feedback = Feedback(lambda model, data: None, ratio, Fraction(1))
-    due = {nearest(k * ratio) for k in range(step + 3)}
-    assert feedback.is_due(step) == (step in due)
-    assert feedback.next(step) == min(k for k in due if k > step)
-
-
-def test_returned_controls_count() -> None:
-    model = arm()
-    run = stepper(model, feedback=Feedback(lambda model, data: [1, 2], Fraction("0.002"), Fraction("0.002")))
-    assert run.instant().ctrl == pytest.approx([1, 2])
-    assert run.instant().actuator_force[0] == 1
-
-
-@pytest.mark.parametrize(
-    ("controller", "said"),
-    [
-        (
-            lambda model, data: [1, 2, 3],
-            r"returned shape \(3,\) at step 0, time 0 s; the model takes \(2,\)\nactuators: m",
-        ),
-        (lambda model, data: "up", "returned a str at step 0, time 0 s, not numbers"),
-        (lambda model, data: [0, math.nan], "set g to nan at step 0"),
-        (lambda model, data: data.qvel.fill(1), "changed the state at step 0"),
-        (lambda model, data: 1 / 0, "(?s)at step 0, time 0 s, raised ZeroDivisionError: .*in <lambda>"),
-        (lambda data: None, r"must take \(model, data\)"),
-    ],
-)
-def test_a_controller_that_fails_says_how(controller: Callable, said: str) -> None:
-    with pytest.raises(ControllerError, match=said):
-        stepper(arm(), feedback=Feedback(controller, Fraction("0.002"), Fraction("0.002")))
-
-
-def test_a_controller_that_leaves_is_an_error() -> None:
-    def leave(model: mujoco.MjModel, data: mujoco.MjData) -> None:
-        raise SystemExit(0)
-
-    with pytest.raises(ControllerError, match="raised SystemExit"):
-        stepper(arm(), feedback=Feedback(leave, Fraction("0.002"), Fraction("0.002")))
-
-
-def test_a_controller_cannot_be_called_between_steps() -> None:
-    with pytest.raises(UsageError, match=r"control_dt 0.001 is shorter than the timestep, 0.002 s"):
-        Feedback(lambda model, data: None, Fraction("0.001"), Fraction("0.002"))
-
-
-@pytest.mark.parametrize("integrator", ["Euler", "RK4"])
-@pytest.mark.parametrize("taken", [stepped_in_c, by_instants])
-@pytest.mark.parametrize("linear", [False, True])
-def test_a_table_drives_as_a_bare_loop_does(integrator: str, taken: Callable, linear: bool) -> None:
-    model = arm(integrator)
-    time, values = [-0.1, 0.05, 0.1, 0.1013, 0.4], [1.0, -2.0, 0.5, 4.0, 0.0]
-
-    def ctrl(step: int, data: mujoco.MjData) -> None:
-        at = step / 500
-        held = values[max(i for i, t in enumerate(time) if t <= at)]
-        data.ctrl[:] = np.interp(at, time, values) * np.array([1, -1]) if linear else (held, -held)
-
-    run = stepper(model, table=table(model, time, values, linear))
-    assert same(taken(run, 260), bare(model, 260, ctrl))
-
-
-def test_a_table_s_times_may_be_sums_of_floats() -> None:
-    model = arm()
-    time = np.cumsum([0.002] * 100) - 0.002
-    assert any(time[k] > k / 500 for k in range(100))  # which would be a step late
-    ctrl = np.zeros((100, 2))
-    table(model, time.tolist(), list(range(100))).apply(ctrl, 0, Fraction(1, 500))
-    assert np.array_equal(ctrl[:, 0], np.arange(100))
-
-
-def test_actuators_without_a_column_keep_their_control() -> None:
-    model = arm()
-    driven = ControlTable(model, {"time": np.zeros(1), "ctrl/g": np.ones(1)}, "t.csv", constant=[0])
-    ctrl = np.full((3, 2), 7.0)
-    driven.apply(ctrl, 0, Fraction(1, 500))
-    assert ctrl.tolist() == [[7, 1]] * 3
-
-
-GOOD = {"time": np.array([0, 1.0]), "ctrl/m": np.zeros(2), "ctrl/g": np.zeros(2)}
-
-
-@pytest.mark.parametrize(
-    ("columns", "kind", "said"),
-    [
-        ({**GOOD, "ctrl/q": np.zeros(2)}, UnknownNameError, "no actuator 'q' in the columns of t.csv"),
-        (
-            {k: v for k, v in GOOD.items() if k != "ctrl/g"},
-            UsageError,
-            "t.csv lacks columns that the model takes: ctrl/g",
-        ),
-        ({"time": np.zeros(1)}, UsageError, "lacks columns that the model takes: ctrl/m, ctrl/g"),
-        ({k: v for k, v in GOOD.items() if k != "time"}, UsageError, "has no column 'time'"),
-        ({k: v[:0] for k, v in GOOD.items()}, UsageError, "has no rows"),
-        ({**GOOD, "time": np.array([1.0, 0])}, UsageError, "row 2: time 0 follows 1, and must grow"),
-        ({**GOOD, "time": np.array([0.0, 0])}, UsageError, "row 2: time 0 follows 0, and must grow"),
-        ({**GOOD, "time": np.array([0.5, 1])}, UsageError, "begins at 0.5 s"),
-        ({**GOOD, "time": np.array([0, np.nan])}, UsageError, "row 2: time is nan"),
-        ({**GOOD, "ctrl/g": np.array([0, np.inf])}, UsageError, "row 2: ctrl/g is inf"),
-    ],
-)
-def test_a_table_that_does_not_fit_is_refused(columns: dict[str, np.ndarray], kind: type, said: str) -> None:
-    with pytest.raises(kind, match=said):
-        ControlTable(arm(), columns, "t.csv")
-
-
-@pytest.mark.parametrize("smooth", [0.0, 0.05])
-@given(first=st.integers(0, 3 * BLOCK), count=st.integers(0, 2 * BLOCK))
-def test_noise_is_the_same_wherever_one_begins(smooth: float, first: int, count: int) -> None:
-    whole = Noise(2.0, smooth, 5, 0.002, 3).rows(0, 5 * BLOCK)
-    noise = Noise(2.0, smooth, 5, 0.002, 3)
-    assert np.array_equal(noise.rows(first, count), whole[first : first + count])
-    assert np.array_equal(noise.rows(0, 10), whole[:10])
-
-
-@pytest.mark.parametrize("smooth", [0.0, 0.02])
-def test_noise_has_its_deviation_and_its_memory(smooth: float) -> None:
-    rows = Noise(0.5, smooth, 1, 0.002, 40).rows(0, 20_000)
-    keep = math.exp(-0.002 / smooth) if smooth else 0.0
-    assert rows.std() == pytest.approx(0.5, rel=0.02)
-    assert rows.mean() == pytest.approx(0, abs=0.01)
-    assert rows[0].std() == pytest.approx(0.5, rel=0.5)
-    for lag in (1, 5):
-        assert (rows[lag:] * rows[:-lag]).mean() / 0.25 == pytest.approx(keep**lag, abs=0.02)
-    across = np.corrcoef(rows.T)[~np.eye(40, dtype=bool)]
-    assert abs(across).max() < (0.1 if smooth else 0.04)
+from mjrun.errors import UnstableError
+from mjrun.sim.control_noise import ControlNoise
+from tests.sim.driven_arm import arm, by_instants, periodic, stepped_in_c, stepper, table
 
 
 @pytest.mark.parametrize("taken", [stepped_in_c, by_instants])
 def test_noise_is_added_to_what_a_controller_sets(taken: Callable) -> None:
     model = arm()
-    expected, held = Noise(0.3, 0, 9, 0.002, 2).rows(0, 101), np.zeros(2)
+    expected, held = ControlNoise(0.3, 0, 9, 0.002, 2).rows(0, 101), np.zeros(2)
 
     def act(model: mujoco.MjModel, data: mujoco.MjData) -> None:
         assert np.array_equal(data.ctrl, held)  # without the noise
         held[:] = [data.qpos[0], data.time]
         data.ctrl[:] = held
 
-    drives = {"noise": Noise(0.3, 0, 9, 0.002, 2), "feedback": Feedback(act, Fraction("0.01"), Fraction("0.002"))}
+    drives = {
+        "noise": ControlNoise(0.3, 0, 9, 0.002, 2),
+        "controller": periodic(act, "0.01"),
+    }
     found = taken(stepper(model, **drives), 100)
     qpos, time = found["qpos"][::5, 0].repeat(5)[:101], (np.arange(101) // 5) / 100
     assert found["ctrl"] - expected == pytest.approx(np.column_stack([qpos, time]), abs=1e-12)

@@ -18,7 +18,8 @@ from mjrun.errors import FailedStepError, UsageError
 from mjrun.formats.recording_reader import RecordingFile
 from mjrun.formats.recording_writer import RecordingWriter
 from mjrun.model import state
-from mjrun.sim.control import Control, Controller, Feedback
+from mjrun.sim.control import ControlSignal
+from mjrun.sim.controller import Controller, PeriodicController
 from mjrun.sim.observe import Tap, observe
 from mjrun.sim.replay import ReplayStepper, require_model, sizes, states_at
 from mjrun.sim.stepper import PhysicsStepper, Stepper
@@ -105,8 +106,8 @@ def live(model: mujoco.MjModel, key: int | None = None, controller: Controller |
     if key is not None:
         mujoco.mj_resetDataKeyframe(model, data, key)
     timestep = rational(model.opt.timestep)
-    feedback = None if controller is None else Feedback(controller, Fraction(1, 100), timestep)
-    return PhysicsStepper(model, data, Control(timestep, data.ctrl.copy(), feedback=feedback))
+    periodic = None if controller is None else PeriodicController(controller, Fraction(1, 100), timestep)
+    return PhysicsStepper(model, data, ControlSignal(timestep, data.ctrl.copy(), controller=periodic))
 
 
 def require_alike(model: mujoco.MjModel, run: PhysicsStepper, steps: Sequence[int]) -> None:
