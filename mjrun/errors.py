@@ -21,7 +21,7 @@ FAULTS = 50  # problems of a document that are shown
 
 
 # Around the name of an option in a message. `clean` leaves neither in foreign text, which cannot be taken for one then.
-_OPTION = re.compile("\x02([^\x02\x03]*)\x03")
+_OPTION = re.compile("\x02([a-z_]*)\x03")
 
 Spelling = Callable[[str], str]
 OptionPath = tuple[str | int, ...]
@@ -360,6 +360,31 @@ class FileError(MjrunError):
 
     def __init__(self, path: Path | str, reason: str, hint: str = "") -> None:
         super().__init__(f"{clean(str(path))}: {reason}" + (f"\n{hint}" if hint else ""))
+
+
+# --- 8: partly done --------------------------------------------------------------------------------
+
+
+class PartlyDoneError(MjrunError):
+    """Some outputs were made and some were not.
+
+    Args:
+      made: paths of what was made.
+      errors: of what was not, each with the path of its output.
+
+    Attributes:
+      failures: the same as plain values: `output`, `kind`, `message`, `exit_code`.
+    """
+
+    exit_code = 8
+
+    def __init__(self, made: Sequence[str], errors: Sequence[tuple[str, MjrunError]]) -> None:
+        self.failures = [
+            {"output": path, "kind": type(error).__name__, "message": str(error), "exit_code": error.exit_code}
+            for path, error in errors
+        ]
+        lines = [f"{clean(path)} could not be made: {error.spelled(option)}" for path, error in errors]
+        super().__init__("\n".join([*lines, f"made all the same: {listing(made)}"]))
 
 
 # --- ended from outside ----------------------------------------------------------------------------

@@ -33,6 +33,8 @@ from mjrun.bench.warp_timing import LEFT_OUT, C, WarpOptions, check_engine
 from mjrun.errors import BadValueError, FileError, UsageError, option
 from mjrun.formats.publishing import StagedFile
 from mjrun.job.manifest import origin
+from mjrun.job.panels import panels_of
+from mjrun.job.shared_rendering import RendererChoice, SharedRendering
 from mjrun.job.simulation import Simulation, positive
 from mjrun.job.view import Drawing
 from mjrun.model.mujoco_globals import collected_warnings
@@ -115,7 +117,7 @@ class Bench:
     def __post_init__(self) -> None:
         self._check_numbers()
         self._check_effects()
-        if any(len(drawing.panels) != 1 for drawing in self.drawings):
+        if any(len(panels_of(drawing)) != 1 for drawing in self.drawings):
             raise UsageError("each drawing that is timed must be of one camera and one view")
         if self.scan and isinstance(self.model, mujoco.MjModel):
             raise UsageError(f"{option('scan')} changes a model before it is compiled; give its file")
@@ -213,7 +215,8 @@ class Bench:
     def _backends(self, video: Drawing) -> list[Backend]:
         """What draws each of the drawings, found before anything is timed; that of the video is only tried."""
         drawings = [*self.drawings, *([video] if self.whole and video not in self.drawings else [])]
-        return [drawing.search().result(drawing.require_gpu) for drawing in drawings]
+        with SharedRendering() as rendering:
+            return [rendering.backend(RendererChoice.of(drawing)) for drawing in drawings]
 
     @property
     def _source(self) -> Source:

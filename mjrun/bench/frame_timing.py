@@ -15,7 +15,9 @@ from mjrun.bench.rollout_timing import Clock
 from mjrun.bench.statistics import SampleStatistics, summarized
 from mjrun.formats.codecs import encoding
 from mjrun.formats.video_writer import VideoWriter
-from mjrun.job.view import Drawing, painter
+from mjrun.job.drawing import camera_motions, check_drawing, scene_compositor
+from mjrun.job.panels import panel_files
+from mjrun.job.view import Drawing
 from mjrun.model.mujoco_globals import without_timers
 from mjrun.rendering.backend import Backend
 from mjrun.rendering.compositor import Overlay, SceneCompositor, Stream
@@ -80,10 +82,10 @@ def timed_frames(
       RendererError: it cannot be drawn.
       UsageError: it cannot be drawn in that size.
     """
-    drawing.check(model, backend)
-    watch, (motion,) = Stopwatch(clock), drawing.courses(model)
-    (stream,) = drawing.streams(with_legend=False, overlay=Overlay())
-    compositor = painter(drawing, model, backend, [stream], [(motion.pose(state),) for state in states])
+    check_drawing(drawing, model, backend)
+    watch, (motion,) = Stopwatch(clock), camera_motions(drawing, model)
+    (stream,) = (file.stream(drawing, Overlay()) for file in panel_files(drawing, "drawing"))
+    compositor = scene_compositor(drawing, model, backend, [stream], [(motion.pose(state),) for state in states])
     compositor.renderer = partial(TIMED[drawing.renderer], watch=watch)
     workload = ReferenceWorkload(clock, available_cores()) if backend.software else None
 

@@ -33,12 +33,12 @@ def command(console: Console, /, as_json: bool, **given: Any) -> None:
     """
     console.guard_stdout()
     values.import_mujoco()
-    from mjrun.job.perform import perform, planned
+    from mjrun.job.perform import perform, preview
 
     orders = _orders(console, given)
     with orders.located():
         if given["dry_run"]:
-            _show_plan(console, planned(orders.jobs, console), as_json)
+            _show_plan(console, preview(orders.jobs, console), as_json)
             return
         with _folders(orders.jobs), values.answering(console, as_json, _document):
             results = perform(orders.jobs, console)
@@ -91,7 +91,7 @@ def _show_plan(console: Console, plan: Any, as_json: bool) -> None:
         console.document(asdict(plan))
         return
     console.result(f"simulation: {plan.duration:g} s in {plan.steps} steps of {plan.timestep:g} s")
-    for part in plan.outlines:
+    for part in plan.outputs:
         count = "an event decides how many" if part.count is None else str(part.count)
         size = f", {part.size[0]}x{part.size[1]}" if len(part.size) == 2 else ""
         console.result(f"{part.kind}: {clean(part.path)}: {count} {part.unit}{size}; {clean(part.about)}")

@@ -59,7 +59,7 @@ class Files:
           UsageError: it is another's too, or a link leads out of the folder.
         """
         self._check(Path(path))
-        self._taken.take(path, taker)
+        self._taken.reserve(path, taker)
 
     def _check(self, path: Path) -> None:
         try:

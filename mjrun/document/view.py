@@ -31,7 +31,7 @@ from mjrun.document.simulation import Whole, within
 from mjrun.document.yaml_writer import number
 from mjrun.errors import UsageError, quoted
 from mjrun.formats.calibration_writer import FORMATS as CALIBRATIONS
-from mjrun.job.scene_decorations import DOES
+from mjrun.job.scene_decorations import MOTIONS
 from mjrun.job.view import LAYOUTS, RENDERERS, SIZE, STYLES
 from mjrun.rendering.compositor import VIEWS
 from mjrun.rendering.segmentation import grouping
@@ -104,15 +104,15 @@ class Ghost(Form):
 
     @classmethod
     def complaints(cls, given: Mapping[str, Any]) -> Iterator[tuple[Loc, str]]:
-        first, *others = [key for key in DOES if key in given] or [""]
+        first, *others = [key for key in MOTIONS if key in given] or [""]
         yield from (((key,), f"{first} and {key} exclude each other: each says what the ghost does") for key in others)
-        held = [key for key in DOES if "," in str(given.get(key, ""))]
+        held = [key for key in MOTIONS if "," in str(given.get(key, ""))]
         yield from (((key,), "what a ghost goes by holds no comma") for key in held)
 
     def text(self) -> str:
         """What `--ghost` would be given."""
         offset = "/".join(str(number(value)) for value in self.offset) if any(self.offset) else None
-        settings = {"offset": offset, "opacity": self.opacity, **{name: getattr(self, name) for name in DOES}}
+        settings = {"offset": offset, "opacity": self.opacity, **{name: getattr(self, name) for name in MOTIONS}}
         return ",".join(f"{name}={value}" for name, value in settings.items() if value is not None)
 
 

@@ -1,4 +1,4 @@
-"""`--calibration FILE`: what each picture was seen through."""
+"""The calibration file of a drawing: the camera that each picture was taken with."""
 
 import os
 from collections.abc import Sequence
@@ -8,16 +8,18 @@ from mjrun.camera.calibration import lens
 from mjrun.camera.motion import CameraMotion
 from mjrun.camera.pose import Pose
 from mjrun.formats.calibration_writer import CalibrationEntry, CalibrationWriter
+from mjrun.job.panels import PanelFile, camera_names
 from mjrun.job.view import Drawing
 
-FRAME = "%06d.png"  # in a folder
+FRAME_NAME = "%06d.png"  # in a folder
 
 
 class Calibration:
-    """The calibration file of a drawing. Opening it proves that it can be written.
+    """Writes the calibration file of a drawing. Opening it proves that it can be written.
 
     Args:
-      output: of the drawing, whose files it names.
+      motions: of the cameras.
+      files: of the drawing, which the calibration file refers to.
       numbers: whether depth is in 16-bit pictures.
 
     Raises:
@@ -25,19 +27,23 @@ class Calibration:
       FileError: the file cannot be written.
     """
 
-    def __init__(self, job: Drawing, courses: Sequence[CameraMotion], output: str, numbers: bool) -> None:
-        assert job.calibration is not None
-        self._here, self._size = Path(job.calibration).parent, job.size
-        self._names = job.names
-        single = [(path, panels[0]) for path, panels in job.outputs(output) if len(panels) == 1]
+    def __init__(
+        self, options: Drawing, motions: Sequence[CameraMotion], files: Sequence[PanelFile], numbers: bool
+    ) -> None:
+        assert options.calibration is not None
+        self._folder, self._size = Path(options.calibration).parent, options.size
+        self._names = camera_names(options)
+        single = [(file.path, file.panels[0]) for file in files if len(file.panels) == 1]
         self._files = {(p.camera, p.view): path for path, p in single if numbers or p.view != "depth"}
-        flat = [name for name, course in zip(self._names, courses, strict=True) if not course.perspective]
-        pictures = all(_is_picture(path) for path, _ in job.outputs(output))
-        coloured = "depth" in job.views and not numbers
-        self.writer = CalibrationWriter(job.calibration, job.calibration_format, self._names, flat, pictures, coloured)
+        orthographic = [name for name, motion in zip(self._names, motions, strict=True) if not motion.perspective]
+        pictures = all(_is_picture(file.path) for file in files)
+        coloured = "depth" in options.views and not numbers
+        self.writer = CalibrationWriter(
+            options.calibration, options.calibration_format, self._names, orthographic, pictures, coloured
+        )
 
     def write(self, poses: Sequence[Pose], frame: int, time: float) -> None:
-        """Adds what every camera saw a frame through; `time` is simulated [s]."""
+        """Adds the calibration of every camera at a frame; `time` is simulated [s]."""
         for camera, pose in enumerate(poses):
             file, depth = (self._file(camera, view, frame) for view in ("rgb", "depth"))
             self.writer.write(CalibrationEntry(self._names[camera], lens(pose, self._size), frame, time, file, depth))
@@ -48,9 +54,9 @@ class Calibration:
         if not path or not _is_picture(path):
             return ""
         if path.endswith("/") or not Path(path).suffix:
-            path = str(Path(path) / FRAME)
+            path = str(Path(path) / FRAME_NAME)
         name = path % frame if "%" in Path(path).name else path
-        return os.path.relpath(name, self._here)
+        return os.path.relpath(name, self._folder)
 
 
 def _is_picture(path: str) -> bool:

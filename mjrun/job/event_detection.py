@@ -1,4 +1,4 @@
-"""When events happen in a simulation, and what it looks like then: a recording of every step."""
+"""When events happen in a simulation, with a recording to look at it again."""
 
 from collections.abc import Collection, Mapping, Sequence
 from fractions import Fraction
@@ -18,30 +18,30 @@ from mjrun.timeline import Timeline
 
 
 class EventDetector:
-    """Looks out for events at every step, and records all of them.
+    """Evaluates conditions at every step, and records the states of all steps. To be closed.
 
     Args:
       texts: conditions such as `speed(box) > 0.02`.
     """
 
     def __init__(self, model: mujoco.MjModel, timeline: Timeline, texts: Collection[str]) -> None:
-        self._watched = [(condition(text, model), Onsets()) for text in sorted(texts)]
-        self._tables = [Table(model, watched.columns, timeline) for watched, _ in self._watched]
+        self._conditions = [(condition(text, model), Onsets()) for text in sorted(texts)]
+        self._tables = [Table(model, watched.columns, timeline) for watched, _ in self._conditions]
         self._timeline = timeline
         self._states = StateBuffer(model)
 
     def taps(self, until: int) -> list[Tap]:
-        """What to look at while the simulation runs."""
+        """What it takes from the simulation up to step `until`."""
         every = range(until + 1)
         return [
             Tap(every, lambda stepper: stepper.state(), self._states.append),
-            Tap(every, self._look, lambda _: None),
+            Tap(every, self._rows, self._evaluate),
         ]
 
     @property
-    def found(self) -> Mapping[str, Sequence[int]]:
+    def event_steps(self) -> Mapping[str, Sequence[int]]:
         """The steps at which each condition begins to hold."""
-        return {watched.text: onsets.indices for watched, onsets in self._watched}
+        return {watched.text: onsets.indices for watched, onsets in self._conditions}
 
     def replay(self, model: mujoco.MjModel) -> ReplayStepper:
         """Goes through the recorded steps once more."""
@@ -51,26 +51,30 @@ class EventDetector:
         """Frees the recording."""
         self._states.close()
 
-    def _look(self, stepper: Stepper) -> None:
-        for (watched, onsets), table in zip(self._watched, self._tables, strict=True):
-            row = np.concatenate([[float(self._timeline.time(stepper.step))], table.read(stepper).values])
-            onsets.feed(watched.holds(row[None]))
+    def _rows(self, stepper: Stepper) -> list[np.ndarray]:
+        """The columns of each condition `(1, n)`, time first."""
+        time = float(self._timeline.time(stepper.step))
+        return [np.concatenate([[time], table.read(stepper).values])[None] for table in self._tables]
+
+    def _evaluate(self, rows: Sequence[np.ndarray]) -> None:
+        for (watched, onsets), row in zip(self._conditions, rows, strict=True):
+            onsets.feed(watched.holds(row))
 
 
 def conditions(events: Collection[Event], model: mujoco.MjModel) -> list[str]:
-    """The conditions of `events`, each once, seen to be such as can be measured.
+    """The conditions of `events`, each once.
 
     Raises:
-      UsageError: one of them is not.
+      UsageError: one of them cannot be measured in this model.
     """
-    found = []
+    texts: list[str] = []
     for event in events:
         try:
-            found.append(condition(event.when, model).text)
+            texts.append(condition(event.when, model).text)
         except UsageError as error:
             error.add_note(f"in {quoted(event.when)}")
             raise
-    return list(dict.fromkeys(found))
+    return list(dict.fromkeys(texts))
 
 
 def time_of(
@@ -80,10 +84,10 @@ def time_of(
 
     Args:
       steps: where its condition begins to hold.
-      where: what asks, for errors: `camera.yaml: shots[0]`.
+      where: the place that asks, for messages: `camera.yaml: shots[0]`.
 
     Raises:
-      UsageError: it does not happen, or not often enough, and nothing is said for that case.
+      UsageError: it does not happen, or not often enough, and has no `else` for that case.
     """
     times = [timeline.time(step) for step in steps if timeline.time(step) > after]
     if len(times) >= event.nth:

@@ -1,4 +1,4 @@
-"""When shots begin and end, and which instant each frame of a film shows."""
+"""When shots begin and end, and which instant each frame shows."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -15,40 +15,40 @@ Span = tuple[Fraction, Fraction]
 
 @dataclass(frozen=True)
 class FrameSchedule:
-    """The frames of a film.
+    """The frames of a video; an image is a video of one frame.
 
     Attributes:
       steps: of each frame.
-      times: of each frame in the film [s].
-      speeds: simulated seconds per second of film, at each frame.
-      spans: of each camera, where its shots begin and end [s], simulated.
-      remarks: what the user should know of it.
+      times: of each frame in the video [s].
+      speeds: simulated seconds per second of video, at each frame.
+      spans: of each camera, start and end of its shots [s], simulated.
+      warnings: what the user should know about it.
     """
 
     steps: Sequence[int]
     times: Sequence[float]
     speeds: Sequence[float]
     spans: Sequence[Sequence[tuple[float, float]]]
-    remarks: Sequence[str] = ()
+    warnings: Sequence[str] = ()
 
 
-def pacing(
+def video_schedule(
     scripts: Sequence[CameraScript],
     timeline: Timeline,
     fps: Fraction,
     speed: Fraction,
-    happened: Mapping[str, Sequence[int]],
+    event_steps: Mapping[str, Sequence[int]],
 ) -> FrameSchedule:
-    """How the shots of all cameras make one film.
+    """The frames of a video with the shots of all cameras.
 
     Args:
-      speed: where shots do not say.
-      happened: the steps at which each condition begins to hold.
+      speed: of shots that do not name one.
+      event_steps: the steps at which each condition begins to hold.
 
     Raises:
       UsageError: an event that does not happen, a shot that ends before it begins, or cameras at several speeds.
     """
-    spans = [shot_spans(script, timeline, happened) for script in scripts]
+    spans = [shot_spans(script, timeline, event_steps) for script in scripts]
     pieces = _pieces(scripts, spans, timeline.duration, speed)
     steps = timeline.paced(fps, pieces)
     speeds = [float(pace) for part, (_, pace) in zip(steps, pieces, strict=True) for _ in part]
@@ -57,34 +57,50 @@ def pacing(
         steps=[step for part in steps for step in part],
         times=[float(k / fps) for k in range(count)],
         speeds=speeds,
-        spans=[[(float(start), float(end)) for start, end in part] for part in spans],
-        remarks=[text for part in map(_unseen, scripts, spans, repeat(timeline.duration)) for text in part],
+        spans=_seconds(spans),
+        warnings=[text for part in map(_unseen, scripts, spans, repeat(timeline.duration)) for text in part],
     )
 
 
-def events(scripts: Sequence[CameraScript]) -> list[Event]:
+def image_schedule(
+    scripts: Sequence[CameraScript], timeline: Timeline, step: int, event_steps: Mapping[str, Sequence[int]]
+) -> FrameSchedule:
+    """The one frame of an image, at `step`.
+
+    Raises:
+      UsageError: an event that does not happen, or a shot that ends before it begins.
+    """
+    spans = [shot_spans(script, timeline, event_steps) for script in scripts]
+    return FrameSchedule([step], [float(timeline.time(step))], [1.0], _seconds(spans))
+
+
+def shot_events(scripts: Sequence[CameraScript]) -> list[Event]:
     """The events that end shots."""
     return [shot.until for script in scripts for shot in script.shots if isinstance(shot.until, Event)]
 
 
-def shot_spans(script: CameraScript, timeline: Timeline, happened: Mapping[str, Sequence[int]]) -> list[Span]:
+def shot_spans(script: CameraScript, timeline: Timeline, event_steps: Mapping[str, Sequence[int]]) -> list[Span]:
     """Start and end of each shot [s]; the last may end before or after the simulation."""
-    found: list[Span] = []
+    spans: list[Span] = []
     start = Fraction(0)
     for index, shot in enumerate(script.shots):
         where = f"{clean(script.name)}: shots[{index}]"
         if isinstance(shot.until, Event):
             after = start if index else Fraction(-1)  # what ended the shot before does not end this one too
-            end = time_of(shot.until, happened.get(shot.until.when, ()), timeline, where, after)
+            end = time_of(shot.until, event_steps.get(shot.until.when, ()), timeline, where, after)
         elif shot.until is not None:
             end = shot.until
         else:
             end = max(start, timeline.duration) if shot.lasting is None else start + shot.lasting
         if end < start:
             raise UsageError(f"{where} would end at {float(end):g} s, before it begins at {float(start):g} s")
-        found.append((start, end))
+        spans.append((start, end))
         start = end
-    return found
+    return spans
+
+
+def _seconds(spans: Sequence[Sequence[Span]]) -> list[list[tuple[float, float]]]:
+    return [[(float(start), float(end)) for start, end in part] for part in spans]
 
 
 def _unseen(script: CameraScript, spans: Sequence[Span], duration: Fraction) -> list[str]:
@@ -99,10 +115,10 @@ def _unseen(script: CameraScript, spans: Sequence[Span], duration: Fraction) -> 
 def _pieces(
     scripts: Sequence[CameraScript], spans: Sequence[Sequence[Span]], duration: Fraction, speed: Fraction
 ) -> list[tuple[Fraction, Fraction]]:
-    """Stretches of the film: where each ends [s], simulated, and its speed."""
+    """Stretches of the video: where each ends [s], simulated, and its speed."""
     paced = [index for index, script in enumerate(scripts) if any(shot.speed for shot in script.shots)]
     if len({tuple(_stretches(scripts[i], spans[i], duration, speed)) for i in paced}) > 1:
-        raise UsageError("the cameras' documents ask for different speeds at one time, and a film has one")
+        raise UsageError("the cameras' scripts ask for different speeds at the same time, and a video has one")
     if paced:
         return _stretches(scripts[paced[0]], spans[paced[0]], duration, speed)
     return [(min(duration, max(part[-1][1] for part in spans)), speed)]

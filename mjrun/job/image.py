@@ -1,41 +1,42 @@
-"""A still: simulate to an instant, and draw it in one view or several."""
+"""An image: a video of one frame, whose pixels may be numbers."""
 
 from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
-from dataclasses import KW_ONLY, dataclass
+from dataclasses import KW_ONLY, dataclass, field, replace
 from fractions import Fraction
+from functools import partial
 from pathlib import Path
+from typing import Any
 
 import mujoco
 import numpy as np
 
-from mjrun.camera.pose import Pose
 from mjrun.camera.script import Event
-from mjrun.errors import BadValueError, UsageError, clean
+from mjrun.errors import BadValueError, UsageError, clean, option
 from mjrun.formats.image_format import image_format
 from mjrun.formats.image_writer import ImageWriter
 from mjrun.formats.pointcloud import PointCloudWriter
 from mjrun.job.calibration import Calibration
+from mjrun.job.drawing import DrawingPlan, FrameRecorder, check_drawing, metadata_tags, plan_drawing
 from mjrun.job.event_detection import conditions, time_of
-from mjrun.job.frame_schedule import events, shot_spans
+from mjrun.job.frame_schedule import FrameSchedule, image_schedule, shot_events
 from mjrun.job.manifest import origin
-from mjrun.job.output_files import named
-from mjrun.job.overlay import Values, blank, gauges
-from mjrun.job.perform import Artifact, Context, Preview, Work, perform
+from mjrun.job.output_files import named_files
+from mjrun.job.panels import PanelFile, camera_names, output_files, panel_files, unused_options
+from mjrun.job.perform import perform
+from mjrun.job.shared_rendering import RendererChoice, SharedRendering
 from mjrun.job.simulation import Simulation
-from mjrun.job.view import Drawing, painter, tags, unused
-from mjrun.model.rendered_view import RenderedView
-from mjrun.rendering.compositor import Overlay, Panel, SceneCompositor, Stream, Style
-from mjrun.rendering.layout import layout_size
+from mjrun.job.task import Artifact, Context, EventSteps, Output, OutputResult, PassSummary, Preview
+from mjrun.job.view import Drawing
+from mjrun.model.rendered_view import RenderedView, Segment
+from mjrun.rendering.backend import Backend
+from mjrun.rendering.compositor import Overlay, SceneCompositor, Stream
 from mjrun.rendering.segmentation import Segmentation
 from mjrun.reporter import Reporter
-from mjrun.sim.observe import Tap
-from mjrun.sim.state_buffer import StateBuffer
 from mjrun.timeline import Timeline, nearest, rational
 
-CLOUD = ("rgb", "depth")  # what a point cloud is made of
-FILMS = (".mp4", ".mov", ".mkv", ".webm", ".gif", ".apng")
-COLORED = "--style color draws colours for the eye"
+POINTCLOUD_VIEWS = ("rgb", "depth")  # what a point cloud is made of
+VIDEO_SUFFIXES = (".mp4", ".mov", ".mkv", ".webm", ".gif", ".apng")
 
 
 @dataclass(frozen=True)
@@ -74,24 +75,28 @@ class Image(Drawing):
     @property
     def files(self) -> list[tuple[str, str]]:
         """Every file that it writes, with what it is."""
-        return [*self.written(self.output), *named(self, "pointcloud")]
+        return [*output_files(self, self.output), *named_files(pointcloud=self.pointcloud)]
 
     def run(self, reporter: Reporter | None = None) -> "ImageResult":
-        """Makes the still. What can fail early fails before the first step.
+        """Makes the image. What can fail early fails before the first step.
 
         Raises:
           MjrunError: nothing was published, and existing outputs are untouched.
         """
         return perform([self], reporter)[0]
 
-    def work(self, stack: ExitStack) -> "StillWork":
-        """The work that makes it."""
-        return StillWork(self, stack)
+    def task(self) -> "ImageTask":
+        """Its task, with every format chosen.
+
+        Raises:
+          UsageError: a format that cannot hold the image.
+        """
+        return ImageTask(self, [_image_file(self, file) for file in panel_files(self, self.output)])
 
 
 @dataclass(frozen=True)
-class ImageResult:
-    """What still was made.
+class ImageResult(OutputResult):
+    """What image was made.
 
     Attributes:
       path: where it is; `-` is standard output.
@@ -99,13 +104,12 @@ class ImageResult:
       format: how it is written.
       size: width and height of the picture [pixels].
       time, step: the instant [s].
-      clipped: the share of what is seen whose depth the format cannot say.
-      renderer, gl, software: who drew, by OpenGL's own name; the backend; whether it is a CPU.
+      clipped: the share of what is seen whose depth the format cannot hold.
+      renderer, gl, software: what drew, by OpenGL's own name; the backend; whether it is a CPU.
       wall: wall time of all [s].
-      warnings: what MuJoCo warned of.
+      warnings: MuJoCo's.
     """
 
-    path: str
     paths: Sequence[str]
     format: str
     size: tuple[int, int]
@@ -120,203 +124,242 @@ class ImageResult:
 
 
 @dataclass(frozen=True)
-class _Output:
-    """One file: what is in it, and how.
+class ImageFile(PanelFile):
+    """A file of an image.
 
     Attributes:
-      view: of the format, `rgb` for anything coloured.
+      format: how it is written.
+      view: what its pixels are: `depth`, `seg`, or `rgb` for anything coloured.
     """
 
-    path: str
-    panels: Sequence[Panel]
-    view: str
-    format: str
+    format: str = field(kw_only=True)
+
+    @property
+    def view(self) -> str:
+        return self.panels[0].view if self.exact else "rgb"
 
 
-class StillWork(Work):
-    """A still in the making."""
+@dataclass(frozen=True)
+class ImageTask:
+    """An image, with every format chosen."""
 
-    def __init__(self, job: Image, stack: ExitStack) -> None:
-        self._job = job
-        self._outputs = _outputs(job)
-        self._search = job.search()  # tries a backend while the model loads
-        stack.callback(self._search.cancel)
-        self._row: list[Values] = []
-        self._state: list[np.ndarray] = []
+    job: Image
+    files: Sequence[ImageFile]
 
-    def plan(self, ground: Context) -> None:
-        job, model = self._job, ground.model
-        self._ground = ground
-        self._scripts, self._courses = job.scripts(model), job.courses(model)
-        shot_events = [*events(self._scripts), *([job.at] if isinstance(job.at, Event) else [])]
-        self.conditions = conditions(shot_events, model)
-        self._additions = job.additions(model)
-        self._gauges = gauges(model, ground.timeline, job.text)
-        self.model = self._gauges.model
-        self.until = ground.timeline.steps
-        if not self.conditions:
-            self.settle({})
+    @property
+    def renderer(self) -> RendererChoice:
+        """What it draws with."""
+        return RendererChoice.of(self.job)
 
-    def settle(self, happened: Mapping[str, Sequence[int]]) -> None:
-        job, ground = self._job, self._ground
-        self._step = self.until = _step(job, ground.timeline, happened)
-        self._timeline = Timeline.of_steps(ground.timeline.timestep, self._step)
-        self._spans = [shot_spans(script, ground.timeline, happened) for script in self._scripts]
+    def plan(self, context: Context) -> "ImagePlan":
+        """Finds every name in the model, and the step, unless events decide."""
+        drawing = plan_drawing(self.job, context)
+        events = [*shot_events(drawing.scripts), *([self.job.at] if isinstance(self.job.at, Event) else [])]
+        unscheduled = ImagePlan(self, drawing, conditions(events, context.model))
+        if unscheduled.conditions:
+            return unscheduled
+        return replace(unscheduled, schedule=unscheduled.scheduled({}))
 
-    def open(self, stack: ExitStack) -> None:
-        job, ground = self._job, self._ground
-        self._backend = self._search.result(job.require_gpu)
-        exact = all(output.view != "rgb" for output in self._outputs)
-        for text in [*job.check(ground.model, self._backend), *(unused(job) if exact else [])]:
-            ground.reporter.warn(text)
-        timeline = ground.timeline if self.conditions else self._timeline
-        self._facts = {**origin(job, job.simulation, ground.model, timeline), "renderer": self._backend.renderer}
-        self._sinks: list[ImageWriter] = []
-        for output in self._outputs:
-            path = None if output.path == "-" else output.path
-            size = _stream(job, output, Overlay()).size_of_frame
-            sink = ImageWriter(path, output.view, output.format, size, tags(path, self._facts))
-            self._sinks.append(stack.enter_context(sink))
-        self._calibration = None
-        if job.calibration is not None:
-            numbers = any(output.view == "depth" and output.format == "png" for output in self._outputs)
-            self._calibration = Calibration(job, self._courses, job.output, numbers)
-            stack.enter_context(self._calibration.writer)
-        self._cloud = _cloud(job, ground.model)
-        if self._cloud:
-            stack.enter_context(self._cloud)
-        self._path = stack.enter_context(StateBuffer(ground.model))
 
-    def taps(self) -> Sequence[Tap]:
-        """Keeps the state that is drawn, what is measured there, and the states on the path of trails."""
-        path, here = self._additions.steps(self._timeline), [self._step]
-        taps: list[Tap] = [Tap(path, lambda stepper: stepper.state(), self._path.append)]
-        taps.append(Tap(here, lambda stepper: stepper.state(), self._state.append))
-        taps.append(Tap(here, self._gauges.read, self._row.append))
-        return taps
+@dataclass(frozen=True)
+class ImagePlan:
+    """An image of a model: a video of one frame.
 
-    def outline(self) -> Preview:
-        output = self._outputs[0]
-        when = "at an event" if self.conditions else f"at {float(self._timeline.duration):g} s"
-        about = f"{output.format}, {when}, {' and '.join(self._job.names)}"
-        size = _stream(self._job, output, Overlay()).size_of_frame
-        return Preview("still", self._job.output, 1, "picture", size, about)
+    Attributes:
+      conditions: of the events that it waits for.
+      schedule: of its one frame; None while events decide.
+    """
 
-    def finish(self, wall: float) -> Artifact:
-        job, (state,), moment = self._job, self._state, float(self._timeline.duration)
-        size = layout_size(1 if job.separate else len(job.panels), job.size, job.layout)
-        overlay = self._gauges.overlay(blank(size, job.corner), self._row, [self._step], [1.0], self._timeline)
-        streams = [_stream(job, output, overlay) for output in self._outputs]
-        decors = self._additions.decors((self._path[k] for k in range(len(self._path))), [moment])
-        drawn = painter(job, self._ground.model, self._backend, streams, [self._poses(state, moment)], decors)
-        try:
-            drawn.open()
-            if not drawn.ranges and any(panel.view == "depth" for panel in job.panels):
-                drawn.look_ahead({0: state})
-            pictures = drawn.see(state, 0, [*job.views, *(CLOUD if self._cloud else ())])
-        finally:
-            drawn.close()
-        for output, stream, sink in zip(self._outputs, streams, self._sinks, strict=True):
-            _write(output, stream, sink, drawn, pictures)
-        if self._calibration:
-            self._calibration.write(drawn.poses[0], 0, moment)
-        if self._cloud:
+    task: ImageTask
+    drawing: DrawingPlan
+    conditions: Sequence[str]
+    schedule: FrameSchedule | None = None
+
+    keep_partial = False
+
+    @property
+    def enable_flags(self) -> int:
+        return self.drawing.enable_flags
+
+    @property
+    def until(self) -> int:
+        return self.drawing.context.timeline.steps if self.schedule is None else self.schedule.steps[0]
+
+    def scheduled(self, event_steps: EventSteps) -> FrameSchedule:
+        """The frame, given the steps at which each condition begins to hold."""
+        timeline = self.drawing.context.timeline
+        step = _step(self.task.job, timeline, event_steps)
+        return image_schedule(self.drawing.scripts, timeline, step, event_steps)
+
+    def preview(self) -> Preview:
+        job, file = self.task.job, self.task.files[0]
+        when = "at an event" if self.schedule is None else f"at {self.schedule.times[0]:g} s"
+        about = f"{file.format}, {when}, {' and '.join(camera_names(job))}"
+        return Preview("image", job.output, 1, "image", file.stream(job, Overlay()).size_of_frame, about)
+
+    def open(self, stack: ExitStack, rendering: SharedRendering) -> "ImageOutput | OpenImage":
+        task, job, context = self.task, self.task.job, self.drawing.context
+        backend = rendering.backend(task.renderer)
+        for text in check_drawing(job, context.model, backend):
+            context.reporter.warn(text)
+        if all(file.exact for file in task.files):
+            for text in unused_options(job):
+                context.reporter.warn(text)
+
+        timeline = context.timeline if self.schedule is None else self.observed(self.schedule)
+        facts = {**origin(job, job.simulation, context.model, timeline), "renderer": backend.renderer}
+        writers: list[ImageWriter] = []
+        for file in task.files:
+            size, tags = file.stream(job, Overlay()).size_of_frame, metadata_tags(file.target, facts)
+            writers.append(stack.enter_context(ImageWriter(file.target, file.view, file.format, size, tags)))
+        numbers = any(file.view == "depth" and file.format == "png" for file in task.files)
+        calibration = self.drawing.calibration(task.files, numbers, stack)
+        pointcloud = None if job.pointcloud is None else PointCloudWriter(job.pointcloud, _legend(job, context.model))
+        if pointcloud:
+            stack.enter_context(pointcloud)
+        opened = OpenImage(self, backend, facts, writers, calibration, pointcloud, stack)
+        return opened if self.schedule is None else ImageOutput(opened, self.schedule)
+
+    def observed(self, schedule: FrameSchedule) -> Timeline:
+        """The simulation up to the image."""
+        return Timeline.of_steps(self.drawing.context.timeline.timestep, schedule.steps[0])
+
+
+@dataclass(frozen=True)
+class OpenImage:
+    """An image whose files are open.
+
+    Attributes:
+      facts: for the manifest.
+      writers: of each file.
+    """
+
+    plan: ImagePlan
+    backend: Backend
+    facts: Mapping[str, Any]
+    writers: Sequence[ImageWriter]
+    calibration: Calibration | None
+    pointcloud: PointCloudWriter | None
+    stack: ExitStack
+
+    @property
+    def conditions(self) -> Sequence[str]:
+        return self.plan.conditions
+
+    def schedule(self, event_steps: EventSteps) -> "ImageOutput":
+        return ImageOutput(self, self.plan.scheduled(event_steps))
+
+
+class ImageOutput(Output[ImageResult]):
+    """An image whose files are open and whose step is known."""
+
+    def __init__(self, opened: OpenImage, schedule: FrameSchedule) -> None:
+        self._opened, self._task, self._schedule = opened, opened.plan.task, schedule
+        self._recorder = FrameRecorder(opened.plan.drawing, schedule, opened.plan.observed(schedule), opened.stack)
+        self.taps = self._recorder.taps
+
+    def finish(self) -> Artifact[ImageResult]:
+        opened, task = self._opened, self._task
+        compositor = self._recorder.compositor(opened.backend, task.files, task.job.legend)
+        pictures = self._pictures(compositor)
+        for file, stream, writer in zip(task.files, compositor.streams, opened.writers, strict=True):
+            _write(file, stream, writer, compositor, pictures)
+        if opened.calibration:
+            self._recorder.calibrate(opened.calibration)
+        if opened.pointcloud:
             for picture in pictures:
-                self._cloud.write(picture)
-        written = [*self._sinks, *([self._calibration.writer] if self._calibration else [])]
-        files = [file for sink in [*written, *([self._cloud] if self._cloud else [])] for file in sink.publish()]
-        clipped = max(sink.clipped for sink in self._sinks)
+                opened.pointcloud.write(picture)
+
+        calibration = [opened.calibration.writer] if opened.calibration else []
+        writers = [*opened.writers, *calibration, *([opened.pointcloud] if opened.pointcloud else [])]
+        for writer in writers:
+            writer.finish()
+        clipped = max(writer.clipped for writer in opened.writers)
         if clipped:
             text = f"{clipped:.2%} of what is seen is farther than 65.535 m, the most that 16 bits hold"
-            self._ground.reporter.warn(text)
-        shown = streams[0].size_of_frame
-        return Artifact(self._facts, files, lambda total, heard: self._result(files, shown, clipped, total, heard))
+            opened.plan.drawing.context.reporter.warn(text)
+        result = partial(self._result, compositor.streams[0].size_of_frame, clipped)
+        return Artifact(opened.facts, writers, result)
 
-    def _poses(self, state: np.ndarray, moment: float) -> list[Pose]:
-        """Of each camera."""
-        spans = [[(float(start), float(end)) for start, end in part] for part in self._spans]
-        seen = zip(self._courses, spans, strict=True)
-        return [pose for course, span in seen for pose in course.poses([state], [moment], [moment], span)]
+    def _pictures(self, compositor: SceneCompositor) -> list[RenderedView]:
+        """What each camera sees."""
+        job, state = self._task.job, self._recorder.states[0]
+        try:
+            compositor.open()
+            if not compositor.ranges and "depth" in job.views:
+                compositor.look_ahead({0: state})
+            return compositor.see(state, 0, [*job.views, *(POINTCLOUD_VIEWS if self._opened.pointcloud else ())])
+        finally:
+            compositor.close()
 
     def _result(
-        self, files: Sequence[Path], size: tuple[int, int], clipped: float, wall: float, heard: Sequence[str]
+        self, size: tuple[int, int], clipped: float, files: Sequence[Path], summary: PassSummary
     ) -> ImageResult:
+        backend = self._opened.backend
         return ImageResult(
-            path=self._job.output,
+            path=self._task.job.output,
             paths=[str(file) for file in files],
-            format=self._outputs[0].format,
+            format=self._task.files[0].format,
             size=size,
-            time=float(self._timeline.duration),
-            step=self._step,
+            time=self._schedule.times[0],
+            step=self._schedule.steps[0],
             clipped=clipped,
-            renderer=self._backend.renderer,
-            gl=self._backend.name,
-            software=self._backend.software,
-            wall=wall,
-            warnings=heard,
+            renderer=backend.renderer,
+            gl=backend.name,
+            software=backend.software,
+            wall=summary.wall,
+            warnings=summary.warnings,
         )
 
 
-def _cloud(job: Image, model: mujoco.MjModel) -> PointCloudWriter | None:
-    if job.pointcloud is None:
-        return None
-    return PointCloudWriter(job.pointcloud, Segmentation(model, job.seg_by).legend if "seg" in job.views else None)
+def _image_file(job: Image, file: PanelFile) -> ImageFile:
+    """A file with its format: numbers where a lone view is to be, or can be, written as such."""
+    if Path(file.path).suffix.lower() in VIDEO_SUFFIXES:
+        raise UsageError(f"{clean(file.path)} would be a video; this draws one instant\n`mjrun video` makes videos")
+    if len(file.panels) > 1 and job.style == "exact":
+        exact_style = f"{option('style')} exact"
+        raise UsageError(f"{exact_style}: numbers cannot share a picture; add {option('separate')} for a file each")
+    alone = len(file.panels) == 1 and file.panels[0].view != "rgb"
+    exact = alone and (job.style == "exact" or (job.style is None and not _holds_only_colours(file.path)))
+    view = file.panels[0].view if exact else "rgb"
+    hint = f"{option('style')} color draws colours for the eye" if exact else ""
+    return ImageFile(file.path, file.panels, exact, format=image_format(file.target, view, job.format, hint))
 
 
-def _outputs(job: Image) -> list[_Output]:
-    """Every file with its format: numbers where a lone view is to be, or can be, written as such."""
-    found = []
-    for path, panels in job.outputs(job.output):
-        target, view = None if path == "-" else path, panels[0].view
-        if Path(path).suffix.lower() in FILMS:
-            raise UsageError(
-                f"{clean(path)} would be a film, and mjrun image draws one instant\nmjrun video makes films"
-            )
-        if len(panels) > 1 and job.style == "exact":
-            raise UsageError("--style exact: numbers cannot share a picture; add --separate for a file each")
-        alone = len(panels) == 1 and view != "rgb"
-        exact = alone and (job.style == "exact" or (job.style is None and not _only_colors(path)))
-        kind = view if exact else "rgb"
-        found.append(_Output(path, panels, kind, image_format(target, kind, job.format, COLORED if exact else "")))
-    return found
-
-
-def _only_colors(path: str) -> bool:
-    """Whether a suffix can hold nothing but colours."""
+def _holds_only_colours(path: str) -> bool:
     return Path(path).suffix.lower() in (".jpg", ".jpeg", ".webp")
 
 
-def _stream(job: Image, output: _Output, overlay: Overlay) -> Stream:
-    exact = output.view != "rgb"
-    style = Style(job.layout, job.captions, job.legend, Overlay() if exact else overlay)
-    return Stream(output.panels, job.size, style, exact)
+def _legend(job: Image, model: mujoco.MjModel) -> Sequence[Segment] | None:
+    """What labels of points mean, if the points are labelled."""
+    return Segmentation(model, job.seg_by).legend if "seg" in job.views else None
 
 
 def _write(
-    output: _Output, stream: Stream, sink: ImageWriter, drawn: SceneCompositor, pictures: Sequence[RenderedView]
+    file: ImageFile, stream: Stream, writer: ImageWriter, compositor: SceneCompositor, pictures: Sequence[RenderedView]
 ) -> None:
-    picture = pictures[output.panels[0].camera]
-    if output.view == "depth":
+    picture = pictures[file.panels[0].camera]
+    if file.view == "depth":
         assert picture.depth is not None
-        sink.write(picture.depth)
-    elif output.view == "seg":
+        writer.write(picture.depth)
+    elif file.view == "seg":
         assert picture.ids is not None
-        sink.write(picture.ids, picture.legend, drawn.colors)
+        writer.write(picture.ids, picture.legend, compositor.colors)
     else:
-        sink.write(np.ascontiguousarray(drawn.frame(stream, pictures, 0)))
+        writer.write(np.ascontiguousarray(compositor.frame(stream, pictures, 0)))
 
 
-def _step(job: Image, timeline: Timeline, happened: Mapping[str, Sequence[int]]) -> int:
+def _step(job: Image, timeline: Timeline, event_steps: EventSteps) -> int:
     """The step that is drawn."""
     if job.step is not None:
         return job.step
     if isinstance(job.at, Event):
-        at = time_of(job.at, happened[job.at.when], timeline, job.output)
+        at = time_of(job.at, event_steps[job.at.when], timeline, job.output)
         return min(max(nearest(at / timeline.timestep), 0), timeline.steps)
     try:
         at = rational(job.at or 0)
     except ValueError:
         at = Fraction(-1)
     if at < 0:
-        raise BadValueError("--time", job.at, "a number of seconds from 0 on")
+        raise BadValueError(option("time"), job.at, "a number of seconds from 0 on")
     return nearest(at / timeline.timestep)

@@ -1,4 +1,4 @@
-"""The files of jobs: no two outputs are the same one, and none is what is read."""
+"""The files of a pass: no two outputs are the same file, and none is an input."""
 
 import os
 import re
@@ -10,24 +10,24 @@ from mjrun.errors import UsageError, clean
 _NUMBER = re.compile(r"%[0-9]*d")  # of a frame, in a pattern such as frame_%04d.png
 
 
-def named(job: object, *keys: str) -> list[tuple[str, str]]:
-    """The files that these fields of a job name, each with the field; without those that are None."""
-    return [(key, path) for key in keys if (path := getattr(job, key)) is not None]
+def named_files(**paths: str | None) -> list[tuple[str, str]]:
+    """Files by what they are, without those that are not asked for."""
+    return [(name, path) for name, path in paths.items() if path is not None]
 
 
 class ReservedFiles:
-    """Files that are spoken for."""
+    """Files that are read or written already."""
 
     def __init__(self) -> None:
-        self._takers: dict[Path, str] = {}  # of files
-        self._below: dict[Path, str] = {}  # of folders with files in them
+        self._owners: dict[Path, str] = {}  # of files
+        self._below: dict[Path, str] = {}  # owners of something in these folders
         self._patterns: list[tuple[re.Pattern[str], str]] = []
 
-    def take(self, path: str | Path, taker: str) -> None:
-        """Reserves a file, a folder or a pattern of frames for `taker`, which names it in errors; `-` is no file.
+    def reserve(self, path: str | Path, owner: str) -> None:
+        """Reserves a file, a folder or a pattern of frames; messages call it `owner`. `-` is no file.
 
         Raises:
-          UsageError: it is another's too, lies in a folder of frames, or is a folder with another's file in it.
+          UsageError: it is reserved, lies in a folder of frames, or is a folder with a reserved file in it.
         """
         if path == "-":
             return
@@ -35,19 +35,19 @@ class ReservedFiles:
         other = next(self._conflicts(file), None)
         if other:
             raise UsageError(f"{clean(str(path))} clashes with {other}; each output needs a file of its own")
-        self._takers[file] = taker
-        self._below.update(dict.fromkeys(file.parents, taker))
+        self._owners[file] = owner
+        self._below.update(dict.fromkeys(file.parents, owner))
         if frame := _frame(file):
-            self._patterns.append((frame, taker))
+            self._patterns.append((frame, owner))
 
     def _conflicts(self, file: Path) -> Iterator[str]:
-        """Who else has `file`, something in it as in a folder, or the folder that it is in."""
+        """Owners of `file`, of something in it as in a folder, or of the folder that it is in."""
         if file in self._below:
             yield self._below[file]
-        yield from (self._takers[path] for path in (file, *file.parents) if path in self._takers)
-        yield from (taker for frame, taker in self._patterns if frame.fullmatch(_first(file)))
+        yield from (self._owners[path] for path in (file, *file.parents) if path in self._owners)
+        yield from (owner for frame, owner in self._patterns if frame.fullmatch(_first(file)))
         if frame := _frame(file):
-            yield from (taker for other, taker in self._takers.items() if frame.fullmatch(_first(other)))
+            yield from (owner for other, owner in self._owners.items() if frame.fullmatch(_first(other)))
 
 
 def _first(file: Path) -> str:
@@ -56,7 +56,7 @@ def _first(file: Path) -> str:
 
 
 def _frame(file: Path) -> re.Pattern[str] | None:
-    """What fits the frames of a pattern."""
+    """What matches the frames of a pattern."""
     if not _NUMBER.search(file.name):
         return None
     before, after = (re.escape(part) for part in _NUMBER.split(file.name, maxsplit=1))

@@ -1,307 +1,331 @@
-"""One simulation, any number of outputs, in one pass: how jobs are done, alone and together."""
+"""One simulation, any number of outputs, in one pass."""
 
 import copy
 import time
-from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping, Sequence
-from contextlib import ExitStack
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack, contextmanager
 from dataclasses import asdict, dataclass
 from functools import partial
-from pathlib import Path
 from types import TracebackType
-from typing import Any, Protocol, TypeVar
+from typing import Any, Generic, TypeVar
 
 import mujoco
 
-from mjrun.errors import ControllerError, FailedAssertionError, JobsError, SimulationError, UsageError, listing
+from mjrun.errors import (
+    ControllerError,
+    FailedAssertionError,
+    JobsError,
+    MjrunError,
+    PartlyDoneError,
+    SimulationError,
+    UsageError,
+    listing,
+    option,
+)
 from mjrun.formats.manifest import ManifestWriter
 from mjrun.job.event_detection import EventDetector
 from mjrun.job.output_files import ReservedFiles
-from mjrun.job.simulation import Simulation
+from mjrun.job.shared_rendering import SharedRendering
+from mjrun.job.task import (
+    Artifact,
+    Context,
+    EventSteps,
+    Job,
+    Output,
+    OutputResult,
+    PassSummary,
+    Plan,
+    Preview,
+    UnscheduledOutput,
+)
 from mjrun.model.mujoco_globals import collected_warnings, without_timers
 from mjrun.reporter import QuietReporter, Reporter, pass_on
 from mjrun.sim.observe import Tap, observe
 from mjrun.sim.stepper import Stepper
-from mjrun.timeline import Timeline
 
 T = TypeVar("T")
+R = TypeVar("R", bound=OutputResult)
+AnyOutput = Output[R] | UnscheduledOutput[R]
 
 
-@dataclass(frozen=True)
-class Context:
-    """What the outputs of a simulation have in common."""
-
-    simulation: Simulation
-    model: mujoco.MjModel
-    timeline: Timeline
-    reporter: Reporter
-
-
-@dataclass(frozen=True)
-class Artifact:
-    """What is known of an output once it is in its place.
-
-    Attributes:
-      facts: for the manifest.
-      files: that were published.
-      result: makes the result, a dataclass, from the wall time of all [s] and MuJoCo's warnings.
-      failed: assertions that do not hold.
-    """
-
-    facts: Mapping[str, Any]
-    files: Sequence[Path]
-    result: Callable[[float, Sequence[str]], Any]
-    failed: Sequence[str] = ()
-
-
-@dataclass(frozen=True)
-class Preview:
-    """What will be made.
-
-    Attributes:
-      kind: `film`, `still`, `trace`, `plot` or `recording`.
-      path: where.
-      count: frames, pictures, rows, samples or states; None while an event decides.
-      unit: what is counted.
-      size: width and height [pixels], or columns alone.
-      about: what else there is to know, in words.
-    """
-
-    kind: str
-    path: str
-    count: int | None
-    unit: str
-    size: Sequence[int]
-    about: str = ""
-
-
-class Work(ABC):
-    """An output in the making. Artifact from what can be checked without the model, while that is not loaded yet.
-
-    Attributes:
-      model: to be simulated, so that all that is measured can be; known from `plan` on.
-      until: the last step that is needed; known from `plan` on.
-      conditions: events whose steps have to be known before the taps are.
-      keeps_partial: whether what was measured before an instability is worth publishing.
-    """
-
-    model: mujoco.MjModel
-    until: int
-    conditions: Sequence[str] = ()
-    keeps_partial = False
-
-    @abstractmethod
-    def plan(self, ground: Context) -> None:
-        """Finds every name and checks every number."""
-
-    @abstractmethod
-    def open(self, stack: ExitStack) -> None:
-        """Opens the outputs, which proves that they can be written; `stack` discards what is not published."""
-
-    def settle(self, happened: Mapping[str, Sequence[int]]) -> None:
-        """Takes the steps at which each of `conditions` begins to hold."""
-        assert not happened
-
-    @abstractmethod
-    def taps(self) -> Sequence[Tap]:
-        """What is looked at while the simulation runs."""
-
-    def drive(self, stepper: Stepper) -> None:
-        """Runs the simulation for this work alone."""
-        observe(stepper, self.taps(), self.until)
-
-    @abstractmethod
-    def outline(self) -> Preview:
-        """What will be made, known from `plan` on."""
-
-    @abstractmethod
-    def finish(self, wall: float) -> Artifact:
-        """Makes and publishes the outputs; `wall` is what the simulation took [s]."""
-
-
-class Job(Protocol):
-    """What to make of a simulation, as a value."""
-
-    @property
-    def simulation(self) -> Simulation: ...
-
-    @property
-    def manifest(self) -> str | None: ...
-
-    @property
-    def files(self) -> Sequence[tuple[str, str]]: ...
-
-    def work(self, stack: ExitStack) -> Work:
-        """The work that makes it; `stack` ends what that begins."""
-        ...
-
-
-def perform(jobs: Sequence[Job], reporter: Reporter | None = None) -> list[Any]:
+def perform(jobs: Sequence[Job[R]], reporter: Reporter | None = None) -> list[R]:
     """Does all `jobs`, which are of one simulation, in one pass over it, and returns their results.
 
+    What can fail early fails before the first step, and then nothing is made. Later, an output that fails does not
+    cost the others: all are finished before any is published, and those that are complete are published.
+
     Raises:
+      PartlyDoneError: some outputs were made and some were not.
       FailedAssertionError: an assertion does not hold; everything is published all the same.
       SimulationError: nothing was published but what keeps partial results.
-      MjrunError: nothing was published by the job that failed and those after it.
+      MjrunError: nothing was published; if several outputs failed, this is the error of the first.
     """
     reporter, start = reporter or QuietReporter(), time.perf_counter()
     with ExitStack() as stack:
         manifests = [stack.enter_context(ManifestWriter(job.manifest)) if job.manifest else None for job in jobs]
-        with collected_warnings() as heard, without_timers():
-            everything, failure = _made(jobs, reporter)
-        if failure is None:  # which says it better
-            pass_on(heard, reporter)
-        results = []
-        for made, manifest in zip(everything, manifests, strict=True):
-            if made is None:
-                continue
-            results.append(made.result(time.perf_counter() - start, tuple(heard)))
-            failed = None if failure is None else str(failure)
-            if manifest:
-                manifest.write({**made.facts, "result": asdict(results[-1]), "failure": failed}, made.files)
-                manifest.publish()
-    wrong = [message for made in everything if made for message in made.failed]
-    error = failure or (FailedAssertionError(wrong) if wrong else None)
-    if error is None:
-        return results
-    error.results = results
-    if failure and results:
-        failure.add_note(f"kept, up to there: {listing([result.path for result in results])}")
-    raise error
+        with collected_warnings() as warnings, without_timers():
+            simulated = _open(jobs, reporter, stack)
+            simulated.run(stack)
+            artifacts = simulated.finish()
+        if simulated.instability is None:  # which says it better
+            pass_on(warnings, reporter)
+
+        results: list[R] = []
+        failure = None if simulated.instability is None else str(simulated.instability)
+        for index, artifact in artifacts.items():
+            with simulated.failing(index):
+                files = artifact.publish()
+                summary = PassSummary(time.perf_counter() - start, simulated.wall, tuple(warnings))
+                results.append(artifact.result(files, summary))
+                facts = {**artifact.facts, "result": asdict(results[-1]), "failure": failure}
+                if manifest := manifests[index]:
+                    with simulated.failing(index, jobs[index].manifest):
+                        manifest.write(facts, files)
+                        manifest.publish()
+
+    assertions = [message for artifact in artifacts.values() for message in artifact.failed_assertions]
+    if error := simulated.error([result.path for result in results], assertions):
+        error.results = results
+        raise error
+    return results
 
 
 @dataclass(frozen=True)
-class Plan:
+class PassPreview:
     """What `perform` would do.
 
     Attributes:
       timestep, steps, duration: of the simulation [s].
-      outlines: of each job.
+      outputs: of each job.
     """
 
     timestep: float
     steps: int
     duration: float
-    outlines: Sequence[Preview]
+    outputs: Sequence[Preview]
 
 
-def planned(jobs: Sequence[Job], reporter: Reporter | None = None) -> Plan:
+def preview(jobs: Sequence[Job[OutputResult]], reporter: Reporter | None = None) -> PassPreview:
     """What `perform` would do, with all names and numbers checked, and no step taken.
 
     Raises:
       MjrunError: it would fail at once.
     """
     with collected_warnings(), ExitStack() as stack:
-        works, ground, _ = _planned(jobs, reporter or QuietReporter(), stack)
-        line = ground.timeline
-        outlines = [work.outline() for work in works]
-        return Plan(float(line.timestep), line.steps, float(line.duration), outlines)
+        plans, context, _, _ = _plan(jobs, reporter or QuietReporter(), stack)
+        timeline = context.timeline
+        outputs = [plan.preview() for plan in plans]
+        return PassPreview(float(timeline.timestep), timeline.steps, float(timeline.duration), outputs)
 
 
-def _planned(jobs: Sequence[Job], reporter: Reporter, stack: ExitStack) -> tuple[list[Work], Context, Stepper]:
-    """What all jobs are made with, once everything that can be wrong with them was looked for."""
+class _Pass(Generic[R]):
+    """The simulation with its open outputs. An output that fails is left out from there on.
+
+    Attributes:
+      failures: path and error of outputs, by index.
+      instability: what ended the simulation too early, if it did.
+      wall: wall time of the simulation [s].
+    """
+
+    def __init__(self, plans: Sequence[Plan[R]], outputs: Sequence[AnyOutput[R]], context: Context, stepper: Stepper):
+        self.failures: dict[int, tuple[str, MjrunError]] = {}
+        self.instability: SimulationError | None = None
+        self.wall = 0.0
+        self._plans, self._context, self._stepper = plans, context, stepper
+        self._until = max(plan.until for plan in plans)
+        self._outputs = {i: output for i, output in enumerate(outputs) if isinstance(output, Output)}
+        self._waiting = {i: output for i, output in enumerate(outputs) if not isinstance(output, Output)}
+
+    def run(self, stack: ExitStack) -> None:
+        """Runs the simulation once; outputs that wait for events look at its recording."""
+        start = time.perf_counter()
+        try:
+            if len(self._plans) == len(self._outputs) == 1:
+                self._run_alone(self._outputs[0])
+            else:
+                self._run_together(stack)
+        except SimulationError as error:
+            self.instability = error
+        except MjrunError as error:
+            if error not in [failure for _, failure in self.failures.values()]:  # a controller's, which concerns all
+                raise
+        self.wall = time.perf_counter() - start
+
+    def finish(self) -> dict[int, Artifact[R]]:
+        """The artifacts of the outputs that can be completed, by index."""
+        artifacts: dict[int, Artifact[R]] = {}
+        for index, output in sorted(self._outputs.items()):
+            wanted = self.instability is None or self._plans[index].keep_partial
+            if wanted and index not in self.failures:
+                with self.failing(index):
+                    artifacts[index] = output.finish()
+        return artifacts
+
+    @contextmanager
+    def failing(self, index: int, path: str | None = None) -> Iterator[None]:
+        """Notes an error as a failure of this output, or of what belongs to it at `path`."""
+        try:
+            yield
+        except MjrunError as error:
+            self.failures[index] = path or self._plans[index].preview().path, error
+
+    def error(self, made: Sequence[str], failed_assertions: Sequence[str]) -> MjrunError | None:
+        """What to raise at the end, if anything, given the paths of what was made."""
+        failures = [failure for _, failure in sorted(self.failures.items())]
+        assertion = FailedAssertionError(failed_assertions) if failed_assertions else None
+        others: list[MjrunError | None] = [error for _, error in failures]
+        if failures and not made:
+            main = others.pop(0)
+            others.append(self.instability)
+        elif self.instability:
+            main = self.instability
+            if made:
+                main.add_note(f"kept, up to there: {listing(made)}")
+            others.append(assertion)
+        elif failures:
+            main, others = PartlyDoneError(made, failures), [assertion]
+        else:
+            return assertion
+        assert main
+        for other in filter(None, others):
+            main.add_note(other.spelled(option))
+        return main
+
+    def _run_alone(self, output: Output[R]) -> None:
+        try:
+            output.simulate(self._stepper, self._until)
+        except SimulationError:
+            raise
+        except MjrunError as error:
+            self._fail([0], error)
+
+    def _run_together(self, stack: ExitStack) -> None:
+        taps = [tap for i, output in self._outputs.items() for tap in self._guarded(output.taps, [i])]
+        if not self._waiting:
+            observe(self._stepper, taps, self._until)
+            return
+        conditions = {text for output in self._waiting.values() for text in output.conditions}
+        detector = EventDetector(self._context.model, self._context.timeline, conditions)
+        stack.callback(detector.close)
+        taps += self._guarded(detector.taps(self._until), list(self._waiting))
+        observe(self._stepper, taps, self._until)
+
+        scheduled = {i: output for i in self._waiting if (output := self._scheduled(i, detector.event_steps))}
+        taps = [tap for i, output in scheduled.items() for tap in self._guarded(output.taps, [i])]
+        observe(detector.replay(self._stepper.model), taps, self._until)
+        self._outputs |= scheduled
+
+    def _scheduled(self, index: int, event_steps: EventSteps) -> Output[R] | None:
+        if index in self.failures:
+            return None
+        try:
+            return self._waiting[index].schedule(event_steps)
+        except MjrunError as error:
+            self._fail([index], error)
+            return None
+
+    def _guarded(self, taps: Sequence[Tap[Any]], indices: Sequence[int]) -> list[Tap[Stepper]]:
+        """`taps` whose first error fails the outputs with these indices, and ends them alone."""
+
+        def take(tap: Tap[Any], stepper: Stepper) -> None:
+            if indices[0] in self.failures:
+                return
+            try:
+                tap.write(tap.read(stepper))
+            except SimulationError:
+                raise
+            except MjrunError as error:
+                self._fail(indices, error)
+
+        return [Tap(tap.steps, lambda stepper: stepper, partial(take, tap)) for tap in taps]
+
+    def _fail(self, indices: Sequence[int], error: MjrunError) -> None:
+        """Notes a failure; with nothing left to make, the simulation need not go on."""
+        for index in indices:
+            self.failures[index] = self._plans[index].preview().path, error
+        if len(self.failures) == len(self._plans):
+            raise error
+
+
+def _open(jobs: Sequence[Job[R]], reporter: Reporter, stack: ExitStack) -> _Pass[R]:
+    plans, context, stepper, rendering = _plan(jobs, reporter, stack)
+    for text in context.simulation.remarks(context.model):
+        reporter.warn(text)
+    return _Pass(plans, [plan.open(stack, rendering) for plan in plans], context, stepper)
+
+
+def _plan(
+    jobs: Sequence[Job[R]], reporter: Reporter, stack: ExitStack
+) -> tuple[list[Plan[R]], Context, Stepper, SharedRendering]:
+    """The plans of all jobs, once everything that can be wrong with them was looked for."""
     _check_one_simulation(jobs)
-    with _Faults(jobs) as faults:
-        _check_files(jobs, faults)
-        works = [work for i, job in enumerate(jobs) if (work := faults.tried(i, partial(job.work, stack)))]
+    rendering = stack.enter_context(SharedRendering())
+    with _UsageErrors(jobs) as errors:
+        _check_files(jobs, errors)
+        tasks = [task for i, job in enumerate(jobs) if (task := errors.collect(i, job.task))]
+        for i, task in enumerate(tasks):
+            if task.renderer is not None:
+                errors.collect(i, partial(rendering.detect, task.renderer))
     simulation = jobs[0].simulation
     model = simulation.load()
-    ground = Context(simulation, model, simulation.timeline(model), reporter)
-    with _Faults(jobs) as faults:
-        for i, work in enumerate(works):
-            faults.tried(i, partial(work.plan, ground))
-        stepper = faults.tried(None, lambda: simulation.stepper(model if faults.found else _measured(model, works)))
+    context = Context(simulation, model, simulation.timeline(model), reporter)
+    with _UsageErrors(jobs) as errors:
+        plans = [plan for i, task in enumerate(tasks) if (plan := errors.collect(i, partial(task.plan, context)))]
+        stepper = errors.collect(None, lambda: simulation.stepper(_measured(model, plans)))
     assert stepper
-    return works, ground, stepper
+    return plans, context, stepper, rendering
 
 
-class _Faults:
-    """What is wrong with jobs: all of it is told at the end, at once."""
+class _UsageErrors:
+    """Collects what is wrong with jobs, so that all of it is raised together at the end of a `with` block."""
 
-    def __init__(self, jobs: Sequence[Job]) -> None:
+    def __init__(self, jobs: Sequence[Job[OutputResult]]) -> None:
         self._alone = len(jobs) == 1
-        self.found: list[tuple[int | None, UsageError]] = []
+        self._errors: list[tuple[int | None, UsageError]] = []
 
-    def tried(self, index: int | None, make: Callable[[], T]) -> T | None:
-        """What `make` makes; None if it is wrong, which is noted of the job with this index."""
+    def collect(self, index: int | None, function: Callable[[], T]) -> T | None:
+        """What `function` returns; None if it raises a UsageError, which is that of the job with this index."""
         try:
-            return make()
+            return function()
         except ControllerError:  # somebody's code, with its traceback
             raise
         except UsageError as error:
-            self.found.append((index, error))
+            self._errors.append((index, error))
             return None
 
-    def __enter__(self) -> "_Faults":
+    def __enter__(self) -> "_UsageErrors":
         return self
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        if kind is None and self.found:
-            together = JobsError(self.found)
-            if self._alone and len(self.found) == 1:
-                raise self.found[0][1] from together
+        if kind is None and self._errors:
+            together = JobsError(self._errors)
+            if self._alone and len(self._errors) == 1:
+                raise self._errors[0][1] from together
             raise together
 
 
-def _made(jobs: Sequence[Job], reporter: Reporter) -> tuple[list[Artifact | None], SimulationError | None]:
-    with ExitStack() as stack:
-        works, ground, stepper = _planned(jobs, reporter, stack)
-        for text in ground.simulation.remarks(ground.model):
-            reporter.warn(text)
-        for work in works:
-            work.open(stack)
-        start, failure, finished = time.perf_counter(), None, works
-        try:
-            _simulate(works, stepper, ground, stack)
-        except SimulationError as error:
-            failure, finished = error, [work for work in works if work.keeps_partial]
-            if not finished:
-                raise
-        wall = time.perf_counter() - start
-        return [work.finish(wall) if work in finished else None for work in works], failure
-
-
-def _measured(model: mujoco.MjModel, works: Sequence[Work]) -> mujoco.MjModel:
-    """The model with all that any of `works` measures switched on."""
+def _measured(model: mujoco.MjModel, plans: Sequence[Plan[OutputResult]]) -> mujoco.MjModel:
+    """A copy of the model with everything switched on that any of `plans` measures."""
     measured = copy.copy(model)
-    for work in works:
-        measured.opt.enableflags |= work.model.opt.enableflags
+    for plan in plans:
+        measured.opt.enableflags |= plan.enable_flags
     return measured
 
 
-def _simulate(works: Sequence[Work], stepper: Stepper, ground: Context, stack: ExitStack) -> None:
-    """Runs the simulation once; what waits for events looks at its recording."""
-    late = [work for work in works if work.conditions]
-    if not late and len(works) == 1:
-        works[0].drive(stepper)
-        return
-    taps = [tap for work in works if work not in late for tap in work.taps()]
-    until = max(work.until for work in works)
-    if not late:
-        observe(stepper, taps, until)
-        return
-    happening = EventDetector(ground.model, ground.timeline, {text for work in late for text in work.conditions})
-    stack.callback(happening.close)
-    observe(stepper, [*taps, *happening.taps(until)], until)
-    for work in late:
-        work.settle(happening.found)
-    observe(happening.replay(stepper.model), [tap for work in late for tap in work.taps()], until)
-
-
-def _check_one_simulation(jobs: Sequence[Job]) -> None:
+def _check_one_simulation(jobs: Sequence[Job[OutputResult]]) -> None:
     if not jobs:
         raise UsageError("there is nothing to do: no output was asked for")
     if any(job.simulation is not jobs[0].simulation for job in jobs):
         raise UsageError("all outputs of one pass must be of the same simulation")
 
 
-def _check_files(jobs: Sequence[Job], faults: _Faults) -> None:
+def _check_files(jobs: Sequence[Job[OutputResult]], errors: _UsageErrors) -> None:
     """No file is written twice, or read and written."""
-    taken = ReservedFiles()
+    reserved = ReservedFiles()
     for what, path in jobs[0].simulation.inputs:
-        taken.take(path, f"the {what}, which is read")
+        reserved.reserve(path, f"the {what}, which is read")
     for i, job in enumerate(jobs):
-        for what, path in faults.tried(i, lambda job=job: job.files) or ():
-            faults.tried(i, partial(taken.take, path, f"the {what}"))
+        for what, path in errors.collect(i, lambda job=job: job.files) or ():
+            errors.collect(i, partial(reserved.reserve, path, f"the {what}"))

@@ -1,23 +1,27 @@
 """A plot: measured values over time, as a picture."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import KW_ONLY, dataclass
 from fractions import Fraction
+from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
-from mjrun.errors import BadValueError, UsageError, quoted
+from mjrun.errors import BadValueError, UsageError, concerning, quoted
 from mjrun.formats.image_format import image_format
 from mjrun.formats.image_writer import ImageWriter
+from mjrun.job.drawing import metadata_tags
 from mjrun.job.manifest import origin
-from mjrun.job.output_files import named
-from mjrun.job.perform import Artifact, Context, Preview, Work, perform
+from mjrun.job.output_files import named_files
+from mjrun.job.perform import perform
+from mjrun.job.shared_rendering import SharedRendering
 from mjrun.job.simulation import Simulation, lone
-from mjrun.job.trace import rows
-from mjrun.job.trace_rows import RowBuffer, Rows, Table
-from mjrun.job.view import tags
+from mjrun.job.task import Artifact, Context, Output, OutputResult, PassSummary, Preview
+from mjrun.job.trace import row_steps
+from mjrun.job.trace_rows import RowBuffer, Table
 from mjrun.probe.select import split
 from mjrun.rendering.graph import Graph
 from mjrun.reporter import Reporter
@@ -67,7 +71,7 @@ class Plot:
     @property
     def files(self) -> list[tuple[str, str]]:
         """Every file that it writes, with what it is."""
-        return named(self, "output", "manifest")
+        return named_files(output=self.output, manifest=self.manifest)
 
     def run(self, reporter: Reporter | None = None) -> "PlotResult":
         """Makes the plot. What can fail early fails before the first step.
@@ -77,13 +81,17 @@ class Plot:
         """
         return perform([self], reporter)[0]
 
-    def work(self, stack: ExitStack) -> "PlotWork":
-        """The work that makes it."""
-        return PlotWork(self)
+    def task(self) -> "PlotTask":
+        """Its task, with the format chosen.
+
+        Raises:
+          UsageError: a format that cannot hold a plot.
+        """
+        return PlotTask(self, image_format(self.output, "rgb", self.format))
 
 
 @dataclass(frozen=True)
-class PlotResult:
+class PlotResult(OutputResult):
     """What plot was made.
 
     Attributes:
@@ -91,70 +99,107 @@ class PlotResult:
       size: width and height [pixels].
       samples: of each curve.
       wall: wall time of all [s].
-      warnings: what MuJoCo warned of.
+      warnings: MuJoCo's.
     """
 
-    path: str
     size: tuple[int, int]
     samples: int
     wall: float
     warnings: Sequence[str]
 
 
-class PlotWork(Work):
-    """A plot in the making."""
+@dataclass(frozen=True)
+class PlotTask:
+    """A plot, with its format chosen."""
 
-    def __init__(self, job: Plot) -> None:
-        self._job = job
-        self._format = image_format(job.output, "rgb", job.format)
+    job: Plot
+    format: str
 
-    def plan(self, ground: Context) -> None:
-        job = self._job
-        self._ground, self.until = ground, ground.timeline.steps
-        self._rows = rows(ground.timeline, job.every, job.rate)
-        self._tables = [Table(ground.model, split(text), ground.timeline) for text in job.probes]
-        for text, table in zip(job.probes, self._tables, strict=True):
-            if len(table.columns) == 1:
-                raise UsageError(f"plot {quoted(text)}: this model has none of it")
+    renderer = None
+
+    def plan(self, context: Context) -> "PlotPlan":
+        """Finds the probes in the model."""
+        graphs: list[Table] = []
+        for index, text in enumerate(self.job.probes):
+            with concerning("probe", index):
+                graphs.append(Table(context.model, split(text), context.timeline))
+                if len(graphs[-1].columns) == 1:
+                    raise UsageError(f"plot {quoted(text)}: this model has none of it")
         # One table of all, so that each instant is computed once.
-        asked = [part for text in job.probes for part in split(text)]
-        self._table = Table(ground.model, list(dict.fromkeys(asked)), ground.timeline)
-        self.model = self._table.model
+        probes = [part for text in self.job.probes for part in split(text)]
+        table = Table(context.model, list(dict.fromkeys(probes)), context.timeline)
+        return PlotPlan(self, context, row_steps(context.timeline, self.job.every, self.job.rate), graphs, table)
 
-    def open(self, stack: ExitStack) -> None:
-        job, ground = self._job, self._ground
-        self._facts = origin(job, job.simulation, ground.model, ground.timeline)
-        sink = ImageWriter(job.output, "rgb", self._format, job.size, tags(job.output, self._facts))
-        self._sink = stack.enter_context(sink)
+
+@dataclass(frozen=True)
+class PlotPlan:
+    """A plot of a model.
+
+    Attributes:
+      steps: of the samples.
+      graphs: the columns of each graph.
+      table: all columns.
+    """
+
+    task: PlotTask
+    context: Context
+    steps: Sequence[int]
+    graphs: Sequence[Table]
+    table: Table
+
+    keep_partial = False
+
+    @property
+    def enable_flags(self) -> int:
+        return self.table.model.opt.enableflags
+
+    @property
+    def until(self) -> int:
+        return self.context.timeline.steps
+
+    def preview(self) -> Preview:
+        job = self.task.job
+        about = f"{self.task.format}, {'; '.join(job.probes)}"
+        return Preview("plot", job.output, len(self.steps), "samples", job.size, about)
+
+    def open(self, stack: ExitStack, rendering: SharedRendering) -> "PlotOutput":
+        job, context = self.task.job, self.context
+        facts = origin(job, job.simulation, context.model, context.timeline)
+        writer = ImageWriter(job.output, "rgb", self.task.format, job.size, metadata_tags(job.output, facts))
+        return PlotOutput(self, facts, stack.enter_context(writer))
+
+
+class PlotOutput(Output[PlotResult]):
+    """A plot whose file is open."""
+
+    def __init__(self, plan: PlotPlan, facts: Mapping[str, Any], writer: ImageWriter) -> None:
+        self._plan, self._facts, self._writer = plan, facts, writer
         self._blocks: list[np.ndarray] = []
-        self._waiting = RowBuffer(self._table, self._rows, self._keep)
+        self._buffer = RowBuffer(plan.table, plan.steps, lambda block: self._blocks.append(block.values))
+        self.taps = [Tap(plan.steps, plan.table.read, self._buffer.add)]
 
-    def taps(self) -> Sequence[Tap]:
-        """A sample at each of its instants."""
-        return [Tap(self._rows, self._table.read, self._waiting.add)]
-
-    def outline(self) -> Preview:
-        about = f"{self._format}, {'; '.join(self._job.probes)}"
-        return Preview("plot", self._job.output, len(self._rows), "samples", self._job.size, about)
-
-    def finish(self, wall: float) -> Artifact:
-        self._waiting.flush()
+    def finish(self) -> Artifact[PlotResult]:
+        self._buffer.flush()
         values = np.concatenate(self._blocks)
-        index = {column.name: k for k, column in enumerate(self._table.columns)}
-        heights = np.diff(np.linspace(0, self._job.size[1], len(self._tables) + 1).astype(int))
-        em, pictures = max(SMALLEST_LETTERS, LETTERS * min(self._job.size)), []
-        for table, height in zip(self._tables, heights, strict=True):
-            shown = table.columns[1:]
-            found = values[:, [index[column.name] for column in shown]]
-            names, units = [column.name for column in shown], [column.unit for column in shown]
-            graph = Graph(values[:, 0], found, names, units, (self._job.size[0], int(height)), em)
+        self._writer.write(self._drawn(values))
+        self._writer.finish()
+        return Artifact(self._facts, [self._writer], partial(self._result, len(values)))
+
+    def _drawn(self, values: np.ndarray) -> np.ndarray:
+        """The picture `(height, width, 3)` of all graphs, one under the other."""
+        width, height = self._plan.task.job.size
+        index = {column.name: k for k, column in enumerate(self._plan.table.columns)}
+        edges = np.linspace(0, height, len(self._plan.graphs) + 1).astype(int)
+        em = max(SMALLEST_LETTERS, LETTERS * min(width, height))
+
+        pictures: list[np.ndarray] = []
+        for table, rows in zip(self._plan.graphs, np.diff(edges), strict=True):
+            names, units = zip(*((column.name, column.unit) for column in table.columns[1:]), strict=True)
+            shown = values[:, [index[name] for name in names]]
+            graph = Graph(values[:, 0], shown, names, units, (width, int(rows)), em)
             pictures.append(graph.draw(float(values[-1, 0])))
-        self._sink.write(np.concatenate(pictures))
-        files = self._sink.publish()
-        return Artifact(self._facts, files, lambda total, heard: self._result(len(values), total, heard))
+        return np.concatenate(pictures)
 
-    def _keep(self, block: Rows) -> None:
-        self._blocks.append(block.values)
-
-    def _result(self, samples: int, wall: float, heard: Sequence[str]) -> PlotResult:
-        return PlotResult(str(Path(self._job.output)), self._job.size, samples, wall, heard)
+    def _result(self, samples: int, files: Sequence[Path], summary: PassSummary) -> PlotResult:
+        job = self._plan.task.job
+        return PlotResult(str(Path(job.output)), job.size, samples, summary.wall, summary.warnings)

@@ -1,14 +1,18 @@
 """A recording: the replayable states of a simulation, one for each step."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
 
 from mjrun.formats.recording_writer import RecordingWriter
 from mjrun.job.manifest import origin
-from mjrun.job.output_files import named
-from mjrun.job.perform import Artifact, Context, Preview, Work, perform
+from mjrun.job.output_files import named_files
+from mjrun.job.perform import perform
+from mjrun.job.shared_rendering import SharedRendering
 from mjrun.job.simulation import Simulation
+from mjrun.job.task import Artifact, Context, Output, OutputResult, PassSummary, Preview
 from mjrun.model import state
 from mjrun.model.fingerprint import physics_fingerprint
 from mjrun.reporter import Reporter
@@ -37,7 +41,7 @@ class Recording:
     @property
     def files(self) -> list[tuple[str, str]]:
         """Every file that it writes, with what it is."""
-        return named(self, "output", "manifest")
+        return named_files(output=self.output, manifest=self.manifest)
 
     def run(self, reporter: Reporter | None = None) -> "RecordingResult":
         """Makes the recording. What can fail early fails before the first step.
@@ -47,13 +51,13 @@ class Recording:
         """
         return perform([self], reporter)[0]
 
-    def work(self, stack: ExitStack) -> "RecordingWork":
-        """The work that makes it."""
-        return RecordingWork(self)
+    def task(self) -> "RecordingTask":
+        """Its task."""
+        return RecordingTask(self)
 
 
 @dataclass(frozen=True)
-class RecordingResult:
+class RecordingResult(OutputResult):
     """What recording was made.
 
     Attributes:
@@ -62,10 +66,9 @@ class RecordingResult:
       size: numbers in a state.
       simulated: simulated time [s].
       wall: wall time of all [s].
-      warnings: what MuJoCo warned of.
+      warnings: MuJoCo's.
     """
 
-    path: str
     states: int
     size: int
     simulated: float
@@ -73,34 +76,71 @@ class RecordingResult:
     warnings: Sequence[str]
 
 
-class RecordingWork(Work):
-    """A recording in the making."""
+@dataclass(frozen=True)
+class RecordingTask:
+    """A recording, of which nothing can be decided without the model."""
 
-    def __init__(self, job: Recording) -> None:
-        self._job, self.keeps_partial = job, job.keep_partial
+    job: Recording
 
-    def plan(self, ground: Context) -> None:
-        self._ground, self.model, self.until = ground, ground.model, ground.timeline.steps
+    renderer = None
 
-    def open(self, stack: ExitStack) -> None:
-        job, ground = self._job, self._ground
-        told = {"sizes": sizes(ground.model), "physics": physics_fingerprint(ground.model)}
-        self._facts = {**origin(job, job.simulation, ground.model, ground.timeline), **told}
-        self._sink = stack.enter_context(RecordingWriter(job.output, state.size(ground.model), self._facts))
+    def plan(self, context: Context) -> "RecordingPlan":
+        return RecordingPlan(self.job, context)
 
-    def taps(self) -> Sequence[Tap]:
-        """The state at each step."""
-        every = range(self.until + 1)
-        return [Tap(every, lambda stepper: (stepper.step, stepper.state()), lambda row: self._sink.write(*row))]
 
-    def outline(self) -> Preview:
-        size = state.size(self._ground.model)
-        return Preview("recording", self._job.output, self.until + 1, "states", [size], f"{size} numbers each")
+@dataclass(frozen=True)
+class RecordingPlan:
+    """A recording of a model."""
 
-    def finish(self, wall: float) -> Artifact:
-        return Artifact(self._facts, self._sink.publish(), self._result)
+    job: Recording
+    context: Context
 
-    def _result(self, wall: float, heard: Sequence[str]) -> RecordingResult:
-        timeline, size = self._ground.timeline, state.size(self._ground.model)
-        simulated = float(timeline.time(self._sink.count - 1))
-        return RecordingResult(self._job.output, self._sink.count, size, simulated, wall, heard)
+    @property
+    def keep_partial(self) -> bool:
+        return self.job.keep_partial
+
+    @property
+    def enable_flags(self) -> int:
+        return self.context.model.opt.enableflags
+
+    @property
+    def until(self) -> int:
+        return self.context.timeline.steps
+
+    def preview(self) -> Preview:
+        size = state.size(self.context.model)
+        return Preview("recording", self.job.output, self.until + 1, "states", [size], f"{size} numbers each")
+
+    def open(self, stack: ExitStack, rendering: SharedRendering) -> "RecordingOutput":
+        job, model = self.job, self.context.model
+        facts = {
+            **origin(job, job.simulation, model, self.context.timeline),
+            "sizes": sizes(model),
+            "physics": physics_fingerprint(model),
+        }
+        writer = stack.enter_context(RecordingWriter(job.output, state.size(model), facts))
+        return RecordingOutput(self, facts, writer)
+
+
+class RecordingOutput(Output[RecordingResult]):
+    """A recording whose file is open."""
+
+    def __init__(self, plan: RecordingPlan, facts: Mapping[str, Any], writer: RecordingWriter) -> None:
+        self._plan, self._facts, self._writer = plan, facts, writer
+        every = range(plan.until + 1)
+        self.taps = [Tap(every, lambda stepper: (stepper.step, stepper.state()), lambda row: writer.write(*row))]
+
+    def finish(self) -> Artifact[RecordingResult]:
+        self._writer.finish()
+        return Artifact(self._facts, [self._writer], self._result)
+
+    def _result(self, files: Sequence[Path], summary: PassSummary) -> RecordingResult:
+        context, count = self._plan.context, self._writer.count
+        return RecordingResult(
+            path=self._plan.job.output,
+            states=count,
+            size=state.size(context.model),
+            simulated=float(context.timeline.time(count - 1)),
+            wall=summary.wall,
+            warnings=summary.warnings,
+        )

@@ -1,18 +1,18 @@
-"""`--text TEMPLATE`: time, speed and measured values, written over a film."""
+"""Templates of text over frames: time, speed and measured values in braces."""
 
 import string
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from mjrun.errors import UnknownNameError, UsageError, quoted
+from mjrun.errors import UnknownNameError, UsageError, option, quoted
 
 BUILTIN = {"time": ".2f", "frame": "d", "step": "d", "speed": "g"}
-VALUE = ".4g"
+DEFAULT_FORMAT = ".4g"
 
 
 @dataclass(frozen=True)
-class Piece:
-    """Text as it stands, then a value, if there is one, by name and format."""
+class TemplatePart:
+    """Literal text, then a value by name and format, if there is one."""
 
     literal: str
     name: str = ""
@@ -23,24 +23,24 @@ class Piece:
 class Template:
     """A text with values in braces: `{time:.2f} s  {qpos/knee:.1f}`; `\\n` begins a line, `{{` is a brace."""
 
-    pieces: Sequence[Piece]
+    parts: Sequence[TemplatePart]
 
     @property
     def columns(self) -> list[str]:
         """The columns that it shows, each once."""
-        return list(dict.fromkeys(piece.name for piece in self.pieces if piece.name and piece.name not in BUILTIN))
+        return list(dict.fromkeys(part.name for part in self.parts if part.name and part.name not in BUILTIN))
 
     def filled(self, values: Mapping[str, float]) -> str:
         """The text with `values` by name."""
-        parts = []
-        for piece in self.pieces:
-            value = format(values[piece.name], piece.form) if piece.name else ""
-            parts.append(piece.literal + value)
-        return "".join(parts)
+        texts: list[str] = []
+        for part in self.parts:
+            value = format(values[part.name], part.form) if part.name else ""
+            texts.append(part.literal + value)
+        return "".join(texts)
 
 
-def template(text: str, columns: Sequence[str]) -> Template:
-    """The template that `text` is.
+def parse_template(text: str, columns: Sequence[str]) -> Template:
+    """The template in `text`.
 
     Args:
       columns: those that can be measured.
@@ -53,22 +53,22 @@ def template(text: str, columns: Sequence[str]) -> Template:
         parsed = list(string.Formatter().parse(text.replace("\\n", "\n")))
     except ValueError as error:
         raise UsageError(
-            f"--text {quoted(text)}: {error}\nwrite a value as {{time:.2f}}, and a brace as {{{{"
+            f"{option('text')} {quoted(text)}: {error}\nwrite a value as {{time:.2f}}, and a brace as {{{{"
         ) from None
-    known = [*BUILTIN, *columns]
-    return Template([_piece(literal, name, form, known) for literal, name, form, _ in parsed])
+    valid = [*BUILTIN, *columns]
+    return Template([_part(literal, name, form, valid) for literal, name, form, _ in parsed])
 
 
-def _piece(literal: str, name: str | None, form: str | None, known: Sequence[str]) -> Piece:
+def _part(literal: str, name: str | None, form: str | None, valid: Sequence[str]) -> TemplatePart:
     if name is None:
-        return Piece(literal)
+        return TemplatePart(literal)
     whole = f"{name}:{form}" if form else name  # a column may hold a colon itself, as in qpos/joint:0
-    found = max((column for column in known if whole == column or whole.startswith(f"{column}:")), key=len, default="")
-    if not found:
-        raise UnknownNameError("value", name, known, where="--text")
-    form = whole[len(found) + 1 :] or BUILTIN.get(found, VALUE)
+    column = max((column for column in valid if whole == column or whole.startswith(f"{column}:")), key=len, default="")
+    if not column:
+        raise UnknownNameError("value", name, valid, where=option("text"))
+    form = whole[len(column) + 1 :] or BUILTIN.get(column, DEFAULT_FORMAT)
     try:
-        format(1 if found in ("frame", "step") else 1.0, form)
+        format(1 if column in ("frame", "step") else 1.0, form)
     except ValueError as error:
-        raise UsageError(f"--text: {quoted(form)} cannot format {quoted(found)}: {error}") from None
-    return Piece(literal, found, form)
+        raise UsageError(f"{option('text')}: {quoted(form)} cannot format {quoted(column)}: {error}") from None
+    return TemplatePart(literal, column, form)

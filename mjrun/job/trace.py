@@ -2,22 +2,27 @@
 
 import queue
 import threading
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
 from fractions import Fraction
+from functools import partial
+from pathlib import Path
+from typing import Any
 
-from mjrun.errors import UsageError
+from mjrun.errors import UsageError, concerning, option
 from mjrun.formats.table_writer import TableWriter
 from mjrun.formats.tables import output_format
 from mjrun.job.manifest import origin
-from mjrun.job.output_files import named
-from mjrun.job.perform import Artifact, Context, Preview, Work, perform
+from mjrun.job.output_files import named_files
+from mjrun.job.perform import perform
+from mjrun.job.shared_rendering import SharedRendering
 from mjrun.job.simulation import Simulation, lone, positive
+from mjrun.job.task import Artifact, Context, Output, OutputResult, PassSummary, Preview
 from mjrun.job.trace_rows import TIME, RowBuffer, Rows, Table, repeated
 from mjrun.model.column import Column
 from mjrun.model.mujoco_globals import collected_warnings
-from mjrun.probe.assertion import Verdict, parse
+from mjrun.probe.assertion import Assertion, Verdict, parse
 from mjrun.probe.available import SelectedProbes
 from mjrun.probe.select import DEFAULT, catalogue, chosen
 from mjrun.reporter import Reporter
@@ -25,7 +30,7 @@ from mjrun.sim.observe import Tap
 from mjrun.sim.stepper import PhysicsStepper, Stepper
 from mjrun.timeline import Timeline
 
-AHEAD = 4  # blocks that may wait to be written
+QUEUED_BLOCKS = 4  # that may wait to be written
 
 
 @dataclass(frozen=True)
@@ -64,7 +69,7 @@ class Trace:
     @property
     def files(self) -> list[tuple[str, str]]:
         """Every file that it writes, with what it is."""
-        return named(self, "output", "contacts", "manifest")
+        return named_files(output=self.output, contacts=self.contacts, manifest=self.manifest)
 
     def run(self, reporter: Reporter | None = None) -> "TraceResult":
         """Makes the trace. What can fail early fails before the first step.
@@ -75,13 +80,19 @@ class Trace:
         """
         return perform([self], reporter)[0]
 
-    def work(self, stack: ExitStack) -> "TraceWork":
-        """The work that makes it."""
-        return TraceWork(self, stack)
+    def task(self) -> "TraceTask":
+        """Its task, with every format chosen.
+
+        Raises:
+          UsageError: a suffix or format that is not known.
+        """
+        target = None if self.output == "-" else self.output
+        contacts = None if self.contacts is None else output_format(self.contacts).name
+        return TraceTask(self, target, output_format(target, self.format).name, contacts)
 
 
 @dataclass(frozen=True)
-class TraceResult:
+class TraceResult(OutputResult):
     """What table was made.
 
     Attributes:
@@ -91,11 +102,10 @@ class TraceResult:
       contacts: rows of the contact table; None without one.
       simulated, steps: simulated time [s] and steps taken.
       wall: wall time of all [s].
-      assertions: each with what it found, and whether it holds.
-      warnings: what MuJoCo warned of.
+      assertions: each with the value that it has, and whether it holds.
+      warnings: MuJoCo's.
     """
 
-    path: str
     format: str
     rows: int
     columns: int
@@ -114,84 +124,128 @@ def columns(simulation: Simulation, probes: Sequence[str] = ()) -> list[Column]:
         return [TIME, *(chosen(model, probes) if probes else catalogue(model))]
 
 
-class TraceWork(Work):
-    """A trace in the making."""
+@dataclass(frozen=True)
+class TraceTask:
+    """A trace, with every format chosen.
 
-    def __init__(self, job: Trace, stack: ExitStack) -> None:
-        self._job = job
-        self._target = None if job.output == "-" else job.output
-        self._format = output_format(self._target, job.format).name
-        self._contacts_format = None if job.contacts is None else output_format(job.contacts).name
-        self.keeps_partial = job.keep_partial
+    Attributes:
+      target: the output; None for standard output.
+      contacts_format: of the table of contacts, if there is one.
+    """
 
-    def plan(self, ground: Context) -> None:
-        job = self._job
-        self._ground, self.until = ground, ground.timeline.steps
-        self._rows = rows(ground.timeline, job.every, job.rate)
-        self._table = Table(ground.model, job.probes, ground.timeline, with_contacts=job.contacts is not None)
-        self.model = self._table.model
-        if text := repeated(ground.timeline, job.rate):
-            ground.reporter.warn(text)
-        names = [column.name for column in self._table.columns]
-        self._checkers = [parse(text, SelectedProbes(names, self.model)).checker() for text in job.asserts]
+    job: Trace
+    target: str | None
+    format: str
+    contacts_format: str | None
 
-    def open(self, stack: ExitStack) -> None:
-        job, ground, table = self._job, self._ground, self._table
-        self._facts = origin(job, job.simulation, ground.model, ground.timeline)
-        self._sink = stack.enter_context(TableWriter(self._target, self._format, table.columns, self._facts))
-        self._contacts = None
-        if self._contacts_format is not None:
-            sink = TableWriter(job.contacts, self._contacts_format, table.contact_columns, self._facts)
-            self._contacts = stack.enter_context(sink)
-        self._waiting = RowBuffer(table, self._rows, self._write)
+    renderer = None
 
-    def taps(self) -> Sequence[Tap]:
-        """A row at each of its instants."""
-        return [Tap(self._rows, self._table.read, self._waiting.add)]
+    def plan(self, context: Context) -> "TracePlan":
+        """Finds the probes in the model and parses the assertions."""
+        job = self.job
+        steps = row_steps(context.timeline, job.every, job.rate)
+        table = Table(context.model, job.probes, context.timeline, with_contacts=job.contacts is not None)
+        if text := repeated(context.timeline, job.rate):
+            context.reporter.warn(text)
+        available = SelectedProbes([column.name for column in table.columns], table.model)
+        assertions: list[Assertion] = []
+        for index, text in enumerate(job.asserts):
+            with concerning("assert", index):
+                assertions.append(parse(text, available))
+        return TracePlan(self, context, steps, table, assertions)
 
-    def drive(self, stepper: Stepper) -> None:
+
+@dataclass(frozen=True)
+class TracePlan:
+    """A trace of a model; `steps` are those of its rows."""
+
+    task: TraceTask
+    context: Context
+    steps: Sequence[int]
+    table: Table
+    assertions: Sequence[Assertion]
+
+    @property
+    def keep_partial(self) -> bool:
+        return self.task.job.keep_partial
+
+    @property
+    def enable_flags(self) -> int:
+        return self.table.model.opt.enableflags
+
+    @property
+    def until(self) -> int:
+        return self.context.timeline.steps
+
+    def preview(self) -> Preview:
+        count = len(self.table.columns)
+        about = f"{self.task.format}, {count} columns"
+        return Preview("trace", self.task.job.output, len(self.steps), "rows", [count], about)
+
+    def open(self, stack: ExitStack, rendering: SharedRendering) -> "TraceOutput":
+        task, job, context, table = self.task, self.task.job, self.context, self.table
+        facts = origin(job, job.simulation, context.model, context.timeline)
+        writer = stack.enter_context(TableWriter(task.target, task.format, table.columns, facts))
+        contacts = None
+        if task.contacts_format is not None:
+            contacts = TableWriter(job.contacts, task.contacts_format, table.contact_columns, facts)
+            stack.enter_context(contacts)
+        return TraceOutput(self, facts, writer, contacts)
+
+
+class TraceOutput(Output[TraceResult]):
+    """A trace whose files are open."""
+
+    def __init__(
+        self, plan: TracePlan, facts: Mapping[str, Any], writer: TableWriter, contacts: TableWriter | None
+    ) -> None:
+        self._plan, self._facts, self._writer, self._contacts = plan, facts, writer, contacts
+        self._checkers = [assertion.checker() for assertion in plan.assertions]
+        self._buffer = RowBuffer(plan.table, plan.steps, self._write)
+        self.taps = [Tap(plan.steps, plan.table.read, self._buffer.add)]
+
+    def simulate(self, stepper: Stepper, until: int) -> None:
         """Physics alone is stepped in C, block by block, and written in a thread meanwhile."""
-        if not isinstance(stepper, PhysicsStepper):
-            super().drive(stepper)
-            return
-        _stream(self._table.blocks(stepper, self._rows), self._write)
+        if isinstance(stepper, PhysicsStepper):
+            _stream(self._plan.table.blocks(stepper, self._plan.steps), self._write)
+        else:
+            super().simulate(stepper, until)
 
-    def outline(self) -> Preview:
-        about = f"{self._format}, {len(self._table.columns)} columns"
-        return Preview("trace", self._job.output, len(self._rows), "rows", [len(self._table.columns)], about)
-
-    def finish(self, wall: float) -> Artifact:
-        self._waiting.flush()
-        files = [*self._sink.publish(), *(self._contacts.publish() if self._contacts else [])]
+    def finish(self) -> Artifact[TraceResult]:
+        self._buffer.flush()
+        writers = [self._writer, *([self._contacts] if self._contacts else [])]
+        for writer in writers:
+            writer.finish()
         verdicts = [checker.verdict() for checker in self._checkers]
         failed = [verdict.message for verdict in verdicts if not verdict.passed]
-        return Artifact(self._facts, files, lambda total, heard: self._result(verdicts, total, heard), failed)
+        return Artifact(self._facts, writers, partial(self._result, verdicts), failed)
 
     def _write(self, rows: Rows) -> None:
         for checker in self._checkers:
-            checker.feed(rows.values, self._sink.rows)
-        self._sink.write(rows.values)
+            checker.feed(rows.values, self._writer.rows)
+        self._writer.write(rows.values)
         if self._contacts and rows.contacts is not None:
             self._contacts.write(rows.contacts)
 
-    def _result(self, assertions: Sequence[Verdict], wall: float, heard: Sequence[str]) -> TraceResult:
+    def _result(self, assertions: Sequence[Verdict], files: Sequence[Path], summary: PassSummary) -> TraceResult:
+        task, timeline = self._plan.task, self._plan.context.timeline
         return TraceResult(
-            path=self._job.output,
-            format=self._format,
-            rows=self._sink.rows,
-            columns=len(self._table.columns),
+            path=task.job.output,
+            format=task.format,
+            rows=self._writer.rows,
+            columns=len(self._plan.table.columns),
             contacts=self._contacts.rows if self._contacts else None,
-            simulated=float(self._ground.timeline.duration),
-            steps=self._ground.timeline.steps,
-            wall=wall,
+            simulated=float(timeline.duration),
+            steps=timeline.steps,
+            wall=summary.wall,
             assertions=assertions,
-            warnings=heard,
+            warnings=summary.warnings,
         )
 
 
 def _stream(parts: Iterator[Callable[[], Rows]], write: Callable[[Rows], object]) -> None:
     """Computes and writes blocks in a thread, while the next ones are simulated in C."""
-    waiting: queue.Queue[Callable[[], Rows] | None] = queue.Queue(AHEAD)
+    waiting: queue.Queue[Callable[[], Rows] | None] = queue.Queue(QUEUED_BLOCKS)
     failures: list[BaseException] = []
 
     def work() -> None:
@@ -213,14 +267,14 @@ def _stream(parts: Iterator[Callable[[], Rows]], write: Callable[[Rows], object]
     finally:
         waiting.put(None)
         writer.join()
-    if failures:
-        raise failures[0]
+        if failures:  # even if the simulation has failed too: what is written is not the rows up to there
+            raise failures[0]
 
 
-def rows(timeline: Timeline, every: int, rate: float | str | Fraction | None) -> Sequence[int]:
+def row_steps(timeline: Timeline, every: int, rate: float | str | Fraction | None) -> Sequence[int]:
     """The steps that are measured: every so many, or so many per simulated second."""
     if rate is not None and every != 1:
-        raise UsageError("--every and --rate exclude each other: both say how often")
+        raise UsageError(f"{option('every')} and {option('rate')} exclude each other: both say how often")
     if rate is None:
         return timeline.rows(every=every)
-    return timeline.rows(rate=positive("--rate", rate))
+    return timeline.rows(rate=positive(option("rate"), rate))

@@ -1,36 +1,39 @@
-"""A film: simulate and keep the state of every frame, then draw the states into the encoder."""
+"""A video: keep the state of every frame while the simulation runs, then draw the states into the encoder."""
 
 import time
 from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
-from dataclasses import KW_ONLY, dataclass
+from dataclasses import KW_ONLY, dataclass, field, replace
 from fractions import Fraction
+from functools import partial
+from math import prod
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 
-from mjrun.camera.pose import Pose
-from mjrun.errors import UnknownNameError, UsageError, clean
+from mjrun.errors import UnknownNameError, UsageError, clean, option
 from mjrun.formats.codecs import Encoding, encoding
 from mjrun.formats.labels import LabelsWriter
 from mjrun.formats.video_writer import VideoWriter
 from mjrun.job.calibration import Calibration
+from mjrun.job.drawing import DrawingPlan, FrameRecorder, check_drawing, metadata_tags, plan_drawing
 from mjrun.job.event_detection import conditions
-from mjrun.job.frame_drawing import Filming
-from mjrun.job.frame_schedule import FrameSchedule, events, pacing
+from mjrun.job.frame_drawing import FrameDrawer
+from mjrun.job.frame_schedule import FrameSchedule, shot_events, video_schedule
 from mjrun.job.manifest import origin
-from mjrun.job.overlay import Values, blank, gauges
-from mjrun.job.perform import Artifact, Context, Preview, Work, perform
+from mjrun.job.panels import PanelFile, camera_names, output_files, panel_files, panels_of, unused_options
+from mjrun.job.perform import perform
+from mjrun.job.shared_rendering import RendererChoice, SharedRendering
 from mjrun.job.simulation import Simulation, lone, positive
-from mjrun.job.view import Drawing, painter, tags, unused
+from mjrun.job.task import Artifact, Context, EventSteps, Output, OutputResult, PassSummary, Preview
+from mjrun.job.view import Drawing
 from mjrun.model.uint16_pixels import UINT16_MAX
-from mjrun.rendering.compositor import Overlay, SceneCompositor, Stream
+from mjrun.rendering.backend import Backend
+from mjrun.rendering.compositor import SceneCompositor
 from mjrun.rendering.graph import SIDES
-from mjrun.rendering.layout import layout_size
 from mjrun.rendering.process_count import AUTO
 from mjrun.reporter import Reporter
-from mjrun.sim.observe import Tap
-from mjrun.sim.state_buffer import StateBuffer
-from mjrun.sim.stepper import Stepper
 
 
 @dataclass(frozen=True)
@@ -74,39 +77,47 @@ class Video(Drawing):
     @property
     def files(self) -> list[tuple[str, str]]:
         """Every file that it writes, with what it is."""
-        return self.written(self.output)
+        return output_files(self, self.output)
 
     def run(self, reporter: Reporter | None = None) -> "VideoResult":
-        """Makes the film. What can fail early fails before the first step.
+        """Makes the video. What can fail early fails before the first step.
 
         Raises:
           MjrunError: nothing was published, and an existing output is untouched.
         """
         return perform([self], reporter)[0]
 
-    def work(self, stack: ExitStack) -> "FilmWork":
-        """The work that makes it."""
-        return FilmWork(self, stack)
+    def task(self) -> "VideoTask":
+        """Its task, with every format chosen.
+
+        Raises:
+          UsageError: a format that cannot hold the video, or a rate that cannot be.
+        """
+        files = [_video_file(self, file) for file in panel_files(self, self.output)]
+        fps = files[0].encoding.fps if self.fps is None else positive(option("fps"), self.fps)
+        speed = positive(option("speed"), self.speed)
+        for file in files:
+            file.encoding.check_fps(fps)
+        return VideoTask(self, files, fps, speed)
 
 
 @dataclass(frozen=True)
-class VideoResult:
-    """What film was made.
+class VideoResult(OutputResult):
+    """What video was made.
 
     Attributes:
       path: where it is; `-` is standard output.
       paths: all files, labels and calibration included.
       format, codec: how it is encoded.
-      size: width and height of the film [pixels], padding included.
-      frames, fps, duration: number, rate, and length of the film [s].
+      size: width and height of the video [pixels], padding included.
+      frames, fps, duration: number, rate, and length of the video [s].
       simulated, steps: simulated time [s] and steps taken.
       jobs: processes that drew.
-      renderer, gl, software: who drew, by OpenGL's own name; the backend; whether it is a CPU.
+      renderer, gl, software: what drew, by OpenGL's own name; the backend; whether it is a CPU.
       simulation_wall, draw_wall, wall: wall time of stepping, of drawing and encoding, of all [s].
-      warnings: what MuJoCo warned of.
+      warnings: MuJoCo's.
     """
 
-    path: str
     paths: Sequence[str]
     format: str
     codec: str
@@ -126,189 +137,236 @@ class VideoResult:
     warnings: Sequence[str]
 
 
-class FilmWork(Work):
-    """A film in the making."""
+@dataclass(frozen=True)
+class VideoFile(PanelFile):
+    """A file of a video; `encoding` is how it is encoded."""
 
-    def __init__(self, job: Video, stack: ExitStack) -> None:
-        self._job = job
-        self._encodings = _encodings(job)
-        self._fps = self._encodings[0].fps if job.fps is None else positive("--fps", job.fps)
-        self._speed = positive("--speed", job.speed)
-        for encoded in self._encodings:
-            encoded.check_fps(self._fps)
-        self._search = job.search()  # tries a backend while the model loads
-        stack.callback(self._search.cancel)
-        self._pacing: FrameSchedule | None = None
-        self._rows: list[Values] = []
+    encoding: Encoding = field(kw_only=True)
 
-    def plan(self, ground: Context) -> None:
-        job, model = self._job, ground.model
-        self._ground, self.until = ground, ground.timeline.steps
-        self._scripts, self._courses = job.scripts(model), job.courses(model)
-        self.conditions = conditions(events(self._scripts), model)
-        self._gauges = gauges(model, ground.timeline, job.text, job.plot)
-        self.model = self._gauges.model
-        size = layout_size(1 if job.separate else len(job.panels), job.size, job.layout)
-        self._overlay = blank(size, job.corner, job.plot, job.plot_side)
-        self._additions = job.additions(model)
-        if not self.conditions:
-            self.settle({})
+    @property
+    def is_labelled(self) -> bool:
+        """Whether a file beside it says what its ids mean."""
+        return self.target is not None and [panel.view for panel in self.panels] == ["seg"]
 
-    def settle(self, happened: Mapping[str, Sequence[int]]) -> None:
-        self._pacing = pacing(self._scripts, self._ground.timeline, self._fps, self._speed, happened)
-        for text in self._pacing.remarks:
-            self._ground.reporter.warn(text)
 
-    def open(self, stack: ExitStack) -> None:
-        job, ground = self._job, self._ground
-        self._backend = self._search.result(job.require_gpu)
-        exact = all(stream.exact for stream in self._streams(self._overlay))
-        for text in [*job.check(ground.model, self._backend), *(unused(job, plot=job.plot) if exact else [])]:
-            ground.reporter.warn(text)
-        known = {} if self._pacing is None else {"frames": len(self._pacing.steps)}
-        self._facts = {**origin(job, job.simulation, ground.model, ground.timeline), **known}
-        self._facts["renderer"] = self._backend.renderer
-        self._films, self._legends = [], []
-        for (path, panels), encoded, stream in zip(
-            job.outputs(job.output), self._encodings, self._streams(self._overlay), strict=True
-        ):
-            _remark_padding(encoded, stream.size_of_frame, ground.reporter)
-            target = None if path == "-" else path
-            film = VideoWriter(target, encoded, stream.size_of_frame, self._fps, tags=tags(target, self._facts))
-            self._films.append(stack.enter_context(film))
-            if path != "-" and [panel.view for panel in panels] == ["seg"]:
-                self._legends.append((stack.enter_context(LabelsWriter(path)), stream))
-        self._calibration = None
-        if job.calibration is not None:
-            self._calibration = Calibration(job, self._courses, job.output, job.style == "exact")
-            stack.enter_context(self._calibration.writer)
-        # Filament's noise goes on from frame to frame: only one process makes the same film each time.
-        asked = 1 if job.jobs == AUTO and job.renderer == "filament" else job.jobs
-        self._filming = stack.enter_context(Filming(asked, self._backend, job.size, len(job.panels)))
-        self._recording = stack.enter_context(StateBuffer(ground.model))
-        self._path = stack.enter_context(StateBuffer(ground.model))
+@dataclass(frozen=True)
+class VideoTask:
+    """A video, with every format chosen."""
 
-    def taps(self) -> Sequence[Tap]:
-        """Keeps every frame's state, those on the path of trails, and what is measured at each frame."""
-        assert self._pacing
-        frames, path = self._pacing.steps, self._additions.steps(self._ground.timeline)
-        taps: list[Tap] = [Tap(frames, lambda stepper: stepper.state(), self._recording.append)]
-        taps.append(Tap(path, lambda stepper: stepper.state(), self._path.append))
-        if not self._gauges.idle:
-            taps.append(Tap(frames, self._gauges.read, self._rows.append))
-        return taps
+    job: Video
+    files: Sequence[VideoFile]
+    fps: Fraction
+    speed: Fraction
 
-    def drive(self, stepper: Stepper) -> None:
-        assert self._pacing
-        self._filming.start(len(self._pacing.steps))  # they get ready meanwhile
-        super().drive(stepper)
+    @property
+    def renderer(self) -> RendererChoice:
+        """What it draws with."""
+        return RendererChoice.of(self.job)
 
-    def outline(self) -> Preview:
-        job, encoded, stream = self._job, self._encodings[0], self._streams(self._overlay)[0]
-        frames = None if self._pacing is None else len(self._pacing.steps)
-        about = f"{encoded.codec}, {float(self._fps):g} fps, {' and '.join(job.names)}"
-        return Preview("film", job.output, frames, "frames", stream.size_of_frame, about)
+    def plan(self, context: Context) -> "VideoPlan":
+        """Finds every name in the model and schedules the frames, unless events decide."""
+        drawing = plan_drawing(self.job, context, self.job.plot, self.job.plot_side)
+        unscheduled = VideoPlan(self, drawing, conditions(shot_events(drawing.scripts), context.model))
+        if unscheduled.conditions:
+            return unscheduled
+        return replace(unscheduled, schedule=unscheduled.scheduled({}))
 
-    def finish(self, wall: float) -> Artifact:
-        assert self._pacing
-        job, pace, start = self._job, self._pacing, time.perf_counter()
-        overlay = self._gauges.overlay(self._overlay, self._rows, pace.steps, pace.speeds, self._ground.timeline)
-        poses, moments = self._poses(pace), self._times(pace)
-        decors = self._additions.decors((self._path[k] for k in range(len(self._path))), moments)
-        drawn = painter(job, self._ground.model, self._backend, self._streams(overlay), poses, decors)
-        self._draw(drawn)
-        if self._calibration:
-            for index, (seen, moment) in enumerate(zip(poses, moments, strict=True)):
-                self._calibration.write(seen, index, moment)
-        for legend, stream in self._legends:
-            legend.write(job.size, drawn.segmentation.legend, None if stream.exact else drawn.colors)
-        legends = [legend for legend, _ in self._legends]
-        written = [*self._films, *legends, *([self._calibration.writer] if self._calibration else [])]
-        files = [file for sink in written for file in sink.publish()]
-        for others in filter(None, (film.others for film in self._films)):
-            more = f" and {len(others) - 1} more" if len(others) > 1 else ""
-            self._ground.reporter.warn(
-                f"{clean(others[0])}{more} were there before and follow the last frame: not of this film"
-            )
-        draw_wall = time.perf_counter() - start
-        self._facts["frames"] = len(pace.steps)
-        return Artifact(self._facts, files, lambda total, heard: self._result((wall, draw_wall, total), heard))
 
-    def _draw(self, drawn: SceneCompositor) -> None:
-        """Draws every frame into the films."""
-        job, reporter, total = self._job, self._ground.reporter, len(self._recording)
-        for film in self._films:
-            film.count = total
-        far = [stream.exact and stream.panels[0].view == "depth" for stream in drawn.streams]
+@dataclass(frozen=True)
+class VideoPlan:
+    """A video of a model.
+
+    Attributes:
+      conditions: of the events that its shots wait for.
+      schedule: of its frames; None while events decide.
+    """
+
+    task: VideoTask
+    drawing: DrawingPlan
+    conditions: Sequence[str]
+    schedule: FrameSchedule | None = None
+
+    keep_partial = False
+
+    @property
+    def enable_flags(self) -> int:
+        return self.drawing.enable_flags
+
+    @property
+    def until(self) -> int:
+        return self.drawing.context.timeline.steps
+
+    def scheduled(self, event_steps: EventSteps) -> FrameSchedule:
+        """The frames, given the steps at which each condition begins to hold; warns where shots are not seen."""
+        task, context = self.task, self.drawing.context
+        schedule = video_schedule(self.drawing.scripts, context.timeline, task.fps, task.speed, event_steps)
+        for text in schedule.warnings:
+            context.reporter.warn(text)
+        return schedule
+
+    def preview(self) -> Preview:
+        task, job, file = self.task, self.task.job, self.task.files[0]
+        frames = None if self.schedule is None else len(self.schedule.steps)
+        about = f"{file.encoding.codec}, {float(task.fps):g} fps, {' and '.join(camera_names(job))}"
+        size = file.stream(job, self.drawing.overlay).size_of_frame
+        return Preview("video", job.output, frames, "frames", size, about)
+
+    def open(self, stack: ExitStack, rendering: SharedRendering) -> "VideoOutput | OpenVideo":
+        task, job, context = self.task, self.task.job, self.drawing.context
+        backend = rendering.backend(task.renderer)
+        for text in check_drawing(job, context.model, backend):
+            context.reporter.warn(text)
+        if all(file.exact for file in task.files):
+            for text in unused_options(job, job.plot):
+                context.reporter.warn(text)
+
+        known = {} if self.schedule is None else {"frames": len(self.schedule.steps)}
+        facts = {**origin(job, job.simulation, context.model, context.timeline), **known, "renderer": backend.renderer}
+        writers, labels = list[VideoWriter](), list[LabelsWriter | None]()
+        for file in task.files:
+            size = file.stream(job, self.drawing.overlay).size_of_frame
+            _note_padding(file.encoding, size, context.reporter)
+            tags = metadata_tags(file.target, facts)
+            writers.append(stack.enter_context(VideoWriter(file.target, file.encoding, size, task.fps, tags=tags)))
+            labels.append(stack.enter_context(LabelsWriter(file.path)) if file.is_labelled else None)
+        calibration = self.drawing.calibration(task.files, job.style == "exact", stack)
+
+        # Filament's noise goes on from frame to frame: only one process makes the same video each time.
+        jobs = 1 if job.jobs == AUTO and job.renderer == "filament" else job.jobs
+        drawer = FrameDrawer(jobs, backend, job.size, len(panels_of(job)), rendering)
+        opened = OpenVideo(self, backend, facts, writers, labels, calibration, drawer, stack)
+        if self.schedule is None:
+            return opened
+        drawer.start(len(self.schedule.steps))  # they get ready while the simulation runs
+        return VideoOutput(opened, self.schedule)
+
+
+@dataclass(frozen=True)
+class OpenVideo:
+    """A video whose files are open.
+
+    Attributes:
+      facts: for the manifest.
+      writers, labels: of each file.
+    """
+
+    plan: VideoPlan
+    backend: Backend
+    facts: Mapping[str, Any]
+    writers: Sequence[VideoWriter]
+    labels: Sequence[LabelsWriter | None]
+    calibration: Calibration | None
+    drawer: FrameDrawer
+    stack: ExitStack
+
+    @property
+    def conditions(self) -> Sequence[str]:
+        return self.plan.conditions
+
+    def schedule(self, event_steps: EventSteps) -> "VideoOutput":
+        return VideoOutput(self, self.plan.scheduled(event_steps))
+
+
+class VideoOutput(Output[VideoResult]):
+    """A video whose files are open and whose frames are scheduled."""
+
+    def __init__(self, opened: OpenVideo, schedule: FrameSchedule) -> None:
+        self._opened, self._task, self._schedule = opened, opened.plan.task, schedule
+        self._context = opened.plan.drawing.context
+        self._recorder = FrameRecorder(opened.plan.drawing, schedule, self._context.timeline, opened.stack)
+        self.taps = self._recorder.taps
+
+    def finish(self) -> "VideoArtifact":
+        opened, start = self._opened, time.perf_counter()
+        compositor = self._recorder.compositor(opened.backend, self._task.files)
+        self._draw(compositor)
+        if opened.calibration:
+            self._recorder.calibrate(opened.calibration)
+        for labels, stream in zip(opened.labels, compositor.streams, strict=True):
+            if labels:
+                colours = None if stream.exact else compositor.colors
+                labels.write(stream.size, compositor.segmentation.legend, colours)
+
+        calibration = [opened.calibration.writer] if opened.calibration else []
+        writers = [*opened.writers, *filter(None, opened.labels), *calibration]
+        for writer in writers:
+            writer.finish()
+        facts = {**opened.facts, "frames": len(self._schedule.steps)}
+        result = partial(self._result, time.perf_counter() - start)
+        return VideoArtifact(facts, writers, result, films=opened.writers, reporter=self._context.reporter)
+
+    def _draw(self, compositor: SceneCompositor) -> None:
+        """Draws every frame into the files."""
+        opened, reporter, states = self._opened, self._context.reporter, self._recorder.states
+        for writer in opened.writers:
+            writer.count = len(states)
+        is_depth = [stream.exact and stream.panels[0].view == "depth" for stream in compositor.streams]
         clipped = 0
-        for index, frames in enumerate(self._filming.draw(drawn, self._recording, reporter)):
-            for film, part, depth in zip(self._films, drawn.parts(frames), far, strict=True):
-                film.write(part)
+        for index, frames in enumerate(opened.drawer.draw(compositor, states, reporter)):
+            for writer, part, depth in zip(opened.writers, compositor.parts(frames), is_depth, strict=True):
+                writer.write(part)
                 clipped += np.count_nonzero(part == UINT16_MAX) if depth else 0
-            reporter.progress("frames", index + 1, total)
+            reporter.progress("frames", index + 1, len(states))
         if clipped:
-            share = clipped / (total * sum(far) * job.size[0] * job.size[1])
+            share = clipped / (len(states) * sum(is_depth) * prod(self._task.job.size))
             reporter.warn(f"{share:.2%} of the pixels are at 65.535 m or farther, the most that 16 bits hold")
 
-    def _streams(self, overlay: Overlay) -> list[Stream]:
-        return self._job.streams(with_legend=False, overlay=overlay)
-
-    def _times(self, pace: FrameSchedule) -> list[float]:
-        """The instant of each frame [s]."""
-        return [float(self._ground.timeline.time(step)) for step in pace.steps]
-
-    def _poses(self, pace: FrameSchedule) -> list[tuple[Pose, ...]]:
-        """Of each frame, of each camera."""
-        count, moments = len(self._recording), self._times(pace)
-        courses = [
-            course.poses((self._recording[k] for k in range(count)), moments, pace.times, spans)
-            for course, spans in zip(self._courses, pace.spans, strict=True)
-        ]
-        return list(zip(*courses, strict=True))
-
-    def _result(self, walls: tuple[float, float, float], heard: Sequence[str]) -> VideoResult:
-        assert self._pacing
-        job, encoded, film, count = self._job, self._encodings[0], self._films[0], len(self._pacing.steps)
-        padding = encoded.padding(*film.size)
-        films = [path for path, _ in job.outputs(job.output)]
-        paths = [*films, *(path for what, path in job.files if what != "manifest" and path not in films)]
-        simulation_wall, draw_wall, wall = walls
+    def _result(self, draw_wall: float, files: Sequence[Path], summary: PassSummary) -> VideoResult:
+        opened, task, job, timeline = self._opened, self._task, self._task.job, self._context.timeline
+        encoded, (width, height) = task.files[0].encoding, opened.writers[0].size
+        right, bottom = encoded.padding(width, height)
+        videos = [file.path for file in task.files]
+        paths = [*videos, *(path for what, path in job.files if what != "manifest" and path not in videos)]
+        count = len(self._schedule.steps)
         return VideoResult(
             path=job.output,
             paths=paths,
             format=encoded.format,
             codec=encoded.codec,
-            size=(film.size[0] + padding[0], film.size[1] + padding[1]),
+            size=(width + right, height + bottom),
             frames=count,
-            fps=float(self._fps),
-            duration=float(count / self._fps),
-            simulated=float(self._ground.timeline.duration),
-            steps=self._ground.timeline.steps,
-            jobs=self._filming.jobs,
-            renderer=self._backend.renderer,
-            gl=self._backend.name,
-            software=self._backend.software,
-            simulation_wall=simulation_wall,
+            fps=float(task.fps),
+            duration=float(count / task.fps),
+            simulated=float(timeline.duration),
+            steps=timeline.steps,
+            jobs=opened.drawer.jobs,
+            renderer=opened.backend.renderer,
+            gl=opened.backend.name,
+            software=opened.backend.software,
+            simulation_wall=summary.simulation_wall,
             draw_wall=draw_wall,
-            wall=wall,
-            warnings=heard,
+            wall=summary.wall,
+            warnings=summary.warnings,
         )
 
 
-def _encodings(job: Video) -> list[Encoding]:
-    """How each output is encoded."""
-    found = []
-    for (path, panels), stream in zip(job.outputs(job.output), job.streams(False, Overlay()), strict=True):
-        coded = all(panel.view == "seg" for panel in panels)
-        content = "exact" if stream.exact else "ids" if coded else "video"
-        target = None if path == "-" else path
-        found.append(encoding(target, job.format, job.codec, job.crf, job.preset, content))
-    return found
+@dataclass(frozen=True, kw_only=True)
+class VideoArtifact(Artifact[VideoResult]):
+    """A complete video; tells of older frames that its pattern would take for its own."""
+
+    films: Sequence[VideoWriter]
+    reporter: Reporter
+
+    def publish(self) -> list[Path]:
+        files = super().publish()
+        for older in filter(None, (film.others for film in self.films)):
+            more = f" and {len(older) - 1} more" if len(older) > 1 else ""
+            self.reporter.warn(
+                f"{clean(older[0])}{more} were there before and follow the last frame: not part of this video"
+            )
+        return files
 
 
-def _remark_padding(encoded: Encoding, size: tuple[int, int], reporter: Reporter) -> None:
-    padding = encoded.padding(*size)
-    if any(padding):
+def _video_file(job: Video, file: PanelFile) -> VideoFile:
+    coded = all(panel.view == "seg" for panel in file.panels)
+    content = "exact" if file.exact else "ids" if coded else "video"
+    encoded = encoding(file.target, job.format, job.codec, job.crf, job.preset, content)
+    return VideoFile(file.path, file.panels, file.exact, encoding=encoded)
+
+
+def _note_padding(encoded: Encoding, size: tuple[int, int], reporter: Reporter) -> None:
+    right, bottom = encoded.padding(*size)
+    if right or bottom:
         width, height = size
-        padded = f"{width + padding[0]}x{height + padding[1]}"
-        reporter.note(f"{encoded.codec} needs even sides: the film is padded from {width}x{height} to {padded}")
+        padded = f"{width + right}x{height + bottom}"
+        reporter.note(f"{encoded.codec} needs even sides: the video is padded from {width}x{height} to {padded}")

@@ -1,30 +1,17 @@
-"""What is seen and who draws it: what films and stills have in common."""
+"""Options that videos and images have in common: what is seen, and what draws it."""
 
-import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
-from pathlib import Path
-from typing import Any
 
-import mujoco
 import numpy as np
 
-from mjrun.camera.argument import parse_camera
-from mjrun.camera.motion import CameraMotion
-from mjrun.camera.pose import Pose
 from mjrun.camera.script import CameraScript
-from mjrun.errors import BadValueError, UnknownNameError, UsageError, clean, listing
-from mjrun.formats.labels import labels_beside
-from mjrun.job.output_files import named
-from mjrun.job.scene_decorations import SceneDecorations, additions
+from mjrun.errors import BadValueError, UnknownNameError, UsageError
 from mjrun.job.simulation import lone
-from mjrun.rendering.backend import Backend
-from mjrun.rendering.backend_detection import BackendDetection, VulkanDetection
-from mjrun.rendering.classic import ClassicRenderer, check_size
-from mjrun.rendering.compositor import VIEWS, Overlay, Panel, SceneCompositor, Stream, Style
-from mjrun.rendering.decorations import Decoration
-from mjrun.rendering.filament import FilamentRenderer, check_segmentation, check_visual, omissions
-from mjrun.rendering.segmentation import Segmentation, grouping
+from mjrun.rendering.classic import ClassicRenderer
+from mjrun.rendering.compositor import VIEWS
+from mjrun.rendering.filament import FilamentRenderer
+from mjrun.rendering.segmentation import grouping
 from mjrun.rendering.visual import Visual
 
 SIZE = (1280, 720)
@@ -107,148 +94,12 @@ class Drawing:
             if not names or any(name in names[:index] for index, name in enumerate(names)):
                 raise UsageError(f"{what}: each once, and at least one")
 
-    def search(self) -> BackendDetection | VulkanDetection:
-        """Begins to try what can draw."""
-        return VulkanDetection() if self.renderer == "filament" else BackendDetection(self.gl)
-
-    def check(self, model: mujoco.MjModel, backend: Backend) -> list[str]:
-        """What the renderer will leave out of this unasked.
-
-        Raises:
-          UsageError: it cannot draw this, or not that large.
-        """
-        check_size(self.size, backend, self.visual)
-        if self.renderer != "filament":
-            return []
-        check_visual(model, self.visual)
-        check_segmentation(Segmentation(model, self.seg_by) if "seg" in self.views else None)
-        return omissions(model, self.visual)
-
     @property
     def cameras(self) -> Sequence[str | CameraScript]:
-        """The cameras asked for."""
+        """The cameras, at least one."""
         return (self.camera,) if isinstance(self.camera, (str, CameraScript)) else tuple(self.camera)
 
     @property
-    def names(self) -> list[str]:
-        """What the cameras are called."""
-        return [
-            camera.name if isinstance(camera, CameraScript) else camera.partition(",")[0] for camera in self.cameras
-        ]
-
-    @property
     def views(self) -> Sequence[str]:
-        """The views asked for."""
+        """The views, at least one."""
         return (self.view,) if isinstance(self.view, str) else tuple(self.view)
-
-    @property
-    def corner(self) -> str:
-        """Where the text stands."""
-        return self.text_corner or ("bottom-right" if self.captions else "top-left")
-
-    @property
-    def panels(self) -> list[Panel]:
-        """Every view through every camera."""
-        return [Panel(index, view) for index in range(len(self.cameras)) for view in self.views]
-
-    def outputs(self, output: str) -> list[tuple[str, list[Panel]]]:
-        """The files to make, each with what is in it."""
-        if not self.separate or len(self.panels) == 1:
-            return [(output, self.panels)]
-        if output == "-":
-            raise UsageError("--separate makes several files; standard output is one")
-        return [(_numbered(output, name), [panel]) for panel, name in zip(self.panels, self._names(), strict=True)]
-
-    def written(self, output: str) -> list[tuple[str, str]]:
-        """The files of `output`: one for each view if they are separate, what explains ids, and what stands beside."""
-        files = [path for path, _ in self.outputs(output)]
-        labels = [labels_beside(path) for path, panels in self.outputs(output) if [p.view for p in panels] == ["seg"]]
-        made = [("output", path) for path in [*files, *labels] if output != "-"]
-        return [*made, *named(self, "calibration", "manifest")]
-
-    def streams(self, with_legend: bool, overlay: Overlay) -> list[Stream]:
-        """The frames of each output.
-
-        Raises:
-          UsageError: numbers are to be composed.
-        """
-        found = []
-        for _, panels in self.outputs("drawing"):
-            exact = self.style == "exact" and any(panel.view != "rgb" for panel in panels)
-            if exact and len(panels) > 1:
-                raise UsageError("--style exact: numbers cannot share a picture; add --separate for a file each")
-            style = Style(self.layout, self.captions, with_legend, Overlay() if exact else overlay)
-            found.append(Stream(panels, self.size, style, exact))
-        return found
-
-    def scripts(self, model: mujoco.MjModel) -> list[CameraScript]:
-        """What each camera does."""
-        return [camera if isinstance(camera, CameraScript) else parse_camera(camera, model) for camera in self.cameras]
-
-    def courses(self, model: mujoco.MjModel) -> list[CameraMotion]:
-        """The cameras, found in `model`."""
-        return [CameraMotion(script, model, self.size) for script in self.scripts(model)]
-
-    def additions(self, model: mujoco.MjModel) -> SceneDecorations:
-        """Trails and ghosts."""
-        return additions(model, self.visual, self.trail, self.trail_span, self.ghost)
-
-    def _names(self) -> list[str]:
-        """A part of a file's name for each panel, no two alike."""
-        words = ["".join(c if c.isalnum() else "_" for c in text.partition(":")[0]) for text in self.names]
-        cameras = [word if words.count(word) == 1 else f"{word}{index}" for index, word in enumerate(words)]
-        parts = []
-        for panel in self.panels:
-            camera = [cameras[panel.camera]] if len(self.cameras) > 1 else []
-            parts.append("-".join([*camera, *([panel.view] if len(self.views) > 1 else [])]))
-        return parts
-
-
-def painter(
-    job: Drawing,
-    model: mujoco.MjModel,
-    backend: Backend,
-    streams: Sequence[Stream],
-    poses: Sequence[Sequence[Pose]],
-    decors: Sequence[Decoration] = (),
-) -> SceneCompositor:
-    """What draws the streams of `job`; `poses` are those of each frame, of each camera."""
-    segmentation = Segmentation(model, job.seg_by)
-    return SceneCompositor(
-        model=model,
-        backend=backend,
-        size=job.size,
-        visual=job.visual,
-        names=job.names,
-        poses=poses,
-        streams=streams,
-        segmentation=segmentation,
-        decors=decors,
-        ranges=[job.depth_range] * len(job.cameras) if job.depth_range else [],
-        renderer=RENDERERS[job.renderer],
-    )
-
-
-def unused(job: Drawing, **more: object) -> list[str]:
-    """The warning that what stands in pictures was asked for, where there are only numbers; `more` are options too."""
-    asked = {"text": job.text, "captions": job.captions, "depth-range": job.depth_range, **more}
-    names = [f"--{name}" for name, value in asked.items() if value]
-    return [f"{listing(names)}: numbers have no room for it; --style color draws pictures"] if names else []
-
-
-def tags(path: str | None, facts: Mapping[str, Any]) -> dict[str, str]:
-    """What is embedded in a film or picture: its title, who made it, and all that is known of it as JSON."""
-    made_by = ", ".join(
-        [f"mjrun {facts['mjrun']}", f"MuJoCo {facts['mujoco']}", *([facts["renderer"]] if "renderer" in facts else [])]
-    )
-    title = {} if path is None else {"title": Path(path).stem}
-    return {**title, "comment": clean(made_by), "description": json.dumps(facts)}
-
-
-def _numbered(output: str, name: str) -> str:
-    """`film.mp4` for one of several: `film-NAME.mp4`."""
-    folder = output.rstrip("/")
-    if folder != output or not Path(output).suffix:
-        return f"{folder}-{name}/"
-    path = Path(output)
-    return str(path.with_name(f"{path.stem}-{name}{path.suffix}"))

@@ -6,7 +6,7 @@ import os
 from collections.abc import Iterator
 from pathlib import Path
 
-from mjrun.errors import BadValueError
+from mjrun.errors import BadValueError, option
 
 AUTO = "auto"
 WORTH = 2.0  # [s] of drawing, above which further processes save more than their start costs
@@ -15,7 +15,7 @@ GROUPS = Path("/sys/fs/cgroup")
 OWN_GROUP = Path("/proc/self/cgroup")
 
 
-def guess(size: tuple[int, int], panels: int = 1) -> float:
+def estimated_cost(size: tuple[int, int], panels: int = 1) -> float:
     """The wall time of a frame [s], before anybody has measured one; `size` is that of a panel [pixels]."""
     return panels * (FRAME + PIXEL * math.prod(size))
 
@@ -41,7 +41,7 @@ def jobs_for(asked: int | str, software: bool, frames: int, cost: float, cores: 
         long = frames * cost > WORTH
         asked = cores if software and long else 1
     if not isinstance(asked, int) or asked < 1:
-        raise BadValueError("--jobs", asked, f"a number of processes from 1 on, or {AUTO}")
+        raise BadValueError(option("jobs"), asked, f"a number of processes from 1 on, or {AUTO}")
     return max(1, min(asked, frames))
 
 

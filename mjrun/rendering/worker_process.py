@@ -12,17 +12,17 @@ import mmap
 import os
 import pickle
 import select
-import signal
 import sys
 import tempfile
 import threading
 import time
 import traceback
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from multiprocessing.connection import Connection
 from pathlib import Path
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple, Protocol, TypeVar
 
 import numpy as np
 
@@ -30,7 +30,9 @@ from mjrun.errors import DrawError, MjrunError, clean
 
 GRACE = 1.0  # [s] for a process to end by itself
 
-Form = tuple[tuple[int, ...], np.dtype]  # shape and dtype of an array
+T = TypeVar("T")
+
+ArraySpec = tuple[tuple[int, ...], np.dtype]  # shape and dtype of an array
 
 
 class Painter(Protocol):
@@ -65,31 +67,31 @@ class Layout:
     """How `count` slots lie in shared memory."""
 
     count: int
-    state: Form
-    frame: Form
+    state: ArraySpec
+    frame: ArraySpec
 
     @property
     def size(self) -> int:
         """Bytes of all slots."""
-        return self.count * (_room(self.state) + _room(self.frame))
+        return self.count * (_page_bytes(self.state) + _page_bytes(self.frame))
 
     def slots(self, memory: int) -> list[Slot]:
         """Arrays on the memory behind a descriptor; it stays mapped as long as one of them is held."""
         shared = mmap.mmap(memory, self.size)
-        starts = itertools.accumulate(itertools.cycle((_room(self.state), _room(self.frame))), initial=0)
+        starts = itertools.accumulate(itertools.cycle((_page_bytes(self.state), _page_bytes(self.frame))), initial=0)
         return [
-            Slot(*(np.ndarray(*form, buffer=shared, offset=next(starts)) for form in (self.state, self.frame)))
+            Slot(*(np.ndarray(*spec, buffer=shared, offset=next(starts)) for spec in (self.state, self.frame)))
             for _ in range(self.count)
         ]
 
 
-def _room(form: Form) -> int:
+def _page_bytes(spec: ArraySpec) -> int:
     """The bytes of an array, in whole pages."""
-    shape, dtype = form
+    shape, dtype = spec
     return -(-math.prod(shape) * dtype.itemsize // mmap.PAGESIZE) * mmap.PAGESIZE
 
 
-def anonymous() -> int:
+def memory_file() -> int:
     """The descriptor of an empty file without a name, in memory or, where the system has no such thing, on disk."""
     if hasattr(os, "memfd_create"):
         return os.memfd_create("mjrun")
@@ -99,68 +101,96 @@ def anonymous() -> int:
 
 @dataclass(frozen=True)
 class Failure:
-    """An exception as it travels: unpickled, its class may want other arguments than it has."""
+    """An exception on its way to another process, where its class could not be called with the same arguments.
 
-    kind: type[MjrunError] | None  # None for anything else: a bug
-    message: str
-    facts: dict[str, Any]
+    Attributes:
+      kind: its class; None for anything else than an MjrunError: a bug.
+      args: the exception's; of a bug, its message alone.
+      attributes: everything else of the exception.
+    """
+
+    kind: type[MjrunError] | None
+    args: tuple[object, ...]
+    attributes: dict[str, Any]
     trace: str
 
     @classmethod
     def of(cls, error: Exception) -> "Failure":
         trace = "".join(traceback.format_exception(error))
         if isinstance(error, MjrunError):
-            return cls(type(error), str(error), vars(error), trace)
+            return cls(type(error), error.args, vars(error), trace)
         where = traceback.extract_tb(error.__traceback__)[-1]
         place = f"{Path(where.filename).name}:{where.lineno}"
-        return cls(None, f"{type(error).__name__}: {clean(str(error))} ({place})", {}, trace)
+        return cls(None, (f"{type(error).__name__}: {clean(str(error))} ({place})",), {}, trace)
 
     def error(self, during: str | None) -> MjrunError:
-        """The exception to raise in the parent; it happened `during` something, or at the start when None."""
+        """The exception to raise in the parent; `during` says what it interrupted; None: the start."""
         if self.kind is not None:
-            error = self.kind.__new__(self.kind, self.message)
-            vars(error).update(self.facts)
+            error = self.kind.__new__(self.kind, *self.args)
+            vars(error).update(self.attributes)
         elif during is None:
-            error = DrawError(f"a drawing process cannot start: {self.message}")
+            error = DrawError(f"a drawing process cannot start: {self.args[0]}")
         else:
-            error = MjrunError(f"a bug in mjrun, {during}: {self.message}")
+            error = MjrunError(f"a bug in mjrun, {during}: {self.args[0]}")
         error.__cause__ = RuntimeError(f"in the drawing process:\n{self.trace}")
         return error
 
 
-class Reply(NamedTuple):
-    """What a drawing process tells its parent.
+class OpenPainter(NamedTuple):
+    """Asks a process to open the painter that is described by now."""
 
-    Attributes:
-      frame: the index of what was drawn; None when the painter was opened, or has answered.
-      failure: why not, if so.
-      heard: what MuJoCo warned of.
-      answer: to what the painter was asked.
-    """
 
-    frame: int | None
+class Draw(NamedTuple):
+    """Asks a process to draw a frame in the slot with this number."""
+
+    frame: int
+    slot: int
+
+
+class Ask(NamedTuple):
+    """Asks a process for the result of a method of the painter's class."""
+
+    question: Callable[[Any], object]
+
+
+class Opened(NamedTuple):
+    """A painter was opened, or could not be; `warnings` are MuJoCo's."""
+
     failure: Failure | None
-    heard: Sequence[str]
-    answer: Any = None
+    warnings: Sequence[str]
 
 
-def work(connection: int, described: int, memory: int, module: str) -> None:
-    """All that a drawing process does.
+class Drawn(NamedTuple):
+    """A frame was drawn, or could not be."""
 
-    It is told that its painter is described, then a layout, then frames, each with the number of its slot, or the
-    name of a method of the painter to be called. It ends when the parent hangs up.
+    frame: int
+    failure: Failure | None
+    warnings: Sequence[str]
+
+
+class Answered(NamedTuple):
+    """A question was answered, or could not be."""
+
+    answer: object
+    failure: Failure | None
+    warnings: Sequence[str]
+
+
+Reply = Opened | Drawn | Answered
+
+
+def work(module: str, connection: str, description: str, memory: str) -> None:
+    """All that a drawing process does: what its parent asks, until that hangs up.
 
     Args:
-      connection, described, memory: descriptors of its end of the pipe, the painter's pickle, and the slots.
-      module: imported at once, since the painter will need it.
+      module: imported at once, since painters will need it.
+      connection, description, memory: descriptors of its end of the pipe, the painter's pickle, and the slots.
     """
-    for number in (signal.SIGINT, signal.SIGTTOU):  # the parent's business, and no reason to stop
-        signal.signal(number, signal.SIG_IGN)
     with contextlib.suppress(OSError):  # where there is no stderr, what drivers print is lost
         os.dup2(2, 1)
-    threading.Thread(target=_end_with_parent, args=(connection,), daemon=True).start()
+    threading.Thread(target=_end_with_parent, args=(int(connection),), daemon=True).start()
     with contextlib.suppress(EOFError, ConnectionError):
-        _serve(Connection(connection), described, memory, module)
+        _serve(Connection(int(connection)), int(description), int(memory), module)
     with contextlib.suppress(OSError):
         sys.stdout.flush()
     os._exit(0)  # nothing is left to do, and taking an interpreter down takes its time
@@ -175,59 +205,51 @@ def _end_with_parent(connection: int) -> None:
     os._exit(1)
 
 
-def _serve(connection: Connection, described: int, memory: int, module: str) -> None:
+def _serve(connection: Connection, description: int, memory: int, module: str) -> None:
     with contextlib.suppress(ImportError):  # told when the painter cannot be loaded
         importlib.import_module(module)
-    connection.recv()
-    opened, painter = _loaded(described)
-    connection.send(opened)
-    if painter is None:
-        return
-    with contextlib.closing(painter):
-        slots = connection.recv().slots(memory)
-        while True:
-            request = connection.recv()
-            if isinstance(request, str):
-                connection.send(_answer(painter, request))
-            else:
-                index, number = request
-                connection.send(_painted(painter, index, slots[number]))
+    painter: Painter | None = None
+    slots: list[Slot] = []
+    while True:
+        message = connection.recv()
+        if isinstance(message, OpenPainter):
+            if painter is not None:
+                painter.close()
+            painter, failure, texts = _tried(lambda: _loaded(description))
+            if painter is not None:
+                _, failure, texts = _tried(painter.open)
+                painter = painter if failure is None else None
+            connection.send(Opened(failure, texts))
+        elif isinstance(message, Layout):
+            slots = message.slots(memory)
+        elif painter is None:
+            continue  # the parent knows why
+        elif isinstance(message, Draw):
+            slot = slots[message.slot]
+            _, failure, texts = _tried(partial(painter.paint, slot.state, message.frame, slot.frame))
+            connection.send(Drawn(message.frame, failure, texts))
+        elif isinstance(message, Ask):
+            answer, failure, texts = _tried(partial(message.question, painter))
+            connection.send(Answered(answer, failure, texts))
 
 
-def _loaded(described: int) -> tuple[Reply, Painter | None]:
-    """The painter, open, with what to tell of that; None if it cannot be."""
-    heard: list[str] = []
+def _loaded(description: int) -> Painter:
+    with mmap.mmap(description, 0, access=mmap.ACCESS_READ) as content:
+        return pickle.loads(content)
+
+
+def _tried(function: Callable[[], T]) -> tuple[T | None, Failure | None, Sequence[str]]:
+    """What `function` returns, or why it failed, and what MuJoCo warns of meanwhile."""
+    texts: list[str] = []
     try:
-        with mmap.mmap(described, 0, access=mmap.ACCESS_READ) as description:
-            painter: Painter = pickle.loads(description)
-        os.close(described)
-        with _collected() as heard:
-            painter.open()
+        with _collected_warnings() as texts:
+            result = function()
     except Exception as error:
-        return Reply(None, Failure.of(error), heard), None
-    return Reply(None, None, heard), painter
+        return None, Failure.of(error), texts
+    return result, None, texts
 
 
-def _painted(painter: Painter, index: int, slot: Slot) -> Reply:
-    heard: list[str] = []
-    try:
-        with _collected() as heard:
-            painter.paint(slot.state, index, slot.frame)
-    except Exception as error:
-        return Reply(index, Failure.of(error), heard)
-    return Reply(index, None, heard)
-
-
-def _answer(painter: Painter, question: str) -> Reply:
-    heard: list[str] = []
-    try:
-        with _collected() as heard:
-            return Reply(None, None, heard, getattr(painter, question)())
-    except Exception as error:
-        return Reply(None, Failure.of(error), heard)
-
-
-def _collected() -> contextlib.AbstractContextManager[list[str]]:
+def _collected_warnings() -> contextlib.AbstractContextManager[list[str]]:
     """What MuJoCo warns of; nothing for a painter that does not use it."""
     if "mujoco" not in sys.modules:
         return contextlib.nullcontext([])

@@ -5,88 +5,131 @@ The processes are new interpreters, never forks, which hang once EGL is in use; 
 """
 
 import contextlib
-import fcntl
 import itertools
 import os
 import pickle
 import selectors
-import signal
-import subprocess
-import sys
 import warnings
 from collections import deque
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from multiprocessing.connection import Pipe
 from types import TracebackType
-from typing import Any
+from typing import Generic, TypeVar
 
 import numpy as np
 import numpy.typing as npt
 
-from mjrun.errors import DrawError
-from mjrun.rendering.worker_process import GRACE, Failure, Layout, Painter, Reply, Slot, anonymous
+from mjrun.errors import DrawError, option
+from mjrun.process import Process, python_call
+from mjrun.rendering.worker_process import (
+    GRACE,
+    Answered,
+    Ask,
+    Draw,
+    Drawn,
+    Failure,
+    Layout,
+    Opened,
+    OpenPainter,
+    Painter,
+    Reply,
+    Slot,
+    memory_file,
+)
 
-AHEAD = 2  # frames a process has been given: one to draw, one to go on with
+AHEAD = 2  # frames that a process has been given: one to draw, one to go on with
 SLOTS = 3  # frames in memory per process; the third waits for its turn
 
 # Read when Mesa and OpenBLAS are loaded: one thread each, since there is a process per core.
 # And by MuJoCo as it is imported, which else imports GLFW, and that starts a process to look for its library.
 ENVIRONMENT = {"LP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "MUJOCO_GL": "disable"}
-BOOT = (
-    "import sys; sys.path[:] = sys.argv[5:]; from mjrun.rendering.worker_process import work; "
-    "work(*map(int, sys.argv[1:4]), sys.argv[4])"
-)
+
+P = TypeVar("P", bound=Painter)
 
 
 class Workers:
-    """Processes that will draw, started without waiting for them, maybe before it is known what. To be closed.
+    """Processes that draw for one pool after another, started without waiting for them. To be closed.
 
     Args:
-      jobs: how many.
-      module: that the painter needs, imported as they start.
+      count: how many.
+      module: imported as they start; the one that painters need.
 
     Raises:
       DrawError: processes cannot be started.
     """
 
-    def __init__(self, jobs: int, module: str = "numpy") -> None:
-        self.workers: list[_Worker] = []
-        with contextlib.ExitStack() as stack, _refusals():
-            self._described = anonymous()
-            stack.callback(os.close, self._described)
-            self.memory = anonymous()
+    def __init__(self, count: int, module: str = "numpy") -> None:
+        self._module = module
+        self._workers: list[_Worker] = []
+        with contextlib.ExitStack() as stack, _system_errors():
+            self._painter = memory_file()
+            stack.callback(os.close, self._painter)
+            self.memory = memory_file()
             stack.callback(os.close, self.memory)
-            stack.callback(self._dismiss)
-            for _ in range(jobs):
-                self.workers.append(_Worker(self._described, self.memory, module))
-            self._all = stack.pop_all()
+            stack.callback(self._end_all)
+            self.grow(count)
+            self._resources = stack.pop_all()
 
-    def brief(self, painter: Painter) -> None:
-        """Tells them what to draw with."""
-        with _refusals(), open(self._described, "wb", closefd=False) as file:
+    def grow(self, count: int) -> None:
+        """Starts as many as are missing to `count`.
+
+        Raises:
+          DrawError: they cannot be started.
+        """
+        with _system_errors():
+            while len(self._workers) < count:
+                self._workers.append(_Worker(self._painter, self.memory, self._module))
+
+    def assign(self, painter: Painter, count: int) -> list["_Worker"]:
+        """Has `count` processes open `painter`, in place of the one they have, and returns them."""
+        for worker in [*self._workers]:
+            if not worker.finish_opening():
+                self.discard(worker)
+        self.grow(count)
+        with _system_errors(), open(self._painter, "wb", closefd=False) as file:
+            file.seek(0)
+            file.truncate()
             pickle.dump(painter, file, pickle.HIGHEST_PROTOCOL)
-        for worker in self.workers:
-            worker.send("")
+        for worker in self._workers[:count]:
+            worker.open_painter()
+        return self._workers[:count]
+
+    def discard(self, worker: "_Worker") -> None:
+        """Kills a process that is of no use any more; `grow` starts another."""
+        self._workers.remove(worker)
+        worker.hang_up(kill=True)
+        worker.wait()
 
     def close(self) -> None:
         """Ends the processes, those that are busy at once."""
-        self._all.close()
+        self._resources.close()
 
-    def _dismiss(self) -> None:
-        for worker in self.workers:
-            worker.dismiss()
-        for worker in self.workers:
-            worker.end()
+    def __enter__(self) -> "Workers":
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def _end_all(self) -> None:
+        for worker in self._workers:
+            worker.hang_up(kill=not worker.is_idle)
+        for worker in self._workers:
+            worker.wait()
+        self._workers = []
 
 
-class Pool:
+class Pool(Generic[P]):
     """Draws frames in `jobs` processes, or in this one if that is 1. To be closed.
 
-    Making it opens the painter, or starts the processes without waiting for them.
+    Making it opens the painter, or has processes do so without waiting for them.
 
     Args:
       shape, dtype: of the array that is one frame.
-      jobs: how many, or those that were started already; they end with the pool.
+      jobs: how many processes.
+      workers: of which processes are taken; else they are started, and end with the pool. The memory of frames is
+        used again by the next pool of the same workers.
 
     Attributes:
       answer: to the last question, when it is known.
@@ -96,34 +139,38 @@ class Pool:
       MjrunError: the painter cannot be opened here.
     """
 
-    answer: Any = None
+    answer: object = None
 
     def __init__(
-        self, painter: Painter, shape: tuple[int, ...], jobs: int | Workers, dtype: npt.DTypeLike = np.uint8
+        self,
+        painter: P,
+        shape: tuple[int, ...],
+        jobs: int,
+        dtype: npt.DTypeLike = np.uint8,
+        workers: Workers | None = None,
     ) -> None:
-        if jobs != 1 and isinstance(jobs, int):
-            if jobs < 1:
-                raise ValueError(f"jobs must be at least 1, not {jobs}")
-            jobs = Workers(jobs)
-        self._painter, self._crew = painter, jobs if isinstance(jobs, Workers) else None
-        self._frame = (shape, np.dtype(dtype))
-        self._open = True
+        if jobs < 1:
+            raise ValueError(f"jobs must be at least 1, not {jobs}")
+        self._painter, self._frame = painter, (shape, np.dtype(dtype))
+        self._is_open, self._is_asked = True, False
+        self._resources = contextlib.ExitStack()
         self._slots: list[Slot] = []
         self._drawn: dict[int, Failure | None] = {}  # whose turn has not come
-        self._told: set[str] = set()
-        self._asked = False
-        if self._crew is None:
+        self._warnings: set[str] = set()
+        self._workers: list[_Worker] = []
+        if jobs == 1:
             painter.open()
+            self._resources.callback(painter.close)
             return
-        self._workers = self._crew.workers
-        self._selector = selectors.DefaultSelector()
-        try:
+        self._group = workers or self._resources.enter_context(Workers(jobs))
+        with contextlib.ExitStack() as stack:
+            stack.callback(self.close)
+            self._selector = self._resources.enter_context(selectors.DefaultSelector())
+            self._resources.callback(self._discard_busy)
+            self._workers = self._group.assign(painter, jobs)
             for worker in self._workers:
                 self._selector.register(worker.connection, selectors.EVENT_READ, worker)
-            self._crew.brief(painter)
-        except BaseException:
-            self.close()
-            raise
+            stack.pop_all()
 
     def frames(self, states: Iterable[np.ndarray], first: int = 0) -> Iterator[np.ndarray]:
         """The frame of each of `states`, in order; an array is valid until the next one is asked for.
@@ -142,34 +189,31 @@ class Pool:
         """
         try:
             self._check_open()
-            for frame in self._together(iter(states), first) if self._crew else self._alone(states, first):
+            for frame in self._together(iter(states), first) if self._workers else self._alone(states, first):
                 yield frame
                 self._check_open()
         except BaseException:
             self.close()
             raise
 
-    def ask(self, question: str) -> None:
-        """Has the method `question` of a painter called, after the frames that its process was given, for `answer`."""
-        if self._crew is None:
-            self.answer = getattr(self._painter, question)()
+    def ask(self, question: Callable[[P], object]) -> None:
+        """Has `question`, a method of the painter's class, called on a painter after the frames that it was given.
+
+        The result is the pool's `answer`.
+        """
+        if not self._workers:
+            self.answer = question(self._painter)
             return
-        self.answer, self._asked = None, True
-        self._workers[0].send(question)
+        self.answer, self._is_asked = None, True
+        self._workers[0].send(Ask(question))
 
     def close(self) -> None:
-        """Ends the processes, those that are busy at once."""
-        if not self._open:
-            return
-        self._open = False
-        if self._crew is None:
-            self._painter.close()
-            return
-        self._crew.close()
-        self._selector.close()
+        """Frees the processes, and ends those that are busy at once."""
+        self._is_open = False
+        self._resources.close()
         self._slots = []  # the memory lasts while somebody holds a frame
 
-    def __enter__(self) -> "Pool":
+    def __enter__(self) -> "Pool[P]":
         return self
 
     def __exit__(
@@ -177,8 +221,13 @@ class Pool:
     ) -> None:
         self.close()
 
+    def _discard_busy(self) -> None:
+        for worker in self._workers:
+            if worker.drawing or (self._is_asked and worker is self._workers[0]):
+                self._group.discard(worker)
+
     def _check_open(self) -> None:
-        if not self._open:
+        if not self._is_open:
             raise ValueError("the pool is closed")
 
     def _alone(self, states: Iterable[np.ndarray], first: int) -> Iterator[np.ndarray]:
@@ -191,15 +240,15 @@ class Pool:
         given = first
         for turn in itertools.count(first):
             given = self._hand_out(states, given, turn)
-            while self._hear(wait=given > turn and turn not in self._drawn):
+            while self._receive(wait=given > turn and turn not in self._drawn):
                 given = self._hand_out(states, given, turn)
             if given == turn:
                 break
             if failure := self._drawn.pop(turn):
                 raise failure.error(f"drawing frame {turn}")
             yield self._slots[turn % len(self._slots)].frame
-        while self._asked:
-            self._hear(wait=True)
+        while self._is_asked:
+            self._receive(wait=True)
 
     def _hand_out(self, states: Iterator[np.ndarray], given: int, turn: int) -> int:
         """Gives frames to processes that have room, while slots are free; returns how many are given by now."""
@@ -210,40 +259,39 @@ class Pool:
             if not self._slots:
                 self._lay_out(state)
             number = given % len(self._slots)
-            room = self._slots[number].state
-            if (state.shape, state.dtype) != (room.shape, room.dtype):
-                raise ValueError(f"a state must be {room.dtype} {room.shape}, not {state.dtype} {state.shape}")
-            room[...] = state
+            slot = self._slots[number].state
+            if (state.shape, state.dtype) != (slot.shape, slot.dtype):
+                raise ValueError(f"a state must be {slot.dtype} {slot.shape}, not {state.dtype} {state.shape}")
+            slot[...] = state
             worker.drawing.append(given)
-            worker.send((given, number))
+            worker.send(Draw(given, number))
             given += 1
         return given
 
     def _lay_out(self, state: np.ndarray) -> None:
-        assert self._crew
         layout = Layout(SLOTS * len(self._workers), (state.shape, state.dtype), self._frame)
-        with _refusals():
-            os.ftruncate(self._crew.memory, layout.size)
-            self._slots = layout.slots(self._crew.memory)
+        with _system_errors():
+            if os.fstat(self._group.memory).st_size < layout.size:  # never less, while somebody holds a frame
+                os.ftruncate(self._group.memory, layout.size)
+            self._slots = layout.slots(self._group.memory)
         for worker in self._workers:
             worker.send(layout)
 
-    def _hear(self, *, wait: bool) -> bool:
+    def _receive(self, *, wait: bool) -> bool:
         """Takes one reply of each process that has any, and returns whether there was one."""
         events = self._selector.select(None if wait else 0)
         for key, _ in events:
-            opened = key.data.ready
-            index, failure, heard, answer = key.data.receive()
-            for text in heard:
-                if text not in self._told:
-                    self._told.add(text)
+            reply = key.data.receive()
+            for text in reply.warnings:
+                if text not in self._warnings:
+                    self._warnings.add(text)
                     warnings.warn(text, stacklevel=4)  # where the frame was asked for
-            if index is not None:
-                self._drawn[index] = failure
-            elif failure:
-                raise failure.error("in a drawing process" if opened else None)
-            elif answer is not None:
-                self.answer, self._asked = answer, False
+            if isinstance(reply, Drawn):
+                self._drawn[reply.frame] = reply.failure
+            elif reply.failure:
+                raise reply.failure.error("in a drawing process" if isinstance(reply, Answered) else None)
+            elif isinstance(reply, Answered):
+                self.answer, self._is_asked = reply.answer, False
         return bool(events)
 
 
@@ -252,28 +300,37 @@ class _Worker:
 
     Attributes:
       drawing: the frames that it was given and has not drawn, oldest first.
-      ready: whether its painter is open.
     """
 
-    def __init__(self, described: int, memory: int, module: str) -> None:
+    def __init__(self, painter: int, memory: int, module: str) -> None:
         self.drawing: deque[int] = deque()
-        self.ready = False
+        self._opening, self._has_opened = False, False
         self.connection, theirs = Pipe()
-        with contextlib.ExitStack() as stack:
-            stack.callback(theirs.close)
-            inherited = []
-            for descriptor in (theirs.fileno(), described, memory):
-                # Above 2, which it may be when this process has no stdin: the child's 0 to 2 are taken.
-                inherited.append(fcntl.fcntl(descriptor, fcntl.F_DUPFD_CLOEXEC, 3))
-                stack.callback(os.close, inherited[-1])
-            self._child = subprocess.Popen(
-                [sys.executable, "-P", "-c", BOOT, *map(str, inherited), module, *map(str, sys.path)],
-                stdin=subprocess.DEVNULL,
-                stdout=subprocess.DEVNULL,
-                env={**os.environ, **ENVIRONMENT},
-                pass_fds=inherited,
-                process_group=0,  # Ctrl-C is ours
+        with contextlib.closing(theirs):
+            self._process = Process(
+                python_call("mjrun.rendering.worker_process:work", module),
+                environment=ENVIRONMENT,
+                descriptors=[theirs.fileno(), painter, memory],
             )
+
+    @property
+    def is_idle(self) -> bool:
+        """Whether it has opened its painter and has nothing to draw."""
+        return self._has_opened and not self._opening and not self.drawing
+
+    def open_painter(self) -> None:
+        """Has it open the painter that is described by now."""
+        self._opening, self._has_opened = True, False
+        self.send(OpenPainter())
+
+    def finish_opening(self) -> bool:
+        """Waits until it has tried to open its painter, if it is about to; whether it is still there."""
+        try:
+            while self._opening:
+                self.receive()
+        except DrawError:
+            return False
+        return True
 
     def send(self, message: object) -> None:
         with contextlib.suppress(OSError):  # it is gone, and its last reply, unread as yet, may say why
@@ -283,42 +340,36 @@ class _Worker:
         try:
             reply: Reply = self.connection.recv()
         except (EOFError, OSError):
-            raise self._lost() from None
-        if reply.frame is None:
-            self.ready = True
-        else:
+            raise self._death() from None
+        if isinstance(reply, Opened):
+            self._opening, self._has_opened = False, True
+        elif isinstance(reply, Drawn):
             self.drawing.remove(reply.frame)
         return reply
 
-    def dismiss(self) -> None:
-        """Lets the process end; kills it if it is busy."""
-        if self.drawing or not self.ready:
-            self._child.kill()
+    def hang_up(self, *, kill: bool) -> None:
+        """Lets the process end by itself, or kills it."""
+        if kill:
+            self._process.kill()
         self.connection.close()
 
-    def end(self) -> int:
-        """Waits until the process is gone, killing it if that takes long, and returns its code."""
-        try:
-            return self._child.wait(2 * GRACE)
-        except subprocess.TimeoutExpired:
-            self._child.kill()
-            return self._child.wait()
+    def wait(self) -> None:
+        """Waits until the process is gone, and kills it if that takes long."""
+        self._process.wait(2 * GRACE)
 
-    def _lost(self) -> DrawError:
+    def _death(self) -> DrawError:
         doing = f"the process drawing frame {self.drawing[0]}" if self.drawing else "a drawing process"
-        which = doing if self.ready else "a drawing process, as it started,"
-        code = self.end()
-        if code >= 0:
-            return DrawError(f"{which} ended with code {code}")
-        name = next((known.name for known in signal.Signals if known == -code), f"signal {-code}")
-        memory = "\nthe system does that when memory runs out; fewer --jobs need less" if name == "SIGKILL" else ""
-        return DrawError(f"{which} was killed by {name}{memory}")
+        which = doing if self._has_opened else "a drawing process, as it started,"
+        ending = self._process.wait(2 * GRACE)
+        fewer = f"\nthe system does that when memory runs out; fewer {option('jobs')} need less"
+        return DrawError(f"{which} {ending}{fewer if ending.out_of_memory else ''}")
 
 
 @contextlib.contextmanager
-def _refusals() -> Iterator[None]:
-    """Says what the system refuses: a process, a descriptor, memory."""
+def _system_errors() -> Iterator[None]:
+    """Turns what the system refuses, a process, a descriptor or memory, into a DrawError."""
     try:
         yield
     except OSError as error:
-        raise DrawError(f"cannot draw in several processes: {error}\n--jobs 1 needs only this one") from error
+        alone = f"{option('jobs')} 1 needs only this one"
+        raise DrawError(f"cannot draw in several processes: {error}\n{alone}") from error

@@ -17,7 +17,7 @@ from mjrun.document.machine import Machine
 from mjrun.document.run import read_run
 from mjrun.errors import DocumentError, FileError, UsageError
 from mjrun.job.image import Image
-from mjrun.job.perform import perform, planned
+from mjrun.job.perform import perform, preview
 from mjrun.job.plot import Plot
 from mjrun.job.recording import Recording
 from mjrun.job.simulation import Simulation
@@ -652,7 +652,7 @@ def found(text: str, *assignments: str) -> list[str]:
     Path("d.yaml").write_text(BELOW + text)
     orders = read_run("d.yaml", assignments, Path("out"))
     with pytest.raises(DocumentError) as caught, orders.located():
-        planned(orders.jobs)
+        preview(orders.jobs)
     return [str(problem).removeprefix("d.yaml:").split(" (did")[0].split(";")[0] for problem in caught.value.problems]
 
 

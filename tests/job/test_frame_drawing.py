@@ -8,7 +8,8 @@ import imageio.v3 as iio
 import numpy as np
 import pytest
 
-from mjrun.job import frame_drawing
+from mjrun.errors import spelled
+from mjrun.job import frame_drawing, shared_rendering
 from mjrun.job.simulation import Simulation
 from mjrun.job.video import Video, VideoResult
 from mjrun.rendering.backend import Backend
@@ -27,7 +28,7 @@ class Listener(QuietReporter):
         self.heard: list[str] = []
 
     def warn(self, text: str) -> None:
-        self.heard.append(text)
+        self.heard.append(spelled(text))
 
 
 @pytest.fixture
@@ -37,7 +38,7 @@ def film(swing: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callab
     monkeypatch.setattr(frame_drawing, "LONG", 0.0)
 
     def made(guessed: float, found: float, duration: float = 0.2, **options: object) -> tuple[VideoResult, str, list]:
-        monkeypatch.setattr(frame_drawing, "guess", lambda size, panels: guessed)
+        monkeypatch.setattr(frame_drawing, "estimated_cost", lambda size, panels: guessed)
         # A frame takes no time to speak of here, so the measured cost stands in a known proportion to it.
         monkeypatch.setattr(frame_drawing, "jobs_for", lambda a, s, n, cost, c: jobs(a, s, n, *known(cost), c))
 
@@ -47,11 +48,11 @@ def film(swing: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callab
         started: list[int] = []
 
         class Counted(Workers):
-            def __init__(self, jobs: int, module: str) -> None:
-                started.append(jobs)
-                super().__init__(jobs, module)
+            def __init__(self, count: int, module: str) -> None:
+                started.append(count)
+                super().__init__(count, module)
 
-        monkeypatch.setattr(frame_drawing, "Workers", Counted)
+        monkeypatch.setattr(shared_rendering, "Workers", Counted)
         listener = Listener()
         simulation = Simulation(swing, duration=duration)
         job = Video(simulation, f"{tmp_path}/f/", size=SIZE, camera="side", **options)  # type: ignore[arg-type]
@@ -89,7 +90,7 @@ def test_what_is_guessed_starts_processes_early_and_what_is_found_late(
     assert np.array_equal(pictures(tmp_path / "f"), alone)
     if backend.software:
         assert (result.jobs, crews) == (2 if started else 1, started)
-        assert re.search(told + "(; --quality draft takes about|$)", text)
+        assert re.search(told + "(; quality draft takes about|$)", text)
 
 
 @pytest.mark.parametrize("duration", [0.01, 0.05])
@@ -106,7 +107,7 @@ def test_drawing_that_takes_no_time_is_not_spoken_of(film: Callable, monkeypatch
 
 def test_a_draft_does_not_speak_of_drafts(film: Callable) -> None:
     _, told, _ = film(0.001, 0.001, visual=Visual(quality="draft"))
-    assert "--quality" not in told
+    assert "quality" not in told
 
 
 def test_colours_of_depth_are_chosen_before_anybody_draws(film: Callable, tmp_path: Path) -> None:

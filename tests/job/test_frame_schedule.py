@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from mjrun.camera.rigs.model import ModelRig
 from mjrun.camera.script import CameraScript, Event, Shot
 from mjrun.errors import UsageError
-from mjrun.job.frame_schedule import pacing
+from mjrun.job.frame_schedule import video_schedule
 from mjrun.timeline import Timeline
 
 STEP = Fraction(1, 500)
@@ -22,7 +22,7 @@ def shots(*ends: dict) -> CameraScript:
 
 
 def paced(*scripts: CameraScript, speed: int | Fraction = 1, **happened: list[int]):  # type: ignore[no-untyped-def]
-    return pacing(scripts, LINE, FPS, Fraction(speed), {"hit": happened.get("hit", [])})
+    return video_schedule(scripts, LINE, FPS, Fraction(speed), {"hit": happened.get("hit", [])})
 
 
 def test_shots_without_a_word_about_time_are_the_whole_film() -> None:
@@ -91,7 +91,7 @@ def test_the_last_shot_may_end_the_film_early_but_none_goes_on_after_the_simulat
 
 def test_a_shot_that_nobody_sees_is_told() -> None:
     found = paced(shots({"until": Fraction(3)}, {"lasting": Fraction(1)}))
-    assert found.remarks == ["film: shots[1] is not seen: the simulation ends at 2 s"]
+    assert found.warnings == ["film: shots[1] is not seen: the simulation ends at 2 s"]
 
 
 def test_cameras_may_share_a_pace_but_not_have_two() -> None:

@@ -141,12 +141,12 @@ def test_text_is_written_with_the_values_of_the_instant(swing: Path, tmp_path: P
         ({"layout": "pile"}, UnknownNameError, "no layout 'pile'"),
         ({"seg_by": "colour", "view": "seg"}, UnknownNameError, "no segmentation 'colour'"),
         ({"depth_range": (3, 1)}, BadValueError, "3..1"),
-        ({"style": "exact", "view": ["rgb", "depth"]}, UsageError, "add --separate"),
+        ({"style": "exact", "view": ["rgb", "depth"]}, UsageError, "add separate"),
         ({"at": 1, "step": 2}, UsageError, "exclude each other"),
         ({"at": "soon"}, BadValueError, "'soon' is not a number of seconds"),
         ({"step": -1}, BadValueError, "from 0 on"),
         ({"text": "{qpos/hing}"}, UnknownNameError, "no value 'qpos/hing'"),
-        ({"text": "{time"}, UsageError, "--text"),
+        ({"text": "{time"}, UsageError, "text"),
         ({"text": "{time:.2q}"}, UsageError, "cannot format 'time'"),
         ({"size": (10**6, 8)}, MjrunError, "too large"),
     ],
@@ -160,7 +160,7 @@ def test_what_cannot_be_drawn_is_refused_and_leaves_nothing(
 
 
 def test_a_film_s_suffix_names_the_command_that_makes_films(swing: Path, tmp_path: Path) -> None:
-    with pytest.raises(UsageError, match=r"would be a film, .*\nmjrun video makes films"):
+    with pytest.raises(UsageError, match=r"would be a video; .*\n`mjrun video` makes videos"):
         Image(Simulation(swing), f"{tmp_path}/a.mp4").run()
 
 

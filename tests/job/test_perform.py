@@ -16,7 +16,7 @@ from mjrun.camera.rigs.around import FreeRig, TrackRig
 from mjrun.camera.script import CameraScript, Event, Shot
 from mjrun.errors import FailedAssertionError, FileError, JobsError, UnknownNameError, UnstableError, UsageError
 from mjrun.job.image import Image
-from mjrun.job.perform import perform, planned
+from mjrun.job.perform import perform, preview
 from mjrun.job.plot import Plot
 from mjrun.job.recording import Recording
 from mjrun.job.simulation import Simulation
@@ -152,10 +152,10 @@ def test_a_plan_counts_what_is_then_made(swing: Path, tmp_path: Path) -> None:
         Trace(simulation, f"{tmp_path}/t.csv", every=7),
         Recording(simulation, f"{tmp_path}/r.npz"),
     ]
-    plan = planned(jobs)
+    plan = preview(jobs)
     assert [path.name for path in tmp_path.iterdir()] == ["swing.xml"]
     made = perform(jobs)
-    assert [part.count for part in plan.outlines] == [made[0].frames, None, made[2].rows, made[3].states]
+    assert [part.count for part in plan.outputs] == [made[0].frames, None, made[2].rows, made[3].states]
     assert (plan.steps, plan.duration) == (50, 0.1)
 
 
@@ -174,7 +174,7 @@ def test_all_that_is_wrong_with_jobs_is_told_at_once(swing: Path, tmp_path: Path
         "no joint 'hing' (did you mean 'hinge'?)",
     ]
     with pytest.raises(UnknownNameError, match="no probe 'enrgy'"):
-        planned([replace(plot, simulation=replace(simulation, qpos={}))])
+        preview([replace(plot, simulation=replace(simulation, qpos={}))])
     assert [*tmp_path.iterdir()] == [swing]
 
 

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from mjrun.job.event_detection import EventDetector
-from mjrun.job.overlay import gauges
+from mjrun.job.overlay_probes import overlay_probes
 from mjrun.job.trace_rows import Table
 from mjrun.sim.observe import observe
 from mjrun.sim.replay import ReplayStepper
@@ -59,7 +59,7 @@ def test_text_over_one_late_image_says_what_the_trace_says() -> None:
     whole = np.concatenate([block().values for block in table.blocks(stepper_of(table), [0, 150, STEPS])])
     drift = [column.name for column in table.columns].index("energy/drift")
     timeline = Timeline.of_steps(rational(table.model.opt.timestep), STEPS)
-    overlay = gauges(table.model, timeline, "{energy/drift:.17g}")
+    overlay = overlay_probes(table.model, timeline, "{energy/drift:.17g}")
     stepper = PhysicsStepper(overlay.model, mujoco.MjData(overlay.model))
     stepper.advance(150)
     (values,) = overlay.read(stepper)
@@ -74,6 +74,6 @@ def test_an_event_sees_the_drift_since_the_start() -> None:
     limit = float(drift[200])
     detector = EventDetector(table.model, Timeline.of_steps(rational("0.002"), STEPS), [f"energy/drift < {limit!r}"])
     observe(stepper_of(table), detector.taps(STEPS), STEPS)
-    (steps,) = detector.found.values()
+    (steps,) = detector.event_steps.values()
     assert steps[0] == int(np.argmax(drift < limit)) > 0
     detector.close()

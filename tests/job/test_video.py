@@ -167,7 +167,7 @@ def test_drawing_in_software_is_said_once_with_its_cost(
     result = job_.run(Listener())
     assert done_of == [(1, 4), (2, 4), (3, 4), (4, 4)]
     assert sum("drawing in software" in text and "ms per frame" in text for text in heard) == result.software
-    assert "h264 needs even sides: the film is padded from 63x48 to 64x48" in heard
+    assert "h264 needs even sides: the video is padded from 63x48 to 64x48" in heard
     assert result.size == (64, 48)
 
 
@@ -275,9 +275,9 @@ def gray16(film: Path) -> np.ndarray:
     [
         ({"view": "depth", "style": "exact", "output": "d.mp4"}, "mp4 cannot hold numbers of 16 bits\nmkv, png can"),
         ({"view": "seg", "output": "s.webm"}, "webm cannot hold the colours of a segmentation without loss"),
-        ({"view": ["rgb", "depth"], "style": "exact", "output": "s.mkv"}, "add --separate"),
+        ({"view": ["rgb", "depth"], "style": "exact", "output": "s.mkv"}, "add separate"),
         ({"view": ["rgb", "depth"], "separate": True, "output": "-"}, "standard output is one"),
-        ({"jobs": 0, "output": "s.mp4"}, "--jobs: '0' is not a number of processes"),
+        ({"jobs": 0, "output": "s.mp4"}, "jobs: '0' is not a number of processes"),
     ],
 )
 def test_views_that_a_film_cannot_hold_are_refused(

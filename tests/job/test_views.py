@@ -13,10 +13,11 @@ from mjrun.camera.argument import parse_camera
 from mjrun.camera.motion import CameraMotion
 from mjrun.errors import MjrunError, MjrunWarning, UnknownNameError, UsageError
 from mjrun.job.image import Image
-from mjrun.job.scene_decorations import additions
+from mjrun.job.scene_decorations import scene_decorations
 from mjrun.job.simulation import Simulation
 from mjrun.job.trace import Trace
 from mjrun.job.video import Video
+from mjrun.job.view import Drawing
 from mjrun.rendering.backend import Backend
 from mjrun.rendering.classic import ClassicRenderer
 from mjrun.rendering.graph import graph_size
@@ -156,15 +157,15 @@ def test_a_ghost_can_stand_in_a_pose_and_move_as_a_trace_says(tmp_path: Path) ->
         '<keyframe><key name="up" qpos="1.5"/></keyframe></mujoco>'
     )
     Trace(Simulation(model, duration=0.5, qvel={"j": 2}), f"{tmp_path}/t.npz").run()
-    found = additions(model, Visual(), [], None, [f"trace={tmp_path}/t.npz", "key=up,opacity=.5"])
+    found = scene_decorations(Drawing(ghost=[f"trace={tmp_path}/t.npz", "key=up,opacity=.5"]), model)
     trace = np.load(tmp_path / "t.npz")
-    moving = found.spirits[0].states(model, [0.0, 0.1001, 0.5, 9.0])
-    standing = found.spirits[1].states(model, [0.0])
+    moving = found.ghosts[0].states(model, [0.0, 0.1001, 0.5, 9.0])
+    standing = found.ghosts[1].states(model, [0.0])
     assert moving is not None
     assert standing is not None
     assert [state[1] for state in moving] == [trace["qpos/j"][k] for k in (0, 50, 250, 250)]
     assert standing[0][1] == 1.5
-    assert found.spirits[1].opacity == 0.5
+    assert found.ghosts[1].opacity == 0.5
 
 
 @pytest.mark.parametrize(
@@ -172,7 +173,7 @@ def test_a_ghost_can_stand_in_a_pose_and_move_as_a_trace_says(tmp_path: Path) ->
     [
         ({"trail": ["bal"]}, UnknownNameError, "did you mean 'ball'"),
         ({"trail": ["ball"], "trail_span": 0}, UsageError, "a positive number of seconds"),
-        ({"ghost": ["colour=red"]}, UnknownNameError, "no setting 'colour' in --ghost"),
+        ({"ghost": ["colour=red"]}, UnknownNameError, "no setting 'colour' in ghost"),
         ({"ghost": ["offset=1/2"]}, UsageError, "a displacement x/y/z"),
         ({"ghost": ["opacity=2"]}, UsageError, "a number above 0 and up to 1"),
         ({"ghost": ["key=up"]}, UnknownNameError, "there are no keyframes"),
@@ -212,7 +213,7 @@ def test_a_plot_of_nothing_and_separate_plots_are_refused(swing: Path, tmp_path:
 
 
 def test_what_numbers_have_no_room_for_is_told(swing: Path, tmp_path: Path) -> None:
-    simulation, heard = Simulation(swing, duration=0.1), r"--text, --captions, --depth-range, --plot: numbers have no"
+    simulation, heard = Simulation(swing, duration=0.1), r"text, captions, depth_range, plot: numbers have no"
     with pytest.warns(MjrunWarning, match=heard):
         Video(
             simulation,
@@ -225,7 +226,7 @@ def test_what_numbers_have_no_room_for_is_told(swing: Path, tmp_path: Path) -> N
             depth_range=(1, 2),
             plot=["energy"],
         ).run()
-    with pytest.warns(MjrunWarning, match=r"--text: numbers have no room for it; --style color draws pictures"):
+    with pytest.warns(MjrunWarning, match=r"text: numbers have no room for it; style color draws pictures"):
         Image(simulation, f"{tmp_path}/d.png", size=(32, 24), view="depth", text="hi").run()
     with warnings.catch_warnings():
         warnings.simplefilter("error")

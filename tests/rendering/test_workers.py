@@ -18,7 +18,7 @@ import pytest
 from mjrun.errors import BadValueError, DrawError, MjrunError, NoRendererError, UnstableError
 from mjrun.rendering import process_count
 from mjrun.rendering.backend import Backend
-from mjrun.rendering.process_count import available_cores, guess, jobs_for
+from mjrun.rendering.process_count import available_cores, estimated_cost, jobs_for
 from mjrun.rendering.workers import SLOTS, Pool, Workers
 
 sys.path.append(str(Path(__file__).parent))  # drawing processes look where we look
@@ -85,14 +85,62 @@ def test_a_pool_draws_none_one_and_many_one_after_the_other(jobs: int) -> None:
             assert np.array_equal(made, FRAMES[:count])
 
 
-def test_processes_that_were_started_before_draw_and_end_with_the_pool() -> None:
-    crew = Workers(2)
-    started = set(children())
-    with Pool(Telling(delay=0.005), (2,), crew, np.int64) as pool:
-        told = {int(frame[0]) for frame in pool.frames(STATES)}
-    assert told == started
+def test_processes_that_were_started_before_draw_for_one_pool_after_another() -> None:
+    with Workers(2) as workers:
+        started = set(children())
+        for count in (1, len(STATES)):  # of one state, a process may have opened nothing when the next pool comes
+            with Pool(Telling(delay=0.005), (2,), 2, np.int64, workers) as pool:
+                processes = {int(frame[0]) for frame in pool.frames(STATES[:count])}
+            assert processes <= started
+            with Pool(Adding(), SHAPE, 2, np.int64, workers) as pool:
+                assert np.array_equal([frame.copy() for frame in pool.frames(STATES)], FRAMES)
+        assert processes == started == set(children())
     assert not children()
-    crew.close()  # again
+    workers.close()  # again
+
+
+def drawn_by(workers: Workers, painter: Adding) -> list[np.ndarray]:
+    with Pool(painter, SHAPE, 2, np.int64, workers) as pool:
+        return [frame.copy() for frame in pool.frames(STATES)]
+
+
+def test_a_pool_that_fails_leaves_workers_that_draw_for_the_next() -> None:
+    with Workers(2) as workers:
+        for mischief in ("ends", "is unstable"):
+            with pytest.raises(MjrunError):
+                drawn_by(workers, Adding({3: mischief}))
+            assert np.array_equal(drawn_by(workers, Adding()), FRAMES)
+        assert len(children()) == 2
+
+
+def test_leaving_a_pool_early_leaves_workers_that_draw_for_the_next() -> None:
+    start = time.monotonic()
+    with Workers(2) as workers:
+        with Pool(Adding({3: "hangs"}), SHAPE, 2, np.int64, workers) as pool:
+            next(pool.frames(STATES))
+        assert np.array_equal(drawn_by(workers, Adding()), FRAMES)
+    assert time.monotonic() - start < 20
+
+
+def test_workers_that_cannot_open_a_painter_open_the_next() -> None:
+    with Workers(2) as workers:
+        with (
+            pytest.raises(NoRendererError),
+            Pool(Adding({OPENING: "has no renderer"}), SHAPE, 2, np.int64, workers) as pool,
+        ):
+            list(pool.frames(STATES))
+        with Pool(Adding(), SHAPE, 2, np.int64, workers) as pool:
+            assert np.array_equal([frame.copy() for frame in pool.frames(STATES)], FRAMES)
+
+
+def test_workers_grow_to_as_many_as_are_asked_for() -> None:
+    with Workers(1) as workers:
+        (first,) = children()
+        with Pool(Telling(delay=0.005), (2,), 3, np.int64, workers) as pool:
+            processes = {int(frame[0]) for frame in pool.frames(STATES)}
+        assert first in processes
+        assert processes == set(children())
+        assert len(processes) == 3
 
 
 @pytest.mark.parametrize("wait", [0, 0.5])
@@ -106,14 +154,14 @@ def test_processes_that_are_not_needed_end_at_once(wait: float) -> None:
 
 def test_processes_import_no_windows(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delenv("MUJOCO_GL")
-    with Pool(Adding(), SHAPE, Workers(2, "mjrun.rendering.compositor"), np.int64) as pool:
+    with Workers(2, "mjrun.rendering.compositor") as workers, Pool(Adding(), SHAPE, 2, np.int64, workers) as pool:
         for _ in pool.frames(STATES):
-            pool.ask("windows")
+            pool.ask(Adding.windows)
         assert pool.answer is False
 
 
 def test_a_module_that_is_not_there_is_told_with_the_painter_s_own_words() -> None:
-    with Pool(Adding(), SHAPE, Workers(2, "nowhere.at.all"), np.int64) as pool:
+    with Workers(2, "nowhere.at.all") as workers, Pool(Adding(), SHAPE, 2, np.int64, workers) as pool:
         assert len([*pool.frames(STATES)]) == len(STATES)
 
 
@@ -134,7 +182,7 @@ def test_a_question_is_answered_by_a_process_that_draws_and_disturbs_nothing(job
         for index, frame in enumerate(pool.frames(STATES)):
             made.append(frame.copy())
             if index == when:
-                pool.ask("process")
+                pool.ask(Adding.process)
         assert pool.answer in processes
     assert np.array_equal(made, FRAMES)
 
@@ -143,7 +191,7 @@ def test_a_question_that_fails_is_a_bug_of_mjrun() -> None:
     with Pool(Adding({ASKED: "divides"}), SHAPE, 2, np.int64) as pool:
         frames = pool.frames(STATES)
         next(frames)
-        pool.ask("process")
+        pool.ask(Adding.process)
         with pytest.raises(MjrunError, match=r"a bug in mjrun, in a drawing process: ZeroDivisionError") as caught:
             list(frames)
     assert caught.value.exit_code == 70
@@ -181,7 +229,7 @@ def test_every_process_is_one_of_its_own_with_one_thread_to_draw() -> None:
 @pytest.mark.parametrize(
     ("mischief", "how"),
     [
-        ("is killed", "was killed by SIGKILL\nthe system does that when memory runs out; fewer --jobs need less"),
+        ("is killed", "was killed by SIGKILL\nthe system does that when memory runs out; fewer jobs need less"),
         ("crashes", "was killed by SIGSEGV"),
         ("ends", "ended with code 3"),
         ("exits", "ended with code 4"),
@@ -242,7 +290,7 @@ def test_a_process_that_cannot_start_is_no_frame_s_fault(mischief: str, message:
 
 def test_a_system_that_refuses_processes_is_told_so(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(sys, "executable", "/nowhere/python")
-    with pytest.raises(DrawError, match=r"several processes: .*/nowhere/python'\n--jobs 1"):
+    with pytest.raises(DrawError, match=r"several processes: .*/nowhere/python'\njobs 1"):
         Pool(Adding(), SHAPE, 2)
 
 
@@ -400,13 +448,13 @@ def test_processes_are_as_many_as_are_worth_it(
 
 
 def test_a_guess_grows_with_pixels_and_panels() -> None:
-    assert guess((640, 480)) == pytest.approx(0.06072)
-    assert guess((640, 480), 3) == pytest.approx(3 * 0.06072)
+    assert estimated_cost((640, 480)) == pytest.approx(0.06072)
+    assert estimated_cost((640, 480), 3) == pytest.approx(3 * 0.06072)
 
 
 @pytest.mark.parametrize("asked", [0, -1, "many", "2"])
 def test_a_number_of_processes_that_is_none_is_refused(asked: int | str) -> None:
-    with pytest.raises(BadValueError, match=r"--jobs: .* is not a number of processes from 1 on, or auto"):
+    with pytest.raises(BadValueError, match=r"jobs: .* is not a number of processes from 1 on, or auto"):
         jobs_for(asked, True, 100, 0.1, 2)
 
 

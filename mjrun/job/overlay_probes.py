@@ -1,4 +1,4 @@
-"""What is written over frames and plotted beside them: measured at the instants that they show."""
+"""Values written over frames and plotted beside them, measured at the instants that the frames show."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -6,8 +6,8 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 
-from mjrun.errors import UsageError, quoted
-from mjrun.job.text_template import Template, template
+from mjrun.errors import UsageError, concerning, option, quoted
+from mjrun.job.text_template import Template, parse_template
 from mjrun.job.trace_rows import Table
 from mjrun.probe.select import catalogue, split
 from mjrun.rendering.compositor import Overlay
@@ -15,17 +15,18 @@ from mjrun.rendering.graph import Graph, graph_size
 from mjrun.sim.stepper import Stepper
 from mjrun.timeline import Timeline
 
-Values = Sequence[np.ndarray]
+# Values of each table at one frame.
+FrameValues = Sequence[np.ndarray]
 
 
 @dataclass(frozen=True)
 class OverlayProbes:
-    """Measures what a template and plots show.
+    """Measures the values in a text and in plots.
 
     Attributes:
       text: the template.
       tables: its columns, then those of each plot.
-      model: to be simulated, so that they can be measured.
+      model: with everything switched on that they measure.
     """
 
     text: Template
@@ -43,55 +44,59 @@ class OverlayProbes:
 
     def overlay(
         self,
-        blank: Overlay,
-        rows: Sequence[Values],
+        empty: Overlay,
+        rows: Sequence[FrameValues],
         steps: Sequence[int],
         speeds: Sequence[float],
         timeline: Timeline,
     ) -> Overlay:
-        """`blank` with its texts and graphs.
+        """`empty` with its texts and graphs.
 
         Args:
           rows: what was read at each frame; empty when there is nothing to measure.
           steps, speeds: of each frame.
         """
         times = [float(timeline.time(step)) for step in steps]
-        texts = self._texts(rows, steps, times, speeds) if self.text.pieces else []
-        graphs = []
-        for index, (table, size) in enumerate(zip(self.tables[1:], blank.plots, strict=True), start=1):
+        texts = self._texts(rows, steps, times, speeds) if self.text.parts else []
+        graphs: list[Graph] = []
+        for index, (table, size) in enumerate(zip(self.tables[1:], empty.plots, strict=True), start=1):
             values = np.array([row[index] for row in rows])
             names, units = zip(*((column.name, column.unit) for column in table.columns[1:]), strict=True)
             graphs.append(Graph(np.array(times), values, names, units, size))
-        return Overlay(texts, blank.corner, blank.plots, blank.side, graphs, times)
+        return Overlay(texts, empty.corner, empty.plots, empty.side, graphs, times)
 
     def _texts(
-        self, rows: Sequence[Values], steps: Sequence[int], times: Sequence[float], speeds: Sequence[float]
+        self, rows: Sequence[FrameValues], steps: Sequence[int], times: Sequence[float], speeds: Sequence[float]
     ) -> list[str]:
         names = [column.name for column in self.tables[0].columns[1:]]
-        found = []
+        texts: list[str] = []
         for index, (step, time, speed) in enumerate(zip(steps, times, speeds, strict=True)):
             row = dict(zip(names, rows[index][0].tolist(), strict=True)) if names else {}
-            found.append(self.text.filled({**row, "time": time, "frame": index, "step": step, "speed": speed}))
-        return found
+            texts.append(self.text.filled({**row, "time": time, "frame": index, "step": step, "speed": speed}))
+        return texts
 
 
-def gauges(model: mujoco.MjModel, timeline: Timeline, text: str | None, plots: Sequence[str] = ()) -> OverlayProbes:
+def overlay_probes(
+    model: mujoco.MjModel, timeline: Timeline, text: str | None, plots: Sequence[str] = ()
+) -> OverlayProbes:
     """What measures the values in `text` and those of each of `plots`.
 
     Raises:
       UnknownNameError: a value that cannot be measured.
       UsageError: a plot of nothing.
     """
-    written = template(text, [column.name for column in catalogue(model)]) if text else Template([])
-    tables = [Table(model, written.columns, timeline)]
-    for plot in plots:
-        tables.append(Table(tables[-1].model, split(plot), timeline))
-        if len(tables[-1].columns) == 1:
-            raise UsageError(f"--plot {quoted(plot)}: this model has none of it")
-    return OverlayProbes(written, tables, tables[-1].model)
+    with concerning("text"):
+        template = parse_template(text, [column.name for column in catalogue(model)]) if text else Template([])
+        tables = [Table(model, template.columns, timeline)]
+    for index, plot in enumerate(plots):
+        with concerning("plot", index):
+            tables.append(Table(tables[-1].model, split(plot), timeline))
+            if len(tables[-1].columns) == 1:
+                raise UsageError(f"{option('plot')} {quoted(plot)}: this model has none of it")
+    return OverlayProbes(template, tables, tables[-1].model)
 
 
-def blank(size: tuple[int, int], corner: str, plots: Sequence[str] = (), side: str = "under") -> Overlay:
+def empty_overlay(size: tuple[int, int], corner: str, plots: Sequence[str] = (), side: str = "under") -> Overlay:
     """An overlay without content, whose size is known.
 
     Args:

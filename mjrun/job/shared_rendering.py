@@ -1,0 +1,85 @@
+"""What the outputs of one pass share to draw with: the detection of a backend, and worker processes."""
+
+from dataclasses import dataclass
+from types import TracebackType
+
+from mjrun.job.view import Drawing
+from mjrun.rendering.backend import Backend
+from mjrun.rendering.backend_detection import BackendDetection, VulkanDetection
+from mjrun.rendering.compositor import SceneCompositor
+from mjrun.rendering.workers import Workers
+
+
+@dataclass(frozen=True)
+class RendererChoice:
+    """A renderer, as options ask for it: `classic` by an OpenGL backend, or `filament` by Vulkan."""
+
+    renderer: str
+    gl: str | None
+    require_gpu: bool
+
+    @classmethod
+    def of(cls, options: Drawing) -> "RendererChoice":
+        """What `options` ask for."""
+        return cls(options.renderer, None if options.renderer == "filament" else options.gl, options.require_gpu)
+
+    def detection(self) -> BackendDetection | VulkanDetection:
+        """Starts to try what can draw."""
+        return VulkanDetection() if self.renderer == "filament" else BackendDetection(self.gl)
+
+
+class SharedRendering:
+    """Detects each backend once and starts each worker process once, for all outputs of a pass. To be closed."""
+
+    def __init__(self) -> None:
+        self._detections: dict[RendererChoice, BackendDetection | VulkanDetection] = {}
+        self._backends: dict[RendererChoice, Backend] = {}
+        self._workers: Workers | None = None
+
+    def detect(self, choice: RendererChoice) -> None:
+        """Starts the detection in a child process, so that it runs while the model loads.
+
+        Raises:
+          UnknownNameError: no such backend.
+          NoRendererError: rendering is switched off by MUJOCO_GL.
+        """
+        if choice not in self._detections:
+            self._detections[choice] = choice.detection()
+
+    def backend(self, choice: RendererChoice) -> Backend:
+        """The backend that was detected.
+
+        Raises:
+          RendererError: there is none.
+        """
+        if choice not in self._backends:
+            self.detect(choice)
+            self._backends[choice] = self._detections[choice].result(choice.require_gpu)
+        return self._backends[choice]
+
+    def workers(self, count: int) -> Workers:
+        """At least `count` processes that draw, started without waiting for them.
+
+        Raises:
+          DrawError: they cannot be started.
+        """
+        if self._workers is None:
+            self._workers = Workers(count, SceneCompositor.__module__)
+        else:
+            self._workers.grow(count)
+        return self._workers
+
+    def close(self) -> None:
+        """Ends the workers, and detections that are still running."""
+        if self._workers:
+            self._workers.close()
+        for detection in self._detections.values():
+            detection.cancel()
+
+    def __enter__(self) -> "SharedRendering":
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()

@@ -1,0 +1,220 @@
+"""The phases of an output, each a value that returns the next: task, plan, output, artifact.
+
+A *job* is an output as the user asks for it. Its *task* is all that can be decided without the model. A *plan* knows
+the model: every name is found, every number checked, nothing opened. An *output* is open and looks at the simulation
+through its taps. An *artifact* is complete, and only has to be moved to its place.
+"""
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import ExitStack
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Generic, Protocol, TypeVar
+
+import mujoco
+
+from mjrun.job.shared_rendering import RendererChoice, SharedRendering
+from mjrun.job.simulation import Simulation
+from mjrun.reporter import Reporter
+from mjrun.sim.observe import Tap, observe
+from mjrun.sim.stepper import Stepper
+from mjrun.timeline import Timeline
+
+# Of each condition, the steps at which it begins to hold.
+EventSteps = Mapping[str, Sequence[int]]
+
+
+@dataclass(frozen=True)
+class OutputResult:
+    """What was made.
+
+    Attributes:
+      path: where it is; `-` is standard output.
+    """
+
+    path: str
+
+
+R_co = TypeVar("R_co", bound=OutputResult, covariant=True)
+
+
+@dataclass(frozen=True)
+class Context:
+    """What the outputs of one pass have in common."""
+
+    simulation: Simulation
+    model: mujoco.MjModel
+    timeline: Timeline
+    reporter: Reporter
+
+
+@dataclass(frozen=True)
+class Preview:
+    """What will be made.
+
+    Attributes:
+      kind: `video`, `image`, `trace`, `plot` or `recording`.
+      path: where.
+      count: frames, images, rows, samples or states; None while an event decides.
+      unit: what is counted.
+      size: width and height [pixels], or columns alone.
+      about: what else there is to know, in words.
+    """
+
+    kind: str
+    path: str
+    count: int | None
+    unit: str
+    size: Sequence[int]
+    about: str = ""
+
+
+@dataclass(frozen=True)
+class PassSummary:
+    """What is known at the end of a pass: wall time of all and of the simulation [s], and MuJoCo's warnings."""
+
+    wall: float
+    simulation_wall: float
+    warnings: Sequence[str]
+
+
+class Writer(Protocol):
+    """Writes one output."""
+
+    def finish(self) -> None:
+        """Completes the output and verifies it; it is not in its place yet."""
+        ...
+
+    def publish(self) -> list[Path]:
+        """Moves the output to its place, and returns its files."""
+        ...
+
+
+@dataclass(frozen=True)
+class Artifact(Generic[R_co]):
+    """An output that is complete and verified, but not published.
+
+    Attributes:
+      facts: for the manifest.
+      writers: whose `publish` is all that is left to do.
+      result: makes the result, once the files are in their places.
+      failed_assertions: messages of the assertions that do not hold.
+    """
+
+    facts: Mapping[str, Any]
+    writers: Sequence[Writer]
+    result: Callable[[Sequence[Path], PassSummary], R_co]
+    failed_assertions: Sequence[str] = ()
+
+    def publish(self) -> list[Path]:
+        """Moves every file to its place, and returns them."""
+        return [file for writer in self.writers for file in writer.publish()]
+
+
+class Output(ABC, Generic[R_co]):
+    """An output whose files are open.
+
+    Attributes:
+      taps: what it takes from the simulation.
+    """
+
+    taps: Sequence[Tap]
+
+    def simulate(self, stepper: Stepper, until: int) -> None:
+        """Runs the simulation up to step `until` for this output alone."""
+        observe(stepper, self.taps, until)
+
+    @abstractmethod
+    def finish(self) -> Artifact[R_co]:
+        """Completes and verifies everything, after the simulation.
+
+        Raises:
+          MjrunError: the output cannot be completed.
+        """
+
+
+class UnscheduledOutput(Protocol[R_co]):
+    """An output whose files are open, and whose instants depend on events of the simulation.
+
+    Attributes:
+      conditions: those whose steps have to be known.
+    """
+
+    @property
+    def conditions(self) -> Sequence[str]: ...
+
+    def schedule(self, event_steps: EventSteps) -> Output[R_co]:
+        """The output, with the steps at which each of `conditions` begins to hold.
+
+        Raises:
+          UsageError: an event that it waits for does not happen.
+        """
+        ...
+
+
+class Plan(Protocol[R_co]):
+    """An output with every name found in the model and every number checked; nothing is open yet."""
+
+    @property
+    def enable_flags(self) -> int:
+        """Flags of MuJoCo's that must be set for what it measures."""
+        ...
+
+    @property
+    def until(self) -> int:
+        """The last step that it needs."""
+        ...
+
+    @property
+    def keep_partial(self) -> bool:
+        """Whether what there is when the simulation becomes unstable is worth publishing."""
+        ...
+
+    def preview(self) -> Preview:
+        """What will be made."""
+        ...
+
+    def open(self, stack: ExitStack, rendering: SharedRendering) -> Output[R_co] | UnscheduledOutput[R_co]:
+        """Opens the files, which proves that they can be written; `stack` discards what is not published."""
+        ...
+
+
+class Task(Protocol[R_co]):
+    """An output with all that can be decided without the model."""
+
+    @property
+    def renderer(self) -> RendererChoice | None:
+        """What it draws with, if it draws: worth detecting while the model loads."""
+        ...
+
+    def plan(self, context: Context) -> Plan[R_co]:
+        """Finds every name in the model and checks every number.
+
+        Raises:
+          UsageError: a name that is not there, or a value that cannot be.
+        """
+        ...
+
+
+class Job(Protocol[R_co]):
+    """An output as the user asks for it."""
+
+    @property
+    def simulation(self) -> Simulation: ...
+
+    @property
+    def manifest(self) -> str | None: ...
+
+    @property
+    def files(self) -> Sequence[tuple[str, str]]:
+        """Every file that it writes, with what it is."""
+        ...
+
+    def task(self) -> Task[R_co]:
+        """Its task.
+
+        Raises:
+          UsageError: a format that cannot hold the output, or a value that cannot be.
+        """
+        ...
