@@ -172,23 +172,25 @@ class _Pass(Generic[R]):
     def error(self, made: Sequence[str], failed_assertions: Sequence[str]) -> MjrunError | None:
         """What to raise at the end, if anything, given the paths of what was made."""
         failures = [failure for _, failure in sorted(self.failures.items())]
-        assertion = FailedAssertionError(failed_assertions) if failed_assertions else None
-        others: list[MjrunError | None] = [error for _, error in failures]
+        others: list[MjrunError] = [error for _, error in failures]
+        main: MjrunError | None = None
         if failures and not made:
             main = others.pop(0)
-            others.append(self.instability)
+            others += [self.instability] if self.instability else []
         elif self.instability:
             main = self.instability
             if made:
                 main.add_note(f"kept, up to there: {listing(made)}")
-            others.append(assertion)
         elif failures:
-            main, others = PartlyDoneError(made, failures), [assertion]
-        else:
-            return assertion
-        assert main
-        for other in filter(None, others):
-            main.add_note(other.spelled(option))
+            main, others = PartlyDoneError(made, failures), []
+        if failed_assertions:
+            assertion = FailedAssertionError(failed_assertions)
+            if main is None:
+                return assertion
+            others.append(assertion)
+        if main:
+            for other in others:
+                main.add_note(other.spelled(option))
         return main
 
     def _run_alone(self, output: Output[R]) -> None:

@@ -74,9 +74,9 @@ COST = r"\): \d+ ms per frame, "
 @pytest.mark.parametrize(
     ("guessed", "found", "started", "told"),
     [
-        (0.001, 0.001, [], COST + r"about 0 s in all"),
-        (60.0, 0.001, [2], COST + r"about 0 s in all by 2 processes"),
-        (0.001, 60.0, [2], COST + r"less than 0 s in all by 2 processes"),
+        (0.001, 0.001, [], COST + r"about \d+ s in all"),
+        (60.0, 0.001, [2], COST + r"about \d+ s in all by 2 processes"),
+        (0.001, 60.0, [2], COST + r"less than \d+ s in all by 2 processes"),
     ],
 )
 def test_what_is_guessed_starts_processes_early_and_what_is_found_late(
