@@ -15,13 +15,13 @@ from PIL import Image as Pillow
 from mjrun.camera.rigs.around import FreeRig, TrackRig
 from mjrun.camera.script import CameraScript, Event, Shot
 from mjrun.errors import FailedAssertionError, FileError, JobsError, UnknownNameError, UnstableError, UsageError
-from mjrun.job.image import Image
+from mjrun.job.image import Image, ImageResult
 from mjrun.job.perform import perform, preview
 from mjrun.job.plot import Plot
 from mjrun.job.recording import Recording
 from mjrun.job.simulation import Simulation
 from mjrun.job.trace import Trace
-from mjrun.job.video import Video
+from mjrun.job.video import Video, VideoResult
 from mjrun.model.override import Setting
 from mjrun.model.sources.file import FileSource
 
@@ -95,11 +95,13 @@ def test_an_event_cuts_stills_and_films_at_the_very_step(swing: Path, tmp_path: 
     slow = CameraScript("hit", [Shot(FreeRig(), until=event), Shot(TrackRig("ball"), speed=Fraction(1, 2))])
     film = Video(simulation, f"{tmp_path}/f/", fps=20, size=SIZE, camera=slow, text="{step}")
     still = Image(simulation, f"{tmp_path}/i.png", at=event, size=SIZE)
-    made = perform([film, still])
+    video, image = perform([film, still])
+    assert isinstance(video, VideoResult)
+    assert isinstance(image, ImageResult)
     timestep = Fraction(1, 500)
     lasts = hit * timestep + 2 * (Fraction(1, 2) - hit * timestep)
-    assert made[0].frames == -(-lasts // Fraction(1, 20))
-    assert made[1].step == hit
+    assert video.frames == -(-lasts // Fraction(1, 20))
+    assert image.step == hit
     again = perform([replace(still, output=f"{tmp_path}/j.png", at=None, step=hit)])
     assert again[0].step == hit
     assert np.array_equal(np.array(Pillow.open(tmp_path / "i.png")), np.array(Pillow.open(tmp_path / "j.png")))
