@@ -2,15 +2,11 @@
 
 import contextlib
 import csv
-import importlib.util
-import io
 import json
 import os
-import re
 import resource
 import subprocess
 import sys
-import zipfile
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -24,10 +20,10 @@ import scipy.io
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from mjrun.errors import FileError, MissingExtraError, UnknownNameError, UsageError, clean
+from mjrun.errors import FileError, clean
 from mjrun.formats import column_groups, text_columns
 from mjrun.formats.table_writer import TableWriter
-from mjrun.formats.tables import mat, output_format
+from mjrun.formats.tables import output_format
 from mjrun.model.column import Column
 
 ROOT = Path(__file__).parents[2]
@@ -220,15 +216,6 @@ def test_hostile_names_read_back_exactly(tmp_path: Path, form: str) -> None:
     assert_equal(READERS[form](write(tmp_path / f"t.{form}", [data], columns(*HOSTILE))), HOSTILE, data)
 
 
-def test_names_in_csv_are_cleaned_and_quoted_where_they_must_be(tmp_path: Path) -> None:
-    path = write(tmp_path / "t.csv", [np.zeros((1, 10))], columns(*HOSTILE))
-    assert list(read_csv(path)) == [clean(name) for name in HOSTILE]
-    head = path.read_text("utf-8").splitlines()[0]
-    assert head.startswith(
-        r'time,"qpos/""a""","qpos/b,c",qpos/d\ne\r,qpos/\x1b[31mred,qpos/é 日本 🚗,"=1+1","@x","-x",'
-    )
-
-
 @given(st.lists(st.text(st.characters(codec="utf-8"), max_size=12), min_size=1, max_size=5, unique_by=clean))
 @settings(max_examples=100, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @pytest.mark.parametrize("form", TEXT)
@@ -390,63 +377,12 @@ def test_any_labels_read_back_exactly_and_in_csv_cleaned(
         assert all(clean(line) == line for line in lines)
 
 
-def test_labels_are_quoted_in_csv_only_where_they_must_be(tmp_path: Path) -> None:
-    labels = ("floor", 'a "b"', "c,d", "=1+1", "a;b", "")
-    path = write(tmp_path / "t.csv", [np.array([[*range(6), -1.0]])], [Column(str(i), labels=labels) for i in range(7)])
-    assert path.read_text().splitlines()[1] == 'floor,"a ""b""","c,d",\'=1+1,"a;b","",'
-
-
 @pytest.mark.parametrize("form", [f for f in FORMATS if f != "jsonl"])
 def test_a_table_of_labels_without_rows_has_columns_of_text(tmp_path: Path, form: str) -> None:
     path = write(tmp_path / f"t.{form}", [], labelled(LABELS))
     assert {name: list(TEXT_READERS[form](path)[name]) for name in TEXTS} == {name: [] for name in TEXTS}
     if form == "npz":
         assert {column.dtype.kind for name, column in read_npz(path).items() if name in TEXTS} == {"U"}
-
-
-def test_in_parquet_labels_are_kept_once_to_a_group(tmp_path: Path) -> None:
-    data = np.random.default_rng(3).integers(-1, 2, (50_000, 1)).astype(float)
-    found = pq.read_metadata(write(tmp_path / "t.parquet", [data], [Column("geom1", labels=("floor", "torso"))]))
-    column = found.row_group(0).column(0)
-    assert column.has_dictionary_page
-    assert column.total_uncompressed_size < 50_000 / 2  # 2 bits a row
-
-
-def test_a_mat_cell_of_texts_too_large_for_the_format_is_refused_as_its_rows_come(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    long = "🚗" * 15
-    rows = np.zeros((100, 1))
-    written = write(tmp_path / "all.mat", [rows], [Column("geom1", labels=(long,))]).stat().st_size
-    monkeypatch.setattr(mat, "LIMIT", written)
-    with TableWriter(str(tmp_path / "t.mat"), "mat", [Column("geom1", labels=(long,))]) as out:
-        out.write(rows[:50])
-        with pytest.raises(FileError, match=r"t.mat: cannot be written: a .mat file holds at most 2 GiB per column"):
-            out.write(rows)
-
-
-@given(st.lists(st.text(max_size=80) | st.sampled_from(["a/b", "a_b", "a.b", "units", "x" * 90]), unique=True))
-def test_matlab_variables_are_valid_and_unlike(named: list[str]) -> None:
-    variables = mat.identifiers(named)
-    assert len({*variables, *mat.RESERVED}) == len(named) + len(mat.RESERVED)
-    assert all(re.fullmatch(r"[A-Za-z][A-Za-z0-9_]{0,62}", variable) for variable in variables)
-
-
-def test_a_matlab_variable_is_called_like_its_column() -> None:
-    named = ["time", "qpos/knee", "qpos/torso/x", "joint:3", "a/b", "a:b", "3d"]
-    assert mat.identifiers(named) == ["time", "qpos_knee", "qpos_torso_x", "joint_3", "a_b", "a_b_2", "x3d"]
-
-
-@pytest.mark.parametrize("read", [pq.read_schema, lambda path: pyarrow.feather.read_table(path).schema])
-def test_arrow_fields_say_unit_meaning_and_object(tmp_path: Path, read: Callable[[Path], pa.Schema]) -> None:
-    schema = read(write(tmp_path / ("t.parquet" if read is pq.read_schema else "t.feather"), []))
-    assert [field.type for field in schema] == [pa.float64()] * 3
-    assert schema.field("qpos/knee").metadata == {
-        b"unit": b"rad",
-        b"meaning": b"joint angle",
-        b"kind": b"joint",
-        b"id": b"3",
-    }
 
 
 def manifest_of(path: Path) -> dict[str, Any]:
@@ -469,41 +405,12 @@ def test_the_manifest_is_embedded_and_the_last_word_counts_where_the_format_allo
         assert manifest_of(path) == (MANIFEST if form == "feather" and first else expected)
 
 
-def test_parquet_tells_the_same_manifest_to_readers_without_arrow(tmp_path: Path) -> None:
-    with TableWriter(str(tmp_path / "t.parquet"), "parquet", COLUMNS, MANIFEST) as out:
-        out.publish(FINAL)
-    assert json.loads(pq.read_metadata(tmp_path / "t.parquet").metadata[b"mjrun"]) == FINAL
-
-
-def test_parquet_s_groups_do_not_follow_the_blocks(tmp_path: Path) -> None:
-    found = pq.read_metadata(write(tmp_path / "t.parquet", [np.zeros((10, 3))] * 500))
-    assert (found.num_row_groups, found.num_rows) == (1, 5000)
-    assert found.row_group(0).column(0).compression == "ZSTD"
-
-
 def test_units_go_with_npz_and_mat(tmp_path: Path) -> None:
     with np.load(write(tmp_path / "t.npz", [])) as found:
         assert json.loads(str(found["__units__"])) == {"time": "s", "qpos/knee": "rad", "qpos/torso/x": "m"}
     found = scipy.io.loadmat(write(tmp_path / "t.mat", []))
     assert [cell[0] for cell in found["units"].ravel()] == ["s", "rad", "m"]
     assert found["__header__"] == b"MATLAB 5.0 MAT-file, written by mjrun"
-
-
-def test_npz_is_an_archive_that_any_unzip_takes(tmp_path: Path) -> None:
-    with zipfile.ZipFile(write(tmp_path / "t.npz", [np.zeros((4, 3))])) as archive:
-        assert archive.testzip() is None
-        assert archive.namelist()[:2] == ["time.npy", "qpos/knee.npy"]
-
-
-def test_a_mat_variable_too_large_for_the_format_is_refused_as_its_rows_come(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(mat, "LIMIT", 8 * 100)
-    with TableWriter(str(tmp_path / "t.mat"), "mat", COLUMNS) as out:
-        out.write(np.zeros((99, 3)))
-        with pytest.raises(FileError, match=r"t.mat: cannot be written: a .mat file holds at most 2 GiB per column"):
-            out.write(np.zeros((1, 3)))
-    assert names(tmp_path) == []
 
 
 @pytest.mark.parametrize("form", FORMATS)
@@ -592,67 +499,6 @@ def test_no_two_columns_have_one_name(tmp_path: Path) -> None:
     with pytest.raises(AssertionError):
         TableWriter(str(tmp_path / "t.csv"), "csv", columns("time", "time"))
     assert names(tmp_path) == []
-
-
-@pytest.mark.parametrize(
-    ("output", "asked", "meant"),
-    [
-        ("t.csv", None, "csv"),
-        ("runs.v2/T.PARQUET", None, "parquet"),
-        ("t.arrow", None, "feather"),
-        ("t.feather", "feather", "feather"),
-        ("t.dat", "csv", "csv"),
-        ("table", "npz", "npz"),
-        (None, None, "csv"),
-        (None, "jsonl", "jsonl"),
-    ],
-)
-def test_the_suffix_means_the_format(output: str | None, asked: str | None, meant: str) -> None:
-    assert output_format(output, asked).name == meant
-
-
-@pytest.mark.parametrize(
-    ("output", "asked", "kind", "message"),
-    [
-        (
-            "t.parqet",
-            None,
-            UnknownNameError,
-            r"'.parqet' in t.parqet \(did you mean '.parquet'\?\)\ntable formats: .csv",
-        ),
-        (
-            "table",
-            None,
-            UnknownNameError,
-            r"no table format '' in table\ntable formats: .csv, .feather, .arrow, .jsonl",
-        ),
-        ("t.csv", "xls", UnknownNameError, r"no format 'xls'.*\nformats: csv, feather, jsonl, mat, npz, parquet"),
-        ("t.csv", "npz", UsageError, "format npz and the suffix of t.csv disagree"),
-        (None, "parquet", UsageError, "cannot be written to standard output\ncsv and jsonl can"),
-    ],
-)
-def test_a_format_that_cannot_be_meant_is_refused(
-    output: str | None, asked: str | None, kind: type[UsageError], message: str
-) -> None:
-    with pytest.raises(kind, match=message):
-        output_format(output, asked)
-
-
-@pytest.mark.parametrize(
-    ("suffix", "library", "extra"),
-    [(".parquet", "pyarrow", "parquet"), (".feather", "pyarrow", "parquet"), (".mat", "scipy", "mat")],
-)
-def test_a_library_that_is_not_installed_is_named_with_the_command_that_installs_it(
-    monkeypatch: pytest.MonkeyPatch, suffix: str, library: str, extra: str
-) -> None:
-    monkeypatch.setattr(importlib.util, "find_spec", lambda name: None if name == library else name)
-    with pytest.raises(MissingExtraError) as error:
-        output_format(f"t{suffix}")
-    assert str(error.value) == (
-        f"writing {suffix} needs {library}, which is not installed\npip install 'mjrun[{extra}]'"
-    )
-    assert error.value.exit_code == 2
-    assert output_format("t.csv").name == "csv"
 
 
 PROGRAM = """
@@ -772,9 +618,3 @@ def test_a_manifest_may_hold_what_json_does_not_know(tmp_path: Path) -> None:
     with TableWriter(str(tmp_path / "t.npz"), "npz", COLUMNS, {"model": Path("a.xml"), "name": "\udcff"}) as out:
         out.publish()
     assert manifest_of(tmp_path / "t.npz") == {"model": "a.xml", "name": "\udcff"}
-
-
-def test_csv_reads_as_numpy_reads_it(tmp_path: Path) -> None:
-    data = np.array([[0.0, *BROKEN[:2]], [1.0, BROKEN[2], ODD[3]]])
-    text = write(tmp_path / "t.csv", [data]).read_text()
-    assert bits(np.genfromtxt(io.StringIO(text), delimiter=",", skip_header=1)) == bits(data)

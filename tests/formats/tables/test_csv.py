@@ -1,0 +1,175 @@
+"""CSV tables, beside the csv module, numpy, pyarrow and spreadsheets."""
+
+import codecs
+import csv
+import io
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.csv
+import pyarrow.feather
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from mjrun.errors import clean
+from mjrun.formats.table_reader import read_table
+from mjrun.formats.table_writer import TableWriter
+from mjrun.formats.tables import output_format
+from mjrun.model.column import Column
+
+COLUMNS = [
+    Column("time", "s", "simulated time"),
+    Column("qpos/knee", "rad", "joint angle", "joint", 3),
+    Column("qpos/torso/x", "m", "position", "joint", 0),
+]
+
+
+MANIFEST = {"mjrun": "0.1.0", "seed": 7}
+
+
+ODD = [
+    0.0,
+    -0.0,
+    5e-324,
+    -2.2250738585072014e-308,
+    0.1,
+    1 / 3,
+    1e22,
+    1e23,
+    123456789012345680.0,
+    -1.7976931348623157e308,
+]
+
+
+BROKEN = [float("nan"), float("inf"), float("-inf")]
+
+
+def columns(*names: str) -> list[Column]:
+    return [Column(name) for name in names]
+
+
+def write(path: Path, blocks: list[np.ndarray], of: list[Column] = COLUMNS) -> Path:
+    """A published table, in the format that the path's suffix means."""
+    with TableWriter(str(path), output_format(str(path)).name, of, MANIFEST) as out:
+        for block in blocks:
+            out.write(block)
+        out.publish()
+    return path
+
+
+def read_csv(path: Path) -> dict[str, list[float]]:
+    with path.open(encoding="utf-8", newline="") as file:
+        head, *rows = csv.reader(file, strict=True)
+    assert all(len(row) == len(head) for row in rows)
+    return {name: [float(row[i]) for row in rows] for i, name in enumerate(head)}
+
+
+def bits(values: object) -> list[int]:
+    """The float64 patterns of `values`, every NaN as one: text knows only one."""
+    array = np.asarray(values, np.float64)
+    return np.where(np.isnan(array), np.nan, array).view(np.uint64).tolist()
+
+
+def names(folder: Path) -> list[str]:
+    """What is in a folder, hidden files too."""
+    return sorted(path.name for path in folder.iterdir())
+
+
+HOSTILE = [
+    "time",
+    'qpos/"a"',
+    "qpos/b,c",
+    "qpos/d\ne\r",
+    "qpos/\x1b[31mred",
+    "qpos/é 日本 🚗",
+    "=1+1",
+    "@x",
+    "-x",
+    "ü\u202e",
+]
+
+
+def test_names_in_csv_are_cleaned_and_quoted_where_they_must_be(tmp_path: Path) -> None:
+    path = write(tmp_path / "t.csv", [np.zeros((1, 10))], columns(*HOSTILE))
+    assert list(read_csv(path)) == [clean(name) for name in HOSTILE]
+    head = path.read_text("utf-8").splitlines()[0]
+    assert head.startswith(
+        r'time,"qpos/""a""","qpos/b,c",qpos/d\ne\r,qpos/\x1b[31mred,qpos/é 日本 🚗,"=1+1","@x","-x",'
+    )
+
+
+def test_labels_are_quoted_in_csv_only_where_they_must_be(tmp_path: Path) -> None:
+    labels = ("floor", 'a "b"', "c,d", "=1+1", "a;b", "")
+    path = write(tmp_path / "t.csv", [np.array([[*range(6), -1.0]])], [Column(str(i), labels=labels) for i in range(7)])
+    assert path.read_text().splitlines()[1] == 'floor,"a ""b""","c,d",\'=1+1,"a;b","",'
+
+
+def test_csv_reads_as_numpy_reads_it(tmp_path: Path) -> None:
+    data = np.array([[0.0, *BROKEN[:2]], [1.0, BROKEN[2], ODD[3]]])
+    text = write(tmp_path / "t.csv", [data]).read_text()
+    assert bits(np.genfromtxt(io.StringIO(text), delimiter=",", skip_header=1)) == bits(data)
+
+
+ODD = [0.0, -0.0, 5e-324, -2.2250738585072014e-308, 0.1, 1e23, 123456789012345680.0, -1.7976931348623157e308]
+
+
+def put(path: Path, content: str | bytes) -> Path:
+    path.write_bytes(content.encode() if isinstance(content, str) else content)
+    return path
+
+
+def lists(path: Path, *wanted: str) -> dict[str, list[float]]:
+    """The wanted columns, or else all of them."""
+    found = read_table(path, lambda name: not wanted or name in wanted).columns
+    assert all(column.dtype == np.float64 and column.ndim == 1 for column in found.values())
+    return {name: column.tolist() for name, column in found.items()}
+
+
+floats = st.floats(width=64) | st.sampled_from([*ODD, *BROKEN])
+
+
+hypothesis = settings(max_examples=40, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        "time,ctrl/a\n0,1\n0.5,-2.5e-3\n",
+        "time,ctrl/a\r\n0,1\r\n0.5,-2.5e-3",
+        "time,ctrl/a\r0,1\r0.5,-2.5e-3\r",
+        codecs.BOM_UTF8 + b"time,ctrl/a\n0,1\n0.5,-2.5e-3\n",
+        codecs.BOM_UTF8 + b'"time","ctrl/a"\r\n"0","1"\r\n"0.5","-2.5e-3"\r\n',
+        " time ,\tctrl/a\t\n 0 , 1 \n 0.5 ,\t-2.5e-3 \n",
+        'time, "ctrl/a"\n0, "1"\n0.5, "-.0025"\n',
+        "\n\ntime,ctrl/a\n0,1\n\n0.5,-2.5e-3\n\n   \n\r\n",
+        'note,time,ctrl/a,note\n"a, ""b""\nc",+0.,1E0,\n,.5,-25e-4,=1+1\n',
+        b"\xb0C,time,ctrl/a\n20,0,1\n\xff,0.5,-0.0025\n",
+    ],
+)
+def test_csv_of_spreadsheets_and_scripts_is_read(tmp_path: Path, content: str | bytes) -> None:
+    assert lists(put(tmp_path / "t.csv", content), "time", "ctrl/a") == {"time": [0, 0.5], "ctrl/a": [1, -0.0025]}
+
+
+def test_csv_of_pyarrow_and_of_numpy_is_read(tmp_path: Path) -> None:
+    table = pa.table({"time": [0.1, 0.2], "ctrl/a": pa.array([1, 2]), "note": ['x, "y"', None]})
+    pyarrow.csv.write_csv(table, tmp_path / "arrow.csv")
+    assert lists(tmp_path / "arrow.csv", "time", "ctrl/a") == {"time": [0.1, 0.2], "ctrl/a": [1, 2]}
+    data = np.array([[1 / 3, np.nan], [-np.inf, 2.0]])
+    np.savetxt(tmp_path / "numpy.csv", data, "%.18e", ",", header="time,ctrl/a", comments="")
+    assert bits(list(lists(tmp_path / "numpy.csv").values())) == bits(data.T)
+
+
+@given(st.lists(st.tuples(st.text(max_size=6), floats), min_size=1, max_size=20))
+@hypothesis
+def test_csv_is_read_as_the_csv_module_and_float_read_it(tmp_path: Path, rows: list[tuple[str, float]]) -> None:
+    text = io.StringIO(newline="")
+    csv.writer(text, quoting=csv.QUOTE_NONNUMERIC).writerows([("note", "time"), *rows])
+    path = put(tmp_path / "t.csv", text.getvalue().encode("utf-8", "replace"))
+    assert bits(lists(path, "time")["time"]) == bits([value for _, value in rows])
+
+
+def text(content: str | bytes) -> Callable[[], bytes]:
+    return lambda: content.encode() if isinstance(content, str) else content

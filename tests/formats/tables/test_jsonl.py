@@ -1,0 +1,50 @@
+"""JSON Lines, beside the json module."""
+
+import codecs
+import json
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+
+from mjrun.formats.table_reader import read_table
+
+
+def put(path: Path, content: str | bytes) -> Path:
+    path.write_bytes(content.encode() if isinstance(content, str) else content)
+    return path
+
+
+def lists(path: Path, *wanted: str) -> dict[str, list[float]]:
+    """The wanted columns, or else all of them."""
+    found = read_table(path, lambda name: not wanted or name in wanted).columns
+    assert all(column.dtype == np.float64 and column.ndim == 1 for column in found.values())
+    return {name: column.tolist() for name, column in found.items()}
+
+
+def bits(values: object) -> list[int]:
+    """The float64 patterns of `values`, every NaN as one: text knows only one."""
+    array = np.asarray(values, np.float64)
+    return np.where(np.isnan(array), np.nan, array).view(np.uint64).tolist()
+
+
+def test_jsonl_of_others_is_read(tmp_path: Path) -> None:
+    rows = [
+        {"time": 0, "note": "a\nb", "ctrl/a": True, "more": {"x": [1, None], "time": 3}},
+        {"ctrl/a": 2, "time": 2**70, "else": 1},
+        {"time": -0.0, "ctrl/a": 1e-320, "note": None},
+    ]
+    text = "\n" + "\r\n \r\n".join(map(json.dumps, rows))
+    path = put(tmp_path / "t.jsonl", codecs.BOM_UTF8 + text.replace("/", "\\/").encode())
+    found = lists(path, "time", "ctrl/a")
+    assert list(found) == ["time", "ctrl/a"]
+    assert bits(list(found.values())) == bits([[0, 2.0**70, -0.0], [1, 2, 1e-320]])
+
+
+def test_what_is_nested_deeply_and_not_wanted_does_no_harm(tmp_path: Path) -> None:
+    path = put(tmp_path / "t.jsonl", '{"time":1,"note":' + "[" * 1000 + "]" * 1000 + "}")
+    assert lists(path, "time") == {"time": [1]}
+
+
+def text(content: str | bytes) -> Callable[[], bytes]:
+    return lambda: content.encode() if isinstance(content, str) else content

@@ -1,0 +1,73 @@
+"""MATLAB tables, beside scipy."""
+
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from mjrun.errors import FileError
+from mjrun.formats.table_writer import TableWriter
+from mjrun.formats.tables import mat, output_format
+from mjrun.model.column import Column
+
+COLUMNS = [
+    Column("time", "s", "simulated time"),
+    Column("qpos/knee", "rad", "joint angle", "joint", 3),
+    Column("qpos/torso/x", "m", "position", "joint", 0),
+]
+
+
+MANIFEST = {"mjrun": "0.1.0", "seed": 7}
+
+
+def write(path: Path, blocks: list[np.ndarray], of: list[Column] = COLUMNS) -> Path:
+    """A published table, in the format that the path's suffix means."""
+    with TableWriter(str(path), output_format(str(path)).name, of, MANIFEST) as out:
+        for block in blocks:
+            out.write(block)
+        out.publish()
+    return path
+
+
+def names(folder: Path) -> list[str]:
+    """What is in a folder, hidden files too."""
+    return sorted(path.name for path in folder.iterdir())
+
+
+def test_a_mat_cell_of_texts_too_large_for_the_format_is_refused_as_its_rows_come(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    long = "🚗" * 15
+    rows = np.zeros((100, 1))
+    written = write(tmp_path / "all.mat", [rows], [Column("geom1", labels=(long,))]).stat().st_size
+    monkeypatch.setattr(mat, "LIMIT", written)
+    with TableWriter(str(tmp_path / "t.mat"), "mat", [Column("geom1", labels=(long,))]) as out:
+        out.write(rows[:50])
+        with pytest.raises(FileError, match=r"t.mat: cannot be written: a .mat file holds at most 2 GiB per column"):
+            out.write(rows)
+
+
+@given(st.lists(st.text(max_size=80) | st.sampled_from(["a/b", "a_b", "a.b", "units", "x" * 90]), unique=True))
+def test_matlab_variables_are_valid_and_unlike(named: list[str]) -> None:
+    variables = mat.identifiers(named)
+    assert len({*variables, *mat.RESERVED}) == len(named) + len(mat.RESERVED)
+    assert all(re.fullmatch(r"[A-Za-z][A-Za-z0-9_]{0,62}", variable) for variable in variables)
+
+
+def test_a_matlab_variable_is_called_like_its_column() -> None:
+    named = ["time", "qpos/knee", "qpos/torso/x", "joint:3", "a/b", "a:b", "3d"]
+    assert mat.identifiers(named) == ["time", "qpos_knee", "qpos_torso_x", "joint_3", "a_b", "a_b_2", "x3d"]
+
+
+def test_a_mat_variable_too_large_for_the_format_is_refused_as_its_rows_come(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(mat, "LIMIT", 8 * 100)
+    with TableWriter(str(tmp_path / "t.mat"), "mat", COLUMNS) as out:
+        out.write(np.zeros((99, 3)))
+        with pytest.raises(FileError, match=r"t.mat: cannot be written: a .mat file holds at most 2 GiB per column"):
+            out.write(np.zeros((1, 3)))
+    assert names(tmp_path) == []

@@ -1,0 +1,96 @@
+"""NumPy archives, beside numpy and zipfile."""
+
+import io
+import os
+import zipfile
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from mjrun.errors import FileError
+from mjrun.formats.table_reader import read_table
+from mjrun.formats.table_writer import TableWriter
+from mjrun.formats.tables import output_format
+from mjrun.model.column import Column
+
+NAMES = ["time", "qpos/knee", "ctrl/motor"]
+
+
+def write(path: Path, data: np.ndarray, names: list[str] = NAMES) -> Path:
+    """A published table, in the format that the path's suffix means."""
+    with TableWriter(str(path), output_format(str(path)).name, [Column(name) for name in names], {"seed": 7}) as out:
+        out.write(data)
+        out.publish()
+    return path
+
+
+def test_npz_is_an_archive_that_any_unzip_takes(tmp_path: Path) -> None:
+    with zipfile.ZipFile(write(tmp_path / "t.npz", np.zeros((4, 3)))) as archive:
+        assert archive.testzip() is None
+        assert archive.namelist()[:2] == ["time.npy", "qpos/knee.npy"]
+
+
+def put(path: Path, content: str | bytes) -> Path:
+    path.write_bytes(content.encode() if isinstance(content, str) else content)
+    return path
+
+
+def everything(name: str) -> bool:
+    return True
+
+
+def lists(path: Path, *wanted: str) -> dict[str, list[float]]:
+    """The wanted columns, or else all of them."""
+    found = read_table(path, lambda name: not wanted or name in wanted).columns
+    assert all(column.dtype == np.float64 and column.ndim == 1 for column in found.values())
+    return {name: column.tolist() for name, column in found.items()}
+
+
+@pytest.mark.parametrize("save", [np.savez, np.savez_compressed])
+def test_npz_of_numpy_is_read(tmp_path: Path, save: Callable[..., None]) -> None:
+    arrays = {
+        "time": np.arange(7) / 7,
+        "int": np.arange(7, dtype=np.int16),
+        "big": np.arange(7, dtype=">f4") / 3,
+        "tall": np.arange(7.0)[:, None],
+        "fortran": np.asfortranarray(np.arange(7.0)[:, None]),
+        "bool": np.arange(7) % 2 == 0,
+        "strided": np.arange(14.0)[::2],
+    }
+    save(tmp_path / "t.npz", **arrays, note=np.array(["x"] * 3), matrix=np.zeros((2, 2)))
+    assert lists(tmp_path / "t.npz", *arrays) == {name: array.ravel().tolist() for name, array in arrays.items()}
+
+
+def npz(**arrays: Any) -> Callable[[], bytes]:
+    return lambda: _written(lambda file: np.savez(file, **arrays))
+
+
+def _written(write: Callable[[io.BytesIO], Any]) -> bytes:
+    file = io.BytesIO()
+    write(file)
+    return file.getvalue()
+
+
+def test_what_is_pickled_stays_so(tmp_path: Path) -> None:
+    class Trap:
+        def __reduce__(self) -> tuple[Any, ...]:
+            return os.mkdir, (str(tmp_path / "sprung"),)
+
+    path = put(tmp_path / "t.npz", npz(time=np.array([Trap()]))())
+    for wanted in (everything, "x".__eq__):
+        try:
+            read_table(path, wanted)
+        except FileError as error:
+            assert str(error) == f"{path}: column 'time' holds objects, not numbers"  # noqa: PT017
+    assert not (tmp_path / "sprung").exists()
+
+
+def test_units_that_are_of_no_use_are_left_out(tmp_path: Path) -> None:
+    for units in (np.zeros(3), np.array("[1]"), np.array('{"time": 3}'), np.array(["s"])):
+        np.savez(tmp_path / "t.npz", time=np.arange(2.0), __units__=units)
+        assert read_table(tmp_path / "t.npz").units == {"time": ""}
+    np.savez(tmp_path / "t.npz", time=np.arange(2.0), __units__=np.array('{"time": "s", "other": "m"}'))
+    assert read_table(tmp_path / "t.npz").units == {"time": "s"}

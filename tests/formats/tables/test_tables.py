@@ -1,0 +1,121 @@
+"""Which table formats there are, and which of them an output means."""
+
+import importlib.util
+import pkgutil
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from mjrun.errors import MissingExtraError, UnknownNameError, UsageError
+from mjrun.formats import tables
+from mjrun.formats.table_reader import read_table
+from mjrun.formats.table_writer import TableWriter
+from mjrun.formats.tables import formats, input_format, output_format, readable_suffixes, suffixes
+from mjrun.model.column import Column
+
+
+def test_every_module_is_a_format_of_its_own_name_and_suffixes() -> None:
+    assert list(formats()) == [module.name for module in pkgutil.iter_modules(tables.__path__)]
+    assert len(set(suffixes())) == len(suffixes())
+    assert all(suffix == suffix.lower() and suffix.startswith(".") for suffix in suffixes())
+    assert set(readable_suffixes()) <= set(suffixes())
+
+
+@pytest.mark.parametrize("suffix", suffixes())
+def test_every_format_that_can_be_read_gives_back_what_it_was_given(tmp_path: Path, suffix: str) -> None:
+    path, rows = tmp_path / f"t{suffix}", np.array([[0, 0.1], [0.5, -1e-300], [1, 3e8]])
+    with TableWriter(str(path), output_format(str(path)).name, [Column("time", "s"), Column("qpos/a", "rad")]) as out:
+        out.write(rows)
+        out.publish()
+    if suffix in readable_suffixes():
+        table = read_table(path)
+        assert np.array_equal(np.column_stack([table["time"], table["qpos/a"]]), rows)
+        assert table.units in ({"time": "s", "qpos/a": "rad"}, {"time": "", "qpos/a": ""})
+
+
+def test_listing_suffixes_loads_no_library() -> None:
+    code = "import sys; from mjrun.formats import tables; tables.suffixes(); print(*sys.modules)"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert {"numpy", "pyarrow", "scipy", "mujoco"}.isdisjoint(done.stdout.split())
+
+
+def test_a_format_that_can_only_be_written_says_so(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(formats(), "csv", replace(formats()["csv"], reader=None))
+    path = tmp_path / "t.csv"
+    path.write_text("time\n0\n")
+    with pytest.raises(UsageError) as caught:
+        read_table(path)
+    readable = ".feather, .arrow, .jsonl, .mat, .npz, .parquet"
+    assert str(caught.value) == f"{path}: .csv tables can be written, but not read\nreadable: {readable}"
+    assert ".csv" in suffixes()
+    assert ".csv" not in readable_suffixes()
+
+
+def test_a_suffix_of_no_format_is_told_with_those_that_can_be_read() -> None:
+    with pytest.raises(UnknownNameError, match=r"no table format '.xlsx' in t.xlsx\ntable formats: .csv, .feather"):
+        input_format(Path("t.xlsx"))
+
+
+@pytest.mark.parametrize(
+    ("output", "asked", "meant"),
+    [
+        ("t.csv", None, "csv"),
+        ("runs.v2/T.PARQUET", None, "parquet"),
+        ("t.arrow", None, "feather"),
+        ("t.feather", "feather", "feather"),
+        ("t.dat", "csv", "csv"),
+        ("table", "npz", "npz"),
+        (None, None, "csv"),
+        (None, "jsonl", "jsonl"),
+    ],
+)
+def test_the_suffix_means_the_format(output: str | None, asked: str | None, meant: str) -> None:
+    assert output_format(output, asked).name == meant
+
+
+@pytest.mark.parametrize(
+    ("output", "asked", "kind", "message"),
+    [
+        (
+            "t.parqet",
+            None,
+            UnknownNameError,
+            r"'.parqet' in t.parqet \(did you mean '.parquet'\?\)\ntable formats: .csv",
+        ),
+        (
+            "table",
+            None,
+            UnknownNameError,
+            r"no table format '' in table\ntable formats: .csv, .feather, .arrow, .jsonl",
+        ),
+        ("t.csv", "xls", UnknownNameError, r"no format 'xls'.*\nformats: csv, feather, jsonl, mat, npz, parquet"),
+        ("t.csv", "npz", UsageError, "format npz and the suffix of t.csv disagree"),
+        (None, "parquet", UsageError, "cannot be written to standard output\ncsv and jsonl can"),
+    ],
+)
+def test_a_format_that_cannot_be_meant_is_refused(
+    output: str | None, asked: str | None, kind: type[UsageError], message: str
+) -> None:
+    with pytest.raises(kind, match=message):
+        output_format(output, asked)
+
+
+@pytest.mark.parametrize(
+    ("suffix", "library", "extra"),
+    [(".parquet", "pyarrow", "parquet"), (".feather", "pyarrow", "parquet"), (".mat", "scipy", "mat")],
+)
+def test_a_library_that_is_not_installed_is_named_with_the_command_that_installs_it(
+    monkeypatch: pytest.MonkeyPatch, suffix: str, library: str, extra: str
+) -> None:
+    monkeypatch.setattr(importlib.util, "find_spec", lambda name: None if name == library else name)
+    with pytest.raises(MissingExtraError) as error:
+        output_format(f"t{suffix}")
+    assert str(error.value) == (
+        f"writing {suffix} needs {library}, which is not installed\npip install 'mjrun[{extra}]'"
+    )
+    assert error.value.exit_code == 2
+    assert output_format("t.csv").name == "csv"

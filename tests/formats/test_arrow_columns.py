@@ -1,0 +1,97 @@
+"""Columns in Arrow, beside pyarrow."""
+
+from collections.abc import Callable
+from decimal import Decimal
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.csv
+import pyarrow.feather
+import pyarrow.parquet as pq
+import pytest
+
+from mjrun.formats.table_reader import read_table
+from mjrun.formats.table_writer import TableWriter
+from mjrun.formats.tables import output_format
+from mjrun.model.column import Column
+
+COLUMNS = [
+    Column("time", "s", "simulated time"),
+    Column("qpos/knee", "rad", "joint angle", "joint", 3),
+    Column("qpos/torso/x", "m", "position", "joint", 0),
+]
+
+
+MANIFEST = {"mjrun": "0.1.0", "seed": 7}
+
+
+def write(path: Path, blocks: list[np.ndarray], of: list[Column] = COLUMNS) -> Path:
+    """A published table, in the format that the path's suffix means."""
+    with TableWriter(str(path), output_format(str(path)).name, of, MANIFEST) as out:
+        for block in blocks:
+            out.write(block)
+        out.publish()
+    return path
+
+
+@pytest.mark.parametrize("read", [pq.read_schema, lambda path: pyarrow.feather.read_table(path).schema])
+def test_arrow_fields_say_unit_meaning_and_object(tmp_path: Path, read: Callable[[Path], pa.Schema]) -> None:
+    schema = read(write(tmp_path / ("t.parquet" if read is pq.read_schema else "t.feather"), []))
+    assert [field.type for field in schema] == [pa.float64()] * 3
+    assert schema.field("qpos/knee").metadata == {
+        b"unit": b"rad",
+        b"meaning": b"joint angle",
+        b"kind": b"joint",
+        b"id": b"3",
+    }
+
+
+def lists(path: Path, *wanted: str) -> dict[str, list[float]]:
+    """The wanted columns, or else all of them."""
+    found = read_table(path, lambda name: not wanted or name in wanted).columns
+    assert all(column.dtype == np.float64 and column.ndim == 1 for column in found.values())
+    return {name: column.tolist() for name, column in found.items()}
+
+
+def bits(values: object) -> list[int]:
+    """The float64 patterns of `values`, every NaN as one: text knows only one."""
+    array = np.asarray(values, np.float64)
+    return np.where(np.isnan(array), np.nan, array).view(np.uint64).tolist()
+
+
+ARROW = {
+    "time": pa.array([0.5, np.nan, 1e300]),
+    "int": pa.array([1, -2, 3], pa.int8()),
+    "uint": pa.array([1, 2, 2**64 - 1], pa.uint64()),
+    "half": pa.array(np.array([0.5, 1, 2], np.float16)),
+    "single": pa.array([0.1, 1, 2], pa.float32()),
+    "bool": pa.array([True, False, True]),
+    "decimal": pa.array([Decimal("0.001"), Decimal("-12.300"), Decimal(7)], pa.decimal128(18, 3)),
+    "category": pa.array([0.1, 5, 0.1]).dictionary_encode(),
+    "a": pa.array([1.0, 2.0, 3.0]),
+    "a.b": pa.array([4.0, 5.0, 6.0]),
+    "nested": pa.array([{"b": 1}, {"b": None}, None]),
+    "note": pa.array(["x", None, "z"]),
+    "when": pa.array([1, 2, 3], pa.timestamp("ns")),
+}
+
+
+NUMBERS = list(ARROW)[: list(ARROW).index("nested")]
+
+
+def expected(name: str) -> list[int]:
+    return bits([float(value) for value in ARROW[name].to_pylist()])
+
+
+@pytest.mark.parametrize("suffix", [".parquet", ".feather", ".arrow"])
+@pytest.mark.parametrize("names", [NUMBERS, ["a"], ["a.b"], ["category", "int"]])
+def test_every_type_of_number_in_arrow_is_read(tmp_path: Path, suffix: str, names: list[str]) -> None:
+    path, table = tmp_path / f"t{suffix}", pa.table(ARROW)
+    if suffix == ".parquet":
+        pq.write_table(table, path, row_group_size=2)
+    else:
+        pyarrow.feather.write_feather(table, path, compression="zstd", chunksize=2)
+    found = lists(path, *names)
+    assert list(found) == [name for name in NUMBERS if name in names]
+    assert {name: bits(values) for name, values in found.items()} == {name: expected(name) for name in found}
