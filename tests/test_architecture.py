@@ -126,7 +126,7 @@ def plant(folder: Path, module: str, source: str) -> Path:
         ("sim/observe.py", "from ..rendering import camera"),
         ("sim/__init__.py", "from ..rendering import camera"),
         ("sim/observe.py", "from .. import job"),
-        ("model/load.py", "from mjrun.sim.initial_state import Start"),
+        ("model/load.py", "from mjrun.sim.initial_state import InitialState"),
         ("model/load.py", "from mjrun import Video"),
         ("model/load.py", "import mjrun"),
         ("job/video.py", "def f():\n    from mjrun.cli import main"),

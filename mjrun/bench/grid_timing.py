@@ -18,7 +18,7 @@ from mjrun.bench.warp_timing import WarpOptions, WarpStepTimer
 from mjrun.errors import BadValueError, SimulationError, option, spelled
 from mjrun.model.names import enum_members
 from mjrun.reporter import Reporter
-from mjrun.sim.initial_state import Start
+from mjrun.sim.initial_state import InitialState
 from mjrun.timeline import nearest, rational
 
 FINER = 8  # the default finer run takes so many times the steps of the finest point of the grid
@@ -57,7 +57,7 @@ class RolloutSetup:
 
     def data(self, model: mujoco.MjModel) -> mujoco.MjData:
         """A new MjData at the start."""
-        return Start(self.key).data(model)
+        return InitialState(self.key).data(model)
 
 
 @dataclass(frozen=True)

@@ -23,7 +23,7 @@ from mjrun.sim.control import ControlSignal
 from mjrun.sim.control_noise import ControlNoise
 from mjrun.sim.control_table import PREFIX, ControlTable
 from mjrun.sim.controller import Controller, PeriodicController
-from mjrun.sim.initial_state import Start, Values
+from mjrun.sim.initial_state import InitialState, Values
 from mjrun.sim.replay import ReplayStepper
 from mjrun.sim.stepper import PhysicsStepper, Stepper
 from mjrun.timeline import Timeline, rational
@@ -101,10 +101,10 @@ class Simulation:
                 raise BadValueError(flag, value, "a number from 0 on")
 
     @property
-    def start(self) -> Start:
+    def start(self) -> InitialState:
         """The state at time 0."""
         key = None if self.key is None else str(self.key)
-        return Start(key, self.qpos, self.qvel, self.ctrl, self.perturb, self.seed)
+        return InitialState(key, self.qpos, self.qvel, self.ctrl, self.perturb, self.seed)
 
     @property
     def source(self) -> Source:

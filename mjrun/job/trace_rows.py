@@ -20,7 +20,8 @@ from mjrun.sim.stepper import PhysicsStepper, Stepper
 from mjrun.timeline import Timeline, rational, seconds
 
 TIME = Column("time", "s", "simulated time, exact")
-ROWS = 256  # of a block that is read instant by instant
+ENERGY = int(mujoco.mjtEnableBit.mjENBL_ENERGY)
+ROWS = 256  # in a block that is read instant by instant
 
 
 @dataclass(frozen=True)
@@ -32,32 +33,32 @@ class Rows:
 
 
 class Table:
-    """The columns of a trace, and its rows as they come.
+    """The columns that probes select, and their rows, read in blocks or one at a time.
 
-    Energy is computed when it is measured, whatever the model's flag says; it does not change the motion.
+    Energy is computed when it is measured, whatever the model's flag says; that does not change the motion.
 
     Args:
-      asked: the probes.
-      with_contacts: whether every row has its contacts too.
+      names: of the probes.
+      with_contacts: whether the contacts of every row are recorded too.
 
     Attributes:
-      model: to be simulated, a copy.
+      model: a copy with energy enabled if it is measured; to be simulated.
       columns, contact_columns: of the trace, `time` first, and of the contact table.
     """
 
     def __init__(
-        self, model: mujoco.MjModel, asked: Sequence[str], timeline: Timeline, with_contacts: bool = False
+        self, model: mujoco.MjModel, names: Sequence[str], timeline: Timeline, with_contacts: bool = False
     ) -> None:
-        self.probes = select(model, asked)
+        self.probes = select(model, names)
         self.columns = [TIME, *(column for probe in self.probes for column in probe.columns)]
         self.contact_columns = contact_columns(model) if with_contacts else []
         self._timeline = timeline
         of_fields = [probe for probe in self.probes if isinstance(probe, FieldProbe)]
         self._fields = sorted({name for probe in of_fields for name in probe.fields})
-        self._needs_initial = any(probe.needs_initial for probe in of_fields)
+        self._initial_fields = sorted({name for probe in of_fields if probe.needs_initial for name in probe.fields})
         self.model = copy.copy(model)
         if "energy" in self._fields:
-            self.model.opt.enableflags |= int(mujoco.mjtEnableBit.mjENBL_ENERGY)
+            self.model.opt.enableflags |= ENERGY
 
     def blocks(self, stepper: PhysicsStepper, rows: Sequence[int]) -> Iterator[Callable[[], Rows]]:
         """Blocks of the rows at the steps `rows`, each yet to be computed by whoever takes it."""
@@ -77,25 +78,25 @@ class Table:
     def _by_instants(self, stepper: PhysicsStepper, rows: Sequence[int]) -> Iterator[Callable[[], Rows]]:
         """The same, read from one consistent MjData per row."""
         for start in range(0, len(rows), ROWS):
-            part, found = rows[start : start + ROWS], []
+            steps, instants = rows[start : start + ROWS], list[Rows]()
             try:
-                observe(stepper, [Tap(part, self.read, found.append)], part[-1])
+                observe(stepper, [Tap(steps, self.read, instants.append)], steps[-1])
             except SimulationError:
-                if found:
-                    yield lambda part=part, found=found: self.stack(part, found)
+                if instants:
+                    yield lambda steps=steps, instants=instants: self.stack(steps, instants)
                 raise
-            yield lambda part=part, found=found: self.stack(part, found)
+            yield lambda steps=steps, instants=instants: self.stack(steps, instants)
 
-    def stack(self, steps: Sequence[int], found: Sequence[Rows]) -> Rows:
-        """What was read at `steps`, or at the first of them, as rows with their times."""
-        touching = [row.contacts for row in found if row.contacts is not None]
-        values = np.stack([row.values for row in found])
-        return self._join(np.array(steps[: len(found)]), [values], np.concatenate(touching) if touching else None)
+    def stack(self, steps: Sequence[int], instants: Sequence[Rows]) -> Rows:
+        """What `read` gave at `steps`, or at the first of them, as rows with their times."""
+        touching = [row.contacts for row in instants if row.contacts is not None]
+        values = np.stack([row.values for row in instants])
+        return self._join(np.array(steps[: len(instants)]), [values], np.concatenate(touching) if touching else None)
 
     def read(self, stepper: Stepper) -> Rows:
         """The row of the instant where `stepper` stands, without its time."""
         data, initial = stepper.instant(), self._initial(stepper)
-        fields = _fields(data, self._fields)
+        fields = _fields(stepper.model, data, self._fields)
         values = [
             probe.measure(stepper.model, data) if isinstance(probe, InstantProbe) else probe.compute(fields, initial)
             for probe in self.probes
@@ -105,8 +106,8 @@ class Table:
         return Rows(np.concatenate([np.empty(0), *values]), touching)
 
     def _initial(self, stepper: Stepper) -> Fields:
-        """The fields at step 0, if a probe looks at them."""
-        return _fields(stepper.initial(), self._fields) if self._needs_initial else {}
+        """What probes need to know of step 0."""
+        return _fields(stepper.model, stepper.initial(), self._initial_fields) if self._initial_fields else {}
 
     def _join(self, steps: np.ndarray, parts: Sequence[np.ndarray], touching: np.ndarray | None = None) -> Rows:
         return Rows(np.column_stack([seconds(steps, self._timeline.timestep), *parts]), touching)
@@ -117,33 +118,44 @@ class RowBuffer:
 
     def __init__(self, table: Table, steps: Sequence[int], write: Callable[[Rows], object]) -> None:
         self._table, self._steps, self._write = table, steps, write
-        self._found: list[Rows] = []
+        self._rows: list[Rows] = []
         self._written = 0
 
     def add(self, row: Rows) -> None:
         """Takes the next row, as `Table.read` gives it."""
-        self._found.append(row)
-        if len(self._found) == ROWS:
+        self._rows.append(row)
+        if len(self._rows) == ROWS:
             self.flush()
 
     def flush(self) -> None:
         """Writes what was taken."""
-        if self._found:
-            self._write(self._table.stack(self._steps[self._written :][: len(self._found)], self._found))
-            self._written, self._found = self._written + len(self._found), []
+        if self._rows:
+            self._write(self._table.stack(self._steps[self._written :][: len(self._rows)], self._rows))
+            self._written, self._rows = self._written + len(self._rows), []
 
 
 def repeated(timeline: Timeline, rate: float | str | Fraction | None) -> str:
-    """What to say where `rate` [Hz] asks for more rows than there are steps; nothing where it does not."""
+    """A warning that `rate` [Hz] asks for more rows than there are steps; empty if it does not."""
     if rate is None or rational(rate) * timeline.timestep <= 1:
         return ""
     steps = f"{float(1 / timeline.timestep):g}"
-    told = f"{option('rate')} {clean(str(rate))} is more than the {steps} steps of a simulated second"
-    return f"{told}: every step has one row; a smaller {option('timestep')} has more"
+    text = f"{option('rate')} {clean(str(rate))} is more than the {steps} steps of a simulated second"
+    return f"{text}: every step has one row; a smaller {option('timestep')} has more"
 
 
-def _fields(data: mujoco.MjData, names: Sequence[str]) -> Fields:
+def _fields(model: mujoco.MjModel, data: mujoco.MjData, names: Sequence[str]) -> Fields:
+    if "energy" in names and not model.opt.enableflags & ENERGY:
+        data = _with_energy(model, data)
     return {name: np.array(getattr(data, name)) for name in names}
+
+
+def _with_energy(model: mujoco.MjModel, data: mujoco.MjData) -> mujoco.MjData:
+    """A copy of an instant of a model that leaves energy out, with energy."""
+    instant = mujoco.MjData(model)
+    mujoco.mj_copyData(instant, model, data)
+    mujoco.mj_energyPos(model, instant)
+    mujoco.mj_energyVel(model, instant)
+    return instant
 
 
 def _columns(probes: Sequence[FieldProbe], fields: Fields, initial: Fields) -> list[np.ndarray]:

@@ -112,9 +112,9 @@ class Assertion:
     table: tuple[str, ...]
     _truth: BooleanExpression = field(repr=False)
 
-    def checker(self) -> "Checker":
+    def checker(self) -> "AssertionChecker":
         """A new check, which has seen no row."""
-        return Checker(self)
+        return AssertionChecker(self)
 
 
 def parse(text: str, columns: Sequence[str] | Vocabulary) -> Assertion:
@@ -131,7 +131,7 @@ def parse(text: str, columns: Sequence[str] | Vocabulary) -> Assertion:
     return Assertion(text, tuple(name for name in dict.fromkeys(table) if name in read), table, truth)
 
 
-class Checker:
+class AssertionChecker:
     """One pass of an assertion over a table. What it keeps does not grow with the rows."""
 
     def __init__(self, assertion: Assertion) -> None:

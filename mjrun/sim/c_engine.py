@@ -62,7 +62,7 @@ class CEngine:
 
 
 @dataclass(frozen=True)
-class Recorded:
+class StepRecords:
     """What has come of some steps of n simulations.
 
     Attributes:
@@ -104,7 +104,7 @@ class RecordingBatch:
         controls: np.ndarray | None,
         rows: slice = slice(None),
         ids: np.ndarray | None = None,
-    ) -> Recorded:
+    ) -> StepRecords:
         """Takes `count` steps from `states` `(n, nstate)`.
 
         Args:
@@ -136,7 +136,7 @@ class RecordingBatch:
             moved = {name: shifted(values[ids], out[name]) for name, values in before.items()}
             fields = {name: moved.get(name, out[name])[:, rows] for name in self._record}
         fields = {name: _spread(values, ids, n) for name, values in fields.items()}
-        return Recorded(fields, np.where(completed[:, None], batch.state, states), completed)
+        return StepRecords(fields, np.where(completed[:, None], batch.state, states), completed)
 
 
 class DerivedFields:

@@ -14,7 +14,7 @@ Values = float | Sequence[float]
 
 
 @dataclass(frozen=True)
-class Start:
+class InitialState:
     """The state at time 0.
 
     Args:

@@ -21,7 +21,7 @@ FAR = 1000  # steps from a recorded state to the next that are taken once more a
 ALIKE = 1e-4  # relative: times of states are sums of floats
 
 
-class States(Protocol):
+class RecordedStates(Protocol):
     """Recorded integration states."""
 
     @property
@@ -54,7 +54,7 @@ class ReplayStepper:
       UsageError: the recording is of another model, or of another timestep.
     """
 
-    def __init__(self, model: mujoco.MjModel, states: States, sizes: Mapping[str, Any] | None = None) -> None:
+    def __init__(self, model: mujoco.MjModel, states: RecordedStates, sizes: Mapping[str, Any] | None = None) -> None:
         require_model(model, states, sizes)
         require_timestep(model, states)
         self.model = copy.copy(model)
@@ -152,7 +152,7 @@ def sizes(model: mujoco.MjModel) -> dict[str, int]:
     return {name: int(getattr(model, name)) for name in SIZES}
 
 
-def require_model(model: mujoco.MjModel, states: States, found: Mapping[str, Any] | None = None) -> None:
+def require_model(model: mujoco.MjModel, states: RecordedStates, found: Mapping[str, Any] | None = None) -> None:
     """Raises UsageError unless `states` may be states of `model`; `found` is as told by `sizes`, if it is known."""
     ours = sizes(model)
     theirs = found if isinstance(found, Mapping) else {}  # a recording may say anything
@@ -168,7 +168,7 @@ def require_model(model: mujoco.MjModel, states: States, found: Mapping[str, Any
         )
 
 
-def require_timestep(model: mujoco.MjModel, states: States) -> None:
+def require_timestep(model: mujoco.MjModel, states: RecordedStates) -> None:
     """Raises UsageError unless `states` are as far apart in time as the steps of `model`."""
     last = len(states.steps) - 1
     if not last:
@@ -182,7 +182,7 @@ def require_timestep(model: mujoco.MjModel, states: States) -> None:
         )
 
 
-def states_at(states: States, timestep: Fraction, times: Sequence[float | Fraction]) -> list[np.ndarray]:
+def states_at(states: RecordedStates, timestep: Fraction, times: Sequence[float | Fraction]) -> list[np.ndarray]:
     """The last recorded state at or before each of `times` [s]; the first before the beginning.
 
     Args:

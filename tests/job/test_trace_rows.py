@@ -77,3 +77,16 @@ def test_an_event_sees_the_drift_since_the_start() -> None:
     (steps,) = detector.event_steps.values()
     assert steps[0] == int(np.argmax(drift < limit)) > 0
     detector.close()
+
+
+def test_an_event_may_be_about_energy_in_a_model_that_leaves_it_out() -> None:
+    table = table_of()
+    whole = np.concatenate([block().values for block in table.blocks(stepper_of(table), range(STEPS + 1))])
+    kinetic = whole[:, [column.name for column in table.columns].index("energy/kinetic")]
+    limit = float(kinetic[60])
+    model = mujoco.MjModel.from_xml_string(MODEL.format(integrator="Euler"))
+    detector = EventDetector(model, Timeline.of_steps(rational("0.002"), STEPS), [f"energy/kinetic > {limit!r}"])
+    observe(PhysicsStepper(model, mujoco.MjData(model)), detector.taps(STEPS), STEPS)
+    (steps,) = detector.found.values()
+    assert steps[0] == int(np.argmax(kinetic > limit)) > 0
+    detector.close()

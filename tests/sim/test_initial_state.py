@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from mjrun.errors import BadValueError, UnknownNameError, UsageError, clean, spelled
-from mjrun.sim.initial_state import Start
+from mjrun.sim.initial_state import InitialState
 
 MODEL = mujoco.MjModel.from_xml_string("""<mujoco><worldbody>
 <body name="box"><freejoint name="root"/><geom size="1"/></body>
@@ -22,7 +22,7 @@ MODEL = mujoco.MjModel.from_xml_string("""<mujoco><worldbody>
 
 def change(**how: Any) -> dict[str, dict[int, float]]:
     """Where a start differs from MuJoCo's own."""
-    data, plain = Start(**how).data(MODEL), mujoco.MjData(MODEL)
+    data, plain = InitialState(**how).data(MODEL), mujoco.MjData(MODEL)
     found = {}
     for field in ("qpos", "qvel", "ctrl"):
         mine, other = getattr(data, field), getattr(plain, field)
@@ -38,7 +38,7 @@ def test_a_start_of_nothing_is_the_models_own() -> None:
 def test_a_keyframe_by_name_or_index_is_mujocos(key: str) -> None:
     expected = mujoco.MjData(MODEL)
     mujoco.mj_resetDataKeyframe(MODEL, expected, 0)
-    data = Start(key=key).data(MODEL)
+    data = InitialState(key=key).data(MODEL)
     for field in ("time", "qpos", "qvel", "act", "ctrl", "mocap_pos"):
         assert np.array_equal(getattr(data, field), getattr(expected, field))
     assert data.qpos.tolist() == [1, 2, 3, 1, 0, 0, 0, 1, 0, 0, 0, 4, 5, 6]
@@ -87,14 +87,14 @@ def test_what_is_named_is_where_it_is_put_and_nothing_else_moves(
 
 
 def test_names_are_set_over_the_keyframe() -> None:
-    data = Start(key="home", qpos={"hand": -1}, qvel={"root/vx": -2}, ctrl={"motor": -3}).data(MODEL)
+    data = InitialState(key="home", qpos={"hand": -1}, qvel={"root/vx": -2}, ctrl={"motor": -3}).data(MODEL)
     assert data.qpos.tolist() == [1, 2, 3, 1, 0, 0, 0, 1, 0, 0, 0, -1, 5, 6]
     assert data.qvel.tolist() == [-2, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12]
     assert data.ctrl.tolist() == [-3, 7]
 
 
 def test_noise_of_the_same_seed_is_the_same_and_of_another_seed_another() -> None:
-    first, again, other = (Start(perturb=0.1, seed=seed).data(MODEL).qvel for seed in (1, 1, 2))
+    first, again, other = (InitialState(perturb=0.1, seed=seed).data(MODEL).qvel for seed in (1, 1, 2))
     assert first.tobytes() == again.tobytes()
     assert (first != other).all()
 
@@ -105,13 +105,13 @@ def test_noise_touches_velocities_only_and_all_of_them() -> None:
 
 
 def test_twice_the_deviation_is_twice_the_noise_and_it_adds_to_what_was_set() -> None:
-    noise = Start(perturb=0.25).data(MODEL).qvel
-    assert (Start(perturb=0.5).data(MODEL).qvel == 2 * noise).all()
-    assert Start(key="home", perturb=0.25).data(MODEL).qvel == pytest.approx(np.arange(1, 13) + noise)
+    noise = InitialState(perturb=0.25).data(MODEL).qvel
+    assert (InitialState(perturb=0.5).data(MODEL).qvel == 2 * noise).all()
+    assert InitialState(key="home", perturb=0.25).data(MODEL).qvel == pytest.approx(np.arange(1, 13) + noise)
 
 
 def test_noise_has_the_asked_deviation_about_zero() -> None:
-    samples = np.concatenate([Start(perturb=0.5, seed=seed).data(MODEL).qvel for seed in range(300)])
+    samples = np.concatenate([InitialState(perturb=0.5, seed=seed).data(MODEL).qvel for seed in range(300)])
     error = 0.5 / np.sqrt(samples.size)
     assert abs(samples.mean()) < 5 * error
     assert abs(samples.std() - 0.5) < 5 * error / np.sqrt(2)
@@ -134,7 +134,7 @@ def test_noise_has_the_asked_deviation_about_zero() -> None:
 )
 def test_a_wrong_number_of_values_is_refused_with_the_right_one(how: dict[str, Any], message: str) -> None:
     with pytest.raises(BadValueError) as caught:
-        Start(**how).data(MODEL)
+        InitialState(**how).data(MODEL)
     assert str(caught.value).startswith(message)
 
 
@@ -159,7 +159,7 @@ def test_a_wrong_number_of_values_is_refused_with_the_right_one(how: dict[str, A
 )
 def test_an_unknown_name_is_refused_with_those_there_are(how: dict[str, Any], message: str) -> None:
     with pytest.raises(UnknownNameError) as caught:
-        Start(**how).data(MODEL)
+        InitialState(**how).data(MODEL)
     assert str(caught.value).startswith(message)
 
 
@@ -171,25 +171,25 @@ def test_an_unknown_name_is_refused_with_those_there_are(how: dict[str, Any], me
 def test_a_start_that_is_not_finite_is_refused(field: str, name: str, where: str, bad: float) -> None:
     how: dict[str, Any] = {field: {name: bad}}
     with pytest.raises(UsageError) as caught:
-        Start(**how).data(MODEL)
+        InitialState(**how).data(MODEL)
     assert str(caught.value) == f"the initial {where} is {bad}, and must be finite"
 
 
 def test_noise_that_is_not_finite_is_refused() -> None:
     with pytest.raises(UsageError, match=r"qvel\[0\] is nan"):
-        Start(perturb=float("nan")).data(MODEL)
+        InitialState(perturb=float("nan")).data(MODEL)
 
 
 @pytest.mark.parametrize(("field", "value"), [("qvel", 1e11), ("qpos", -1e11)])
 def test_a_start_that_mujoco_cannot_step_from_is_refused_as_wrong_usage(field: str, value: float) -> None:
     how: dict[str, Any] = {field: {"hand": value}}
     with pytest.raises(UsageError):
-        Start(**how).data(MODEL)
+        InitialState(**how).data(MODEL)
 
 
 def test_a_seed_that_cannot_be_is_refused_as_wrong_usage() -> None:
     with pytest.raises(UsageError):
-        Start(perturb=1, seed=-1).data(MODEL)
+        InitialState(perturb=1, seed=-1).data(MODEL)
 
 
 def test_foreign_text_in_a_name_cannot_steer_the_terminal() -> None:
@@ -198,7 +198,7 @@ def test_foreign_text_in_a_name_cannot_steer_the_terminal() -> None:
     )
     spec.joint("evil").name = "e\x1b[31m"
     with pytest.raises(UsageError) as caught:
-        Start(qpos={"e\x1b[31m/x": 1}).data(spec.compile())
+        InitialState(qpos={"e\x1b[31m/x": 1}).data(spec.compile())
     assert all(line == clean(line) for line in str(caught.value).splitlines())
 
 
@@ -206,23 +206,23 @@ def test_foreign_text_in_a_name_cannot_steer_the_terminal() -> None:
 def test_a_control_beyond_its_range_is_remarked_on_with_the_range(value: float) -> None:
     expected = f"ctrl motor={value:g} is beyond the actuator's range; MuJoCo clamps it to [-1, 1]"
     for name in ("motor", "*"):
-        assert [spelled(text) for text in Start(ctrl={name: value}).remarks(MODEL)] == [expected]
+        assert [spelled(text) for text in InitialState(ctrl={name: value}).remarks(MODEL)] == [expected]
 
 
 @pytest.mark.parametrize("how", [{}, {"ctrl": {"motor": 1}}, {"ctrl": {"1": 99}}, {"key": "1"}])
 def test_a_control_within_its_range_without_one_or_not_asked_for_is_not_remarked_on(how: dict[str, Any]) -> None:
-    assert Start(**how).remarks(MODEL) == []
+    assert InitialState(**how).remarks(MODEL) == []
 
 
 def test_nothing_is_remarked_on_where_mujoco_does_not_clamp() -> None:
     model = mujoco.MjModel.from_xml_string("""<mujoco><option><flag clampctrl="disable"/></option><worldbody>
 <body><joint name="j"/><geom size="1"/></body></worldbody>
 <actuator><motor name="m" joint="j" ctrlrange="-1 1"/></actuator></mujoco>""")
-    assert Start(ctrl={"m": 9}).remarks(model) == []
+    assert InitialState(ctrl={"m": 9}).remarks(model) == []
 
 
 def test_starting_twice_gives_two_states_that_do_not_share() -> None:
-    start = Start(qpos={"hand": 1})
+    start = InitialState(qpos={"hand": 1})
     first, second = start.data(MODEL), start.data(MODEL)
     first.qpos[11] = 9
     assert second.qpos[11] == 1
