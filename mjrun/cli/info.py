@@ -1,7 +1,6 @@
 """`mjrun info`."""
 
 import shlex
-from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -9,16 +8,14 @@ import click
 from mjrun.cli import options, values
 from mjrun.cli.column_list import show_columns
 from mjrun.cli.console import Console
-from mjrun.cli.info_summary import LINES
-from mjrun.cli.info_tables import TABLES
-from mjrun.errors import UsageError, clean
+from mjrun.cli.info_sections import SECTIONS, LineSection
+from mjrun.errors import UsageError, clean, option
 
 if TYPE_CHECKING:
     from mjrun.model.info import InfoResult
     from mjrun.model.source import NamedSource
 
-DETAILS = ("geoms", "sites", "lights", "visual", "statistics")  # shown only when asked for
-ROWS = 24  # of one section that are shown when it is not asked for
+ROWS = 24  # of a section, unless it is asked for
 
 
 @click.command("info", cls=options.SectionedCommand)
@@ -44,7 +41,7 @@ def command(console: Console, /, as_json: bool, **given: Any) -> None:
     values.import_mujoco()
     if given["columns"]:
         if given["sections"]:
-            raise UsageError("--columns lists the columns of a trace, and has no sections")
+            raise UsageError(f"{option('columns')} lists the columns of a trace, which has no sections")
         show_columns(console, values.source(given), as_json)
         return
     from mjrun.model.info import Info
@@ -72,28 +69,27 @@ def _show_collection(console: Console, collection: "type[NamedSource]", as_json:
 
 
 def _page(result: "InfoResult", asked: bool, model: str) -> str:
-    """All that was found as text; when no section was asked for, long ones are cut, and details only named."""
-    from mjrun.cli.info_layout import Page
+    """The sections as text; if they were not asked for by name, long ones are cut, and details are only listed."""
+    from mjrun.cli.info_page import Page
 
-    page, again = Page(), f"mjrun info {clean(shlex.quote(model))}"
-    details = []
+    page, command_line, details = Page(), f"mjrun info {clean(shlex.quote(model))}", []
     for name in result.sections:
-        found = getattr(result.description, name)
-        if not asked and name in DETAILS:
-            details += [f"{name} ({len(found)})" if isinstance(found, tuple) else name] if found else []
-        elif name in LINES:
-            page.lines(*_titled(name, found))
-        elif asked or _is_news(name, found):
-            page.table(name, TABLES[name](found), len(found), None if asked else ROWS, f"{again} {name}")
+        section = SECTIONS[name]
+        if isinstance(section, LineSection):
+            if section.is_detail and not asked:
+                details.append(name)
+            else:
+                page.lines(
+                    section.title(result.description) if section.title else name, section.lines(result.description)
+                )
+            continue
+
+        rows = section.rows(result.description)
+        if section.is_detail and not asked:
+            details += [f"{name} ({len(rows)})"] if rows else []
+        elif asked or section.is_news(rows):
+            page.table(name, section.columns(rows), len(rows), None if asked else ROWS, f"{command_line} {name}")
+
     if details:
-        page.note(f"also {', '.join(details)}: {again} {details[0].partition(' ')[0]}")
+        page.note(f"also {', '.join(details)}: {command_line} {details[0].partition(' ')[0]}")
     return page.text()
-
-
-def _titled(name: str, found: Any) -> tuple[str, list[tuple[str, str]]]:
-    return (clean(found.name) if name == "summary" else name), LINES[name](found)
-
-
-def _is_news(name: str, found: Sequence[Any]) -> bool:
-    """Whether a section has something in it, that the summary has not told."""
-    return any(asset.path and asset.kind != "model" for asset in found) if name == "assets" else bool(found)

@@ -1,12 +1,11 @@
-"""What `mjrun info` shows of what acts, measures and sees: columns of text."""
+"""Actuators, sensors, cameras and lights as `mjrun info` shows them: columns of text."""
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
-from mjrun.cli.info_formatting import (
+from mjrun.cli.info_columns import (
     Column,
     common,
-    names,
     numbers,
     ranges,
     reference,
@@ -19,9 +18,11 @@ from mjrun.cli.info_formatting import (
 from mjrun.errors import clean
 
 if TYPE_CHECKING:
-    from mjrun.model.description.model_description import Actuator, Camera, Plugin, Sensor
+    from mjrun.model.description.actuators import Actuator
+    from mjrun.model.description.cameras_lights import Camera, Light
+    from mjrun.model.description.sensors import Sensor
 
-PLAIN = ("joint", "tendon", "site", "body", "so3")  # transmissions that the target tells
+PLAIN = ("joint", "tendon", "site", "body", "so3")  # transmissions that follow from the target
 
 
 def actuators(rows: Sequence["Actuator"]) -> list[Column]:
@@ -29,20 +30,20 @@ def actuators(rows: Sequence["Actuator"]) -> list[Column]:
     gains = ["" if row.kind == "motor" else _law(row.gain, "fixed", row.gain_parameters) for row in rows]
     kinds = {row.target_kind for row in rows}
     return [
-        names(rows),
-        texts("kind", rows, "kind"),
+        texts("name", [row.name for row in rows]),
+        texts("kind", [row.kind for row in rows]),
         Column(f"acts on {kinds.pop()}" if len(kinds) == 1 else "acts on", [_target(row, not kinds) for row in rows]),
         Column("ctrl", [slots(row.ctrl, row.ctrl_size) for row in rows], right=True),
         Column("ctrl range", [common(map(span, row.ctrl_range)) for row in rows], right=True),
         Column("gear", [] if set(gears) == {"1"} else gears, right=True, extra=True),
-        ranges("force range", rows, "force_range", "force_unit", extra=True),
+        ranges("force range", [row.force_range for row in rows], [row.force_unit for row in rows], extra=True),
         Column("act", [slots(row.act, row.act_size) for row in rows], right=True, extra=True),
-        ranges("act range", rows, "act_range", None, extra=True),
+        ranges("act range", [row.act_range for row in rows], [], extra=True),
         Column("gain", gains, right=True, extra=True),
         Column("bias", [_law(row.bias, "affine", row.bias_parameters) for row in rows], extra=True),
         Column("dynamics", [_law(row.dynamics, "", row.dynamics_parameters) for row in rows], extra=True),
-        numbers("delay", rows, "delay", "s", extra=True),
-        numbers("group", rows, "group", extra=True),
+        numbers("delay", [row.delay for row in rows], "s", extra=True),
+        numbers("group", [row.group for row in rows], extra=True),
     ]
 
 
@@ -61,68 +62,53 @@ def _law(kind: str, usual: str, parameters: Sequence[float]) -> str:
 
 def sensors(rows: Sequence["Sensor"]) -> list[Column]:
     return [
-        names(rows),
-        texts("type", rows, "type"),
+        texts("name", [row.name for row in rows]),
+        texts("type", [row.type for row in rows]),
         Column("of", [reference(row.object_kind, row.object) for row in rows]),
         Column("relative to", [reference(row.reference_kind, row.reference) for row in rows]),
         Column("sensordata", [slots(row.address, row.dim) for row in rows], right=True, extra=True),
-        texts("unit", rows, "unit"),
-        numbers("cutoff", rows, "cutoff", extra=True),
-        numbers("noise", rows, "noise", extra=True),
-        numbers("delay", rows, "delay", "s", extra=True),
-        numbers("period", rows, "period", "s", extra=True),
-        texts("plugin", rows, "plugin", extra=True),
+        texts("unit", [row.unit for row in rows]),
+        numbers("cutoff", [row.cutoff for row in rows], extra=True),
+        numbers("noise", [row.noise for row in rows], extra=True),
+        numbers("delay", [row.delay for row in rows], "s", extra=True),
+        numbers("period", [row.period for row in rows], "s", extra=True),
+        texts("plugin", [row.plugin for row in rows], extra=True),
     ]
 
 
 def cameras(rows: Sequence["Camera"]) -> list[Column]:
-    meant = [row.resolution != (1, 1) for row in rows]
+    has_resolution = any(row.resolution != (1, 1) for row in rows)
     return [
-        names(rows),
-        texts("body", rows, "body"),
+        texts("name", [row.name for row in rows]),
+        texts("body", [row.body for row in rows]),
         Column("mode", [_mode(row) for row in rows]),
-        numbers("fovy", rows, "fovy", "°"),
-        numbers("height", rows, "height", "m"),
+        numbers("fovy", [row.fovy for row in rows], "°"),
+        numbers("height", [row.height for row in rows], "m"),
         Column("", ["" if row.projection == "perspective" else row.projection for row in rows]),
-        vectors("sensor", rows, "sensor_size", "m", extra=True),
-        vectors("focal length", rows, "focal_length", "m", extra=True),
+        vectors("sensor", [row.sensor_size for row in rows], "m", extra=True),
+        vectors("focal length", [row.focal_length for row in rows], "m", extra=True),
         Column(
             "resolution",
-            ["x".join(map(str, row.resolution)) if told else "" for row, told in zip(rows, meant, strict=True)],
+            ["x".join(map(str, row.resolution)) if row.resolution != (1, 1) else "" for row in rows],
             "px",
             extra=True,
         ),
-        vectors("position", rows, "position", "m", extra=True),
-        Column("outputs", [" ".join(row.outputs) if any(meant) else "" for row in rows], extra=True),
+        vectors("position", [row.position for row in rows], "m", extra=True),
+        Column("outputs", [" ".join(row.outputs) if has_resolution else "" for row in rows], extra=True),
     ]
 
 
-def _mode(row: Any) -> str:
+def _mode(row: "Camera | Light") -> str:
     return f"{row.mode} {clean(row.target)}" if row.target else row.mode
 
 
-def lights(rows: Sequence[Any]) -> list[Column]:
+def lights(rows: Sequence["Light"]) -> list[Column]:
     return [
-        names(rows),
-        texts("type", rows, "type"),
-        texts("body", rows, "body"),
+        texts("name", [row.name for row in rows]),
+        texts("type", [row.type for row in rows]),
+        texts("body", [row.body for row in rows]),
         Column("mode", [_mode(row) for row in rows]),
         Column("", ["" if row.active else "off" for row in rows]),
         Column("shadow", ["yes" if row.shadow else "no" for row in rows]),
-        vectors("position", rows, "position", "m", extra=True),
+        vectors("position", [row.position for row in rows], "m", extra=True),
     ]
-
-
-def plugins(rows: Sequence["Plugin"]) -> list[Column]:
-    return [
-        names(rows),
-        texts("plugin", rows, "plugin"),
-        Column("computes", [", ".join(map(clean, row.users)) for row in rows]),
-        Column("settings", [clean(", ".join(f"{k}={v}" for k, v in row.settings.items())) for row in rows]),
-        numbers("state", rows, "state"),
-    ]
-
-
-DEVICES = {
-    "actuators": actuators, "sensors": sensors, "cameras": cameras, "lights": lights, "plugins": plugins,
-}  # fmt: skip

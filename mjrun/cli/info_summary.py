@@ -1,58 +1,55 @@
-"""What `mjrun info` shows in lines with labels: the summary and the statistics."""
+"""The summary and the statistics as `mjrun info` shows them: lines with labels."""
 
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-from mjrun.cli.info_formatting import number, size, vector
+from mjrun.cli.info_columns import byte_size, number, vector
 from mjrun.errors import clean
 
 if TYPE_CHECKING:
     from mjrun.model.description.model_description import ModelSummary, Statistics
 
-ALWAYS = ("nq", "nv", "na", "nu", "nbody", "njnt", "ngeom")  # sizes that are told even where they are 0
+ALWAYS = ("nq", "nv", "na", "nu", "nbody", "njnt", "ngeom")  # sizes that are shown even where they are 0
 STATE = ("nq", "nv", "na", "nu", "nsensordata", "nuserdata", "nmocap", "npluginstate", "nhistory", "nplastic")
-UNTOLD = ("nM", "nB", "nC", "nD")  # what only the curious want, of --json
-NOTHING = 1e-9  # of the extent of a model
+HIDDEN = ("nM", "nB", "nC", "nD")  # sizes that only the JSON document has
+NEGLIGIBLE = 1e-9  # relative to the extent of a model
 
 
-def summary(found: "ModelSummary") -> list[tuple[str, str]]:
-    """The whole of a model."""
-    memory = found.memory
-    state = [name for name in found.sizes if name in STATE]
-    rest = [name for name in found.sizes if name not in (*STATE, *UNTOLD)]
+def summary(of: "ModelSummary") -> list[tuple[str, str]]:
+    """The whole of a model, in a few lines."""
+    memory = of.memory
+    state = [name for name in of.sizes if name in STATE]
+    rest = [name for name in of.sizes if name not in (*STATE, *HIDDEN)]
     return [
-        ("file", clean(found.file or "")),
-        ("mass", f"{number(found.mass)} kg"),
-        ("centre of mass", _point_in_space(found.centre_of_mass, found.extent)),
-        ("extent", f"{number(found.extent)} m around {vector(found.center)}"),
-        ("timestep", f"{number(found.timestep)} s, {found.integrator} integrator"),
-        ("solver", f"{found.solver}, {found.jacobian} Jacobian, {found.cone} friction cone"),
-        ("gravity", f"{vector(found.gravity)} m/s²"),
-        ("memory", f"model {size(memory.model)}, data {size(memory.data)}, arena {size(memory.arena)}"),
-        ("state", _sizes(found, state)),
-        ("objects", _sizes(found, rest)),
-        ("compiled by", f"MuJoCo {found.mujoco}"),
+        ("file", clean(of.file or "")),
+        ("mass", f"{number(of.mass)} kg"),
+        ("centre of mass", _point_in_space(of.centre_of_mass, of.extent)),
+        ("extent", f"{number(of.extent)} m around {vector(of.center)}"),
+        ("timestep", f"{number(of.timestep)} s, {of.integrator} integrator"),
+        ("solver", f"{of.solver}, {of.jacobian} Jacobian, {of.cone} friction cone"),
+        ("gravity", f"{vector(of.gravity)} m/s²"),
+        ("memory", f"model {byte_size(memory.model)}, data {byte_size(memory.data)}, arena {byte_size(memory.arena)}"),
+        ("state", _sizes(of, state)),
+        ("objects", _sizes(of, rest)),
+        ("compiled by", f"MuJoCo {of.mujoco}"),
     ]
 
 
 def _point_in_space(values: Sequence[float] | None, extent: float) -> str:
-    """A position; what is nothing beside the extent of the model is 0."""
-    return "" if values is None else f"{vector(value if abs(value) > NOTHING * extent else 0 for value in values)} m"
+    """A position; what is negligible beside the extent of the model is 0."""
+    return "" if values is None else f"{vector(value if abs(value) > NEGLIGIBLE * extent else 0 for value in values)} m"
 
 
-def _sizes(found: "ModelSummary", fields: Sequence[str]) -> str:
-    told = [name for name in fields if found.sizes[name] or name in ALWAYS]
-    return "  ".join(f"{name}={found.sizes[name]}" for name in told)
+def _sizes(of: "ModelSummary", fields: Sequence[str]) -> str:
+    shown = [name for name in fields if of.sizes[name] or name in ALWAYS]
+    return "  ".join(f"{name}={of.sizes[name]}" for name in shown)
 
 
-def statistics(found: "Statistics") -> list[tuple[str, str]]:
+def statistics(of: "Statistics") -> list[tuple[str, str]]:
     return [
-        ("center", f"{vector(found.center)} m"),
-        ("extent", f"{number(found.extent)} m"),
-        ("meansize", f"{number(found.meansize)} m"),
-        ("meanmass", f"{number(found.meanmass)} kg"),
-        ("meaninertia", f"{number(found.meaninertia)} kg·m²"),
+        ("center", f"{vector(of.center)} m"),
+        ("extent", f"{number(of.extent)} m"),
+        ("meansize", f"{number(of.meansize)} m"),
+        ("meanmass", f"{number(of.meanmass)} kg"),
+        ("meaninertia", f"{number(of.meaninertia)} kg·m²"),
     ]
-
-
-LINES = {"summary": summary, "statistics": statistics}

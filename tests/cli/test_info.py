@@ -12,9 +12,9 @@ import mujoco
 import pytest
 from rich.cells import cell_len
 
-from mjrun.cli.info_layout import Page
-from mjrun.cli.info_summary import LINES
-from mjrun.cli.info_tables import TABLES
+from mjrun.cli.info_page import Page
+from mjrun.cli.info_sections import SECTIONS as SHOWN
+from mjrun.cli.info_sections import LineSection
 from mjrun.errors import clean
 from mjrun.model.description.model_description import SECTIONS, ModelDescription
 from mjrun.model.mujoco_globals import collected_warnings
@@ -200,11 +200,12 @@ def test_every_real_model_has_a_page(shared_models: Path, monkeypatch: pytest.Mo
             except ValueError:
                 continue  # which the next test looks at
             page = Page()
-            for name, lines_of in LINES.items():
-                page.lines(name, lines_of(getattr(found, name)))
-            for name, columns_of in TABLES.items():
-                rows = getattr(found, name)
-                page.table(name, columns_of(rows), len(rows))
+            for name, section in SHOWN.items():
+                if isinstance(section, LineSection):
+                    page.lines(name, section.lines(found))
+                else:
+                    rows = section.rows(found)
+                    page.table(name, section.columns(rows), len(rows))
         told = page.text()
         assert all(cell_len(line) <= 80 for line in told.splitlines())
         assert told.count("\n\n") == len(SECTIONS) - 1

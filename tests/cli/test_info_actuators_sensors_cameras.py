@@ -1,11 +1,12 @@
-"""Theorems about the tables of actuators, sensors, cameras, lights and plugins of `mjrun info`."""
+"""Theorems about the tables of actuators, sensors, cameras and lights of `mjrun info`."""
 
 from collections.abc import Sequence
 
 import mujoco
 import pytest
 
-from mjrun.cli.info_actuators_sensors_cameras import DEVICES
+from mjrun.cli.info_actuators_sensors_cameras import actuators, cameras, lights, sensors
+from mjrun.cli.info_columns import Column
 from mjrun.model.description.model_description import ModelDescription
 
 TEXT = """
@@ -32,43 +33,44 @@ def description() -> ModelDescription:
     return ModelDescription(mujoco.MjModel.from_xml_string(TEXT))
 
 
-def table(description: ModelDescription, section: str) -> dict[str, Sequence[str]]:
+def cells(columns: Sequence[Column]) -> dict[str, Sequence[str]]:
     """The cells of each column by its heading."""
-    return {column.heading: column.cells for column in DEVICES[section](getattr(description, section))}
+    return {column.heading: column.cells for column in columns}
 
 
 def test_actuators_have_their_targets_ranges_and_laws(description: ModelDescription) -> None:
-    actuators = table(description, "actuators")
-    assert actuators["kind"] == ["motor", "position"]
-    assert actuators["acts on joint"] == ["hinge", "hinge"]
-    assert actuators["ctrl"] == ["0", "1"]
-    assert actuators["ctrl range"] == ["-3..3", ""]
-    assert actuators["gear"] == ["2", "1"]
-    assert actuators["force range"] == ["", "-5..5"]
-    assert (actuators["gain"], actuators["bias"]) == (["", "10"], ["", "0 -10 -1"])
+    table = cells(actuators(description.actuators))
+    assert table["kind"] == ["motor", "position"]
+    assert table["acts on joint"] == ["hinge", "hinge"]
+    assert table["ctrl"] == ["0", "1"]
+    assert table["ctrl range"] == ["-3..3", ""]
+    assert table["gear"] == ["2", "1"]
+    assert table["force range"] == ["", "-5..5"]
+    assert (table["gain"], table["bias"]) == (["", "10"], ["", "0 -10 -1"])
 
 
 def test_the_kind_of_target_stands_with_each_where_it_differs() -> None:
     text = TEXT.replace("</actuator>", '<adhesion name="stick" body="arm" ctrlrange="0 1"/></actuator>')
-    actuators = table(ModelDescription(mujoco.MjModel.from_xml_string(text)), "actuators")
-    assert actuators["acts on"] == ["joint/hinge", "joint/hinge", "body/arm"]
+    table = cells(actuators(ModelDescription(mujoco.MjModel.from_xml_string(text)).actuators))
+    assert table["acts on"] == ["joint/hinge", "joint/hinge", "body/arm"]
 
 
 def test_sensors_have_their_objects_addresses_and_units(description: ModelDescription) -> None:
-    model, sensors = mujoco.MjModel.from_xml_string(TEXT), table(description, "sensors")
-    assert sensors["of"] == ["joint/hinge", "site/tip", "site/tip"]
-    assert sensors["relative to"] == ["", "", "body/arm"]
-    assert [cell.partition(":")[0] for cell in sensors["sensordata"]] == [str(start) for start in model.sensor_adr]
-    assert sensors["unit"] == ["rad", "m/s²", "m"]
-    assert sensors["noise"] == ["0", "0.1", "0"]
+    model, table = mujoco.MjModel.from_xml_string(TEXT), cells(sensors(description.sensors))
+    assert table["of"] == ["joint/hinge", "site/tip", "site/tip"]
+    assert table["relative to"] == ["", "", "body/arm"]
+    assert [cell.partition(":")[0] for cell in table["sensordata"]] == [str(start) for start in model.sensor_adr]
+    assert table["unit"] == ["rad", "m/s²", "m"]
+    assert table["noise"] == ["0", "0.1", "0"]
 
 
 def test_cameras_and_lights_have_their_modes(description: ModelDescription) -> None:
-    cameras, lights = table(description, "cameras"), table(description, "lights")
-    assert (cameras["mode"], cameras["fovy"]) == (["targetbody arm"], ["30"])
-    assert (lights["name"], lights["shadow"]) == (["lamp"], ["no"])
+    seeing, lit = cells(cameras(description.cameras)), cells(lights(description.lights))
+    assert (seeing["mode"], seeing["fovy"]) == (["targetbody arm"], ["30"])
+    assert (lit["name"], lit["shadow"]) == (["lamp"], ["no"])
 
 
 def test_a_model_without_any_has_empty_tables() -> None:
     empty = ModelDescription(mujoco.MjModel.from_xml_string("<mujoco/>"))
-    assert all(not any(column.cells) for section in DEVICES for column in DEVICES[section](getattr(empty, section)))
+    columns = [*actuators(empty.actuators), *sensors(empty.sensors), *cameras(empty.cameras), *lights(empty.lights)]
+    assert not any(column.cells for column in columns)

@@ -1,12 +1,12 @@
 """Theorems about pages of tables and lines."""
 
 import pytest
-from hypothesis import given
+from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from rich.cells import cell_len
 
-from mjrun.cli.info_formatting import Column
-from mjrun.cli.info_layout import Page
+from mjrun.cli.info_columns import Column
+from mjrun.cli.info_page import Page
 
 WORDS = st.text("ab字_", min_size=1, max_size=60)
 
@@ -87,3 +87,22 @@ def test_sections_are_parted_by_a_blank_line_and_lines_without_a_value_are_left_
     written.table("two", [Column("name", [])], 0)
     written.note("noted")
     assert written.text() == "one\n  mass  1 kg\n\ntwo  none\n\nnoted"
+
+
+NAMED = Column("name", ["a", "b"])
+CELLS = st.lists(st.text("ab 字", max_size=60), min_size=2, max_size=2)
+
+
+@settings(suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None)
+@given(st.lists(st.tuples(CELLS, st.booleans(), st.booleans()), min_size=1, max_size=6), st.integers(40, 120))
+def test_whatever_the_columns_no_line_is_wider_than_the_terminal(
+    monkeypatch: pytest.MonkeyPatch, columns: list[tuple[list[str], bool, bool]], width: int
+) -> None:
+    made = [
+        NAMED,
+        *(Column(f"h{i}", cells, right=right, extra=extra) for i, (cells, right, extra) in enumerate(columns)),
+    ]
+    written = page(monkeypatch, width)
+    written.table("title", [NAMED, *made], 2)
+    lines = written.text().splitlines()
+    assert all(cell_len(line) <= width for line in lines if "no room for" not in line)

@@ -1,4 +1,4 @@
-"""Tables and lines under headings, laid out for the terminal; without one, as wide as they are."""
+"""A page of tables and labelled lines, fitted to the width of the terminal; without one, as wide as they are."""
 
 import os
 import sys
@@ -11,22 +11,22 @@ from rich.padding import Padding
 from rich.table import Table
 from rich.text import Text
 
-from mjrun.cli.info_formatting import Column
+from mjrun.cli.info_columns import Column
 
 GAP, INDENT = 2, 2
 READABLE = 100  # characters of a line of labels and values
-NARROW, SCANT = 24, 8  # characters of a text that is folded: where columns can be left out, and where they cannot
+NARROW, SCANT = 24, 8  # least characters of a folded text: where columns can be left out, and where they cannot
 NEEDED = 2  # columns that are never left out
 UNLIMITED = 1 << 16
 
 
 class Page:
-    """A page in the making."""
+    """Collects titled tables and lines, and lays them out."""
 
     def __init__(self) -> None:
         self._terminal = Terminal(file=sys.stdout, highlight=False, markup=False, emoji=False)
-        told = os.environ.get("COLUMNS", "")
-        if not self._terminal.is_terminal and not (told.isdecimal() and int(told)):
+        columns = os.environ.get("COLUMNS", "")
+        if not self._terminal.is_terminal and not (columns.isdecimal() and int(columns)):
             self._terminal.width = UNLIMITED
         self._empty = True
         self._text = ""
@@ -36,9 +36,9 @@ class Page:
         cut = rows if shown is None else min(rows, shown)
         self._title(title, str(rows) if rows else "none")
         room = self._terminal.width - INDENT
-        kept, left_out = _fitting([_cut(column, cut) for column in columns], room)
+        fitting, left_out = _fitting([_cut(column, cut) for column in columns], room)
         if cut:
-            self._print(Padding(self._table(kept, room), (0, 0, 0, INDENT)))
+            self._print(Padding(self._table(fitting, room), (0, 0, 0, INDENT)))
         if cut < rows:
             self._note(f"… {rows - cut} more: {hint}")
         if left_out:
@@ -103,18 +103,18 @@ def _cut(column: Column, count: int) -> Column:
 
 
 def _fitting(columns: Sequence[Column], width: int) -> tuple[list[Column], list[Column]]:
-    """The columns that say something, and those of them that there is no room for."""
-    told = [column for column in columns if any(column.cells)]
-    main = [column for column in told if not column.extra]
-    kept = [*main]
-    while len(kept) > NEEDED and _total(map(_least, kept)) > width:
-        kept.pop()
-    room = width - _total(map(_width, kept)) if kept == main else 0
-    for column in told:
+    """The columns that are not blank: those that fit, and those that there is no room for."""
+    filled = [column for column in columns if any(column.cells)]
+    main = [column for column in filled if not column.extra]
+    fitting = [*main]
+    while len(fitting) > NEEDED and _total(map(_readable_width, fitting)) > width:
+        fitting.pop()
+    room = width - _total(map(_width, fitting)) if fitting == main else 0
+    for column in filled:
         if column.extra and _width(column) + GAP <= room:
-            kept.append(column)
+            fitting.append(column)
             room -= _width(column) + GAP
-    return [column for column in told if column in kept], [column for column in told if column not in kept]
+    return [column for column in filled if column in fitting], [column for column in filled if column not in fitting]
 
 
 def _total(widths: Iterable[int]) -> int:
@@ -122,7 +122,7 @@ def _total(widths: Iterable[int]) -> int:
     return sum(width + GAP for width in widths) - GAP
 
 
-def _least(column: Column) -> int:
+def _readable_width(column: Column) -> int:
     """How wide a column must be to be read with ease."""
     return _width(column) if column.right else min(_width(column), NARROW)
 

@@ -1,0 +1,84 @@
+"""Columns of tables: how numbers, ranges and units are written, and when a column is blank."""
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from mjrun.cli.info_columns import (
+    STIFFNESS,
+    UNITS,
+    byte_size,
+    common,
+    number,
+    numbers,
+    ranges,
+    reference,
+    resistances,
+    slots,
+    span,
+    texts,
+    vector,
+    vectors,
+)
+
+
+@given(st.floats(-1e300, 1e300))
+def test_a_number_has_five_significant_digits_and_no_negative_zero(value: float) -> None:
+    assert float(number(value)) == pytest.approx(value, rel=1e-4)
+    assert number(value) != "-0"
+
+
+def test_nothing_is_written_for_nothing() -> None:
+    assert (number(None), vector(None), span(None), slots(None, 3), slots(2, 0), reference("geom", None)) == ("",) * 6
+
+
+@given(st.integers(0, 50), st.integers(1, 9))
+def test_slots_slice_a_vector_as_python_does(start: int, count: int) -> None:
+    values = [*range(100)]
+    first, _, last = slots(start, count).partition(":")
+    assert (values[int(first) : int(last)] if last else [values[int(first)]]) == values[start : start + count]
+
+
+@given(st.integers(0, 2**45))
+def test_a_size_is_right_to_its_one_decimal(count: int) -> None:
+    value, unit = byte_size(count).split()
+    power = 1024 ** UNITS.index(unit)
+    assert abs(float(value) * power - count) <= 0.05 * power
+    assert float(value) < 1024.05 or unit == UNITS[-1]
+
+
+@pytest.mark.parametrize(
+    ("count", "expected"),
+    [(None, "?"), (0, "0 B"), (1023, "1023 B"), (1024, "1.0 KiB"), (1536, "1.5 KiB"), (1 << 20, "1.0 MiB"),
+     (5 << 40, "5120.0 GiB")],
+)  # fmt: skip
+def test_bytes_are_counted_in_powers_of_1024(count: int | None, expected: str) -> None:
+    assert byte_size(count) == expected
+
+
+def test_names_are_cleaned() -> None:
+    assert list(texts("name", ["a\x1b[31m", None]).cells) == [r"a\x1b[31m", ""]
+    assert reference("geom", "x\n") == r"geom/x\n"
+    assert common(["b", "a", "b"]) == "b, a"
+
+
+@pytest.mark.parametrize(
+    ("values", "usual", "expected"),
+    [([0, None, 0], 0, ["", "", ""]), ([0, None, 2.5], 0, ["0", "", "2.5"]), ([3, 3], 3, ["", ""])],
+)
+def test_a_column_of_usual_numbers_is_blank(values: list[float | None], usual: float, expected: list[str]) -> None:
+    assert list(numbers("condim", values, usual=usual).cells) == expected
+
+
+def test_a_range_has_its_own_unit_and_only_units_that_occur_are_shown() -> None:
+    column = ranges("range", [(-1, 1), None, (0, 2), (0, 3)], ["rad", "kg", "m", "rad"])
+    assert (list(column.cells), column.unit) == (["-1..1", "", "0..2", "0..3"], "rad\nm")
+
+
+def test_the_unit_of_a_resistance_follows_from_that_of_the_position() -> None:
+    column = resistances("stiffness", [1.0, 0.0, 2.0], ["rad", "m", "rad"], STIFFNESS)
+    assert (list(column.cells), column.unit, column.extra) == (["1", "0", "2"], "N·m/rad", True)
+
+
+def test_vectors_are_written_as_in_mjcf() -> None:
+    assert list(vectors("axis", [(0, 0.5, 1e-7), None]).cells) == ["0 0.5 1e-07", ""]
