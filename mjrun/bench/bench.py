@@ -239,7 +239,7 @@ class Bench:
         for point in points(self.scan):
             compiled = model
             if point:
-                compiled = replace(self._source, settings=(*self._source.settings, *settings(point))).load()
+                compiled = replace(self._source, overrides=(*self._source.overrides, *settings(point))).load()
             steps = steps_of(base, point) if base is not None and self.steps is None else self.steps
             grid.append(GridPoint(point, compiled, steps))
         return grid
@@ -289,7 +289,7 @@ class Bench:
             steps=self.steps,
             repeats=self.repeats,
             budget=float(self.budget),
-            settings=[str(setting) for setting in source.settings],
+            settings=[str(override) for override in source.overrides],
             scan={path: list(values) for path, values in self.scan.items()},
         )
         facts = origin(self, simulation, model, simulation.timeline(model))

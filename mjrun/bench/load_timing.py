@@ -46,8 +46,8 @@ def timed_load(source: Source, clock: Clock) -> tuple[mujoco.MjModel, LoadTiming
         before = clock()
         spec = mujoco.MjSpec.from_file(str(source.main_file))
         parsed = clock()
-        for setting in source.settings:
-            apply(spec, setting)
+        for override in source.overrides:
+            apply(spec, override)
         ready = clock()
         spec.compile()
         compiles.append(clock() - ready)

@@ -36,14 +36,14 @@ def import_mujoco() -> None:
 
 def source(given: dict[str, Any]) -> "Source":
     """The model that `model_argument` and `model_options` describe."""
-    from mjrun.model.override import Setting
+    from mjrun.model.override import Override
     from mjrun.model.sources import parse_source
 
-    settings = [Setting(path, value) for path, value in given["settings"]]
+    settings = [Override(path, value) for path, value in given["settings"]]
     if given["integrator"]:
-        settings.append(Setting("opt.integrator", given["integrator"], "integrator"))
+        settings.append(Override("opt.integrator", given["integrator"], "integrator"))
     if given["timestep"]:
-        settings.append(Setting("opt.timestep", repr(float(given["timestep"])), "timestep"))
+        settings.append(Override("opt.timestep", repr(float(given["timestep"])), "timestep"))
     return parse_source(given["model"], settings)
 
 

@@ -20,7 +20,7 @@ from mjrun.job.recording import Recording
 from mjrun.job.simulation import Simulation
 from mjrun.job.trace import Trace
 from mjrun.job.video import Video
-from mjrun.model.override import Setting
+from mjrun.model.override import Override
 from mjrun.rendering.visual import Visual
 
 Plain = dict[str, Any]
@@ -84,7 +84,7 @@ def _simulation(simulation: Simulation) -> Plain:
     return known(
         {
             "model": source.text,
-            **_settings(source.settings),
+            **_settings(source.overrides),
             "key": simulation.key,
             **{name: _by_name(getattr(simulation, name)) for name in ("qpos", "qvel", "ctrl")},
             "ctrl_from": None if simulation.ctrl_from is None else str(simulation.ctrl_from),
@@ -97,7 +97,7 @@ def _simulation(simulation: Simulation) -> Plain:
     )
 
 
-def _settings(settings: Sequence[Setting]) -> Plain:
+def _settings(settings: Sequence[Override]) -> Plain:
     """Overrides; those by `--integrator` and `--timestep` come last, as the document's own do."""
     rest, ends = [*settings], {}
     for key, fits in (("timestep", _is_timestep), ("integrator", lambda text: text in INTEGRATORS)):

@@ -11,7 +11,7 @@ from mjrun.document.field_types import Exact, Numbers
 from mjrun.document.machine import Machine
 from mjrun.job.simulation import INTERPOLATIONS, Simulation
 from mjrun.model.names import enum_members
-from mjrun.model.override import NAMED_INTEGERS, Setting
+from mjrun.model.override import NAMED_INTEGERS, Override
 from mjrun.model.sources import parse_source
 
 INTEGRATORS = tuple(enum_members(NAMED_INTEGERS["integrator"]))
@@ -99,11 +99,11 @@ class Simulated(Form):
         Raises:
           UsageError: what it says cannot be together.
         """
-        settings = [Setting(path, text) for path, text in self.settings.items()]
+        settings = [Override(path, text) for path, text in self.settings.items()]
         if self.integrator:
-            settings.append(Setting("opt.integrator", self.integrator, "integrator"))
+            settings.append(Override("opt.integrator", self.integrator, "integrator"))
         if self.timestep:
-            settings.append(Setting("opt.timestep", repr(float(self.timestep)), "timestep"))
+            settings.append(Override("opt.timestep", repr(float(self.timestep)), "timestep"))
         same = ("key", "ctrl_interpolation", "ctrl_noise", "ctrl_noise_time", "perturb", "seed", "duration", "steps")
         return Simulation(
             parse_source(self.model, settings, inputs),

@@ -10,7 +10,7 @@ import mujoco
 
 from mjrun.errors import BadValueError, BrokenModelError, clean, concerning, option
 from mjrun.model.mujoco_globals import without_log
-from mjrun.model.override import Setting, apply
+from mjrun.model.override import Override, apply
 
 # Everything that MuJoCo's loaders are known to raise for a bad file. "Caught an unknown exception!" is
 # a RuntimeError and means that memory ran out.
@@ -21,12 +21,12 @@ _LINE = re.compile(r"(?:', |id -?\d+, )line (\d+)$|Line number=(\d+)", re.MULTIL
 
 
 def compile_model(
-    parse: Callable[[], mujoco.MjSpec], settings: Sequence[Setting], path: Path, advice: str = ""
+    parse: Callable[[], mujoco.MjSpec], overrides: Sequence[Override], path: Path, advice: str = ""
 ) -> mujoco.MjModel:
     """Compiles what `parse` returns, with overrides.
 
     Args:
-      settings: overrides, applied in order.
+      overrides: applied in order.
       path: the model as errors call it.
       advice: added as a note to MuJoCo's refusal of a model without overrides.
 
@@ -40,18 +40,18 @@ def compile_model(
         except FAULTS as error:
             raise broken_model(path, error, advice=advice) from error
         try:
-            for setting in settings:
-                with concerning(*setting.option_path):
-                    apply(spec, setting)
+            for override in overrides:
+                with concerning(*override.option_path):
+                    apply(spec, override)
         except UnicodeDecodeError:  # a name that an override was compared with
             raise BrokenModelError(path, NOT_UTF8) from None
         try:
             model = spec.compile()
         except FAULTS as error:
-            overrides = ", ".join(f"{option(s.option)} {clean(s.option_value)}" for s in settings)
-            raise broken_model(path, error, f"with {overrides}" if settings else "", advice) from error
+            spelled_overrides = ", ".join(f"{option(o.option)} {clean(o.option_value)}" for o in overrides)
+            raise broken_model(path, error, f"with {spelled_overrides}" if overrides else "", advice) from error
 
-    if any(setting.path == "opt.timestep" for setting in settings) and not _is_timestep(model.opt.timestep):
+    if any(override.path == "opt.timestep" for override in overrides) and not _is_timestep(model.opt.timestep):
         raise BadValueError(option("timestep"), f"{model.opt.timestep:g}", "a positive number of seconds")
     check_model(model, path, f"{option('timestep')} overrides it")
     return model

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import mujoco
 
-from mjrun.model.override import Setting
+from mjrun.model.override import Override
 from mjrun.model.sources import ModelLike, source_of
 
 
@@ -14,7 +14,7 @@ def load(
     *,
     timestep: float | None = None,
     integrator: str | None = None,
-    overrides: Mapping[str, str] | Sequence[Setting] = (),
+    overrides: Mapping[str, str] | Sequence[Override] = (),
 ) -> mujoco.MjModel:
     """Compiles a model.
 
@@ -28,10 +28,11 @@ def load(
       ModelError: the model is missing, unreadable, or refused by MuJoCo.
       UsageError: an override names nothing, or its value does not fit.
     """
-    settings = [Setting(p, v) for p, v in overrides.items()] if isinstance(overrides, Mapping) else [*overrides]
+    by_path = isinstance(overrides, Mapping)
+    added = [Override(path, value) for path, value in overrides.items()] if by_path else [*overrides]
     if integrator is not None:
-        settings.append(Setting("opt.integrator", integrator, "integrator"))
+        added.append(Override("opt.integrator", integrator, "integrator"))
     if timestep is not None:
-        settings.append(Setting("opt.timestep", repr(float(timestep)), "timestep"))
+        added.append(Override("opt.timestep", repr(float(timestep)), "timestep"))
     source = source_of(model)
-    return replace(source, settings=(*source.settings, *settings)).load()
+    return replace(source, overrides=(*source.overrides, *added)).load()

@@ -78,7 +78,7 @@ INERTIAL = {"mass", "inertia", "fullinertia", "ipos", "iquat"}
 
 
 @dataclass(frozen=True)
-class Setting:
+class Override:
     """One override: the `path` in the source, the `value` as text, and the name of the option that it came from."""
 
     path: str
@@ -104,28 +104,28 @@ class Setting:
         return ("set", self.path) if self.option == "set" else (self.option,)
 
 
-def apply(spec: mujoco.MjSpec, setting: Setting) -> None:
+def apply(spec: mujoco.MjSpec, override: Override) -> None:
     """Makes one override in `spec`.
 
     Raises:
       UnknownNameError: the path names nothing; the message lists near and valid names.
       BadValueError: the value does not fit the field.
     """
-    kind, slash, rest = setting.path.partition("/")
+    kind, slash, rest = override.path.partition("/")
     if slash and kind in ELEMENTS:
         elements, fields = _elements(spec, kind, rest)
         for element in elements:
-            _check_effect(element, kind, fields, setting)
-            _assign(element, fields, setting)
+            _check_effect(element, kind, fields, override)
+            _assign(element, fields, override)
         return
-    root, *fields = setting.path.split(".")
+    root, *fields = override.path.split(".")
     if root not in ROOTS:
         valid = [*ROOTS, *ELEMENTS] if slash else [*ROOTS, *(f"{kind}/NAME" for kind in ELEMENTS)]
         raise UnknownNameError("setting", kind if slash else root, valid)
     if [root, *fields[:1]] == ["opt", "flag"]:
-        _set_flag(spec.option, fields[1:], setting)
+        _set_flag(spec.option, fields[1:], override)
     else:
-        _assign(ROOTS[root](spec), fields, setting)
+        _assign(ROOTS[root](spec), fields, override)
 
 
 def _elements(spec: mujoco.MjSpec, kind: str, rest: str) -> tuple[list[Any], list[str]]:
@@ -148,22 +148,22 @@ def _elements(spec: mujoco.MjSpec, kind: str, rest: str) -> tuple[list[Any], lis
     raise UnknownNameError(kind, parts[0], list(named), plural=ELEMENTS[kind])
 
 
-def _check_effect(element: Any, kind: str, fields: list[str], setting: Setting) -> None:
+def _check_effect(element: Any, kind: str, fields: list[str], override: Override) -> None:
     # The compiler infers inertia from geoms and silently ignores that of the body.
     if kind == "body" and fields[0] in INERTIAL and not element.explicitinertial:
         raise UsageError(
-            f"{clean(setting.path)} has no effect: the inertia of this body comes from its geoms\n"
-            f"set the mass or density of a geom instead, as in geom/NAME.mass={clean(setting.value)}"
+            f"{clean(override.path)} has no effect: the inertia of this body comes from its geoms\n"
+            f"set the mass or density of a geom instead, as in geom/NAME.mass={clean(override.value)}"
         )
     # Likewise the end points of a geom or site decide where it is.
     if fields[0] in PLACEMENT and hasattr(element, "fromto") and math.isfinite(element.fromto[0]):
         raise UsageError(
-            f"{clean(setting.path)} has no effect: it follows from the end points\n"
+            f"{clean(override.path)} has no effect: it follows from the end points\n"
             f"set {kind}/{clean(element.name)}.fromto=X,Y,Z,X,Y,Z instead"
         )
 
 
-def _set_flag(option: Any, fields: list[str], setting: Setting) -> None:
+def _set_flag(option: Any, fields: list[str], override: Override) -> None:
     disable, enable = enum_members(mujoco.mjtDisableBit), enum_members(mujoco.mjtEnableBit)
     name = ".".join(fields)
     if name not in disable and name not in enable:
@@ -173,31 +173,31 @@ def _set_flag(option: Any, fields: list[str], setting: Setting) -> None:
             "opt.flag.autoreset cannot be set: a reset in mid-run would put two simulations in one output\n"
             "mjrun stops an unstable simulation instead, and names the step and the joint"
         )
-    on = _parse_bool(setting)
+    on = _parse_bool(override)
     bits, bit, set_it = ("enableflags", enable[name], on) if name in enable else ("disableflags", disable[name], not on)
     value = getattr(option, bits)
     setattr(option, bits, value | bit if set_it else value & ~bit)
 
 
-def _assign(owner: Any, fields: list[str], setting: Setting) -> None:
+def _assign(owner: Any, fields: list[str], override: Override) -> None:
     if not fields:
-        raise UnknownNameError("setting", setting.path, [f"{setting.path}.{field}" for field in _fields(owner)])
+        raise UnknownNameError("setting", override.path, [f"{override.path}.{field}" for field in _fields(owner)])
     field, *deeper = fields
     valid = _fields(owner)
     if field not in valid:
-        above = setting.path.removesuffix("".join(f".{part}" for part in fields))
+        above = override.path.removesuffix("".join(f".{part}" for part in fields))
         raise UnknownNameError("setting", field, [*valid, *(["flag"] if above == "opt" else [])], where=above)
     current = getattr(owner, field)
     if not _is_leaf(current):
-        _assign(current, deeper, setting)
+        _assign(current, deeper, override)
         return
     if deeper:
-        above = setting.path.removesuffix("".join(f".{part}" for part in deeper))
-        raise UsageError(f"{clean(setting.path)}: {clean(above)} is a value and holds no settings")
+        above = override.path.removesuffix("".join(f".{part}" for part in deeper))
+        raise UsageError(f"{clean(override.path)}: {clean(above)} is a value and holds no settings")
     try:
-        setattr(owner, field, _parse_value(field, current, setting))
+        setattr(owner, field, _parse_value(field, current, override))
     except TypeError:
-        raise BadValueError(setting.name, setting.value, f"what {field} takes") from None
+        raise BadValueError(override.name, override.value, f"what {field} takes") from None
     if field in ORIENTATIONS and hasattr(owner, "euler"):
         owner.type = ORIENTATIONS[field]
     if hasattr(owner, ALTERNATIVES.get(field, "")):
@@ -225,56 +225,56 @@ def _is_vector(value: object) -> bool:
     return type(value).__name__ in ("MjDoubleVec", "MjFloatVec", "MjIntVec")
 
 
-def _parse_value(field: str, current: Any, setting: Setting) -> Any:
-    """The text of `setting` as a value of the type of `current`."""
+def _parse_value(field: str, current: Any, override: Override) -> Any:
+    """The text of `override` as a value of the type of `current`."""
     if field in NAMED_INTEGERS:
-        return enum_value(NAMED_INTEGERS[field], field, setting.value)
+        return enum_value(NAMED_INTEGERS[field], field, override.value)
     if is_enum(current):
-        return type(current)(enum_value(type(current), field, setting.value))
+        return type(current)(enum_value(type(current), field, override.value))
     if isinstance(current, bool):
-        return _parse_bool(setting)
+        return _parse_bool(override)
     if field in SWITCHES and isinstance(current, int):
-        return int(_parse_bool(setting))
+        return int(_parse_bool(override))
     if isinstance(current, int):
-        return int(_parse_number(setting.value, setting, "a whole number", int))
+        return int(_parse_number(override.value, override, "a whole number", int))
     if isinstance(current, float):
-        return _parse_number(setting.value, setting, "a number", float)
+        return _parse_number(override.value, override, "a number", float)
     if isinstance(current, np.ndarray):
-        return _parse_array(field, current, setting)
+        return _parse_array(field, current, override)
     if _is_vector(current):
-        return _parse_numbers(setting)
-    return setting.value
+        return _parse_numbers(override)
+    return override.value
 
 
-def _parse_bool(setting: Setting) -> bool:
-    if setting.value.lower() not in BOOLEANS:
-        raise BadValueError(setting.name, setting.value, "enable or disable (true or false)")
-    return BOOLEANS[setting.value.lower()]
+def _parse_bool(override: Override) -> bool:
+    if override.value.lower() not in BOOLEANS:
+        raise BadValueError(override.name, override.value, "enable or disable (true or false)")
+    return BOOLEANS[override.value.lower()]
 
 
-def _parse_number(text: str, setting: Setting, expected: str, kind: Callable[[str], float]) -> float:
+def _parse_number(text: str, override: Override, expected: str, kind: Callable[[str], float]) -> float:
     try:
         value = kind(text)
     except ValueError:
         value = math.nan
     if not math.isfinite(value):
-        raise BadValueError(setting.name, setting.value, expected)
+        raise BadValueError(override.name, override.value, expected)
     return value
 
 
-def _parse_numbers(setting: Setting) -> list[float]:
+def _parse_numbers(override: Override) -> list[float]:
     return [
-        _parse_number(part, setting, "numbers separated by commas", float)
-        for part in setting.value.replace(",", " ").split()
+        _parse_number(part, override, "numbers separated by commas", float)
+        for part in override.value.replace(",", " ").split()
     ]
 
 
-def _parse_array(field: str, current: np.ndarray, setting: Setting) -> np.ndarray:
-    values, size = _parse_numbers(setting), current.size
+def _parse_array(field: str, current: np.ndarray, override: Override) -> np.ndarray:
+    values, size = _parse_numbers(override), current.size
     fits = 0 < len(values) <= size if field in PARTIAL else len(values) == size
     if not fits:
         most = "at most " if field in PARTIAL else ""
-        raise BadValueError(setting.name, setting.value, f"{most}{size} numbers separated by commas")
+        raise BadValueError(override.name, override.value, f"{most}{size} numbers separated by commas")
     result = current.copy().ravel()
     result[: len(values)] = values
     return result.reshape(current.shape)

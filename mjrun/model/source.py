@@ -10,7 +10,7 @@ from typing import ClassVar
 import mujoco
 
 from mjrun.errors import ModelNotFoundError
-from mjrun.model.override import Setting
+from mjrun.model.override import Override
 
 
 @dataclass(frozen=True)
@@ -18,10 +18,10 @@ class Source(ABC):
     """Where a model comes from, and the overrides to load it with: a picklable value.
 
     Attributes:
-      settings: overrides, applied in order before compilation.
+      overrides: overrides, applied in order before compilation.
     """
 
-    settings: tuple[Setting, ...] = field(default=(), kw_only=True)
+    overrides: tuple[Override, ...] = field(default=(), kw_only=True)
 
     @property
     @abstractmethod

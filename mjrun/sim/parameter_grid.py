@@ -4,7 +4,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from itertools import product
 
 from mjrun.errors import UsageError, clean, option
-from mjrun.model.override import Setting
+from mjrun.model.override import Override
 
 SHORT = {"integrator": "opt.integrator", "timestep": "opt.timestep"}
 
@@ -29,6 +29,6 @@ def points(scan: Mapping[str, Sequence[str]]) -> Iterator[Point]:
         yield dict(zip(scan, combination, strict=True))
 
 
-def settings(point: Point) -> tuple[Setting, ...]:
+def settings(point: Point) -> tuple[Override, ...]:
     """The overrides that a point of the grid stands for."""
-    return tuple(Setting(SHORT.get(path, path), value) for path, value in point.items())
+    return tuple(Override(SHORT.get(path, path), value) for path, value in point.items())

@@ -142,7 +142,7 @@ def test_a_base_is_refused_before_anything_is_timed(path: Path, monkeypatch: pyt
     with pytest.raises(UsageError, match=r"noise_std: 0.01 there, 0.5 here\nforce"):
         bench(path, compare=base, noise_std=0.5).run(clock=FakeClock())
     with pytest.raises(UsageError, match="another model"):
-        bench(FileSource(path, settings=settings({"opt.gravity": "0,0,-1"})), compare=base).run(clock=FakeClock())
+        bench(FileSource(path, overrides=settings({"opt.gravity": "0,0,-1"})), compare=base).run(clock=FakeClock())
     with pytest.raises(FileError, match="cannot be read"):
         bench(path, compare="none.json").run(clock=FakeClock())
 

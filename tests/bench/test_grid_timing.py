@@ -99,7 +99,7 @@ def test_an_unstable_point_of_a_grid_is_a_result_and_a_grid_of_them_an_error(pat
     with pytest.raises(UnstableError, match="joint 'x'"):
         bench(path, scan={"timestep": ["1", "2"]}).run(clock=FakeClock())
     with pytest.raises(UnstableError):
-        bench(FileSource(path, settings=settings({"timestep": "1"}))).run(clock=FakeClock())
+        bench(FileSource(path, overrides=settings({"timestep": "1"}))).run(clock=FakeClock())
 
 
 @pytest.mark.parametrize(

@@ -20,7 +20,7 @@ from bench_clocks import MODEL, FakeClock
 def test_parsing_and_compiling_are_timed_apart_and_the_model_has_its_overrides(tmp_path: Path) -> None:
     path = tmp_path / "model.xml"
     path.write_text(MODEL)
-    source = replace(source_of(path), settings=settings({"timestep": ".5"}))
+    source = replace(source_of(path), overrides=settings({"timestep": ".5"}))
     model, load = timed_load(source, FakeClock())
     assert model.opt.timestep == 0.5
     assert load.first == 1.0

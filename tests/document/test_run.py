@@ -23,8 +23,9 @@ from mjrun.job.recording import Recording
 from mjrun.job.simulation import Simulation
 from mjrun.job.trace import Trace
 from mjrun.job.video import Video
-from mjrun.model.override import Setting
+from mjrun.model.override import Override
 from mjrun.model.sources.file import FileSource
+from mjrun.model.sources.scene import SceneSource
 from mjrun.rendering.visual import Visual
 
 MODEL = """
@@ -64,7 +65,7 @@ def problems(text: str, *assignments: str) -> list[str]:
 
 
 def simulation(**settings: Any) -> Simulation:
-    return Simulation(FileSource(Path("m.xml"), settings=settings.pop("settings", ())), **settings)
+    return Simulation(FileSource(Path("m.xml"), overrides=settings.pop("settings", ())), **settings)
 
 
 USUAL: dict[str, Any] = {"camera": ("free",), "view": ("rgb",)}
@@ -77,22 +78,22 @@ USUAL: dict[str, Any] = {"camera": ("free",), "view": ("rgb",)}
     ("text", "said"),
     [
         ("", {}),
-        ("integrator: rk4", {"settings": (Setting("opt.integrator", "rk4", "integrator"),)}),
-        ("timestep: 1e-3", {"settings": (Setting("opt.timestep", "0.001", "timestep"),)}),
-        ("timestep: 1/1000", {"settings": (Setting("opt.timestep", "0.001", "timestep"),)}),
+        ("integrator: rk4", {"settings": (Override("opt.integrator", "rk4", "integrator"),)}),
+        ("timestep: 1e-3", {"settings": (Override("opt.timestep", "0.001", "timestep"),)}),
+        ("timestep: 1/1000", {"settings": (Override("opt.timestep", "0.001", "timestep"),)}),
         (
             "timestep: 0.002\nintegrator: euler\n"
             "set: {opt.gravity: [0, 0, -1.6], opt.cone: elliptic, geom/floor.friction: .1, opt.flag.contact: false,"
             " opt.iterations: 4}",
             {
                 "settings": (
-                    Setting("opt.gravity", "0,0,-1.6"),
-                    Setting("opt.cone", "elliptic"),
-                    Setting("geom/floor.friction", "0.1"),
-                    Setting("opt.flag.contact", "false"),
-                    Setting("opt.iterations", "4"),
-                    Setting("opt.integrator", "euler", "integrator"),
-                    Setting("opt.timestep", "0.002", "timestep"),
+                    Override("opt.gravity", "0,0,-1.6"),
+                    Override("opt.cone", "elliptic"),
+                    Override("geom/floor.friction", "0.1"),
+                    Override("opt.flag.contact", "false"),
+                    Override("opt.iterations", "4"),
+                    Override("opt.integrator", "euler", "integrator"),
+                    Override("opt.timestep", "0.002", "timestep"),
                 )
             },
         ),
@@ -263,6 +264,13 @@ def test_files_that_are_read_are_relative_to_the_document_and_outputs_to_the_fol
     )
 
 
+def test_a_scene_is_no_file_beside_the_document() -> None:
+    Path("study").mkdir()
+    text = "model: scene:dominos\nset: {opt.cone: elliptic}\nrecording: a.npz"
+    source = jobs(text, name="study/d.yaml")[0].simulation.source
+    assert source == SceneSource("dominos", overrides=(Override("opt.cone", "elliptic"),))
+
+
 def test_absolute_inputs_stay_as_they_are() -> None:
     assert jobs("model: /models/m.xml\nrecording: a.npz")[0].simulation.model == FileSource(Path("/models/m.xml"))
 
@@ -276,7 +284,7 @@ def test_settings_of_the_command_line_count_above_the_document() -> None:
         "qpos.root/z=2",
     )
     assert (film.fps, film.simulation.duration) == (10, 1)
-    assert film.simulation.model.settings == (Setting("opt.cone", "elliptic"),)
+    assert film.simulation.model.overrides == (Override("opt.cone", "elliptic"),)
     assert film.simulation.qpos == {"root/z": (2,)}
 
 

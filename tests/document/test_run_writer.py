@@ -30,7 +30,7 @@ from mjrun.job.recording import Recording
 from mjrun.job.simulation import Simulation
 from mjrun.job.trace import Trace
 from mjrun.job.video import Video
-from mjrun.model.override import Setting
+from mjrun.model.override import Override
 from mjrun.model.sources.file import FileSource
 from mjrun.rendering.segmentation import grouping
 from mjrun.rendering.text import CORNERS
@@ -181,16 +181,16 @@ def scripts(draw: st.DrawFn) -> CameraScript:
 overrides = st.sampled_from(
     ["0,0,-1.6", ".1", "0.1", "true", "True", "elliptic", "1e-3", "4", " 5", "0,up", "1,,2", "0x10", "1.50", "~", "-0"]
 )
-integrators = st.just(Setting("opt.integrator", "rk4", "integrator"))
-timesteps = positives.map(lambda value: Setting("opt.timestep", repr(value), "timestep"))
+integrators = st.just(Override("opt.integrator", "rk4", "integrator"))
+timesteps = positives.map(lambda value: Override("opt.timestep", repr(value), "timestep"))
 
 
 @st.composite
 def sources(draw: st.DrawFn) -> Any:
     values = draw(st.dictionaries(names, overrides | texts, max_size=4))
     ends = [draw(maybe(integrators)), draw(maybe(timesteps))]
-    found = [*(Setting(path, value) for path, value in values.items()), *(end for end in ends if end)]
-    source = FileSource(Path("m.xml"), settings=tuple(found))
+    found = [*(Override(path, value) for path, value in values.items()), *(end for end in ends if end)]
+    source = FileSource(Path("m.xml"), overrides=tuple(found))
     return source if found else draw(st.sampled_from([source, "m.xml", Path("m.xml")]))
 
 
@@ -413,13 +413,13 @@ def test_lists_of_the_usual_are_as_usual_and_lists_of_one_are_that_one() -> None
 
 def test_the_document_reads_as_a_person_would_write_it() -> None:
     settings = (
-        Setting("opt.gravity", "0,0,-1.6"),
-        Setting("opt.cone", "elliptic"),
-        Setting("opt.flag.contact", "true"),
+        Override("opt.gravity", "0,0,-1.6"),
+        Override("opt.cone", "elliptic"),
+        Override("opt.flag.contact", "true"),
     )
-    ends = (Setting("opt.integrator", "rk4", "integrator"), Setting("opt.timestep", "0.001", "timestep"))
+    ends = (Override("opt.integrator", "rk4", "integrator"), Override("opt.timestep", "0.001", "timestep"))
     simulation = Simulation(
-        FileSource(Path("m.xml"), settings=settings + ends),
+        FileSource(Path("m.xml"), overrides=settings + ends),
         key="home",
         qpos={"hip": (0.3,), "root": [0, 0, 1.0]},
         duration=Fraction(3),
@@ -505,8 +505,8 @@ def shot(**settings: Any) -> Any:
     return Video(start(), "a.mp4", camera=CameraScript("fly", [Shot(settings.pop("rig", FreeRig()), **settings)]))
 
 
-def overridden(*settings: Setting) -> Any:
-    return Recording(Simulation(FileSource(Path("m.xml"), settings=settings)), "a.npz")
+def overridden(*settings: Override) -> Any:
+    return Recording(Simulation(FileSource(Path("m.xml"), overrides=settings)), "a.npz")
 
 
 @pytest.mark.parametrize(
@@ -523,7 +523,7 @@ def overridden(*settings: Setting) -> Any:
         (Trace(start(), "a.csv", contacts="/c.csv"), "'/c.csv' is no path inside"),
         (Video(start(), "a.mp4", manifest="~/m.json"), "'~/m.json' is no path inside"),
         (
-            overridden(Setting("opt.cone", "a"), Setting("opt.cone", "b")),
+            overridden(Override("opt.cone", "a"), Override("opt.cone", "b")),
             "opt.cone is set twice, and a document says it",
         ),
         (Recording(start(qpos={"a\nb": 1}), "a.npz"), r"'a\nb': a document takes no key with control characters"),
@@ -553,12 +553,12 @@ def test_jobs_of_several_simulations_are_no_document() -> None:
 @pytest.mark.parametrize(
     "settings",
     [
-        (Setting("opt.integrator", "RK4", "integrator"),),
-        (Setting("opt.timestep", "1e-3", "timestep"),),
-        (Setting("opt.timestep", "0.001", "timestep"), Setting("opt.cone", "elliptic")),
-        (Setting("opt.timestep", "0.001", "timestep"), Setting("opt.integrator", "rk4", "integrator")),
+        (Override("opt.integrator", "RK4", "integrator"),),
+        (Override("opt.timestep", "1e-3", "timestep"),),
+        (Override("opt.timestep", "0.001", "timestep"), Override("opt.cone", "elliptic")),
+        (Override("opt.timestep", "0.001", "timestep"), Override("opt.integrator", "rk4", "integrator")),
     ],
 )
 def test_overrides_in_another_form_than_the_documents_own_keep_their_text_and_order(settings: Any) -> None:
     (job,) = again([overridden(*settings)])
-    assert [(s.path, s.value) for s in job.simulation.model.settings] == [(s.path, s.value) for s in settings]
+    assert [(s.path, s.value) for s in job.simulation.model.overrides] == [(s.path, s.value) for s in settings]

@@ -22,7 +22,7 @@ from mjrun.job.recording import Recording
 from mjrun.job.simulation import Simulation
 from mjrun.job.trace import Trace
 from mjrun.job.video import Video, VideoResult
-from mjrun.model.override import Setting
+from mjrun.model.override import Override
 from mjrun.model.sources.file import FileSource
 
 pytestmark = pytest.mark.filterwarnings("ignore:drawing in software")
@@ -239,9 +239,9 @@ def test_a_failed_assertion_brings_every_verdict(swing: Path, tmp_path: Path) ->
 @pytest.mark.parametrize(
     ("change", "told"),
     [
-        ({"settings": (Setting("opt.gravity", "0,0,-1"),)}, True),
-        ({"settings": (Setting("geom/box.mass", "50"),)}, True),
-        ({"settings": (Setting("vis.map.force", "3"), Setting("geom/box.rgba", "1,1,1,1"))}, False),
+        ({"overrides": (Override("opt.gravity", "0,0,-1"),)}, True),
+        ({"overrides": (Override("geom/box.mass", "50"),)}, True),
+        ({"overrides": (Override("vis.map.force", "3"), Override("geom/box.rgba", "1,1,1,1"))}, False),
         ({}, False),
     ],
 )

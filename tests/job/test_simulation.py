@@ -10,7 +10,7 @@ import pytest
 
 from mjrun.errors import BadValueError, ModelNotFoundError, UnknownNameError, UsageError
 from mjrun.job.simulation import Simulation, positive
-from mjrun.model.override import Setting
+from mjrun.model.override import Override
 from mjrun.model.sources.file import FileSource
 from mjrun.timeline import Timeline
 
@@ -45,7 +45,7 @@ def test_a_simulation_lasts_as_asked_or_five_seconds(how: dict[str, Any], timeli
 
 
 def test_the_timestep_is_that_of_the_model_which_may_be_overridden(path: Path) -> None:
-    simulation = Simulation(FileSource(path, settings=(Setting("opt.timestep", "0.01"),)), duration=1)
+    simulation = Simulation(FileSource(path, overrides=(Override("opt.timestep", "0.01"),)), duration=1)
     assert simulation.timeline(simulation.load()) == Timeline(Fraction(1, 100), Fraction(1), 100)
 
 
@@ -97,7 +97,7 @@ def test_a_path_is_loaded_however_it_is_given(path: Path, kind: Any) -> None:
 
 
 def test_a_source_is_loaded_with_its_overrides(path: Path) -> None:
-    source = FileSource(path, settings=(Setting("opt.gravity", "0,0,1"), Setting("joint/hinge.damping", "7")))
+    source = FileSource(path, overrides=(Override("opt.gravity", "0,0,1"), Override("joint/hinge.damping", "7")))
     model = Simulation(source).load()
     assert model.opt.gravity.tolist() == [0, 0, 1]
     assert model.dof_damping.tolist() == [7]

@@ -13,7 +13,7 @@ from mjrun.job.simulation import Simulation
 from mjrun.job.trace import columns
 from mjrun.model.description.model_description import SECTIONS
 from mjrun.model.info import Info
-from mjrun.model.override import Setting
+from mjrun.model.override import Override
 from mjrun.model.sources.file import FileSource
 
 SCENES = sorted((Path(__file__).parents[2] / "scenes").glob("*.xml"))
@@ -127,7 +127,7 @@ def test_a_wrong_section_is_refused_before_the_model_is_looked_at() -> None:
 
 
 def test_overrides_are_part_of_what_is_described(whole: Path) -> None:
-    source = FileSource(whole, settings=(Setting("geom/g.size", ".2"), Setting("opt.timestep", ".004")))
+    source = FileSource(whole, overrides=(Override("geom/g.size", ".2"), Override("opt.timestep", ".004")))
     found = Info(source, ["summary", "geoms", "options"]).run().description
     assert found.summary.timestep == 0.004
     assert next(geom.size for geom in found.geoms if geom.name == "g") == (0.2,)

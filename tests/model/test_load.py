@@ -10,7 +10,7 @@ from mjrun.errors import (
     UnknownNameError,
 )
 from mjrun.model.load import load
-from mjrun.model.override import Setting
+from mjrun.model.override import Override
 
 MODEL = """<mujoco>
   <worldbody>
@@ -57,7 +57,7 @@ def test_an_unknown_integrator_lists_the_known_ones(tmp_path: Path) -> None:
 
 def test_the_arguments_for_timestep_and_integrator_win_over_overrides(tmp_path: Path) -> None:
     path = write(tmp_path / "a.xml", MODEL)
-    overrides = [Setting("opt.timestep", "0.1"), Setting("opt.integrator", "euler")]
+    overrides = [Override("opt.timestep", "0.1"), Override("opt.integrator", "euler")]
     option = load(path, timestep=0.2, integrator="rk4", overrides=overrides).opt
     assert (option.timestep, option.integrator) == (0.2, mujoco.mjtIntegrator.mjINT_RK4)
 

@@ -4,7 +4,7 @@ import mujoco
 import pytest
 
 from mjrun.model import mujoco_bugs
-from mjrun.model.override import Setting, apply
+from mjrun.model.override import Override, apply
 
 MODEL = """<mujoco><option solver="{solver}" jacobian="{jacobian}"/><worldbody><body><joint/><geom size="1"/></body>
 </worldbody></mujoco>"""
@@ -45,5 +45,5 @@ def test_the_cure_that_the_message_gives_is_one(monkeypatch: pytest.MonkeyPatch)
     monkeypatch.setattr(mujoco, "mj_versionString", lambda: "4.0.0")
     path, value = mujoco_bugs.SPARSE_NEWTON.split(" set ")[1].split("=")
     spec = mujoco.MjSpec.from_string(MODEL.format(solver="Newton", jacobian="sparse"))
-    apply(spec, Setting(path, value))
+    apply(spec, Override(path, value))
     assert mujoco_bugs.bugs_of_model(spec.compile()) == []

@@ -11,7 +11,7 @@ import pytest
 from mjrun.errors import BadValueError, MjrunError, UnknownNameError, UsageError, clean, option
 from mjrun.model.load import load
 from mjrun.model.names import enum_members
-from mjrun.model.override import ELEMENTS, Setting, apply
+from mjrun.model.override import ELEMENTS, Override, apply
 
 MODEL = """<mujoco><compiler angle="radian"/><option/><statistic/><visual><quality/><global/><rgba/></visual>
 <asset><texture name="tex" type="2d" builtin="flat" width="4" height="4"/><material name="mat" texture="tex"/></asset>
@@ -34,7 +34,7 @@ def content(model: mujoco.MjModel) -> bytes:
 def overridden(*settings: tuple[str, str]) -> mujoco.MjModel:
     spec = mujoco.MjSpec.from_string(MODEL)
     for path, value in settings:
-        apply(spec, Setting(path, value))
+        apply(spec, Override(path, value))
     return spec.compile()
 
 
@@ -140,7 +140,7 @@ def test_an_override_is_the_attribute_written_into_the_source(path: str, value: 
 def test_the_parameters_of_an_actuator_may_be_the_first_few_as_in_mjcf(field: str) -> None:
     general = MODEL.replace("<motor", "<general")
     spec = mujoco.MjSpec.from_string(general)
-    apply(spec, Setting(f"actuator/motor.{field}", "7"))
+    apply(spec, Override(f"actuator/motor.{field}", "7"))
     expected = mujoco.MjModel.from_xml_string(general.replace('"motor"', f'"motor" {field}="7"'))
     assert content(spec.compile()) == content(expected)
 
@@ -160,7 +160,7 @@ def flags(name: str, *values: str) -> tuple[int, int]:
     """The disable and enable bits after setting a flag to one value after another."""
     spec = mujoco.MjSpec()
     for value in values:
-        apply(spec, Setting(f"opt.flag.{name}", value))
+        apply(spec, Override(f"opt.flag.{name}", value))
     return spec.option.disableflags, spec.option.enableflags
 
 
@@ -301,7 +301,7 @@ def test_an_orientation_replaces_the_one_in_the_source_however_each_is_written(
         return MODEL.replace(f'"{name}"', f'"{name}" {way.removeprefix("alt.")}="{ORIENTATIONS[way]}"')
 
     spec = mujoco.MjSpec.from_string(turned(before))
-    apply(spec, Setting(f"{kind}/{name}.{after}", ORIENTATIONS[after]))
+    apply(spec, Override(f"{kind}/{name}.{after}", ORIENTATIONS[after]))
     assert content(spec.compile()) == content(mujoco.MjModel.from_xml_string(turned(after)))
 
 
@@ -310,19 +310,19 @@ def test_where_end_points_decide_a_placement_is_refused() -> None:
     for path in ("geom/shin.l.pos", "geom/shin*.quat", "geom/1.alt.euler"):
         spec = mujoco.MjSpec.from_string(MODEL.replace('"shin.l"', ends))
         with pytest.raises(UsageError, match="has no effect: it follows from the end points"):
-            apply(spec, Setting(path, "0,0,0"))
+            apply(spec, Override(path, "0,0,0"))
 
 
 def test_of_names_that_hold_dots_the_longest_that_fits_is_meant() -> None:
     spec = mujoco.MjSpec.from_string(MODEL.replace('"floor"', '"shin"'))
-    apply(spec, Setting("geom/shin.l.solmix", "7"))
-    apply(spec, Setting("geom/shin.solmix", "8"))
+    apply(spec, Override("geom/shin.l.solmix", "7"))
+    apply(spec, Override("geom/shin.solmix", "8"))
     assert spec.compile().geom_solmix.tolist() == [8, 7, 1]
 
 
 def test_a_name_with_wild_characters_means_itself_and_not_what_it_would_match() -> None:
     spec = mujoco.MjSpec.from_string(MODEL.replace('"floor"', '"s*"'))
-    apply(spec, Setting("geom/s*.solmix", "7"))
+    apply(spec, Override("geom/s*.solmix", "7"))
     assert spec.compile().geom_solmix.tolist() == [7, 1, 1]
 
 
@@ -331,7 +331,7 @@ def test_a_setting_that_is_offered_can_be_set_or_is_refused_in_true_words(path: 
     spec = mujoco.MjSpec.from_string(MODEL)
     said = ""
     try:
-        apply(spec, Setting(path, "zyx"))
+        apply(spec, Override(path, "zyx"))
     except UsageError as error:
         said = str(error)
     assert "there are no settings" not in said
@@ -345,10 +345,10 @@ def test_foreign_text_in_a_path_cannot_steer_the_terminal(path: str) -> None:
 
 
 def test_a_setting_says_how_it_was_asked() -> None:
-    assert Setting("opt.cone", "elliptic").option_value == "opt.cone=elliptic"
-    assert Setting("opt.cone", "elliptic").name == "opt.cone"
-    assert Setting("opt.timestep", "1", "timestep").option_value == "1"
-    assert Setting("opt.timestep", "1", "timestep").name == option("timestep")
+    assert Override("opt.cone", "elliptic").option_value == "opt.cone=elliptic"
+    assert Override("opt.cone", "elliptic").name == "opt.cone"
+    assert Override("opt.timestep", "1", "timestep").option_value == "1"
+    assert Override("opt.timestep", "1", "timestep").name == option("timestep")
 
 
 @pytest.mark.parametrize(("kind", "plural"), ELEMENTS.items())
@@ -356,7 +356,7 @@ def test_every_kind_of_element_is_one_of_mujocos(kind: str, plural: str) -> None
     spec = mujoco.MjSpec()
     assert isinstance(getattr(spec, plural), list | tuple)
     with pytest.raises(UnknownNameError, match=f"no {kind} 'nothing'"):
-        apply(spec, Setting(f"{kind}/nothing.pos", "1"))
+        apply(spec, Override(f"{kind}/nothing.pos", "1"))
 
 
 @pytest.mark.parametrize(
@@ -366,10 +366,10 @@ def test_no_path_crashes_the_process(path: str) -> None:
     code = f"""
 import mujoco, sys
 from mjrun.errors import UsageError
-from mjrun.model.override import Setting, apply
+from mjrun.model.override import Override, apply
 spec = mujoco.MjSpec.from_string(sys.stdin.read())
 try:
-    apply(spec, Setting({path!r}, "1"))
+    apply(spec, Override({path!r}, "1"))
     spec.compile()
 except (UsageError, ValueError):
     pass

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import mujoco
 
-from mjrun.model.override import Setting
+from mjrun.model.override import Override
 from mjrun.model.source import NamedSource, Source
 from mjrun.model.sources.compiled import CompiledSource
 from mjrun.model.sources.file import FileSource
@@ -18,19 +18,19 @@ from mjrun.model.sources.stdin import StdinSource
 ModelLike = mujoco.MjModel | Source | str | PathLike[str]
 
 
-def parse_source(text: str, settings: Sequence[Setting] = (), folder: str | Path = "") -> Source:
+def parse_source(text: str, overrides: Sequence[Override] = (), folder: str | Path = "") -> Source:
     """The source that `text` names: `PREFIX:NAME` of a collection, `-` for standard input, else a file.
 
     Args:
-      settings: overrides to load it with.
+      overrides: overrides to load it with.
       folder: what a relative file is relative to.
     """
     prefix, colon, name = text.partition(":")
     if text == "-":
-        return StdinSource(settings=tuple(settings))
+        return StdinSource(overrides=tuple(overrides))
     if colon and (collection := model_collections().get(prefix)):
-        return collection(name, settings=tuple(settings))
-    return FileSource(Path(folder, text), settings=tuple(settings))
+        return collection(name, overrides=tuple(overrides))
+    return FileSource(Path(folder, text), overrides=tuple(overrides))
 
 
 def source_of(model: ModelLike) -> Source:

@@ -23,6 +23,6 @@ class CompiledSource(Source):
         return "model"
 
     def load(self) -> mujoco.MjModel:
-        if self.settings:
-            raise CompiledModelError("the model", [(s.option, s.option_value) for s in self.settings])
+        if self.overrides:
+            raise CompiledModelError("the model", [(s.option, s.option_value) for s in self.overrides])
         return self.model

@@ -49,7 +49,7 @@ class FileSource(Source):
         if self.path.suffix in COMPILED:
             return self._load_compiled()
         advice = f"mjrun check {clean(shlex.quote(str(self.path)))} says where and what to do"
-        return compile_model(self._parse, self.settings, self.path, advice)
+        return compile_model(self._parse, self.overrides, self.path, advice)
 
     def _check_file(self) -> None:
         path = self.path
@@ -71,8 +71,8 @@ class FileSource(Source):
             raise ModelNotFoundError(path, f"is not a model file; model files end in {', '.join(SUFFIXES)}{lower}")
 
     def _load_compiled(self) -> mujoco.MjModel:
-        if self.settings:
-            raise CompiledModelError(self.path, [(s.option, s.option_value) for s in self.settings])
+        if self.overrides:
+            raise CompiledModelError(self.path, [(s.option, s.option_value) for s in self.overrides])
         with without_log():
             try:
                 model = mujoco.MjModel.from_binary_path(str(self.path))

@@ -33,7 +33,7 @@ class SceneSource(NamedSource):
         return FileSource(self.main_file).files
 
     def load(self) -> mujoco.MjModel:
-        return FileSource(self.main_file, settings=self.settings).load()
+        return FileSource(self.main_file, overrides=self.overrides).load()
 
 
 @cache

@@ -41,11 +41,11 @@ class StdinSource(Source):
 
     def load(self) -> mujoco.MjModel:
         xml = self._read()
-        return compile_model(lambda: mujoco.MjSpec.from_string(xml), self.settings, LABEL)
+        return compile_model(lambda: mujoco.MjSpec.from_string(xml), self.overrides, LABEL)
 
     def __reduce__(self) -> tuple[type, tuple[()], dict[str, object]]:
         # Another process has another standard input.
-        return StdinSource, (), {"settings": self.settings, "xml": self._read()}
+        return StdinSource, (), {"overrides": self.overrides, "xml": self._read()}
 
     def _read(self) -> str:
         return _standard_input() if self.xml is None else self.xml

@@ -7,7 +7,7 @@ import mujoco
 import numpy as np
 
 from mjrun.model.description.model_description import ModelDescription
-from mjrun.model.override import Setting, apply
+from mjrun.model.override import Override, apply
 
 
 def as_text(value: Any) -> str:
@@ -29,10 +29,10 @@ def state(model: mujoco.MjModel) -> dict[str, Any]:
 def test_the_settings_told_are_all_that_makes_the_model_differ(scene: ModelDescription) -> None:
     spec = mujoco.MjSpec()
     for setting in (*scene.options, *scene.visual):
-        apply(spec, Setting(setting.path, as_text(setting.value)))
+        apply(spec, Override(setting.path, as_text(setting.value)))
     assert state(spec.compile()) == state(scene.model)
     for setting in (*scene.options, *scene.visual):
-        apply(spec, Setting(setting.path, as_text(setting.default)))
+        apply(spec, Override(setting.path, as_text(setting.default)))
     assert state(spec.compile()) == state(mujoco.MjSpec().compile())
 
 

@@ -6,7 +6,7 @@ import mujoco
 import pytest
 
 from mjrun.errors import CompiledModelError
-from mjrun.model.override import Setting
+from mjrun.model.override import Override
 from mjrun.model.sources import source_of
 
 MODEL = mujoco.MjModel.from_xml_string("<mujoco/>")
@@ -19,6 +19,6 @@ def test_it_loads_as_itself_and_has_no_file() -> None:
 
 
 def test_overrides_come_too_late() -> None:
-    source = dataclasses.replace(source_of(MODEL), settings=(Setting("opt.cone", "elliptic"),))
+    source = dataclasses.replace(source_of(MODEL), overrides=(Override("opt.cone", "elliptic"),))
     with pytest.raises(CompiledModelError, match=r"^the model is compiled: set opt\.cone=elliptic "):
         source.load()

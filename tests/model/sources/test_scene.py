@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from mjrun.errors import ModelNotFoundError, UnknownNameError
-from mjrun.model.override import Setting
+from mjrun.model.override import Override
 from mjrun.model.sources import parse_source
 from mjrun.model.sources.scene import SceneSource, scene_folder
 
@@ -35,10 +35,10 @@ def test_each_scene_has_a_line_about_it_the_first_sentence_of_its_file() -> None
 
 
 def test_overrides_are_applied_and_travel_with_it() -> None:
-    source = parse_source("scene:pendulum", [Setting("opt.timestep", "0.25")])
+    source = parse_source("scene:pendulum", [Override("opt.timestep", "0.25")])
     assert pickle.loads(pickle.dumps(source)).load().opt.timestep == 0.25
     with pytest.raises(UnknownNameError):
-        parse_source("scene:pendulum", [Setting("opt.nothing", "1")]).load()
+        parse_source("scene:pendulum", [Override("opt.nothing", "1")]).load()
 
 
 def test_an_unknown_scene_names_the_nearest_and_all() -> None:

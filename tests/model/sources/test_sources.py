@@ -8,7 +8,7 @@ import mujoco
 import pytest
 
 import mjrun.model.sources
-from mjrun.model.override import Setting
+from mjrun.model.override import Override
 from mjrun.model.source import NamedSource
 from mjrun.model.sources import listed_collection, model_collections, parse_source, source_of
 from mjrun.model.sources.compiled import CompiledSource
@@ -62,8 +62,8 @@ def test_a_file_is_relative_to_the_folder_and_a_name_is_not() -> None:
 
 @pytest.mark.parametrize("text", ["-", "scene:car", "m.xml"])
 def test_overrides_are_part_of_a_source(text: str) -> None:
-    settings = [Setting("opt.cone", "elliptic")]
-    assert parse_source(text, settings).settings == tuple(settings)
+    overrides = [Override("opt.cone", "elliptic")]
+    assert parse_source(text, overrides).overrides == tuple(overrides)
 
 
 def test_a_path_is_a_file_whatever_its_name_and_a_source_is_itself() -> None:

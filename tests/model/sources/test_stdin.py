@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from mjrun.errors import BrokenModelError, UsageError
-from mjrun.model.override import Setting
+from mjrun.model.override import Override
 from mjrun.model.sources import parse_source
 from mjrun.model.sources.stdin import _standard_input
 
@@ -68,14 +68,14 @@ def test_it_is_read_once_however_often_and_with_whatever_overrides_it_is_loaded(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     pipe(monkeypatch, MODEL)
-    settings = [Setting("opt.gravity", "0,0,-1")]
+    settings = [Override("opt.gravity", "0,0,-1")]
     models = [parse_source("-").load(), parse_source("-", settings).load()]
     assert [model.opt.gravity[2] for model in models] == pytest.approx([-9.81, -1])
 
 
 def test_a_pickled_source_takes_what_was_read_along(monkeypatch: pytest.MonkeyPatch) -> None:
     pipe(monkeypatch, MODEL)
-    pickled = pickle.dumps(parse_source("-", [Setting("opt.timestep", "0.5")]))
+    pickled = pickle.dumps(parse_source("-", [Override("opt.timestep", "0.5")]))
     _standard_input.cache_clear()
     pipe(monkeypatch, "")
     assert pickle.loads(pickled).load().opt.timestep == 0.5
