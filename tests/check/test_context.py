@@ -35,5 +35,5 @@ def test_where_it_is_not_clear_what_attached_an_object_only_the_file_is_told() -
 def test_the_origin_of_what_is_attached_is_the_element_whose_name_is_closest() -> None:
     keys = '<keyframe>\n<key name="k"/>\n<key name="k2" qpos="2"/>\n<key qpos="3"/></keyframe>'
     text = arms(attaching("l_"), keys, 'range="-1 1"', '<compiler angle="radian"/>')
-    told = {f.object: f.message.rpartition(" from ")[2] for f in lint(text)}
-    assert told == {"keyframe 'l_k2'": "arm.xml:9)", "keyframe 'l_'": "arm.xml:10)"}
+    origins = {f.object: f.message.rpartition(" from ")[2] for f in lint(text)}
+    assert origins == {"keyframe 'l_k2'": "arm.xml:9)", "keyframe 'l_'": "arm.xml:10)"}

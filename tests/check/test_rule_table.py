@@ -63,7 +63,7 @@ def test_what_is_replicated_is_told_once_at_the_line_that_says_it() -> None:
 
 def test_findings_of_one_code_are_counted_when_there_are_many() -> None:
     many = [Finding("MJ301", "note", f"number {i}", "a.xml") for i in range(MAX_FINDINGS + 5)]
-    told = capped(many)
-    assert told[:-1] == many[: MAX_FINDINGS - 1]
-    assert told[-1].message == "… and 6 more like it"
+    shown = capped(many)
+    assert shown[:-1] == many[: MAX_FINDINGS - 1]
+    assert shown[-1].message == "… and 6 more like it"
     assert capped(many[:MAX_FINDINGS]) == many[:MAX_FINDINGS]

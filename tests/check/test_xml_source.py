@@ -9,7 +9,7 @@ from tests.check.models import LFS, lint, mjcf
 
 
 @pytest.mark.parametrize(
-    ("text", "line", "told", "remedy"),
+    ("text", "line", "message", "remedy"),
     [
         (
             mjcf("<geom name='g'\n size=.1/>"),
@@ -32,10 +32,10 @@ from tests.check.models import LFS, lint, mjcf
         (LFS, 1, "it is a Git LFS pointer, not the file itself", "fetch the file itself: git lfs pull"),
     ],
 )
-def test_xml_that_is_not_well_formed_is_told_with_what_to_do(text: str, line: int, told: str, remedy: str) -> None:
+def test_xml_that_is_not_well_formed_is_told_with_what_to_do(text: str, line: int, message: str, remedy: str) -> None:
     (finding,) = lint(text)
     assert (finding.code, finding.file, finding.line) == ("MJ101", "model.xml", line)
-    assert (finding.message, finding.remedy) == (told, remedy)
+    assert (finding.message, finding.remedy) == (message, remedy)
 
 
 def test_an_included_circle_is_read_once() -> None:

@@ -81,7 +81,7 @@ def test_files_of_urdf_are_told_as_mujoco_looks_for_them(filename: str, compiler
 
 
 @pytest.mark.parametrize(
-    ("asset", "code", "told", "remedy"),
+    ("asset", "code", "message", "remedy"),
     [
         ("lfs.obj", "MJ107", f"'lfs.obj' of <mesh> {POINTS}", PULLED),
         ("lfs.stl", "MJ107", f"'lfs.stl' of <mesh> {POINTS}", PULLED),
@@ -91,14 +91,14 @@ def test_files_of_urdf_are_told_as_mujoco_looks_for_them(filename: str, compiler
         ("arm.dae", "MJ100", "MuJoCo rejects the model: no decoder found for mesh file 'arm.dae'", FORMATS),
     ],
 )
-def test_a_mesh_that_is_no_mesh_is_told_with_what_to_do(asset: str, code: str, told: str, remedy: str) -> None:
+def test_a_mesh_that_is_no_mesh_is_told_with_what_to_do(asset: str, code: str, message: str, remedy: str) -> None:
     Path("Meshes").mkdir()
     texts = {"lfs.obj": LFS, "lfs.stl": LFS, "Meshes/Base.obj": MESH, "arm.dae": "<COLLADA/>"}
     for name, text in texts.items():
         Path(name).write_text(text)
     (finding,) = lint(mjcf("", f'<asset>\n<mesh file="{asset}"/></asset>'))
     assert (finding.code, finding.file, finding.line) == (code, "model.xml", 7)
-    assert (finding.message, finding.remedy) == (told, remedy)
+    assert (finding.message, finding.remedy) == (message, remedy)
 
 
 def test_backslashes_part_folders_for_mujoco_and_for_the_rules() -> None:

@@ -89,15 +89,15 @@ def test_a_camera_in_a_geom_sees_what_mujoco_draws_of_it_and_through_it(geom: st
 
 
 @pytest.mark.parametrize(
-    ("hidden", "told", "remedy"),
+    ("hidden", "message", "remedy"),
     [
         ('group="3"', "is in group 3", f"{option('geomgroup')} 0,1,2,3"),
         ('group="5"', "is in group 5", f"{option('geomgroup')} 0,1,2,5"),
         ('rgba="1 1 1 0"', "is transparent, with alpha 0", "give it or its material an alpha"),
     ],
 )
-def test_what_is_hidden_before_a_camera_is_named(hidden: str, told: str, remedy: str) -> None:
+def test_what_is_hidden_before_a_camera_is_named(hidden: str, message: str, remedy: str) -> None:
     glass = "" if "rgba" in hidden else 'name="glass" pos="0 0 -3" size="1" rgba="1 1 1 0"/>\n<geom '
     (finding,) = lint(looking('zaxis="0 0 1"', f'{glass}name="veiled" pos="0 0 -3" size="1" {hidden}'))
-    assert f"geom 'veiled' in its view {told}" in finding.message
+    assert f"geom 'veiled' in its view {message}" in finding.message
     assert remedy in finding.remedy

@@ -91,9 +91,9 @@ def test_a_mistake_in_an_attached_model_is_told_as_of_that_model_itself(arm: str
     Path("sub").mkdir()
     path = Path("sub/arm.xml")
     path.write_text(arm)
-    told = lint_file(path)
-    assert lint(PARENT) == told
-    assert {(f.file, f.severity) for f in told} == {("sub/arm.xml", "error")}
+    findings = lint_file(path)
+    assert lint(PARENT) == findings
+    assert {(f.file, f.severity) for f in findings} == {("sub/arm.xml", "error")}
     between = PARENT.replace("sub/arm.xml", "deep.xml").replace('"left_"/>', '"low_"/></body>')
     path.write_text(between.replace("<attach", '<body name="arm"><attach'))
     Path("sub/deep.xml").write_text(arm)
@@ -105,8 +105,8 @@ def test_what_mujoco_refuses_before_it_attaches_anything_is_told_first(mistake: 
     Path("sub").mkdir()
     for arm in (attached_arm('type="x"'), attached_arm('siez="1"'), attached_arm("</b>")):
         Path("sub/arm.xml").write_text(arm)
-        told = lint(PARENT.replace("<asset>", f"{mistake}<asset>"))
-        assert [(f.file, f.line) for f in told] == [("model.xml", 2)]
+        findings = lint(PARENT.replace("<asset>", f"{mistake}<asset>"))
+        assert [(f.file, f.line) for f in findings] == [("model.xml", 2)]
 
 
 @pytest.mark.parametrize(

@@ -95,8 +95,8 @@ def test_the_depth_of_two_spheres_is_that_of_geometry(depth: float) -> None:
     path = Path("deep.xml")
     path.write_text(apart(-depth))
     context = LintContext.load(path, read_xml(path))
-    ((told, share),) = constraints.penetration_depths(context, None).values()
-    np.testing.assert_allclose([told, share], [depth, depth / 0.1], rtol=1e-6)
+    ((deepest, share),) = constraints.penetration_depths(context, None).values()
+    np.testing.assert_allclose([deepest, share], [depth, depth / 0.1], rtol=1e-6)
 
 
 def test_bodies_are_thrown_as_a_bare_step_throws_them() -> None:

@@ -24,10 +24,10 @@ def test_a_rule_finds_what_it_is_for_at_its_line_and_nothing_in_a_correct_model(
     case.check()
 
 
-Told = tuple[int | None, str, str]
+Expected = tuple[int | None, str, str]
 
 
-KEYWORDS: list[tuple[str, list[Told]]] = [
+KEYWORDS: list[tuple[str, list[Expected]]] = [
     (
         '<option integrator="rk4" solver="newton"/>',
         [
@@ -101,11 +101,11 @@ KEYWORDS: list[tuple[str, list[Told]]] = [
 ]
 
 
-@pytest.mark.parametrize(("text", "told"), KEYWORDS, ids=lambda given: given if isinstance(given, str) else "")
-def test_all_wrong_keywords_are_told_as_xml_spells_them(text: str, told: list[Told]) -> None:
+@pytest.mark.parametrize(("text", "expected"), KEYWORDS, ids=lambda value: value if isinstance(value, str) else "")
+def test_all_wrong_keywords_are_told_as_xml_spells_them(text: str, expected: list[Expected]) -> None:
     findings = lint(mjcf("", text))
     assert {(f.code, f.file) for f in findings} == {("MJ110", "model.xml")}
-    assert [(f.line, f.message, f.remedy) for f in findings] == told
+    assert [(f.line, f.message, f.remedy) for f in findings] == expected
 
 
 def test_keywords_are_told_beside_what_else_the_xml_has_wrong() -> None:

@@ -99,9 +99,9 @@ def test_an_actuator_has_limits_exactly_when_a_huge_control_makes_no_huge_force(
 def test_a_range_in_the_other_unit_is_one_that_only_that_unit_explains(
     unit: str, joint: str, mistaken: bool, remedy: str
 ) -> None:
-    told = [f for f in lint(hinged(joint, before=f'<compiler angle="{unit}"/>')) if f.code == "MJ305"]
-    assert len(told) == mistaken
-    assert all(remedy in f.remedy for f in told)
+    findings = [f for f in lint(hinged(joint, before=f'<compiler angle="{unit}"/>')) if f.code == "MJ305"]
+    assert len(findings) == mistaken
+    assert all(remedy in f.remedy for f in findings)
 
 
 def test_the_unit_of_an_attached_model_is_told_of_that_model_alone() -> None:

@@ -38,9 +38,9 @@ def test_an_unstable_simulation_is_an_error_at_the_step_that_a_bare_loop_finds()
         if bad or max(abs(data.qpos[0]), abs(data.qvel[0])) > mujoco.mjMAXVAL:
             break
         steps += 1
-    told = moved(UNSTABLE)
-    assert list(told) == ["MJ701"]
-    assert f"became unstable at step {steps}, " in told["MJ701"]
+    messages = moved(UNSTABLE)
+    assert list(messages) == ["MJ701"]
+    assert f"became unstable at step {steps}, " in messages["MJ701"]
     assert RULES["MJ701"].severity == "error"
 
 
@@ -86,8 +86,8 @@ def test_a_motor_at_work_makes_a_model_no_passive_one() -> None:
 def test_warnings_of_mujoco_are_told() -> None:
     balls = "".join(f'<body pos="{i * 0.01} 0 0"><freejoint/><geom size=".1"/></body>' for i in range(12))
     text = f'<mujoco><size memory="60K"/><worldbody>{balls}</worldbody></mujoco>'
-    told = moved(text, 5)
-    assert set(told) & {"MJ703", "MJ704"}
+    messages = moved(text, 5)
+    assert set(messages) & {"MJ703", "MJ704"}
 
 
 def test_without_steps_nothing_moves() -> None:

@@ -18,7 +18,7 @@ def test_a_rule_finds_what_it_is_for_at_its_line_and_nothing_in_a_correct_model(
 
 
 @pytest.mark.parametrize(
-    ("parent", "line", "told", "remedy"),
+    ("parent", "line", "message", "remedy"),
     [
         (
             PARENT.replace('model="arm"', 'model="arn"'),
@@ -40,16 +40,16 @@ def test_a_rule_finds_what_it_is_for_at_its_line_and_nothing_in_a_correct_model(
         ),
     ],
 )
-def test_what_cannot_be_attached_is_told_with_what_can(parent: str, line: int, told: str, remedy: str) -> None:
+def test_what_cannot_be_attached_is_told_with_what_can(parent: str, line: int, message: str, remedy: str) -> None:
     Path("sub").mkdir()
     Path("sub/arm.xml").write_text(attached_arm())
     (finding,) = lint(parent)
     assert (finding.code, finding.file, finding.line) == ("MJ109", "model.xml", line)
-    assert (finding.message, finding.remedy) == (told, remedy)
+    assert (finding.message, finding.remedy) == (message, remedy)
 
 
 @pytest.mark.parametrize(
-    ("body", "line", "told", "remedy"),
+    ("body", "line", "message", "remedy"),
     [
         (
             '<camera/><body name="q"/>\n<camera mode="targetbody" target="Q"/>',
@@ -71,7 +71,7 @@ def test_what_cannot_be_attached_is_told_with_what_can(parent: str, line: int, t
         ),
     ],
 )
-def test_a_name_that_mujoco_does_not_tell_is_found(body: str, line: int, told: str, remedy: str) -> None:
+def test_a_name_that_mujoco_does_not_tell_is_found(body: str, line: int, message: str, remedy: str) -> None:
     default = '<default><default class="small"/></default>'
     part = Path("part.xml")
     part.write_text(f"<mujocoinclude>\n\n\n{body}\n</mujocoinclude>")
@@ -79,4 +79,4 @@ def test_a_name_that_mujoco_does_not_tell_is_found(body: str, line: int, told: s
     for file, text in texts.items():
         (finding,) = lint(text)
         assert (finding.code, finding.file, finding.line) == ("MJ109", file, line)
-        assert (finding.message, finding.remedy) == (told, remedy)
+        assert (finding.message, finding.remedy) == (message, remedy)
