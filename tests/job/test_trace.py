@@ -180,7 +180,7 @@ def test_a_rate_above_that_of_the_steps_is_told(tmp_path: Path, rate: float | No
     with warnings.catch_warnings(record=True) as heard:
         warnings.simplefilter("always")
         found = trace(tmp_path, Simulation(SLIDE_MODEL, steps=10), probes=["qpos"], rate=rate)
-    said = f"--rate {rate} is more than the 500 steps of a simulated second: every step has one row"
+    said = f"rate {rate} is more than the 500 steps of a simulated second: every step has one row"
     assert [said in str(warning.message) for warning in heard] == [True] * told
     if told:
         assert len(found["time"]) == 11
@@ -189,7 +189,7 @@ def test_a_rate_above_that_of_the_steps_is_told(tmp_path: Path, rate: float | No
 def test_an_assertion_speaks_of_columns_as_events_do(tmp_path: Path) -> None:
     simulation, output = Simulation(SLIDE_MODEL, steps=3), str(tmp_path / "t.csv")
     Trace(simulation, output, probes=["speed[bob]"], asserts=["max(speed(bob)) < 1"]).run()
-    with pytest.raises(UsageError, match="add --probe speed/bob"):
+    with pytest.raises(UsageError, match="add probe speed/bob"):
         Trace(simulation, output, asserts=["max(speed(bob)) < 1"]).run()
 
 
