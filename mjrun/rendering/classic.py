@@ -10,7 +10,7 @@ import mujoco
 import numpy as np
 
 from mjrun.camera.calibration import lens, metric_depth
-from mjrun.camera.pose import Pose, user_camera
+from mjrun.camera.pose import Pose
 from mjrun.errors import DrawError, UsageError, option
 from mjrun.model.names import enum_members
 from mjrun.model.rendered_view import RenderedView
@@ -18,6 +18,7 @@ from mjrun.model.state import restore
 from mjrun.rendering.backend import Backend, OpenGLContext
 from mjrun.rendering.decorations import Decoration
 from mjrun.rendering.exact_framebuffer import ExactBuffer
+from mjrun.rendering.scene import updated_scene
 from mjrun.rendering.segmentation import Segmentation
 from mjrun.rendering.visual import Visual
 
@@ -61,7 +62,6 @@ class ClassicRenderer:
         self._index = 0
         self._scene = mujoco.MjvScene(model, GEOMS)
         self._options = visual.options()
-        self._camera = user_camera()
         self._rect = mujoco.MjrRect(0, 0, width, height)
         self._pixels = np.empty((height, width, 3), np.uint8)
         visual.set_flags(self._scene)
@@ -95,7 +95,8 @@ class ClassicRenderer:
 
     def picture(self, pose: Pose, views: Sequence[str] = ("rgb",)) -> RenderedView:
         """What is seen from `pose`, of the views `rgb`, `depth` and `seg`. Colours are reused by the next call."""
-        self._update_scene(pose)
+        room = sum(decor.geoms for decor in self._decors)
+        self._scene = updated_scene(self._model, self._data, self._options, pose, self._scene, room)
         seen = RenderedView(lens(pose, self.size))
         if "depth" in views or "seg" in views:
             seen = self._exact(seen, pose, views)
@@ -138,17 +139,6 @@ class ClassicRenderer:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         self.close()
-
-    def _update_scene(self, pose: Pose) -> None:
-        everything = mujoco.mjtCatBit.mjCAT_ALL.value
-        while True:
-            pose.place(self._scene)
-            mujoco.mjv_updateScene(self._model, self._data, self._options, None, self._camera, everything, self._scene)
-            if self._scene.ngeom + sum(decor.geoms for decor in self._decors) < self._scene.maxgeom:
-                return
-            flags = self._scene.flags.copy()
-            self._scene = mujoco.MjvScene(self._model, 2 * self._scene.maxgeom)
-            self._scene.flags[:] = flags
 
     def _exact(self, seen: RenderedView, pose: Pose, views: Sequence[str]) -> RenderedView:
         """Depth and ids, of one pass without shades."""

@@ -10,7 +10,7 @@ import mujoco
 import numpy as np
 
 from mjrun.camera.calibration import lens
-from mjrun.camera.pose import Frustum, Pose, pose_of, user_camera
+from mjrun.camera.pose import Frustum, Pose, pose_of
 from mjrun.errors import DrawError
 from mjrun.model.mujoco_globals import collected_warnings
 from mjrun.model.names import COUNTS, KINDS
@@ -19,12 +19,13 @@ from mjrun.model.state import restore
 from mjrun.rendering.decorations import Decoration
 from mjrun.rendering.filament import MIRRORS, MODES, flags
 from mjrun.rendering.filament_scene import NUMBERED, Form, Stage
+from mjrun.rendering.scene import updated_scene
 from mjrun.rendering.segmentation import NOTHING, Segmentation
 from mjrun.rendering.visual import Visual
 from mjrun.rendering.worker_process import Failure
 
 GEOMS = 2_000  # room in the scene to begin with; it grows
-EVERYTHING, DECORATION = mujoco.mjtCatBit.mjCAT_ALL.value, mujoco.mjtCatBit.mjCAT_DECOR.value
+DECORATION = mujoco.mjtCatBit.mjCAT_DECOR.value
 DEPTH = Form("R32F", "DEPTH", 1, np.float32)
 SEGMENTS = Form("RGB8", "SEGMENTATION_BY_ID", 3, np.uint8)
 
@@ -64,7 +65,6 @@ class Drawing:
         self._index = 0
         self._scene = mujoco.MjvScene(model, GEOMS)
         self._options = visual.options()
-        self._camera = user_camera()
         visual.set_flags(self._scene)
         self._wanted = flags(self._options, self._scene)
         mode = next((mode for name, (value, mode) in MODES.items() if self._wanted[name] == value), "DEFAULT")
@@ -106,12 +106,8 @@ class Drawing:
         return time.perf_counter() - start
 
     def _update_scene(self) -> None:
-        while True:
-            self._pose.place(self._scene)
-            mujoco.mjv_updateScene(self._model, self._data, self._options, None, self._camera, EVERYTHING, self._scene)
-            if self._scene.ngeom + sum(decor.geoms for decor in self._decors) < self._scene.maxgeom:
-                return
-            self._scene = mujoco.MjvScene(self._model, 2 * self._scene.maxgeom)
+        room = sum(decor.geoms for decor in self._decors)
+        self._scene = updated_scene(self._model, self._data, self._options, self._pose, self._scene, room)
 
     def _exact(self, seen: RenderedView, views: Sequence[str]) -> RenderedView:
         """Depth and ids. Segments have no far plane, so depth says where it is."""
