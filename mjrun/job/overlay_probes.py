@@ -11,7 +11,7 @@ from mjrun.job.text_template import Template, parse_template
 from mjrun.job.trace_rows import Table
 from mjrun.probe.select import catalogue, split
 from mjrun.rendering.compositor import Overlay
-from mjrun.rendering.graph import Graph, graph_size
+from mjrun.rendering.graph import Graph, aligned, graph_size
 from mjrun.sim.stepper import Stepper
 from mjrun.timeline import Timeline
 
@@ -63,7 +63,7 @@ class OverlayProbes:
             values = np.array([row[index] for row in rows])
             names, units = zip(*((column.name, column.unit) for column in table.columns[1:]), strict=True)
             graphs.append(Graph(np.array(times), values, names, units, size))
-        return Overlay(texts, empty.corner, empty.plots, empty.side, graphs, times)
+        return Overlay(texts, empty.corner, empty.plots, empty.side, aligned(graphs), times)
 
     def _texts(
         self, rows: Sequence[FrameValues], steps: Sequence[int], times: Sequence[float], speeds: Sequence[float]

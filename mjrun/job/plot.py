@@ -23,7 +23,7 @@ from mjrun.job.task import Artifact, Context, Output, OutputResult, PassSummary,
 from mjrun.job.trace import row_steps
 from mjrun.job.trace_rows import RowBuffer, Table
 from mjrun.probe.select import split
-from mjrun.rendering.graph import Graph
+from mjrun.rendering.graph import Graph, aligned
 from mjrun.reporter import Reporter
 from mjrun.sim.observe import Tap
 
@@ -192,13 +192,12 @@ class PlotOutput(Output[PlotResult]):
         edges = np.linspace(0, height, len(self._plan.graphs) + 1).astype(int)
         em = max(SMALLEST_LETTERS, LETTERS * min(width, height))
 
-        pictures: list[np.ndarray] = []
+        graphs: list[Graph] = []
         for table, rows in zip(self._plan.graphs, np.diff(edges), strict=True):
             names, units = zip(*((column.name, column.unit) for column in table.columns[1:]), strict=True)
             shown = values[:, [index[name] for name in names]]
-            graph = Graph(values[:, 0], shown, names, units, (width, int(rows)), em)
-            pictures.append(graph.draw(float(values[-1, 0])))
-        return np.concatenate(pictures)
+            graphs.append(Graph(values[:, 0], shown, names, units, (width, int(rows)), em))
+        return np.concatenate([graph.draw(float(values[-1, 0])) for graph in aligned(graphs)])
 
     def _result(self, samples: int, files: Sequence[Path], summary: PassSummary) -> PlotResult:
         job = self._plan.task.job

@@ -11,11 +11,11 @@ from mjrun.job.simulation import lone
 from mjrun.rendering.classic import ClassicRenderer
 from mjrun.rendering.compositor import VIEWS
 from mjrun.rendering.filament import FilamentRenderer
+from mjrun.rendering.layout import LAYOUTS
 from mjrun.rendering.segmentation import grouping
 from mjrun.rendering.visual import Visual
 
 SIZE = (1280, 720)
-LAYOUTS = ("row", "column", "grid")
 STYLES = ("color", "exact")
 RENDERERS = {"classic": ClassicRenderer, "filament": FilamentRenderer}
 

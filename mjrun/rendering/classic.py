@@ -95,8 +95,7 @@ class ClassicRenderer:
 
     def picture(self, pose: Pose, views: Sequence[str] = ("rgb",)) -> RenderedView:
         """What is seen from `pose`, of the views `rgb`, `depth` and `seg`. Colours are reused by the next call."""
-        room = sum(decor.geoms for decor in self._decors)
-        self._scene = updated_scene(self._model, self._data, self._options, pose, self._scene, room)
+        self._update_scene(pose)
         seen = RenderedView(lens(pose, self.size))
         if "depth" in views or "seg" in views:
             seen = self._exact(seen, pose, views)
@@ -139,6 +138,10 @@ class ClassicRenderer:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         self.close()
+
+    def _update_scene(self, pose: Pose) -> None:
+        room = sum(decor.geoms for decor in self._decors)
+        self._scene = updated_scene(self._model, self._data, self._options, pose, self._scene, room)
 
     def _exact(self, seen: RenderedView, pose: Pose, views: Sequence[str]) -> RenderedView:
         """Depth and ids, of one pass without shades."""

@@ -81,7 +81,8 @@ class Graph:
       values: `(n, k)`; what is not finite is a gap.
       names, units: of the k series.
       size: width and height of the picture [pixels].
-      em: size of the letters [pixels]; what is legible in a film when None.
+      em: size of the letters [pixels]; what is legible in a video when None.
+      left: the least distance of the vertical axis from the left edge [pixels].
     """
 
     def __init__(
@@ -92,7 +93,9 @@ class Graph:
         units: Sequence[str],
         size: tuple[int, int],
         em: float | None = None,
+        left: int = 0,
     ) -> None:
+        self._arguments = times, values, names, units, size, em
         self._times = np.asarray(times, float)
         self._values = np.where(np.abs(values) < _LARGEST, values, np.nan)
         self._em = crisp(em or min(0.095 * size[1], size[0] / 28))
@@ -103,7 +106,7 @@ class Graph:
         self._entries = self._legend(entries, size)
         first, last = float(self._times[0]), float(self._times[-1])
         span = first, (last if last > first else first + 1)
-        self.axes = Axes(self._box(size, (low, high)), span, (low, high))
+        self.axes = Axes(self._box(size, (low, high), left), span, (low, high))
         ground = self._ground(size)
         self._later, self._now = ground, ground.copy()
         for series in reversed(range(len(colours))):  # the first on top
@@ -127,6 +130,10 @@ class Graph:
             if entry.end and entry.name:
                 write(image, self._figures(head), (entry.end, self._baseline(entry.row)), self._em, align=1.0)
         return image
+
+    def moved(self, left: int) -> "Graph":
+        """The same graph with its vertical axis at least `left` [pixels] from the left edge."""
+        return Graph(*self._arguments, left)
 
     def head(self, series: int, time: float) -> float:
         """The value of a series at `time`, on the line between two samples; nan in a gap."""
@@ -194,8 +201,8 @@ class Graph:
             yield replace(entry, name=name, unit=unit, x=pen, end=end if fits else 0.0, row=row)
             pen = end + after + 1.6 * em
 
-    def _box(self, size: tuple[int, int], values: tuple[float, float]) -> tuple[int, int, int, int]:
-        """The plot's edges: what legend and marks leave."""
+    def _box(self, size: tuple[int, int], values: tuple[float, float], least_left: int) -> tuple[int, int, int, int]:
+        """The edges of the plot: what legend and tick labels leave."""
         width, height = size
         em, inset = self._em, round(0.7 * self._em)
         rows = self._entries[-1].row + 1 if self._entries else 0
@@ -203,7 +210,8 @@ class Graph:
         bottom = max(top + 1, height - inset - (round(1.15 * em) if height >= 5 * em else 0))
         self._marks, step = ticks(*values, (values[1] - values[0]) * max(1.45 * em / (bottom - top), 0.12))
         self._labels = [letters(text) for text in figures(self._marks, step)]
-        left = inset + math.ceil(max((width_of(text, em) for text in self._labels), default=0) + 0.5 * em)
+        labels = math.ceil(max((width_of(text, em) for text in self._labels), default=0) + 0.5 * em)
+        left = max(least_left, inset + labels)
         return left, top, max(left + 1, width - inset - round(0.3 * em)), bottom
 
     def _ground(self, size: tuple[int, int]) -> np.ndarray:
@@ -253,6 +261,12 @@ class Graph:
             for u, v in (points[0], points[-1]):
                 pen.ellipse((u - width / 2, v - width / 2, u + width / 2, v + width / 2), 255)
         return np.asarray(canvas.reduce(_SAMPLES)), (left - pad, top - pad)
+
+
+def aligned(graphs: Sequence[Graph]) -> list[Graph]:
+    """The same graphs with their vertical axes at one distance from the left, that of the widest tick labels."""
+    left = max((graph.axes.box[0] for graph in graphs), default=0)
+    return [graph if graph.axes.box[0] == left else graph.moved(left) for graph in graphs]
 
 
 def _padded(values: np.ndarray) -> tuple[float, float]:

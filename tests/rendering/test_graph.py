@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from mjrun.rendering import graph
 from mjrun.rendering.colormaps import oklab
-from mjrun.rendering.graph import SERIES, SIDES, Graph, graph_size
+from mjrun.rendering.graph import SERIES, SIDES, Graph, aligned, graph_size
 from mjrun.rendering.layout import GROUND
 
 SIZE = (480, 140)
@@ -249,3 +249,16 @@ def test_series_without_room_for_their_names_are_counted(count: int, width: int)
     told = [entry.unit for entry in graph._entries if not entry.name]
     assert told == ([f"… {count - len(named)} more"] if len(named) < count else [])
     assert graph.draw(1.0).shape == (80, width, 3)
+
+
+def test_graphs_under_each_other_have_one_left_edge_and_are_otherwise_as_before() -> None:
+    small, large = (Graph(TIMES, (k * np.sin(TIMES))[:, None], ["a"], ["m"], SIZE) for k in (1.0, 123456.0))
+    edges = [graph.axes.box[0] for graph in (small, large)]
+    assert edges[0] < edges[1]  # the labels of one are wider
+    first, second = aligned([small, large])
+    assert [graph.axes.box[0] for graph in (first, second)] == [max(edges)] * 2
+    assert first.axes.x(TIMES[3]) == second.axes.x(TIMES[3])  # one instant is in one column
+    assert first.axes.box[1:] == small.axes.box[1:]
+    assert first.axes.values == small.axes.values
+    assert np.array_equal(second.draw(1.0), large.draw(1.0))
+    assert aligned([small]) == [small]
