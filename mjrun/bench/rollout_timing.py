@@ -63,11 +63,11 @@ class Run:
         Raises:
           SimulationError: a step on the way fails.
         """
-        stepper, found = self._stepper(), []
+        stepper, states = self._stepper(), []
         for step in steps:
             stepper.advance(step)
-            found.append(stepper.state())
-        return found
+            states.append(stepper.state())
+        return states
 
     def _stepper(self) -> PhysicsStepper:
         return PhysicsStepper(self.model, self.data(), self._control())
@@ -80,7 +80,7 @@ class Run:
 
 
 class StoppedError(Exception):
-    """MuJoCo warned, and `mujoco.batch` goes no further then."""
+    """MuJoCo warned, which ends a rollout of `mujoco.batch`."""
 
 
 class Roller(Protocol):
@@ -116,18 +116,18 @@ class BatchRoller:
     def seconds(self, steps: int, block: int, clock: Clock) -> np.ndarray:
         self._batch.reset(stage=int(mujoco.mjtStage.mjSTAGE_NONE))
         self._batch.state[:] = self._run.start
-        found = []
+        times = []
         for first, count in blocks_of(steps, block):
-            given = self._controls(first, count)
+            controls = self._controls(first, count)
             before = clock()
-            self._batch.rollout(count, given, record=())
-            found.append(clock() - before)
+            self._batch.rollout(count, controls, record=())
+            times.append(clock() - before)
         if (self._batch.warning != self._warned).any():
             raise StoppedError
-        return np.array(found)
+        return np.array(times)
 
     def _controls(self, first: int, count: int) -> np.ndarray | None:
-        """Those of a block for all copies, laid out as C takes them, so that no time goes into it."""
+        """Those of a block for all copies, laid out as C takes them, so that converting them is not timed."""
         if self._run.controls is None:
             return None
         part = self._run.controls[first : first + count]
@@ -146,7 +146,7 @@ class LoopRoller:
         model, data, controls = self._run.model, self._data, self._run.controls
         mujoco.mj_resetData(model, data)
         state.restore(model, data, self._run.start)
-        found = []
+        times = []
         for first, count in blocks_of(steps, block):
             before = clock()
             if controls is None:
@@ -155,8 +155,8 @@ class LoopRoller:
                 for row in controls[first : first + count]:
                     data.ctrl[:] = row
                     mujoco.mj_step(model, data)
-            found.append(clock() - before)
-        return np.array(found)
+            times.append(clock() - before)
+        return np.array(times)
 
 
 def blocks_of(steps: int, block: int) -> Iterator[tuple[int, int]]:
