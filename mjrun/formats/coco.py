@@ -1,7 +1,7 @@
 """Segmentations as a COCO document, the "Data format" of cocodataset.org: images, annotations, categories.
 
-- A category is one thing of the model: its name, its type as supercategory, and of mjrun's own `mujoco_id` and `body`.
-  Every thing of the legend is one, seen or not, so that ids agree between documents, and with the 16-bit PNG.
+- A category is one segment: its name, its type as supercategory, and mjrun's own `mujoco_id` and `body`.
+  Every segment of the legend is one, seen or not, so that ids agree between documents, and with the 16-bit PNG.
 - An annotation is one segment in one image, with all its visible parts.
 - Its mask is an uncompressed RLE, column by column, exact to the pixel, which pycocotools, detectron2 and others
   take as well as polygons. `iscrowd` is 0 all the same: 1 would say that it is a crowd, and training leaves those out.
@@ -22,7 +22,7 @@ INFO = {"description": "segmentation by mjrun", "contributor": "mjrun"}
 
 @dataclass(frozen=True)
 class Region:
-    """Where one thing is seen.
+    """Where one segment is seen.
 
     Attributes:
       id: its index in the legend.
@@ -43,15 +43,15 @@ def regions(ids: np.ndarray) -> Iterator[Region]:
     flat = ids.ravel(order="F")
     cuts = np.flatnonzero(flat[1:] != flat[:-1]) + 1
     starts, ends = np.concatenate([[0], cuts]), np.concatenate([cuts, [flat.size]])
-    found = flat[starts]
-    order = np.argsort(found, kind="stable")
-    groups = np.split(order, np.flatnonzero(np.diff(found[order])) + 1)
+    values = flat[starts]
+    order = np.argsort(values, kind="stable")
+    groups = np.split(order, np.flatnonzero(np.diff(values[order])) + 1)
     for group in groups:
-        if (index := int(found[group[0]])) >= 0:
+        if (index := int(values[group[0]])) >= 0:
             yield _region(index, starts[group], ends[group], height, flat.size)
 
 
-class Coco:
+class CocoDocument:
     """Gathers images into one document; memory grows with the runs of their masks, a few bytes each."""
 
     def __init__(self) -> None:

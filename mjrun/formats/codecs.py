@@ -25,10 +25,10 @@ class Codec:
     """How frames become a stream.
 
     Attributes:
-      arguments: what the encoder is told beside quality.
+      arguments: those of the encoder, apart from quality.
       filters: the filter graph; `{pixels}` is the pixel format.
       even: whether width and height must be even.
-      crf: lowest, highest and default constant rate factor; lower is better. None: it has no such thing.
+      crf: lowest, highest and default constant rate factor; lower is better. None if it has none.
       presets, preset: names or numbers from fast to thorough, and the default; `preset_flag` sets it.
       pixels: what its frames are made of, `RGB24` or `GRAY16`.
     """
@@ -157,7 +157,7 @@ class Encoding:
         return (width % 2, height % 2) if CODECS[self.codec].even else (0, 0)
 
     def arguments(self, width: int, height: int, to_pipe: bool) -> list[str]:
-        """What ffmpeg is told between its input and its output."""
+        """The arguments of ffmpeg between its input and its output."""
         codec, kind = CODECS[self.codec], CONTAINERS[self.format]
         filters = [_pad(width, height, *self.padding(width, height)), codec.filters]
         graph = ",".join(f for f in filters if f)

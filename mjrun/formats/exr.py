@@ -1,4 +1,4 @@
-"""OpenEXR for one channel of float32, bit for bit; Pillow has none, and ffmpeg would be a process for each picture.
+"""Encodes OpenEXR with one channel of float32, bit for bit: Pillow cannot, and ffmpeg would need a process per image.
 
 The layout is that of "OpenEXR File Layout" (openexr.com), version 2: a single part of scan lines, compressed by ZIP.
 """
@@ -11,20 +11,20 @@ import numpy as np
 
 MAGIC = struct.pack("<ii", 20000630, 2)
 ZIP = 3
-LINES = 16  # in a block of ZIP compression
+BLOCK_LINES = 16  # in a block of ZIP compression
 FLOAT = 2
 
 
-def exr(values: np.ndarray, tags: Mapping[str, str] | None = None, channel: str = "Y") -> bytes:
+def encode_exr(values: np.ndarray, tags: Mapping[str, str] | None = None, channel: str = "Y") -> bytes:
     """A file of `values` `(h, w)` float32, infinities and NaN included.
 
     Args:
-      tags: texts, kept as attributes of these names, in UTF-8.
-      channel: its name. ffmpeg opens a picture of one channel as `Y`, and none that is called `Z`.
+      tags: texts, stored as attributes of these names, in UTF-8.
+      channel: its name. ffmpeg reads a single channel if it is called `Y`, but not `Z`.
     """
     height, width = values.shape
     lines = np.ascontiguousarray(values, "<f4").view(np.uint8).reshape(height, -1)
-    blocks = [_block(y, lines[y : y + LINES].ravel()) for y in range(0, height, LINES)]
+    blocks = [_block(y, lines[y : y + BLOCK_LINES].ravel()) for y in range(0, height, BLOCK_LINES)]
     head = MAGIC + _header(width, height, channel, tags or {})
     sizes = [len(head) + 8 * len(blocks), *map(len, blocks)]
     return b"".join([head, np.cumsum(sizes, dtype="<u8")[:-1].tobytes(), *blocks])

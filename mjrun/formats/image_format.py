@@ -27,7 +27,7 @@ import numpy as np
 from PIL import Image, PngImagePlugin
 
 from mjrun.errors import UnknownNameError, UsageError, clean, option
-from mjrun.formats.exr import exr
+from mjrun.formats.exr import encode_exr
 from mjrun.model.uint16_pixels import UINT16_MAX, clipped_share, depth_millimetres, segment_numbers
 
 CONTENTS = {"rgb": "colours", "depth": "exact depth", "seg": "exact segmentation"}
@@ -94,7 +94,7 @@ def _millimetre_png(image: ImageContent) -> bytes:
 
 
 def _exr(image: ImageContent) -> bytes:
-    return exr(image.pixels, image.tags)
+    return encode_exr(image.pixels, image.tags)
 
 
 def _npy(image: ImageContent) -> bytes:

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from mjrun.errors import BadValueError, clean, option
-from mjrun.formats.coco import Coco
+from mjrun.formats.coco import CocoDocument
 from mjrun.formats.image_format import FORMATS, ImageContent
 from mjrun.formats.labels import LabelsWriter
 from mjrun.formats.publishing import OutputWriter, StagedFile, StandardOutput
@@ -50,7 +50,7 @@ class ImageWriter(OutputWriter):
         self._view, self._name, self._size = view, format, size
         self._format = FORMATS[view][format]
         self._tags = {name: clean(text) for name, text in (tags or {}).items()}
-        self._coco, self._written = Coco(), 0
+        self._coco, self._written = CocoDocument(), 0
         largest = self._format.largest
         if largest and max(size) > largest:
             raise BadValueError(option("size"), f"{size[0]}x{size[1]}", f"at most {largest} a side, as {format} holds")

@@ -1,4 +1,4 @@
-"""Files that somebody else made: looked at before they are opened, and decoded with care."""
+"""Input files: checked before they are read, and decoded without trusting them."""
 
 import contextlib
 import errno
@@ -11,37 +11,37 @@ from typing import BinaryIO
 
 from mjrun.errors import FileError, MjrunError, clean, suggestion
 
-SHOWN = 80  # characters of a foreign text that are shown
+SHOWN = 80  # characters of a text from a file that a message shows
 
 
 def cut(text: str) -> str:
-    """`text` as far as it is shown."""
+    """`text`, shortened for a message."""
     return text if len(text) <= SHOWN else text[: SHOWN - 1] + "…"
 
 
 def require_file(path: Path, what: str, suffixes: Collection[str], hint: str = "") -> None:
-    """Sees that there is a regular file.
+    """Checks that `path` is a regular file.
 
     Args:
-      what: is expected, `table`.
-      suffixes: of files that may be meant, if there is none.
-      hint: what else to do then.
+      what: the kind of file, as in `table`.
+      suffixes: of files to suggest if there is no such file.
+      hint: what else the user can do then.
 
     Raises:
-      FileError: there is not.
+      FileError: it is not.
     """
-    with _refused(path, suffixes, hint):
+    with _readable(path, suffixes, hint):
         _check(path, path.stat().st_mode, what, hint)
 
 
 @contextlib.contextmanager
 def opened(path: Path, what: str, suffixes: Collection[str], hint: str = "") -> Iterator[BinaryIO]:
-    """The regular file at `path`, to be read. It is looked at once it is open, so that nobody can change it in between.
+    """Opens the regular file at `path` to read. It is checked once it is open, so that nobody can change it in between.
 
     Raises:
-      FileError: as of `require_file`.
+      FileError: as `require_file`.
     """
-    with _refused(path, suffixes, hint):
+    with _readable(path, suffixes, hint):
         # A pipe without a writer would block.
         number = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
         try:
@@ -53,8 +53,8 @@ def opened(path: Path, what: str, suffixes: Collection[str], hint: str = "") -> 
 
 
 @contextlib.contextmanager
-def _refused(path: Path, suffixes: Collection[str], hint: str) -> Iterator[None]:
-    """Tells of what the system refuses."""
+def _readable(path: Path, suffixes: Collection[str], hint: str) -> Iterator[None]:
+    """Turns what the operating system raises into a FileError."""
     try:
         yield
     except (FileNotFoundError, NotADirectoryError):
@@ -71,15 +71,15 @@ def _check(path: Path, mode: int, what: str, hint: str) -> None:
 
 @contextlib.contextmanager
 def decoding(path: Path, fault: str, hint: str = "") -> Iterator[None]:
-    """Tells of a file that cannot be decoded. What a library raises then is written nowhere: it may be anything.
+    """Turns whatever a library raises on a file that it cannot decode, which is documented nowhere, into a FileError.
 
     Args:
       fault: what is wrong with such a file, `cannot be read as .npz`.
-      hint: what to do then.
+      hint: what the user can do then.
 
     Raises:
       FileError: it cannot be decoded.
-      OSError: of the system, not of the content.
+      OSError: the operating system failed, not the decoder.
     """
     try:
         with warnings.catch_warnings():
@@ -88,7 +88,7 @@ def decoding(path: Path, fault: str, hint: str = "") -> Iterator[None]:
     except (MjrunError, MemoryError):
         raise
     except Exception as error:
-        # EINVAL says to look before the beginning of the file, which is of its content.
+        # EINVAL comes from an offset in the content that points before the beginning of the file.
         if isinstance(error, OSError) and error.errno not in (None, errno.EINVAL):
             raise
         reason = (str(error) or "it ends early").splitlines()[0]  # StopIteration and EOFError say nothing

@@ -42,13 +42,13 @@ class PointCloudWriter(OutputWriter):
             self._file = self.open_file()
             self._file.write(self._header())
 
-    def write(self, picture: RenderedView) -> None:
+    def write(self, view: RenderedView) -> None:
         """Adds the points of an image, which has depth and colours, and ids if points are labelled.
 
         Raises:
           FileError: the disk is full.
         """
-        points = self._points(picture)
+        points = self._points(view)
         with self.writing():
             self._file.write(points.tobytes())
         self.count += len(points)
@@ -59,14 +59,14 @@ class PointCloudWriter(OutputWriter):
             self._file.write(self._header())
             self._file.close()
 
-    def _points(self, picture: RenderedView) -> np.ndarray:
+    def _points(self, view: RenderedView) -> np.ndarray:
         """A structured array `(n,)`, row by row."""
-        depth, rgb, ids = picture.depth, picture.rgb, picture.ids
+        depth, rgb, ids = view.depth, view.rgb, view.ids
         labelled = LABEL[0] in self._fields
         if depth is None or rgb is None or (labelled and ids is None):
             raise ValueError("an image for a point cloud needs depth and rgb, and ids for labels")
         seen = np.isfinite(depth)
-        places = picture.calibration.unproject(np.where(seen, depth, 0.0))[seen]
+        places = view.calibration.unproject(np.where(seen, depth, 0.0))[seen]
         columns = [*places.T, *rgb[seen].T, *([ids[seen]] if labelled and ids is not None else [])]
         points = np.empty(len(places), np.dtype(self._fields))
         for (name, _), column in zip(self._fields, columns, strict=True):

@@ -267,7 +267,7 @@ class StandardOutput:
     def __init__(self, *, terminal: bool = False) -> None:
         """`terminal`: whether it may be a terminal, as for text."""
         if sys.stdout.isatty() and not terminal:
-            raise FileError("-", "standard output is a terminal", "send it to a file or a pipe: mjrun … -o - | player")
+            raise FileError("-", "standard output is a terminal", "send it to a file or a pipe")
         sys.stdout.flush()
         self.stdout = sys.stdout.fileno()
 

@@ -1,7 +1,7 @@
-"""Recordings, read back: any state of one, from where it lies in the file.
+"""Reads recordings: any state, from its place in the file.
 
-A recording is not trusted: all of it is checked when it is opened, nothing in it runs, and what is told of it
-is cleaned.
+A recording is not trusted: all of it is checked when it is opened, nothing in it is run, and what messages quote
+from it is cleaned.
 """
 
 import json
@@ -18,7 +18,7 @@ from typing import Any, BinaryIO
 
 import numpy as np
 
-from mjrun.errors import FileError
+from mjrun.errors import FileError, option
 from mjrun.formats import npy
 from mjrun.formats.input_file import decoding, require_file
 from mjrun.formats.recording_writer import PIECE, SUFFIX, not_finite
@@ -27,21 +27,21 @@ FACTS = 2**24  # characters of facts, at most
 LOCAL = 26  # bytes of a member's header in the archive before the lengths of its name and extra field
 TEXT = "unicode text"
 ARRAYS = {"states": ("float64", ("n", "size")), "steps": ("int64", ("n",)), "facts": (TEXT, ())}
-HINT = "mjrun … --recording FILE.npz makes one"
+HINT = f"{option('recording')} FILE.npz makes one"
 
 
-class RecordingFile:
-    """A recording to read states of, in any order; it stays on disk.
+class RecordingReader:
+    """Reads the states of a recording in any order; they stay on disk.
 
-    Opening it checks all of it. The file is not trusted: nothing in it runs.
+    Opening it checks all of it.
 
     Attributes:
       steps: of the states, `(n,)` int64, n ≥ 1, ascending from 0.
       size: numbers in a state.
-      facts: what made it, as it says itself.
+      facts: what made it, according to the file.
 
     Raises:
-      FileError: there is no such file, or it is not a whole recording; the message says why.
+      FileError: there is no such file, or it is not a complete recording; the message says why.
     """
 
     def __init__(self, path: str | Path) -> None:
@@ -57,7 +57,7 @@ class RecordingFile:
 
     def _read(self) -> None:
         with self.path.open("rb") as file, zipfile.ZipFile(file) as archive:
-            states, steps, facts = (_found(archive, file, name) for name in ARRAYS)
+            states, steps, facts = (_array(archive, file, name) for name in ARRAYS)
             if states.shape[0] != steps.shape[0]:
                 raise ValueError(f"it has {states.shape[0]} states and {steps.shape[0]} steps")
             self.steps, self.facts = _steps(archive, steps), _facts(archive, facts)
@@ -87,10 +87,10 @@ class RecordingFile:
         return np.frombuffer(content, "<f8").astype(np.float64)
 
     def close(self) -> None:
-        """Closes the file, which happens by itself when nobody has the recording any more."""
+        """Closes the file, which also happens when the reader is garbage-collected."""
         self._closing()
 
-    def __enter__(self) -> "RecordingFile":
+    def __enter__(self) -> "RecordingReader":
         return self
 
     def __exit__(
@@ -99,7 +99,7 @@ class RecordingFile:
         self.close()
 
 
-# What is wrong with a recording is raised as a ValueError, and told by `decoding`.
+# The functions below raise a ValueError for a fault of the recording; `decoding` adds the path.
 
 
 @dataclass(frozen=True)
@@ -113,8 +113,8 @@ class _Array:
     dtype: np.dtype
 
 
-def _found(archive: zipfile.ZipFile, file: BinaryIO, name: str) -> _Array:
-    """The array `name` as its header tells, which is what a recording has, and true of its size."""
+def _array(archive: zipfile.ZipFile, file: BinaryIO, name: str) -> _Array:
+    """The array `name`, whose header is that of a recording and agrees with its size."""
     infos = [info for info in archive.infolist() if info.filename == f"{name}.npy"]
     if len(infos) != 1:
         raise ValueError(f"it has {'two arrays' if infos else 'no array'} {name!r}")

@@ -1,4 +1,4 @@
-"""Reads tables in any format, whoever wrote them.
+"""Reads tables in any format, whatever program wrote them.
 
 What mjrun wrote reads back as the same bits, except that .csv holds cleaned names, and .jsonl null for what is not
 finite. Files are read in pieces: besides the wanted columns, at most one of them is in memory once more.

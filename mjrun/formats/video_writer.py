@@ -185,7 +185,7 @@ class VideoWriter(OutputWriter):
             stdin=subprocess.PIPE,
             stdout=self.destination.stdout if self.destination.stdout is not None else subprocess.DEVNULL,
             stderr=subprocess.PIPE,
-            process_group=0,  # Ctrl-C is ours: the encoder would end the film as if it were whole
+            process_group=0,  # Ctrl-C is ours: the encoder would end the video as if it were complete
         )
 
     def _end_child(self) -> None:

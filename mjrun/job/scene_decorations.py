@@ -11,7 +11,7 @@ import numpy as np
 
 from mjrun.camera.targets import identify_objects
 from mjrun.errors import BadValueError, UnknownNameError, UsageError, clean, concerning, listing, option
-from mjrun.formats.recording_reader import RecordingFile
+from mjrun.formats.recording_reader import RecordingReader
 from mjrun.formats.recording_writer import SUFFIX
 from mjrun.formats.table_reader import read_table
 from mjrun.job.view import Drawing
@@ -46,7 +46,7 @@ class GhostPlan:
     opacity: float = OPACITY
     key: int | None = None
     trace: tuple[np.ndarray, np.ndarray] | None = None
-    recording: RecordingFile | None = None
+    recording: RecordingReader | None = None
 
     def states(self, model: mujoco.MjModel, times: Sequence[float]) -> list[np.ndarray] | None:
         """Its integration states at `times` [s], or one for all; None if it moves as the model does."""
@@ -178,8 +178,8 @@ def _trace(path: Path, model: mujoco.MjModel) -> tuple[np.ndarray, np.ndarray]:
     return time, positions
 
 
-def _recording(path: Path, model: mujoco.MjModel) -> RecordingFile:
-    recording = RecordingFile(path)
+def _recording(path: Path, model: mujoco.MjModel) -> RecordingReader:
+    recording = RecordingReader(path)
     require_model(model, recording, recording.facts.get("sizes"))
     require_timestep(model, recording)
     return recording

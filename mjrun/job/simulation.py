@@ -12,7 +12,7 @@ from typing import Any
 import mujoco
 
 from mjrun.errors import BadValueError, UnknownNameError, UsageError, clean, listing
-from mjrun.formats.recording_reader import RecordingFile
+from mjrun.formats.recording_reader import RecordingReader
 from mjrun.formats.table_reader import read_table
 from mjrun.model import mujoco_bugs
 from mjrun.model.fingerprint import physics_fingerprint
@@ -168,10 +168,10 @@ class Simulation:
         return [*mujoco_bugs.bugs_of_model(model), *self.start.remarks(model), *other]
 
     @cached_property
-    def _recorded(self) -> RecordingFile:
+    def _recorded(self) -> RecordingReader:
         """What is replayed, opened once: all of it is checked then."""
         assert self.replay is not None
-        return RecordingFile(self.replay)
+        return RecordingReader(self.replay)
 
     def _driven(self) -> list[str]:
         """The options given that only physics knows."""

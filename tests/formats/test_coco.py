@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-from mjrun.formats.coco import Coco, regions
+from mjrun.formats.coco import CocoDocument, regions
 from mjrun.model.rendered_view import Segment
 
 LEGEND = [Segment("geom", 4, "box", "torso"), Segment("site", 0, "box", "torso"), Segment("geom", 5, "floor", "world")]
@@ -29,7 +29,7 @@ def mask(segmentation: dict[str, Any]) -> np.ndarray:
 
 
 def document(*pictures: np.ndarray, legend: list[Segment] = LEGEND) -> dict[str, Any]:
-    gathered = Coco()
+    gathered = CocoDocument()
     for index, ids in enumerate(pictures):
         gathered.add(ids, legend, {"file_name": f"{index}.png"})
     return json.loads(gathered.document())
@@ -62,7 +62,7 @@ def test_a_document_of_many_images_gives_back_every_picture(many: list[np.ndarra
 
 
 def test_a_document_says_this() -> None:
-    gathered = Coco()
+    gathered = CocoDocument()
     gathered.add(IDS, LEGEND, {"file_name": "rgb.png", "camera": "side", "time": 0.5})
     said = json.loads(gathered.document())
     assert said["images"] == [
@@ -96,7 +96,7 @@ def test_a_document_says_this() -> None:
 
 
 def test_a_thing_is_one_category_in_every_image_even_where_legends_differ() -> None:
-    gathered = Coco()
+    gathered = CocoDocument()
     gathered.add(np.array([[0]], np.int32), LEGEND[:1], {})
     gathered.add(np.array([[0, 1]], np.int32), LEGEND[::-2], {})
     said = json.loads(gathered.document())
@@ -114,4 +114,4 @@ def test_nothing_in_view_is_an_image_without_annotations() -> None:
 
 def test_a_time_that_json_cannot_say_is_refused() -> None:
     with pytest.raises(ValueError, match="not JSON compliant"):
-        Coco().add(IDS, LEGEND, {"time": float("nan")})
+        CocoDocument().add(IDS, LEGEND, {"time": float("nan")})

@@ -19,7 +19,7 @@ from hypothesis.extra.numpy import arrays
 
 from mjrun.errors import FileError
 from mjrun.formats import recording_reader
-from mjrun.formats.recording_reader import RecordingFile
+from mjrun.formats.recording_reader import RecordingReader
 from mjrun.formats.recording_writer import PIECE, RecordingWriter
 
 NUMBERS = st.floats(allow_nan=False, allow_infinity=False)
@@ -31,7 +31,7 @@ GOOD: Mapping[str, np.ndarray] = {
     "steps": np.array([0, 5, 10, 15]),
     "facts": np.array('{"model": "a"}'),
 }
-HINT = "\nmjrun … --recording FILE.npz makes one"
+HINT = "\nrecording FILE.npz makes one"
 hypothesis = settings(max_examples=40, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 
 
@@ -54,7 +54,7 @@ def saved(path: Path, **changed: object) -> Path:
 @given(states=STATES, stride=st.integers(1, 2**40))
 @hypothesis
 def test_what_was_written_comes_back_bit_for_bit_in_any_order(tmp_path: Path, states: np.ndarray, stride: int) -> None:
-    with RecordingFile(written(tmp_path / "run.npz", states, stride, model="a", n=[1])) as found:
+    with RecordingReader(written(tmp_path / "run.npz", states, stride, model="a", n=[1])) as found:
         assert (found.size, found.facts) == (states.shape[1], {"model": "a", "n": [1]})
         assert found.steps.dtype == np.int64
         assert found.steps.tolist() == [stride * index for index in range(len(states))]
@@ -64,20 +64,20 @@ def test_what_was_written_comes_back_bit_for_bit_in_any_order(tmp_path: Path, st
 
 
 def test_a_recording_that_numpy_wrote_is_one(tmp_path: Path) -> None:
-    with RecordingFile(saved(tmp_path / "run.npz", more=np.array([object()]))) as found:
+    with RecordingReader(saved(tmp_path / "run.npz", more=np.array([object()]))) as found:
         assert (found.steps.tolist(), found.facts) == ([0, 5, 10, 15], {"model": "a"})
         assert [found.state(index).tolist() for index in range(4)] == GOOD["states"].tolist()
 
 
 def test_a_state_is_the_readers_to_change(tmp_path: Path) -> None:
-    with RecordingFile(saved(tmp_path / "run.npz")) as found:
+    with RecordingReader(saved(tmp_path / "run.npz")) as found:
         found.state(1)[:] = 7
         assert found.state(1).tolist() == [3, 4, 5]
 
 
 @pytest.mark.parametrize("index", [4, 10**9, -1])
 def test_there_is_nothing_before_the_first_nor_behind_the_last(tmp_path: Path, index: int) -> None:
-    with RecordingFile(saved(tmp_path / "run.npz")) as found, pytest.raises(IndexError):
+    with RecordingReader(saved(tmp_path / "run.npz")) as found, pytest.raises(IndexError):
         found.state(index)
 
 
@@ -86,7 +86,7 @@ def test_a_long_recording_stays_on_disk(tmp_path: Path) -> None:
     path = written(tmp_path / "run.npz", states)
     assert states.nbytes > 10 * PIECE
     tracemalloc.start()
-    with RecordingFile(path) as found:
+    with RecordingReader(path) as found:
         assert np.array_equal(found.state(12_345), states[12_345])
     most = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
@@ -100,7 +100,7 @@ def descriptors() -> int:
 def test_a_recording_is_over_when_it_is_closed(tmp_path: Path) -> None:
     path = saved(tmp_path / "run.npz")
     before = descriptors()
-    with RecordingFile(path) as found:
+    with RecordingReader(path) as found:
         assert descriptors() == before + 1
     found.close()
     assert descriptors() == before
@@ -111,7 +111,7 @@ def test_a_recording_is_over_when_it_is_closed(tmp_path: Path) -> None:
 def test_a_recording_that_nobody_has_any_more_is_closed(tmp_path: Path) -> None:
     path = saved(tmp_path / "run.npz")
     before = descriptors()
-    found = RecordingFile(path)
+    found = RecordingReader(path)
     del found
     gc.collect()
     assert descriptors() == before
@@ -122,19 +122,19 @@ def test_a_file_that_is_refused_is_closed(tmp_path: Path, changed: dict[str, obj
     path = saved(tmp_path / "run.npz", **changed)
     before = descriptors()
     with contextlib.suppress(FileError):
-        RecordingFile(path).close()
+        RecordingReader(path).close()
     assert descriptors() == before
 
 
 def test_a_recording_that_is_replaced_while_it_is_read_is_read_on(tmp_path: Path) -> None:
-    with RecordingFile(saved(tmp_path / "run.npz")) as found:
+    with RecordingReader(saved(tmp_path / "run.npz")) as found:
         written(tmp_path / "run.npz", np.zeros((1, 1)))
         assert found.state(3).tolist() == [9, 10, 11]
 
 
 def test_a_recording_that_is_cut_while_it_is_read_says_so(tmp_path: Path) -> None:
     path = saved(tmp_path / "run.npz")
-    with RecordingFile(path) as found:
+    with RecordingReader(path) as found:
         os.truncate(path, 100)
         with pytest.raises(FileError) as caught:
             found.state(2)
@@ -177,7 +177,7 @@ BROKEN = [
 def test_what_is_wrong_with_a_recording_is_said(tmp_path: Path, changed: dict[str, object], message: str) -> None:
     path = saved(tmp_path / "run.npz", **changed)
     with pytest.raises(FileError) as caught:
-        RecordingFile(path)
+        RecordingReader(path)
     assert str(caught.value) == f"{path}: is not a recording: {message}{HINT}"
 
 
@@ -250,7 +250,7 @@ def test_a_damaged_recording_is_refused(tmp_path: Path, damage: Callable[[Path],
     path = tmp_path / "run.npz"
     damage(path)
     with pytest.raises(FileError) as caught:
-        RecordingFile(path)
+        RecordingReader(path)
     assert str(caught.value) == f"{path}: is not a recording: {message}{HINT}"
 
 
@@ -258,7 +258,7 @@ def test_facts_of_any_length_are_not_read(tmp_path: Path, monkeypatch: pytest.Mo
     monkeypatch.setattr(recording_reader, "FACTS", 10)
     path = saved(tmp_path / "run.npz")
     with pytest.raises(FileError, match="'facts' has 14 characters, not 1 to 10"):
-        RecordingFile(path)
+        RecordingReader(path)
 
 
 class Trap:
@@ -276,7 +276,7 @@ def test_nothing_in_a_recording_runs(tmp_path: Path, name: str) -> None:
     trap = np.empty(4, object)
     trap[:] = Trap(tmp_path / "trapped")
     with pytest.raises(FileError, match="holds objects"):
-        RecordingFile(saved(tmp_path / "run.npz", **{name: trap}))
+        RecordingReader(saved(tmp_path / "run.npz", **{name: trap}))
     assert not (tmp_path / "trapped").exists()
 
 
@@ -295,7 +295,7 @@ def test_however_the_bytes_of_a_recording_are_changed_it_reads_as_finite_states_
         content[int(place * len(content))] = value
     path.write_bytes(content[: len(content) if kept > 0.9 else int(kept * len(content))])
     try:
-        with RecordingFile(path) as found:
+        with RecordingReader(path) as found:
             states = np.stack([found.state(index) for index in range(len(found.steps))])
     except FileError as error:
         assert str(error).startswith(f"{path}: is not a recording: ")  # noqa: PT017  (it may read, too)
@@ -307,22 +307,22 @@ def test_a_file_that_is_not_there_is_told_with_those_like_it(tmp_path: Path) -> 
     saved(tmp_path / "jump.npz")
     (tmp_path / "jumq.csv").write_text("")
     with pytest.raises(FileError) as caught:
-        RecordingFile(tmp_path / "jumo.npz")
+        RecordingReader(tmp_path / "jumo.npz")
     assert str(caught.value) == f"{tmp_path}/jumo.npz: no such file (did you mean 'jump.npz'?){HINT}"
 
 
 def test_a_folder_or_a_pipe_is_no_recording(tmp_path: Path) -> None:
     os.mkfifo(tmp_path / "pipe.npz")
     with pytest.raises(FileError, match=r"pipe.npz: is not a regular file"):
-        RecordingFile(tmp_path / "pipe.npz")
+        RecordingReader(tmp_path / "pipe.npz")
     with pytest.raises(FileError, match="is a folder, not a recording"):
-        RecordingFile(tmp_path)
+        RecordingReader(tmp_path)
 
 
 def test_what_a_file_says_of_itself_is_cleaned(tmp_path: Path) -> None:
     path = tmp_path / "run.npz"
     with_states(b"\x93NUMPY\x01\x00\x10\x00'\x1b[31m'          ")(path)
     with pytest.raises(FileError) as caught:
-        RecordingFile(path)
+        RecordingReader(path)
     assert "\x1b" not in str(caught.value)
     assert "\\x1b[31m" in str(caught.value)

@@ -15,7 +15,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from mjrun.errors import FailedStepError, UsageError
-from mjrun.formats.recording_reader import RecordingFile
+from mjrun.formats.recording_reader import RecordingReader
 from mjrun.formats.recording_writer import RecordingWriter
 from mjrun.model import state
 from mjrun.sim.control import ControlSignal
@@ -212,7 +212,7 @@ def test_a_recording_on_disk_is_replayed_as_it_ran(tmp_path: Path) -> None:
             writer.write(step, row)
         writer.publish()
     seen: list[dict[str, bytes]] = []
-    with RecordingFile(tmp_path / "run.npz") as found:
+    with RecordingReader(tmp_path / "run.npz") as found:
         replay = ReplayStepper(TUMBLER, found, found.facts["sizes"])
         observe(replay, [Tap(found.steps.tolist(), fields, seen.append)], 99)
     assert seen == instants
