@@ -142,6 +142,12 @@ class UsageError(MjrunError):
         first = _OPTION.search(message)
         self.path: OptionPath = path or ((first[1],) if first else ())
 
+    def one_line(self, path: OptionPath = ()) -> str:
+        """The message in one line, without the option that it begins with, if that is the last name in `path`."""
+        message = "; ".join(part for part in self.spelled(str).splitlines() if part)
+        names = [part for part in path if isinstance(part, str)]
+        return message.removeprefix(f"{names[-1]}: ") if names else message
+
 
 @contextmanager
 def concerning(*path: str | int) -> Iterator[None]:
@@ -220,7 +226,7 @@ class ControllerError(UsageError):
         while trace and trace.tb_frame.f_globals.get("__name__", "").partition(".")[0] in ("mjrun", "importlib"):
             trace = trace.tb_next
         lines = "".join(traceback.format_exception(type(error), error, trace)).splitlines()
-        return cls("\n".join([f"{clean(what)} raised {kind}: {clean(str(error))}", *map(clean, lines)]))
+        return cls("\n".join([f"{what} raised {kind}: {clean(str(error))}", *map(clean, lines)]))
 
 
 class CompiledModelError(UsageError):

@@ -17,8 +17,8 @@ from mjrun.formats.codecs import encoding
 from mjrun.formats.video_writer import VideoWriter
 from mjrun.job.drawing import camera_motions, check_drawing, scene_compositor
 from mjrun.job.panels import panel_files
-from mjrun.job.view import Drawing
 from mjrun.model.mujoco_globals import without_timers
+from mjrun.options.view import ViewOptions
 from mjrun.rendering.backend import Backend
 from mjrun.rendering.compositor import Overlay, SceneCompositor, Stream
 from mjrun.rendering.process_count import available_cores
@@ -65,7 +65,7 @@ class FrameTiming:
 
 
 def timed_frames(
-    drawing: Drawing,
+    drawing: ViewOptions,
     model: mujoco.MjModel,
     backend: Backend,
     states: Sequence[np.ndarray],
@@ -99,10 +99,10 @@ def timed_frames(
     first, *rest = costs
     parts = {name: [cost.get(name, 0.0) for cost in rest] for name in (UPDATE, DRAW, READ, COMPOSE)}
     return FrameTiming(
-        view=drawing.views[0],
+        view=drawing.view[0],
         size=drawing.size,
         renderer=drawing.renderer,
-        quality=drawing.visual.quality,
+        quality=drawing.quality,
         device=backend.renderer,
         software=backend.software,
         first=sum(first.values()),
@@ -112,7 +112,7 @@ def timed_frames(
         compose=summarized(parts[COMPOSE]),
         total=summarized([sum(cost.values()) for cost in rest]),
         reference_workload=workload and workload.step,
-        encode=_encoded(stream, frames, drawing.views[0], clock),
+        encode=_encoded(stream, frames, drawing.view[0], clock),
     )
 
 

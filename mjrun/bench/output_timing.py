@@ -8,7 +8,7 @@ from mjrun.bench.rollout_timing import Clock
 from mjrun.job.simulation import Simulation
 from mjrun.job.trace import Trace
 from mjrun.job.video import Video
-from mjrun.job.view import Drawing
+from mjrun.options.view import ViewOptions
 
 
 class SilentReporter:
@@ -59,7 +59,7 @@ def timed_trace(simulation: Simulation, clock: Clock) -> OutputTiming:
     return OutputTiming("trace", result.simulated, result.rows, "rows", seconds)
 
 
-def timed_video(simulation: Simulation, drawing: Drawing, clock: Clock) -> OutputTiming:
+def timed_video(simulation: Simulation, drawing: ViewOptions, clock: Clock) -> OutputTiming:
     """A video of what `drawing` shows.
 
     Raises:
@@ -71,7 +71,7 @@ def timed_video(simulation: Simulation, drawing: Drawing, clock: Clock) -> Outpu
             camera=drawing.camera,
             view=drawing.view,
             size=drawing.size,
-            visual=drawing.visual,
+            quality=drawing.quality,
             renderer=drawing.renderer,
             gl=drawing.gl,
             require_gpu=drawing.require_gpu,

@@ -51,7 +51,7 @@ class ModelInfo:
 
 
 @dataclass(frozen=True)
-class BenchOptions:
+class BenchSettings:
     """Options of the benchmark.
 
     Attributes:
@@ -234,7 +234,7 @@ class BenchResult:
     load_after: float | None
     engine: EngineInfo
     model: ModelInfo
-    options: BenchOptions
+    options: BenchSettings
     reference_workload: ReferenceInfo | None
     load: LoadTiming | None
     rows: Sequence[GridPointResult] = ()

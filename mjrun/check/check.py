@@ -1,9 +1,8 @@
 """`mjrun check`: what is wrong with models, each checked in a process of its own."""
 
-import math
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 
@@ -13,7 +12,9 @@ from mjrun.check.rule_table import RULES
 from mjrun.check.rules.process_failures import CRASH, INTERNAL_ERROR, OUT_OF_MEMORY, TIMEOUT
 from mjrun.check.worker import MEMORY_REMEDY
 from mjrun.check.worker_pool import WorkerOutput, WorkerPool, WorkerTask
-from mjrun.errors import BadValueError, Spelling, UnknownNameError, UsageError, option, spelled
+from mjrun.errors import Spelling, UnknownNameError, UsageError, option, spelled
+from mjrun.options.check import CheckOptions
+from mjrun.options.option import options
 from mjrun.rendering.process_count import available_cores
 from mjrun.reporter import QuietReporter, Reporter
 
@@ -58,43 +59,21 @@ class CheckResult:
         return sum(f.severity == severity for model in self.models for f in model.findings)
 
 
-@dataclass(frozen=True)
-class Check:
+@options
+class Check(CheckOptions):
     """Checks models for errors, and for what is likely to become one.
 
     Args:
       models: files, and folders, which stand for all models below them.
-      select: codes, or their first characters, of the rules to apply; all if empty.
-      ignore: codes, or their first characters, to leave out. Why a model does not load is always reported.
-      fail_on: the lowest severity at which the exit code is 1: `error`, `warning` or `note`.
-      steps: to simulate from the model's own start; none if 0.
-      timeout: for one model [s].
-      memory: for one model, beyond what mjrun itself needs [MiB].
-      jobs: models at once, or `auto`: one per core.
 
     Raises:
       UsageError: a code, severity or number is invalid.
     """
 
-    models: Sequence[str | Path]
-    select: Sequence[str] = ()
-    ignore: Sequence[str] = ()
-    fail_on: str = "error"
-    steps: int = 200
-    timeout: float = 60.0
-    memory: int = 4096
-    jobs: int | str = AUTO
+    models: Sequence[str | Path] = field(kw_only=False)
 
     def __post_init__(self) -> None:
-        if self.fail_on not in SEVERITIES:
-            raise UnknownNameError("severity", self.fail_on, SEVERITIES, plural="severities")
-        for name, value, least in (("steps", self.steps, 0), ("memory", self.memory, 1)):
-            if not isinstance(value, int) or value < least:
-                raise BadValueError(option(name), value, f"a whole number from {least} on")
-        if not 0 < self.timeout < math.inf:
-            raise BadValueError(option("timeout"), self.timeout, "a positive number of seconds")
-        if self.jobs != AUTO and not (isinstance(self.jobs, int) and self.jobs > 0):
-            raise BadValueError(option("jobs"), self.jobs, f"a number of processes from 1 on, or {AUTO}")
+        super().__post_init__()
         _ = self.codes
 
     @cached_property
@@ -135,7 +114,7 @@ class Check:
                 threads.shutdown(cancel_futures=True)
 
     def _check(self, path: str, workers: WorkerPool, spelling: Spelling) -> ModelResult:
-        output = workers.run(WorkerTask(path, sorted(self.codes), self.steps, self.timeout, self.memory))
+        output = workers.run(WorkerTask(path, sorted(self.codes), self.steps, float(self.timeout), self.memory))
         findings = [Finding(**message["finding"]) for message in output.messages if "finding" in message]
         loads = any(message.get("loaded") for message in output.messages)
         if not any(message.get("done") for message in output.messages):

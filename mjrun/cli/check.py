@@ -1,26 +1,24 @@
 """`mjrun check`."""
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import click
 
-from mjrun.cli import options, values
-from mjrun.cli.check_options import check_options
+from mjrun.cli.command import Given, command
 from mjrun.cli.console import Console, flag
-from mjrun.errors import UsageError
+from mjrun.cli.simulating import import_mujoco
+from mjrun.errors import UsageError, option
+from mjrun.options.check import CheckOptions, CheckReportOptions
+from mjrun.options.messages import MessageOptions
 
 if TYPE_CHECKING:
     from mjrun.check.check import CheckResult
 
-FORMS = ("json", "sarif", "github")
+MODELS = click.Argument(["models"], nargs=-1, type=click.Path(), metavar="MODEL...")
 
 
-@click.command("check", cls=options.SectionedCommand)
-@click.argument("models", nargs=-1, type=click.Path(), metavar="MODEL...")
-@check_options
-@options.output_options
-@click.pass_obj
-def command(console: Console, /, as_json: bool, **given: Any) -> None:
+@command("check", CheckOptions, CheckReportOptions, arguments=[MODELS])
+def check(console: Console, given: Given) -> None:
     """Find what is wrong with each MODEL, or will be; a folder means all models below it.
 
     \b
@@ -32,42 +30,32 @@ def command(console: Console, /, as_json: bool, **given: Any) -> None:
     or above --fail-on is found, and with 3 when a model does not load.
     """
     console.guard_stdout()
-    values.import_mujoco()
-    given["json"] = as_json
-    if given["list_"]:
+    import_mujoco()
+    report, as_json = given.make(CheckReportOptions), given.make(MessageOptions).json
+    if report.list_:
         _show_rules(console, as_json)
         return
-    if sum(given[form] for form in FORMS) > 1:
-        raise UsageError("--json, --sarif and --github exclude each other: all want standard output")
-    if not given["models"]:
+    if as_json and (report.sarif or report.github):
+        others = f"{option('sarif')} and {option('github')}"
+        raise UsageError(f"{option('json')} excludes {others}: all want standard output")
+    if not given.texts("models"):
         raise click.UsageError("Missing argument 'MODEL...'.", click.get_current_context())
-    result = _checked(console, given)
-    _show(console, given, result)
+    from mjrun.check.check import Check
+
+    result = given.make(Check, models=given.texts("models")).run(console, flag)
+    _show(console, report, as_json, result)
     console.code = result.code
 
 
-def _checked(console: Console, given: dict[str, Any]) -> "CheckResult":
-    from mjrun.check.check import Check
-
-    same = ("models", "fail_on", "steps", "memory", "jobs")
-    job = Check(
-        select=[code for codes in given["select"] for code in codes],
-        ignore=[code for codes in given["ignore"] for code in codes],
-        timeout=float(given["timeout"]),
-        **{name: given[name] for name in same},
-    )
-    return job.run(console, flag)
-
-
-def _show(console: Console, given: dict[str, Any], result: "CheckResult") -> None:
+def _show(console: Console, report: CheckReportOptions, as_json: bool, result: "CheckResult") -> None:
     from mjrun.cli import check_report
 
-    if given["json"]:
+    if as_json:
         console.document(check_report.document(result))
-    elif given["sarif"]:
+    elif report.sarif:
         console.document(check_report.sarif(result))
         console.say(check_report.summary(result))
-    elif given["github"]:
+    elif report.github:
         for line in check_report.annotations(result):
             console.result(line)
         console.say(check_report.summary(result))

@@ -1,4 +1,4 @@
-"""`--controller CODE`: Python that the user names on the command line, the only place where code comes from."""
+"""Loads the controller that the user names on the command line, the only place where code comes from."""
 
 import contextlib
 import importlib
@@ -11,12 +11,12 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
-from mjrun.errors import ControllerError, FileError, UnknownNameError, UsageError, quoted
+from mjrun.errors import ControllerError, FileError, UnknownNameError, UsageError, option, quoted
 
 FORM = "FILE.py:NAME or PACKAGE.MODULE:NAME names a function (model, data), or a class with __call__ and reset"
 
 
-class Quiet:
+class PrintsToStderr:
     """A function whose prints go to standard error, as standard output carries the payload; so do its `reset`'s."""
 
     def __init__(self, function: Callable[..., Any]) -> None:
@@ -25,14 +25,14 @@ class Quiet:
         with contextlib.suppress(ValueError):
             self.__signature__ = inspect.signature(function)
         if hasattr(function, "reset"):
-            self.reset = Quiet(function.reset)  # type: ignore[attr-defined]
+            self.reset = PrintsToStderr(function.reset)  # type: ignore[attr-defined]
 
     def __call__(self, *arguments: Any) -> Any:
         with contextlib.redirect_stdout(sys.stderr):
             return self._function(*arguments)
 
 
-def controller(code: str) -> Callable[..., Any]:
+def load_controller(code: str) -> Callable[..., Any]:
     """The controller that `code` names; of a class, an instance.
 
     Raises:
@@ -42,25 +42,26 @@ def controller(code: str) -> Callable[..., Any]:
     """
     place, _, name = code.rpartition(":")
     if not place or not name:
-        raise UsageError(f"--controller {quoted(code)} names no code\n{FORM}")
-    found = Quiet(lambda: _found(place, name))()
-    if not callable(found):
-        raise UsageError(f"--controller {quoted(code)} is of type {type(found).__name__}, and cannot be called\n{FORM}")
-    return Quiet(found)
+        raise UsageError(f"{option('controller')} {quoted(code)} names no code\n{FORM}")
+    controller = PrintsToStderr(lambda: _load(place, name))()
+    if not callable(controller):
+        kind = type(controller).__name__
+        raise UsageError(f"{option('controller')} {quoted(code)} is of type {kind}, and cannot be called\n{FORM}")
+    return PrintsToStderr(controller)
 
 
-def _found(place: str, name: str) -> Any:
+def _load(place: str, name: str) -> Any:
     try:
         module = _file(Path(place)) if place.endswith(".py") else _module(place)
         if not hasattr(module, name.partition(".")[0]):
             valid = [key for key, value in vars(module).items() if callable(value) and not key.startswith("_")]
             raise UnknownNameError("controller", name, valid, where=place)
-        found = reduce(getattr, name.split("."), module)
-        return found() if isinstance(found, type) else found
+        controller = reduce(getattr, name.split("."), module)
+        return controller() if isinstance(controller, type) else controller
     except (UsageError, FileError):
         raise
     except (Exception, SystemExit) as error:
-        raise ControllerError.of(f"--controller {quoted(f'{place}:{name}')}", error) from error
+        raise ControllerError.of(f"{option('controller')} {quoted(f'{place}:{name}')}", error) from error
 
 
 def _file(path: Path) -> ModuleType:

@@ -4,11 +4,11 @@ from dataclasses import asdict
 from itertools import groupby
 from typing import TYPE_CHECKING
 
-import click
-
-from mjrun.cli import options, values
+from mjrun.cli.command import Given, command
 from mjrun.cli.console import Console, flag
+from mjrun.cli.simulating import import_mujoco
 from mjrun.errors import EncoderError, RendererError, clean
+from mjrun.options.messages import MessageOptions
 
 if TYPE_CHECKING:
     from mjrun.doctor import DoctorReport
@@ -17,21 +17,19 @@ MARKS = {"ok": "✓", "warning": "!", "missing": "✗"}
 NOT_NEEDED = "·"
 
 
-@click.command("doctor", cls=options.SectionedCommand)
-@options.output_options
-@click.pass_obj
-def command(console: Console, /, as_json: bool) -> None:
+@command("doctor")
+def doctor(console: Console, given: Given) -> None:
     """Show what works on this machine, and how to repair what does not.
 
     Tries every OpenGL backend, Filament and every encoder. Exits with 5 if nothing can draw, or if what $MUJOCO_GL
     and $MUJOCO_EGL_DEVICE_ID ask for cannot.
     """
     console.guard_stdout()
-    values.import_mujoco()
+    import_mujoco()
     from mjrun.doctor import examine
 
     report = examine(flag)
-    if as_json:
+    if given.make(MessageOptions).json:
         console.document(asdict(report))
     else:
         console.result(_page(report))

@@ -1,31 +1,30 @@
 """`mjrun info`."""
 
 import shlex
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import click
 
-from mjrun.cli import options, values
 from mjrun.cli.column_list import show_columns
+from mjrun.cli.command import MODEL, Given, command
 from mjrun.cli.console import Console
 from mjrun.cli.info_sections import SECTIONS, LineSection
+from mjrun.cli.simulating import import_mujoco, source
 from mjrun.errors import UsageError, clean, option
+from mjrun.options.info import InfoOptions
+from mjrun.options.messages import MessageOptions
+from mjrun.options.model import ModelOptions
 
 if TYPE_CHECKING:
     from mjrun.model.info import InfoResult
     from mjrun.model.source import NamedSource
 
 ROWS = 24  # of a section, unless it is asked for
+SECTION_ARGUMENT = click.Argument(["sections"], metavar="[SECTION]...", nargs=-1)
 
 
-@click.command("info", cls=options.SectionedCommand)
-@options.model_argument
-@click.argument("sections", metavar="[SECTION]...", nargs=-1)
-@click.option("--columns", is_flag=True, help="List every column that a trace of the model can have, and stop.")
-@options.model_options
-@options.output_options
-@click.pass_obj
-def command(console: Console, /, as_json: bool, **given: Any) -> None:
+@command("info", InfoOptions, ModelOptions, arguments=[MODEL, SECTION_ARGUMENT])
+def info(console: Console, given: Given) -> None:
     """Show what MODEL is: sizes, bodies, joints, actuators, sensors and all else, or only each SECTION, whole.
 
     \b
@@ -38,23 +37,25 @@ def command(console: Console, /, as_json: bool, **given: Any) -> None:
     equalities, pairs, excludes, flexes, plugins, options, visual, statistics, assets.
     """
     console.guard_stdout()
-    values.import_mujoco()
-    if given["columns"]:
-        if given["sections"]:
-            raise UsageError(f"{option('columns')} lists the columns of a trace, which has no sections")
-        show_columns(console, values.source(given), as_json)
+    import_mujoco()
+    sections, as_json = given.texts("sections"), given.make(MessageOptions).json
+    if given.make(InfoOptions).columns:
+        if sections:
+            raise UsageError(f"{option('columns')} lists the columns of a trace, and has no sections")
+        show_columns(console, source(given), as_json)
         return
     from mjrun.model.info import Info
     from mjrun.model.sources import listed_collection
 
-    if not given["sections"] and (collection := listed_collection(given["model"])):
+    model = given.text("model")
+    if not sections and (collection := listed_collection(model)):
         _show_collection(console, collection, as_json)
         return
-    result = Info(values.source(given), given["sections"]).run(console)
+    result = Info(source(given), sections).run(console)
     if as_json:
         console.document(result.document())
     else:
-        console.result(_page(result, bool(given["sections"]), given["model"]))
+        console.result(_page(result, bool(sections), model))
 
 
 def _show_collection(console: Console, collection: "type[NamedSource]", as_json: bool) -> None:

@@ -22,18 +22,19 @@ BUG = 70
 COMPLETE = "_MJRUN_COMPLETE"
 MODELS = (".xml", ".urdf", ".mjz", ".zip", ".mjb")
 
-# Name → module and one line of help. A command's module is imported when it is run.
 SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+
+# Name → one line of help. The command is in the module of cli of its name, which is imported when it is run.
 COMMANDS = {
-    "video": ("mjrun.cli.video", "Make a film of a simulation."),
-    "image": ("mjrun.cli.image", "Draw one instant of a simulation."),
-    "trace": ("mjrun.cli.trace", "Measure a simulation: named, aligned, exact numbers."),
-    "bench": ("mjrun.cli.bench", "Time a simulation: steps, phases, threads, drawing, accuracy."),
-    "info": ("mjrun.cli.info", "Show what a model is: sizes, bodies, joints, actuators, sensors, assets."),
-    "check": ("mjrun.cli.check", "Find what is wrong with models; for CI."),
-    "run": ("mjrun.cli.run", "Make all that a document asks for, in one pass."),
-    "schema": ("mjrun.cli.schema", "Print the JSON Schema of a kind of document or report."),
-    "doctor": ("mjrun.cli.doctor", "Show what works on this machine, and what to install."),
+    "video": "Make a video of a simulation.",
+    "image": "Draw one instant of a simulation.",
+    "trace": "Measure a simulation: named, aligned, exact numbers.",
+    "run": "Make everything that a document asks for, in one pass.",
+    "bench": "Time a simulation: steps, phases, threads, drawing, accuracy.",
+    "info": "Show what a model is: sizes, bodies, joints, actuators, sensors, assets.",
+    "check": "Find what is wrong with models; for CI.",
+    "schema": "Print the JSON Schema of a kind of document or report.",
+    "doctor": "Show what works on this machine, and what to install.",
 }
 
 
@@ -42,13 +43,13 @@ class LazyGroup(click.Group):
 
     def __init__(self, *args: Any, **settings: Any) -> None:
         super().__init__(*args, **settings)
-        self.commands = {name: click.Command(name, short_help=text) for name, (_, text) in COMMANDS.items()}
+        self.commands = {name: click.Command(name, short_help=text) for name, text in COMMANDS.items()}
 
     def list_commands(self, ctx: click.Context) -> list[str]:
         return list(self.commands)
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
-        return import_module(COMMANDS[cmd_name][0]).command if cmd_name in COMMANDS else None
+        return getattr(import_module(f"mjrun.cli.{cmd_name}"), cmd_name) if cmd_name in COMMANDS else None
 
     def resolve_command(
         self, ctx: click.Context, args: list[str]
@@ -72,12 +73,12 @@ class LazyGroup(click.Group):
 @click.version_option(__version__, "-V", "--version", prog_name="mjrun", message="%(prog)s %(version)s")
 @click.pass_context
 def group(ctx: click.Context) -> None:
-    """MuJoCo models to films, pictures, tables and timing reports.
+    """MuJoCo models to videos, images, tables and timing reports.
 
     \b
-    mjrun video scene.xml                 a film, scene.mp4
+    mjrun video scene.xml                 a video, scene.mp4
     mjrun video scene.xml -o - | mpv -    the same into a player
-    mjrun image scene.xml --view depth    a picture, scene.png
+    mjrun image scene.xml --view depth    an image, scene.png
     mjrun trace scene.xml --csv | head    a table of numbers
     mjrun COMMAND --help                  what a command can do
     """

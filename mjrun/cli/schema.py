@@ -2,23 +2,29 @@
 
 import click
 
-from mjrun.cli import options, values
+from mjrun.cli.command import Given, command
 from mjrun.cli.console import Console
+from mjrun.cli.simulating import import_mujoco
 
-KINDS = ("camera", "run", "bench")
+KINDS = ("camera", "run", "bench", "options")
 
 
-@click.command("schema", cls=options.SectionedCommand)
-@click.argument("kind", type=click.Choice(KINDS))
-@click.pass_obj
-def command(console: Console, /, kind: str) -> None:
+@command("schema", arguments=[click.Argument(["kind"], type=click.Choice(KINDS))])
+def schema(console: Console, given: Given) -> None:
     """Print the JSON Schema of a kind of document, or of what mjrun bench --json reports, for editors and validators.
+
+    options prints a reference of all options of all commands instead, as Markdown.
 
     \b
     mjrun schema camera > camera.schema.json
     """
     console.guard_stdout()
-    values.import_mujoco()
-    from mjrun.document.json_schema import schema
+    if given.text("kind") == "options":
+        from mjrun.cli.reference import reference
 
-    console.document(schema(kind))
+        console.result(reference())
+        return
+    import_mujoco()
+    from mjrun.document.json_schema import json_schema
+
+    console.document(json_schema(given.text("kind")))

@@ -1,4 +1,4 @@
-"""What the user is told of each kind of result, in a line."""
+"""A line about each kind of result."""
 
 from typing import TYPE_CHECKING, Any
 
@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from mjrun.job.video import VideoResult
 
 
-def film(result: "VideoResult") -> str:
+def video(result: "VideoResult") -> str:
     width, height = result.size
     frames = f"{result.frames} frame{'' if result.frames == 1 else 's'}"
     shown = f"{width}x{height}, {frames}, {result.duration:.4g} s at {_figure(result.fps, 4)} fps, {result.codec}"
@@ -26,7 +26,7 @@ def _figure(value: float, digits: int) -> str:
     return f"{value:.{digits}g}" if value < 10 ** (digits - 1) else f"{value:.0f}"
 
 
-def still(result: "ImageResult") -> str:
+def image(result: "ImageResult") -> str:
     width, height = result.size
     paths = ", ".join(map(clean, result.paths)) or "-"
     return f"{paths}: {width}x{height} at {result.time:.6g} s; made in {result.wall:.1f} s, by {clean(result.renderer)}"
@@ -47,15 +47,15 @@ def recording(result: "RecordingResult") -> str:
     return f"{clean(result.path)}: {result.states} states of {result.size} numbers, {result.simulated:.6g} s"
 
 
-SENTENCES = {
-    "VideoResult": film,
-    "ImageResult": still,
+SUMMARIES = {
+    "VideoResult": video,
+    "ImageResult": image,
     "TraceResult": trace,
     "PlotResult": plot,
     "RecordingResult": recording,
 }
 
 
-def sentence(result: Any) -> str:
+def summary(result: Any) -> str:
     """The line about a result of any kind."""
-    return SENTENCES[type(result).__name__](result)
+    return SUMMARIES[type(result).__name__](result)

@@ -1,31 +1,20 @@
 """`mjrun trace`."""
 
-from dataclasses import asdict
-from pathlib import Path
-from typing import TYPE_CHECKING, Any
-
-import click
-
-from mjrun.cli import options, summaries, values
 from mjrun.cli.column_list import show_columns
+from mjrun.cli.command import MODEL, Given, command
 from mjrun.cli.console import Console
-from mjrun.errors import BadValueError, UsageError, clean, listing
+from mjrun.cli.simulating import import_mujoco, make, payload_on_stdout, show, simulation, source, stem
+from mjrun.errors import UsageError, clean, option
+from mjrun.options.messages import MessageOptions
+from mjrun.options.output import CommandOptions
+from mjrun.options.simulation import SimulationOptions
+from mjrun.options.trace import TraceCommandOptions, TraceOptions
 
-if TYPE_CHECKING:
-    from mjrun.job.trace import TraceResult
-
-FILES = ("output", "contacts", "manifest", "recording")  # options that name what is written
+WRITTEN = ("output", "contacts", "manifest", "recording")
 
 
-@click.command("trace", cls=options.SectionedCommand)
-@options.model_argument
-@options.table_options
-@options.simulation_options
-@options.duration_options
-@options.model_options
-@options.output_options
-@click.pass_obj
-def command(console: Console, /, as_json: bool, **given: Any) -> None:
+@command("trace", TraceOptions, TraceCommandOptions, CommandOptions, SimulationOptions, arguments=[MODEL])
+def trace(console: Console, given: Given) -> None:
     """Measure a simulation of MODEL: one row per instant, exact numbers, named columns.
 
     \b
@@ -34,59 +23,40 @@ def command(console: Console, /, as_json: bool, **given: Any) -> None:
     mjrun trace scene.xml -o run.csv --rate 100 --assert 'max(abs(energy/drift)) < 1e-3'
     """
     console.guard_stdout()
-    values.import_mujoco()
-    if given["list_"]:
-        _list(console, given, as_json)
+    import_mujoco()
+    options = given.make(TraceCommandOptions)
+    if options.list_:
+        _list(console, given)
         return
-    piped = (given["output"] or "-") == "-"
-    if as_json and piped:
-        raise UsageError("--json and a table on standard output both want it; give -o FILE")
-    result = _make(console, given)
-    if as_json:
-        console.document(asdict(result))
-    elif not piped and console.verbosity >= 0:
-        console.result(summaries.trace(result))
-
-
-def _list(console: Console, given: dict[str, Any], as_json: bool) -> None:
-    written = [f"--{name}" for name in FILES if given[name] not in (None, "-")]
-    if written:
-        raise UsageError(f"--list shows columns on standard output and measures nothing: leave out {listing(written)}")
-    show_columns(console, values.source(given), as_json, _probes(given))
-
-
-def _probes(given: dict[str, Any]) -> list[str]:
-    """The names that --probe gives, each of which names something."""
-    from mjrun.probe.select import split
-
-    found = [split(text) for text in given["probes"]]
-    for text, names in zip(given["probes"], found, strict=True):
-        if not names:
-            raise BadValueError("--probe", text, "a name of something to measure; --list shows what there is")
-    return [name for names in found for name in names]
-
-
-def _format(given: dict[str, Any]) -> str | None:
-    if given["csv"] and given["format_"] not in (None, "csv"):
-        raise UsageError(f"--csv and --format {clean(given['format_'])} exclude each other: --csv is --format csv")
-    return "csv" if given["csv"] else given["format_"]
-
-
-def _make(console: Console, given: dict[str, Any]) -> "TraceResult":
+    piped = payload_on_stdout(given, "-")
     from mjrun.job.trace import Trace
-    from mjrun.probe.select import DEFAULT
 
-    job = Trace(
-        simulation=values.simulation(given),
-        output=given["output"] or (f"{Path(given['model']).stem}.csv" if given["print_document"] else "-"),
-        format=_format(given),
-        probes=_probes(given) or DEFAULT,
-        every=given["every"],
-        rate=given["rate"],
-        asserts=given["asserts"],
-        keep_partial=given["keep_partial"],
-        contacts=given["contacts"],
-        manifest=given["manifest"],
-        command=console.command,
-    )
-    return values.perform(console, given, job)
+    if options.csv:
+        given = _as_csv(given)
+    if given.make(CommandOptions).print_document:
+        given = given.otherwise(output=f"{stem(given)}.csv")
+    result = make(console, given, given.make(Trace, simulation=simulation(given), command=console.command))
+    if not piped or given.make(MessageOptions).json:
+        show(console, given, result)
+
+
+def _list(console: Console, given: Given) -> None:
+    from mjrun.job.trace import Trace
+
+    written = [option(name) for name in WRITTEN if given.value(name) not in (None, "-")]
+    if written:
+        raise UsageError(
+            f"{option('list')} shows columns on standard output and measures nothing: leave out {', '.join(written)}"
+        )
+    probes = given.make(Trace, simulation=simulation(given)).probe if given.value("probe") else ()
+    show_columns(console, source(given), given.make(MessageOptions).json, probes)
+
+
+def _as_csv(given: Given) -> Given:
+    written = given.value("format")
+    if written not in (None, "csv"):
+        raise UsageError(
+            f"{option('csv')} and {option('format')} {clean(str(written))} exclude each other: "
+            f"{option('csv')} is short for {option('format')} csv"
+        )
+    return given.otherwise(format="csv")

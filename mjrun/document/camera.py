@@ -27,7 +27,7 @@ from mjrun.document.document_model import (
     NUMBER,
     TEXT,
     Among,
-    Form,
+    DocumentModel,
     Loc,
     Maybe,
     Name,
@@ -36,7 +36,7 @@ from mjrun.document.document_model import (
     kinds,
 )
 from mjrun.document.reader import read
-from mjrun.document.rigs import DeclaredForm, PositiveSliding, Sliding, maybe_ramp, ramp, rig_fields
+from mjrun.document.rigs import DeclaredModel, PositiveSliding, Sliding, maybe_ramp, ramp, rig_fields
 from mjrun.errors import near
 from mjrun.timeline import rational
 
@@ -45,7 +45,7 @@ Index = Annotated[int, Field(ge=0)]
 Time = Annotated[float, Field(ge=0)]
 
 
-class Event(Form):
+class Event(DocumentModel):
     """Something that happens in the simulation: the instant when a condition begins to hold."""
 
     when: Name
@@ -68,7 +68,7 @@ class Event(Form):
         return script.Event(self.when, self.nth, rational(self.offset), otherwise)
 
 
-class Blend(Form):
+class Blend(DocumentModel):
     """How one shot becomes the next."""
 
     shape: Shape = "cosine"
@@ -77,7 +77,7 @@ class Blend(Form):
     """How long it takes [s]; of a sigmoid, the time in which it goes from 1/2 to 1/(1+e)."""
 
 
-class Shake(Form):
+class Shake(DocumentModel):
     """A hand that trembles."""
 
     angle: Positive = 0.3
@@ -88,7 +88,7 @@ class Shake(Form):
     """Another number trembles otherwise."""
 
 
-class Fit(Form):
+class Fit(DocumentModel):
     """Keeps an object, with all that hangs on it, whole in the picture, by the distance."""
 
     target: Name
@@ -97,7 +97,7 @@ class Fit(Form):
     """How much larger than the object the picture is."""
 
 
-class _ModelCamera(Form):
+class _ModelCamera(DocumentModel):
     camera: Maybe[
         Annotated[
             Annotated[Name, Tag(TEXT)] | Annotated[Index, Tag(NUMBER)],
@@ -171,12 +171,12 @@ class Shot(create_model("_Rigs", __base__=_ModelCamera, **rig_fields())):
 
     def _rig(self) -> Rig:
         for _, value in self:
-            if isinstance(value, DeclaredForm) and isinstance(rig := value.value(), Rig):
+            if isinstance(value, DeclaredModel) and isinstance(rig := value.value(), Rig):
                 return rig
         return ModelRig(str(self.camera))
 
 
-class Document(Form):
+class CameraDocument(DocumentModel):
     """What a camera does in a film: shots, one after the other."""
 
     speed: Maybe[Positive] = None
@@ -207,7 +207,7 @@ def read_camera(path: pathlib.Path | str) -> script.CameraScript:
       DocumentError: with everything that is wrong in it, line by line.
       FileError: it is not there, or cannot be read.
     """
-    return read(path, Document).script(pathlib.Path(path).stem)
+    return read(path, CameraDocument).script(pathlib.Path(path).stem)
 
 
 def _exact(value: float | None) -> Fraction | None:

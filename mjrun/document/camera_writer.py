@@ -17,7 +17,7 @@ from mjrun.errors import UsageError
 Plain = dict[str, Any]
 
 
-def written(camera: script.CameraScript) -> Plain:
+def camera_document(camera: script.CameraScript) -> Plain:
     """The document of `camera`, as it is written within a run document.
 
     Raises:
@@ -27,7 +27,7 @@ def written(camera: script.CameraScript) -> Plain:
     return {**name, "shots": [_shot(shot, f"{camera.name}: shots[{i}]") for i, shot in enumerate(camera.shots)]}
 
 
-def event(given: script.Event, what: str) -> Plain:
+def event_document(given: script.Event, what: str) -> Plain:
     """A moment, as in `{when: speed(box) > 0.02, nth: 2}`."""
     otherwise = given.otherwise if given.otherwise in (None, "end") else decimal(Fraction(given.otherwise), what)
     offset = None if not given.offset else decimal(given.offset, what)
@@ -41,7 +41,7 @@ def known(given: Mapping[str, Any]) -> Plain:
 
 
 def _shot(shot: script.Shot, what: str) -> Plain:
-    until = event(shot.until, what) if isinstance(shot.until, script.Event) else _time(shot.until, what)
+    until = event_document(shot.until, what) if isinstance(shot.until, script.Event) else _time(shot.until, what)
     return known(
         {
             **_rig(shot.rig, what),

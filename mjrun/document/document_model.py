@@ -61,7 +61,7 @@ class ComplaintError(ValueError):
         return cls(details["type"], said=details["msg"], keys=tuple(keys), **facts)
 
 
-class Form(BaseModel):
+class DocumentModel(BaseModel):
     """A mapping in a document: no keys but these, numbers are numbers and finite."""
 
     model_config = ConfigDict(
@@ -83,7 +83,7 @@ class Form(BaseModel):
 
     @model_validator(mode="wrap")
     @classmethod
-    def _tell_all(cls, given: Any, handler: ModelWrapValidatorHandler["Form"]) -> "Form":
+    def _tell_all(cls, given: Any, handler: ModelWrapValidatorHandler["DocumentModel"]) -> "DocumentModel":
         if isinstance(given, cls):
             return handler(given)
         if not isinstance(given, dict):

@@ -17,6 +17,15 @@ def _above(facts: Facts) -> str:
     return "a positive number" if facts["gt"] == 0 else f"a number above {facts['gt']:g}"
 
 
+# Keys of earlier versions, and what they are called now.
+RENAMED = {
+    "films": "videos",
+    "stills": "images",
+    "recording": "recordings, a list",
+    "at": "time",
+    "groups": "geomgroup, sitegroup, jointgroup, …",
+}
+
 # What was expected, by pydantic's type of error.
 EXPECTED: dict[str, Callable[[Facts], str]] = {
     "kind": lambda facts: facts["expected"],
@@ -76,6 +85,8 @@ def _key_mark(tree: Node, path: Path) -> Mark:
 
 
 def _unknown(key: str, keys: Sequence[str]) -> str:
+    if key in RENAMED:
+        return f"unknown key {quoted(key)}: it is called {RENAMED[key]} now"
     choices = f"; keys: {listing(keys)}" if keys else ""
     return f"unknown key {quoted(cut(key))}{suggestion(key, keys)}{choices}"
 

@@ -69,19 +69,14 @@ Numbers = Annotated[
 ]
 
 
-def one_line(error: UsageError) -> str:
-    """What `error` says, in one line as documents' errors are."""
-    return "; ".join(part for part in str(error).splitlines() if part)
-
-
-def taken_by(make: Callable[[str], object]) -> Any:
-    """Refuses texts that `make` refuses, in its words."""
+def accepted_by(check: Callable[[str], object]) -> Any:
+    """Refuses texts that `check` refuses, in its words."""
 
     def checked(text: str) -> str:
         try:
-            make(text)
+            check(text)
         except UsageError as error:
-            raise ComplaintError.saying(one_line(error)) from None
+            raise ComplaintError.saying(error.one_line()) from None
         return text
 
     return AfterValidator(checked)

@@ -5,16 +5,16 @@ from typing import Any
 from pydantic import BaseModel
 from pydantic.json_schema import GenerateJsonSchema, JsonSchemaValue
 
-from mjrun.document.camera import Document
+from mjrun.document.camera import CameraDocument
 from mjrun.document.report_schema import REPORTS, report_schema
-from mjrun.document.run import Run
+from mjrun.document.run import RunDocument
 from mjrun.document.variables import DEFAULTS, VARS
 from mjrun.errors import UnknownNameError
 
 # Kind of document → its form, its title, and whether it may have a preamble.
 KINDS: dict[str, tuple[type[BaseModel], str, bool]] = {
-    "camera": (Document, "mjrun camera document", False),
-    "run": (Run, "mjrun run document", True),
+    "camera": (CameraDocument, "mjrun camera document", False),
+    "run": (RunDocument, "mjrun run document", True),
 }
 PREAMBLE = {
     VARS: {
@@ -49,7 +49,7 @@ class _Generator(GenerateJsonSchema):
         return super().default_schema(schema)
 
 
-def schema(kind: str) -> dict[str, Any]:
+def json_schema(kind: str) -> dict[str, Any]:
     """The JSON Schema, draft 2020-12, of documents or reports of a `kind`.
 
     Raises:

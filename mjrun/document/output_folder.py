@@ -36,7 +36,7 @@ def _inside(text: str) -> str:
 Inside = Annotated[Name, AfterValidator(_inside)]  # a path that a document may write to, as far as the text tells
 
 
-class Files:
+class OutputFolder:
     """The outputs of a run, inside `folder`."""
 
     def __init__(self, folder: Path) -> None:

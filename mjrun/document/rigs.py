@@ -16,7 +16,7 @@ from mjrun.document.document_model import (
     NUMBER,
     TEXT,
     Among,
-    Form,
+    DocumentModel,
     Loc,
     Name,
     Positive,
@@ -33,7 +33,7 @@ Place = Annotated[
 SLIDING = "a number or {from, to, ease}"
 
 
-class Slide(Form):
+class Slide(DocumentModel):
     """A number that changes over the shot."""
 
     start: float = Field(alias="from")
@@ -82,7 +82,7 @@ class Declared(Protocol):
         ...
 
 
-class DeclaredForm(Form):
+class DeclaredModel(DocumentModel):
     """A mapping that holds the declared fields of a dataclass."""
 
     declared: ClassVar[type[Declared]]
@@ -99,7 +99,7 @@ class DeclaredForm(Form):
 def _field_value(value: object) -> object:
     """What a field of the dataclass holds for the value of a form's."""
     match value:
-        case DeclaredForm():
+        case DeclaredModel():
             return value.value()
         case list():
             return [_field_value(item) for item in value]
@@ -108,7 +108,7 @@ def _field_value(value: object) -> object:
 
 
 @cache
-def declared_form(declared: type[Declared]) -> type[DeclaredForm]:
+def declared_model(declared: type[Declared]) -> type[DeclaredModel]:
     """The form of a dataclass with declared fields; its docstring is the description."""
     fields: dict[str, Any] = {}
     for field in declared_fields(declared):
@@ -116,7 +116,7 @@ def declared_form(declared: type[Declared]) -> type[DeclaredForm]:
         default = ... if field.required else field.default
         fields[field.name] = (_annotation(field.setting), Field(default, alias=alias, description=field.setting.help))
     name = declared.__name__.removesuffix("Rig")
-    form = create_model(name, __base__=DeclaredForm, __doc__=declared.__doc__, **fields)
+    form = create_model(name, __base__=DeclaredModel, __doc__=declared.__doc__, **fields)
     form.declared = declared
     return form
 
@@ -140,7 +140,7 @@ def _annotation(setting: Setting) -> Any:
             return Annotated[str, Among(setting.choices)]
         case "records":
             assert setting.record
-            return Annotated[list[declared_form(setting.record)], Field(min_length=setting.length)]
+            return Annotated[list[declared_model(setting.record)], Field(min_length=setting.length)]
 
 
 def rig_fields() -> dict[str, Any]:
@@ -148,7 +148,7 @@ def rig_fields() -> dict[str, Any]:
     fields: dict[str, Any] = {}
     for kind, rig in RIGS.items():
         if rig is not ModelRig:
-            form: Any = declared_form(rig)
+            form: Any = declared_model(rig)
             if not any(field.required for field in declared_fields(rig)):
                 form = Annotated[form, BeforeValidator(given_nothing, json_schema_input_type=form | None)]
             fields[kind] = (form, Field(None, description=rig.help))

@@ -5,10 +5,10 @@ vars: {slow: 0.25}
 model: dominos.xml
 set: {opt.cone: elliptic}
 duration: 3
-films:
+videos:
   - {output: dominos.mp4, size: 1440x1024, camera: [top, "orbit:lookat=box,distance=1"], speed: "${slow}"}
-stills:
-  - {output: hit.png, at: {when: "contact(domino_6, seesaw)"}, camera: top}
+images:
+  - {output: hit.png, time: {when: "contact(domino_6, seesaw)"}, camera: top}
 traces:
   - {output: run.csv, probe: [qpos, energy], rate: 100, assert: max(abs(energy/drift)) < 1e-3}
 plots:
@@ -16,162 +16,214 @@ plots:
 ```
 """
 
-import contextlib
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any, TypeVar
 
 from pydantic import ConfigDict, Field, Tag
 
-from mjrun.document.document_model import MAPPING, TEXT, Loc, Maybe, kinds
-from mjrun.document.field_types import one_line
-from mjrun.document.machine import ANY, Machine
-from mjrun.document.output_folder import WRITTEN, Files, Inside
-from mjrun.document.outputs import Film, Graphs, Kept, Still, Table
+from mjrun.document.document_model import MAPPING, TEXT, Loc, Name, kinds
+from mjrun.document.option_models import Folders, OptionsModel, document_options, option_value, options_model
+from mjrun.document.output_folder import Inside, OutputFolder
 from mjrun.document.reader import document_error, read_placed
-from mjrun.document.simulation import Simulated
-from mjrun.document.tree import Fault, Mapped, find, spelled, texts
+from mjrun.document.tree import Fault, Mapped, find, spelled
 from mjrun.document.tree import Path as Place
 from mjrun.errors import DocumentError, JobsError, Problem, UsageError
-from mjrun.job.perform import Job
+from mjrun.job.image import Image
+from mjrun.job.plot import Plot
+from mjrun.job.recording import Recording
 from mjrun.job.simulation import Simulation
+from mjrun.job.task import Job, OutputResult
+from mjrun.job.trace import Trace
+from mjrun.job.video import Video
+from mjrun.options.option import Options
+from mjrun.options.run import RunOptions
+from mjrun.options.simulation import SimulationOptions
 
-MADE = ("films", "stills", "traces", "plots", "recording")
+# What a document can make, by key.
+OUTPUTS: dict[str, type[Video | Image | Trace | Plot | Recording]] = {
+    "videos": Video,
+    "images": Image,
+    "traces": Trace,
+    "plots": Plot,
+    "recordings": Recording,
+}
 NAMED = ("set", "qpos", "qvel", "ctrl")  # keys below which the model's own names stand
-
-Output = Film | Still | Table | Graphs | Kept
 T = TypeVar("T")
 
 
-class Run(Simulated):
-    """A simulation, and what is made of it."""
-
-    model_config = ConfigDict(json_schema_extra={"anyOf": [{"required": [kind]} for kind in MADE]})
-
-    films: list[Film] = Field([])
-    """Films."""
-    stills: list[Still] = Field([])
-    """Pictures of one instant."""
-    traces: list[Table] = Field([])
-    """Tables of measured values."""
-    plots: list[Graphs] = Field([])
-    """Measured values over time, as pictures."""
-    recording: Maybe[
-        Annotated[
-            Annotated[Inside, Tag(TEXT)] | Annotated[Kept, Tag(MAPPING)],
-            kinds("an .npz file or {output, manifest}", TEXT, MAPPING),
-        ]
-    ] = None
-    """An .npz file for the states of all steps, inside the folder of outputs."""
+class _Run(OptionsModel):
+    model_config = ConfigDict(json_schema_extra={"anyOf": [{"required": [key]} for key in OUTPUTS]})
 
     @classmethod
     def complaints(cls, given: Mapping[str, Any]) -> Iterator[tuple[Loc, str]]:
         yield from super().complaints(given)
-        if not any(given.get(kind, []) != [] for kind in MADE):
-            yield (), f"there is nothing to do; ask for one of {', '.join(MADE)}"
-
-    def outputs(self) -> Iterator[tuple[Place, Output]]:
-        """What is to be made, each with its place in the document."""
-        for kind in MADE[:-1]:
-            yield from (((kind, i), form) for i, form in enumerate(getattr(self, kind)))
-        if isinstance(self.recording, Kept):
-            yield ("recording",), self.recording
-        elif self.recording is not None:
-            yield ("recording",), Kept(output=self.recording)
+        if not any(given.get(key, []) != [] for key in OUTPUTS):
+            yield (), f"there is nothing to do; ask for one of {', '.join(OUTPUTS)}"
 
 
-class Orders:
+def _entry(output: type[Options]) -> Any:
+    """The type of an output: a mapping of its options, or its file alone."""
+    return Annotated[
+        Annotated[Inside, Tag(TEXT)] | Annotated[options_model(output), Tag(MAPPING)],
+        kinds("a file, or a mapping with an output", TEXT, MAPPING),
+    ]
+
+
+def _run_model() -> type[OptionsModel]:
+    source = Field(
+        description="The model: a file (.xml, .urdf, .mjz, .zip, .mjb), relative to the folder of this document, or "
+        "another source such as scene:dominos."
+    )
+    lists: dict[str, Any] = {
+        key: (list[_entry(output)], Field([], description=f"The {key}: a file or a mapping each."))
+        for key, output in OUTPUTS.items()
+    }
+    return options_model(SimulationOptions, base=_Run, name="Run", first={"model": (Name, source)}, last=lists)
+
+
+RunDocument = _run_model()
+RunDocument.__doc__ = "A simulation, and what is made of it."
+
+
+class RunRequest:
     """The jobs that a document asks for, and where it does.
 
     Attributes:
       jobs: they have one simulation in common.
     """
 
-    def __init__(self, tree: Mapped, jobs: Mapping[Place, Job]) -> None:
+    def __init__(self, tree: Mapped, jobs: Mapping[Place, Job[OutputResult]]) -> None:
         self._tree, self._places = tree, list(jobs)
         self.jobs = list(jobs.values())
 
-    @contextlib.contextmanager
+    @contextmanager
     def located(self) -> Iterator[None]:
-        """Tells of what is found wrong with the jobs where the document says it.
+        """Tells of what is wrong with the jobs at the lines of the document.
 
         Raises:
-          DocumentError: with everything that was found.
+          DocumentError: with everything that is wrong.
         """
         try:
             yield
         except UsageError as error:
-            found = error if isinstance(error, JobsError) else error.__cause__  # a lone one is raised as itself
-            if not isinstance(found, JobsError):
+            jobs_error = error if isinstance(error, JobsError) else error.__cause__  # a lone one is raised as itself
+            if not isinstance(jobs_error, JobsError):
                 raise
-            raise document_error(self._fault(*fault) for fault in found.faults) from error
+            raise document_error(self._fault(*fault) for fault in jobs_error.faults) from error
 
     def _fault(self, index: int | None, error: UsageError) -> Fault:
-        """`error` at the first value or key that says what is wrong, or else at the job."""
-        area: Place = () if index is None else self._places[index]
-        tree = self._tree.without(*MADE) if index is None else find(self._tree, area)
-        written = list(texts(tree, area))
-        wrong = getattr(error, "name", None) or getattr(error, "value", None)
-        whole = [(path, mark) for path, mark, text in written if text == wrong]
-        parts = [(path, mark) for path, mark, text in written if wrong and wrong in text]
-        path, mark = next(iter([*whole, *parts]), (area, tree.mark))
-        return Fault(mark, spelled(path), one_line(error))
+        """`error` at the option that it is about, or else at the job."""
+        place: Place = () if index is None else self._places[index]
+        return _fault_at(self._tree, place, error)
 
 
-def read_run(path: Path | str, assignments: Sequence[str], folder: Path, machine: Machine = ANY) -> Orders:
+def read_run(
+    path: Path | str, assignments: Sequence[str] = (), options: RunOptions | None = None, command: str = ""
+) -> RunRequest:
     """What the run document at `path` asks for.
 
-    Files that are read are relative to the folder of the document, outputs are inside `folder`.
+    Files that are read are relative to the folder of the document, outputs are inside the folder that `options` name.
 
     Args:
-      assignments: `key=value` from the command line, such as `films[0].fps=30` or `set.opt.cone=elliptic`, over what
+      assignments: `key=value` from the command line, such as `videos[0].fps=30` or `set.opt.cone=elliptic`, over what
         is written.
+      options: what no document says.
+      command: the command line, for manifests.
 
     Raises:
       DocumentError: with everything that is wrong in the document, those it names, and the assignments.
       FileError: one of them is not there, or cannot be read.
     """
-    document, tree = read_placed(path, Run, assignments, preamble=True, named=NAMED)
-    return Orders(tree, _Maker(tree, Path(path).parent, Files(folder), machine).jobs(document))
+    options = options or RunOptions()
+    document, tree = read_placed(path, RunDocument, assignments, preamble=True, named=NAMED)
+    folders = Folders(Path(path).parent, OutputFolder(Path(options.output)))
+    return RunRequest(tree, _Builder(tree, folders, options, command).jobs(document))
 
 
-class _Maker:
-    def __init__(self, tree: Mapped, inputs: Path, files: Files, machine: Machine) -> None:
-        self._tree, self._inputs, self._files, self._machine = tree, inputs, files, machine
+class _Builder:
+    """Builds jobs from what a document holds, and collects what is wrong with them."""
+
+    def __init__(self, tree: Mapped, folders: Folders, options: RunOptions, command: str) -> None:
+        self._tree, self._folders, self._options, self._command = tree, folders, options, command
         self._faults: list[Fault] = []
         self._others: list[Problem] = []  # in documents that this one names
 
-    def jobs(self, document: Run) -> dict[Place, Job]:
-        """All jobs, if nothing was wrong, by their places in the document."""
-        simulation = self._tried((), lambda: document.simulation(self._inputs, self._machine)) or Simulation("")
-        found = {place: self._job(form, place, simulation) for place, form in document.outputs()}
+    def jobs(self, document: OptionsModel) -> dict[Place, Job[OutputResult]]:
+        """All jobs, if nothing is wrong, by their places in the document."""
+        simulation = self._simulation(document)
+        jobs: dict[Place, Job[OutputResult]] = {}
+        for key, output in OUTPUTS.items():
+            for index, entry in enumerate(getattr(document, key)):
+                job = self._job(output, entry, (key, index), simulation)
+                if job is not None:
+                    jobs[key, index] = job
         if self._faults or self._others:
             raise document_error(self._faults, self._others)
-        return {place: job for place, job in found.items() if job is not None}
+        return jobs
 
-    def _job(self, form: Output, place: Place, simulation: Simulation) -> Job | None:
-        asked = {key: text for key in WRITTEN if (text := getattr(form, key, None)) is not None}
-        files = {
-            key: self._tried((*place, key), lambda text=text: self._files.path(text)) for key, text in asked.items()
-        }
-        job = self._tried(place, lambda: form.job(simulation, files, self._inputs, self._machine))
-        if job is not None and None not in files.values():
-            self._take(job, place)
+    def _simulation(self, document: OptionsModel) -> Simulation:
+        values = self._values(SimulationOptions, document, ())
+        values |= {"controller": self._options.controller, "control_dt": self._options.control_dt}
+        model = self._folders.model(document.model_dump(include={"model"})["model"])
+        return self._attempt((), lambda: Simulation(model, **values)) or Simulation("")
+
+    def _job(
+        self, output: Callable[..., Job[OutputResult]], entry: OptionsModel | str, place: Place, simulation: Simulation
+    ) -> Job[OutputResult] | None:
+        faults = len(self._faults) + len(self._others)
+        if isinstance(entry, str):
+            path = self._attempt(place, lambda: self._folders.outputs.path(entry))
+            values: dict[str, Any] = {"output": path}
+        else:
+            values = self._values(entry.declared, entry, place)
+        job = self._attempt(place, lambda: output(simulation, **values, command=self._command))
+        if job is None or len(self._faults) + len(self._others) > faults:
+            return None
+        if isinstance(job, Video | Image):
+            job = self._on_this_machine(job)
+        self._reserve(job, place)
         return job
 
-    def _take(self, job: Job, place: Place) -> None:
+    def _values(self, declared: type[Options], entry: OptionsModel, place: Place) -> dict[str, Any]:
+        """What the options are given for what the document says of them."""
+        values = {}
+        for each in document_options(declared):
+            if each.attribute in entry.model_fields_set:
+                written = getattr(entry, each.attribute)
+                at = (*place, each.name)
+                value = self._attempt(at, lambda kind=each.kind, w=written: option_value(kind, w, self._folders))
+                if value is not None:
+                    values[each.attribute] = value
+        return values
+
+    def _on_this_machine(self, job: Video | Image) -> Job[OutputResult]:
+        """The job, with what the command line says of all of them."""
+        options = self._options
+        job = replace(job, gl=options.gl, require_gpu=options.require_gpu, quality=options.quality or job.quality)
+        return replace(job, jobs=options.jobs or job.jobs) if isinstance(job, Video) else job
+
+    def _reserve(self, job: Job[OutputResult], place: Place) -> None:
         """Reserves all files that `job` writes."""
         for key, file in job.files:
             where = (*place, key)
             taker = f"{spelled(where)} at {find(self._tree, where).mark}"
-            self._tried(where, lambda file=file, taker=taker: self._files.take(file, taker))
+            self._attempt(where, lambda file=file, taker=taker: self._folders.outputs.take(file, taker))
 
-    def _tried(self, place: Place, make: Callable[[], T]) -> T | None:
+    def _attempt(self, place: Place, make: Callable[[], T]) -> T | None:
         """What `make` makes; None if it is wrong, which is noted."""
         try:
             return make()
         except DocumentError as error:
             self._others += error.problems
         except UsageError as error:
-            self._faults.append(Fault(find(self._tree, place).mark, spelled(place), one_line(error)))
+            self._faults.append(_fault_at(self._tree, place, error))
         return None
+
+
+def _fault_at(tree: Mapped, place: Place, error: UsageError) -> Fault:
+    """`error` at the option below `place` that it is about."""
+    path = place if place[-1:] == error.path[:1] else (*place, *error.path)
+    return Fault(find(tree, path).mark, spelled(path), error.one_line(path))

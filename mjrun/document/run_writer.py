@@ -1,42 +1,30 @@
 """From jobs back to the run document that makes them."""
 
-import dataclasses
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
+from fractions import Fraction
 from typing import Any
 
 from mjrun.camera.script import CameraScript, Event
-from mjrun.document.camera_writer import event, known, written
-from mjrun.document.document_model import ComplaintError
-from mjrun.document.output_folder import WRITTEN, refusal
-from mjrun.document.simulation import INTEGRATORS, setting_text
-from mjrun.document.view import ALL
+from mjrun.document.camera_writer import camera_document, event_document
+from mjrun.document.option_models import document_options
+from mjrun.document.output_folder import refusal
+from mjrun.document.run import OUTPUTS
 from mjrun.document.yaml_scalars import meaning
 from mjrun.document.yaml_writer import exact, number, yaml_text
-from mjrun.errors import UsageError, clean
-from mjrun.job.image import Image
-from mjrun.job.perform import Job
-from mjrun.job.plot import Plot
-from mjrun.job.recording import Recording
+from mjrun.errors import UsageError, clean, option
 from mjrun.job.simulation import Simulation
-from mjrun.job.trace import Trace
-from mjrun.job.video import Video
-from mjrun.model.override import Override
-from mjrun.rendering.visual import Visual
+from mjrun.job.task import Job, OutputResult
+from mjrun.model.sources import source_of
+from mjrun.options.kinds import ExpectedError, File, Kind, Optional, Settings, setting_text
+from mjrun.options.option import Option, Options
 
 Plain = dict[str, Any]
 
-KINDS: dict[type, str] = {Video: "films", Image: "stills", Trace: "traces", Plot: "plots"}
-# Fields of jobs that documents call otherwise.
-NAMES = {"probes": "probe", "asserts": "assert"}
-# Fields of jobs that are said elsewhere, or by the command line only.
-ELSEWHERE = ("simulation", "visual", "gl", "require_gpu", "command")
-EXACT = ("fps", "speed", "rate", "at")
 
+def document_text(jobs: Sequence[Job[OutputResult]], command: str = "") -> str:
+    """The run document that makes `jobs`, which have one simulation in common; it says what is not the default.
 
-def document_text(jobs: Sequence[Job], command: str = "") -> str:
-    """The run document that makes `jobs`, which have one simulation in common; it says what is not as usual.
-
-    How the machine draws is not in it, `--gl` and `--require-gpu`; files are as they are from the current folder.
+    What only this machine knows is not in it, such as the OpenGL backend. Files are relative to the current folder.
 
     Args:
       command: what made the jobs, for a comment.
@@ -48,15 +36,87 @@ def document_text(jobs: Sequence[Job], command: str = "") -> str:
         raise UsageError("a run document is of the outputs of one simulation")
     document = _simulation(jobs[0].simulation)
     for job in jobs:
-        said = _job(job)
-        if isinstance(job, Recording):
-            if "recording" in document:
-                raise UsageError("a run document has one recording")
-            document["recording"] = said["output"] if [*said] == ["output"] else said
-        else:
-            document.setdefault(KINDS[type(job)], []).append(said)
-    head = f"# {clean(command)}\n" if command else ""
-    return head + yaml_text(_escaped(document))
+        key = next(key for key, output in OUTPUTS.items() if isinstance(job, output))
+        options = _options(job)
+        document.setdefault(key, []).append(job.output if [*options] == ["output"] else options)
+    comment = f"# {clean(command)}\n" if command else ""
+    return comment + yaml_text(_escaped(document))
+
+
+def _simulation(simulation: Simulation) -> Plain:
+    if simulation.controller is not None:
+        raise UsageError(f"{option('controller')}: code stays on the command line; a document cannot hold it")
+    source = source_of(simulation.model)
+    if not source.text:
+        raise UsageError("a compiled model has no file that a document could name")
+    overrides = [*((override.path, override.value) for override in source.overrides), *simulation.set]
+    settings = {"set": _settings(overrides)} if overrides else {}
+    return {"model": source.text, **_options(simulation), **settings}
+
+
+def _options(values: Options) -> Plain:
+    """What a document says of `values`: all that is not the default."""
+    return {
+        each.name: _plain(each.kind, value)
+        for each in document_options(type(values))
+        if (value := getattr(values, each.attribute)) is not None and (each.is_required or value != each.default)
+        if not _refused(each, value)
+    }
+
+
+def _refused(each: Option, value: object) -> bool:
+    """Raises where an option is an output that no document may write."""
+    kind = each.kind.each if isinstance(each.kind, Optional) else each.kind
+    if isinstance(kind, File) and kind.written and (reason := refusal(str(value))):
+        raise UsageError(f"{reason}; give a path relative to a folder", path=(each.name,))
+    return False
+
+
+def _plain(kind: Kind[Any, Any], value: Any) -> Any:
+    """`value` as a document writes it."""
+    whole = kind.each if isinstance(kind, Optional) else kind
+    if isinstance(whole, Settings):
+        return _settings(value)
+    return _written(whole.plain(value))
+
+
+def _written(value: Any) -> Any:
+    """Plain values as YAML has them: exact numbers, events and camera scripts too."""
+    match value:
+        case Fraction():
+            return exact(value)
+        case Event():
+            return event_document(value, "time")
+        case CameraScript():
+            return camera_document(value)
+        case bool() | str():
+            return value
+        case int() | float():
+            return number(value)
+        case list() | tuple():
+            return [_written(part) for part in value]
+        case dict():
+            return {key: _written(part) for key, part in value.items()}
+    return value
+
+
+def _settings(settings: Sequence[tuple[str, str]]) -> Plain:
+    written: Plain = {}
+    for path, text in settings:
+        if path in written:
+            raise UsageError(f"{clean(path)} is set twice, and a document says it once")
+        written[path] = _setting(text)
+    return written
+
+
+def _setting(text: str) -> Any:
+    """The value that is set by `text`: numbers, a list of them or a truth value, if that comes to the same text."""
+    parts = [meaning(part) for part in text.split(",")]
+    value = parts[0] if len(parts) == 1 else parts
+    try:
+        return value if setting_text(value) == text else text
+    except ExpectedError:
+        return text
 
 
 def _escaped(value: Any) -> Any:
@@ -69,140 +129,3 @@ def _escaped(value: Any) -> Any:
         case list():
             return [_escaped(inner) for inner in value]
     return value
-
-
-# --- the simulation ----------------------------------------------------------------------------------
-
-
-def _simulation(simulation: Simulation) -> Plain:
-    if simulation.controller is not None:
-        raise UsageError("--controller: code stays on the command line; a document cannot hold it")
-    source = simulation.source
-    if not source.text:
-        raise UsageError("a compiled model has no file that a document could name")
-    numbers = {name: number(getattr(simulation, name)) for name in ("ctrl_noise", "ctrl_noise_time", "perturb", "seed")}
-    return known(
-        {
-            "model": source.text,
-            **_settings(source.overrides),
-            "key": simulation.key,
-            **{name: _by_name(getattr(simulation, name)) for name in ("qpos", "qvel", "ctrl")},
-            "ctrl_from": None if simulation.ctrl_from is None else str(simulation.ctrl_from),
-            "ctrl_interpolation": None if simulation.ctrl_interpolation == "hold" else simulation.ctrl_interpolation,
-            **{name: value or None for name, value in numbers.items()},
-            "replay": None if simulation.replay is None else str(simulation.replay),
-            "duration": None if simulation.duration is None else exact(simulation.duration),
-            "steps": simulation.steps,
-        }
-    )
-
-
-def _settings(settings: Sequence[Override]) -> Plain:
-    """Overrides; those by `--integrator` and `--timestep` come last, as the document's own do."""
-    rest, ends = [*settings], {}
-    for key, fits in (("timestep", _is_timestep), ("integrator", lambda text: text in INTEGRATORS)):
-        last = rest[-1] if rest else None
-        if last and (last.path, last.option) == (f"opt.{key}", key) and fits(last.value):
-            ends[key] = float(last.value) if key == "timestep" else last.value
-            rest.pop()
-    found: Plain = {}
-    for setting in rest:
-        if setting.path in found:
-            raise UsageError(f"{clean(setting.path)} is set twice, and a document says it once")
-        found[setting.path] = _setting(setting.value)
-    return {
-        **({"set": found} if found else {}),
-        **{key: ends[key] for key in ("integrator", "timestep") if key in ends},
-    }
-
-
-def _is_timestep(text: str) -> bool:
-    value = meaning(text)
-    return type(value) is float and value > 0 and repr(value) == text
-
-
-def _setting(text: str) -> Any:
-    """The value that is set by `text`: numbers, a list of them or a truth value, if that comes to the same text."""
-    parts = [meaning(part) for part in text.split(",")]
-    value = parts[0] if len(parts) == 1 else parts
-    try:
-        return value if setting_text(value) == text else text
-    except ComplaintError:
-        return text
-
-
-def _by_name(given: Mapping[str, Any]) -> Plain | None:
-    return {name: _numbers(value) for name, value in given.items()} or None
-
-
-def _numbers(value: Any) -> Any:
-    """A number, or a list of several."""
-    parts = [number(float(part)) for part in value] if hasattr(value, "__iter__") else [number(float(value))]
-    return parts[0] if len(parts) == 1 else parts
-
-
-# --- outputs -----------------------------------------------------------------------------------------
-
-
-def _job(job: Any) -> Plain:
-    """What a document says of an output."""
-    for name in WRITTEN:
-        if (path := getattr(job, name, None)) is not None and (reason := refusal(path)):
-            raise UsageError(f"{reason}; give a path relative to a folder")
-    said: Plain = {}
-    for field in dataclasses.fields(job):
-        value = getattr(job, field.name)
-        if field.name not in ELSEWHERE and not _is_usual(value, field.default):
-            said[NAMES.get(field.name, field.name)] = _value(field.name, value)
-        if field.name == "visual":
-            said |= _visual(job.visual)
-    return {"output": said.pop("output", job.output), **known(said)}
-
-
-def _is_usual(value: Any, usual: Any) -> bool:
-    """Whether a document need not say `value`; one of something is as good as a list of it."""
-    if isinstance(value, Sequence) and not isinstance(value, str):
-        return tuple(value) in (usual, (usual,))
-    return value == usual
-
-
-def _value(name: str, value: Any) -> Any:
-    if isinstance(value, Event):
-        return event(value, "at")
-    if name in EXACT:
-        return exact(value)
-    if name == "size":
-        return f"{value[0]}x{value[1]}"
-    if name == "depth_range":
-        return [number(part) for part in value]
-    if isinstance(value, CameraScript):
-        return written(value)
-    if isinstance(value, str | bool):
-        return value
-    if isinstance(value, Sequence):
-        return _one_or_all([_value("", part) for part in value])
-    return number(value)
-
-
-def _one_or_all(values: list[Any]) -> Any:
-    return values[0] if len(values) == 1 else values
-
-
-def _visual(visual: Visual) -> Plain:
-    """What is drawn, as far as it is not as usual."""
-    usual = Visual()
-    groups = {kind: _groups(drawn) for kind, drawn in visual.groups.items()}
-    words = {"frame_axes": "frame", "label": "label", "quality": "quality"}
-    changed = {key: getattr(visual, name) for key, name in words.items()}
-    return known(
-        {
-            "show": _one_or_all([*visual.show]) or None,
-            "hide": _one_or_all([*visual.hide]) or None,
-            "groups": groups or None,
-            **{key: value for key, value in changed.items() if value != getattr(usual, words[key])},
-        }
-    )
-
-
-def _groups(drawn: Sequence[int]) -> Any:
-    return "all" if tuple(drawn) == ALL else [*drawn] or "none"

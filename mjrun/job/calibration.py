@@ -9,7 +9,7 @@ from mjrun.camera.motion import CameraMotion
 from mjrun.camera.pose import Pose
 from mjrun.formats.calibration_writer import CalibrationEntry, CalibrationWriter
 from mjrun.job.panels import PanelFile, camera_names
-from mjrun.job.view import Drawing
+from mjrun.options.view import ViewOptions
 
 FRAME_NAME = "%06d.png"  # in a folder
 
@@ -28,7 +28,7 @@ class Calibration:
     """
 
     def __init__(
-        self, options: Drawing, motions: Sequence[CameraMotion], files: Sequence[PanelFile], numbers: bool
+        self, options: ViewOptions, motions: Sequence[CameraMotion], files: Sequence[PanelFile], numbers: bool
     ) -> None:
         assert options.calibration is not None
         self._folder, self._size = Path(options.calibration).parent, options.size
@@ -37,7 +37,7 @@ class Calibration:
         self._files = {(p.camera, p.view): path for path, p in single if numbers or p.view != "depth"}
         orthographic = [name for name, motion in zip(self._names, motions, strict=True) if not motion.perspective]
         pictures = all(_is_picture(file.path) for file in files)
-        coloured = "depth" in options.views and not numbers
+        coloured = "depth" in options.view and not numbers
         self.writer = CalibrationWriter(
             options.calibration, options.calibration_format, self._names, orthographic, pictures, coloured
         )

@@ -21,7 +21,8 @@ from mjrun.job.overlay_probes import FrameValues, OverlayProbes, empty_overlay, 
 from mjrun.job.panels import PanelFile, camera_names, frame_size
 from mjrun.job.scene_decorations import SceneDecorations, scene_decorations
 from mjrun.job.task import Context
-from mjrun.job.view import RENDERERS, Drawing
+from mjrun.job.view import RENDERERS, visual_of
+from mjrun.options.view import ViewOptions
 from mjrun.rendering.backend import Backend
 from mjrun.rendering.classic import check_size
 from mjrun.rendering.compositor import Overlay, SceneCompositor, Stream
@@ -42,7 +43,7 @@ class DrawingPlan:
       overlay: without content; its size is known.
     """
 
-    options: Drawing
+    options: ViewOptions
     context: Context
     motions: Sequence[CameraMotion]
     decorations: SceneDecorations
@@ -68,7 +69,7 @@ class DrawingPlan:
         return calibration
 
 
-def plan_drawing(options: Drawing, context: Context, plots: Sequence[str] = (), side: str = "under") -> DrawingPlan:
+def plan_drawing(options: ViewOptions, context: Context, plots: Sequence[str] = (), side: str = "under") -> DrawingPlan:
     """Finds every name in the model.
 
     Args:
@@ -89,14 +90,14 @@ def plan_drawing(options: Drawing, context: Context, plots: Sequence[str] = (), 
     )
 
 
-def camera_motions(options: Drawing, model: mujoco.MjModel) -> list[CameraMotion]:
+def camera_motions(options: ViewOptions, model: mujoco.MjModel) -> list[CameraMotion]:
     """The motion of each camera.
 
     Raises:
       UsageError: a name that is not in the model, or a value that cannot be.
     """
     motions: list[CameraMotion] = []
-    for index, camera in enumerate(options.cameras):
+    for index, camera in enumerate(options.camera):
         with concerning("camera", index):
             described = camera if isinstance(camera, CameraScript) else parse_camera(camera, model)
             motions.append(CameraMotion(described, model, options.size))
@@ -170,7 +171,7 @@ class FrameRecorder:
 
 
 def scene_compositor(
-    options: Drawing,
+    options: ViewOptions,
     model: mujoco.MjModel,
     backend: Backend,
     streams: Sequence[Stream],
@@ -182,29 +183,29 @@ def scene_compositor(
         model=model,
         backend=backend,
         size=options.size,
-        visual=options.visual,
+        visual=visual_of(options),
         names=camera_names(options),
         poses=poses,
         streams=streams,
         segmentation=Segmentation(model, options.seg_by),
         decors=decorations,
-        ranges=[options.depth_range] * len(options.cameras) if options.depth_range else [],
+        ranges=[options.depth_range] * len(options.camera) if options.depth_range else [],
         renderer=RENDERERS[options.renderer],
     )
 
 
-def check_drawing(options: Drawing, model: mujoco.MjModel, backend: Backend) -> list[str]:
+def check_drawing(options: ViewOptions, model: mujoco.MjModel, backend: Backend) -> list[str]:
     """Warnings of what the renderer will leave out.
 
     Raises:
       UsageError: it cannot draw this, or not that large.
     """
-    check_size(options.size, backend, options.visual)
+    check_size(options.size, backend, visual_of(options))
     if options.renderer != "filament":
         return []
-    check_visual(model, options.visual)
-    check_segmentation(Segmentation(model, options.seg_by) if "seg" in options.views else None)
-    return omissions(model, options.visual)
+    check_visual(model, visual_of(options))
+    check_segmentation(Segmentation(model, options.seg_by) if "seg" in options.view else None)
+    return omissions(model, visual_of(options))
 
 
 def metadata_tags(path: str | None, facts: Mapping[str, Any]) -> dict[str, str]:

@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
-from dataclasses import KW_ONLY, dataclass, field, replace
+from dataclasses import dataclass, field, replace
 from fractions import Fraction
 from functools import partial
 from pathlib import Path
@@ -25,10 +25,11 @@ from mjrun.job.output_files import named_files
 from mjrun.job.panels import PanelFile, camera_names, output_files, panel_files, unused_options
 from mjrun.job.perform import perform
 from mjrun.job.shared_rendering import RendererChoice, SharedRendering
-from mjrun.job.simulation import Simulation
-from mjrun.job.task import Artifact, Context, EventSteps, Output, OutputResult, PassSummary, Preview
-from mjrun.job.view import Drawing
+from mjrun.job.task import Artifact, Context, EventSteps, Job, Output, OutputResult, PassSummary, Preview
+from mjrun.job.view import check_view
 from mjrun.model.rendered_view import RenderedView, Segment
+from mjrun.options.image import ImageOptions
+from mjrun.options.option import options
 from mjrun.rendering.backend import Backend
 from mjrun.rendering.compositor import Overlay, SceneCompositor, Stream
 from mjrun.rendering.segmentation import Segmentation
@@ -39,43 +40,22 @@ POINTCLOUD_VIEWS = ("rgb", "depth")  # what a point cloud is made of
 VIDEO_SUFFIXES = (".mp4", ".mov", ".mkv", ".webm", ".gif", ".apng")
 
 
-@dataclass(frozen=True)
-class Image(Drawing):
-    """What still to make.
+@options
+class Image(ImageOptions, Job["ImageResult"]):
+    """An image of one instant of a simulation: its options are keywords.
 
-    Args:
-      simulation: what happens; how long is of no account, unless an event is waited for.
-      output: a file, or `-` for stdout.
-      at: the instant [s], or an event; the beginning when neither it nor `step` is given.
-      step: the instant, by step.
-      format: instead of the output's suffix.
-      legend: whether a coloured segmentation lists what is in view.
-      pointcloud: a .ply file for all that the cameras see, as points in the world, labelled where `seg` is a view.
-
-    The rest is said at `Drawing`. Depth and segmentation are numbers where the file can hold them and shows
-    nothing else.
+    How long the simulation lasts does not matter, unless an event is waited for. Depth and segmentation are numbers
+    where the file can hold them and shows nothing else.
     """
-
-    simulation: Simulation
-    output: str
-    _: KW_ONLY
-    at: float | str | Fraction | Event | None = None
-    step: int | None = None
-    format: str | None = None
-    legend: bool = True
-    pointcloud: str | None = None
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if self.at is not None and self.step is not None:
-            raise UsageError("--time and --step exclude each other: both say when")
-        if self.step is not None and self.step < 0:
-            raise BadValueError("--step", self.step, "a whole number from 0 on")
+        check_view(self)
 
     @property
     def files(self) -> list[tuple[str, str]]:
         """Every file that it writes, with what it is."""
-        return [*output_files(self, self.output), *named_files(pointcloud=self.pointcloud)]
+        return [*output_files(self, self.output, self.manifest), *named_files(pointcloud=self.pointcloud)]
 
     def run(self, reporter: Reporter | None = None) -> "ImageResult":
         """Makes the image. What can fail early fails before the first step.
@@ -154,7 +134,7 @@ class ImageTask:
     def plan(self, context: Context) -> "ImagePlan":
         """Finds every name in the model, and the step, unless events decide."""
         drawing = plan_drawing(self.job, context)
-        events = [*shot_events(drawing.scripts), *([self.job.at] if isinstance(self.job.at, Event) else [])]
+        events = [*shot_events(drawing.scripts), *([self.job.time] if isinstance(self.job.time, Event) else [])]
         unscheduled = ImagePlan(self, drawing, conditions(events, context.model))
         if unscheduled.conditions:
             return unscheduled
@@ -286,9 +266,9 @@ class ImageOutput(Output[ImageResult]):
         job, state = self._task.job, self._recorder.states[0]
         try:
             compositor.open()
-            if not compositor.ranges and "depth" in job.views:
+            if not compositor.ranges and "depth" in job.view:
                 compositor.look_ahead({0: state})
-            return compositor.see(state, 0, [*job.views, *(POINTCLOUD_VIEWS if self._opened.pointcloud else ())])
+            return compositor.see(state, 0, [*job.view, *(POINTCLOUD_VIEWS if self._opened.pointcloud else ())])
         finally:
             compositor.close()
 
@@ -332,7 +312,7 @@ def _holds_only_colours(path: str) -> bool:
 
 def _legend(job: Image, model: mujoco.MjModel) -> Sequence[Segment] | None:
     """What labels of points mean, if the points are labelled."""
-    return Segmentation(model, job.seg_by).legend if "seg" in job.views else None
+    return Segmentation(model, job.seg_by).legend if "seg" in job.view else None
 
 
 def _write(
@@ -353,13 +333,13 @@ def _step(job: Image, timeline: Timeline, event_steps: EventSteps) -> int:
     """The step that is drawn."""
     if job.step is not None:
         return job.step
-    if isinstance(job.at, Event):
-        at = time_of(job.at, event_steps[job.at.when], timeline, job.output)
+    if isinstance(job.time, Event):
+        at = time_of(job.time, event_steps[job.time.when], timeline, job.output)
         return min(max(nearest(at / timeline.timestep), 0), timeline.steps)
     try:
-        at = rational(job.at or 0)
+        at = rational(job.time or 0)
     except ValueError:
         at = Fraction(-1)
     if at < 0:
-        raise BadValueError(option("time"), job.at, "a number of seconds from 0 on")
+        raise BadValueError(option("time"), job.time, "a number of seconds from 0 on")
     return nearest(at / timeline.timestep)

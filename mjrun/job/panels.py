@@ -8,7 +8,7 @@ from mjrun.camera.script import CameraScript
 from mjrun.errors import UsageError, option
 from mjrun.formats.labels import labels_beside
 from mjrun.job.output_files import named_files
-from mjrun.job.view import Drawing
+from mjrun.options.view import ViewOptions
 from mjrun.rendering.compositor import Overlay, Panel, Stream, Style
 from mjrun.rendering.layout import layout_size
 
@@ -30,7 +30,7 @@ class PanelFile:
         """The path; None for standard output."""
         return None if self.path == "-" else self.path
 
-    def stream(self, options: Drawing, overlay: Overlay, legend: bool = False) -> Stream:
+    def stream(self, options: ViewOptions, overlay: Overlay, legend: bool = False) -> Stream:
         """Its frames.
 
         Args:
@@ -40,22 +40,22 @@ class PanelFile:
         return Stream(self.panels, options.size, style, self.exact)
 
 
-def camera_names(options: Drawing) -> list[str]:
+def camera_names(options: ViewOptions) -> list[str]:
     """What the cameras are called."""
-    return [camera.name if isinstance(camera, CameraScript) else camera.partition(",")[0] for camera in options.cameras]
+    return [camera.name if isinstance(camera, CameraScript) else camera.partition(",")[0] for camera in options.camera]
 
 
-def panels_of(options: Drawing) -> list[Panel]:
+def panels_of(options: ViewOptions) -> list[Panel]:
     """Every view through every camera."""
-    return [Panel(index, view) for index in range(len(options.cameras)) for view in options.views]
+    return [Panel(index, view) for index in range(len(options.camera)) for view in options.view]
 
 
-def frame_size(options: Drawing) -> tuple[int, int]:
+def frame_size(options: ViewOptions) -> tuple[int, int]:
     """Width and height of a frame with its panels, without plots [pixels]."""
     return layout_size(1 if options.separate else len(panels_of(options)), options.size, options.layout)
 
 
-def panel_files(options: Drawing, output: str) -> list[PanelFile]:
+def panel_files(options: ViewOptions, output: str) -> list[PanelFile]:
     """The files of a drawing: one, or one for each panel if they are separate.
 
     Raises:
@@ -70,15 +70,15 @@ def panel_files(options: Drawing, output: str) -> list[PanelFile]:
     return [PanelFile(path, [panel], _is_exact(options, [panel])) for path, panel in zip(paths, panels, strict=True)]
 
 
-def output_files(options: Drawing, output: str) -> list[tuple[str, str]]:
-    """Every file that a drawing writes, with what it is: pictures, labels, calibration and manifest."""
+def output_files(options: ViewOptions, output: str, manifest: str | None) -> list[tuple[str, str]]:
+    """Every file that a drawing writes, with what it is: frames, labels, calibration and manifest."""
     files = panel_files(options, output)
     labels = [labels_beside(file.path) for file in files if [panel.view for panel in file.panels] == ["seg"]]
     outputs = [("output", path) for path in [*(file.path for file in files), *labels] if output != "-"]
-    return [*outputs, *named_files(calibration=options.calibration, manifest=options.manifest)]
+    return [*outputs, *named_files(calibration=options.calibration, manifest=manifest)]
 
 
-def unused_options(options: Drawing, plot: Sequence[str] = ()) -> list[str]:
+def unused_options(options: ViewOptions, plot: Sequence[str] = ()) -> list[str]:
     """The warning that options for pictures were given where there are only numbers; empty if none were."""
     given = {
         "text": options.text is not None,
@@ -91,7 +91,7 @@ def unused_options(options: Drawing, plot: Sequence[str] = ()) -> list[str]:
     return [f"{', '.join(names)}: numbers have no room for it; {hint}"] if names else []
 
 
-def _is_exact(options: Drawing, panels: Sequence[Panel]) -> bool:
+def _is_exact(options: ViewOptions, panels: Sequence[Panel]) -> bool:
     exact = options.style == "exact" and any(panel.view != "rgb" for panel in panels)
     if exact and len(panels) > 1:
         exact_style = f"{option('style')} exact"
@@ -99,14 +99,14 @@ def _is_exact(options: Drawing, panels: Sequence[Panel]) -> bool:
     return exact
 
 
-def _suffixes(options: Drawing) -> list[str]:
+def _suffixes(options: ViewOptions) -> list[str]:
     """A part of a file's name for each panel, no two alike."""
     words = ["".join(c if c.isalnum() else "_" for c in name.partition(":")[0]) for name in camera_names(options)]
     cameras = [word if words.count(word) == 1 else f"{word}{index}" for index, word in enumerate(words)]
     suffixes: list[str] = []
     for panel in panels_of(options):
-        camera = [cameras[panel.camera]] if len(options.cameras) > 1 else []
-        view = [panel.view] if len(options.views) > 1 else []
+        camera = [cameras[panel.camera]] if len(options.camera) > 1 else []
+        view = [panel.view] if len(options.view) > 1 else []
         suffixes.append("-".join([*camera, *view]))
     return suffixes
 

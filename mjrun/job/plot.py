@@ -2,15 +2,14 @@
 
 from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
-from dataclasses import KW_ONLY, dataclass
-from fractions import Fraction
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from mjrun.errors import BadValueError, UsageError, concerning, quoted
+from mjrun.errors import BadValueError, UsageError, concerning, option, quoted
 from mjrun.formats.image_format import image_format
 from mjrun.formats.image_writer import ImageWriter
 from mjrun.job.drawing import metadata_tags
@@ -18,10 +17,11 @@ from mjrun.job.manifest import origin
 from mjrun.job.output_files import named_files
 from mjrun.job.perform import perform
 from mjrun.job.shared_rendering import SharedRendering
-from mjrun.job.simulation import Simulation, lone
-from mjrun.job.task import Artifact, Context, Output, OutputResult, PassSummary, Preview
+from mjrun.job.task import Artifact, Context, Job, Output, OutputResult, PassSummary, Preview
 from mjrun.job.trace import row_steps
 from mjrun.job.trace_rows import RowBuffer, Table
+from mjrun.options.option import options
+from mjrun.options.trace import PlotOptions
 from mjrun.probe.select import split
 from mjrun.rendering.graph import Graph, aligned
 from mjrun.reporter import Reporter
@@ -32,41 +32,18 @@ SMALLEST = (80, 60)  # of a graph [pixels]
 LETTERS, SMALLEST_LETTERS = 0.022, 9  # size of letters: a share of the picture's shorter side, [pixels]
 
 
-@dataclass(frozen=True)
-class Plot:
-    """What to plot.
-
-    Args:
-      simulation: what happens.
-      output: a picture: .png, .jpg, .webp, .tiff.
-      probes: values of each graph: `energy`, `qpos[left_*],qvel/hip`. Graphs stand one under the other.
-      size: width and height of the picture [pixels].
-      every: steps between samples.
-      rate: samples per simulated second [Hz], instead of `every`.
-      format: instead of the output's suffix.
-      manifest: a file for what made the plot.
-      command: the command line, for the manifest.
-    """
-
-    simulation: Simulation
-    output: str
-    _: KW_ONLY
-    probes: Sequence[str]
-    size: tuple[int, int] = SIZE
-    every: int = 1
-    rate: float | str | Fraction | None = None
-    format: str | None = None
-    manifest: str | None = None
-    command: str = ""
+@options
+class Plot(PlotOptions, Job["PlotResult"]):
+    """A plot of values measured in a simulation: its options are keywords."""
 
     def __post_init__(self) -> None:
-        lone(self, "probes")
-        if not self.probes:
-            raise UsageError("a plot needs values: energy, qpos[left_*], …")
+        super().__post_init__()
+        if not self.probe:
+            raise UsageError(f"{option('probe')}: a plot needs values: energy, qpos[left_*], …")
         width, height = self.size
-        if width < SMALLEST[0] or height // len(self.probes) < SMALLEST[1]:
-            least = f"at least {SMALLEST[0]}x{SMALLEST[1] * len(self.probes)} for {len(self.probes)} graphs"
-            raise BadValueError("size", f"{width}x{height}", least)
+        if width < SMALLEST[0] or height // len(self.probe) < SMALLEST[1]:
+            least = f"at least {SMALLEST[0]}x{SMALLEST[1] * len(self.probe)} for {len(self.probe)} panels"
+            raise BadValueError(option("size"), f"{width}x{height}", least)
 
     @property
     def files(self) -> list[tuple[str, str]]:
@@ -120,13 +97,13 @@ class PlotTask:
     def plan(self, context: Context) -> "PlotPlan":
         """Finds the probes in the model."""
         graphs: list[Table] = []
-        for index, text in enumerate(self.job.probes):
+        for index, text in enumerate(self.job.probe):
             with concerning("probe", index):
                 graphs.append(Table(context.model, split(text), context.timeline))
                 if len(graphs[-1].columns) == 1:
                     raise UsageError(f"plot {quoted(text)}: this model has none of it")
         # One table of all, so that each instant is computed once.
-        probes = [part for text in self.job.probes for part in split(text)]
+        probes = [part for text in self.job.probe for part in split(text)]
         table = Table(context.model, list(dict.fromkeys(probes)), context.timeline)
         return PlotPlan(self, context, row_steps(context.timeline, self.job.every, self.job.rate), graphs, table)
 
@@ -159,7 +136,7 @@ class PlotPlan:
 
     def preview(self) -> Preview:
         job = self.task.job
-        about = f"{self.task.format}, {'; '.join(job.probes)}"
+        about = f"{self.task.format}, {'; '.join(job.probe)}"
         return Preview("plot", job.output, len(self.steps), "samples", job.size, about)
 
     def open(self, stack: ExitStack, rendering: SharedRendering) -> "PlotOutput":

@@ -11,32 +11,19 @@ from mjrun.job.manifest import origin
 from mjrun.job.output_files import named_files
 from mjrun.job.perform import perform
 from mjrun.job.shared_rendering import SharedRendering
-from mjrun.job.simulation import Simulation
-from mjrun.job.task import Artifact, Context, Output, OutputResult, PassSummary, Preview
+from mjrun.job.task import Artifact, Context, Job, Output, OutputResult, PassSummary, Preview
 from mjrun.model import state
 from mjrun.model.fingerprint import physics_fingerprint
+from mjrun.options.option import options
+from mjrun.options.trace import RecordingOptions
 from mjrun.reporter import Reporter
 from mjrun.sim.observe import Tap
 from mjrun.sim.replay import sizes
 
 
-@dataclass(frozen=True)
-class Recording:
-    """What to record.
-
-    Args:
-      simulation: what happens.
-      output: a file (.npz).
-      manifest: a file for what made the recording.
-      command: the command line, for the manifest.
-      keep_partial: keep the states before an instability.
-    """
-
-    simulation: Simulation
-    output: str
-    manifest: str | None = None
-    command: str = ""
-    keep_partial: bool = False
+@options
+class Recording(RecordingOptions, Job["RecordingResult"]):
+    """A recording of a simulation, the states of all steps: its options are keywords."""
 
     @property
     def files(self) -> list[tuple[str, str]]:

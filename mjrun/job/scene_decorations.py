@@ -14,9 +14,10 @@ from mjrun.errors import BadValueError, UnknownNameError, UsageError, clean, con
 from mjrun.formats.recording_reader import RecordingReader
 from mjrun.formats.recording_writer import SUFFIX
 from mjrun.formats.table_reader import read_table
-from mjrun.job.view import Drawing
+from mjrun.job.view import visual_of
 from mjrun.model import state
 from mjrun.model.names import identify
+from mjrun.options.view import ViewOptions
 from mjrun.probe.fields import field_probe
 from mjrun.rendering.decorations import LIMIT, Decoration, Ghost, trails
 from mjrun.rendering.visual import Visual
@@ -98,7 +99,7 @@ class SceneDecorations:
         return added
 
 
-def scene_decorations(options: Drawing, model: mujoco.MjModel) -> SceneDecorations:
+def scene_decorations(options: ViewOptions, model: mujoco.MjModel) -> SceneDecorations:
     """The trails and ghosts in `options`.
 
     Raises:
@@ -106,9 +107,7 @@ def scene_decorations(options: Drawing, model: mujoco.MjModel) -> SceneDecoratio
       UsageError: a setting that cannot be, or a trace that lacks positions.
       FileError: a trace that cannot be read.
     """
-    span = options.trail_span
-    if span is not None and not 0 < span < math.inf:
-        raise BadValueError(option("trail_span"), span, "a positive number of seconds")
+    span = None if options.trail_span is None else float(options.trail_span)
     objects: dict[tuple[str, int], None] = {}
     for index, text in enumerate(options.trail):
         with concerning("trail", index):
@@ -117,7 +116,7 @@ def scene_decorations(options: Drawing, model: mujoco.MjModel) -> SceneDecoratio
     for index, text in enumerate(options.ghost):
         with concerning("ghost", index):
             ghosts.append(_ghost(text, model))
-    return SceneDecorations(model, options.visual, list(objects), span, ghosts)
+    return SceneDecorations(model, visual_of(options), list(objects), span, ghosts)
 
 
 def _ghost(text: str, model: mujoco.MjModel) -> GhostPlan:

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from types import TracebackType
 
-from mjrun.job.view import Drawing
+from mjrun.options.view import ViewOptions
 from mjrun.rendering.backend import Backend
 from mjrun.rendering.backend_detection import BackendDetection, VulkanDetection
 from mjrun.rendering.compositor import SceneCompositor
@@ -19,7 +19,7 @@ class RendererChoice:
     require_gpu: bool
 
     @classmethod
-    def of(cls, options: Drawing) -> "RendererChoice":
+    def of(cls, options: ViewOptions) -> "RendererChoice":
         """What `options` ask for."""
         return cls(options.renderer, None if options.renderer == "filament" else options.gl, options.require_gpu)
 

@@ -1,115 +1,67 @@
 """A simulation as a value: which model, from where, with what, for how long."""
 
-import math
-from collections.abc import Mapping
-from dataclasses import KW_ONLY, dataclass, field
+from dataclasses import field, replace
 from fractions import Fraction
 from functools import cached_property
 from itertools import chain, repeat
 from pathlib import Path
-from typing import Any
 
 import mujoco
 
-from mjrun.errors import BadValueError, UnknownNameError, UsageError, clean, listing
+from mjrun.errors import UsageError, clean, listing, option
 from mjrun.formats.recording_reader import RecordingReader
 from mjrun.formats.table_reader import read_table
 from mjrun.model import mujoco_bugs
 from mjrun.model.fingerprint import physics_fingerprint
 from mjrun.model.names import control_names, control_slices
+from mjrun.model.override import overrides_of
 from mjrun.model.source import Source
 from mjrun.model.sources import ModelLike, source_of
+from mjrun.options.option import options
+from mjrun.options.simulation import SimulationOptions
 from mjrun.sim.control import ControlSignal
 from mjrun.sim.control_noise import ControlNoise
 from mjrun.sim.control_table import PREFIX, ControlTable
-from mjrun.sim.controller import Controller, PeriodicController
-from mjrun.sim.initial_state import InitialState, Values
+from mjrun.sim.controller import PeriodicController
+from mjrun.sim.initial_state import InitialState
 from mjrun.sim.replay import ReplayStepper
 from mjrun.sim.stepper import PhysicsStepper, Stepper
 from mjrun.timeline import Timeline, rational
 
-INTERPOLATIONS = ("hold", "linear")
 DURATION = Fraction(5)  # [s], when nothing is said
-# What only physics knows, unset.
-DRIVING = {**dict.fromkeys(("key", "ctrl_from", "controller")), **dict.fromkeys(("ctrl_noise", "perturb"), 0.0)}
-DRIVING |= {name: {} for name in ("qpos", "qvel", "ctrl")}
 
 
-@dataclass(frozen=True)
-class Simulation:
-    """A model, its state at time 0, and how long to run it.
+@options
+class Simulation(SimulationOptions):
+    """A model, its state at time 0, what drives it, and how long to run it.
 
     Args:
-      model: a compiled model, or the path of one. It is copied, never changed.
-      key: keyframe to start from, by name or index.
-      qpos, qvel: initial joint positions and velocities by name: `{"root": 0.1, "free/z": 1}`.
-      ctrl: constant controls by actuator name; `*` means all.
-      ctrl_from: a table of controls in time, with columns `time` and `ctrl/ACTUATOR`, such as a trace.
-      ctrl_interpolation: between its rows: `hold` or `linear`.
-      ctrl_noise: standard deviation of noise on every control, in the actuators' own units.
-      ctrl_noise_time: time in which that noise forgets [s]; 0 is white, new at every step.
-      controller: called with (model, data) every `control_dt`, at an instant whose fields belong together: it
-        writes `data.ctrl`, or other inputs, or returns the controls `(nu,)`. If it has a method `reset`, that
-        is called first.
-      control_dt: time between two calls [s]; every step when None.
-      perturb: standard deviation of noise on the initial velocities; `seed` makes it repeatable.
-      replay: a recording to go through, instead of simulating.
-      duration: simulated time [s]; when neither it nor `steps` is given 5, or that of the recording.
-      steps: number of steps, instead of `duration`.
+      model: a file, another source such as `scene:dominos`, or a compiled model, which is copied, never changed.
+
+    A controller is called with (model, data) every `control_dt`, at an instant whose fields belong together: it writes
+    `data.ctrl`, or other inputs, or returns the controls `(nu,)`. If it has a method `reset`, that is called first.
 
     Raises:
-      UsageError: a duration or a number of steps that cannot be.
+      UsageError: values that cannot be, or cannot be together.
     """
 
-    model: ModelLike
-    _: KW_ONLY
-    key: str | int | None = None
-    qpos: Mapping[str, Values] = field(default_factory=dict)
-    qvel: Mapping[str, Values] = field(default_factory=dict)
-    ctrl: Mapping[str, Values] = field(default_factory=dict)
-    ctrl_from: str | Path | None = None
-    ctrl_interpolation: str = "hold"
-    ctrl_noise: float = 0.0
-    ctrl_noise_time: float = 0.0
-    controller: Controller | None = None
-    control_dt: float | str | Fraction | None = None
-    perturb: float = 0.0
-    seed: int = 0
-    replay: str | Path | None = None
-    duration: float | str | Fraction | None = None
-    steps: int | None = None
+    model: ModelLike = field(kw_only=False)
 
     def __post_init__(self) -> None:
-        if self.duration is not None and self.steps is not None:
-            raise UsageError("--duration and --steps exclude each other: both say how long")
-        if self.duration is not None:
-            positive("--duration", self.duration)
-        if self.steps is not None and not (isinstance(self.steps, int) and self.steps > 0):
-            raise BadValueError("--steps", self.steps, "a positive whole number")
-        if self.controller is not None and self.ctrl_from is not None:
-            raise UsageError("--controller and --ctrl-from exclude each other: both drive the actuators")
-        if self.control_dt is not None:
-            positive("--control-dt", self.control_dt)
-            if self.controller is None:
-                raise UsageError("--control-dt says how often a --controller is called, and there is none")
-        if self.replay is not None and (driven := self._driven()):
-            raise UsageError(f"--replay goes through a recording, and {listing(driven)} would change it")
-        if self.ctrl_interpolation not in INTERPOLATIONS:
-            raise UnknownNameError("interpolation", self.ctrl_interpolation, INTERPOLATIONS)
-        for flag, value in (("--ctrl-noise", self.ctrl_noise), ("--ctrl-noise-time", self.ctrl_noise_time)):
-            if not 0 <= value < math.inf:
-                raise BadValueError(flag, value, "a number from 0 on")
+        super().__post_init__()
+        if self.control_dt is not None and self.controller is None:
+            raise UsageError(f"{option('control_dt')} says how often a {option('controller')} is called; there is none")
 
     @property
     def start(self) -> InitialState:
         """The state at time 0."""
-        key = None if self.key is None else str(self.key)
-        return InitialState(key, self.qpos, self.qvel, self.ctrl, self.perturb, self.seed)
+        return InitialState(self.key, self.qpos, self.qvel, self.ctrl, self.perturb, self.seed)
 
     @property
     def source(self) -> Source:
-        """Where the model comes from."""
-        return source_of(self.model)
+        """Where the model comes from, with its overrides."""
+        source = source_of(self.model)
+        return replace(source, overrides=(*source.overrides, *overrides_of(self)))
 
     @property
     def inputs(self) -> list[tuple[str, Path]]:
@@ -129,7 +81,7 @@ class Simulation:
             return Timeline.of_steps(timestep, self.steps)
         if self.duration is None and self.replay is not None:
             return Timeline.of_steps(timestep, int(self._recorded.steps[-1]))
-        return Timeline.lasting(timestep, DURATION if self.duration is None else rational(self.duration))
+        return Timeline.lasting(timestep, self.duration or DURATION)
 
     def stepper(self, model: mujoco.MjModel) -> Stepper:
         """`model` at time 0, ready to step.
@@ -150,7 +102,7 @@ class Simulation:
         if self.ctrl_noise:
             noise = ControlNoise(self.ctrl_noise, self.ctrl_noise_time, self.seed, model.opt.timestep, model.nu)
         if self.controller is not None:
-            period = timestep if self.control_dt is None else rational(self.control_dt)
+            period = self.control_dt or timestep
             controller = PeriodicController(self.controller, period, timestep)
         return PhysicsStepper(model, data, ControlSignal(timestep, data.ctrl.copy(), table, noise, controller))
 
@@ -173,10 +125,6 @@ class Simulation:
         assert self.replay is not None
         return RecordingReader(self.replay)
 
-    def _driven(self) -> list[str]:
-        """The options given that only physics knows."""
-        return [f"--{name.replace('_', '-')}" for name, unset in DRIVING.items() if getattr(self, name) != unset]
-
     def _table(self, model: mujoco.MjModel) -> ControlTable:
         path = Path(str(self.ctrl_from))
         columns = read_table(path, lambda name: name == "time" or name.startswith(PREFIX)).columns
@@ -188,25 +136,3 @@ class Simulation:
             raise UsageError(f"--ctrl and {clean(str(path))} both drive {listing(twice)}")
         constant = {i for of in held.values() for i in of}
         return ControlTable(model, columns, str(path), self.ctrl_interpolation == "linear", constant)
-
-
-def lone(job: Any, *names: str) -> None:
-    """Makes a lone text in these fields of a frozen dataclass a list of one: it is a sequence too, of its letters."""
-    for name in names:
-        if isinstance(given := getattr(job, name), str):
-            object.__setattr__(job, name, (given,))
-
-
-def positive(what: str, value: float | str | Fraction) -> Fraction:
-    """`value` as an exact number above zero.
-
-    Raises:
-      BadValueError: it is none.
-    """
-    try:
-        number = rational(value)
-    except ValueError:
-        number = Fraction(0)
-    if number <= 0:
-        raise BadValueError(what, value, "a positive number")
-    return number

@@ -8,7 +8,7 @@ through its taps. An *artifact* is complete, and only has to be moved to its pla
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Generic, Protocol, TypeVar
 
@@ -16,6 +16,8 @@ import mujoco
 
 from mjrun.job.shared_rendering import RendererChoice, SharedRendering
 from mjrun.job.simulation import Simulation
+from mjrun.options.option import options
+from mjrun.options.output import OutputOptions
 from mjrun.reporter import Reporter
 from mjrun.sim.observe import Tap, observe
 from mjrun.sim.stepper import Stepper
@@ -197,24 +199,21 @@ class Task(Protocol[R_co]):
         ...
 
 
-class Job(Protocol[R_co]):
-    """An output as the user asks for it."""
+@options
+class Job(OutputOptions, ABC, Generic[R_co]):
+    """An output as the user asks for it: a simulation, and the options of its kind."""
+
+    simulation: Simulation = field(kw_only=False)
 
     @property
-    def simulation(self) -> Simulation: ...
-
-    @property
-    def manifest(self) -> str | None: ...
-
-    @property
+    @abstractmethod
     def files(self) -> Sequence[tuple[str, str]]:
         """Every file that it writes, with what it is."""
-        ...
 
+    @abstractmethod
     def task(self) -> Task[R_co]:
         """Its task.
 
         Raises:
           UsageError: a format that cannot hold the output, or a value that cannot be.
         """
-        ...

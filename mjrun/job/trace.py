@@ -10,21 +10,23 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from mjrun.errors import UsageError, concerning, option
+from mjrun.errors import concerning
 from mjrun.formats.table_writer import TableWriter
 from mjrun.formats.tables import output_format
 from mjrun.job.manifest import origin
 from mjrun.job.output_files import named_files
 from mjrun.job.perform import perform
 from mjrun.job.shared_rendering import SharedRendering
-from mjrun.job.simulation import Simulation, lone, positive
-from mjrun.job.task import Artifact, Context, Output, OutputResult, PassSummary, Preview
+from mjrun.job.simulation import Simulation
+from mjrun.job.task import Artifact, Context, Job, Output, OutputResult, PassSummary, Preview
 from mjrun.job.trace_rows import TIME, RowBuffer, Rows, Table, repeated
 from mjrun.model.column import Column
 from mjrun.model.mujoco_globals import collected_warnings
+from mjrun.options.option import options
+from mjrun.options.trace import TraceOptions
 from mjrun.probe.assertion import Assertion, Verdict, parse
 from mjrun.probe.available import SelectedProbes
-from mjrun.probe.select import DEFAULT, catalogue, chosen
+from mjrun.probe.select import catalogue, chosen
 from mjrun.reporter import Reporter
 from mjrun.sim.observe import Tap
 from mjrun.sim.stepper import PhysicsStepper, Stepper
@@ -33,38 +35,9 @@ from mjrun.timeline import Timeline
 QUEUED_BLOCKS = 4  # that may wait to be written
 
 
-@dataclass(frozen=True)
-class Trace:
-    """What to measure.
-
-    Args:
-      simulation: what happens.
-      output: a file (.csv .jsonl .parquet .feather .npz .mat), or `-` for stdout.
-      format: instead of the output's suffix.
-      probes: names such as `qpos`, `qpos[left_*]`, `xpos/hand/z`.
-      every: steps between rows.
-      rate: rows per simulated second [Hz], instead of `every`.
-      asserts: expressions that must hold, `max(abs(energy/drift)) < 1e-3`.
-      keep_partial: keep the rows before an instability.
-      contacts: a file for the long table of contacts, a row for each contact of each instant.
-      manifest: a file for what made the trace.
-      command: the command line, for the manifest.
-    """
-
-    simulation: Simulation
-    output: str = "-"
-    format: str | None = None
-    probes: Sequence[str] = DEFAULT
-    every: int = 1
-    rate: float | str | Fraction | None = None
-    asserts: Sequence[str] = ()
-    keep_partial: bool = False
-    contacts: str | None = None
-    manifest: str | None = None
-    command: str = ""
-
-    def __post_init__(self) -> None:
-        lone(self, "probes", "asserts")
+@options
+class Trace(TraceOptions, Job["TraceResult"]):
+    """A trace of a simulation, a table of measured values: its options are keywords."""
 
     @property
     def files(self) -> list[tuple[str, str]]:
@@ -144,12 +117,12 @@ class TraceTask:
         """Finds the probes in the model and parses the assertions."""
         job = self.job
         steps = row_steps(context.timeline, job.every, job.rate)
-        table = Table(context.model, job.probes, context.timeline, with_contacts=job.contacts is not None)
+        table = Table(context.model, job.probe, context.timeline, with_contacts=job.contacts is not None)
         if text := repeated(context.timeline, job.rate):
             context.reporter.warn(text)
         available = SelectedProbes([column.name for column in table.columns], table.model)
         assertions: list[Assertion] = []
-        for index, text in enumerate(job.asserts):
+        for index, text in enumerate(job.assert_):
             with concerning("assert", index):
                 assertions.append(parse(text, available))
         return TracePlan(self, context, steps, table, assertions)
@@ -271,10 +244,8 @@ def _stream(parts: Iterator[Callable[[], Rows]], write: Callable[[Rows], object]
             raise failures[0]
 
 
-def row_steps(timeline: Timeline, every: int, rate: float | str | Fraction | None) -> Sequence[int]:
+def row_steps(timeline: Timeline, every: int, rate: Fraction | None) -> Sequence[int]:
     """The steps that are measured: every so many, or so many per simulated second."""
-    if rate is not None and every != 1:
-        raise UsageError(f"{option('every')} and {option('rate')} exclude each other: both say how often")
     if rate is None:
         return timeline.rows(every=every)
-    return timeline.rows(rate=positive(option("rate"), rate))
+    return timeline.rows(rate=rate)

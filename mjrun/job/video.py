@@ -3,7 +3,7 @@
 import time
 from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
-from dataclasses import KW_ONLY, dataclass, field, replace
+from dataclasses import dataclass, field, replace
 from fractions import Fraction
 from functools import partial
 from math import prod
@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from mjrun.errors import UnknownNameError, UsageError, clean, option
+from mjrun.errors import clean
 from mjrun.formats.codecs import Encoding, encoding
 from mjrun.formats.labels import LabelsWriter
 from mjrun.formats.video_writer import VideoWriter
@@ -25,59 +25,29 @@ from mjrun.job.manifest import origin
 from mjrun.job.panels import PanelFile, camera_names, output_files, panel_files, panels_of, unused_options
 from mjrun.job.perform import perform
 from mjrun.job.shared_rendering import RendererChoice, SharedRendering
-from mjrun.job.simulation import Simulation, lone, positive
-from mjrun.job.task import Artifact, Context, EventSteps, Output, OutputResult, PassSummary, Preview
-from mjrun.job.view import Drawing
+from mjrun.job.task import Artifact, Context, EventSteps, Job, Output, OutputResult, PassSummary, Preview
+from mjrun.job.view import check_view
 from mjrun.model.uint16_pixels import UINT16_MAX
+from mjrun.options.option import options
+from mjrun.options.video import VideoOptions
 from mjrun.rendering.backend import Backend
 from mjrun.rendering.compositor import SceneCompositor
-from mjrun.rendering.graph import SIDES
 from mjrun.rendering.process_count import AUTO
 from mjrun.reporter import Reporter
 
 
-@dataclass(frozen=True)
-class Video(Drawing):
-    """What film to make.
-
-    Args:
-      simulation: what happens.
-      output: a file, a folder, a pattern such as `frame_%04d.png`, or `-` for stdout.
-      fps: frames per second of the film; 30, or 25 in a GIF, when None.
-      speed: simulated seconds per second of film; below 1 is slow motion.
-      format, codec, crf, preset: how it is encoded; chosen by the output's suffix when None.
-      plot: values to plot under the film, a graph for each: `energy`, `qpos[left_*]`.
-      plot_side: where graphs stand: `under` or `beside`.
-      jobs: processes that draw; `auto` is one on a GPU or for a short film, else one per core.
-
-    The rest is said at `Drawing`.
-    """
-
-    simulation: Simulation
-    output: str
-    _: KW_ONLY
-    fps: float | str | Fraction | None = None
-    speed: float | str | Fraction = 1
-    format: str | None = None
-    codec: str | None = None
-    crf: int | None = None
-    preset: str | None = None
-    plot: Sequence[str] = ()
-    plot_side: str = "under"
-    jobs: int | str = AUTO
+@options
+class Video(VideoOptions, Job["VideoResult"]):
+    """A video of a simulation: its options are keywords."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        lone(self, "plot")
-        if self.plot_side not in SIDES:
-            raise UnknownNameError("side", self.plot_side, SIDES, where="--plot-side")
-        if self.plot and self.separate:
-            raise UsageError("--plot stands under one picture; it does not go with --separate")
+        check_view(self)
 
     @property
     def files(self) -> list[tuple[str, str]]:
         """Every file that it writes, with what it is."""
-        return output_files(self, self.output)
+        return output_files(self, self.output, self.manifest)
 
     def run(self, reporter: Reporter | None = None) -> "VideoResult":
         """Makes the video. What can fail early fails before the first step.
@@ -94,8 +64,8 @@ class Video(Drawing):
           UsageError: a format that cannot hold the video, or a rate that cannot be.
         """
         files = [_video_file(self, file) for file in panel_files(self, self.output)]
-        fps = files[0].encoding.fps if self.fps is None else positive(option("fps"), self.fps)
-        speed = positive(option("speed"), self.speed)
+        fps = files[0].encoding.fps if self.fps is None else self.fps
+        speed = self.speed
         for file in files:
             file.encoding.check_fps(fps)
         return VideoTask(self, files, fps, speed)

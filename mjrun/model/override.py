@@ -15,6 +15,7 @@ import numpy as np
 
 from mjrun.errors import BadValueError, OptionPath, UnknownNameError, UsageError, clean, option
 from mjrun.model.names import enum_members, enum_value, is_enum, is_index
+from mjrun.options.model import ModelOptions
 
 ROOTS: dict[str, Callable[[mujoco.MjSpec], Any]] = {
     "opt": lambda spec: spec.option,
@@ -102,6 +103,16 @@ class Override:
     def option_path(self) -> OptionPath:
         """The place within the options that errors are about."""
         return ("set", self.path) if self.option == "set" else (self.option,)
+
+
+def overrides_of(options: ModelOptions) -> tuple[Override, ...]:
+    """The overrides that `options` ask for, in the order in which they are applied."""
+    overrides = [Override(path, text) for path, text in options.set]
+    if options.integrator is not None:
+        overrides.append(Override("opt.integrator", options.integrator, "integrator"))
+    if options.timestep is not None:
+        overrides.append(Override("opt.timestep", repr(float(options.timestep)), "timestep"))
+    return tuple(overrides)
 
 
 def apply(spec: mujoco.MjSpec, override: Override) -> None:

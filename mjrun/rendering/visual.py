@@ -93,3 +93,13 @@ class Visual:
 def flags() -> list[str]:
     """Every name that the options show and hide take."""
     return [*enum_members(mujoco.mjtVisFlag), *enum_members(mujoco.mjtRndFlag)]
+
+
+def frames() -> list[str]:
+    """Every kind of object whose axes the option frame_axes draws."""
+    return [*enum_members(mujoco.mjtFrame)]
+
+
+def labels() -> list[str]:
+    """Every kind of object whose names the option label draws."""
+    return [*enum_members(mujoco.mjtLabel)]

@@ -13,10 +13,10 @@ from typing import TYPE_CHECKING
 
 import click
 import pytest
+from mjrun.cli.options import INTEGRATORS
 
 from mjrun import __version__
 from mjrun.cli.main import COMMANDS, group
-from mjrun.cli.options import INTEGRATORS
 from mjrun.model.sources.file import SUFFIXES
 
 if TYPE_CHECKING:

@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
+from mjrun.document.outputs import Film, Still, Table
+from mjrun.document.view import Groups
 
 from mjrun.cli import image, options, trace, video
-from mjrun.document.outputs import Film, Still, Table
 from mjrun.document.run import Run
-from mjrun.document.view import Groups
 
 if TYPE_CHECKING:
     import click

@@ -15,9 +15,9 @@ from mjrun.bench.bench import Bench
 from mjrun.bench.results import BenchResult
 from mjrun.camera.easing import BLENDS, EASINGS
 from mjrun.document import camera
-from mjrun.document.camera import RIGS, Document, Shot
-from mjrun.document.json_schema import KINDS, PREAMBLE, schema
-from mjrun.document.run import Run
+from mjrun.document.camera import RIGS, CameraDocument, Shot
+from mjrun.document.json_schema import KINDS, PREAMBLE, json_schema
+from mjrun.document.run import RunDocument
 from mjrun.errors import UnknownNameError
 
 TYPES = {"object": dict, "array": list, "string": str, "boolean": bool, "null": type(None)}
@@ -100,8 +100,8 @@ def rules(rule: Any) -> Iterator[dict[str, Any]]:
 )
 def test_what_is_read_fits_the_schema(text: str) -> None:
     value = yaml.safe_load(text)
-    Document.model_validate(value)
-    assert fits(value, schema("camera"), schema("camera"))
+    CameraDocument.model_validate(value)
+    assert fits(value, json_schema("camera"), json_schema("camera"))
 
 
 @pytest.mark.parametrize(
@@ -119,13 +119,13 @@ def test_what_is_read_fits_the_schema(text: str) -> None:
 def test_what_is_refused_does_not_fit_the_schema(text: str) -> None:
     value = yaml.safe_load(text)
     with pytest.raises(ValueError, match="validation error"):
-        Document.model_validate(value)
-    assert not fits(value, schema("camera"), schema("camera"))
+        CameraDocument.model_validate(value)
+    assert not fits(value, json_schema("camera"), json_schema("camera"))
 
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_schema_says_its_dialect_and_title_and_has_no_place_in_the_world(kind: str) -> None:
-    made = schema(kind)
+    made = json_schema(kind)
     assert made["$schema"] == "https://json-schema.org/draft/2020-12/schema"
     assert made["title"] == f"mjrun {kind} document"
     assert not any("$id" in rule for rule in rules(made))
@@ -133,7 +133,7 @@ def test_a_schema_says_its_dialect_and_title_and_has_no_place_in_the_world(kind:
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_every_mapping_and_every_key_is_described_and_every_reference_leads_somewhere(kind: str) -> None:
-    made = schema(kind)
+    made = json_schema(kind)
     for rule in rules(made):
         assert "$ref" not in rule or rule["$ref"].removeprefix("#/$defs/") in made["$defs"]
         if rule.get("type") == "object":
@@ -144,7 +144,7 @@ def test_every_mapping_and_every_key_is_described_and_every_reference_leads_some
 
 
 def test_keys_and_choices_are_those_of_the_forms() -> None:
-    made = schema("camera")
+    made = json_schema("camera")
     assert [*made["properties"]] == ["speed", "shots"]
     shot = made["$defs"]["Shot"]
     assert [*shot["properties"]] == Shot.key_names()
@@ -154,63 +154,63 @@ def test_keys_and_choices_are_those_of_the_forms() -> None:
 
 
 def test_a_document_with_a_preamble_may_have_vars_and_defaults() -> None:
-    assert [*schema("run")["properties"]] == [*PREAMBLE, *Run.key_names()]
-    assert [*schema("camera")["properties"]] == ["speed", "shots"]
+    assert [*json_schema("run")["properties"]] == [*PREAMBLE, *RunDocument.key_names()]
+    assert [*json_schema("camera")["properties"]] == ["speed", "shots"]
 
 
-RUN = "model: m.xml\nfilms:\n- output: a.mp4\n  "
+RUN = "model: m.xml\nvideos:\n- output: a.mp4\n  "
 
 
 @pytest.mark.parametrize(
     "text",
     [
-        "{model: m.xml, recording: a.npz}",
+        "{model: m.xml, recordings: [a.npz]}",
         "{model: m.xml, traces: [{output: a.csv, probe: qpos, assert: [a < 1]}], qpos: {a: 1, b: [1, 2]}}",
         "{model: m.xml, plots: [{output: a.png, probe: [qpos]}], set: {a: 1, b: [0, 1], c: text, d: true}}",
-        "{model: m.xml, stills: [{output: a.png, at: 1}, {output: b.png, at: {when: a}}, {output: c.png, at: 1/3}]}",
+        "{model: m.xml, images: [{output: a.png, time: 1}, {output: b.png, time: {when: a}}, {output: c, time: 1/3}]}",
         "{defaults: common.yaml, duration: 1/3, key: 0}",
         "{vars: {x: 1, y: no}, defaults: common.yaml, steps: '${x}'}",
         RUN + "size: 64x48\n  fps: 30000/1001\n  speed: 0.5\n  jobs: 2",
         RUN + "size: [64, 48]\n  fps: 60\n  jobs: auto\n  view: [rgb, depth]\n  show: [joint]\n  hide: fog",
-        RUN + "camera: [top, 0, {shots: [{camera: a}]}]\n  ghost: [a=b, {key: 1}]\n  groups: {geom: [0], site: all}",
+        RUN + "camera: [top, 0, {shots: [{camera: a}]}]\n  ghost: [a=b, {key: 1}]\n  geomgroup: [0], sitegroup: all",
         RUN
         + "size: '${x}'\n  fps: '${x}'\n  crf: '${x}'\n  captions: '${x}'\n  view: '${x}'\n  depth_range: ['${x}', 2]",
-        RUN + "camera: {shots: [{orbit: {azimuth: '${x}'}, speed: '${x}'}]}\n  groups: {geom: ['${x}']}",
+        RUN + "camera: {shots: [{orbit: {azimuth: '${x}'}, speed: '${x}'}]}\n  geomgroup: ['${x}']",
     ],
 )
 def test_run_documents_fit_the_schema(text: str) -> None:
-    assert fits(yaml.safe_load(text), schema("run"), schema("run"))
+    assert fits(yaml.safe_load(text), json_schema("run"), json_schema("run"))
 
 
 @pytest.mark.parametrize(
     "text",
     [
-        "{}", "{model: m.xml}", "{recording: a.npz}", "{model: m.xml, recording: [a]}", "{defaults: 1}",
-        "{model: m.xml, recording: a.npz, duraton: 1}", "{model: m.xml, recording: a.npz, duration: 0}",
-        "{model: m.xml, recording: a.npz, duration: soon}", "{model: m.xml, recording: a.npz, qpos: {a: up}}",
-        "{model: m.xml, recording: a.npz, vars: {x y: 1}}", "{model: m.xml, recording: a.npz, steps: '${x'}",
+        "{}", "{model: m.xml}", "{recordings: [a.npz]}", "{model: m.xml, recording: [a]}", "{defaults: 1}",
+        "{model: m.xml, recordings: [a.npz], duraton: 1}", "{model: m.xml, recordings: [a.npz], duration: 0}",
+        "{model: m.xml, recordings: [a.npz], duration: soon}", "{model: m.xml, recordings: [a.npz], qpos: {a: up}}",
+        "{model: m.xml, recordings: [a.npz], vars: {x y: 1}}", "{model: m.xml, recordings: [a.npz], steps: '${x'}",
         "{model: m.xml, traces: [{probe: qpos}]}", "{model: m.xml, plots: [{output: a.png}]}",
-        RUN + "size: 64", RUN + "size: [64]", RUN + "view: rbg", RUN + "show: nothing", RUN + "groups: {geom: [6]}",
+        RUN + "size: 64", RUN + "size: [64]", RUN + "view: rbg", RUN + "show: nothing", RUN + "geomgroup: [6]",
         RUN + "camera: true", RUN + "camera: {shots: []}", RUN + "jobs: all", RUN + "captions: 'true'",
         RUN + "ghost: {opacity: 2}", RUN + "gl: egl", RUN + "crf: 1.5",
     ],
 )  # fmt: skip
 def test_what_is_no_run_document_does_not_fit_the_schema(text: str) -> None:
-    assert not fits(yaml.safe_load(text), schema("run"), schema("run"))
+    assert not fits(yaml.safe_load(text), json_schema("run"), json_schema("run"))
 
 
 def test_a_kind_that_there_is_not_is_told() -> None:
     with pytest.raises(
         UnknownNameError, match=r"^no schema 'camra' \(did you mean 'camera'\?\)\nschemas: camera, run, bench$"
     ):
-        schema("camra")
+        json_schema("camra")
 
 
 def test_the_example_in_the_module_is_a_document(tmp_path: Path) -> None:
     example = (camera.__doc__ or "").split("```yaml")[1].split("```")[0]
     (tmp_path / "c.yaml").write_text(example)
     assert len(camera.read_camera(tmp_path / "c.yaml").shots) == 2
-    assert fits(yaml.safe_load(example), schema("camera"), schema("camera"))
+    assert fits(yaml.safe_load(example), json_schema("camera"), json_schema("camera"))
 
 
 @pytest.fixture(scope="module")
@@ -229,7 +229,7 @@ def report(tmp_path_factory: pytest.TempPathFactory) -> Any:
 
 
 def test_a_report_fits_its_schema_as_long_as_nothing_is_missing_and_nothing_is_of_another_kind(report: Any) -> None:
-    made = schema("bench")
+    made = json_schema("bench")
     assert report["rows"][1]["failure"]
     assert report["comparison"]["gone"]
     assert fits(report, made, made)
@@ -242,7 +242,7 @@ def test_a_report_fits_its_schema_as_long_as_nothing_is_missing_and_nothing_is_o
 
 
 def test_every_key_of_a_report_is_described_and_required() -> None:
-    made = schema("bench")
+    made = json_schema("bench")
     assert made["properties"]["schema"]["const"] == "mjrun-bench-1"
     assert [*made["properties"]] == [field.name for field in fields(BenchResult)]
     for rule in rules(made):

@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 from pydantic import BaseModel, Field
 
 from mjrun.document import variables, yaml_parser
-from mjrun.document.document_model import Form, Maybe, Name, Positive
+from mjrun.document.document_model import DocumentModel, Maybe, Name, Positive
 from mjrun.document.reader import LARGEST, read
 from mjrun.errors import DocumentError, FileError, clean
 
@@ -26,7 +26,7 @@ class Anything(BaseModel):
     a: Any
 
 
-class Film(Form):
+class Film(DocumentModel):
     """A part of a document."""
 
     fps: Positive = 60.0
@@ -35,7 +35,7 @@ class Film(Form):
     """A text."""
 
 
-class Run(Form):
+class Run(DocumentModel):
     """A document as the ones to come will be."""
 
     duration: Positive = 1.0

@@ -13,7 +13,6 @@ from mjrun.camera.rigs.around import FreeRig
 from mjrun.camera.rigs.model import ModelRig
 from mjrun.camera.script import CameraScript, Event, Shot
 from mjrun.document import run
-from mjrun.document.machine import Machine
 from mjrun.document.run import read_run
 from mjrun.errors import DocumentError, FileError, UsageError
 from mjrun.job.image import Image
@@ -25,7 +24,7 @@ from mjrun.job.trace import Trace
 from mjrun.job.video import Video
 from mjrun.model.override import Override
 from mjrun.model.sources.file import FileSource
-from mjrun.model.sources.scene import SceneSource
+from mjrun.options.run import RunOptions
 from mjrun.rendering.visual import Visual
 
 MODEL = """
@@ -37,6 +36,7 @@ MODEL = """
 </mujoco>
 """
 HEAD = "model: m.xml\n"
+OUT = RunOptions(output="out")
 
 
 @pytest.fixture(autouse=True)
@@ -47,14 +47,14 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path
 
 
-def jobs(text: str, *assignments: str, machine: Machine = Machine(), name: str = "d.yaml") -> list[Any]:  # noqa: B008
+def jobs(text: str, *assignments: str, options: RunOptions = OUT, name: str = "d.yaml") -> list[Any]:
     Path(name).write_text(text)
-    return read_run(name, assignments, Path("out"), machine).jobs
+    return read_run(name, assignments, options).jobs
 
 
-def job(text: str, *assignments: str, machine: Machine = Machine()) -> Any:  # noqa: B008
+def job(text: str, *assignments: str, options: RunOptions = OUT) -> Any:
     """The one job of a document without its model."""
-    (only,) = jobs(HEAD + text, *assignments, machine=machine)
+    (only,) = jobs(HEAD + text, *assignments, options=options)
     return only
 
 
@@ -65,7 +65,7 @@ def problems(text: str, *assignments: str) -> list[str]:
 
 
 def simulation(**settings: Any) -> Simulation:
-    return Simulation(FileSource(Path("m.xml"), overrides=settings.pop("settings", ())), **settings)
+    return Simulation("m.xml", **settings)
 
 
 USUAL: dict[str, Any] = {"camera": ("free",), "view": ("rgb",)}
@@ -113,7 +113,7 @@ USUAL: dict[str, Any] = {"camera": ("free",), "view": ("rgb",)}
     ],
 )
 def test_the_simulation_is_what_the_document_says(text: str, said: dict[str, Any]) -> None:
-    assert job(f"{text}\nrecording: a.npz").simulation == simulation(**said)
+    assert job(f"{text}\nrecordings: [a.npz]").simulation == simulation(**said)
 
 
 @pytest.mark.parametrize(
@@ -170,28 +170,28 @@ def test_the_simulation_is_what_the_document_says(text: str, said: dict[str, Any
     ],
 )
 def test_a_film_is_what_the_document_says(text: str, said: dict[str, Any]) -> None:
-    assert job(f"films:\n- output: a.mp4\n  {text}") == Video(simulation(), "out/a.mp4", **{**USUAL, **said})
+    assert job(f"videos:\n- output: a.mp4\n  {text}") == Video(simulation(), "out/a.mp4", **{**USUAL, **said})
 
 
 @pytest.mark.parametrize(
     ("text", "said"),
     [
         ("", {}),
-        ("at: 1.5", {"at": Fraction(3, 2)}),
-        ("at: 0", {"at": 0}),
-        ("at: 1/3", {"at": Fraction(1, 3)}),
+        ("time: 1.5", {"time": Fraction(3, 2)}),
+        ("time: 0", {"time": 0}),
+        ("time: 1/3", {"time": Fraction(1, 3)}),
         ("step: 10", {"step": 10}),
-        ("at: {when: 'contact(ball, floor)'}", {"at": Event("contact(ball, floor)")}),
+        ("time: {when: 'contact(ball, floor)'}", {"time": Event("contact(ball, floor)")}),
         (
-            "at: {when: a > 1, nth: 2, offset: 0.1, else: end}",
-            {"at": Event("a > 1", 2, Fraction(1, 10), "end")},
+            "time: {when: a > 1, nth: 2, offset: 0.1, else: end}",
+            {"time": Event("a > 1", 2, Fraction(1, 10), "end")},
         ),
         ("legend: false\n  format: palette\n  view: seg", {"legend": False, "format": "palette", "view": ("seg",)}),
         ("pointcloud: a.ply\n  size: 64x48", {"pointcloud": "out/a.ply", "size": (64, 48)}),
     ],
 )
 def test_a_still_is_what_the_document_says(text: str, said: dict[str, Any]) -> None:
-    assert job(f"stills:\n- output: a.png\n  {text}") == Image(simulation(), "out/a.png", **{**USUAL, **said})
+    assert job(f"images:\n- output: a.png\n  {text}") == Image(simulation(), "out/a.png", **{**USUAL, **said})
 
 
 @pytest.mark.parametrize(
@@ -200,27 +200,30 @@ def test_a_still_is_what_the_document_says(text: str, said: dict[str, Any]) -> N
         ("traces: [{output: a.csv}]", Trace(simulation(), "out/a.csv")),
         (
             "traces: [{output: b/a, probe: 'qpos,xpos[a,b]', every: 2, format: csv}]",
-            Trace(simulation(), "out/b/a", "csv", ("qpos", "xpos[a,b]"), every=2),
+            Trace(simulation(), "out/b/a", format="csv", probe="qpos,xpos[a,b]", every=2),
         ),
         (
             "traces: [{output: a.csv, probe: [qpos, energy], rate: 100, assert: a < 1, contacts: c.csv}]",
             Trace(
-                simulation(), "out/a.csv", probes=("qpos", "energy"), rate=100, asserts=("a < 1",), contacts="out/c.csv"
+                simulation(), "out/a.csv", probe=("qpos", "energy"), rate=100, assert_=("a < 1",), contacts="out/c.csv"
             ),
         ),
         (
             "traces: [{output: a.csv, assert: [a < 1, b < 2], keep_partial: true, manifest: m.json}]",
-            Trace(simulation(), "out/a.csv", asserts=("a < 1", "b < 2"), keep_partial=True, manifest="out/m.json"),
+            Trace(simulation(), "out/a.csv", assert_=("a < 1", "b < 2"), keep_partial=True, manifest="out/m.json"),
         ),
-        ("plots: [{output: a.png, probe: energy}]", Plot(simulation(), "out/a.png", probes=("energy",))),
+        ("plots: [{output: a.png, probe: energy}]", Plot(simulation(), "out/a.png", probe=("energy",))),
         (
             "plots: [{output: a.png, probe: [energy, 'qpos,qvel'], size: 640x480, rate: 50, format: png}]",
             Plot(
-                simulation(), "out/a.png", probes=("energy", "qpos,qvel"), size=(640, 480), rate=50, format="png"
+                simulation(), "out/a.png", probe=("energy", "qpos,qvel"), size=(640, 480), rate=50, format="png"
             ),
         ),
-        ("recording: a.npz", Recording(simulation(), "out/a.npz")),
-        ("recording: {output: a.npz, manifest: m.json}", Recording(simulation(), "out/a.npz", manifest="out/m.json")),
+        ("recordings: [a.npz]", Recording(simulation(), "out/a.npz")),
+        (
+            "recordings: [{output: a.npz, manifest: m.json}]",
+            Recording(simulation(), "out/a.npz", manifest="out/m.json"),
+        ),
     ],
 )  # fmt: skip
 def test_a_trace_a_plot_and_a_recording_are_what_the_document_says(text: str, expected: object) -> None:
@@ -229,8 +232,8 @@ def test_a_trace_a_plot_and_a_recording_are_what_the_document_says(text: str, ex
 
 def test_all_jobs_are_of_one_and_the_same_simulation_in_the_order_of_the_sections() -> None:
     text = HEAD + (
-        "recording: r.npz\nplots: [{output: p.png, probe: energy}]\ntraces: [{output: a.csv}, {output: b.csv}]\n"
-        "stills: [{output: s.png}]\nfilms: [{output: f.mp4}]\n"
+        "recordings: [r.npz]\nplots: [{output: p.png, probe: energy}]\ntraces: [{output: a.csv}, {output: b.csv}]\n"
+        "images: [{output: s.png}]\nvideos: [{output: f.mp4}]\n"
     )
     found = jobs(text)
     assert [type(one) for one in found] == [Video, Image, Trace, Trace, Plot, Recording]
@@ -241,7 +244,7 @@ def test_the_example_in_the_module_is_a_document() -> None:
     example = (run.__doc__ or "").split("```yaml")[1].split("```")[0]
     film, still, trace, plot = jobs(example)
     assert (film.speed, film.camera) == (Fraction(1, 4), ("top", "orbit:lookat=box,distance=1"))
-    assert (still.at.when, trace.rate, plot.probes) == ("contact(domino_6, seesaw)", 100, ("energy",))
+    assert (still.at.when, trace.rate, plot.probe) == ("contact(domino_6, seesaw)", 100, ("energy",))
 
 
 # --- around the document -----------------------------------------------------------------------------
@@ -252,7 +255,7 @@ def test_files_that_are_read_are_relative_to_the_document_and_outputs_to_the_fol
     Path("study/cameras/fly.yaml").write_text("shots: [{camera: a}]")
     text = (
         "model: ../m.xml\nctrl_from: c.csv\n"
-        "films: [{output: a.mp4, camera: cameras/fly.yaml, ghost: ['opacity=.3,trace=g.csv', {recording: h.npz}]}]"
+        "videos: [{output: a.mp4, camera: cameras/fly.yaml, ghost: ['opacity=.3,trace=g.csv', {recording: h.npz}]}]"
     )
     (film,) = jobs(text, name="study/d.yaml")
     assert film.simulation == Simulation(FileSource(Path("study/../m.xml")), ctrl_from="study/c.csv")
@@ -260,72 +263,66 @@ def test_files_that_are_read_are_relative_to_the_document_and_outputs_to_the_fol
     assert film.ghost == ("opacity=.3,trace=study/g.csv", "recording=study/h.npz")
     assert film.output == "out/a.mp4"
     assert (
-        jobs("model: m.xml\nreplay: r.npz\nrecording: b.npz", name="study/d.yaml")[0].simulation.replay == "study/r.npz"
+        jobs("model: m.xml\nreplay: r.npz\nrecordings: [b.npz]", name="study/d.yaml")[0].simulation.replay
+        == "study/r.npz"
     )
 
 
-def test_a_scene_is_no_file_beside_the_document() -> None:
-    Path("study").mkdir()
-    text = "model: scene:dominos\nset: {opt.cone: elliptic}\nrecording: a.npz"
-    source = jobs(text, name="study/d.yaml")[0].simulation.source
-    assert source == SceneSource("dominos", overrides=(Override("opt.cone", "elliptic"),))
-
-
 def test_absolute_inputs_stay_as_they_are() -> None:
-    assert jobs("model: /models/m.xml\nrecording: a.npz")[0].simulation.model == FileSource(Path("/models/m.xml"))
+    assert jobs("model: /models/m.xml\nrecordings: [a.npz]")[0].simulation.model == FileSource(Path("/models/m.xml"))
 
 
 def test_settings_of_the_command_line_count_above_the_document() -> None:
     film = job(
-        "duration: 3\nfilms: [{output: a.mp4, fps: 60}]",
-        "films[0].fps=10",
+        "duration: 3\nvideos: [{output: a.mp4, fps: 60}]",
+        "videos[0].fps=10",
         "duration=1",
         "set.opt.cone=elliptic",
         "qpos.root/z=2",
     )
     assert (film.fps, film.simulation.duration) == (10, 1)
-    assert film.simulation.model.overrides == (Override("opt.cone", "elliptic"),)
+    assert film.simulation.model.settings == (Override("opt.cone", "elliptic"),)
     assert film.simulation.qpos == {"root/z": (2,)}
 
 
 def test_variables_and_defaults_make_the_same_jobs() -> None:
     Path("common.yaml").write_text(
-        "vars: {fast: 240}\nmodel: m.xml\nduration: 2\nqpos: {a: 1}\nfilms: [{output: x.mp4}]"
+        "vars: {fast: 240}\nmodel: m.xml\nduration: 2\nqpos: {a: 1}\nvideos: [{output: x.mp4}]"
     )
     text = "vars: {slow: 0.25, n: a}\ndefaults: common.yaml\nqpos: {b: 2}\nduration: 1/2\n"
-    (film,) = jobs(text + 'films: [{output: "${n}.mp4", speed: "${slow}", fps: "${fast}", text: "$${n}"}]')
+    (film,) = jobs(text + 'videos: [{output: "${n}.mp4", speed: "${slow}", fps: "${fast}", text: "$${n}"}]')
     start = simulation(duration=Fraction(1, 2), qpos={"a": (1,), "b": (2,)})
     assert film == Video(start, "out/a.mp4", **USUAL, speed=Fraction(1, 4), fps=240, text="${n}")
 
 
 def test_an_empty_list_takes_the_outputs_of_the_defaults_away() -> None:
-    Path("common.yaml").write_text("model: m.xml\nfilms: [{output: x.mp4}]\nrecording: r.npz")
-    assert [type(one) for one in jobs("defaults: common.yaml\nfilms: []")] == [Recording]
+    Path("common.yaml").write_text("model: m.xml\nvideos: [{output: x.mp4}]\nrecordings: [r.npz]")
+    assert [type(one) for one in jobs("defaults: common.yaml\nvideos: []")] == [Recording]
 
 
 def test_the_machine_says_who_drives_and_who_draws() -> None:
     def act(model: mujoco.MjModel, data: mujoco.MjData) -> None: ...
 
-    machine = Machine(act, Fraction(1, 50), "egl", True, "draft", 3, "mjrun run d.yaml")
-    film, still, trace, plot, kept = jobs(
-        HEAD + "films: [{output: a.mp4, quality: high, jobs: 1}]\nstills: [{output: a.png}]\n"
-        "traces: [{output: a.csv}]\nplots: [{output: p.png, probe: energy}]\nrecording: a.npz",
-        machine=machine,
+    Path("d.yaml").write_text(
+        HEAD + "videos: [{output: a.mp4, quality: high, jobs: 1}]\nimages: [{output: a.png}]\n"
+        "traces: [{output: a.csv}]\nplots: [{output: p.png, probe: energy}]\nrecordings: [a.npz]"
     )
+    options = RunOptions(controller=act, control_dt=0.02, gl="egl", require_gpu=True, quality="draft", jobs=3)
+    film, still, trace, plot, kept = read_run("d.yaml", options=options, command="mjrun run d.yaml").jobs
     assert film.simulation == simulation(controller=act, control_dt=Fraction(1, 50))
-    assert film.visual.quality == still.visual.quality == "draft"
+    assert film.quality == still.quality == "draft"
     assert (film.gl, film.require_gpu, still.gl, still.require_gpu) == ("egl", True, "egl", True)
     assert film.jobs == 3
     assert all(one.command == "mjrun run d.yaml" for one in (film, still, trace, plot, kept))
 
 
 def test_what_the_machine_does_not_say_stays_as_the_document_says() -> None:
-    film = job("films: [{output: a.mp4, quality: high, jobs: 1}]")
-    assert (film.visual.quality, film.jobs, film.gl, film.require_gpu) == ("high", 1, None, False)
+    film = job("videos: [{output: a.mp4, quality: high, jobs: 1}]")
+    assert (film.quality, film.jobs, film.gl, film.require_gpu) == ("high", 1, None, False)
 
 
 def test_folders_and_patterns_of_frames_stay_what_they_are() -> None:
-    text = HEAD + "films: [{output: frames/}, {output: more/}, {output: a/frame_%04d.png}]"
+    text = HEAD + "videos: [{output: frames/}, {output: more/}, {output: a/frame_%04d.png}]"
     assert [film.output for film in jobs(text)] == ["out/frames/", "out/more/", "out/a/frame_%04d.png"]
 
 
@@ -339,31 +336,32 @@ def test_outputs_may_go_up_and_down_inside_the_folder() -> None:
 
 def test_a_folder_of_outputs_may_be_a_link_itself(folder: Path) -> None:
     Path("alias").symlink_to("out")
-    Path("d.yaml").write_text(HEAD + "recording: a.npz")
-    (kept,) = read_run("d.yaml", [], folder / "alias").jobs
+    Path("d.yaml").write_text(HEAD + "recordings: [a.npz]")
+    (kept,) = read_run("d.yaml", [], RunOptions(output=folder / "alias")).jobs
     assert kept.output == str(folder / "alias/a.npz")  # type: ignore[attr-defined]
 
 
 def test_views_in_files_of_their_own_leave_the_name_itself_free() -> None:
-    text = HEAD + "stills: [{output: a.png, view: [rgb, seg], separate: true}, {output: a.png, view: depth}]"
+    text = HEAD + "images: [{output: a.png, view: [rgb, seg], separate: true}, {output: a.png, view: depth}]"
     assert len(jobs(text)) == 2
 
 
 # --- what is wrong -----------------------------------------------------------------------------------
 
 RUN_KEYS = (
-    "keys: model, set, integrator, timestep, key, qpos, qvel, ctrl, ctrl_from, ctrl_interpolation, ctrl_noise, "
-    "ctrl_noise_time, perturb, seed, replay, duration, steps, films, stills, traces, plots, recording, vars, defaults"
+    "keys: model, key, qpos, qvel, ctrl, ctrl_from, ctrl_interpolation, ctrl_noise, "
+    "ctrl_noise_time, replay, perturb, seed, duration, steps, integrator, timestep, set, videos, images, "
+    "traces, plots, recordings, vars, defaults"
 )
-NOTHING = "there is nothing to do; ask for one of films, stills, traces, plots, recording"
+NOTHING = "there is nothing to do; ask for one of videos, images, traces, plots, recordings"
 SIZE = "expected width and height in pixels, as in 1280x720 or [1280, 720]"
 SETTING = "expected a finite number, text, true or false, or a list of finite numbers"
 OWN = "each output needs a file of its own"
-TAIL = "recording: r.npz\n"
+TAIL = "recordings: [r.npz]\n"
 
 WRONG = [
     ("{}", ["1:1: 'model' is missing", f"1:1: {NOTHING}"]),
-    (f"# why\n{HEAD}films: []", [f"2:1: {NOTHING}"]),
+    (f"# why\n{HEAD}videos: []", [f"2:1: {NOTHING}"]),
     (f"{HEAD}traces: run.csv", ["2:9: traces: expected a list, got 'run.csv'"]),
     (f"{HEAD}traces: [{{}}]", ["2:10: traces[0]: 'output' is missing"]),
     (f"model: 5\n{TAIL}", ["1:8: model: expected text, got 5; as text it goes in quotes, '5'"]),
@@ -395,87 +393,89 @@ WRONG = [
       "3:13: ctrl_noise: expected a number of at least 0, got -1",
       "4:7: seed: expected a number of at least 0, got -1"]),
     (f"{HEAD}replay: a.npz\nkey: 0\nqpos: {{hip: 1}}\n{TAIL}",
-     ["3:6: key: a replay goes through a recording, which key would change",
-      "4:7: qpos: a replay goes through a recording, which qpos would change"]),
-    (f"{HEAD}films:\n- output: a.mp4\n  size: 640\n"
+     ["3:6: key: replay and key exclude each other: a replay goes through recorded states, without physics",
+      "4:7: qpos: replay and qpos exclude each other: a replay goes through recorded states, without physics"]),
+    (f"{HEAD}videos:\n- output: a.mp4\n  size: 640\n"
      f"- {{output: b.mp4, size: [640, 0]}}\n- {{output: c.mp4, size: 640x}}",
-     [f"4:9: films[0].size: {SIZE}, got 640", f"5:25: films[1].size: {SIZE}, got a list",
-      f"6:25: films[2].size: {SIZE}, got '640x'"]),
-    (f"{HEAD}films:\n- output: a.mp4\n  fps: fast\n  speed: -1/2\n  crf: low\n  jobs: 0\n"
+     [f"4:9: videos[0].size: {SIZE}, got 640", f"5:25: videos[1].size: {SIZE}, got a list",
+      f"6:25: videos[2].size: {SIZE}, got '640x'"]),
+    (f"{HEAD}videos:\n- output: a.mp4\n  fps: fast\n  speed: -1/2\n  crf: low\n  jobs: 0\n"
      "- {output: b.mp4, jobs: all}",
-     ["4:8: films[0].fps: expected a positive number, got 'fast'",
-      "5:10: films[0].speed: expected a positive number, got '-1/2'",
-      "6:8: films[0].crf: expected a whole number, got 'low'", "7:9: films[0].jobs: expected a positive number, got 0",
-      "8:25: films[1].jobs: expected 'auto', got 'all'"]),
-    (f"{HEAD}films: [{{output: a.mp4, camera: {{shots: []}}}}]",
-     ["2:41: films[0].camera.shots: expected at least 1 item, got none"]),
-    (f"{HEAD}films: [{{output: a.mp4, camera: [top, {{shots: [{{track: {{}}}}]}}, true]}}]",
-     ["2:56: films[0].camera[1].shots[0].track: 'target' is missing",
-      "2:63: films[0].camera[2]: expected a camera as text, by index, or as {name, speed, shots}, got true"]),
-    (f"{HEAD}films: [{{output: a.mp4, camera: [top, top]}}, {{output: b.mp4, camera: []}}]",
-     ["2:9: films[0]: --camera: each once, and at least one", "2:46: films[1]: --camera: each once, and at least one"]),
-    (f"{HEAD}films: [{{output: a.mp4, view: dept}}, {{output: b.mp4, view: [rgb, 5]}}]",
-     ["2:31: films[0].view: expected 'rgb', 'depth' or 'seg', got 'dept' (did you mean 'depth'?)",
-      "2:66: films[1].view[1]: expected 'rgb', 'depth' or 'seg', got 5"]),
-    (f"{HEAD}films: [{{output: a.mp4, layout: heap, style: 3}}]",
-     ["2:33: films[0].layout: expected 'row', 'column' or 'grid', got 'heap'",
-      "2:46: films[0].style: expected 'color' or 'exact', got 3"]),
-    (f"{HEAD}films: [{{output: a.mp4, depth_range: [1]}}]", ["2:38: films[0].depth_range: expected 2 numbers, got 1"]),
-    (f"{HEAD}films: [{{output: a.mp4, depth_range: [2, 1]}}]",
-     ["2:9: films[0]: --depth-range: '2..1' is not two depths in metres, the nearer first"]),
-    (f"{HEAD}films: [{{output: a.mp4, show: shadow, hide: [fog, shadow]}}]",
-     ["2:9: films[0]: show and hide: 'shadow' is not to be in both"]),
-    (f"{HEAD}films: [{{output: a.mp4, groups: {{geom: [6], site: some, gem: all}}}}]",
-     ["2:41: films[0].groups.geom[0]: expected a number of at most 5, got 6",
-      "2:51: films[0].groups.site: expected 'all' or 'none', got 'some'",
-      "2:57: films[0].groups: unknown key 'gem' (did you mean 'geom'?); "
-      "keys: geom, site, joint, tendon, actuator, flex, skin"]),
-    (f"{HEAD}films: [{{output: a.mp4, frame_axes: bdy, label: 1}}]",
-     ["2:37: films[0].frame_axes: no frame 'bdy' (did you mean 'body'?); "
+     ["4:8: videos[0].fps: expected a positive number, got 'fast'",
+      "5:10: videos[0].speed: expected a positive number, got '-1/2'",
+      "6:8: videos[0].crf: expected a whole number, got 'low'",
+       "7:9: videos[0].jobs: expected a positive number, got 0",
+      "8:25: videos[1].jobs: expected 'auto', got 'all'"]),
+    (f"{HEAD}videos: [{{output: a.mp4, camera: {{shots: []}}}}]",
+     ["2:42: videos[0].camera.shots: expected at least 1 item, got none"]),
+    (f"{HEAD}videos: [{{output: a.mp4, camera: [top, {{shots: [{{track: {{}}}}]}}, true]}}]",
+     ["2:57: videos[0].camera[1].shots[0].track: 'target' is missing",
+      "2:64: videos[0].camera[2]: expected a camera as text, by index, or as {name, speed, shots}, got true"]),
+    (f"{HEAD}videos: [{{output: a.mp4, camera: [top, top]}}, {{output: b.mp4, camera: []}}]",
+     ["2:34: videos[0].camera: each once, and at least one", "2:71: videos[1].camera: each once, and at least one"]),
+    (f"{HEAD}videos: [{{output: a.mp4, view: dept}}, {{output: b.mp4, view: [rgb, 5]}}]",
+     ["2:32: videos[0].view: expected 'rgb', 'depth' or 'seg', got 'dept' (did you mean 'depth'?)",
+      "2:67: videos[1].view[1]: expected 'rgb', 'depth' or 'seg', got 5"]),
+    (f"{HEAD}videos: [{{output: a.mp4, layout: heap, style: 3}}]",
+     ["2:34: videos[0].layout: expected 'row', 'column' or 'grid', got 'heap'",
+      "2:47: videos[0].style: expected 'color' or 'exact', got 3"]),
+    (f"{HEAD}videos: [{{output: a.mp4, depth_range: [1]}}]",
+     ["2:39: videos[0].depth_range: expected 2 numbers, got 1"]),
+    (f"{HEAD}videos: [{{output: a.mp4, depth_range: [2, 1]}}]",
+     ["2:39: videos[0].depth_range: '2, 1' is not two depths in metres, the nearer first"]),
+    (f"{HEAD}videos: [{{output: a.mp4, show: shadow, hide: [fog, shadow]}}]",
+     ["2:32: videos[0].show: show and hide: 'shadow' is not to be in both"]),
+    (f"{HEAD}videos: [{{output: a.mp4, geomgroup: [6], sitegroup: some, groups: {{geom: [1]}}}}]",
+     ["2:38: videos[0].geomgroup[0]: expected a number of at most 5, got 6",
+      "2:53: videos[0].sitegroup: expected 'all' or 'none', got 'some'",
+      "2:59: videos[0]: unknown key 'groups': it is called geomgroup, sitegroup, jointgroup, … now"]),
+    (f"{HEAD}videos: [{{output: a.mp4, frame_axes: bdy, label: 1}}]",
+     ["2:38: videos[0].frame_axes: no frame 'bdy' (did you mean 'body'?); "
       "frames: none, body, geom, site, camera, light, contact, world",
-      "2:49: films[0].label: expected text, got 1; as text it goes in quotes, '1'"]),
-    (f"{HEAD}films: [{{output: a.mp4, trail_span: 0, text: '', trail: [a, '']}}]",
-     ["2:37: films[0].trail_span: expected a positive number, got 0",
-      "2:46: films[0].text: expected text that is not empty, got ''",
-      "2:61: films[0].trail[1]: expected text that is not empty, got ''"]),
-    (f"{HEAD}films: [{{output: a.mp4, ghost: {{offset: [1, 2], opacity: 2}}}}]",
-     ["2:41: films[0].ghost.offset: expected 3 numbers, got 2",
-      "2:58: films[0].ghost.opacity: expected a number of at most 1, got 2"]),
-    (f"{HEAD}films: [{{output: a.mp4, ghost: [{{key: home, trace: a.csv}}, {{key: 'a,b'}}, 5]}}]",
-     ["2:52: films[0].ghost[0].trace: key and trace exclude each other: each says what the ghost does",
-      "2:66: films[0].ghost[1].key: what a ghost goes by holds no comma",
-      "2:74: films[0].ghost[2]: expected text as in offset=0/1/0,opacity=0.3 or "
+      "2:50: videos[0].label: expected text, got 1; as text it goes in quotes, '1'"]),
+    (f"{HEAD}videos: [{{output: a.mp4, trail_span: 0, text: '', trail: [a, '']}}]",
+     ["2:38: videos[0].trail_span: expected a positive number, got 0",
+      "2:47: videos[0].text: expected text that is not empty, got ''",
+      "2:62: videos[0].trail[1]: expected text that is not empty, got ''"]),
+    (f"{HEAD}videos: [{{output: a.mp4, ghost: {{offset: [1, 2], opacity: 2}}}}]",
+     ["2:42: videos[0].ghost.offset: expected 3 numbers, got 2",
+      "2:59: videos[0].ghost.opacity: expected a number of at most 1, got 2"]),
+    (f"{HEAD}videos: [{{output: a.mp4, ghost: [{{key: home, trace: a.csv}}, {{key: 'a,b'}}, 5]}}]",
+     ["2:53: videos[0].ghost[0].trace: key and trace exclude each other: each says what the ghost does",
+      "2:67: videos[0].ghost[1].key: what a ghost goes by holds no comma",
+      "2:75: videos[0].ghost[2]: expected text as in offset=0/1/0,opacity=0.3 or "
       "{offset, opacity, key, trace, recording}, got 5"]),
-    (f"{HEAD}films: [{{output: a.mp4, plot: energy, separate: true, plot_side: over}}]",
-     ["2:49: films[0].separate: a plot stands under one picture, and separate makes several",
-      "2:66: films[0].plot_side: expected 'under' or 'beside', got 'over'"]),
-    (f"{HEAD}films: [{{output: a.mp4, quality: best, renderer: blender, calibration_format: cv}}]",
-     ["2:34: films[0].quality: expected 'draft', 'model' or 'high', got 'best'",
-      "2:50: films[0].renderer: expected 'classic' or 'filament', got 'blender'",
-      "2:79: films[0].calibration_format: expected 'mjrun', 'nerfstudio', 'bop' or 'ros', got 'cv'"]),
-    (f"{HEAD}stills: [{{output: a.png, at: 1, step: 5}}]",
-     ["2:39: stills[0].step: at and step exclude each other: both say when"]),
-    (f"{HEAD}stills: [{{output: a.png, at: -1}}, {{output: b.png, at: soon}}, {{output: c.png, at: {{nth: 1}}}}]",
-     ["2:30: stills[0].at: expected a number of at least 0, got -1",
-      "2:55: stills[1].at: expected a number of at least 0, got 'soon'", "2:82: stills[2].at: 'when' is missing"]),
-    (f"{HEAD}stills: [{{output: a.png, at: [1]}}, {{output: d.png, step: -1, legend: no}}]",
-     ["2:30: stills[0].at: expected a time [s] or {when, nth, offset, else}, got a list",
-      "2:58: stills[1].step: expected a number of at least 0, got -1",
-      "2:70: stills[1].legend: expected true or false, got 'no'"]),
+    (f"{HEAD}videos: [{{output: a.mp4, plot: energy, separate: true, plot_side: over}}]",
+     ["2:50: videos[0].separate: plot and separate exclude each other: a plot stands beside one frame, "
+     "and separate views make several",
+      "2:67: videos[0].plot_side: expected 'under' or 'beside', got 'over'"]),
+    (f"{HEAD}videos: [{{output: a.mp4, quality: best, renderer: blender, calibration_format: cv}}]",
+     ["2:35: videos[0].quality: expected 'draft', 'model' or 'high', got 'best'",
+      "2:51: videos[0].renderer: expected 'classic' or 'filament', got 'blender'",
+      "2:80: videos[0].calibration_format: expected 'mjrun', 'nerfstudio', 'bop' or 'ros', got 'cv'"]),
+    (f"{HEAD}images: [{{output: a.png, time: 1, step: 5}}]",
+     ["2:41: images[0].step: time and step exclude each other: both say when"]),
+    (f"{HEAD}images: [{{output: a.png, time: -1}}, {{output: b.png, time: soon}}, {{output: c.png, time: {{nth: 1}}}}]",
+     ["2:32: images[0].time: expected a number of at least 0, got -1",
+      "2:59: images[1].time: expected a number of at least 0, got 'soon'", "2:88: images[2].time: 'when' is missing"]),
+    (f"{HEAD}images: [{{output: a.png, time: [1]}}, {{output: d.png, step: -1, legend: no}}]",
+     ["2:32: images[0].time: expected a time [s] or {when, nth, offset, else}, got a list",
+      "2:60: images[1].step: expected a number of at least 0, got -1",
+      "2:72: images[1].legend: expected true or false, got 'no'"]),
     (f"{HEAD}traces: [{{output: a.csv, every: 2, rate: 10}}, "
      "{output: b.csv, every: 0}, {output: c.csv, probes: q}]",
      ["2:42: traces[0].rate: every and rate exclude each other: both say how often",
       "2:70: traces[1].every: expected a positive number, got 0",
       "2:90: traces[2]: unknown key 'probes' (did you mean 'probe'?); "
-      "keys: output, every, rate, format, manifest, probe, assert, contacts, keep_partial"]),
+      "keys: output, probe, assert, keep_partial, contacts, every, rate, format, manifest"]),
     (f"{HEAD}plots: [{{output: a.png}}]", ["2:9: plots[0]: 'probe' is missing"]),
     (f"{HEAD}plots: [{{output: b.png, probe: []}}, {{output: c.png, probe: [qpos, qvel], size: 80x60}}]",
      ["2:9: plots[0]: a plot needs values: energy, qpos[left_*], …",
       "2:37: plots[1]: size: '80x60' is not at least 80x120 for 2 graphs"]),
-    (f"{HEAD}recording: [a.npz]", ["2:12: recording: expected an .npz file or {output, manifest}, got a list"]),
-    (f"{HEAD}recording: {{}}", ["2:12: recording: 'output' is missing"]),
-    (f"{HEAD}vars: {{n: 2}}\nfilms: [{{output: a.mp4, fps: '${{m}}', crf: '${{n}}.5'}}]",
-     ["3:30: films[0].fps: no variable 'm'; vars: n", "3:43: films[0].crf: expected a whole number, got '2.5'"]),
+    (f"{HEAD}recordings: [[a.npz]]", ["2:14: recordings[0]: expected a file, or a mapping with an output, got a list"]),
+    (f"{HEAD}recordings: [{{}}]", ["2:14: recordings[0]: 'output' is missing"]),
+    (f"{HEAD}vars: {{n: 2}}\nvideos: [{{output: a.mp4, fps: '${{m}}', crf: '${{n}}.5'}}]",
+     ["3:31: videos[0].fps: no variable 'm'; vars: n", "3:44: videos[0].crf: expected a whole number, got '2.5'"]),
 ]  # fmt: skip
 
 
@@ -485,45 +485,45 @@ def test_what_is_wrong_is_told_at_its_line_and_column(text: str, lines: list[str
 
 
 def test_visual_flags_that_there_are_not_are_told_with_those_that_are_like_them() -> None:
-    first, second = problems(f"{HEAD}films: [{{output: a.mp4, show: contactpont, hide: [shadow, skybx]}}]")
-    assert first.startswith("2:31: films[0].show: no visual flag 'contactpont' (did you mean 'contactpoint' or ")
+    first, second = problems(f"{HEAD}videos: [{{output: a.mp4, show: contactpont, hide: [shadow, skybx]}}]")
+    assert first.startswith("2:31: videos[0].show: no visual flag 'contactpont' (did you mean 'contactpoint' or ")
     assert second.startswith(
-        "2:59: films[0].hide[1]: no visual flag 'skybx' (did you mean 'skybox'?); visual flags: act"
+        "2:59: videos[0].hide[1]: no visual flag 'skybx' (did you mean 'skybox'?); visual flags: act"
     )
 
 
 def test_what_is_wrong_in_a_setting_is_told_at_the_setting() -> None:
-    assert problems(f"{HEAD}films: [{{output: a.mp4}}]", "films[0].fps=fast", "duration=1", "steps=2") == [
-        "films[0].fps=fast: expected a positive number, got 'fast'",
+    assert problems(f"{HEAD}videos: [{{output: a.mp4}}]", "videos[0].fps=fast", "duration=1", "steps=2") == [
+        "videos[0].fps=fast: expected a positive number, got 'fast'",
         "steps=2: duration and steps exclude each other: both say how long",
     ]
 
 
 def test_what_is_wrong_in_camera_documents_is_told_after_what_is_wrong_here() -> None:
     Path("c.yaml").write_text("shots: [{track: {}}]")
-    text = f"{HEAD}films: [{{output: a.mp4, camera: c.yaml}}, {{output: b.mp4, camera: []}}]"
+    text = f"{HEAD}videos: [{{output: a.mp4, camera: c.yaml}}, {{output: b.mp4, camera: []}}]"
     assert problems(text) == [
-        "2:42: films[1]: --camera: each once, and at least one",
+        "2:42: videos[1]: --camera: each once, and at least one",
         "c.yaml:1:17: shots[0].track: 'target' is missing",
     ]
 
 
 def test_a_camera_document_that_is_not_there_is_a_missing_file() -> None:
     with pytest.raises(FileError, match=r"^fly\.yaml: no such file"):
-        jobs(f"{HEAD}films: [{{output: a.mp4, camera: fly.yaml}}]")
+        jobs(f"{HEAD}videos: [{{output: a.mp4, camera: fly.yaml}}]")
 
 
 def test_a_ghost_cannot_go_through_a_file_in_a_folder_with_a_comma() -> None:
     Path("a,b").mkdir()
     with pytest.raises(
-        DocumentError, match=r"^a,b/d.yaml:1:24: films\[0\]: 'a,b/g.csv': the path of what a ghost goes"
+        DocumentError, match=r"^a,b/d.yaml:1:24: videos\[0\]: 'a,b/g.csv': the path of what a ghost goes"
     ):
-        jobs("{model: m.xml, films: [{output: a.mp4, ghost: {trace: g.csv}}]}", name="a,b/d.yaml")
+        jobs("{model: m.xml, videos: [{output: a.mp4, ghost: {trace: g.csv}}]}", name="a,b/d.yaml")
 
 
 def test_a_controller_and_a_table_of_controls_exclude_each_other() -> None:
     with pytest.raises(DocumentError, match=r"^d\.yaml:1:1: --controller and --ctrl-from exclude each other"):
-        job("ctrl_from: c.csv\nrecording: a.npz", machine=Machine(controller=lambda model, data: None))
+        job("ctrl_from: c.csv\nrecordings: [a.npz]", options=RunOptions(controller=lambda model, data: None))
 
 
 # --- outputs stay where they belong ------------------------------------------------------------------
@@ -557,13 +557,13 @@ def test_no_output_is_outside_of_the_folder(output: str, reason: str) -> None:
     for link, target in (("link", "../else"), ("file.csv", "../else/file.csv"), ("self", ".")):
         Path("out", link).symlink_to(target)
     text = output if output.startswith('"') else f"'{output}'"
-    assert problems(f"{HEAD}films: [{{output: {text}}}]") == [f"2:18: films[0].output: {reason}"]
+    assert problems(f"{HEAD}videos: [{{output: {text}}}]") == [f"2:18: videos[0].output: {reason}"]
     assert problems(f"{HEAD}traces: [{{output: a.csv, contacts: {text}, manifest: {text}}}]") == [
         f"2:36: traces[0].contacts: {reason}",
         f"2:{48 + len(text)}: traces[0].manifest: {reason}",
     ]
-    assert problems(f"{HEAD}stills: [{{output: a.png, pointcloud: {text}}}]")[0].endswith(f".pointcloud: {reason}")
-    assert problems(f"{HEAD}stills: [{{output: a.png, calibration: {text}}}]")[0].endswith(f".calibration: {reason}")
+    assert problems(f"{HEAD}images: [{{output: a.png, pointcloud: {text}}}]")[0].endswith(f".pointcloud: {reason}")
+    assert problems(f"{HEAD}images: [{{output: a.png, calibration: {text}}}]")[0].endswith(f".calibration: {reason}")
     (told,) = problems(f"{HEAD}recording: {text}")
     assert told.replace("recording.output", "recording") == f"2:12: recording: {reason}"
 
@@ -571,16 +571,18 @@ def test_no_output_is_outside_of_the_folder(output: str, reason: str) -> None:
 def test_links_in_a_circle_lead_nowhere() -> None:
     Path("out/a").symlink_to("b")
     Path("out/b").symlink_to("a")
-    assert problems(f"{HEAD}recording: a/r.npz")[0].startswith("2:12: recording.output: out/a/r.npz cannot be reached")
+    assert problems(f"{HEAD}recordings: [a/r.npz]")[0].startswith(
+        "2:12: recording.output: out/a/r.npz cannot be reached"
+    )
 
 
 def test_links_cannot_lead_the_files_of_single_views_out_either() -> None:
     Path("out/a-seg.png").symlink_to("../b.png")
     Path("out/a-seg.labels.json").symlink_to("../b.json")
-    text = f"{HEAD}stills: [{{output: a.png, view: [rgb, seg], separate: true}}]"
+    text = f"{HEAD}images: [{{output: a.png, view: [rgb, seg], separate: true}}]"
     assert problems(text) == [
-        "2:19: stills[0].output: out/a-seg.labels.json leads out of the folder of outputs, by a link",
-        "2:19: stills[0].output: out/a-seg.png leads out of the folder of outputs, by a link",
+        "2:19: images[0].output: out/a-seg.labels.json leads out of the folder of outputs, by a link",
+        "2:19: images[0].output: out/a-seg.png leads out of the folder of outputs, by a link",
     ]
 
 
@@ -591,28 +593,28 @@ def test_links_cannot_lead_the_files_of_single_views_out_either() -> None:
          f"2:36: traces[1].output: out/a.csv clashes with traces[0].output at d.yaml:2:19; {OWN}"),
         ("traces: [{output: a.csv}, {output: b/../a.csv}]",
          f"2:36: traces[1].output: out/b/../a.csv clashes with traces[0].output at d.yaml:2:19; {OWN}"),
-        ("traces: [{output: a.csv}]\nstills: [{output: a.csv/}]",
-         f"2:19: traces[0].output: out/a.csv clashes with stills[0].output at d.yaml:3:19; {OWN}"),
+        ("traces: [{output: a.csv}]\nimages: [{output: a.csv/}]",
+         f"2:19: traces[0].output: out/a.csv clashes with images[0].output at d.yaml:3:19; {OWN}"),
         ("traces: [{output: a.csv, contacts: a.csv}]",
          f"2:36: traces[0].contacts: out/a.csv clashes with traces[0].output at d.yaml:2:19; {OWN}"),
-        ("traces: [{output: a.csv}]\nrecording: {output: r.npz, manifest: a.csv}",
-         f"3:38: recording.manifest: out/a.csv clashes with traces[0].output at d.yaml:2:19; {OWN}"),
+        ("traces: [{output: a.csv}]\nrecordings: [{output: r.npz, manifest: a.csv}]",
+         f"3:40: recordings[0].manifest: out/a.csv clashes with traces[0].output at d.yaml:2:19; {OWN}"),
         ("traces: [{output: a.csv}, {output: alias.csv}]",
          f"2:36: traces[1].output: out/alias.csv clashes with traces[0].output at d.yaml:2:19; {OWN}"),
-        ("films: [{output: f/}]\ntraces: [{output: f/a.csv}]",
-         f"3:19: traces[0].output: out/f/a.csv clashes with films[0].output at d.yaml:2:18; {OWN}"),
-        ("films: [{output: f/a.mp4}, {output: f}]",
-         f"2:37: films[1].output: out/f clashes with films[0].output at d.yaml:2:18; {OWN}"),
-        ("films: [{output: f_%04d.png}, {output: f_%d.png}]",
-         f"2:40: films[1].output: out/f_%d.png clashes with films[0].output at d.yaml:2:18; {OWN}"),
-        ("films: [{output: f_%04d.png}]\nstills: [{output: f_0007.png}, {output: f_x.png}]",
-         f"3:19: stills[0].output: out/f_0007.png clashes with films[0].output at d.yaml:2:18; {OWN}"),
-        ("films: [{output: f_7.mp4}, {output: 'f_%d.mp4'}]",
-         f"2:37: films[1].output: out/f_%d.mp4 clashes with films[0].output at d.yaml:2:18; {OWN}"),
-        ("films: [{output: f.mp4, view: [rgb, depth], separate: true}, {output: f-depth.mp4}]",
-         f"2:71: films[1].output: out/f-depth.mp4 clashes with films[0].output at d.yaml:2:18; {OWN}"),
-        ("films: [{output: f.mkv, view: seg}]\ntraces: [{output: f.labels.json}]",
-         f"3:19: traces[0].output: out/f.labels.json clashes with films[0].output at d.yaml:2:18; {OWN}"),
+        ("videos: [{output: f/}]\ntraces: [{output: f/a.csv}]",
+         f"3:19: traces[0].output: out/f/a.csv clashes with videos[0].output at d.yaml:2:19; {OWN}"),
+        ("videos: [{output: f/a.mp4}, {output: f}]",
+         f"2:38: videos[1].output: out/f clashes with videos[0].output at d.yaml:2:19; {OWN}"),
+        ("videos: [{output: f_%04d.png}, {output: f_%d.png}]",
+         f"2:41: videos[1].output: out/f_%d.png clashes with videos[0].output at d.yaml:2:19; {OWN}"),
+        ("videos: [{output: f_%04d.png}]\nimages: [{output: f_0007.png}, {output: f_x.png}]",
+         f"3:19: images[0].output: out/f_0007.png clashes with videos[0].output at d.yaml:2:19; {OWN}"),
+        ("videos: [{output: f_7.mp4}, {output: 'f_%d.mp4'}]",
+         f"2:38: videos[1].output: out/f_%d.mp4 clashes with videos[0].output at d.yaml:2:19; {OWN}"),
+        ("videos: [{output: f.mp4, view: [rgb, depth], separate: true}, {output: f-depth.mp4}]",
+         f"2:72: videos[1].output: out/f-depth.mp4 clashes with videos[0].output at d.yaml:2:19; {OWN}"),
+        ("videos: [{output: f.mkv, view: seg}]\ntraces: [{output: f.labels.json}]",
+         f"3:19: traces[0].output: out/f.labels.json clashes with videos[0].output at d.yaml:2:19; {OWN}"),
     ],
 )  # fmt: skip
 def test_two_outputs_in_one_file_are_told_with_both_places(text: str, line: str) -> None:
@@ -628,7 +630,7 @@ def test_a_trace_a_plot_and_a_recording_are_made_in_one_pass() -> None:
     text = HEAD + (
         "set: {opt.gravity: [0, 0, -2]}\ntimestep: 0.01\nqpos: {ball/z: 1}\nduration: 0.5\n"
         "traces: [{output: run.csv, probe: 'qpos/ball/z', rate: 10, assert: time < 1}]\n"
-        "plots: [{output: fall.png, probe: [qpos/ball/z, energy], size: 160x200}]\nrecording: run.npz\n"
+        "plots: [{output: fall.png, probe: [qpos/ball/z, energy], size: 160x200}]\nrecordings: [run.npz]\n"
     )
     trace, plot, kept = perform(jobs(text))
     table = np.genfromtxt("out/run.csv", delimiter=",", names=True)
@@ -658,7 +660,7 @@ def found(text: str, *assignments: str) -> list[str]:
     """What is wrong, each cut after the name that is not there."""
     Path("m.xml").write_text(HINGED)
     Path("d.yaml").write_text(BELOW + text)
-    orders = read_run("d.yaml", assignments, Path("out"))
+    orders = read_run("d.yaml", assignments, OUT)
     with pytest.raises(DocumentError) as caught, orders.located():
         preview(orders.jobs)
     return [str(problem).removeprefix("d.yaml:").split(" (did")[0].split(";")[0] for problem in caught.value.problems]
@@ -667,25 +669,25 @@ def found(text: str, *assignments: str) -> list[str]:
 @pytest.mark.parametrize(
     ("text", "lines"),
     [
-        ("films: [{output: f.mp4, camera: sde}]", ["3:33: films[0].camera: no camera 'sde'"]),
-        ("films: [{output: f.mp4, camera: [side, tp]}]", ["3:40: films[0].camera[1]: no camera 'tp'"]),
-        ("films: [{output: f.mp4, camera: 'track:bx'}]", ["3:33: films[0].camera: no object 'bx'"]),
+        ("videos: [{output: f.mp4, camera: sde}]", ["3:33: videos[0].camera: no camera 'sde'"]),
+        ("videos: [{output: f.mp4, camera: [side, tp]}]", ["3:40: videos[0].camera[1]: no camera 'tp'"]),
+        ("videos: [{output: f.mp4, camera: 'track:bx'}]", ["3:33: videos[0].camera: no object 'bx'"]),
         (
-            "films:\n- output: f.mp4\n  camera:\n    shots:\n    - orbit: {lookat: bx}",
-            ["7:23: films[0].camera.shots[0].orbit.lookat: no object 'bx'"],
+            "videos:\n- output: f.mp4\n  camera:\n    shots:\n    - orbit: {lookat: bx}",
+            ["7:23: videos[0].camera.shots[0].orbit.lookat: no object 'bx'"],
         ),
-        ("films: [{output: f.mp4, trail: [box, bx]}]", ["3:38: films[0].trail[1]: no object 'bx'"]),
+        ("videos: [{output: f.mp4, trail: [box, bx]}]", ["3:38: videos[0].trail[1]: no object 'bx'"]),
         (
-            "films:\n- output: f.mp4\n  camera: {shots: [{free: , until: {when: speed(bx) > 1}}, {camera: side}]}",
-            ["5:43: films[0].camera.shots[0].until.when: no object 'bx'"],
+            "videos:\n- output: f.mp4\n  camera: {shots: [{free: , until: {when: speed(bx) > 1}}, {camera: side}]}",
+            ["5:43: videos[0].camera.shots[0].until.when: no object 'bx'"],
         ),
         (
             "qpos: {hing: 1}\ntraces:\n- {output: t.csv, probe: [qpos, enrgy]}\n- {output: u.csv}",
             ["3:8: qpos.hing: no joint 'hing'", "5:33: traces[0].probe[1]: no probe 'enrgy'"],
         ),
         ("key: home\ntraces: [{output: t.csv}]", ["3:6: key: no keyframe 'home'"]),
-        ("films: [{output: a.mp4, camera: sde}]\nstills: [{output: a.png, camera: sde}]",
-         ["3:33: films[0].camera: no camera 'sde'", "4:34: stills[0].camera: no camera 'sde'"]),
+        ("videos: [{output: a.mp4, camera: sde}]\nimages: [{output: a.png, camera: sde}]",
+         ["3:33: videos[0].camera: no camera 'sde'", "4:34: images[0].camera: no camera 'sde'"]),
     ],
 )  # fmt: skip
 def test_what_the_model_has_not_is_told_where_the_document_names_it(folder: Path, text: str, lines: list[str]) -> None:
@@ -693,11 +695,11 @@ def test_what_the_model_has_not_is_told_where_the_document_names_it(folder: Path
 
 
 def test_what_the_command_line_set_is_told_of_it(folder: Path) -> None:
-    assert found("films: [{output: f.mp4}]", "films[0].camera=sde") == ["films[0].camera=sde: no camera 'sde'"]
+    assert found("videos: [{output: f.mp4}]", "videos[0].camera=sde") == ["videos[0].camera=sde: no camera 'sde'"]
 
 
 def test_what_goes_wrong_later_is_no_fault_of_the_document(folder: Path) -> None:
     Path("m.xml").write_text(HINGED)
     Path("d.yaml").write_text(BELOW + "traces: [{output: t.csv}]")
-    with pytest.raises(UsageError, match="later"), read_run("d.yaml", [], Path("out")).located():
+    with pytest.raises(UsageError, match="later"), read_run("d.yaml", [], OUT).located():
         raise UsageError("later")

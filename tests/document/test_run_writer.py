@@ -34,7 +34,7 @@ from mjrun.model.override import Override
 from mjrun.model.sources.file import FileSource
 from mjrun.rendering.segmentation import grouping
 from mjrun.rendering.text import CORNERS
-from mjrun.rendering.visual import GROUPS, Visual, flags
+from mjrun.rendering.visual import flags
 from mjrun.timeline import rational
 
 
@@ -47,7 +47,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 def again(jobs: Sequence[Any]) -> list[Any]:
     """The jobs of the document that is printed for `jobs`."""
     Path("d.yaml").write_text(document_text(jobs, "mjrun …\n"), encoding="utf-8")
-    return read_run("d.yaml", [], Path()).jobs
+    return read_run("d.yaml").jobs
 
 
 # --- one form of what may be said in several ----------------------------------------------------------
@@ -57,12 +57,15 @@ def normal(value: Any, name: str = "") -> Any:
     """`value`, a job or a part of it, in one form: exact numbers, tuples, paths, one of something as a list of one."""
     if name in ("qpos", "qvel", "ctrl"):
         return {key: tuple(inner) if isinstance(inner, Sequence) else (inner,) for key, inner in value.items()}
-    if isinstance(value, Simulation) and not isinstance(value.model, FileSource):
-        value = dataclasses.replace(value, model=FileSource(Path(str(value.model))))
+    if isinstance(value, Simulation):
+        source = value.source
+        settings = [(override.path, override.value) for override in source.overrides]
+        bare = dataclasses.replace(value, model=source.text, set=settings, integrator=None, timestep=None)
+        return {field.name: normal(getattr(bare, field.name), field.name) for field in dataclasses.fields(bare)}
     if dataclasses.is_dataclass(value) and not isinstance(value, type):
         fields = {field.name: getattr(value, field.name) for field in dataclasses.fields(value)}
         return type(value).__name__, {key: normal(inner, key) for key, inner in fields.items() if key != "command"}
-    if name in ("duration", "fps", "speed", "rate", "at") and isinstance(value, float | str | Fraction | int):
+    if name in ("duration", "fps", "speed", "rate", "time") and isinstance(value, float | str | Fraction | int):
         return rational(value)
     if name in ("camera", "view") and isinstance(value, str):
         return (value,)
@@ -134,7 +137,7 @@ def timed(draw: st.DrawFn) -> PathRig:
     """A path whose waypoints have times."""
     points = draw(waypoints)
     times = sorted(draw(st.lists(positives, min_size=len(points), max_size=len(points), unique=True)))
-    rising = [dataclasses.replace(point, at=time) for point, time in zip(points, times, strict=True)]
+    rising = [dataclasses.replace(point, time=time) for point, time in zip(points, times, strict=True)]
     return PathRig(rising, draw(places), draw(st.sampled_from(["spline", "linear"])), "time")
 
 
@@ -181,23 +184,21 @@ def scripts(draw: st.DrawFn) -> CameraScript:
 overrides = st.sampled_from(
     ["0,0,-1.6", ".1", "0.1", "true", "True", "elliptic", "1e-3", "4", " 5", "0,up", "1,,2", "0x10", "1.50", "~", "-0"]
 )
-integrators = st.just(Override("opt.integrator", "rk4", "integrator"))
-timesteps = positives.map(lambda value: Override("opt.timestep", repr(value), "timestep"))
 
 
 @st.composite
 def sources(draw: st.DrawFn) -> Any:
-    values = draw(st.dictionaries(names, overrides | texts, max_size=4))
-    ends = [draw(maybe(integrators)), draw(maybe(timesteps))]
-    found = [*(Override(path, value) for path, value in values.items()), *(end for end in ends if end)]
-    source = FileSource(Path("m.xml"), overrides=tuple(found))
-    return source if found else draw(st.sampled_from([source, "m.xml", Path("m.xml")]))
+    settings = draw(st.dictionaries(names, overrides | texts, max_size=4))
+    source = FileSource(Path("m.xml"), overrides=tuple(Override(path, value) for path, value in settings.items()))
+    return source if settings else draw(st.sampled_from([source, "m.xml", Path("m.xml")]))
 
 
 @st.composite
 def simulations(draw: st.DrawFn) -> Simulation:
     values = st.dictionaries(names, numbers | st.lists(numbers, min_size=1, max_size=7), max_size=3)
     start: dict[str, Any] = {
+        "integrator": maybe(st.just("rk4")),
+        "timestep": maybe(exacts),
         "key": maybe(names | st.integers(0, 9)),
         **dict.fromkeys(("qpos", "qvel", "ctrl"), values),
         "ctrl_from": maybe(texts | texts.map(Path)),
@@ -218,43 +219,35 @@ def simulations(draw: st.DrawFn) -> Simulation:
     )
 
 
-@st.composite
-def visuals(draw: st.DrawFn) -> Visual:
-    words = draw(st.lists(st.sampled_from(flags()), max_size=4, unique=True))
-    cut = draw(st.integers(0, len(words)))
-    groups = st.lists(st.integers(0, 5), max_size=6) | st.just((0, 1, 2, 3, 4, 5))
-    return Visual(
-        words[:cut],
-        tuple(words[cut:]),
-        draw(st.dictionaries(st.sampled_from([*GROUPS]), groups, max_size=3)),
-        draw(st.sampled_from(["none", "body", "mjFRAME_GEOM", "World"])),
-        draw(st.sampled_from(["none", "joint", "mjLABEL_BODY"])),
-        draw(st.sampled_from(["model", "draft", "high"])),
-    )
-
-
 plain = texts.filter(lambda text: Path(text).suffix.lower() not in (".yaml", ".yml"))
 sizes = st.tuples(st.integers(1, 9000), st.integers(1, 9000))
+groups = st.lists(st.integers(0, 5), max_size=6) | st.sampled_from(["all", "none"])
 ghosts = st.sampled_from(["offset=0/1/0,opacity=.3", "key=home", "trace=a.csv", "", "offset=0/0/1,recording=r.npz"])
 drawings: dict[str, st.SearchStrategy[Any]] = {
     "camera": st.just("free") | plain | st.lists(plain | scripts(), min_size=1, max_size=3, unique_by=str),
     "view": st.just("rgb") | st.lists(st.sampled_from(["rgb", "depth", "seg"]), min_size=1, max_size=3, unique=True),
     "size": sizes,
-    "visual": visuals(),
+    "show": several(st.sampled_from(flags()[:10])),
+    "hide": several(st.sampled_from(flags()[10:])),
+    "geomgroup": groups,
+    "skingroup": groups,
+    "frame_axes": st.sampled_from(["none", "body", "mjFRAME_GEOM", "World"]),
+    "label": st.sampled_from(["none", "joint", "mjLABEL_BODY"]),
+    "quality": st.sampled_from(["model", "draft", "high"]),
     "layout": st.sampled_from(["row", "column", "grid"]),
     "captions": st.booleans(),
     "style": st.sampled_from([None, "color", "exact"]),
     "depth_range": maybe(st.tuples(st.floats(0, 1), st.floats(2, 3))),
     "seg_by": st.sampled_from([*grouping()]),
     "trail": several(texts),
-    "trail_span": maybe(positives),
+    "trail_span": maybe(exacts),
     "ghost": several(ghosts),
     "text": maybe(texts),
     "text_corner": maybe(st.sampled_from([*CORNERS])),
     "calibration_format": st.sampled_from(["mjrun", "nerfstudio", "bop", "ros"]),
     "renderer": st.sampled_from(["classic", "filament"]),
 }
-films = {
+videos = {
     **drawings,
     "fps": maybe(exacts),
     "speed": exacts,
@@ -266,13 +259,13 @@ films = {
     "plot_side": st.sampled_from(["under", "beside"]),
     "jobs": st.just("auto") | st.integers(1, 99),
 }
-stills = {**drawings, "format": maybe(texts), "legend": st.booleans(), "separate": st.booleans()}
+images = {**drawings, "format": maybe(texts), "legend": st.booleans(), "separate": st.booleans()}
 probes = texts.filter(lambda text: "," not in text and text.strip())
 sampled = {"format": maybe(texts)}
-tables = {**sampled, "probes": several(probes), "asserts": several(texts), "keep_partial": st.booleans()}
+tables = {**sampled, "probe": several(probes), "assert_": several(texts), "keep_partial": st.booleans()}
 graphs = {
     **sampled,
-    "probes": st.lists(texts, min_size=1, max_size=3),
+    "probe": st.lists(texts, min_size=1, max_size=3),
     "size": st.just((1280, 720)) | st.just((99, 999)),
 }
 
@@ -298,20 +291,20 @@ def job_lists(draw: st.DrawFn) -> list[Any]:
     for _ in some():
         files: dict[str, Any] = {"calibration": file(".c"), "manifest": file(".m")}
         suffix = draw(st.sampled_from([".mp4", "_%04d.png", "/"]))
-        found.append(Video(simulation, file(suffix), **given_as(films), **files))
+        found.append(Video(simulation, file(suffix), **given_as(videos), **files))
     for _ in some():
         moments = maybe(exacts | events)
-        instant: dict[str, Any] = draw(st.fixed_dictionaries({"at": moments}) | st.just({"step": 7}))
+        instant: dict[str, Any] = draw(st.fixed_dictionaries({"time": moments}) | st.just({"step": 7}))
         cloud = draw(maybe(st.just(file(".ply"))))
-        found.append(Image(simulation, file(".png"), **given_as(stills), **instant, pointcloud=cloud))
+        found.append(Image(simulation, file(".png"), **given_as(images), **instant, pointcloud=cloud))
     for _ in some():
         contacts = draw(maybe(st.just(file("c.csv"))))
         found.append(Trace(simulation, file(".csv"), **given_as(tables), **when(), contacts=contacts))
     for _ in some():
-        found.append(Plot(simulation, file(".p"), **{"probes": ["energy"], **given_as(graphs)}, **when()))
+        found.append(Plot(simulation, file(".p"), **{"probe": ["energy"], **given_as(graphs)}, **when()))
     for _ in some(1):
         manifest = draw(maybe(st.just(file(".n"))))
-        found.append(Recording(simulation, file(".npz"), manifest, keep_partial=draw(st.booleans())))
+        found.append(Recording(simulation, file(".npz"), manifest=manifest, keep_partial=draw(st.booleans())))
     assume(found)
     return found
 
@@ -393,33 +386,33 @@ def start(**settings: Any) -> Simulation:
 def test_a_document_says_nothing_that_is_as_usual() -> None:
     simulation = start()
     assert document_text([Video(simulation, "a.mp4")], "mjrun video m.xml") == (
-        "# mjrun video m.xml\nmodel: m.xml\nfilms:\n- {output: a.mp4}\n"
+        "# mjrun video m.xml\nmodel: m.xml\nvideos: [a.mp4]\n"
     )
-    assert printed(Image(simulation, "a.png")) == "stills:\n- {output: a.png}\n"
-    assert printed(Trace(simulation, "a.csv")) == "traces:\n- {output: a.csv}\n"
-    assert printed(Plot(simulation, "a.png", probes=["energy"])) == "plots:\n- {output: a.png, probe: energy}\n"
-    assert printed(Recording(simulation, "a.npz")) == "recording: a.npz\n"
-    assert printed(Recording(simulation, "a.npz", "m.json")) == "recording: {output: a.npz, manifest: m.json}\n"
+    assert printed(Image(simulation, "a.png")) == "images: [a.png]\n"
+    assert printed(Trace(simulation, "a.csv")) == "traces: [a.csv]\n"
+    assert printed(Plot(simulation, "a.png", probe=["energy"])) == "plots:\n- {output: a.png, probe: energy}\n"
+    assert printed(Recording(simulation, "a.npz")) == "recordings: [a.npz]\n"
+    assert printed(Recording(simulation, "a.npz", manifest="m.json")) == (
+        "recordings:\n- {output: a.npz, manifest: m.json}\n"
+    )
 
 
 def test_lists_of_the_usual_are_as_usual_and_lists_of_one_are_that_one() -> None:
     assert printed(Video(start(), "a.mp4", camera=["free"], view=("rgb",), trail=[], gl="egl", require_gpu=True)) == (
-        "films:\n- {output: a.mp4}\n"
+        "videos: [a.mp4]\n"
     )
     assert printed(Video(start(), "a.mp4", camera=["top"], view=["depth"])) == (
-        "films:\n- {output: a.mp4, camera: top, view: depth}\n"
+        "videos:\n- {output: a.mp4, camera: top, view: depth}\n"
     )
 
 
 def test_the_document_reads_as_a_person_would_write_it() -> None:
-    settings = (
-        Override("opt.gravity", "0,0,-1.6"),
-        Override("opt.cone", "elliptic"),
-        Override("opt.flag.contact", "true"),
-    )
-    ends = (Override("opt.integrator", "rk4", "integrator"), Override("opt.timestep", "0.001", "timestep"))
+    settings = {"opt.gravity": [0, 0, -1.6], "opt.cone": "elliptic", "opt.flag.contact": True}
     simulation = Simulation(
-        FileSource(Path("m.xml"), overrides=settings + ends),
+        "m.xml",
+        set=settings,
+        integrator="rk4",
+        timestep=0.001,
         key="home",
         qpos={"hip": (0.3,), "root": [0, 0, 1.0]},
         duration=Fraction(3),
@@ -437,9 +430,7 @@ def test_the_document_reads_as_a_person_would_write_it() -> None:
         ],
     )
     film = Video(simulation, "a.mp4", camera=["top", script], fps=Fraction(30000, 1001), speed=Fraction(1, 4))
-    still = Image(
-        simulation, "a.png", visual=Visual(["joint"], groups={"geom": [0, 1]}, quality="high"), at=Event("a > 1", 2)
-    )
+    still = Image(simulation, "a.png", show="joint", geomgroup=[0, 1], quality="high", time=Event("a > 1", 2))
     assert (
         document_text([film, still])
         == """\
@@ -455,7 +446,7 @@ qpos:
   hip: 0.3
   root: [0, 0, 1]
 duration: 3
-films:
+videos:
 - output: a.mp4
   camera:
   - top
@@ -479,13 +470,13 @@ films:
       shake: {}
   fps: 30000/1001
   speed: 0.25
-stills:
+images:
 - output: a.png
   show: joint
   groups:
     geom: [0, 1]
   quality: high
-  at: {when: a > 1, nth: 2}
+  time: {when: a > 1, nth: 2}
 """
     )
 
@@ -514,7 +505,7 @@ def overridden(*settings: Override) -> Any:
     [
         (
             Recording(start(controller=lambda model, data: None), "a.npz"),
-            "--controller: code stays on the command line",
+            "controller: code stays on the command line",
         ),
         (Recording(Simulation(mujoco.MjModel.from_xml_string(XML)), "a.npz"), "a compiled model has no file"),
         (Trace(start()), "- is standard output, and a document writes files; give a path relative to a folder"),
@@ -531,7 +522,7 @@ def overridden(*settings: Override) -> Any:
         (Recording(start(), "\udce9.npz"), r"'\udce9.npz' is not UTF-8, and a document is"),
         (shot(until=Fraction(1, 3)), "fly: shots[0]: 1/3 is no decimal number, and a camera document takes no other"),
         (shot(speed=Fraction(10**400)), "fly: shots[0]: 1000"),
-        (Image(start(), "a.png", at=Event("a", offset=Fraction(2, 3))), "at: 2/3 is no decimal number"),
+        (Image(start(), "a.png", time=Event("a", offset=Fraction(2, 3))), "time: 2/3 is no decimal number"),
         (shot(rig=OrbitRig(azimuth=Ramp(1, 2), ease="in")), "fly: shots[0]: no document says this of a camera"),
     ],
 )
@@ -545,9 +536,6 @@ def test_jobs_of_several_simulations_are_no_document() -> None:
     for jobs in ([], [Recording(start(), "a.npz"), Trace(start(), "a.csv")]):
         with pytest.raises(UsageError, match=r"^a run document is of the outputs of one simulation$"):
             document_text(jobs)
-    simulation = start()
-    with pytest.raises(UsageError, match=r"^a run document has one recording$"):
-        document_text([Recording(simulation, "a.npz"), Recording(simulation, "b.npz")])
 
 
 @pytest.mark.parametrize(
@@ -561,4 +549,4 @@ def test_jobs_of_several_simulations_are_no_document() -> None:
 )
 def test_overrides_in_another_form_than_the_documents_own_keep_their_text_and_order(settings: Any) -> None:
     (job,) = again([overridden(*settings)])
-    assert [(s.path, s.value) for s in job.simulation.model.overrides] == [(s.path, s.value) for s in settings]
+    assert [(s.path, s.value) for s in job.simulation.model.settings] == [(s.path, s.value) for s in settings]

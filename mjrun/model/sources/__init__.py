@@ -33,6 +33,11 @@ def parse_source(text: str, overrides: Sequence[Override] = (), folder: str | Pa
     return FileSource(Path(folder, text), overrides=tuple(overrides))
 
 
+def is_file(text: str) -> bool:
+    """Whether `text` names a file."""
+    return isinstance(parse_source(text), FileSource)
+
+
 def source_of(model: ModelLike) -> Source:
     """The source that stands for `model`: text is parsed, a path is a file, a compiled model is itself."""
     match model:

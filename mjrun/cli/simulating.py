@@ -1,0 +1,131 @@
+"""What commands that simulate share: the simulation, the cameras, and how their outputs are made."""
+
+import os
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypeVar
+
+import click
+
+from mjrun.cli.command import Given
+from mjrun.cli.console import Console, flag
+from mjrun.cli.controller_loader import load_controller
+from mjrun.cli.summaries import summary
+from mjrun.errors import MjrunError, UsageError, option
+from mjrun.options.messages import MessageOptions
+from mjrun.options.model import ModelOptions
+from mjrun.options.output import CommandOptions
+from mjrun.options.trace import TraceOptions
+
+if TYPE_CHECKING:
+    from mjrun.job.simulation import Simulation
+    from mjrun.job.task import Job, OutputResult
+    from mjrun.model.source import Source
+
+R = TypeVar("R", bound="OutputResult")
+SCRIPTS = (".yaml", ".yml")  # suffixes of camera scripts
+
+
+def import_mujoco() -> None:
+    """Imports MuJoCo without an OpenGL backend: it would fix one by MUJOCO_GL, or fail at a bad name."""
+    backend = os.environ.get("MUJOCO_GL")
+    os.environ["MUJOCO_GL"] = "disable"
+    import mujoco  # noqa: F401
+
+    if backend is None:
+        del os.environ["MUJOCO_GL"]
+    else:
+        os.environ["MUJOCO_GL"] = backend
+
+
+def source(given: Given) -> "Source":
+    """What stands where the model stands, with its overrides."""
+    from mjrun.model.override import overrides_of
+    from mjrun.model.sources import parse_source
+
+    return parse_source(given.text("model"), overrides_of(given.make(ModelOptions)))
+
+
+def stem(given: Given) -> str:
+    """The name of the model, for outputs without one of their own."""
+    return source(given).stem
+
+
+def simulation(given: Given) -> "Simulation":
+    """The simulation that a command line describes."""
+    from mjrun.job.simulation import Simulation
+
+    return given.converted("controller", load_controller).make(Simulation, model=given.text("model"))
+
+
+def with_camera_scripts(given: Given) -> Given:
+    """The same, with camera scripts read."""
+    return given.converted("camera", lambda specs: tuple(map(_camera, specs)))
+
+
+def _camera(spec: str) -> object:
+    if Path(spec).suffix.lower() not in SCRIPTS:
+        return spec
+    from mjrun.document.camera import read_camera
+
+    return read_camera(spec)
+
+
+def make(console: Console, given: Given, job: "Job[R]") -> "R":
+    """Makes what `job` describes, and a recording if one is wanted; or prints the document of both, and stops."""
+    from mjrun.job.perform import perform
+    from mjrun.job.recording import Recording
+
+    options = given.make(CommandOptions)
+    jobs: list[Job[Any]] = [job]
+    if options.recording is not None:
+        partial = given.make(TraceOptions, simulation=None).keep_partial
+        jobs.append(Recording(job.simulation, options.recording, keep_partial=partial, command=console.command))
+    if options.print_document:
+        from mjrun.document.run_writer import document_text
+
+        console.result(document_text(jobs, console.command).rstrip("\n"))
+        raise click.exceptions.Exit(0)
+    with failures_in_json(console, given, lambda results: asdict(results[0])):
+        return perform(jobs, console)[0]
+
+
+def show(console: Console, given: Given, result: "OutputResult", default_output: str = "") -> None:
+    """Prints what was made: as JSON, or as a line, on standard output unless that holds the payload."""
+    if given.make(MessageOptions).json:
+        console.document(asdict(result))
+    elif payload_on_stdout(given, default_output):
+        console.say(summary(result))
+    elif console.verbosity >= 0:
+        console.result(summary(result))
+
+
+def payload_on_stdout(given: Given, default_output: str = "") -> bool:
+    """Whether standard output is the output.
+
+    Raises:
+      UsageError: JSON wants it too.
+    """
+    piped = (given.value("output") or default_output) == "-"
+    if piped and given.make(MessageOptions).json:
+        raise UsageError(f"{option('json')} and the output both want standard output; give {option('output')} FILE")
+    return piped
+
+
+@contextmanager
+def failures_in_json(
+    console: Console, given: Given, document: Callable[[Sequence[Any]], dict[str, Any]]
+) -> Iterator[None]:
+    """Where JSON was asked for, tells of a failure in it too, beside the `document` of what was made all the same."""
+    try:
+        yield
+    except MjrunError as error:
+        if given.make(MessageOptions).json and error.results:
+            facts = {name: value for name, value in vars(error).items() if name not in ("results", "path")}
+            public = {name: value for name, value in facts.items() if not name.startswith("_")}
+            message = error.spelled(flag)
+            failure = {"kind": type(error).__name__, "message": message, "exit_code": error.exit_code, **public}
+            console.document({**document(error.results), "error": failure})
+        raise

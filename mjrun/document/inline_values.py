@@ -1,0 +1,69 @@
+"""Cameras and ghosts as mappings, where a run document uses them."""
+
+from collections.abc import Callable, Iterator, Mapping
+from typing import Annotated, Any
+
+from pydantic import Field, Tag
+
+from mjrun.document.camera import CameraDocument
+from mjrun.document.document_model import NUMBER, TEXT, DocumentModel, Loc, Maybe, Name, Vector, kinds
+from mjrun.document.yaml_writer import number
+from mjrun.errors import UsageError, quoted
+from mjrun.job.scene_decorations import MOTIONS
+
+
+class InlineCamera(CameraDocument):
+    """A camera script written where it is used."""
+
+    name: Name = "script"
+    """What captions and files call it."""
+
+
+class InlineGhost(DocumentModel):
+    """The model once more, translucent; it does what the model does, unless key, trace or recording says otherwise."""
+
+    offset: Vector = (0.0, 0.0, 0.0)
+    """How far it is displaced [m]."""
+    opacity: Maybe[Annotated[float, Field(gt=0, le=1)]] = None
+    """How clearly it is seen, 1 being solid."""
+    key: Maybe[
+        Annotated[
+            Annotated[Name, Tag(TEXT)] | Annotated[Annotated[int, Field(ge=0)], Tag(NUMBER)],
+            kinds("the name or index of a keyframe", TEXT, NUMBER),
+        ]
+    ] = None
+    """The keyframe in whose pose it stands, by name or index."""
+    trace: Maybe[Name] = None
+    """A table of positions that it goes through, relative to the folder of this document."""
+    recording: Maybe[Name] = None
+    """A recording (.npz) that it goes through, relative to the folder of this document."""
+
+    @classmethod
+    def complaints(cls, given: Mapping[str, Any]) -> Iterator[tuple[Loc, str]]:
+        first, *others = [key for key in MOTIONS if key in given] or [""]
+        yield from (((key,), f"{first} and {key} exclude each other: each says what the ghost does") for key in others)
+        with_comma = [key for key in MOTIONS if "," in str(given.get(key, ""))]
+        yield from (((key,), "what a ghost goes by holds no comma") for key in with_comma)
+
+    def text(self) -> str:
+        """The same in one text, as on a command line."""
+        offset = "/".join(str(number(value)) for value in self.offset) if any(self.offset) else None
+        motions = {"key": self.key, "trace": self.trace, "recording": self.recording}
+        settings = {"offset": offset, "opacity": self.opacity, **motions}
+        return ",".join(f"{name}={value}" for name, value in settings.items() if value is not None)
+
+
+def ghost_text(ghost: str | InlineGhost, resolved: Callable[[str], str]) -> str:
+    """The settings of a ghost in one text, its files `resolved`.
+
+    Raises:
+      UsageError: the path of a file holds a comma.
+    """
+    settings = []
+    for part in (ghost.text() if isinstance(ghost, InlineGhost) else ghost).split(","):
+        name, equals, value = part.partition("=")
+        path = resolved(value) if name in ("trace", "recording") and value else value
+        if "," in path:
+            raise UsageError(f"{quoted(path)}: the path of what a ghost goes through holds no comma")
+        settings.append(f"{name}{equals}{path}")
+    return ",".join(settings)

@@ -1,0 +1,213 @@
+"""From declared options to the models of run documents, and from what a document holds to the options' values."""
+
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from fractions import Fraction
+from pathlib import Path
+from typing import Annotated, Any, ClassVar, Literal
+
+from pydantic import BeforeValidator, Field, PlainValidator, Strict, Tag, create_model
+
+from mjrun.document.camera import Event, read_camera
+from mjrun.document.document_model import (
+    LIST,
+    MAPPING,
+    NUMBER,
+    TEXT,
+    Among,
+    ComplaintError,
+    DocumentModel,
+    Loc,
+    Maybe,
+    Name,
+    items,
+    kinds,
+)
+from mjrun.document.field_types import Exact, Instant, Numbers, Several, Size, accepted_by, all_of, listed
+from mjrun.document.inline_values import InlineCamera, InlineGhost, ghost_text
+from mjrun.document.output_folder import Inside, OutputFolder
+from mjrun.document.reader import SUFFIXES
+from mjrun.job.view import check_segmentation_name
+from mjrun.model.sources import is_file
+from mjrun.options import kinds as option_kinds
+from mjrun.options.kinds import ExpectedError, Kind, setting_text
+from mjrun.options.option import Option, Options, Place, exclusions_of, options_of
+from mjrun.rendering.segmentation import grouping
+from mjrun.rendering.visual import Visual, flags, frames, labels
+
+# The names of a kind that there are, for editors, and what refuses others.
+NAMES: dict[str, tuple[Callable[[], list[str]], Callable[[str], object]]] = {
+    "visual flag": (flags, lambda name: Visual(show=[name])),
+    "segmentation": (lambda: [*grouping()], check_segmentation_name),
+    "frame": (frames, lambda name: Visual(frame=name)),
+    "label": (labels, lambda name: Visual(label=name)),
+}
+
+
+def _setting(value: Any) -> str:
+    try:
+        return setting_text(value)
+    except ExpectedError as error:
+        raise ComplaintError("kind", expected=error.expected) from None
+
+
+Whole = Annotated[int, Field(ge=0)]
+SettingText = Annotated[str, PlainValidator(_setting, json_schema_input_type=float | Name | bool | list[float])]
+
+
+class OptionsModel(DocumentModel):
+    """A mapping whose keys are declared options."""
+
+    declared: ClassVar[type[Options]] = Options
+
+    @classmethod
+    def complaints(cls, given: Mapping[str, Any]) -> Iterator[tuple[Loc, str]]:
+        for exclusion in exclusions_of(cls.declared):
+            if all(_is_said(given.get(name)) for name in exclusion.names):
+                yield (exclusion.names[1],), exclusion.message(str)
+
+
+def options_model(
+    declared: type[Options],
+    *,
+    base: type[OptionsModel] = OptionsModel,
+    name: str = "",
+    first: Mapping[str, Any] | None = None,
+    last: Mapping[str, Any] | None = None,
+) -> type[OptionsModel]:
+    """The model of a mapping with the options that `declared` declares.
+
+    Args:
+      first, last: fields before and after those, as pydantic's `create_model` takes them.
+    """
+    fields = {each.attribute: _field(each) for each in document_options(declared)}
+    name, fields = name or declared.__name__, {**(first or {}), **fields, **(last or {})}
+    model = create_model(name, __base__=base, __doc__=declared.__doc__, **fields)
+    model.declared = declared
+    return model
+
+
+def document_options(declared: type[Options]) -> list[Option]:
+    """Those options that documents know."""
+    return [each for each in options_of(declared) if Place.DOCUMENT in each.places]
+
+
+def _is_said(value: object) -> bool:
+    """Whether a key says something: `separate: false` does not."""
+    return value is not None and value is not False and value != []
+
+
+def _field(each: Option) -> tuple[Any, Any]:
+    """Type and default of a key."""
+    annotation = field_type(each.kind)
+    text = each.help + (f" {each.usual} if left out." if each.usual else "")
+    alias = each.name if each.name != each.attribute else None
+    if each.is_required or each.name == "output":  # a document has no standard output
+        return annotation, Field(alias=alias, description=each.help)
+    default = None if each.default is None else _default(each)
+    return annotation, Field(default, alias=alias, description=text)
+
+
+def _default(each: Option) -> Any:
+    plain = each.kind.plain(each.default)
+    return float(plain) if isinstance(plain, Fraction) else plain
+
+
+def field_type(kind: Kind[Any, Any]) -> Any:
+    """The type of a key whose values are of a kind."""
+    match kind:
+        case option_kinds.Optional(each):
+            return Maybe[field_type(each)]
+        case option_kinds.Several(each):
+            return Several[field_type(each)]
+        case option_kinds.Named(of=of):
+            names, check = NAMES[of]
+            return Annotated[Name, accepted_by(check), listed(names())]
+        case option_kinds.Choice(names):
+            return Annotated[str, Among(names)]
+        case option_kinds.Integer(least, most):
+            bounds = Field(gt=0, le=most) if least == 1 else Field(ge=least, le=most)
+            return Annotated[int, bounds]
+        case option_kinds.Real(least, above, most):
+            return Annotated[float, Field(ge=least if above is None else None, gt=above, le=most)]
+        case option_kinds.Exact(zero=zero):
+            return Instant if zero else Exact
+        case option_kinds.File(written=written):
+            return Inside if written else Name
+        case option_kinds.Key(expected=expected):
+            return Annotated[Annotated[Name, Tag(TEXT)] | Annotated[Whole, Tag(NUMBER)], kinds(expected, TEXT, NUMBER)]
+    return FIELD_TYPES[type(kind)]
+
+
+FIELD_TYPES: dict[type[Kind[Any, Any]], Any] = {
+    option_kinds.Text: Name,
+    option_kinds.Flag: bool,
+    option_kinds.Size: Size,
+    option_kinds.Range: Annotated[tuple[float, float], Strict(False), BeforeValidator(items(2, "numbers"))],
+    option_kinds.Values: dict[str, Numbers],
+    option_kinds.Settings: dict[str, SettingText],
+    option_kinds.Processes: Annotated[
+        Annotated[Annotated[int, Field(gt=0)], Tag(NUMBER)] | Annotated[Literal["auto"], Tag(TEXT)],
+        kinds("a number of processes, or auto", NUMBER, TEXT),
+    ],
+    option_kinds.Groups: Annotated[
+        Annotated[list[Annotated[int, Field(ge=0, le=option_kinds.GROUPS[-1])]], Tag(LIST)]
+        | Annotated[Literal["all", "none"], Tag(TEXT)],
+        kinds("a list of groups from 0 to 5, all or none", LIST, TEXT),
+    ],
+    option_kinds.Instant: Annotated[
+        Annotated[Instant, Tag(NUMBER)] | Annotated[Instant, Tag(TEXT)] | Annotated[Event, Tag(MAPPING)],
+        kinds("a time [s] or {when, nth, offset, else}", NUMBER, TEXT, MAPPING),
+    ],
+    option_kinds.Camera: Annotated[
+        Annotated[Name, Tag(TEXT)] | Annotated[Whole, Tag(NUMBER)] | Annotated[InlineCamera, Tag(MAPPING)],
+        kinds("a camera as text, by index, or as {name, speed, shots}", TEXT, NUMBER, MAPPING),
+    ],
+    option_kinds.Ghost: Annotated[
+        Annotated[str, Tag(TEXT)] | Annotated[InlineGhost, Tag(MAPPING)],
+        kinds("text as in offset=0/1/0,opacity=0.3 or {offset, opacity, key, trace, recording}", TEXT, MAPPING),
+    ],
+}
+
+
+@dataclass(frozen=True)
+class Folders:
+    """Where relative paths lead: inputs from the folder of the document, outputs into that of all outputs."""
+
+    inputs: Path
+    outputs: OutputFolder
+
+    def model(self, text: str) -> str:
+        """A model, as it is from here; sources that are no files stand as they are."""
+        return self.input(text) if is_file(text) else text
+
+    def input(self, path: str) -> str:
+        """An input, as it is from here."""
+        return path if self.inputs == Path() else str(self.inputs / path)
+
+
+def option_value(kind: Kind[Any, Any], value: Any, folders: Folders) -> Any:
+    """What the option is given for what the document holds.
+
+    Raises:
+      UsageError: an output outside its folder, or a mistake in a document that this one names.
+      FileError: such a document cannot be read.
+    """
+    match kind:
+        case option_kinds.Optional(each):
+            return option_value(each, value, folders)
+        case option_kinds.Several(each):
+            return tuple(option_value(each, part, folders) for part in all_of(value))
+        case option_kinds.File(written=True):
+            return folders.outputs.path(value)
+        case option_kinds.File():
+            return folders.input(value)
+        case option_kinds.Ghost():
+            return ghost_text(value, folders.input)
+        case option_kinds.Camera() if isinstance(value, InlineCamera):
+            return value.script(value.name)
+        case option_kinds.Camera() if isinstance(value, str) and Path(value).suffix.lower() in SUFFIXES:
+            return read_camera(folders.input(value))
+        case option_kinds.Instant() if isinstance(value, Event):
+            return value.event()
+    return value

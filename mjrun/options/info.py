@@ -1,0 +1,20 @@
+"""Options of the command `info`."""
+
+from typing import ClassVar
+
+from mjrun.options.kinds import Flag
+from mjrun.options.option import Options, Place, option, options
+
+
+@options
+class InfoOptions(Options):
+    """What is shown."""
+
+    section: ClassVar[str] = "Options"
+
+    columns: bool = option(
+        converter=Flag(),
+        default=False,
+        places=Place.COMMAND,
+        help="List every column that a trace of the model can have, and stop.",
+    )

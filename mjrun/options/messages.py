@@ -1,0 +1,26 @@
+"""Options of what commands say."""
+
+from typing import ClassVar
+
+from mjrun.options.kinds import Flag
+from mjrun.options.option import Options, Place, option, options
+
+
+@options
+class MessageOptions(Options):
+    """What is printed, and how much of it."""
+
+    section: ClassVar[str] = "Messages"
+
+    json: bool = option(
+        converter=Flag(), default=False, places=Place.COMMAND, help="One JSON document on stdout instead of prose."
+    )
+    quiet: bool = option(converter=Flag(), default=False, short="-q", places=Place.COMMAND, help="Print errors only.")
+    verbose: bool = option(
+        converter=Flag(),
+        default=False,
+        short="-v",
+        places=Place.COMMAND,
+        help="Print more, such as where the time went.",
+    )
+    debug: bool = option(converter=Flag(), default=False, places=Place.COMMAND, help="Show tracebacks.")

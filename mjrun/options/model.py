@@ -1,0 +1,29 @@
+"""Options of the model: what is overridden before it is compiled."""
+
+from fractions import Fraction
+from typing import ClassVar
+
+from mjrun.options.kinds import Choice, Exact, Optional, Settings
+from mjrun.options.option import Options, option, options
+
+INTEGRATORS = ("euler", "rk4", "implicit", "implicitfast", "discrete")
+
+
+@options
+class ModelOptions(Options):
+    """What is overridden in a model."""
+
+    section: ClassVar[str] = "Model"
+
+    integrator: str | None = option(
+        converter=Optional(Choice(INTEGRATORS)), default=None, help="The integrator, instead of the model's."
+    )
+    timestep: Fraction | None = option(
+        converter=Optional(Exact("SECONDS")), default=None, help="The timestep [s], instead of the model's."
+    )
+    set: tuple[tuple[str, str], ...] = option(
+        converter=Settings(),
+        default=(),
+        help="Override anything before compilation, by MuJoCo's own names: opt.gravity=0,0,10, opt.cone=elliptic, "
+        "opt.flag.contact=disable, geom/floor.friction=.1,.005,.0001, vis.quality.shadowsize=1024.",
+    )

@@ -1,0 +1,176 @@
+"""What an option is, and how a class of them is declared."""
+
+import dataclasses
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from enum import Flag, auto
+from functools import cache
+from typing import Any, ClassVar, TypeVar, dataclass_transform
+
+from mjrun.errors import BadValueError, UsageError
+from mjrun.errors import option as mention
+from mjrun.options.kinds import ExpectedError, Kind
+
+V = TypeVar("V")
+T = TypeVar("T")
+C = TypeVar("C")
+
+
+class Place(Flag):
+    """Who knows an option."""
+
+    COMMAND = auto()
+    DOCUMENT = auto()
+    PYTHON = auto()
+    EVERYWHERE = COMMAND | DOCUMENT | PYTHON
+
+
+@dataclass(frozen=True)
+class Option:
+    """One option, as every front end needs to know it.
+
+    Attributes:
+      name: the same everywhere: `trail_span`; the command line writes `--trail-span`.
+      attribute: of the class that declares it: the name, or `assert_` where that is a word of Python's.
+      kind: of its values.
+      help: one or two sentences, with the unit.
+      default: what it is when nothing is said; `dataclasses.MISSING` where something must be said.
+      usual: what help shows instead of a default that says nothing by itself.
+      short: a second spelling on the command line, `-o`.
+      section: heading under which help lists it.
+      places: who knows it.
+      flag_value: on the command line, the value of the option without one.
+    """
+
+    name: str
+    attribute: str
+    kind: Kind[Any, Any]
+    help: str
+    default: object
+    usual: str
+    short: tuple[str, ...]
+    section: str
+    places: Place
+    flag_value: str | None
+
+    @property
+    def is_required(self) -> bool:
+        """Whether something must be said."""
+        return self.default is dataclasses.MISSING
+
+
+@dataclass(frozen=True)
+class Exclusion:
+    """Options that cannot both be given, and why: "both say how long"."""
+
+    names: tuple[str, str]
+    reason: str
+
+    def message(self, spelling: Callable[[str], str] = mention) -> str:
+        """The sentence."""
+        one, other = map(spelling, self.names)
+        return f"{one} and {other} exclude each other: {self.reason}"
+
+
+def option(
+    *,
+    converter: Callable[[V], T],
+    help: str,  # noqa: A002
+    default: V,
+    usual: str = "",
+    short: str | tuple[str, ...] = (),
+    places: Place = Place.EVERYWHERE,
+    flag_value: str | None = None,
+    kw_only: bool = True,
+) -> T:
+    """Declares a field of a class of options; `converter` is its `Kind`."""
+    made = converter(default)
+    facts = _facts(converter, help, usual, short, places, flag_value)
+    if isinstance(made, dict):
+        return dataclasses.field(default_factory=dict, kw_only=kw_only, metadata=facts)  # type: ignore[return-value]
+    return dataclasses.field(default=made, kw_only=kw_only, metadata=facts)
+
+
+def required(
+    *,
+    converter: Callable[[V], T],
+    help: str,  # noqa: A002
+    usual: str = "",
+    short: str | tuple[str, ...] = (),
+    places: Place = Place.EVERYWHERE,
+    kw_only: bool = True,
+) -> T:
+    """The same, where something must be said."""
+    return dataclasses.field(kw_only=kw_only, metadata=_facts(converter, help, usual, short, places, None))
+
+
+def _facts(
+    kind: object, text: str, usual: str, short: str | tuple[str, ...], places: Place, flag_value: str | None
+) -> dict[str, Any]:
+    shorts = (short,) if isinstance(short, str) else short
+    return {"kind": kind, "help": text, "usual": usual, "short": shorts, "places": places, "flag_value": flag_value}
+
+
+class Options:
+    """Base of all classes of options: frozen values, checked and converted as they are made.
+
+    Attributes:
+      section: heading in help.
+      exclusions: pairs of options that cannot both be given.
+    """
+
+    section: ClassVar[str] = "Options"
+    exclusions: ClassVar[tuple[Exclusion, ...]] = ()
+
+    def __post_init__(self) -> None:
+        for each in options_of(type(self)):
+            value = getattr(self, each.attribute)
+            try:
+                object.__setattr__(self, each.attribute, each.kind(value))
+            except ExpectedError as error:
+                raise BadValueError(mention(each.name), _shown(value), error.expected) from None
+        for exclusion in exclusions_of(type(self)):
+            if all(is_given(self, name) for name in exclusion.names):
+                raise UsageError(exclusion.message(), path=(exclusion.names[1],))
+
+
+def _shown(value: object) -> object:
+    """A value as messages show it: the numbers of a list short, side by side."""
+    if isinstance(value, list | tuple):
+        return ", ".join(f"{part:g}" if isinstance(part, float) else str(part) for part in value)
+    return value
+
+
+@dataclass_transform(frozen_default=True, kw_only_default=True, field_specifiers=(option, required, dataclasses.field))
+def options(cls: type[C]) -> type[C]:
+    """Makes a class of options: a frozen dataclass of keywords."""
+    return dataclass(frozen=True, kw_only=True)(cls)
+
+
+@cache
+def options_of(cls: type) -> tuple[Option, ...]:
+    """The options that `cls` declares and inherits, its own first."""
+    return tuple({each.name: each for home in cls.__mro__ for each in _declared(home, cls)}.values())
+
+
+@cache
+def exclusions_of(cls: type) -> tuple[Exclusion, ...]:
+    """The exclusions that `cls` declares and inherits."""
+    return tuple(dict.fromkeys(each for home in cls.__mro__ for each in vars(home).get("exclusions", ())))
+
+
+def is_given(values: Options, name: str) -> bool:
+    """Whether an option is other than its default."""
+    each = next(each for each in options_of(type(values)) if each.name == name)
+    value = getattr(values, each.attribute)
+    return value is not None and value != each.default
+
+
+def _declared(home: type, cls: type) -> Iterator[Option]:
+    fields = {field.name: field for field in dataclasses.fields(cls)}
+    for attribute in vars(home).get("__annotations__", {}):
+        field = fields.get(attribute)
+        if field is None or "kind" not in field.metadata:
+            continue
+        default = field.default_factory() if callable(field.default_factory) else field.default
+        yield Option(attribute.rstrip("_"), attribute, default=default, section=home.section, **field.metadata)

@@ -1,0 +1,49 @@
+"""Options that all outputs of a simulation have."""
+
+from dataclasses import field
+from typing import ClassVar
+
+from mjrun.options.kinds import File, Flag, Optional
+from mjrun.options.option import Options, Place, option, options
+
+
+@options
+class OutputOptions(Options):
+    """An output of a simulation.
+
+    Args:
+      simulation: what it is an output of.
+      output: where it is written.
+      command: the command line, for the manifest.
+    """
+
+    section: ClassVar[str] = "Output"
+
+    simulation: object = field(kw_only=False)
+    output: str = field(kw_only=False)
+    manifest: str | None = option(
+        converter=Optional(File(written=True)),
+        default=None,
+        help="A JSON file that says what made the output: versions, command, model, options, wall times, hashes.",
+    )
+    command: str = ""
+
+
+@options
+class CommandOptions(Options):
+    """What commands that simulate can do besides."""
+
+    section: ClassVar[str] = "Output"
+
+    recording: str | None = option(
+        converter=Optional(File(written=True)),
+        default=None,
+        places=Place.COMMAND,
+        help="Also keep the state of every step (.npz), to replay.",
+    )
+    print_document: bool = option(
+        converter=Flag(),
+        default=False,
+        places=Place.COMMAND,
+        help="Print this command as a document for mjrun run, and stop.",
+    )

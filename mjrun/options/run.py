@@ -1,0 +1,40 @@
+"""Options of the command `run`: where the outputs go, and what this machine does otherwise than the document says."""
+
+from typing import ClassVar
+
+from mjrun.options.kinds import Choice, File, Flag, Optional, Processes
+from mjrun.options.option import Place, option, options
+from mjrun.options.simulation import ControllerOptions
+from mjrun.options.view import QUALITIES, BackendOptions
+
+
+@options
+class RunOptions(BackendOptions, ControllerOptions):
+    """What only the command line says of a run."""
+
+    section: ClassVar[str] = "Run"
+
+    output: str = option(
+        converter=File("DIR", written=True),
+        default=".",
+        short="-o",
+        places=Place.COMMAND,
+        help="The folder of all outputs; made if need be.",
+    )
+    dry_run: bool = option(
+        converter=Flag(), default=False, places=Place.COMMAND, help="Show what would be made, and stop."
+    )
+    quality: str | None = option(
+        converter=Optional(Choice(QUALITIES)),
+        default=None,
+        usual="as the document says",
+        places=Place.COMMAND,
+        help="Quality of all videos and images.",
+    )
+    jobs: int | str | None = option(
+        converter=Optional(Processes()),
+        default=None,
+        usual="as the document says",
+        places=Place.COMMAND,
+        help="Processes that draw each video.",
+    )

@@ -1,0 +1,102 @@
+"""Options of the simulation: where it starts, what drives it, and how long it lasts."""
+
+from collections.abc import Callable, Mapping
+from fractions import Fraction
+from typing import Any, ClassVar
+
+from mjrun.options.kinds import Choice, Code, Exact, File, Integer, Key, Numbers, Optional, Real, Values
+from mjrun.options.model import ModelOptions
+from mjrun.options.option import Exclusion, Options, Place, option, options
+
+INTERPOLATIONS = ("hold", "linear")
+# What physics alone uses; a replay goes through recorded states instead.
+PHYSICS = ("key", "qpos", "qvel", "ctrl", "ctrl_from", "ctrl_noise", "controller", "perturb")
+
+
+@options
+class ControllerOptions(Options):
+    """Code that drives a simulation; no document holds it."""
+
+    section: ClassVar[str] = "Simulation"
+
+    controller: Callable[..., Any] | None = option(
+        converter=Code(),
+        default=None,
+        places=Place.COMMAND | Place.PYTHON,
+        help="Python that sets the controls: policy.py:act or package.module:Policy, called with (model, data). "
+        "It writes data.ctrl or returns the controls; a class may have a method reset.",
+    )
+    control_dt: Fraction | None = option(
+        converter=Optional(Exact("SECONDS")),
+        default=None,
+        usual="every step",
+        places=Place.COMMAND | Place.PYTHON,
+        help="Time between two calls of the controller [s].",
+    )
+
+
+@options
+class SimulationOptions(ControllerOptions, ModelOptions):
+    """A simulation, but for its model."""
+
+    section: ClassVar[str] = "Simulation"
+    exclusions: ClassVar[tuple[Exclusion, ...]] = (
+        Exclusion(("duration", "steps"), "both say how long"),
+        Exclusion(("controller", "ctrl_from"), "both drive the actuators"),
+        *(Exclusion(("replay", name), "a replay goes through recorded states, without physics") for name in PHYSICS),
+    )
+
+    key: str | None = option(
+        converter=Optional(Key()), default=None, help="The keyframe to start from, by name or index."
+    )
+    qpos: Mapping[str, Numbers] = option(
+        converter=Values(),
+        default={},
+        help="Initial joint positions by name [m, rad]: hip=0.3, root/z=1, root=0,0,1,1,0,0,0.",
+    )
+    qvel: Mapping[str, Numbers] = option(
+        converter=Values(), default={}, help="Initial joint velocities by name [m/s, rad/s]: hip=2, root/wx=1."
+    )
+    ctrl: Mapping[str, Numbers] = option(
+        converter=Values(),
+        default={},
+        help="Constant controls by actuator name or wildcard, in the actuator's units: motor=20, left_*=0.5.",
+    )
+    ctrl_from: str | None = option(
+        converter=Optional(File()),
+        default=None,
+        help="A table of controls over time, with columns time [s] and ctrl/ACTUATOR; a trace will do.",
+    )
+    ctrl_interpolation: str = option(
+        converter=Choice(INTERPOLATIONS), default="hold", help="How controls go on between the rows of that table."
+    )
+    ctrl_noise: float = option(
+        converter=Real(metavar="STD"),
+        default=0.0,
+        help="Standard deviation of Gaussian noise on every control, in the actuators' units.",
+    )
+    ctrl_noise_time: float = option(
+        converter=Real(metavar="SECONDS"),
+        default=0.0,
+        help="Correlation time of that noise [s]; 0 draws it anew at every step.",
+    )
+    replay: str | None = option(
+        converter=Optional(File()),
+        default=None,
+        help="A recording (.npz) whose states are replayed instead of simulated.",
+    )
+    perturb: float = option(
+        converter=Real(metavar="STD"),
+        default=0.0,
+        help="Standard deviation of Gaussian noise on the initial velocities [m/s, rad/s].",
+    )
+    seed: int = option(converter=Integer(), default=0, help="Seed of all noise.")
+    duration: Fraction | None = option(
+        converter=Optional(Exact("SECONDS")),
+        default=None,
+        usual="5, or that of the recording",
+        help="Simulated time [s].",
+    )
+    steps: int | None = option(
+        converter=Optional(Integer(1)), default=None, help="Number of steps, instead of a duration."
+    )

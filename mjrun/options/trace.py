@@ -1,0 +1,100 @@
+"""Options of traces, and of what else measures again and again."""
+
+from fractions import Fraction
+from typing import ClassVar
+
+from mjrun.options.kinds import Exact, File, Flag, Integer, Optional, Several, Size, Text
+from mjrun.options.option import Exclusion, Options, Place, option, options, required
+from mjrun.options.output import OutputOptions
+
+PROBES = ("qpos", "qvel", "ctrl", "act", "energy", "contact", "sensor")  # measured where nothing is said
+
+
+@options
+class SamplingOptions(OutputOptions):
+    """How often something is measured, and how it is written."""
+
+    exclusions: ClassVar[tuple[Exclusion, ...]] = (Exclusion(("every", "rate"), "both say how often"),)
+
+    every: int = option(converter=Integer(1), default=1, help="A row every N steps.")
+    rate: Fraction | None = option(
+        converter=Optional(Exact("HZ")),
+        default=None,
+        help="Rows per simulated second [Hz], instead of every N steps; at most one for each step.",
+    )
+    format: str | None = option(
+        converter=Optional(Text("NAME")), default=None, usual="the output's suffix", help="The format."
+    )
+
+
+@options
+class TraceOptions(SamplingOptions):
+    """A trace: a table of measured values."""
+
+    section: ClassVar[str] = "Table"
+
+    output: str = option(
+        converter=File(written=True),
+        default="-",
+        kw_only=False,
+        short="-o",
+        help="csv, jsonl, parquet, feather, npz, mat, or - for standard output.",
+    )
+    probe: tuple[str, ...] = option(
+        converter=Several(Text("NAME,…")),
+        default=PROBES,
+        usual=",".join(PROBES),
+        help="What to measure: qpos, qvel, qacc, ctrl, act, energy, sensor, contact, xpos, speed, momentum, … or any "
+        "field of MjData; of some objects, qpos[left_*], xpos[hand]; or a column, xpos/hand/z.",
+    )
+    assert_: tuple[str, ...] = option(
+        converter=Several(Text("EXPR")),
+        default=(),
+        help="Fail, with exit code 1, unless this holds: max(abs(energy/drift)) < 1e-3.",
+    )
+    keep_partial: bool = option(converter=Flag(), default=False, help="Keep the rows before an instability.")
+    contacts: str | None = option(
+        converter=Optional(File(written=True)),
+        default=None,
+        help="A second table, a row for each contact of each instant: which geoms, position and depth [m], "
+        "force [N] and torque [N m].",
+    )
+
+
+@options
+class TraceCommandOptions(Options):
+    """What the command can do besides."""
+
+    section: ClassVar[str] = "Table"
+
+    csv: bool = option(converter=Flag(), default=False, places=Place.COMMAND, help="Short for --format csv.")
+    list_: bool = option(
+        converter=Flag(),
+        default=False,
+        places=Place.COMMAND,
+        help="List every column that the model offers, or those of --probe, and stop; nothing is written.",
+    )
+
+
+@options
+class PlotOptions(SamplingOptions):
+    """A plot of measured values over time."""
+
+    section: ClassVar[str] = "Plot"
+
+    output: str = required(converter=File(written=True), kw_only=False, help="png, jpg, webp or tiff.")
+    probe: tuple[str, ...] = required(
+        converter=Several(Text("PROBE,…")),
+        help="What to plot: energy, qpos[left_*]; several make a panel each, one under the other.",
+    )
+    size: tuple[int, int] = option(converter=Size(), default=(1280, 720), help="Width and height of the plot [pixels].")
+
+
+@options
+class RecordingOptions(OutputOptions):
+    """A recording: the states of all steps, for replay."""
+
+    section: ClassVar[str] = "Recording"
+
+    output: str = required(converter=File(written=True), kw_only=False, help="An .npz file.")
+    keep_partial: bool = option(converter=Flag(), default=False, help="Keep the states before an instability.")

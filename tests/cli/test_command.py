@@ -1,0 +1,141 @@
+from dataclasses import field
+from fractions import Fraction
+from typing import ClassVar
+
+import click
+import pytest
+from click.testing import CliRunner
+
+from mjrun.cli.command import Given, command
+from mjrun.cli.console import Console
+from mjrun.options.kinds import Choice, Exact, Flag, Integer, Optional, Settings, Several, Size, Text, Values
+from mjrun.options.option import Options, Place, option, options, required
+
+
+@options
+class Base(Options):
+    section: ClassVar[str] = "Base"
+
+    subject: object = field(kw_only=False)
+    verbosely: bool = option(converter=Flag(), default=False, help="Say more.")
+
+
+@options
+class Cake(Base):
+    section: ClassVar[str] = "Cake"
+
+    name: str = required(converter=Text(), short="-n", usual="SUBJECT.cake", help="What it is called.")
+    heat: Fraction = option(converter=Exact("KELVIN"), default=450, help="Of the oven [K].")
+    layers: int | None = option(converter=Optional(Integer(1)), default=None, usual="as many as fit", help="How many.")
+    shape: str = option(converter=Choice(("round", "square")), default="round", help="Seen from above.")
+    icing: bool = option(converter=Flag(negatable=True), default=True, help="Whether there is icing.")
+    topping: tuple[str, ...] = option(converter=Several(Text()), default=(), help="On top.")
+    candles: tuple[str, ...] = option(converter=Several(Text(), commas=True), default=(), help="By colour.")
+    size: tuple[tuple[int, int], ...] = option(converter=Several(Size()), default=(), help="Of each [cm].")
+    weights: object = option(converter=Values(), default={}, help="By ingredient [kg].")
+    set: object = option(converter=Settings(), default=(), help="Anything.")
+    secret: bool = option(converter=Flag(), default=False, places=Place.PYTHON, help="Not for the command line.")
+
+
+def baked(*arguments: str) -> tuple[Cake, Console]:
+    """What a command line makes."""
+    cakes: list[Cake] = []
+
+    @command("bake", Cake, arguments=[click.Argument(["subject"])])
+    def bake(console: Console, given: Given) -> None:
+        """Bake SUBJECT."""
+        subject = given.text("subject")
+        cakes.append(given.otherwise(name=f"{subject}.cake").make(Cake, subject=subject))
+
+    console = Console("bake")
+    result = CliRunner().invoke(bake, arguments, obj=console, standalone_mode=False)
+    if result.exception:
+        raise result.exception
+    return cakes[0], console
+
+
+def test_what_is_not_given_is_the_default() -> None:
+    cake, console = baked("apple")
+    assert cake == Cake("apple", name="apple.cake")
+    assert (console.verbosity, console.debug) == (0, False)
+
+
+def test_every_kind_of_option_arrives_as_its_value() -> None:
+    cake, _ = baked(
+        *("apple", "-n", "pie", "--heat", "1/3", "--layers", "2", "--shape", "SQUARE", "--no-icing", "--verbosely"),
+        *("--topping", "a,b", "--topping", "c", "--candles", "red,blue", "--candles", "pink"),
+        *("--size", "3x4", "--size", "5x6", "--weights", "flour=.5", "--weights", "eggs=1,2", "--set", "a.b=c"),
+    )
+    assert cake == Cake(
+        "apple",
+        name="pie",
+        heat="1/3",
+        layers=2,
+        shape="square",
+        icing=False,
+        verbosely=True,
+        topping=["a,b", "c"],
+        candles=["red", "blue", "pink"],
+        size=[(3, 4), (5, 6)],
+        weights={"flour": 0.5, "eggs": [1, 2]},
+        set={"a.b": "c"},
+    )
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (("--heat", "-1"), "Invalid value for '--heat': '-1' is not a positive number"),
+        (("--size", "3"), "Invalid value for '--size': '3' is not a size; write width x height in pixels"),
+        (("--shape", "oval"), "Invalid value for '--shape': 'oval' is not one of 'round', 'square'"),
+        (("--layers", "0"), "Invalid value for '--layers': '0' is not a whole number from 1 on"),
+        (("--secret",), "No such option '--secret'"),
+    ],
+)
+def test_a_bad_value_is_told_as_click_does(arguments: tuple[str, ...], message: str) -> None:
+    with pytest.raises(click.UsageError) as error:
+        baked("apple", *arguments)
+    assert error.value.format_message().startswith(message)
+
+
+def test_help_shows_sections_defaults_and_what_stands_for_values() -> None:
+    @command("bake", Cake)
+    def bake(console: Console, given: Given) -> None:
+        """Bake."""
+
+    text = CliRunner(env={"COLUMNS": "200"}).invoke(bake, ["--help"], obj=Console("bake")).output
+    lines = " ".join(text.split())
+    assert text.index("Cake:") < text.index("Base:") < text.index("Messages:")
+    assert "-n, --name TEXT What it is called. [default: SUBJECT.cake]" in lines
+    assert "--heat KELVIN Of the oven [K]. [default: 450]" in lines
+    assert "--layers N How many. [default: as many as fit]" in lines
+    assert "--shape [round|square] Seen from above. [default: round]" in lines
+    assert "--icing / --no-icing Whether there is icing. [default: --icing]" in lines
+    assert "--topping TEXT On top. Repeatable. " in lines
+    assert "--candles TEXT,… By colour. Repeatable. " in lines
+    assert "--weights NAME=VALUE By ingredient [kg]. Repeatable. " in lines
+    assert "secret" not in text
+
+
+@pytest.mark.parametrize(
+    ("flags", "verbosity", "debug"), [(["-q"], -1, False), (["-v"], 1, False), (["--debug"], 0, True), ([], 0, False)]
+)
+def test_the_console_is_told_how_much_to_say(flags: list[str], verbosity: int, debug: bool) -> None:
+    _, console = baked("apple", *flags)
+    assert (console.verbosity, console.debug) == (verbosity, debug)
+
+
+def test_a_command_can_do_without_an_option() -> None:
+    @command("bake", Cake, without=("heat",))
+    def bake(console: Console, given: Given) -> None:
+        """Bake."""
+
+    assert "--heat" not in CliRunner().invoke(bake, ["--help"], obj=Console("bake")).output
+
+
+def test_what_is_given_can_be_converted_before_it_is_made() -> None:
+    given = Given({"name": "a", "topping": ("x",)})
+    converted = given.converted("topping", lambda values: [value * 2 for value in values]).converted("heat", float)
+    assert converted.make(Cake, subject="s").topping == ("xx",)
+    assert given.value("name") == "a"
+    assert given.value("heat") is None

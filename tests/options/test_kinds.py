@@ -1,0 +1,200 @@
+from collections.abc import Callable
+from fractions import Fraction
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from mjrun.options.kinds import (
+    GROUPS,
+    Camera,
+    Choice,
+    Exact,
+    ExpectedError,
+    File,
+    Flag,
+    Groups,
+    Instant,
+    Integer,
+    Key,
+    Kind,
+    Optional,
+    Percent,
+    Processes,
+    Range,
+    Real,
+    Settings,
+    Several,
+    Size,
+    Text,
+    Values,
+    setting_text,
+)
+
+
+@pytest.mark.parametrize(
+    ("kind", "value", "expected"),
+    [
+        (Text(), "a", "a"),
+        (Choice(("rgb", "depth")), "depth", "depth"),
+        (Flag(), True, True),
+        (Integer(1), np.int64(3), 3),
+        (Integer(None), -4, -4),
+        (Real(), 3, 3.0),
+        (Real(most=1), 1, 1.0),
+        (Exact(), 0.1, Fraction(1, 10)),
+        (Exact(), "30000/1001", Fraction(30000, 1001)),
+        (Exact(zero=True), 0, Fraction(0)),
+        (Instant(), 0.3, Fraction(3, 10)),
+        (Size(), [640, 480], (640, 480)),
+        (Size(), np.array([640, 480]), (640, 480)),
+        (Range(), (0.5, 4), (0.5, 4.0)),
+        (Processes(), "auto", "auto"),
+        (Processes(), 4, 4),
+        (Percent(), 0.1, 0.1),
+        (Groups(), "all", GROUPS),
+        (Groups(), "none", ()),
+        (Groups(), [2, 0], (2, 0)),
+        (Key(), 3, "3"),
+        (File(), Path("a/b.npz"), "a/b.npz"),
+        (Camera(), 0, "0"),
+        (Values(), {"hip": 0.3, "root": [0, 0, 1]}, {"hip": (0.3,), "root": (0.0, 0.0, 1.0)}),
+        (Values(), {"root": np.zeros(2)}, {"root": (0.0, 0.0)}),
+        (
+            Settings(),
+            {"opt.cone": "elliptic", "opt.gravity": [0, 0, -1]},
+            (("opt.cone", "elliptic"), ("opt.gravity", "0,0,-1")),
+        ),
+        (Several(Text()), "one", ("one",)),
+        (Several(Text()), ["one", "two"], ("one", "two")),
+        (Several(Size()), (640, 480), ((640, 480),)),
+        (Several(Size()), [(640, 480), (320, 240)], ((640, 480), (320, 240))),
+        (Optional(Exact()), None, None),
+        (Optional(Exact()), 2, Fraction(2)),
+    ],
+)
+def test_python_gives_a_value_and_a_kind_makes_it_immutable(
+    kind: Kind[Any, Any], value: object, expected: object
+) -> None:
+    made = kind(value)
+    assert made == expected
+    assert kind(made) == expected  # a value is its own meaning
+
+
+@pytest.mark.parametrize(
+    ("kind", "value", "message"),
+    [
+        (Text(), 3, "text"),
+        (Choice(("rgb", "depth")), "seg", "one of rgb, depth"),
+        (Flag(), 1, "true or false"),
+        (Integer(1), 0, "a whole number from 1 on"),
+        (Integer(1, 9), 10, "a whole number from 1 to 9"),
+        (Integer(), True, "a whole number from 0 on"),
+        (Integer(), 1.0, "a whole number from 0 on"),
+        (Real(), -1, "a number from 0 on"),
+        (Real(), float("inf"), "a number from 0 on"),
+        (Real(above=0.0), 0, "a positive number"),
+        (Real(most=1), 2, "a number from 0 to 1"),
+        (Real(least=None), "x", "a finite number"),
+        (Exact(), 0, "a positive number"),
+        (Exact(), "1e99999", "a positive number"),
+        (Exact(zero=True), -1, "a number from 0 on"),
+        (Size(), "640x480", "a width and a height in pixels, as in (640, 480)"),
+        (Size(), (640, 0), "a width and a height in pixels, as in (640, 480)"),
+        (Range(), (4, 0.5), "two numbers, the smaller first"),
+        (Processes(), 0, "a number of processes from 1 on, or auto"),
+        (Groups(), [6], "groups from 0 to 5, all or none"),
+    ],
+)
+def test_what_python_cannot_mean_is_refused(kind: Kind[Any, Any], value: object, message: str) -> None:
+    with pytest.raises(ExpectedError) as error:
+        kind(value)
+    assert error.value.expected == message
+
+
+@pytest.mark.parametrize(
+    ("kind", "text", "expected"),
+    [
+        (Size(), "1280x720", (1280, 720)),
+        (Size(), "64X48", (64, 48)),
+        (Range(), "0.5..4", (0.5, 4.0)),
+        (Exact(), "0.25", Fraction(1, 4)),
+        (Real(), "1e-3", 0.001),
+        (Integer(), "12", 12),
+        (Processes(), "2", 2),
+        (Processes(), "auto", "auto"),
+        (Percent(), "10%", 0.1),
+        (Groups(), "0,1", (0, 1)),
+        (Groups(), "all", GROUPS),
+        (Values(), "root/z=1", ("root/z", (1.0,))),
+        (Values(), "a=b=1,2", ("a=b", (1.0, 2.0))),
+        (Settings(), "opt.gravity=0,0,10", ("opt.gravity", "0,0,10")),
+        (Several(Text(), commas=True), "a, b,,c", ("a", "b", "c")),
+        (Several(Text()), "a,b", "a,b"),
+    ],
+)
+def test_a_command_line_is_parsed(kind: Kind[Any, Any], text: str, expected: object) -> None:
+    assert kind.parse(text) == expected
+
+
+@pytest.mark.parametrize(
+    ("kind", "text"),
+    [
+        (Size(), "640"),
+        (Size(), "0x480"),
+        (Range(), "4..1"),
+        (Range(), "1"),
+        (Range(), "nan..1"),
+        (Exact(), "-1"),
+        (Exact(), "x"),
+        (Real(), "nan"),
+        (Integer(), "1.5"),
+        (Integer(), "9" * 31),
+        (Processes(), "0"),
+        (Percent(), "10"),
+        (Percent(), "x%"),
+        (Groups(), "6"),
+        (Groups(), "0;1"),
+        (Values(), "hip"),
+        (Values(), "hip=nan"),
+        (Values(), "=1"),
+        (Settings(), "opt.cone="),
+    ],
+)
+def test_text_that_means_nothing_is_refused(kind: Kind[Any, Any], text: str) -> None:
+    with pytest.raises(ExpectedError):
+        kind.parse(text)
+
+
+@given(st.lists(st.integers(0, 5)))
+def test_groups_survive_a_document(groups: list[int]) -> None:
+    kind = Groups()
+    assert kind(kind.plain(kind(groups))) == tuple(groups)
+
+
+@given(st.dictionaries(st.text(min_size=1), st.lists(st.floats(allow_nan=False), min_size=1)))
+def test_values_survive_a_document(values: dict[str, list[float]]) -> None:
+    kind = Values()
+    assert kind(kind.plain(kind(values))) == {name: tuple(numbers) for name, numbers in values.items()}
+
+
+@pytest.mark.parametrize(
+    ("value", "text"),
+    [(True, "true"), (3, "3"), (0.5, "0.5"), ("elliptic", "elliptic"), ([0, 0, -1.6], "0,0,-1.6"), ((1, 2), "1,2")],
+)
+def test_the_text_of_a_setting_is_what_a_command_line_would_say(value: object, text: str) -> None:
+    assert setting_text(value) == text
+
+
+@pytest.mark.parametrize("value", ["", [], [True], {}, None, float("nan"), float("inf"), [[1]]])
+def test_a_setting_that_has_no_text_is_refused(value: object) -> None:
+    with pytest.raises(ExpectedError):
+        setting_text(value)
+
+
+@pytest.mark.parametrize("make", [lambda: Several(Size()), lambda: Optional(Choice(("a", "b"))), lambda: Integer()])
+def test_a_kind_says_what_stands_for_its_value(make: Callable[[], Kind[Any, Any]]) -> None:
+    assert make().metavar in ("WxH", "a|b", "N")

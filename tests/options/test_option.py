@@ -1,0 +1,94 @@
+import dataclasses
+from dataclasses import field
+from typing import ClassVar
+
+import pytest
+
+from mjrun.errors import BadValueError, UsageError
+from mjrun.options.kinds import Exact, Flag, Integer, Optional, Several, Text, Values
+from mjrun.options.option import (
+    Exclusion,
+    Option,
+    Options,
+    Place,
+    exclusions_of,
+    is_given,
+    option,
+    options,
+    options_of,
+    required,
+)
+
+
+@options
+class Common(Options):
+    section: ClassVar[str] = "Common"
+
+    subject: object = field(kw_only=False)
+    quiet: bool = option(converter=Flag(), default=False, places=Place.COMMAND, help="Say nothing.")
+
+
+@options
+class Race(Common):
+    section: ClassVar[str] = "Race"
+    exclusions: ClassVar[tuple[Exclusion, ...]] = (Exclusion(("laps", "length"), "both say how far"),)
+
+    track: str = required(converter=Text(), kw_only=False, help="Where.")
+    laps: int | None = option(converter=Optional(Integer(1)), default=None, help="How often.")
+    length: object = option(converter=Optional(Exact()), default=None, help="How far [m].")
+    weights: object = option(converter=Values(), default={}, help="How heavy [kg].")
+    assert_: tuple[str, ...] = option(converter=Several(Text()), default=(), help="What must hold.")
+
+
+def test_values_are_converted_checked_and_frozen() -> None:
+    race = Race("cars", "oval", length="1/3", weights={"a": 2}, assert_="fast")
+    assert (race.track, str(race.length), race.weights, race.assert_) == ("oval", "1/3", {"a": (2.0,)}, ("fast",))
+    with pytest.raises(dataclasses.FrozenInstanceError):
+        race.laps = 3  # type: ignore[misc]
+
+
+def test_a_bad_value_names_its_option_as_python_does() -> None:
+    with pytest.raises(BadValueError, match=r"^laps: '0' is not a whole number from 1 on$") as error:
+        Race("cars", "oval", laps=0)
+    assert error.value.path == ("laps",)
+    assert error.value.spelled(lambda name: f"--{name}").startswith("--laps: ")
+
+
+def test_what_excludes_each_other_is_refused_at_the_second() -> None:
+    with pytest.raises(UsageError, match=r"^laps and length exclude each other: both say how far$") as error:
+        Race("cars", "oval", laps=1, length=2)
+    assert error.value.path == ("length",)
+
+
+def test_options_are_listed_own_first_with_all_that_front_ends_need() -> None:
+    assert [each.name for each in options_of(Race)] == ["track", "laps", "length", "weights", "assert", "quiet"]
+    by_name: dict[str, Option] = {each.name: each for each in options_of(Race)}
+    assert by_name["assert"].attribute == "assert_"
+    assert by_name["track"].is_required
+    assert not by_name["laps"].is_required
+    assert (by_name["laps"].section, by_name["quiet"].section) == ("Race", "Common")
+    assert by_name["quiet"].places == Place.COMMAND
+    assert [exclusion.reason for exclusion in exclusions_of(Race)] == ["both say how far"]
+
+
+def test_defaults_are_not_shared() -> None:
+    first, second = Race("cars", "oval"), Race("cars", "oval")
+    assert first.weights == {}
+    assert first.weights is not second.weights
+
+
+def test_what_is_given_is_other_than_the_default() -> None:
+    race = Race("cars", "oval", laps=2)
+    assert is_given(race, "laps")
+    assert not is_given(race, "length")
+    assert not is_given(race, "weights")
+    assert is_given(race, "track")
+
+
+def test_a_class_that_narrows_a_field_keeps_the_order_of_arguments() -> None:
+    @options
+    class CarRace(Race):
+        subject: str = field(kw_only=False)
+
+    assert CarRace("cars", "oval").subject == "cars"
+    assert [each.name for each in options_of(CarRace)] == [each.name for each in options_of(Race)]
