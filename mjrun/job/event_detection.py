@@ -8,8 +8,8 @@ import numpy as np
 
 from mjrun.camera.script import Event
 from mjrun.errors import UsageError, quoted
-from mjrun.job.trace_rows import Table
-from mjrun.probe.event import Onsets, condition
+from mjrun.job.trace_rows import TraceTable
+from mjrun.probe.event import RisingEdgeDetector, condition
 from mjrun.sim.observe import Tap
 from mjrun.sim.replay import ReplayStepper
 from mjrun.sim.state_buffer import StateBuffer
@@ -25,8 +25,8 @@ class EventDetector:
     """
 
     def __init__(self, model: mujoco.MjModel, timeline: Timeline, texts: Collection[str]) -> None:
-        self._conditions = [(condition(text, model), Onsets()) for text in sorted(texts)]
-        self._tables = [Table(model, watched.columns, timeline) for watched, _ in self._conditions]
+        self._conditions = [(condition(text, model), RisingEdgeDetector()) for text in sorted(texts)]
+        self._tables = [TraceTable(model, watched.columns, timeline) for watched, _ in self._conditions]
         self._timeline = timeline
         self._states = StateBuffer(model)
 

@@ -19,7 +19,7 @@ from mjrun.job.perform import perform
 from mjrun.job.shared_rendering import SharedRendering
 from mjrun.job.task import Artifact, Context, Job, Output, OutputResult, PassSummary, Preview
 from mjrun.job.trace import row_steps
-from mjrun.job.trace_rows import RowBuffer, Table
+from mjrun.job.trace_rows import RowBuffer, TraceTable
 from mjrun.options.option import options
 from mjrun.options.trace import PlotOptions
 from mjrun.probe.select import split
@@ -59,7 +59,7 @@ class Plot(PlotOptions, Job["PlotResult"]):
         return perform([self], reporter)[0]
 
     def task(self) -> "PlotTask":
-        """Its task, with the format chosen.
+        """Its task, with the format selected_columns.
 
         Raises:
           UsageError: a format that cannot hold a plot.
@@ -87,7 +87,7 @@ class PlotResult(OutputResult):
 
 @dataclass(frozen=True)
 class PlotTask:
-    """A plot, with its format chosen."""
+    """A plot, with its format selected_columns."""
 
     job: Plot
     format: str
@@ -96,15 +96,15 @@ class PlotTask:
 
     def plan(self, context: Context) -> "PlotPlan":
         """Finds the probes in the model."""
-        graphs: list[Table] = []
+        graphs: list[TraceTable] = []
         for index, text in enumerate(self.job.probe):
             with concerning("probe", index):
-                graphs.append(Table(context.model, split(text), context.timeline))
+                graphs.append(TraceTable(context.model, split(text), context.timeline))
                 if len(graphs[-1].columns) == 1:
                     raise UsageError(f"plot {quoted(text)}: this model has none of it")
         # One table of all, so that each instant is computed once.
         probes = [part for text in self.job.probe for part in split(text)]
-        table = Table(context.model, list(dict.fromkeys(probes)), context.timeline)
+        table = TraceTable(context.model, list(dict.fromkeys(probes)), context.timeline)
         return PlotPlan(self, context, row_steps(context.timeline, self.job.every, self.job.rate), graphs, table)
 
 
@@ -121,8 +121,8 @@ class PlotPlan:
     task: PlotTask
     context: Context
     steps: Sequence[int]
-    graphs: Sequence[Table]
-    table: Table
+    graphs: Sequence[TraceTable]
+    table: TraceTable
 
     keep_partial = False
 

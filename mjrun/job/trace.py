@@ -19,14 +19,14 @@ from mjrun.job.perform import perform
 from mjrun.job.shared_rendering import SharedRendering
 from mjrun.job.simulation import Simulation
 from mjrun.job.task import Artifact, Context, Job, Output, OutputResult, PassSummary, Preview
-from mjrun.job.trace_rows import TIME, RowBuffer, Rows, Table, repeated
+from mjrun.job.trace_rows import TIME, RowBuffer, Rows, TraceTable, rate_warning
 from mjrun.model.column import Column
 from mjrun.model.mujoco_globals import collected_warnings
 from mjrun.options.option import options
 from mjrun.options.trace import TraceOptions
 from mjrun.probe.assertion import Assertion, Verdict, parse
 from mjrun.probe.available import SelectedProbes
-from mjrun.probe.select import catalogue, chosen
+from mjrun.probe.select import available_columns, selected_columns
 from mjrun.reporter import Reporter
 from mjrun.sim.observe import Tap
 from mjrun.sim.stepper import PhysicsStepper, Stepper
@@ -54,7 +54,7 @@ class Trace(TraceOptions, Job["TraceResult"]):
         return perform([self], reporter)[0]
 
     def task(self) -> "TraceTask":
-        """Its task, with every format chosen.
+        """Its task, with every format selected_columns.
 
         Raises:
           UsageError: a suffix or format that is not known.
@@ -94,12 +94,12 @@ def columns(simulation: Simulation, probes: Sequence[str] = ()) -> list[Column]:
     """Every column that the model of `simulation` offers, or those of `probes`; `time` first."""
     with collected_warnings():
         model = simulation.load()
-        return [TIME, *(chosen(model, probes) if probes else catalogue(model))]
+        return [TIME, *(selected_columns(model, probes) if probes else available_columns(model))]
 
 
 @dataclass(frozen=True)
 class TraceTask:
-    """A trace, with every format chosen.
+    """A trace, with every format selected_columns.
 
     Attributes:
       target: the output; None for standard output.
@@ -117,8 +117,8 @@ class TraceTask:
         """Finds the probes in the model and parses the assertions."""
         job = self.job
         steps = row_steps(context.timeline, job.every, job.rate)
-        table = Table(context.model, job.probe, context.timeline, with_contacts=job.contacts is not None)
-        if text := repeated(context.timeline, job.rate):
+        table = TraceTable(context.model, job.probe, context.timeline, with_contacts=job.contacts is not None)
+        if text := rate_warning(context.timeline, job.rate):
             context.reporter.warn(text)
         available = SelectedProbes([column.name for column in table.columns], table.model)
         assertions: list[Assertion] = []
@@ -135,7 +135,7 @@ class TracePlan:
     task: TraceTask
     context: Context
     steps: Sequence[int]
-    table: Table
+    table: TraceTable
     assertions: Sequence[Assertion]
 
     @property

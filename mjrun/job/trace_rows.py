@@ -32,7 +32,7 @@ class Rows:
     contacts: np.ndarray | None = None
 
 
-class Table:
+class TraceTable:
     """The columns that probes select, and their rows, read in blocks or one at a time.
 
     Energy is computed when it is measured, whatever the model's flag says; that does not change the motion.
@@ -116,13 +116,13 @@ class Table:
 class RowBuffer:
     """Rows that are read one by one, at `steps`, and written block by block."""
 
-    def __init__(self, table: Table, steps: Sequence[int], write: Callable[[Rows], object]) -> None:
+    def __init__(self, table: TraceTable, steps: Sequence[int], write: Callable[[Rows], object]) -> None:
         self._table, self._steps, self._write = table, steps, write
         self._rows: list[Rows] = []
         self._written = 0
 
     def add(self, row: Rows) -> None:
-        """Takes the next row, as `Table.read` gives it."""
+        """Takes the next row, as `TraceTable.read` gives it."""
         self._rows.append(row)
         if len(self._rows) == ROWS:
             self.flush()
@@ -134,7 +134,7 @@ class RowBuffer:
             self._written, self._rows = self._written + len(self._rows), []
 
 
-def repeated(timeline: Timeline, rate: float | str | Fraction | None) -> str:
+def rate_warning(timeline: Timeline, rate: float | str | Fraction | None) -> str:
     """A warning that `rate` [Hz] asks for more rows than there are steps; empty if it does not."""
     if rate is None or rational(rate) * timeline.timestep <= 1:
         return ""

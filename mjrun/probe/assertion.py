@@ -144,9 +144,9 @@ class AssertionChecker:
         nodes = list(walk(self._truth))
         self._accumulators = {node: accumulator(node.name) for node in nodes if isinstance(node, AggregateCall)}
         self._row_checks = {node: RowCheck(node.truth) for node in nodes if isinstance(node, AllRows)}
-        self._known: AggregateValues = {}  # what the first row told
-        self._values: AggregateValues = {}  # what the last row told
-        self._lone = len({self._written(side) for side in sides(self._truth)}) == 1
+        self._known: AggregateValues = {}  # known from the first row on
+        self._values: AggregateValues = {}  # known after the last row
+        self._is_one_subject = len({self._text(side) for side in sides(self._truth)}) == 1
 
     def feed(self, block: np.ndarray, first_row: int) -> None:
         """Takes the rows from `first_row` on: one column for each of the table's. The block may be used again.
@@ -211,7 +211,7 @@ class AssertionChecker:
                         yield from self._sentences(part, outcome)
             case AllRows() if outcome:
                 rows = f"all {self._count} rows" if self._count > 1 else "the only row"
-                yield f"{'it' if truth is self._truth else self._written(truth)} holds on {rows}"
+                yield f"{'it' if truth is self._truth else self._text(truth)} holds on {rows}"
             case AllRows():
                 yield self._failure(self._row_checks[truth])
             case _:
@@ -219,22 +219,22 @@ class AssertionChecker:
 
     def _failure(self, check: RowCheck) -> str:
         """The first row where a truth fails, and what is compared there."""
-        sides = dict.fromkeys(self._told(side, value) for side, value in check.found.items())
+        sides = dict.fromkeys(self._value_text(side, value) for side, value in check.found.items())
         more = f", the first of {check.failures} such rows" if check.failures > 1 else ""
         return ", ".join(sides) + check.place + more
 
     def _side(self, side: NumericExpression) -> str:
         """The value of one side of a comparison, and the rows that its aggregates come from."""
-        sentence = self._told(side, float(evaluate(side, {}, self._values)))
+        sentence = self._value_text(side, float(evaluate(side, {}, self._values)))
         if isinstance(side, AggregateCall):
             return sentence + self._accumulators[side].place
         inner = [node for node in walk(side) if isinstance(node, AggregateCall)]
-        told = (f"{self._written(n)} is {shown(self._values[n])}{self._accumulators[n].place}" for n in inner)
-        return f"{sentence} ({'; '.join(dict.fromkeys(told))})"
+        aggregates = (f"{self._text(n)} is {shown(self._values[n])}{self._accumulators[n].place}" for n in inner)
+        return f"{sentence} ({'; '.join(dict.fromkeys(aggregates))})"
 
-    def _told(self, side: NumericExpression, value: float) -> str:
-        subject = "it" if self._lone else self._written(side)
+    def _value_text(self, side: NumericExpression, value: float) -> str:
+        subject = "it" if self._is_one_subject else self._text(side)
         return f"{subject} is {shown(value)}" + (" (no comparison with nan holds)" if math.isnan(value) else "")
 
-    def _written(self, node: Node) -> str:
+    def _text(self, node: Node) -> str:
         return clean(self._assertion.text[node.start : node.end])

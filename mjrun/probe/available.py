@@ -9,7 +9,7 @@ import mujoco
 from mjrun.errors import UnknownNameError, UsageError, clean, listing, option, quoted
 from mjrun.probe.contacts import identify_party, pair
 from mjrun.probe.scanner import Accessor, SourceText, Token, Vocabulary, spelled
-from mjrun.probe.select import PAIRS, aliases, catalogue, object_of
+from mjrun.probe.select import PAIRS, aliases, available_columns, object_of
 
 
 class AvailableProbes(Vocabulary):
@@ -18,7 +18,7 @@ class AvailableProbes(Vocabulary):
     beginnings = (f"{PAIRS}/",)
 
     def __init__(self, model: mujoco.MjModel) -> None:
-        own = {column.name: column.name for column in catalogue(model)}
+        own = {column.name: column.name for column in available_columns(model)}
         # A column's own name comes first in lists, and is never another's alias.
         super().__init__({"time": "time", **own, **aliases(model), **own})
         self._groups = frozenset(name.partition("/")[0] for name in self.names) - {"time"}

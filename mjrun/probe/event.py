@@ -67,7 +67,7 @@ def condition(text: str, model: mujoco.MjModel, label: str = "when") -> Conditio
     return Condition(text, tuple(name for name in read if name != "time"), truth)
 
 
-class Onsets:
+class RisingEdgeDetector:
     """Where a condition begins to hold, while rows come by in blocks."""
 
     def __init__(self) -> None:

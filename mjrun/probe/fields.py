@@ -119,8 +119,8 @@ def extents() -> dict[str, tuple[tuple[str | int, ...], str]]:
     """Every array field of MjData that can be recorded, with its extents and its meaning."""
     described: Any = structs.STRUCTS["mjData"].fields
     arrays = [field for field in described if getattr(field, "array_extent", None)]
-    told = DATA_FIELDS - UNMEASURABLE.keys()
-    return {field.name: (tuple(field.array_extent), field.doc) for field in arrays if field.name in told}
+    recordable = DATA_FIELDS - UNMEASURABLE.keys()
+    return {field.name: (tuple(field.array_extent), field.doc) for field in arrays if field.name in recordable}
 
 
 def offered(model: mujoco.MjModel) -> list[str]:

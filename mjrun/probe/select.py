@@ -25,8 +25,8 @@ PARTS = {part for parts in (*COMPONENTS.values(), *SPATIAL.values()) for part in
 TIME = "time"  # the first column of every table, whether or not it is asked for
 
 
-def select(model: mujoco.MjModel, asked: Iterable[str] = DEFAULT) -> list[Probe]:
-    """The probes that `asked` names: `qpos`, `qpos[left_*]`, `sensor[imu]`, or a column such as `xpos/hand/z`.
+def select(model: mujoco.MjModel, probe_names: Iterable[str] = DEFAULT) -> list[Probe]:
+    """The probes of these names: `qpos`, `qpos[left_*]`, `sensor[imu]`, or a column such as `xpos/hand/z`.
 
     `contact/ball/floor` is the number of contacts between two objects, see `mjrun.probe.contacts.pair`.
 
@@ -37,10 +37,10 @@ def select(model: mujoco.MjModel, asked: Iterable[str] = DEFAULT) -> list[Probe]
       UnknownNameError: a name, object or column that is not there; near and valid names are listed.
       UsageError: two names give the same column, or a field of MjData belongs to no instant.
     """
-    wanted = [text.strip() for text in asked if text.strip() != TIME]
-    probes = [_select_one(model, text) for text in wanted]
+    texts = [text.strip() for text in probe_names if text.strip() != TIME]
+    probes = [_select_one(model, text) for text in texts]
     seen: dict[str, str] = {}
-    for probe, text in zip(probes, wanted, strict=True):
+    for probe, text in zip(probes, texts, strict=True):
         for column in probe.columns:
             if column.name in seen:
                 raise UsageError(
@@ -55,7 +55,7 @@ def split(text: str) -> list[str]:
     return [part for part in re.split(r",(?![^\[]*\])", text) if part.strip()]
 
 
-def catalogue(model: mujoco.MjModel) -> list[Column]:
+def available_columns(model: mujoco.MjModel) -> list[Column]:
     """Every column that `model` offers, but for the contacts between two objects: there are too many pairs."""
     groups = [name for name in DERIVED if name != "energy"]
     fields = [name for name in offered(model) if name != "sensordata"]
@@ -64,9 +64,9 @@ def catalogue(model: mujoco.MjModel) -> list[Column]:
     return list(found.values())
 
 
-def chosen(model: mujoco.MjModel, asked: Iterable[str]) -> list[Column]:
-    """The columns that `asked` names, see `select`."""
-    return [column for probe in select(model, asked) for column in probe.columns]
+def selected_columns(model: mujoco.MjModel, probe_names: Iterable[str]) -> list[Column]:
+    """The columns that `probe_names` stand for, see `select`."""
+    return [column for probe in select(model, probe_names) for column in probe.columns]
 
 
 def aliases(model: mujoco.MjModel) -> dict[str, str]:
@@ -112,11 +112,11 @@ def _objects(model: mujoco.MjModel, name: str, patterns: Sequence[str]) -> Probe
     """The columns of the objects that match any of `patterns`."""
     for candidate in (name, *FALLBACKS.get(name, ())):
         probe = _whole(model, candidate)
-        kept = [i for i, column in enumerate(probe.columns) if any(_matches(column, p) for p in patterns)]
-        if kept:
-            missing = [p for p in patterns if not any(_matches(probe.columns[i], p) for i in kept)]
+        indices = [i for i, column in enumerate(probe.columns) if any(_matches(column, p) for p in patterns)]
+        if indices:
+            missing = [p for p in patterns if not any(_matches(probe.columns[i], p) for i in indices)]
             if not missing:
-                return probe.only(kept)
+                return probe.only(indices)
             patterns = [missing[0]]
     objects = list(dict.fromkeys(object_of(column.name) for column in _whole(model, name).columns))
     raise UnknownNameError("object", patterns[0], objects, where=f"probe {name}")
@@ -127,9 +127,9 @@ def _named(model: mujoco.MjModel, group: str, rest: str) -> Probe:
     for candidate in (group, *FALLBACKS.get(group, ())):
         probe, text = _whole(model, candidate), f"{candidate}/{rest}"
         names = [column.name for column in probe.columns]
-        kept = [names.index(text)] if text in names else [i for i, n in enumerate(names) if n.startswith(f"{text}/")]
-        if kept:
-            return probe.only(kept)
+        indices = [names.index(text)] if text in names else [i for i, n in enumerate(names) if n.startswith(f"{text}/")]
+        if indices:
+            return probe.only(indices)
     if group == PAIRS:
         return pair(rest, model)
     raise UnknownNameError("column", f"{group}/{rest}", [column.name for column in _whole(model, group).columns])

@@ -152,7 +152,7 @@ class DerivedFields:
         self._fields = {name: self._batch.bind(name) for name in record}
 
     def error(self, simulation: int) -> str:
-        """What MuJoCo said when it gave up on the first state of `simulation`."""
+        """Why MuJoCo gave up on the first state of `simulation`."""
         return self._batch.error(simulation)
 
     def of(self, states: np.ndarray, ids: np.ndarray) -> dict[str, np.ndarray]:

@@ -63,10 +63,10 @@ class InitialState:
     def remarks(self, model: mujoco.MjModel) -> list[str]:
         """What the user should know of this start: controls that MuJoCo will clamp."""
         data, controls = self.data(model), control_names(model)
-        asked = {i for name in self.ctrl for part in control_slices(model, name) for i in range(part.start, part.stop)}
+        driven = {i for name in self.ctrl for part in control_slices(model, name) for i in range(part.start, part.stop)}
         clamps = not model.opt.disableflags & mujoco.mjtDisableBit.mjDSBL_CLAMPCTRL
         texts = []
-        for i in sorted(asked if clamps else ()):
+        for i in sorted(driven if clamps else ()):
             low, high = model.actuator_ctrlrange[i]
             if model.actuator_ctrllimited[i] and not low <= data.ctrl[i] <= high:
                 value = f"{clean(controls[i])}={data.ctrl[i]:g}"

@@ -48,7 +48,7 @@ class ReplayStepper:
     recorded states, bodies may be awake that slept.
 
     Args:
-      sizes: what `sizes` said of the model that was recorded, if it is known.
+      sizes: the `sizes` of the model that was recorded, if it is known.
 
     Raises:
       UsageError: the recording is of another model, or of another timestep.
@@ -132,18 +132,18 @@ class ReplayStepper:
         if index == len(steps):
             last = int(steps[-1])
             raise UsageError(
-                f"the recording ends at {self._said(last)}: there is no {self._said(step)} in it\n"
+                f"the recording ends at {self._place(last)}: there is no {self._place(step)} in it\n"
                 f"ask for step {last} or an earlier one"
             )
         if steps[index] != step:
-            before = f"{self._said(int(steps[index - 1]))}, and "
+            before = f"{self._place(int(steps[index - 1]))}, and "
             raise UsageError(
-                f"{self._said(step)} is not in the recording\n"
-                f"the nearest that are: {before if index else ''}{self._said(int(steps[index]))}"
+                f"{self._place(step)} is not in the recording\n"
+                f"the nearest that are: {before if index else ''}{self._place(int(steps[index]))}"
             )
         return index
 
-    def _said(self, step: int) -> str:
+    def _place(self, step: int) -> str:
         return f"step {step}, time {float(step * self._timestep):.9g} s"
 
 
@@ -152,10 +152,10 @@ def sizes(model: mujoco.MjModel) -> dict[str, int]:
     return {name: int(getattr(model, name)) for name in SIZES}
 
 
-def require_model(model: mujoco.MjModel, states: RecordedStates, found: Mapping[str, Any] | None = None) -> None:
-    """Raises UsageError unless `states` may be states of `model`; `found` is as told by `sizes`, if it is known."""
+def require_model(model: mujoco.MjModel, states: RecordedStates, recorded: Mapping[str, Any] | None = None) -> None:
+    """Raises UsageError unless `states` may be states of `model`; `recorded` are its `sizes`, if they are known."""
     ours = sizes(model)
-    theirs = found if isinstance(found, Mapping) else {}  # a recording may say anything
+    theirs = recorded if isinstance(recorded, Mapping) else {}  # a recording may say anything
     differing = [name for name in SIZES if theirs.get(name, ours[name]) != ours[name]]
     if differing:
         facts = [f"{name} {clean(str(theirs[name]))}, not {ours[name]}" for name in differing]
@@ -174,10 +174,10 @@ def require_timestep(model: mujoco.MjModel, states: RecordedStates) -> None:
     if not last:
         return
     begin, end = (float(states.state(index)[0]) for index in (0, last))  # time is first in a state
-    found = (end - begin) / int(states.steps[last])
-    if not math.isclose(found, model.opt.timestep, rel_tol=ALIKE):
+    timestep = (end - begin) / int(states.steps[last])
+    if not math.isclose(timestep, model.opt.timestep, rel_tol=ALIKE):
         raise UsageError(
-            f"the recording was made with a timestep of {found:.6g} s, not {model.opt.timestep:g} s\n"
+            f"the recording was made with a timestep of {timestep:.6g} s, not {model.opt.timestep:g} s\n"
             "give the {option('timestep')} that it was made with, or the model as it was"
         )
 
@@ -189,13 +189,13 @@ def states_at(states: RecordedStates, timestep: Fraction, times: Sequence[float 
       timestep: of the recording [s]; step k is at k·timestep.
       times: a float stands for any number that rounds to it, so that the time of a step finds that step.
     """
-    found: list[np.ndarray] = []
+    rows: list[np.ndarray] = []
     before, steps = -1, states.steps
     for time in times:
         index = max(0, int(np.searchsorted(steps, _step(time, timestep), side="right")) - 1)
-        found.append(found[-1] if index == before else states.state(index))
+        rows.append(rows[-1] if index == before else states.state(index))
         before = index
-    return found
+    return rows
 
 
 def _step(time: float | Fraction, timestep: Fraction) -> int:

@@ -170,16 +170,16 @@ class PhysicsStepper:
     def _first_failure(self, count: int) -> SimulationError:
         """Goes back to the start of the chunk of `count` steps and finds the step that fails."""
         self._data, self._saved = self._saved, mujoco.MjData(self.model)
-        said: str | None = None
+        reason: str | None = None
         for _ in range(count):
             mujoco.mj_copyData(self._saved, self.model, self._data)
-            said = self._take(1)
-            if said is not None:
+            reason = self._take(1)
+            if reason is not None:
                 break
             self.step += 1
         failed, self._data, self._saved = self._data, self._saved, mujoco.MjData(self.model)
-        if said:
-            return FailedStepError(self.step, self._data.time, said)
+        if reason:
+            return FailedStepError(self.step, self._data.time, reason)
         return UnstableError(self.step, self._data.time, *self._culprit(failed), self.model.opt.timestep)
 
     def _culprit(self, failed: mujoco.MjData) -> tuple[str, str]:

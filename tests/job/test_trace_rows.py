@@ -6,7 +6,7 @@ import pytest
 
 from mjrun.job.event_detection import EventDetector
 from mjrun.job.overlay_probes import overlay_probes
-from mjrun.job.trace_rows import Table
+from mjrun.job.trace_rows import TraceTable
 from mjrun.sim.observe import observe
 from mjrun.sim.replay import ReplayStepper
 from mjrun.sim.state_buffer import StateBuffer
@@ -27,12 +27,12 @@ PROBES = ("qpos", "qvel", "energy", "contact", "speed", "momentum", "xmat")
 STEPS = 400
 
 
-def table_of(integrator: str = "Euler") -> Table:
+def table_of(integrator: str = "Euler") -> TraceTable:
     model = mujoco.MjModel.from_xml_string(MODEL.format(integrator=integrator))
-    return Table(model, PROBES, Timeline.of_steps(rational(model.opt.timestep), STEPS))
+    return TraceTable(model, PROBES, Timeline.of_steps(rational(model.opt.timestep), STEPS))
 
 
-def stepper_of(table: Table) -> PhysicsStepper:
+def stepper_of(table: TraceTable) -> PhysicsStepper:
     return PhysicsStepper(table.model, mujoco.MjData(table.model))
 
 
@@ -87,6 +87,6 @@ def test_an_event_may_be_about_energy_in_a_model_that_leaves_it_out() -> None:
     model = mujoco.MjModel.from_xml_string(MODEL.format(integrator="Euler"))
     detector = EventDetector(model, Timeline.of_steps(rational("0.002"), STEPS), [f"energy/kinetic > {limit!r}"])
     observe(PhysicsStepper(model, mujoco.MjData(model)), detector.taps(STEPS), STEPS)
-    (steps,) = detector.found.values()
+    (steps,) = detector.event_steps.values()
     assert steps[0] == int(np.argmax(kinetic > limit)) > 0
     detector.close()

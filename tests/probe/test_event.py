@@ -12,12 +12,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from mjrun.errors import UnknownNameError, UsageError, clean
-from mjrun.job.trace_rows import Table
+from mjrun.job.trace_rows import TraceTable
 from mjrun.probe.assertion import parse
-from mjrun.probe.event import Condition, Onsets, condition
+from mjrun.probe.event import Condition, RisingEdgeDetector, condition
 from mjrun.probe.parser import LONGEST
 from mjrun.probe.scanner import spelled
-from mjrun.probe.select import aliases, catalogue
+from mjrun.probe.select import aliases, available_columns
 from mjrun.sim.observe import Tap, observe
 from mjrun.sim.stepper import PhysicsStepper
 from mjrun.timeline import Timeline, rational
@@ -45,7 +45,7 @@ NAN, INF = math.nan, math.inf
 def measured(text: str, model: mujoco.MjModel, steps: int, qvel: Sequence[float] = ()) -> tuple[Condition, np.ndarray]:
     """A condition, and what it asks for at every step from 0 to `steps`."""
     watched, timeline = condition(text, model), Timeline.of_steps(rational(model.opt.timestep), steps)
-    table, data, rows = Table(model, watched.columns, timeline), mujoco.MjData(model), []
+    table, data, rows = TraceTable(model, watched.columns, timeline), mujoco.MjData(model), []
     data.qvel[: len(qvel)] = qvel
     stepper = PhysicsStepper(table.model, data)
     tap = Tap(range(steps + 1), lambda s: [float(timeline.time(s.step)), *table.read(s).values], rows.append)
@@ -55,7 +55,7 @@ def measured(text: str, model: mujoco.MjModel, steps: int, qvel: Sequence[float]
 
 def begins(text: str, model: mujoco.MjModel, steps: int, qvel: Sequence[float] = ()) -> list[int]:
     watched, rows = measured(text, model, steps, qvel)
-    onsets = Onsets()
+    onsets = RisingEdgeDetector()
     onsets.feed(watched.holds(rows))
     return onsets.indices
 
@@ -249,11 +249,11 @@ def test_an_accessor_is_the_column_that_it_spells(text: str, columns: list[str])
     watched = condition(text, SCENE)
     assert watched.columns == tuple(columns)
     timeline = Timeline.of_steps(rational(SCENE.opt.timestep), 1)
-    assert [column.name for column in Table(SCENE, watched.columns, timeline).columns[1:]] == columns
+    assert [column.name for column in TraceTable(SCENE, watched.columns, timeline).columns[1:]] == columns
 
 
 def test_every_column_of_the_model_can_be_spelled_and_accessed() -> None:
-    names = [column.name for column in catalogue(SCENE)]
+    names = [column.name for column in available_columns(SCENE)]
     for start in range(0, len(names), 100):
         part = names[start : start + 100]
         assert condition(" + ".join(map(spelled, part)) + " > 0", SCENE).columns == tuple(part)
@@ -262,7 +262,7 @@ def test_every_column_of_the_model_can_be_spelled_and_accessed() -> None:
 
 
 def test_every_alias_reads_the_column_that_it_stands_for() -> None:
-    known = {column.name for column in catalogue(SCENE)}
+    known = {column.name for column in available_columns(SCENE)}
     others = {name: column for name, column in aliases(SCENE).items() if name not in known}
     assert others
     assert condition(" + ".join(map(spelled, others)) + " > 0", SCENE).columns == tuple(dict.fromkeys(others.values()))
@@ -395,14 +395,14 @@ def naive(holds: Sequence[bool]) -> list[int]:
 
 @given(st.lists(st.booleans()))
 def test_onsets_are_what_a_loop_finds(holds: list[bool]) -> None:
-    onsets = Onsets()
+    onsets = RisingEdgeDetector()
     onsets.feed(np.array(holds, bool))
     assert onsets.indices == naive(holds)
 
 
 @given(st.lists(st.booleans()), st.lists(st.integers(0, 30)))
 def test_onsets_do_not_depend_on_how_the_rows_are_split(holds: list[bool], cuts: list[int]) -> None:
-    onsets: Any = Onsets()
+    onsets: Any = RisingEdgeDetector()
     for start, end in pairwise(sorted({0, *(min(cut, len(holds)) for cut in cuts), len(holds)})):
         onsets.feed(np.array(holds[start:end], bool))
         assert onsets.indices == naive(holds[:end])

@@ -9,7 +9,7 @@ import pytest
 from mjrun.model import state
 from mjrun.probe.derived import DERIVED
 from mjrun.probe.fields import LAZY, InstantProbe, Probe, extents, field_probe, offered
-from mjrun.probe.select import catalogue
+from mjrun.probe.select import available_columns
 
 MODEL = mujoco.MjModel.from_xml_string(
     """
@@ -193,7 +193,7 @@ def test_a_field_that_is_offered_belongs_to_the_instant_and_not_to_the_step_befo
 
 
 def test_a_column_knows_its_object() -> None:
-    by_name = {column.name: column for column in catalogue(MODEL)}
+    by_name = {column.name: column for column in available_columns(MODEL)}
     assert (by_name["qpos/turn"].kind, by_name["qpos/turn"].id) == ("joint", MODEL.joint("turn").id)
     assert (by_name["xpos/cart/x"].kind, by_name["xpos/cart/x"].id) == ("body", MODEL.body("cart").id)
     assert (by_name["sensor/angle"].kind, by_name["sensor/angle"].id) == ("sensor", 1)
@@ -201,7 +201,7 @@ def test_a_column_knows_its_object() -> None:
 
 
 def test_the_catalogue_names_every_column_once_and_every_field_of_the_model() -> None:
-    found = [column.name for column in catalogue(MODEL)]
+    found = [column.name for column in available_columns(MODEL)]
     assert len(found) == len(set(found))
     groups = {name.split("/")[0] for name in found}
     assert set(offered(MODEL)) - {"sensordata"} <= groups

@@ -4,7 +4,7 @@ import mujoco
 import pytest
 
 from mjrun.errors import MjrunError, UnknownNameError
-from mjrun.probe.select import DEFAULT, aliases, catalogue, select, split
+from mjrun.probe.select import DEFAULT, aliases, available_columns, select, split
 
 MODEL = mujoco.MjModel.from_xml_string(
     """
@@ -136,13 +136,13 @@ ODD = mujoco.MjModel.from_xml_string(
 
 @pytest.mark.parametrize("model", [MODEL, ODD])
 def test_every_column_is_had_by_its_name_and_alone(model: mujoco.MjModel) -> None:
-    for name in {column.name for column in catalogue(model)}:
+    for name in {column.name for column in available_columns(model)}:
         assert [column.name for probe in select(model, [name]) for column in probe.columns] == [name]
 
 
 @pytest.mark.parametrize("model", [MODEL, ODD])
 def test_an_alias_is_what_is_selected_by_it(model: mujoco.MjModel) -> None:
-    offered = {column.name for column in catalogue(model)}
+    offered = {column.name for column in available_columns(model)}
     others = {name: column for name, column in aliases(model).items() if name not in offered}
     assert {name.split("/")[0] for name in others} == {"xpos", "xquat", "xmat", "sensordata"}
     for name, column in others.items():
@@ -151,4 +151,4 @@ def test_an_alias_is_what_is_selected_by_it(model: mujoco.MjModel) -> None:
 
 
 def test_contacts_between_two_objects_are_not_listed() -> None:
-    assert [c.name for c in catalogue(MODEL) if c.name.startswith("contact/")] == ["contact/ncon"]
+    assert [c.name for c in available_columns(MODEL) if c.name.startswith("contact/")] == ["contact/ncon"]
