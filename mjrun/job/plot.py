@@ -59,7 +59,7 @@ class Plot(PlotOptions, Job["PlotResult"]):
         return perform([self], reporter)[0]
 
     def task(self) -> "PlotTask":
-        """Its task, with the format selected_columns.
+        """Its task, with the format chosen.
 
         Raises:
           UsageError: a format that cannot hold a plot.
@@ -87,7 +87,7 @@ class PlotResult(OutputResult):
 
 @dataclass(frozen=True)
 class PlotTask:
-    """A plot, with its format selected_columns."""
+    """A plot, with its format chosen."""
 
     job: Plot
     format: str

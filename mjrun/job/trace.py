@@ -54,7 +54,7 @@ class Trace(TraceOptions, Job["TraceResult"]):
         return perform([self], reporter)[0]
 
     def task(self) -> "TraceTask":
-        """Its task, with every format selected_columns.
+        """Its task, with every format chosen.
 
         Raises:
           UsageError: a suffix or format that is not known.
@@ -99,7 +99,7 @@ def columns(simulation: Simulation, probes: Sequence[str] = ()) -> list[Column]:
 
 @dataclass(frozen=True)
 class TraceTask:
-    """A trace, with every format selected_columns.
+    """A trace, with every format chosen.
 
     Attributes:
       target: the output; None for standard output.
