@@ -71,21 +71,21 @@ class Timeline:
         return step * self.timestep
 
     def frames(self, fps: Fraction, speed: Fraction = Fraction(1)) -> list[int]:
-        """The step that each frame of a film shows.
+        """The step that each frame of a video shows.
 
-        Frame k shows time k·speed/fps; the frames are the k with k·speed/fps < duration, so the film
+        Frame k shows time k·speed/fps; the frames are the k with k·speed/fps < duration, so the video
         lasts duration/speed.
         """
         return self.paced(fps, [(self.duration, speed)])[0]
 
     def paced(self, fps: Fraction, pieces: Sequence[tuple[Fraction, Fraction]]) -> list[list[int]]:
-        """The steps that the frames of a film show whose speed changes, piece by piece.
+        """The steps that the frames of a video show whose speed changes, piece by piece.
 
         Args:
           pieces: the simulated time [s] at which each piece ends, in order, and its speed.
         """
         found: list[list[int]] = []
-        first, start, shown = 0, Fraction(0), Fraction(0)  # frame, simulated time and time of the film [s]
+        first, start, shown = 0, Fraction(0), Fraction(0)  # frame, simulated time and time of the video [s]
         for end, speed in pieces:
             until = shown + (end - start) / speed
             last = math.ceil(until * fps)

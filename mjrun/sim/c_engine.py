@@ -68,7 +68,7 @@ class StepRecords:
     Attributes:
       fields: of every instant, `(n, rows, …)`.
       states: after the last step, `(n, nstate)`.
-      completed: which simulations have come so far, `(n,)`. MuJoCo has warned in the others: they are still where they
+      completed: which simulations got there, `(n,)`. MuJoCo has warned in the others: they are still where they
         were, and their rows mean nothing.
     """
 
