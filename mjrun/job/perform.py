@@ -199,6 +199,8 @@ class _Pass(Generic[R]):
         except SimulationError:
             raise
         except MjrunError as error:
+            if isinstance(error.__context__, SimulationError):
+                self.instability = error.__context__
             self._fail([0], error)
 
     def _run_together(self, stack: ExitStack) -> None:

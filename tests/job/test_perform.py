@@ -1,6 +1,9 @@
 """Many outputs of one simulation in one pass: the same as each alone."""
 
+import hashlib
 import json
+import os
+import signal
 import warnings
 from dataclasses import replace
 from fractions import Fraction
@@ -14,7 +17,19 @@ from PIL import Image as Pillow
 
 from mjrun.camera.rigs.around import FreeRig, TrackRig
 from mjrun.camera.script import CameraScript, Event, Shot
-from mjrun.errors import FailedAssertionError, FileError, JobsError, UnknownNameError, UnstableError, UsageError
+from mjrun.errors import (
+    FailedAssertionError,
+    FileError,
+    JobsError,
+    PartlyDoneError,
+    UnknownNameError,
+    UnstableError,
+    UsageError,
+)
+from mjrun.formats.manifest import ManifestWriter
+from mjrun.formats.table_writer import TableWriter
+from mjrun.formats.video_writer import VideoWriter
+from mjrun.job import shared_rendering
 from mjrun.job.image import Image, ImageResult
 from mjrun.job.perform import perform, preview
 from mjrun.job.plot import Plot
@@ -24,6 +39,8 @@ from mjrun.job.trace import Trace
 from mjrun.job.video import Video, VideoResult
 from mjrun.model.override import Override
 from mjrun.model.sources.file import FileSource
+from mjrun.rendering import workers
+from mjrun.rendering.backend_detection import BackendDetection
 
 pytestmark = pytest.mark.filterwarnings("ignore:drawing in software")
 
@@ -270,3 +287,200 @@ def test_a_lone_text_is_a_list_of_one(swing: Path, tmp_path: Path) -> None:
 def test_a_size_that_is_none_is_told_at_once(swing: Path, size: Any) -> None:
     with pytest.raises(UsageError, match=r"size: .* is not a width and a height in pixels"):
         Image(Simulation(swing), "a.png", size=size)
+
+
+MEETING = """
+<mujoco>
+  <option gravity="0 0 0"/>
+  <worldbody>
+    <light pos="0 0 3"/>
+    <body name="cart"><joint name="slide" type="slide" axis="1 0 0"/><geom size=".1"/></body>
+  </worldbody>
+  <keyframe><key name="start" qpos="0"/></keyframe>
+</mujoco>
+"""
+
+
+@pytest.fixture
+def meeting(tmp_path: Path) -> Path:
+    """A cart that stands still at the origin: a camera there cannot look at it."""
+    path = tmp_path / "meeting.xml"
+    path.write_text(MEETING)
+    return path
+
+
+def manifest_of(path: Path) -> dict[str, Any]:
+    return json.loads(path.read_text())
+
+
+def test_a_camera_that_meets_its_target_does_not_cost_the_other_outputs(meeting: Path, tmp_path: Path) -> None:
+    simulation = Simulation(meeting, duration=0.1)
+    bad = Video(
+        simulation, f"{tmp_path}/v.mp4", camera="look:from=0/0/0,at=cart", size=SIZE, manifest=f"{tmp_path}/v.json"
+    )
+    with pytest.raises(PartlyDoneError) as caught:
+        perform(
+            [
+                Trace(simulation, f"{tmp_path}/t.csv", manifest=f"{tmp_path}/t.json"),
+                bad,
+                Image(simulation, f"{tmp_path}/i.png", size=SIZE, manifest=f"{tmp_path}/i.json"),
+            ]
+        )
+    error = caught.value
+    assert error.exit_code == 8
+    assert [result.path for result in error.results] == [f"{tmp_path}/t.csv", f"{tmp_path}/i.png"]
+    assert [(f["output"], f["kind"], f["exit_code"]) for f in error.failures] == [(bad.output, "UsageError", 2)]
+    assert f"{bad.output} could not be made: " in str(error)
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["i.json", "i.png", "meeting.xml", "t.csv", "t.json"]
+    assert manifest_of(tmp_path / "t.json")["outputs"][0]["sha256"] == sha256(tmp_path / "t.csv")
+
+    with pytest.raises(UsageError) as alone:  # nothing was made: the failure as it is
+        perform([bad])
+    assert (alone.value.exit_code, alone.value.results) == (2, [])
+    assert str(alone.value) == error.failures[0]["message"]
+
+
+def sha256(path: Path) -> str:
+    return hashlib.sha256(path.read_bytes()).hexdigest()
+
+
+def test_an_encoder_that_dies_does_not_cost_the_other_outputs(
+    swing: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    write, written = VideoWriter.write, []
+
+    def dying(writer: VideoWriter, frame: np.ndarray) -> None:
+        if writer.destination.shown.name == "bad.mp4" and len(written) == 2:
+            os.kill(writer._child.pid, signal.SIGKILL)
+            writer._child.wait()
+        written.append(frame.shape)
+        write(writer, frame)
+
+    monkeypatch.setattr(VideoWriter, "write", dying)
+    simulation = Simulation(swing, duration=0.2)
+    with pytest.raises(PartlyDoneError) as caught:
+        perform([Video(simulation, f"{tmp_path}/{name}.mp4", size=SIZE) for name in ("bad", "good")])
+    assert [(f["output"], f["kind"], f["exit_code"]) for f in caught.value.failures] == [
+        (f"{tmp_path}/bad.mp4", "EncoderError", 6)
+    ]
+    assert [result.frames for result in caught.value.results] == [6]
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["good.mp4", "swing.xml"]
+
+
+def full_disk(monkeypatch: pytest.MonkeyPatch, name: str, rows: int = 0) -> None:
+    """A disk that is full once the table of this name has so many rows."""
+    write = TableWriter.write
+
+    def failing(writer: TableWriter, block: np.ndarray) -> None:
+        if writer.destination.shown.name == name and writer.rows >= rows:
+            raise FileError(name, "cannot be written: the disk is full")
+        write(writer, block)
+
+    monkeypatch.setattr(TableWriter, "write", failing)
+
+
+def test_a_writer_that_fails_does_not_cost_the_other_outputs(
+    swing: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    full_disk(monkeypatch, "bad.csv", rows=256)
+    simulation = Simulation(swing, steps=600)
+    with pytest.raises(
+        PartlyDoneError, match=r"bad.csv could not be made: .*disk is full\nmade all the same: .*good.csv"
+    ):
+        perform([Trace(simulation, f"{tmp_path}/{name}.csv") for name in ("bad", "good")])
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["good.csv", "swing.xml"]
+    Trace(simulation, f"{tmp_path}/alone.csv").run()
+    assert (tmp_path / "good.csv").read_bytes() == (tmp_path / "alone.csv").read_bytes()
+
+
+def test_a_manifest_that_cannot_be_written_does_not_cost_its_output(
+    swing: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def failing(writer: ManifestWriter, *facts: object) -> None:
+        raise FileError(writer.destination.shown, "cannot be written: the disk is full")
+
+    monkeypatch.setattr(ManifestWriter, "write", failing)
+    with pytest.raises(PartlyDoneError) as caught:
+        perform([Trace(Simulation(swing, steps=5), f"{tmp_path}/t.csv", manifest=f"{tmp_path}/m.json")])
+    assert [failure["output"] for failure in caught.value.failures] == [f"{tmp_path}/m.json"]
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["swing.xml", "t.csv"]
+
+
+@pytest.mark.parametrize("probes", [["qpos"], ["qpos", "contact/ncon"]])
+def test_a_writer_that_fails_before_an_instability_publishes_nothing(
+    exploding: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, probes: list[str]
+) -> None:
+    full_disk(monkeypatch, "bad.csv")
+    simulation = Simulation(exploding, key="fast", duration=5)
+    bad = Trace(simulation, f"{tmp_path}/bad.csv", probes=probes, keep_partial=True)
+    with pytest.raises(FileError, match="the disk is full"):
+        perform([bad])
+    assert [*tmp_path.iterdir()] == [exploding]
+
+    good = replace(bad, output=f"{tmp_path}/good.csv")
+    with pytest.raises(UnstableError) as caught:
+        perform([bad, good])
+    assert [result.path for result in caught.value.results] == [good.output]
+    assert any("the disk is full" in note for note in caught.value.__notes__)
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["exploding.xml", "good.csv"]
+
+
+def test_an_event_that_never_happens_costs_its_own_output_only(swing: Path, tmp_path: Path) -> None:
+    simulation = Simulation(swing, duration=0.1)
+    never = Image(simulation, f"{tmp_path}/i.png", at=Event("time > 9"), size=SIZE)
+    with pytest.raises(PartlyDoneError, match="never happens") as caught:
+        perform([never, Recording(simulation, f"{tmp_path}/r.npz")])
+    assert [result.path for result in caught.value.results] == [f"{tmp_path}/r.npz"]
+    with pytest.raises(UsageError, match="never happens"):
+        perform([never])
+
+
+@pytest.fixture
+def started(monkeypatch: pytest.MonkeyPatch) -> dict[str, int]:
+    """How many detections of backends and how many worker processes were started."""
+    count = {"detections": 0, "workers": 0}
+
+    class CountedDetection(BackendDetection):
+        def __init__(self, requested: str | None = None) -> None:
+            count["detections"] += 1
+            super().__init__(requested)
+
+    class CountedWorker(workers._Worker):
+        def __init__(self, painter: int, memory: int, module: str) -> None:
+            count["workers"] += 1
+            super().__init__(painter, memory, module)
+
+    monkeypatch.setattr(shared_rendering, "BackendDetection", CountedDetection)
+    monkeypatch.setattr(workers, "_Worker", CountedWorker)
+    return count
+
+
+def test_images_of_one_pass_share_one_detection(swing: Path, tmp_path: Path, started: dict[str, int]) -> None:
+    simulation = Simulation(swing, duration=0.1)
+    perform([Image(simulation, f"{tmp_path}/{step}.png", step=step, size=SIZE) for step in (0, 10, 20)])
+    assert started == {"detections": 1, "workers": 0}
+
+
+@pytest.mark.parametrize("jobs", [1, 2, 3])
+def test_videos_of_one_pass_share_one_group_of_workers(
+    swing: Path, tmp_path: Path, started: dict[str, int], jobs: int
+) -> None:
+    simulation = Simulation(swing, duration=0.2)
+    event = CameraScript("hit", [Shot(FreeRig(), until=Event("time > 0.1")), Shot(TrackRig("ball"))])
+
+    def videos(folder: Path, count: int) -> list[Video]:
+        folder.mkdir()
+        return [
+            Video(simulation, f"{folder}/a/", size=SIZE, camera="side", jobs=count),
+            Video(simulation, f"{folder}/b/", size=(32, 24), view="depth", trail=["ball"], jobs=min(count, 2)),
+            Video(simulation, f"{folder}/c/", size=SIZE, camera=event, text="{frame}", jobs=count),
+        ]
+
+    results = perform(videos(tmp_path / "together", jobs))
+    assert started == {"detections": 1, "workers": jobs if jobs > 1 else 0}
+    assert [result.jobs for result in results] == [jobs, min(jobs, 2), jobs]
+    for video in videos(tmp_path / "alone", 1):
+        video.run()
+    for name in "abc":
+        pairs = zip(frames(tmp_path / "together" / name), frames(tmp_path / "alone" / name), strict=True)
+        assert all(np.array_equal(one, other) for one, other in pairs)
