@@ -20,7 +20,7 @@ from mjrun.job.panels import panel_files
 from mjrun.model.mujoco_globals import without_timers
 from mjrun.options.view import ViewOptions
 from mjrun.rendering.backend import Backend
-from mjrun.rendering.compositor import Overlay, SceneCompositor, Stream
+from mjrun.rendering.compositor import FrameStream, Overlay, SceneCompositor
 from mjrun.rendering.process_count import available_cores
 from mjrun.rendering.timed_renderers import DRAW, READ, TIMED, UPDATE, Stopwatch
 
@@ -152,14 +152,14 @@ def _sample_between_frames(workload: ReferenceWorkload, costs: Sequence[Mapping[
         workload.time()
 
 
-def _encoded(stream: Stream, frames: Sequence[np.ndarray], view: str, clock: Clock) -> SampleStatistics:
+def _encoded(stream: FrameStream, frames: Sequence[np.ndarray], view: str, clock: Clock) -> SampleStatistics:
     """Wall time to encode a frame [s], a sample for each video."""
     with tempfile.TemporaryDirectory() as folder:
         path = str(Path(folder) / "video.mp4")
         return summarized([_encoded_video(path, stream, [*frames] * ROUNDS, view, clock) for _ in range(VIDEOS)])
 
 
-def _encoded_video(path: str, stream: Stream, frames: Sequence[np.ndarray], view: str, clock: Clock) -> float:
+def _encoded_video(path: str, stream: FrameStream, frames: Sequence[np.ndarray], view: str, clock: Clock) -> float:
     """Wall time per frame of a video [s], without starting the encoder."""
     coded = encoding(path, None, None, None, None, "ids" if view == "seg" else "video")
     first, *rest = frames

@@ -25,7 +25,7 @@ from mjrun.job.view import RENDERERS, visual_of
 from mjrun.options.view import ViewOptions
 from mjrun.rendering.backend import Backend
 from mjrun.rendering.classic import check_size
-from mjrun.rendering.compositor import Overlay, SceneCompositor, Stream
+from mjrun.rendering.compositor import FrameStream, Overlay, SceneCompositor
 from mjrun.rendering.decorations import Decoration
 from mjrun.rendering.filament import check_segmentation, check_visual, omissions
 from mjrun.rendering.segmentation import Segmentation
@@ -174,7 +174,7 @@ def scene_compositor(
     options: ViewOptions,
     model: mujoco.MjModel,
     backend: Backend,
-    streams: Sequence[Stream],
+    streams: Sequence[FrameStream],
     poses: Sequence[Sequence[Pose]],
     decorations: Sequence[Decoration] = (),
 ) -> SceneCompositor:
@@ -188,7 +188,7 @@ def scene_compositor(
         poses=poses,
         streams=streams,
         segmentation=Segmentation(model, options.seg_by),
-        decors=decorations,
+        decorations=decorations,
         ranges=[options.depth_range] * len(options.camera) if options.depth_range else [],
         renderer=RENDERERS[options.renderer],
     )

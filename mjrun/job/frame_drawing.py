@@ -7,7 +7,7 @@ import numpy as np
 from mjrun.errors import clean, option
 from mjrun.job.shared_rendering import SharedRendering
 from mjrun.rendering.backend import Backend
-from mjrun.rendering.compositor import Costs, SceneCompositor
+from mjrun.rendering.compositor import DrawingCosts, SceneCompositor
 from mjrun.rendering.process_count import available_cores, estimated_cost, jobs_for
 from mjrun.rendering.workers import Pool, Workers
 from mjrun.reporter import Reporter
@@ -75,13 +75,13 @@ class FrameDrawer:
                 done += 1
                 if done == TRIED and not reported:
                     pool.ask(SceneCompositor.costs)
-                if isinstance(pool.answer, Costs) and not reported:
+                if isinstance(pool.answer, DrawingCosts) and not reported:
                     self.start(total - done, pool.answer.frame)
                     self._warn(reporter, total, pool.answer, alone=early is None)
                     reported = True
                 if self._workers is not early:
                     break
-        if isinstance(pool.answer, Costs) and not reported:
+        if isinstance(pool.answer, DrawingCosts) and not reported:
             self._warn(reporter, total, pool.answer, alone=early is None)
         if done < total:
             with self._pool(compositor) as pool:
@@ -90,7 +90,7 @@ class FrameDrawer:
     def _pool(self, compositor: SceneCompositor) -> Pool[SceneCompositor]:
         return Pool(compositor, (compositor.bytes,), self.jobs, workers=self._workers)
 
-    def _warn(self, reporter: Reporter, frames: int, costs: Costs, *, alone: bool) -> None:
+    def _warn(self, reporter: Reporter, frames: int, costs: DrawingCosts, *, alone: bool) -> None:
         """Warns that a CPU draws, if that takes long, with what a frame costs and would cost as a draft."""
         whole = frames * costs.frame
         if whole < LONG:

@@ -31,7 +31,7 @@ from mjrun.model.rendered_view import RenderedView, Segment
 from mjrun.options.image import ImageOptions
 from mjrun.options.option import options
 from mjrun.rendering.backend import Backend
-from mjrun.rendering.compositor import Overlay, SceneCompositor, Stream
+from mjrun.rendering.compositor import FrameStream, Overlay, SceneCompositor
 from mjrun.rendering.segmentation import Segmentation
 from mjrun.reporter import Reporter
 from mjrun.timeline import Timeline, nearest, rational
@@ -316,7 +316,11 @@ def _legend(job: Image, model: mujoco.MjModel) -> Sequence[Segment] | None:
 
 
 def _write(
-    file: ImageFile, stream: Stream, writer: ImageWriter, compositor: SceneCompositor, pictures: Sequence[RenderedView]
+    file: ImageFile,
+    stream: FrameStream,
+    writer: ImageWriter,
+    compositor: SceneCompositor,
+    pictures: Sequence[RenderedView],
 ) -> None:
     picture = pictures[file.panels[0].camera]
     if file.view == "depth":

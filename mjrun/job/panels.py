@@ -9,7 +9,7 @@ from mjrun.errors import UsageError, option
 from mjrun.formats.labels import labels_beside
 from mjrun.job.output_files import named_files
 from mjrun.options.view import ViewOptions
-from mjrun.rendering.compositor import Overlay, Panel, Stream, Style
+from mjrun.rendering.compositor import FrameStream, FrameStyle, Overlay, Panel
 from mjrun.rendering.layout import layout_size
 
 
@@ -30,14 +30,14 @@ class PanelFile:
         """The path; None for standard output."""
         return None if self.path == "-" else self.path
 
-    def stream(self, options: ViewOptions, overlay: Overlay, legend: bool = False) -> Stream:
+    def stream(self, options: ViewOptions, overlay: Overlay, legend: bool = False) -> FrameStream:
         """Its frames.
 
         Args:
           legend: whether a coloured segmentation lists what is in view.
         """
-        style = Style(options.layout, options.captions, legend, Overlay() if self.exact else overlay)
-        return Stream(self.panels, options.size, style, self.exact)
+        style = FrameStyle(options.layout, options.captions, legend, Overlay() if self.exact else overlay)
+        return FrameStream(self.panels, options.size, style, self.exact)
 
 
 def camera_names(options: ViewOptions) -> list[str]:

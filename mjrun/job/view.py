@@ -6,7 +6,7 @@ from mjrun.errors import BadValueError, UnknownNameError, UsageError, concerning
 from mjrun.options.view import ViewOptions
 from mjrun.rendering.classic import ClassicRenderer
 from mjrun.rendering.filament import FilamentRenderer
-from mjrun.rendering.segmentation import grouping
+from mjrun.rendering.segmentation import groupings
 from mjrun.rendering.visual import Visual
 
 RENDERERS = {"classic": ClassicRenderer, "filament": FilamentRenderer}
@@ -55,8 +55,8 @@ def check_view(options: ViewOptions) -> None:
 
 def check_segmentation_name(name: str) -> None:
     """Raises UnknownNameError if `name` is nothing that a segmentation can tell apart."""
-    if name not in grouping():
-        raise UnknownNameError("segmentation", name, list(grouping()))
+    if name not in groupings():
+        raise UnknownNameError("segmentation", name, list(groupings()))
 
 
 def _check_once(name: str, values: Sequence[object]) -> None:

@@ -17,7 +17,7 @@ from mjrun.model.rendered_view import RenderedView
 from mjrun.model.state import restore
 from mjrun.rendering.backend import Backend, OpenGLContext
 from mjrun.rendering.decorations import Decoration
-from mjrun.rendering.exact_framebuffer import ExactBuffer
+from mjrun.rendering.exact_framebuffer import ExactFramebuffer
 from mjrun.rendering.scene import updated_scene
 from mjrun.rendering.segmentation import Segmentation
 from mjrun.rendering.visual import Visual
@@ -37,7 +37,7 @@ class ClassicRenderer:
       backend: one that works, from `BackendDetection`.
       visual: flags, groups, frames, labels and quality.
       segmentation: what ids tell apart.
-      decors: what is added to colour pictures.
+      decorations: what is added to colour pictures.
 
     Raises:
       UsageError: the frame is larger than the backend can draw.
@@ -51,10 +51,10 @@ class ClassicRenderer:
         backend: Backend,
         visual: Visual,
         segmentation: Segmentation | None = None,
-        decors: Sequence[Decoration] = (),
+        decorations: Sequence[Decoration] = (),
     ) -> None:
         self.size = size
-        self._model, self._visual, self._decors = model, visual, decors
+        self._model, self._visual, self._decors = model, visual, decorations
         self._segmentation = segmentation
         check_size(size, backend, visual)
         width, height = (side * visual.samples for side in size)
@@ -67,7 +67,7 @@ class ClassicRenderer:
         visual.set_flags(self._scene)
         self._gl: OpenGLContext | None = None
         self._context: mujoco.MjrContext | None = None
-        self._buffer: ExactBuffer | None = None  # made when it is needed
+        self._buffer: ExactFramebuffer | None = None  # made when it is needed
         try:
             self._gl = backend.context(width, height)
             self._context = _offscreen(model, width, height, visual.quality)
@@ -81,7 +81,7 @@ class ClassicRenderer:
         Everything drawn, contacts and forces included, belongs to that state.
 
         Args:
-          index: of the frame, for decors.
+          index: of the frame, for decorations.
 
         Raises:
           DrawError: MuJoCo ran out of memory.
@@ -100,8 +100,8 @@ class ClassicRenderer:
         if "depth" in views or "seg" in views:
             seen = self._exact(seen, pose, views)
         if "rgb" in views:
-            for decor in self._decors:
-                decor.add(self._scene, self._index)
+            for decoration in self._decors:
+                decoration.add(self._scene, self._index)
             self._render()
             seen = replace(seen, rgb=self._shown())
         return seen
@@ -140,13 +140,13 @@ class ClassicRenderer:
         self.close()
 
     def _update_scene(self, pose: Pose) -> None:
-        room = sum(decor.geoms for decor in self._decors)
+        room = sum(decoration.geoms for decoration in self._decors)
         self._scene = updated_scene(self._model, self._data, self._options, pose, self._scene, room)
 
     def _exact(self, seen: RenderedView, pose: Pose, views: Sequence[str]) -> RenderedView:
         """Depth and ids, of one pass without shades."""
         if self._buffer is None:
-            self._buffer = ExactBuffer(self.size)
+            self._buffer = ExactFramebuffer(self.size)
         with self._flags(segment=True, idcolor=True, **dict.fromkeys(COSTLY, False)):
             colors, depth = self._buffer.draw(self._scene, self._context)
         if "depth" in views:

@@ -84,7 +84,7 @@ class Overlay:
 
 
 @dataclass(frozen=True)
-class Style:
+class FrameStyle:
     """How panels become one frame.
 
     Attributes:
@@ -101,7 +101,7 @@ class Style:
 
 
 @dataclass(frozen=True)
-class Stream:
+class FrameStream:
     """Frames of one film: one panel or several, as colours, or one panel's numbers.
 
     Attributes:
@@ -111,7 +111,7 @@ class Stream:
 
     panels: Sequence[Panel]
     size: tuple[int, int]
-    style: Style
+    style: FrameStyle
     exact: bool = False
 
     @property
@@ -133,7 +133,7 @@ class Stream:
 
 
 @dataclass(frozen=True)
-class Costs:
+class DrawingCosts:
     """Wall time [s] of a frame, and of its last scene as a draft; None where that is no use."""
 
     frame: float
@@ -147,7 +147,7 @@ class SceneCompositor:
     Args:
       names: what the cameras are called in captions.
       poses: of each frame, of each camera.
-      decors: what is added to colour pictures.
+      decorations: what is added to colour pictures.
       ranges: of each camera, the depths [m] of the first and the last colour; needed for coloured depth.
     """
 
@@ -156,10 +156,10 @@ class SceneCompositor:
     size: tuple[int, int]
     visual: Visual
     names: Sequence[str]
-    streams: Sequence[Stream]
+    streams: Sequence[FrameStream]
     poses: Sequence[Sequence[Pose]]
     segmentation: Segmentation
-    decors: Sequence[Decoration] = ()
+    decorations: Sequence[Decoration] = ()
     ranges: Sequence[tuple[float, float]] = ()
     renderer: Callable[..., Renderer] = ClassicRenderer
 
@@ -181,7 +181,7 @@ class SceneCompositor:
         """Gets a renderer, unless there is one already."""
         if self._drawing is None:
             self._drawing = self.renderer(
-                self.model, self.size, self.backend, self.visual, self.segmentation, self.decors
+                self.model, self.size, self.backend, self.visual, self.segmentation, self.decorations
             )
 
     def look_ahead(self, states: Mapping[int, np.ndarray]) -> None:
@@ -196,10 +196,10 @@ class SceneCompositor:
             part[:] = self.frame(stream, pictures, index)
         self._spent = time.perf_counter() - start
 
-    def costs(self) -> Costs:
+    def costs(self) -> DrawingCosts:
         """Of the last frame, and of the same as a draft."""
         assert self._drawing
-        return Costs(self._spent, None if self.visual.quality == "draft" else self._drawing.draft_cost())
+        return DrawingCosts(self._spent, None if self.visual.quality == "draft" else self._drawing.draft_cost())
 
     def close(self) -> None:
         if self._drawing:
@@ -226,7 +226,7 @@ class SceneCompositor:
             found.append(picture if picture.rgb is None else _kept(picture))
         return found
 
-    def frame(self, stream: Stream, pictures: Sequence[RenderedView], index: int) -> np.ndarray:
+    def frame(self, stream: FrameStream, pictures: Sequence[RenderedView], index: int) -> np.ndarray:
         """The frame of `stream`, made of what each camera sees."""
         if stream.exact:
             (panel,) = stream.panels

@@ -11,7 +11,7 @@ import numpy as np
 from mjrun.errors import DrawError
 
 
-class ExactBuffer:
+class ExactFramebuffer:
     """Room for one picture in the current OpenGL context. To be used in the thread of that context.
 
     Args:

@@ -56,7 +56,7 @@ class FilamentRenderer:
       backend: of `VulkanDetection`.
       visual: flags, groups, frames and quality.
       segmentation: what ids tell apart: things of the model, whatever is shown beside them.
-      decors: what is added to colour pictures.
+      decorations: what is added to colour pictures.
 
     Raises:
       UsageError: Filament cannot draw what `visual` asks for, or not that large.
@@ -70,14 +70,14 @@ class FilamentRenderer:
         backend: Backend,
         visual: Visual,
         segmentation: Segmentation | None = None,
-        decors: Sequence[Decoration] = (),
+        decorations: Sequence[Decoration] = (),
     ) -> None:
         check_size(size, backend, visual)
         check_visual(model, visual)
         check_segmentation(segmentation)
         self.size = size
         self._segmentation = segmentation
-        self._task = (model, size, visual, segmentation, decors)
+        self._task = (model, size, visual, segmentation, decorations)
         self._index, self._drawn = 0, 0
         self._shown_warnings: set[str] = set()
         self._process = _FilamentProcess()
@@ -93,7 +93,7 @@ class FilamentRenderer:
         Everything drawn, contacts and forces included, belongs to that state.
 
         Args:
-          index: of the frame, for decors.
+          index: of the frame, for decorations.
 
         Raises:
           DrawError: MuJoCo ran out of memory, or Filament ended its process.
@@ -111,7 +111,7 @@ class FilamentRenderer:
         Depth and ids end at the far plane, as MuJoCo's do; colours do not.
 
         Raises:
-          UsageError: a decor adds a geom that Filament cannot draw.
+          UsageError: a decoration adds a geom that Filament cannot draw.
           DrawError: Filament ended its process.
         """
         self._drawn += 1

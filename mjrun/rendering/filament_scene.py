@@ -1,6 +1,6 @@
-"""What Filament keeps of a model between pictures: things that are moved, and what they are drawn into.
+"""Filament's scene of a model: renderables that are moved, lights, and render targets.
 
-The one place that talks to `mujoco.mjrf`, which ends the process where others raise. To be used in one thread.
+The only module that uses `mujoco.mjrf`, which aborts the process where others raise. To be used in one thread.
 """
 
 import copy
@@ -28,8 +28,8 @@ WHOLE = ("geom", "site", "skin")
 FRUSTUM = ("center", "width", "bottom", "top", "near", "far")
 
 
-class Form(NamedTuple):
-    """What pixels are, by mjrf's names of their format and of the way to draw them."""
+class PixelFormat(NamedTuple):
+    """The format of pixels, by mjrf's names of the format and of the draw mode."""
 
     pixel: str
     mode: str
@@ -37,8 +37,8 @@ class Form(NamedTuple):
     dtype: type
 
 
-class Stage:
-    """What Filament holds of one model: things that stay and are moved, and what they are drawn into."""
+class FilamentScene:
+    """Filament's scene of one model, with its render targets."""
 
     def __init__(self, model: mujoco.MjModel, options: mujoco.MjvOption) -> None:
         importlib.import_module("mujoco.studio")  # registers the materials
@@ -50,20 +50,20 @@ class Stage:
         self._scene = self._context.create_scene(mjrf.SceneParams())
         self._scene.configure_from_model(model)
         self._lights = mjrf.ModelLights(self._scene, resources)
-        self._things = mjrf.ModelRenderables(self._scene, resources)
-        self._things.set_options(_tendons_in_groups(options))
-        self._lamps, self._headlight = _lighting(model)
+        self._renderables = mjrf.ModelRenderables(self._scene, resources)
+        self._renderables.set_options(_tendons_in_groups(options))
+        self._intensities, self._headlight = _lighting(model)
         self._decorations: dict[tuple[int, int], list[Any]] = defaultdict(list)  # of each kind, to be used again
         self._meshes: dict[int, tuple[Any, ...]] = {}
-        self._targets: dict[tuple[int, int, Form], tuple[Any, Any, np.ndarray]] = {}
+        self._targets: dict[tuple[int, int, PixelFormat], tuple[Any, Any, np.ndarray]] = {}
 
     def update(self, data: mujoco.MjData) -> None:
         """Moves the model."""
         self._lights.update(data)
-        for index, lamp in self._lamps.items():
-            self._lights.get_light(index).set_intensity(lamp.candela)
-            self._lights.get_light(index).set_range(lamp.range)
-        self._things.update(data)
+        for index, intensity in self._intensities.items():
+            self._lights.get_light(index).set_intensity(intensity.candela)
+            self._lights.get_light(index).set_range(intensity.range)
+        self._renderables.update(data)
 
     def hide_all_but(self, shown: Set[tuple[int, int]]) -> None:
         """Hides things of the model, but for those of `shown`, as type of object and id, which MuJoCo would draw.
@@ -92,20 +92,20 @@ class Stage:
             for spare in made[used[kind] :]:
                 self._scene.remove_renderable(spare)
 
-    def draw(self, size: tuple[int, int], pose: Pose, form: Form, **flags: bool) -> np.ndarray:
-        """The pixels `(height, width, channels)`, which the next picture of that form overwrites.
+    def draw(self, size: tuple[int, int], pose: Pose, pixel_format: PixelFormat, **flags: bool) -> np.ndarray:
+        """The pixels `(height, width, channels)`, which the next picture of that format overwrites.
 
         Args:
           flags: of mjrf.RenderRequest; what is not mentioned is on.
         """
-        target, reading, pixels = self._target(*size, form)
+        target, reading, pixels = self._target(*size, pixel_format)
         light = self._model.vis.headlight
         request = self._mjrf.RenderRequest(
             scene=self._scene,
             target=target,
             camera=self._seen_from(pose),
             viewport=self._mjrf.Rect(0, 0, *size),
-            draw_mode=getattr(self._mjrf.DrawMode, f"DRAW_MODE_{form.mode}"),
+            draw_mode=getattr(self._mjrf.DrawMode, f"DRAW_MODE_{pixel_format.mode}"),
             headlight=light.active != 0,
             headlight_color=light.diffuse,
             headlight_intensity=self._headlight,
@@ -114,22 +114,25 @@ class Stage:
         self._context.wait_for_frame(self._context.render([request], [reading]))  # takes one reading only
         return pixels
 
-    def _target(self, width: int, height: int, form: Form) -> tuple[Any, Any, np.ndarray]:
+    def _target(self, width: int, height: int, pixel_format: PixelFormat) -> tuple[Any, Any, np.ndarray]:
         """What is drawn into, how it is read, and where to."""
-        if (width, height, form) not in self._targets:
-            pixels, formats = np.empty((height, width, form.channels), form.dtype), self._mjrf.PixelFormat
+        if (width, height, pixel_format) not in self._targets:
+            pixels, formats = (
+                np.empty((height, width, pixel_format.channels), pixel_format.dtype),
+                self._mjrf.PixelFormat,
+            )
             target = self._context.create_render_target(
                 self._mjrf.RenderTargetConfig(
                     width=width,
                     height=height,
-                    color_format=getattr(formats, f"PIXEL_FORMAT_{form.pixel}"),
+                    color_format=getattr(formats, f"PIXEL_FORMAT_{pixel_format.pixel}"),
                     depth_format=formats.PIXEL_FORMAT_DEPTH32F,
                 )
             )
             reading = self._mjrf.ReadRequest(target=target)
             reading.set_buffer(pixels)
-            self._targets[width, height, form] = target, reading, pixels
-        return self._targets[width, height, form]
+            self._targets[width, height, pixel_format] = target, reading, pixels
+        return self._targets[width, height, pixel_format]
 
     def _seen_from(self, pose: Pose) -> Any:
         """The pose as mjrf's camera."""
@@ -138,7 +141,7 @@ class Stage:
 
     def _parts(self, kind: str, index: int) -> Iterable[Any]:
         """What Filament draws of one thing: all of it, or part by part."""
-        found = self._things.get_renderable
+        found = self._renderables.get_renderable
         if kind in WHOLE:
             return [found(KINDS[kind], index)]
         return itertools.takewhile(bool, (found(KINDS[kind], index, part) for part in itertools.count()))
@@ -197,7 +200,7 @@ class Stage:
         return mesh
 
 
-class Lamp(NamedTuple):
+class LightIntensity(NamedTuple):
     """What a light is set to: intensity [cd], and range [m]."""
 
     candela: float
@@ -212,7 +215,7 @@ def _tendons_in_groups(options: mujoco.MjvOption) -> mujoco.MjvOption:
     return found
 
 
-def _lighting(model: mujoco.MjModel) -> tuple[dict[int, Lamp], float]:
+def _lighting(model: mujoco.MjModel) -> tuple[dict[int, LightIntensity], float]:
     """What to set lights to, by index, and the intensity of the headlight [lux].
 
     Lights without intensity get the same number of candela from Filament, however far off they are, and reach 10 m:
@@ -230,7 +233,7 @@ def _lighting(model: mujoco.MjModel) -> tuple[dict[int, Lamp], float]:
     for light in np.flatnonzero(np.isin(model.light_type, (SPOT, POINT))):
         lux = LIGHTS / model.nlight * model.light_diffuse[light].max()
         throw = _throw(model, data, int(light))
-        lamps[int(light)] = Lamp(float(lux * throw**2), max(float(model.light_range[light]), 5 * throw))
+        lamps[int(light)] = LightIntensity(float(lux * throw**2), max(float(model.light_range[light]), 5 * throw))
     return lamps, headlight
 
 

@@ -1,4 +1,4 @@
-"""What runs in Filament's process: it draws what `filament.FilamentRenderer` asks for."""
+"""Runs in Filament's process, and draws what `filament.FilamentRenderer` asks for."""
 
 import contextlib
 import time
@@ -18,7 +18,7 @@ from mjrun.model.rendered_view import RenderedView
 from mjrun.model.state import restore
 from mjrun.rendering.decorations import Decoration
 from mjrun.rendering.filament import MIRRORS, MODES, flags
-from mjrun.rendering.filament_scene import NUMBERED, Form, Stage
+from mjrun.rendering.filament_scene import NUMBERED, FilamentScene, PixelFormat
 from mjrun.rendering.scene import updated_scene
 from mjrun.rendering.segmentation import NOTHING, Segmentation
 from mjrun.rendering.visual import Visual
@@ -26,13 +26,13 @@ from mjrun.rendering.worker_process import Failure
 
 GEOMS = 2_000  # room in the scene to begin with; it grows
 DECORATION = mujoco.mjtCatBit.mjCAT_DECOR.value
-DEPTH = Form("R32F", "DEPTH", 1, np.float32)
-SEGMENTS = Form("RGB8", "SEGMENTATION_BY_ID", 3, np.uint8)
+DEPTH = PixelFormat("R32F", "DEPTH", 1, np.float32)
+SEGMENTS = PixelFormat("RGB8", "SEGMENTATION_BY_ID", 3, np.uint8)
 
 
 def serve(descriptor: str) -> None:
     """Answers until the other end of the connection behind `descriptor` is closed."""
-    drawing: Drawing | None = None
+    drawing: FilamentDrawing | None = None
     with contextlib.suppress(EOFError, ConnectionError), Connection(int(descriptor)) as connection:
         while True:
             name, arguments = connection.recv()
@@ -40,7 +40,7 @@ def serve(descriptor: str) -> None:
             try:
                 with collected_warnings() as texts:
                     if name == "open":
-                        drawing = Drawing(*arguments)
+                        drawing = FilamentDrawing(*arguments)
                     else:
                         answer = getattr(drawing, name)(*arguments)
             except Exception as error:
@@ -48,8 +48,8 @@ def serve(descriptor: str) -> None:
             connection.send((answer, failure, texts))
 
 
-class Drawing:
-    """Looks at states of one model, and draws them; as `FilamentRenderer`, which says what is what."""
+class FilamentDrawing:
+    """Draws states of one model; methods and arguments are those of `FilamentRenderer`."""
 
     def __init__(
         self,
@@ -57,10 +57,10 @@ class Drawing:
         size: tuple[int, int],
         visual: Visual,
         segmentation: Segmentation | None,
-        decors: Sequence[Decoration],
+        decorations: Sequence[Decoration],
     ) -> None:
         self._model, self._size, self._samples = model, size, visual.samples
-        self._segmentation, self._decors = segmentation, decors
+        self._segmentation, self._decors = segmentation, decorations
         self._data = mujoco.MjData(model)
         self._index = 0
         self._scene = mujoco.MjvScene(model, GEOMS)
@@ -68,12 +68,14 @@ class Drawing:
         visual.set_flags(self._scene)
         self._wanted = flags(self._options, self._scene)
         mode = next((mode for name, (value, mode) in MODES.items() if self._wanted[name] == value), "DEFAULT")
-        self._colors = Form("RGB8", mode, 3, np.uint8)
-        self._stage = Stage(model, self._options)
+        self._colors = PixelFormat("RGB8", mode, 3, np.uint8)
+        self._filament_scene = FilamentScene(model, self._options)
         mujoco.mjv_updateCamera(model, self._data, mujoco.MjvCamera(), self._scene)
         self._pose = pose_of(self._scene)  # from anywhere
         self._update_scene()
-        self._stage.hide_all_but({(geom.objtype, geom.objid) for geom in self._scene.geoms[: self._scene.ngeom]})
+        self._filament_scene.hide_all_but(
+            {(geom.objtype, geom.objid) for geom in self._scene.geoms[: self._scene.ngeom]}
+        )
 
     def look(self, state: np.ndarray, index: int) -> None:
         restore(self._model, self._data, state)
@@ -82,7 +84,7 @@ class Drawing:
         except mujoco.FatalError as error:
             raise DrawError(f"MuJoCo failed at time {self._data.time:.9g} s: {error}") from error
         self._index = index
-        self._stage.update(self._data)
+        self._filament_scene.update(self._data)
 
     def picture(self, pose: Pose, views: Sequence[str]) -> RenderedView:
         """What is seen, without a legend."""
@@ -92,10 +94,10 @@ class Drawing:
         if "depth" in views or "seg" in views:
             seen = self._exact(seen, views)
         if "rgb" in views:
-            for decor in self._decors:
-                decor.add(self._scene, self._index)
+            for decoration in self._decors:
+                decoration.add(self._scene, self._index)
             geoms = self._scene.geoms[: self._scene.ngeom]
-            self._stage.decorate(geom for geom in geoms if geom.category == DECORATION)
+            self._filament_scene.decorate(geom for geom in geoms if geom.category == DECORATION)
             seen = replace(seen, rgb=self._shown(shadows=True))
         return seen
 
@@ -106,17 +108,19 @@ class Drawing:
         return time.perf_counter() - start
 
     def _update_scene(self) -> None:
-        room = sum(decor.geoms for decor in self._decors)
+        room = sum(decoration.geoms for decoration in self._decors)
         self._scene = updated_scene(self._model, self._data, self._options, self._pose, self._scene, room)
 
     def _exact(self, seen: RenderedView, views: Sequence[str]) -> RenderedView:
         """Depth and ids. Segments have no far plane, so depth says where it is."""
-        depth = _metres(self._stage.draw(self._size, self._pose, DEPTH)[:, :, 0], self._pose.frustum)
+        depth = _metres(self._filament_scene.draw(self._size, self._pose, DEPTH)[:, :, 0], self._pose.frustum)
         if "depth" in views:
             seen = replace(seen, depth=depth)
         if "seg" in views:
             assert self._segmentation
-            segments = self._stage.draw(self._size, self._pose, SEGMENTS) @ np.array([1, 2**8, 2**16], np.int32)
+            segments = self._filament_scene.draw(self._size, self._pose, SEGMENTS) @ np.array(
+                [1, 2**8, 2**16], np.int32
+            )
             seen = replace(seen, ids=np.where(np.isfinite(depth), self._ids(self._segmentation)[segments], NOTHING))
         return seen
 
@@ -133,7 +137,7 @@ class Drawing:
 
     def _shown(self, shadows: bool) -> np.ndarray:
         (width, height), n = self._size, self._samples
-        pixels = self._stage.draw(
+        pixels = self._filament_scene.draw(
             (n * width, n * height),
             self._pose,
             self._colors,

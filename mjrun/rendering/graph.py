@@ -8,7 +8,7 @@ import numpy as np
 from PIL import Image, ImageDraw
 
 from mjrun.rendering.colormaps import figures, segmentation_palette, ticks
-from mjrun.rendering.layout import GROUND
+from mjrun.rendering.layout import BACKGROUND
 from mjrun.rendering.text import INK, LINE, baseline, blend, crisp, fitted, letters, rounded, width_of, write
 
 SIDES = ("under", "beside")
@@ -149,7 +149,7 @@ class Graph:
 
     def _dot(self, image: np.ndarray, x: float, y: float, colour: tuple[int, int, int]) -> None:
         """A disc centred at `x`, `y`, ringed with the ground."""
-        for radius, tint in ((0.44 * self._em, GROUND), (0.3 * self._em, colour)):
+        for radius, tint in ((0.44 * self._em, BACKGROUND), (0.3 * self._em, colour)):
             reach = math.ceil(radius) + 1
             column, row = math.floor(x) - reach, math.floor(y) - reach
             v, u = np.mgrid[: 2 * reach + 1, : 2 * reach + 1] + 0.5
@@ -217,7 +217,7 @@ class Graph:
     def _ground(self, size: tuple[int, int]) -> np.ndarray:
         """Everything that does not change: the grid, its marks, and the names."""
         em, (left, top, right, bottom), (first, last) = self._em, self.axes.box, self.axes.times
-        image = np.full((size[1], size[0], 3), GROUND, np.uint8)
+        image = np.full((size[1], size[0], 3), BACKGROUND, np.uint8)
         hair = max(1, round(em / 16))
         for mark, text in zip(self._marks, self._labels, strict=True):
             y = round(float(self.axes.y(mark)) - hair / 2)

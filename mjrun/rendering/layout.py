@@ -1,4 +1,4 @@
-"""Several pictures of one size side by side, as one."""
+"""The layout of several images of one size in one."""
 
 import math
 from collections.abc import Sequence
@@ -9,8 +9,8 @@ from mjrun.errors import UnknownNameError
 from mjrun.rendering.text import stamp
 
 LAYOUTS = ("row", "column", "grid")
-GROUND = (24, 25, 28)  # between pictures, and where a grid has none
-SHAPE = 16 / 9  # width to height that a grid comes near to, without leaving many places empty
+BACKGROUND = (24, 25, 28)  # between pictures, and where a grid has none
+ASPECT = 16 / 9  # width to height that a grid aims at, without leaving many cells empty
 
 
 def gap(height: int) -> int:
@@ -33,7 +33,7 @@ def columns(count: int, size: tuple[int, int], layout: str = "row") -> int:
     for across in range(1, count + 1):
         width, height = _extent(count, size, across)
         taken = -(-count // across) * across
-        costs[across] = round(abs(math.log(width / height / SHAPE)) + 1.5 * math.log(taken / count), 2), taken, -across
+        costs[across] = round(abs(math.log(width / height / ASPECT)) + 1.5 * math.log(taken / count), 2), taken, -across
     return min(costs, key=lambda across: costs[across])
 
 
@@ -63,7 +63,7 @@ def compose(pictures: Sequence[np.ndarray], layout: str = "row", labels: Sequenc
     total = layout_size(count, size, layout)
     whole = np.empty((total[1], total[0], 3), np.uint8)
     if math.prod(total) > count * width * height:
-        whole[:] = GROUND
+        whole[:] = BACKGROUND
     for picture, label, (x, y) in zip(pictures, labels or [""] * count, places(count, size, layout), strict=True):
         if picture.shape != pictures[0].shape:
             raise ValueError(f"pictures of one size are composed, not {picture.shape} with {pictures[0].shape}")

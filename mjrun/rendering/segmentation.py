@@ -71,6 +71,6 @@ def _skin_body(model: mujoco.MjModel) -> Callable[[int], int]:
     return lambda i: int(model.skin_bonebodyid[model.skin_boneadr[i]]) if model.skin_bonenum[i] else NOTHING
 
 
-def grouping() -> Sequence[str]:
+def groupings() -> Sequence[str]:
     """What a segmentation can tell apart."""
     return ("object", *DRAWN[:-1], "body", "root-body")

@@ -1,4 +1,4 @@
-"""Renderers that tell what each part of a picture cost."""
+"""Renderers that measure what each part of drawing an image costs."""
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -10,7 +10,7 @@ import numpy as np
 from mjrun.camera.pose import Pose
 from mjrun.model.rendered_view import RenderedView
 from mjrun.rendering.classic import ClassicRenderer
-from mjrun.rendering.exact_framebuffer import ExactBuffer
+from mjrun.rendering.exact_framebuffer import ExactFramebuffer
 from mjrun.rendering.filament import FilamentRenderer
 
 Clock = Callable[[], float]
@@ -83,7 +83,7 @@ class TimedClassicRenderer(ClassicRenderer):
         return super()._exact(seen, pose, views)
 
 
-class _TimedBuffer(ExactBuffer):
+class _TimedBuffer(ExactFramebuffer):
     def __init__(self, size: tuple[int, int], watch: Stopwatch) -> None:
         super().__init__(size)
         self._gl, self._watch = _TimedReading(self._gl, watch), watch

@@ -32,7 +32,7 @@ from mjrun.job.trace import Trace
 from mjrun.job.video import Video
 from mjrun.model.override import Override
 from mjrun.model.sources.file import FileSource
-from mjrun.rendering.segmentation import grouping
+from mjrun.rendering.segmentation import groupings
 from mjrun.rendering.text import CORNERS
 from mjrun.rendering.visual import flags
 from mjrun.timeline import rational
@@ -238,7 +238,7 @@ drawings: dict[str, st.SearchStrategy[Any]] = {
     "captions": st.booleans(),
     "style": st.sampled_from([None, "color", "exact"]),
     "depth_range": maybe(st.tuples(st.floats(0, 1), st.floats(2, 3))),
-    "seg_by": st.sampled_from([*grouping()]),
+    "seg_by": st.sampled_from([*groupings()]),
     "trail": several(texts),
     "trail_span": maybe(exacts),
     "ghost": several(ghosts),

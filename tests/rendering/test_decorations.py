@@ -68,9 +68,9 @@ def scene_of(state: np.ndarray, room: int = 2000, visual: Visual | None = None) 
     return scene
 
 
-def added(decor: Decoration, index: int, room: int = 2000) -> list[mujoco.MjvGeom]:
+def added(decoration: Decoration, index: int, room: int = 2000) -> list[mujoco.MjvGeom]:
     scene = mujoco.MjvScene(MODEL, room)
-    decor.add(scene, index)
+    decoration.add(scene, index)
     return list(scene.geoms[: scene.ngeom])
 
 
@@ -347,10 +347,10 @@ def test_decor_is_seen_in_colour_and_not_in_depth_or_segmentation(make: Callable
     mujoco.mj_forward(MODEL, data)
     with mujoco.Renderer(MODEL, 48, 64) as renderer:
         views = []
-        for decors in ([], [make()]):
+        for decorations in ([], [make()]):
             renderer.update_scene(data)
-            for decor in decors:
-                decor.add(renderer.scene, 20)
+            for decoration in decorations:
+                decoration.add(renderer.scene, 20)
             color = renderer.render()
             renderer.enable_segmentation_rendering()
             ids = renderer.render()
@@ -366,10 +366,10 @@ def test_decor_is_seen_in_colour_and_not_in_depth_or_segmentation(make: Callable
 
 @pytest.mark.parametrize("make", DECORS)
 def test_decor_can_be_sent_to_another_process(make: Callable[[], Decoration]) -> None:
-    decor = make()
-    copy = pickle.loads(pickle.dumps(decor))
+    decoration = make()
+    copy = pickle.loads(pickle.dumps(decoration))
     scenes = [scene_of(recorded(1)[0]) for _ in range(2)]
-    for scene, each in zip(scenes, (decor, copy), strict=True):
+    for scene, each in zip(scenes, (decoration, copy), strict=True):
         each.add(scene, 20)
     mine, theirs = ([shape(geom) for geom in scene.geoms[: scene.ngeom]] for scene in scenes)
     assert mine == theirs

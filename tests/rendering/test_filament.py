@@ -373,19 +373,19 @@ def test_reflections_that_are_left_out_are_told(shape: str, told: bool) -> None:
 MIRROR = """
 import mujoco, numpy as np
 from mjrun.camera.motion import CameraMotion
-from mjrun.rendering.filament_worker import Form
+from mjrun.rendering.filament_scene import FilamentScene, PixelFormat
 from mjrun.camera.argument import parse_camera
-from mjrun.rendering.filament_scene import Stage
 from mjrun.model.state import save
 model = mujoco.MjModel.from_xml_string('''<mujoco><asset><material name="mirror" reflectance=".8"/></asset><worldbody>
   <light pos="0 0 4" castshadow="false"/><geom type="plane" size="3 3 .1" material="mirror"/>
   <geom size=".2" pos="-.5 0 1" rgba="1 0 0 1"/><camera pos="0 -2 3" xyaxes="1 0 0 0 .83 .55"/></worldbody></mujoco>''')
 data = mujoco.MjData(model)
 mujoco.mj_forward(model, data)
-stage = Stage(model, mujoco.MjvOption())
+scene = FilamentScene(model, mujoco.MjvOption())
 seen = CameraMotion(parse_camera("0", model), model, (96, 64)).pose(save(model, data))
-stage.update(data)
-shown = [stage.draw((96, 64), seen, Form("RGB8", "DEFAULT", 3, np.uint8), reflections=on).astype(int) for on in (0, 1)]
+scene.update(data)
+colours = PixelFormat("RGB8", "DEFAULT", 3, np.uint8)
+shown = [scene.draw((96, 64), seen, colours, reflections=on).astype(int) for on in (0, 1)]
 print("row", np.nonzero(np.abs(shown[0] - shown[1]).max(axis=2) > 20)[0].mean())
 """
 

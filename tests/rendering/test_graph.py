@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from mjrun.rendering import graph
 from mjrun.rendering.colormaps import oklab
 from mjrun.rendering.graph import SERIES, SIDES, Graph, aligned, graph_size
-from mjrun.rendering.layout import GROUND
+from mjrun.rendering.layout import BACKGROUND
 
 SIZE = (480, 140)
 TIMES = np.linspace(0, 4, 401)
@@ -43,10 +43,10 @@ def test_the_head_is_where_the_axes_say(size: tuple[int, int], time: float) -> N
 
 def test_the_head_is_centred_to_a_fraction_of_a_pixel() -> None:
     graph = Graph(np.array([0.0, 1, 2]), np.array([[np.nan], [0.3], [np.nan]]), ["a"], [""], (640, 160))
-    graph._later[:] = graph._now[:] = GROUND  # without the curve, a dot too
+    graph._later[:] = graph._now[:] = BACKGROUND  # without the curve, a dot too
     left, top, right, bottom = graph.axes.box
     x, y = float(graph.axes.x(1)), float(graph.axes.y(0.3))
-    share = (graph.draw(1)[top:bottom, left:right, 2].astype(float) - GROUND[2]) / (SERIES[0][2] - GROUND[2])
+    share = (graph.draw(1)[top:bottom, left:right, 2].astype(float) - BACKGROUND[2]) / (SERIES[0][2] - BACKGROUND[2])
     share[:, np.abs(np.arange(left, right) + 0.5 - x) > 6] = 0
     share[np.abs(np.arange(top, bottom) + 0.5 - y) > 6] = 0
     v, u = np.mgrid[top:bottom, left:right] + 0.5
@@ -73,7 +73,7 @@ def test_the_curve_is_bright_up_to_the_time_and_faint_after(time: float) -> None
         if abs(instant - time) < 0.15:
             continue
         around = image[round(y) - 2 : round(y) + 3, math.floor(x)].astype(int)
-        most = np.abs(around - GROUND).max()
+        most = np.abs(around - BACKGROUND).max()
         assert (most > 170) == (instant < time)
         assert most > 30
 
@@ -135,7 +135,7 @@ def test_a_spike_of_one_sample_in_a_million_is_drawn() -> None:
     graph = Graph(times, values, ["a"], [""], SIZE)
     image = graph.draw(10.0)
     x, y = math.floor(float(graph.axes.x(4.2))), float(graph.axes.y(9.0))
-    column = np.abs(image[round(y) : round(float(graph.axes.y(2.0))), x - 1 : x + 2].astype(int) - GROUND).max(
+    column = np.abs(image[round(y) : round(float(graph.axes.y(2.0))), x - 1 : x + 2].astype(int) - BACKGROUND).max(
         axis=(1, 2)
     )
     assert column.min() > 60
@@ -186,7 +186,7 @@ def test_names_that_do_not_fit_lose_their_units_then_their_first_parts() -> None
 
 
 def test_colours_of_series_can_be_told_apart_on_the_ground() -> None:
-    colours = oklab(np.array([*SERIES, GROUND]))
+    colours = oklab(np.array([*SERIES, BACKGROUND]))
     assert min(np.linalg.norm(a - b) for a, b in combinations(colours, 2)) > 0.1
     assert min(np.linalg.norm(a - colours[-1]) for a in colours[:-1]) > 0.4
 

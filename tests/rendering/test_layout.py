@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from mjrun.errors import UnknownNameError
-from mjrun.rendering.layout import GROUND, LAYOUTS, columns, compose, gap, layout_size, places
+from mjrun.rendering.layout import BACKGROUND, LAYOUTS, columns, compose, gap, layout_size, places
 from mjrun.rendering.text import stamp
 
 layouts = st.sampled_from(LAYOUTS)
@@ -32,8 +32,8 @@ def test_every_picture_is_in_its_place_and_nothing_else_is_there(
     for picture, (x, y) in zip(pictures, places(count, size, layout), strict=True):
         panel = whole[y : y + size[1], x : x + size[0]]
         assert np.array_equal(panel, picture)
-        panel[:] = GROUND
-    assert (whole == GROUND).all()
+        panel[:] = BACKGROUND
+    assert (whole == BACKGROUND).all()
 
 
 def test_rows_and_columns_are_what_they_are_called() -> None:
