@@ -32,13 +32,13 @@ from mjrun.model.sources import is_file
 from mjrun.options import kinds as option_kinds
 from mjrun.options.kinds import ExpectedError, Kind, setting_text
 from mjrun.options.option import Option, Options, Place, exclusions_of, options_of
-from mjrun.rendering.segmentation import grouping
+from mjrun.rendering.segmentation import groupings
 from mjrun.rendering.visual import Visual, flags, frames, labels
 
 # The names of a kind that there are, for editors, and what refuses others.
 NAMES: dict[str, tuple[Callable[[], list[str]], Callable[[str], object]]] = {
     "visual flag": (flags, lambda name: Visual(show=[name])),
-    "segmentation": (lambda: [*grouping()], check_segmentation_name),
+    "segmentation": (lambda: [*groupings()], check_segmentation_name),
     "frame": (frames, lambda name: Visual(frame=name)),
     "label": (labels, lambda name: Visual(label=name)),
 }
