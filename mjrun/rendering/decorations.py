@@ -32,7 +32,7 @@ SHARED = (mujoco.mjtGeom.mjGEOM_FLEX.value, mujoco.mjtGeom.mjGEOM_SKIN.value)  #
 
 
 class Decoration(Protocol):
-    """Anything that adds geoms to a scene. Picklable until it has added some."""
+    """Anything that adds geoms to a scene. Picklable, also after it has added some."""
 
     @property
     def geoms(self) -> int:
@@ -165,6 +165,11 @@ class Ghost:
         self.visual = visual or Visual()
         self._offset, self._tint = np.array(offset), np.array(tint)
         self._data: mujoco.MjData | None = None
+        self._options: mujoco.MjvOption | None = None
+
+    def __getstate__(self) -> dict[str, object]:
+        """Leaves out MuJoCo's structures, one of which cannot be pickled: `add` makes them again."""
+        return {**vars(self), "_data": None, "_options": None}
 
     @property
     def geoms(self) -> int:
@@ -200,18 +205,25 @@ class Ghost:
 
     def _pose(self, scene: mujoco.MjvScene, state: np.ndarray) -> None:
         """Adds what the model would show and can move in another state."""
-        if self._data is None:
-            self._data = mujoco.MjData(self.model)
-            self._options = self.visual.options()
-            self._options.frame, self._options.label = mujoco.mjtFrame.mjFRAME_NONE, mujoco.mjtLabel.mjLABEL_NONE
-            for flag, value in enum_members(mujoco.mjtVisFlag).items():
-                if flag.startswith(("flex", "skin")):
-                    self._options.flags[value] = 0
-        restore(self.model, self._data, state)
-        mujoco.mj_kinematics(self.model, self._data)
-        mujoco.mj_comPos(self.model, self._data)
-        mujoco.mj_tendon(self.model, self._data)
-        mujoco.mjv_addGeoms(self.model, self._data, self._options, mujoco.MjvPerturb(), DYNAMIC, scene)
+        self._data = data = self._data or mujoco.MjData(self.model)
+        self._options = options = self._options or _ghost_options(self.visual)
+
+        restore(self.model, data, state)
+        mujoco.mj_kinematics(self.model, data)
+        mujoco.mj_comPos(self.model, data)
+        mujoco.mj_tendon(self.model, data)
+
+        mujoco.mjv_addGeoms(self.model, data, options, mujoco.MjvPerturb(), DYNAMIC, scene)
+
+
+def _ghost_options(visual: Visual) -> mujoco.MjvOption:
+    """What a ghost shows: the groups and flags of `visual`, without frames, labels, flexes and skins."""
+    options = visual.options()
+    options.frame, options.label = mujoco.mjtFrame.mjFRAME_NONE, mujoco.mjtLabel.mjLABEL_NONE
+    for flag, value in enum_members(mujoco.mjtVisFlag).items():
+        if flag.startswith(("flex", "skin")):
+            options.flags[value] = 0
+    return options
 
 
 def trails(

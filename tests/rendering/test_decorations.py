@@ -365,8 +365,13 @@ def test_decor_is_seen_in_colour_and_not_in_depth_or_segmentation(make: Callable
 
 
 @pytest.mark.parametrize("make", DECORS)
-def test_decor_can_be_sent_to_another_process(make: Callable[[], Decoration]) -> None:
+@pytest.mark.parametrize("used", [False, True])
+def test_decor_can_be_sent_to_another_process_before_and_after_it_has_drawn(
+    make: Callable[[], Decoration], used: bool
+) -> None:
     decoration = make()
+    if used:
+        decoration.add(scene_of(recorded(1)[0]), 0)
     copy = pickle.loads(pickle.dumps(decoration))
     scenes = [scene_of(recorded(1)[0]) for _ in range(2)]
     for scene, each in zip(scenes, (decoration, copy), strict=True):
