@@ -270,7 +270,10 @@ class Bench(BenchOptions):
         )
         facts = origin(self, simulation, model, simulation.timeline(model))
         return BenchResult(
-            **{name: facts[name] for name in ("mjrun", "mujoco", "numpy", "python")},
+            mjrun=facts["mjrun"],
+            mujoco=facts["mujoco"],
+            numpy=facts["numpy"],
+            python=facts["python"],
             command=self.command,
             machine=machine,
             load_after=None,

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from functools import cached_property
 from json import dumps
 from pathlib import Path
-from typing import Any
 
 import mujoco
 
@@ -18,8 +17,9 @@ from mjrun.errors import clean, concerning
 from mjrun.job.calibration import Calibration
 from mjrun.job.frame_schedule import FrameSchedule
 from mjrun.job.overlay_probes import FrameValues, OverlayProbes, empty_overlay, overlay_probes
-from mjrun.job.panels import PanelFile, camera_names, frame_size
+from mjrun.job.panels import PanelFile, camera_names, frame_size, unused_options
 from mjrun.job.scene_decorations import SceneDecorations, scene_decorations
+from mjrun.job.shared_rendering import RendererChoice, SharedRendering
 from mjrun.job.task import Context
 from mjrun.job.view import RENDERERS, visual_of
 from mjrun.options.view import ViewOptions
@@ -29,7 +29,7 @@ from mjrun.rendering.compositor import FrameStream, Overlay, SceneCompositor
 from mjrun.rendering.decorations import Decoration
 from mjrun.rendering.filament import check_segmentation, check_visual, omissions
 from mjrun.rendering.segmentation import Segmentation
-from mjrun.sim.observe import Tap
+from mjrun.sim.observe import AnyTap, Tap
 from mjrun.sim.state_buffer import StateBuffer
 from mjrun.timeline import Timeline
 
@@ -59,6 +59,20 @@ class DrawingPlan:
     def enable_flags(self) -> int:
         """Flags of MuJoCo's that must be set for what is measured."""
         return self.probes.model.opt.enableflags
+
+    def backend(self, rendering: SharedRendering, files: Sequence[PanelFile], plots: Sequence[str] = ()) -> Backend:
+        """What draws; warns of what it leaves out, and of options that files of numbers have no room for.
+
+        Raises:
+          RendererError: nothing can draw here.
+          UsageError: the backend cannot draw this, or not that large.
+        """
+        options, reporter = self.options, self.context.reporter
+        backend = rendering.backend(RendererChoice.of(options))
+        warnings = check_drawing(options, self.context.model, backend)
+        for text in [*warnings, *(unused_options(options, plots) if all(file.exact for file in files) else [])]:
+            reporter.warn(text)
+        return backend
 
     def calibration(self, files: Sequence[PanelFile], numbers: bool, stack: ExitStack) -> Calibration | None:
         """The open calibration file, if one is asked for; `numbers` says whether depth is in 16-bit pictures."""
@@ -122,11 +136,11 @@ class FrameRecorder:
         self._values: list[FrameValues] = []
 
     @property
-    def taps(self) -> Sequence[Tap[Any]]:
+    def taps(self) -> Sequence[AnyTap]:
         """Take the states and values while the simulation runs."""
         plan, frames = self._plan, self._schedule.steps
         trail_steps = plan.decorations.trail_steps(self._observed)
-        taps: list[Tap[Any]] = [
+        taps: list[AnyTap] = [
             Tap(frames, lambda stepper: stepper.state(), self.states.append),
             Tap(trail_steps, lambda stepper: stepper.state(), self._trail_states.append),
         ]
@@ -208,10 +222,10 @@ def check_drawing(options: ViewOptions, model: mujoco.MjModel, backend: Backend)
     return omissions(model, visual_of(options))
 
 
-def metadata_tags(path: str | None, facts: Mapping[str, Any]) -> dict[str, str]:
+def metadata_tags(path: str | None, facts: Mapping[str, object]) -> dict[str, str]:
     """What is embedded in a video or picture: its title, what made it, and all `facts` about it as JSON."""
     made_by = [f"mjrun {facts['mjrun']}", f"MuJoCo {facts['mujoco']}"]
     if "renderer" in facts:
-        made_by.append(facts["renderer"])
+        made_by.append(str(facts["renderer"]))
     title = {} if path is None else {"title": Path(path).stem}
     return {**title, "comment": clean(", ".join(made_by)), "description": dumps(facts)}

@@ -10,7 +10,7 @@ from mjrun.camera.script import Event
 from mjrun.errors import UsageError, quoted
 from mjrun.job.trace_rows import TraceTable
 from mjrun.probe.event import RisingEdgeDetector, condition
-from mjrun.sim.observe import Tap
+from mjrun.sim.observe import AnyTap, Tap
 from mjrun.sim.replay import ReplayStepper
 from mjrun.sim.state_buffer import StateBuffer
 from mjrun.sim.stepper import Stepper
@@ -30,7 +30,7 @@ class EventDetector:
         self._timeline = timeline
         self._states = StateBuffer(model)
 
-    def taps(self, until: int) -> list[Tap]:
+    def taps(self, until: int) -> list[AnyTap]:
         """What it takes from the simulation up to step `until`."""
         every = range(until + 1)
         return [

@@ -6,7 +6,6 @@ from dataclasses import dataclass, field, replace
 from fractions import Fraction
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 import mujoco
 import numpy as np
@@ -17,12 +16,12 @@ from mjrun.formats.image_format import image_format
 from mjrun.formats.image_writer import ImageWriter
 from mjrun.formats.pointcloud import PointCloudWriter
 from mjrun.job.calibration import Calibration
-from mjrun.job.drawing import DrawingPlan, FrameRecorder, check_drawing, metadata_tags, plan_drawing
+from mjrun.job.drawing import DrawingPlan, FrameRecorder, metadata_tags, plan_drawing
 from mjrun.job.event_detection import conditions, time_of
 from mjrun.job.frame_schedule import FrameSchedule, image_schedule, shot_events
 from mjrun.job.manifest import origin
 from mjrun.job.output_files import named_files
-from mjrun.job.panels import PanelFile, camera_names, output_files, panel_files, unused_options
+from mjrun.job.panels import PanelFile, camera_names, output_files, panel_files
 from mjrun.job.perform import perform
 from mjrun.job.shared_rendering import RendererChoice, SharedRendering
 from mjrun.job.task import Artifact, Context, EventSteps, Job, Output, OutputResult, PassSummary, Preview
@@ -179,13 +178,7 @@ class ImagePlan:
 
     def open(self, stack: ExitStack, rendering: SharedRendering) -> "ImageOutput | OpenImage":
         task, job, context = self.task, self.task.job, self.drawing.context
-        backend = rendering.backend(task.renderer)
-        for text in check_drawing(job, context.model, backend):
-            context.reporter.warn(text)
-        if all(file.exact for file in task.files):
-            for text in unused_options(job):
-                context.reporter.warn(text)
-
+        backend = self.drawing.backend(rendering, task.files)
         timeline = context.timeline if self.schedule is None else self.observed(self.schedule)
         facts = {**origin(job, job.simulation, context.model, timeline), "renderer": backend.renderer}
         writers: list[ImageWriter] = []
@@ -216,7 +209,7 @@ class OpenImage:
 
     plan: ImagePlan
     backend: Backend
-    facts: Mapping[str, Any]
+    facts: Mapping[str, object]
     writers: Sequence[ImageWriter]
     calibration: Calibration | None
     pointcloud: PointCloudWriter | None

@@ -4,7 +4,7 @@ import dataclasses
 import platform
 from collections.abc import Mapping, Sequence
 from fractions import Fraction
-from typing import Any
+from typing import TYPE_CHECKING, TypedDict, cast
 
 import mujoco
 import numpy as np
@@ -14,20 +14,46 @@ from mjrun.model.fingerprint import model_fingerprint
 from mjrun.timeline import Timeline
 from mjrun.version import __version__
 
+if TYPE_CHECKING:
+    from _typeshed import DataclassInstance
 
-def origin(job: Any, simulation: Simulation, model: mujoco.MjModel, timeline: Timeline) -> dict[str, Any]:
+
+class ModelOrigin(TypedDict):
+    """Where a model comes from, and the fingerprint of its compiled form."""
+
+    path: str
+    sha256: str
+
+
+class Origin(TypedDict):
+    """What makes an output."""
+
+    mjrun: str
+    mujoco: str
+    numpy: str
+    python: str
+    machine: str
+    command: str
+    model: ModelOrigin
+    options: dict[str, object]
+    seed: int
+    timestep: float
+    steps: int
+
+
+def origin(job: "DataclassInstance", simulation: Simulation, model: mujoco.MjModel, timeline: Timeline) -> Origin:
     """What makes the outputs of `job`, a dataclass, as far as it is known beforehand; plain values, for JSON.
 
     The model's fingerprint is that of its compiled form, with all its assets and overrides.
     """
-    options = plain(job)
+    options = {field.name: plain(getattr(job, field.name)) for field in dataclasses.fields(job)}
     return {
         "mjrun": __version__,
         "mujoco": mujoco.mj_versionString(),
         "numpy": np.__version__,
         "python": platform.python_version(),
         "machine": f"{platform.system()} {platform.machine()}",
-        "command": options.pop("command", ""),
+        "command": str(options.pop("command", "")),
         "model": {"path": simulation.source.text, "sha256": model_fingerprint(model)},
         "options": options,
         "seed": simulation.seed,
@@ -36,20 +62,21 @@ def origin(job: Any, simulation: Simulation, model: mujoco.MjModel, timeline: Ti
     }
 
 
-def plain(value: Any) -> Any:
+def plain(value: object) -> object:
     """`value` as JSON holds it: dataclasses by field, exact numbers as they print, code by its name."""
     if isinstance(value, mujoco.MjModel):
         return "a compiled model"
     if dataclasses.is_dataclass(value) and not isinstance(value, type):
         return {field.name: plain(getattr(value, field.name)) for field in dataclasses.fields(value)}
     if isinstance(value, Mapping):
-        return {str(key): plain(item) for key, item in value.items()}
+        items = cast(Mapping[object, object], value)
+        return {str(key): plain(item) for key, item in items.items()}
     if isinstance(value, Fraction):
         return float(value)
     if isinstance(value, (str, int, float, type(None))):
         return value
     if isinstance(value, Sequence):
-        return [plain(item) for item in value]
+        return [plain(item) for item in cast(Sequence[object], value)]
     if isinstance(value, (np.ndarray, np.generic)):
-        return value.tolist()
+        return cast(object, value.tolist())
     return getattr(value, "__qualname__", None) or str(value)

@@ -2,12 +2,12 @@
 
 import copy
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Generator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import asdict, dataclass
 from functools import partial
 from types import TracebackType
-from typing import Any, Generic, TypeVar
+from typing import Generic, TypeVar
 
 import mujoco
 
@@ -40,7 +40,7 @@ from mjrun.job.task import (
 )
 from mjrun.model.mujoco_globals import collected_warnings, without_timers
 from mjrun.reporter import QuietReporter, Reporter, pass_on
-from mjrun.sim.observe import Tap, observe
+from mjrun.sim.observe import AnyTap, Tap, observe
 from mjrun.sim.stepper import Stepper
 
 T = TypeVar("T")
@@ -162,7 +162,7 @@ class _Pass(Generic[R]):
         return artifacts
 
     @contextmanager
-    def failing(self, index: int, path: str | None = None) -> Iterator[None]:
+    def failing(self, index: int, path: str | None = None) -> Generator[None]:
         """Notes an error as a failure of this output, or of what belongs to it at `path`."""
         try:
             yield
@@ -228,14 +228,14 @@ class _Pass(Generic[R]):
             self._fail([index], error)
             return None
 
-    def _guarded(self, taps: Sequence[Tap[Any]], indices: Sequence[int]) -> list[Tap[Stepper]]:
+    def _guarded(self, taps: Sequence[AnyTap], indices: Sequence[int]) -> list[AnyTap]:
         """`taps` whose first error fails the outputs with these indices, and ends them alone."""
 
-        def take(tap: Tap[Any], stepper: Stepper) -> None:
+        def take(tap: AnyTap, stepper: Stepper) -> None:
             if indices[0] in self.failures:
                 return
             try:
-                tap.write(tap.read(stepper))
+                tap.take(stepper)
             except SimulationError:
                 raise
             except MjrunError as error:

@@ -5,7 +5,6 @@ from contextlib import ExitStack
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -149,7 +148,7 @@ class PlotPlan:
 class PlotOutput(Output[PlotResult]):
     """A plot whose file is open."""
 
-    def __init__(self, plan: PlotPlan, facts: Mapping[str, Any], writer: ImageWriter) -> None:
+    def __init__(self, plan: PlotPlan, facts: Mapping[str, object], writer: ImageWriter) -> None:
         self._plan, self._facts, self._writer = plan, facts, writer
         self._blocks: list[np.ndarray] = []
         self._buffer = RowBuffer(plan.table, plan.steps, lambda block: self._blocks.append(block.values))

@@ -4,7 +4,6 @@ from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 from mjrun.formats.recording_writer import RecordingWriter
 from mjrun.job.manifest import origin
@@ -112,7 +111,7 @@ class RecordingPlan:
 class RecordingOutput(Output[RecordingResult]):
     """A recording whose file is open."""
 
-    def __init__(self, plan: RecordingPlan, facts: Mapping[str, Any], writer: RecordingWriter) -> None:
+    def __init__(self, plan: RecordingPlan, facts: Mapping[str, object], writer: RecordingWriter) -> None:
         self._plan, self._facts, self._writer = plan, facts, writer
         every = range(plan.until + 1)
         self.taps = [Tap(every, lambda stepper: (stepper.step, stepper.state()), lambda row: writer.write(*row))]

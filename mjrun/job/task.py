@@ -10,16 +10,17 @@ from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Generic, Protocol, TypeVar
+from typing import Generic, Protocol, TypeVar
 
 import mujoco
 
+from mjrun.formats.publishing import OutputWriter
 from mjrun.job.shared_rendering import RendererChoice, SharedRendering
 from mjrun.job.simulation import Simulation
 from mjrun.options.option import options
 from mjrun.options.output import OutputOptions
 from mjrun.reporter import Reporter
-from mjrun.sim.observe import Tap, observe
+from mjrun.sim.observe import AnyTap, observe
 from mjrun.sim.stepper import Stepper
 from mjrun.timeline import Timeline
 
@@ -81,18 +82,6 @@ class PassSummary:
     warnings: Sequence[str]
 
 
-class Writer(Protocol):
-    """Writes one output."""
-
-    def finish(self) -> None:
-        """Completes the output and verifies it; it is not in its place yet."""
-        ...
-
-    def publish(self) -> list[Path]:
-        """Moves the output to its place, and returns its files."""
-        ...
-
-
 @dataclass(frozen=True)
 class Artifact(Generic[R_co]):
     """An output that is complete and verified, but not published.
@@ -104,8 +93,8 @@ class Artifact(Generic[R_co]):
       failed_assertions: messages of the assertions that do not hold.
     """
 
-    facts: Mapping[str, Any]
-    writers: Sequence[Writer]
+    facts: Mapping[str, object]
+    writers: Sequence[OutputWriter]
     result: Callable[[Sequence[Path], PassSummary], R_co]
     failed_assertions: Sequence[str] = ()
 
@@ -121,7 +110,7 @@ class Output(ABC, Generic[R_co]):
       taps: what it takes from the simulation.
     """
 
-    taps: Sequence[Tap]
+    taps: Sequence[AnyTap]
 
     def simulate(self, stepper: Stepper, until: int) -> None:
         """Runs the simulation up to step `until` for this output alone."""

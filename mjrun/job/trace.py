@@ -8,7 +8,6 @@ from dataclasses import dataclass
 from fractions import Fraction
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 from mjrun.errors import concerning
 from mjrun.formats.table_writer import TableWriter
@@ -170,7 +169,7 @@ class TraceOutput(Output[TraceResult]):
     """A trace whose files are open."""
 
     def __init__(
-        self, plan: TracePlan, facts: Mapping[str, Any], writer: TableWriter, contacts: TableWriter | None
+        self, plan: TracePlan, facts: Mapping[str, object], writer: TableWriter, contacts: TableWriter | None
     ) -> None:
         self._plan, self._facts, self._writer, self._contacts = plan, facts, writer, contacts
         self._checkers = [assertion.checker() for assertion in plan.assertions]

@@ -8,7 +8,6 @@ from fractions import Fraction
 from functools import partial
 from math import prod
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -17,12 +16,12 @@ from mjrun.formats.codecs import Encoding, encoding
 from mjrun.formats.labels import LabelsWriter
 from mjrun.formats.video_writer import VideoWriter
 from mjrun.job.calibration import Calibration
-from mjrun.job.drawing import DrawingPlan, FrameRecorder, check_drawing, metadata_tags, plan_drawing
+from mjrun.job.drawing import DrawingPlan, FrameRecorder, metadata_tags, plan_drawing
 from mjrun.job.event_detection import conditions
 from mjrun.job.frame_drawing import FrameDrawer
 from mjrun.job.frame_schedule import FrameSchedule, shot_events, video_schedule
 from mjrun.job.manifest import origin
-from mjrun.job.panels import PanelFile, camera_names, output_files, panel_files, panels_of, unused_options
+from mjrun.job.panels import PanelFile, camera_names, output_files, panel_files, panels_of
 from mjrun.job.perform import perform
 from mjrun.job.shared_rendering import RendererChoice, SharedRendering
 from mjrun.job.task import Artifact, Context, EventSteps, Job, Output, OutputResult, PassSummary, Preview
@@ -183,13 +182,7 @@ class VideoPlan:
 
     def open(self, stack: ExitStack, rendering: SharedRendering) -> "VideoOutput | OpenVideo":
         task, job, context = self.task, self.task.job, self.drawing.context
-        backend = rendering.backend(task.renderer)
-        for text in check_drawing(job, context.model, backend):
-            context.reporter.warn(text)
-        if all(file.exact for file in task.files):
-            for text in unused_options(job, job.plot):
-                context.reporter.warn(text)
-
+        backend = self.drawing.backend(rendering, task.files, job.plot)
         known = {} if self.schedule is None else {"frames": len(self.schedule.steps)}
         facts = {**origin(job, job.simulation, context.model, context.timeline), **known, "renderer": backend.renderer}
         writers, labels = list[VideoWriter](), list[LabelsWriter | None]()
@@ -222,7 +215,7 @@ class OpenVideo:
 
     plan: VideoPlan
     backend: Backend
-    facts: Mapping[str, Any]
+    facts: Mapping[str, object]
     writers: Sequence[VideoWriter]
     labels: Sequence[LabelsWriter | None]
     calibration: Calibration | None

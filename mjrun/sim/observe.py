@@ -5,7 +5,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import groupby, takewhile
 from operator import itemgetter
-from typing import Generic, TypeVar
+from typing import Generic, Protocol, TypeVar
 
 from mjrun.sim.stepper import Stepper
 
@@ -26,8 +26,21 @@ class Tap(Generic[T]):
     read: Callable[[Stepper], T]
     write: Callable[[T], object]
 
+    def take(self, stepper: Stepper) -> None:
+        """Reads from the stepper, and writes."""
+        self.write(self.read(stepper))
 
-def observe(stepper: Stepper, taps: Sequence[Tap], until: int) -> None:
+
+class AnyTap(Protocol):
+    """A tap, whatever it takes."""
+
+    @property
+    def steps(self) -> Sequence[int]: ...
+
+    def take(self, stepper: Stepper) -> None: ...
+
+
+def observe(stepper: Stepper, taps: Sequence[AnyTap], until: int) -> None:
     """Moves `stepper` to step `until`, and serves every tap on the way.
 
     Taps that share a step see the same instant; none sees a step beyond `until`. Observing does not
@@ -40,9 +53,9 @@ def observe(stepper: Stepper, taps: Sequence[Tap], until: int) -> None:
     for step, due in groupby(looks, key=itemgetter(0)):
         stepper.advance(step)
         for _, tap in due:
-            tap.write(tap.read(stepper))
+            tap.take(stepper)
     stepper.advance(until)
 
 
-def _schedule(tap: Tap) -> Iterator[tuple[int, Tap]]:
+def _schedule(tap: AnyTap) -> Iterator[tuple[int, AnyTap]]:
     return ((step, tap) for step in tap.steps)
