@@ -4,7 +4,7 @@ import dataclasses
 import platform
 from collections.abc import Mapping, Sequence
 from fractions import Fraction
-from typing import TYPE_CHECKING, TypedDict, cast
+from typing import TypedDict, cast
 
 import mujoco
 import numpy as np
@@ -13,9 +13,6 @@ from mjrun.job.simulation import Simulation
 from mjrun.model.fingerprint import model_fingerprint
 from mjrun.timeline import Timeline
 from mjrun.version import __version__
-
-if TYPE_CHECKING:
-    from _typeshed import DataclassInstance
 
 
 class ModelOrigin(TypedDict):
@@ -41,12 +38,12 @@ class Origin(TypedDict):
     steps: int
 
 
-def origin(job: "DataclassInstance", simulation: Simulation, model: mujoco.MjModel, timeline: Timeline) -> Origin:
+def origin(job: object, simulation: Simulation, model: mujoco.MjModel, timeline: Timeline) -> Origin:
     """What makes the outputs of `job`, a dataclass, as far as it is known beforehand; plain values, for JSON.
 
     The model's fingerprint is that of its compiled form, with all its assets and overrides.
     """
-    options = {field.name: plain(getattr(job, field.name)) for field in dataclasses.fields(job)}
+    options = cast(dict[str, object], plain(job))
     return {
         "mjrun": __version__,
         "mujoco": mujoco.mj_versionString(),
