@@ -1,6 +1,5 @@
-"""Who draws the frames of a film, and what is told of it."""
+"""Which processes draw the frames of a video, and what the user is warned of."""
 
-import re
 from collections.abc import Callable
 from pathlib import Path
 
@@ -13,54 +12,66 @@ from mjrun.job import frame_drawing, shared_rendering
 from mjrun.job.simulation import Simulation
 from mjrun.job.video import Video, VideoResult
 from mjrun.rendering.backend import Backend
-from mjrun.rendering.visual import Visual
-from mjrun.rendering.workers import Workers
+from mjrun.rendering.compositor import DrawingCosts
+from mjrun.rendering.workers import Pool, Workers
 from mjrun.reporter import QuietReporter
 
 SIZE = (64, 48)
 FRAMES = 6
 
 
-class Listener(QuietReporter):
+class Warnings(QuietReporter):
     """Keeps the warnings."""
 
     def __init__(self) -> None:
-        self.heard: list[str] = []
+        self.texts: list[str] = []
 
     def warn(self, text: str) -> None:
-        self.heard.append(spelled(text))
+        self.texts.append(spelled(text))
 
 
 @pytest.fixture
 def film(swing: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable:
-    """Makes a film on a machine with two cores where a frame is guessed to cost so much, and found to cost so much."""
+    """Makes a video with two cores on which a frame is estimated to cost so much, and then measured to cost so much."""
     monkeypatch.setattr(frame_drawing, "available_cores", lambda: 2)
     monkeypatch.setattr(frame_drawing, "LONG", 0.0)
 
-    def made(guessed: float, found: float, duration: float = 0.2, **options: object) -> tuple[VideoResult, str, list]:
-        monkeypatch.setattr(frame_drawing, "estimated_cost", lambda size, panels: guessed)
-        # A frame takes no time to speak of here, so the measured cost stands in a known proportion to it.
-        monkeypatch.setattr(frame_drawing, "jobs_for", lambda a, s, n, cost, c: jobs(a, s, n, *known(cost), c))
-
-        def known(cost: float) -> tuple[float]:
-            return (guessed if cost == guessed else found,)
-
+    def made(
+        estimated: float, measured: float, draft: float = 0.0, duration: float = 0.2, **options: object
+    ) -> tuple[VideoResult, str, list[int]]:
         started: list[int] = []
 
-        class Counted(Workers):
+        class MeasuredPool(Pool):
+            """A pool on a machine where frames cost what this test says, however busy this one is."""
+
+            @property
+            def answer(self) -> object:  # type: ignore[override]
+                costs = self._answer
+                if not isinstance(costs, DrawingCosts):
+                    return costs
+                return DrawingCosts(measured, None if costs.draft is None else draft)
+
+            @answer.setter
+            def answer(self, answer: object) -> None:
+                self._answer = answer
+
+            _answer: object = None
+
+        class CountedWorkers(Workers):
             def __init__(self, count: int, module: str) -> None:
                 started.append(count)
                 super().__init__(count, module)
 
-        monkeypatch.setattr(shared_rendering, "Workers", Counted)
-        listener = Listener()
+        monkeypatch.setattr(frame_drawing, "estimated_cost", lambda size, panels: estimated)
+        monkeypatch.setattr(frame_drawing, "Pool", MeasuredPool)
+        monkeypatch.setattr(shared_rendering, "Workers", CountedWorkers)
+        warnings = Warnings()
         simulation = Simulation(swing, duration=duration)
         job = Video(simulation, f"{tmp_path}/f/", size=SIZE, camera="side", **options)  # type: ignore[arg-type]
-        result = job.run(listener)
-        (told,) = [text for text in listener.heard if "drawing in software" in text] or [""]
-        return result, told, started
+        result = job.run(warnings)
+        (warning,) = [text for text in warnings.texts if "drawing in software" in text] or [""]
+        return result, warning, started
 
-    jobs = frame_drawing.jobs_for
     return made
 
 
@@ -68,36 +79,60 @@ def pictures(folder: Path) -> np.ndarray:
     return np.stack([iio.imread(file) for file in sorted(folder.iterdir())])
 
 
-COST = r"\): \d+ ms per frame, "
-
-
 @pytest.mark.parametrize(
-    ("guessed", "found", "started", "told"),
+    ("estimated", "measured", "draft", "started", "costs"),
     [
-        (0.001, 0.001, [], COST + r"about \d+ s in all"),
-        (60.0, 0.001, [2], COST + r"about \d+ s in all by 2 processes"),
-        (0.001, 60.0, [2], COST + r"less than \d+ s in all by 2 processes"),
+        (0.001, 0.001, 0.0009, [], "1 ms per frame, about 0 s in all"),
+        (60.0, 0.5, 0.36, [2], "500 ms per frame, about 2 s in all by 2 processes"),
+        (
+            0.001,
+            60.0,
+            40.0,
+            [2],
+            "60000 ms per frame, less than 360 s in all by 2 processes"
+            "; quality draft takes about 40000 ms, without shadows and reflections",
+        ),
     ],
 )
-def test_what_is_guessed_starts_processes_early_and_what_is_found_late(
-    film: Callable, backend: Backend, tmp_path: Path, guessed: float, found: float, started: list[int], told: str
+def test_an_estimate_starts_processes_early_and_a_measurement_late(
+    film: Callable,
+    backend: Backend,
+    tmp_path: Path,
+    estimated: float,
+    measured: float,
+    draft: float,
+    started: list[int],
+    costs: str,
 ) -> None:
-    result, text, crews = film(guessed, found, jobs=1)
+    result, _, groups = film(estimated, measured, jobs=1)
     alone = pictures(tmp_path / "f")
-    assert (result.jobs, crews) == (1, [])
-    result, text, crews = film(guessed, found)
+    assert (result.jobs, groups) == (1, [])
+    result, warning, groups = film(estimated, measured, draft)
     assert len(alone) == result.frames == FRAMES
     assert np.array_equal(pictures(tmp_path / "f"), alone)
     if backend.software:
-        assert (result.jobs, crews) == (2 if started else 1, started)
-        assert re.search(told + "(; quality draft takes about|$)", text)
+        assert (result.jobs, groups) == (2 if started else 1, started)
+        assert warning.endswith(f"): {costs}")
+
+
+def test_a_ghost_that_was_drawn_here_goes_on_in_other_processes(
+    film: Callable, swing: Path, backend: Backend, tmp_path: Path
+) -> None:
+    keyframe = '<keyframe><key name="up" qpos="1 .6 0 .5 1 0 0 0"/></keyframe></mujoco>'
+    swing.write_text(swing.read_text().replace("</mujoco>", keyframe))
+    ghost = ["key=up"]
+    film(0.001, 0.001, jobs=1, ghost=ghost)
+    alone = pictures(tmp_path / "f")
+    result, _, _ = film(0.001, 60.0, ghost=ghost)
+    assert result.jobs == (2 if backend.software else 1)
+    assert np.array_equal(pictures(tmp_path / "f"), alone)
 
 
 @pytest.mark.parametrize("duration", [0.01, 0.05])
 def test_films_of_one_and_two_frames_are_drawn(film: Callable, backend: Backend, duration: float) -> None:
-    result, told, crews = film(0.001, 60.0, duration)
-    assert (result.frames, result.jobs, crews) == (1 if duration < 0.02 else 2, 1, [])
-    assert ("drawing in software" in told) == (backend.software and result.frames == 2)
+    result, warning, groups = film(0.001, 60.0, duration=duration)
+    assert (result.frames, result.jobs, groups) == (1 if duration < 0.02 else 2, 1, [])
+    assert ("drawing in software" in warning) == (backend.software and result.frames == 2)
 
 
 def test_drawing_that_takes_no_time_is_not_spoken_of(film: Callable, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -105,14 +140,14 @@ def test_drawing_that_takes_no_time_is_not_spoken_of(film: Callable, monkeypatch
     assert film(0.001, 0.001)[1] == ""
 
 
-def test_a_draft_does_not_speak_of_drafts(film: Callable) -> None:
-    _, told, _ = film(0.001, 0.001, visual=Visual(quality="draft"))
-    assert "quality" not in told
+def test_a_draft_is_recommended_where_there_is_none(film: Callable, backend: Backend) -> None:
+    assert ("quality draft" in film(0.001, 0.001)[1]) == backend.software
+    assert "quality" not in film(0.001, 0.001, quality="draft")[1]
 
 
 def test_colours_of_depth_are_chosen_before_anybody_draws(film: Callable, tmp_path: Path) -> None:
     film(0.001, 0.001, view="depth")
     alone = pictures(tmp_path / "f")
-    _, _, crews = film(60.0, 60.0, view="depth", jobs=3)
-    assert crews == [3]
+    _, _, groups = film(60.0, 60.0, view="depth", jobs=3)
+    assert groups == [3]
     assert np.array_equal(pictures(tmp_path / "f"), alone)

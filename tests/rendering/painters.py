@@ -13,6 +13,7 @@ import numpy as np
 from mjrun.errors import NoRendererError, UnstableError
 from mjrun.rendering.backend import Backend
 
+HANG = 600.0  # [s], longer than any wait, on however busy a machine
 OPENING, ASKED = -1, -2  # the frames of mischief done by `open` and when asked for the process
 
 
@@ -34,7 +35,7 @@ MISCHIEF: dict[str, Callable[[], object]] = {
     "crashes": lambda: os.kill(os.getpid(), signal.SIGSEGV),
     "ends": lambda: os._exit(3),
     "exits": lambda: sys.exit(4),
-    "hangs": lambda: time.sleep(60),
+    "hangs": lambda: time.sleep(HANG),
     "is unstable": unstable,
     "has no renderer": without_renderer,
     "divides": lambda: 1 // 0,

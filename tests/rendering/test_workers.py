@@ -23,7 +23,7 @@ from mjrun.rendering.workers import SLOTS, Pool, Workers
 
 sys.path.append(str(Path(__file__).parent))  # drawing processes look where we look
 
-from painters import ASKED, OPENING, Adding, Drawing, Telling, Warner
+from painters import ASKED, HANG, OPENING, Adding, Drawing, Telling, Warner
 
 HERE = Path(__file__).parent
 SHAPE = (2, 3)
@@ -119,7 +119,7 @@ def test_leaving_a_pool_early_leaves_workers_that_draw_for_the_next() -> None:
         with Pool(Adding({3: "hangs"}), SHAPE, 2, np.int64, workers) as pool:
             next(pool.frames(STATES))
         assert np.array_equal(drawn_by(workers, Adding()), FRAMES)
-    assert time.monotonic() - start < 20
+    assert time.monotonic() - start < HANG / 10
 
 
 def test_workers_that_cannot_open_a_painter_open_the_next() -> None:
@@ -245,7 +245,7 @@ def test_a_death_is_noticed_at_once_though_another_process_hangs() -> None:
     start = time.monotonic()
     with pytest.raises(DrawError, match="drawing frame 1 ended with code 3"):
         drawn(Adding({0: "hangs", 1: "ends"}), 2)
-    assert time.monotonic() - start < 10
+    assert time.monotonic() - start < HANG / 10
 
 
 @pytest.mark.parametrize("jobs", [1, 2, 3])
@@ -303,7 +303,7 @@ def test_an_error_of_whoever_takes_the_frames_ends_everything_at_once(jobs: int)
         assert next(frames).size / 0
     with pytest.raises(ValueError, match="the pool is closed"):
         next(frames)
-    assert time.monotonic() - start < 10
+    assert time.monotonic() - start < HANG / 10
 
 
 @pytest.mark.parametrize("jobs", [1, 2])
@@ -314,7 +314,7 @@ def test_leaving_early_ends_everything_at_once(jobs: int) -> None:
     del frames
     assert not children()
     assert np.array_equal(first, FRAMES[0])  # its memory lasts as long as it does
-    assert time.monotonic() - start < 10
+    assert time.monotonic() - start < HANG / 10
 
 
 def test_states_of_different_shapes_are_refused() -> None:
@@ -402,7 +402,7 @@ def test_processes_end_with_their_parent_even_if_busy(
     _, err = child.communicate(timeout=60)
     assert child.returncode == -number
     assert err.count("Traceback") == (number == signal.SIGINT)
-    deadline = time.monotonic() + 10
+    deadline = time.monotonic() + HANG / 10
     while any(map(alive, processes)) and time.monotonic() < deadline:
         time.sleep(0.05)
     assert not any(map(alive, processes))
