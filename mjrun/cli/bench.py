@@ -6,9 +6,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from mjrun.cli import bench_csv, bench_report
-from mjrun.cli.command import MODEL, Given, command
+from mjrun.cli.click_command import MODEL, CommandLine, command
 from mjrun.cli.console import Console
-from mjrun.cli.simulating import import_mujoco
+from mjrun.cli.simulation_command import import_mujoco
 from mjrun.errors import FileError, UsageError, option
 from mjrun.options.bench import BenchOptions, ReportOptions
 from mjrun.options.messages import MessageOptions
@@ -21,7 +21,7 @@ SLOWER, PARTLY = 1, 8  # exit codes
 
 
 @command("bench", BenchOptions, ReportOptions, arguments=[MODEL])
-def bench(console: Console, given: Given) -> None:
+def bench(console: Console, command_line: CommandLine) -> None:
     """Time the simulation of MODEL: its steps and their phases, threads, drawing; and measure its accuracy.
 
     Repeats a rollout with the control noise of MuJoCo's own testspeed, and gives the median with its interval.
@@ -36,7 +36,7 @@ def bench(console: Console, given: Given) -> None:
 
     Exits with 8 when points of a --scan could not be measured, as with a timestep that is too long.
     """
-    report, as_json = given.make(ReportOptions), given.make(MessageOptions).json
+    report, as_json = command_line.make(ReportOptions), command_line.make(MessageOptions).json
     if as_json and (report.csv or report.markdown):
         names = f"{option('json')}, {option('csv')} and {option('markdown')}"
         raise UsageError(f"{names} all write to standard output; give one of them")
@@ -45,7 +45,7 @@ def bench(console: Console, given: Given) -> None:
     import_mujoco()
     from mjrun.bench.bench import Bench
 
-    result = given.make(Bench, model=given.text("model"), command=console.command).run(console)
+    result = command_line.make(Bench, model=command_line.argument("model"), command=console.command).run(console)
     if as_json:
         console.document(asdict(result))
     else:
@@ -53,7 +53,7 @@ def bench(console: Console, given: Given) -> None:
         console.result(format_of(result))
     if summary:
         _append(summary, bench_report.markdown(result))
-    console.code = _code(result, given.value("fail_above") is not None)
+    console.code = _code(result, command_line.value("fail_above") is not None)
 
 
 def _code(result: "BenchResult", limited: bool) -> int:

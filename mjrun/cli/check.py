@@ -4,9 +4,9 @@ from typing import TYPE_CHECKING
 
 import click
 
-from mjrun.cli.command import Given, command
+from mjrun.cli.click_command import CommandLine, command
 from mjrun.cli.console import Console, flag
-from mjrun.cli.simulating import import_mujoco
+from mjrun.cli.simulation_command import import_mujoco
 from mjrun.errors import UsageError, option
 from mjrun.options.check import CheckOptions, CheckReportOptions
 from mjrun.options.messages import MessageOptions
@@ -18,7 +18,7 @@ MODELS = click.Argument(["models"], nargs=-1, type=click.Path(), metavar="MODEL.
 
 
 @command("check", CheckOptions, CheckReportOptions, arguments=[MODELS])
-def check(console: Console, given: Given) -> None:
+def check(console: Console, command_line: CommandLine) -> None:
     """Find what is wrong with each MODEL, or will be; a folder means all models below it.
 
     \b
@@ -31,18 +31,18 @@ def check(console: Console, given: Given) -> None:
     """
     console.guard_stdout()
     import_mujoco()
-    report, as_json = given.make(CheckReportOptions), given.make(MessageOptions).json
+    report, as_json = command_line.make(CheckReportOptions), command_line.make(MessageOptions).json
     if report.list_:
         _show_rules(console, as_json)
         return
     if as_json and (report.sarif or report.github):
         others = f"{option('sarif')} and {option('github')}"
         raise UsageError(f"{option('json')} excludes {others}: all want standard output")
-    if not given.texts("models"):
+    if not command_line.arguments("models"):
         raise click.UsageError("Missing argument 'MODEL...'.", click.get_current_context())
     from mjrun.check.check import Check
 
-    result = given.make(Check, models=given.texts("models")).run(console, flag)
+    result = command_line.make(Check, models=command_line.arguments("models")).run(console, flag)
     _show(console, report, as_json, result)
     console.code = result.code
 

@@ -16,7 +16,7 @@ from mjrun.errors import ControllerError, FileError, UnknownNameError, UsageErro
 FORM = "FILE.py:NAME or PACKAGE.MODULE:NAME names a function (model, data), or a class with __call__ and reset"
 
 
-class PrintsToStderr:
+class RedirectedController:
     """A function whose prints go to standard error, as standard output carries the payload; so do its `reset`'s."""
 
     def __init__(self, function: Callable[..., Any]) -> None:
@@ -25,7 +25,7 @@ class PrintsToStderr:
         with contextlib.suppress(ValueError):
             self.__signature__ = inspect.signature(function)
         if hasattr(function, "reset"):
-            self.reset = PrintsToStderr(function.reset)  # type: ignore[attr-defined]
+            self.reset = RedirectedController(function.reset)  # type: ignore[attr-defined]
 
     def __call__(self, *arguments: Any) -> Any:
         with contextlib.redirect_stdout(sys.stderr):
@@ -43,11 +43,11 @@ def load_controller(code: str) -> Callable[..., Any]:
     place, _, name = code.rpartition(":")
     if not place or not name:
         raise UsageError(f"{option('controller')} {quoted(code)} names no code\n{FORM}")
-    controller = PrintsToStderr(lambda: _load(place, name))()
+    controller = RedirectedController(lambda: _load(place, name))()
     if not callable(controller):
         kind = type(controller).__name__
         raise UsageError(f"{option('controller')} {quoted(code)} is of type {kind}, and cannot be called\n{FORM}")
-    return PrintsToStderr(controller)
+    return RedirectedController(controller)
 
 
 def _load(place: str, name: str) -> Any:

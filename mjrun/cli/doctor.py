@@ -4,9 +4,9 @@ from dataclasses import asdict
 from itertools import groupby
 from typing import TYPE_CHECKING
 
-from mjrun.cli.command import Given, command
+from mjrun.cli.click_command import CommandLine, command
 from mjrun.cli.console import Console, flag
-from mjrun.cli.simulating import import_mujoco
+from mjrun.cli.simulation_command import import_mujoco
 from mjrun.errors import EncoderError, RendererError, clean
 from mjrun.options.messages import MessageOptions
 
@@ -18,7 +18,7 @@ NOT_NEEDED = "·"
 
 
 @command("doctor")
-def doctor(console: Console, given: Given) -> None:
+def doctor(console: Console, command_line: CommandLine) -> None:
     """Show what works on this machine, and how to repair what does not.
 
     Tries every OpenGL backend, Filament and every encoder. Exits with 5 if nothing can draw, or if what $MUJOCO_GL
@@ -29,7 +29,7 @@ def doctor(console: Console, given: Given) -> None:
     from mjrun.doctor import examine
 
     report = examine(flag)
-    if given.make(MessageOptions).json:
+    if command_line.make(MessageOptions).json:
         console.document(asdict(report))
     else:
         console.result(_page(report))

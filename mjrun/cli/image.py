@@ -1,15 +1,23 @@
 """`mjrun image`."""
 
-from mjrun.cli.command import MODEL, Given, command
+from mjrun.cli.click_command import MODEL, CommandLine, command
 from mjrun.cli.console import Console
-from mjrun.cli.simulating import import_mujoco, make, payload_on_stdout, show, simulation, stem, with_camera_scripts
+from mjrun.cli.simulation_command import (
+    import_mujoco,
+    make,
+    payload_on_stdout,
+    show,
+    simulation,
+    stem,
+    with_camera_scripts,
+)
 from mjrun.options.image import ImageOptions
 from mjrun.options.output import CommandOptions
 from mjrun.options.simulation import SimulationOptions
 
 
 @command("image", ImageOptions, CommandOptions, SimulationOptions, arguments=[MODEL], without=("duration", "steps"))
-def image(console: Console, given: Given) -> None:
+def image(console: Console, command_line: CommandLine) -> None:
     """Draw one instant of MODEL: colours, depth, segmentation, of several cameras.
 
     \b
@@ -17,11 +25,11 @@ def image(console: Console, given: Given) -> None:
     mjrun image scene.xml -t 1.5 --camera top --view depth -o depth.exr
     mjrun image scene.xml --view rgb --view depth --view seg --layout row -o views.png
     """
-    payload_on_stdout(given)
+    payload_on_stdout(command_line)
     console.guard_stdout()
     import_mujoco()
     from mjrun.job.image import Image
 
-    given = with_camera_scripts(given.otherwise(output=f"{stem(given)}.png"))
-    job = given.make(Image, simulation=simulation(given), command=console.command)
-    show(console, given, make(console, given, job))
+    command_line = with_camera_scripts(command_line.with_defaults(output=f"{stem(command_line)}.png"))
+    job = command_line.make(Image, simulation=simulation(command_line), command=console.command)
+    show(console, command_line, make(console, command_line, job))

@@ -5,11 +5,11 @@ from typing import TYPE_CHECKING
 
 import click
 
-from mjrun.cli.column_list import show_columns
-from mjrun.cli.command import MODEL, Given, command
+from mjrun.cli.click_command import MODEL, CommandLine, command
 from mjrun.cli.console import Console
 from mjrun.cli.info_sections import SECTIONS, LineSection
-from mjrun.cli.simulating import import_mujoco, source
+from mjrun.cli.list_columns import show_columns
+from mjrun.cli.simulation_command import import_mujoco, source
 from mjrun.errors import UsageError, clean, option
 from mjrun.options.info import InfoOptions
 from mjrun.options.messages import MessageOptions
@@ -24,7 +24,7 @@ SECTION_ARGUMENT = click.Argument(["sections"], metavar="[SECTION]...", nargs=-1
 
 
 @command("info", InfoOptions, ModelOptions, arguments=[MODEL, SECTION_ARGUMENT])
-def info(console: Console, given: Given) -> None:
+def info(console: Console, command_line: CommandLine) -> None:
     """Show what MODEL is: sizes, bodies, joints, actuators, sensors and all else, or only each SECTION, whole.
 
     \b
@@ -38,20 +38,20 @@ def info(console: Console, given: Given) -> None:
     """
     console.guard_stdout()
     import_mujoco()
-    sections, as_json = given.texts("sections"), given.make(MessageOptions).json
-    if given.make(InfoOptions).columns:
+    sections, as_json = command_line.arguments("sections"), command_line.make(MessageOptions).json
+    if command_line.make(InfoOptions).columns:
         if sections:
             raise UsageError(f"{option('columns')} lists the columns of a trace, and has no sections")
-        show_columns(console, source(given), as_json)
+        show_columns(console, source(command_line), as_json)
         return
     from mjrun.model.info import Info
     from mjrun.model.sources import listed_collection
 
-    model = given.text("model")
+    model = command_line.argument("model")
     if not sections and (collection := listed_collection(model)):
         _show_collection(console, collection, as_json)
         return
-    result = Info(source(given), sections).run(console)
+    result = Info(source(command_line), sections).run(console)
     if as_json:
         console.document(result.document())
     else:

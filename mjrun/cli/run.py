@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from mjrun.cli.command import Given, command
+from mjrun.cli.click_command import CommandLine, command
 from mjrun.cli.console import Console
 from mjrun.cli.controller_loader import load_controller
-from mjrun.cli.simulating import failures_in_json, import_mujoco
-from mjrun.cli.summaries import summary
+from mjrun.cli.result_summary import summary
+from mjrun.cli.simulation_command import failures_in_json, import_mujoco
 from mjrun.errors import FileError, clean
 from mjrun.options.messages import MessageOptions
 from mjrun.options.run import RunOptions
@@ -28,7 +28,7 @@ ARGUMENTS = (
 
 
 @command("run", RunOptions, arguments=ARGUMENTS)
-def run(console: Console, given: Given) -> None:
+def run(console: Console, command_line: CommandLine) -> None:
     """Make everything that DOCUMENT asks for: videos, images, traces and plots of one simulation, in one pass.
 
     \b
@@ -41,14 +41,16 @@ def run(console: Console, given: Given) -> None:
     from mjrun.document.run import read_run
     from mjrun.job.perform import perform, preview
 
-    options = given.converted("controller", load_controller).make(RunOptions)
-    as_json = given.make(MessageOptions).json
-    requests = read_run(given.text("document"), given.texts("assignments"), options, console.command)
+    options = command_line.with_converted("controller", load_controller).make(RunOptions)
+    as_json = command_line.make(MessageOptions).json
+    requests = read_run(
+        command_line.argument("document"), command_line.arguments("assignments"), options, console.command
+    )
     with requests.located():
         if options.dry_run:
             _show_plan(console, preview(requests.jobs, console), as_json)
             return
-        with _folders(requests.jobs), failures_in_json(console, given, _document):
+        with _folders(requests.jobs), failures_in_json(console, command_line, _document):
             results = perform(requests.jobs, console)
     if as_json:
         console.document(_document(results))

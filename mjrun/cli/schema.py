@@ -2,15 +2,15 @@
 
 import click
 
-from mjrun.cli.command import Given, command
+from mjrun.cli.click_command import CommandLine, command
 from mjrun.cli.console import Console
-from mjrun.cli.simulating import import_mujoco
+from mjrun.cli.simulation_command import import_mujoco
 
 KINDS = ("camera", "run", "bench", "options")
 
 
 @command("schema", arguments=[click.Argument(["kind"], type=click.Choice(KINDS))])
-def schema(console: Console, given: Given) -> None:
+def schema(console: Console, command_line: CommandLine) -> None:
     """Print the JSON Schema of a kind of document, or of what mjrun bench --json reports, for editors and validators.
 
     options prints a reference of all options of all commands instead, as Markdown.
@@ -19,12 +19,12 @@ def schema(console: Console, given: Given) -> None:
     mjrun schema camera > camera.schema.json
     """
     console.guard_stdout()
-    if given.text("kind") == "options":
-        from mjrun.cli.reference import reference
+    if command_line.argument("kind") == "options":
+        from mjrun.cli.options_reference import reference
 
         console.result(reference())
         return
     import_mujoco()
     from mjrun.document.json_schema import json_schema
 
-    console.document(json_schema(given.text("kind")))
+    console.document(json_schema(command_line.argument("kind")))

@@ -1,9 +1,9 @@
 """`mjrun trace`."""
 
-from mjrun.cli.column_list import show_columns
-from mjrun.cli.command import MODEL, Given, command
+from mjrun.cli.click_command import MODEL, CommandLine, command
 from mjrun.cli.console import Console
-from mjrun.cli.simulating import import_mujoco, make, payload_on_stdout, show, simulation, source, stem
+from mjrun.cli.list_columns import show_columns
+from mjrun.cli.simulation_command import import_mujoco, make, payload_on_stdout, show, simulation, source, stem
 from mjrun.errors import UsageError, clean, option
 from mjrun.options.messages import MessageOptions
 from mjrun.options.output import CommandOptions
@@ -14,7 +14,7 @@ WRITTEN = ("output", "contacts", "manifest", "recording")
 
 
 @command("trace", TraceOptions, TraceCommandOptions, CommandOptions, SimulationOptions, arguments=[MODEL])
-def trace(console: Console, given: Given) -> None:
+def trace(console: Console, command_line: CommandLine) -> None:
     """Measure a simulation of MODEL: one row per instant, exact numbers, named columns.
 
     \b
@@ -24,39 +24,41 @@ def trace(console: Console, given: Given) -> None:
     """
     console.guard_stdout()
     import_mujoco()
-    options = given.make(TraceCommandOptions)
+    options = command_line.make(TraceCommandOptions)
     if options.list_:
-        _list(console, given)
+        _list(console, command_line)
         return
-    piped = payload_on_stdout(given, "-")
+    piped = payload_on_stdout(command_line, "-")
     from mjrun.job.trace import Trace
 
     if options.csv:
-        given = _as_csv(given)
-    if given.make(CommandOptions).print_document:
-        given = given.otherwise(output=f"{stem(given)}.csv")
-    result = make(console, given, given.make(Trace, simulation=simulation(given), command=console.command))
-    if not piped or given.make(MessageOptions).json:
-        show(console, given, result)
+        command_line = _as_csv(command_line)
+    if command_line.make(CommandOptions).print_document:
+        command_line = command_line.with_defaults(output=f"{stem(command_line)}.csv")
+    result = make(
+        console, command_line, command_line.make(Trace, simulation=simulation(command_line), command=console.command)
+    )
+    if not piped or command_line.make(MessageOptions).json:
+        show(console, command_line, result)
 
 
-def _list(console: Console, given: Given) -> None:
+def _list(console: Console, command_line: CommandLine) -> None:
     from mjrun.job.trace import Trace
 
-    written = [option(name) for name in WRITTEN if given.value(name) not in (None, "-")]
+    written = [option(name) for name in WRITTEN if command_line.value(name) not in (None, "-")]
     if written:
         raise UsageError(
             f"{option('list')} shows columns on standard output and measures nothing: leave out {', '.join(written)}"
         )
-    probes = given.make(Trace, simulation=simulation(given)).probe if given.value("probe") else ()
-    show_columns(console, source(given), given.make(MessageOptions).json, probes)
+    probes = command_line.make(Trace, simulation=simulation(command_line)).probe if command_line.value("probe") else ()
+    show_columns(console, source(command_line), command_line.make(MessageOptions).json, probes)
 
 
-def _as_csv(given: Given) -> Given:
-    written = given.value("format")
+def _as_csv(command_line: CommandLine) -> CommandLine:
+    written = command_line.value("format")
     if written not in (None, "csv"):
         raise UsageError(
             f"{option('csv')} and {option('format')} {clean(str(written))} exclude each other: "
             f"{option('csv')} is short for {option('format')} csv"
         )
-    return given.otherwise(format="csv")
+    return command_line.with_defaults(format="csv")

@@ -27,6 +27,7 @@ from mjrun.document.field_types import Exact, Instant, Numbers, Several, Size, a
 from mjrun.document.inline_values import InlineCamera, InlineGhost, ghost_text
 from mjrun.document.output_folder import Inside, OutputFolder
 from mjrun.document.reader import SUFFIXES
+from mjrun.formats.format_lists import with_formats
 from mjrun.job.view import check_segmentation_name
 from mjrun.model.sources import is_file
 from mjrun.options import kinds as option_kinds
@@ -100,10 +101,10 @@ def _is_said(value: object) -> bool:
 def _field(each: Option) -> tuple[Any, Any]:
     """Type and default of a key."""
     annotation = field_type(each.kind)
-    text = each.help + (f" {each.usual} if left out." if each.usual else "")
+    text = with_formats(each.help) + (f" {each.usual} if left out." if each.usual else "")
     alias = each.name if each.name != each.attribute else None
     if each.is_required or each.name == "output":  # a document has no standard output
-        return annotation, Field(alias=alias, description=each.help)
+        return annotation, Field(alias=alias, description=with_formats(each.help))
     default = None if each.default is None else _default(each)
     return annotation, Field(default, alias=alias, description=text)
 

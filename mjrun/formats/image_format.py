@@ -5,33 +5,37 @@
 | rgb   | png     | `.png`         | the pixels                                                                  |
 |       | jpeg    | `.jpg .jpeg`   | nearly the pixels: quality 95, colour at full size                          |
 |       | webp    | `.webp`        | the pixels                                                                  |
-|       | tiff    | `.tif .tiff`   | the pixels                                                                  |
+|       | tiff    | `.tiff .tif`   | the pixels                                                                  |
 | depth | png     | `.png`         | millimetres to the nearest, uint16, 1 to 65535; 0 where nothing is seen     |
 |       | npy     | `.npy`         | metres, float32; infinite where nothing is seen                             |
 |       | exr     | `.exr`         | the same, channel `Y`                                                       |
-|       | tiff    | `.tif .tiff`   | the same                                                                    |
+|       | tiff    | `.tiff .tif`   | the same                                                                    |
 | seg   | png     | `.png`         | index in the legend + 1, uint16; 0 where nothing is seen; labels            |
 |       | palette | `.png`         | the same in 8 bits with a colour for each, at most 255 segments; labels     |
 |       | npy     | `.npy`         | index in the legend, int32; −1 where nothing is seen; labels                |
 |       | coco    | `.json`        | masks of one or more images, see `coco`                                     |
 
 Labels are a second file, `NAME.labels.json`, published with the image; on standard output there are none.
+
+Encoders import numpy and Pillow when they are called, so that help, which lists the suffixes, loads neither.
 """
+
+from __future__ import annotations
 
 import io
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-
-import numpy as np
-from PIL import Image, PngImagePlugin
+from typing import TYPE_CHECKING
 
 from mjrun.errors import UnknownNameError, UsageError, clean, option
-from mjrun.formats.exr import encode_exr
-from mjrun.model.uint16_pixels import UINT16_MAX, clipped_share, depth_millimetres, segment_numbers
+
+if TYPE_CHECKING:
+    import numpy as np
+    from PIL import Image
 
 CONTENTS = {"rgb": "colours", "depth": "exact depth", "seg": "exact segmentation"}
-BLACK = np.zeros((1, 3), np.uint8)
+BLACK = bytes(3)
 
 
 @dataclass(frozen=True)
@@ -73,59 +77,80 @@ class ImageFormat:
 
 
 def _rgb_png(image: ImageContent) -> bytes:
-    return _png(Image.fromarray(image.pixels), image.tags)
+    return _png(image.pixels, image.tags)
 
 
 def _jpeg(image: ImageContent) -> bytes:
-    return _saved(Image.fromarray(image.pixels), "JPEG", quality=95, subsampling=0)
+    return _saved(image.pixels, "JPEG", quality=95, subsampling=0)
 
 
 def _webp(image: ImageContent) -> bytes:
-    return _saved(Image.fromarray(image.pixels), "WEBP", lossless=True)
+    return _saved(image.pixels, "WEBP", lossless=True)
 
 
 def _tiff(image: ImageContent) -> bytes:
     description = image.tags.get("description", "")
-    return _saved(Image.fromarray(image.pixels), "TIFF", compression="tiff_adobe_deflate", description=description)
+    return _saved(image.pixels, "TIFF", compression="tiff_adobe_deflate", description=description)
 
 
 def _millimetre_png(image: ImageContent) -> bytes:
-    return _png(Image.fromarray(depth_millimetres(image.pixels)), image.tags)
+    from mjrun.model.uint16_pixels import depth_millimetres
+
+    return _png(depth_millimetres(image.pixels), image.tags)
+
+
+def _clipped_share(pixels: np.ndarray) -> float:
+    from mjrun.model.uint16_pixels import clipped_share
+
+    return clipped_share(pixels)
 
 
 def _exr(image: ImageContent) -> bytes:
+    from mjrun.formats.exr import encode_exr
+
     return encode_exr(image.pixels, image.tags)
 
 
 def _npy(image: ImageContent) -> bytes:
+    import numpy as np
+
     buffer = io.BytesIO()
     np.save(buffer, image.pixels, allow_pickle=False)
     return buffer.getvalue()
 
 
 def _id_png(image: ImageContent) -> bytes:
-    return _png(Image.fromarray(segment_numbers(image.pixels, image.segments)), image.tags)
+    from mjrun.model.uint16_pixels import segment_numbers
+
+    return _png(segment_numbers(image.pixels, image.segments), image.tags)
 
 
 def _palette_png(image: ImageContent) -> bytes:
     if image.colours is None:
         raise ValueError("a palette needs colours")
+    import numpy as np
+    from PIL import Image
+
     indexed = Image.fromarray((image.pixels + 1).astype(np.uint8))
     # Filled up to 256: Pillow would pack the pixels of a shorter palette into fewer bits.
-    indexed.putpalette(np.concatenate([BLACK, image.colours]).tobytes().ljust(3 * 256, b"\0"))
+    indexed.putpalette((BLACK + image.colours.tobytes()).ljust(3 * 256, b"\0"))
     return _png(indexed, image.tags)
 
 
-def _png(image: Image.Image, tags: Mapping[str, str]) -> bytes:
+def _png(image: np.ndarray | Image.Image, tags: Mapping[str, str]) -> bytes:
+    from PIL import PngImagePlugin
+
     chunks = PngImagePlugin.PngInfo()
     for name, text in tags.items():
         chunks.add_itxt(name.capitalize(), text)  # the keywords that PNG defines: Title, Comment, Description
     return _saved(image, "PNG", pnginfo=chunks)
 
 
-def _saved(image: Image.Image, kind: str, **settings: object) -> bytes:
-    buffer = io.BytesIO()
-    image.save(buffer, kind, **settings)
+def _saved(image: np.ndarray | Image.Image, kind: str, **settings: object) -> bytes:
+    from PIL import Image
+
+    buffer, picture = io.BytesIO(), image if isinstance(image, Image.Image) else Image.fromarray(image)
+    picture.save(buffer, kind, **settings)
     return buffer.getvalue()
 
 
@@ -134,16 +159,16 @@ FORMATS = {
         "png": ImageFormat((".png",), _rgb_png),
         "jpeg": ImageFormat((".jpg", ".jpeg"), _jpeg, largest=65500),
         "webp": ImageFormat((".webp",), _webp, largest=16383),
-        "tiff": ImageFormat((".tif", ".tiff"), _tiff),
+        "tiff": ImageFormat((".tiff", ".tif"), _tiff),
     },
     "depth": {
-        "png": ImageFormat((".png",), _millimetre_png, clipped=clipped_share),
+        "png": ImageFormat((".png",), _millimetre_png, clipped=_clipped_share),
         "npy": ImageFormat((".npy",), _npy),
         "exr": ImageFormat((".exr",), _exr),
-        "tiff": ImageFormat((".tif", ".tiff"), _tiff),
+        "tiff": ImageFormat((".tiff", ".tif"), _tiff),
     },
     "seg": {
-        "png": ImageFormat((".png",), _id_png, segments=UINT16_MAX, nothing=0),
+        "png": ImageFormat((".png",), _id_png, segments=2**16 - 1, nothing=0),
         "palette": ImageFormat((".png",), _palette_png, segments=255, nothing=0),
         "npy": ImageFormat((".npy",), _npy, nothing=-1),
         "coco": ImageFormat((".json",), None),

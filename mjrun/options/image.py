@@ -4,7 +4,7 @@ from typing import Any, ClassVar
 
 from mjrun.options.kinds import File, Flag, Instant, Integer, Optional, Text
 from mjrun.options.option import Exclusion, option, options, required
-from mjrun.options.output import OutputOptions
+from mjrun.options.output import DEPTH_IMAGES, RGB_IMAGES, SEGMENTATION_IMAGES, OutputOptions
 from mjrun.options.view import ViewOptions
 
 
@@ -20,7 +20,8 @@ class ImageOptions(ViewOptions, OutputOptions):
         kw_only=False,
         short="-o",
         usual="MODEL.png",
-        help="png, jpg, webp, tiff; depth also npy, exr; segmentation also npy, json (COCO); or - for a pipe.",
+        help=f"{RGB_IMAGES}; depth as {DEPTH_IMAGES}; segmentation as {SEGMENTATION_IMAGES} (COCO); "
+        "or - for standard output.",
     )
     time: Any = option(
         converter=Optional(Instant()),

@@ -10,7 +10,7 @@ from mjrun.options.option import Options, Place, option, options
 class InfoOptions(Options):
     """What is shown."""
 
-    section: ClassVar[str] = "Options"
+    section: ClassVar[str] = "Info"
 
     columns: bool = option(
         converter=Flag(),

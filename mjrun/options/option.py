@@ -150,7 +150,11 @@ def options(cls: type[C]) -> type[C]:
 @cache
 def options_of(cls: type) -> tuple[Option, ...]:
     """The options that `cls` declares and inherits, its own first."""
-    return tuple({each.name: each for home in cls.__mro__ for each in _declared(home, cls)}.values())
+    declared: dict[str, Option] = {}
+    for home in cls.__mro__:
+        for each in _declared(home, cls):
+            declared.setdefault(each.name, each)
+    return tuple(declared.values())
 
 
 @cache
@@ -168,9 +172,10 @@ def is_given(values: Options, name: str) -> bool:
 
 def _declared(home: type, cls: type) -> Iterator[Option]:
     fields = {field.name: field for field in dataclasses.fields(cls)}
+    section = vars(home).get("section", cls.__dict__.get("section", "Options"))
     for attribute in vars(home).get("__annotations__", {}):
         field = fields.get(attribute)
         if field is None or "kind" not in field.metadata:
             continue
         default = field.default_factory() if callable(field.default_factory) else field.default
-        yield Option(attribute.rstrip("_"), attribute, default=default, section=home.section, **field.metadata)
+        yield Option(attribute.rstrip("_"), attribute, default=default, section=section, **field.metadata)

@@ -6,6 +6,14 @@ from typing import ClassVar
 from mjrun.options.kinds import File, Flag, Optional
 from mjrun.options.option import Options, Place, option, options
 
+# In help texts, these stand for the formats that there are; `mjrun.formats.format_lists` puts them in.
+TABLES = "{table formats}"
+VIDEOS = "{video formats}"
+CODECS = "{codecs}"
+RGB_IMAGES = "{rgb image formats}"
+DEPTH_IMAGES = "{depth image formats}"
+SEGMENTATION_IMAGES = "{segmentation image formats}"
+
 
 @options
 class OutputOptions(Options):

@@ -5,7 +5,7 @@ from typing import ClassVar
 
 from mjrun.options.kinds import Exact, File, Flag, Integer, Optional, Several, Size, Text
 from mjrun.options.option import Exclusion, Options, Place, option, options, required
-from mjrun.options.output import OutputOptions
+from mjrun.options.output import RGB_IMAGES, TABLES, OutputOptions
 
 PROBES = ("qpos", "qvel", "ctrl", "act", "energy", "contact", "sensor")  # measured where nothing is said
 
@@ -31,14 +31,14 @@ class SamplingOptions(OutputOptions):
 class TraceOptions(SamplingOptions):
     """A trace: a table of measured values."""
 
-    section: ClassVar[str] = "Table"
+    section: ClassVar[str] = "Trace"
 
     output: str = option(
         converter=File(written=True),
         default="-",
         kw_only=False,
         short="-o",
-        help="csv, jsonl, parquet, feather, npz, mat, or - for standard output.",
+        help=f"{TABLES}, or - for standard output.",
     )
     probe: tuple[str, ...] = option(
         converter=Several(Text("NAME,…")),
@@ -65,7 +65,7 @@ class TraceOptions(SamplingOptions):
 class TraceCommandOptions(Options):
     """What the command can do besides."""
 
-    section: ClassVar[str] = "Table"
+    section: ClassVar[str] = "Trace"
 
     csv: bool = option(converter=Flag(), default=False, places=Place.COMMAND, help="Short for --format csv.")
     list_: bool = option(
@@ -82,7 +82,7 @@ class PlotOptions(SamplingOptions):
 
     section: ClassVar[str] = "Plot"
 
-    output: str = required(converter=File(written=True), kw_only=False, help="png, jpg, webp or tiff.")
+    output: str = required(converter=File(written=True), kw_only=False, help=f"An image: {RGB_IMAGES}.")
     probe: tuple[str, ...] = required(
         converter=Several(Text("PROBE,…")),
         help="What to plot: energy, qpos[left_*]; several make a panel each, one under the other.",

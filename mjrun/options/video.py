@@ -5,7 +5,7 @@ from typing import ClassVar
 
 from mjrun.options.kinds import AUTO, Choice, Exact, File, Integer, Key, Optional, Processes, Several, Text
 from mjrun.options.option import Exclusion, option, options, required
-from mjrun.options.output import OutputOptions
+from mjrun.options.output import CODECS, VIDEOS, OutputOptions
 from mjrun.options.view import ViewOptions
 
 PLOT_SIDES = ("under", "beside")
@@ -25,8 +25,7 @@ class VideoOptions(ViewOptions, OutputOptions):
         kw_only=False,
         short="-o",
         usual="MODEL.mp4",
-        help="mp4, webm, mkv, mov, gif, apng, webp, a folder or pattern of PNGs (frames/, frame_%04d.png), "
-        "or - for a pipe.",
+        help=f"{VIDEOS}, a folder or pattern of PNGs (frames/, frame_%04d.png), or - for standard output.",
     )
     fps: Fraction | None = option(
         converter=Optional(Exact("FPS")),
@@ -41,7 +40,7 @@ class VideoOptions(ViewOptions, OutputOptions):
         converter=Optional(Text("NAME")), default=None, usual="the output's suffix; mp4 in a pipe", help="The format."
     )
     codec: str | None = option(
-        converter=Optional(Text("NAME")), default=None, help="h264, h265, av1, vp9, prores, ffv1, as the format holds."
+        converter=Optional(Text("NAME")), default=None, help=f"{CODECS}; each format holds some of them."
     )
     crf: int | None = option(
         converter=Optional(Integer(least=None)), default=None, help="Constant rate factor: lower is better and larger."

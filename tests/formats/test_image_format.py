@@ -52,10 +52,10 @@ def test_the_suffix_and_the_view_choose_the_format(output: str | None, view: str
             "depth",
             None,
             UsageError,
-            "a.jpg: a .jpg cannot hold exact depth\n.png, .npy, .exr, .tif, .tiff can",
+            "a.jpg: a .jpg cannot hold exact depth\n.png, .npy, .exr, .tiff, .tif can",
         ),
         ("a.webp", "seg", None, UsageError, "a .webp cannot hold exact segmentation\n.png, .npy, .json can"),
-        ("a.exr", "rgb", None, UsageError, "a .exr cannot hold colours\n.png, .jpg, .jpeg, .webp, .tif, .tiff can"),
+        ("a.exr", "rgb", None, UsageError, "a .exr cannot hold colours\n.png, .jpg, .jpeg, .webp, .tiff, .tif can"),
         (None, "depth", "jpeg", UsageError, "format jpeg cannot hold exact depth\npng, npy, exr, tiff can"),
         ("a.png", "rgb", "palette", UsageError, "format palette cannot hold colours\npng, jpeg, webp, tiff can"),
         ("a.png", "depth", "exr", UsageError, "format exr and the suffix of a.png disagree"),
@@ -72,6 +72,6 @@ def test_what_does_not_fit_is_refused_with_what_does(
 
 
 def test_suffixes_are_those_of_the_table() -> None:
-    assert suffixes("rgb") == [".png", ".jpg", ".jpeg", ".webp", ".tif", ".tiff"]
+    assert suffixes("rgb") == [".png", ".jpg", ".jpeg", ".webp", ".tiff", ".tif"]
     for view, known in FORMATS.items():
         assert all(image_format(f"a{suffix}", view) in known for suffix in suffixes(view))

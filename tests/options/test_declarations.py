@@ -37,7 +37,7 @@ DECLARED = [pytest.param(each, id=f"{cls.__name__}.{each.name}") for cls in ALL 
 
 @pytest.mark.parametrize("each", DECLARED)
 def test_help_is_a_sentence_that_spells_no_other_way_than_its_front_end(each: Option) -> None:
-    assert re.match(r"^[A-Z*]|^[a-z0-9]+[,:]", each.help), each.help
+    assert re.match(r"^[A-Z*{]|^[a-z0-9]+[,:]", each.help), each.help
     assert each.help.endswith((".", "…", "'"))
     assert "  " not in each.help
 

@@ -6,7 +6,7 @@ import click
 import pytest
 from click.testing import CliRunner
 
-from mjrun.cli.command import Given, command
+from mjrun.cli.click_command import CommandLine, command
 from mjrun.cli.console import Console
 from mjrun.options.kinds import Choice, Exact, Flag, Integer, Optional, Settings, Several, Size, Text, Values
 from mjrun.options.option import Options, Place, option, options, required
@@ -42,10 +42,10 @@ def baked(*arguments: str) -> tuple[Cake, Console]:
     cakes: list[Cake] = []
 
     @command("bake", Cake, arguments=[click.Argument(["subject"])])
-    def bake(console: Console, given: Given) -> None:
+    def bake(console: Console, command_line: CommandLine) -> None:
         """Bake SUBJECT."""
-        subject = given.text("subject")
-        cakes.append(given.otherwise(name=f"{subject}.cake").make(Cake, subject=subject))
+        subject = command_line.argument("subject")
+        cakes.append(command_line.with_defaults(name=f"{subject}.cake").make(Cake, subject=subject))
 
     console = Console("bake")
     result = CliRunner().invoke(bake, arguments, obj=console, standalone_mode=False)
@@ -100,7 +100,7 @@ def test_a_bad_value_is_told_as_click_does(arguments: tuple[str, ...], message: 
 
 def test_help_shows_sections_defaults_and_what_stands_for_values() -> None:
     @command("bake", Cake)
-    def bake(console: Console, given: Given) -> None:
+    def bake(console: Console, command_line: CommandLine) -> None:
         """Bake."""
 
     text = CliRunner(env={"COLUMNS": "200"}).invoke(bake, ["--help"], obj=Console("bake")).output
@@ -127,15 +127,17 @@ def test_the_console_is_told_how_much_to_say(flags: list[str], verbosity: int, d
 
 def test_a_command_can_do_without_an_option() -> None:
     @command("bake", Cake, without=("heat",))
-    def bake(console: Console, given: Given) -> None:
+    def bake(console: Console, command_line: CommandLine) -> None:
         """Bake."""
 
     assert "--heat" not in CliRunner().invoke(bake, ["--help"], obj=Console("bake")).output
 
 
 def test_what_is_given_can_be_converted_before_it_is_made() -> None:
-    given = Given({"name": "a", "topping": ("x",)})
-    converted = given.converted("topping", lambda values: [value * 2 for value in values]).converted("heat", float)
+    command_line = CommandLine({"name": "a", "topping": ("x",)})
+    converted = command_line.with_converted("topping", lambda values: [value * 2 for value in values]).with_converted(
+        "heat", float
+    )
     assert converted.make(Cake, subject="s").topping == ("xx",)
-    assert given.value("name") == "a"
-    assert given.value("heat") is None
+    assert command_line.value("name") == "a"
+    assert command_line.value("heat") is None

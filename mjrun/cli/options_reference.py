@@ -4,7 +4,7 @@ from collections.abc import Iterator
 
 import click
 
-from mjrun.cli.command import DeclaredOption
+from mjrun.cli.click_command import DeclaredOption
 from mjrun.cli.main import COMMANDS, group
 
 

@@ -1,53 +1,61 @@
 """Commands from declared options: click's parameters, help by section, and typed values for the body."""
 
+import textwrap
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, TypeVar
 
 import click
 
 from mjrun.cli.console import Console, flag
+from mjrun.formats.format_lists import with_formats
 from mjrun.options.kinds import Choice, ExpectedError, Flag, Kind, Optional, Settings, Several, Values
 from mjrun.options.messages import MessageOptions
 from mjrun.options.option import Option, Options, Place, options_of
 
 C = TypeVar("C", bound=Options)
-Body = Callable[[Console, "Given"], None]
+Body = Callable[[Console, "CommandLine"], None]
 
 
-class Given:
-    """What a command line says, to be made into typed values."""
+# Sections that several commands have. What a command has for itself comes before them.
+SHARED_SECTIONS = ("View", "Renderer", "Simulation", "Model", "Output", "Messages")
+TERM_WIDTH = 26  # columns of help for an option's spelling, with the gap before its text
+SHORT_DEFAULT = 24  # characters that are not broken over two lines
+
+
+class CommandLine:
+    """The options and arguments of one command line, by name, to be made into typed values."""
 
     def __init__(self, params: Mapping[str, Any]) -> None:
         self._params = {name: value for name, value in params.items() if value is not None and value != ()}
 
     def make(self, cls: type[C], **values: object) -> C:
-        """A `cls` of what was given, with `values` in place of some of it.
+        """A `cls` with the options of this command line; `values` take precedence.
 
         Raises:
-          UsageError: options that cannot be together.
+          UsageError: options that exclude each other.
         """
         given = {each.attribute: self._params[each.name] for each in options_of(cls) if each.name in self._params}
         return cls(**{**given, **values})
 
     def value(self, name: str) -> object:
-        """What was said of an option; None for nothing."""
+        """The value of an option; None if it is left out."""
         return self._params.get(name)
 
-    def otherwise(self, **defaults: object) -> "Given":
-        """The same, with `defaults` where nothing was said."""
-        return Given({**defaults, **self._params})
+    def with_defaults(self, **defaults: object) -> "CommandLine":
+        """The same, with `defaults` for options that are left out."""
+        return CommandLine({**defaults, **self._params})
 
-    def converted(self, name: str, convert: Callable[[Any], object]) -> "Given":
+    def with_converted(self, name: str, convert: Callable[[Any], object]) -> "CommandLine":
         """The same, with the value of an option converted, if there is one."""
-        return Given({**self._params, name: convert(self._params[name])}) if name in self._params else self
+        return CommandLine({**self._params, name: convert(self._params[name])}) if name in self._params else self
 
-    def text(self, argument: str) -> str:
-        """An argument."""
-        return str(self._params[argument])
+    def argument(self, name: str) -> str:
+        """The value of an argument."""
+        return str(self._params[name])
 
-    def texts(self, argument: str) -> tuple[str, ...]:
-        """An argument that is repeated."""
-        return tuple(self._params.get(argument, ()))
+    def arguments(self, name: str) -> tuple[str, ...]:
+        """The values of an argument that can be repeated."""
+        return tuple(self._params.get(name, ()))
 
 
 class SectionedCommand(click.Command):
@@ -58,23 +66,37 @@ class SectionedCommand(click.Command):
         for param in self.get_params(ctx):
             record = param.get_help_record(ctx)
             if record and isinstance(param, click.Option):
-                section = param.section if isinstance(param, DeclaredOption) else "Options"
+                section = param.declared.section if isinstance(param, DeclaredOption) else MessageOptions.section
                 sections.setdefault(section, []).append(record)
+
         for name, records in sections.items():
             with formatter.section(name):
-                formatter.write_dl(records)
+                for spelling, text in records:
+                    formatter.write(_help_entry(spelling, text, formatter.current_indent, formatter.width))
+
+
+def _help_entry(spelling: str, text: str, indent: int, width: int) -> str:
+    """An option and its text beside it, or below it where the spelling is long; examples are not broken."""
+    column = " " * (indent + TERM_WIDTH)
+    lines = textwrap.wrap(text, width - len(column), break_on_hyphens=False, break_long_words=False)
+    first = f"{'':{indent}}{spelling}"
+    if len(spelling) > TERM_WIDTH - 2:
+        lines = [first, *(column + line for line in lines)]
+    else:
+        lines = [first.ljust(len(column)) + lines[0], *(column + line for line in lines[1:])]
+    return "\n".join(lines).replace("\N{NO-BREAK SPACE}", " ") + "\n"
 
 
 class DeclaredOption(click.Option):
     """An option of the command line, as it is declared."""
 
     def __init__(self, declared: Option, **settings: Any) -> None:
-        self.section, self._kind = declared.section, declared.kind
+        self.declared = declared
         super().__init__(_spellings(declared), help=_help(declared), **settings)
 
     def type_cast_value(self, ctx: click.Context, value: Any) -> Any:
         made = super().type_cast_value(ctx, value)
-        return _gathered(self._kind, made) if self.multiple and made else made
+        return _gathered(self.declared.kind, made) if self.multiple and made else made
 
 
 class KindType(click.ParamType):
@@ -95,7 +117,7 @@ class KindType(click.ParamType):
 def command(
     name: str, *classes: type[Options], arguments: Sequence[click.Argument] = (), without: Sequence[str] = ()
 ) -> Callable[[Body], click.Command]:
-    """Makes a function of the console and what is given the command `name`, with the options of `classes`.
+    """Turns a function of a console and a command line into the command `name` with the options of `classes`.
 
     Args:
       without: names of options that this command has no use for.
@@ -104,13 +126,13 @@ def command(
     def decorate(body: Body) -> click.Command:
         @click.pass_obj
         def callback(console: Console, /, **params: Any) -> None:
-            given = Given(params)
-            _listen(console, given.make(MessageOptions))
-            body(console, given)
+            command_line = CommandLine(params)
+            _set_verbosity(console, command_line.make(MessageOptions))
+            body(console, command_line)
 
         declared = {each.name: each for cls in (*classes, MessageOptions) for each in options_of(cls)}
         known = [each for each in declared.values() if Place.COMMAND in each.places and each.name not in without]
-        params = [*arguments, *map(click_option, known)]
+        params = [*arguments, *map(click_option, sorted(known, key=_section_rank))]
         return SectionedCommand(name, callback=callback, params=params, help=body.__doc__)
 
     return decorate
@@ -129,7 +151,11 @@ def click_option(declared: Option) -> click.Option:
     return DeclaredOption(declared, type=chosen, multiple=several, metavar=metavar, default=None, **optional)
 
 
-def _listen(console: Console, messages: MessageOptions) -> None:
+def _section_rank(declared: Option) -> int:
+    return SHARED_SECTIONS.index(declared.section) + 1 if declared.section in SHARED_SECTIONS else 0
+
+
+def _set_verbosity(console: Console, messages: MessageOptions) -> None:
     console.verbosity = -1 if messages.quiet else 1 if messages.verbose else 0
     console.debug = messages.debug
 
@@ -141,15 +167,24 @@ def _spellings(declared: Option) -> list[str]:
 
 
 def _help(declared: Option) -> str:
+    default = shown_default(declared)
+    note = f"[default: {default}]" if default else ""
+    if len(default) <= SHORT_DEFAULT:
+        note = note.replace(" ", "\N{NO-BREAK SPACE}")
+    return f"{meaning(declared)}  {note}".rstrip(" ")
+
+
+def meaning(declared: Option) -> str:
+    """What an option means, and whether it can be repeated."""
     kind = declared.kind.each if isinstance(declared.kind, Optional) else declared.kind
-    notes = ["Repeatable."] if isinstance(kind, Several | Settings | Values) else []
-    default = declared.usual or _shown_default(declared)
-    return "  ".join([" ".join([declared.help, *notes]), *([f"[default: {default}]"] if default else [])])
+    repeatable = isinstance(kind, Several | Settings | Values)
+    return with_formats(declared.help) + (" Repeatable." if repeatable else "")
 
 
-def _shown_default(declared: Option) -> str:
-    if declared.is_required or declared.default in (None, False, (), {}):
-        return ""
+def shown_default(declared: Option) -> str:
+    """The default of an option as the command line would write it; empty for none."""
+    if declared.usual or declared.is_required or declared.default in (None, False, (), {}):
+        return declared.usual
     shown = declared.kind.plain(declared.default)
     if shown is True:
         return flag(declared.name)

@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 import click
 
-from mjrun.cli.command import Given
+from mjrun.cli.click_command import CommandLine
 from mjrun.cli.console import Console, flag
 from mjrun.cli.controller_loader import load_controller
-from mjrun.cli.summaries import summary
+from mjrun.cli.result_summary import summary
 from mjrun.errors import MjrunError, UsageError, option
 from mjrun.options.messages import MessageOptions
 from mjrun.options.model import ModelOptions
@@ -40,29 +40,31 @@ def import_mujoco() -> None:
         os.environ["MUJOCO_GL"] = backend
 
 
-def source(given: Given) -> "Source":
+def source(command_line: CommandLine) -> "Source":
     """What stands where the model stands, with its overrides."""
     from mjrun.model.override import overrides_of
     from mjrun.model.sources import parse_source
 
-    return parse_source(given.text("model"), overrides_of(given.make(ModelOptions)))
+    return parse_source(command_line.argument("model"), overrides_of(command_line.make(ModelOptions)))
 
 
-def stem(given: Given) -> str:
+def stem(command_line: CommandLine) -> str:
     """The name of the model, for outputs without one of their own."""
-    return source(given).stem
+    return source(command_line).stem
 
 
-def simulation(given: Given) -> "Simulation":
+def simulation(command_line: CommandLine) -> "Simulation":
     """The simulation that a command line describes."""
     from mjrun.job.simulation import Simulation
 
-    return given.converted("controller", load_controller).make(Simulation, model=given.text("model"))
+    return command_line.with_converted("controller", load_controller).make(
+        Simulation, model=command_line.argument("model")
+    )
 
 
-def with_camera_scripts(given: Given) -> Given:
+def with_camera_scripts(command_line: CommandLine) -> CommandLine:
     """The same, with camera scripts read."""
-    return given.converted("camera", lambda specs: tuple(map(_camera, specs)))
+    return command_line.with_converted("camera", lambda specs: tuple(map(_camera, specs)))
 
 
 def _camera(spec: str) -> object:
@@ -73,56 +75,56 @@ def _camera(spec: str) -> object:
     return read_camera(spec)
 
 
-def make(console: Console, given: Given, job: "Job[R]") -> "R":
+def make(console: Console, command_line: CommandLine, job: "Job[R]") -> "R":
     """Makes what `job` describes, and a recording if one is wanted; or prints the document of both, and stops."""
     from mjrun.job.perform import perform
     from mjrun.job.recording import Recording
 
-    options = given.make(CommandOptions)
+    options = command_line.make(CommandOptions)
     jobs: list[Job[Any]] = [job]
     if options.recording is not None:
-        partial = given.make(TraceOptions, simulation=None).keep_partial
+        partial = command_line.make(TraceOptions, simulation=None).keep_partial
         jobs.append(Recording(job.simulation, options.recording, keep_partial=partial, command=console.command))
     if options.print_document:
         from mjrun.document.run_writer import document_text
 
         console.result(document_text(jobs, console.command).rstrip("\n"))
         raise click.exceptions.Exit(0)
-    with failures_in_json(console, given, lambda results: asdict(results[0])):
+    with failures_in_json(console, command_line, lambda results: asdict(results[0])):
         return perform(jobs, console)[0]
 
 
-def show(console: Console, given: Given, result: "OutputResult", default_output: str = "") -> None:
+def show(console: Console, command_line: CommandLine, result: "OutputResult", default_output: str = "") -> None:
     """Prints what was made: as JSON, or as a line, on standard output unless that holds the payload."""
-    if given.make(MessageOptions).json:
+    if command_line.make(MessageOptions).json:
         console.document(asdict(result))
-    elif payload_on_stdout(given, default_output):
+    elif payload_on_stdout(command_line, default_output):
         console.say(summary(result))
     elif console.verbosity >= 0:
         console.result(summary(result))
 
 
-def payload_on_stdout(given: Given, default_output: str = "") -> bool:
+def payload_on_stdout(command_line: CommandLine, default_output: str = "") -> bool:
     """Whether standard output is the output.
 
     Raises:
       UsageError: JSON wants it too.
     """
-    piped = (given.value("output") or default_output) == "-"
-    if piped and given.make(MessageOptions).json:
+    piped = (command_line.value("output") or default_output) == "-"
+    if piped and command_line.make(MessageOptions).json:
         raise UsageError(f"{option('json')} and the output both want standard output; give {option('output')} FILE")
     return piped
 
 
 @contextmanager
 def failures_in_json(
-    console: Console, given: Given, document: Callable[[Sequence[Any]], dict[str, Any]]
+    console: Console, command_line: CommandLine, document: Callable[[Sequence[Any]], dict[str, Any]]
 ) -> Iterator[None]:
     """Where JSON was asked for, tells of a failure in it too, beside the `document` of what was made all the same."""
     try:
         yield
     except MjrunError as error:
-        if given.make(MessageOptions).json and error.results:
+        if command_line.make(MessageOptions).json and error.results:
             facts = {name: value for name, value in vars(error).items() if name not in ("results", "path")}
             public = {name: value for name, value in facts.items() if not name.startswith("_")}
             message = error.spelled(flag)

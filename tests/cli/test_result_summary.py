@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import pytest
 
-from mjrun.cli.summaries import SENTENCES, sentence
+from mjrun.cli.result_summary import SUMMARIES, summary
 from mjrun.job.image import ImageResult
 from mjrun.job.plot import PlotResult
 from mjrun.job.recording import RecordingResult
@@ -76,21 +76,21 @@ RECORDING = RecordingResult(path="a.npz", states=501, size=20, simulated=1.0, wa
     ids=lambda value: type(value).__name__,
 )
 def test_a_result_is_one_line(result: object, line: str) -> None:
-    assert sentence(result) == line
+    assert summary(result) == line
 
 
 def test_every_kind_of_result_has_its_line() -> None:
     kinds = (VideoResult, ImageResult, TraceResult, PlotResult, RecordingResult)
-    assert set(SENTENCES) == {kind.__name__ for kind in kinds}
+    assert set(SUMMARIES) == {kind.__name__ for kind in kinds}
 
 
 @pytest.mark.parametrize(("fps", "shown"), [(0.125, "0.125"), (29.97, "29.97"), (1000.4, "1000"), (10000.0, "10000")])
 def test_a_rate_keeps_what_matters(fps: float, shown: str) -> None:
-    assert f" at {shown} fps" in sentence(replace(VIDEO, fps=fps))
+    assert f" at {shown} fps" in summary(replace(VIDEO, fps=fps))
 
 
 def test_one_frame_is_no_plural_and_several_processes_are_named() -> None:
-    line = sentence(replace(VIDEO, frames=1, jobs=4))
+    line = summary(replace(VIDEO, frames=1, jobs=4))
     assert ", 1 frame, " in line
     assert line.endswith("by llvmpipe (egl) in 4 processes")
 
@@ -101,8 +101,8 @@ def test_names_from_files_and_drivers_are_cleaned() -> None:
         replace(IMAGE, paths=["a\x1b[31m"], renderer="b\n"),
         *(replace(result, path="a\x1b[31m") for result in (TRACE, PLOT, RECORDING)),
     )
-    assert not any("\x1b" in sentence(result) or "\n" in sentence(result) for result in results)
+    assert not any("\x1b" in summary(result) or "\n" in summary(result) for result in results)
 
 
 def test_an_image_on_standard_output_has_a_dash_for_a_path() -> None:
-    assert sentence(replace(IMAGE, path="-", paths=[])).startswith("-: 64x48")
+    assert summary(replace(IMAGE, path="-", paths=[])).startswith("-: 64x48")

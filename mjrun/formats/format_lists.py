@@ -1,0 +1,48 @@
+"""The lists of formats in help texts, made from the formats that there are."""
+
+from collections.abc import Callable, Iterable
+
+from mjrun.formats import codecs, image_format, tables
+from mjrun.options.output import CODECS, DEPTH_IMAGES, RGB_IMAGES, SEGMENTATION_IMAGES, TABLES, VIDEOS
+
+
+def with_formats(text: str) -> str:
+    """`text` with the names of formats where it has a placeholder for them, such as `{table formats}`."""
+    for placeholder, names in LISTS.items():
+        if placeholder in text:
+            text = text.replace(placeholder, ", ".join(names()))
+    return text
+
+
+def _tables() -> Iterable[str]:
+    return (_name(known.suffixes) for known in tables.formats().values())
+
+
+def _videos() -> Iterable[str]:
+    """Containers; frames in files of their own and raw pixels are described beside them."""
+    return [name for name, known in codecs.CONTAINERS.items() if known.muxer not in ("image2", "rawvideo")]
+
+
+def _codecs() -> Iterable[str]:
+    """Those among which a container leaves a choice."""
+    held = [codecs.CONTAINERS[name].codecs for name in _videos()]
+    return dict.fromkeys(codec for choice in held if len(choice) > 1 for codec in choice)
+
+
+def _images(view: str) -> Iterable[str]:
+    return dict.fromkeys(_name(known.suffixes) for known in image_format.FORMATS[view].values())
+
+
+def _name(suffixes: Iterable[str]) -> str:
+    """The usual suffix of a format, which comes first."""
+    return next(iter(suffixes)).removeprefix(".")
+
+
+LISTS: dict[str, Callable[[], Iterable[str]]] = {
+    TABLES: _tables,
+    VIDEOS: _videos,
+    CODECS: _codecs,
+    RGB_IMAGES: lambda: _images("rgb"),
+    DEPTH_IMAGES: lambda: _images("depth"),
+    SEGMENTATION_IMAGES: lambda: _images("seg"),
+}
