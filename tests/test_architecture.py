@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 
 import mjrun
+from mjrun.cli.main import COMMANDS
 
 # Imports run downward. Rooms on one line are siblings and never import each other.
 HOUSE = (
@@ -199,6 +200,14 @@ def test_import_help_and_version_load_neither_mujoco_nor_numpy(code: str) -> Non
     loaded = loaded_by(code)
     assert "mjrun" in loaded
     assert loaded.isdisjoint({"mujoco", "numpy"})
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_help_of_a_command_loads_no_library_but_click(name: str) -> None:
+    code = f"sys.argv = ['mjrun', {name!r}, '--help']; import runpy; runpy.run_module('mjrun', run_name='__main__')"
+    loaded = loaded_by(code)
+    assert f"mjrun.cli.{name}" in loaded
+    assert loaded.isdisjoint(set(LIBRARIES) - {"click"})
 
 
 def test_using_a_public_name_loads_what_it_needs() -> None:

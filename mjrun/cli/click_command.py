@@ -92,7 +92,7 @@ class DeclaredOption(click.Option):
 
     def __init__(self, declared: Option, **settings: Any) -> None:
         self.declared = declared
-        super().__init__(_spellings(declared), help=_help(declared), **settings)
+        super().__init__([*declared.short, "/".join(flags(declared)), declared.name], help=_help(declared), **settings)
 
     def type_cast_value(self, ctx: click.Context, value: Any) -> Any:
         made = super().type_cast_value(ctx, value)
@@ -140,14 +140,14 @@ def command(
 
 def click_option(declared: Option) -> click.Option:
     """The option of the command line that is `declared`."""
-    kind = declared.kind.each if isinstance(declared.kind, Optional) else declared.kind
+    kind = _given_kind(declared)
     if isinstance(kind, Flag):
         return DeclaredOption(declared, is_flag=True, default=None)
-    several = isinstance(kind, Several | Settings | Values)
     each = kind.each if isinstance(kind, Several) and not kind.commas else kind
     chosen = click.Choice(each.names, case_sensitive=False) if isinstance(each, Choice) else KindType(each)
     metavar = None if isinstance(each, Choice) else kind.metavar
     optional = {} if declared.flag_value is None else {"is_flag": False, "flag_value": declared.flag_value}
+    several = is_repeatable(declared)
     return DeclaredOption(declared, type=chosen, multiple=several, metavar=metavar, default=None, **optional)
 
 
@@ -160,10 +160,11 @@ def _set_verbosity(console: Console, messages: MessageOptions) -> None:
     console.debug = messages.debug
 
 
-def _spellings(declared: Option) -> list[str]:
+def flags(declared: Option) -> list[str]:
+    """The long spellings of an option: `--legend`, `--no-legend`."""
     long = flag(declared.name)
     negatable = isinstance(declared.kind, Flag) and declared.kind.negatable
-    return [*declared.short, f"{long}/--no-{long[2:]}" if negatable else long, declared.name]
+    return [long, f"--no-{long[2:]}"] if negatable else [long]
 
 
 def _help(declared: Option) -> str:
@@ -171,19 +172,23 @@ def _help(declared: Option) -> str:
     note = f"[default: {default}]" if default else ""
     if len(default) <= SHORT_DEFAULT:
         note = note.replace(" ", "\N{NO-BREAK SPACE}")
-    return f"{meaning(declared)}  {note}".rstrip(" ")
+    repeatable = " Repeatable." if is_repeatable(declared) else ""
+    return f"{with_formats(declared.help)}{repeatable}  {note}".rstrip(" ")
 
 
-def meaning(declared: Option) -> str:
-    """What an option means, and whether it can be repeated."""
-    kind = declared.kind.each if isinstance(declared.kind, Optional) else declared.kind
-    repeatable = isinstance(kind, Several | Settings | Values)
-    return with_formats(declared.help) + (" Repeatable." if repeatable else "")
+def is_repeatable(declared: Option) -> bool:
+    """Whether a command line can have the option more than once."""
+    return isinstance(_given_kind(declared), Several | Settings | Values)
+
+
+def _given_kind(declared: Option) -> Kind[Any, Any]:
+    """The kind of the values that are given, where it is optional to give one."""
+    return declared.kind.each if isinstance(declared.kind, Optional) else declared.kind
 
 
 def shown_default(declared: Option) -> str:
     """The default of an option as the command line would write it; empty for none."""
-    if declared.usual or declared.is_required or declared.default in (None, False, (), {}):
+    if declared.usual or declared.is_required or declared.default is False or declared.default in (None, (), {}):
         return declared.usual
     shown = declared.kind.plain(declared.default)
     if shown is True:

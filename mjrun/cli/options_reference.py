@@ -1,35 +1,153 @@
-"""The reference of all options of all commands, as Markdown."""
+"""The reference of all options, as Markdown: how the command line, run documents and Python spell them."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
 
 import click
 
-from mjrun.cli.click_command import DeclaredOption
+from mjrun.cli.click_command import DeclaredOption, flags, is_repeatable, shown_default
 from mjrun.cli.main import COMMANDS, group
+from mjrun.formats.format_lists import with_formats
+from mjrun.options.kinds import Flag
+from mjrun.options.option import Option, Place, options_of
+from mjrun.options.trace import PlotOptions, RecordingOptions
+
+SIMULATION_SECTIONS = ("Simulation", "Model")  # the rest of a command that simulates is about its output
+# Command → the key of run documents and the class in Python that have its options.
+OUTPUTS = {"video": ("videos", "Video"), "image": ("images", "Image"), "trace": ("traces", "Trace")}
+CLASSES = {"bench": "Bench", "check": "Check"}  # which run documents do not know
+TOP_LEVEL = "."
+INTRODUCTION = """\
+# Options of mjrun
+
+Every option, by section, as `mjrun schema options` prints them. A name means the same everywhere: `--trail-span` on the
+command line is `trail_span` in run documents and in Python. Units are in brackets. What is repeatable on the command
+line is a list in documents and in Python; one value alone will do."""
 
 
-def reference() -> str:
-    """One section for each command, a table for each of its groups of options."""
-    return "\n".join(_lines())
+@dataclass(frozen=True)
+class Owner:
+    """What takes the options of a section.
+
+    Attributes:
+      command: such as `video`; empty for what no command makes.
+      key: the list in run documents whose entries take them, or `TOP_LEVEL`; empty for none.
+      python: the class; empty for none.
+    """
+
+    command: str
+    key: str = ""
+    python: str = ""
+
+    @property
+    def document(self) -> str:
+        """Where in a run document its options stand."""
+        return "the top level" if self.key == TOP_LEVEL else f"`{self.key}[]`"
+
+    def __str__(self) -> str:
+        return f"`mjrun {self.command}`" if self.command else f"`{self.key}`"
 
 
-def _lines() -> Iterator[str]:
-    yield "# Options of mjrun\n"
-    yield "An option means the same in every command. Run documents and Python use its name with underscores."
-    ctx = click.Context(group)
+@dataclass
+class Section:
+    """Options that stand together, and what takes each of them."""
+
+    title: str
+    options: dict[str, Option] = field(default_factory=dict)
+    owners: dict[str, list[Owner]] = field(default_factory=dict)
+
+    def add(self, owner: Owner, options: Sequence[Option]) -> None:
+        for each in options:
+            self.options.setdefault(each.name, each)
+            self.owners.setdefault(each.name, []).append(owner)
+
+    def fits(self, options: Sequence[Option]) -> bool:
+        """Whether `options` are the same as those here, or some of them, or these and more."""
+        names = {each.name for each in options}
+        agree = all(self.options.get(each.name, each) == each for each in options)
+        return agree and (names <= set(self.options) or names >= set(self.options))
+
+    def all_owners(self) -> list[Owner]:
+        return list(dict.fromkeys(owner for owners in self.owners.values() for owner in owners))
+
+
+def options_reference() -> str:
+    """A section for each group of options, with a table of them."""
+    return "\n\n".join([INTRODUCTION, *("\n".join(_section_lines(section)) for section in reference_sections())])
+
+
+def reference_sections() -> list[Section]:
+    """The options of all commands and outputs; sections that several of them have stand once."""
+    sections: list[Section] = []
+    for title, owner, options in _sections():
+        named = [section for section in sections if section.title == title]
+        fitting = next((section for section in named if section.fits(options)), None)
+        if fitting is None:
+            fitting = Section(f"{title} of {owner}" if named else title)
+            sections.append(fitting)
+        fitting.add(owner, options)
+    return sections
+
+
+def _sections() -> Iterator[tuple[str, Owner, list[Option]]]:
+    """The title of every section of every command and output, what takes its options, and the options."""
+    context = click.Context(group)
     for name in COMMANDS:
-        command = group.get_command(ctx, name)
-        assert command
-        yield f"\n## mjrun {name}\n\n{COMMANDS[name]}"
-        section = ""
-        for param in command.params:
-            if not isinstance(param, DeclaredOption):
-                continue
-            if param.section != section:
-                section = param.section
-                yield f"\n### {section}\n\n| option | meaning |\n|---|---|"
-            spelling, meaning = param.get_help_record(ctx) or ("", "")
-            yield f"| `{_cell(spelling)}` | {_cell(meaning)} |"
+        command = group.get_command(context, name)
+        assert command is not None
+        owner = Owner(name, *OUTPUTS.get(name, ("", CLASSES.get(name, ""))))
+        yield from _by_section(owner, [param.declared for param in command.params if isinstance(param, DeclaredOption)])
+    yield from _by_section(Owner("", "plots", "Plot"), options_of(PlotOptions))
+    yield from _by_section(Owner("", "recordings", "Recording"), options_of(RecordingOptions))
+
+
+def _by_section(owner: Owner, options: Sequence[Option]) -> Iterator[tuple[str, Owner, list[Option]]]:
+    for title in dict.fromkeys(each.section for each in options):
+        about_simulation = owner.command in OUTPUTS and title in SIMULATION_SECTIONS
+        section_owner = Owner(owner.command, TOP_LEVEL, "Simulation") if about_simulation else owner
+        yield title, section_owner, [each for each in options if each.section == title]
+
+
+def _section_lines(section: Section) -> Iterator[str]:
+    owners = section.all_owners()
+    places = Place(0)
+    for each in section.options.values():
+        places |= each.places
+    homes = {
+        "Command line": [f"`mjrun {owner.command}`" for owner in owners if owner.command],
+        "Run documents": [owner.document for owner in owners if owner.key and Place.DOCUMENT in places],
+        "Python": [f"`mjrun.{owner.python}`" for owner in owners if owner.python and Place.PYTHON in places],
+    }
+    yield f"## {section.title}\n"
+    yield ". ".join(f"{name}: {', '.join(dict.fromkeys(home))}" for name, home in homes.items() if home) + "."
+    yield "\n| option | document | Python | value | default | meaning |\n|---|---|---|---|---|---|"
+    for each in section.options.values():
+        yield f"| {' | '.join(_cell(text) for text in _row(each, section.owners[each.name], owners))} |"
+
+
+def _row(each: Option, owners: Sequence[Owner], all_owners: Sequence[Owner]) -> list[str]:
+    in_command = Place.COMMAND in each.places and any(owner.command for owner in owners)
+    in_document = Place.DOCUMENT in each.places and any(owner.key for owner in owners)
+    in_python = Place.PYTHON in each.places and any(owner.python for owner in owners)
+    spellings = ", ".join(f"`{spelling}`" for spelling in (*each.short, *flags(each)))
+    repeatable = " Repeatable." if in_command and is_repeatable(each) else ""
+    return [
+        spellings if in_command else "",
+        f"`{each.name}`" if in_document else "",
+        f"`{each.attribute}`" if in_python else "",
+        "true or false" if isinstance(each.kind, Flag) else f"`{each.kind.metavar}`",
+        str(each.default).lower() if isinstance(each.default, bool) else shown_default(each),
+        with_formats(each.help) + repeatable + _restriction(owners, all_owners),
+    ]
+
+
+def _restriction(owners: Sequence[Owner], all_owners: Sequence[Owner]) -> str:
+    """The sentence for an option that only some of the section's owners take."""
+    others = [owner for owner in all_owners if owner not in owners]
+    if not others:
+        return ""
+    only, without = ", ".join(map(str, owners)), ", ".join(map(str, others))
+    return f" Not for {without}." if len(others) < len(owners) else f" Only for {only}."
 
 
 def _cell(text: str) -> str:

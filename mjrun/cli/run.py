@@ -43,9 +43,8 @@ def run(console: Console, command_line: CommandLine) -> None:
 
     options = command_line.with_converted("controller", load_controller).make(RunOptions)
     as_json = command_line.make(MessageOptions).json
-    requests = read_run(
-        command_line.argument("document"), command_line.arguments("assignments"), options, console.command
-    )
+    document, assignments = command_line.argument("document"), command_line.arguments("assignments")
+    requests = read_run(document, assignments, options, console.command)
     with requests.located():
         if options.dry_run:
             _show_plan(console, preview(requests.jobs, console), as_json)

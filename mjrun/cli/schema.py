@@ -20,9 +20,9 @@ def schema(console: Console, command_line: CommandLine) -> None:
     """
     console.guard_stdout()
     if command_line.argument("kind") == "options":
-        from mjrun.cli.options_reference import reference
+        from mjrun.cli.options_reference import options_reference
 
-        console.result(reference())
+        console.result(options_reference())
         return
     import_mujoco()
     from mjrun.document.json_schema import json_schema

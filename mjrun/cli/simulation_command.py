@@ -57,9 +57,8 @@ def simulation(command_line: CommandLine) -> "Simulation":
     """The simulation that a command line describes."""
     from mjrun.job.simulation import Simulation
 
-    return command_line.with_converted("controller", load_controller).make(
-        Simulation, model=command_line.argument("model")
-    )
+    model = command_line.argument("model")
+    return command_line.with_converted("controller", load_controller).make(Simulation, model=model)
 
 
 def with_camera_scripts(command_line: CommandLine) -> CommandLine:

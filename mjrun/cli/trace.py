@@ -35,9 +35,8 @@ def trace(console: Console, command_line: CommandLine) -> None:
         command_line = _as_csv(command_line)
     if command_line.make(CommandOptions).print_document:
         command_line = command_line.with_defaults(output=f"{stem(command_line)}.csv")
-    result = make(
-        console, command_line, command_line.make(Trace, simulation=simulation(command_line), command=console.command)
-    )
+    job = command_line.make(Trace, simulation=simulation(command_line), command=console.command)
+    result = make(console, command_line, job)
     if not piped or command_line.make(MessageOptions).json:
         show(console, command_line, result)
 

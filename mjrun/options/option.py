@@ -148,7 +148,7 @@ def options(cls: type[C]) -> type[C]:
 
 
 @cache
-def options_of(cls: type) -> tuple[Option, ...]:
+def options_of(cls: type[Options]) -> tuple[Option, ...]:
     """The options that `cls` declares and inherits, its own first."""
     declared: dict[str, Option] = {}
     for home in cls.__mro__:
@@ -158,7 +158,7 @@ def options_of(cls: type) -> tuple[Option, ...]:
 
 
 @cache
-def exclusions_of(cls: type) -> tuple[Exclusion, ...]:
+def exclusions_of(cls: type[Options]) -> tuple[Exclusion, ...]:
     """The exclusions that `cls` declares and inherits."""
     return tuple(dict.fromkeys(each for home in cls.__mro__ for each in vars(home).get("exclusions", ())))
 
@@ -170,9 +170,9 @@ def is_given(values: Options, name: str) -> bool:
     return value is not None and value != each.default
 
 
-def _declared(home: type, cls: type) -> Iterator[Option]:
+def _declared(home: type, cls: type[Options]) -> Iterator[Option]:
     fields = {field.name: field for field in dataclasses.fields(cls)}
-    section = vars(home).get("section", cls.__dict__.get("section", "Options"))
+    section = vars(home).get("section", cls.section)
     for attribute in vars(home).get("__annotations__", {}):
         field = fields.get(attribute)
         if field is None or "kind" not in field.metadata:

@@ -135,9 +135,8 @@ def test_a_command_can_do_without_an_option() -> None:
 
 def test_what_is_given_can_be_converted_before_it_is_made() -> None:
     command_line = CommandLine({"name": "a", "topping": ("x",)})
-    converted = command_line.with_converted("topping", lambda values: [value * 2 for value in values]).with_converted(
-        "heat", float
-    )
+    doubled = command_line.with_converted("topping", lambda values: [value * 2 for value in values])
+    converted = doubled.with_converted("heat", float)
     assert converted.make(Cake, subject="s").topping == ("xx",)
     assert command_line.value("name") == "a"
     assert command_line.value("heat") is None

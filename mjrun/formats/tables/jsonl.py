@@ -15,8 +15,6 @@ from collections.abc import Iterable, Iterator, KeysView, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO
 
-import orjson
-
 from mjrun.errors import FileError, clean
 from mjrun.formats.table import Table
 from mjrun.formats.table_format import ColumnFilter, TableFormat
@@ -78,6 +76,8 @@ def read(path: Path, wanted: ColumnFilter) -> Table:
 
 def _rows(path: Path, file: BinaryIO) -> Iterator[tuple[int, dict[str, Any]]]:
     """Every object, with its line; blank lines are skipped, and the keys of the first row are unique."""
+    import orjson
+
     from mjrun.formats.text_columns import lines
 
     first = True

@@ -1,0 +1,78 @@
+"""The reference of options is complete, right about documents and Python, and the file at the top is current."""
+
+import re
+from pathlib import Path
+
+import click
+import pytest
+
+import mjrun
+from mjrun.cli.main import COMMANDS, group
+from mjrun.cli.options_reference import TOP_LEVEL, options_reference, reference_sections
+from mjrun.document.json_schema import json_schema
+from mjrun.options.option import Options, Place, options_of
+
+ROOT = Path(__file__).parents[2]
+SECTIONS = reference_sections()
+ROWS = [(section, each, section.owners[each.name]) for section in SECTIONS for each in section.options.values()]
+
+
+def test_the_file_at_the_top_is_what_the_command_prints_now() -> None:
+    current = options_reference() + "\n"
+    assert (ROOT / "REFERENCE.md").read_text("utf-8") == current, "make it anew: mjrun schema options > REFERENCE.md"
+    assert "(REFERENCE.md)" in (ROOT / "README.md").read_text("utf-8")
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_every_option_of_every_command_is_there(name: str) -> None:
+    command = group.get_command(click.Context(group), name)
+    assert command
+    listed = {each.name for _, each, owners in ROWS if name in {owner.command for owner in owners}}
+    assert listed == {param.name for param in command.params if isinstance(param, click.Option)}
+
+
+def test_keys_are_those_of_the_schema_of_run_documents() -> None:
+    definitions = json_schema("run")
+    for section, each, owners in ROWS:
+        for key in {owner.key for owner in owners} - {""}:
+            keys = _keys(definitions, key)
+            assert (each.name in keys) == (Place.DOCUMENT in each.places), (section.title, key, each.name)
+
+
+def test_every_key_of_run_documents_is_there() -> None:
+    definitions = json_schema("run")
+    outputs = ("videos", "images", "traces", "plots", "recordings")
+    for key in (TOP_LEVEL, *outputs):
+        listed = {each.name for _, each, owners in ROWS if key in {owner.key for owner in owners}}
+        assert _keys(definitions, key) - {"model", "vars", "defaults", *outputs} <= listed
+
+
+def test_python_arguments_are_those_of_the_classes() -> None:
+    for section, each, owners in ROWS:
+        for name in {owner.python for owner in owners} - {""}:
+            cls = getattr(mjrun, name)
+            assert issubclass(cls, Options)
+            attributes = {option.attribute for option in options_of(cls)}
+            assert (each.attribute in attributes) or Place.PYTHON not in each.places, (section.title, name, each.name)
+
+
+def test_every_row_has_six_cells_and_no_placeholder_is_left() -> None:
+    text = options_reference()
+    rows = [line for line in text.splitlines() if line.startswith("|")]
+    assert all(len(re.split(r"(?<!\\)\|", row)) == 8 for row in rows)
+    assert "formats}" not in text
+    assert "| `--trail-span` | `trail_span` | `trail_span` | `SECONDS` | all | How much of the past" in text
+    assert "| `--gl` |  | `gl` |" in text
+    assert "| `--assert` | `assert` | `assert_` |" in text
+
+
+def _keys(definitions: dict[str, object], key: str) -> set[str]:
+    """The keys of entries of the list `key` in run documents, or of the document itself."""
+    properties = definitions["properties"]
+    assert isinstance(properties, dict)
+    if key == TOP_LEVEL:
+        return set(properties)
+    entry = next(each for each in properties[key]["items"]["anyOf"] if "$ref" in each)
+    home = definitions["$defs"]
+    assert isinstance(home, dict)
+    return set(home[entry["$ref"].rpartition("/")[2]]["properties"])
