@@ -1,21 +1,12 @@
 """The cost of a frame, part by part, with a fake clock."""
 
 import sys
-from functools import partial
 from pathlib import Path
 
-import mujoco
-import numpy as np
 import pytest
 
-from mjrun.bench.rollout_timing import Run
-from mjrun.camera.argument import parse_camera
-from mjrun.camera.motion import CameraMotion
 from mjrun.job.view import Drawing
 from mjrun.rendering.backend import Backend
-from mjrun.rendering.classic import ClassicRenderer
-from mjrun.rendering.segmentation import Segmentation
-from mjrun.rendering.timed_renderers import Stopwatch, TimedClassicRenderer
 from mjrun.rendering.visual import Visual
 
 sys.path.append(str(Path(__file__).parent))
@@ -57,19 +48,3 @@ def test_filament_does_not_tell_drawing_from_reading(path: Path, vulkan: Backend
     assert (found.renderer, found.device, found.read) == ("filament", vulkan.renderer, None)
     # One look at the clock lies between any two parts: composing comes before, between and after the others.
     assert (found.update.median, found.draw.median, found.compose.median, found.total.median) == (1, 1, 3, 5)
-
-
-@pytest.mark.gl
-def test_a_timed_picture_is_the_picture(path: Path, backend: Backend) -> None:
-    model = mujoco.MjModel.from_xml_path(str(path))
-    state = Run.of(model, mujoco.MjData(model)).start
-    pose = CameraMotion(parse_camera("free", model), model, (64, 48)).pose(state)
-    arguments = (model, (64, 48), backend, Visual(), Segmentation(model))
-    seen: list[dict[str, np.ndarray]] = []
-    for make in (ClassicRenderer, partial(TimedClassicRenderer, watch=Stopwatch(FakeClock()))):
-        with make(*arguments) as renderer:
-            renderer.look(state)
-            picture = renderer.picture(pose, ("rgb", "depth", "seg"))
-            seen.append({name: np.array(getattr(picture, name)) for name in ("rgb", "depth", "ids")})
-    for name, expected in seen[0].items():
-        np.testing.assert_array_equal(seen[1][name], expected)

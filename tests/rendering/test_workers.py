@@ -15,10 +15,8 @@ import mujoco
 import numpy as np
 import pytest
 
-from mjrun.errors import BadValueError, DrawError, MjrunError, NoRendererError, UnstableError
-from mjrun.rendering import process_count
+from mjrun.errors import DrawError, MjrunError, NoRendererError, UnstableError
 from mjrun.rendering.backend import Backend
-from mjrun.rendering.process_count import available_cores, estimated_cost, jobs_for
 from mjrun.rendering.workers import SLOTS, Pool, Workers
 
 sys.path.append(str(Path(__file__).parent))  # drawing processes look where we look
@@ -424,57 +422,3 @@ def test_pixels_are_the_same_in_one_process_in_two_and_by_mujoco(
     for jobs in (1, 2):
         with Pool(Drawing(model, backend, size), (size[1], size[0], 3), jobs) as pool:
             assert np.array_equal([frame.copy() for frame in pool.frames(states)], expected)
-
-
-@pytest.mark.parametrize(
-    ("asked", "software", "frames", "cost", "cores", "expected"),
-    [
-        ("auto", False, 10_000, 1.0, 8, 1),  # a GPU
-        ("auto", True, 300, 0.005, 8, 1),  # short
-        ("auto", True, 300, 0.1, 8, 8),
-        ("auto", True, 300, 0.1, 2, 2),
-        ("auto", True, 19, 0.1, 2, 1),
-        ("auto", True, 5, 60.0, 8, 5),
-        ("auto", True, 300, 1.0, 1, 1),
-        (3, False, 300, 0.001, 1, 3),
-        (3, True, 2, 0.1, 8, 2),
-        (2, True, 0, 0.1, 8, 1),
-    ],
-)
-def test_processes_are_as_many_as_are_worth_it(
-    asked: int | str, software: bool, frames: int, cost: float, cores: int, expected: int
-) -> None:
-    assert jobs_for(asked, software, frames, cost, cores) == expected
-
-
-def test_a_guess_grows_with_pixels_and_panels() -> None:
-    assert estimated_cost((640, 480)) == pytest.approx(0.06072)
-    assert estimated_cost((640, 480), 3) == pytest.approx(3 * 0.06072)
-
-
-@pytest.mark.parametrize("asked", [0, -1, "many", "2"])
-def test_a_number_of_processes_that_is_none_is_refused(asked: int | str) -> None:
-    with pytest.raises(BadValueError, match=r"jobs: .* is not a number of processes from 1 on, or auto"):
-        jobs_for(asked, True, 100, 0.1, 2)
-
-
-@pytest.mark.parametrize(
-    ("inner", "outer", "expected"),
-    [("max 100000", "max 100000", 64), ("150000 100000", "max 100000", 2), ("max 100000", "400000 100000", 4)],
-)
-def test_a_control_group_s_share_limits_the_cores(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, inner: str, outer: str, expected: int
-) -> None:
-    (tmp_path / "a/b").mkdir(parents=True)
-    (tmp_path / "a/cpu.max").write_text(f"{outer}\n")
-    (tmp_path / "a/b/cpu.max").write_text(f"{inner}\n")
-    (tmp_path / "own").write_text("1:cpu:/\n0::/a/b\n")
-    monkeypatch.setattr(process_count, "GROUPS", tmp_path)
-    monkeypatch.setattr(process_count, "OWN_GROUP", tmp_path / "own")
-    monkeypatch.setattr(os, "sched_getaffinity", lambda process: set(range(64)))
-    assert available_cores() == expected
-
-
-def test_without_control_groups_every_core_of_the_affinity_counts(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(process_count, "OWN_GROUP", Path("/nowhere"))
-    assert available_cores() == len(os.sched_getaffinity(0))
