@@ -9,7 +9,7 @@ from fractions import Fraction
 import mujoco
 import numpy as np
 
-from mjrun.errors import SimulationError, clean, option
+from mjrun.errors import SimulationError, option
 from mjrun.model.column import Column
 from mjrun.probe.contacts import contact_columns, contacts
 from mjrun.probe.fields import FieldProbe, Fields, InstantProbe
@@ -139,7 +139,7 @@ def rate_warning(timeline: Timeline, rate: float | str | Fraction | None) -> str
     if rate is None or rational(rate) * timeline.timestep <= 1:
         return ""
     steps = f"{float(1 / timeline.timestep):g}"
-    text = f"{option('rate')} {clean(str(rate))} is more than the {steps} steps of a simulated second"
+    text = f"{option('rate')} {float(rational(rate)):g} is more than the {steps} steps of a simulated second"
     return f"{text}: every step has one row; a smaller {option('timestep')} has more"
 
 

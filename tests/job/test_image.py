@@ -34,7 +34,9 @@ def instant(path: Path, step: int) -> tuple[mujoco.MjModel, mujoco.MjData]:
     return model, data
 
 
-@pytest.mark.parametrize(("when", "step"), [({}, 0), ({"at": 0.3}, 150), ({"step": 77}, 77), ({"at": "0.1009"}, 50)])
+@pytest.mark.parametrize(
+    ("when", "step"), [({}, 0), ({"time": 0.3}, 150), ({"step": 77}, 77), ({"time": "0.1009"}, 50)]
+)
 def test_a_still_is_the_instant_that_was_asked_for(
     swing: Path, tmp_path: Path, still: Still, when: dict[str, object], step: int
 ) -> None:
@@ -43,7 +45,7 @@ def test_a_still_is_the_instant_that_was_asked_for(
 
 
 def test_depth_is_that_of_mujoco_s_renderer(swing: Path, tmp_path: Path) -> None:
-    Image(Simulation(swing), str(tmp_path / "d.npy"), size=SIZE, view="depth", camera="side", at=0.2).run()
+    Image(Simulation(swing), str(tmp_path / "d.npy"), size=SIZE, view="depth", camera="side", time=0.2).run()
     found = np.load(tmp_path / "d.npy")
     model, data = instant(swing, 100)
     model.vis.quality.offsamples = 0  # or its edges are averages
@@ -66,10 +68,10 @@ def test_ids_come_with_labels_that_say_what_they_are(swing: Path, tmp_path: Path
 
 
 def test_views_of_one_picture_stand_where_the_layout_says(swing: Path, tmp_path: Path) -> None:
-    both = image(swing, tmp_path / "b.png", view=["rgb", "depth"], camera=["side", "free"], layout="grid", at=0.1)
+    both = image(swing, tmp_path / "b.png", view=["rgb", "depth"], camera=["side", "free"], layout="grid", time=0.1)
     assert both.shape[1::-1] == layout_size(4, SIZE, "grid")
     alone = [
-        image(swing, tmp_path / "one.png", view=view, camera=camera, style="color", at=0.1)
+        image(swing, tmp_path / "one.png", view=view, camera=camera, style="color", time=0.1)
         for camera in ("side", "free")
         for view in ("rgb", "depth")
     ]
@@ -110,40 +112,40 @@ def test_a_still_is_a_frame_of_the_film(swing: Path, tmp_path: Path) -> None:
     frames = sorted((tmp_path / "f").iterdir())
     for index, frame in enumerate(frames):
         output = tmp_path / f"{index}.png"
-        Image(Simulation(swing), str(output), at=index / 20, legend=False, **options).run()  # type: ignore[arg-type]
+        Image(Simulation(swing), str(output), time=index / 20, legend=False, **options).run()  # type: ignore[arg-type]
         assert np.array_equal(np.array(Pillow.open(frame)), np.array(Pillow.open(output)))
 
 
 def test_text_is_written_with_the_values_of_the_instant(swing: Path, tmp_path: Path) -> None:
-    plain = image(swing, tmp_path / "p.png", at=0.1)
+    plain = image(swing, tmp_path / "p.png", time=0.1)
     texts = {
-        text: image(swing, tmp_path / "t.png", at=0.1, text=text)
+        text: image(swing, tmp_path / "t.png", time=0.1, text=text)
         for text in ("{time:.3f} s", "0.100 s", "{qpos/hinge:.6f}", "{qpos/ball/z:.3f}")
     }
     _, data = instant(swing, 50)
     assert not np.array_equal(texts["{time:.3f} s"], plain)
     assert np.array_equal(texts["{time:.3f} s"], texts["0.100 s"])
     assert np.array_equal(
-        texts["{qpos/hinge:.6f}"], image(swing, tmp_path / "q.png", at=0.1, text=f"{data.qpos[0]:.6f}")
+        texts["{qpos/hinge:.6f}"], image(swing, tmp_path / "q.png", time=0.1, text=f"{data.qpos[0]:.6f}")
     )
     assert np.array_equal(
-        texts["{qpos/ball/z:.3f}"], image(swing, tmp_path / "q.png", at=0.1, text=f"{data.qpos[3]:.3f}")
+        texts["{qpos/ball/z:.3f}"], image(swing, tmp_path / "q.png", time=0.1, text=f"{data.qpos[3]:.3f}")
     )
 
 
 @pytest.mark.parametrize(
     ("how", "kind", "said"),
     [
-        ({"view": "colour"}, UnknownNameError, "no view 'colour'"),
-        ({"view": ["rgb", "rgb"]}, UsageError, "--view: each once"),
-        ({"camera": ["side", "side"]}, UsageError, "--camera: each once"),
+        ({"view": "colour"}, UsageError, "view: 'colour' is not one of rgb, depth, seg"),
+        ({"view": ["rgb", "rgb"]}, UsageError, "view: each once"),
+        ({"camera": ["side", "side"]}, UsageError, "camera: each once"),
         ({"camera": "sied"}, UnknownNameError, "did you mean 'side'"),
-        ({"layout": "pile"}, UnknownNameError, "no layout 'pile'"),
+        ({"layout": "pile"}, UsageError, "layout: 'pile' is not one of row, column, grid"),
         ({"seg_by": "colour", "view": "seg"}, UnknownNameError, "no segmentation 'colour'"),
         ({"depth_range": (3, 1)}, BadValueError, "3..1"),
         ({"style": "exact", "view": ["rgb", "depth"]}, UsageError, "add separate"),
-        ({"at": 1, "step": 2}, UsageError, "exclude each other"),
-        ({"at": "soon"}, BadValueError, "'soon' is not a number of seconds"),
+        ({"time": 1, "step": 2}, UsageError, "exclude each other"),
+        ({"time": "soon"}, BadValueError, "'soon' is not a number from 0 on"),
         ({"step": -1}, BadValueError, "from 0 on"),
         ({"text": "{qpos/hing}"}, UnknownNameError, "no value 'qpos/hing'"),
         ({"text": "{time"}, UsageError, "text"),

@@ -58,10 +58,10 @@ def test_one_pass_makes_what_each_job_makes_alone(swing: Path, tmp_path: Path) -
         folder.mkdir()
         return [
             Video(simulation, f"{folder}/f/", fps=20, size=SIZE, camera="side", text="{energy/kinetic:.3f}"),
-            Image(simulation, f"{folder}/i.png", at=0.1, size=SIZE, view="depth"),
-            Trace(simulation, f"{folder}/t.csv", probes=["qpos", "energy"], every=3, contacts=f"{folder}/c.csv"),
+            Image(simulation, f"{folder}/i.png", time=0.1, size=SIZE, view="depth"),
+            Trace(simulation, f"{folder}/t.csv", probe=["qpos", "energy"], every=3, contacts=f"{folder}/c.csv"),
             Trace(simulation, f"{folder}/u.npz"),
-            Plot(simulation, f"{folder}/p.png", probes=["energy", "qpos/hinge"], size=(200, 160)),
+            Plot(simulation, f"{folder}/p.png", probe=["energy", "qpos/hinge"], size=(200, 160)),
             Recording(simulation, f"{folder}/r.npz"),
         ]
 
@@ -87,7 +87,7 @@ def test_a_replay_gives_the_same_numbers_as_the_simulation(swing: Path, tmp_path
     assert (tmp_path / "a.csv").read_bytes() == (tmp_path / "b.csv").read_bytes()
     with pytest.raises(UsageError, match="the recording ends at step 120"):
         Trace(Simulation(swing, replay=f"{tmp_path}/r.npz", steps=121), f"{tmp_path}/c.csv").run()
-    with pytest.raises(UsageError, match="--qvel would change it"):
+    with pytest.raises(UsageError, match="replay and qvel exclude each other"):
         Simulation(swing, replay=f"{tmp_path}/r.npz", qvel={"hinge": 1})
 
 
@@ -111,7 +111,7 @@ def test_an_event_cuts_stills_and_films_at_the_very_step(swing: Path, tmp_path: 
     event = Event("contact(ball, floor)")
     slow = CameraScript("hit", [Shot(FreeRig(), until=event), Shot(TrackRig("ball"), speed=Fraction(1, 2))])
     film = Video(simulation, f"{tmp_path}/f/", fps=20, size=SIZE, camera=slow, text="{step}")
-    still = Image(simulation, f"{tmp_path}/i.png", at=event, size=SIZE)
+    still = Image(simulation, f"{tmp_path}/i.png", time=event, size=SIZE)
     video, image = perform([film, still])
     assert isinstance(video, VideoResult)
     assert isinstance(image, ImageResult)
@@ -119,14 +119,14 @@ def test_an_event_cuts_stills_and_films_at_the_very_step(swing: Path, tmp_path: 
     lasts = hit * timestep + 2 * (Fraction(1, 2) - hit * timestep)
     assert video.frames == -(-lasts // Fraction(1, 20))
     assert image.step == hit
-    again = perform([replace(still, output=f"{tmp_path}/j.png", at=None, step=hit)])
+    again = perform([replace(still, output=f"{tmp_path}/j.png", time=None, step=hit)])
     assert again[0].step == hit
     assert np.array_equal(np.array(Pillow.open(tmp_path / "i.png")), np.array(Pillow.open(tmp_path / "j.png")))
 
 
 def test_an_assertion_that_fails_keeps_all_outputs(swing: Path, tmp_path: Path) -> None:
     simulation = Simulation(swing, steps=10)
-    jobs = [Trace(simulation, f"{tmp_path}/a.csv", asserts=["time < 0"]), Recording(simulation, f"{tmp_path}/r.npz")]
+    jobs = [Trace(simulation, f"{tmp_path}/a.csv", assert_=["time < 0"]), Recording(simulation, f"{tmp_path}/r.npz")]
     with pytest.raises(FailedAssertionError):
         perform(jobs)
     assert sorted(path.name for path in tmp_path.iterdir()) == ["a.csv", "r.npz", "swing.xml"]
@@ -136,9 +136,9 @@ def test_what_fails_early_leaves_nothing_of_any_job(swing: Path, tmp_path: Path)
     simulation = Simulation(swing, steps=10)
     good = Trace(simulation, f"{tmp_path}/a.csv")
     for bad, error in (
-        (Trace(simulation, f"{tmp_path}/b.csv", probes=["nothing"]), JobsError),
-        (Plot(simulation, f"{tmp_path}/none/p.png", probes=["energy"]), FileError),
-        (Image(simulation, f"{tmp_path}/i.png", at=Event("speed(nobody) > 1")), JobsError),
+        (Trace(simulation, f"{tmp_path}/b.csv", probe=["nothing"]), JobsError),
+        (Plot(simulation, f"{tmp_path}/none/p.png", probe=["energy"]), FileError),
+        (Image(simulation, f"{tmp_path}/i.png", time=Event("speed(nobody) > 1")), JobsError),
     ):
         with pytest.raises(error):
             perform([good, bad])
@@ -181,8 +181,8 @@ def test_a_plan_counts_what_is_then_made(swing: Path, tmp_path: Path) -> None:
 def test_all_that_is_wrong_with_jobs_is_told_at_once(swing: Path, tmp_path: Path) -> None:
     simulation = Simulation(swing, duration=0.1, qpos={"hing": 1})
     film = Video(simulation, f"{tmp_path}/f.mp4", camera="sde", size=SIZE)
-    trace = Trace(simulation, f"{tmp_path}/t.csv", probes=["qpos"])
-    plot = Plot(simulation, f"{tmp_path}/p.png", probes=["enrgy"])
+    trace = Trace(simulation, f"{tmp_path}/t.csv", probe=["qpos"])
+    plot = Plot(simulation, f"{tmp_path}/p.png", probe=["enrgy"])
     with pytest.raises(JobsError) as caught:
         perform([film, trace, plot])
     assert [index for index, _ in caught.value.faults] == [0, 2, None]
@@ -219,7 +219,7 @@ def test_no_file_is_written_twice_or_read_and_written(swing: Path, tmp_path: Pat
         ),
         ([Trace(simulation, f"{at}t.npz"), Recording(simulation, f"{at}t.npz")], "t.npz clashes with the output"),
         ([Image(simulation, f"{at}a.png", calibration=str(swing))], "swing.xml clashes with the model, which is read"),
-        ([Plot(simulation, f"{at}a.png", probes=["time"], manifest=f"{at}x/../swing.xml")], "clashes with the model"),
+        ([Plot(simulation, f"{at}a.png", probe=["time"], manifest=f"{at}x/../swing.xml")], "clashes with the model"),
     ]:
         with pytest.raises(UsageError, match=f"{said}.*; each output needs a file of its own"):
             perform(jobs)
@@ -246,7 +246,7 @@ def test_a_failed_assertion_brings_every_verdict(swing: Path, tmp_path: Path) ->
     simulation = Simulation(swing, duration=0.1)
     asserts = ["last(time) == 0.1", "max(time) < 0"]
     with pytest.raises(FailedAssertionError) as caught:
-        perform([Trace(simulation, f"{tmp_path}/t.csv", asserts=asserts)])
+        perform([Trace(simulation, f"{tmp_path}/t.csv", assert_=asserts)])
     (result,) = caught.value.results
     found = [(verdict.text, verdict.passed) for verdict in result.assertions]
     assert found == [(asserts[0], True), (asserts[1], False)]
@@ -265,7 +265,7 @@ def test_a_failed_assertion_brings_every_verdict(swing: Path, tmp_path: Path) ->
 def test_a_recording_of_other_physics_is_told(swing: Path, tmp_path: Path, change: dict[str, Any], told: bool) -> None:
     Recording(Simulation(swing, duration=0.1), f"{tmp_path}/r.npz").run()
     again = Trace(
-        Simulation(FileSource(swing, **change), replay=f"{tmp_path}/r.npz"), f"{tmp_path}/t.csv", probes=["energy"]
+        Simulation(FileSource(swing, **change), replay=f"{tmp_path}/r.npz"), f"{tmp_path}/t.csv", probe=["energy"]
     )
     with warnings.catch_warnings(record=True) as heard:
         warnings.simplefilter("always")
@@ -275,10 +275,10 @@ def test_a_recording_of_other_physics_is_told(swing: Path, tmp_path: Path, chang
 
 def test_a_lone_text_is_a_list_of_one(swing: Path, tmp_path: Path) -> None:
     simulation, out = Simulation(swing, duration=0.1), f"{tmp_path}/out"
-    trace = Trace(simulation, f"{out}.csv", probes="energy", asserts="max(time) < 1")
-    assert (trace.probes, trace.asserts) == (("energy",), ("max(time) < 1",))
+    trace = Trace(simulation, f"{out}.csv", probe="energy", assert_="max(time) < 1")
+    assert (trace.probe, trace.assert_) == (("energy",), ("max(time) < 1",))
     assert len(trace.run().assertions) == 1
-    assert Plot(simulation, f"{out}.png", probes="energy").probes == ("energy",)
+    assert Plot(simulation, f"{out}.png", probe="energy").probe == ("energy",)
     video = Video(simulation, f"{out}.mp4", plot="energy", trail="box", ghost="opacity=.5", size=SIZE)
     assert (video.plot, video.trail, video.ghost) == (("energy",), ("box",), ("opacity=.5",))
 
@@ -412,7 +412,7 @@ def test_a_writer_that_fails_before_an_instability_publishes_nothing(
 ) -> None:
     full_disk(monkeypatch, "bad.csv")
     simulation = Simulation(exploding, key="fast", duration=5)
-    bad = Trace(simulation, f"{tmp_path}/bad.csv", probes=probes, keep_partial=True)
+    bad = Trace(simulation, f"{tmp_path}/bad.csv", probe=probes, keep_partial=True)
     with pytest.raises(FileError, match="the disk is full"):
         perform([bad])
     assert [*tmp_path.iterdir()] == [exploding]
@@ -427,7 +427,7 @@ def test_a_writer_that_fails_before_an_instability_publishes_nothing(
 
 def test_an_event_that_never_happens_costs_its_own_output_only(swing: Path, tmp_path: Path) -> None:
     simulation = Simulation(swing, duration=0.1)
-    never = Image(simulation, f"{tmp_path}/i.png", at=Event("time > 9"), size=SIZE)
+    never = Image(simulation, f"{tmp_path}/i.png", time=Event("time > 9"), size=SIZE)
     with pytest.raises(PartlyDoneError, match="never happens") as caught:
         perform([never, Recording(simulation, f"{tmp_path}/r.npz")])
     assert [result.path for result in caught.value.results] == [f"{tmp_path}/r.npz"]

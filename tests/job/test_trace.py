@@ -71,7 +71,7 @@ def test_an_accelerometer_at_rest_feels_gravity_in_every_row(tmp_path: Path) -> 
         '<mujoco><worldbody><body><geom size=".1"/><site name="s"/></body></worldbody>'
         '<sensor><accelerometer name="imu" site="s"/></sensor></mujoco>'
     )
-    found = trace(tmp_path, Simulation(model, duration=0.1), probes=["sensor[imu]"])
+    found = trace(tmp_path, Simulation(model, duration=0.1), probe=["sensor[imu]"])
     assert np.column_stack([found[f"sensor/imu/{axis}"] for axis in "xyz"]) == pytest.approx(
         np.tile([0, 0, 9.81], (51, 1))
     )
@@ -85,28 +85,28 @@ def test_an_accelerometer_at_rest_feels_gravity_in_every_row(tmp_path: Path) -> 
         ({"every": 50}, [0, 50, 100]),
         ({"rate": 100}, list(range(0, 101, 5))),
         ({"rate": 60}, [0, 8, 17, 25, 33, 42, 50, 58, 67, 75, 83, 92, 100]),
-        ({"probes": ["qpos", "contact_force"], "every": 7}, [*range(0, 101, 7), 100]),
+        ({"probe": ["qpos", "contact_force"], "every": 7}, [*range(0, 101, 7), 100]),
     ],
 )
 def test_rows_fall_on_their_steps_whatever_reads_them(tmp_path: Path, how: dict, steps: list[int]) -> None:
     simulation = Simulation(SCENES / "free_body.xml", key="tumble", steps=100)
-    dense = trace(tmp_path, simulation, probes=["qpos"])
-    found = trace(tmp_path, simulation, **{"probes": ["qpos"], **how})
+    dense = trace(tmp_path, simulation, probe=["qpos"])
+    found = trace(tmp_path, simulation, **{"probe": ["qpos"], **how})
     assert [round(t / 0.002) for t in found["time"]] == steps
     for name, values in dense.items():
         assert np.array_equal(found[name], values[steps])
 
 
 def test_contact_forces_at_rest_are_the_weight(tmp_path: Path) -> None:
-    found = trace(tmp_path, Simulation(SCENES / "free_body.xml", duration=3), probes=["contact_force"], every=1500)
+    found = trace(tmp_path, Simulation(SCENES / "free_body.xml", duration=3), probe=["contact_force"], every=1500)
     model = mujoco.MjModel.from_xml_path(str(SCENES / "free_body.xml"))
     assert found["contact_force/normal/z"][-1] == pytest.approx(model.body_mass.sum() * 9.81, rel=1e-6)
 
 
 def test_tracing_does_not_change_the_motion(tmp_path: Path) -> None:
     simulation = Simulation(SCENES / "humanoid.xml", key="jump", steps=300)
-    few = trace(tmp_path, simulation, probes=["qpos"], every=300)
-    many = trace(tmp_path, simulation, probes=["qpos", "energy", "contact_force", "momentum"])
+    few = trace(tmp_path, simulation, probe=["qpos"], every=300)
+    many = trace(tmp_path, simulation, probe=["qpos", "energy", "contact_force", "momentum"])
     for name in few:
         assert few[name][-1] == many[name][-1]
 
@@ -134,8 +134,8 @@ def test_fields_that_a_step_leaves_out_are_those_of_a_bare_loop_and_the_motion_i
         SLIDE.replace("<worldbody>", f'<option integrator="{integrator}"/><worldbody>')
     )
     simulation = Simulation(model, steps=60, controller=push, control_dt="0.004")
-    plain = trace(tmp_path, simulation, probes=["qpos", "qvel", "ctrl"])
-    found = trace(tmp_path, simulation, probes=["qpos", "qvel", "ctrl", *LAZY])
+    plain = trace(tmp_path, simulation, probe=["qpos", "qvel", "ctrl"])
+    found = trace(tmp_path, simulation, probe=["qpos", "qvel", "ctrl", *LAZY])
     assert all(np.array_equal(found[name], plain[name]) for name in plain)
     columns = {field: [name for name in found if name.startswith(f"{field}/")] for field in LAZY}
     data, shown = mujoco.MjData(model), mujoco.MjData(model)
@@ -156,7 +156,7 @@ def test_fields_that_a_step_leaves_out_are_those_of_a_bare_loop_and_the_motion_i
 
 def test_the_inverse_dynamics_of_a_row_give_what_drives_it(tmp_path: Path) -> None:
     simulation = Simulation(SCENES / "pendulum.xml", key="level", duration=0.2, ctrl={"*": 0.5})
-    found = trace(tmp_path, simulation, probes=["qfrc_inverse", "qfrc_actuator"])
+    found = trace(tmp_path, simulation, probe=["qfrc_inverse", "qfrc_actuator"])
     (driven,) = (values for name, values in found.items() if name.startswith("qfrc_actuator/"))
     (inverse,) = (values for name, values in found.items() if name.startswith("qfrc_inverse/"))
     assert driven.any()
@@ -164,14 +164,14 @@ def test_the_inverse_dynamics_of_a_row_give_what_drives_it(tmp_path: Path) -> No
 
 
 def test_a_weight_that_rests_is_held_by_the_external_force_on_it(tmp_path: Path) -> None:
-    found = trace(tmp_path, Simulation(SLIDE_MODEL, duration=2), probes=["cfrc_ext[box]"], every=1000)
+    found = trace(tmp_path, Simulation(SLIDE_MODEL, duration=2), probe=["cfrc_ext[box]"], every=1000)
     assert found["cfrc_ext/box/fz"][-1] == pytest.approx(8 * 9.81, rel=1e-6)
 
 
 def test_time_may_be_asked_for_and_is_there_once(tmp_path: Path) -> None:
     simulation = Simulation(SLIDE_MODEL, steps=3)
-    assert list(trace(tmp_path, simulation, probes=["time", "qpos[h]"])) == ["time", "qpos/h"]
-    alone = trace(tmp_path, simulation, probes=["time"])
+    assert list(trace(tmp_path, simulation, probe=["time", "qpos[h]"])) == ["time", "qpos/h"]
+    alone = trace(tmp_path, simulation, probe=["time"])
     assert {name: list(values) for name, values in alone.items()} == {"time": [0, 0.002, 0.004, 0.006]}
 
 
@@ -179,7 +179,7 @@ def test_time_may_be_asked_for_and_is_there_once(tmp_path: Path) -> None:
 def test_a_rate_above_that_of_the_steps_is_told(tmp_path: Path, rate: float | None, told: bool) -> None:
     with warnings.catch_warnings(record=True) as heard:
         warnings.simplefilter("always")
-        found = trace(tmp_path, Simulation(SLIDE_MODEL, steps=10), probes=["qpos"], rate=rate)
+        found = trace(tmp_path, Simulation(SLIDE_MODEL, steps=10), probe=["qpos"], rate=rate)
     said = f"rate {rate} is more than the 500 steps of a simulated second: every step has one row"
     assert [said in str(warning.message) for warning in heard] == [True] * told
     if told:
@@ -188,16 +188,16 @@ def test_a_rate_above_that_of_the_steps_is_told(tmp_path: Path, rate: float | No
 
 def test_an_assertion_speaks_of_columns_as_events_do(tmp_path: Path) -> None:
     simulation, output = Simulation(SLIDE_MODEL, steps=3), str(tmp_path / "t.csv")
-    Trace(simulation, output, probes=["speed[bob]"], asserts=["max(speed(bob)) < 1"]).run()
+    Trace(simulation, output, probe=["speed[bob]"], assert_=["max(speed(bob)) < 1"]).run()
     with pytest.raises(UsageError, match="add probe speed/bob"):
-        Trace(simulation, output, asserts=["max(speed(bob)) < 1"]).run()
+        Trace(simulation, output, assert_=["max(speed(bob)) < 1"]).run()
 
 
 def test_the_tippe_top_stands_on_its_head_in_the_table_too(tmp_path: Path) -> None:
     found = trace(
         tmp_path,
         Simulation(SCENES / "tippe_top.xml", key="spinning", duration=7),
-        probes=["xpos[stem,ball]", "qvel[top]"],
+        probe=["xpos[stem,ball]", "qvel[top]"],
         rate=10,
     )
     above = found["geom_xpos/stem/z"] - found["geom_xpos/ball/z"]
@@ -219,10 +219,10 @@ def test_an_unstable_trace_leaves_nothing_unless_it_is_asked_to(
     simulation, output = Simulation(exploding, key="fast", duration=3), tmp_path / "t.csv"
     output.write_text("old")
     with pytest.raises(UnstableError) as caught:
-        Trace(simulation, str(output), probes=probes).run()
+        Trace(simulation, str(output), probe=probes).run()
     assert output.read_text() == "old"
     with pytest.raises(UnstableError):
-        Trace(simulation, str(output), probes=probes, keep_partial=True).run()
+        Trace(simulation, str(output), probe=probes, keep_partial=True).run()
     rows = output.read_text().splitlines()[1:]
     assert len(rows) >= caught.value.step
     assert all(abs(float(number)) < 1e10 for row in rows for number in row.split(","))
@@ -230,21 +230,21 @@ def test_an_unstable_trace_leaves_nothing_unless_it_is_asked_to(
 
 def test_an_assertion_that_holds_passes_and_one_that_does_not_fails_with_its_row(tmp_path: Path) -> None:
     simulation = Simulation(SCENES / "pendulum.xml", key="level", duration=1)
-    result = Trace(simulation, str(tmp_path / "t.csv"), asserts=["last(time) == 1", "max(abs(energy/drift)) < 1"]).run()
+    result = Trace(simulation, str(tmp_path / "t.csv"), assert_=["last(time) == 1", "max(abs(energy/drift)) < 1"]).run()
     assert len(result.assertions) == 2
     with pytest.raises(FailedAssertionError, match="row 0") as caught:
-        Trace(simulation, str(tmp_path / "t.csv"), asserts=["first(time) > 0"]).run()
+        Trace(simulation, str(tmp_path / "t.csv"), assert_=["first(time) > 0"]).run()
     assert caught.value.exit_code == 1
 
 
 @pytest.mark.parametrize(
     "wrong",
     [
-        {"probes": ["none"]},
+        {"probe": ["none"]},
         {"every": 2, "rate": 10},
         {"rate": 0},
-        {"asserts": ["max("]},
-        {"asserts": ["max(qpos/none) > 0"]},
+        {"assert_": ["max("]},
+        {"assert_": ["max(qpos/none) > 0"]},
         {"output": "t.xls"},
         {"output": "/nowhere/t.csv"},
     ],
@@ -309,7 +309,7 @@ def test_a_film_and_a_trace_are_driven_alike(tmp_path: Path) -> None:
         return [data.qvel[6], np.cos(data.time)]
 
     simulation = Simulation(SLIDE_MODEL, duration=0.3, controller=act, control_dt="0.01", ctrl_noise=0.1)
-    found = trace(tmp_path, simulation, probes=["qpos", "ctrl"])
+    found = trace(tmp_path, simulation, probe=["qpos", "ctrl"])
     stepper = simulation.stepper(SLIDE_MODEL)
     for step in (0, 3, 50, 149, 150):
         stepper.advance(step)
@@ -382,7 +382,7 @@ def test_the_manifest_says_what_made_the_tables(tmp_path: Path) -> None:
     found = json.loads(manifest.read_text())
     assert (found["mujoco"], found["command"], found["seed"]) == (mujoco.mj_versionString(), "mjrun trace x", 7)
     assert (found["steps"], found["timestep"]) == (50, 0.002)
-    assert found["options"]["simulation"]["ctrl"] == {"m": 2}
+    assert found["options"]["simulation"]["ctrl"] == {"m": [2.0]}
     assert found["result"]["rows"] == result.rows == 51
     for output, path in zip(found["outputs"], (table, contacts), strict=True):
         content = path.read_bytes()
@@ -397,5 +397,5 @@ def test_the_time_of_a_row_is_exact_for_any_timestep(tmp_path: Path) -> None:
     model = mujoco.MjModel.from_xml_string(FALL)
     model.opt.timestep = 1 / 240
     exact = Fraction(repr(1 / 240))
-    found = trace(tmp_path, Simulation(model, steps=3000), probes=["qpos"], every=100)
+    found = trace(tmp_path, Simulation(model, steps=3000), probe=["qpos"], every=100)
     assert list(found["time"]) == [float(step * exact) for step in range(0, 3001, 100)]

@@ -19,12 +19,10 @@ from mjrun.job import frame_drawing, perform
 from mjrun.job.image import Image
 from mjrun.job.simulation import Simulation
 from mjrun.job.video import Video
-from mjrun.rendering.visual import Visual
 
 pytestmark = pytest.mark.filterwarnings("ignore:drawing in software")
 
 SIZE = (64, 48)
-DRAFT = Visual(quality="draft")
 SCENES = Path(__file__).parents[2] / "scenes"
 
 
@@ -59,7 +57,7 @@ def test_two_seconds_of_humanoid_at_thirty_fps_are_sixty_frames(
     shared_models: Path, tmp_path: Path, decode: Callable
 ) -> None:
     simulation = Simulation(shared_models / "humanoid/humanoid.xml", key="squat", duration=2)
-    result = Video(simulation, str(tmp_path / "h.mp4"), size=SIZE, fps=30, visual=DRAFT).run()
+    result = Video(simulation, str(tmp_path / "h.mp4"), size=SIZE, fps=30, quality="draft").run()
     film = decode(tmp_path / "h.mp4")
     assert result.frames == len(film.frames) == 60
     assert result.steps == 400
@@ -74,17 +72,17 @@ MODELS = sorted(path for path in SHARED.rglob("*.xml") if "malformed" not in pat
 @pytest.mark.parametrize("model", MODELS, ids=[path.stem for path in MODELS])
 def test_models_that_nobody_here_wrote_become_films(model: Path, tmp_path: Path) -> None:
     simulation = Simulation(model, steps=5)
-    result = Video(simulation, str(tmp_path / "f.mp4"), size=SIZE, fps=2, visual=DRAFT).run()
+    result = Video(simulation, str(tmp_path / "f.mp4"), size=SIZE, fps=2, quality="draft").run()
     assert result.frames == 1
     assert (tmp_path / "f.mp4").stat().st_size > 0
 
 
 def test_the_tippe_top_is_seen_to_turn_over(tmp_path: Path) -> None:
     simulation = Simulation(SCENES / "tippe_top.xml", key="spinning", duration=7)
-    Video(simulation, f"{tmp_path}/f/", camera="closeup", size=(160, 120), fps="2/7", visual=DRAFT).run()
+    Video(simulation, f"{tmp_path}/f/", camera="closeup", size=(160, 120), fps="2/7", quality="draft").run()
     Video(
         Simulation(SCENES / "tippe_top.xml", key="spinning", duration="7.001"),
-        f"{tmp_path}/end/", camera="closeup", size=(160, 120), fps="1/7", visual=DRAFT,
+        f"{tmp_path}/end/", camera="closeup", size=(160, 120), fps="1/7", quality="draft",
     ).run()  # fmt: skip
 
     def rows(picture: Path) -> tuple[float, float]:
@@ -105,7 +103,7 @@ def test_an_unstable_simulation_publishes_nothing_and_keeps_the_old_film(explodi
     film = tmp_path / "film.mp4"
     film.write_text("old")
     with pytest.raises(UnstableError, match="joint 'a'"):
-        Video(Simulation(exploding, key="fast", duration=5), str(film), size=SIZE, visual=DRAFT).run()
+        Video(Simulation(exploding, key="fast", duration=5), str(film), size=SIZE, quality="draft").run()
     assert film.read_text() == "old"
 
 
@@ -182,7 +180,7 @@ def test_warnings_of_mujoco_reach_the_result_and_no_log_is_written(
     )
     monkeypatch.chdir(tmp_path)
     with pytest.warns(UserWarning, match="MuJoCo: "):
-        result = Video(Simulation(model, duration="0.1"), "f.mp4", size=SIZE, fps=10, visual=DRAFT).run()
+        result = Video(Simulation(model, duration="0.1"), "f.mp4", size=SIZE, fps=10, quality="draft").run()
     assert any("memory" in text or "arena" in text or "full" in text.lower() for text in result.warnings)
     assert sorted(path.name for path in tmp_path.iterdir()) == ["f.mp4", "full.xml"]
 
@@ -207,7 +205,7 @@ def test_an_unknown_name_in_the_python_interface_lists_the_known_ones() -> None:
 
 
 def test_tags_say_what_made_the_film(swing: Path, tmp_path: Path) -> None:
-    Video(Simulation(swing, duration="0.1"), str(tmp_path / "f.mp4"), size=SIZE, fps=20, visual=DRAFT).run()
+    Video(Simulation(swing, duration="0.1"), str(tmp_path / "f.mp4"), size=SIZE, fps=20, quality="draft").run()
     assert (
         f"mjrun {mjrun.__version__}, MuJoCo {mujoco.mj_versionString()}, ".encode() in (tmp_path / "f.mp4").read_bytes()
     )
@@ -256,7 +254,7 @@ def test_numbers_of_a_film_are_those_of_stills(swing: Path, tmp_path: Path, outp
         found = gray16(tmp_path / output)
     for index in (0, 1):
         still = tmp_path / f"{index}.png"
-        Image(Simulation(swing), str(still), at=index / 10, **options).run()  # type: ignore[arg-type]
+        Image(Simulation(swing), str(still), time=index / 10, **options).run()  # type: ignore[arg-type]
         assert np.array_equal(found[index], iio.imread(still))
     assert len(found) == 2
     assert (tmp_path / "d.labels.json").exists() == (view == "seg")

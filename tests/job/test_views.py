@@ -17,7 +17,7 @@ from mjrun.job.scene_decorations import scene_decorations
 from mjrun.job.simulation import Simulation
 from mjrun.job.trace import Trace
 from mjrun.job.video import Video
-from mjrun.job.view import Drawing
+from mjrun.options.view import ViewOptions
 from mjrun.rendering.backend import Backend
 from mjrun.rendering.classic import ClassicRenderer
 from mjrun.rendering.graph import graph_size
@@ -40,7 +40,7 @@ def test_projected_corners_of_a_box_land_on_its_pixels(swing: Path, tmp_path: Pa
     Image(
         Simulation(swing),
         f"{tmp_path}/s.npy",
-        at=0.3,
+        time=0.3,
         view="seg",
         camera=camera,
         size=SIZE,
@@ -123,7 +123,7 @@ def test_points_of_a_cloud_lie_on_what_was_seen(swing: Path, tmp_path: Path) -> 
 
 def test_a_trail_is_drawn_where_its_object_has_been(swing: Path, tmp_path: Path) -> None:
     simulation = Simulation(swing, qvel={"ball/vx": -4})
-    options = {"camera": "side", "size": SIZE, "at": 0.2, "calibration": f"{tmp_path}/c.json"}
+    options = {"camera": "side", "size": SIZE, "time": 0.2, "calibration": f"{tmp_path}/c.json"}
     plain, trailed = tmp_path / "a.png", tmp_path / "b.png"
     Image(simulation, str(plain), **options).run()  # type: ignore[arg-type]
     Image(simulation, str(trailed), trail=["ball"], **options).run()  # type: ignore[arg-type]
@@ -146,7 +146,7 @@ def test_segmentation_and_depth_do_not_see_what_is_added(swing: Path, tmp_path: 
     for view in ("seg", "depth"):
         found = []
         for added in ({}, {"trail": ["ball"], "ghost": ["offset=0/0/.5"]}):
-            Image(Simulation(swing), f"{tmp_path}/x.npy", view=view, at=0.2, size=SIZE, **added).run()  # type: ignore[arg-type]
+            Image(Simulation(swing), f"{tmp_path}/x.npy", view=view, time=0.2, size=SIZE, **added).run()  # type: ignore[arg-type]
             found.append(np.load(tmp_path / "x.npy"))
         assert np.array_equal(*found)
 
@@ -157,7 +157,7 @@ def test_a_ghost_can_stand_in_a_pose_and_move_as_a_trace_says(tmp_path: Path) ->
         '<keyframe><key name="up" qpos="1.5"/></keyframe></mujoco>'
     )
     Trace(Simulation(model, duration=0.5, qvel={"j": 2}), f"{tmp_path}/t.npz").run()
-    found = scene_decorations(Drawing(ghost=[f"trace={tmp_path}/t.npz", "key=up,opacity=.5"]), model)
+    found = scene_decorations(ViewOptions(ghost=[f"trace={tmp_path}/t.npz", "key=up,opacity=.5"]), model)
     trace = np.load(tmp_path / "t.npz")
     moving = found.ghosts[0].states(model, [0.0, 0.1001, 0.5, 9.0])
     standing = found.ghosts[1].states(model, [0.0])
@@ -172,7 +172,7 @@ def test_a_ghost_can_stand_in_a_pose_and_move_as_a_trace_says(tmp_path: Path) ->
     ("what", "kind", "said"),
     [
         ({"trail": ["bal"]}, UnknownNameError, "did you mean 'ball'"),
-        ({"trail": ["ball"], "trail_span": 0}, UsageError, "a positive number of seconds"),
+        ({"trail": ["ball"], "trail_span": 0}, UsageError, "not a positive number"),
         ({"ghost": ["colour=red"]}, UnknownNameError, "no setting 'colour' in ghost"),
         ({"ghost": ["offset=1/2"]}, UsageError, "a displacement x/y/z"),
         ({"ghost": ["opacity=2"]}, UsageError, "a number above 0 and up to 1"),
@@ -180,7 +180,11 @@ def test_a_ghost_can_stand_in_a_pose_and_move_as_a_trace_says(tmp_path: Path) ->
         ({"ghost": ["trace=no.csv"]}, MjrunError, "no such file"),
         ({"ghost": ["key=a,trace=b"]}, UsageError, "exclude each other"),
         ({"ghost": ["offset"]}, UsageError, "write offset=VALUE"),
-        ({"calibration": "c.json", "calibration_format": "colmap"}, UnknownNameError, "no calibration format 'colmap'"),
+        (
+            {"calibration": "c.json", "calibration_format": "colmap"},
+            UsageError,
+            "'colmap' is not one of mjrun",
+        ),
         ({"pointcloud": "c.obj"}, UsageError, "a point cloud is a PLY file"),
     ],
 )
@@ -208,7 +212,7 @@ def test_graphs_stand_beside_the_film_and_leave_it_as_it_is(swing: Path, tmp_pat
 def test_a_plot_of_nothing_and_separate_plots_are_refused(swing: Path, tmp_path: Path) -> None:
     with pytest.raises(UsageError, match="this model has none of it"):
         Video(Simulation(swing), f"{tmp_path}/a.mp4", plot=["act"], size=SIZE).run()
-    with pytest.raises(UsageError, match="does not go with --separate"):
+    with pytest.raises(UsageError, match="plot and separate exclude each other"):
         Video(Simulation(swing), f"{tmp_path}/a.mp4", plot=["energy"], separate=True)
 
 
