@@ -65,7 +65,7 @@ def test_a_duration_that_cannot_be_is_refused_before_the_model_is_loaded(duratio
 def test_a_number_of_steps_that_cannot_be_is_refused(steps: Any) -> None:
     with pytest.raises(BadValueError) as caught:
         Simulation(MODEL, steps=steps)
-    assert str(caught.value) == f"steps: '{steps}' is not a positive whole number"
+    assert str(caught.value) == f"steps: '{steps}' is not a whole number from 1 on"
 
 
 def test_a_compiled_model_is_used_as_it_is() -> None:
