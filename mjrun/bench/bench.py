@@ -41,10 +41,11 @@ from mjrun.model.override import overrides_of
 from mjrun.model.source import Source
 from mjrun.model.sources import ModelLike, source_of
 from mjrun.options.bench import BenchOptions
+from mjrun.options.kinds import AUTO
 from mjrun.options.option import is_given, options
 from mjrun.options.view import ViewOptions
 from mjrun.rendering.backend import Backend
-from mjrun.rendering.process_count import AUTO, available_cores
+from mjrun.rendering.process_count import available_cores
 from mjrun.reporter import QuietReporter, Reporter, pass_on
 from mjrun.sim.parameter_grid import points, scan_values, settings
 

@@ -14,11 +14,11 @@ from mjrun.check.worker import MEMORY_REMEDY
 from mjrun.check.worker_pool import WorkerOutput, WorkerPool, WorkerTask
 from mjrun.errors import Spelling, UnknownNameError, UsageError, option, spelled
 from mjrun.options.check import CheckOptions
+from mjrun.options.kinds import AUTO
 from mjrun.options.option import options
 from mjrun.rendering.process_count import available_cores
 from mjrun.reporter import QuietReporter, Reporter
 
-AUTO = "auto"
 CRASH_REMEDY = (
     "MuJoCo crashes on models that attach each other in a circle, thousands of nested elements or includes, "
     "SDF plugins of infinite size, and damaged .mjb files"
@@ -134,7 +134,7 @@ class Check(CheckOptions):
             message = f"it needs more memory than {self.memory} MiB, while {stage}"
             return OUT_OF_MEMORY.in_model(model, message, MEMORY_REMEDY)
         if ended.cause:
-            message = f"not done after {self.timeout:g} s, while {stage}"
+            message = f"not done after {float(self.timeout):g} s, while {stage}"
             remedy = f"raise {option('timeout')}, or lower {option('steps')}; a pipe among its files never ends"
             return TIMEOUT.in_model(model, message, remedy)
 

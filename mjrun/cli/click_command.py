@@ -26,7 +26,7 @@ class CommandLine:
     """The options and arguments of one command line, by name, to be made into typed values."""
 
     def __init__(self, params: Mapping[str, Any]) -> None:
-        self._params = {name: value for name, value in params.items() if value is not None and value != ()}
+        self._params = {name: value for name, value in params.items() if value is not None}
 
     def make(self, cls: type[C], **values: object) -> C:
         """A `cls` with the options of this command line; `values` take precedence.
@@ -96,7 +96,9 @@ class DeclaredOption(click.Option):
 
     def type_cast_value(self, ctx: click.Context, value: Any) -> Any:
         made = super().type_cast_value(ctx, value)
-        return _gathered(self.declared.kind, made) if self.multiple and made else made
+        if self.multiple:
+            return _gathered(self.declared.kind, made) if made else None
+        return made
 
 
 class KindType(click.ParamType):
@@ -111,7 +113,7 @@ class KindType(click.ParamType):
         try:
             return self._kind.parse(value)
         except ExpectedError as error:
-            self.fail(f"{value!r} is not {error.expected}", param, ctx)
+            self.fail(f"{(value if error.part is None else error.part)!r} is not {error.expected}", param, ctx)
 
 
 def command(

@@ -26,7 +26,6 @@ from mjrun.rendering.graph import Graph, aligned
 from mjrun.reporter import Reporter
 from mjrun.sim.observe import Tap
 
-SIZE = (1280, 720)
 SMALLEST = (80, 60)  # of a graph [pixels]
 LETTERS, SMALLEST_LETTERS = 0.022, 9  # size of letters: a share of the picture's shorter side, [pixels]
 

@@ -27,11 +27,11 @@ from mjrun.job.shared_rendering import RendererChoice, SharedRendering
 from mjrun.job.task import Artifact, Context, EventSteps, Job, Output, OutputResult, PassSummary, Preview
 from mjrun.job.view import check_view
 from mjrun.model.uint16_pixels import UINT16_MAX
+from mjrun.options.kinds import AUTO
 from mjrun.options.option import options
 from mjrun.options.video import VideoOptions
 from mjrun.rendering.backend import Backend
 from mjrun.rendering.compositor import SceneCompositor
-from mjrun.rendering.process_count import AUTO
 from mjrun.reporter import Reporter
 
 

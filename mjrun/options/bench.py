@@ -37,7 +37,7 @@ class StepTimingOptions(Options):
         converter=Optional(Integer(1)), default=None, usual="7 to 50", help="How often a rollout is repeated."
     )
     threads: tuple[int | str, ...] = option(
-        converter=Several(Processes("N"), commas=True),
+        converter=Several(Processes("N", of="threads"), commas=True),
         default=(),
         usual="1,auto; 1 with --scan",
         help="Copies to run side by side: 1,2,auto.",

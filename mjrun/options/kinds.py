@@ -26,10 +26,15 @@ AUTO = "auto"
 
 
 class ExpectedError(ValueError):
-    """A value is not what its kind takes; `expected` completes the sentence "… is not"."""
+    """A value is not what its kind takes.
 
-    def __init__(self, expected: str) -> None:
-        self.expected = expected
+    Attributes:
+      expected: completes the sentence "… is not".
+      part: of a text that holds several values, the one that is wrong; None for the whole.
+    """
+
+    def __init__(self, expected: str, part: str | None = None) -> None:
+        self.expected, self.part = expected, part
         super().__init__(expected)
 
 
@@ -259,14 +264,15 @@ class Range(Kind[Sequence[float], tuple[float, float]]):
 
 @dataclass(frozen=True)
 class Processes(Kind[int | str, int | str]):
-    """A number of processes, or `auto`."""
+    """A number of processes or threads, or `auto`."""
 
     metavar: str = "N|auto"
+    of: str = "processes"
 
     def __call__(self, value: int | str) -> int | str:
         whole = isinstance(value, int) and not isinstance(value, bool) and 0 < value < 10_000
         if value != AUTO and not whole:
-            raise ExpectedError("a number of processes from 1 on, or auto")
+            raise ExpectedError(f"a number of {self.of} from 1 on, or auto")
         return value
 
     def parse(self, text: str) -> int | str:
@@ -297,13 +303,13 @@ class Groups(Kind[Sequence[int] | str, tuple[int, ...]]):
             return GROUPS if value == "all" else ()
         groups = tuple(value)
         if not all(group in GROUPS for group in groups):
-            raise ExpectedError("groups from 0 to 5, all or none")
+            raise ExpectedError("a list of groups from 0 to 5, all or none")
         return tuple(int(group) for group in groups)
 
     def parse(self, text: str) -> tuple[int, ...]:
         words = text.split(",")
         if text not in ("all", "none") and not all(re.fullmatch("[0-5]", word) for word in words):
-            raise ExpectedError("groups from 0 to 5, as in 0,1,2, or all, or none")
+            raise ExpectedError("a list of groups from 0 to 5, as in 0,1,2, or all, or none")
         return self(text if text in ("all", "none") else [int(word) for word in words])
 
     def plain(self, value: tuple[int, ...]) -> Any:
@@ -419,10 +425,16 @@ class Scan(Settings):
 
 @dataclass(frozen=True)
 class Several(Kind["W | Sequence[W]", tuple[T, ...]], Generic[W, T]):
-    """One or several of a kind; repeated on the command line, or separated by commas where `commas`."""
+    """One or several of a kind; repeated on the command line.
+
+    Attributes:
+      commas: whether one text may hold several, separated by commas outside of brackets.
+      expected: what a text without any is not, if it is an error.
+    """
 
     each: Kind[W, T]
     commas: bool = False
+    expected: str = ""
 
     @property
     def metavar(self) -> str:  # type: ignore[override]
@@ -430,17 +442,29 @@ class Several(Kind["W | Sequence[W]", tuple[T, ...]], Generic[W, T]):
 
     def __call__(self, value: "W | Sequence[W]") -> tuple[T, ...]:
         several = isinstance(value, Sequence) and not isinstance(value, str) and not self._is_one(value)
-        return tuple(self.each(part) for part in (value if several else [value]))  # type: ignore[union-attr]
+        parts: list[Any] = [*value] if several else [value]  # type: ignore[misc]
+        if self.commas:
+            parts = [word for part in parts for word in (self.parse(part) if isinstance(part, str) else [part])]
+        return tuple(self.each(part) for part in parts)
 
     def parse(self, text: str) -> Any:
         """One of them, or those in one text."""
         if not self.commas:
             return self.each.parse(text)
-        return tuple(self.each.parse(word.strip()) for word in text.split(",") if word.strip())
+        words = [word.strip() for word in re.split(r",(?![^\[]*\])", text) if word.strip()]
+        if self.expected and not words:
+            raise ExpectedError(self.expected)
+        return tuple(map(self._parse_word, words))
 
     def plain(self, value: tuple[T, ...]) -> Any:
         parts = [self.each.plain(part) for part in value]
         return parts[0] if len(parts) == 1 else parts
+
+    def _parse_word(self, word: str) -> Any:
+        try:
+            return self.each.parse(word)
+        except ExpectedError as error:
+            raise ExpectedError(error.expected, word) from None
 
     def _is_one(self, value: Sequence[Any]) -> bool:
         """Whether a sequence is one value, as (640, 480) is one size."""

@@ -128,7 +128,8 @@ class Options:
             try:
                 object.__setattr__(self, each.attribute, each.kind(value))
             except ExpectedError as error:
-                raise BadValueError(mention(each.name), _shown(value), error.expected) from None
+                wrong = _shown(value) if error.part is None else error.part
+                raise BadValueError(mention(each.name), wrong, error.expected) from None
         for exclusion in exclusions_of(type(self)):
             if all(is_given(self, name) for name in exclusion.names):
                 raise UsageError(exclusion.message(), path=(exclusion.names[1],))

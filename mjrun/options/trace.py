@@ -41,7 +41,7 @@ class TraceOptions(SamplingOptions):
         help=f"{TABLES}, or - for standard output.",
     )
     probe: tuple[str, ...] = option(
-        converter=Several(Text("NAME,…")),
+        converter=Several(Text("NAME"), commas=True, expected="the name of something to measure"),
         default=PROBES,
         usual=",".join(PROBES),
         help="What to measure: qpos, qvel, qacc, ctrl, act, energy, sensor, contact, xpos, speed, momentum, … or any "

@@ -8,11 +8,11 @@ import mujoco
 
 from mjrun.errors import UnknownNameError, UsageError, option, quoted
 from mjrun.model.column import Column
+from mjrun.options.trace import PROBES
 from mjrun.probe.contacts import pair
 from mjrun.probe.derived import DERIVED
 from mjrun.probe.fields import COMPONENTS, SPATIAL, UNMEASURABLE, Probe, extents, field_probe, offered
 
-DEFAULT = ("qpos", "qvel", "ctrl", "act", "energy", "contact", "sensor")
 ALIASES = {"sensor": "sensordata"}
 # A bare object may be of another kind than the first that a name stands for.
 FALLBACKS = {
@@ -25,7 +25,7 @@ PARTS = {part for parts in (*COMPONENTS.values(), *SPATIAL.values()) for part in
 TIME = "time"  # the first column of every table, whether or not it is asked for
 
 
-def select(model: mujoco.MjModel, probe_names: Iterable[str] = DEFAULT) -> list[Probe]:
+def select(model: mujoco.MjModel, probe_names: Iterable[str] = PROBES) -> list[Probe]:
     """The probes of these names: `qpos`, `qpos[left_*]`, `sensor[imu]`, or a column such as `xpos/hand/z`.
 
     `contact/ball/floor` is the number of contacts between two objects, see `mjrun.probe.contacts.pair`.
@@ -59,7 +59,7 @@ def available_columns(model: mujoco.MjModel) -> list[Column]:
     """Every column that `model` offers, but for the contacts between two objects: there are too many pairs."""
     groups = [name for name in DERIVED if name != "energy"]
     fields = [name for name in offered(model) if name != "sensordata"]
-    everything = [_whole(model, name) for name in (*DEFAULT, *groups, *fields) if name not in ("contact",)]
+    everything = [_whole(model, name) for name in (*PROBES, *groups, *fields) if name not in ("contact",)]
     found = {column.name: column for probe in [*everything, DERIVED["contact"](model)] for column in probe.columns}
     return list(found.values())
 
@@ -104,7 +104,7 @@ def _whole(model: mujoco.MjModel, name: str) -> Probe:
     if field in UNMEASURABLE:
         raise UsageError(f"{option('probe')}: {field} cannot be measured at an instant: {UNMEASURABLE[field]}")
     if field not in extents():
-        raise UnknownNameError("probe", name, [*dict.fromkeys([*DEFAULT, *DERIVED, *offered(model)])])
+        raise UnknownNameError("probe", name, [*dict.fromkeys([*PROBES, *DERIVED, *offered(model)])])
     return field_probe(model, field, name)
 
 

@@ -23,7 +23,6 @@ from mjrun.rendering.segmentation import Segmentation
 from mjrun.rendering.text import stamp
 from mjrun.rendering.visual import Visual
 
-VIEWS = ("rgb", "depth", "seg")
 NAMES = {"rgb": "colour", "depth": "depth", "seg": "segmentation"}
 
 

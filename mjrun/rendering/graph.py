@@ -11,7 +11,6 @@ from mjrun.rendering.colormaps import figures, segmentation_palette, ticks
 from mjrun.rendering.layout import BACKGROUND
 from mjrun.rendering.text import INK, LINE, baseline, blend, crisp, fitted, letters, rounded, width_of, write
 
-SIDES = ("under", "beside")
 # M. Okabe and K. Ito, "Color Universal Design", 2008, lightened for a dark ground; without black and dark blue.
 SERIES = ((86, 180, 233), (240, 160, 20), (40, 190, 140), (225, 135, 180), (240, 228, 90), (232, 104, 44))
 

@@ -6,9 +6,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from mjrun.errors import UnknownNameError
+from mjrun.options.view import LAYOUTS
 from mjrun.rendering.text import stamp
 
-LAYOUTS = ("row", "column", "grid")
 BACKGROUND = (24, 25, 28)  # between pictures, and where a grid has none
 ASPECT = 16 / 9  # width to height that a grid aims at, without leaving many cells empty
 

@@ -7,8 +7,8 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from mjrun.errors import BadValueError, option
+from mjrun.options.kinds import AUTO
 
-AUTO = "auto"
 WORTH = 2.0  # [s] of drawing, above which further processes save more than their start costs
 FRAME, PIXEL = 0.03, 1e-7  # [s] what llvmpipe takes about: shadows of a frame, and each pixel
 GROUPS = Path("/sys/fs/cgroup")

@@ -15,13 +15,13 @@ from mjrun.camera.pose import Pose
 from mjrun.camera.rigs.rig import ModelCameras, compute_positions
 from mjrun.errors import UnknownNameError, concerning, option
 from mjrun.model.state import restore, save
+from mjrun.options.view import VIEWS
 from mjrun.rendering.backend import Backend
 from mjrun.rendering.backend_detection import BackendDetection
 from mjrun.rendering.classic import ClassicRenderer
 from mjrun.rendering.segmentation import Segmentation
 from mjrun.rendering.visual import Visual
 
-VIEWS = ("rgb", "depth", "seg")
 CACHED = 4  # renderers that are kept for the next call, in all threads together
 
 

@@ -7,6 +7,7 @@ import mujoco
 
 from mjrun.errors import BadValueError, UnknownNameError, option
 from mjrun.model.names import enum_members, enum_value
+from mjrun.options.view import QUALITIES
 
 GROUPS = {
     "geom": "geomgroup",
@@ -17,7 +18,6 @@ GROUPS = {
     "flex": "flexgroup",
     "skin": "skingroup",
 }
-QUALITIES = ("draft", "model", "high")
 
 
 @dataclass(frozen=True)

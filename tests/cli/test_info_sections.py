@@ -4,7 +4,7 @@ import re
 
 import mujoco
 
-from mjrun.cli.info import command
+from mjrun.cli.info import info
 from mjrun.cli.info_sections import SECTIONS, LineSection
 from mjrun.model.description.model_description import SECTIONS as DESCRIBED
 from mjrun.model.description.model_description import ModelDescription
@@ -36,7 +36,7 @@ def test_every_section_of_a_description_is_shown_in_the_same_order() -> None:
 
 
 def test_help_lists_every_section() -> None:
-    listed = " ".join((command.help or "").partition("Sections: ")[2].split())
+    listed = " ".join((info.help or "").partition("Sections: ")[2].split())
     assert re.findall(r"\w+", listed) == [*SECTIONS]
 
 

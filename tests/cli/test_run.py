@@ -8,15 +8,14 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
-from mjrun.document.outputs import Film, Still, Table
-from mjrun.document.view import Groups
 
-from mjrun.cli import image, options, trace, video
-from mjrun.document.run import Run
+from mjrun.cli.image import image
+from mjrun.cli.trace import trace
+from mjrun.cli.video import video
+from mjrun.document.json_schema import json_schema
 
 if TYPE_CHECKING:
     import click
-    from pydantic import BaseModel
 
     from tests.conftest import Command
 
@@ -28,7 +27,7 @@ traces:
   - {output: run.csv, probe: [qpos, energy], assert: ["max(time) < 1"]}
 plots:
   - {output: deep/down/energy.png, probe: [energy], size: 320x240}
-recording: run.npz
+recordings: [run.npz]
 """
 
 
@@ -80,7 +79,7 @@ def test_mistakes_are_told_at_once_with_their_places(mjrun: Command, study: Path
     first, second, *_ = done.stderr.decode().splitlines()
     assert done.returncode == 2
     assert first == f"mjrun: error: {study}:3:11: duration: expected a positive number, got 'no'"
-    assert second.startswith(f"  {study}:4:1: unknown key 'qvle' (did you mean 'qvel'?); keys: model, set, ")
+    assert second.startswith(f"  {study}:4:1: unknown key 'qvle' (did you mean 'qvel'?); keys: model, ")
 
 
 def test_an_assertion_of_a_document_is_exit_code_1(mjrun: Command, study: Path) -> None:
@@ -135,39 +134,29 @@ def test_a_schema_is_printed_as_json(mjrun: Command, kind: str) -> None:
     done = mjrun("schema", kind)
     assert (done.returncode, done.stderr) == (0, b"")
     assert json.loads(done.stdout)["type"] == "object"
-    assert mjrun("schema", "film").returncode == 2
+    assert mjrun("schema", "video").returncode == 2
 
 
-# Options that a document has not: of the terminal, of the machine that draws, and code, which no document may name.
-TERMINAL = {"json", "quiet", "verbose", "debug", "print_document", "list", "csv"}
+# Options that documents do not have: of the terminal, of the machine that draws, and code, which no document may name.
+TERMINAL = {"json", "quiet", "verbose", "debug", "print_document", "recording", "list", "csv"}
 MACHINE = {"gl", "require_gpu"}
 CODE = {"controller", "control_dt"}
-SAID_OTHERWISE = {"time": "at"}
-
-
-def keys(form: type[BaseModel]) -> set[str]:
-    """What a mapping of a document may say."""
-    return {field.alias or name for name, field in form.model_fields.items()}
+LISTS = {"videos", "images", "traces", "plots", "recordings"}
 
 
 @pytest.mark.parametrize(
-    ("command", "form", "outputs"),
-    [
-        (video.command, Film, {"films", "stills", "traces", "plots"}),
-        (image.command, Still, {"films", "stills", "traces", "plots", "duration", "steps"}),
-        (trace.command, Table, {"films", "stills", "traces", "plots"}),
-    ],
+    ("command", "definition", "others"),
+    [(video, "VideoOptions", set()), (image, "ImageOptions", {"duration", "steps"}), (trace, "TraceOptions", set())],
 )
-def test_what_a_command_can_be_told_a_document_can_say_and_the_other_way_round(
-    command: click.Command, form: type[BaseModel], outputs: set[str]
+def test_every_option_of_a_command_is_a_key_of_documents_and_the_other_way_round(
+    command: click.Command, definition: str, others: set[str]
 ) -> None:
-    groups = {f"{kind}group" for kind in keys(Groups)}
-    assert groups == {f"{kind}group" for kind in options.GROUP_KINDS}
-    names = {param.opts[-1].lstrip("-").replace("-", "_") for param in command.params if param.opts[-1][:2] == "--"}
-    said = {SAID_OTHERWISE.get(name, name) for name in names - groups} | ({"groups"} if groups & names else set())
-    known = (keys(form) | keys(Run)) - outputs - {"model"}
-    assert said - known == (TERMINAL | MACHINE | CODE) & names
-    assert known - said == set()
+    schema = json_schema("run")
+    output = next(keys for name, keys in schema["$defs"].items() if name in (definition, definition[: -len("Options")]))
+    keys = {*output["properties"], *schema["properties"]} - LISTS - {"model", "vars", "defaults"}
+    names = {param.name for param in command.params if param.param_type_name == "option"}
+    assert names - keys == (TERMINAL | MACHINE | CODE) & names
+    assert keys - names == others
 
 
 def test_folders_that_stay_empty_are_taken_back(mjrun: Command, study: Path) -> None:

@@ -113,9 +113,12 @@ def test_the_list_is_of_the_probes_that_are_given(mjrun: Command) -> None:
     [
         (["--list", "-o", "t.csv"], "--list shows columns on standard output and measures nothing: leave out --output"),
         (["--list", "--contacts", "c.csv", "--recording", "r.npz"], "leave out --contacts, --recording"),
-        (["--probe", ""], "--probe: '' is not a name of something to measure; --list shows what there is"),
-        (["--probe", "qpos", "--probe", " , "], "--probe: ' , ' is not a name of something to measure"),
-        (["--list", "--probe", ""], "--probe: '' is not a name"),
+        (["--probe", ""], "Invalid value for '--probe': '' is not the name of something to measure"),
+        (
+            ["--probe", "qpos", "--probe", " , "],
+            "Invalid value for '--probe': ' , ' is not the name of something to measure",
+        ),
+        (["--list", "--probe", ""], "Invalid value for '--probe': '' is not the name"),
         (["-o", "t.npz", "--csv"], "--format csv and the suffix of t.npz disagree"),
         (["-o", "t.csv", "--format", "jsonl", "--csv"], "--csv and --format jsonl exclude each other"),
         (["--assert", "max(speed/bob) < 1"], "the model offers it: add --probe speed/bob"),

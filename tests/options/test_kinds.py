@@ -106,7 +106,7 @@ def test_python_gives_a_value_and_a_kind_makes_it_immutable(
         (Size(), (640, 0), "a width and a height in pixels, as in (640, 480)"),
         (Range(), (4, 0.5), "two numbers, the smaller first"),
         (Processes(), 0, "a number of processes from 1 on, or auto"),
-        (Groups(), [6], "groups from 0 to 5, all or none"),
+        (Groups(), [6], "a list of groups from 0 to 5, all or none"),
     ],
 )
 def test_what_python_cannot_mean_is_refused(kind: Kind[Any, Any], value: object, message: str) -> None:

@@ -4,7 +4,8 @@ import mujoco
 import pytest
 
 from mjrun.errors import MjrunError, UnknownNameError
-from mjrun.probe.select import DEFAULT, aliases, available_columns, select, split
+from mjrun.options.trace import PROBES
+from mjrun.probe.select import aliases, available_columns, select, split
 
 MODEL = mujoco.MjModel.from_xml_string(
     """
@@ -56,7 +57,7 @@ def test_what_is_asked_for_is_what_is_measured(asked: list[str], columns: list[s
 
 
 def test_the_default_is_everything_that_most_people_want() -> None:
-    assert {name.split("/")[0] for name in found(*DEFAULT)} == {"qpos", "qvel", "energy", "contact", "sensor"}
+    assert {name.split("/")[0] for name in found(*PROBES)} == {"qpos", "qvel", "energy", "contact", "sensor"}
 
 
 @pytest.mark.parametrize(

@@ -8,9 +8,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from mjrun.options.video import PLOT_SIDES
 from mjrun.rendering import graph
 from mjrun.rendering.colormaps import oklab
-from mjrun.rendering.graph import SERIES, SIDES, Graph, aligned, graph_size
+from mjrun.rendering.graph import SERIES, Graph, aligned, graph_size
 from mjrun.rendering.layout import BACKGROUND
 
 SIZE = (480, 140)
@@ -230,7 +231,7 @@ def test_a_graph_of_any_size_can_be_drawn(width: int, height: int, count: int) -
     assert graph.draw(1.0).shape == (height, width, 3)
 
 
-@pytest.mark.parametrize("side", SIDES)
+@pytest.mark.parametrize("side", PLOT_SIDES)
 @pytest.mark.parametrize("size", [(320, 240), (640, 480), (1920, 1080)])
 def test_a_graph_shares_a_side_with_its_film_and_is_smaller(side: str, size: tuple[int, int]) -> None:
     width, height = graph_size(size, side)

@@ -8,7 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from mjrun.errors import UnknownNameError
-from mjrun.rendering.layout import BACKGROUND, LAYOUTS, columns, compose, gap, layout_size, places
+from mjrun.options.view import LAYOUTS
+from mjrun.rendering.layout import BACKGROUND, columns, compose, gap, layout_size, places
 from mjrun.rendering.text import stamp
 
 layouts = st.sampled_from(LAYOUTS)
