@@ -52,7 +52,7 @@ class FilamentScene:
         self._lights = mjrf.ModelLights(self._scene, resources)
         self._renderables = mjrf.ModelRenderables(self._scene, resources)
         self._renderables.set_options(_tendons_in_groups(options))
-        self._intensities, self._headlight = _lighting(model)
+        self._intensities, self._headlight = fallback_lighting(model)
         self._decorations: dict[tuple[int, int], list[Any]] = defaultdict(list)  # of each kind, to be used again
         self._meshes: dict[int, tuple[Any, ...]] = {}
         self._targets: dict[tuple[int, int, PixelFormat], tuple[Any, Any, np.ndarray]] = {}
@@ -66,21 +66,21 @@ class FilamentScene:
         self._renderables.update(data)
 
     def hide_all_but(self, shown: Set[tuple[int, int]]) -> None:
-        """Hides things of the model, but for those of `shown`, as type of object and id, which MuJoCo would draw.
+        """Hides the objects of the model that are not in `shown`, pairs of object type and id: those MuJoCo would draw.
 
-        Filament has an eye on groups, and none on static things, on what is wholly transparent, on some flags.
+        Filament heeds groups, but ignores some flags, and draws static and fully transparent objects all the same.
         """
         for kind in NUMBERED:
             for index in range(getattr(self._model, COUNTS[kind])):
                 if (int(KINDS[kind]), index) not in shown and kind != "tendon":  # these come and go
-                    for thing in self._parts(kind, index):
-                        self._scene.remove_renderable(thing)
+                    for renderable in self._parts(kind, index):
+                        self._scene.remove_renderable(renderable)
 
     def decorate(self, geoms: Iterable[mujoco.MjvGeom]) -> None:
-        """Shows these geoms and no others beside the model, in colour pictures only, without shadows.
+        """Adds these geoms to the model, in place of those added before: in colour images only, without shadows.
 
         Raises:
-          UsageError: one is of a kind that Filament gets from the model alone.
+          UsageError: one has a type that Filament can draw only as a part of the model.
         """
         used: Counter[tuple[int, int]] = Counter()
         for geom in geoms:
@@ -93,10 +93,11 @@ class FilamentScene:
                 self._scene.remove_renderable(spare)
 
     def draw(self, size: tuple[int, int], pose: Pose, pixel_format: PixelFormat, **flags: bool) -> np.ndarray:
-        """The pixels `(height, width, channels)`, which the next picture of that format overwrites.
+        """The pixels `(height, width, channels)`, which the next image of that format overwrites.
 
         Args:
-          flags: of mjrf.RenderRequest; what is not mentioned is on.
+          size: width and height [pixels].
+          flags: of mjrf.RenderRequest; those not mentioned are on.
         """
         target, reading, pixels = self._target(*size, pixel_format)
         light = self._model.vis.headlight
@@ -115,12 +116,10 @@ class FilamentScene:
         return pixels
 
     def _target(self, width: int, height: int, pixel_format: PixelFormat) -> tuple[Any, Any, np.ndarray]:
-        """What is drawn into, how it is read, and where to."""
+        """A render target, the request that reads it, and the pixels that are read."""
         if (width, height, pixel_format) not in self._targets:
-            pixels, formats = (
-                np.empty((height, width, pixel_format.channels), pixel_format.dtype),
-                self._mjrf.PixelFormat,
-            )
+            pixels = np.empty((height, width, pixel_format.channels), pixel_format.dtype)
+            formats = self._mjrf.PixelFormat
             target = self._context.create_render_target(
                 self._mjrf.RenderTargetConfig(
                     width=width,
@@ -140,11 +139,11 @@ class FilamentScene:
         return self._mjrf.Camera(pose.position, pose.forward, pose.up, **ends, orthographic=pose.frustum.orthographic)
 
     def _parts(self, kind: str, index: int) -> Iterable[Any]:
-        """What Filament draws of one thing: all of it, or part by part."""
-        found = self._renderables.get_renderable
+        """The renderables of one object: a single one, or one for each part."""
+        renderable = self._renderables.get_renderable
         if kind in WHOLE:
-            return [found(KINDS[kind], index)]
-        return itertools.takewhile(bool, (found(KINDS[kind], index, part) for part in itertools.count()))
+            return [renderable(KINDS[kind], index)]
+        return itertools.takewhile(bool, (renderable(KINDS[kind], index, part) for part in itertools.count()))
 
     def _show(self, geom: mujoco.MjvGeom, kind: tuple[int, int], number: int) -> None:
         made = self._decorations[kind]
@@ -161,16 +160,17 @@ class FilamentScene:
             name = next(name for name, value in _GEOMS.items() if value == shape)
             message = f"filament cannot draw a {name} that is not the model's own"
             raise UsageError(f"{message}\n{option('renderer')} classic can")
-        found = self._context.create_renderable(self._mjrf.RenderableParams(cast_shadow=False, receive_shadow=False))
+        shadeless = self._mjrf.RenderableParams(cast_shadow=False, receive_shadow=False)
+        renderable = self._context.create_renderable(shadeless)
         quality = self._model.vis.quality
         if shape in SHAPES:
-            found.set_geom_mesh(mujoco.mjtGeom(shape), quality.numstacks, quality.numslices, quality.numquads)
+            renderable.set_geom_mesh(mujoco.mjtGeom(shape), quality.numstacks, quality.numslices, quality.numquads)
         else:
-            found.set_mesh(self._mesh(data // 2), 0, 0)  # as in MjvScene, odd ones are the convex hulls
-        return found
+            renderable.set_mesh(self._mesh(data // 2), 0, 0)  # as in MjvScene, odd ones are the convex hulls
+        return renderable
 
     def _mesh(self, index: int) -> Any:
-        """A mesh of the model, each corner of each face a vertex of its own; Filament's copies cannot be had."""
+        """A mesh of the model, each corner of each face a vertex of its own; Filament does not give out its copies."""
         if index in self._meshes:
             return self._meshes[index][0]
         model, mjrf = self._model, self._mjrf
@@ -201,48 +201,51 @@ class FilamentScene:
 
 
 class LightIntensity(NamedTuple):
-    """What a light is set to: intensity [cd], and range [m]."""
+    """The intensity [cd] and the range [m] of a light."""
 
     candela: float
     range: float
 
 
 def _tendons_in_groups(options: mujoco.MjvOption) -> mujoco.MjvOption:
-    """The same options, with the flag of tendons, which Filament forgets, said by their groups."""
-    found = copy.copy(options)
+    """The same options, in which hidden tendons are hidden by their groups: Filament ignores their flag."""
+    filament_options = copy.copy(options)
     if not options.flags[mujoco.mjtVisFlag.mjVIS_TENDON]:
-        found.tendongroup[:] = 0
-    return found
+        filament_options.tendongroup[:] = 0
+    return filament_options
 
 
-def _lighting(model: mujoco.MjModel) -> tuple[dict[int, LightIntensity], float]:
-    """What to set lights to, by index, and the intensity of the headlight [lux].
+def fallback_lighting(model: mujoco.MjModel) -> tuple[dict[int, LightIntensity], float]:
+    """The intensities of spot and point lights, by index, and that of the headlight [lux].
 
-    Lights without intensity get the same number of candela from Filament, however far off they are, and reach 10 m:
-    large scenes stay dark, and small ones burn out. Here they bring those lux to what they shine on at `qpos0`.
-    What the model says is left as it is.
+    Filament gives lights without an intensity the same number of candela, however far away they are, and a range of
+    10 m: large scenes stay dark, and small ones burn out. Here a light of full diffuse colour sheds its share of
+    `LIGHTS` [lux] on what it shines on at `qpos0`: by the inverse square law, that times its squared distance [cd].
+    Intensities that the model itself gives are left alone.
     """
     if model.light_intensity.sum():
         return {}, 0.0
     headlight = _custom(model, "filament.fallback.head_light_intensity", (HEADLIGHT,))[0]
     if _custom(model, "filament.fallback.scene_light_intensity", ()):
         return {}, headlight
+
     data = mujoco.MjData(model)
     mujoco.mj_forward(model, data)
-    lamps = {}
-    for light in np.flatnonzero(np.isin(model.light_type, (SPOT, POINT))):
+    intensities = {}
+    for light in np.flatnonzero(np.isin(model.light_type, (SPOT, POINT))).tolist():
         lux = LIGHTS / model.nlight * model.light_diffuse[light].max()
-        throw = _throw(model, data, int(light))
-        lamps[int(light)] = LightIntensity(float(lux * throw**2), max(float(model.light_range[light]), 5 * throw))
-    return lamps, headlight
+        distance = _lit_distance(model, data, light)
+        reach = max(float(model.light_range[light]), 5 * distance)
+        intensities[light] = LightIntensity(float(lux * distance**2), reach)
+    return intensities, headlight
 
 
-def _throw(model: mujoco.MjModel, data: mujoco.MjData, light: int) -> float:
-    """How far from a light what it shines on is [m]: the middle of the model, or what its axis meets beyond."""
-    start, body, met = data.light_xpos[light], int(model.light_bodyid[light]), np.zeros(1, np.int32)
-    middle = float(np.linalg.norm(model.stat.center - start))
-    ahead = mujoco.mj_ray(model, data, start, data.light_xdir[light], None, 1, body or -1, met)  # -1 for nothing
-    return max(middle, min(ahead, 2 * (middle + model.stat.extent)))  # a floor may be met at the horizon
+def _lit_distance(model: mujoco.MjModel, data: mujoco.MjData, light: int) -> float:
+    """The distance from a light to what it shines on [m]: the centre of the model, or what its axis hits beyond."""
+    start, body, hit = data.light_xpos[light], int(model.light_bodyid[light]), np.zeros(1, np.int32)
+    centre = float(np.linalg.norm(model.stat.center - start))
+    ahead = mujoco.mj_ray(model, data, start, data.light_xdir[light], None, 1, body or -1, hit)  # -1 for nothing
+    return max(centre, min(ahead, 2 * (centre + model.stat.extent)))  # a floor may be hit at the horizon
 
 
 def _custom(model: mujoco.MjModel, name: str, default: Sequence[float]) -> Sequence[float]:

@@ -1,4 +1,4 @@
-"""Runs in Filament's process, and draws what `filament.FilamentRenderer` asks for."""
+"""What runs in Filament's process: it draws what `filament.FilamentRenderer` requests."""
 
 import contextlib
 import time
@@ -67,15 +67,16 @@ class FilamentDrawing:
         self._options = visual.options()
         visual.set_flags(self._scene)
         self._wanted = flags(self._options, self._scene)
+
         mode = next((mode for name, (value, mode) in MODES.items() if self._wanted[name] == value), "DEFAULT")
         self._colors = PixelFormat("RGB8", mode, 3, np.uint8)
         self._filament_scene = FilamentScene(model, self._options)
+
         mujoco.mjv_updateCamera(model, self._data, mujoco.MjvCamera(), self._scene)
         self._pose = pose_of(self._scene)  # from anywhere
         self._update_scene()
-        self._filament_scene.hide_all_but(
-            {(geom.objtype, geom.objid) for geom in self._scene.geoms[: self._scene.ngeom]}
-        )
+        geoms = self._scene.geoms[: self._scene.ngeom]
+        self._filament_scene.hide_all_but({(geom.objtype, geom.objid) for geom in geoms})
 
     def look(self, state: np.ndarray, index: int) -> None:
         restore(self._model, self._data, state)
@@ -87,7 +88,7 @@ class FilamentDrawing:
         self._filament_scene.update(self._data)
 
     def picture(self, pose: Pose, views: Sequence[str]) -> RenderedView:
-        """What is seen, without a legend."""
+        """The views from `pose`, without the legend, which the other process knows."""
         self._pose = pose
         self._update_scene()
         seen = RenderedView(lens(pose, self._size))
@@ -112,15 +113,14 @@ class FilamentDrawing:
         self._scene = updated_scene(self._model, self._data, self._options, self._pose, self._scene, room)
 
     def _exact(self, seen: RenderedView, views: Sequence[str]) -> RenderedView:
-        """Depth and ids. Segments have no far plane, so depth says where it is."""
-        depth = _metres(self._filament_scene.draw(self._size, self._pose, DEPTH)[:, :, 0], self._pose.frustum)
+        """Depth and ids. Ids have no far plane, so depth decides what lies beyond it."""
+        depth = planar_depth(self._filament_scene.draw(self._size, self._pose, DEPTH)[:, :, 0], self._pose.frustum)
         if "depth" in views:
             seen = replace(seen, depth=depth)
         if "seg" in views:
             assert self._segmentation
-            segments = self._filament_scene.draw(self._size, self._pose, SEGMENTS) @ np.array(
-                [1, 2**8, 2**16], np.int32
-            )
+            colors = self._filament_scene.draw(self._size, self._pose, SEGMENTS)
+            segments = colors @ np.array([1, 2**8, 2**16], np.int32)
             seen = replace(seen, ids=np.where(np.isfinite(depth), self._ids(self._segmentation)[segments], NOTHING))
         return seen
 
@@ -129,11 +129,11 @@ class FilamentDrawing:
         known = segmentation.ids(self._scene)
         counts = [getattr(self._model, COUNTS[kind]) for kind in NUMBERED]
         first = {int(KINDS[kind]): 1 + sum(counts[:i]) for i, kind in enumerate(NUMBERED)}
-        found = np.full(1 + sum(counts), NOTHING, np.int32)
+        ids = np.full(1 + sum(counts), NOTHING, np.int32)
         for geom in self._scene.geoms[: self._scene.ngeom]:
             if geom.objtype in first and geom.segid >= 0:
-                found[first[geom.objtype] + geom.objid] = known[geom.segid + 1]
-        return found
+                ids[first[geom.objtype] + geom.objid] = known[geom.segid + 1]
+        return ids
 
     def _shown(self, shadows: bool) -> np.ndarray:
         (width, height), n = self._size, self._samples
@@ -151,9 +151,8 @@ class FilamentDrawing:
         return ((blocks.sum(axis=(1, 3), dtype=np.uint16) + n * n // 2) // (n * n)).astype(np.uint8)
 
 
-def _metres(buffer: np.ndarray, frustum: Frustum) -> np.ndarray:
-    """Planar depth [m] of Filament's, which is 1 at the near plane and 0 at the far one; infinite where that is 0."""
+def planar_depth(buffer: np.ndarray, frustum: Frustum) -> np.ndarray:
+    """Planar depth [m] of Filament's depth buffer: 1 at the near plane, 0 at the far one, where depth is infinite."""
     near, far, values = frustum.near, frustum.far, buffer.astype(np.float64)
-    with np.errstate(divide="ignore"):
-        depth = far - (far - near) * values if frustum.orthographic else near * far / (near + (far - near) * values)
+    depth = far - (far - near) * values if frustum.orthographic else near * far / (near + (far - near) * values)
     return np.where(values > 0, depth, np.inf).astype(np.float32)

@@ -1,0 +1,125 @@
+"""Ids and depth of a framebuffer without multisampling, against MuJoCo's own renderer and against rays."""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+import mujoco
+import numpy as np
+import pytest
+
+from mjrun.camera.calibration import lens, metric_depth
+from mjrun.camera.pose import pose_of
+from mjrun.rendering.backend import Backend
+from mjrun.rendering.exact_framebuffer import ExactFramebuffer
+
+SIZE = (64, 48)
+SCENE = """
+<mujoco>
+  <visual><global offwidth="64" offheight="48"/><quality offsamples="{samples}"/></visual>
+  <worldbody>
+    <light pos="0 -1 3"/>
+    <camera name="side" pos="0 -2 .8" xyaxes="1 0 0 0 .3 1"/>
+    <geom type="plane" size="0 0 1"/>
+    <geom type="box" size=".3 .2 .2" pos="-.4 0 .2" euler="0 0 30"/>
+    <geom size=".3" pos=".4 .3 .3"/>
+  </worldbody>
+</mujoco>
+"""
+
+
+def posed(samples: int) -> tuple[mujoco.MjModel, mujoco.MjData]:
+    model = mujoco.MjModel.from_xml_string(SCENE.format(samples=samples))
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    return model, data
+
+
+@contextmanager
+def drawing(
+    model: mujoco.MjModel, data: mujoco.MjData, backend: Backend
+) -> Iterator[tuple[mujoco.MjvScene, mujoco.MjrContext]]:
+    """A scene seen by the model's camera, whose flags ask for ids as colours, in an OpenGL context."""
+    gl = backend.context(*SIZE)
+    context = mujoco.MjrContext(model, 100)
+    mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN.value, context)
+    scene, camera = mujoco.MjvScene(model, 100), mujoco.MjvCamera()
+    camera.type, camera.fixedcamid = mujoco.mjtCamera.mjCAMERA_FIXED.value, 0
+    every = mujoco.mjtCatBit.mjCAT_ALL.value
+    mujoco.mjv_updateScene(model, data, mujoco.MjvOption(), None, camera, every, scene)
+    for flag in (mujoco.mjtRndFlag.mjRND_SEGMENT, mujoco.mjtRndFlag.mjRND_IDCOLOR):
+        scene.flags[flag] = 1
+    try:
+        yield scene, context
+    finally:
+        context.free()
+        gl.free()
+
+
+def drawn(samples: int, backend: Backend, size: tuple[int, int] = SIZE) -> tuple[np.ndarray, np.ndarray]:
+    """Segment numbers and OpenGL's depth."""
+    with drawing(*posed(samples), backend) as (scene, context):
+        buffer = ExactFramebuffer(size)
+        colors, depth = (image.copy() for image in buffer.draw(scene, context))
+        buffer.free()
+    assert not colors[:, :, 1:].any()
+    return colors[:, :, 0], depth
+
+
+def test_ids_and_depth_are_those_of_mujoco_s_renderer_without_multisampling(backend: Backend) -> None:
+    model, data = posed(samples=0)
+    with mujoco.Renderer(model, SIZE[1], SIZE[0]) as renderer:
+        renderer.update_scene(data, "side")
+        renderer.enable_segmentation_rendering()
+        segments = renderer.render()
+        geoms = np.where(segments[:, :, 1] == mujoco.mjtObj.mjOBJ_GEOM, segments[:, :, 0], -1)
+    numbers, _ = drawn(0, backend)
+    assert np.array_equal(numbers.astype(int) - 1, geoms)  # geoms of this scene are numbered as in the model
+    assert set(np.unique(geoms)) == {-1, 0, 1, 2}
+
+
+def test_depth_is_that_of_rays(backend: Backend) -> None:
+    model, data = posed(samples=4)
+    numbers, buffer = drawn(4, backend)
+    with drawing(model, data, backend) as (scene, _):
+        pose = pose_of(scene)
+    calibration, depths = lens(pose, SIZE), metric_depth(buffer, pose.frustum)
+    assert np.array_equal(np.isfinite(depths), numbers > 0)
+    flat = numbers == 2  # the box: balls have facets, and the plane ends somewhere
+    assert flat.sum() > 100
+    for row, column in np.argwhere(flat):
+        ray = np.array([column + 0.5 - calibration.cx, row + 0.5 - calibration.cy, 1])
+        ray[:2] /= calibration.fx, calibration.fy
+        hit = np.zeros(1, np.int32)
+        # The ray's vector is one metre deep, so that distances along it are planar depths.
+        depth = mujoco.mj_ray(model, data, pose.position, calibration.pose[:3, :3] @ ray, None, 1, -1, hit)
+        if hit[0] == 1:
+            assert depths[row, column] == pytest.approx(depth, rel=1e-5)
+
+
+def test_multisampling_of_colours_changes_nothing(backend: Backend) -> None:
+    for image, same in zip(drawn(0, backend), drawn(8, backend), strict=True):
+        assert np.array_equal(image, same)
+
+
+def test_a_framebuffer_has_its_own_size(backend: Backend) -> None:
+    numbers, depth = drawn(4, backend, size=(33, 101))  # rows of a length that OpenGL would pad
+    assert numbers.shape == depth.shape == (101, 33)
+    assert set(np.unique(numbers)) == {0, 1, 2, 3}
+
+
+def test_drawing_exactly_leaves_mujoco_s_own_buffer_in_charge(backend: Backend) -> None:
+    model, data = posed(samples=4)
+    rect = mujoco.MjrRect(0, 0, *SIZE)
+    with drawing(model, data, backend) as (scene, context):
+        scene.flags[:] = mujoco.MjvScene(model, 1).flags
+        images = []
+        for _ in range(2):
+            pixels = np.empty((*SIZE[::-1], 3), np.uint8)
+            mujoco.mjr_render(rect, scene, context)
+            mujoco.mjr_readPixels(pixels, None, rect, context)
+            images.append(pixels)
+            buffer = ExactFramebuffer((16, 16))
+            buffer.draw(scene, context)
+            buffer.free()
+    assert len(np.unique(images[0])) > 20
+    assert np.array_equal(*images)
