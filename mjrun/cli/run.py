@@ -13,7 +13,7 @@ from mjrun.cli.console import Console
 from mjrun.cli.controller_loader import load_controller
 from mjrun.cli.result_summary import summary
 from mjrun.cli.simulation_command import failures_in_json, import_mujoco
-from mjrun.errors import FileError, clean
+from mjrun.errors import FileError, MjrunError, clean
 from mjrun.options.messages import MessageOptions
 from mjrun.options.run import RunOptions
 
@@ -50,10 +50,20 @@ def run(console: Console, command_line: CommandLine) -> None:
             _show_plan(console, preview(requests.jobs, console), as_json)
             return
         with _folders(requests.jobs), failures_in_json(console, command_line, _document):
-            results = perform(requests.jobs, console)
+            try:
+                results = perform(requests.jobs, console)
+            except MjrunError as error:
+                if not as_json:
+                    _show_results(console, error.results)
+                raise
     if as_json:
         console.document(_document(results))
-    elif console.verbosity >= 0:
+    else:
+        _show_results(console, results)
+
+
+def _show_results(console: Console, results: "Sequence[OutputResult]") -> None:
+    if console.verbosity >= 0:
         for result in results:
             console.result(summary(result))
 

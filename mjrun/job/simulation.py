@@ -133,6 +133,6 @@ class Simulation(SimulationOptions):
         # `*` means the others.
         twice = [name for name, of in held.items() if name != "*" and any(PREFIX + names[i] in columns for i in of)]
         if twice:
-            raise UsageError(f"--ctrl and {clean(str(path))} both drive {listing(twice)}")
+            raise UsageError(f"{option('ctrl')} and {clean(str(path))} both drive {listing(twice)}")
         constant = {i for of in held.values() for i in of}
         return ControlTable(model, columns, str(path), self.ctrl_interpolation == "linear", constant)

@@ -88,6 +88,17 @@ def test_an_assertion_of_a_document_is_exit_code_1(mjrun: Command, study: Path) 
     assert (mjrun.folder / "run.csv").exists()
 
 
+def test_what_was_made_has_its_lines_when_another_output_fails(mjrun: Command, study: Path) -> None:
+    study.write_text(f"{STUDY}images: [{{output: never.png, time: {{when: time > 9}}, size: 32x24}}]\n")
+    done = mjrun("run", study)
+    made = ["run.csv", "deep/down/energy.png", "run.npz"]
+    assert done.returncode == 8
+    assert [line.partition(":")[0] for line in done.stdout.decode().splitlines()] == made
+    assert "never.png could not be made: " in done.stderr.decode()
+    assert all((mjrun.folder / path).exists() for path in made)
+    assert mjrun("run", study, "-q").stdout == b""
+
+
 def test_a_controller_comes_from_the_command_line_only(mjrun: Command, study: Path) -> None:
     study.with_name("kick.py").write_text("def kick(model, data):\n    data.qfrc_applied[0] = 5\n")
     assert mjrun("run", study, "controller=kick.py:kick").returncode == 2

@@ -138,5 +138,5 @@ def test_a_control_that_is_held_has_no_column_in_the_table_too(tmp_path: Path) -
         stepper = Simulation(model, duration=0.1, ctrl=ctrl, ctrl_from=table).stepper(model)
         stepper.advance(1)
         assert list(stepper.instant().ctrl) == [1, 2]
-    with pytest.raises(UsageError, match=r"--ctrl and .*c\.csv both drive a$"):
+    with pytest.raises(UsageError, match=r"^ctrl and .*c\.csv both drive a$"):
         Simulation(model, duration=0.1, ctrl={"a": 2.0, "b": 2.0}, ctrl_from=table).stepper(model)

@@ -54,7 +54,7 @@ def test_controls_by_name_drive_what_they_name(path: Path, tmp_path: Path) -> No
     simulation = Simulation(path, steps=5, ctrl={"push": 2.0, "turn/2": 0.5})
     data = simulation.start.data(simulation.load())
     assert list(data.ctrl) == [0, 0, 0.5, 2]
-    Trace(simulation, f"{tmp_path}/a.csv", probes=["ctrl", "qpos", "actuator_force"]).run()
+    Trace(simulation, f"{tmp_path}/a.csv", probe=["ctrl", "qpos", "actuator_force"]).run()
     table = read_table(tmp_path / "a.csv", lambda name: True)
     model = mujoco.MjModel.from_xml_path(str(path))
     bare = mujoco.MjData(model)
@@ -66,7 +66,7 @@ def test_controls_by_name_drive_what_they_name(path: Path, tmp_path: Path) -> No
     mujoco.mj_forward(model, bare)
     assert table["actuator_force/push"][-1] == bare.actuator_force[model.actuator_outadr[1]]
     again = Simulation(path, steps=5, ctrl_from=tmp_path / "a.csv")
-    Trace(again, f"{tmp_path}/b.csv", probes=["ctrl", "qpos", "actuator_force"]).run()
+    Trace(again, f"{tmp_path}/b.csv", probe=["ctrl", "qpos", "actuator_force"]).run()
     assert (tmp_path / "a.csv").read_bytes() == (tmp_path / "b.csv").read_bytes()
 
 
