@@ -15,12 +15,12 @@ setup: ## make .venv with mjrun and its tools, and see that something can draw
 setup-python:
 	@sh scripts/setup.sh python
 
-demo: setup ## render a film: out/dominos.mp4
+demo: setup ## render a video: out/dominos.mp4
 	@mkdir -p out
 	.venv/bin/mjrun video scenes/dominos.xml --camera top --duration 3 --size 640x360 --fps 30 -o out/dominos.mp4
-	@echo "The film is $(CURDIR)/out/dominos.mp4"
+	@echo "The video is $(CURDIR)/out/dominos.mp4"
 
-gallery: setup ## make the films, pictures, tables and plots of all scenes at full size: out/
+gallery: setup ## make the videos, images, tables and plots of all scenes at full size: out/
 	for scene in scenes/*.yaml; do .venv/bin/mjrun run "$$scene" -o "out/$$(basename "$$scene" .yaml)" || exit; done
 
 test: setup ## run the tests
@@ -35,11 +35,11 @@ types: setup-python ## check the code's types
 
 check: lint types test ## lint, types and test
 
-bench: setup ## time films and traces against their baselines, and views
-	.venv/bin/python benchmarks/film.py
+bench: setup ## time videos and traces against their baselines, and views
+	.venv/bin/python benchmarks/video.py
 	.venv/bin/python benchmarks/trace.py
 	.venv/bin/python benchmarks/views.py
 
-clean: ## remove films, packages and caches; .venv stays
+clean: ## remove outputs, packages and caches; .venv stays
 	rm -rf out dist .pytest_cache .ruff_cache .hypothesis
 	find mjrun tests benchmarks -name __pycache__ -prune -exec rm -rf {} +

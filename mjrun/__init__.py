@@ -1,4 +1,4 @@
-"""MuJoCo models to films, pictures, tables and timing reports.
+"""MuJoCo models to videos, images, tables and timing reports.
 
 Everything the command line does is callable:
 
@@ -7,8 +7,8 @@ Everything the command line does is callable:
     top = mjrun.load("scenes/tippe_top.xml")
     spin = mjrun.Simulation(top, key="spinning", duration=7)
     mjrun.Video(spin, "tippe_top.mp4", camera="closeup").run()
-    mjrun.Image(spin, "tippe_top.png", at=3.7, view=["rgb", "depth"]).run()
-    mjrun.Trace(spin, "tippe_top.npz", probes=["xpos[stem]", "energy"]).run()
+    mjrun.Image(spin, "tippe_top.png", time=3.7, view=["rgb", "depth"]).run()
+    mjrun.Trace(spin, "tippe_top.npz", probe=["xpos[stem]", "energy"]).run()
 
 Names are imported when first used, so `import mjrun` itself costs nothing.
 """

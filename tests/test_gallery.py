@@ -10,17 +10,17 @@ from typing import TYPE_CHECKING
 import pytest
 
 from mjrun.document.camera import read_camera
-from mjrun.document.json_schema import schema
+from mjrun.document.json_schema import json_schema
 
 if TYPE_CHECKING:
     from tests.conftest import Command
 
 SCENES = Path(__file__).parents[1] / "scenes"
 DOCUMENTS = sorted(SCENES.glob("*.yaml"))
-SMALL = ["films[0].size=64x48", "films[0].fps=2", "stills[0].size=64x48", "plots[0].size=320x240"]
+SMALL = ["videos[0].size=64x48", "videos[0].fps=2", "images[0].size=64x48", "plots[0].size=320x240"]
 
 
-def test_every_scene_has_a_document_and_a_picture_of_it_is_shown() -> None:
+def test_every_scene_has_a_document_and_an_image_of_it_is_shown() -> None:
     names = [path.stem for path in DOCUMENTS]
     assert names == sorted(path.stem for path in SCENES.glob("*.xml"))
     page = (SCENES / "README.md").read_text("utf-8")
@@ -33,7 +33,7 @@ def test_every_scene_has_a_document_and_a_picture_of_it_is_shown() -> None:
 
 @pytest.mark.parametrize("kind", ["camera", "run"])
 def test_the_schemas_beside_the_scenes_are_those_that_mjrun_prints(kind: str) -> None:
-    assert json.loads((SCENES / f"schema/{kind}.json").read_text("utf-8")) == json.loads(json.dumps(schema(kind)))
+    assert json.loads((SCENES / f"schema/{kind}.json").read_text("utf-8")) == json.loads(json.dumps(json_schema(kind)))
 
 
 @pytest.mark.parametrize("path", [*DOCUMENTS, *sorted(SCENES.glob("cameras/*.yaml"))], ids=lambda path: path.stem)
@@ -45,12 +45,12 @@ def test_a_document_tells_editors_its_schema(path: Path) -> None:
 
 
 @pytest.mark.parametrize("path", sorted(SCENES.glob("cameras/*.yaml")), ids=lambda path: path.stem)
-def test_a_camera_document_is_read(path: Path) -> None:
+def test_a_camera_script_is_read(path: Path) -> None:
     assert read_camera(path).name == path.stem
 
 
 @pytest.mark.parametrize("path", DOCUMENTS, ids=lambda path: path.stem)
-def test_a_lesson_makes_its_film_still_trace_and_plot(mjrun: Command, path: Path, tmp_path: Path) -> None:
+def test_a_lesson_makes_its_video_image_trace_and_plot(mjrun: Command, path: Path, tmp_path: Path) -> None:
     done = mjrun("run", path, *SMALL, "-o", tmp_path / "out", "-q", "--quality", "draft")
     assert (done.returncode, done.stderr) == (0, b"")
     name = path.stem

@@ -15,21 +15,22 @@ PYTHON = re.findall(r"```python\n(.*?)```", README, re.DOTALL)
 COMMANDS = [line for block in SHELL for line in block.replace("\\\n", " ").splitlines() if line.strip()]
 DRAWN = [line for line in COMMANDS if line.startswith(("mjrun video", "mjrun image"))]
 TABLES = [line for line in COMMANDS if line.startswith(("mjrun trace", "for "))]
-STILL, SHORT = "--size 64x48 --quality draft", "--duration 0.1"
-SMALL = f"{STILL} {SHORT} --fps 20"
-RUN = "films[0].size=64x48 films[0].fps=3 stills[0].size=64x48 --quality draft"
+IMAGE, SHORT = "--size 64x48 --quality draft", "--duration 0.1"
+SMALL = f"{IMAGE} {SHORT} --fps 20"
+RUN = "videos[0].size=64x48 videos[0].fps=3 images[0].size=64x48 --quality draft"
 PATIENT = '$(case "$*" in *--fail-above*) echo "--fail-above 100000%";; esac)'
 DOCUMENTS = [line for line in COMMANDS if line.startswith(("mjrun run", "mjrun schema"))]
+PIPED = [line for line in COMMANDS if line.startswith("cat ")]
 ANSWERS = [line for line in COMMANDS if line.startswith(("mjrun info", "mjrun check", "mjrun bench"))]
 
 
 @pytest.fixture
 def shell(tmp_path: Path) -> dict[str, str]:
-    """A shell whose `mjrun` makes every film small, in a folder that has the scenes."""
+    """A shell whose `mjrun` makes every video small, in a folder that has the scenes."""
     (tmp_path / "bin").mkdir()
     (tmp_path / "scenes").symlink_to(ROOT / "scenes")
     program = tmp_path / "bin/mjrun"
-    smaller = f'case $1 in video) set -- "$@" {SMALL};; image) set -- "$@" {STILL};; trace) set -- "$@" {SHORT};;'
+    smaller = f'case $1 in video) set -- "$@" {SMALL};; image) set -- "$@" {IMAGE};; trace) set -- "$@" {SHORT};;'
     # Tests run side by side: how fast anything is must not decide one.
     smaller += f' run) set -- "$@" {RUN};; bench) set -- "$@" --budget 0.2 {PATIENT};; esac'
     program.write_text(f'#!/bin/sh\n{smaller}\nPYTHONPATH="{ROOT}" exec "{sys.executable}" -m mjrun "$@"\n')
@@ -40,11 +41,11 @@ def shell(tmp_path: Path) -> dict[str, str]:
 def test_the_readme_has_the_commands_that_it_is_for() -> None:
     assert len(DRAWN) >= 20
     assert {"make demo", "make test", "mjrun doctor"} <= set(COMMANDS)
-    assert len(PYTHON) == 1
+    assert len(PYTHON) == 2
 
 
 @pytest.mark.parametrize("command", DRAWN)
-def test_a_film_or_picture_of_the_readme_is_made(
+def test_a_video_or_image_of_the_readme_is_made(
     command: str, shell: dict[str, str], tmp_path: Path, request: pytest.FixtureRequest
 ) -> None:
     if "filament" in command:
@@ -73,6 +74,14 @@ def test_a_document_of_the_readme_is_run(command: str, shell: dict[str, str], tm
     assert set(tmp_path.iterdir()) != before or "--dry-run" in command
 
 
+@pytest.mark.parametrize("command", PIPED)
+def test_a_model_of_the_readme_comes_from_standard_input(command: str, shell: dict[str, str], tmp_path: Path) -> None:
+    before = set(tmp_path.iterdir())
+    done = subprocess.run(["sh", "-ec", command], cwd=tmp_path, env=shell, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    assert set(tmp_path.iterdir()) != before
+
+
 @pytest.mark.parametrize("command", ANSWERS)
 def test_a_question_of_the_readme_is_answered(command: str, shell: dict[str, str], tmp_path: Path) -> None:
     done = subprocess.run(["sh", "-ec", command], cwd=tmp_path, env=shell, capture_output=True, text=True)
@@ -90,13 +99,13 @@ def test_the_targets_of_the_readme_exist(command: str) -> None:
 
 
 @pytest.mark.skipif(not (ROOT / ".venv/mjrun-can-draw").exists(), reason="set up by hand, not by make")
-def test_the_demo_makes_its_film_and_says_where_it_is() -> None:
-    film = ROOT / "out/dominos.mp4"
-    film.unlink(missing_ok=True)
+def test_the_demo_makes_its_video_and_says_where_it_is() -> None:
+    video = ROOT / "out/dominos.mp4"
+    video.unlink(missing_ok=True)
     done = subprocess.run(["make", "demo"], cwd=ROOT, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
-    assert f"The film is {film}" in done.stdout.splitlines()
-    assert film.stat().st_size > 10_000
+    assert f"The video is {video}" in done.stdout.splitlines()
+    assert video.stat().st_size > 10_000
 
 
 def test_the_package_installs_with_its_command_and_its_types(tmp_path: Path) -> None:
@@ -113,16 +122,16 @@ def test_the_package_installs_with_its_command_and_its_types(tmp_path: Path) -> 
 
 def test_every_other_command_of_the_readme_is_known() -> None:
     known = ("mjrun video ", "mjrun image ", "mjrun trace ", "for ", "mjrun doctor", "make ", "pip install .")
-    known += ("mjrun run ", "mjrun schema ", "mjrun info ", "mjrun check ", "mjrun bench ")
+    known += ("cat ", "mjrun run ", "mjrun schema ", "mjrun info ", "mjrun check ", "mjrun bench ")
     assert all(command.startswith(known) for command in COMMANDS)
 
 
-@pytest.mark.parametrize("code", PYTHON)
-def test_the_python_of_the_readme_makes_its_film(code: str, tmp_path: Path) -> None:
+def test_the_python_of_the_readme_makes_its_outputs(tmp_path: Path) -> None:
     (tmp_path / "scenes").symlink_to(ROOT / "scenes")
-    small = code.replace("duration=7", "duration=0.1").replace('camera="closeup"', 'camera="closeup", size=(64, 48)')
-    small = small.replace("at=3.7", "at=0.05")
-    assert (small.count("0.1"), small.count("0.05"), small.count("size=")) == (1, 1, 2)
+    small = "\n".join(PYTHON).replace("duration=7", "duration=0.1").replace("time=3.7", "time=0.05")
+    small = small.replace('camera="closeup"', 'camera="closeup", size=(64, 48)')
+    assert (small.count("0.1"), small.count("0.05"), small.count("size=(64")) == (1, 1, 2)
+    small += 'assert (depth.shape, str(depth.dtype), unit) == ((240, 320), "float32", "J")'
     done = subprocess.run(
         [sys.executable, "-W", "ignore", "-c", small],
         cwd=tmp_path,
@@ -131,9 +140,10 @@ def test_the_python_of_the_readme_makes_its_film(code: str, tmp_path: Path) -> N
         text=True,
     )
     assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
-    assert (tmp_path / "tippe_top.mp4").stat().st_size > 0
+    names = ("tippe_top.mp4", "tippe_top.png", "tippe_top.npz", "small.webm")
+    assert all((tmp_path / name).stat().st_size > 0 for name in names)
 
 
-def test_pictures_of_the_readme_are_there_and_small() -> None:
+def test_images_of_the_readme_are_there_and_small() -> None:
     for picture in re.findall(r"!\[[^]]*\]\(([^)]+)\)", README):
         assert 0 < (ROOT / picture).stat().st_size < 200_000

@@ -51,7 +51,7 @@ def trace(tmp_path: Path, simulation: Simulation, *probes: str) -> dict[str, Vec
     """Every row of a simulation, by column; up to where it becomes unstable, if it does."""
     output = tmp_path / "trace.npz"
     with suppress(UnstableError):
-        Trace(simulation, str(output), probes=probes, keep_partial=True).run()
+        Trace(simulation, str(output), probe=probes, keep_partial=True).run()
     with np.load(output) as found:
         return dict(found)
 
@@ -205,7 +205,7 @@ def test_divergence_is_reported_where_the_tutorial_s_loop_meets_it(
     step, joint, speed = diverging(timestep)
     simulation = Simulation(scene("chaotic_pendulum", timestep)[0], qvel={"root": 11}, duration=10)
     with pytest.raises(UnstableError, match=f"step {step}, .* acceleration of joint '{joint}'") as caught:
-        Trace(simulation, str(tmp_path / "none.npz"), probes=["qvel"]).run()
+        Trace(simulation, str(tmp_path / "none.npz"), probe=["qvel"]).run()
     assert caught.value.step == step
     assert caught.value.time == pytest.approx(step * timestep)
     assert "QACC" in warned[0]

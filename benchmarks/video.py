@@ -1,13 +1,13 @@
 """Wall time and peak memory of `mjrun video` against the loop that the MuJoCo tutorial teaches.
 
-Both make the same film of the same model, in turn, as whole processes; ratios are mjrun / tutorial,
+Both make the same video of the same model, in turn, as whole processes; ratios are mjrun / tutorial,
 so below 1 is better. mjrun draws with one process, with as many as it chooses, and as a draft. The
 tutorial loop is a script that takes MODEL OUT DURATION FPS WIDTH HEIGHT [CAMERA] [KEYFRAME], given by
 --baseline. The floor is the drawing itself: one process per core draws its share of the frames with
 mujoco.Renderer, and nothing is encoded, sent or kept.
 
-    python benchmarks/film.py
-    python benchmarks/film.py --model scenes/humanoid.xml --key jump --duration 2 --repeats 5
+    python benchmarks/video.py
+    python benchmarks/video.py --model scenes/humanoid.xml --key jump --duration 2 --repeats 5
 """
 
 import argparse
@@ -49,7 +49,7 @@ with mujoco.Renderer(model, int(height), int(width)) as renderer:
 
 
 @dataclass(frozen=True)
-class Film:
+class VideoCase:
     """What both sides are asked for."""
 
     model: Path
@@ -140,8 +140,8 @@ def main() -> None:
     if not given.baseline.exists():
         raise SystemExit(f"there is no {given.baseline}; name the tutorial loop with --baseline")
     width, height = map(int, given.size.split("x"))
-    film = Film(given.model, given.duration, given.fps, width, height, given.camera, given.key)
-    print(f"{film.model.name}, {film.duration} s at {film.fps} fps, {given.size}, {available_cores()} cores")
+    video = VideoCase(given.model, given.duration, given.fps, width, height, given.camera, given.key)
+    print(f"{video.model.name}, {video.duration} s at {video.fps} fps, {given.size}, {available_cores()} cores")
     ways = {
         "mjrun, 1 process": ("--jobs", "1"),
         "mjrun": (),
@@ -150,15 +150,15 @@ def main() -> None:
     costs: dict[str, list[Cost]] = {"tutorial": [], "floor": [], **{name: [] for name in ways}}
     cores = available_cores()
     with tempfile.TemporaryDirectory() as folder:
-        out = Path(folder) / "film.mp4"
+        out = Path(folder) / "video.mp4"
         for _ in range(given.repeats):
-            costs["tutorial"].append(run(film.tutorial(given.baseline, out)))
-            bare = [film.bare(share, cores) for share in range(cores)]
+            costs["tutorial"].append(run(video.tutorial(given.baseline, out)))
+            bare = [video.bare(share, cores) for share in range(cores)]
             costs["floor"].append(run(*bare, LP_NUM_THREADS="1"))
             for name, options in ways.items():
-                costs[name].append(run(film.mjrun(out, *options)))
+                costs[name].append(run(video.mjrun(out, *options)))
     for name, measured in costs.items():
-        show(name, measured, film.frames)
+        show(name, measured, video.frames)
     for name in ("floor", *ways):
         show_ratios(name, costs[name], costs["tutorial"], "tutorial")
     show_ratios("mjrun", costs["mjrun"], costs["floor"], "floor")
