@@ -16,12 +16,12 @@ class CheckOptions(Options):
     section: ClassVar[str] = "Check"
 
     select: tuple[str, ...] = option(
-        converter=Several(Text("CODE"), commas=True),
+        converter=Several(Text("CODE"), commas=True, expected="a code, or how several begin"),
         default=(),
         help="Look for these only: MJ301, or MJ3 for all that begin so.",
     )
     ignore: tuple[str, ...] = option(
-        converter=Several(Text("CODE"), commas=True),
+        converter=Several(Text("CODE"), commas=True, expected="a code, or how several begin"),
         default=(),
         help="Leave these out. What keeps a model from loading stays.",
     )

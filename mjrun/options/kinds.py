@@ -511,7 +511,9 @@ def setting_text(value: object) -> str:
 
 def _one_text(values: Sequence[object]) -> str:
     texts = [setting_text(value) for value in values]
-    return (";" if any("," in text for text in texts) else ",").join(texts)
+    if not any("," in text for text in texts):
+        return ",".join(texts)
+    return ";".join(texts) + (";" if len(texts) == 1 else "")
 
 
 def _numbers(value: float | Sequence[float]) -> Numbers:

@@ -12,12 +12,12 @@ Point = Mapping[str, str]
 
 
 def scan_values(path: str, text: str) -> list[str]:
-    """The values in `text`: separated by commas, or by semicolons where a value has commas itself.
+    """The values in `text`: separated by commas, or by semicolons where a value has commas itself; a lone one then ends in one.
 
     Raises:
       UsageError: there are none, or one twice.
     """
-    values = [value.strip() for value in text.split(";" if ";" in text else ",")]
+    values = [value.strip() for value in text.removesuffix(";").split(";" if ";" in text else ",")]
     if not all(values) or len(set(values)) < len(values):
         raise UsageError(f"{option('scan')} {clean(path)}={clean(text)}: write values separated by commas, each once")
     return values

@@ -16,7 +16,6 @@ from mjrun.bench.baseline import BaselineComparison
 from mjrun.bench.rollout_timing import BatchRoller, Clock
 from mjrun.bench.step_timing import StepTimer
 from mjrun.errors import BadValueError, FileError, ModelNotFoundError, UsageError
-from mjrun.job.view import Drawing
 from mjrun.model.sources.file import FileSource
 from mjrun.sim.parameter_grid import settings
 
@@ -186,11 +185,11 @@ def test_a_compiled_model_is_timed_but_not_loaded() -> None:
 @pytest.mark.parametrize(
     ("changed", "said"),
     [
-        ({"steps": 0}, "steps: '0' is not a positive whole number"),
+        ({"steps": 0}, "steps: '0' is not a whole number from 1 on"),
         ({"repeats": -1}, "repeats"),
         ({"noise_std": 1.1}, "noise_std: '1.1' is not a number from 0 to 1"),
         ({"noise_rate": float("nan")}, "noise_rate"),
-        ({"threads": [0]}, "threads: '0' is not a number from 1 on, or auto"),
+        ({"threads": [0]}, "threads: '0' is not a number of threads from 1 on, or auto"),
         ({"threads": ["all"]}, "threads"),
         ({"budget": 0}, "budget: '0' is not a positive number"),
         ({"horizon": -1}, "horizon"),
@@ -207,7 +206,7 @@ def test_numbers_that_cannot_be_are_refused_at_once(path: Path, changed: dict[st
     [
         ({"horizon": 2}, "horizon has no effect without accuracy"),
         ({"reference": ".001"}, "reference has no effect without accuracy"),
-        ({"video": Drawing()}, "video has no effect without whole"),
+        ({"camera": "free"}, "camera: nothing is drawn"),
         ({"fail_above": 0.1}, "fail_above has no effect without compare"),
         ({"force": True}, "force has no effect without compare"),
     ],

@@ -5,9 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from mjrun.job.view import Drawing
 from mjrun.rendering.backend import Backend
-from mjrun.rendering.visual import Visual
 
 sys.path.append(str(Path(__file__).parent))
 
@@ -27,8 +25,8 @@ def path(tmp_path: Path) -> Path:
 def test_a_frames_parts_make_up_its_time_and_the_clock_is_asked_where_they_change(
     path: Path, backend: Backend, view: str, quality: str
 ) -> None:
-    drawing = Drawing(size=(64, 48), view=view, visual=Visual(quality=quality))
-    (found,) = bench(path, drawings=[drawing], repeats=1).run(clock=FakeClock()).frames
+    settings = {"size": (64, 48), "view": view, "quality": quality}
+    (found,) = bench(path, render=True, repeats=1, **settings).run(clock=FakeClock()).frames
     assert (found.view, found.size, found.quality, found.device) == (view, (64, 48), quality, backend.renderer)
     assert found.read is not None
     # Each look at the clock is a second: the state and the scene are two spells of updating, and so on.
@@ -43,8 +41,7 @@ def test_a_frames_parts_make_up_its_time_and_the_clock_is_asked_where_they_chang
 
 @pytest.mark.gl
 def test_filament_does_not_tell_drawing_from_reading(path: Path, vulkan: Backend) -> None:
-    drawing = Drawing(size=(64, 48), renderer="filament")
-    (found,) = bench(path, drawings=[drawing], repeats=1).run(clock=FakeClock()).frames
+    (found,) = bench(path, render=True, size=(64, 48), renderer="filament", repeats=1).run(clock=FakeClock()).frames
     assert (found.renderer, found.device, found.read) == ("filament", vulkan.renderer, None)
     # One look at the clock lies between any two parts: composing comes before, between and after the others.
     assert (found.update.median, found.draw.median, found.compose.median, found.total.median) == (1, 1, 3, 5)

@@ -44,7 +44,7 @@ def test_a_step_has_what_a_bare_loop_finds(path: Path) -> None:
 
 def test_a_grid_is_every_combination_and_each_is_that_model(path: Path) -> None:
     scan = {"integrator": ["euler", "rk4"], "timestep": [".01", ".02"], "opt.gravity": ["0,0,0"]}
-    found = bench(path, scan=scan, threads=None).run(clock=FakeClock())
+    found = bench(path, scan=scan, threads=()).run(clock=FakeClock())
     assert [(row.integrator, row.timestep) for row in found.rows] == [
         ("euler", 0.01),
         ("euler", 0.02),

@@ -5,8 +5,6 @@ from pathlib import Path
 
 import pytest
 
-from mjrun.job.view import Drawing
-
 sys.path.append(str(Path(__file__).parent))
 
 from bench_clocks import MODEL, FakeClock, bench
@@ -21,7 +19,7 @@ def path(tmp_path: Path) -> Path:
 
 @pytest.mark.gl
 def test_a_whole_film_and_trace_are_a_second_of_simulation(path: Path) -> None:
-    trace, film = bench(path, whole=True, drawings=[Drawing(size=(64, 48))]).run(clock=FakeClock()).whole
+    trace, film = bench(path, whole=True, size=(64, 48)).run(clock=FakeClock()).whole
     assert (trace.what, trace.count, trace.unit, trace.simulated, trace.seconds) == ("trace", 101, "rows", 1.0, 1.0)
     assert (film.what, film.count, film.unit, film.simulated, film.seconds) == ("video", 30, "frames", 1.0, 1.0)
     assert film.simulation is not None

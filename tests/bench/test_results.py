@@ -8,8 +8,6 @@ from typing import Any
 
 import pytest
 
-from mjrun.job.view import Drawing
-
 sys.path.append(str(Path(__file__).parent))
 
 from bench_clocks import MODEL, FakeClock, bench
@@ -89,7 +87,7 @@ def keys_of(value: Any, where: str = "") -> dict[str, list[str]]:
 def test_the_document_has_these_keys(path: Path) -> None:
     base = str(path.with_name("base.json"))
     bench(path, save=base, threads=(1, 2, 3)).run(clock=FakeClock())
-    job = bench(path, accuracy=True, drawings=[Drawing(size=(64, 48))], whole=True, compare=base)
+    job = bench(path, accuracy=True, render=True, size=(64, 48), whole=True, compare=base)
     found = json.loads(json.dumps(asdict(job.run(clock=FakeClock()))))
     assert found["schema"] == "mjrun-bench-1"
     assert keys_of(found) == KEYS

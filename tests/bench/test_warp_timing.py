@@ -16,7 +16,6 @@ from mjrun.bench.rollout_timing import Clock, Profile, Run, blocks_of
 from mjrun.bench.warp_timing import WarpOptions, WarpRoller
 from mjrun.cli import bench_csv, bench_report
 from mjrun.errors import MjrunWarning, SimulationError, UsageError, spelled
-from mjrun.job.view import Drawing
 
 MODEL = """
 <mujoco>
@@ -182,13 +181,13 @@ def test_the_report_tells_of_worlds_and_of_compiling_in_80_columns(path: Path) -
         ({"threads": [1]}, "threads is for engine c"),
         ({"accuracy": True}, "accuracy is for engine c"),
         ({"whole": True}, "whole is for engine c"),
-        ({"drawings": [Drawing()]}, "render is for engine c"),
-        ({"worlds": 0}, "worlds: '0' is not a positive whole number"),
+        ({"render": True}, "render is for engine c"),
+        ({"worlds": 0}, "worlds: '0' is not a whole number from 1 to 1048576"),
         ({"njmax": -1}, "njmax: '-1' is not"),
         ({"engine": "c", "worlds": 2}, "worlds is for engine warp"),
         ({"engine": "c", "device": "cpu"}, "device is for engine warp"),
         ({"engine": "c", "nconmax": 1}, "nconmax is for engine warp"),
-        ({"engine": "mjx"}, "no engine 'mjx'\nengines: c, warp"),
+        ({"engine": "mjx"}, "engine: 'mjx' is not one of c, warp"),
     ],
 )
 def test_what_an_engine_cannot_do_is_refused_at_once(path: Path, changed: dict[str, Any], said: str) -> None:

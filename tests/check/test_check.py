@@ -66,8 +66,8 @@ def test_all_codes_begin_with_nothing_short_of_a_letter() -> None:
     ("settings", "message"),
     [
         ({"select": ["MJ9"]}, "no code 'MJ9' (did you mean"),
-        ({"ignore": [""]}, "no code ''"),
-        ({"fail_on": "never"}, "no severity 'never'"),
+        ({"ignore": [""]}, "ignore: '' is not a code, or how several begin"),
+        ({"fail_on": "never"}, "fail_on: 'never' is not one of error, warning, note"),
         ({"steps": -1}, "steps: '-1' is not a whole number from 0 on"),
         ({"memory": 0}, "memory: '0' is not"),
         ({"timeout": 0.0}, "timeout: '0.0' is not"),
