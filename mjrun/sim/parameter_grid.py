@@ -12,7 +12,7 @@ Point = Mapping[str, str]
 
 
 def scan_values(path: str, text: str) -> list[str]:
-    """The values in `text`: separated by commas, or by semicolons where a value has commas; then a lone one ends in one.
+    """The values in `text`: separated by commas, or by semicolons where one has commas; then a lone one ends in one.
 
     Raises:
       UsageError: there are none, or one twice.
