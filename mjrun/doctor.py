@@ -15,7 +15,7 @@ import numpy as np
 from mjrun.errors import EncoderError, NoRendererError, Spelling, UnknownNameError, option, spelled
 from mjrun.formats.ffmpeg import encoder_version, working_codecs
 from mjrun.formats.tables import formats
-from mjrun.model import mujoco_bugs
+from mjrun.model import known_bugs
 from mjrun.rendering.backend import DEVICE, GL, Backend, candidates, requested_backends
 from mjrun.rendering.backend_detection import BackendTrial, alternative, repair_advice
 from mjrun.rendering.install_advice import VULKAN, install_advice
@@ -81,7 +81,7 @@ def examine(spelling: Spelling = str) -> DoctorReport:
 
 def _versions() -> list[Diagnostic]:
     version = mujoco.mj_versionString()
-    known = mujoco_bugs.bugs_of_version(version)
+    known = known_bugs.bugs_of_version(version)
     cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
     system = f"{platform.system()} {platform.machine()}, {cores} cores"
     return [

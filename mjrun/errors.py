@@ -200,7 +200,7 @@ class DocumentError(UsageError):
         super().__init__("\n".join([*map(str, problems[:FAULTS]), *more]))
 
 
-class JobsError(UsageError):
+class InvalidJobsError(UsageError):
     """What is wrong with jobs that are done together: `faults`, each with a job's index, None for the simulation."""
 
     def __init__(self, faults: Sequence[tuple[int | None, UsageError]]) -> None:
@@ -229,7 +229,7 @@ class ControllerError(UsageError):
         return cls("\n".join([f"{what} raised {kind}: {clean(str(error))}", *map(clean, lines)]))
 
 
-class CompiledModelError(UsageError):
+class CompiledOverrideError(UsageError):
     """Overrides of a model that is already compiled, each as the option that asks for it and its value."""
 
     def __init__(self, path: Path | str, overrides: Sequence[tuple[str, str]]) -> None:

@@ -23,7 +23,7 @@ class Reporter(Protocol):
         ...
 
 
-class QuietReporter:
+class WarningReporter:
     """The Python API's: warnings become Python warnings, the rest is silent."""
 
     def note(self, text: str) -> None:

@@ -22,7 +22,7 @@ HOUSE = (
     ("rendering",),
     ("sim", "probe", "camera", "formats"),
     ("model",),
-    ("options", "process"),
+    ("options", "child_process"),
     ("reporter",),
     ("timeline", "errors", "version"),
 )

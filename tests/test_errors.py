@@ -16,7 +16,7 @@ from mjrun.errors import (
     BadValueError,
     BrokenModelError,
     ClosedPipeError,
-    CompiledModelError,
+    CompiledOverrideError,
     DocumentError,
     EncoderError,
     EndedError,
@@ -44,7 +44,7 @@ CODES = {
     "UnknownNameError": 2,
     "BadValueError": 2,
     "DocumentError": 2,
-    "CompiledModelError": 2,
+    "CompiledOverrideError": 2,
     "ModelError": 3,
     "ModelNotFoundError": 3,
     "BrokenModelError": 3,
@@ -230,7 +230,7 @@ def test_of_a_document_with_very_many_problems_the_first_are_shown_and_the_other
 
 def test_a_compiled_model_names_the_overrides_that_it_cannot_take_and_the_way_out() -> None:
     overrides = [("timestep", "0.1"), ("set", "opt.cone=elliptic")]
-    first, second = str(CompiledModelError(Path("m.mjb"), overrides)).splitlines()
+    first, second = str(CompiledOverrideError(Path("m.mjb"), overrides)).splitlines()
     assert first.startswith("m.mjb is compiled: timestep 0.1, set opt.cone=elliptic ")
     assert ".xml" in second
 
@@ -264,7 +264,7 @@ def test_a_step_that_mujoco_could_not_finish_is_told_with_its_reason() -> None:
         (UnknownNameError("geom", EVIL, [EVIL + "x"]), 2),
         (BadValueError("size", EVIL, "a number"), 1),
         (DocumentError([Problem(EVIL, EVIL, EVIL), Problem(EVIL, "", "is bad")]), 2),
-        (CompiledModelError(EVIL_PATH, [("set", EVIL)]), 2),
+        (CompiledOverrideError(EVIL_PATH, [("set", EVIL)]), 2),
         (ModelNotFoundError(EVIL_PATH, "no such file", [EVIL, EVIL + "x"], EVIL), 2),
         (BrokenModelError(EVIL_PATH, EVIL.replace("\n", "").replace("\u2028", "")), 1),
         (UnstableError(1, 0.1, "the velocity", EVIL, 0.1), 2),

@@ -19,7 +19,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from mjrun.bench.compared_timings import Document, FigureId, FigureSamples, figures, figures_of_row
+from mjrun.bench.figure_samples import Document, FigureId, FigureSamples, figures, figures_of_row
 from mjrun.bench.statistics import CONFIDENCE, median, ratio_interval
 from mjrun.errors import FileError, UsageError, clean, listing, option
 

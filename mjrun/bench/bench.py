@@ -18,7 +18,7 @@ from mjrun.bench.frame_timing import FPS, LEAST, FrameTiming, timed_frames
 from mjrun.bench.grid_timing import (
     GridPoint,
     MeasurementSettings,
-    RolloutSetup,
+    RolloutStart,
     check_reference,
     notes_on,
     timed_grid,
@@ -26,12 +26,12 @@ from mjrun.bench.grid_timing import (
 from mjrun.bench.load_timing import LoadTiming, timed_load
 from mjrun.bench.machine_info import MachineInfo, machine_info
 from mjrun.bench.output_timing import timed_trace, timed_video
-from mjrun.bench.reference_workload import ReferenceInfo
+from mjrun.bench.reference_workload import WorkloadInfo
 from mjrun.bench.results import BenchResult, BenchSettings, EngineInfo, ModelInfo
 from mjrun.bench.rollout_timing import Clock
 from mjrun.bench.warp_timing import LEFT_OUT, C, WarpOptions, check_engine
 from mjrun.errors import FileError, UsageError, option
-from mjrun.formats.publishing import StagedFile
+from mjrun.formats.atomic_output import StagedFile
 from mjrun.job.manifest import origin
 from mjrun.job.shared_rendering import RendererChoice, SharedRendering
 from mjrun.job.simulation import Simulation
@@ -46,7 +46,7 @@ from mjrun.options.option import is_given, options
 from mjrun.options.view import ViewOptions
 from mjrun.rendering.backend import Backend
 from mjrun.rendering.process_count import available_cores
-from mjrun.reporter import QuietReporter, Reporter, pass_on
+from mjrun.reporter import Reporter, WarningReporter, pass_on
 from mjrun.sim.parameter_grid import points, scan_values, settings
 
 TEST = "test"  # the keyframe that testspeed starts from
@@ -143,7 +143,7 @@ class Bench(BenchOptions):
           MjrunError: nothing was saved.
           SimulationError: every point of the grid is unstable.
         """
-        reporter, begun = reporter or QuietReporter(), clock()
+        reporter, begun = reporter or WarningReporter(), clock()
         with collected_warnings() as warnings, ExitStack() as stack:
             target = None if self.save is None else StagedFile(Path(self.save))
             if target:
@@ -162,7 +162,7 @@ class Bench(BenchOptions):
         base = None if self.compare is None else read_base(self.compare)
         machine, warp = machine_info(), self._warp()
         model, load = self._loaded(clock)
-        setup = RolloutSetup(self._key(model), self.noise_std, self.noise_rate)
+        setup = RolloutStart(self._key(model), self.noise_std, self.noise_rate)
         simulation = Simulation(self._source, key=setup.key, duration=WHOLE)
         header = self._header(simulation, model, load, machine, warp)
         overridden = [] if base is None else check_same(asdict(header), base, str(self.compare), self.force)
@@ -240,7 +240,7 @@ class Bench(BenchOptions):
         )
 
     def _frames(
-        self, model: mujoco.MjModel, setup: RolloutSetup, backends: Sequence[Backend], clock: Clock
+        self, model: mujoco.MjModel, setup: RolloutStart, backends: Sequence[Backend], clock: Clock
     ) -> list[FrameTiming]:
         """The cost of a frame of each drawing, over the first frames of a video."""
         states = setup.first_frames(model, FPS, LEAST) if self.render else []
@@ -281,7 +281,7 @@ class Bench(BenchOptions):
             engine=EngineInfo.of(warp, machine),
             model=ModelInfo.of(model, facts["model"]["path"], facts["model"]["sha256"], source.main_file),
             options=options,
-            reference_workload=None if warp else ReferenceInfo(),
+            reference_workload=None if warp else WorkloadInfo(),
             load=load,
         )
 

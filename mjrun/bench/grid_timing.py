@@ -9,11 +9,11 @@ import mujoco
 import numpy as np
 
 from mjrun.bench.accuracy import distance_from_finer, simulate_to
-from mjrun.bench.control_noise import controls
 from mjrun.bench.reference_workload import ReferenceWorkload
 from mjrun.bench.results import Accuracy, GridPointResult, StepCounts
-from mjrun.bench.rollout_timing import Clock, Run
+from mjrun.bench.rollout_timing import Clock, RolloutInputs
 from mjrun.bench.step_timing import MOST_STEPS, StepTimer, TimingBudget
+from mjrun.bench.testspeed_noise import controls
 from mjrun.bench.warp_timing import WarpOptions, WarpStepTimer
 from mjrun.errors import BadValueError, SimulationError, option, spelled
 from mjrun.model.names import enum_members
@@ -34,20 +34,20 @@ class GridPoint:
 
 
 @dataclass(frozen=True)
-class RolloutSetup:
+class RolloutStart:
     """Where a rollout starts, and the noise on its controls, as `Bench` has it."""
 
     key: str | None
     noise_std: float
     noise_rate: float
 
-    def run(self, model: mujoco.MjModel, steps: int) -> Run:
+    def run(self, model: mujoco.MjModel, steps: int) -> RolloutInputs:
         """The rollout of `model`, with the controls of so many steps."""
         data = self.data(model)
         if not (self.noise_std and model.nu):
-            return Run.of(model, data)
+            return RolloutInputs.of(model, data)
         center = None if self.key is None else data.ctrl.copy()
-        return Run.of(model, data, controls(model, steps, self.noise_std, self.noise_rate, center))
+        return RolloutInputs.of(model, data, controls(model, steps, self.noise_std, self.noise_rate, center))
 
     def first_frames(self, model: mujoco.MjModel, fps: Fraction, count: int) -> list[np.ndarray]:
         """The integration states at the first frames of a video."""
@@ -80,7 +80,7 @@ class MeasurementSettings:
     reference: Fraction | None
     warp: WarpOptions | None = None
 
-    def timer(self, point: GridPoint, setup: RolloutSetup, share: float, clock: Clock) -> StepTimer:
+    def timer(self, point: GridPoint, setup: RolloutStart, share: float, clock: Clock) -> StepTimer:
         """Times the steps of a point, on a `share` of the budget."""
         make = partial(setup.run, point.model)
         budget = TimingBudget(share * self.budget, point.steps, self.repeats)
@@ -102,7 +102,7 @@ def check_reference(reference: Fraction | None, grid: Sequence[GridPoint]) -> No
 
 
 def timed_grid(
-    grid: Sequence[GridPoint], setup: RolloutSetup, settings: MeasurementSettings, reporter: Reporter, clock: Clock
+    grid: Sequence[GridPoint], setup: RolloutStart, settings: MeasurementSettings, reporter: Reporter, clock: Clock
 ) -> list[GridPointResult]:
     """Measures every point. Their rollouts take turns, so that what disturbs one disturbs all.
 
@@ -195,7 +195,7 @@ def _name(enum: type, value: int) -> str:
     return next(name for name, number in enum_members(enum).items() if number == value)
 
 
-def _accuracy(model: mujoco.MjModel, setup: RolloutSetup, horizon: Fraction | None, finer: Fraction) -> Accuracy | None:
+def _accuracy(model: mujoco.MjModel, setup: RolloutStart, horizon: Fraction | None, finer: Fraction) -> Accuracy | None:
     if horizon is None:
         return None
     drift = None

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import mujoco
 
-from mjrun.bench.rollout_timing import BatchRoller, Clock, Run
+from mjrun.bench.rollout_timing import BatchRoller, Clock, RolloutInputs
 from mjrun.bench.statistics import SampleStatistics, summarized
 from mjrun.model.mujoco_globals import without_timers
 
@@ -45,7 +45,7 @@ MJCF = """
 
 
 @dataclass(frozen=True)
-class ReferenceInfo:
+class WorkloadInfo:
     """The workload that stands for the machine's speed.
 
     Attributes:
@@ -69,7 +69,7 @@ class ReferenceWorkload:
 
     def __init__(self, clock: Clock, copies: int = 1) -> None:
         model = mujoco.MjModel.from_xml_string(MJCF)
-        self._roller = BatchRoller(Run.of(model, mujoco.MjData(model)), copies)
+        self._roller = BatchRoller(RolloutInputs.of(model, mujoco.MjData(model)), copies)
         self._clock = clock
         self._repetitions = 1
         self.samples: list[float] = []

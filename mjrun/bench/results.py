@@ -16,7 +16,7 @@ from mjrun.bench.frame_timing import FrameTiming
 from mjrun.bench.load_timing import LoadTiming
 from mjrun.bench.machine_info import MachineInfo
 from mjrun.bench.output_timing import OutputTiming
-from mjrun.bench.reference_workload import ReferenceInfo
+from mjrun.bench.reference_workload import WorkloadInfo
 from mjrun.bench.statistics import SampleStatistics
 from mjrun.bench.step_phases import Phase
 from mjrun.bench.step_timing import ThreadScaling
@@ -235,7 +235,7 @@ class BenchResult:
     engine: EngineInfo
     model: ModelInfo
     options: BenchSettings
-    reference_workload: ReferenceInfo | None
+    reference_workload: WorkloadInfo | None
     load: LoadTiming | None
     rows: Sequence[GridPointResult] = ()
     frames: Sequence[FrameTiming] = ()

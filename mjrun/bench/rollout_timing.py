@@ -15,7 +15,7 @@ from mujoco.batch import Batch
 from mjrun.bench.step_phases import Phase, phases
 from mjrun.model import state
 from mjrun.sim.control import ControlSignal
-from mjrun.sim.control_table import ControlSequence
+from mjrun.sim.control_table import ControlArray
 from mjrun.sim.stepper import BAD, PhysicsStepper
 from mjrun.timeline import rational
 
@@ -23,7 +23,7 @@ Clock = Callable[[], float]  # wall time [s], from anywhere on
 
 
 @dataclass(frozen=True)
-class Run:
+class RolloutInputs:
     """What is rolled out: always the same motion.
 
     Attributes:
@@ -37,7 +37,7 @@ class Run:
     controls: np.ndarray | None = None
 
     @classmethod
-    def of(cls, model: mujoco.MjModel, data: mujoco.MjData, controls: np.ndarray | None = None) -> "Run":
+    def of(cls, model: mujoco.MjModel, data: mujoco.MjData, controls: np.ndarray | None = None) -> "RolloutInputs":
         """The run from the state in `data`, on a copy of `model`."""
         kept = copy.copy(model)
         kept.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_AUTORESET)
@@ -76,7 +76,7 @@ class Run:
         if self.controls is None or not self.model.nu:
             return None
         timestep = rational(self.model.opt.timestep)
-        return ControlSignal(timestep, np.zeros(self.model.nu), ControlSequence(self.controls))
+        return ControlSignal(timestep, np.zeros(self.model.nu), ControlArray(self.controls))
 
 
 class StoppedError(Exception):
@@ -106,7 +106,7 @@ class BatchRoller:
       StoppedError: from `seconds`, when MuJoCo warns.
     """
 
-    def __init__(self, run: Run, copies: int = 1) -> None:
+    def __init__(self, run: RolloutInputs, copies: int = 1) -> None:
         self.copies = copies
         self._run = run
         # As `testspeed` has it, every copy keeps its MjData; sleep needs that too.
@@ -139,7 +139,7 @@ class LoopRoller:
 
     copies = 1
 
-    def __init__(self, run: Run) -> None:
+    def __init__(self, run: RolloutInputs) -> None:
         self._run, self._data = run, run.data()
 
     def seconds(self, steps: int, block: int, clock: Clock) -> np.ndarray:
@@ -165,7 +165,7 @@ def blocks_of(steps: int, block: int) -> Iterator[tuple[int, int]]:
 
 
 @dataclass(frozen=True)
-class Profile:
+class StepProfile:
     """What a step consists of, on average over a rollout.
 
     Attributes:
@@ -185,7 +185,7 @@ class Profile:
     warned: bool
 
 
-def profile(run: Run, steps: int) -> Profile:
+def profile(run: RolloutInputs, steps: int) -> StepProfile:
     """Rolls `steps` steps out with MuJoCo's timers on, looking at each. Not to be timed from outside.
 
     Raises:
@@ -208,7 +208,7 @@ def profile(run: Run, steps: int) -> Profile:
         iterations += data.solver_niter[0] if islands == 1 else data.solver_niter[:islands].mean()
     if any(data.warning[kind].number for kind in BAD) or not _is_good(data):
         run.check(steps)
-    return Profile(
+    return StepProfile(
         contacts=contacts / steps,
         constraints=constraints / steps,
         iterations=float(iterations) / steps,

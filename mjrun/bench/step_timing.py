@@ -6,7 +6,16 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from mjrun.bench.reference_workload import ReferenceWorkload
-from mjrun.bench.rollout_timing import BatchRoller, Clock, LoopRoller, Profile, Roller, Run, StoppedError, profile
+from mjrun.bench.rollout_timing import (
+    BatchRoller,
+    Clock,
+    LoopRoller,
+    Roller,
+    RolloutInputs,
+    StepProfile,
+    StoppedError,
+    profile,
+)
 from mjrun.bench.statistics import SampleStatistics, summarized
 from mjrun.model.mujoco_globals import without_timers
 from mjrun.rendering.process_count import available_cores
@@ -74,7 +83,7 @@ class StepTimer:
       overflows: what an engine had no room for, a sentence each.
     """
 
-    make: Callable[[int], Run]
+    make: Callable[[int], RolloutInputs]
     budget: TimingBudget
     clock: Clock
     workload: ReferenceWorkload | None = None
@@ -85,10 +94,10 @@ class StepTimer:
     steps: int = field(default=0, init=False)
     block: int = field(default=1, init=False)
     repeats: int = field(default=0, init=False)
-    run: Run = field(init=False)
+    run: RolloutInputs = field(init=False)
     _roller: Roller = field(init=False)
     _cost: float = field(init=False)  # of a step [s], roughly
-    profile: Profile = field(init=False)
+    profile: StepProfile = field(init=False)
 
     def warm_up(self) -> None:
         """Rolls out more and more steps, until it is known how many of them the budget allows.
@@ -180,7 +189,7 @@ class StepTimer:
         fitting = int(share * self.budget.seconds / rollout)
         return self.budget.repeats or min(max(fitting, LEAST_REPEATS), MOST_REPEATS)
 
-    def _profiled(self) -> Profile:
+    def _profiled(self) -> StepProfile:
         """The least disturbed of some profiles."""
         profiles, spent = [profile(self.run, self.steps)], 0.0
         while (phases := profiles[-1].phases) and len(profiles) < PROFILES:

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from mjrun.bench.rollout_timing import Clock, Profile, Run, blocks_of
+from mjrun.bench.rollout_timing import Clock, RolloutInputs, StepProfile, blocks_of
 from mjrun.bench.step_timing import StepTimer, ThreadScaling
 from mjrun.errors import BadValueError, SimulationError, UnknownNameError, UsageError, option
 from mjrun.sim.warp_device import WarpDevice
@@ -40,7 +40,7 @@ class WarpOptions:
         self.worlds = worlds or (ON_GPU if self._device.is_gpu else ON_CPU)
         self.nconmax, self.njmax = nconmax, njmax
 
-    def open(self, run: Run) -> "WarpRoller":
+    def open(self, run: RolloutInputs) -> "WarpRoller":
         """Worlds that start as `run` does.
 
         Raises:
@@ -61,7 +61,7 @@ class WarpRoller:
       copies: how many worlds.
     """
 
-    def __init__(self, worlds: WarpWorlds, run: Run) -> None:
+    def __init__(self, worlds: WarpWorlds, run: RolloutInputs) -> None:
         self.copies = worlds.count
         self._worlds, self._run = worlds, run
         with worlds.active():
@@ -94,7 +94,7 @@ class WarpRoller:
                 times.append(clock() - before)
         return np.array(times)
 
-    def profile(self, steps: int) -> Profile:
+    def profile(self, steps: int) -> StepProfile:
         """Rolls `steps` steps out, looking at each. Not to be timed from outside.
 
         Raises:
@@ -113,7 +113,7 @@ class WarpRoller:
                 constraints += float(demand.constraints.mean())
                 iterations += float(demand.iterations.mean())
             self._check(steps)
-        return Profile(contacts / steps, constraints / steps, iterations / steps, None, None, None, warned=False)
+        return StepProfile(contacts / steps, constraints / steps, iterations / steps, None, None, None, warned=False)
 
     def overflows(self) -> Sequence[str]:
         """What did not fit in the rollout that was profiled, and what to raise, a sentence each."""
@@ -159,7 +159,7 @@ class WarpStepTimer(StepTimer):
         self.first = self._worlds.first(self.clock)
         return self._longest(most)
 
-    def _profiled(self) -> Profile:
+    def _profiled(self) -> StepProfile:
         profile = self._worlds.profile(self.steps)
         self.overflows = self._worlds.overflows()
         return profile

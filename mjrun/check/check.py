@@ -17,7 +17,7 @@ from mjrun.options.check import CheckOptions
 from mjrun.options.kinds import AUTO
 from mjrun.options.option import options
 from mjrun.rendering.process_count import available_cores
-from mjrun.reporter import QuietReporter, Reporter
+from mjrun.reporter import Reporter, WarningReporter
 
 CRASH_REMEDY = (
     "MuJoCo crashes on models that attach each other in a circle, thousands of nested elements or includes, "
@@ -92,7 +92,7 @@ class Check(CheckOptions):
         Raises:
           UsageError: `models` are folders without any model.
         """
-        reporter = reporter or QuietReporter()
+        reporter = reporter or WarningReporter()
         paths, skipped = find_models(self.models)
         if not paths and all(Path(path).is_dir() for path in self.models):
             raise UsageError("there is no model to check: give model files, or folders that contain some")

@@ -7,7 +7,7 @@ from pathlib import Path
 from xml.parsers import expat
 
 from mjrun.errors import UsageError, clean
-from mjrun.model.source import NamedSource
+from mjrun.model.source import CollectionSource
 from mjrun.model.sources import source_of
 
 HEAD = 2**16  # bytes within which the root of an XML file must begin
@@ -43,7 +43,7 @@ def _path(model: str | Path) -> str:
     source = source_of(model)
     if source.main_file is None:
         raise UsageError(f"{clean(str(model))}: a check needs a model file")
-    return str(source.main_file if isinstance(source, NamedSource) else model)
+    return str(source.main_file if isinstance(source, CollectionSource) else model)
 
 
 def _below(folder: Path) -> Iterator[Path]:

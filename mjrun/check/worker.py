@@ -21,9 +21,9 @@ from mjrun.check.finding import Finding
 from mjrun.check.rules import compile_errors, process_failures, simulation
 from mjrun.check.worker_pool import MIB, WorkerTask
 from mjrun.check.xml_source import XmlSource, read_xml
+from mjrun.child_process import limit_this_process
 from mjrun.errors import ModelError, option
 from mjrun.model.mujoco_globals import collected_warnings, without_timers
-from mjrun.process import limit_this_process
 
 ARENAS = 20  # MjData that are made, each with an arena that is hardly ever filled
 GRACE = 10  # [s] after which the process ends itself, if its parent has not
@@ -34,7 +34,7 @@ def main(task: str) -> None:
     """Checks the model of a `WorkerTask`, which is given as JSON."""
     channel = os.fdopen(os.dup(1), "w", encoding="utf-8", errors="surrogateescape")
     os.dup2(2, 1)  # MuJoCo and its plugins print to stdout
-    worker = Worker(WorkerTask(**json.loads(task)), channel)
+    worker = ModelChecker(WorkerTask(**json.loads(task)), channel)
     signal.signal(signal.SIGALRM, signal.SIG_DFL)
     signal.alarm(int(worker.task.timeout) + GRACE)
     # These limit addresses; the parent watches the memory that is filled, and reports it.
@@ -42,7 +42,7 @@ def main(task: str) -> None:
     worker.run()
 
 
-class Worker:
+class ModelChecker:
     """Checks one model, and writes what it finds to `channel`."""
 
     def __init__(self, task: WorkerTask, channel: TextIO) -> None:

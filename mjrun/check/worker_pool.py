@@ -10,7 +10,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-from mjrun.process import Exit, Process, python_call
+from mjrun.child_process import ChildProcess, ExitStatus, python_call
 
 MIB = 2**20
 PACKAGE = str(Path(__file__).parents[2])
@@ -53,7 +53,7 @@ class WorkerOutput:
     """
 
     messages: Sequence[dict[str, Any]]
-    exit: Exit
+    exit: ExitStatus
     stderr: str
 
 
@@ -61,7 +61,7 @@ class WorkerPool:
     """Starts processes, from any thread, and ends all of them at once."""
 
     def __init__(self) -> None:
-        self._running: set[Process] = set()
+        self._running: set[ChildProcess] = set()
         self._lock = threading.Lock()
         self._ended = False
 
@@ -69,7 +69,7 @@ class WorkerPool:
         """Waits for a process to check one model."""
         with self._lock:
             if self._ended:
-                return WorkerOutput((), Exit(0, "ended"), "")
+                return WorkerOutput((), ExitStatus(0, "ended"), "")
             process = _start(task)
             self._running.add(process)
         with process:
@@ -88,11 +88,11 @@ class WorkerPool:
                 process.kill()
 
 
-def _start(task: WorkerTask) -> Process:
+def _start(task: WorkerTask) -> ChildProcess:
     # A folder of models may hold files that are named like modules.
     path = [folder for folder in sys.path if os.path.realpath(folder) != os.path.realpath("")]
     command = python_call("mjrun.check.worker:main", json.dumps(asdict(task)), path=[*path, PACKAGE])
-    return Process(command, environment=ENVIRONMENT, stdout="capture", stderr="capture")
+    return ChildProcess(command, environment=ENVIRONMENT, stdout="capture", stderr="capture")
 
 
 def _messages(stdout: bytes) -> list[dict[str, Any]]:

@@ -17,7 +17,7 @@ from mjrun.options.model import ModelOptions
 
 if TYPE_CHECKING:
     from mjrun.model.info import InfoResult
-    from mjrun.model.source import NamedSource
+    from mjrun.model.source import CollectionSource
 
 ROWS = 24  # of a section, unless it is asked for
 SECTION_ARGUMENT = click.Argument(["sections"], metavar="[SECTION]...", nargs=-1)
@@ -58,7 +58,7 @@ def info(console: Console, command_line: CommandLine) -> None:
         console.result(_page(result, bool(sections), model))
 
 
-def _show_collection(console: Console, collection: "type[NamedSource]", as_json: bool) -> None:
+def _show_collection(console: Console, collection: "type[CollectionSource]", as_json: bool) -> None:
     """Lists a collection of models, such as our scenes, a line each."""
     models = {f"{collection.PREFIX}:{name}": text for name, text in collection.descriptions().items()}
     if as_json:

@@ -30,7 +30,7 @@ from mjrun.document.output_folder import Inside, OutputFolder
 from mjrun.document.reader import document_error, read_placed
 from mjrun.document.tree import Fault, Mapped, find, spelled
 from mjrun.document.tree import Path as Place
-from mjrun.errors import DocumentError, JobsError, Problem, UsageError
+from mjrun.errors import DocumentError, InvalidJobsError, Problem, UsageError
 from mjrun.job.image import Image
 from mjrun.job.plot import Plot
 from mjrun.job.recording import Recording
@@ -109,8 +109,10 @@ class RunRequest:
         try:
             yield
         except UsageError as error:
-            jobs_error = error if isinstance(error, JobsError) else error.__cause__  # a lone one is raised as itself
-            if not isinstance(jobs_error, JobsError):
+            jobs_error = (
+                error if isinstance(error, InvalidJobsError) else error.__cause__
+            )  # a lone one is raised as itself
+            if not isinstance(jobs_error, InvalidJobsError):
                 raise
             raise document_error(self._fault(*fault) for fault in jobs_error.faults) from error
 

@@ -39,7 +39,7 @@ BLACK = bytes(3)
 
 
 @dataclass(frozen=True)
-class ImageContent:
+class ImageData:
     """What an image file is encoded from.
 
     Attributes:
@@ -69,31 +69,31 @@ class ImageFormat:
     """
 
     suffixes: Sequence[str]
-    encode: Callable[[ImageContent], bytes] | None
+    encode: Callable[[ImageData], bytes] | None
     largest: int | None = None
     segments: int | None = None
     nothing: int | None = None
     clipped: Callable[[np.ndarray], float] = lambda pixels: 0.0
 
 
-def _rgb_png(image: ImageContent) -> bytes:
+def _rgb_png(image: ImageData) -> bytes:
     return _png(image.pixels, image.tags)
 
 
-def _jpeg(image: ImageContent) -> bytes:
+def _jpeg(image: ImageData) -> bytes:
     return _saved(image.pixels, "JPEG", quality=95, subsampling=0)
 
 
-def _webp(image: ImageContent) -> bytes:
+def _webp(image: ImageData) -> bytes:
     return _saved(image.pixels, "WEBP", lossless=True)
 
 
-def _tiff(image: ImageContent) -> bytes:
+def _tiff(image: ImageData) -> bytes:
     description = image.tags.get("description", "")
     return _saved(image.pixels, "TIFF", compression="tiff_adobe_deflate", description=description)
 
 
-def _millimetre_png(image: ImageContent) -> bytes:
+def _millimetre_png(image: ImageData) -> bytes:
     from mjrun.model.uint16_pixels import depth_millimetres
 
     return _png(depth_millimetres(image.pixels), image.tags)
@@ -105,13 +105,13 @@ def _clipped_share(pixels: np.ndarray) -> float:
     return clipped_share(pixels)
 
 
-def _exr(image: ImageContent) -> bytes:
+def _exr(image: ImageData) -> bytes:
     from mjrun.formats.exr import encode_exr
 
     return encode_exr(image.pixels, image.tags)
 
 
-def _npy(image: ImageContent) -> bytes:
+def _npy(image: ImageData) -> bytes:
     import numpy as np
 
     buffer = io.BytesIO()
@@ -119,13 +119,13 @@ def _npy(image: ImageContent) -> bytes:
     return buffer.getvalue()
 
 
-def _id_png(image: ImageContent) -> bytes:
+def _id_png(image: ImageData) -> bytes:
     from mjrun.model.uint16_pixels import segment_numbers
 
     return _png(segment_numbers(image.pixels, image.segments), image.tags)
 
 
-def _palette_png(image: ImageContent) -> bytes:
+def _palette_png(image: ImageData) -> bytes:
     if image.colours is None:
         raise ValueError("a palette needs colours")
     import numpy as np

@@ -7,10 +7,10 @@ from typing import Any
 import numpy as np
 
 from mjrun.errors import BadValueError, clean, option
+from mjrun.formats.atomic_output import OutputWriter, StagedFile, StandardOutput
 from mjrun.formats.coco import CocoDocument
-from mjrun.formats.image_format import FORMATS, ImageContent
+from mjrun.formats.image_format import FORMATS, ImageData
 from mjrun.formats.labels import LabelsWriter
-from mjrun.formats.publishing import OutputWriter, StagedFile, StandardOutput
 from mjrun.model.rendered_view import Segment
 from mjrun.model.uint16_pixels import check_segment_count
 
@@ -97,7 +97,7 @@ class ImageWriter(OutputWriter):
         if self._written > 1:
             raise ValueError(f"{self._name} holds one image")
         self.clipped = self._format.clipped(pixels)
-        self.write_file(self._format.encode(ImageContent(pixels, len(legend), colours, self._tags)))
+        self.write_file(self._format.encode(ImageData(pixels, len(legend), colours, self._tags)))
         if self._labels:
             self._labels.write(self._size, legend, colours, self._format.nothing or 0, pixels)
 

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from mjrun.formats.publishing import OutputWriter, StagedFile
+from mjrun.formats.atomic_output import OutputWriter, StagedFile
 from mjrun.model.rendered_view import Segment
 
 

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
-from mjrun.formats.publishing import OutputWriter, StagedFile
+from mjrun.formats.atomic_output import OutputWriter, StagedFile
 
 
 class ManifestWriter(OutputWriter):

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from mjrun.errors import UsageError, clean
-from mjrun.formats.publishing import OutputWriter, StagedFile
+from mjrun.formats.atomic_output import OutputWriter, StagedFile
 from mjrun.model.rendered_view import RenderedView, Segment
 
 SUFFIX = ".ply"

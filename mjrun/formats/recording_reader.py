@@ -19,7 +19,7 @@ from typing import Any, BinaryIO
 import numpy as np
 
 from mjrun.errors import FileError, option
-from mjrun.formats import npy
+from mjrun.formats import npy_header
 from mjrun.formats.input_file import decoding, require_file
 from mjrun.formats.recording_writer import PIECE, SUFFIX, not_finite
 
@@ -126,7 +126,7 @@ def _array(archive: zipfile.ZipFile, file: BinaryIO, name: str) -> _Array:
     if begin + info.file_size > os.fstat(file.fileno()).st_size:  # or much would be allocated to read it
         raise ValueError(f"{name!r} ends early")
     with archive.open(info) as member:
-        shape, by_column, dtype = npy.read_header(member)
+        shape, by_column, dtype = npy_header.read_header(member)
         head = member.tell()
     _require_kind(name, shape, dtype)
     if by_column and len(shape) > 1:
@@ -139,7 +139,7 @@ def _array(archive: zipfile.ZipFile, file: BinaryIO, name: str) -> _Array:
 def _require_kind(name: str, shape: tuple[int, ...], dtype: np.dtype) -> None:
     kind, axes = ARRAYS[name]
     if dtype.kind != "U" if kind == TEXT else dtype != np.dtype(kind):
-        raise ValueError(f"{name!r} holds {npy.content_name(dtype)}, not {kind}")
+        raise ValueError(f"{name!r} holds {npy_header.content_name(dtype)}, not {kind}")
     if len(shape) != len(axes) or any(length < 1 for length in shape):
         raise ValueError(f"{name!r} has the shape {shape}, not ({', '.join(axes)}{',' * (len(axes) == 1)})")
     if kind == TEXT and not 0 < dtype.itemsize <= 4 * FACTS:

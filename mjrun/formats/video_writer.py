@@ -14,8 +14,7 @@ import numpy as np
 
 from mjrun.errors import BadValueError, ClosedPipeError, EncoderError, FileError, UsageError, clean, option
 from mjrun.formats import ffmpeg
-from mjrun.formats.codecs import CONTAINERS, GRAY16, Encoding, container_name, encoding, is_folder
-from mjrun.formats.publishing import (
+from mjrun.formats.atomic_output import (
     Destination,
     OutputWriter,
     StagedFile,
@@ -24,6 +23,7 @@ from mjrun.formats.publishing import (
     StandardOutput,
     no_space,
 )
+from mjrun.formats.codecs import CONTAINERS, GRAY16, Encoding, container_name, encoding, is_folder
 from mjrun.timeline import rational
 
 SMALLEST = 16  # pixels a side; below it some encoders fail

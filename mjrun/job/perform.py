@@ -14,7 +14,7 @@ import mujoco
 from mjrun.errors import (
     ControllerError,
     FailedAssertionError,
-    JobsError,
+    InvalidJobsError,
     MjrunError,
     PartlyDoneError,
     SimulationError,
@@ -39,7 +39,7 @@ from mjrun.job.task import (
     UnscheduledOutput,
 )
 from mjrun.model.mujoco_globals import collected_warnings, without_timers
-from mjrun.reporter import QuietReporter, Reporter, pass_on
+from mjrun.reporter import Reporter, WarningReporter, pass_on
 from mjrun.sim.observe import AnyTap, Tap, observe
 from mjrun.sim.stepper import Stepper
 
@@ -60,7 +60,7 @@ def perform(jobs: Sequence[Job[R]], reporter: Reporter | None = None) -> list[R]
       SimulationError: nothing was published but what keeps partial results.
       MjrunError: nothing was published; if several outputs failed, this is the error of the first.
     """
-    reporter, start = reporter or QuietReporter(), time.perf_counter()
+    reporter, start = reporter or WarningReporter(), time.perf_counter()
     with ExitStack() as stack:
         manifests = [stack.enter_context(ManifestWriter(job.manifest)) if job.manifest else None for job in jobs]
         with collected_warnings() as warnings, without_timers():
@@ -112,7 +112,7 @@ def preview(jobs: Sequence[Job[OutputResult]], reporter: Reporter | None = None)
       MjrunError: it would fail at once.
     """
     with collected_warnings(), ExitStack() as stack:
-        plans, context, _, _ = _plan(jobs, reporter or QuietReporter(), stack)
+        plans, context, _, _ = _plan(jobs, reporter or WarningReporter(), stack)
         timeline = context.timeline
         outputs = [plan.preview() for plan in plans]
         return PassPreview(float(timeline.timestep), timeline.steps, float(timeline.duration), outputs)
@@ -304,7 +304,7 @@ class _UsageErrors:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         if kind is None and self._errors:
-            together = JobsError(self._errors)
+            together = InvalidJobsError(self._errors)
             if self._alone and len(self._errors) == 1:
                 raise self._errors[0][1] from together
             raise together

@@ -11,7 +11,7 @@ import mujoco
 from mjrun.errors import UsageError, clean, listing, option
 from mjrun.formats.recording_reader import RecordingReader
 from mjrun.formats.table_reader import read_table
-from mjrun.model import mujoco_bugs
+from mjrun.model import known_bugs
 from mjrun.model.fingerprint import physics_fingerprint
 from mjrun.model.names import control_names, control_slices
 from mjrun.model.override import overrides_of
@@ -117,7 +117,7 @@ class Simulation(SimulationOptions):
                 "the recording was made with other physics: positions are as recorded, "
                 "forces and energies are what this model makes of them"
             ]
-        return [*mujoco_bugs.bugs_of_model(model), *self.start.remarks(model), *other]
+        return [*known_bugs.bugs_of_model(model), *self.start.remarks(model), *other]
 
     @cached_property
     def _recorded(self) -> RecordingReader:

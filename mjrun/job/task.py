@@ -14,7 +14,7 @@ from typing import Generic, Protocol, TypeVar
 
 import mujoco
 
-from mjrun.formats.publishing import OutputWriter
+from mjrun.formats.atomic_output import OutputWriter
 from mjrun.job.shared_rendering import RendererChoice, SharedRendering
 from mjrun.job.simulation import Simulation
 from mjrun.options.option import options

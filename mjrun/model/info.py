@@ -6,11 +6,11 @@ from dataclasses import dataclass, fields, is_dataclass
 from typing import Any
 
 from mjrun.errors import UnknownNameError
-from mjrun.model import mujoco_bugs
+from mjrun.model import known_bugs
 from mjrun.model.description.model_description import SECTIONS, ModelDescription
 from mjrun.model.mujoco_globals import collected_warnings
 from mjrun.model.sources import ModelLike, source_of
-from mjrun.reporter import QuietReporter, Reporter, pass_on
+from mjrun.reporter import Reporter, WarningReporter, pass_on
 
 
 @dataclass(frozen=True)
@@ -32,7 +32,7 @@ class Info:
           UnknownNameError: there is no such section; the model is not loaded.
           ModelError: the model cannot be loaded.
         """
-        reporter = reporter or QuietReporter()
+        reporter = reporter or WarningReporter()
         for name in self.sections:
             if name not in SECTIONS:
                 raise UnknownNameError("section", name, SECTIONS)
@@ -41,7 +41,7 @@ class Info:
             description = self._description()
             for name in sections:
                 getattr(description, name)  # computed here, so that warnings are collected
-        bugs = mujoco_bugs.bugs_of_model(description.model)
+        bugs = known_bugs.bugs_of_model(description.model)
         for text in bugs:
             reporter.warn(text)
         pass_on(warnings, reporter)

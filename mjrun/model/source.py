@@ -54,7 +54,7 @@ class Source(ABC):
 
 
 @dataclass(frozen=True)
-class NamedSource(Source):
+class CollectionSource(Source):
     """A model out of a collection, written `PREFIX:NAME`. A module in `mjrun.model.sources` holds each collection."""
 
     PREFIX: ClassVar[str]

@@ -75,7 +75,7 @@ def _root(numerator: int, denominator: int) -> float:
     return _ratio(root << max(shift, 0), 1 << max(-shift, 0))
 
 
-class RowAccumulator:
+class SingleRowAccumulator:
     """The value of one row, such as the largest.
 
     Args:
@@ -146,16 +146,16 @@ class SumAccumulator:
         return _root(n * squares - total * total, n * n << 2 * _UNIT)
 
 
-def accumulator(name: str) -> RowAccumulator | SumAccumulator:
+def accumulator(name: str) -> SingleRowAccumulator | SumAccumulator:
     """A new accumulator of the aggregate `name`."""
     match name:
         case "min":
             # The first NaN wins for good.
-            return RowAccumulator(np.argmin, lambda new, old: old == old and not new >= old)
+            return SingleRowAccumulator(np.argmin, lambda new, old: old == old and not new >= old)
         case "max":
-            return RowAccumulator(np.argmax, lambda new, old: old == old and not new <= old)
+            return SingleRowAccumulator(np.argmax, lambda new, old: old == old and not new <= old)
         case "first":
-            return RowAccumulator(lambda values: 0, lambda new, old: False)
+            return SingleRowAccumulator(lambda values: 0, lambda new, old: False)
         case "last":
-            return RowAccumulator(lambda values: len(values) - 1, lambda new, old: True)
+            return SingleRowAccumulator(lambda values: len(values) - 1, lambda new, old: True)
     return SumAccumulator(name)

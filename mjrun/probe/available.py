@@ -8,7 +8,7 @@ import mujoco
 
 from mjrun.errors import UnknownNameError, UsageError, clean, listing, option, quoted
 from mjrun.probe.contacts import identify_party, pair
-from mjrun.probe.scanner import Accessor, SourceText, Token, Vocabulary, spelled
+from mjrun.probe.scanner import ProbeReference, SourceText, Token, Vocabulary, spelled
 from mjrun.probe.select import PAIRS, aliases, available_columns, object_of
 
 
@@ -43,7 +43,7 @@ class AvailableProbes(Vocabulary):
             return source.unknown(position, "object", error.name, error.valid)
         return super().missing(name, position, source)
 
-    def accessed(self, accessor: Accessor, source: SourceText) -> str:
+    def accessed(self, accessor: ProbeReference, source: SourceText) -> str:
         group, objects, component = accessor.group, accessor.objects, accessor.component
         if group.text == PAIRS and len(objects) == 2:
             return self._touching(objects, component, source)
@@ -76,7 +76,7 @@ class AvailableProbes(Vocabulary):
         pair(name.partition("/")[2], self._model)  # which has something to say if it can be read in two ways
         return name
 
-    def _misread(self, accessor: Accessor, source: SourceText) -> UsageError:
+    def _misread(self, accessor: ProbeReference, source: SourceText) -> UsageError:
         """What is wrong with an accessor of one object."""
         group, token, component = accessor.group, accessor.objects[0], accessor.component
         name = f"{group.text}/{token.text}"
@@ -115,7 +115,7 @@ class SelectedProbes(Vocabulary):
         place, probe = clean(source.place(position)), shlex.quote(clean(column))
         return UsageError(f"no column {quoted(name)} in {place}\nthe model offers it: add {option('probe')} {probe}")
 
-    def accessed(self, accessor: Accessor, source: SourceText) -> str:
+    def accessed(self, accessor: ProbeReference, source: SourceText) -> str:
         column = self._offer.accessed(accessor, source)
         if self.column(column) is None:
             raise self.missing(column, accessor.group.start, source)

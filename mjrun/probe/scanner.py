@@ -52,7 +52,7 @@ class Token:
 
 
 @dataclass(frozen=True)
-class Accessor:
+class ProbeReference:
     """`group(object, …).component`: `component` has its dots, and no text where there is none."""
 
     group: Token
@@ -117,7 +117,7 @@ class Vocabulary:
         """The error that nothing is called `name`."""
         return source.unknown(position, "column", name, self.names)
 
-    def accessed(self, accessor: Accessor, source: SourceText) -> str:
+    def accessed(self, accessor: ProbeReference, source: SourceText) -> str:
         """The name in the table of the column that `accessor` stands for.
 
         Raises:
@@ -219,7 +219,7 @@ class Scanner:
             raise self.source.fault(end, self._found(end), "',' or ')'; a name with other characters is quoted")
         dotted = _COMPONENT.match(self.text, end + 1)
         component = Token("component", dotted[0] if dotted else "", end + 1, dotted.end() if dotted else end + 1)
-        column = self.vocabulary.accessed(Accessor(group, tuple(objects), component), self.source)
+        column = self.vocabulary.accessed(ProbeReference(group, tuple(objects), component), self.source)
         return Token("column", column, group.start, component.end)
 
     def _object(self, position: int) -> Token:

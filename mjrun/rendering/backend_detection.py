@@ -8,8 +8,8 @@ from collections.abc import Collection, Sequence
 from pathlib import Path
 from typing import Any
 
+from mjrun.child_process import ChildProcess
 from mjrun.errors import NoRendererError, SoftwareRendererError, option
-from mjrun.process import Process
 from mjrun.rendering.backend import DEVICE, GL, Backend, candidates, is_from_environment, requested_backends
 from mjrun.rendering.install_advice import DISPLAY, OPENGL, OSMESA, VULKAN, install_advice
 
@@ -34,7 +34,7 @@ class BackendTrial:
         script = Path(__file__).with_name("try_backend.py")
         command = [sys.executable, "-P", str(script), name, *(["draw"] if draw else [])]
         self._log = tempfile.TemporaryFile()  # noqa: SIM115 a file, since the child reads what Filament logs
-        self._process = Process(command, environment=environment, stdout="capture", stderr=self._log)
+        self._process = ChildProcess(command, environment=environment, stdout="capture", stderr=self._log)
 
     def answer(self) -> dict[str, Any]:
         """What the child reports, or `error`."""

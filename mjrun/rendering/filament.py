@@ -15,10 +15,10 @@ import mujoco
 import numpy as np
 
 from mjrun.camera.pose import Pose
+from mjrun.child_process import ChildProcess, python_call
 from mjrun.errors import DrawError, UsageError, option
 from mjrun.model.names import enum_members
 from mjrun.model.rendered_view import RenderedView
-from mjrun.process import Process, python_call
 from mjrun.rendering.backend import Backend
 from mjrun.rendering.classic import check_size
 from mjrun.rendering.decorations import Decoration
@@ -154,7 +154,7 @@ class _FilamentProcess:
         self._connection, theirs = Pipe()
         command = python_call("mjrun.rendering.filament_worker:serve")
         try:
-            self.process = Process(
+            self.process = ChildProcess(
                 command, environment={"MUJOCO_GL": "disable"}, descriptors=[theirs.fileno()], stderr="capture"
             )
         except OSError as error:

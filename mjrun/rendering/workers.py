@@ -19,8 +19,8 @@ from typing import Generic, TypeVar
 import numpy as np
 import numpy.typing as npt
 
+from mjrun.child_process import ChildProcess, python_call
 from mjrun.errors import DrawError, option
-from mjrun.process import Process, python_call
 from mjrun.rendering.worker_process import (
     GRACE,
     Answered,
@@ -307,7 +307,7 @@ class _Worker:
         self._opening, self._has_opened = False, False
         self.connection, theirs = Pipe()
         with contextlib.closing(theirs):
-            self._process = Process(
+            self._process = ChildProcess(
                 python_call("mjrun.rendering.worker_process:work", module),
                 environment=ENVIRONMENT,
                 descriptors=[theirs.fileno(), painter, memory],

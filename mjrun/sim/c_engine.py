@@ -17,8 +17,8 @@ from mujoco.batch import SimulationError as BatchError
 from mjrun.errors import FailedStepError, SimulationError, UsageError
 from mjrun.model import state
 from mjrun.sim.control import ControlSignal
-from mjrun.sim.control_table import ControlSequence
-from mjrun.sim.engine import Block, Fields, block_steps, models_of
+from mjrun.sim.control_table import ControlArray
+from mjrun.sim.engine import Fields, RolloutBlock, block_steps, models_of
 from mjrun.sim.stepper import PhysicsStepper
 from mjrun.timeline import rational
 
@@ -46,7 +46,7 @@ class CEngine:
         steps: int,
         record: Sequence[str],
         every: int = 1,
-    ) -> Iterator[Block]:
+    ) -> Iterator[RolloutBlock]:
         """As `Engine` has it.
 
         Raises:
@@ -193,7 +193,7 @@ class _Run:
         self._awake = changed(self.models, _without_sleep) if sleepy else self.models
         self._sleepers = {index: self._stepper(index, 0) for index in sleepy}
 
-    def block(self, first: int, count: int, every: int, size: int) -> Block:
+    def block(self, first: int, count: int, every: int, size: int) -> RolloutBlock:
         """The rows of the `count` steps from `first` on, at most `size` of them."""
         self._batch = self._batch or RecordingBatch(self._awake, self._record, size, self._threads)
         rows = slice(-first % every, count, every)
@@ -215,7 +215,7 @@ class _Run:
             self._states[index] = stepper.state()
         return self._block(steps, recorded.fields, counts)
 
-    def last(self, step: int) -> Block:
+    def last(self, step: int) -> RolloutBlock:
         """The row at the end, at `step`."""
         ids = self._ids()
         derived = DerivedFields(self._awake, self._record, 1, self._threads)
@@ -242,7 +242,7 @@ class _Run:
         state.restore(model, data, self._states[index])
         control = None
         if self._controls is not None and self._controls.shape[1]:
-            table = ControlSequence(self._controls[index])
+            table = ControlArray(self._controls[index])
             control = ControlSignal(rational(model.opt.timestep), np.zeros(model.nu), table)
         stepper = PhysicsStepper(model, data, control)
         stepper.jump(step, self._states[index])
@@ -252,12 +252,12 @@ class _Run:
         self._failures[index] = error
         self._stable[index] = False
 
-    def _block(self, steps: np.ndarray, fields: dict[str, np.ndarray], counts: np.ndarray) -> Block:
+    def _block(self, steps: np.ndarray, fields: dict[str, np.ndarray], counts: np.ndarray) -> RolloutBlock:
         self._initial = self._initial or {name: values[:, :1].copy() for name, values in fields.items()}
         failures = self._failures
         if len(steps):
             self._failures = {}
-        return Block(steps, fields, self._initial, counts, failures)
+        return RolloutBlock(steps, fields, self._initial, counts, failures)
 
 
 def changed(models: Sequence[mujoco.MjModel], change: Callable[[mujoco.MjModel], None]) -> Sequence[mujoco.MjModel]:

@@ -9,7 +9,7 @@ from fractions import Fraction
 import numpy as np
 
 from mjrun.sim.control_noise import ControlNoise
-from mjrun.sim.control_table import ControlSequence, ControlTable
+from mjrun.sim.control_table import ControlArray, ControlTable
 from mjrun.sim.controller import PeriodicController
 
 NEVER = 2**62  # a step that no simulation reaches
@@ -27,7 +27,7 @@ class ControlSignal:
 
     timestep: Fraction
     constant: np.ndarray
-    table: ControlTable | ControlSequence | None = None
+    table: ControlTable | ControlArray | None = None
     noise: ControlNoise | None = None
     controller: PeriodicController | None = None
 

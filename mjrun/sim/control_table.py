@@ -95,7 +95,7 @@ def _times(columns: Mapping[str, np.ndarray], source: str) -> np.ndarray:
     return time
 
 
-class ControlSequence:
+class ControlArray:
     """Controls step by step, `(steps, nu)`: the first row acts at step 0; the last one holds to the end."""
 
     def __init__(self, values: np.ndarray) -> None:

@@ -17,7 +17,7 @@ Fields = Mapping[str, np.ndarray]
 
 
 @dataclass(frozen=True)
-class Block:
+class RolloutBlock:
     """Consecutive rows of n simulations.
 
     Each row is one instant: the state at its step, and the derived fields computed from that state with the controls
@@ -50,7 +50,7 @@ class Engine(Protocol):
         steps: int,
         record: Sequence[str],
         every: int = 1,
-    ) -> Iterator[Block]:
+    ) -> Iterator[RolloutBlock]:
         """Takes `steps` steps from each start, and yields the rows at steps 0, every, 2·every, … and at the last.
 
         A simulation that becomes unstable, or in which MuJoCo gives up, ends there; the others go on. Memory does not

@@ -7,7 +7,7 @@ import mujoco
 import numpy as np
 
 from mjrun.errors import MjrunWarning, SimulationError, UsageError, option
-from mjrun.sim.engine import Block, Fields, block_steps, models_of
+from mjrun.sim.engine import Fields, RolloutBlock, block_steps, models_of
 from mjrun.sim.warp_device import WarpDevice
 from mjrun.sim.warp_worlds import WarpWorlds
 
@@ -30,7 +30,7 @@ class WarpEngine:
         steps: int,
         record: Sequence[str],
         every: int = 1,
-    ) -> Iterator[Block]:
+    ) -> Iterator[RolloutBlock]:
         """As `Engine` has it, but that instability is noticed at rows only. What does not fit is a warning.
 
         Raises:
@@ -62,7 +62,7 @@ class _Walk:
         self._step, self._stable = 0, np.ones(worlds.count, bool)
         self._initial: Fields = {}
 
-    def block(self, rows: Sequence[int]) -> Block:
+    def block(self, rows: Sequence[int]) -> RolloutBlock:
         """The rows at the steps `rows`, which follow those of the block before."""
         values: dict[str, list[np.ndarray]] = {name: [] for name in self._record}
         counts, failures = np.zeros(self._worlds.count, int), dict[int, SimulationError]()
@@ -83,7 +83,7 @@ class _Walk:
                     values[name].append(self._worlds.read(name))
         fields = {name: np.stack(parts, axis=1) for name, parts in values.items()}
         self._initial = self._initial or {name: part[:, :1].copy() for name, part in fields.items()}
-        return Block(np.array(rows), fields, self._initial, counts, failures)
+        return RolloutBlock(np.array(rows), fields, self._initial, counts, failures)
 
     def _upload(self, last: int) -> object:
         """The controls from here to step `last`, `(steps, n, nu)` on the device; the last ones hold."""

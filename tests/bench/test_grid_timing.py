@@ -10,9 +10,9 @@ import pytest
 
 from mjrun.bench.accuracy import distance_from_finer, simulate_to
 from mjrun.bench.bench import Bench
-from mjrun.bench.control_noise import controls
-from mjrun.bench.rollout_timing import Run
+from mjrun.bench.rollout_timing import RolloutInputs
 from mjrun.bench.step_timing import StepTimer
+from mjrun.bench.testspeed_noise import controls
 from mjrun.errors import BadValueError, UnstableError
 from mjrun.model.sources.file import FileSource
 from mjrun.sim.parameter_grid import settings
@@ -108,7 +108,7 @@ def test_an_unstable_point_of_a_grid_is_a_result_and_a_grid_of_them_an_error(pat
 def test_it_starts_from_the_keyframe_called_test_with_noise_about_its_controls(
     path: Path, given: str | int | None, key: str, center: float, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    runs: list[Run] = []
+    runs: list[RolloutInputs] = []
     begun = StepTimer.warm_up
     monkeypatch.setattr(StepTimer, "warm_up", lambda self: (begun(self), runs.append(self.run))[0])
     found = bench(path, key=given).run(clock=FakeClock())
@@ -120,7 +120,7 @@ def test_it_starts_from_the_keyframe_called_test_with_noise_about_its_controls(
 
 
 def test_without_noise_the_controls_stay_those_of_the_start(path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    runs: list[Run] = []
+    runs: list[RolloutInputs] = []
     begun = StepTimer.warm_up
     monkeypatch.setattr(StepTimer, "warm_up", lambda self: (begun(self), runs.append(self.run))[0])
     bench(path, noise_std=0).run(clock=FakeClock())

@@ -6,8 +6,8 @@ import mujoco
 import numpy as np
 import pytest
 
-from mjrun.bench.control_noise import controls
-from mjrun.bench.rollout_timing import BatchRoller, LoopRoller, Roller, Run, StoppedError, profile
+from mjrun.bench.rollout_timing import BatchRoller, LoopRoller, Roller, RolloutInputs, StoppedError, profile
+from mjrun.bench.testspeed_noise import controls
 from mjrun.errors import UnstableError
 
 MODEL = """
@@ -46,12 +46,12 @@ class FakeClock:
         return self.now
 
 
-def run_of(noise: bool = True, integrator: str = "Euler", sleep: str = "disable") -> Run:
+def run_of(noise: bool = True, integrator: str = "Euler", sleep: str = "disable") -> RolloutInputs:
     model = mujoco.MjModel.from_xml_string(MODEL.format(integrator=integrator, sleep=sleep))
-    return Run.of(model, mujoco.MjData(model), controls(model, 400, 0.5) if noise else None)
+    return RolloutInputs.of(model, mujoco.MjData(model), controls(model, 400, 0.5) if noise else None)
 
 
-def bare(run: Run, steps: int) -> mujoco.MjData:
+def bare(run: RolloutInputs, steps: int) -> mujoco.MjData:
     data = run.data()
     for step in range(steps):
         if run.controls is not None:
@@ -122,7 +122,7 @@ def test_an_unstable_run_names_its_step_and_joint() -> None:
     data = mujoco.MjData(model)
     data.qpos[0] = 1
     for noise in (None, controls(model, 500)):
-        run = Run.of(model, data, noise)
+        run = RolloutInputs.of(model, data, noise)
         with pytest.raises(UnstableError, match="joint 'hinge'") as caught:
             profile(run, 500)
         assert 0 < caught.value.step < 500
@@ -131,7 +131,7 @@ def test_an_unstable_run_names_its_step_and_joint() -> None:
 @pytest.mark.filterwarnings("ignore")
 def test_a_batch_says_that_mujocos_warnings_stopped_it_and_a_loop_goes_on() -> None:
     model = mujoco.MjModel.from_xml_string(CROWDED)
-    run = Run.of(model, mujoco.MjData(model))
+    run = RolloutInputs.of(model, mujoco.MjData(model))
     assert profile(run, 20).warned
     with pytest.raises(StoppedError):
         BatchRoller(run).seconds(20, 5, lambda: 0.0)

@@ -5,9 +5,9 @@ from collections.abc import Iterator
 import mujoco
 import pytest
 
-from mjrun.bench.control_noise import controls
-from mjrun.bench.rollout_timing import Run
+from mjrun.bench.rollout_timing import RolloutInputs
 from mjrun.bench.step_phases import phases
+from mjrun.bench.testspeed_noise import controls
 
 MODEL = """
 <mujoco>
@@ -22,12 +22,12 @@ MODEL = """
 """
 
 
-def run_of(noise: bool = True, integrator: str = "Euler", sleep: str = "disable") -> Run:
+def run_of(noise: bool = True, integrator: str = "Euler", sleep: str = "disable") -> RolloutInputs:
     model = mujoco.MjModel.from_xml_string(MODEL.format(integrator=integrator, sleep=sleep))
-    return Run.of(model, mujoco.MjData(model), controls(model, 400, 0.5) if noise else None)
+    return RolloutInputs.of(model, mujoco.MjData(model), controls(model, 400, 0.5) if noise else None)
 
 
-def bare(run: Run, steps: int) -> mujoco.MjData:
+def bare(run: RolloutInputs, steps: int) -> mujoco.MjData:
     data = run.data()
     for step in range(steps):
         if run.controls is not None:

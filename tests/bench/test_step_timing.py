@@ -8,7 +8,7 @@ import mujoco
 import pytest
 from mujoco.batch import Batch
 
-from mjrun.bench.rollout_timing import Run
+from mjrun.bench.rollout_timing import RolloutInputs
 from mjrun.bench.step_timing import StepTimer, TimingBudget, rounded_down
 
 sys.path.append(str(Path(__file__).parent))
@@ -73,7 +73,7 @@ def test_the_budget_decides_how_many_steps_are_taken_how_often(
 
     monkeypatch.setattr(Batch, "rollout", counted)
     model = mujoco.MjModel.from_xml_string(MODEL)
-    stepping = StepTimer(lambda count: Run.of(model, mujoco.MjData(model)), TimingBudget(3.0), clock)
+    stepping = StepTimer(lambda count: RolloutInputs.of(model, mujoco.MjData(model)), TimingBudget(3.0), clock)
     stepping.warm_up()
     stepping.begin(stepping.steps)
     assert (stepping.steps, stepping.block, stepping.repeats) == (steps, block, repeats)

@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 from mjrun.bench.bench import Bench
-from mjrun.bench.control_noise import controls
-from mjrun.bench.rollout_timing import Clock, Profile, Run, blocks_of
+from mjrun.bench.rollout_timing import Clock, RolloutInputs, StepProfile, blocks_of
+from mjrun.bench.testspeed_noise import controls
 from mjrun.bench.warp_timing import WarpOptions, WarpRoller
 from mjrun.cli import bench_csv, bench_report
 from mjrun.errors import MjrunWarning, SimulationError, UsageError, spelled
@@ -43,7 +43,7 @@ class FakeWorlds:
 
     told: Sequence[str] = ()
 
-    def __init__(self, run: Run, copies: int) -> None:
+    def __init__(self, run: RolloutInputs, copies: int) -> None:
         self.run, self.copies = run, copies
 
     def first(self, clock: Clock) -> float:
@@ -52,10 +52,10 @@ class FakeWorlds:
     def seconds(self, steps: int, block: int, clock: Clock) -> np.ndarray:
         return np.array([-clock() + clock() for _ in blocks_of(steps, block)])
 
-    def profile(self, steps: int) -> Profile:
+    def profile(self, steps: int) -> StepProfile:
         if self.run.model.opt.timestep > 1:
             raise SimulationError(steps, 0.0, "the simulation became unstable in 1 of 4 worlds")
-        return Profile(3.0, 12.0, 2.5, None, None, None, warned=False)
+        return StepProfile(3.0, 12.0, 2.5, None, None, None, warned=False)
 
     def overflows(self) -> Sequence[str]:
         return self.told
@@ -70,7 +70,7 @@ class FakeEngine:
         self.device, self.device_name, self.version = device or "cuda:0", "a GPU", "mujoco_warp 4, warp 1"
         self.worlds, self.nconmax, self.njmax = worlds or 4, nconmax, njmax
 
-    def open(self, run: Run) -> FakeWorlds:
+    def open(self, run: RolloutInputs) -> FakeWorlds:
         self.opened.append(FakeWorlds(run, self.worlds))
         return self.opened[-1]
 
@@ -226,14 +226,14 @@ class BlockClock:
         return self.now
 
 
-def run_of(speed: float = 0.0) -> Run:
+def run_of(speed: float = 0.0) -> RolloutInputs:
     model = mujoco.MjModel.from_xml_string(BALL)
     data = mujoco.MjData(model)
     data.qvel[2] = speed
-    return Run.of(model, data, controls(model, FALLEN + WORLDS, 20))
+    return RolloutInputs.of(model, data, controls(model, FALLEN + WORLDS, 20))
 
 
-def bare(run: Run, steps: int, ahead: int = 0) -> np.ndarray:
+def bare(run: RolloutInputs, steps: int, ahead: int = 0) -> np.ndarray:
     """Where a bare loop ends that plays the controls `ahead` of their time."""
     data = run.data()
     for step in range(steps):
@@ -250,7 +250,7 @@ def warp() -> WarpOptions:
 
 
 @pytest.fixture(scope="module")
-def pushed(warp: WarpOptions) -> tuple[Run, WarpRoller]:
+def pushed(warp: WarpOptions) -> tuple[RolloutInputs, WarpRoller]:
     """Worlds that have taken their first step: compiling takes most of the time here."""
     run = run_of()
     roller = warp.open(run)
@@ -259,7 +259,9 @@ def pushed(warp: WarpOptions) -> tuple[Run, WarpRoller]:
 
 
 @pytest.mark.parametrize("steps", [FALLEN, FALLING])
-def test_every_rollout_of_every_world_moves_as_a_bare_loop_does(pushed: tuple[Run, WarpRoller], steps: int) -> None:
+def test_every_rollout_of_every_world_moves_as_a_bare_loop_does(
+    pushed: tuple[RolloutInputs, WarpRoller], steps: int
+) -> None:
     run, worlds = pushed
     worlds.seconds(steps, 10, BlockClock(iter([1.0] * 5)))
     found = worlds._worlds.read("qpos")
@@ -270,14 +272,14 @@ def test_every_rollout_of_every_world_moves_as_a_bare_loop_does(pushed: tuple[Ru
 
 
 def test_every_block_is_timed_by_two_looks_at_the_clock_and_the_last_is_shorter(
-    pushed: tuple[Run, WarpRoller],
+    pushed: tuple[RolloutInputs, WarpRoller],
 ) -> None:
     clock = BlockClock(iter([1.0, 2.0, 4.0]))
     assert pushed[1].seconds(5, 2, clock).tolist() == [1.0, 2.0, 4.0]
     assert clock.asked == 6
 
 
-def test_a_profile_counts_what_a_bare_loop_counts(pushed: tuple[Run, WarpRoller]) -> None:
+def test_a_profile_counts_what_a_bare_loop_counts(pushed: tuple[RolloutInputs, WarpRoller]) -> None:
     run, worlds = pushed
     data, contacts, constraints = run.data(), 0, 0
     for _ in range(FALLEN):

@@ -10,7 +10,7 @@ import pytest
 from mjrun.check.context import LintContext
 from mjrun.check.finding import Violation
 from mjrun.check.rule_table import RULES
-from mjrun.check.worker import Worker
+from mjrun.check.worker import ModelChecker
 from mjrun.check.worker_pool import WorkerTask
 from tests.check.models import PASSIVE, write
 
@@ -23,7 +23,9 @@ def test_a_fault_of_a_rule_is_a_finding_and_the_other_rules_look_on(
 
     monkeypatch.setitem(RULES, "MJ201", replace(RULES["MJ201"], violations=broken))
     channel = StringIO()
-    Worker(WorkerTask(write("a.xml", PASSIVE.format('range="2 1"')), ["MJ201", "MJ302"], 0, 60, 9999), channel).run()
+    ModelChecker(
+        WorkerTask(write("a.xml", PASSIVE.format('range="2 1"')), ["MJ201", "MJ302"], 0, 60, 9999), channel
+    ).run()
     messages = [json.loads(line) for line in channel.getvalue().splitlines()]
     findings = [message["finding"] for message in messages if "finding" in message]
     assert [finding["code"] for finding in findings] == ["MJ005", "MJ302"]

@@ -21,7 +21,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from mjrun.errors import FileError, clean
-from mjrun.formats import column_groups, text_columns
+from mjrun.formats import row_groups, text_columns
 from mjrun.formats.table_writer import TableWriter
 from mjrun.formats.tables import output_format
 from mjrun.model.column import Column
@@ -125,7 +125,7 @@ def names(folder: Path) -> list[str]:
 def small_groups(monkeypatch: pytest.MonkeyPatch) -> None:
     """Few rows to a piece of text and to a group of columns, so that small tables have many."""
     monkeypatch.setattr(text_columns, "PIECE", 10)
-    monkeypatch.setattr(column_groups, "GROUP", 12)
+    monkeypatch.setattr(row_groups, "GROUP", 12)
 
 
 floats = st.floats(width=64) | st.sampled_from([*ODD, *BROKEN])
@@ -579,11 +579,11 @@ def test_nothing_is_printed_before_the_first_row(capfd: pytest.CaptureFixture[st
 MEMORY = """
 import gc, sys, tracemalloc
 import numpy as np
-from mjrun.formats import column_groups
+from mjrun.formats import row_groups
 from mjrun.formats.table_writer import TableWriter
 from mjrun.model.column import Column
 
-column_groups.GROUP = 2**14
+row_groups.GROUP = 2**14
 path, form, *labels = sys.argv[1:]
 block = np.random.default_rng(2).standard_normal((500, 20))
 block[:, 1:3] = 1

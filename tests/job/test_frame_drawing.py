@@ -14,13 +14,13 @@ from mjrun.job.video import Video, VideoResult
 from mjrun.rendering.backend import Backend
 from mjrun.rendering.compositor import DrawingCosts
 from mjrun.rendering.workers import Pool, Workers
-from mjrun.reporter import QuietReporter
+from mjrun.reporter import WarningReporter
 
 SIZE = (64, 48)
 FRAMES = 6
 
 
-class Warnings(QuietReporter):
+class Warnings(WarningReporter):
     """Keeps the warnings."""
 
     def __init__(self) -> None:

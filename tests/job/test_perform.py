@@ -20,7 +20,7 @@ from mjrun.camera.script import CameraScript, Event, Shot
 from mjrun.errors import (
     FailedAssertionError,
     FileError,
-    JobsError,
+    InvalidJobsError,
     PartlyDoneError,
     UnknownNameError,
     UnstableError,
@@ -136,9 +136,9 @@ def test_what_fails_early_leaves_nothing_of_any_job(swing: Path, tmp_path: Path)
     simulation = Simulation(swing, steps=10)
     good = Trace(simulation, f"{tmp_path}/a.csv")
     for bad, error in (
-        (Trace(simulation, f"{tmp_path}/b.csv", probe=["nothing"]), JobsError),
+        (Trace(simulation, f"{tmp_path}/b.csv", probe=["nothing"]), InvalidJobsError),
         (Plot(simulation, f"{tmp_path}/none/p.png", probe=["energy"]), FileError),
-        (Image(simulation, f"{tmp_path}/i.png", time=Event("speed(nobody) > 1")), JobsError),
+        (Image(simulation, f"{tmp_path}/i.png", time=Event("speed(nobody) > 1")), InvalidJobsError),
     ):
         with pytest.raises(error):
             perform([good, bad])
@@ -183,7 +183,7 @@ def test_all_that_is_wrong_with_jobs_is_told_at_once(swing: Path, tmp_path: Path
     film = Video(simulation, f"{tmp_path}/f.mp4", camera="sde", size=SIZE)
     trace = Trace(simulation, f"{tmp_path}/t.csv", probe=["qpos"])
     plot = Plot(simulation, f"{tmp_path}/p.png", probe=["enrgy"])
-    with pytest.raises(JobsError) as caught:
+    with pytest.raises(InvalidJobsError) as caught:
         perform([film, trace, plot])
     assert [index for index, _ in caught.value.faults] == [0, 2, None]
     assert [getattr(error, "name", None) for _, error in caught.value.faults] == ["sde", "enrgy", "hing"]

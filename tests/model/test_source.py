@@ -8,11 +8,11 @@ import mujoco
 import pytest
 
 from mjrun.errors import ModelNotFoundError
-from mjrun.model.source import NamedSource
+from mjrun.model.source import CollectionSource
 
 
 @dataclass(frozen=True)
-class TaskSource(NamedSource):
+class TaskSource(CollectionSource):
     PREFIX: ClassVar[str] = "task"
 
     @classmethod

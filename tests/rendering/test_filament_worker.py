@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 from mjrun.camera.argument import parse_camera
 from mjrun.camera.motion import CameraMotion
 from mjrun.camera.pose import Frustum
+from mjrun.child_process import ChildProcess, python_call
 from mjrun.model.state import save
-from mjrun.process import Process, python_call
 from mjrun.rendering.backend import Backend
 from mjrun.rendering.filament_worker import planar_depth
 from mjrun.rendering.segmentation import Segmentation
@@ -49,7 +49,7 @@ def connection() -> Iterator[Connection]:
     ours, theirs = Pipe()
     with theirs:
         command = python_call("mjrun.rendering.filament_worker:serve")
-        process = Process(command, environment={"MUJOCO_GL": "disable"}, descriptors=[theirs.fileno()])
+        process = ChildProcess(command, environment={"MUJOCO_GL": "disable"}, descriptors=[theirs.fileno()])
     yield ours
     ours.close()
     assert process.wait(60).code == 0  # it ends by itself when its parent hangs up

@@ -15,8 +15,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from mjrun.child_process import ChildProcess, python_call
 from mjrun.errors import DrawError, MjrunError, NoRendererError, UnknownNameError, UnstableError
-from mjrun.process import Process, python_call
 from mjrun.rendering.worker_process import Answered, Ask, Draw, Drawn, Failure, Layout, Opened, OpenPainter, memory_file
 
 sys.path.append(str(Path(__file__).parent))  # drawing processes look where we look
@@ -146,7 +146,7 @@ def peer() -> Iterator[Peer]:
         ours, theirs = Pipe()
         with theirs:
             command = python_call("mjrun.rendering.worker_process:work", "numpy")
-            process = Process(command, descriptors=[theirs.fileno(), description, slots])
+            process = ChildProcess(command, descriptors=[theirs.fileno(), description, slots])
         yield Peer(ours, description, slots)
         ours.close()
         assert process.wait(60).code == 0  # it ends by itself when its parent hangs up

@@ -11,7 +11,7 @@ from mjrun.errors import FailedStepError, SimulationError, UnstableError, UsageE
 from mjrun.model import state
 from mjrun.sim import engine as engines
 from mjrun.sim.c_engine import CEngine
-from mjrun.sim.engine import Block, Engine
+from mjrun.sim.engine import Engine, RolloutBlock
 
 FIELDS = ("qpos", "qvel", "act", "ctrl", "qacc", "energy", "sensordata", "xpos", "cvel", "ncon", "solver_niter")
 MODEL = """
@@ -68,12 +68,12 @@ def bare(
     return {name: np.stack(values) for name, values in rows.items()}
 
 
-def joined(blocks: Sequence[Block], name: str, index: int) -> np.ndarray:
+def joined(blocks: Sequence[RolloutBlock], name: str, index: int) -> np.ndarray:
     """All good rows of a simulation."""
     return np.concatenate([block.fields[name][index, : block.counts[index]] for block in blocks])
 
 
-def assert_same(blocks: Sequence[Block], index: int, expected: dict[str, np.ndarray]) -> None:
+def assert_same(blocks: Sequence[RolloutBlock], index: int, expected: dict[str, np.ndarray]) -> None:
     for name in FIELDS:
         values = joined(blocks, name, index)
         assert values.tobytes() == expected[name].astype(values.dtype).tobytes(), (name, index)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from mjrun.errors import UnknownNameError, UsageError
-from mjrun.sim.control_table import ControlSequence, ControlTable
+from mjrun.sim.control_table import ControlArray, ControlTable
 from tests.sim.driven_arm import arm, bare, by_instants, same, stepped_in_c, stepper, table
 
 
@@ -75,7 +75,7 @@ def test_a_table_that_does_not_fit_is_refused(columns: dict[str, np.ndarray], ki
 def test_a_sequence_has_a_row_for_each_step_and_holds_the_last() -> None:
     values = np.arange(6.0).reshape(3, 2)
     ctrl = np.zeros((4, 2))
-    ControlSequence(values).apply(ctrl, 1, Fraction(1, 500))
+    ControlArray(values).apply(ctrl, 1, Fraction(1, 500))
     assert ctrl.tolist() == [[2, 3], [4, 5], [4, 5], [4, 5]]
 
 
@@ -87,4 +87,4 @@ def test_a_sequence_drives_as_a_bare_loop_does() -> None:
         data.ctrl[:] = values[min(step, 79)]
 
     for taken in (stepped_in_c, by_instants):
-        assert same(taken(stepper(model, table=ControlSequence(values)), 100), bare(model, 100, ctrl))
+        assert same(taken(stepper(model, table=ControlArray(values)), 100), bare(model, 100, ctrl))

@@ -10,7 +10,7 @@ from mjrun.check.context import LintContext
 from mjrun.check.finding import Finding
 from mjrun.check.rule import Rule
 from mjrun.errors import FailedStepError, SimulationError
-from mjrun.model import mujoco_bugs
+from mjrun.model import known_bugs
 from mjrun.model.mujoco_globals import collected_warnings
 from mjrun.sim.stepper import PhysicsStepper
 
@@ -28,7 +28,7 @@ ENERGY = int(mujoco.mjtEnableBit.mjENBL_ENERGY)
 
 def simulate(context: LintContext, steps: int) -> Iterator[Finding]:
     """What goes wrong within `steps` steps from the model's own start, without controls."""
-    for bug in mujoco_bugs.bugs_of_model(context.model):
+    for bug in known_bugs.bugs_of_model(context.model):
         message, _, remedy = bug.partition("; ")
         yield KNOWN_BUG.in_model(context.path, message, remedy)
     if steps and context.model.nv + context.model.na:

@@ -26,9 +26,9 @@ class FeatherWriter:
         import pyarrow
 
         from mjrun.formats.arrow_columns import MANIFEST, schema
-        from mjrun.formats.column_groups import ColumnGroups
+        from mjrun.formats.row_groups import RowGroups
 
-        self._columns, self._groups = columns, ColumnGroups(len(columns))
+        self._columns, self._groups = columns, RowGroups(len(columns))
         self._schema = schema(columns).with_metadata({MANIFEST: manifest})
         options = pyarrow.ipc.IpcWriteOptions(compression="lz4")
         self._writer = pyarrow.ipc.new_file(file, self._schema, options=options)

@@ -24,7 +24,7 @@ from mjrun.model.column import Column
 if TYPE_CHECKING:
     import numpy as np
 
-    from mjrun.formats.mat_file import Matrix
+    from mjrun.formats.mat_parser import Matrix
 
 LIMIT = 2**31  # bytes in one variable
 CELL = 64  # bytes that a text in a cell takes besides its characters, of which each takes at most 4
@@ -39,7 +39,7 @@ class MatWriter:
     def __init__(self, file: BinaryIO, columns: Sequence[Column], manifest: str) -> None:
         import scipy.io  # noqa: F401  (a broken installation shows before the first step)
 
-        from mjrun.formats.column_groups import ColumnSpill
+        from mjrun.formats.row_groups import ColumnSpill
 
         self._file, self._columns = file, columns
         self._spill = ColumnSpill(Path(file.name).parent, len(columns))
@@ -98,11 +98,11 @@ def read(path: Path, wanted: ColumnFilter) -> Table:
     """The columns that the filter accepts."""
     from mjrun.formats.column_checks import require_equal_lengths, select, unreadable
     from mjrun.formats.input_file import decoding
-    from mjrun.formats.mat_file import MatFile
+    from mjrun.formats.mat_parser import MatParser
 
     with path.open("rb") as file:
         with decoding(path, unreadable(path)):
-            mat = MatFile(file)
+            mat = MatParser(file)
             variables, units = mat.columns(), mat.units()
         columns = {}
         for name, index in select(path, [name for name, _ in variables], wanted).items():
@@ -116,7 +116,7 @@ def _floats(path: Path, name: str, matrix: Matrix) -> np.ndarray:
     import numpy as np
 
     from mjrun.formats.column_checks import shown
-    from mjrun.formats.mat_file import KINDS, NUMERIC_KINDS
+    from mjrun.formats.mat_parser import KINDS, NUMERIC_KINDS
 
     if matrix.kind not in NUMERIC_KINDS or matrix.imaginary:
         content = "complex values" if matrix.imaginary else KINDS.get(matrix.kind, "objects")

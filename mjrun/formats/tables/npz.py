@@ -31,7 +31,7 @@ class NpzWriter:
     """Writes the archive once all rows are there."""
 
     def __init__(self, file: BinaryIO, columns: Sequence[Column], manifest: str) -> None:
-        from mjrun.formats.column_groups import ColumnSpill
+        from mjrun.formats.row_groups import ColumnSpill
 
         self._file, self._columns = file, columns
         self._spill = ColumnSpill(Path(file.name).parent, len(columns))
@@ -93,12 +93,12 @@ def _floats(path: Path, name: str, member: IO[bytes]) -> np.ndarray:
     """The array in a member of the archive; one of objects, which would have to be unpickled, is refused."""
     import numpy as np
 
-    from mjrun.formats import npy
+    from mjrun.formats import npy_header
     from mjrun.formats.column_checks import shown
 
-    shape, _, dtype = npy.read_header(member)
-    if dtype.kind not in npy.NUMERIC:
-        raise FileError(path, f"column {shown(name)} holds {npy.content_name(dtype)}, not numbers")
+    shape, _, dtype = npy_header.read_header(member)
+    if dtype.kind not in npy_header.NUMERIC:
+        raise FileError(path, f"column {shown(name)} holds {npy_header.content_name(dtype)}, not numbers")
     if not shape or shape[1:] not in ((), (1,)):
         raise FileError(path, f"column {shown(name)} has the shape {shape}, not (n,)")
 
@@ -115,13 +115,13 @@ def _units(archive: zipfile.ZipFile) -> dict[str, str]:
     """The units by column name, if mjrun wrote the archive."""
     import numpy as np
 
-    from mjrun.formats import npy
+    from mjrun.formats import npy_header
 
     info = archive.NameToInfo.get(f"{UNITS}.npy")
     if info is None or info.file_size > UNITS_SIZE:
         return {}
     with archive.open(info) as member:
-        shape, _, dtype = npy.read_header(member)
+        shape, _, dtype = npy_header.read_header(member)
         if shape or dtype.kind != "U":
             return {}
         units = json.loads(str(np.frombuffer(member.read(dtype.itemsize), dtype)[0]))

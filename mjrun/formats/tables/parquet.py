@@ -26,9 +26,9 @@ class ParquetWriter:
         import pyarrow.parquet
 
         from mjrun.formats.arrow_columns import schema
-        from mjrun.formats.column_groups import ColumnGroups
+        from mjrun.formats.row_groups import RowGroups
 
-        self._columns, self._groups = columns, ColumnGroups(len(columns))
+        self._columns, self._groups = columns, RowGroups(len(columns))
         self._schema = schema(columns)
         texts: Any = [column.name for column in columns if column.labels]
         self._writer = pyarrow.parquet.ParquetWriter(file, self._schema, compression="zstd", use_dictionary=texts)

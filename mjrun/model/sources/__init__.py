@@ -10,7 +10,7 @@ from pathlib import Path
 import mujoco
 
 from mjrun.model.override import Override
-from mjrun.model.source import NamedSource, Source
+from mjrun.model.source import CollectionSource, Source
 from mjrun.model.sources.compiled import CompiledSource
 from mjrun.model.sources.file import FileSource
 from mjrun.model.sources.stdin import StdinSource
@@ -51,13 +51,13 @@ def source_of(model: ModelLike) -> Source:
 
 
 @cache
-def model_collections() -> Mapping[str, type[NamedSource]]:
+def model_collections() -> Mapping[str, type[CollectionSource]]:
     """The model_collections of models, by prefix."""
     for module in pkgutil.iter_modules(__path__):
         import_module(f"{__name__}.{module.name}")
-    return {collection.PREFIX: collection for collection in NamedSource.__subclasses__()}
+    return {collection.PREFIX: collection for collection in CollectionSource.__subclasses__()}
 
 
-def listed_collection(text: str) -> type[NamedSource] | None:
+def listed_collection(text: str) -> type[CollectionSource] | None:
     """The collection that `text` names without naming a model in it, as `scene:` does."""
     return model_collections().get(text[:-1]) if text.endswith(":") else None

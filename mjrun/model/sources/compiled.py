@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import mujoco
 
-from mjrun.errors import CompiledModelError
+from mjrun.errors import CompiledOverrideError
 from mjrun.model.source import Source
 
 
@@ -24,5 +24,5 @@ class CompiledSource(Source):
 
     def load(self) -> mujoco.MjModel:
         if self.overrides:
-            raise CompiledModelError("the model", [(s.option, s.option_value) for s in self.overrides])
+            raise CompiledOverrideError("the model", [(s.option, s.option_value) for s in self.overrides])
         return self.model

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import mujoco
 
-from mjrun.errors import CompiledModelError, ModelNotFoundError, clean
+from mjrun.errors import CompiledOverrideError, ModelNotFoundError, clean
 from mjrun.model.compilation import FAULTS, broken_model, check_model, compile_model
 from mjrun.model.description import archive_files
 from mjrun.model.description.referenced_files import referenced_files
@@ -72,7 +72,7 @@ class FileSource(Source):
 
     def _load_compiled(self) -> mujoco.MjModel:
         if self.overrides:
-            raise CompiledModelError(self.path, [(s.option, s.option_value) for s in self.overrides])
+            raise CompiledOverrideError(self.path, [(s.option, s.option_value) for s in self.overrides])
         with without_log():
             try:
                 model = mujoco.MjModel.from_binary_path(str(self.path))

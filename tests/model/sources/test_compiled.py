@@ -5,7 +5,7 @@ import dataclasses
 import mujoco
 import pytest
 
-from mjrun.errors import CompiledModelError
+from mjrun.errors import CompiledOverrideError
 from mjrun.model.override import Override
 from mjrun.model.sources import source_of
 
@@ -20,5 +20,5 @@ def test_it_loads_as_itself_and_has_no_file() -> None:
 
 def test_overrides_come_too_late() -> None:
     source = dataclasses.replace(source_of(MODEL), overrides=(Override("opt.cone", "elliptic"),))
-    with pytest.raises(CompiledModelError, match=r"^the model is compiled: set opt\.cone=elliptic "):
+    with pytest.raises(CompiledOverrideError, match=r"^the model is compiled: set opt\.cone=elliptic "):
         source.load()

@@ -12,7 +12,7 @@ import pytest
 
 from mjrun.errors import (
     BrokenModelError,
-    CompiledModelError,
+    CompiledOverrideError,
     ModelError,
     ModelNotFoundError,
     clean,
@@ -192,7 +192,7 @@ def test_a_compiled_model_with_a_bad_timestep_is_not_advised_what_cannot_be_done
 
 def test_a_compiled_model_refuses_overrides_and_names_them_as_they_were_asked(tmp_path: Path) -> None:
     path = compiled(tmp_path / "a.mjb")
-    with pytest.raises(CompiledModelError) as caught:
+    with pytest.raises(CompiledOverrideError) as caught:
         load(path, timestep=0.1, overrides={"opt.cone": "elliptic"})
     assert "set opt.cone=elliptic, timestep 0.1" in str(caught.value)
     assert caught.value.exit_code == 2

@@ -10,7 +10,7 @@ import pytest
 from mjrun.errors import ModelNotFoundError, UnknownNameError
 from mjrun.model.override import Override
 from mjrun.model.sources import parse_source
-from mjrun.model.sources.scene import SceneSource, scene_folder
+from mjrun.model.sources.bundled_scene import BundledScene, scene_folder
 
 SCENES = Path(__file__).parents[3] / "scenes"
 
@@ -25,7 +25,7 @@ def test_a_scene_is_the_file_of_its_name(path: Path) -> None:
 
 
 def test_each_scene_has_a_line_about_it_the_first_sentence_of_its_file() -> None:
-    descriptions = SceneSource.descriptions()
+    descriptions = BundledScene.descriptions()
     assert set(descriptions) == {path.stem for path in SCENES.glob("*.xml")}
     for name, description in descriptions.items():
         comment = (SCENES / f"{name}.xml").read_text("utf-8")
@@ -46,7 +46,7 @@ def test_an_unknown_scene_names_the_nearest_and_all() -> None:
         parse_source("scene:domnos").load()
     first, second = str(caught.value).splitlines()
     assert first == "scene:domnos: no such scene (did you mean 'dominos'?)"
-    assert second == f"scenes: {', '.join(SceneSource.descriptions())}"
+    assert second == f"scenes: {', '.join(BundledScene.descriptions())}"
 
 
 @pytest.mark.parametrize("name", ["", "../tests/m", "dominos.xml", "DOMINOS", "/etc/passwd", "README"])

@@ -15,7 +15,7 @@ from pathlib import Path
 
 import pytest
 
-from mjrun.process import STDERR_LIMIT, STDOUT_LIMIT, Exit, Process, limit_this_process, python_call
+from mjrun.child_process import STDERR_LIMIT, STDOUT_LIMIT, ChildProcess, ExitStatus, limit_this_process, python_call
 
 MIB = 2**20
 FOREVER = "import time; time.sleep(600)"
@@ -23,8 +23,8 @@ READY = f"print('ready', flush=True); {FOREVER}"
 PARENT = f"import subprocess, sys; print(subprocess.Popen([sys.executable, '-c', {FOREVER!r}]).pid, flush=True)"
 
 
-def python(code: str, **how: object) -> Process:
-    return Process([sys.executable, "-c", code], **how)  # type: ignore[arg-type]
+def python(code: str, **how: object) -> ChildProcess:
+    return ChildProcess([sys.executable, "-c", code], **how)  # type: ignore[arg-type]
 
 
 def gone(pid: int) -> bool:
@@ -47,13 +47,13 @@ def eventually(condition: Callable[[], bool]) -> bool:
 def test_a_python_call_has_the_parent_s_path_and_its_arguments(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "stranger.py").write_text("def greet(*names):\n    import sys\n    print(*names, sys.path)\n")
     monkeypatch.syspath_prepend(str(tmp_path))
-    child = Process(python_call("stranger:greet", "a b", "2"), stdout="capture")
-    assert child.wait() == Exit(0)
+    child = ChildProcess(python_call("stranger:greet", "a b", "2"), stdout="capture")
+    assert child.wait() == ExitStatus(0)
     assert child.stdout.decode() == f"a b 2 {sys.path}\n"
 
 
 def test_a_python_call_can_have_a_path_of_its_own() -> None:
-    child = Process(python_call("json:loads", "{}", path=["/nowhere"]), stderr="capture")
+    child = ChildProcess(python_call("json:loads", "{}", path=["/nowhere"]), stderr="capture")
     assert child.wait().code == 1
     assert "No module named 'json'" in child.last_words
 
@@ -80,7 +80,7 @@ except OSError:
 """
     with python(code, descriptors=[theirs]) as child:
         os.close(theirs)
-        assert child.wait() == Exit(0)
+        assert child.wait() == ExitStatus(0)
     with os.fdopen(ours, "rb") as pipe:
         assert pipe.read() == b"hello, nothing else"
 
@@ -93,7 +93,7 @@ def test_standard_input_is_empty_and_the_session_is_its_own() -> None:
 
 def test_a_program_that_is_not_there_is_refused_by_the_system() -> None:
     with pytest.raises(FileNotFoundError):
-        Process(["/nowhere/nothing"])
+        ChildProcess(["/nowhere/nothing"])
 
 
 # --- death ----------------------------------------------------------------------------------------
@@ -158,10 +158,10 @@ def test_a_process_that_fills_too_much_memory_is_killed() -> None:
 )
 def test_a_process_can_limit_itself(limits: str, code: str, text: str, tmp_path: Path) -> None:
     script = tmp_path / "script.py"
-    script.write_text(f"import math, os\nfrom mjrun.process import *\nos.chdir({str(tmp_path)!r})\n")
+    script.write_text(f"import math, os\nfrom mjrun.child_process import *\nos.chdir({str(tmp_path)!r})\n")
     with script.open("a") as file:
         file.write(f"limit_this_process(core=0)\nlimit_this_process({limits})\n{code}\n")
-    child = Process(
+    child = ChildProcess(
         [sys.executable, str(script)], stderr="capture", environment={"PYTHONPATH": os.pathsep.join(sys.path)}
     )
     ending = child.wait(60)
@@ -186,7 +186,7 @@ for i in range(3 * 2**8):
 sys.stderr.write("last")
 """
     child = python(code, stdout="capture", stderr="capture")
-    assert child.wait(60) == Exit(0)
+    assert child.wait(60) == ExitStatus(0)
     assert child.stdout == b"".join(b"%08d" % i * 2**13 for i in range(2**8))
     assert len(child.stdout) == STDOUT_LIMIT
     assert len(child.stderr) == STDERR_LIMIT
@@ -199,7 +199,7 @@ def test_a_process_may_close_its_streams_early() -> None:
         stdout="capture",
         stderr="capture",
     )
-    assert child.wait() == Exit(5)
+    assert child.wait() == ExitStatus(5)
 
 
 def test_output_can_go_to_a_file(tmp_path: Path) -> None:
@@ -211,7 +211,7 @@ def test_output_can_go_to_a_file(tmp_path: Path) -> None:
 
 def test_a_grandchild_that_holds_the_pipe_is_killed_with_the_session() -> None:
     child = python(PARENT, stdout="capture")
-    assert child.wait() == Exit(0)
+    assert child.wait() == ExitStatus(0)
     assert eventually(lambda: gone(int(child.stdout)))
 
 
@@ -222,14 +222,14 @@ def test_a_process_is_asked_to_end_before_it_is_killed() -> None:
     code = f"import signal, sys; signal.signal(signal.SIGTERM, lambda *_: sys.exit(7)); {READY}"
     child = python(code, stdout="capture")
     assert eventually(lambda: child.stdout == b"ready\n")
-    assert child.end(grace=30) == Exit(7, "ended")
-    assert child.end() == Exit(7, "ended")
+    assert child.end(grace=30) == ExitStatus(7, "ended")
+    assert child.end() == ExitStatus(7, "ended")
 
 
 def test_a_process_that_does_not_end_is_killed() -> None:
     child = python(f"import signal; signal.signal(signal.SIGTERM, signal.SIG_IGN); {READY}", stdout="capture")
     assert eventually(lambda: child.stdout == b"ready\n")
-    assert child.end(grace=0.1) == Exit(-signal.SIGKILL, "ended")
+    assert child.end(grace=0.1) == ExitStatus(-signal.SIGKILL, "ended")
     assert gone(child.pid)
 
 
@@ -243,7 +243,7 @@ def test_ending_kills_what_the_process_has_started() -> None:
 def test_another_thread_may_kill_what_is_waited_for() -> None:
     child = python(FOREVER)
     threading.Timer(0.2, child.kill).start()
-    assert child.wait() == Exit(-signal.SIGKILL, "ended")
+    assert child.wait() == ExitStatus(-signal.SIGKILL, "ended")
 
 
 def test_an_interrupt_leaves_no_process() -> None:
@@ -263,12 +263,12 @@ def test_a_process_that_nobody_holds_is_ended() -> None:
 
 
 def test_no_process_outlives_the_interpreter() -> None:
-    start = f"child = Process([sys.executable, '-c', {FOREVER!r}])"
-    code = f"import sys; from mjrun.process import Process; {start}; print(child.pid)"
+    start = f"child = ChildProcess([sys.executable, '-c', {FOREVER!r}])"
+    code = f"import sys; from mjrun.child_process import ChildProcess; {start}; print(child.pid)"
     out = subprocess.run([sys.executable, "-c", code], capture_output=True, check=True, text=True)
     assert out.stderr == ""
     assert gone(int(out.stdout))
 
 
 def test_waiting_forever_costs_nothing_that_is_infinite() -> None:
-    assert python("").wait(math.inf, math.inf) == Exit(0)
+    assert python("").wait(math.inf, math.inf) == ExitStatus(0)

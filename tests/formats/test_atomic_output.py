@@ -9,8 +9,8 @@ from pathlib import Path
 import pytest
 
 from mjrun.errors import ClosedPipeError, FileError
-from mjrun.formats import publishing
-from mjrun.formats.publishing import (
+from mjrun.formats import atomic_output
+from mjrun.formats.atomic_output import (
     Destination,
     OutputWriter,
     StagedFile,
@@ -145,9 +145,9 @@ def test_a_folder_whose_replacement_fails_keeps_its_old_frames(
 
     monkeypatch.setattr(Path, "rename", refuse)
     if one_step:
-        monkeypatch.setattr(publishing, "RENAME_EXCHANGE", 2**31 - 1)  # flags that no system knows
+        monkeypatch.setattr(atomic_output, "RENAME_EXCHANGE", 2**31 - 1)  # flags that no system knows
     else:
-        monkeypatch.setattr(publishing, "_exchange", no_exchange)
+        monkeypatch.setattr(atomic_output, "_exchange", no_exchange)
     with pytest.raises(FileError, match="frames: cannot be written: Input/output error"):
         second.publish()
     assert (folder / "000001.png").read_text() == "old 1"
@@ -156,11 +156,11 @@ def test_a_folder_whose_replacement_fails_keeps_its_old_frames(
     assert names(folder) == ["000000.png", "000001.png"]
 
 
-@pytest.mark.parametrize("exchange", [publishing._exchange, no_exchange])
+@pytest.mark.parametrize("exchange", [atomic_output._exchange, no_exchange])
 def test_a_folder_is_replaced_with_and_without_an_exchange_of_names(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, exchange: Callable[[Path, Path], bool]
 ) -> None:
-    monkeypatch.setattr(publishing, "_exchange", exchange)
+    monkeypatch.setattr(atomic_output, "_exchange", exchange)
     for text in ("old", "new"):
         staged = StagedFolder(tmp_path / "frames")
         fill(staged, 1, text)
@@ -174,10 +174,10 @@ def test_names_are_exchanged_in_one_step(tmp_path: Path) -> None:
     for name in ("a", "b"):
         (tmp_path / name).mkdir()
         (tmp_path / name / name).write_text("")
-    if publishing._exchange(tmp_path / "a", tmp_path / "b"):  # not every file system can
+    if atomic_output._exchange(tmp_path / "a", tmp_path / "b"):  # not every file system can
         assert names(tmp_path / "a") == ["b"]
         assert names(tmp_path / "b") == ["a"]
-    assert not publishing._exchange(tmp_path / "a", tmp_path / "none")
+    assert not atomic_output._exchange(tmp_path / "a", tmp_path / "none")
 
 
 @pytest.mark.parametrize("make", [StagedFolder, StagedFrames])
@@ -281,7 +281,7 @@ def test_a_film_is_never_written_on_a_terminal(monkeypatch: pytest.MonkeyPatch) 
 
 def test_a_reader_that_closed_the_pipe_is_noticed() -> None:
     program = (
-        "import sys, time; from mjrun.formats.publishing import StandardOutput; out = StandardOutput();"
+        "import sys, time; from mjrun.formats.atomic_output import StandardOutput; out = StandardOutput();"
         "before = out.reader_is_gone(); sys.stderr.write('go'); sys.stderr.flush(); sys.stdin.read();"
         "sys.stderr.write(f'{before} {out.reader_is_gone()}')"
     )

@@ -10,8 +10,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mjrun.formats import column_groups
-from mjrun.formats.column_groups import ColumnGroups, ColumnSpill
+from mjrun.formats import row_groups
+from mjrun.formats.row_groups import ColumnSpill, RowGroups
 from mjrun.formats.table_writer import TableWriter
 from mjrun.formats.tables import formats
 from mjrun.model.column import Column
@@ -21,9 +21,9 @@ from mjrun.model.column import Column
 def test_groups_are_the_transposed_rows_however_these_are_cut(columns: int, cuts: list[int], size: int) -> None:
     rows = np.arange(40.0 * columns).reshape(40, columns)
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(column_groups, "GROUP", size)
-        patch.setattr(column_groups, "FIRST_ROWS", 2)
-        groups = ColumnGroups(columns)
+        patch.setattr(row_groups, "GROUP", size)
+        patch.setattr(row_groups, "FIRST_ROWS", 2)
+        groups = RowGroups(columns)
         found = [group.copy() for block in np.split(rows, cuts) for group in groups.add(block)]
         found += [group.copy() for group in groups.rest()]
     assert np.array_equal(np.concatenate(found, axis=1), rows.T)
@@ -33,7 +33,7 @@ def test_groups_are_the_transposed_rows_however_these_are_cut(columns: int, cuts
 
 
 def test_a_spill_gives_every_column_and_leaves_no_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(column_groups, "GROUP", 12)
+    monkeypatch.setattr(row_groups, "GROUP", 12)
     rows = np.random.default_rng(0).standard_normal((25, 3))
     spill = ColumnSpill(tmp_path, 3)
     for block in np.array_split(rows, 4):

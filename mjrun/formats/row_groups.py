@@ -15,7 +15,7 @@ GROUP = 2**21  # values in a group: 16 MiB
 FIRST_ROWS = 2**9  # rows for which there is room at first: a short table needs little memory
 
 
-class ColumnGroups:
+class RowGroups:
     """Takes rows, yields groups `(columns, rows)` of at most `GROUP` values, each valid until the next one."""
 
     def __init__(self, columns: int) -> None:
@@ -62,7 +62,7 @@ class ColumnSpill:
 
     def __init__(self, folder: Path, columns: int) -> None:
         self.rows = 0
-        self._groups = ColumnGroups(columns)
+        self._groups = RowGroups(columns)
         self._sizes: list[int] = []  # rows in each group
         self._columns = columns
         self._file = tempfile.TemporaryFile(dir=folder)  # noqa: SIM115  (closed by close)

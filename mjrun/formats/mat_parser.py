@@ -36,7 +36,7 @@ class Matrix:
     parts: Iterator[tuple[int, np.ndarray]]
 
 
-class MatFile:
+class MatParser:
     """The variables of a file of MATLAB 5 to 7.2, which also scipy and Octave write.
 
     Raises:

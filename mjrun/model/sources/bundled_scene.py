@@ -9,12 +9,12 @@ from typing import ClassVar
 
 import mujoco
 
-from mjrun.model.source import NamedSource
+from mjrun.model.source import CollectionSource
 from mjrun.model.sources.file import FileSource
 
 
 @dataclass(frozen=True)
-class SceneSource(NamedSource):
+class BundledScene(CollectionSource):
     """A scene of mjrun's gallery."""
 
     PREFIX: ClassVar[str] = "scene"

@@ -5,7 +5,7 @@ import io
 import numpy as np
 import pytest
 
-from mjrun.formats.npy import content_name, read_header
+from mjrun.formats.npy_header import content_name, read_header
 
 
 @pytest.mark.parametrize("version", [(1, 0), (2, 0)])

@@ -50,7 +50,7 @@ def python_call(function: str, *arguments: str, path: Sequence[str] | None = Non
 
 
 @dataclass(frozen=True)
-class Exit:
+class ExitStatus:
     """How a process ended; as text, the end of a sentence about it.
 
     Attributes:
@@ -82,7 +82,7 @@ class Exit:
         return f"was killed by {self.signal}" if self.signal else f"ended with code {self.code}"
 
 
-class Process:
+class ChildProcess:
     """A child process, which starts at once. Leaving its `with` block ends it, as does losing it or leaving Python.
 
     Args:
@@ -149,7 +149,7 @@ class Process:
         """The last line of `stderr`, where programs say why they end; empty if there is none."""
         return self.stderr.decode(errors="replace").strip().rpartition("\n")[2]
 
-    def wait(self, seconds: float = math.inf, memory: float = math.inf) -> Exit:
+    def wait(self, seconds: float = math.inf, memory: float = math.inf) -> ExitStatus:
         """Waits until the process has ended, and kills it when it exceeds a limit.
 
         Args:
@@ -172,7 +172,7 @@ class Process:
             self._popen.wait()
             raise
         self._collect()
-        return Exit(self._popen.returncode, self._cause)
+        return ExitStatus(self._popen.returncode, self._cause)
 
     def kill(self, cause: Cause = "ended") -> None:
         """Kills the process and what it has started, if it has not ended; from any thread."""
@@ -180,7 +180,7 @@ class Process:
             self._cause = self._cause or cause
             _kill(self._popen)
 
-    def end(self, grace: float = 0) -> Exit:
+    def end(self, grace: float = 0) -> ExitStatus:
         """Ends the process: asks it to terminate, and kills it when it has not done so after `grace` [s]."""
         if grace > 0 and self.running:
             self._cause = "ended"
@@ -189,7 +189,7 @@ class Process:
         self.kill()
         return self.wait()
 
-    def __enter__(self) -> "Process":
+    def __enter__(self) -> "ChildProcess":
         return self
 
     def __exit__(
