@@ -1,4 +1,4 @@
-"""Colours for what has none: depth by a colour map, things told apart by a palette, and the keys to both."""
+"""False colours: depth by a colour map, segments by a palette; and a colour bar and a legend to read them by."""
 
 import math
 import zlib
@@ -25,7 +25,7 @@ from mjrun.rendering.text import (
     write,
 )
 
-UNSEEN = (34, 35, 38)  # where nothing is seen
+UNSEEN = (34, 35, 38)  # the background
 
 # Published tables at 33 even steps, red, green and blue in hex. Turbo: A. Mikhailov, Google, 2019, Apache-2.0.
 # Viridis and inferno: N. Smith and S. van der Walt, matplotlib, 2015, CC0.
@@ -46,10 +46,10 @@ _STOPS = {
 }
 COLORMAPS = tuple(_STOPS)
 
-_CLIPPED = 0.5  # percent of the pixels at either end of a depth range that do not count
-_ROWS = 16  # coloured at once: what fits in a cache
-_CHOICES = 1024  # colours of the palette; beyond, they repeat
-_ROOM = 16  # the fewest colours that a thing may choose from
+_CLIPPED = 0.5  # percent of the pixels at either end of the depths that a range leaves out
+_ROWS = 16  # coloured at once: as many as fit in the cache
+_CHOICES = 1024  # colours of the palette; after those they repeat
+_ROOM = 16  # the smallest number of colours that a segment chooses from
 
 
 @lru_cache
@@ -67,13 +67,13 @@ def colormap_table(colormap: str = "turbo") -> np.ndarray:
 
 
 def depth_range(depths: Iterable[np.ndarray]) -> tuple[float, float]:
-    """The nearest and farthest depth [m] worth a colour in pictures of depths, each `(h, w)`.
+    """The nearest and farthest depth [m] to colour in depth images, each `(h, w)`.
 
-    A two-hundredth of the pixels may be nearer. What is farther than three interquartile ranges beyond the
-    farthest quarter (J. Tukey's "far out": a floor that goes on to the horizon) is left out, at most a tenth.
+    Half a percent of the pixels may be nearer. Outliers (J. Tukey's "far out": more than three interquartile ranges
+    above the upper quartile), such as a floor that extends to the horizon, are left out: a tenth of the pixels at most.
     """
-    seen = [depth.ravel()[:: max(1, depth.size // 40_000)] for depth in depths]
-    values = np.concatenate([s[np.isfinite(s)] for s in seen]) if seen else np.empty(0)
+    samples = [depth.ravel()[:: max(1, depth.size // 40_000)] for depth in depths]
+    values = np.concatenate([s[np.isfinite(s)] for s in samples]) if samples else np.empty(0)
     if not values.size:
         return 0.0, 1.0
     shares = (_CLIPPED, 25, 75, 90, 100 - _CLIPPED)
@@ -83,7 +83,7 @@ def depth_range(depths: Iterable[np.ndarray]) -> tuple[float, float]:
 
 
 def depth_colors(depth: np.ndarray, near: float, far: float, colormap: str = "turbo") -> np.ndarray:
-    """Colours `(h, w, 3)` uint8 of depths `(h, w)` [m], from `near` to `far`; beyond them, the ends of the map."""
+    """Colours `(h, w, 3)` uint8 of depths `(h, w)` [m], from `near` to `far`; clipped to the ends of the map."""
     table = _with_unseen(colormap_table(colormap))
     scale = np.float32(255 / max(far - near, 1e-9))
     colors = np.empty((*depth.shape, 3), np.uint8)
@@ -91,13 +91,13 @@ def depth_colors(depth: np.ndarray, near: float, far: float, colormap: str = "tu
         rows = depth[top : top + _ROWS]
         shades = np.clip((rows - np.float32(near)) * scale, 0, 255) + np.float32(0.5)
         shades[~np.isfinite(rows)] = 256
-        # Without `mode` numpy checks first and is three times slower.
+        # Without `mode` numpy checks the indices first, which is three times slower.
         np.take(table, shades.astype(np.intp), axis=0, mode="clip", out=colors[top : top + _ROWS])
     return colors
 
 
 def seg_colors(ids: np.ndarray, colors: np.ndarray) -> np.ndarray:
-    """Colours `(h, w, 3)` uint8 of a picture of ids `(h, w)`, rows of `colors` `(n, 3)`; −1 is nothing."""
+    """Colours `(h, w, 3)` uint8 of an image of ids `(h, w)`, which index `colors` `(n, 3)`; −1 is the background."""
     return np.take(_with_unseen(colors), ids, axis=0, mode="wrap")
 
 
@@ -106,7 +106,7 @@ def _with_unseen(colors: np.ndarray) -> np.ndarray:
 
 
 def oklab(rgb: np.ndarray) -> np.ndarray:
-    """Lightness and two colour axes `(…, 3)`, in which distance is difference as seen, of sRGB `(…, 3)` from 0 to 255.
+    """Oklab lightness and colour axes `(…, 3)` of sRGB `(…, 3)` from 0 to 255; distances are perceived differences.
 
     B. Ottosson, "A perceptual color space for image processing", 2020.
     """
@@ -125,7 +125,7 @@ def oklab(rgb: np.ndarray) -> np.ndarray:
 
 
 def segmentation_palette(n: int) -> np.ndarray:
-    """`n` colours `(n, 3)` uint8, each as unlike those before it, and nothing, as can be; they repeat after 1,024."""
+    """`n` colours `(n, 3)` uint8, as far as can be from one another and from the background; repeated after 1,024."""
     return _palette()[np.arange(n) % _CHOICES]
 
 
@@ -133,12 +133,13 @@ def segmentation_palette(n: int) -> np.ndarray:
 def _palette() -> np.ndarray:
     steps = np.arange(0, 256, 15)
     grid = np.stack(np.meshgrid(steps, steps, steps, indexing="ij"), axis=-1).reshape(-1, 3)
-    # Whole numbers, so that no machine's rounding decides between equal distances.
+    # Integers, so that equal distances do not depend on the rounding of a machine.
     lab = np.round(oklab(np.vstack([grid, UNSEEN])) * 10_000).astype(np.int64)
+
     lightness, chroma = lab[:-1, 0], np.hypot(lab[:-1, 1], lab[:-1, 2])
     pleasant = (lightness > 4800) & (lightness < 9200) & (chroma < 1700)
-    grid, lab, nothing = grid[pleasant], lab[:-1][pleasant], lab[-1]
-    distance = ((lab - nothing) ** 2).sum(axis=1) // 4  # far from nothing, without shunning all that is dark
+    grid, lab, background = grid[pleasant], lab[:-1][pleasant], lab[-1]
+    distance = ((lab - background) ** 2).sum(axis=1) // 4  # away from the background, but not from all dark colours
     chosen = [int(np.abs(lab - oklab(np.array([60, 150, 240])) * 10_000).sum(axis=1).argmin())]
     while len(chosen) < _CHOICES:
         distance = np.minimum(distance, ((lab - lab[chosen[-1]]) ** 2).sum(axis=1))
@@ -147,43 +148,42 @@ def _palette() -> np.ndarray:
 
 
 def colors_of(legend: Sequence[Segment]) -> np.ndarray:
-    """A colour for each thing, `(n, 3)` uint8: no two the same among 1,024, and the fewer, the less alike.
+    """A colour for each segment, `(n, 3)` uint8: all different up to 1,024, and the fewer, the farther apart.
 
-    Type and name decide which of the palette's first colours a thing prefers; those before it in the legend choose
-    first, and each has twice as many to choose from as have chosen. So a thing keeps its colour from run to run,
-    whatever is added after it, and mostly also when something is added before it.
+    The hash of its type and name ranks the palette's first colours for each segment. Segments choose in the order of
+    the legend, each from twice as many colours as have been taken. So a segment keeps its colour from run to run,
+    whatever is added after it, and mostly even when something is added before it.
     """
     palette = _palette()
     candidates = np.arange(_CHOICES, dtype=np.uint64)
     free = np.ones(_CHOICES, bool)
-    chosen = []
-    for position, thing in enumerate(legend):
+    choices = []
+    for position, segment in enumerate(legend):
         if position % _CHOICES == 0:
             free[:] = True
         room = min(_CHOICES, max(_ROOM, 2 * (position % _CHOICES)))
-        # Highest random weight (D. Thaler and C. Ravishankar, 1998): more room changes few preferences.
-        weights = _mixed(candidates[:room] + (np.uint64(zlib.crc32(f"{thing.type}\0{thing.name}".encode())) << 10))
-        chosen.append(int(np.where(free[:room], weights, 0).argmax()))
-        free[chosen[-1]] = False
-    return palette[np.array(chosen, int)]
+        # Highest random weight (D. Thaler and C. Ravishankar, 1998): more candidates change few choices.
+        key = np.uint64(zlib.crc32(f"{segment.type}\0{segment.name}".encode()))
+        weights = _mixed(candidates[:room] + (key << 10))
+        choices.append(int(np.where(free[:room], weights, 0).argmax()))
+        free[choices[-1]] = False
+    return palette[np.array(choices, int)]
 
 
 def _mixed(values: np.ndarray) -> np.ndarray:
-    """Hashes of whole numbers: the last step of splitmix64 (G. Steele and others, 2014)."""
+    """Hashes of integers: the final step of splitmix64 (G. Steele and others, 2014)."""
     for shift, factor in ((30, 0xBF58476D1CE4E5B9), (27, 0x94D049BB133111EB)):
         values = (values ^ (values >> np.uint64(shift))) * np.uint64(factor)
     return (values ^ (values >> np.uint64(31))) | np.uint64(1)
 
 
-def in_view(ids: np.ndarray, count: int | None = None) -> np.ndarray:
-    """Which ids a picture `(h, w)` shows, in ascending order; with `count`, those that cover most of it."""
-    pixels = np.bincount(ids[ids >= 0].ravel())
-    largest = np.argsort(-pixels, kind="stable")[: np.count_nonzero(pixels)]
-    return np.sort(largest[:count])
+def in_view(ids: np.ndarray) -> np.ndarray:
+    """The ids in an image `(h, w)`, in ascending order."""
+    return np.flatnonzero(np.bincount(ids[ids >= 0]))
 
 
 def ticks(low: float, high: float, least: float) -> tuple[np.ndarray, float]:
-    """Multiples from `low` to `high` of a step, and it: the first of 1, 2, 5, 10, 20, … that is at least `least`."""
+    """The multiples from `low` to `high` of a step, and that step: the first of 1, 2, 5, 10, 20, … from `least` on."""
     power = math.floor(math.log10(least))
     step = next(s for s in (float(f"{factor}e{power}") for factor in (1, 2, 5, 10, 20)) if s >= least * (1 - 1e-9))
     first, last = math.ceil(low / step - 1e-9), math.floor(high / step + 1e-9)
@@ -191,7 +191,7 @@ def ticks(low: float, high: float, least: float) -> tuple[np.ndarray, float]:
 
 
 def figures(values: Sequence[float] | np.ndarray, step: float) -> list[str]:
-    """Values as text, all to the same place: that of `step`."""
+    """Values as text, all with as many decimals as `step` has."""
     places = -math.floor(math.log10(step) + 1e-9)
     largest = max((abs(v) for v in values), default=0.0)
     if places <= 4 and largest < 1e5:
@@ -203,9 +203,9 @@ def figures(values: Sequence[float] | np.ndarray, step: float) -> list[str]:
 
 
 def colour_bar(image: np.ndarray, near: float, far: float, colormap: str = "turbo") -> None:
-    """Draws the key to `depth_colors` at the right of `image` `(h, w, 3)`, with round depths [m] marked.
+    """Draws the colour bar of `depth_colors` at the right of `image` `(h, w, 3)`, with round depths [m] marked.
 
-    A picture too small for it stays as it is.
+    An image too small for it is not changed.
     """
     height, width = image.shape[:2]
     size = crisp(0.9 * text_size(height))
@@ -214,16 +214,19 @@ def colour_bar(image: np.ndarray, near: float, far: float, colormap: str = "turb
     marks, step = ticks(near, far, (far - near) * max(1.5 * line / length, 0.12))
     labels = [letters(text) for text in figures(marks, step)]
     unit = " m"  # on the uppermost mark only
-    right = thick + round(1.7 * dash) + max((width_of(label, size) for label in labels), default=0)  # where figures end
+    right = thick + round(1.7 * dash) + max((width_of(label, size) for label in labels), default=0)  # end of the labels
+
     box = 2 * across + math.ceil(right + width_of(unit, size)), length + 2 * (line // 2)
     if box[0] > width - 2 * margin or box[1] > height - 2 * margin:
         return
+
     x, y = width - margin - box[0], (height - box[1]) // 2
     plate(image, (x, y, *box), round(0.35 * size))
     x, y = x + across, y + line // 2
     blend(image, np.full((length + 2 * hair, thick + 2 * hair), 90, np.uint8), x - hair, y - hair, INK)
     shades = np.linspace(255, 0, length).round().astype(int)
     image[y : y + length, x : x + thick] = colormap_table(colormap)[shades][:, None]
+
     for row, (mark, label) in enumerate(zip(marks, labels, strict=True)):
         v = y + 0.5 + (far - mark) / (far - near) * (length - 1)
         top = min(y + length - hair, max(y, round(v - hair / 2)))
@@ -233,10 +236,10 @@ def colour_bar(image: np.ndarray, near: float, far: float, colormap: str = "turb
             write(image, unit, (x + right, baseline(top, hair, size)), size)
 
 
-def legend(image: np.ndarray, things: Sequence[Segment], colors: np.ndarray, corner: str = "bottom-left") -> None:
-    """Names `things` in a corner of `image` `(h, w, 3)`, each beside its colour, a row of `colors` `(n, 3)`.
+def legend(image: np.ndarray, segments: Sequence[Segment], colors: np.ndarray, corner: str = "bottom-left") -> None:
+    """Lists `segments` in a corner of `image` `(h, w, 3)`, each beside its colour, a row of `colors` `(n, 3)`.
 
-    As many as fit in 60 % of the height and 40 % of the width; the last line says how many more there are.
+    As many as fit in 60 % of the height and 40 % of the width; the last line gives the number of the others.
     """
     height, width = image.shape[:2]
     size = crisp(0.86 * text_size(height))
@@ -244,18 +247,20 @@ def legend(image: np.ndarray, things: Sequence[Segment], colors: np.ndarray, cor
     swatch, gap = round(0.75 * size), round(0.45 * size)
     rows = int(0.6 * height - 2 * (margin + down)) // line
     room = 0.4 * width - 2 * across - swatch - gap
-    shown = len(things) if len(things) <= rows else rows - 1
-    names = [fitted(letters(thing.name), size, room) for thing in things[: max(0, shown)]]
+    shown = len(segments) if len(segments) <= rows else rows - 1
+    names = [fitted(letters(segment.name), size, room) for segment in segments[: max(0, shown)]]
     if not any(names):
         return
-    more = fitted(letters(f"… {len(things) - shown} more"), size, room) if shown < len(things) else ""
+    more = fitted(letters(f"… {len(segments) - shown} more"), size, room) if shown < len(segments) else ""
     texts = [*names, more] if more else names
+
     box = (
         2 * across + swatch + gap + math.ceil(max(width_of(text, size) for text in texts)),
         2 * down + line * len(texts),
     )
     x, y = place(image, *box, corner, margin)
     plate(image, (x, y, *box), round(0.35 * size))
+
     for row, text in enumerate(texts):
         top = y + down + row * line
         if row < shown:

@@ -1,4 +1,4 @@
-"""Frames from states: several views through several cameras, coloured, composed, captioned."""
+"""Frames from states: views through cameras, in colour, laid out side by side, with captions, text and plots."""
 
 import time
 from collections.abc import Callable, Mapping, Sequence
@@ -30,25 +30,25 @@ class Renderer(Protocol):
     """Draws states of one model."""
 
     def look(self, state: np.ndarray, index: int = 0) -> None:
-        """Goes to the instant of an integration `state`, that of a frame by its index."""
+        """Moves the model to an integration `state`, which belongs to the frame `index`."""
         ...
 
     def picture(self, pose: Pose, views: Sequence[str]) -> RenderedView:
-        """What is seen of that instant from `pose`."""
+        """The views of that instant from `pose`."""
         ...
 
     def draft_cost(self) -> float | None:
-        """Seconds to draw the last scene as a draft; None where that is no use."""
+        """Wall time to draw the last scene as a draft [s]; None if it cannot be drawn as one."""
         ...
 
     def close(self) -> None:
-        """Frees what the graphics driver holds."""
+        """Frees the resources of the graphics driver."""
         ...
 
 
 @dataclass(frozen=True)
 class Panel:
-    """One view through one of the cameras, by its index."""
+    """One view through the camera with this index."""
 
     camera: int
     view: str
@@ -56,13 +56,13 @@ class Panel:
 
 @dataclass(frozen=True)
 class Overlay:
-    """What is written over a frame, and plotted beside it.
+    """Text over a frame, and plots under or beside it.
 
     Attributes:
-      texts: of each frame; none when empty.
-      corner: where they stand.
+      texts: the text of each frame; no text when empty.
+      corner: of the frame, where the text is placed.
       plots: width and height of each plot [pixels].
-      side: where plots stand, `under` the frame or `beside` it.
+      side: where the plots are, `under` the frame or `beside` it.
       graphs: the plots, once their values are known.
       times: of each frame [s], for the plots.
     """
@@ -76,7 +76,7 @@ class Overlay:
 
     @property
     def room(self) -> tuple[int, int]:
-        """What all plots add to the width and the height of a frame [pixels]."""
+        """The width and the height that the plots add to a frame [pixels]."""
         if self.side == "under":
             return 0, sum(height for _, height in self.plots)
         return sum(width for width, _ in self.plots), 0
@@ -84,13 +84,13 @@ class Overlay:
 
 @dataclass(frozen=True)
 class FrameStyle:
-    """How panels become one frame.
+    """How panels are composed into a frame.
 
     Attributes:
       layout: `row`, `column` or `grid`.
-      captions: whether each panel says what it shows.
-      legend: whether a segmentation lists what is in view; its colours are then no longer only its own.
-      overlay: text and plot; on frames that are not numbers.
+      captions: whether each panel has a caption that names what it shows.
+      legend: whether a segmentation lists the segments in view; pixels are then no longer colours of segments alone.
+      overlay: text and plots; only for frames of colours.
     """
 
     layout: str = "row"
@@ -101,11 +101,11 @@ class FrameStyle:
 
 @dataclass(frozen=True)
 class FrameStream:
-    """Frames of one film: one panel or several, as colours, or one panel's numbers.
+    """The frames of one video: panels in colour, or the numbers of a single panel.
 
     Attributes:
-      size: of a panel [pixels].
-      exact: whether frames are numbers `(h, w)` uint16: millimetres, or ids + 1; 0 is nothing.
+      size: width and height of a panel [pixels].
+      exact: whether frames are numbers `(h, w)` uint16: millimetres or ids + 1; 0 is the background.
     """
 
     panels: Sequence[Panel]
@@ -115,25 +115,25 @@ class FrameStream:
 
     @property
     def shape(self) -> tuple[int, ...]:
-        """Of a frame."""
+        """The shape of a frame."""
         width, height = layout_size(len(self.panels), self.size, self.style.layout)
         across, down = self.style.overlay.room
         return (height, width) if self.exact else (height + down, width + across, 3)
 
     @property
     def size_of_frame(self) -> tuple[int, int]:
-        """Width and height of a frame [pixels]."""
+        """The width and the height of a frame [pixels]."""
         return self.shape[1], self.shape[0]
 
     @property
     def dtype(self) -> np.dtype:
-        """Of a frame."""
+        """The dtype of a frame."""
         return np.dtype(np.uint16 if self.exact else np.uint8)
 
 
 @dataclass(frozen=True)
 class DrawingCosts:
-    """Wall time [s] of a frame, and of its last scene as a draft; None where that is no use."""
+    """The wall time to draw a frame [s], and its last scene as a draft; None if it cannot be drawn as one."""
 
     frame: float
     draft: float | None
@@ -141,13 +141,18 @@ class DrawingCosts:
 
 @dataclass
 class SceneCompositor:
-    """Paints the frames of all streams from one state, one after the other into flat bytes.
+    """Paints the frames of all streams of one state, one after the other, into flat bytes.
+
+    Picklable while closed.
 
     Args:
-      names: what the cameras are called in captions.
-      poses: of each frame, of each camera.
-      decorations: what is added to colour pictures.
-      ranges: of each camera, the depths [m] of the first and the last colour; needed for coloured depth.
+      size: width and height of a panel [pixels].
+      names: of the cameras, for captions.
+      poses: for each frame, the pose of each camera.
+      segmentation: what ids distinguish.
+      decorations: added to colour images.
+      ranges: for each camera, the depths [m] of the first and the last colour; needed for depth in colour.
+      renderer: makes the renderer, with the arguments of `ClassicRenderer`.
     """
 
     model: mujoco.MjModel
@@ -163,77 +168,83 @@ class SceneCompositor:
     renderer: Callable[..., Renderer] = ClassicRenderer
 
     def __post_init__(self) -> None:
-        self._drawing: Renderer | None = None
-        self._spent = 0.0
+        self._open_renderer: Renderer | None = None
+        self._frame_cost = 0.0  # [s]
 
     @cached_property
     def colors(self) -> np.ndarray:
-        """Of what a segmentation tells apart."""
+        """The colour of each segment, `(n, 3)` uint8."""
         return colors_of(self.segmentation.legend)
 
     @property
     def bytes(self) -> int:
-        """Of the frames of all streams."""
+        """The size of the frames of all streams of one state [bytes]."""
         return sum(prod(stream.shape) * stream.dtype.itemsize for stream in self.streams)
 
     def open(self) -> None:
-        """Gets a renderer, unless there is one already."""
-        if self._drawing is None:
-            self._drawing = self.renderer(
+        """Makes a renderer, unless there is one already."""
+        if self._open_renderer is None:
+            self._open_renderer = self.renderer(
                 self.model, self.size, self.backend, self.visual, self.segmentation, self.decorations
             )
 
     def look_ahead(self, states: Mapping[int, np.ndarray]) -> None:
-        """Chooses the `ranges` that suit the frames with these indices."""
-        seen = [self.see(state, index, ["depth"]) for index, state in states.items()]
-        self.ranges = [depth_range([picture.depth for picture in pictures]) for pictures in zip(*seen, strict=True)]
+        """Sets the `ranges` that suit these states, by index of their frames."""
+        by_frame = [self.see(state, index, ["depth"]) for index, state in states.items()]
+        self.ranges = [depth_range([seen.depth for seen in frames]) for frames in zip(*by_frame, strict=True)]
 
     def paint(self, state: np.ndarray, index: int, into: np.ndarray) -> None:
+        """Fills `into`, `bytes` long, with the frames of all streams, in the layout of `parts`."""
         start = time.perf_counter()
-        pictures = self.see(state, index)
+        views = self.see(state, index)
         for stream, part in zip(self.streams, self.parts(into), strict=True):
-            part[:] = self.frame(stream, pictures, index)
-        self._spent = time.perf_counter() - start
+            part[:] = self.frame(stream, views, index)
+        self._frame_cost = time.perf_counter() - start
 
     def costs(self) -> DrawingCosts:
-        """Of the last frame, and of the same as a draft."""
-        assert self._drawing
-        return DrawingCosts(self._spent, None if self.visual.quality == "draft" else self._drawing.draft_cost())
+        """The costs of the last frame."""
+        assert self._open_renderer
+        draft = None if self.visual.quality == "draft" else self._open_renderer.draft_cost()
+        return DrawingCosts(self._frame_cost, draft)
 
     def close(self) -> None:
-        if self._drawing:
-            self._drawing.close()
-            self._drawing = None
+        """Closes the renderer, if there is one."""
+        if self._open_renderer:
+            self._open_renderer.close()
+            self._open_renderer = None
 
     def parts(self, frames: np.ndarray) -> list[np.ndarray]:
-        """The frame of each stream in the flat bytes that `paint` fills."""
-        found, start = [], 0
+        """Views of the frame of each stream in the flat bytes that `paint` fills."""
+        parts, start = [], 0
         for stream in self.streams:
             end = start + prod(stream.shape) * stream.dtype.itemsize
-            found.append(frames[start:end].view(stream.dtype).reshape(stream.shape))
+            parts.append(frames[start:end].view(stream.dtype).reshape(stream.shape))
             start = end
-        return found
+        return parts
 
     def see(self, state: np.ndarray, index: int, views: Sequence[str] | None = None) -> list[RenderedView]:
-        """What each camera sees of a state: the views that streams want of it, or `views`."""
-        assert self._drawing
-        self._drawing.look(state, index)
-        found = []
+        """What each camera sees of a state: the views that its panels show, or `views`."""
+        assert self._open_renderer
+        self._open_renderer.look(state, index)
+        by_camera = []
         for camera, pose in enumerate(self.poses[index]):
-            wanted = [panel.view for stream in self.streams for panel in stream.panels if panel.camera == camera]
-            picture = self._drawing.picture(pose, wanted if views is None else views)
-            found.append(picture if picture.rgb is None else _kept(picture))
-        return found
+            shown = [panel.view for stream in self.streams for panel in stream.panels if panel.camera == camera]
+            seen = self._open_renderer.picture(pose, shown if views is None else views)
+            # Colours outlast the next picture, and are written on.
+            by_camera.append(seen if seen.rgb is None else replace(seen, rgb=np.array(seen.rgb)))
+        return by_camera
 
-    def frame(self, stream: FrameStream, pictures: Sequence[RenderedView], index: int) -> np.ndarray:
-        """The frame of `stream`, made of what each camera sees."""
+    def frame(self, stream: FrameStream, views: Sequence[RenderedView], index: int) -> np.ndarray:
+        """The frame of `stream`, composed of what each camera sees."""
         if stream.exact:
             (panel,) = stream.panels
-            return _numbers(panel, pictures[panel.camera])
+            return _numbers(panel, views[panel.camera])
+
         style, overlay = stream.style, stream.style.overlay
-        shown = [self._colored(panel, pictures[panel.camera], style.legend) for panel in stream.panels]
+        panels = [self._colored(panel, views[panel.camera], style.legend) for panel in stream.panels]
         captions = [self.caption(panel) for panel in stream.panels] if style.captions else None
-        frame = compose(shown, style.layout, captions) if len(shown) > 1 or captions else shown[0]
+        frame = compose(panels, style.layout, captions) if len(panels) > 1 or captions else panels[0]
+
         if overlay.texts:
             stamp(frame, overlay.texts[index], overlay.corner)
         if overlay.graphs:
@@ -242,37 +253,33 @@ class SceneCompositor:
         return frame
 
     def caption(self, panel: Panel) -> str:
-        """What a panel shows, in words."""
-        many = len({other.view for stream in self.streams for other in stream.panels}) > 1
-        return f"{self.names[panel.camera]} · {NAMES[panel.view]}" if many else self.names[panel.camera]
+        """The camera of a panel, and its view where streams show several."""
+        several = len({other.view for stream in self.streams for other in stream.panels}) > 1
+        return f"{self.names[panel.camera]} · {NAMES[panel.view]}" if several else self.names[panel.camera]
 
-    def _colored(self, panel: Panel, picture: RenderedView, with_legend: bool) -> np.ndarray:
+    def _colored(self, panel: Panel, seen: RenderedView, with_legend: bool) -> np.ndarray:
         if panel.view == "rgb":
-            assert picture.rgb is not None
-            return picture.rgb
+            assert seen.rgb is not None
+            return seen.rgb
+
         if panel.view == "depth":
-            assert picture.depth is not None
+            assert seen.depth is not None
             near, far = self.ranges[panel.camera]
-            image = depth_colors(picture.depth, near, far)
+            image = depth_colors(seen.depth, near, far)
             colour_bar(image, near, far)
             return image
-        assert picture.ids is not None
-        image = seg_colors(picture.ids, self.colors)
+
+        assert seen.ids is not None
+        image = seg_colors(seen.ids, self.colors)
         if with_legend:
-            ids = in_view(picture.ids)
-            legend(image, [picture.legend[i] for i in ids], self.colors[ids])
+            ids = in_view(seen.ids)
+            legend(image, [seen.legend[i] for i in ids], self.colors[ids])
         return image
 
 
-def _kept(picture: RenderedView) -> RenderedView:
-    """The picture with colours that outlast the next one, and may be written on."""
-    assert picture.rgb is not None
-    return replace(picture, rgb=np.array(picture.rgb))
-
-
-def _numbers(panel: Panel, picture: RenderedView) -> np.ndarray:
+def _numbers(panel: Panel, seen: RenderedView) -> np.ndarray:
     if panel.view == "depth":
-        assert picture.depth is not None
-        return depth_millimetres(picture.depth)
-    assert picture.ids is not None
-    return segment_numbers(picture.ids, len(picture.legend))
+        assert seen.depth is not None
+        return depth_millimetres(seen.depth)
+    assert seen.ids is not None
+    return segment_numbers(seen.ids, len(seen.legend))

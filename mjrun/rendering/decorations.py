@@ -1,4 +1,4 @@
-"""What is added to a scene beside the model: trails of objects, and ghosts of the whole model."""
+"""Geoms added to a scene beside the model: trails of objects, and ghosts of the whole model."""
 
 from collections.abc import Iterable, Sequence
 from typing import Protocol
@@ -16,51 +16,51 @@ DYNAMIC = mujoco.mjtCatBit.mjCAT_DYNAMIC.value
 CAPSULE, CYLINDER = mujoco.mjtGeom.mjGEOM_CAPSULE.value, mujoco.mjtGeom.mjGEOM_CYLINDER.value
 UNKNOWN = mujoco.mjtObj.mjOBJ_UNKNOWN.value
 
-# Slow to fast, at even steps: azure, teal, yellow, orange, red.
+# Slow to fast, at equal steps: azure, teal, yellow, orange, red.
 RAMP = np.array([(0.22, 0.42, 0.94), (0.12, 0.74, 0.78), (0.98, 0.84, 0.30), (0.98, 0.52, 0.16), (0.90, 0.14, 0.16)])
-WIDTH = 0.003  # of a model's extent: the radius of a trail where it is slow
-NARROW = 0.008  # of the room that the path takes: the same, where that is less
-WIDENING = 4  # from the slowest part of a trail to the fastest
-FINE = 12  # points between two of a path's, from which the ends of its capsules are chosen
-SAG = 1 / 6  # of a trail's width: how far a capsule may stray from the path
-SHADE = 1 / 32  # of the ramp: how much of it one capsule may span
-LIMIT = 600  # capsules; in software each costs a third of a millisecond and more
-CATENARY = 100  # geoms that a slack tendon needs, at most
-CRANK = 4  # and an actuator
+WIDTH = 0.003  # radius of a trail where it is slowest, as a share of the model's extent
+NARROW = 0.008  # the same as a share of the path's extent, which counts where that gives less
+WIDENING = 4  # radius at the fastest part of a trail, as a multiple of that at the slowest
+FINE = 12  # candidates for the end of a capsule per interval of the path
+SAG = 1 / 6  # how far a capsule may stray from the path, as a share of the trail's width
+SHADE = 1 / 32  # how much of the colour ramp one capsule may span
+LIMIT = 600  # capsules; each takes a third of a millisecond or more to draw in software
+CATENARY = 100  # geoms at most that a slack tendon needs
+CRANK = 4  # geoms at most that an actuator needs
 SHAPE = ("type", "dataid", "texcoord", "size", "pos", "mat", "emission", "specular", "shininess", "modelrbound")
 SHARED = (mujoco.mjtGeom.mjGEOM_FLEX.value, mujoco.mjtGeom.mjGEOM_SKIN.value)  # one of each in a scene
 
 
 class Decoration(Protocol):
-    """Anything that adds geoms to a scene. Picklable, also after it has added some."""
+    """Adds geoms to a scene. Picklable, also after it has added some."""
 
     @property
     def geoms(self) -> int:
-        """How many `add` needs room for, at most."""
+        """The largest number of geoms that `add` adds."""
         ...
 
     def add(self, scene: mujoco.MjvScene, index: int) -> None:
-        """Adds to `scene`, after mjv_updateScene, what belongs to frame `index` of the film.
+        """Adds the geoms of frame `index` of the video to `scene`, after mjv_updateScene.
 
-        What does not fit in the scene is left out. A segmentation does not see what is added.
+        Geoms that do not fit in the scene are left out. They do not appear in a segmentation.
         """
         ...
 
 
 class Trail:
-    """The path of an object up to the instant that is shown, wider and warmer where it was faster.
+    """The path of an object up to the instant shown, wider and warmer in colour where the object was faster.
 
-    Artifact of capsules, more of them where the path bends and where the speed changes. They are the same in
-    every frame, so that what is drawn does not crawl as the path grows.
+    It is drawn as capsules, more of them where the path bends and where the speed changes. They end at the same
+    points in every frame, so that the trail does not shimmer as it grows.
 
     Args:
-      path: of the object, at each frame of the film or closer, as what turns fast needs.
+      path: of the object, sampled at each frame of the video or more often, as fast turns require.
       width: radius of the slowest parts [m]; the fastest are `WIDENING` times as wide.
-      instants: times of the frames [s]; None: those of the path.
-      fastest: speed that is drawn widest [m/s]; None: the path's highest.
-      span: how much of the past is drawn [s], thinning out to nothing; None: all of it.
-      opacity: 1 is opaque. Below it the capsules are cylinders, whose overlaps show less.
-      limit: capsules at most; a path that needs more is drawn more coarsely.
+      instants: times of the frames [s]; those of the path when None.
+      fastest: the speed that is drawn widest [m/s]; the path's highest when None.
+      span: how much of the past is drawn [s], tapering off; all of it when None.
+      opacity: 1 is opaque. Below 1 the capsules become cylinders, whose overlaps are less visible.
+      limit: the largest number of capsules; a path that needs more is drawn more coarsely.
     """
 
     def __init__(
@@ -77,7 +77,7 @@ class Trail:
         highest = float(np.linalg.norm(path.velocities, axis=1).max()) if fastest is None else fastest
         self._fastest = max(highest, np.finfo(float).tiny)
         self._instants = path.times if instants is None else instants
-        self._joints = self._chosen()
+        self._joints = self._capsule_ends()
 
     @property
     def geoms(self) -> int:
@@ -89,17 +89,19 @@ class Trail:
         first, last = np.searchsorted(self._joints, [start, now], side="right")
         times = np.concatenate([[start], self._joints[first:last], [now]])
         points = self.path.at(times)
+
         middle = (times[1:] + times[:-1]) / 2
         pace = self._pace(middle)
         radii = self._radii(pace)
         if self.span is not None:
             radii *= np.sqrt(((middle - now) / self.span + 1).clip(0, 1))
         rgba = np.column_stack([ramp(pace), np.full(len(pace), self.opacity)]).astype(np.float32)
-        moved = np.flatnonzero(np.linalg.norm(np.diff(points, axis=0), axis=1) > 1e-3 * self.width)
-        slots, room = scene.geoms, scene.maxgeom - scene.ngeom
+
+        visible = np.flatnonzero(np.linalg.norm(np.diff(points, axis=0), axis=1) > 1e-3 * self.width)
+        geoms, room = scene.geoms, scene.maxgeom - scene.ngeom
         shape = CAPSULE if self.opacity == 1 else CYLINDER
-        for k in moved[max(0, len(moved) - room) :]:
-            geom = slots[scene.ngeom]
+        for k in visible[max(0, len(visible) - room) :]:
+            geom = geoms[scene.ngeom]
             mujoco.mjv_initGeom(geom, shape, np.zeros(3), np.zeros(3), np.zeros(9), rgba[k])
             mujoco.mjv_connector(geom, shape, radii[k], points[k], points[k + 1])
             _detach(geom)
@@ -110,46 +112,50 @@ class Trail:
         return self.path.times[0] if self.span is None else max(self.path.times[0], now - self.span)
 
     def _pace(self, times: np.ndarray) -> np.ndarray:
-        """Speeds at `times` as shares of the fastest, 0 to 1."""
+        """The speeds at `times` relative to the fastest, 0 to 1."""
         return (self.path.speeds(times) / self._fastest).clip(0, 1)
 
     def _radii(self, pace: np.ndarray) -> np.ndarray:
         return self.width * (1 + (WIDENING - 1) * pace)
 
-    def _chosen(self) -> np.ndarray:
+    def _capsule_ends(self) -> np.ndarray:
         """Times at which one capsule ends and the next begins.
 
-        An arc of length L and curvature κ strays κL²/8 from its chord, so a path needs √(κ/8s) capsules a
-        metre to stay within s of it; and one more for every `SHADE` of change in colour and width.
+        An arc of length L and curvature κ strays κL²/8 from its chord, so a path needs √(κ/8s) capsules per
+        metre to stay within s of them; and one more for every `SHADE` of change in colour and width.
         """
         frames = len(self.path.times)
         times = np.interp(np.arange((frames - 1) * FINE + 1) / FINE, np.arange(frames), self.path.times)
+
         steps = np.diff(self.path.at(times), axis=0)
         lengths = np.linalg.norm(steps, axis=1)
         crossed = np.linalg.norm(np.cross(steps[1:], steps[:-1]), axis=1)
         turns = np.arctan2(crossed, (steps[1:] * steps[:-1]).sum(axis=1))
         pace = self._pace(times)
+
         needed = np.abs(np.diff(pace)) / SHADE
         needed[1:] += np.sqrt(turns * (lengths[1:] + lengths[:-1]) / 2 / (8 * SAG * self._radii(pace)[1:-1]))
         if self.span is not None:
             needed += np.diff(times) / (self.span * SHADE)
+
         count = np.concatenate([[0], needed.cumsum()])
         earliest = np.searchsorted(times, [self._start(now) for now in times])
-        each = max(1.0, (count - count[earliest]).max() / (self.limit - 3))
-        return times[np.unique(np.searchsorted(count, np.arange(each, count[-1], each)))]
+        spacing = max(1.0, (count - count[earliest]).max() / (self.limit - 3))
+        return times[np.unique(np.searchsorted(count, np.arange(spacing, count[-1], spacing)))]
 
 
 class Ghost:
-    """The model a second time: translucent, in plain pale colours, displaced.
+    """A second copy of the model: translucent, in pale colours without textures, displaced.
 
-    Skins and flexes are left out: a scene has room for one of each.
+    Skins and flexes are left out, since a scene has room for only one of each.
 
     Args:
-      states: integration states of the ghost by frame, the last one staying on; None: it does what the model does.
-      offset: how far it is displaced [m].
+      states: integration states of the ghost by frame, of which the last one stays; when None, it moves as the
+        model does.
+      offset: displacement from the model [m].
       opacity: 1 is opaque.
-      tint: red, green and blue, 0 to 1, that its colours are mixed with, half and half.
-      visual: groups of geoms that are shown.
+      tint: red, green and blue, 0 to 1, mixed half and half with its own colours.
+      visual: the groups that are shown.
     """
 
     def __init__(
@@ -190,21 +196,21 @@ class Ghost:
             _detach(geom)
 
     def _copy(self, scene: mujoco.MjvScene) -> None:
-        """Adds what the model itself shows and can move."""
-        slots = scene.geoms
-        for original in slots[: scene.ngeom]:
+        """Adds copies of the geoms of the scene that can move."""
+        geoms = scene.geoms
+        for original in geoms[: scene.ngeom]:
             if original.category != DYNAMIC or original.type in SHARED:
                 continue
             if scene.ngeom == scene.maxgeom:
                 return
-            geom = slots[scene.ngeom]
+            geom = geoms[scene.ngeom]
             mujoco.mjv_initGeom(geom, original.type, np.zeros(3), np.zeros(3), np.zeros(9), original.rgba)
             for name in SHAPE:
                 setattr(geom, name, getattr(original, name))
             scene.ngeom += 1
 
     def _pose(self, scene: mujoco.MjvScene, state: np.ndarray) -> None:
-        """Adds what the model would show and can move in another state."""
+        """Adds the geoms that can move as they are in another state."""
         self._data = data = self._data or mujoco.MjData(self.model)
         self._options = options = self._options or _ghost_options(self.visual)
 
@@ -235,13 +241,13 @@ def trails(
     opacity: float = 1.0,
     limit: int = LIMIT,
 ) -> list[Trail]:
-    """Trails of `objects`, as kind and id, through integration `states`, those of a film's frames or closer.
+    """Trails of `objects`, pairs of kind and id, through integration `states`: of a video's frames, or more often.
 
-    They are of one scale: like colours and widths are like speeds. They are as wide as suits the model's
-    extent, or less where the longest takes little room.
+    They share one scale, so that equal colours and widths mean equal speeds. Their width suits the model's extent,
+    or the extent of the longest path where that is much less.
 
     Args:
-      instants, span, opacity, limit: as of `Trail`.
+      instants, span, opacity, limit: as in `Trail`.
     """
     paths = object_paths(model, objects, states)
     fastest = max(float(np.linalg.norm(path.velocities, axis=1).max()) for path in paths)
@@ -252,11 +258,11 @@ def trails(
 
 
 def ramp(pace: np.ndarray) -> np.ndarray:
-    """Colours `(n, 3)`, 0 to 1, of shares `(n,)` of the fastest."""
+    """Colours `(n, 3)`, 0 to 1, of speeds `(n,)` relative to the fastest, 0 to 1."""
     return np.column_stack([np.interp(pace, np.linspace(0, 1, len(RAMP)), channel) for channel in RAMP.T])
 
 
 def _detach(geom: mujoco.MjvGeom) -> None:
-    """Makes a geom belong to nothing in the model: no segment, no label, no shadow."""
+    """Detaches a geom from the model: it gets no segment, no label and no shadow."""
     geom.category, geom.objtype, geom.objid, geom.segid = DECOR, UNKNOWN, -1, -1
     geom.label, geom.castshadow = "", 0

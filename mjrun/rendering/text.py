@@ -1,8 +1,8 @@
-"""Text on pictures: antialiased, legible on any ground, in figures that all have one width.
+"""Text on images: antialiased, legible on any background, with digits of equal width.
 
-The font is Aileron (public domain), which Pillow brings along, so that text looks the same everywhere.
-It has ASCII and little more; what it lacks is drawn from what it has, or as a box. Letters are drawn eight
-times larger and averaged, and set at quarters of a pixel: even spacing, which hinting at small sizes spoils.
+The font is Aileron (public domain), which comes with Pillow, so that text looks the same everywhere. It has ASCII
+and little more; missing characters are composed of those it has, or drawn as a box. Letters are drawn at eight times
+their size and averaged, and placed at quarters of a pixel, for even spacing: hinting would spoil it at small sizes.
 """
 
 import math
@@ -16,7 +16,7 @@ from PIL import Image, ImageDraw, ImageFont
 
 from mjrun.errors import UnknownNameError, clean
 
-# Where text may stand: the share of the free width and height that is left of it and above it.
+# Where text may be placed: the shares of the free width and height that are to the left of it and above it.
 CORNERS = {
     "top-left": (0.0, 0.0),
     "top": (0.5, 0.0),
@@ -27,13 +27,13 @@ CORNERS = {
 }
 INK = (242, 243, 245)
 DARK = (14, 15, 18)
-SHADE = 0.7  # opacity of a plate
-SMALLEST = 5  # height of an x [pixels], below which letters close up
+SHADE = 0.7  # opacity of the plate behind text
+SMALLEST = 5  # x-height [pixels] below which letters fill in
 
 _X_HEIGHT, _ASCENT, _DESCENT, LINE = 0.53, 0.82, 0.24, 1.32  # [em]
-_OVERHANG = 0.12  # what a letter may reach beyond its advance [em]
+_OVERHANG = 0.12  # how far a letter may extend beyond its advance [em]
 _SAMPLES, _PHASES = 8, 4
-_WEIGHT = 0.75  # exponent on coverage: light letters on a dark ground look thinner than they are
+_WEIGHT = 0.75  # exponent of coverage: light letters on a dark background look thinner than they are
 _SHRINK = (1.0, 0.86, 0.72, 0.6)
 _FIGURES = "0123456789+−\u2007"
 _SUPERSCRIPTS = dict(zip("⁰¹²³⁴⁵⁶⁷⁸⁹", "0123456789", strict=True))
@@ -45,37 +45,37 @@ _PADDING = re.compile(r"(?<=\s)\s|^\s", re.MULTILINE)
 
 
 def text_size(height: int) -> float:
-    """The size of text that suits a picture `height` pixels high [pixels per em]: 12 at 240, 29 at 1080."""
+    """The text size that suits an image `height` pixels high [pixels per em]: 12 at 240, 29 at 1080."""
     return 12 * (height / 240) ** 0.6
 
 
 def crisp(size: float) -> float:
-    """The size next to `size` at which the height of an x is whole pixels."""
+    """The size closest to `size` whose x-height is a whole number of pixels."""
     return max(SMALLEST, round(size * _X_HEIGHT)) / _X_HEIGHT
 
 
 def letters(text: str) -> str:
-    """`text`, one line of it, as the font can show it: cleaned, with true minus signs, padding as wide as figures."""
+    """One line of text as the font can show it: cleaned, with true minus signs, and padding as wide as digits."""
     shown = clean(text).translate(_STANDINS)
     shown = _PADDING.sub("\u2007", _MINUS.sub("−", shown))
     return "".join(c if c in _OWN else _plain(c) for c in shown)
 
 
 def width_of(text: str, size: float) -> float:
-    """How far `text`, from `letters`, advances [pixels]."""
+    """The width of `text`, from `letters` [pixels]."""
     return sum(_advance(c) for c in text) * size
 
 
 def fitted(text: str, size: float, width: float) -> str:
-    """`text`, from `letters`, or its beginning and `…`, no wider than `width` [pixels]; empty if nothing fits."""
+    """`text`, from `letters`, cut off with `…` where it is wider than `width` [pixels]; empty if nothing fits."""
     text = text[: max(0, int(width)) + 1]  # no letter is narrower than a pixel
     if width_of(text, size) <= width:
         return text
     room = width / size - _advance("…")
-    for kept, letter in enumerate(text):
+    for length, letter in enumerate(text):
         room -= _advance(letter)
         if room < 0:
-            return f"{text[:kept].rstrip()}…" if kept else ""
+            return f"{text[:length].rstrip()}…" if length else ""
     return ""
 
 
@@ -87,37 +87,38 @@ def write(
     colour: tuple[int, int, int] = INK,
     align: float = 0.0,
 ) -> None:
-    """Draws `text`, from `letters`, in `image` `(h, w, 3)`; what lies outside is left out.
+    """Draws `text`, from `letters`, on `image` `(h, w, 3)`, clipped to it.
 
     Args:
-      at: where the text begins and its baseline [pixels]; `align` 0.5: where its middle is, 1: its end.
+      at: x and the baseline's y [pixels].
       size: from `crisp` [pixels per em].
+      align: which point of the text is at x: 0 its beginning, 0.5 its middle, 1 its end.
     """
     pen = round((at[0] - align * width_of(text, size)) * _PHASES)
     blend(image, _line(text, size, pen % _PHASES), pen // _PHASES - _margin(size), round(at[1]) - _above(size), colour)
 
 
 def blend(image: np.ndarray, mask: np.ndarray, x: int, y: int, colour: tuple[int, int, int]) -> None:
-    """Covers `image` `(h, w, 3)` with `colour` as far as `mask` `(m, n)` uint8 says, its corner at `x`, `y`."""
+    """Blends `colour` into `image` `(h, w, 3)` with opacities `mask` `(m, n)` uint8, whose corner is at `x`, `y`."""
     height, width = image.shape[:2]
     left, top = max(0, -x), max(0, -y)
     mask = mask[top : max(0, height - y), left : max(0, width - x), None].astype(np.uint16)
     if not mask.size:
         return
     region = image[y + top : y + top + mask.shape[0], x + left : x + left + mask.shape[1]]
-    # At most 255² + 127, so 16 bits do.
+    # At most 255² + 127, which 16 bits hold.
     region[...] = (region * (255 - mask) + np.array(colour, np.uint16) * mask + 127) // 255
 
 
 def plate(image: np.ndarray, box: tuple[int, int, int, int], radius: int) -> None:
-    """Darkens `box` (x, y, width, height), with round corners, so that light text is legible on it."""
+    """Darkens `box` (x, y, width, height), with rounded corners, so that light text is legible on it."""
     x, y, width, height = box
     blend(image, rounded(width, height, radius, SHADE), x, y, DARK)
 
 
 @lru_cache(maxsize=64)
 def rounded(width: int, height: int, radius: float, opacity: float = 1.0) -> np.ndarray:
-    """The coverage `(height, width)` uint8 of a rectangle with round corners, or a disc."""
+    """The coverage `(height, width)` uint8 of a rectangle with rounded corners, or of a disc."""
     v, u = (np.abs(np.arange(n) + 0.5 - n / 2)[s] for n, s in ((height, np.s_[:, None]), (width, np.s_[None])))
     beyond = np.hypot(np.maximum(u - width / 2 + radius, 0), np.maximum(v - height / 2 + radius, 0))
     return np.round(np.clip(radius - beyond + 0.5, 0, 1) * opacity * 255).astype(np.uint8)
@@ -126,12 +127,12 @@ def rounded(width: int, height: int, radius: float, opacity: float = 1.0) -> np.
 def stamp(image: np.ndarray, text: str, corner: str = "top-left", scale: float = 1.0) -> None:
     """Writes lines of `text` into a corner of `image` `(h, w, 3)` uint8, on a dark translucent plate.
 
-    Text that is too wide or too high is set smaller, down to 60 %, then cut. Nothing outside the picture's margin
-    is touched; a picture too small for a letter stays as it is.
+    Text that is too wide or too high is made smaller, down to 60 %, and then cut off. The margin of the image is left
+    free; an image too small for a single letter is not changed.
 
     Args:
-      corner: one of `CORNERS`; lines are set flush with that side.
-      scale: size, as a multiple of what suits the picture's height.
+      corner: one of `CORNERS`; lines are aligned with that side.
+      scale: text size as a multiple of the one that suits the image's height.
 
     Raises:
       UnknownNameError: there is no such corner.
@@ -139,7 +140,7 @@ def stamp(image: np.ndarray, text: str, corner: str = "top-left", scale: float =
     if corner not in CORNERS:
         raise UnknownNameError("corner", corner, list(CORNERS))
     height, width = image.shape[:2]
-    # More lines or letters than pixels are never seen.
+    # There is never room for more lines or letters than pixels.
     lines = [letters(line[:width]) for line in text.split("\n")[:height]]
     sizes = [crisp(text_size(height) * scale * shrink) for shrink in _SHRINK]
     size = next((size for size in sizes if _fits(image, lines, size)), sizes[-1])
@@ -152,12 +153,12 @@ def stamp(image: np.ndarray, text: str, corner: str = "top-left", scale: float =
 
 
 def spacing(size: float) -> tuple[int, int, int, int]:
-    """What surrounds text of a size [pixels]: margin, horizontal and vertical padding, distance of baselines."""
+    """Spacing of text of a size [pixels]: margin, horizontal and vertical padding, distance between baselines."""
     return round(0.6 * size), round(0.5 * size), round(0.3 * size), round(LINE * size)
 
 
 def place(image: np.ndarray, width: int, height: int, corner: str, margin: int) -> tuple[int, int]:
-    """The corner x, y of a box that stands in a `corner` of `image`."""
+    """The upper left corner x, y of a box placed in a `corner` of `image`."""
     right, down = CORNERS[corner]
     return (
         round(margin + right * (image.shape[1] - 2 * margin - width)),
@@ -166,12 +167,12 @@ def place(image: np.ndarray, width: int, height: int, corner: str, margin: int) 
 
 
 def baseline(top: float, height: float, size: float) -> int:
-    """The baseline at which figures are centred between `top` and `top + height`."""
+    """The baseline at which digits are vertically centred between `top` and `top + height`."""
     return round(top + height / 2 + 0.345 * size)
 
 
 def _room(image: np.ndarray, size: float) -> tuple[int, int]:
-    """The width [pixels] and the number of lines that fit."""
+    """The width [pixels] and the number of lines available."""
     margin, across, down, line = spacing(size)
     height, width = image.shape[:2]
     return width - 2 * (margin + across), (height - 2 * (margin + down)) // line
@@ -195,7 +196,7 @@ def _panel(image: np.ndarray, lines: list[str], size: float, corner: str) -> Non
 
 
 def _plain(letter: str) -> str:
-    """What stands for a letter that the font lacks: its base without accents, or a box."""
+    """The substitute for a letter that the font lacks: the letter without accents, or a box."""
     base = "".join(c for c in unicodedata.normalize("NFKD", letter) if not unicodedata.combining(c))
     return base if base and all(c in _OWN for c in base) else "\ufffd"
 
@@ -209,7 +210,7 @@ def _font(size: float) -> ImageFont.FreeTypeFont:
 
 @lru_cache(maxsize=1024)
 def _advance(letter: str) -> float:
-    """How far a letter advances [em]; signs and padding as far as figures, which are all alike."""
+    """The advance of a letter [em]; digits, signs and padding all have the same."""
     if letter in _SUPERSCRIPTS:
         return _RAISED[0] * _advance("0")
     return _font(1000).getlength("0" if letter in _FIGURES else letter) / 1000
@@ -225,7 +226,7 @@ def _above(size: float) -> int:
 
 @lru_cache(maxsize=512)
 def _line(text: str, size: float, phase: int) -> np.ndarray:
-    """The coverage of a line, as `_glyph` has that of a letter."""
+    """The coverage of a line of text, as `_glyph` gives that of a letter."""
     pens = [phase + round(x) for x in accumulate((_advance(c) * size * _PHASES for c in text), initial=0.0)]
     height, margin = _above(size) + math.ceil(_DESCENT * size), _margin(size)
     mask = np.zeros((height, pens[-1] // _PHASES + 4 * margin + 2), np.uint8)
@@ -240,16 +241,16 @@ def _line(text: str, size: float, phase: int) -> np.ndarray:
 
 @lru_cache(maxsize=8192)
 def _glyph(letter: str, size: float, phase: int) -> np.ndarray:
-    """The coverage of a letter that begins `phase` quarters of a pixel right of a margin; all of a size are as high."""
+    """The coverage of a letter that begins `phase` quarters of a pixel after a margin; all letters are equally high."""
     above, below, margin = _above(size), math.ceil(_DESCENT * size), _margin(size)
     width, height = math.ceil(_advance(letter) * size) + 2 * margin + 1, above + below
     share, rise = _RAISED if letter in _SUPERSCRIPTS else (1.0, 0.0)
     canvas = Image.new("L", (width * _SAMPLES, height * _SAMPLES))
     at = ((margin + phase / _PHASES) * _SAMPLES, (above - rise * size) * _SAMPLES)
-    drawn = {"−": "+"}.get(letter, _SUPERSCRIPTS.get(letter, letter))
-    ImageDraw.Draw(canvas).text(at, drawn, 255, _font(size * share * _SAMPLES), anchor="ls")
+    character = {"−": "+"}.get(letter, _SUPERSCRIPTS.get(letter, letter))
+    ImageDraw.Draw(canvas).text(at, character, 255, _font(size * share * _SAMPLES), anchor="ls")
     fine = np.asarray(canvas)
-    if letter == "−":  # the bar of a plus: as wide, and where figures expect it
+    if letter == "−":  # the bar of a plus, which has the width and height that suit digits
         fine = fine * (fine[:, [int(at[0] + 0.12 * size * _SAMPLES)]] > 127)
     coverage = fine.reshape(height, _SAMPLES, width, _SAMPLES).mean(axis=(1, 3)) / 255
     return np.round(coverage**_WEIGHT * 255).astype(np.uint8)

@@ -1,7 +1,7 @@
-"""What runs in a drawing process, and what it shares with its parent: messages, and memory without a name.
+"""What runs in a drawing process, and what it shares with its parent: messages and anonymous memory.
 
-A painter, its states and its frames lie in memory that only descriptors refer to. Whatever happens, nothing
-can be left in /dev/shm, and its size, 64 MB in many containers, is no limit.
+The painter, the states and the frames lie in memory that only descriptors refer to: whatever happens, nothing is left
+behind in /dev/shm, and its size, 64 MB in many containers, is no limit.
 """
 
 import contextlib
@@ -28,7 +28,7 @@ import numpy as np
 
 from mjrun.errors import DrawError, MjrunError, clean
 
-GRACE = 1.0  # [s] for a process to end by itself
+GRACE = 1.0  # [s] that a process gets to end by itself
 
 T = TypeVar("T")
 
@@ -39,24 +39,24 @@ class Painter(Protocol):
     """Draws frames from states. Picklable until opened; opened, used and closed in one thread of one process."""
 
     def open(self) -> None:
-        """Gets what drawing needs, such as an OpenGL context.
+        """Acquires what drawing needs, such as an OpenGL context.
 
         Raises:
-          MjrunError: it cannot be had.
+          MjrunError: it is not available.
         """
         ...
 
     def paint(self, state: np.ndarray, index: int, into: np.ndarray) -> None:
-        """Fills all of `into` with frame `index`, which depends on nothing but `state` and `index`."""
+        """Fills `into` with frame `index`, which depends on `state` and `index` alone."""
         ...
 
     def close(self) -> None:
-        """Frees what `open` got."""
+        """Releases what `open` acquired."""
         ...
 
 
 class Slot(NamedTuple):
-    """Room for one state and the frame that is drawn from it."""
+    """Memory for one state and the frame that is drawn from it."""
 
     state: np.ndarray
     frame: np.ndarray
@@ -64,7 +64,7 @@ class Slot(NamedTuple):
 
 @dataclass(frozen=True)
 class Layout:
-    """How `count` slots lie in shared memory."""
+    """The layout of `count` slots in shared memory, each array on pages of its own."""
 
     count: int
     state: ArraySpec
@@ -76,7 +76,7 @@ class Layout:
         return self.count * (_page_bytes(self.state) + _page_bytes(self.frame))
 
     def slots(self, memory: int) -> list[Slot]:
-        """Arrays on the memory behind a descriptor; it stays mapped as long as one of them is held."""
+        """The slots in the memory behind a descriptor; it stays mapped as long as one of their arrays is referenced."""
         shared = mmap.mmap(memory, self.size)
         starts = itertools.accumulate(itertools.cycle((_page_bytes(self.state), _page_bytes(self.frame))), initial=0)
         return [
@@ -86,13 +86,13 @@ class Layout:
 
 
 def _page_bytes(spec: ArraySpec) -> int:
-    """The bytes of an array, in whole pages."""
+    """The size of an array [bytes], rounded up to whole pages."""
     shape, dtype = spec
     return -(-math.prod(shape) * dtype.itemsize // mmap.PAGESIZE) * mmap.PAGESIZE
 
 
 def memory_file() -> int:
-    """The descriptor of an empty file without a name, in memory or, where the system has no such thing, on disk."""
+    """The descriptor of an empty file without a name, in memory or, where the system does not offer that, on disk."""
     if hasattr(os, "memfd_create"):
         return os.memfd_create("mjrun")
     with tempfile.TemporaryFile() as file:
@@ -101,12 +101,13 @@ def memory_file() -> int:
 
 @dataclass(frozen=True)
 class Failure:
-    """An exception on its way to another process, where its class could not be called with the same arguments.
+    """An exception in a form that can be pickled: not every class can be called with its instances' `args`.
 
     Attributes:
-      kind: its class; None for anything else than an MjrunError: a bug.
-      args: the exception's; of a bug, its message alone.
-      attributes: everything else of the exception.
+      kind: its class; None for a bug, which is anything but an MjrunError.
+      args: of the exception; for a bug, its message alone.
+      attributes: the other attributes of the exception.
+      trace: the traceback as text.
     """
 
     kind: type[MjrunError] | None
@@ -124,7 +125,7 @@ class Failure:
         return cls(None, (f"{type(error).__name__}: {clean(str(error))} ({place})",), {}, trace)
 
     def error(self, during: str | None) -> MjrunError:
-        """The exception to raise in the parent; `during` says what it interrupted; None: the start."""
+        """The exception to raise in the parent; `during` is what it interrupted, None the start of the process."""
         if self.kind is not None:
             error = self.kind.__new__(self.kind, *self.args)
             vars(error).update(self.attributes)
@@ -137,11 +138,11 @@ class Failure:
 
 
 class OpenPainter(NamedTuple):
-    """Asks a process to open the painter that is described by now."""
+    """Tells a process to open the painter whose pickle is in the description file."""
 
 
 class Draw(NamedTuple):
-    """Asks a process to draw a frame in the slot with this number."""
+    """Tells a process to draw a frame in the slot with this number."""
 
     frame: int
     slot: int
@@ -154,14 +155,14 @@ class Ask(NamedTuple):
 
 
 class Opened(NamedTuple):
-    """A painter was opened, or could not be; `warnings` are MuJoCo's."""
+    """A painter was opened, or failed to; `warnings` are MuJoCo's."""
 
     failure: Failure | None
     warnings: Sequence[str]
 
 
 class Drawn(NamedTuple):
-    """A frame was drawn, or could not be."""
+    """A frame was drawn, or failed."""
 
     frame: int
     failure: Failure | None
@@ -169,7 +170,7 @@ class Drawn(NamedTuple):
 
 
 class Answered(NamedTuple):
-    """A question was answered, or could not be."""
+    """A question was answered, or its method failed."""
 
     answer: object
     failure: Failure | None
@@ -180,24 +181,24 @@ Reply = Opened | Drawn | Answered
 
 
 def work(module: str, connection: str, description: str, memory: str) -> None:
-    """All that a drawing process does: what its parent asks, until that hangs up.
+    """The main function of a drawing process: does what its parent tells it until the parent hangs up.
 
     Args:
       module: imported at once, since painters will need it.
       connection, description, memory: descriptors of its end of the pipe, the painter's pickle, and the slots.
     """
-    with contextlib.suppress(OSError):  # where there is no stderr, what drivers print is lost
+    with contextlib.suppress(OSError):  # without a stderr, what drivers print on stdout is lost
         os.dup2(2, 1)
     threading.Thread(target=_end_with_parent, args=(int(connection),), daemon=True).start()
     with contextlib.suppress(EOFError, ConnectionError):
         _serve(Connection(int(connection)), int(description), int(memory), module)
     with contextlib.suppress(OSError):
         sys.stdout.flush()
-    os._exit(0)  # nothing is left to do, and taking an interpreter down takes its time
+    os._exit(0)  # nothing is left to do, and shutting down an interpreter takes time
 
 
 def _end_with_parent(connection: int) -> None:
-    """Ends this process, whatever keeps it busy, soon after the parent has hung up."""
+    """Ends this process, however busy, soon after the parent has hung up."""
     hung_up = select.poll()
     hung_up.register(connection, 0)
     hung_up.poll()
@@ -206,7 +207,7 @@ def _end_with_parent(connection: int) -> None:
 
 
 def _serve(connection: Connection, description: int, memory: int, module: str) -> None:
-    with contextlib.suppress(ImportError):  # told when the painter cannot be loaded
+    with contextlib.suppress(ImportError):  # reported when the painter cannot be loaded
         importlib.import_module(module)
     painter: Painter | None = None
     slots: list[Slot] = []
@@ -215,31 +216,31 @@ def _serve(connection: Connection, description: int, memory: int, module: str) -
         if isinstance(message, OpenPainter):
             if painter is not None:
                 painter.close()
-            painter, failure, texts = _tried(lambda: _loaded(description))
+            painter, failure, texts = _attempt(lambda: _load(description))
             if painter is not None:
-                _, failure, texts = _tried(painter.open)
+                _, failure, texts = _attempt(painter.open)
                 painter = painter if failure is None else None
             connection.send(Opened(failure, texts))
         elif isinstance(message, Layout):
             slots = message.slots(memory)
         elif painter is None:
-            continue  # the parent knows why
+            continue  # the parent has been told why
         elif isinstance(message, Draw):
             slot = slots[message.slot]
-            _, failure, texts = _tried(partial(painter.paint, slot.state, message.frame, slot.frame))
+            _, failure, texts = _attempt(partial(painter.paint, slot.state, message.frame, slot.frame))
             connection.send(Drawn(message.frame, failure, texts))
         elif isinstance(message, Ask):
-            answer, failure, texts = _tried(partial(message.question, painter))
+            answer, failure, texts = _attempt(partial(message.question, painter))
             connection.send(Answered(answer, failure, texts))
 
 
-def _loaded(description: int) -> Painter:
+def _load(description: int) -> Painter:
     with mmap.mmap(description, 0, access=mmap.ACCESS_READ) as content:
         return pickle.loads(content)
 
 
-def _tried(function: Callable[[], T]) -> tuple[T | None, Failure | None, Sequence[str]]:
-    """What `function` returns, or why it failed, and what MuJoCo warns of meanwhile."""
+def _attempt(function: Callable[[], T]) -> tuple[T | None, Failure | None, Sequence[str]]:
+    """The result of `function`, or why it failed, and the warnings of MuJoCo meanwhile."""
     texts: list[str] = []
     try:
         with _collected_warnings() as texts:
@@ -250,7 +251,7 @@ def _tried(function: Callable[[], T]) -> tuple[T | None, Failure | None, Sequenc
 
 
 def _collected_warnings() -> contextlib.AbstractContextManager[list[str]]:
-    """What MuJoCo warns of; nothing for a painter that does not use it."""
+    """Collects the warnings of MuJoCo; none for a painter that does not use it."""
     if "mujoco" not in sys.modules:
         return contextlib.nullcontext([])
     from mjrun.model.mujoco_globals import collected_warnings

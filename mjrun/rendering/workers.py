@@ -1,7 +1,7 @@
-"""Drawing on all cores: the same frames in the same order, whether by one process or by many.
+"""Drawing on all cores: the same frames in the same order, whether one process draws them or many.
 
-The processes are new interpreters, never forks, which hang once EGL is in use; and they never import
-`__main__`, so that any script or notebook may draw.
+The processes are new interpreters: forks hang once EGL is in use. They never import `__main__`, so that any script or
+notebook can draw.
 """
 
 import contextlib
@@ -37,22 +37,22 @@ from mjrun.rendering.worker_process import (
     memory_file,
 )
 
-AHEAD = 2  # frames that a process has been given: one to draw, one to go on with
+AHEAD = 2  # frames assigned to a process at a time: one to draw, and the next
 SLOTS = 3  # frames in memory per process; the third waits for its turn
 
-# Read when Mesa and OpenBLAS are loaded: one thread each, since there is a process per core.
-# And by MuJoCo as it is imported, which else imports GLFW, and that starts a process to look for its library.
+# Mesa and OpenBLAS read theirs as they are loaded: one thread each, since there is a process per core. MuJoCo reads its
+# own as it is imported: else it imports GLFW, which starts a process to look for its library.
 ENVIRONMENT = {"LP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "MUJOCO_GL": "disable"}
 
 P = TypeVar("P", bound=Painter)
 
 
 class Workers:
-    """Processes that draw for one pool after another, started without waiting for them. To be closed.
+    """Processes that draw for one pool after another. The constructor does not wait for them to start. To be closed.
 
     Args:
       count: how many.
-      module: imported as they start; the one that painters need.
+      module: the one that painters need, imported as the processes start.
 
     Raises:
       DrawError: processes cannot be started.
@@ -71,7 +71,7 @@ class Workers:
             self._resources = stack.pop_all()
 
     def grow(self, count: int) -> None:
-        """Starts as many as are missing to `count`.
+        """Starts processes until there are `count`.
 
         Raises:
           DrawError: they cannot be started.
@@ -81,7 +81,7 @@ class Workers:
                 self._workers.append(_Worker(self._painter, self.memory, self._module))
 
     def assign(self, painter: Painter, count: int) -> list["_Worker"]:
-        """Has `count` processes open `painter`, in place of the one they have, and returns them."""
+        """Tells `count` processes to open `painter` in place of their current one, and returns them."""
         for worker in [*self._workers]:
             if not worker.finish_opening():
                 self.discard(worker)
@@ -95,13 +95,13 @@ class Workers:
         return self._workers[:count]
 
     def discard(self, worker: "_Worker") -> None:
-        """Kills a process that is of no use any more; `grow` starts another."""
+        """Kills a process that is no longer of use; `grow` starts another."""
         self._workers.remove(worker)
         worker.hang_up(kill=True)
         worker.wait()
 
     def close(self) -> None:
-        """Ends the processes, those that are busy at once."""
+        """Ends the processes; busy ones are killed."""
         self._resources.close()
 
     def __enter__(self) -> "Workers":
@@ -123,16 +123,16 @@ class Workers:
 class Pool(Generic[P]):
     """Draws frames in `jobs` processes, or in this one if that is 1. To be closed.
 
-    Making it opens the painter, or has processes do so without waiting for them.
+    The constructor opens the painter, or tells the processes to, without waiting for them.
 
     Args:
-      shape, dtype: of the array that is one frame.
-      jobs: how many processes.
-      workers: of which processes are taken; else they are started, and end with the pool. The memory of frames is
-        used again by the next pool of the same workers.
+      shape, dtype: of a frame.
+      jobs: number of processes.
+      workers: the processes to use, whose next pool reuses the memory of frames; when None, processes are started that
+        end with the pool.
 
     Attributes:
-      answer: to the last question, when it is known.
+      answer: to the last question, once it is known; None before.
 
     Raises:
       DrawError: processes cannot be started.
@@ -155,13 +155,15 @@ class Pool(Generic[P]):
         self._is_open, self._is_asked = True, False
         self._resources = contextlib.ExitStack()
         self._slots: list[Slot] = []
-        self._drawn: dict[int, Failure | None] = {}  # whose turn has not come
+        self._drawn: dict[int, Failure | None] = {}  # frames whose turn has not come
         self._warnings: set[str] = set()
         self._workers: list[_Worker] = []
+
         if jobs == 1:
             painter.open()
             self._resources.callback(painter.close)
             return
+
         self._group = workers or self._resources.enter_context(Workers(jobs))
         with contextlib.ExitStack() as stack:
             stack.callback(self.close)
@@ -173,19 +175,19 @@ class Pool(Generic[P]):
             stack.pop_all()
 
     def frames(self, states: Iterable[np.ndarray], first: int = 0) -> Iterator[np.ndarray]:
-        """The frame of each of `states`, in order; an array is valid until the next one is asked for.
+        """The frame of each of `states`, in order; an array is valid until the next one is requested.
 
-        At most `SLOTS` states per process are taken ahead. What MuJoCo warns of in another process is warned
-        of in this one, each text once. After an error, or when left before the end, the pool is closed.
+        At most `SLOTS` states per process are read ahead. Warnings of MuJoCo in other processes are repeated in this
+        one, each text once. After an error, and when the iterator is closed early, the pool is closed.
 
         Args:
           states: all of one shape and dtype.
           first: the index of the first frame.
 
         Raises:
-          DrawError: a process died, at once; the message names its frame and how it ended.
-          MjrunError: what the painter raised, of the same class, in the frame's turn. Anything else that it
-            raises in another process arrives as a bug, an MjrunError.
+          DrawError: a process died; raised at once, with its frame and how it ended.
+          MjrunError: the painter raised it, and it has the same class, in the frame's turn. Any other exception in
+            another process arrives as an MjrunError, a bug.
         """
         try:
             self._check_open()
@@ -197,9 +199,9 @@ class Pool(Generic[P]):
             raise
 
     def ask(self, question: Callable[[P], object]) -> None:
-        """Has `question`, a method of the painter's class, called on a painter after the frames that it was given.
+        """Calls `question`, a method of the painter's class, on a painter, after the frames assigned to it.
 
-        The result is the pool's `answer`.
+        The result becomes the pool's `answer`.
         """
         if not self._workers:
             self.answer = question(self._painter)
@@ -208,10 +210,10 @@ class Pool(Generic[P]):
         self._workers[0].send(Ask(question))
 
     def close(self) -> None:
-        """Frees the processes, and ends those that are busy at once."""
+        """Releases the processes; busy ones are killed."""
         self._is_open = False
         self._resources.close()
-        self._slots = []  # the memory lasts while somebody holds a frame
+        self._slots = []  # the memory lasts as long as a frame is referenced
 
     def __enter__(self) -> "Pool[P]":
         return self
@@ -237,12 +239,12 @@ class Pool(Generic[P]):
             yield frame
 
     def _together(self, states: Iterator[np.ndarray], first: int) -> Iterator[np.ndarray]:
-        given = first
+        assigned = first
         for turn in itertools.count(first):
-            given = self._hand_out(states, given, turn)
-            while self._receive(wait=given > turn and turn not in self._drawn):
-                given = self._hand_out(states, given, turn)
-            if given == turn:
+            assigned = self._assign(states, assigned, turn)
+            while self._receive(wait=assigned > turn and turn not in self._drawn):
+                assigned = self._assign(states, assigned, turn)
+            if assigned == turn:
                 break
             if failure := self._drawn.pop(turn):
                 raise failure.error(f"drawing frame {turn}")
@@ -250,35 +252,37 @@ class Pool(Generic[P]):
         while self._is_asked:
             self._receive(wait=True)
 
-    def _hand_out(self, states: Iterator[np.ndarray], given: int, turn: int) -> int:
-        """Gives frames to processes that have room, while slots are free; returns how many are given by now."""
-        while given < turn + SLOTS * len(self._workers):
-            worker = min(self._workers, key=lambda each: len(each.drawing))
+    def _assign(self, states: Iterator[np.ndarray], assigned: int, turn: int) -> int:
+        """Assigns frames to the least busy processes while slots are free; returns the first one not assigned."""
+        while assigned < turn + SLOTS * len(self._workers):
+            worker = min(self._workers, key=lambda worker: len(worker.drawing))
             if len(worker.drawing) == AHEAD or (state := next(states, None)) is None:
                 break
             if not self._slots:
                 self._lay_out(state)
-            number = given % len(self._slots)
+
+            number = assigned % len(self._slots)
             slot = self._slots[number].state
             if (state.shape, state.dtype) != (slot.shape, slot.dtype):
                 raise ValueError(f"a state must be {slot.dtype} {slot.shape}, not {state.dtype} {state.shape}")
             slot[...] = state
-            worker.drawing.append(given)
-            worker.send(Draw(given, number))
-            given += 1
-        return given
+
+            worker.drawing.append(assigned)
+            worker.send(Draw(assigned, number))
+            assigned += 1
+        return assigned
 
     def _lay_out(self, state: np.ndarray) -> None:
         layout = Layout(SLOTS * len(self._workers), (state.shape, state.dtype), self._frame)
         with _system_errors():
-            if os.fstat(self._group.memory).st_size < layout.size:  # never less, while somebody holds a frame
+            if os.fstat(self._group.memory).st_size < layout.size:  # never less, while a frame is referenced
                 os.ftruncate(self._group.memory, layout.size)
             self._slots = layout.slots(self._group.memory)
         for worker in self._workers:
             worker.send(layout)
 
     def _receive(self, *, wait: bool) -> bool:
-        """Takes one reply of each process that has any, and returns whether there was one."""
+        """Receives one reply from each process that has any; whether there was one."""
         events = self._selector.select(None if wait else 0)
         for key, _ in events:
             reply = key.data.receive()
@@ -299,7 +303,7 @@ class _Worker:
     """A drawing process, as its parent sees it.
 
     Attributes:
-      drawing: the frames that it was given and has not drawn, oldest first.
+      drawing: the frames assigned to it and not drawn yet, oldest first.
     """
 
     def __init__(self, painter: int, memory: int, module: str) -> None:
@@ -319,12 +323,12 @@ class _Worker:
         return self._has_opened and not self._opening and not self.drawing
 
     def open_painter(self) -> None:
-        """Has it open the painter that is described by now."""
+        """Tells it to open the painter in the description file."""
         self._opening, self._has_opened = True, False
         self.send(OpenPainter())
 
     def finish_opening(self) -> bool:
-        """Waits until it has tried to open its painter, if it is about to; whether it is still there."""
+        """Waits until it has tried to open its painter, if it was told to; whether it is still alive."""
         try:
             while self._opening:
                 self.receive()
@@ -333,7 +337,7 @@ class _Worker:
         return True
 
     def send(self, message: object) -> None:
-        with contextlib.suppress(OSError):  # it is gone, and its last reply, unread as yet, may say why
+        with contextlib.suppress(OSError):  # it has ended, and its last reply, still unread, may say why
             self.connection.send(message)
 
     def receive(self) -> Reply:
@@ -354,7 +358,7 @@ class _Worker:
         self.connection.close()
 
     def wait(self) -> None:
-        """Waits until the process is gone, and kills it if that takes long."""
+        """Waits until the process has ended, and kills it if that takes long."""
         self._process.wait(2 * GRACE)
 
     def _death(self) -> DrawError:
@@ -367,7 +371,7 @@ class _Worker:
 
 @contextlib.contextmanager
 def _system_errors() -> Iterator[None]:
-    """Turns what the system refuses, a process, a descriptor or memory, into a DrawError."""
+    """Turns the system's refusal of a process, a descriptor or memory into a DrawError."""
     try:
         yield
     except OSError as error:

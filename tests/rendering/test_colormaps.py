@@ -210,7 +210,6 @@ def test_a_picture_of_ids_takes_its_colours_from_the_rows() -> None:
 def test_in_view_is_what_covers_pixels() -> None:
     ids = np.array([[-1, 4, 4], [0, 4, 9], [0, -1, 4]], np.int32)
     assert in_view(ids).tolist() == [0, 4, 9]
-    assert in_view(ids, 2).tolist() == [0, 4]
     assert in_view(np.full((2, 2), -1, np.int32)).tolist() == []
 
 
