@@ -1,0 +1,22 @@
+"""Options of messages, which every command has, and nothing but commands."""
+
+import click
+import pytest
+
+from mjrun.cli.main import COMMANDS, group
+from mjrun.options.messages import MessageOptions
+from mjrun.options.option import Place, options_of
+
+NAMES = {each.name for each in options_of(MessageOptions)}
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_every_command_has_them(name: str) -> None:
+    command = group.get_command(click.Context(group), name)
+    assert command
+    assert {param.name for param in command.params} >= NAMES == {"json", "quiet", "verbose", "debug"}
+
+
+def test_they_are_of_the_command_line_alone_and_off() -> None:
+    assert {each.places for each in options_of(MessageOptions)} == {Place.COMMAND}
+    assert not any(each.default for each in options_of(MessageOptions))

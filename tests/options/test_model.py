@@ -1,0 +1,40 @@
+"""What is overridden in a model, as MuJoCo names it."""
+
+import re
+from fractions import Fraction
+from pathlib import Path
+
+import mujoco
+
+from mjrun.model.names import enum_members
+from mjrun.model.override import overrides_of
+from mjrun.model.sources import parse_source
+from mjrun.options.model import INTEGRATORS, ModelOptions
+from mjrun.options.option import options_of
+
+MODEL = """
+<mujoco><worldbody><geom name="floor" type="plane" size="1 1 1"/></worldbody></mujoco>
+"""
+
+
+def test_integrators_are_those_of_mujoco() -> None:
+    assert set(INTEGRATORS) == set(enum_members(mujoco.mjtIntegrator))
+
+
+def test_a_timestep_is_exact() -> None:
+    assert ModelOptions(timestep=0.1).timestep == Fraction(1, 10)
+    assert ModelOptions(timestep="1/480").timestep == Fraction(1, 480)
+
+
+def test_every_example_in_help_changes_a_model(tmp_path: Path) -> None:
+    path = tmp_path / "floor.xml"
+    path.write_text(MODEL)
+    (declared,) = (each for each in options_of(ModelOptions) if each.name == "set")
+    examples = dict(re.findall(r"([\w./]+)=(\S+?)(?=, |\.$)", declared.help))
+    assert len(examples) == 5
+    model = parse_source(str(path), overrides_of(ModelOptions(set=examples))).load()
+    assert model.opt.gravity.tolist() == [0, 0, 10]
+    assert model.opt.cone == mujoco.mjtCone.mjCONE_ELLIPTIC
+    assert model.opt.disableflags & mujoco.mjtDisableBit.mjDSBL_CONTACT
+    assert model.geom("floor").friction.tolist() == [0.1, 0.005, 0.0001]
+    assert model.vis.quality.shadowsize == 1024

@@ -1,0 +1,54 @@
+"""Options of simulations: what excludes what, and their values."""
+
+from fractions import Fraction
+
+import numpy as np
+import pytest
+
+from mjrun.errors import BadValueError, UsageError
+from mjrun.options.option import options_of
+from mjrun.options.simulation import PHYSICS, SimulationOptions
+
+NAMES = [each.name for each in options_of(SimulationOptions)]
+PHYSICAL_VALUES = {
+    "key": "home",
+    "qpos": {"hip": 1},
+    "qvel": {"hip": 1},
+    "ctrl": {"motor": 1},
+    "ctrl_from": "a.csv",
+    "ctrl_noise": 0.1,
+    "controller": print,
+    "perturb": 0.1,
+}
+
+
+def test_what_physics_alone_uses_are_options() -> None:
+    assert set(PHYSICS) == set(PHYSICAL_VALUES) <= set(NAMES)
+
+
+@pytest.mark.parametrize("name", PHYSICS)
+def test_a_replay_has_no_physics(name: str) -> None:
+    with pytest.raises(UsageError, match=f"^replay and {name} exclude each other") as error:
+        SimulationOptions(replay="a.npz", **{name: PHYSICAL_VALUES[name]})  # type: ignore[arg-type]
+    assert error.value.path == (name,)
+    assert SimulationOptions(**{name: PHYSICAL_VALUES[name]}).replay is None  # type: ignore[arg-type]
+
+
+def test_a_length_is_said_once() -> None:
+    with pytest.raises(UsageError, match=r"^duration and steps exclude each other: both say how long"):
+        SimulationOptions(duration=1, steps=2)
+    with pytest.raises(UsageError, match=r"^controller and ctrl_from exclude each other"):
+        SimulationOptions(controller=print, ctrl_from="a.csv")
+
+
+def test_values_are_exact_and_immutable() -> None:
+    options = SimulationOptions(duration=0.1, qpos={"hip": 0.3, "root": np.arange(7.0)}, key=2)
+    assert options.duration == Fraction(1, 10)
+    assert options.qpos == {"hip": (0.3,), "root": (0, 1, 2, 3, 4, 5, 6)}
+    assert options.key == "2"
+
+
+@pytest.mark.parametrize("value", [0, -1, float("nan"), float("inf"), "long"])
+def test_a_duration_is_positive(value: object) -> None:
+    with pytest.raises(BadValueError, match=r"^duration: .* is not a positive number"):
+        SimulationOptions(duration=value)  # type: ignore[arg-type]
