@@ -7,11 +7,11 @@ from mjrun.model.rendered_view import CameraCalibration
 
 
 def lens(pose: Pose, size: tuple[int, int]) -> CameraCalibration:
-    """The lens of a picture of `size` that is drawn from `pose`.
+    """The lens of an image of `size` that is drawn from `pose`.
 
     Right for every camera of MuJoCo: by fovy, with intrinsics of its own, free, orthographic. As mjr_render
-    does it: a frustum's `width` is half the width of the near plane; zero means that the aspect is the picture's.
-    Intrinsics of another aspect than the picture's are stretched: then fx and fy differ.
+    does it: a frustum's `width` is half the width of the near plane; zero means that the aspect is the image's.
+    Intrinsics of another aspect than the image's are stretched: then fx and fy differ.
     """
     (width, height), seen = size, pose.frustum
     halfwidth = seen.width or (seen.top - seen.bottom) * width / height / 2

@@ -1,4 +1,4 @@
-"""Where a picture is taken from, and through what: a camera as a plain value, whoever aimed it."""
+"""The position, rotation and frustum of a camera, as a plain value."""
 
 import math
 from dataclasses import dataclass, replace
@@ -15,7 +15,7 @@ class Frustum:
 
     Attributes:
       center, bottom, top: of what is seen on the near plane, from the axis [m]; of all planes if orthographic.
-      width: half of what is seen there [m]; 0 means as wide as the picture makes it.
+      width: half of what is seen there [m]; 0 means as wide as the image makes it.
       near, far: distances of the clipping planes [m].
       orthographic: without perspective.
     """
@@ -36,12 +36,12 @@ class Frustum:
         return math.degrees(math.atan2(self.top, self.near) - math.atan2(self.bottom, self.near))
 
     def opened(self, fovy: float) -> "Frustum":
-        """The same with another vertical field of view [deg], around the axis and as wide as the picture."""
+        """The same with another vertical field of view [deg], around the axis and as wide as the image."""
         half = fovy / 2 if self.orthographic else self.near * math.tan(math.radians(fovy) / 2)
         return replace(self, center=0.0, width=0.0, bottom=-half, top=half)
 
     def halfwidth(self, size: tuple[int, int]) -> float:
-        """Half of what a picture of `size` shows of the near plane from left to right [m]."""
+        """Half of what an image of `size` shows of the near plane from left to right [m]."""
         return self.width or (self.top - self.bottom) * size[0] / size[1] / 2
 
 
@@ -68,7 +68,7 @@ class Pose:
 
     @property
     def up(self) -> np.ndarray:
-        """What is up in the picture `(3,)`."""
+        """What is up in the image `(3,)`."""
         return self.rotation[:, 1]
 
     @property
@@ -141,9 +141,9 @@ def around(
 
 
 def fitted(pose: Pose, points: np.ndarray, size: tuple[int, int], margin: float) -> Pose:
-    """`pose` moved until `points` `(n, 3)` [m] just fit into a picture of `size`, seen in the same direction.
+    """`pose` moved until `points` `(n, 3)` [m] just fit into an image of `size`, seen in the same direction.
 
-    The middle of the box around them is in the middle of the picture, which is `margin` times as large as they
+    The middle of the box around them is in the middle of the image, which is `margin` times as large as they
     need. Without perspective distance changes nothing: then the frustum does.
     """
     center = (points.min(axis=0) + points.max(axis=0)) / 2
@@ -155,7 +155,7 @@ def fitted(pose: Pose, points: np.ndarray, size: tuple[int, int], margin: float)
         half = margin * np.abs(sides * [size[1] / size[0], 1]).max()
         distance = max(pose.distance, clear)
         return Pose(center - distance * pose.forward, pose.rotation, seen.opened(2 * half), distance)
-    # On the plane at depth 1, the picture is `middle` ± `half`, which may lie beside the axis.
+    # On the plane at depth 1, the image is `middle` ± `half`, which may lie beside the axis.
     middle = np.array([seen.center, (seen.top + seen.bottom) / 2]) / seen.near
     half = np.array([seen.halfwidth(size), (seen.top - seen.bottom) / 2]) / seen.near / margin
     needed = np.abs(sides - depths[:, None] * middle) / half - depths[:, None]

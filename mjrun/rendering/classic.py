@@ -36,8 +36,8 @@ class ClassicRenderer:
       size: width and height of a frame [pixels].
       backend: one that works, from `BackendDetection`.
       visual: flags, groups, frames, labels and quality.
-      segmentation: what ids tell apart.
-      decorations: what is added to colour pictures.
+      segmentation: what ids distinguish.
+      decorations: added to colour images.
 
     Raises:
       UsageError: the frame is larger than the backend can draw.
@@ -76,7 +76,7 @@ class ClassicRenderer:
             raise DrawError(f"{backend.renderer} cannot draw {width}x{height}: {error}") from error
 
     def look(self, state: np.ndarray, index: int = 0) -> None:
-        """Goes to the instant of an integration `state`, which `picture` then shows.
+        """Moves the model to an integration `state`, which `picture` then shows.
 
         Everything drawn, contacts and forces included, belongs to that state.
 
@@ -94,7 +94,7 @@ class ClassicRenderer:
         self._index = index
 
     def picture(self, pose: Pose, views: Sequence[str] = ("rgb",)) -> RenderedView:
-        """What is seen from `pose`, of the views `rgb`, `depth` and `seg`. Colours are reused by the next call."""
+        """The views from `pose`, of `rgb`, `depth` and `seg`. The array of colours is reused by the next call."""
         self._update_scene(pose)
         seen = RenderedView(lens(pose, self.size))
         if "depth" in views or "seg" in views:
@@ -122,7 +122,7 @@ class ClassicRenderer:
             return time.perf_counter() - start
 
     def close(self) -> None:
-        """Frees what the graphics driver holds; EGL prints tracebacks at exit when this is forgotten."""
+        """Frees the resources of the graphics driver; EGL prints tracebacks at exit if this is forgotten."""
         if self._buffer is not None:
             self._buffer.free()
         if self._context is not None:
@@ -144,7 +144,7 @@ class ClassicRenderer:
         self._scene = updated_scene(self._model, self._data, self._options, pose, self._scene, room)
 
     def _exact(self, seen: RenderedView, pose: Pose, views: Sequence[str]) -> RenderedView:
-        """Depth and ids, of one pass without shades."""
+        """Depth and ids, from one pass without shading."""
         if self._buffer is None:
             self._buffer = ExactFramebuffer(self.size)
         with self._flags(segment=True, idcolor=True, **dict.fromkeys(COSTLY, False)):
@@ -160,13 +160,13 @@ class ClassicRenderer:
     @contextlib.contextmanager
     def _flags(self, **wanted: bool) -> Iterator[None]:
         """Sets rendering flags for a while."""
-        kept, known = self._scene.flags.copy(), enum_members(mujoco.mjtRndFlag)
+        previous, indices = self._scene.flags.copy(), enum_members(mujoco.mjtRndFlag)
         for name, value in wanted.items():
-            self._scene.flags[known[name]] = value
+            self._scene.flags[indices[name]] = value
         try:
             yield
         finally:
-            self._scene.flags[:] = kept
+            self._scene.flags[:] = previous
 
     def _render(self) -> None:
         mujoco.mjr_render(self._rect, self._scene, self._context)
@@ -184,11 +184,11 @@ class ClassicRenderer:
 
 def _segments(colors: np.ndarray, most: int) -> np.ndarray:
     """Segment ids `(h, w)` of colours `(h, w, 3)`, the lowest byte first, none of them above `most`."""
-    found = colors[:, :, 0]
+    segments = colors[:, :, 0]
     for channel in (1, 2):
         if most >= 2 ** (8 * channel):
-            found = found | colors[:, :, channel].astype(np.int32) << 8 * channel
-    return found
+            segments = segments | colors[:, :, channel].astype(np.int32) << 8 * channel
+    return segments
 
 
 def check_size(size: tuple[int, int], backend: Backend, visual: Visual) -> None:
@@ -203,7 +203,7 @@ def check_size(size: tuple[int, int], backend: Backend, visual: Visual) -> None:
 def _offscreen(model: mujoco.MjModel, width: int, height: int, quality: str) -> mujoco.MjrContext:
     """A context whose offscreen buffer has exactly this size, whatever the model's is."""
     view, detail = model.vis.global_, model.vis.quality
-    kept = view.offwidth, view.offheight, detail.offsamples
+    previous = view.offwidth, view.offheight, detail.offsamples
     view.offwidth, view.offheight = width, height
     if quality == "draft":
         detail.offsamples = 0
@@ -211,6 +211,6 @@ def _offscreen(model: mujoco.MjModel, width: int, height: int, quality: str) -> 
         font = min(FONTS, key=lambda percent: abs(percent - height / 4.8))
         context = mujoco.MjrContext(model, font)
     finally:
-        view.offwidth, view.offheight, detail.offsamples = kept
+        view.offwidth, view.offheight, detail.offsamples = previous
     mujoco.mjr_setBuffer(OFFSCREEN, context)
     return context

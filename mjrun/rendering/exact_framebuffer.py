@@ -1,6 +1,6 @@
-"""A framebuffer for pictures that are numbers: one sample a pixel, and depth in 32 bits.
+"""A framebuffer for images of ids and depth: one sample per pixel, and depth in 32 bits.
 
-MuJoCo's own has as many samples as the model wants for colours, which cost time and are of no use here.
+MuJoCo's own has as many samples as the model requests for colours, which take time and are useless here.
 """
 
 from typing import Any
@@ -12,7 +12,7 @@ from mjrun.errors import DrawError
 
 
 class ExactFramebuffer:
-    """Room for one picture in the current OpenGL context. To be used in the thread of that context.
+    """A framebuffer for one image in the current OpenGL context. To be used in the thread of that context, and freed.
 
     Args:
       size: width and height [pixels].
@@ -57,7 +57,7 @@ class ExactFramebuffer:
         return self._colors[::-1], self._depth[::-1]  # OpenGL's rows run upward
 
     def free(self) -> None:
-        """Frees what the graphics driver holds."""
+        """Frees the resources of the graphics driver."""
         self._gl.glDeleteFramebuffers(1, [self._frame])
         self._gl.glDeleteRenderbuffers(2, self._parts)
 

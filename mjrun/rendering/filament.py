@@ -40,23 +40,24 @@ REFUSED = {
     "depth": f"{option('view')} depth can",
     "fog": f"{CLASSIC}; its own fog is the model's: <custom><numeric name='filament.fog.enabled' data='1'/></custom>",
 }
-# Ways to draw the whole picture, and the value of the flag that asks for each.
+# Ways to draw the whole image, and the value of the flag that asks for each.
 MODES = {"wireframe": (1, "WIREFRAME"), "island": (1, "ISLANDS"), "texture": (0, "DEFAULT_NO_TEXTURES")}
 
 
 class FilamentRenderer:
     """Draws states of one model at one size. To be closed.
 
-    Filament's colours carry noise that goes on from picture to picture: drawn again, a pixel differs by a grey
-    level, seldom by more at an edge. Depth and ids do not. A film is the same each time if one of these draws it.
+    Filament's colours carry noise, whose sequence continues from image to image: drawn again, a pixel differs by one
+    grey level, rarely by more at an edge. Depth and ids carry none. A video is the same each time if a single renderer
+    draws all of it.
 
     Args:
       model: read only.
       size: width and height of a frame [pixels].
       backend: of `VulkanDetection`.
       visual: flags, groups, frames and quality.
-      segmentation: what ids tell apart: things of the model, whatever is shown beside them.
-      decorations: what is added to colour pictures.
+      segmentation: the objects of the model that ids distinguish, whatever decorations there are.
+      decorations: added to colour images.
 
     Raises:
       UsageError: Filament cannot draw what `visual` asks for, or not that large.
@@ -88,7 +89,7 @@ class FilamentRenderer:
             raise
 
     def look(self, state: np.ndarray, index: int = 0) -> None:
-        """Goes to the instant of an integration `state`, which `picture` then shows.
+        """Moves the model to an integration `state`, which `picture` then shows.
 
         Everything drawn, contacts and forces included, belongs to that state.
 
@@ -106,7 +107,7 @@ class FilamentRenderer:
         self._ask("look", state, index)
 
     def picture(self, pose: Pose, views: Sequence[str] = ("rgb",)) -> RenderedView:
-        """What is seen from `pose`, of the views `rgb`, `depth` and `seg`.
+        """The views from `pose`, of `rgb`, `depth` and `seg`.
 
         Depth and ids end at the far plane, as MuJoCo's do; colours do not.
 

@@ -1,4 +1,4 @@
-"""A small live graph of values over time, drawn frame by frame beside or under a film."""
+"""A small live graph of values over time, drawn frame by frame beside or under a video."""
 
 import math
 from collections.abc import Iterator, Sequence
@@ -24,7 +24,7 @@ _SHORTER = ((40, True), (14, True), (14, False), (9, False), (6, False), (4, Fal
 
 
 def graph_size(size: tuple[int, int], side: str = "under") -> tuple[int, int]:
-    """The width and height of a graph that suits a film of a size (width, height)."""
+    """The width and height of a graph that suits a video of a size (width, height)."""
     width, height = size
     if side == "under":
         return width, max(80, 2 * round(0.13 * height))
@@ -33,7 +33,7 @@ def graph_size(size: tuple[int, int], side: str = "under") -> tuple[int, int]:
 
 @dataclass(frozen=True)
 class Axes:
-    """Where times and values are in a picture.
+    """Where times and values are in an image.
 
     Attributes:
       box: left, top, right and bottom edge of the plot [pixels].
@@ -45,12 +45,12 @@ class Axes:
     values: tuple[float, float]
 
     def x(self, time: float | np.ndarray) -> np.ndarray:
-        """Pixels from the left edge of the picture; times outside are moved to the nearest edge."""
+        """Pixels from the left edge of the image; times outside are moved to the nearest edge."""
         share = (np.asarray(time) - self.times[0]) / (self.times[1] - self.times[0])
         return self.box[0] + np.clip(share, 0, 1) * (self.box[2] - self.box[0])
 
     def y(self, value: float | np.ndarray) -> np.ndarray:
-        """Pixels from the top of the picture."""
+        """Pixels from the top of the image."""
         share = (np.asarray(value) - self.values[0]) / (self.values[1] - self.values[0])
         return self.box[3] - share * (self.box[3] - self.box[1])
 
@@ -79,7 +79,7 @@ class Graph:
       times: ascending [s], `(n,)`, at least one.
       values: `(n, k)`; what is not finite is a gap.
       names, units: of the k series.
-      size: width and height of the picture [pixels].
+      size: width and height of the image [pixels].
       em: size of the letters [pixels]; what is legible in a video when None.
       left: the least distance of the vertical axis from the left edge [pixels].
     """
@@ -115,7 +115,7 @@ class Graph:
         self._colours = colours
 
     def draw(self, time: float) -> np.ndarray:
-        """The picture `(h, w, 3)` uint8 at `time` [s]: curves bright up to it and faint after, values as they are."""
+        """The image `(h, w, 3)` uint8 at `time` [s]: curves bright up to it and faint after, values as they are."""
         x, (_, top, _, bottom) = float(self.axes.x(time)), self.axes.box
         image = self._later.copy()
         image[:, : round(x)] = self._now[:, : round(x)]
@@ -244,7 +244,7 @@ class Graph:
         return image
 
     def _curve(self, values: np.ndarray) -> tuple[np.ndarray, tuple[int, int]]:
-        """The coverage of a curve, uint8, and the x, y of its corner in the picture."""
+        """The coverage of a curve, uint8, and the x, y of its corner in the image."""
         left, top, right, bottom = self.axes.box
         thick = max(1.2, self._em / 8)
         pad = math.ceil(thick)

@@ -9,17 +9,17 @@ from mjrun.errors import UnknownNameError
 from mjrun.options.view import LAYOUTS
 from mjrun.rendering.text import stamp
 
-BACKGROUND = (24, 25, 28)  # between pictures, and where a grid has none
+BACKGROUND = (24, 25, 28)  # between images, and where a grid has none
 ASPECT = 16 / 9  # width to height that a grid aims at, without leaving many cells empty
 
 
 def gap(height: int) -> int:
-    """The space between pictures of a height [pixels]: 2 at 240, 8 at 1080; even, so that even sizes stay even."""
+    """The space between images of a height [pixels]: 2 at 240, 8 at 1080; even, so that even sizes stay even."""
     return 2 * max(1, round(height / 240))
 
 
 def columns(count: int, size: tuple[int, int], layout: str = "row") -> int:
-    """How many pictures of a size (width, height) stand in a row.
+    """How many images of a size (width, height) stand in a row.
 
     Raises:
       UnknownNameError: the layout is not one of `LAYOUTS`.
@@ -38,37 +38,37 @@ def columns(count: int, size: tuple[int, int], layout: str = "row") -> int:
 
 
 def layout_size(count: int, size: tuple[int, int], layout: str = "row") -> tuple[int, int]:
-    """The width and height of `count` pictures of a size (width, height) composed."""
+    """The width and height of `count` images of a size (width, height) composed."""
     return _extent(count, size, columns(count, size, layout))
 
 
 def places(count: int, size: tuple[int, int], layout: str = "row") -> list[tuple[int, int]]:
-    """The upper left corners x, y of the pictures, row by row."""
+    """The upper left corners x, y of the images, row by row."""
     across, between = columns(count, size, layout), gap(size[1])
     return [((i % across) * (size[0] + between), (i // across) * (size[1] + between)) for i in range(count)]
 
 
-def compose(pictures: Sequence[np.ndarray], layout: str = "row", labels: Sequence[str] | None = None) -> np.ndarray:
-    """One picture `(H, W, 3)` uint8 of several, each `(h, w, 3)` and of one size; the size is `layout_size`.
+def compose(images: Sequence[np.ndarray], layout: str = "row", labels: Sequence[str] | None = None) -> np.ndarray:
+    """One image `(H, W, 3)` uint8 of several, each `(h, w, 3)` and of one size; the size is `layout_size`.
 
     Args:
-      labels: what each picture shows, written in its upper left corner; an empty one is left out.
+      labels: what each image shows, written in its upper left corner; an empty one is left out.
 
     Raises:
-      ValueError: pictures differ in size, or in number from labels.
+      ValueError: images differ in size, or in number from labels.
       UnknownNameError: the layout is not one of `LAYOUTS`.
     """
-    height, width = pictures[0].shape[:2]
-    size, count = (width, height), len(pictures)
+    height, width = images[0].shape[:2]
+    size, count = (width, height), len(images)
     total = layout_size(count, size, layout)
     whole = np.empty((total[1], total[0], 3), np.uint8)
     if math.prod(total) > count * width * height:
         whole[:] = BACKGROUND
-    for picture, label, (x, y) in zip(pictures, labels or [""] * count, places(count, size, layout), strict=True):
-        if picture.shape != pictures[0].shape:
-            raise ValueError(f"pictures of one size are composed, not {picture.shape} with {pictures[0].shape}")
+    for image, label, (x, y) in zip(images, labels or [""] * count, places(count, size, layout), strict=True):
+        if image.shape != images[0].shape:
+            raise ValueError(f"images of one size are composed, not {image.shape} with {images[0].shape}")
         panel = whole[y : y + height, x : x + width]
-        panel[:] = picture
+        panel[:] = image
         if label:
             stamp(panel, label)
     return whole

@@ -1,4 +1,4 @@
-"""How many processes are worth drawing with."""
+"""The number of processes that are worth drawing with."""
 
 import contextlib
 import math
@@ -9,44 +9,43 @@ from pathlib import Path
 from mjrun.errors import BadValueError, option
 from mjrun.options.kinds import AUTO
 
-WORTH = 2.0  # [s] of drawing, above which further processes save more than their start costs
-FRAME, PIXEL = 0.03, 1e-7  # [s] what llvmpipe takes about: shadows of a frame, and each pixel
+WORTH = 2.0  # [s] of drawing above which more processes save more time than they take to start
+FRAME, PIXEL = 0.03, 1e-7  # [s] that llvmpipe takes, roughly, for the shadows of a frame and for each pixel
 GROUPS = Path("/sys/fs/cgroup")
 OWN_GROUP = Path("/proc/self/cgroup")
 
 
 def estimated_cost(size: tuple[int, int], panels: int = 1) -> float:
-    """The wall time of a frame [s], before anybody has measured one; `size` is that of a panel [pixels]."""
+    """An estimate of the wall time of a frame [s], before one is measured; `size` is that of a panel [pixels]."""
     return panels * (FRAME + PIXEL * math.prod(size))
 
 
 def jobs_for(asked: int | str, software: bool, frames: int, cost: float, cores: int) -> int:
-    """How many processes draw a film.
+    """The number of processes that draw a video.
 
-    `auto` is one on a GPU, which processes would only share, and for a film that one process draws within `WORTH`
-    seconds, else one per core. A process needs half a second of its core to start, and llvmpipe has threads
-    of its own: on two cores two processes save a tenth to a sixth of its time, on more cores more.
-    There are never more processes than frames.
+    `auto` means one on a GPU, which processes would only share, and one for a video that it draws within `WORTH`
+    seconds; else one per core. A process takes half a second of its core to start, and llvmpipe has threads of its
+    own: on two cores, two processes save a tenth to a sixth of the time, on more cores more. There are never more
+    processes than frames.
 
     Args:
       asked: a number from 1 on, or `auto`.
       software: whether a CPU draws.
       cost: wall time to draw one frame in one process [s].
-      cores: that can be used, as of `available_cores`.
+      cores: that may be used, from `available_cores`.
 
     Raises:
       BadValueError: `asked` is neither.
     """
     if asked == AUTO:
-        long = frames * cost > WORTH
-        asked = cores if software and long else 1
+        asked = cores if software and frames * cost > WORTH else 1
     if not isinstance(asked, int) or asked < 1:
         raise BadValueError(option("jobs"), asked, f"a number of processes from 1 on, or {AUTO}")
     return max(1, min(asked, frames))
 
 
 def available_cores() -> int:
-    """The cores that this process may use: its affinity, or what its control groups leave of it, rounded up."""
+    """The number of cores that this process may use: by its affinity, and its control groups' quotas, rounded up."""
     affinity = getattr(os, "sched_getaffinity", None)  # Linux only
     cores = len(affinity(0)) if affinity else os.cpu_count() or 1
     return max(1, min([cores, *map(math.ceil, _quotas())]))

@@ -18,7 +18,7 @@ UPDATE, DRAW, READ = "update", "draw", "read"
 
 
 class Stopwatch:
-    """Wall time of parts that lie in each other, each without those inside it.
+    """The wall time of nested parts, each without those inside it.
 
     Attributes:
       spent: by name of the part [s].
@@ -49,7 +49,7 @@ class Stopwatch:
 
 
 class TimedClassicRenderer(ClassicRenderer):
-    """Draws as its base does, and waits for OpenGL, which else goes on drawing while one reads the clock.
+    """Draws as its base does, and waits for OpenGL, which would otherwise still be drawing when the clock is read.
 
     Attributes:
       watch: counts `update` (derived fields and scene), `draw`, and `read` (pixels, and what is made of them).
@@ -109,7 +109,7 @@ class _TimedReading:
 
 
 class TimedFilamentRenderer(FilamentRenderer):
-    """Draws as its base does. Filament gives a picture when it is read: `draw` is both.
+    """Draws as its base does. Filament draws an image when it is read, so `draw` is both.
 
     Attributes:
       watch: counts `update` and `draw`.

@@ -53,15 +53,15 @@ def vulkan() -> dict[str, str | int]:
         return {"error": "no device"}
     if not ball_is_seen():
         return {"error": "Filament drew nothing"}
-    said = os.pread(2, 2**16, 0).decode(errors="replace")
-    chosen = re.search(r"Selected physical device '(.*?)' from", said)
-    driver = re.search(r"Vulkan device driver: (.*)", said)
+    messages = os.pread(2, 2**16, 0).decode(errors="replace")
+    chosen = re.search(r"Selected physical device '(.*?)' from", messages)
+    driver = re.search(r"Vulkan device driver: (.*)", messages)
     name = chosen[1] if chosen and chosen[1] in known else next(iter(known))
     return {"renderer": name, "vendor": driver[1].strip() if driver else "", **known[name]}
 
 
 def devices(library: ctypes.CDLL, instance: ctypes.c_void_p) -> dict[str, dict[str, str | int]]:
-    """The version of Vulkan and the largest picture, by the name of the device."""
+    """The version of Vulkan and the largest image, by name of the device."""
     count = ctypes.c_uint32()
     library.vkEnumeratePhysicalDevices(instance, ctypes.byref(count), None)
     handles = (ctypes.c_void_p * count.value)()
@@ -93,9 +93,9 @@ def ball_is_seen() -> bool:
     resources = mjrf.ModelResources(context, model)
     scene = context.create_scene(mjrf.SceneParams())
     scene.configure_from_model(model)
-    lights, things = mjrf.ModelLights(scene, resources), mjrf.ModelRenderables(scene, resources)
+    lights, renderables = mjrf.ModelLights(scene, resources), mjrf.ModelRenderables(scene, resources)
     lights.update(data)
-    things.update(data)
+    renderables.update(data)
     formats, pixels = mjrf.PixelFormat, np.zeros((SIDE, SIDE, 3), np.uint8)
     target = context.create_render_target(
         mjrf.RenderTargetConfig(SIDE, SIDE, formats.PIXEL_FORMAT_RGB8, formats.PIXEL_FORMAT_DEPTH32F)

@@ -61,7 +61,7 @@ class Visual:
 
     @property
     def samples(self) -> int:
-        """How many times wider and higher the picture is drawn than shown."""
+        """How many times wider and higher the image is drawn than shown."""
         return 2 if self.quality == "high" else 1
 
     def options(self) -> mujoco.MjvOption:
