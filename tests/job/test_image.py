@@ -79,26 +79,6 @@ def test_views_of_one_picture_stand_where_the_layout_says(swing: Path, tmp_path:
         assert np.array_equal(both[y : y + SIZE[1], x : x + SIZE[0]], part)
 
 
-def test_separate_views_are_files_of_their_own(swing: Path, tmp_path: Path) -> None:
-    job = Image(
-        Simulation(swing),
-        str(tmp_path / "v.png"),
-        size=SIZE,
-        view=["rgb", "depth", "seg"],
-        camera=["side", "free:azimuth=10"],
-        separate=True,
-    )
-    result = job.run()
-    assert sorted(path.name for path in tmp_path.glob("v*")) == [
-        *(
-            f"v-{camera}-{view}"
-            for camera in ("free", "side")
-            for view in ("depth.png", "rgb.png", "seg.labels.json", "seg.png")
-        ),
-    ]
-    assert sorted(map(str, tmp_path.glob("v*"))) == sorted(result.paths)
-
-
 @pytest.mark.filterwarnings("ignore:drawing in software")
 def test_a_still_is_a_frame_of_the_film(swing: Path, tmp_path: Path) -> None:
     options = {
@@ -151,6 +131,7 @@ def test_text_is_written_with_the_values_of_the_instant(swing: Path, tmp_path: P
         ({"text": "{time"}, UsageError, "text"),
         ({"text": "{time:.2q}"}, UsageError, "cannot format 'time'"),
         ({"size": (10**6, 8)}, MjrunError, "too large"),
+        ({"pointcloud": "c.obj"}, UsageError, "a point cloud is a PLY file"),
     ],
 )
 def test_what_cannot_be_drawn_is_refused_and_leaves_nothing(
@@ -164,6 +145,31 @@ def test_what_cannot_be_drawn_is_refused_and_leaves_nothing(
 def test_a_film_s_suffix_names_the_command_that_makes_films(swing: Path, tmp_path: Path) -> None:
     with pytest.raises(UsageError, match=r"would be a video; .*\n`mjrun video` makes videos"):
         Image(Simulation(swing), f"{tmp_path}/a.mp4").run()
+
+
+def test_points_of_a_cloud_lie_on_what_was_seen(swing: Path, tmp_path: Path) -> None:
+    cloud = tmp_path / "p.ply"
+    Image(
+        Simulation(swing),
+        f"{tmp_path}/a.png",
+        camera="side",
+        size=(160, 120),
+        view=["rgb", "seg"],
+        pointcloud=str(cloud),
+    ).run()
+    head, _, body = cloud.read_bytes().partition(b"end_header\n")
+    count = int(next(line for line in head.splitlines() if line.startswith(b"element vertex")).split()[-1])
+    kinds = [("xyz", "<f4", 3), ("rgb", "u1", 3), ("label", "<i4")]
+    points = np.frombuffer(body, kinds)
+    assert len(points) == count > 1000
+    model = mujoco.MjModel.from_xml_path(str(swing))
+    floor = points[points["label"] == 0]["xyz"]
+    near = floor[np.linalg.norm(floor, axis=1) < 3]
+    assert len(near) > 100
+    assert abs(near[:, 2]).max() < 1e-3
+    ball = points[points["label"] == model.geom("ball").id]
+    assert np.linalg.norm(ball["xyz"] - [0.6, 0, 0.2], axis=1) == pytest.approx(np.full(len(ball), 0.1), rel=0.03)
+    assert (ball["rgb"].argmax(axis=1) == 1).mean() > 0.9  # it is green
 
 
 def test_a_still_can_be_piped(mjrun, swing: Path, still: Still) -> None:  # type: ignore[no-untyped-def]

@@ -4,18 +4,15 @@ import hashlib
 import json
 import os
 import signal
-import warnings
 from dataclasses import replace
-from fractions import Fraction
 from pathlib import Path
 from typing import Any
 
-import mujoco
 import numpy as np
 import pytest
 from PIL import Image as Pillow
 
-from mjrun.camera.rigs.around import FreeRig, TrackRig
+from mjrun.camera.rigs.around import FreeRig
 from mjrun.camera.script import CameraScript, Event, Shot
 from mjrun.errors import (
     FailedAssertionError,
@@ -29,18 +26,13 @@ from mjrun.errors import (
 from mjrun.formats.manifest import ManifestWriter
 from mjrun.formats.table_writer import TableWriter
 from mjrun.formats.video_writer import VideoWriter
-from mjrun.job import shared_rendering
-from mjrun.job.image import Image, ImageResult
+from mjrun.job.image import Image
 from mjrun.job.perform import perform, preview
 from mjrun.job.plot import Plot
 from mjrun.job.recording import Recording
 from mjrun.job.simulation import Simulation
 from mjrun.job.trace import Trace
-from mjrun.job.video import Video, VideoResult
-from mjrun.model.override import Override
-from mjrun.model.sources.file import FileSource
-from mjrun.rendering import workers
-from mjrun.rendering.backend_detection import BackendDetection
+from mjrun.job.video import Video
 
 pytestmark = pytest.mark.filterwarnings("ignore:drawing in software")
 
@@ -78,50 +70,6 @@ def test_one_pass_makes_what_each_job_makes_alone(swing: Path, tmp_path: Path) -
         one, other = (np.load(tmp_path / folder / name) for folder in ("together", "alone"))
         assert all(np.array_equal(one[key], other[key]) for key in one.files if one[key].dtype.kind in "fi")
     assert [type(result) for result in together] == [type(result) for result in alone]
-
-
-def test_a_replay_gives_the_same_numbers_as_the_simulation(swing: Path, tmp_path: Path) -> None:
-    live = Simulation(swing, steps=120, qvel={"hinge": 3})
-    perform([Trace(live, f"{tmp_path}/a.csv"), Recording(live, f"{tmp_path}/r.npz")])
-    Trace(Simulation(swing, replay=f"{tmp_path}/r.npz"), f"{tmp_path}/b.csv").run()
-    assert (tmp_path / "a.csv").read_bytes() == (tmp_path / "b.csv").read_bytes()
-    with pytest.raises(UsageError, match="the recording ends at step 120"):
-        Trace(Simulation(swing, replay=f"{tmp_path}/r.npz", steps=121), f"{tmp_path}/c.csv").run()
-    with pytest.raises(UsageError, match="replay and qvel exclude each other"):
-        Simulation(swing, replay=f"{tmp_path}/r.npz", qvel={"hinge": 1})
-
-
-def thrown(path: Path) -> int:
-    """The first step at which the ball of `swing` touches the floor, by a bare loop."""
-    model = mujoco.MjModel.from_xml_path(str(path))
-    data = mujoco.MjData(model)
-    ball, floor = model.geom("ball").id, model.geom("floor").id
-    for step in range(500):
-        mujoco.mj_forward(model, data)
-        if any({*contact.geom} == {ball, floor} for contact in data.contact):
-            return step
-        mujoco.mj_step(model, data)
-    raise AssertionError("it never does")
-
-
-def test_an_event_cuts_stills_and_films_at_the_very_step(swing: Path, tmp_path: Path, backend: object) -> None:
-    hit = thrown(swing)
-    assert 20 < hit < 200
-    simulation = Simulation(swing, duration=0.5)
-    event = Event("contact(ball, floor)")
-    slow = CameraScript("hit", [Shot(FreeRig(), until=event), Shot(TrackRig("ball"), speed=Fraction(1, 2))])
-    film = Video(simulation, f"{tmp_path}/f/", fps=20, size=SIZE, camera=slow, text="{step}")
-    still = Image(simulation, f"{tmp_path}/i.png", time=event, size=SIZE)
-    video, image = perform([film, still])
-    assert isinstance(video, VideoResult)
-    assert isinstance(image, ImageResult)
-    timestep = Fraction(1, 500)
-    lasts = hit * timestep + 2 * (Fraction(1, 2) - hit * timestep)
-    assert video.frames == -(-lasts // Fraction(1, 20))
-    assert image.step == hit
-    again = perform([replace(still, output=f"{tmp_path}/j.png", time=None, step=hit)])
-    assert again[0].step == hit
-    assert np.array_equal(np.array(Pillow.open(tmp_path / "i.png")), np.array(Pillow.open(tmp_path / "j.png")))
 
 
 def test_an_assertion_that_fails_keeps_all_outputs(swing: Path, tmp_path: Path) -> None:
@@ -197,36 +145,6 @@ def test_all_that_is_wrong_with_jobs_is_told_at_once(swing: Path, tmp_path: Path
     assert [*tmp_path.iterdir()] == [swing]
 
 
-def test_no_file_is_written_twice_or_read_and_written(swing: Path, tmp_path: Path) -> None:
-    simulation = Simulation(swing, duration=0.1)
-    at = f"{tmp_path}/"
-    before = swing.read_bytes()
-    for jobs, said in [
-        ([Image(simulation, f"{at}a.json", view="seg", calibration=f"{at}a.json")], "a.json clashes with the output"),
-        ([Image(simulation, f"{at}a.png", manifest=f"{at}a.png")], "a.png clashes with the output"),
-        ([Image(simulation, f"{at}a.png", view="seg", calibration=f"{at}a.labels.json")], "a.labels.json clashes"),
-        (
-            [Image(simulation, f"{at}a.png", calibration=f"{at}c.json", manifest=f"{at}c.json")],
-            "c.json clashes with the",
-        ),
-        (
-            [Video(simulation, f"{at}a.mkv", view=["rgb", "seg"], separate=True, calibration=f"{at}a-seg.labels.json")],
-            "a-seg.labels.json clashes with the output",
-        ),
-        (
-            [Video(simulation, f"{at}f/", calibration=f"{at}f/transforms.json")],
-            "transforms.json clashes with the output",
-        ),
-        ([Trace(simulation, f"{at}t.npz"), Recording(simulation, f"{at}t.npz")], "t.npz clashes with the output"),
-        ([Image(simulation, f"{at}a.png", calibration=str(swing))], "swing.xml clashes with the model, which is read"),
-        ([Plot(simulation, f"{at}a.png", probe=["time"], manifest=f"{at}x/../swing.xml")], "clashes with the model"),
-    ]:
-        with pytest.raises(UsageError, match=f"{said}.*; each output needs a file of its own"):
-            perform(jobs)
-        assert [*tmp_path.iterdir()] == [swing]
-    assert swing.read_bytes() == before
-
-
 def test_an_error_brings_what_was_made_in_spite_of_it(exploding: Path, tmp_path: Path) -> None:
     simulation = Simulation(exploding, key="fast", duration=5)
     table, recording = f"{tmp_path}/t.csv", f"{tmp_path}/r.npz"
@@ -251,26 +169,6 @@ def test_a_failed_assertion_brings_every_verdict(swing: Path, tmp_path: Path) ->
     found = [(verdict.text, verdict.passed) for verdict in result.assertions]
     assert found == [(asserts[0], True), (asserts[1], False)]
     assert caught.value.messages == (result.assertions[1].message,)
-
-
-@pytest.mark.parametrize(
-    ("change", "told"),
-    [
-        ({"overrides": (Override("opt.gravity", "0,0,-1"),)}, True),
-        ({"overrides": (Override("geom/box.mass", "50"),)}, True),
-        ({"overrides": (Override("vis.map.force", "3"), Override("geom/box.rgba", "1,1,1,1"))}, False),
-        ({}, False),
-    ],
-)
-def test_a_recording_of_other_physics_is_told(swing: Path, tmp_path: Path, change: dict[str, Any], told: bool) -> None:
-    Recording(Simulation(swing, duration=0.1), f"{tmp_path}/r.npz").run()
-    again = Trace(
-        Simulation(FileSource(swing, **change), replay=f"{tmp_path}/r.npz"), f"{tmp_path}/t.csv", probe=["energy"]
-    )
-    with warnings.catch_warnings(record=True) as heard:
-        warnings.simplefilter("always")
-        again.run()
-    assert any("other physics" in str(warning.message) for warning in heard) == told
 
 
 def test_a_lone_text_is_a_list_of_one(swing: Path, tmp_path: Path) -> None:
@@ -433,54 +331,3 @@ def test_an_event_that_never_happens_costs_its_own_output_only(swing: Path, tmp_
     assert [result.path for result in caught.value.results] == [f"{tmp_path}/r.npz"]
     with pytest.raises(UsageError, match="never happens"):
         perform([never])
-
-
-@pytest.fixture
-def started(monkeypatch: pytest.MonkeyPatch) -> dict[str, int]:
-    """How many detections of backends and how many worker processes were started."""
-    count = {"detections": 0, "workers": 0}
-
-    class CountedDetection(BackendDetection):
-        def __init__(self, requested: str | None = None) -> None:
-            count["detections"] += 1
-            super().__init__(requested)
-
-    class CountedWorker(workers._Worker):
-        def __init__(self, painter: int, memory: int, module: str) -> None:
-            count["workers"] += 1
-            super().__init__(painter, memory, module)
-
-    monkeypatch.setattr(shared_rendering, "BackendDetection", CountedDetection)
-    monkeypatch.setattr(workers, "_Worker", CountedWorker)
-    return count
-
-
-def test_images_of_one_pass_share_one_detection(swing: Path, tmp_path: Path, started: dict[str, int]) -> None:
-    simulation = Simulation(swing, duration=0.1)
-    perform([Image(simulation, f"{tmp_path}/{step}.png", step=step, size=SIZE) for step in (0, 10, 20)])
-    assert started == {"detections": 1, "workers": 0}
-
-
-@pytest.mark.parametrize("jobs", [1, 2, 3])
-def test_videos_of_one_pass_share_one_group_of_workers(
-    swing: Path, tmp_path: Path, started: dict[str, int], jobs: int
-) -> None:
-    simulation = Simulation(swing, duration=0.2)
-    event = CameraScript("hit", [Shot(FreeRig(), until=Event("time > 0.1")), Shot(TrackRig("ball"))])
-
-    def videos(folder: Path, count: int) -> list[Video]:
-        folder.mkdir()
-        return [
-            Video(simulation, f"{folder}/a/", size=SIZE, camera="side", jobs=count),
-            Video(simulation, f"{folder}/b/", size=(32, 24), view="depth", trail=["ball"], jobs=min(count, 2)),
-            Video(simulation, f"{folder}/c/", size=SIZE, camera=event, text="{frame}", jobs=count),
-        ]
-
-    results = perform(videos(tmp_path / "together", jobs))
-    assert started == {"detections": 1, "workers": jobs if jobs > 1 else 0}
-    assert [result.jobs for result in results] == [jobs, min(jobs, 2), jobs]
-    for video in videos(tmp_path / "alone", 1):
-        video.run()
-    for name in "abc":
-        pairs = zip(frames(tmp_path / "together" / name), frames(tmp_path / "alone" / name), strict=True)
-        assert all(np.array_equal(one, other) for one, other in pairs)

@@ -1,8 +1,6 @@
 """Whole traces, against bare loops and closed forms."""
 
 import csv
-import hashlib
-import json
 import warnings
 from fractions import Fraction
 from pathlib import Path
@@ -372,25 +370,6 @@ def test_two_outputs_need_two_files(tmp_path: Path) -> None:
     same = str(tmp_path / "t.csv")
     with pytest.raises(MjrunError, match="clashes with the output; each output needs"):
         Trace(Simulation(SLIDE_MODEL), same, contacts=str(tmp_path / "." / "t.csv")).run()
-
-
-def test_the_manifest_says_what_made_the_tables(tmp_path: Path) -> None:
-    table, contacts, manifest = (tmp_path / name for name in ("t.parquet", "c.npz", "m.json"))
-    simulation = Simulation(SLIDE_MODEL, duration=0.1, seed=7, ctrl={"m": 2})
-    job = Trace(simulation, str(table), contacts=str(contacts), manifest=str(manifest), command="mjrun trace x")
-    result = job.run()
-    found = json.loads(manifest.read_text())
-    assert (found["mujoco"], found["command"], found["seed"]) == (mujoco.mj_versionString(), "mjrun trace x", 7)
-    assert (found["steps"], found["timestep"]) == (50, 0.002)
-    assert found["options"]["simulation"]["ctrl"] == {"m": [2.0]}
-    assert found["result"]["rows"] == result.rows == 51
-    for output, path in zip(found["outputs"], (table, contacts), strict=True):
-        content = path.read_bytes()
-        assert (output["path"], output["bytes"]) == (str(path), len(content))
-        assert output["sha256"] == hashlib.sha256(content).hexdigest()
-    heavier = mujoco.MjModel.from_xml_string(SLIDE.replace('size=".05"', 'size=".06"'))
-    Trace(Simulation(heavier, duration=0.1), str(table), manifest=str(manifest)).run()
-    assert json.loads(manifest.read_text())["model"]["sha256"] != found["model"]["sha256"]
 
 
 def test_the_time_of_a_row_is_exact_for_any_timestep(tmp_path: Path) -> None:

@@ -204,13 +204,6 @@ def test_an_unknown_name_in_the_python_interface_lists_the_known_ones() -> None:
     assert set(mjrun.__all__) <= set(dir(mjrun))
 
 
-def test_tags_say_what_made_the_film(swing: Path, tmp_path: Path) -> None:
-    Video(Simulation(swing, duration="0.1"), str(tmp_path / "f.mp4"), size=SIZE, fps=20, quality="draft").run()
-    assert (
-        f"mjrun {mjrun.__version__}, MuJoCo {mujoco.mj_versionString()}, ".encode() in (tmp_path / "f.mp4").read_bytes()
-    )
-
-
 def frames_of(folder: Path) -> np.ndarray:
     return np.stack([iio.imread(file) for file in sorted(folder.iterdir())])
 

@@ -1,0 +1,132 @@
+"""Trails and ghosts, where they are drawn and how they move."""
+
+import json
+from fractions import Fraction
+from itertools import pairwise
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import pytest
+from PIL import Image as Pillow
+
+from mjrun.errors import MjrunError, UnknownNameError, UsageError
+from mjrun.job.image import Image
+from mjrun.job.recording import Recording
+from mjrun.job.scene_decorations import OPACITY, GhostPlan, scene_decorations
+from mjrun.job.simulation import Simulation
+from mjrun.job.trace import Trace
+from mjrun.options.view import ViewOptions
+from mjrun.timeline import Timeline
+
+pytestmark = pytest.mark.filterwarnings("ignore:drawing in software")
+
+SIZE = (160, 120)
+
+
+def test_a_trail_is_drawn_where_its_object_has_been(swing: Path, tmp_path: Path) -> None:
+    simulation = Simulation(swing, qvel={"ball/vx": -4})
+    options = {"camera": "side", "size": SIZE, "time": 0.2, "calibration": f"{tmp_path}/c.json"}
+    plain, trailed = tmp_path / "a.png", tmp_path / "b.png"
+    Image(simulation, str(plain), **options).run()  # type: ignore[arg-type]
+    Image(simulation, str(trailed), trail=["ball"], **options).run()  # type: ignore[arg-type]
+    changed = (np.array(Pillow.open(plain)) != np.array(Pillow.open(trailed))).any(axis=2)
+    rows, columns = np.nonzero(changed)
+    (entry,) = json.loads((tmp_path / "c.json").read_text())["pictures"]
+    stepper = simulation.stepper(simulation.load())
+    path = []
+    for step in range(101):
+        stepper.advance(step)
+        path.append([*stepper.instant().body("ball").xpos, 1])
+    u, v, w = np.array(entry["K"]) @ (np.linalg.inv(entry["world_from_camera"]) @ np.array(path).T)[:3]
+    assert len(rows) > 20
+    away = np.hypot(columns[:, None] + 0.5 - u / w, rows[:, None] + 0.5 - v / w).min(axis=1)
+    assert away.max() < 4
+    assert changed[int(v[0] / w[0]), int(u[0] / w[0])]
+
+
+def test_segmentation_and_depth_do_not_see_what_is_added(swing: Path, tmp_path: Path) -> None:
+    for view in ("seg", "depth"):
+        found = []
+        for added in ({}, {"trail": ["ball"], "ghost": ["offset=0/0/.5"]}):
+            Image(Simulation(swing), f"{tmp_path}/x.npy", view=view, time=0.2, size=SIZE, **added).run()  # type: ignore[arg-type]
+            found.append(np.load(tmp_path / "x.npy"))
+        assert np.array_equal(*found)
+
+
+def test_a_ghost_can_stand_in_a_pose_and_move_as_a_trace_says(tmp_path: Path) -> None:
+    model = mujoco.MjModel.from_xml_string(
+        '<mujoco><worldbody><body><joint name="j" axis="0 1 0"/><geom size=".1" pos=".3 0 0"/></body></worldbody>'
+        '<keyframe><key name="up" qpos="1.5"/></keyframe></mujoco>'
+    )
+    Trace(Simulation(model, duration=0.5, qvel={"j": 2}), f"{tmp_path}/t.npz").run()
+    found = scene_decorations(ViewOptions(ghost=[f"trace={tmp_path}/t.npz", "key=up,opacity=.5"]), model)
+    trace = np.load(tmp_path / "t.npz")
+    moving = found.ghosts[0].states(model, [0.0, 0.1001, 0.5, 9.0])
+    standing = found.ghosts[1].states(model, [0.0])
+    assert moving is not None
+    assert standing is not None
+    assert [state[1] for state in moving] == [trace["qpos/j"][k] for k in (0, 50, 250, 250)]
+    assert standing[0][1] == 1.5
+    assert found.ghosts[1].opacity == 0.5
+
+
+@pytest.mark.parametrize(
+    ("what", "kind", "said"),
+    [
+        ({"trail": ["bal"]}, UnknownNameError, "did you mean 'ball'"),
+        ({"trail": ["ball"], "trail_span": 0}, UsageError, "not a positive number"),
+        ({"ghost": ["colour=red"]}, UnknownNameError, "no setting 'colour' in ghost"),
+        ({"ghost": ["offset=1/2"]}, UsageError, "a displacement x/y/z"),
+        ({"ghost": ["opacity=2"]}, UsageError, "a number above 0 and up to 1"),
+        ({"ghost": ["key=up"]}, UnknownNameError, "there are no keyframes"),
+        ({"ghost": ["trace=no.csv"]}, MjrunError, "no such file"),
+        ({"ghost": ["key=a,trace=b"]}, UsageError, "exclude each other"),
+        ({"ghost": ["offset"]}, UsageError, "write offset=VALUE"),
+        ({"ghost": ["opacity=.5,opacity=.6"]}, UsageError, "write opacity=VALUE, once"),
+    ],
+)
+def test_what_cannot_be_added_is_refused(
+    swing: Path, tmp_path: Path, what: dict[str, object], kind: type, said: str
+) -> None:
+    with pytest.raises(kind, match=said):
+        Image(Simulation(swing), f"{tmp_path}/a.png", size=SIZE, **what).run()  # type: ignore[arg-type]
+    assert [path.name for path in tmp_path.iterdir()] == ["swing.xml"]
+
+
+def test_a_ghost_of_a_recording_is_where_a_bare_loop_was(swing: Path, tmp_path: Path) -> None:
+    Recording(Simulation(swing, steps=100, qvel={"hinge": 3}), f"{tmp_path}/r.npz").run()
+    model = mujoco.MjModel.from_xml_path(str(swing))
+    options = ViewOptions(ghost=[f"recording={tmp_path}/r.npz,offset=1/-2/.5"], view="rgb")
+    (ghost,) = scene_decorations(options, model).ghosts
+    assert (ghost.offset, ghost.opacity) == ((1.0, -2.0, 0.5), OPACITY)
+    states = ghost.states(model, [0.0, 0.1, 0.2])
+    assert states is not None
+    data = mujoco.MjData(model)
+    data.joint("hinge").qvel = 3
+    for state in states:
+        assert state[1] == data.qpos[0]
+        mujoco.mj_step(model, data, nstep=50)
+    assert GhostPlan().states(model, [0.0]) is None  # it moves as the model does
+
+
+def test_a_trail_has_positions_closer_than_frames_of_a_video(swing: Path) -> None:
+    model = mujoco.MjModel.from_xml_path(str(swing))
+    timeline = Timeline.of_steps(Fraction(1, 500), 500)
+    trailed = scene_decorations(ViewOptions(trail=["ball,box", "ball"], trail_span="1/3"), model)
+    assert trailed.trail_objects == [("body", model.body("ball").id), ("body", model.body("box").id)]
+    assert trailed.trail_span == pytest.approx(1 / 3)
+    steps = trailed.trail_steps(timeline)
+    assert (steps[0], steps[-1]) == (0, 500)
+    assert {later - step for step, later in pairwise(steps)} <= {2, 3}  # 1/240 s are 2.08 steps
+    assert trailed.trail_steps(Timeline.of_steps(Fraction(1, 500), 0)) == [0]
+    plain = scene_decorations(ViewOptions(), model)
+    assert (plain.trail_steps(timeline), plain.decorations([], [0.0])) == ([], [])
+
+
+def test_what_is_wrong_is_named_by_its_place(swing: Path) -> None:
+    model = mujoco.MjModel.from_xml_path(str(swing))
+    for values, path in (({"trail": ["ball", "bal"]}, ("trail", 1)), ({"ghost": ["", "opacity=2"]}, ("ghost", 1))):
+        with pytest.raises(UsageError) as caught:
+            scene_decorations(ViewOptions(**values), model)  # type: ignore[arg-type]
+        assert caught.value.path[:2] == path
