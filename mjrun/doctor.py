@@ -1,4 +1,4 @@
-"""`mjrun doctor`: what works on this machine, and how to repair what does not."""
+"""`mjrun doctor`: what works on this machine, and how to fix what does not."""
 
 import importlib.metadata
 import importlib.util
@@ -27,13 +27,13 @@ OK, WARNING, MISSING = "ok", "warning", "missing"
 
 @dataclass(frozen=True)
 class Diagnostic:
-    """Whether one thing works.
+    """The state of one component that mjrun uses.
 
     Attributes:
-      group, name: what it is.
+      group, name: of the component.
       status: `ok`, `warning` or `missing`.
       value: its version, or why it does not work.
-      remedy: what to do about it; empty if there is nothing to do.
+      remedy: what to do about it; empty if nothing needs to be done.
     """
 
     group: str
@@ -45,10 +45,10 @@ class Diagnostic:
 
 @dataclass(frozen=True)
 class DoctorReport:
-    """All findings.
+    """The state of all components.
 
     Attributes:
-      can_draw: whether the backend that the environment asks for can draw; if it asks for none, whether any can.
+      can_draw: whether the backend that the environment requests can draw; if it requests none, whether any can.
       can_encode: whether videos can be encoded.
     """
 
@@ -58,7 +58,7 @@ class DoctorReport:
 
 
 def examine(spelling: Spelling = str) -> DoctorReport:
-    """Tries everything that mjrun needs; backends and drivers in child processes.
+    """Tests everything that mjrun needs; backends and drivers in child processes.
 
     Args:
       spelling: how remedies write the names of mjrun's options.
@@ -68,9 +68,11 @@ def examine(spelling: Spelling = str) -> DoctorReport:
         trials["cgl"] = BackendTrial("cgl", draw=True)
     devices = BackendTrial("devices").answer().get("devices", [])
     encoder = _encoder()
+
     backends = {name: trial.result() for name, trial in trials.items() if name != "vulkan"}
     opengl = _opengl(backends)
     filament = _filament(trials["vulkan"].result(), opengl.used)
+
     findings = [*_versions(), *_extras(), *opengl.findings, *_devices(devices), filament, *encoder]
     return DoctorReport(
         [replace(finding, remedy=spelled(finding.remedy, spelling)) for finding in findings],
@@ -94,7 +96,7 @@ def _versions() -> list[Diagnostic]:
 
 
 def extras() -> dict[str, tuple[str, list[str]]]:
-    """The extras of mjrun: the library that each installs, and what needs it."""
+    """The extras of mjrun: the library that each installs, and the features that need it."""
     extras: dict[str, tuple[str, list[str]]] = {}
     for table in formats().values():
         if table.extra:
@@ -116,7 +118,7 @@ def _extras() -> list[Diagnostic]:
 
 @dataclass(frozen=True)
 class _OpenGL:
-    """The backends of OpenGL: the one that mjrun uses, if any, and the variables that ask for one."""
+    """The backends of OpenGL: the one that mjrun uses, if any, and the environment variables that request one."""
 
     findings: Sequence[Diagnostic]
     used: str | None
@@ -124,7 +126,7 @@ class _OpenGL:
 
 
 def _opengl(results: Mapping[str, Backend | str]) -> _OpenGL:
-    """What mjrun makes of the backends that were tried: each that works, or why it does not."""
+    """The state of the backends that were tested, and the one that mjrun would use."""
     variables = {name: os.environ[name] for name in (GL, DEVICE) if os.environ.get(name)}
     names, error = _requested()
     if names == candidates():
@@ -135,7 +137,7 @@ def _opengl(results: Mapping[str, Backend | str]) -> _OpenGL:
 
 
 def _requested() -> tuple[Sequence[str], str]:
-    """The backends that mjrun would try; or none, and why."""
+    """The backends that mjrun would try; or none, and the reason."""
     try:
         return requested_backends(), ""
     except NoRendererError as error:
@@ -163,7 +165,7 @@ def _backends(results: Mapping[str, Backend | str], used: str | None, default: b
 
 
 def _devices(devices: Sequence[Mapping[str, Any]]) -> list[Diagnostic]:
-    """The devices of EGL, each tried. MuJoCo numbers them as CUDA does, where the driver gives CUDA's number."""
+    """The devices of EGL, each tested. MuJoCo numbers them as CUDA does where the driver tells the number."""
     numbers = [device["index"] if device["cuda"] is None else device["cuda"] for device in devices]
     trials = [BackendTrial("egl", draw=True, device=number) for number in numbers]
     findings = []

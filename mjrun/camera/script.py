@@ -1,4 +1,4 @@
-"""What a camera is to do, as plain values: shots in time, each a rig. Names are not looked up in a model yet."""
+"""Camera scripts as plain values: shots in time, each with a rig. Names are not looked up in a model yet."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -11,11 +11,11 @@ from mjrun.camera.shake import Shake
 
 @dataclass(frozen=True)
 class Fit:
-    """Keeps an object, with all that hangs on it, whole in the image, by the distance.
+    """Keeps an object and all its descendants inside the image, by the distance of the camera.
 
     Attributes:
       target: a body, geom or site.
-      margin: how much larger than the object the image is, from 1 on.
+      margin: the size of the image relative to the object, from 1 on.
     """
 
     target: str
@@ -24,13 +24,13 @@ class Fit:
 
 @dataclass(frozen=True)
 class Event:
-    """An event in a simulation: the instant when a condition begins to hold.
+    """An event in a simulation: the instant at which a condition begins to hold.
 
     Attributes:
-      when: `speed(box) > 0.02`.
-      nth: which time, from 1 on.
+      when: the condition, such as `speed(box) > 0.02`.
+      nth: which of its occurrences, from 1 on.
       offset: how much later [s], or earlier if negative.
-      otherwise: what counts if it never occurs: a time [s], or the `end`; an error if None.
+      otherwise: the time if it never occurs [s], or the `end`; when None, that is an error.
     """
 
     when: str
@@ -48,10 +48,10 @@ class Shot:
 
     Attributes:
       until: when it ends: a time [s] of the simulation or an event; None with `lasting` or at the end.
-      lasting: how long it lasts [s] of the simulation, instead.
+      lasting: how long it lasts instead [s], in the simulation.
       speed: simulated seconds per second of video; the video's own when None.
-      blend: how the shot before becomes this one; a cut when None.
-      roll: turn around the axis of view [deg], clockwise.
+      blend: the transition from the shot before; a cut when None.
+      roll: rotation around the axis of view [deg], clockwise.
       fovy: vertical field of view [deg]; the model's when None.
     """
 
@@ -68,7 +68,7 @@ class Shot:
 
 @dataclass(frozen=True)
 class CameraScript:
-    """Shots, one after the other, under a name for captions and files."""
+    """A sequence of shots, with a name for captions and files."""
 
     name: str
     shots: Sequence[Shot]
