@@ -19,7 +19,7 @@ from mjrun.job.video import Video
 from mjrun.options.view import ViewOptions
 from mjrun.rendering.backend import Backend
 from mjrun.rendering.graph import graph_size
-from mjrun.reporter import QuietReporter
+from mjrun.reporter import WarningReporter
 from mjrun.sim.observe import observe
 from mjrun.sim.stepper import PhysicsStepper
 
@@ -39,7 +39,7 @@ def context_of(swing: Path, steps: int = 50) -> Context:
     """A context of the swinging box."""
     simulation = Simulation(swing, steps=steps)
     model = simulation.load()
-    return Context(simulation, model, simulation.timeline(model), QuietReporter())
+    return Context(simulation, model, simulation.timeline(model), WarningReporter())
 
 
 def test_what_frames_are_drawn_from_is_taken_at_their_steps(swing: Path) -> None:

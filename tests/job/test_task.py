@@ -16,7 +16,7 @@ from mjrun.job.simulation import Simulation
 from mjrun.job.task import Artifact, Context, Job, Output, OutputResult, PassSummary, Plan, UnscheduledOutput
 from mjrun.job.trace import Trace
 from mjrun.job.video import Video
-from mjrun.reporter import QuietReporter
+from mjrun.reporter import WarningReporter
 
 pytestmark = pytest.mark.filterwarnings("ignore:drawing in software")
 
@@ -39,7 +39,7 @@ def test_an_output_goes_through_its_phases_and_is_published_by_the_last(swing: P
     simulation = Simulation(swing, steps=20)
     job: Job[Any] = JOBS[kind](simulation, tmp_path)
     model = simulation.load()
-    context = Context(simulation, model, simulation.timeline(model), QuietReporter())
+    context = Context(simulation, model, simulation.timeline(model), WarningReporter())
     with ExitStack() as stack:
         rendering = stack.enter_context(SharedRendering())
         plan = job.task().plan(context)
@@ -63,7 +63,7 @@ def test_an_output_goes_through_its_phases_and_is_published_by_the_last(swing: P
 def test_an_output_that_is_given_up_leaves_nothing(swing: Path, tmp_path: Path, kind: str, until: str) -> None:
     simulation = Simulation(swing, steps=5)
     model = simulation.load()
-    context = Context(simulation, model, simulation.timeline(model), QuietReporter())
+    context = Context(simulation, model, simulation.timeline(model), WarningReporter())
     with ExitStack() as stack:
         rendering = stack.enter_context(SharedRendering())
         plan = JOBS[kind](simulation, tmp_path).task().plan(context)
@@ -104,10 +104,10 @@ def test_an_artifact_publishes_every_file_in_order() -> None:
     assert artifact.publish() == [Path("a"), Path("b"), Path("c")]
 
 
-def test_a_summary_is_of_the_model_that_ran(swing: Path, tmp_path: Path) -> None:
+def test_a_preview_counts_what_a_recording_will_hold(swing: Path, tmp_path: Path) -> None:
     model = mujoco.MjModel.from_xml_path(str(swing))
     simulation = Simulation(model, steps=3)
-    context = Context(simulation, model, simulation.timeline(model), QuietReporter())
+    context = Context(simulation, model, simulation.timeline(model), WarningReporter())
     plan = Recording(simulation, f"{tmp_path}/r.npz").task().plan(context)
     size = mujoco.mj_stateSize(model, mujoco.mjtState.mjSTATE_INTEGRATION)
     assert (plan.preview().count, plan.preview().size, plan.until) == (4, [size], 3)
