@@ -17,7 +17,7 @@ from mjrun.formats.ffmpeg import encoder_version, working_codecs
 from mjrun.formats.tables import formats
 from mjrun.model import known_bugs
 from mjrun.rendering.backend import DEVICE, GL, Backend, candidates, requested_backends
-from mjrun.rendering.backend_detection import BackendTrial, alternative, repair_advice
+from mjrun.rendering.backend_detection import BackendTrialProcess, alternative, repair_advice
 from mjrun.rendering.install_advice import VULKAN, install_advice
 from mjrun.sim import warp_device
 from mjrun.version import __version__
@@ -63,10 +63,10 @@ def examine(spelling: Spelling = str) -> DoctorReport:
     Args:
       spelling: how remedies write the names of mjrun's options.
     """
-    trials = {name: BackendTrial(name, draw=True) for name in ("egl", "osmesa", "glfw", "vulkan")}
+    trials = {name: BackendTrialProcess(name, draw=True) for name in ("egl", "osmesa", "glfw", "vulkan")}
     if platform.system() == "Darwin":
-        trials["cgl"] = BackendTrial("cgl", draw=True)
-    devices = BackendTrial("devices").answer().get("devices", [])
+        trials["cgl"] = BackendTrialProcess("cgl", draw=True)
+    devices = BackendTrialProcess("devices").answer().get("devices", [])
     encoder = _encoder()
 
     backends = {name: trial.result() for name, trial in trials.items() if name != "vulkan"}
@@ -167,7 +167,7 @@ def _backends(results: Mapping[str, Backend | str], used: str | None, default: b
 def _devices(devices: Sequence[Mapping[str, Any]]) -> list[Diagnostic]:
     """The devices of EGL, each tested. MuJoCo numbers them as CUDA does where the driver tells the number."""
     numbers = [device["index"] if device["cuda"] is None else device["cuda"] for device in devices]
-    trials = [BackendTrial("egl", draw=True, device=number) for number in numbers]
+    trials = [BackendTrialProcess("egl", draw=True, device=number) for number in numbers]
     findings = []
     for device, number, trial in zip(devices, numbers, trials, strict=True):
         result, cuda = trial.result(), "" if device["cuda"] is None else f", CUDA device {device['cuda']}"

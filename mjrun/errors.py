@@ -396,13 +396,13 @@ class PartlyDoneError(MjrunError):
 # --- ended from outside ----------------------------------------------------------------------------
 
 
-class EndedError(BaseException):
+class EndedFromOutsideError(BaseException):
     """The process was told to end. A BaseException, as KeyboardInterrupt is, so that nothing swallows it."""
 
     exit_code = 130
 
 
-class TerminatedError(EndedError):
+class TerminatedError(EndedFromOutsideError):
     """SIGTERM or SIGHUP arrived."""
 
     def __init__(self, number: int) -> None:
@@ -410,7 +410,7 @@ class TerminatedError(EndedError):
         super().__init__(signal.Signals(number).name)
 
 
-class ClosedPipeError(EndedError):
+class ClosedPipeError(EndedFromOutsideError):
     """Whoever read our standard output is gone."""
 
     exit_code = 141

@@ -33,7 +33,7 @@ from mjrun.bench.warp_timing import LEFT_OUT, C, WarpOptions, check_engine
 from mjrun.errors import FileError, UsageError, option
 from mjrun.formats.atomic_output import StagedFile
 from mjrun.job.manifest import origin
-from mjrun.job.shared_rendering import RendererChoice, SharedRendering
+from mjrun.job.shared_rendering import RendererRequest, SharedRendering
 from mjrun.job.simulation import Simulation
 from mjrun.model.mujoco_globals import collected_warnings
 from mjrun.model.names import names
@@ -192,7 +192,7 @@ class Bench(BenchOptions):
         """What draws each of the drawings, found before anything is timed."""
         drawings = self.drawings if self.render else self.drawings[:1] if self.whole else []
         with SharedRendering() as rendering:
-            return [rendering.backend(RendererChoice.of(drawing)) for drawing in drawings]
+            return [rendering.backend(RendererRequest.of(drawing)) for drawing in drawings]
 
     @property
     def _source(self) -> Source:

@@ -16,7 +16,7 @@ from mjrun.bench.statistics import SampleStatistics, summarized
 from mjrun.formats.codecs import encoding
 from mjrun.formats.video_writer import VideoWriter
 from mjrun.job.drawing import camera_motions, check_drawing, scene_compositor
-from mjrun.job.panels import panel_files
+from mjrun.job.drawing_files import panel_files
 from mjrun.model.mujoco_globals import without_timers
 from mjrun.options.view import ViewOptions
 from mjrun.rendering.backend import Backend

@@ -161,7 +161,7 @@ def identify_objects(text: str, model: mujoco.MjModel) -> list[tuple[str, int]]:
 
 
 @dataclass(frozen=True)
-class ObjectPath:
+class ObjectTrajectory:
     """Where an object is, and how fast, at the instants of a recording.
 
     Attributes:
@@ -201,7 +201,7 @@ class ObjectPath:
 
 def object_paths(
     model: mujoco.MjModel, objects: Sequence[tuple[str, int]], states: Iterable[np.ndarray]
-) -> list[ObjectPath]:
+) -> list[ObjectTrajectory]:
     """The path of each of `objects`, as kind and id, through integration `states`, which are read once.
 
     Velocities are MuJoCo's own (mj_objectVelocity), of each instant by itself: no time between states is too
@@ -223,4 +223,4 @@ def object_paths(
             row.append(np.concatenate([getattr(data, TARGETS[kind])[index], velocity[3:]]))
         points.append(row)
     paths = np.array(points).reshape(len(times), len(objects), 6)
-    return [ObjectPath(np.array(times), paths[:, k, :3], paths[:, k, 3:]) for k in range(len(objects))]
+    return [ObjectTrajectory(np.array(times), paths[:, k, :3], paths[:, k, 3:]) for k in range(len(objects))]

@@ -10,7 +10,7 @@ from mjrun.cli.console import Console, flag
 from mjrun.formats.format_lists import with_formats
 from mjrun.options.kinds import Choice, ExpectedError, Flag, Kind, Optional, Settings, Several, Values
 from mjrun.options.messages import MessageOptions
-from mjrun.options.option import Option, Options, Place, options_of
+from mjrun.options.option import FrontEnd, Option, Options, options_of
 
 C = TypeVar("C", bound=Options)
 Body = Callable[[Console, "CommandLine"], None]
@@ -133,7 +133,7 @@ def command(
             body(console, command_line)
 
         declared = {each.name: each for cls in (*classes, MessageOptions) for each in options_of(cls)}
-        known = [each for each in declared.values() if Place.COMMAND in each.places and each.name not in without]
+        known = [each for each in declared.values() if FrontEnd.COMMAND in each.places and each.name not in without]
         params = [*arguments, *map(click_option, sorted(known, key=_section_rank))]
         return SectionedCommand(name, callback=callback, params=params, help=body.__doc__)
 

@@ -71,9 +71,9 @@ def _show_collection(console: Console, collection: "type[CollectionSource]", as_
 
 def _page(result: "InfoResult", asked: bool, model: str) -> str:
     """The sections as text; if they were not asked for by name, long ones are cut, and details are only listed."""
-    from mjrun.cli.info_page import Page
+    from mjrun.cli.page_layout import PageLayout
 
-    page, command_line, details = Page(), f"mjrun info {clean(shlex.quote(model))}", []
+    page, command_line, details = PageLayout(), f"mjrun info {clean(shlex.quote(model))}", []
     for name in result.sections:
         section = SECTIONS[name]
         if isinstance(section, LineSection):

@@ -15,7 +15,7 @@ import click
 from click.shell_completion import shell_complete
 
 from mjrun.cli.console import Console, flag
-from mjrun.errors import ClosedPipeError, EndedError, MjrunError, TerminatedError, clean, quoted
+from mjrun.errors import ClosedPipeError, EndedFromOutsideError, MjrunError, TerminatedError, clean, quoted
 from mjrun.version import __version__
 
 BUG = 70
@@ -137,7 +137,7 @@ def _guarded(console: Console, action: Callable[[], int]) -> int:
     except (KeyboardInterrupt, click.Abort):
         console.error("interrupted")
         return 130
-    except EndedError as end:
+    except EndedFromOutsideError as end:
         console.error(f"ended by {end}")
         return end.exit_code
     except Exception as error:

@@ -9,7 +9,7 @@ from mjrun.cli.click_command import DeclaredOption, flags, is_repeatable, shown_
 from mjrun.cli.main import COMMANDS, group
 from mjrun.formats.format_lists import with_formats
 from mjrun.options.kinds import Flag
-from mjrun.options.option import Option, Place, options_of
+from mjrun.options.option import FrontEnd, Option, options_of
 from mjrun.options.trace import PlotOptions, RecordingOptions
 
 SIMULATION_SECTIONS = ("Simulation", "Model")  # the rest of a command that simulates is about its output
@@ -110,13 +110,13 @@ def _by_section(owner: Owner, options: Sequence[Option]) -> Iterator[tuple[str, 
 
 def _section_lines(section: Section) -> Iterator[str]:
     owners = section.all_owners()
-    places = Place(0)
+    places = FrontEnd(0)
     for each in section.options.values():
         places |= each.places
     homes = {
         "Command line": [f"`mjrun {owner.command}`" for owner in owners if owner.command],
-        "Run documents": [owner.document for owner in owners if owner.key and Place.DOCUMENT in places],
-        "Python": [f"`mjrun.{owner.python}`" for owner in owners if owner.python and Place.PYTHON in places],
+        "Run documents": [owner.document for owner in owners if owner.key and FrontEnd.DOCUMENT in places],
+        "Python": [f"`mjrun.{owner.python}`" for owner in owners if owner.python and FrontEnd.PYTHON in places],
     }
     yield f"## {section.title}\n"
     yield ". ".join(f"{name}: {', '.join(dict.fromkeys(home))}" for name, home in homes.items() if home) + "."
@@ -126,9 +126,9 @@ def _section_lines(section: Section) -> Iterator[str]:
 
 
 def _row(each: Option, owners: Sequence[Owner], all_owners: Sequence[Owner]) -> list[str]:
-    in_command = Place.COMMAND in each.places and any(owner.command for owner in owners)
-    in_document = Place.DOCUMENT in each.places and any(owner.key for owner in owners)
-    in_python = Place.PYTHON in each.places and any(owner.python for owner in owners)
+    in_command = FrontEnd.COMMAND in each.places and any(owner.command for owner in owners)
+    in_document = FrontEnd.DOCUMENT in each.places and any(owner.key for owner in owners)
+    in_python = FrontEnd.PYTHON in each.places and any(owner.python for owner in owners)
     spellings = ", ".join(f"`{spelling}`" for spelling in (*each.short, *flags(each)))
     repeatable = " Repeatable." if in_command and is_repeatable(each) else ""
     return [

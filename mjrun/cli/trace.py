@@ -8,12 +8,12 @@ from mjrun.errors import UsageError, clean, option
 from mjrun.options.messages import MessageOptions
 from mjrun.options.output import CommandOptions
 from mjrun.options.simulation import SimulationOptions
-from mjrun.options.trace import TraceCommandOptions, TraceOptions
+from mjrun.options.trace import TraceCommandLineOptions, TraceOptions
 
 WRITTEN = ("output", "contacts", "manifest", "recording")
 
 
-@command("trace", TraceOptions, TraceCommandOptions, CommandOptions, SimulationOptions, arguments=[MODEL])
+@command("trace", TraceOptions, TraceCommandLineOptions, CommandOptions, SimulationOptions, arguments=[MODEL])
 def trace(console: Console, command_line: CommandLine) -> None:
     """Measure a simulation of MODEL: one row per instant, exact numbers, named columns.
 
@@ -24,7 +24,7 @@ def trace(console: Console, command_line: CommandLine) -> None:
     """
     console.guard_stdout()
     import_mujoco()
-    options = command_line.make(TraceCommandOptions)
+    options = command_line.make(TraceCommandLineOptions)
     if options.list_:
         _list(console, command_line)
         return

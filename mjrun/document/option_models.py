@@ -32,7 +32,7 @@ from mjrun.job.view import check_segmentation_name
 from mjrun.model.sources import is_file
 from mjrun.options import kinds as option_kinds
 from mjrun.options.kinds import ExpectedError, Kind, setting_text
-from mjrun.options.option import Option, Options, Place, exclusions_of, options_of
+from mjrun.options.option import FrontEnd, Option, Options, exclusions_of, options_of
 from mjrun.rendering.segmentation import groupings
 from mjrun.rendering.visual import Visual, flags, frames, labels
 
@@ -90,7 +90,7 @@ def options_model(
 
 def document_options(declared: type[Options]) -> list[Option]:
     """Those options that documents know."""
-    return [each for each in options_of(declared) if Place.DOCUMENT in each.places]
+    return [each for each in options_of(declared) if FrontEnd.DOCUMENT in each.places]
 
 
 def _is_said(value: object) -> bool:
@@ -121,7 +121,7 @@ def field_type(kind: Kind[Any, Any]) -> Any:
             return Maybe[field_type(each)]
         case option_kinds.Several(each):
             return Several[field_type(each)]
-        case option_kinds.Named(of=of):
+        case option_kinds.MujocoName(of=of):
             names, check = NAMES[of]
             return Annotated[Name, accepted_by(check), listed(names())]
         case option_kinds.Choice(names):
@@ -131,7 +131,7 @@ def field_type(kind: Kind[Any, Any]) -> Any:
             return Annotated[int, bounds]
         case option_kinds.Real(least, above, most):
             return Annotated[float, Field(ge=least if above is None else None, gt=above, le=most)]
-        case option_kinds.Exact(zero=zero):
+        case option_kinds.ExactNumber(zero=zero):
             return Instant if zero else Exact
         case option_kinds.File(written=written):
             return Inside if written else Name

@@ -8,13 +8,13 @@ from mjrun.camera.calibration import lens
 from mjrun.camera.motion import CameraMotion
 from mjrun.camera.pose import Pose
 from mjrun.formats.calibration_writer import CalibrationEntry, CalibrationWriter
-from mjrun.job.panels import PanelFile, camera_names
+from mjrun.job.drawing_files import DrawingFile, camera_names
 from mjrun.options.view import ViewOptions
 
 FRAME_NAME = "%06d.png"  # in a folder
 
 
-class Calibration:
+class DrawingCalibration:
     """Writes the calibration file of a drawing. Opening it proves that it can be written.
 
     Args:
@@ -28,7 +28,7 @@ class Calibration:
     """
 
     def __init__(
-        self, options: ViewOptions, motions: Sequence[CameraMotion], files: Sequence[PanelFile], numbers: bool
+        self, options: ViewOptions, motions: Sequence[CameraMotion], files: Sequence[DrawingFile], numbers: bool
     ) -> None:
         assert options.calibration is not None
         self._folder, self._size = Path(options.calibration).parent, options.size

@@ -14,12 +14,12 @@ from mjrun.camera.motion import CameraMotion
 from mjrun.camera.pose import Pose
 from mjrun.camera.script import CameraScript
 from mjrun.errors import clean, concerning
-from mjrun.job.calibration import Calibration
+from mjrun.job.calibration import DrawingCalibration
+from mjrun.job.drawing_files import DrawingFile, camera_names, frame_size, unused_options
 from mjrun.job.frame_schedule import FrameSchedule
 from mjrun.job.overlay_probes import FrameValues, OverlayProbes, empty_overlay, overlay_probes
-from mjrun.job.panels import PanelFile, camera_names, frame_size, unused_options
 from mjrun.job.scene_decorations import SceneDecorations, scene_decorations
-from mjrun.job.shared_rendering import RendererChoice, SharedRendering
+from mjrun.job.shared_rendering import RendererRequest, SharedRendering
 from mjrun.job.task import Context
 from mjrun.job.view import RENDERERS, visual_of
 from mjrun.options.view import ViewOptions
@@ -60,7 +60,7 @@ class DrawingPlan:
         """Flags of MuJoCo's that must be set for what is measured."""
         return self.probes.model.opt.enableflags
 
-    def backend(self, rendering: SharedRendering, files: Sequence[PanelFile], plots: Sequence[str] = ()) -> Backend:
+    def backend(self, rendering: SharedRendering, files: Sequence[DrawingFile], plots: Sequence[str] = ()) -> Backend:
         """What draws; warns of what it leaves out, and of options that files of numbers have no room for.
 
         Raises:
@@ -68,17 +68,17 @@ class DrawingPlan:
           UsageError: the backend cannot draw this, or not that large.
         """
         options, reporter = self.options, self.context.reporter
-        backend = rendering.backend(RendererChoice.of(options))
+        backend = rendering.backend(RendererRequest.of(options))
         warnings = check_drawing(options, self.context.model, backend)
         for text in [*warnings, *(unused_options(options, plots) if all(file.exact for file in files) else [])]:
             reporter.warn(text)
         return backend
 
-    def calibration(self, files: Sequence[PanelFile], numbers: bool, stack: ExitStack) -> Calibration | None:
+    def calibration(self, files: Sequence[DrawingFile], numbers: bool, stack: ExitStack) -> DrawingCalibration | None:
         """The open calibration file, if one is asked for; `numbers` says whether depth is in 16-bit pictures."""
         if self.options.calibration is None:
             return None
-        calibration = Calibration(self.options, self.motions, files, numbers)
+        calibration = DrawingCalibration(self.options, self.motions, files, numbers)
         stack.enter_context(calibration.writer)
         return calibration
 
@@ -167,7 +167,7 @@ class FrameRecorder:
         ]
         return list(zip(*poses, strict=True))
 
-    def compositor(self, backend: Backend, files: Sequence[PanelFile], legend: bool = False) -> SceneCompositor:
+    def compositor(self, backend: Backend, files: Sequence[DrawingFile], legend: bool = False) -> SceneCompositor:
         """What draws the frames of `files`; `legend` says whether coloured segmentations list what is in view."""
         plan, schedule = self._plan, self._schedule
         trail_states = (self._trail_states[k] for k in range(len(self._trail_states)))
@@ -178,7 +178,7 @@ class FrameRecorder:
         streams = [file.stream(plan.options, overlay, legend) for file in files]
         return scene_compositor(plan.options, plan.context.model, backend, streams, self.poses, decorations)
 
-    def calibrate(self, calibration: Calibration) -> None:
+    def calibrate(self, calibration: DrawingCalibration) -> None:
         """Writes what every frame was taken with."""
         for index, (poses, time) in enumerate(zip(self.poses, self.times, strict=True)):
             calibration.write(poses, index, time)

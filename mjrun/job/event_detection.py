@@ -8,7 +8,7 @@ import numpy as np
 
 from mjrun.camera.script import Event
 from mjrun.errors import UsageError, quoted
-from mjrun.job.trace_rows import TraceTable
+from mjrun.job.trace_rows import ProbeSampler
 from mjrun.probe.event import RisingEdgeDetector, condition
 from mjrun.sim.observe import AnyTap, Tap
 from mjrun.sim.replay import ReplayStepper
@@ -26,7 +26,7 @@ class EventDetector:
 
     def __init__(self, model: mujoco.MjModel, timeline: Timeline, texts: Collection[str]) -> None:
         self._conditions = [(condition(text, model), RisingEdgeDetector()) for text in sorted(texts)]
-        self._tables = [TraceTable(model, watched.columns, timeline) for watched, _ in self._conditions]
+        self._tables = [ProbeSampler(model, watched.columns, timeline) for watched, _ in self._conditions]
         self._timeline = timeline
         self._states = StateBuffer(model)
 

@@ -15,15 +15,15 @@ from mjrun.errors import BadValueError, UsageError, clean, option
 from mjrun.formats.image_format import image_format
 from mjrun.formats.image_writer import ImageWriter
 from mjrun.formats.pointcloud import PointCloudWriter
-from mjrun.job.calibration import Calibration
+from mjrun.job.calibration import DrawingCalibration
 from mjrun.job.drawing import DrawingPlan, FrameRecorder, metadata_tags, plan_drawing
+from mjrun.job.drawing_files import DrawingFile, camera_names, output_files, panel_files
 from mjrun.job.event_detection import conditions, time_of
 from mjrun.job.frame_schedule import FrameSchedule, image_schedule, shot_events
 from mjrun.job.manifest import origin
 from mjrun.job.output_files import named_files
-from mjrun.job.panels import PanelFile, camera_names, output_files, panel_files
 from mjrun.job.perform import perform
-from mjrun.job.shared_rendering import RendererChoice, SharedRendering
+from mjrun.job.shared_rendering import RendererRequest, SharedRendering
 from mjrun.job.task import Artifact, Context, EventSteps, Job, Output, OutputResult, PassSummary, Preview
 from mjrun.job.view import check_view
 from mjrun.model.rendered_view import RenderedView, Segment
@@ -103,7 +103,7 @@ class ImageResult(OutputResult):
 
 
 @dataclass(frozen=True)
-class ImageFile(PanelFile):
+class ImageFile(DrawingFile):
     """A file of an image.
 
     Attributes:
@@ -126,9 +126,9 @@ class ImageTask:
     files: Sequence[ImageFile]
 
     @property
-    def renderer(self) -> RendererChoice:
+    def renderer(self) -> RendererRequest:
         """What it draws with."""
-        return RendererChoice.of(self.job)
+        return RendererRequest.of(self.job)
 
     def plan(self, context: Context) -> "ImagePlan":
         """Finds every name in the model, and the step, unless events decide."""
@@ -211,7 +211,7 @@ class OpenImage:
     backend: Backend
     facts: Mapping[str, object]
     writers: Sequence[ImageWriter]
-    calibration: Calibration | None
+    calibration: DrawingCalibration | None
     pointcloud: PointCloudWriter | None
     stack: ExitStack
 
@@ -285,7 +285,7 @@ class ImageOutput(Output[ImageResult]):
         )
 
 
-def _image_file(job: Image, file: PanelFile) -> ImageFile:
+def _image_file(job: Image, file: DrawingFile) -> ImageFile:
     """A file with its format: numbers where a lone view is to be, or can be, written as such."""
     if Path(file.path).suffix.lower() in VIDEO_SUFFIXES:
         raise UsageError(f"{clean(file.path)} would be a video; this draws one instant\n`mjrun video` makes videos")

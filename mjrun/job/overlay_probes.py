@@ -8,7 +8,7 @@ import numpy as np
 
 from mjrun.errors import UsageError, concerning, option, quoted
 from mjrun.job.text_template import Template, parse_template
-from mjrun.job.trace_rows import TraceTable
+from mjrun.job.trace_rows import ProbeSampler
 from mjrun.probe.select import available_columns, split
 from mjrun.rendering.compositor import Overlay
 from mjrun.rendering.graph import Graph, aligned, graph_size
@@ -30,7 +30,7 @@ class OverlayProbes:
     """
 
     text: Template
-    tables: Sequence[TraceTable]
+    tables: Sequence[ProbeSampler]
     model: mujoco.MjModel
 
     @property
@@ -87,10 +87,10 @@ def overlay_probes(
     """
     with concerning("text"):
         template = parse_template(text, [column.name for column in available_columns(model)]) if text else Template([])
-        tables = [TraceTable(model, template.columns, timeline)]
+        tables = [ProbeSampler(model, template.columns, timeline)]
     for index, plot in enumerate(plots):
         with concerning("plot", index):
-            tables.append(TraceTable(tables[-1].model, split(plot), timeline))
+            tables.append(ProbeSampler(tables[-1].model, split(plot), timeline))
             if len(tables[-1].columns) == 1:
                 raise UsageError(f"{option('plot')} {quoted(plot)}: this model has none of it")
     return OverlayProbes(template, tables, tables[-1].model)

@@ -29,6 +29,7 @@ from mjrun.job.shared_rendering import SharedRendering
 from mjrun.job.task import (
     Artifact,
     Context,
+    EventDrivenOutput,
     EventSteps,
     Job,
     Output,
@@ -36,7 +37,6 @@ from mjrun.job.task import (
     PassSummary,
     Plan,
     Preview,
-    UnscheduledOutput,
 )
 from mjrun.model.mujoco_globals import collected_warnings, without_timers
 from mjrun.reporter import Reporter, WarningReporter, pass_on
@@ -45,7 +45,7 @@ from mjrun.sim.stepper import Stepper
 
 T = TypeVar("T")
 R = TypeVar("R", bound=OutputResult)
-AnyOutput = Output[R] | UnscheduledOutput[R]
+AnyOutput = Output[R] | EventDrivenOutput[R]
 
 
 def perform(jobs: Sequence[Job[R]], reporter: Reporter | None = None) -> list[R]:

@@ -18,7 +18,7 @@ from mjrun.job.perform import perform
 from mjrun.job.shared_rendering import SharedRendering
 from mjrun.job.task import Artifact, Context, Job, Output, OutputResult, PassSummary, Preview
 from mjrun.job.trace import row_steps
-from mjrun.job.trace_rows import RowBuffer, TraceTable
+from mjrun.job.trace_rows import ProbeSampler, RowBuffer
 from mjrun.options.option import options
 from mjrun.options.trace import PlotOptions
 from mjrun.probe.select import split
@@ -94,15 +94,15 @@ class PlotTask:
 
     def plan(self, context: Context) -> "PlotPlan":
         """Finds the probes in the model."""
-        graphs: list[TraceTable] = []
+        graphs: list[ProbeSampler] = []
         for index, text in enumerate(self.job.probe):
             with concerning("probe", index):
-                graphs.append(TraceTable(context.model, split(text), context.timeline))
+                graphs.append(ProbeSampler(context.model, split(text), context.timeline))
                 if len(graphs[-1].columns) == 1:
                     raise UsageError(f"plot {quoted(text)}: this model has none of it")
         # One table of all, so that each instant is computed once.
         probes = [part for text in self.job.probe for part in split(text)]
-        table = TraceTable(context.model, list(dict.fromkeys(probes)), context.timeline)
+        table = ProbeSampler(context.model, list(dict.fromkeys(probes)), context.timeline)
         return PlotPlan(self, context, row_steps(context.timeline, self.job.every, self.job.rate), graphs, table)
 
 
@@ -119,8 +119,8 @@ class PlotPlan:
     task: PlotTask
     context: Context
     steps: Sequence[int]
-    graphs: Sequence[TraceTable]
-    table: TraceTable
+    graphs: Sequence[ProbeSampler]
+    table: ProbeSampler
 
     keep_partial = False
 

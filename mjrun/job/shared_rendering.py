@@ -7,11 +7,11 @@ from mjrun.options.view import ViewOptions
 from mjrun.rendering.backend import Backend
 from mjrun.rendering.backend_detection import BackendDetection, VulkanDetection
 from mjrun.rendering.compositor import SceneCompositor
-from mjrun.rendering.workers import Workers
+from mjrun.rendering.workers import PainterProcesses
 
 
 @dataclass(frozen=True)
-class RendererChoice:
+class RendererRequest:
     """A renderer, as options ask for it: `classic` by an OpenGL backend, or `filament` by Vulkan."""
 
     renderer: str
@@ -19,7 +19,7 @@ class RendererChoice:
     require_gpu: bool
 
     @classmethod
-    def of(cls, options: ViewOptions) -> "RendererChoice":
+    def of(cls, options: ViewOptions) -> "RendererRequest":
         """What `options` ask for."""
         return cls(options.renderer, None if options.renderer == "filament" else options.gl, options.require_gpu)
 
@@ -32,11 +32,11 @@ class SharedRendering:
     """Detects each backend once and starts each worker process once, for all outputs of a pass. To be closed."""
 
     def __init__(self) -> None:
-        self._detections: dict[RendererChoice, BackendDetection | VulkanDetection] = {}
-        self._backends: dict[RendererChoice, Backend] = {}
-        self._workers: Workers | None = None
+        self._detections: dict[RendererRequest, BackendDetection | VulkanDetection] = {}
+        self._backends: dict[RendererRequest, Backend] = {}
+        self._workers: PainterProcesses | None = None
 
-    def detect(self, choice: RendererChoice) -> None:
+    def detect(self, choice: RendererRequest) -> None:
         """Starts the detection in a child process, so that it runs while the model loads.
 
         Raises:
@@ -46,7 +46,7 @@ class SharedRendering:
         if choice not in self._detections:
             self._detections[choice] = choice.detection()
 
-    def backend(self, choice: RendererChoice) -> Backend:
+    def backend(self, choice: RendererRequest) -> Backend:
         """The backend that was detected.
 
         Raises:
@@ -57,14 +57,14 @@ class SharedRendering:
             self._backends[choice] = self._detections[choice].result(choice.require_gpu)
         return self._backends[choice]
 
-    def workers(self, count: int) -> Workers:
+    def workers(self, count: int) -> PainterProcesses:
         """At least `count` processes that draw, started without waiting for them.
 
         Raises:
           DrawError: they cannot be started.
         """
         if self._workers is None:
-            self._workers = Workers(count, SceneCompositor.__module__)
+            self._workers = PainterProcesses(count, SceneCompositor.__module__)
         else:
             self._workers.grow(count)
         return self._workers

@@ -15,7 +15,7 @@ from typing import Generic, Protocol, TypeVar
 import mujoco
 
 from mjrun.formats.atomic_output import OutputWriter
-from mjrun.job.shared_rendering import RendererChoice, SharedRendering
+from mjrun.job.shared_rendering import RendererRequest, SharedRendering
 from mjrun.job.simulation import Simulation
 from mjrun.options.option import options
 from mjrun.options.output import OutputOptions
@@ -125,7 +125,7 @@ class Output(ABC, Generic[R_co]):
         """
 
 
-class UnscheduledOutput(Protocol[R_co]):
+class EventDrivenOutput(Protocol[R_co]):
     """An output whose files are open, and whose instants depend on events of the simulation.
 
     Attributes:
@@ -166,7 +166,7 @@ class Plan(Protocol[R_co]):
         """What will be made."""
         ...
 
-    def open(self, stack: ExitStack, rendering: SharedRendering) -> Output[R_co] | UnscheduledOutput[R_co]:
+    def open(self, stack: ExitStack, rendering: SharedRendering) -> Output[R_co] | EventDrivenOutput[R_co]:
         """Opens the files, which proves that they can be written; `stack` discards what is not published."""
         ...
 
@@ -175,7 +175,7 @@ class Task(Protocol[R_co]):
     """An output with all that can be decided without the model."""
 
     @property
-    def renderer(self) -> RendererChoice | None:
+    def renderer(self) -> RendererRequest | None:
         """What it draws with, if it draws: worth detecting while the model loads."""
         ...
 

@@ -18,7 +18,7 @@ from mjrun.job.perform import perform
 from mjrun.job.shared_rendering import SharedRendering
 from mjrun.job.simulation import Simulation
 from mjrun.job.task import Artifact, Context, Job, Output, OutputResult, PassSummary, Preview
-from mjrun.job.trace_rows import TIME, RowBuffer, Rows, TraceTable, rate_warning
+from mjrun.job.trace_rows import TIME, ProbeSampler, RowBuffer, Rows, rate_warning
 from mjrun.model.column import Column
 from mjrun.model.mujoco_globals import collected_warnings
 from mjrun.options.option import options
@@ -116,7 +116,7 @@ class TraceTask:
         """Finds the probes in the model and parses the assertions."""
         job = self.job
         steps = row_steps(context.timeline, job.every, job.rate)
-        table = TraceTable(context.model, job.probe, context.timeline, with_contacts=job.contacts is not None)
+        table = ProbeSampler(context.model, job.probe, context.timeline, with_contacts=job.contacts is not None)
         if text := rate_warning(context.timeline, job.rate):
             context.reporter.warn(text)
         available = SelectedProbes([column.name for column in table.columns], table.model)
@@ -134,7 +134,7 @@ class TracePlan:
     task: TraceTask
     context: Context
     steps: Sequence[int]
-    table: TraceTable
+    table: ProbeSampler
     assertions: Sequence[Assertion]
 
     @property

@@ -32,7 +32,7 @@ class Rows:
     contacts: np.ndarray | None = None
 
 
-class TraceTable:
+class ProbeSampler:
     """The columns that probes select, and their rows, read in blocks or one at a time.
 
     Energy is computed when it is measured, whatever the model's flag says; that does not change the motion.
@@ -116,7 +116,7 @@ class TraceTable:
 class RowBuffer:
     """Rows that are read one by one, at `steps`, and written block by block."""
 
-    def __init__(self, table: TraceTable, steps: Sequence[int], write: Callable[[Rows], object]) -> None:
+    def __init__(self, table: ProbeSampler, steps: Sequence[int], write: Callable[[Rows], object]) -> None:
         self._table, self._steps, self._write = table, steps, write
         self._rows: list[Rows] = []
         self._written = 0

@@ -15,16 +15,16 @@ from mjrun.errors import clean
 from mjrun.formats.codecs import Encoding, encoding
 from mjrun.formats.labels import LabelsWriter
 from mjrun.formats.video_writer import VideoWriter
-from mjrun.job.calibration import Calibration
+from mjrun.job.calibration import DrawingCalibration
 from mjrun.job.drawing import DrawingPlan, FrameRecorder, metadata_tags, plan_drawing
+from mjrun.job.drawing_files import DrawingFile, camera_names, output_files, panel_files, panels_of
 from mjrun.job.event_detection import conditions
-from mjrun.job.frame_drawing import FrameDrawer
 from mjrun.job.frame_schedule import FrameSchedule, shot_events, video_schedule
 from mjrun.job.manifest import origin
-from mjrun.job.panels import PanelFile, camera_names, output_files, panel_files, panels_of
 from mjrun.job.perform import perform
-from mjrun.job.shared_rendering import RendererChoice, SharedRendering
+from mjrun.job.shared_rendering import RendererRequest, SharedRendering
 from mjrun.job.task import Artifact, Context, EventSteps, Job, Output, OutputResult, PassSummary, Preview
+from mjrun.job.video_drawing import FrameDrawer
 from mjrun.job.view import check_view
 from mjrun.model.uint16_pixels import UINT16_MAX
 from mjrun.options.kinds import AUTO
@@ -107,7 +107,7 @@ class VideoResult(OutputResult):
 
 
 @dataclass(frozen=True)
-class VideoFile(PanelFile):
+class VideoFile(DrawingFile):
     """A file of a video; `encoding` is how it is encoded."""
 
     encoding: Encoding = field(kw_only=True)
@@ -128,9 +128,9 @@ class VideoTask:
     speed: Fraction
 
     @property
-    def renderer(self) -> RendererChoice:
+    def renderer(self) -> RendererRequest:
         """What it draws with."""
-        return RendererChoice.of(self.job)
+        return RendererRequest.of(self.job)
 
     def plan(self, context: Context) -> "VideoPlan":
         """Finds every name in the model and schedules the frames, unless events decide."""
@@ -218,7 +218,7 @@ class OpenVideo:
     facts: Mapping[str, object]
     writers: Sequence[VideoWriter]
     labels: Sequence[LabelsWriter | None]
-    calibration: Calibration | None
+    calibration: DrawingCalibration | None
     drawer: FrameDrawer
     stack: ExitStack
 
@@ -320,7 +320,7 @@ class VideoArtifact(Artifact[VideoResult]):
         return files
 
 
-def _video_file(job: Video, file: PanelFile) -> VideoFile:
+def _video_file(job: Video, file: DrawingFile) -> VideoFile:
     coded = all(panel.view == "seg" for panel in file.panels)
     content = "exact" if file.exact else "ids" if coded else "video"
     encoded = encoding(file.target, job.format, job.codec, job.crf, job.preset, content)

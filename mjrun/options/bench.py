@@ -5,7 +5,7 @@ from typing import ClassVar
 
 from mjrun.options.kinds import (
     Choice,
-    Exact,
+    ExactNumber,
     File,
     Flag,
     Integer,
@@ -14,13 +14,13 @@ from mjrun.options.kinds import (
     Percent,
     Processes,
     Real,
-    Scan,
+    ScanValues,
     Several,
     Size,
     Text,
 )
 from mjrun.options.model import ModelOptions
-from mjrun.options.option import Exclusion, Options, Place, option, options
+from mjrun.options.option import Exclusion, FrontEnd, Options, option, options
 from mjrun.options.view import QUALITIES, RENDERERS, VIEWS, BackendOptions
 
 ENGINES = ("c", "warp")
@@ -32,7 +32,7 @@ class StepTimingOptions(Options):
 
     section: ClassVar[str] = "Measurement"
 
-    budget: Fraction = option(converter=Exact("SECONDS"), default=3, help="Wall time to spend [s], roughly.")
+    budget: Fraction = option(converter=ExactNumber("SECONDS"), default=3, help="Wall time to spend [s], roughly.")
     repeats: int | None = option(
         converter=Optional(Integer(1)), default=None, usual="7 to 50", help="How often a rollout is repeated."
     )
@@ -43,7 +43,7 @@ class StepTimingOptions(Options):
         help="Copies to run side by side: 1,2,auto.",
     )
     scan: tuple[tuple[str, str], ...] = option(
-        converter=Scan(),
+        converter=ScanValues(),
         default=(),
         help="Measure a grid: integrator=euler,rk4 timestep=.001,.002 opt.solver=cg,newton, or any path of --set. "
         "Values with commas are separated by semicolons.",
@@ -52,13 +52,13 @@ class StepTimingOptions(Options):
         converter=Flag(), default=False, help="Add energy drift, and distance from a run with finer steps."
     )
     horizon: Fraction | None = option(
-        converter=Optional(Exact("SECONDS")),
+        converter=Optional(ExactNumber("SECONDS")),
         default=None,
         usual="1",
         help="Simulated time after which accuracy is measured [s].",
     )
     reference: Fraction | None = option(
-        converter=Optional(Exact("SECONDS")),
+        converter=Optional(ExactNumber("SECONDS")),
         default=None,
         usual="an eighth of the finest",
         help="Timestep of the finer run [s].",
@@ -187,14 +187,14 @@ class ReportOptions(Options):
     csv: bool = option(
         converter=Flag(),
         default=False,
-        places=Place.COMMAND,
+        places=FrontEnd.COMMAND,
         help="A CSV table instead, a line for each point of the grid.",
     )
-    markdown: bool = option(converter=Flag(), default=False, places=Place.COMMAND, help="Markdown instead.")
+    markdown: bool = option(converter=Flag(), default=False, places=FrontEnd.COMMAND, help="Markdown instead.")
     summary: str | None = option(
         converter=Optional(Text("[FILE]")),
         default=None,
-        places=Place.COMMAND,
+        places=FrontEnd.COMMAND,
         flag_value="",
         help="Also append Markdown to a file, or to that named by $GITHUB_STEP_SUMMARY.",
     )

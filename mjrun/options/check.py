@@ -3,8 +3,8 @@
 from fractions import Fraction
 from typing import ClassVar
 
-from mjrun.options.kinds import AUTO, Choice, Exact, Flag, Integer, Processes, Several, Text
-from mjrun.options.option import Exclusion, Options, Place, option, options
+from mjrun.options.kinds import AUTO, Choice, ExactNumber, Flag, Integer, Processes, Several, Text
+from mjrun.options.option import Exclusion, FrontEnd, Options, option, options
 
 SEVERITIES = ("error", "warning", "note")
 
@@ -35,7 +35,7 @@ class CheckOptions(Options):
         default=200,
         help="Steps that a model must survive, from its own start; 0 for none.",
     )
-    timeout: Fraction = option(converter=Exact("SECONDS"), default=60, help="Wall time for one model [s].")
+    timeout: Fraction = option(converter=ExactNumber("SECONDS"), default=60, help="Wall time for one model [s].")
     memory: int = option(converter=Integer(1, metavar="MIB"), default=4096, help="Memory for one model [MiB].")
     jobs: int | str = option(converter=Processes(), default=AUTO, usual="auto, one per core", help="Models at once.")
 
@@ -47,13 +47,13 @@ class CheckReportOptions(Options):
     section: ClassVar[str] = "Check"
     exclusions: ClassVar[tuple[Exclusion, ...]] = (Exclusion(("sarif", "github"), "both want standard output"),)
 
-    list_: bool = option(converter=Flag(), default=False, places=Place.COMMAND, help="List all codes, and stop.")
+    list_: bool = option(converter=Flag(), default=False, places=FrontEnd.COMMAND, help="List all codes, and stop.")
     sarif: bool = option(
         converter=Flag(),
         default=False,
-        places=Place.COMMAND,
+        places=FrontEnd.COMMAND,
         help="One SARIF 2.1.0 document on stdout, for code scanning.",
     )
     github: bool = option(
-        converter=Flag(), default=False, places=Place.COMMAND, help="Annotations of a GitHub workflow on stdout."
+        converter=Flag(), default=False, places=FrontEnd.COMMAND, help="Annotations of a GitHub workflow on stdout."
     )

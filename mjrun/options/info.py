@@ -3,7 +3,7 @@
 from typing import ClassVar
 
 from mjrun.options.kinds import Flag
-from mjrun.options.option import Options, Place, option, options
+from mjrun.options.option import FrontEnd, Options, option, options
 
 
 @options
@@ -15,6 +15,6 @@ class InfoOptions(Options):
     columns: bool = option(
         converter=Flag(),
         default=False,
-        places=Place.COMMAND,
+        places=FrontEnd.COMMAND,
         help="List every column that a trace of the model can have, and stop.",
     )

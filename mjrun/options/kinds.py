@@ -82,7 +82,7 @@ class Text(Kind[str, str]):
 
 
 @dataclass(frozen=True)
-class Named(Text):
+class MujocoName(Text):
     """The name of something that MuJoCo knows, such as a visual flag; looked up where it is used.
 
     Attributes:
@@ -181,7 +181,7 @@ class Real(Kind[float, float]):
 
 
 @dataclass(frozen=True)
-class Exact(Kind[Number, Fraction]):
+class ExactNumber(Kind[Number, Fraction]):
     """A positive number, kept exactly: `0.25`, `30`, `30000/1001`; with `zero`, 0 too."""
 
     metavar: str = "NUMBER"
@@ -210,10 +210,10 @@ class Instant(Kind[Any, Any]):
     metavar: str = "SECONDS"
 
     def __call__(self, value: Any) -> Any:
-        return Exact(zero=True)(value) if isinstance(value, (int, float, str, Fraction)) else value
+        return ExactNumber(zero=True)(value) if isinstance(value, (int, float, str, Fraction)) else value
 
     def parse(self, text: str) -> Fraction:
-        return Exact(zero=True)(text)
+        return ExactNumber(zero=True)(text)
 
 
 @dataclass(frozen=True)
@@ -343,7 +343,7 @@ class File(Kind[str | PathLike[str], str]):
 
 
 @dataclass(frozen=True)
-class Code(Kind[Callable[..., Any] | None, Callable[..., Any] | None]):
+class PythonFunction(Kind[Callable[..., Any] | None, Callable[..., Any] | None]):
     """Python that the user names on the command line; a callable in Python; never in a document."""
 
     metavar: str = "CODE"
@@ -415,7 +415,7 @@ class Settings(Kind[Mapping[str, Any] | Sequence[tuple[str, Any]], tuple[tuple[s
 
 
 @dataclass(frozen=True)
-class Scan(Settings):
+class ScanValues(Settings):
     """The values that settings take, in one text each: separated by commas, or semicolons where values have commas."""
 
     def __call__(self, value: Mapping[str, Any] | Sequence[tuple[str, Any]]) -> tuple[tuple[str, str], ...]:

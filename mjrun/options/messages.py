@@ -3,7 +3,7 @@
 from typing import ClassVar
 
 from mjrun.options.kinds import Flag
-from mjrun.options.option import Options, Place, option, options
+from mjrun.options.option import FrontEnd, Options, option, options
 
 
 @options
@@ -13,14 +13,16 @@ class MessageOptions(Options):
     section: ClassVar[str] = "Messages"
 
     json: bool = option(
-        converter=Flag(), default=False, places=Place.COMMAND, help="One JSON document on stdout instead of prose."
+        converter=Flag(), default=False, places=FrontEnd.COMMAND, help="One JSON document on stdout instead of prose."
     )
-    quiet: bool = option(converter=Flag(), default=False, short="-q", places=Place.COMMAND, help="Print errors only.")
+    quiet: bool = option(
+        converter=Flag(), default=False, short="-q", places=FrontEnd.COMMAND, help="Print errors only."
+    )
     verbose: bool = option(
         converter=Flag(),
         default=False,
         short="-v",
-        places=Place.COMMAND,
+        places=FrontEnd.COMMAND,
         help="Print more, such as where the time went.",
     )
-    debug: bool = option(converter=Flag(), default=False, places=Place.COMMAND, help="Show tracebacks.")
+    debug: bool = option(converter=Flag(), default=False, places=FrontEnd.COMMAND, help="Show tracebacks.")

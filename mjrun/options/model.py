@@ -3,7 +3,7 @@
 from fractions import Fraction
 from typing import ClassVar
 
-from mjrun.options.kinds import Choice, Exact, Optional, Settings
+from mjrun.options.kinds import Choice, ExactNumber, Optional, Settings
 from mjrun.options.option import Options, option, options
 
 INTEGRATORS = ("euler", "rk4", "implicit", "implicitfast", "discrete")
@@ -19,7 +19,7 @@ class ModelOptions(Options):
         converter=Optional(Choice(INTEGRATORS)), default=None, help="The integrator, instead of the model's."
     )
     timestep: Fraction | None = option(
-        converter=Optional(Exact("SECONDS")), default=None, help="The timestep [s], instead of the model's."
+        converter=Optional(ExactNumber("SECONDS")), default=None, help="The timestep [s], instead of the model's."
     )
     set: tuple[tuple[str, str], ...] = option(
         converter=Settings(),

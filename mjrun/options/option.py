@@ -16,7 +16,7 @@ T = TypeVar("T")
 C = TypeVar("C")
 
 
-class Place(Flag):
+class FrontEnd(Flag):
     """Who knows an option."""
 
     COMMAND = auto()
@@ -50,7 +50,7 @@ class Option:
     usual: str
     short: tuple[str, ...]
     section: str
-    places: Place
+    places: FrontEnd
     flag_value: str | None
 
     @property
@@ -79,7 +79,7 @@ def option(
     default: V,
     usual: str = "",
     short: str | tuple[str, ...] = (),
-    places: Place = Place.EVERYWHERE,
+    places: FrontEnd = FrontEnd.EVERYWHERE,
     flag_value: str | None = None,
     kw_only: bool = True,
 ) -> T:
@@ -97,7 +97,7 @@ def required(
     help: str,  # noqa: A002
     usual: str = "",
     short: str | tuple[str, ...] = (),
-    places: Place = Place.EVERYWHERE,
+    places: FrontEnd = FrontEnd.EVERYWHERE,
     kw_only: bool = True,
 ) -> T:
     """The same, where something must be said."""
@@ -105,7 +105,7 @@ def required(
 
 
 def _facts(
-    kind: object, text: str, usual: str, short: str | tuple[str, ...], places: Place, flag_value: str | None
+    kind: object, text: str, usual: str, short: str | tuple[str, ...], places: FrontEnd, flag_value: str | None
 ) -> dict[str, Any]:
     shorts = (short,) if isinstance(short, str) else short
     return {"kind": kind, "help": text, "usual": usual, "short": shorts, "places": places, "flag_value": flag_value}

@@ -4,7 +4,7 @@ from dataclasses import field
 from typing import ClassVar
 
 from mjrun.options.kinds import File, Flag, Optional
-from mjrun.options.option import Options, Place, option, options
+from mjrun.options.option import FrontEnd, Options, option, options
 
 # In help texts, these stand for the formats that there are; `mjrun.formats.format_lists` puts them in.
 TABLES = "{table formats}"
@@ -46,12 +46,12 @@ class CommandOptions(Options):
     recording: str | None = option(
         converter=Optional(File(written=True)),
         default=None,
-        places=Place.COMMAND,
+        places=FrontEnd.COMMAND,
         help="Also keep the state of every step (.npz), to replay.",
     )
     print_document: bool = option(
         converter=Flag(),
         default=False,
-        places=Place.COMMAND,
+        places=FrontEnd.COMMAND,
         help="Print this command as a document for mjrun run, and stop.",
     )

@@ -3,7 +3,7 @@
 from typing import ClassVar
 
 from mjrun.options.kinds import Choice, File, Flag, Optional, Processes
-from mjrun.options.option import Place, option, options
+from mjrun.options.option import FrontEnd, option, options
 from mjrun.options.simulation import ControllerOptions
 from mjrun.options.view import QUALITIES, BackendOptions
 
@@ -18,23 +18,23 @@ class RunOptions(BackendOptions, ControllerOptions):
         converter=File("DIR", written=True),
         default=".",
         short="-o",
-        places=Place.COMMAND,
+        places=FrontEnd.COMMAND,
         help="The folder of all outputs; made if need be.",
     )
     dry_run: bool = option(
-        converter=Flag(), default=False, places=Place.COMMAND, help="Show what would be made, and stop."
+        converter=Flag(), default=False, places=FrontEnd.COMMAND, help="Show what would be made, and stop."
     )
     quality: str | None = option(
         converter=Optional(Choice(QUALITIES)),
         default=None,
         usual="as the document says",
-        places=Place.COMMAND,
+        places=FrontEnd.COMMAND,
         help="Quality of all videos and images.",
     )
     jobs: int | str | None = option(
         converter=Optional(Processes()),
         default=None,
         usual="as the document says",
-        places=Place.COMMAND,
+        places=FrontEnd.COMMAND,
         help="Processes that draw each video.",
     )

@@ -4,9 +4,9 @@ from collections.abc import Callable, Mapping
 from fractions import Fraction
 from typing import Any, ClassVar
 
-from mjrun.options.kinds import Choice, Code, Exact, File, Integer, Key, Numbers, Optional, Real, Values
+from mjrun.options.kinds import Choice, ExactNumber, File, Integer, Key, Numbers, Optional, PythonFunction, Real, Values
 from mjrun.options.model import ModelOptions
-from mjrun.options.option import Exclusion, Options, Place, option, options
+from mjrun.options.option import Exclusion, FrontEnd, Options, option, options
 
 INTERPOLATIONS = ("hold", "linear")
 # What physics alone uses; a replay goes through recorded states instead.
@@ -20,17 +20,17 @@ class ControllerOptions(Options):
     section: ClassVar[str] = "Simulation"
 
     controller: Callable[..., Any] | None = option(
-        converter=Code(),
+        converter=PythonFunction(),
         default=None,
-        places=Place.COMMAND | Place.PYTHON,
+        places=FrontEnd.COMMAND | FrontEnd.PYTHON,
         help="Python that sets the controls: policy.py:act or package.module:Policy, called with (model, data). "
         "It writes data.ctrl or returns the controls; a class may have a method reset.",
     )
     control_dt: Fraction | None = option(
-        converter=Optional(Exact("SECONDS")),
+        converter=Optional(ExactNumber("SECONDS")),
         default=None,
         usual="every step",
-        places=Place.COMMAND | Place.PYTHON,
+        places=FrontEnd.COMMAND | FrontEnd.PYTHON,
         help="Time between two calls of the controller [s].",
     )
 
@@ -92,7 +92,7 @@ class SimulationOptions(ControllerOptions, ModelOptions):
     )
     seed: int = option(converter=Integer(), default=0, help="Seed of all noise.")
     duration: Fraction | None = option(
-        converter=Optional(Exact("SECONDS")),
+        converter=Optional(ExactNumber("SECONDS")),
         default=None,
         usual="5, or that of the recording",
         help="Simulated time [s].",

@@ -3,8 +3,8 @@
 from fractions import Fraction
 from typing import ClassVar
 
-from mjrun.options.kinds import Exact, File, Flag, Integer, Optional, Several, Size, Text
-from mjrun.options.option import Exclusion, Options, Place, option, options, required
+from mjrun.options.kinds import ExactNumber, File, Flag, Integer, Optional, Several, Size, Text
+from mjrun.options.option import Exclusion, FrontEnd, Options, option, options, required
 from mjrun.options.output import RGB_IMAGES, TABLES, OutputOptions
 
 PROBES = ("qpos", "qvel", "ctrl", "act", "energy", "contact", "sensor")  # measured where nothing is said
@@ -18,7 +18,7 @@ class SamplingOptions(OutputOptions):
 
     every: int = option(converter=Integer(1), default=1, help="A row every N steps.")
     rate: Fraction | None = option(
-        converter=Optional(Exact("HZ")),
+        converter=Optional(ExactNumber("HZ")),
         default=None,
         help="Rows per simulated second [Hz], instead of every N steps; at most one for each step.",
     )
@@ -62,16 +62,16 @@ class TraceOptions(SamplingOptions):
 
 
 @options
-class TraceCommandOptions(Options):
+class TraceCommandLineOptions(Options):
     """What the command can do besides."""
 
     section: ClassVar[str] = "Trace"
 
-    csv: bool = option(converter=Flag(), default=False, places=Place.COMMAND, help="Short for --format csv.")
+    csv: bool = option(converter=Flag(), default=False, places=FrontEnd.COMMAND, help="Short for --format csv.")
     list_: bool = option(
         converter=Flag(),
         default=False,
-        places=Place.COMMAND,
+        places=FrontEnd.COMMAND,
         help="List every column that the model offers, or those of --probe, and stop; nothing is written.",
     )
 

@@ -3,7 +3,7 @@
 from fractions import Fraction
 from typing import ClassVar
 
-from mjrun.options.kinds import AUTO, Choice, Exact, File, Integer, Key, Optional, Processes, Several, Text
+from mjrun.options.kinds import AUTO, Choice, ExactNumber, File, Integer, Key, Optional, Processes, Several, Text
 from mjrun.options.option import Exclusion, option, options, required
 from mjrun.options.output import CODECS, VIDEOS, OutputOptions
 from mjrun.options.view import ViewOptions
@@ -28,13 +28,13 @@ class VideoOptions(ViewOptions, OutputOptions):
         help=f"{VIDEOS}, a folder or pattern of PNGs (frames/, frame_%04d.png), or - for standard output.",
     )
     fps: Fraction | None = option(
-        converter=Optional(Exact("FPS")),
+        converter=Optional(ExactNumber("FPS")),
         default=None,
         usual="30; 25 in a GIF",
         help="Frames per second of the video [Hz], as in 60 or 30000/1001.",
     )
     speed: Fraction = option(
-        converter=Exact("FACTOR"), default=1, help="Simulated seconds per second of video; 0.25 is slow motion."
+        converter=ExactNumber("FACTOR"), default=1, help="Simulated seconds per second of video; 0.25 is slow motion."
     )
     format: str | None = option(
         converter=Optional(Text("NAME")), default=None, usual="the output's suffix; mp4 in a pipe", help="The format."

@@ -6,19 +6,19 @@ from typing import Any, ClassVar
 from mjrun.options.kinds import (
     Camera,
     Choice,
-    Exact,
+    ExactNumber,
     File,
     Flag,
     Ghost,
     Groups,
-    Named,
+    MujocoName,
     Optional,
     Range,
     Several,
     Size,
     Text,
 )
-from mjrun.options.option import Options, Place, option, options
+from mjrun.options.option import FrontEnd, Options, option, options
 
 VIEWS = ("rgb", "depth", "seg")
 LAYOUTS = ("row", "column", "grid")
@@ -40,13 +40,13 @@ class BackendOptions(Options):
         converter=Optional(Text("BACKEND")),
         default=None,
         usual="$MUJOCO_GL, or auto",
-        places=Place.COMMAND | Place.PYTHON,
+        places=FrontEnd.COMMAND | FrontEnd.PYTHON,
         help=f"OpenGL backend: {BACKENDS}.",
     )
     require_gpu: bool = option(
         converter=Flag(),
         default=False,
-        places=Place.COMMAND | Place.PYTHON,
+        places=FrontEnd.COMMAND | FrontEnd.PYTHON,
         help="Refuse to draw in software.",
     )
 
@@ -104,17 +104,17 @@ class ViewOptions(RendererOptions):
         help="Depths [m] of the first and the last colour.",
     )
     seg_by: str = option(
-        converter=Named("KIND", of="segmentation"),
+        converter=MujocoName("KIND", of="segmentation"),
         default="object",
         help="What a segmentation tells apart: object, geom, site, …, body or root-body.",
     )
     show: tuple[str, ...] = option(
-        converter=Several(Named("FLAG", of="visual flag"), commas=True),
+        converter=Several(MujocoName("FLAG", of="visual flag"), commas=True),
         default=(),
         help="Visual flags to switch on, by MuJoCo's names: contactpoint, contactforce, transparent, joint, …",
     )
     hide: tuple[str, ...] = option(
-        converter=Several(Named("FLAG", of="visual flag"), commas=True),
+        converter=Several(MujocoName("FLAG", of="visual flag"), commas=True),
         default=(),
         help="Visual flags to switch off: shadow, skybox, texture, …",
     )
@@ -140,12 +140,12 @@ class ViewOptions(RendererOptions):
         converter=Optional(Groups()), default=None, help="Groups of skins to draw."
     )
     frame_axes: str = option(
-        converter=Named("KIND", of="frame"),
+        converter=MujocoName("KIND", of="frame"),
         default="none",
         help="Draw the axes of: body, geom, site, camera, light, contact or world.",
     )
     label: str = option(
-        converter=Named("KIND", of="label"),
+        converter=MujocoName("KIND", of="label"),
         default="none",
         help="Draw the names of: body, joint, geom, site, camera, tendon, actuator, …",
     )
@@ -155,7 +155,10 @@ class ViewOptions(RendererOptions):
         help="Bodies, geoms or sites whose path is drawn, wider and warmer where they are faster.",
     )
     trail_span: Fraction | None = option(
-        converter=Optional(Exact("SECONDS")), default=None, usual="all", help="How much of the past a trail shows [s]."
+        converter=Optional(ExactNumber("SECONDS")),
+        default=None,
+        usual="all",
+        help="How much of the past a trail shows [s].",
     )
     ghost: tuple[str, ...] = option(
         converter=Several(Ghost()),

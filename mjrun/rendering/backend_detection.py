@@ -17,7 +17,7 @@ TIMEOUT = 60  # [s], for a driver that hangs
 ADVICE = {"egl": OPENGL, "osmesa": OSMESA, "glfw": DISPLAY}
 
 
-class BackendTrial:
+class BackendTrialProcess:
     """One backend, `vulkan`, or `devices` of EGL, being tried in a child process, which starts at once.
 
     Args:
@@ -73,7 +73,7 @@ class BackendDetection:
 
     def __init__(self, requested: str | None = None) -> None:
         self._requested, self._names = requested, requested_backends(requested)
-        self._first = BackendTrial(self._names[0])
+        self._first = BackendTrialProcess(self._names[0])
 
     def result(self, require_gpu: bool = False) -> Backend:
         """The first backend that works.
@@ -85,7 +85,7 @@ class BackendDetection:
         reasons: dict[str, str] = {}
         software: Backend | None = None
         for name in self._names:
-            answer = (self._first if name == self._first.name else BackendTrial(name)).result()
+            answer = (self._first if name == self._first.name else BackendTrialProcess(name)).result()
             if isinstance(answer, str):
                 reasons[name] = answer
             elif not (require_gpu and answer.software):
@@ -106,7 +106,7 @@ class VulkanDetection:
     """The search for a Vulkan device that Filament draws with, begun at once; used like `BackendDetection`."""
 
     def __init__(self) -> None:
-        self._trial = BackendTrial("vulkan")
+        self._trial = BackendTrialProcess("vulkan")
 
     def result(self, require_gpu: bool = False) -> Backend:
         """The device that Filament has chosen and drawn with.
@@ -135,7 +135,7 @@ def alternative(tried: Collection[str], requested: str | None = None) -> str:
       requested: as in `requested_backends`.
     """
     for name in candidates():
-        if name not in tried and isinstance(BackendTrial(name).result(), Backend):
+        if name not in tried and isinstance(BackendTrialProcess(name).result(), Backend):
             unset = f"unset {GL}, or " if is_from_environment(requested) else ""
             return f"{name} draws: {unset}give {option('gl')} {name}"
     if _draws_on_another_device():
@@ -153,4 +153,4 @@ def repair_advice(name: str) -> str:
 
 def _draws_on_another_device() -> bool:
     """Whether EGL draws on a device other than the one the environment asks for."""
-    return DEVICE in os.environ and isinstance(BackendTrial("egl", unset=(DEVICE,)).result(), Backend)
+    return DEVICE in os.environ and isinstance(BackendTrialProcess("egl", unset=(DEVICE,)).result(), Backend)

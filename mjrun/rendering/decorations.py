@@ -6,7 +6,7 @@ from typing import Protocol
 import mujoco
 import numpy as np
 
-from mjrun.camera.targets import ObjectPath, object_paths
+from mjrun.camera.targets import ObjectTrajectory, object_paths
 from mjrun.model.names import enum_members
 from mjrun.model.state import restore
 from mjrun.rendering.visual import Visual
@@ -65,7 +65,7 @@ class Trail:
 
     def __init__(
         self,
-        path: ObjectPath,
+        path: ObjectTrajectory,
         width: float,
         instants: np.ndarray | None = None,
         fastest: float | None = None,

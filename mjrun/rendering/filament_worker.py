@@ -32,7 +32,7 @@ SEGMENTS = PixelFormat("RGB8", "SEGMENTATION_BY_ID", 3, np.uint8)
 
 def serve(descriptor: str) -> None:
     """Answers until the other end of the connection behind `descriptor` is closed."""
-    drawing: FilamentDrawing | None = None
+    drawing: FilamentServer | None = None
     with contextlib.suppress(EOFError, ConnectionError), Connection(int(descriptor)) as connection:
         while True:
             name, arguments = connection.recv()
@@ -40,7 +40,7 @@ def serve(descriptor: str) -> None:
             try:
                 with collected_warnings() as texts:
                     if name == "open":
-                        drawing = FilamentDrawing(*arguments)
+                        drawing = FilamentServer(*arguments)
                     else:
                         answer = getattr(drawing, name)(*arguments)
             except Exception as error:
@@ -48,7 +48,7 @@ def serve(descriptor: str) -> None:
             connection.send((answer, failure, texts))
 
 
-class FilamentDrawing:
+class FilamentServer:
     """Draws states of one model; methods and arguments are those of `FilamentRenderer`."""
 
     def __init__(

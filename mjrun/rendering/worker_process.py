@@ -63,7 +63,7 @@ class Slot(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Layout:
+class SharedMemoryLayout:
     """The layout of `count` slots in shared memory, each array on pages of its own."""
 
     count: int
@@ -148,7 +148,7 @@ class Draw(NamedTuple):
     slot: int
 
 
-class Ask(NamedTuple):
+class Query(NamedTuple):
     """Asks a process for the result of a method of the painter's class."""
 
     question: Callable[[Any], object]
@@ -221,7 +221,7 @@ def _serve(connection: Connection, description: int, memory: int, module: str) -
                 _, failure, texts = _attempt(painter.open)
                 painter = painter if failure is None else None
             connection.send(Opened(failure, texts))
-        elif isinstance(message, Layout):
+        elif isinstance(message, SharedMemoryLayout):
             slots = message.slots(memory)
         elif painter is None:
             continue  # the parent has been told why
@@ -229,7 +229,7 @@ def _serve(connection: Connection, description: int, memory: int, module: str) -
             slot = slots[message.slot]
             _, failure, texts = _attempt(partial(painter.paint, slot.state, message.frame, slot.frame))
             connection.send(Drawn(message.frame, failure, texts))
-        elif isinstance(message, Ask):
+        elif isinstance(message, Query):
             answer, failure, texts = _attempt(partial(message.question, painter))
             connection.send(Answered(answer, failure, texts))
 

@@ -24,15 +24,15 @@ from mjrun.errors import DrawError, option
 from mjrun.rendering.worker_process import (
     GRACE,
     Answered,
-    Ask,
     Draw,
     Drawn,
     Failure,
-    Layout,
     Opened,
     OpenPainter,
     Painter,
+    Query,
     Reply,
+    SharedMemoryLayout,
     Slot,
     memory_file,
 )
@@ -47,7 +47,7 @@ ENVIRONMENT = {"LP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "MUJOCO_GL": 
 P = TypeVar("P", bound=Painter)
 
 
-class Workers:
+class PainterProcesses:
     """Processes that draw for one pool after another. The constructor does not wait for them to start. To be closed.
 
     Args:
@@ -104,7 +104,7 @@ class Workers:
         """Ends the processes; busy ones are killed."""
         self._resources.close()
 
-    def __enter__(self) -> "Workers":
+    def __enter__(self) -> "PainterProcesses":
         return self
 
     def __exit__(
@@ -120,7 +120,7 @@ class Workers:
         self._workers = []
 
 
-class Pool(Generic[P]):
+class ParallelPainter(Generic[P]):
     """Draws frames in `jobs` processes, or in this one if that is 1. To be closed.
 
     The constructor opens the painter, or tells the processes to, without waiting for them.
@@ -147,7 +147,7 @@ class Pool(Generic[P]):
         shape: tuple[int, ...],
         jobs: int,
         dtype: npt.DTypeLike = np.uint8,
-        workers: Workers | None = None,
+        workers: PainterProcesses | None = None,
     ) -> None:
         if jobs < 1:
             raise ValueError(f"jobs must be at least 1, not {jobs}")
@@ -164,7 +164,7 @@ class Pool(Generic[P]):
             self._resources.callback(painter.close)
             return
 
-        self._group = workers or self._resources.enter_context(Workers(jobs))
+        self._group = workers or self._resources.enter_context(PainterProcesses(jobs))
         with contextlib.ExitStack() as stack:
             stack.callback(self.close)
             self._selector = self._resources.enter_context(selectors.DefaultSelector())
@@ -207,7 +207,7 @@ class Pool(Generic[P]):
             self.answer = question(self._painter)
             return
         self.answer, self._is_asked = None, True
-        self._workers[0].send(Ask(question))
+        self._workers[0].send(Query(question))
 
     def close(self) -> None:
         """Releases the processes; busy ones are killed."""
@@ -215,7 +215,7 @@ class Pool(Generic[P]):
         self._resources.close()
         self._slots = []  # the memory lasts as long as a frame is referenced
 
-    def __enter__(self) -> "Pool[P]":
+    def __enter__(self) -> "ParallelPainter[P]":
         return self
 
     def __exit__(
@@ -273,7 +273,7 @@ class Pool(Generic[P]):
         return assigned
 
     def _lay_out(self, state: np.ndarray) -> None:
-        layout = Layout(SLOTS * len(self._workers), (state.shape, state.dtype), self._frame)
+        layout = SharedMemoryLayout(SLOTS * len(self._workers), (state.shape, state.dtype), self._frame)
         with _system_errors():
             if os.fstat(self._group.memory).st_size < layout.size:  # never less, while a frame is referenced
                 os.ftruncate(self._group.memory, layout.size)

@@ -8,8 +8,8 @@ from click.testing import CliRunner
 
 from mjrun.cli.click_command import CommandLine, command
 from mjrun.cli.console import Console
-from mjrun.options.kinds import Choice, Exact, Flag, Integer, Optional, Settings, Several, Size, Text, Values
-from mjrun.options.option import Options, Place, option, options, required
+from mjrun.options.kinds import Choice, ExactNumber, Flag, Integer, Optional, Settings, Several, Size, Text, Values
+from mjrun.options.option import FrontEnd, Options, option, options, required
 
 
 @options
@@ -25,7 +25,7 @@ class Cake(Base):
     section: ClassVar[str] = "Cake"
 
     name: str = required(converter=Text(), short="-n", usual="SUBJECT.cake", help="What it is called.")
-    heat: Fraction = option(converter=Exact("KELVIN"), default=450, help="Of the oven [K].")
+    heat: Fraction = option(converter=ExactNumber("KELVIN"), default=450, help="Of the oven [K].")
     layers: int | None = option(converter=Optional(Integer(1)), default=None, usual="as many as fit", help="How many.")
     shape: str = option(converter=Choice(("round", "square")), default="round", help="Seen from above.")
     icing: bool = option(converter=Flag(negatable=True), default=True, help="Whether there is icing.")
@@ -34,7 +34,7 @@ class Cake(Base):
     size: tuple[tuple[int, int], ...] = option(converter=Several(Size()), default=(), help="Of each [cm].")
     weights: object = option(converter=Values(), default={}, help="By ingredient [kg].")
     set: object = option(converter=Settings(), default=(), help="Anything.")
-    secret: bool = option(converter=Flag(), default=False, places=Place.PYTHON, help="Not for the command line.")
+    secret: bool = option(converter=Flag(), default=False, places=FrontEnd.PYTHON, help="Not for the command line.")
 
 
 def baked(*arguments: str) -> tuple[Cake, Console]:

@@ -12,9 +12,9 @@ import mujoco
 import pytest
 from rich.cells import cell_len
 
-from mjrun.cli.info_page import Page
 from mjrun.cli.info_sections import SECTIONS as SHOWN
 from mjrun.cli.info_sections import LineSection
+from mjrun.cli.page_layout import PageLayout
 from mjrun.errors import clean
 from mjrun.model.description.model_description import SECTIONS, ModelDescription
 from mjrun.model.mujoco_globals import collected_warnings
@@ -199,7 +199,7 @@ def test_every_real_model_has_a_page(shared_models: Path, monkeypatch: pytest.Mo
                 found = ModelDescription(mujoco.MjModel.from_xml_path(str(path)), path)
             except ValueError:
                 continue  # which the next test looks at
-            page = Page()
+            page = PageLayout()
             for name, section in SHOWN.items():
                 if isinstance(section, LineSection):
                     page.lines(name, section.lines(found))

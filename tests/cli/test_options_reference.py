@@ -10,7 +10,7 @@ import mjrun
 from mjrun.cli.main import COMMANDS, group
 from mjrun.cli.options_reference import TOP_LEVEL, options_reference, reference_sections
 from mjrun.document.json_schema import json_schema
-from mjrun.options.option import Options, Place, options_of
+from mjrun.options.option import FrontEnd, Options, options_of
 
 ROOT = Path(__file__).parents[2]
 SECTIONS = reference_sections()
@@ -36,7 +36,7 @@ def test_keys_are_those_of_the_schema_of_run_documents() -> None:
     for section, each, owners in ROWS:
         for key in {owner.key for owner in owners} - {""}:
             keys = _keys(definitions, key)
-            assert (each.name in keys) == (Place.DOCUMENT in each.places), (section.title, key, each.name)
+            assert (each.name in keys) == (FrontEnd.DOCUMENT in each.places), (section.title, key, each.name)
 
 
 def test_every_key_of_run_documents_is_there() -> None:
@@ -53,7 +53,11 @@ def test_python_arguments_are_those_of_the_classes() -> None:
             cls = getattr(mjrun, name)
             assert issubclass(cls, Options)
             attributes = {option.attribute for option in options_of(cls)}
-            assert (each.attribute in attributes) or Place.PYTHON not in each.places, (section.title, name, each.name)
+            assert (each.attribute in attributes) or FrontEnd.PYTHON not in each.places, (
+                section.title,
+                name,
+                each.name,
+            )
 
 
 def test_every_row_has_six_cells_and_no_placeholder_is_left() -> None:

@@ -1,4 +1,4 @@
-"""Calibration files of whole jobs: points in space land where the image shows them."""
+"""DrawingCalibration files of whole jobs: points in space land where the image shows them."""
 
 import json
 from pathlib import Path
@@ -10,9 +10,9 @@ import pytest
 from mjrun.camera.argument import parse_camera
 from mjrun.camera.motion import CameraMotion
 from mjrun.errors import UsageError
-from mjrun.job.calibration import Calibration
+from mjrun.job.calibration import DrawingCalibration
+from mjrun.job.drawing_files import panel_files
 from mjrun.job.image import Image
-from mjrun.job.panels import panel_files
 from mjrun.job.simulation import Simulation
 from mjrun.job.video import Video
 from mjrun.options.view import ViewOptions
@@ -158,7 +158,7 @@ def test_a_calibration_names_the_file_of_each_frame_as_seen_from_its_folder(
     data = mujoco.MjData(model)
     mujoco.mj_forward(model, data)
     (pose,) = motion.poses([Simulation(swing).stepper(model).state()], [0.0], [0.0], [(0, 1)])
-    calibration = Calibration(options, [motion], panel_files(options, output), numbers=False)
+    calibration = DrawingCalibration(options, [motion], panel_files(options, output), numbers=False)
     with calibration.writer as writer:
         calibration.write([pose], 3, 0.25)
         writer.finish()

@@ -11,7 +11,7 @@ from mjrun.camera.script import CameraScript, Event, Shot
 from mjrun.job import shared_rendering
 from mjrun.job.image import Image
 from mjrun.job.perform import perform
-from mjrun.job.shared_rendering import RendererChoice, SharedRendering
+from mjrun.job.shared_rendering import RendererRequest, SharedRendering
 from mjrun.job.simulation import Simulation
 from mjrun.job.video import Video
 from mjrun.options.view import ViewOptions
@@ -81,13 +81,13 @@ def test_videos_of_one_pass_share_one_group_of_workers(
 
 def test_a_backend_is_detected_once_for_each_choice(started: dict[str, int], backend: Backend) -> None:
     with SharedRendering() as rendering:
-        choice = RendererChoice.of(ViewOptions(gl=backend.name))
+        choice = RendererRequest.of(ViewOptions(gl=backend.name))
         rendering.detect(choice)
-        rendering.detect(RendererChoice.of(ViewOptions(gl=backend.name, camera="side")))
+        rendering.detect(RendererRequest.of(ViewOptions(gl=backend.name, camera="side")))
         assert started["detections"] == 1
         assert rendering.backend(choice) is rendering.backend(choice)
         assert rendering.backend(choice).renderer == backend.renderer
-        assert rendering.backend(RendererChoice.of(ViewOptions())).max_size > 0
+        assert rendering.backend(RendererRequest.of(ViewOptions())).max_size > 0
     assert started["detections"] == 2
 
 
@@ -101,4 +101,4 @@ def test_workers_are_added_and_never_started_again(started: dict[str, int]) -> N
 
 def test_the_physically_based_renderer_does_not_ask_for_a_backend_of_opengl() -> None:
     options = ViewOptions(renderer="filament", gl="egl", require_gpu=True)
-    assert RendererChoice.of(options) == RendererChoice("filament", None, True)
+    assert RendererRequest.of(options) == RendererRequest("filament", None, True)

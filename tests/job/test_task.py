@@ -13,7 +13,7 @@ from mjrun.job.plot import Plot
 from mjrun.job.recording import Recording
 from mjrun.job.shared_rendering import SharedRendering
 from mjrun.job.simulation import Simulation
-from mjrun.job.task import Artifact, Context, Job, Output, OutputResult, PassSummary, Plan, UnscheduledOutput
+from mjrun.job.task import Artifact, Context, EventDrivenOutput, Job, Output, OutputResult, PassSummary, Plan
 from mjrun.job.trace import Trace
 from mjrun.job.video import Video
 from mjrun.reporter import WarningReporter
@@ -78,7 +78,7 @@ def test_an_output_that_is_given_up_leaves_nothing(swing: Path, tmp_path: Path, 
 
 @pytest.mark.parametrize(
     ("phase", "method", "following"),
-    [(Plan, "open", Output[Any] | UnscheduledOutput[Any]), (UnscheduledOutput, "schedule", Output[Any]),
+    [(Plan, "open", Output[Any] | EventDrivenOutput[Any]), (EventDrivenOutput, "schedule", Output[Any]),
      (Output, "finish", Artifact[Any])],
 )  # fmt: skip
 def test_a_phase_has_no_method_of_another_and_returns_the_next(phase: type, method: str, following: object) -> None:

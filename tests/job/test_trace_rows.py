@@ -6,7 +6,7 @@ import pytest
 
 from mjrun.job.event_detection import EventDetector
 from mjrun.job.overlay_probes import overlay_probes
-from mjrun.job.trace_rows import TraceTable
+from mjrun.job.trace_rows import ProbeSampler
 from mjrun.sim.observe import observe
 from mjrun.sim.replay import ReplayStepper
 from mjrun.sim.state_buffer import StateBuffer
@@ -27,12 +27,12 @@ PROBES = ("qpos", "qvel", "energy", "contact", "speed", "momentum", "xmat")
 STEPS = 400
 
 
-def table_of(integrator: str = "Euler") -> TraceTable:
+def table_of(integrator: str = "Euler") -> ProbeSampler:
     model = mujoco.MjModel.from_xml_string(MODEL.format(integrator=integrator))
-    return TraceTable(model, PROBES, Timeline.of_steps(rational(model.opt.timestep), STEPS))
+    return ProbeSampler(model, PROBES, Timeline.of_steps(rational(model.opt.timestep), STEPS))
 
 
-def stepper_of(table: TraceTable) -> PhysicsStepper:
+def stepper_of(table: ProbeSampler) -> PhysicsStepper:
     return PhysicsStepper(table.model, mujoco.MjData(table.model))
 
 

@@ -15,7 +15,7 @@ import pytest
 
 import mjrun
 from mjrun.errors import MjrunError, MjrunWarning, NoRendererError, UnknownNameError, UnstableError
-from mjrun.job import frame_drawing, perform
+from mjrun.job import perform, video_drawing
 from mjrun.job.image import Image
 from mjrun.job.simulation import Simulation
 from mjrun.job.video import Video
@@ -148,7 +148,7 @@ def test_without_a_renderer_nothing_is_left(swing: Path, tmp_path: Path) -> None
 def test_drawing_in_software_is_said_once_with_its_cost(
     swing: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(frame_drawing, "LONG", 0.0)
+    monkeypatch.setattr(video_drawing, "LONG", 0.0)
     heard: list[str] = []
 
     class Listener:

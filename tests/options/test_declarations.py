@@ -16,13 +16,13 @@ from mjrun.options.option import Option, Options, options_of
 from mjrun.options.output import CommandOptions
 from mjrun.options.run import RunOptions
 from mjrun.options.simulation import SimulationOptions
-from mjrun.options.trace import PlotOptions, RecordingOptions, TraceCommandOptions, TraceOptions
+from mjrun.options.trace import PlotOptions, RecordingOptions, TraceCommandLineOptions, TraceOptions
 from mjrun.options.video import VideoOptions
 
 SIMULATING = (VideoOptions, ImageOptions, TraceOptions, SimulationOptions, CommandOptions, MessageOptions)
 ALL: tuple[type[Options], ...] = (
     *SIMULATING,
-    TraceCommandOptions,
+    TraceCommandLineOptions,
     PlotOptions,
     RecordingOptions,
     RunOptions,

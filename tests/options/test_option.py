@@ -5,12 +5,12 @@ from typing import ClassVar
 import pytest
 
 from mjrun.errors import BadValueError, UsageError
-from mjrun.options.kinds import Exact, Flag, Integer, Optional, Several, Text, Values
+from mjrun.options.kinds import ExactNumber, Flag, Integer, Optional, Several, Text, Values
 from mjrun.options.option import (
     Exclusion,
+    FrontEnd,
     Option,
     Options,
-    Place,
     exclusions_of,
     is_given,
     option,
@@ -25,7 +25,7 @@ class Common(Options):
     section: ClassVar[str] = "Common"
 
     subject: object = field(kw_only=False)
-    quiet: bool = option(converter=Flag(), default=False, places=Place.COMMAND, help="Say nothing.")
+    quiet: bool = option(converter=Flag(), default=False, places=FrontEnd.COMMAND, help="Say nothing.")
 
 
 @options
@@ -35,7 +35,7 @@ class Race(Common):
 
     track: str = required(converter=Text(), kw_only=False, help="Where.")
     laps: int | None = option(converter=Optional(Integer(1)), default=None, help="How often.")
-    length: object = option(converter=Optional(Exact()), default=None, help="How far [m].")
+    length: object = option(converter=Optional(ExactNumber()), default=None, help="How far [m].")
     weights: object = option(converter=Values(), default={}, help="How heavy [kg].")
     assert_: tuple[str, ...] = option(converter=Several(Text()), default=(), help="What must hold.")
 
@@ -67,7 +67,7 @@ def test_options_are_listed_own_first_with_all_that_front_ends_need() -> None:
     assert by_name["track"].is_required
     assert not by_name["laps"].is_required
     assert (by_name["laps"].section, by_name["quiet"].section) == ("Race", "Common")
-    assert by_name["quiet"].places == Place.COMMAND
+    assert by_name["quiet"].places == FrontEnd.COMMAND
     assert [exclusion.reason for exclusion in exclusions_of(Race)] == ["both say how far"]
 
 

@@ -4,7 +4,7 @@ from pathlib import Path
 
 from mjrun.formats.format_lists import LISTS
 from mjrun.options.image import ImageOptions
-from mjrun.options.option import Place, options_of
+from mjrun.options.option import FrontEnd, options_of
 from mjrun.options.output import CommandOptions, OutputOptions
 from mjrun.options.trace import PlotOptions, RecordingOptions, TraceOptions
 from mjrun.options.video import VideoOptions
@@ -31,4 +31,4 @@ def test_every_placeholder_stands_in_a_help_text() -> None:
 
 
 def test_what_a_command_does_besides_is_no_document_s() -> None:
-    assert {each.places for each in options_of(CommandOptions)} == {Place.COMMAND}
+    assert {each.places for each in options_of(CommandOptions)} == {FrontEnd.COMMAND}

@@ -1,12 +1,12 @@
 """Options of `mjrun run`: what a document leaves to the command line."""
 
-from mjrun.options.option import Place, options_of
+from mjrun.options.option import FrontEnd, options_of
 from mjrun.options.run import RunOptions
 from mjrun.options.video import VideoOptions
 
 
 def test_no_document_knows_them() -> None:
-    assert all(Place.DOCUMENT not in each.places for each in options_of(RunOptions))
+    assert all(FrontEnd.DOCUMENT not in each.places for each in options_of(RunOptions))
 
 
 def test_left_out_they_change_nothing() -> None:

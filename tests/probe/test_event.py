@@ -12,7 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from mjrun.errors import UnknownNameError, UsageError, clean
-from mjrun.job.trace_rows import TraceTable
+from mjrun.job.trace_rows import ProbeSampler
 from mjrun.probe.assertion import parse
 from mjrun.probe.event import Condition, RisingEdgeDetector, condition
 from mjrun.probe.parser import LONGEST
@@ -45,7 +45,7 @@ NAN, INF = math.nan, math.inf
 def measured(text: str, model: mujoco.MjModel, steps: int, qvel: Sequence[float] = ()) -> tuple[Condition, np.ndarray]:
     """A condition, and what it asks for at every step from 0 to `steps`."""
     watched, timeline = condition(text, model), Timeline.of_steps(rational(model.opt.timestep), steps)
-    table, data, rows = TraceTable(model, watched.columns, timeline), mujoco.MjData(model), []
+    table, data, rows = ProbeSampler(model, watched.columns, timeline), mujoco.MjData(model), []
     data.qvel[: len(qvel)] = qvel
     stepper = PhysicsStepper(table.model, data)
     tap = Tap(range(steps + 1), lambda s: [float(timeline.time(s.step)), *table.read(s).values], rows.append)
@@ -249,7 +249,7 @@ def test_an_accessor_is_the_column_that_it_spells(text: str, columns: list[str])
     watched = condition(text, SCENE)
     assert watched.columns == tuple(columns)
     timeline = Timeline.of_steps(rational(SCENE.opt.timestep), 1)
-    assert [column.name for column in TraceTable(SCENE, watched.columns, timeline).columns[1:]] == columns
+    assert [column.name for column in ProbeSampler(SCENE, watched.columns, timeline).columns[1:]] == columns
 
 
 def test_every_column_of_the_model_can_be_spelled_and_accessed() -> None:

@@ -7,7 +7,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from mjrun.camera.targets import ObjectPath, identify_objects, object_paths
+from mjrun.camera.targets import ObjectTrajectory, identify_objects, object_paths
 from mjrun.errors import UnknownNameError
 from mjrun.rendering.decorations import WIDENING, Decoration, Ghost, Trail, ramp, trails
 from mjrun.rendering.visual import Visual
@@ -81,12 +81,12 @@ def ends(geoms: list[mujoco.MjvGeom]) -> np.ndarray:
     return np.stack([middle - half, middle + half], axis=1)
 
 
-def circle(frames: int, speed: float = 2.0) -> ObjectPath:
+def circle(frames: int, speed: float = 2.0) -> ObjectTrajectory:
     """Once round a circle of radius 1 m in a plane, at 30 frames a second."""
     t = np.arange(frames) / 30
     positions = np.stack([np.cos(speed * t), np.sin(speed * t), 0 * t], axis=1)
     velocities = speed * np.stack([-np.sin(speed * t), np.cos(speed * t), 0 * t], axis=1)
-    return ObjectPath(t, positions, velocities)
+    return ObjectTrajectory(t, positions, velocities)
 
 
 # --- paths ------------------------------------------------------------------------------------------
@@ -116,7 +116,7 @@ def test_between_its_frames_a_path_is_the_cubic_through_positions_and_velocities
     times = np.array([0, 0.5, 0.6, 2])
     powers = np.stack([times**k for k in range(4)], axis=1)
     slopes = np.stack([k * times ** max(k - 1, 0) for k in range(4)], axis=1)
-    path = ObjectPath(times, powers @ factors, slopes @ factors)
+    path = ObjectTrajectory(times, powers @ factors, slopes @ factors)
     between = np.linspace(0, 2, 33)
     assert path.at(between) == pytest.approx(np.stack([between**k for k in range(4)], axis=1) @ factors)
 
@@ -156,7 +156,7 @@ def test_what_is_drawn_of_the_past_is_the_same_in_every_frame() -> None:
 def test_a_trail_is_wider_and_warmer_where_the_object_was_faster() -> None:
     t = np.arange(61) / 30
     ahead = np.array([1.0, 0, 0])
-    path = ObjectPath(t, t[:, None] ** 2 / 2 * ahead, t[:, None] * ahead)  # ever faster along a line
+    path = ObjectTrajectory(t, t[:, None] ** 2 / 2 * ahead, t[:, None] * ahead)  # ever faster along a line
     geoms = added(Trail(path, WIDTH), 60)
     radii = [geom.size[0] for geom in geoms]
     assert (np.diff(radii) > 0).all()
@@ -172,12 +172,14 @@ def test_a_trail_is_wider_and_warmer_where_the_object_was_faster() -> None:
 def test_a_straight_path_at_one_speed_is_one_capsule() -> None:
     t = np.arange(100) / 30
     ahead = np.array([0.3, 0.4, 0])
-    assert len(added(Trail(ObjectPath(t, t[:, None] * ahead, np.tile(ahead, (100, 1))), WIDTH), 99)) == 1
+    assert len(added(Trail(ObjectTrajectory(t, t[:, None] * ahead, np.tile(ahead, (100, 1))), WIDTH), 99)) == 1
 
 
-def wild(frames: int) -> ObjectPath:
+def wild(frames: int) -> ObjectTrajectory:
     random = np.random.default_rng(0)
-    return ObjectPath(np.arange(frames) / 30, random.normal(size=(frames, 3)), random.normal(size=(frames, 3)) * 9)
+    return ObjectTrajectory(
+        np.arange(frames) / 30, random.normal(size=(frames, 3)), random.normal(size=(frames, 3)) * 9
+    )
 
 
 @pytest.mark.parametrize("span", [None, 0.5])
@@ -200,7 +202,7 @@ def test_in_a_scene_that_is_full_the_newest_part_is_drawn(room: int) -> None:
 
 def test_what_stands_still_leaves_no_trail() -> None:
     jitter = np.random.default_rng(0).normal(size=(50, 3)) * 1e-9
-    path = ObjectPath(np.arange(50) / 30, jitter, jitter)
+    path = ObjectTrajectory(np.arange(50) / 30, jitter, jitter)
     assert added(Trail(path, WIDTH), 49) == []
     assert added(Trail(circle(1), WIDTH), 0) == []
     assert added(Trail(circle(50), WIDTH), 0) == []

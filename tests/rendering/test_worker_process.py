@@ -17,7 +17,17 @@ from hypothesis import strategies as st
 
 from mjrun.child_process import ChildProcess, python_call
 from mjrun.errors import DrawError, MjrunError, NoRendererError, UnknownNameError, UnstableError
-from mjrun.rendering.worker_process import Answered, Ask, Draw, Drawn, Failure, Layout, Opened, OpenPainter, memory_file
+from mjrun.rendering.worker_process import (
+    Answered,
+    Draw,
+    Drawn,
+    Failure,
+    Opened,
+    OpenPainter,
+    Query,
+    SharedMemoryLayout,
+    memory_file,
+)
 
 sys.path.append(str(Path(__file__).parent))  # drawing processes look where we look
 
@@ -42,7 +52,7 @@ def memory(size: int) -> Iterator[int]:
 
 @given(st.integers(1, 4), SPECS, SPECS)
 def test_slots_are_apart_aligned_to_pages_and_the_same_in_every_mapping(count: int, state: tuple, frame: tuple) -> None:
-    layout = Layout(count, state, frame)
+    layout = SharedMemoryLayout(count, state, frame)
     with memory(layout.size) as descriptor:
         mine, theirs = layout.slots(descriptor), layout.slots(descriptor)
         arrays = [array for slot in mine for array in slot]
@@ -65,7 +75,7 @@ def test_memory_has_no_name_in_the_file_system() -> None:
 
 def test_where_memory_has_no_descriptors_a_file_without_a_name_stands_in(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delattr(os, "memfd_create")
-    layout = Layout(1, ((3,), np.dtype(float)), ((2, 2), np.dtype(np.uint8)))
+    layout = SharedMemoryLayout(1, ((3,), np.dtype(float)), ((2, 2), np.dtype(np.uint8)))
     with memory(layout.size) as descriptor:
         assert os.fstat(descriptor).st_nlink == 0
         layout.slots(descriptor)[0].state[:] = 1, 2, 3
@@ -119,7 +129,7 @@ def test_what_a_bug_says_cannot_write_to_a_terminal() -> None:
 
 # --- messages ---------------------------------------------------------------------------------------
 
-LAYOUT = Layout(2, ((2,), np.dtype(float)), ((3,), np.dtype(np.int64)))
+LAYOUT = SharedMemoryLayout(2, ((2,), np.dtype(float)), ((3,), np.dtype(np.int64)))
 
 
 class Peer:
@@ -181,7 +191,7 @@ def test_a_process_opens_one_painter_after_another(peer: Peer) -> None:
 
 def test_a_question_is_asked_of_the_painter(peer: Peer) -> None:
     peer.open(Adding())
-    peer.connection.send(Ask(Adding.process))
+    peer.connection.send(Query(Adding.process))
     reply = peer.connection.recv()
     assert isinstance(reply, Answered)
     assert reply.failure is None

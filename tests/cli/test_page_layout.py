@@ -6,18 +6,18 @@ from hypothesis import strategies as st
 from rich.cells import cell_len
 
 from mjrun.cli.info_columns import Column
-from mjrun.cli.info_page import Page
+from mjrun.cli.page_layout import PageLayout
 
 WORDS = st.text("ab字_", min_size=1, max_size=60)
 
 
-def page(monkeypatch: pytest.MonkeyPatch, width: int | None) -> Page:
+def page(monkeypatch: pytest.MonkeyPatch, width: int | None) -> PageLayout:
     """A page for a terminal of this width; for a pipe if None."""
     if width is None:
         monkeypatch.delenv("COLUMNS", raising=False)
     else:
         monkeypatch.setenv("COLUMNS", str(width))
-    return Page()
+    return PageLayout()
 
 
 @given(

@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 
 from mjrun.errors import spelled
-from mjrun.job import frame_drawing, shared_rendering
+from mjrun.job import shared_rendering, video_drawing
 from mjrun.job.simulation import Simulation
 from mjrun.job.video import Video, VideoResult
 from mjrun.rendering.backend import Backend
 from mjrun.rendering.compositor import DrawingCosts
-from mjrun.rendering.workers import Pool, Workers
+from mjrun.rendering.workers import PainterProcesses, ParallelPainter
 from mjrun.reporter import WarningReporter
 
 SIZE = (64, 48)
@@ -33,15 +33,15 @@ class Warnings(WarningReporter):
 @pytest.fixture
 def film(swing: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable:
     """Makes a video with two cores on which a frame is estimated to cost so much, and then measured to cost so much."""
-    monkeypatch.setattr(frame_drawing, "available_cores", lambda: 2)
-    monkeypatch.setattr(frame_drawing, "LONG", 0.0)
+    monkeypatch.setattr(video_drawing, "available_cores", lambda: 2)
+    monkeypatch.setattr(video_drawing, "LONG", 0.0)
 
     def made(
         estimated: float, measured: float, draft: float = 0.0, duration: float = 0.2, **options: object
     ) -> tuple[VideoResult, str, list[int]]:
         started: list[int] = []
 
-        class MeasuredPool(Pool):
+        class MeasuredPool(ParallelPainter):
             """A pool on a machine where frames cost what this test says, however busy this one is."""
 
             @property
@@ -57,14 +57,14 @@ def film(swing: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callab
 
             _answer: object = None
 
-        class CountedWorkers(Workers):
+        class CountedWorkers(PainterProcesses):
             def __init__(self, count: int, module: str) -> None:
                 started.append(count)
                 super().__init__(count, module)
 
-        monkeypatch.setattr(frame_drawing, "estimated_cost", lambda size, panels: estimated)
-        monkeypatch.setattr(frame_drawing, "Pool", MeasuredPool)
-        monkeypatch.setattr(shared_rendering, "Workers", CountedWorkers)
+        monkeypatch.setattr(video_drawing, "estimated_cost", lambda size, panels: estimated)
+        monkeypatch.setattr(video_drawing, "ParallelPainter", MeasuredPool)
+        monkeypatch.setattr(shared_rendering, "PainterProcesses", CountedWorkers)
         warnings = Warnings()
         simulation = Simulation(swing, duration=duration)
         job = Video(simulation, f"{tmp_path}/f/", size=SIZE, camera="side", **options)  # type: ignore[arg-type]
@@ -136,7 +136,7 @@ def test_films_of_one_and_two_frames_are_drawn(film: Callable, backend: Backend,
 
 
 def test_drawing_that_takes_no_time_is_not_spoken_of(film: Callable, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(frame_drawing, "LONG", 60.0)
+    monkeypatch.setattr(video_drawing, "LONG", 60.0)
     assert film(0.001, 0.001)[1] == ""
 
 

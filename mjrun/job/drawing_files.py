@@ -14,7 +14,7 @@ from mjrun.rendering.layout import layout_size
 
 
 @dataclass(frozen=True)
-class PanelFile:
+class DrawingFile:
     """A file of a drawing, with its panels.
 
     Attributes:
@@ -55,7 +55,7 @@ def frame_size(options: ViewOptions) -> tuple[int, int]:
     return layout_size(1 if options.separate else len(panels_of(options)), options.size, options.layout)
 
 
-def panel_files(options: ViewOptions, output: str) -> list[PanelFile]:
+def panel_files(options: ViewOptions, output: str) -> list[DrawingFile]:
     """The files of a drawing: one, or one for each panel if they are separate.
 
     Raises:
@@ -63,11 +63,11 @@ def panel_files(options: ViewOptions, output: str) -> list[PanelFile]:
     """
     panels = panels_of(options)
     if not options.separate or len(panels) == 1:
-        return [PanelFile(output, panels, _is_exact(options, panels))]
+        return [DrawingFile(output, panels, _is_exact(options, panels))]
     if output == "-":
         raise UsageError(f"{option('separate')} makes several files; standard output is one")
     paths = [_numbered(output, name) for name in _suffixes(options)]
-    return [PanelFile(path, [panel], _is_exact(options, [panel])) for path, panel in zip(paths, panels, strict=True)]
+    return [DrawingFile(path, [panel], _is_exact(options, [panel])) for path, panel in zip(paths, panels, strict=True)]
 
 
 def output_files(options: ViewOptions, output: str, manifest: str | None) -> list[tuple[str, str]]:

@@ -20,7 +20,7 @@ NEEDED = 2  # columns that are never left out
 UNLIMITED = 1 << 16
 
 
-class Page:
+class PageLayout:
     """Collects titled tables and lines, and lays them out."""
 
     def __init__(self) -> None:

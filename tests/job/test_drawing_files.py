@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from mjrun.errors import MjrunWarning, UsageError
+from mjrun.job.drawing_files import output_files, panel_files, panels_of
 from mjrun.job.image import Image
-from mjrun.job.panels import output_files, panel_files, panels_of
 from mjrun.job.simulation import Simulation
 from mjrun.job.video import Video
 from mjrun.options.view import ViewOptions

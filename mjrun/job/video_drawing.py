@@ -9,7 +9,7 @@ from mjrun.job.shared_rendering import SharedRendering
 from mjrun.rendering.backend import Backend
 from mjrun.rendering.compositor import DrawingCosts, SceneCompositor
 from mjrun.rendering.process_count import available_cores, estimated_cost, jobs_for
-from mjrun.rendering.workers import Pool, Workers
+from mjrun.rendering.workers import PainterProcesses, ParallelPainter
 from mjrun.reporter import Reporter
 from mjrun.sim.state_buffer import StateBuffer
 
@@ -40,7 +40,7 @@ class FrameDrawer:
         self.jobs = 1
         self._estimate = estimated_cost(size, panels)
         self._asked, self._backend, self._rendering = asked, backend, rendering
-        self._workers: Workers | None = None
+        self._workers: PainterProcesses | None = None
 
     def start(self, frames: int, cost: float | None = None) -> None:
         """Starts the processes that are worth it for so many frames, if there are none.
@@ -87,8 +87,8 @@ class FrameDrawer:
             with self._pool(compositor) as pool:
                 yield from pool.frames((states[k] for k in range(done, total)), done)
 
-    def _pool(self, compositor: SceneCompositor) -> Pool[SceneCompositor]:
-        return Pool(compositor, (compositor.bytes,), self.jobs, workers=self._workers)
+    def _pool(self, compositor: SceneCompositor) -> ParallelPainter[SceneCompositor]:
+        return ParallelPainter(compositor, (compositor.bytes,), self.jobs, workers=self._workers)
 
     def _warn(self, reporter: Reporter, frames: int, costs: DrawingCosts, *, alone: bool) -> None:
         """Warns that a CPU draws, if that takes long, with what a frame costs and would cost as a draft."""
