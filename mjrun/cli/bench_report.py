@@ -129,7 +129,7 @@ def _bytes(count: int) -> str:
 def _aligned(table: Table) -> list[str]:
     """The first column to the left, the others to the right."""
     widths = [max(len(row[i]) for row in table if i < len(row)) for i in range(len(table[0]))]
-    lines = []
+    lines: list[str] = []
     for row in table:
         others = (cell.rjust(width) for cell, width in zip(row[1:], widths[1:], strict=False))
         lines.append("  " + "  ".join([row[0].ljust(widths[0]), *others]).rstrip())

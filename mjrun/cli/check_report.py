@@ -50,7 +50,7 @@ def full_message(finding: Finding, model: str) -> str:
     return f"{finding.object}: {finding.message}{where}"
 
 
-def document(result: CheckResult) -> dict[str, Any]:
+def document(result: CheckResult) -> dict[str, object]:
     """The result as a JSON document."""
     counts = {f"{severity}s": result.count(severity) for severity in reversed(SEVERITIES)}
     return {"mjrun": __version__, **asdict(result), **counts}
@@ -77,7 +77,7 @@ def sarif(result: CheckResult) -> dict[str, Any]:
     return {"$schema": SARIF, "version": "2.1.0", "runs": [run]}
 
 
-def _rule(code: str) -> dict[str, Any]:
+def _rule(code: str) -> dict[str, object]:
     rule = RULES[code]
     name = "".join(word.capitalize() for word in re.findall(r"\w+", rule.title))
     return {
@@ -88,12 +88,12 @@ def _rule(code: str) -> dict[str, Any]:
     }
 
 
-def _result(finding: Finding, model: str, index: int) -> dict[str, Any]:
+def _result(finding: Finding, model: str, index: int) -> dict[str, object]:
     text = "\n".join(clean(part) for part in (full_message(finding, model), finding.remedy) if part)
-    place: dict[str, Any] = {"artifactLocation": {"uri": _uri(finding.file)}}
+    place: dict[str, object] = {"artifactLocation": {"uri": _uri(finding.file)}}
     if finding.line:
         place["region"] = {"startLine": finding.line}
-    location: dict[str, Any] = {"physicalLocation": place}
+    location: dict[str, object] = {"physicalLocation": place}
     if finding.object:
         location["logicalLocations"] = [{"fullyQualifiedName": clean(finding.object)}]
     return {

@@ -8,7 +8,7 @@ import click
 
 from mjrun.cli.console import Console, flag
 from mjrun.formats.format_lists import with_formats
-from mjrun.options.kinds import Choice, ExpectedError, Flag, Kind, Optional, Settings, Several, Values
+from mjrun.options.kinds import AnyKind, Choice, ExpectedError, Flag, Optional, Settings, Several, Values
 from mjrun.options.messages import MessageOptions
 from mjrun.options.option import FrontEnd, Option, Options, options_of
 
@@ -94,20 +94,20 @@ class DeclaredOption(click.Option):
         self.declared = declared
         super().__init__([*declared.short, "/".join(flags(declared)), declared.name], help=_help(declared), **settings)
 
-    def type_cast_value(self, ctx: click.Context, value: Any) -> Any:
+    def type_cast_value(self, ctx: click.Context, value: Any) -> object:
         made = super().type_cast_value(ctx, value)
         if self.multiple:
             return _gathered(self.declared.kind, made) if made else None
         return made
 
 
-class KindType(click.ParamType):
+class KindType(click.ParamType[object]):
     """A kind of values, as click knows types."""
 
-    def __init__(self, kind: Kind[Any, Any]) -> None:
+    def __init__(self, kind: AnyKind) -> None:
         self._kind, self.name = kind, kind.metavar
 
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> object:
         if not isinstance(value, str):
             return value
         try:
@@ -134,7 +134,7 @@ def command(
 
         declared = {each.name: each for cls in (*classes, MessageOptions) for each in options_of(cls)}
         known = [each for each in declared.values() if FrontEnd.COMMAND in each.places and each.name not in without]
-        params = [*arguments, *map(click_option, sorted(known, key=_section_rank))]
+        params: list[click.Parameter] = [*arguments, *map(click_option, sorted(known, key=_section_rank))]
         return SectionedCommand(name, callback=callback, params=params, help=body.__doc__)
 
     return decorate
@@ -145,7 +145,7 @@ def click_option(declared: Option) -> click.Option:
     kind = _given_kind(declared)
     if isinstance(kind, Flag):
         return DeclaredOption(declared, is_flag=True, default=None)
-    each = kind.each if isinstance(kind, Several) and not kind.commas else kind
+    each: AnyKind = kind.each if isinstance(kind, Several) and not kind.commas else kind
     chosen = click.Choice(each.names, case_sensitive=False) if isinstance(each, Choice) else KindType(each)
     metavar = None if isinstance(each, Choice) else kind.metavar
     optional = {} if declared.flag_value is None else {"is_flag": False, "flag_value": declared.flag_value}
@@ -183,7 +183,7 @@ def is_repeatable(declared: Option) -> bool:
     return isinstance(_given_kind(declared), Several | Settings | Values)
 
 
-def _given_kind(declared: Option) -> Kind[Any, Any]:
+def _given_kind(declared: Option) -> AnyKind:
     """The kind of the values that are given, where it is optional to give one."""
     return declared.kind.each if isinstance(declared.kind, Optional) else declared.kind
 
@@ -198,7 +198,7 @@ def shown_default(declared: Option) -> str:
     return ",".join(map(str, shown)) if isinstance(shown, list) else str(shown)
 
 
-def _gathered(kind: Kind[Any, Any], values: Sequence[Any]) -> Any:
+def _gathered(kind: AnyKind, values: Sequence[Any]) -> object:
     """The values of all repetitions as one."""
     whole = kind.each if isinstance(kind, Optional) else kind
     if isinstance(whole, Values):

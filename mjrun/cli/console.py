@@ -7,7 +7,7 @@ import sys
 import time
 import traceback
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any, TextIO
+from typing import TYPE_CHECKING, TextIO
 
 if TYPE_CHECKING:
     from rich.progress import Progress, TaskID
@@ -64,7 +64,7 @@ class Console:
         """The command's answer, one line or a document, on stdout."""
         print(text, flush=True)  # noqa: T201
 
-    def document(self, value: Mapping[str, Any]) -> None:
+    def document(self, value: Mapping[str, object]) -> None:
         """The command's answer as one JSON document on stdout."""
         self.result(json.dumps(value, indent=2))
 

@@ -9,7 +9,6 @@ from collections.abc import Callable
 from functools import reduce
 from pathlib import Path
 from types import ModuleType
-from typing import Any
 
 from mjrun.errors import ControllerError, FileError, UnknownNameError, UsageError, option, quoted
 
@@ -19,7 +18,7 @@ FORM = "FILE.py:NAME or PACKAGE.MODULE:NAME names a function (model, data), or a
 class RedirectedController:
     """A function whose prints go to standard error, as standard output carries the payload; so do its `reset`'s."""
 
-    def __init__(self, function: Callable[..., Any]) -> None:
+    def __init__(self, function: Callable[..., object]) -> None:
         self._function = function
         self.__qualname__ = getattr(function, "__qualname__", type(function).__qualname__)
         with contextlib.suppress(ValueError):
@@ -27,12 +26,12 @@ class RedirectedController:
         if hasattr(function, "reset"):
             self.reset = RedirectedController(function.reset)  # type: ignore[attr-defined]
 
-    def __call__(self, *arguments: Any) -> Any:
+    def __call__(self, *arguments: object) -> object:
         with contextlib.redirect_stdout(sys.stderr):
             return self._function(*arguments)
 
 
-def load_controller(code: str) -> Callable[..., Any]:
+def load_controller(code: str) -> Callable[..., object]:
     """The controller that `code` names; of a class, an instance.
 
     Raises:
@@ -50,7 +49,7 @@ def load_controller(code: str) -> Callable[..., Any]:
     return RedirectedController(controller)
 
 
-def _load(place: str, name: str) -> Any:
+def _load(place: str, name: str) -> object:
     try:
         module = _file(Path(place)) if place.endswith(".py") else _module(place)
         if not hasattr(module, name.partition(".")[0]):

@@ -41,7 +41,7 @@ def doctor(console: Console, command_line: CommandLine) -> None:
 
 def _page(report: "DoctorReport") -> str:
     width = max(len(finding.name) for finding in report.findings)
-    lines = []
+    lines: list[str] = []
     for group, findings in groupby(report.findings, key=lambda finding: finding.group):
         lines.append(group)
         for finding in findings:

@@ -73,7 +73,8 @@ def _page(result: "InfoResult", asked: bool, model: str) -> str:
     """The sections as text; if they were not asked for by name, long ones are cut, and details are only listed."""
     from mjrun.cli.page_layout import PageLayout
 
-    page, command_line, details = PageLayout(), f"mjrun info {clean(shlex.quote(model))}", []
+    page, command_line = PageLayout(), f"mjrun info {clean(shlex.quote(model))}"
+    details: list[str] = []
     for name in result.sections:
         section = SECTIONS[name]
         if isinstance(section, LineSection):

@@ -39,7 +39,8 @@ def bodies(rows: Sequence["Body"]) -> list[Column]:
 def _tree(rows: Sequence["Body"]) -> tuple[list[str], list[str]]:
     """The names, each under its parent's, and what goes on below them."""
     last = {row.parent: row.id for row in rows}
-    lines, stems = [], {-1: ""}
+    lines: list[str] = []
+    stems = {-1: ""}
     for row in rows:
         stem, ends, root = stems[row.parent], last[row.parent] == row.id, row.parent < 0
         lines.append(clean(row.name) if root else f"{stem}{'└─' if ends else '├─'} {clean(row.name)}")

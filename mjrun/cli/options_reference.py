@@ -53,8 +53,8 @@ class Section:
     """Options that stand together, and what takes each of them."""
 
     title: str
-    options: dict[str, Option] = field(default_factory=dict)
-    owners: dict[str, list[Owner]] = field(default_factory=dict)
+    options: dict[str, Option] = field(default_factory=dict[str, Option])
+    owners: dict[str, list[Owner]] = field(default_factory=dict[str, list[Owner]])
 
     def add(self, owner: Owner, options: Sequence[Option]) -> None:
         for each in options:

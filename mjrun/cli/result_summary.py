@@ -1,5 +1,6 @@
 """A line about each kind of result."""
 
+from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
 from mjrun.errors import clean
@@ -8,6 +9,7 @@ if TYPE_CHECKING:
     from mjrun.job.image import ImageResult
     from mjrun.job.plot import PlotResult
     from mjrun.job.recording import RecordingResult
+    from mjrun.job.task import OutputResult
     from mjrun.job.trace import TraceResult
     from mjrun.job.video import VideoResult
 
@@ -47,7 +49,7 @@ def recording(result: "RecordingResult") -> str:
     return f"{clean(result.path)}: {result.states} states of {result.size} numbers, {result.simulated:.6g} s"
 
 
-SUMMARIES = {
+SUMMARIES: "dict[str, Callable[[Any], str]]" = {
     "VideoResult": video,
     "ImageResult": image,
     "TraceResult": trace,
@@ -56,6 +58,6 @@ SUMMARIES = {
 }
 
 
-def summary(result: Any) -> str:
+def summary(result: "OutputResult") -> str:
     """The line about a result of any kind."""
     return SUMMARIES[type(result).__name__](result)

@@ -4,7 +4,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import click
 
@@ -68,7 +68,7 @@ def _show_results(console: Console, results: "Sequence[OutputResult]") -> None:
             console.result(summary(result))
 
 
-def _document(results: "Sequence[OutputResult]") -> dict[str, Any]:
+def _document(results: "Sequence[OutputResult]") -> dict[str, object]:
     return {"results": [{"kind": type(r).__name__.removesuffix("Result"), **asdict(r)} for r in results]}
 
 

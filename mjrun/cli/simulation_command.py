@@ -117,7 +117,7 @@ def payload_on_stdout(command_line: CommandLine, default_output: str = "") -> bo
 
 @contextmanager
 def failures_in_json(
-    console: Console, command_line: CommandLine, document: Callable[[Sequence[Any]], dict[str, Any]]
+    console: Console, command_line: CommandLine, document: Callable[[Sequence["OutputResult"]], dict[str, object]]
 ) -> Iterator[None]:
     """Where JSON was asked for, tells of a failure in it too, beside the `document` of what was made all the same."""
     try:

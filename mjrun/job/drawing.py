@@ -113,7 +113,7 @@ def camera_motions(options: ViewOptions, model: mujoco.MjModel) -> list[CameraMo
     motions: list[CameraMotion] = []
     for index, camera in enumerate(options.camera):
         with concerning("camera", index):
-            described = camera if isinstance(camera, CameraScript) else parse_camera(camera, model)
+            described = camera if isinstance(camera, CameraScript) else parse_camera(str(camera), model)
             motions.append(CameraMotion(described, model, options.size))
     return motions
 

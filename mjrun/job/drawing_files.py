@@ -42,7 +42,8 @@ class DrawingFile:
 
 def camera_names(options: ViewOptions) -> list[str]:
     """What the cameras are called."""
-    return [camera.name if isinstance(camera, CameraScript) else camera.partition(",")[0] for camera in options.camera]
+    cameras = options.camera
+    return [camera.name if isinstance(camera, CameraScript) else str(camera).partition(",")[0] for camera in cameras]
 
 
 def panels_of(options: ViewOptions) -> list[Panel]:

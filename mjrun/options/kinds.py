@@ -10,7 +10,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from os import PathLike
-from typing import Any, Generic, TypeVar
+from typing import Any, Generic, TypeVar, cast
 
 from mjrun.timeline import rational
 
@@ -56,7 +56,7 @@ class Kind(ABC, Generic[V, T]):
           ExpectedError: it means none.
         """
 
-    def parse(self, text: str) -> Any:
+    def parse(self, text: str) -> object:
         """What `text` on a command line means, as Python might give it.
 
         Raises:
@@ -64,9 +64,12 @@ class Kind(ABC, Generic[V, T]):
         """
         return text
 
-    def plain(self, value: T) -> Any:
+    def plain(self, value: T) -> object:
         """`value` as a document writes it; exact numbers are left to the writer."""
         return value
+
+
+AnyKind = Kind[Any, Any]  # a kind whose values are not known here
 
 
 @dataclass(frozen=True)
@@ -75,7 +78,7 @@ class Text(Kind[str, str]):
 
     metavar: str = "TEXT"
 
-    def __call__(self, value: str) -> str:
+    def __call__(self, value: object) -> str:
         if not isinstance(value, str):
             raise ExpectedError("text")
         return value
@@ -114,7 +117,7 @@ class Flag(Kind[bool, bool]):
 
     negatable: bool = False
 
-    def __call__(self, value: bool) -> bool:
+    def __call__(self, value: object) -> bool:
         if not isinstance(value, bool):
             raise ExpectedError("true or false")
         return value
@@ -204,12 +207,12 @@ class ExactNumber(Kind[Number, Fraction]):
 
 
 @dataclass(frozen=True)
-class Instant(Kind[Any, Any]):
+class Instant(Kind[object, object]):
     """A time [s], kept exactly, or in documents and Python an event, which the outputs know."""
 
     metavar: str = "SECONDS"
 
-    def __call__(self, value: Any) -> Any:
+    def __call__(self, value: object) -> object:
         return ExactNumber(zero=True)(value) if isinstance(value, (int, float, str, Fraction)) else value
 
     def parse(self, text: str) -> Fraction:
@@ -312,7 +315,7 @@ class Groups(Kind[Sequence[int] | str, tuple[int, ...]]):
             raise ExpectedError("a list of groups from 0 to 5, as in 0,1,2, or all, or none")
         return self(text if text in ("all", "none") else [int(word) for word in words])
 
-    def plain(self, value: tuple[int, ...]) -> Any:
+    def plain(self, value: tuple[int, ...]) -> str | list[int]:
         return "all" if value == GROUPS else [*value] or "none"
 
 
@@ -343,22 +346,22 @@ class File(Kind[str | PathLike[str], str]):
 
 
 @dataclass(frozen=True)
-class PythonFunction(Kind[Callable[..., Any] | None, Callable[..., Any] | None]):
+class PythonFunction(Kind[Callable[..., object] | None, Callable[..., object] | None]):
     """Python that the user names on the command line; a callable in Python; never in a document."""
 
     metavar: str = "CODE"
 
-    def __call__(self, value: Callable[..., Any] | None) -> Callable[..., Any] | None:
+    def __call__(self, value: Callable[..., object] | None) -> Callable[..., object] | None:
         return value
 
 
 @dataclass(frozen=True)
-class Camera(Kind[Any, Any]):
+class Camera(Kind[object, object]):
     """What a camera does, as text; a document of shots, or such a document's value."""
 
     metavar: str = "SPEC"
 
-    def __call__(self, value: Any) -> Any:
+    def __call__(self, value: object) -> object:
         return str(value) if isinstance(value, (int, PathLike)) else value
 
 
@@ -389,17 +392,17 @@ class Values(Kind[Mapping[str, float | Sequence[float]], Mapping[str, Numbers]])
             raise ExpectedError("NAME=VALUE, or NAME=VALUE,VALUE,… with finite numbers")
         return name, numbers
 
-    def plain(self, value: Mapping[str, Numbers]) -> Any:
+    def plain(self, value: Mapping[str, Numbers]) -> dict[str, float | Sequence[float]]:
         return {name: numbers[0] if len(numbers) == 1 else [*numbers] for name, numbers in value.items()}
 
 
 @dataclass(frozen=True)
-class Settings(Kind[Mapping[str, Any] | Sequence[tuple[str, Any]], tuple[tuple[str, str], ...]]):
+class Settings(Kind[Mapping[str, object] | Sequence[tuple[str, object]], tuple[tuple[str, str], ...]]):
     """Texts by path: `opt.gravity=0,0,10`. Later ones count where a path stands twice."""
 
     metavar: str = "PATH=VALUE"
 
-    def __call__(self, value: Mapping[str, Any] | Sequence[tuple[str, Any]]) -> tuple[tuple[str, str], ...]:
+    def __call__(self, value: Mapping[str, object] | Sequence[tuple[str, object]]) -> tuple[tuple[str, str], ...]:
         pairs = value.items() if isinstance(value, Mapping) else value
         return tuple((path, setting_text(setting)) for path, setting in pairs)
 
@@ -418,7 +421,7 @@ class Settings(Kind[Mapping[str, Any] | Sequence[tuple[str, Any]], tuple[tuple[s
 class ScanValues(Settings):
     """The values that settings take, in one text each: separated by commas, or semicolons where values have commas."""
 
-    def __call__(self, value: Mapping[str, Any] | Sequence[tuple[str, Any]]) -> tuple[tuple[str, str], ...]:
+    def __call__(self, value: Mapping[str, object] | Sequence[tuple[str, object]]) -> tuple[tuple[str, str], ...]:
         pairs = value.items() if isinstance(value, Mapping) else value
         return tuple((path, values if isinstance(values, str) else _one_text(values)) for path, values in pairs)
 
@@ -444,29 +447,30 @@ class Several(Kind["W | Sequence[W]", tuple[T, ...]], Generic[W, T]):
         several = isinstance(value, Sequence) and not isinstance(value, str) and not self._is_one(value)
         parts: list[Any] = [*value] if several else [value]  # type: ignore[misc]
         if self.commas:
-            parts = [word for part in parts for word in (self.parse(part) if isinstance(part, str) else [part])]
+            parts = [word for part in parts for word in (self._words(part) if isinstance(part, str) else [part])]
         return tuple(self.each(part) for part in parts)
 
-    def parse(self, text: str) -> Any:
+    def parse(self, text: str) -> object:
         """One of them, or those in one text."""
-        if not self.commas:
-            return self.each.parse(text)
+        return self._words(text) if self.commas else self.each.parse(text)
+
+    def _words(self, text: str) -> tuple[object, ...]:
         words = [word.strip() for word in re.split(r",(?![^\[]*\])", text) if word.strip()]
         if self.expected and not words:
             raise ExpectedError(self.expected)
         return tuple(map(self._parse_word, words))
 
-    def plain(self, value: tuple[T, ...]) -> Any:
+    def plain(self, value: tuple[T, ...]) -> object:
         parts = [self.each.plain(part) for part in value]
         return parts[0] if len(parts) == 1 else parts
 
-    def _parse_word(self, word: str) -> Any:
+    def _parse_word(self, word: str) -> object:
         try:
             return self.each.parse(word)
         except ExpectedError as error:
             raise ExpectedError(error.expected, word) from None
 
-    def _is_one(self, value: Sequence[Any]) -> bool:
+    def _is_one(self, value: Sequence[object]) -> bool:
         """Whether a sequence is one value, as (640, 480) is one size."""
         return isinstance(self.each, Size) and len(value) == 2 and not isinstance(value[0], Sequence)
 
@@ -484,10 +488,10 @@ class Optional(Kind["W | None", "T | None"], Generic[W, T]):
     def __call__(self, value: "W | None") -> "T | None":
         return None if value is None else self.each(value)
 
-    def parse(self, text: str) -> Any:
+    def parse(self, text: str) -> object:
         return self.each.parse(text)
 
-    def plain(self, value: "T | None") -> Any:
+    def plain(self, value: "T | None") -> object:
         return None if value is None else self.each.plain(value)
 
 
@@ -509,8 +513,10 @@ def setting_text(value: object) -> str:
     raise ExpectedError("a finite number, text, true or false, or a list of finite numbers")
 
 
-def _one_text(values: Sequence[object]) -> str:
-    texts = [setting_text(value) for value in values]
+def _one_text(values: object) -> str:
+    if not isinstance(values, Sequence):
+        raise ExpectedError("a list of values, or text")
+    texts = [setting_text(value) for value in cast("Sequence[object]", values)]
     if not any("," in text for text in texts):
         return ",".join(texts)
     return ";".join(texts) + (";" if len(texts) == 1 else "")

@@ -1,15 +1,15 @@
 """What an option is, and how a class of them is declared."""
 
 import dataclasses
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from enum import Flag, auto
 from functools import cache
-from typing import Any, ClassVar, TypeVar, dataclass_transform
+from typing import ClassVar, TypeVar, cast, dataclass_transform
 
 from mjrun.errors import BadValueError, UsageError
 from mjrun.errors import option as mention
-from mjrun.options.kinds import ExpectedError, Kind
+from mjrun.options.kinds import AnyKind, ExpectedError
 
 V = TypeVar("V")
 T = TypeVar("T")
@@ -44,7 +44,7 @@ class Option:
 
     name: str
     attribute: str
-    kind: Kind[Any, Any]
+    kind: AnyKind
     help: str
     default: object
     usual: str
@@ -106,7 +106,7 @@ def required(
 
 def _facts(
     kind: object, text: str, usual: str, short: str | tuple[str, ...], places: FrontEnd, flag_value: str | None
-) -> dict[str, Any]:
+) -> dict[str, object]:
     shorts = (short,) if isinstance(short, str) else short
     return {"kind": kind, "help": text, "usual": usual, "short": shorts, "places": places, "flag_value": flag_value}
 
@@ -138,7 +138,8 @@ class Options:
 def _shown(value: object) -> object:
     """A value as messages show it: the numbers of a list short, side by side."""
     if isinstance(value, list | tuple):
-        return ", ".join(f"{part:g}" if isinstance(part, float) else str(part) for part in value)
+        parts = cast("Sequence[object]", value)
+        return ", ".join(f"{part:g}" if isinstance(part, float) else str(part) for part in parts)
     return value
 
 
@@ -172,7 +173,7 @@ def is_given(values: Options, name: str) -> bool:
 
 
 def _declared(home: type, cls: type[Options]) -> Iterator[Option]:
-    fields = {field.name: field for field in dataclasses.fields(cls)}
+    fields = {field.name: field for field in dataclasses.fields(cls)}  # type: ignore[arg-type]
     section = vars(home).get("section", cls.section)
     for attribute in vars(home).get("__annotations__", {}):
         field = fields.get(attribute)

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Mapping
 from fractions import Fraction
-from typing import Any, ClassVar
+from typing import ClassVar
 
 from mjrun.options.kinds import Choice, ExactNumber, File, Integer, Key, Numbers, Optional, PythonFunction, Real, Values
 from mjrun.options.model import ModelOptions
@@ -19,7 +19,7 @@ class ControllerOptions(Options):
 
     section: ClassVar[str] = "Simulation"
 
-    controller: Callable[..., Any] | None = option(
+    controller: Callable[..., object] | None = option(
         converter=PythonFunction(),
         default=None,
         places=FrontEnd.COMMAND | FrontEnd.PYTHON,

@@ -1,7 +1,7 @@
 """Options of what is seen, and of who draws it."""
 
 from fractions import Fraction
-from typing import Any, ClassVar
+from typing import ClassVar
 
 from mjrun.options.kinds import (
     Camera,
@@ -76,7 +76,7 @@ class ViewOptions(RendererOptions):
     section: ClassVar[str] = "View"
 
     size: tuple[int, int] = option(converter=Size(), default=(1280, 720), help="Width and height of one view [pixels].")
-    camera: tuple[Any, ...] = option(
+    camera: tuple[object, ...] = option(
         converter=Several(Camera()),
         default="free",
         help="A camera of the model, by name or index; or free, orbit or track with settings after a colon: "

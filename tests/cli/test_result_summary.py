@@ -8,6 +8,7 @@ from mjrun.cli.result_summary import SUMMARIES, summary
 from mjrun.job.image import ImageResult
 from mjrun.job.plot import PlotResult
 from mjrun.job.recording import RecordingResult
+from mjrun.job.task import OutputResult
 from mjrun.job.trace import TraceResult
 from mjrun.job.video import VideoResult
 
@@ -75,7 +76,7 @@ RECORDING = RecordingResult(path="a.npz", states=501, size=20, simulated=1.0, wa
     ],
     ids=lambda value: type(value).__name__,
 )
-def test_a_result_is_one_line(result: object, line: str) -> None:
+def test_a_result_is_one_line(result: OutputResult, line: str) -> None:
     assert summary(result) == line
 
 

@@ -42,7 +42,7 @@ def test_a_length_is_said_once() -> None:
 
 
 def test_values_are_exact_and_immutable() -> None:
-    options = SimulationOptions(duration=0.1, qpos={"hip": 0.3, "root": np.arange(7.0)}, key=2)
+    options = SimulationOptions(duration=0.1, qpos={"hip": 0.3, "root": np.arange(7.0)}, key=2)  # type: ignore[dict-item]
     assert options.duration == Fraction(1, 10)
     assert options.qpos == {"hip": (0.3,), "root": (0, 1, 2, 3, 4, 5, 6)}
     assert options.key == "2"
