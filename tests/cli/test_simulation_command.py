@@ -1,0 +1,46 @@
+"""What commands that simulate share: one use of standard output, and options that exclude each other."""
+
+from typing import Any
+
+import pytest
+
+from mjrun.cli.click_command import CommandLine
+from mjrun.cli.console import flag
+from mjrun.cli.simulation_command import payload_on_stdout, with_camera_scripts
+from mjrun.errors import UsageError
+from mjrun.options.image import ImageOptions
+from mjrun.options.option import Options
+from mjrun.options.simulation import SimulationOptions
+from mjrun.options.trace import TraceOptions
+
+
+def test_standard_output_has_one_use() -> None:
+    assert payload_on_stdout(CommandLine({"output": "-"}))
+    assert payload_on_stdout(CommandLine({}), "-")
+    assert not payload_on_stdout(CommandLine({"output": "a.csv", "json": True}), "-")
+    with pytest.raises(UsageError) as error:
+        payload_on_stdout(CommandLine({"output": "-", "json": True}))
+    assert error.value.spelled(flag).startswith("--json and the output both want standard output")
+
+
+def test_cameras_that_are_no_scripts_stay() -> None:
+    command_line = with_camera_scripts(CommandLine({"camera": ("top", "orbit:azimuth=3")}))
+    assert command_line.value("camera") == ("top", "orbit:azimuth=3")
+
+
+@pytest.mark.parametrize(
+    ("cls", "params"),
+    [
+        (SimulationOptions, {"duration": 1, "steps": 2}),
+        (SimulationOptions, {"key": "home", "replay": "a.npz"}),
+        (TraceOptions, {"every": 2, "rate": 10}),
+        (ImageOptions, {"time": 1, "step": 2, "output": "a.png"}),
+    ],
+)
+def test_exclusions_are_told_with_flags(cls: type[Options], params: dict[str, Any]) -> None:
+    values = {} if cls is SimulationOptions else {"simulation": None}
+    with pytest.raises(UsageError) as error:
+        CommandLine(params).make(cls, **values)
+    names = {flag(name) for name in params if name != "output"}
+    first, _, second, *_ = error.value.spelled(flag).split()
+    assert {first, second} == names
