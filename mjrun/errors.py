@@ -155,7 +155,9 @@ def concerning(*path: str | int) -> Iterator[None]:
     try:
         yield
     except UsageError as error:
-        if error.path[: len(path)] != path:
+        if error.path == path[: len(error.path)]:
+            error.path = path
+        elif error.path[: len(path)] != path:
             error.path = (*path, *error.path)
         raise
 

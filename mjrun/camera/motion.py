@@ -13,7 +13,7 @@ from mjrun.camera.rigs.rig import BoundRig, ModelCameras, ShotTime, check_ramp, 
 from mjrun.camera.script import CameraScript, Shot
 from mjrun.camera.shake import ShakeNoise
 from mjrun.camera.targets import Bounds, object_bounds
-from mjrun.errors import BadValueError, UnknownNameError, UsageError, clean
+from mjrun.errors import BadValueError, UnknownNameError, UsageError, clean, concerning
 from mjrun.model.state import restore
 
 Span = tuple[float, float]
@@ -119,7 +119,8 @@ class CameraMotion:
 
     def _bind(self, i: int, shot: Shot, cameras: ModelCameras) -> "_BoundShot":
         try:
-            return _bound_shot(shot, cameras, self._where(i))
+            with concerning("shots", i):
+                return _bound_shot(shot, cameras, self._where(i))
         except UsageError as error:
             if self._where(i) not in str(error):
                 error.add_note(f"in {self._where(i)}")
@@ -175,7 +176,8 @@ class _FrameView:
 
 
 def _bound_shot(shot: Shot, cameras: ModelCameras, where: str) -> _BoundShot:
-    rig = shot.rig.bind(cameras, where)
+    with concerning(shot.rig.kind):
+        rig = shot.rig.bind(cameras, where)
     check_ramp(shot.roll, f"{where}: roll")
     if shot.fovy and rig.frustum.orthographic:
         check_ramp(shot.fovy, f"{where}: fovy", 0.0, expected="a positive number of metres")
@@ -189,7 +191,8 @@ def _bound_shot(shot: Shot, cameras: ModelCameras, where: str) -> _BoundShot:
         raise BadValueError(f"{where}: shake: seed", shot.shake.seed, "0 or more")
     if shot.fit and not 1 <= shot.fit.margin < np.inf:
         raise BadValueError(f"{where}: fit: margin", f"{shot.fit.margin:g}", "1 or more")
-    return _BoundShot(shot, rig, object_bounds(shot.fit.target, cameras.model) if shot.fit else None)
+    with concerning("fit", "target"):
+        return _BoundShot(shot, rig, object_bounds(shot.fit.target, cameras.model) if shot.fit else None)
 
 
 def _shot_time(time: float, span: Span) -> ShotTime:

@@ -7,7 +7,7 @@ from typing import Any
 from pydantic import ValidationError
 
 from mjrun.document.document_model import ComplaintError
-from mjrun.document.tree import Broken, Fault, Mapped, Mark, Node, Path, Scalar, cut, described, find, spelled
+from mjrun.document.tree import Broken, Fault, Node, Path, Scalar, cut, described, find, key_mark, spelled
 from mjrun.errors import clean, listing, quoted, suggestion
 
 Facts = dict[str, Any]
@@ -70,18 +70,13 @@ def _fault(complaint: ComplaintError, path: Path, node: Node, tree: Node, keys: 
         case "missing":
             return Fault(node.mark, spelled(path[:-1]), f"{quoted(str(path[-1]))} is missing")
         case "extra_forbidden":
-            return Fault(_key_mark(tree, path), spelled(path[:-1]), _unknown(str(path[-1]), keys))
+            return Fault(key_mark(tree, path), spelled(path[:-1]), _unknown(str(path[-1]), keys))
         case "too_short" | "too_long":
             return Fault(node.mark, spelled(path), _miscounted(facts))
         case kind if kind in EXPECTED:
             found = f"expected {EXPECTED[kind](facts)}, got {described(node)}"
             return Fault(node.mark, spelled(path), found + _hint(kind, facts, node))
     return Fault(node.mark, spelled(path), f"{clean(facts['said'])}, got {described(node)}")
-
-
-def _key_mark(tree: Node, path: Path) -> Mark:
-    above = find(tree, path[:-1])
-    return above.keys[str(path[-1])] if isinstance(above, Mapped) else above.mark
 
 
 def _unknown(key: str, keys: Sequence[str]) -> str:

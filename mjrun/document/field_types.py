@@ -9,7 +9,8 @@ from pydantic import AfterValidator, Discriminator, Field, PlainValidator, Tag, 
 
 from mjrun.document.document_model import LIST, NUMBER, ComplaintError, kinds
 from mjrun.errors import UsageError
-from mjrun.timeline import rational
+from mjrun.options import kinds as option_kinds
+from mjrun.options.kinds import ExpectedError
 
 ONE = "\0one"
 T = TypeVar("T")
@@ -26,14 +27,14 @@ def all_of(given: T | list[T]) -> tuple[T, ...]:
     return tuple(given) if isinstance(given, list) else (given,)
 
 
-def _exact(expected: str, fits: Callable[[Fraction], bool], bound: Any) -> Any:
+def _exact(kind: option_kinds.Exact, expected: str, bound: Any) -> Any:
     """Reads a number, or text such as `30000/1001`, as the exact number that is written."""
 
     def exact(value: Any) -> Fraction:
         try:
-            if type(value) in (int, float, str) and fits(number := rational(value)):
-                return number
-        except (ValueError, OverflowError):
+            if type(value) in (int, float, str):
+                return kind(value)
+        except ExpectedError:
             pass
         raise ComplaintError("kind", expected=expected)
 
@@ -41,8 +42,8 @@ def _exact(expected: str, fits: Callable[[Fraction], bool], bound: Any) -> Any:
     return PlainValidator(exact, json_schema_input_type=Annotated[float, bound] | Annotated[str, text])
 
 
-Exact = Annotated[Fraction, _exact("a positive number", lambda number: number > 0, Field(gt=0))]
-Instant = Annotated[Fraction, _exact("a number of at least 0", lambda number: number >= 0, Field(ge=0))]
+Exact = Annotated[Fraction, _exact(option_kinds.Exact(), "a positive number", Field(gt=0))]
+Instant = Annotated[Fraction, _exact(option_kinds.Exact(zero=True), "a number of at least 0", Field(ge=0))]
 
 
 def _size(value: Any) -> tuple[int, int]:

@@ -27,6 +27,7 @@ from mjrun.document.field_types import Exact, Instant, Numbers, Several, Size, a
 from mjrun.document.inline_values import InlineCamera, InlineGhost, ghost_text
 from mjrun.document.output_folder import Inside, OutputFolder
 from mjrun.document.reader import SUFFIXES
+from mjrun.errors import concerning
 from mjrun.formats.format_lists import with_formats
 from mjrun.job.view import check_segmentation_name
 from mjrun.model.sources import is_file
@@ -93,6 +94,11 @@ def document_options(declared: type[Options]) -> list[Option]:
     return [each for each in options_of(declared) if FrontEnd.DOCUMENT in each.places]
 
 
+def is_always_written(each: Option) -> bool:
+    """Whether a document must say something: it has no standard output."""
+    return each.is_required or each.name == "output"
+
+
 def _is_said(value: object) -> bool:
     """Whether a key says something: `separate: false` does not."""
     return value is not None and value is not False and value != []
@@ -103,7 +109,7 @@ def _field(each: Option) -> tuple[Any, Any]:
     annotation = field_type(each.kind)
     text = with_formats(each.help) + (f" {each.usual} if left out." if each.usual else "")
     alias = each.name if each.name != each.attribute else None
-    if each.is_required or each.name == "output":  # a document has no standard output
+    if is_always_written(each):
         return annotation, Field(alias=alias, description=with_formats(each.help))
     default = None if each.default is None else _default(each)
     return annotation, Field(default, alias=alias, description=text)
@@ -187,18 +193,27 @@ class Folders:
         return path if self.inputs == Path() else str(self.inputs / path)
 
 
-def option_value(kind: Kind[Any, Any], value: Any, folders: Folders) -> Any:
+def option_value(each: Option, value: Any, folders: Folders) -> Any:
     """What the option is given for what the document holds.
 
     Raises:
       UsageError: an output outside its folder, or a mistake in a document that this one names.
       FileError: such a document cannot be read.
     """
+    with concerning(each.name):
+        return _converted(each.kind, value, folders)
+
+
+def _converted(kind: Kind[Any, Any], value: Any, folders: Folders) -> Any:
     match kind:
         case option_kinds.Optional(each):
-            return option_value(each, value, folders)
+            return _converted(each, value, folders)
         case option_kinds.Several(each):
-            return tuple(option_value(each, part, folders) for part in all_of(value))
+            parts: list[Any] = []
+            for index, part in enumerate(all_of(value)):
+                with concerning(index):
+                    parts.append(_converted(each, part, folders))
+            return tuple(parts)
         case option_kinds.File(written=True):
             return folders.outputs.path(value)
         case option_kinds.File():

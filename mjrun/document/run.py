@@ -19,6 +19,7 @@ plots:
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Any, TypeVar
 
@@ -28,7 +29,7 @@ from mjrun.document.document_model import MAPPING, TEXT, Loc, Name, kinds
 from mjrun.document.option_models import Folders, OptionsModel, document_options, option_value, options_model
 from mjrun.document.output_folder import Inside, OutputFolder
 from mjrun.document.reader import document_error, read_placed
-from mjrun.document.tree import Fault, Mapped, find, spelled
+from mjrun.document.tree import Fault, Mapped, find, key_mark, spelled, written_path
 from mjrun.document.tree import Path as Place
 from mjrun.errors import DocumentError, InvalidJobsError, Problem, UsageError
 from mjrun.job.image import Image
@@ -178,9 +179,11 @@ class _Builder:
         faults = len(self._faults) + len(self._others)
         if isinstance(entry, str):
             path = self._attempt(place, lambda: self._folders.outputs.path(entry))
-            values: dict[str, Any] = {"output": path}
+            values: dict[str, Any] = {} if path is None else {"output": path}
         else:
             values = self._values(entry.declared, entry, place)
+        if "output" not in values:
+            return None
         job = self._attempt(place, lambda: output(simulation, **values, command=self._command))
         if job is None or len(self._faults) + len(self._others) > faults:
             return None
@@ -195,8 +198,7 @@ class _Builder:
         for each in document_options(declared):
             if each.attribute in entry.model_fields_set:
                 written = getattr(entry, each.attribute)
-                at = (*place, each.name)
-                value = self._attempt(at, lambda kind=each.kind, w=written: option_value(kind, w, self._folders))
+                value = self._attempt(place, partial(option_value, each, written, self._folders))
                 if value is not None:
                     values[each.attribute] = value
         return values
@@ -209,10 +211,10 @@ class _Builder:
 
     def _reserve(self, job: Job[OutputResult], place: Place) -> None:
         """Reserves all files that `job` writes."""
-        for key, file in job.files:
-            where = (*place, key)
+        for name, file in self._attempt(place, lambda: job.files) or ():
+            where = written_path(self._tree, (*place, name))
             taker = f"{spelled(where)} at {find(self._tree, where).mark}"
-            self._attempt(where, lambda file=file, taker=taker: self._folders.outputs.take(file, taker))
+            self._attempt(where, partial(self._folders.outputs.take, file, taker))
 
     def _attempt(self, place: Place, make: Callable[[], T]) -> T | None:
         """What `make` makes; None if it is wrong, which is noted."""
@@ -227,5 +229,7 @@ class _Builder:
 
 def _fault_at(tree: Mapped, place: Place, error: UsageError) -> Fault:
     """`error` at the option below `place` that it is about."""
-    path = place if place[-1:] == error.path[:1] else (*place, *error.path)
-    return Fault(find(tree, path).mark, spelled(path), error.one_line(path))
+    path = written_path(tree, (*place, *error.path))
+    named = path[:1] in [(key,) for key in NAMED] and len(path) > 1
+    mark = key_mark(tree, path) if named else find(tree, path).mark
+    return Fault(mark, spelled(path), error.one_line(error.path))

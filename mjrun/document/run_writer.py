@@ -6,7 +6,7 @@ from typing import Any
 
 from mjrun.camera.script import CameraScript, Event
 from mjrun.document.camera_writer import camera_document, event_document
-from mjrun.document.option_models import document_options
+from mjrun.document.option_models import document_options, is_always_written
 from mjrun.document.output_folder import refusal
 from mjrun.document.run import OUTPUTS
 from mjrun.document.yaml_scalars import meaning
@@ -59,7 +59,7 @@ def _options(values: Options) -> Plain:
     return {
         each.name: _plain(each.kind, value)
         for each in document_options(type(values))
-        if (value := getattr(values, each.attribute)) is not None and (each.is_required or value != each.default)
+        if (value := getattr(values, each.attribute)) is not None and (is_always_written(each) or value != each.default)
         if not _refused(each, value)
     }
 

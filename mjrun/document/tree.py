@@ -1,6 +1,6 @@
 """A document as it is written: values that know their line and column."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -110,18 +110,29 @@ def find(node: Node, path: Path) -> Node:
     return node
 
 
-def texts(node: Node, path: Path) -> Iterator[tuple[Path, Mark, str]]:
-    """All keys and values in `node`, which stands at `path`: where each is, and what is written there."""
-    match node:
-        case Scalar():
-            yield path, node.mark, node.text
-        case Listed():
-            for index, item in enumerate(node.items):
-                yield from texts(item, (*path, index))
-        case Mapped():
-            for key, inner in node.entries.items():
-                yield (*path, key), node.keys.get(key, inner.mark), key
-                yield from texts(inner, (*path, key))
+def key_mark(node: Node, path: Path) -> Mark:
+    """Where the key that `path` ends with stands."""
+    parent = find(node, path[:-1])
+    return parent.keys.get(str(path[-1]), parent.mark) if isinstance(parent, Mapped) else parent.mark
+
+
+def written_path(node: Node, path: Path) -> Path:
+    """`path` as far as the document goes into detail; a key that a mapping leaves out ends it.
+
+    The index 0 is skipped where one value is written without its list.
+    """
+    written: Path = ()
+    for step in path:
+        if isinstance(node, Mapped) and isinstance(step, str):
+            written = (*written, step)
+            if step not in node.entries:
+                return written
+            node = node.entries[step]
+        elif isinstance(node, Listed) and isinstance(step, int) and step < len(node.items):
+            written, node = (*written, step), node.items[step]
+        elif isinstance(node, Listed) or step != 0:
+            return written
+    return written
 
 
 def spelled(path: Path) -> str:

@@ -7,7 +7,7 @@ import mujoco
 import numpy as np
 
 from mjrun.camera.script import Event
-from mjrun.errors import UsageError, quoted
+from mjrun.errors import OptionPath, UsageError, concerning, quoted
 from mjrun.job.trace_rows import ProbeSampler
 from mjrun.probe.event import RisingEdgeDetector, condition
 from mjrun.sim.observe import AnyTap, Tap
@@ -61,16 +61,20 @@ class EventDetector:
             onsets.feed(watched.holds(row))
 
 
-def conditions(events: Collection[Event], model: mujoco.MjModel) -> list[str]:
+def conditions(events: Mapping[OptionPath, Event], model: mujoco.MjModel) -> list[str]:
     """The conditions of `events`, each once.
+
+    Args:
+      events: by where their conditions stand.
 
     Raises:
       UsageError: one of them cannot be measured in this model.
     """
     texts: list[str] = []
-    for event in events:
+    for path, event in events.items():
         try:
-            texts.append(condition(event.when, model).text)
+            with concerning(*path):
+                texts.append(condition(event.when, model).text)
         except UsageError as error:
             error.add_note(f"in {quoted(event.when)}")
             raise

@@ -6,7 +6,7 @@ from fractions import Fraction
 from itertools import repeat
 
 from mjrun.camera.script import CameraScript, Event
-from mjrun.errors import UsageError, clean
+from mjrun.errors import OptionPath, UsageError, clean
 from mjrun.job.event_detection import time_of
 from mjrun.timeline import Timeline
 
@@ -74,9 +74,14 @@ def image_schedule(
     return FrameSchedule([step], [float(timeline.time(step))], [1.0], _seconds(spans))
 
 
-def shot_events(scripts: Sequence[CameraScript]) -> list[Event]:
-    """The events that end shots."""
-    return [shot.until for script in scripts for shot in script.shots if isinstance(shot.until, Event)]
+def shot_events(scripts: Sequence[CameraScript]) -> dict[OptionPath, Event]:
+    """The events that end shots, by where their conditions stand."""
+    return {
+        ("camera", i, "shots", j, "until", "when"): shot.until
+        for i, script in enumerate(scripts)
+        for j, shot in enumerate(script.shots)
+        if isinstance(shot.until, Event)
+    }
 
 
 def shot_spans(script: CameraScript, timeline: Timeline, event_steps: Mapping[str, Sequence[int]]) -> list[Span]:

@@ -133,7 +133,9 @@ class ImageTask:
     def plan(self, context: Context) -> "ImagePlan":
         """Finds every name in the model, and the step, unless events decide."""
         drawing = plan_drawing(self.job, context)
-        events = [*shot_events(drawing.scripts), *([self.job.time] if isinstance(self.job.time, Event) else [])]
+        events = shot_events(drawing.scripts)
+        if isinstance(self.job.time, Event):
+            events["time", "when"] = self.job.time
         unscheduled = ImagePlan(self, drawing, conditions(events, context.model))
         if unscheduled.conditions:
             return unscheduled

@@ -19,6 +19,7 @@ from mjrun.errors import (
     PartlyDoneError,
     SimulationError,
     UsageError,
+    concerning,
     listing,
     option,
 )
@@ -271,7 +272,9 @@ def _plan(
             if task.renderer is not None:
                 errors.collect(i, partial(rendering.detect, task.renderer))
     simulation = jobs[0].simulation
-    model = simulation.load()
+    with _UsageErrors(jobs) as errors:
+        model = errors.collect(None, simulation.load)
+    assert model
     context = Context(simulation, model, simulation.timeline(model), reporter)
     with _UsageErrors(jobs) as errors:
         plans = [plan for i, task in enumerate(tasks) if (plan := errors.collect(i, partial(task.plan, context)))]
@@ -332,4 +335,9 @@ def _check_files(jobs: Sequence[Job[OutputResult]], errors: _UsageErrors) -> Non
         reserved.reserve(path, f"the {what}, which is read")
     for i, job in enumerate(jobs):
         for what, path in errors.collect(i, lambda job=job: job.files) or ():
-            errors.collect(i, partial(reserved.reserve, path, f"the {what}"))
+            errors.collect(i, partial(_reserve, reserved, what, path))
+
+
+def _reserve(reserved: ReservedFiles, name: str, path: str) -> None:
+    with concerning(name):
+        reserved.reserve(path, f"the {name}")

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import mujoco
 
-from mjrun.errors import UsageError, clean, listing, option
+from mjrun.errors import UsageError, clean, concerning, listing, option
 from mjrun.formats.recording_reader import RecordingReader
 from mjrun.formats.table_reader import read_table
 from mjrun.model import known_bugs
@@ -91,14 +91,16 @@ class Simulation(SimulationOptions):
           FileError: a recording or a table cannot be read.
         """
         if self.replay is not None:
-            stepper = ReplayStepper(model, self._recorded, self._recorded.facts.get("sizes"))
-            stepper.require([self.timeline(model).steps])
-            return stepper
+            with concerning("replay"):
+                stepper = ReplayStepper(model, self._recorded, self._recorded.facts.get("sizes"))
+                stepper.require([self.timeline(model).steps])
+                return stepper
         data = self.start.data(model)
         timestep = rational(model.opt.timestep)
         noise = table = controller = None
         if self.ctrl_from is not None:
-            table = self._table(model)
+            with concerning("ctrl_from"):
+                table = self._table(model)
         if self.ctrl_noise:
             noise = ControlNoise(self.ctrl_noise, self.ctrl_noise_time, self.seed, model.opt.timestep, model.nu)
         if self.controller is not None:

@@ -197,9 +197,10 @@ class ExactNumber(Kind[Number, Fraction]):
     def __call__(self, value: Number) -> Fraction:
         try:
             number = rational(value)
-        except (TypeError, ValueError):
+            nearest = float(number)
+        except (OverflowError, TypeError, ValueError):
             raise ExpectedError(self.expected) from None
-        if number < 0 or (number == 0 and not self.zero):
+        if number < 0 or (nearest == 0 and not (self.zero and number == 0)):  # too small for a float
             raise ExpectedError(self.expected)
         return number
 

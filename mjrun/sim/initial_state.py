@@ -44,14 +44,14 @@ class InitialState:
         if self.key is not None:
             with concerning("key"):
                 mujoco.mj_resetDataKeyframe(model, data, identify(model, "keyframe", self.key))
-        with concerning("qpos"):
-            for name, values in self.qpos.items():
+        for name, values in self.qpos.items():
+            with concerning("qpos", name):
                 _set(data.qpos, _joint_slices(model, model.jnt_qposadr, QPOS_COMPONENTS, name), values, "qpos", name)
-        with concerning("qvel"):
-            for name, values in self.qvel.items():
+        for name, values in self.qvel.items():
+            with concerning("qvel", name):
                 _set(data.qvel, _joint_slices(model, model.jnt_dofadr, QVEL_COMPONENTS, name), values, "qvel", name)
-        with concerning("ctrl"):
-            for name, values in self.ctrl.items():
+        for name, values in self.ctrl.items():
+            with concerning("ctrl", name):
                 _set(data.ctrl, control_slices(model, name), values, "ctrl", name)
         if self.seed < 0:
             raise BadValueError(option("seed"), self.seed, "a whole number from 0 on")

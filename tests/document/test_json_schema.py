@@ -172,7 +172,7 @@ RUN = "model: m.xml\nvideos:\n- output: a.mp4\n  "
         "{vars: {x: 1, y: no}, defaults: common.yaml, steps: '${x}'}",
         RUN + "size: 64x48\n  fps: 30000/1001\n  speed: 0.5\n  jobs: 2",
         RUN + "size: [64, 48]\n  fps: 60\n  jobs: auto\n  view: [rgb, depth]\n  show: [joint]\n  hide: fog",
-        RUN + "camera: [top, 0, {shots: [{camera: a}]}]\n  ghost: [a=b, {key: 1}]\n  geomgroup: [0], sitegroup: all",
+        RUN + "camera: [top, 0, {shots: [{camera: a}]}]\n  ghost: [a=b, {key: 1}]\n  geomgroup: [0]\n  sitegroup: all",
         RUN
         + "size: '${x}'\n  fps: '${x}'\n  crf: '${x}'\n  captions: '${x}'\n  view: '${x}'\n  depth_range: ['${x}', 2]",
         RUN + "camera: {shots: [{orbit: {azimuth: '${x}'}, speed: '${x}'}]}\n  geomgroup: ['${x}']",

@@ -110,7 +110,7 @@ exacts = (
     st.fractions(min_value=Fraction(1, 10**6), max_value=10**6)
     | positives
     | positives.map(repr)
-    | st.sampled_from(["30000/1001", "1e2", Fraction(2**53 + 1), Fraction(10**400), Fraction(1, 10)])
+    | st.sampled_from(["30000/1001", "1e2", Fraction(2**53 + 1), Fraction(1, 10)])
 )
 decimals = positives.map(rational)
 vectors = st.tuples(numbers, numbers, numbers)
@@ -344,7 +344,7 @@ def is_some_float(value: Fraction) -> bool:
         return False
 
 
-@given(exacts)
+@given(exacts | st.just(Fraction(10**400)))
 def test_exact_numbers_are_numbers_where_that_is_exact(value: Any) -> None:
     found = exact(value)
     assert rational(found) == rational(value)
@@ -435,17 +435,17 @@ def test_the_document_reads_as_a_person_would_write_it() -> None:
         document_text([film, still])
         == """\
 model: m.xml
-set:
-  opt.gravity: [0, 0, -1.6]
-  opt.cone: elliptic
-  opt.flag.contact: true
-integrator: rk4
-timestep: 0.001
 key: home
 qpos:
   hip: 0.3
   root: [0, 0, 1]
 duration: 3
+integrator: rk4
+timestep: 0.001
+set:
+  opt.gravity: [0, 0, -1.6]
+  opt.cone: elliptic
+  opt.flag.contact: true
 videos:
 - output: a.mp4
   camera:
@@ -473,8 +473,7 @@ videos:
 images:
 - output: a.png
   show: joint
-  groups:
-    geom: [0, 1]
+  geomgroup: [0, 1]
   quality: high
   time: {when: a > 1, nth: 2}
 """
@@ -549,4 +548,4 @@ def test_jobs_of_several_simulations_are_no_document() -> None:
 )
 def test_overrides_in_another_form_than_the_documents_own_keep_their_text_and_order(settings: Any) -> None:
     (job,) = again([overridden(*settings)])
-    assert [(s.path, s.value) for s in job.simulation.model.settings] == [(s.path, s.value) for s in settings]
+    assert [(s.path, s.value) for s in job.simulation.source.overrides] == [(s.path, s.value) for s in settings]

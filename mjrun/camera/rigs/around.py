@@ -12,7 +12,7 @@ from mjrun.camera.pose import Frustum, Pose, around, turn
 from mjrun.camera.rigs.rig import ErrorPath, ModelCameras, Rig, ShotTime
 from mjrun.camera.rigs.settings import Setting
 from mjrun.camera.targets import Place, Target, Vector, find_target
-from mjrun.errors import UsageError
+from mjrun.errors import UsageError, concerning
 
 DISTANCE = Setting(
     "ramp",
@@ -52,7 +52,7 @@ class FreeRig(Rig):
     def bind(self, cameras: ModelCameras, where: str) -> "BoundAroundRig":
         self.check(where)
         azimuth = self.azimuth or Ramp.still(cameras.free.azimuth)
-        return _bound(self.lookat, self.distance, azimuth, self.elevation, cameras)
+        return _bound("lookat", self.lookat, self.distance, azimuth, self.elevation, cameras)
 
 
 @dataclass(frozen=True)
@@ -78,7 +78,7 @@ class OrbitRig(Rig):
             raise UsageError(f"{where}: the ease belongs into the azimuth")
         start = cameras.free.azimuth
         azimuth = self.azimuth or Ramp(start, start + 360, self.ease)
-        return _bound(self.lookat, self.distance, azimuth, self.elevation, cameras)
+        return _bound("lookat", self.lookat, self.distance, azimuth, self.elevation, cameras)
 
     @classmethod
     def conflicts(cls, values: Mapping[str, object]) -> Iterator[tuple[ErrorPath, str]]:
@@ -105,7 +105,7 @@ class TrackRig(Rig):
     def bind(self, cameras: ModelCameras, where: str) -> "BoundAroundRig":
         self.check(where)
         azimuth = self.azimuth or Ramp.still(cameras.free.azimuth)
-        return _bound(self.target, self.distance, azimuth, self.elevation, cameras, self.heading, self.offset)
+        return _bound("target", self.target, self.distance, azimuth, self.elevation, cameras, self.heading, self.offset)
 
 
 @dataclass(frozen=True)
@@ -133,6 +133,7 @@ class BoundAroundRig:
 
 
 def _bound(
+    key: str,
     place: Place | None,
     distance: Ramp | None,
     azimuth: Ramp,
@@ -141,11 +142,13 @@ def _bound(
     heading: bool = False,
     offset: Vector = (0.0, 0.0, 0.0),
 ) -> BoundAroundRig:
-    """Around a place; what is None is as MuJoCo's free camera has it."""
+    """Around the place that the setting `key` names; what is None is as MuJoCo's free camera has it."""
     free = cameras.free
     x, y, z = map(float, free.lookat)
+    with concerning(key):
+        target = find_target((x, y, z) if place is None else place, cameras.model)
     return BoundAroundRig(
-        find_target((x, y, z) if place is None else place, cameras.model),
+        target,
         distance or Ramp.still(free.distance),
         azimuth,
         elevation or Ramp.still(free.elevation),

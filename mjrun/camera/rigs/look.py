@@ -9,7 +9,7 @@ from mjrun.camera.pose import Frustum, Pose
 from mjrun.camera.rigs.rig import ModelCameras, Rig, ShotTime, looking_at
 from mjrun.camera.rigs.settings import Setting
 from mjrun.camera.targets import Place, Target, find_target
-from mjrun.errors import UsageError
+from mjrun.errors import UsageError, concerning
 
 
 @dataclass(frozen=True)
@@ -26,7 +26,10 @@ class LookRig(Rig):
     def bind(self, cameras: ModelCameras, where: str) -> "BoundLookRig":
         if self.eye == self.target:
             raise UsageError(f"{where}: the camera cannot look at where it is")
-        eye, target = (find_target(place, cameras.model) for place in (self.eye, self.target))
+        with concerning("from"):
+            eye = find_target(self.eye, cameras.model)
+        with concerning("at"):
+            target = find_target(self.target, cameras.model)
         return BoundLookRig(eye, target, cameras.frustum, where)
 
 

@@ -14,7 +14,7 @@ from mjrun.camera.pose import Pose, around, heading, rotation
 from mjrun.camera.rigs.rig import ErrorPath, ModelCameras, Rig, ShotTime, looking_at
 from mjrun.camera.rigs.settings import Setting
 from mjrun.camera.targets import Place, Target, Vector, find_target
-from mjrun.errors import BadValueError, UsageError
+from mjrun.errors import BadValueError, UsageError, concerning
 
 CURVES = ("spline", "linear")
 PACES = ("constant", "time")
@@ -212,7 +212,11 @@ def _lookats(rig: PathRig, model: mujoco.MjModel, needed: bool, where: str) -> l
     for i, place in enumerate(places, 1):
         if place is None:
             raise UsageError(f"{where}: waypoint {i}: what does it look at? give it a lookat, or the path")
-    return [find_target(place, model) for place in places if place is not None]
+    targets: list[Target] = []
+    for i, (point, place) in enumerate(zip(rig.waypoints, places, strict=True)):
+        with concerning(*(("lookat",) if point.lookat is None else ("waypoints", i, "lookat"))):
+            targets += [] if place is None else [find_target(place, model)]
+    return targets
 
 
 def _check_path(rig: PathRig, where: str) -> None:
