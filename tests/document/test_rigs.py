@@ -9,7 +9,7 @@ from pydantic import ValidationError
 from mjrun.camera.easing import Ramp
 from mjrun.camera.rigs.rig import BoundRig, ModelCameras, Rig
 from mjrun.camera.rigs.settings import Setting
-from mjrun.document.rigs import declared_form
+from mjrun.document.rigs import declared_model
 
 
 @dataclass(frozen=True)
@@ -27,7 +27,7 @@ class CraneRig(Rig):
 
 
 def test_a_new_rig_has_its_form_from_its_declaration() -> None:
-    form = declared_form(CraneRig)
+    form = declared_model(CraneRig)
     assert form.model_validate({"up": {"from": 1, "to": 2}, "arm": "short"}).value() == CraneRig(Ramp(1, 2), "short")
     assert form.model_validate({}).value() == CraneRig()
     schema = form.model_json_schema()
@@ -39,4 +39,4 @@ def test_a_new_rig_has_its_form_from_its_declaration() -> None:
 @pytest.mark.parametrize("value", [{"up": 0}, {"up": {"from": 1, "to": -1}}, {"arm": "none"}, {"height": 1}])
 def test_what_is_not_as_declared_is_refused(value: dict[str, object]) -> None:
     with pytest.raises(ValidationError):
-        declared_form(CraneRig).model_validate(value)
+        declared_model(CraneRig).model_validate(value)

@@ -649,6 +649,7 @@ BELOW = "model: m.xml\nduration: 0.1\n"
 def found(text: str, *assignments: str) -> list[str]:
     """What is wrong, each cut after the name that is not there."""
     Path("m.xml").write_text(HINGED)
+    Path("c.csv").write_text("time,ctrl/motr\n0,1\n")
     Path("d.yaml").write_text(BELOW + text)
     orders = read_run("d.yaml", assignments, OUT)
     with pytest.raises(DocumentError) as caught, orders.located():
@@ -676,12 +677,62 @@ def found(text: str, *assignments: str) -> list[str]:
             ["3:8: qpos.hing: no joint 'hing'", "5:33: traces[0].probe[1]: no probe 'enrgy'"],
         ),
         ("key: home\ntraces: [{output: t.csv}]", ["3:6: key: no keyframe 'home'"]),
+        ("traces: [{output: t.csv, probe: ['qpos,energy', 'ctrl,enrgy']}]", ["3:49: traces[0].probe[1]: no probe"]),
+        ("traces: [{output: t.csv, assert: [time < 1, bx < 1]}]", ["3:45: traces[0].assert[1]: no column 'bx'"]),
+        ("qvel: {hing: 1}\nctrl: {motr: 1}\ntraces: [t.csv]", ["3:8: qvel.hing: no joint 'hing'"]),
+        ("ctrl: {motr: 1}\ntraces: [t.csv]", ["3:8: ctrl.motr: no actuator 'motr'"]),
+        ("qpos: {hinge: [1, 2]}\ntraces: [t.csv]", ["3:8: qpos.hinge: "]),
+        ("set: {opt.cone: elliptic, opt.cne: elliptic}\ntraces: [t.csv]", ["3:27: set.opt.cne: "]),
+        ("ctrl_from: c.csv\ntraces: [u.csv]", ["3:12: ctrl_from: no actuator 'motr'"]),
+        ("videos: [{output: f.mp4, ghost: ['', 'key=home']}]", ["3:38: videos[0].ghost[1]: no keyframe 'home'"]),
+        ("videos: [{output: f.mp4, ghost: {key: home}}]", ["3:33: videos[0].ghost: no keyframe 'home'"]),
+        ("videos: [{output: f.mp4, text: '{qpos/bx}'}]", ["3:32: videos[0].text: no value 'qpos/bx'"]),
+        ("videos: [{output: f.mp4, plot: [qpos, enrgy]}]", ["3:39: videos[0].plot[1]: no probe 'enrgy'"]),
+        ("plots: [{output: p.png, probe: [qpos, enrgy]}]", ["3:39: plots[0].probe[1]: no probe 'enrgy'"]),
+        ("images: [{output: i.png, time: {when: speed(bx) > 1}}]", ["3:39: images[0].time.when: no object 'bx'"]),
         ("videos: [{output: a.mp4, camera: sde}]\nimages: [{output: a.png, camera: sde}]",
          ["3:34: videos[0].camera: no camera 'sde'", "4:34: images[0].camera: no camera 'sde'"]),
     ],
 )  # fmt: skip
 def test_what_the_model_has_not_is_told_where_the_document_names_it(folder: Path, text: str, lines: list[str]) -> None:
     assert [line[: len(expected)] for line, expected in zip(found(text), lines, strict=True)] == lines
+
+
+@pytest.mark.parametrize(
+    ("text", "lines"),
+    [
+        ("videos: [{output: top.mp4, camera: 'orbit:lookat=top'}]", ["3:36: videos[0].camera: no object 'top'"]),
+        ("videos: [{output: tp.mp4, text: tp, camera: [side, tp]}]", ["3:52: videos[0].camera[1]: no camera 'tp'"]),
+        ("traces: [{output: bx.csv, probe: ['xpos[box]', 'xpos[bx]']}]", ["3:48: traces[0].probe[1]: no object 'bx'"]),
+        (
+            "videos:\n- output: bx.mp4\n  trail: box\n  camera: {name: bx, shots: [{track: {target: bx}}]}",
+            ["6:47: videos[0].camera.shots[0].track.target: no object 'bx'"],
+        ),
+        (
+            "videos:\n- output: bx.mp4\n  camera:\n    shots:\n    - {look: {from: box, at: bx}, until: 1}\n"
+            "    - path: {waypoints: [{eye: [0, 0, 1], lookat: box}, {eye: [0, 1, 1], lookat: bx}]}",
+            ["7:30: videos[0].camera.shots[0].look.at: no object 'bx'"],
+        ),
+        (
+            "videos:\n- output: bx.mp4\n  camera:\n    shots:\n"
+            "    - path: {waypoints: [{eye: [0, 0, 1], lookat: box}, {eye: [0, 1, 1], lookat: bx}]}",
+            ["7:82: videos[0].camera.shots[0].path.waypoints[1].lookat: no object 'bx'"],
+        ),
+        (
+            "videos:\n- output: bx.mp4\n  camera: {name: bx, shots: [{free: , fit: {target: bx}}]}",
+            ["5:53: videos[0].camera.shots[0].fit.target: no object 'bx'"],
+        ),
+    ],
+)
+def test_a_name_is_told_at_its_option_although_it_also_occurs_elsewhere(text: str, lines: list[str]) -> None:
+    assert [line[: len(expected)] for line, expected in zip(found(text), lines, strict=True)] == lines
+
+
+def test_a_recording_that_is_too_short_is_told_at_replay(folder: Path) -> None:
+    Path("m.xml").write_text(HINGED)
+    perform([Recording(Simulation("m.xml", steps=5), "r.npz")])
+    (problem,) = found("replay: r.npz\ntraces: [u.csv]")
+    assert problem.startswith("3:9: replay: ")
 
 
 def test_what_the_command_line_set_is_told_of_it(folder: Path) -> None:

@@ -137,7 +137,7 @@ def timed(draw: st.DrawFn) -> PathRig:
     """A path whose waypoints have times."""
     points = draw(waypoints)
     times = sorted(draw(st.lists(positives, min_size=len(points), max_size=len(points), unique=True)))
-    rising = [dataclasses.replace(point, time=time) for point, time in zip(points, times, strict=True)]
+    rising = [dataclasses.replace(point, at=time) for point, time in zip(points, times, strict=True)]
     return PathRig(rising, draw(places), draw(st.sampled_from(["spline", "linear"])), "time")
 
 
@@ -285,18 +285,24 @@ def job_lists(draw: st.DrawFn) -> list[Any]:
     def given_as(strategies: dict[str, st.SearchStrategy[Any]]) -> dict[str, Any]:
         return {name: draw(strategy) for name, strategy in strategies.items() if draw(st.booleans())}
 
+    def drawing(strategies: dict[str, st.SearchStrategy[Any]]) -> dict[str, Any]:
+        options = given_as(strategies)
+        if any(isinstance(options.get(name), list) and len(options[name]) > 1 for name in ("camera", "view")):
+            options.pop("style", None)  # exact numbers share no frame
+        return options
+
     def when() -> dict[str, Any]:
         return draw(st.sampled_from([{}, {"every": draw(st.integers(1, 9))}, {"rate": draw(exacts)}]))
 
     for _ in some():
         files: dict[str, Any] = {"calibration": file(".c"), "manifest": file(".m")}
         suffix = draw(st.sampled_from([".mp4", "_%04d.png", "/"]))
-        found.append(Video(simulation, file(suffix), **given_as(videos), **files))
+        found.append(Video(simulation, file(suffix), **drawing(videos), **files))
     for _ in some():
         moments = maybe(exacts | events)
         instant: dict[str, Any] = draw(st.fixed_dictionaries({"time": moments}) | st.just({"step": 7}))
         cloud = draw(maybe(st.just(file(".ply"))))
-        found.append(Image(simulation, file(".png"), **given_as(images), **instant, pointcloud=cloud))
+        found.append(Image(simulation, file(".png"), **drawing(images), **instant, pointcloud=cloud))
     for _ in some():
         contacts = draw(maybe(st.just(file("c.csv"))))
         found.append(Trace(simulation, file(".csv"), **given_as(tables), **when(), contacts=contacts))
@@ -448,6 +454,8 @@ set:
   opt.flag.contact: true
 videos:
 - output: a.mp4
+  fps: 30000/1001
+  speed: 0.25
   camera:
   - top
   - name: fly
@@ -468,14 +476,12 @@ videos:
         - eye: [0, 0, 1]
         - eye: [1, 0, 1]
       shake: {}
-  fps: 30000/1001
-  speed: 0.25
 images:
 - output: a.png
+  time: {when: a > 1, nth: 2}
   show: joint
   geomgroup: [0, 1]
   quality: high
-  time: {when: a > 1, nth: 2}
 """
     )
 
