@@ -27,7 +27,7 @@ def all_of(given: T | list[T]) -> tuple[T, ...]:
     return tuple(given) if isinstance(given, list) else (given,)
 
 
-def _exact(kind: option_kinds.Exact, expected: str, bound: Any) -> Any:
+def _exact(kind: option_kinds.ExactNumber, expected: str, bound: Any) -> Any:
     """Reads a number, or text such as `30000/1001`, as the exact number that is written."""
 
     def exact(value: Any) -> Fraction:
@@ -42,8 +42,8 @@ def _exact(kind: option_kinds.Exact, expected: str, bound: Any) -> Any:
     return PlainValidator(exact, json_schema_input_type=Annotated[float, bound] | Annotated[str, text])
 
 
-Exact = Annotated[Fraction, _exact(option_kinds.Exact(), "a positive number", Field(gt=0))]
-Instant = Annotated[Fraction, _exact(option_kinds.Exact(zero=True), "a number of at least 0", Field(ge=0))]
+Exact = Annotated[Fraction, _exact(option_kinds.ExactNumber(), "a positive number", Field(gt=0))]
+Instant = Annotated[Fraction, _exact(option_kinds.ExactNumber(zero=True), "a number of at least 0", Field(ge=0))]
 
 
 def _size(value: Any) -> tuple[int, int]:

@@ -29,7 +29,7 @@ from mjrun.document.document_model import MAPPING, TEXT, Loc, Name, kinds
 from mjrun.document.option_models import Folders, OptionsModel, document_options, option_value, options_model
 from mjrun.document.output_folder import Inside, OutputFolder
 from mjrun.document.reader import document_error, read_placed
-from mjrun.document.tree import Fault, Mapped, find, key_mark, spelled, written_path
+from mjrun.document.tree import Fault, Listed, Mapped, find, key_mark, plain, spelled, written_path
 from mjrun.document.tree import Path as Place
 from mjrun.errors import DocumentError, InvalidJobsError, Problem, UsageError
 from mjrun.job.image import Image
@@ -39,6 +39,7 @@ from mjrun.job.simulation import Simulation
 from mjrun.job.task import Job, OutputResult
 from mjrun.job.trace import Trace
 from mjrun.job.video import Video
+from mjrun.options.kinds import Several
 from mjrun.options.option import Options
 from mjrun.options.run import RunOptions
 from mjrun.options.simulation import SimulationOptions
@@ -229,7 +230,19 @@ class _Builder:
 
 def _fault_at(tree: Mapped, place: Place, error: UsageError) -> Fault:
     """`error` at the option below `place` that it is about."""
-    path = written_path(tree, (*place, *error.path))
+    path = written_path(tree, (*place, *_entry_path(tree, place, error.path)))
     named = path[:1] in [(key,) for key in NAMED] and len(path) > 1
     mark = key_mark(tree, path) if named else find(tree, path).mark
     return Fault(mark, spelled(path), error.one_line(error.path))
+
+
+def _entry_path(tree: Mapped, place: Place, path: Place) -> Place:
+    """`path` with the index of a value replaced by that of the text it is part of, as in [qpos, 'ctrl,energy']."""
+    declared = OUTPUTS[str(place[0])] if place else SimulationOptions
+    match path:
+        case (str() as name, int() as index, *rest) if isinstance(entries := find(tree, (*place, name)), Listed):
+            kind = next((each.kind for each in document_options(declared) if each.name == name), None)
+            if isinstance(kind, Several) and kind.commas:
+                owners = [i for i, entry in enumerate(entries.items) for _ in kind.parse(str(plain(entry)))]
+                return (name, owners[index], *rest)
+    return path

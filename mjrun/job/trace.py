@@ -25,7 +25,7 @@ from mjrun.options.option import options
 from mjrun.options.trace import TraceOptions
 from mjrun.probe.assertion import Assertion, Verdict, parse
 from mjrun.probe.available import SelectedProbes
-from mjrun.probe.select import available_columns, select, selected_columns, split
+from mjrun.probe.select import available_columns, select, selected_columns
 from mjrun.reporter import Reporter
 from mjrun.sim.observe import Tap
 from mjrun.sim.stepper import PhysicsStepper, Stepper
@@ -93,8 +93,7 @@ def columns(simulation: Simulation, probes: Sequence[str] = ()) -> list[Column]:
     """Every column that the model of `simulation` offers, or those of `probes`; `time` first."""
     with collected_warnings():
         model = simulation.load()
-        names = [name for text in probes for name in split(text)]
-        return [TIME, *(selected_columns(model, names) if probes else available_columns(model))]
+        return [TIME, *(selected_columns(model, probes) if probes else available_columns(model))]
 
 
 @dataclass(frozen=True)
@@ -117,12 +116,10 @@ class TraceTask:
         """Finds the probes in the model and parses the assertions."""
         job = self.job
         steps = row_steps(context.timeline, job.every, job.rate)
-        names: list[str] = []
-        for index, text in enumerate(job.probe):
+        for index, name in enumerate(job.probe):
             with concerning("probe", index):  # one by one, so that an error says which
-                select(context.model, split(text))
-            names += split(text)
-        table = ProbeSampler(context.model, names, context.timeline, with_contacts=job.contacts is not None)
+                select(context.model, [name])
+        table = ProbeSampler(context.model, job.probe, context.timeline, with_contacts=job.contacts is not None)
         if text := rate_warning(context.timeline, job.rate):
             context.reporter.warn(text)
         available = SelectedProbes([column.name for column in table.columns], table.model)

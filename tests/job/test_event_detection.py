@@ -121,10 +121,12 @@ def test_an_event_that_does_not_happen_is_an_error(event: Event, after: float, m
 
 def test_a_condition_is_evaluated_once_however_many_wait_for_it(swing: Path) -> None:
     model = mujoco.MjModel.from_xml_path(str(swing))
-    assert conditions([Event("time > 1"), Event("qpos(hinge) > 0"), Event("time > 1", nth=2)], model) == [
+    events = [Event("time > 1"), Event("qpos(hinge) > 0"), Event("time > 1", nth=2)]
+    assert conditions({("camera", i): event for i, event in enumerate(events)}, model) == [
         "time > 1",
         "qpos(hinge) > 0",
     ]
     with pytest.raises(UnknownNameError, match="nobody") as caught:
-        conditions([Event("speed(nobody) > 1")], model)
+        conditions({("time", "when"): Event("speed(nobody) > 1")}, model)
+    assert caught.value.path == ("time", "when")
     assert caught.value.__notes__ == ["in 'speed(nobody) > 1'"]
