@@ -1,90 +1,17 @@
 """The JSON Schema takes what documents may say and refuses what they may not, as a checker of our own reads it."""
 
-import json
-import re
-from collections.abc import Iterator
-from dataclasses import asdict, fields
-from functools import partial
 from pathlib import Path
-from typing import Any
 
 import pytest
 import yaml
 
-from mjrun.bench.bench import Bench
-from mjrun.bench.results import BenchResult
 from mjrun.camera.easing import BLENDS, EASINGS
 from mjrun.document import camera
 from mjrun.document.camera import RIGS, CameraDocument, Shot
 from mjrun.document.json_schema import KINDS, PREAMBLE, json_schema
 from mjrun.document.run import RunDocument
 from mjrun.errors import UnknownNameError
-
-TYPES = {"object": dict, "array": list, "string": str, "boolean": bool, "null": type(None)}
-TOLD = {"title", "description", "default", "$schema", "$defs"}  # say nothing about values
-
-
-def fits(value: Any, rule: dict[str, Any], whole: dict[str, Any]) -> bool:
-    """Whether `value` is what `rule` describes, by the keywords of draft 2020-12 that our schemas use."""
-    return all(_fits(key, value, rule, whole) for key in rule if key not in TOLD)
-
-
-def _fits(key: str, value: Any, rule: dict[str, Any], whole: dict[str, Any]) -> bool:
-    wanted, number = rule[key], isinstance(value, int | float) and not isinstance(value, bool)
-    match key:
-        case "$ref":
-            return fits(value, whole["$defs"][wanted.removeprefix("#/$defs/")], whole)
-        case "type":
-            return any(_is(value, kind, number) for kind in ([wanted] if isinstance(wanted, str) else wanted))
-        case "anyOf":
-            return any(fits(value, one, whole) for one in wanted)
-        case "oneOf":
-            return sum(fits(value, one, whole) for one in wanted) == 1
-        case "enum":
-            return value in wanted
-        case "const":
-            return value == wanted
-        case "properties":
-            return all(fits(value[k], r, whole) for k, r in wanted.items() if isinstance(value, dict) and k in value)
-        case "required":
-            return not isinstance(value, dict) or all(k in value for k in wanted)
-        case "additionalProperties":
-            known = rule.get("properties", {})
-            others = [inner for k, inner in value.items() if k not in known] if isinstance(value, dict) else []
-            return all(wanted is not False and fits(other, wanted, whole) for other in others)
-        case "propertyNames":
-            return not isinstance(value, dict) or all(fits(name, wanted, whole) for name in value)
-        case "pattern":
-            return not isinstance(value, str) or re.search(wanted, value) is not None
-        case "items":
-            return not isinstance(value, list) or all(fits(item, wanted, whole) for item in value)
-        case "prefixItems":
-            return not isinstance(value, list) or all(fits(*pair, whole) for pair in zip(value, wanted, strict=False))
-        case "minItems" | "maxItems" | "minLength":
-            sized = isinstance(value, str if key == "minLength" else list)
-            return not sized or (len(value) <= wanted if key == "maxItems" else len(value) >= wanted)
-        case "minimum" | "exclusiveMinimum":
-            return not number or (value >= wanted if key == "minimum" else value > wanted)
-        case "maximum":
-            return not number or value <= wanted
-    raise AssertionError(f"the checker does not know {key}")
-
-
-def _is(value: Any, kind: str, number: bool) -> bool:
-    if kind in ("number", "integer"):
-        return number and (kind == "number" or value == int(value))
-    return isinstance(value, TYPES[kind])
-
-
-def rules(rule: Any) -> Iterator[dict[str, Any]]:
-    """Every mapping in a schema, itself first."""
-    if isinstance(rule, dict):
-        yield rule
-        for inner in rule.values():
-            yield from rules(inner)
-    elif isinstance(rule, list):
-        for inner in rule:
-            yield from rules(inner)
+from tests.document.schema_oracle import fits, rules
 
 
 @pytest.mark.parametrize(
@@ -211,43 +138,3 @@ def test_the_example_in_the_module_is_a_document(tmp_path: Path) -> None:
     (tmp_path / "c.yaml").write_text(example)
     assert len(camera.read_camera(tmp_path / "c.yaml").shots) == 2
     assert fits(yaml.safe_load(example), json_schema("camera"), json_schema("camera"))
-
-
-@pytest.fixture(scope="module")
-def report(tmp_path_factory: pytest.TempPathFactory) -> Any:
-    """What `mjrun bench --json` reports of a grid with a point that fails, beside a base with another."""
-    folder = tmp_path_factory.mktemp("bench")
-    path, base = folder / "swing.xml", str(folder / "base.json")
-    path.write_text(
-        '<mujoco><worldbody><body><joint type="slide" stiffness="100"/><geom size=".1" mass="1"/></body></worldbody>'
-        '<keyframe><key name="test" qpos=".3"/></keyframe></mujoco>'
-    )
-    job = partial(Bench, path, steps=20, repeats=2, budget=0.1)
-    job(threads=(1, 2), scan={"timestep": [".01", ".02"]}, save=base).run()
-    found = job(threads=(1,), scan={"timestep": [".01", "1"]}, accuracy=True, horizon=100, compare=base).run()
-    return json.loads(json.dumps(asdict(found)))
-
-
-def test_a_report_fits_its_schema_as_long_as_nothing_is_missing_and_nothing_is_of_another_kind(report: Any) -> None:
-    made = json_schema("bench")
-    assert report["rows"][1]["failure"]
-    assert report["comparison"]["gone"]
-    assert fits(report, made, made)
-    for key, value in report.items():
-        assert not fits({name: inner for name, inner in report.items() if name != key}, made, made)
-        assert not fits({**report, key: [1] if isinstance(value, str) else "x"}, made, made)
-    assert fits({**report, "new": 1}, made, made)
-    del report["rows"][0]["step"]["median"]
-    assert not fits(report, made, made)
-
-
-def test_every_key_of_a_report_is_described_and_required() -> None:
-    made = json_schema("bench")
-    assert made["properties"]["schema"]["const"] == "mjrun-bench-1"
-    assert [*made["properties"]] == [field.name for field in fields(BenchResult)]
-    for rule in rules(made):
-        assert "$ref" not in rule or rule["$ref"].removeprefix("#/$defs/") in made["$defs"]
-        if "properties" in rule:
-            assert rule["description"]
-            assert rule["required"] == [*rule["properties"]]
-            assert all(inner["description"] for inner in rule["properties"].values())

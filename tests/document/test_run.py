@@ -23,6 +23,7 @@ from mjrun.job.simulation import Simulation
 from mjrun.job.trace import Trace
 from mjrun.job.video import Video
 from mjrun.options.run import RunOptions
+from tests.document.run_documents import HEAD, OUT, job, jobs, problems, simulation
 
 MODEL = """
 <mujoco>
@@ -32,8 +33,6 @@ MODEL = """
   </worldbody>
 </mujoco>
 """
-HEAD = "model: m.xml\n"
-OUT = RunOptions(output="out")
 
 
 @pytest.fixture(autouse=True)
@@ -42,27 +41,6 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.chdir(tmp_path)
     Path("out").mkdir()
     return tmp_path
-
-
-def jobs(text: str, *assignments: str, options: RunOptions = OUT, name: str = "d.yaml") -> list[Any]:
-    Path(name).write_text(text)
-    return read_run(name, assignments, options).jobs
-
-
-def job(text: str, *assignments: str, options: RunOptions = OUT) -> Any:
-    """The one job of a document without its model."""
-    (only,) = jobs(HEAD + text, *assignments, options=options)
-    return only
-
-
-def problems(text: str, *assignments: str) -> list[str]:
-    with pytest.raises(DocumentError) as caught:
-        jobs(text, *assignments)
-    return [line.removeprefix("d.yaml:") for line in str(caught.value).splitlines()]
-
-
-def simulation(**settings: Any) -> Simulation:
-    return Simulation("m.xml", **settings)
 
 
 USUAL: dict[str, Any] = {"camera": ("free",), "view": ("rgb",)}
@@ -319,26 +297,6 @@ def test_folders_and_patterns_of_frames_stay_what_they_are() -> None:
     assert [film.output for film in jobs(text)] == ["out/frames/", "out/more/", "out/a/frame_%04d.png"]
 
 
-def test_outputs_may_go_up_and_down_inside_the_folder() -> None:
-    Path("out/inner").symlink_to("deeper/place")
-    text = HEAD + "traces: [{output: a/../b.csv}, {output: inner/c.csv}, {output: ..d.csv}, {output: a/~}]"
-    assert [one.output for one in jobs(text.replace("a/~", "a/~.csv"))] == [
-        "out/a/../b.csv", "out/inner/c.csv", "out/..d.csv", "out/a/~.csv",
-    ]  # fmt: skip
-
-
-def test_a_folder_of_outputs_may_be_a_link_itself(folder: Path) -> None:
-    Path("alias").symlink_to("out")
-    Path("d.yaml").write_text(HEAD + "recordings: [a.npz]")
-    (kept,) = read_run("d.yaml", [], RunOptions(output=folder / "alias")).jobs
-    assert kept.output == str(folder / "alias/a.npz")  # type: ignore[attr-defined]
-
-
-def test_views_in_files_of_their_own_leave_the_name_itself_free() -> None:
-    text = HEAD + "images: [{output: a.png, view: [rgb, seg], separate: true}, {output: a.png, view: depth}]"
-    assert len(jobs(text)) == 2
-
-
 # --- what is wrong -----------------------------------------------------------------------------------
 
 RUN_KEYS = (
@@ -349,7 +307,6 @@ RUN_KEYS = (
 NOTHING = "there is nothing to do; ask for one of videos, images, traces, plots, recordings"
 SIZE = "expected width and height in pixels, as in 1280x720 or [1280, 720]"
 SETTING = "expected a finite number, text, true or false, or a list of finite numbers"
-OWN = "each output needs a file of its own"
 TAIL = "recordings: [r.npz]\n"
 
 WRONG = [
@@ -506,110 +463,9 @@ def test_a_camera_document_that_is_not_there_is_a_missing_file() -> None:
         jobs(f"{HEAD}videos: [{{output: a.mp4, camera: fly.yaml}}]")
 
 
-def test_a_ghost_cannot_go_through_a_file_in_a_folder_with_a_comma() -> None:
-    Path("a,b").mkdir()
-    with pytest.raises(
-        DocumentError, match=r"^a,b/d.yaml:1:48: videos\[0\].ghost: 'a,b/g.csv': the path of what a ghost goes"
-    ):
-        jobs("{model: m.xml, videos: [{output: a.mp4, ghost: {trace: g.csv}}]}", name="a,b/d.yaml")
-
-
 def test_a_controller_and_a_table_of_controls_exclude_each_other() -> None:
     with pytest.raises(DocumentError, match=r"^d\.yaml:2:12: ctrl_from: controller and ctrl_from exclude each other"):
         job("ctrl_from: c.csv\nrecordings: [a.npz]", options=RunOptions(controller=lambda model, data: None))
-
-
-# --- outputs stay where they belong ------------------------------------------------------------------
-
-
-@pytest.mark.parametrize(
-    ("output", "reason"),
-    [
-        ("-", "- is standard output, and a document writes files"),
-        ("../a.csv", "'../a.csv' leaves the folder of outputs"),
-        ("b/../../a.csv", "'b/../../a.csv' leaves the folder of outputs"),
-        ("../out/a.csv", "'../out/a.csv' leaves the folder of outputs"),
-        ("..", "'..' leaves the folder of outputs"),
-        ("/a.csv", "'/a.csv' is no path inside the folder of outputs"),
-        ("//a.csv", "'//a.csv' is no path inside the folder of outputs"),
-        ("~/a.csv", "'~/a.csv' is no path inside the folder of outputs"),
-        ("~root/a.csv", "'~root/a.csv' is no path inside the folder of outputs"),
-        (".", "'.' is the folder of outputs itself"),
-        ("./", "'./' is the folder of outputs itself"),
-        ("b/..", "'b/..' is the folder of outputs itself"),
-        ('"a\\0.csv"', r"'a\x00.csv' holds a character that no path has"),
-        ("link/a.csv", "out/link/a.csv leads out of the folder of outputs, by a link"),
-        ("link/../a.csv", "out/link/../a.csv leads out of the folder of outputs, by a link"),
-        ("link", "out/link leads out of the folder of outputs, by a link"),
-        ("file.csv", "out/file.csv leads out of the folder of outputs, by a link"),
-        ("self", "out/self leads out of the folder of outputs, by a link"),
-    ],
-)
-def test_no_output_is_outside_of_the_folder(output: str, reason: str) -> None:
-    Path("else").mkdir()
-    for link, target in (("link", "../else"), ("file.csv", "../else/file.csv"), ("self", ".")):
-        Path("out", link).symlink_to(target)
-    text = output if output.startswith('"') else f"'{output}'"
-    assert problems(f"{HEAD}videos: [{{output: {text}}}]") == [f"2:19: videos[0].output: {reason}"]
-    assert problems(f"{HEAD}traces: [{{output: a.csv, contacts: {text}, manifest: {text}}}]") == [
-        f"2:36: traces[0].contacts: {reason}",
-        f"2:{48 + len(text)}: traces[0].manifest: {reason}",
-    ]
-    assert problems(f"{HEAD}images: [{{output: a.png, pointcloud: {text}}}]")[0].endswith(f".pointcloud: {reason}")
-    assert problems(f"{HEAD}images: [{{output: a.png, calibration: {text}}}]")[0].endswith(f".calibration: {reason}")
-    assert problems(f"{HEAD}recordings: [{text}]") == [f"2:14: recordings[0]: {reason}"]
-
-
-def test_links_in_a_circle_lead_nowhere() -> None:
-    Path("out/a").symlink_to("b")
-    Path("out/b").symlink_to("a")
-    assert problems(f"{HEAD}recordings: [a/r.npz]")[0].startswith("2:14: recordings[0]: out/a/r.npz cannot be reached")
-
-
-def test_links_cannot_lead_the_files_of_single_views_out_either() -> None:
-    Path("out/a-seg.png").symlink_to("../b.png")
-    Path("out/a-seg.labels.json").symlink_to("../b.json")
-    text = f"{HEAD}images: [{{output: a.png, view: [rgb, seg], separate: true}}]"
-    assert problems(text) == [
-        "2:19: images[0].output: out/a-seg.labels.json leads out of the folder of outputs, by a link",
-        "2:19: images[0].output: out/a-seg.png leads out of the folder of outputs, by a link",
-    ]
-
-
-@pytest.mark.parametrize(
-    ("text", "line"),
-    [
-        ("traces: [{output: a.csv}, {output: ./a.csv}]",
-         f"2:36: traces[1].output: out/a.csv clashes with traces[0].output at d.yaml:2:19; {OWN}"),
-        ("traces: [{output: a.csv}, {output: b/../a.csv}]",
-         f"2:36: traces[1].output: out/b/../a.csv clashes with traces[0].output at d.yaml:2:19; {OWN}"),
-        ("traces: [{output: a.csv}]\nimages: [{output: a.csv/}]",
-         f"2:19: traces[0].output: out/a.csv clashes with images[0].output at d.yaml:3:19; {OWN}"),
-        ("traces: [{output: a.csv, contacts: a.csv}]",
-         f"2:36: traces[0].contacts: out/a.csv clashes with traces[0].output at d.yaml:2:19; {OWN}"),
-        ("traces: [{output: a.csv}]\nrecordings: [{output: r.npz, manifest: a.csv}]",
-         f"3:40: recordings[0].manifest: out/a.csv clashes with traces[0].output at d.yaml:2:19; {OWN}"),
-        ("traces: [{output: a.csv}, {output: alias.csv}]",
-         f"2:36: traces[1].output: out/alias.csv clashes with traces[0].output at d.yaml:2:19; {OWN}"),
-        ("videos: [{output: f/}]\ntraces: [{output: f/a.csv}]",
-         f"3:19: traces[0].output: out/f/a.csv clashes with videos[0].output at d.yaml:2:19; {OWN}"),
-        ("videos: [{output: f/a.mp4}, {output: f}]",
-         f"2:38: videos[1].output: out/f clashes with videos[0].output at d.yaml:2:19; {OWN}"),
-        ("videos: [{output: f_%04d.png}, {output: f_%d.png}]",
-         f"2:41: videos[1].output: out/f_%d.png clashes with videos[0].output at d.yaml:2:19; {OWN}"),
-        ("videos: [{output: f_%04d.png}]\nimages: [{output: f_0007.png}, {output: f_x.png}]",
-         f"3:19: images[0].output: out/f_0007.png clashes with videos[0].output at d.yaml:2:19; {OWN}"),
-        ("videos: [{output: f_7.mp4}, {output: 'f_%d.mp4'}]",
-         f"2:38: videos[1].output: out/f_%d.mp4 clashes with videos[0].output at d.yaml:2:19; {OWN}"),
-        ("videos: [{output: f.mp4, view: [rgb, depth], separate: true}, {output: f-depth.mp4}]",
-         f"2:72: videos[1].output: out/f-depth.mp4 clashes with videos[0].output at d.yaml:2:19; {OWN}"),
-        ("videos: [{output: f.mkv, view: seg}]\ntraces: [{output: f.labels.json}]",
-         f"3:19: traces[0].output: out/f.labels.json clashes with videos[0].output at d.yaml:2:19; {OWN}"),
-    ],
-)  # fmt: skip
-def test_two_outputs_in_one_file_are_told_with_both_places(text: str, line: str) -> None:
-    Path("out/alias.csv").symlink_to("a.csv")
-    assert problems(HEAD + text) == [line]
 
 
 # --- done --------------------------------------------------------------------------------------------

@@ -8,21 +8,16 @@ from typing import Any
 
 import mujoco
 import pytest
-from hypothesis import assume, example, given, settings
+from hypothesis import assume, given, settings
 from hypothesis import strategies as st
-from pydantic import BaseModel
 
-from mjrun.camera.easing import BLENDS, EASINGS, Blend, Ramp
+from mjrun.camera.easing import Blend, Ramp
 from mjrun.camera.rigs.around import FreeRig, OrbitRig, TrackRig
-from mjrun.camera.rigs.look import LookRig
-from mjrun.camera.rigs.model import ModelRig
 from mjrun.camera.rigs.path import PathRig, Waypoint
 from mjrun.camera.script import CameraScript, Event, Fit, Shot
 from mjrun.camera.shake import Shake
-from mjrun.document.reader import read
 from mjrun.document.run import read_run
 from mjrun.document.run_writer import document_text
-from mjrun.document.yaml_writer import exact, number, yaml_text
 from mjrun.errors import UsageError
 from mjrun.job.image import Image
 from mjrun.job.plot import Plot
@@ -36,12 +31,7 @@ from mjrun.rendering.segmentation import groupings
 from mjrun.rendering.text import CORNERS
 from mjrun.rendering.visual import flags
 from mjrun.timeline import rational
-
-
-@pytest.fixture(autouse=True)
-def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """An empty folder that relative paths mean."""
-    monkeypatch.chdir(tmp_path)
+from tests.document.camera_strategies import events, maybe, names, numbers, positives, scripts, texts
 
 
 def again(jobs: Sequence[Any]) -> list[Any]:
@@ -78,107 +68,16 @@ def normal(value: Any, name: str = "") -> Any:
 
 # --- jobs, drawn by chance ---------------------------------------------------------------------------
 
-ODD = "aé0 .-_:/#'\"\\,[]{}&*!|>%@`~=?$\n\t\r\x07\x85\u2028\ufeff🚗"
-texts = (
-    st.text(ODD, min_size=1, max_size=8)
-    | st.sampled_from(
-        [
-            "true",
-            "null",
-            "~",
-            "1e-3",
-            "0x1F",
-            "12",
-            "-.inf",
-            "${x}",
-            "$${x}",
-            "<<",
-            "- a",
-            "a: b",
-            "a #b",
-            "---",
-            "…",
-            "no",
-        ]
-    )
-    | st.just("max(abs(energy/drift)) < 1e-3 and " * 5)
-)
-names = st.text("aé0 .:/#'\"{}[]<>=~*", min_size=1, max_size=6) | st.sampled_from(["1", "true", "<<", "a" * 200])
-numbers = st.floats(-1e6, 1e6) | st.integers(-5, 5).map(float) | st.sampled_from([1e-300, 1e300, 5e-324, 0.1])
-positives = st.floats(1e-9, 1e9) | st.integers(1, 9).map(float)
 exacts = (
     st.fractions(min_value=Fraction(1, 10**6), max_value=10**6)
     | positives
     | positives.map(repr)
     | st.sampled_from(["30000/1001", "1e2", Fraction(2**53 + 1), Fraction(1, 10)])
 )
-decimals = positives.map(rational)
-vectors = st.tuples(numbers, numbers, numbers)
-places = names | vectors
-ramps = st.builds(Ramp, numbers, numbers, st.sampled_from([*EASINGS])) | numbers.map(Ramp.still)
-distances = st.builds(Ramp, positives, positives) | positives.map(Ramp.still)
-
-
-def maybe(strategy: st.SearchStrategy[Any]) -> st.SearchStrategy[Any]:
-    return st.none() | strategy
 
 
 def several(strategy: st.SearchStrategy[Any], most: int = 3) -> st.SearchStrategy[Any]:
     return st.lists(strategy, max_size=most) | st.lists(strategy, max_size=most).map(tuple)
-
-
-around = {"distance": maybe(distances), "azimuth": maybe(ramps), "elevation": maybe(ramps)}
-waypoints = st.lists(st.builds(Waypoint, eye=vectors, lookat=maybe(places)), min_size=2, max_size=4)
-orbits = st.lists(st.builds(Waypoint, st.none(), positives, numbers, numbers, maybe(places)), min_size=2, max_size=3)
-
-
-@st.composite
-def timed(draw: st.DrawFn) -> PathRig:
-    """A path whose waypoints have times."""
-    points = draw(waypoints)
-    times = sorted(draw(st.lists(positives, min_size=len(points), max_size=len(points), unique=True)))
-    rising = [dataclasses.replace(point, at=time) for point, time in zip(points, times, strict=True)]
-    return PathRig(rising, draw(places), draw(st.sampled_from(["spline", "linear"])), "time")
-
-
-rigs = st.one_of(
-    st.builds(ModelRig, names),
-    st.builds(FreeRig, maybe(places), **around),
-    st.builds(OrbitRig, maybe(places), **around),
-    st.builds(OrbitRig, maybe(places), maybe(distances), st.none(), maybe(ramps), st.sampled_from(sorted(EASINGS))),
-    st.builds(TrackRig, names, **around, heading=st.booleans(), offset=vectors),
-    st.builds(LookRig, places, places),
-    st.builds(
-        PathRig, waypoints | orbits, places, st.sampled_from(["spline", "linear"]), ease=st.sampled_from([*EASINGS])
-    ),
-    timed(),
-)
-events = st.builds(
-    Event, texts, st.integers(1, 9), numbers.map(rational), maybe(decimals) | st.just("end") | st.just(Fraction(0))
-)
-
-
-@st.composite
-def scripts(draw: st.DrawFn) -> CameraScript:
-    shots = []
-    for last in [*[False] * draw(st.integers(0, 2)), True]:
-        span = draw(st.sampled_from(["until", "lasting"])) if not last or draw(st.booleans()) else ""
-        ends = {"until": draw(events), "lasting": draw(decimals)}
-        shots.append(
-            Shot(
-                draw(rigs),
-                **({span: ends[span]} if span else {}),
-                speed=draw(maybe(decimals)),
-                blend=draw(maybe(st.builds(Blend, st.sampled_from([*BLENDS]), positives))) if shots else None,
-                roll=draw(ramps),
-                fovy=draw(maybe(distances)),
-                shake=draw(maybe(st.builds(Shake, positives, positives, st.integers(0, 2**70)))),
-                fit=draw(maybe(st.builds(Fit, names, st.floats(1, 9)))),
-            )
-        )
-    if len(shots) == 1 and draw(st.booleans()):
-        shots = [dataclasses.replace(shots[0], until=draw(decimals), lasting=None)]
-    return CameraScript(draw(st.just("script") | names), shots)
 
 
 overrides = st.sampled_from(
@@ -319,60 +218,6 @@ def job_lists(draw: st.DrawFn) -> list[Any]:
 @settings(max_examples=400, deadline=None)
 def test_the_printed_document_makes_the_same_jobs(jobs: list[Any]) -> None:
     assert [normal(job) for job in again(jobs)] == [normal(job) for job in jobs]
-
-
-class Anything(BaseModel):
-    """A document that says one thing, whatever it is."""
-
-    a: Any
-
-
-values = st.recursive(
-    st.none() | st.booleans() | st.integers(-(2**70), 2**70) | st.floats(allow_nan=False, allow_infinity=False) | texts,
-    lambda inner: st.lists(inner, max_size=4) | st.dictionaries(names, inner, max_size=4),
-    max_leaves=12,
-)
-
-
-@given(values)
-@example(["a" * 150, "b c " * 60, {"d" * 200: ["e  f " * 60]}])
-@settings(max_examples=300, deadline=None)
-def test_yaml_text_is_read_as_what_was_written(value: Any) -> None:
-    Path("d.yaml").write_text(yaml_text({"a": value}), encoding="utf-8")
-    assert read("d.yaml", Anything).a == value
-
-
-def is_some_float(value: Fraction) -> bool:
-    """Whether a float prints as `value`."""
-    try:
-        return Fraction(repr(float(value))) == value
-    except OverflowError:
-        return False
-
-
-@given(exacts | st.just(Fraction(10**400)))
-def test_exact_numbers_are_numbers_where_that_is_exact(value: Any) -> None:
-    found = exact(value)
-    assert rational(found) == rational(value)
-    assert isinstance(found, str) != is_some_float(rational(value))
-
-
-@pytest.mark.parametrize(
-    ("value", "text"),
-    [
-        (1.0, "1"), (0.1, "0.1"), (-0.0, "0"), (1e16, "1e+16"), (1e-5, "1e-05"), ("60", "60"),
-        (Fraction(1, 4), "0.25"), (Fraction(1, 3), "1/3"), (Fraction(30000, 1001), "30000/1001"),
-        (Fraction(2**53 + 1), "'9007199254740993'"),
-    ],
-)  # fmt: skip
-def test_numbers_are_as_short_as_they_are_exact(value: Any, text: str) -> None:
-    assert yaml_text({"a": exact(value)}) == f"a: {text}\n"
-
-
-@pytest.mark.parametrize("value", [float("inf"), float("-inf"), float("nan")])
-def test_numbers_that_are_not_finite_are_not_printed(value: float) -> None:
-    with pytest.raises(UsageError, match=f"^a document holds finite numbers, not {value}$"):
-        number(value)
 
 
 # --- what is printed ---------------------------------------------------------------------------------

@@ -1,0 +1,88 @@
+"""Assignments `key=value` replace what a document says."""
+
+from typing import Any
+
+import pytest
+
+from mjrun.document.reader import read
+from tests.document.documents import ANCHOR, Run, problems, put
+
+WRITTEN = "duration: 2\nfilms:\n  - fps: 30\n  - {title: b}\nstart:\n"
+
+
+@pytest.mark.parametrize(
+    ("assignments", "expected"),
+    [
+        ([], {"duration": 2}),
+        (["duration=3"], {"duration": 3}),
+        (["duration=3", "duration=4"], {"duration": 4}),
+        (["duration=1e-3"], {"duration": 1e-3}),
+        (["steps=010"], {"steps": 10}),
+        (["model=no"], {"model": "no"}),
+        (["model='5'"], {"model": "5"}),
+        (["model=a=b"], {"model": "a=b"}),
+        (["films[0].fps=60"], {"films": [{"fps": 60}, {"title": "b"}]}),
+        (["films[1].fps=60", "films[0]={title: a}"], {"films": [{"title": "a"}, {"fps": 60, "title": "b"}]}),
+        (["films=[{fps: 1}, {fps: 2}]", "films[1].fps=3"], {"films": [{"fps": 1}, {"fps": 3}]}),
+        (["start.knee=.5", "start.left hip=-1"], {"start": {"knee": 0.5, "left hip": -1}}),
+        (["start={}"], {"start": {}}),
+    ],
+)
+def test_a_setting_stands_over_what_is_written(assignments: list[str], expected: dict[str, Any]) -> None:
+    written = {"duration": 2, "films": [{"fps": 30}, {"title": "b"}], "start": {}}
+    path = put(WRITTEN.replace("start:", "start: {}") if not any("start" in a for a in assignments) else WRITTEN)
+    assert read(path, Run, assignments) == Run.model_validate(written | expected)
+
+
+PLACES = "is no place; write it as in duration, films[0].fps"
+
+
+@pytest.mark.parametrize(
+    ("assignment", "lines"),
+    [
+        ("duration", ["duration: write key=value"]),
+        ("=5", [f"=5: '' {PLACES}"]),
+        ("[0]=5", [f"[0]=5: '[0]' {PLACES}"]),
+        ("a..b=5", [f"a..b=5: 'a..b' {PLACES}"]),
+        ("films[-1].fps=5", [f"films[-1].fps=5: 'films[-1].fps' {PLACES}"]),
+        ("films[0]fps=5", [f"films[0]fps=5: 'films[0]fps' {PLACES}"]),
+        ("films[2].fps=5", ["films[2].fps=5: films has 2 items, counted from 0"]),
+        ("filns[0].fps=5", ["filns[0].fps=5: there is no list 'filns' (did you mean 'films'?)"]),
+        ("start[0]=5", ["start[0]=5: start is a mapping, not a list"]),
+        ("films.fps=5", ["films.fps=5: films is a list and has no keys"]),
+        ("duration.s=5", ["duration.s=5: duration is 2 and has no keys"]),
+        ("films[0].fps.x=5", ["films[0].fps.x=5: films[0].fps is 30 and has no keys"]),
+        ("duration=-1", ["duration=-1: expected a positive number, got -1"]),
+        ("duration=", ["duration=: expected a number, got nothing"]),
+        ("films[1].fps=x", ["films[1].fps=x: expected a number, got 'x'"]),
+        ("films[1]={fps: x}", ["films[1]={fps: x}: films[1].fps: expected a number, got 'x'"]),
+        (
+            "durations=1",
+            [
+                "durations=1: unknown key 'durations' (did you mean 'duration'?); "
+                "keys: duration, steps, model, films, start"
+            ],
+        ),
+        ("duration=[1", ["duration=[1: this bracket is not closed"]),
+        ("duration=a: 1", ["duration=a: 1: expected one value, [a list] or {a: mapping}"]),
+        ("duration=- 1", ["duration=- 1: expected one value, [a list] or {a: mapping}"]),
+        ("duration=&a 1", [f"duration=&a 1: {ANCHOR}"]),
+        ("duration=1\n---\n2", [r"duration=1\n---\n2: a second document begins here, and a file holds one"]),
+        (
+            "model=\udcff",
+            [r"model=\udcff: '\udcff' (U+DCFF) cannot stand in a document, but as an escape in double quotes"],
+        ),
+    ],
+)
+def test_a_setting_that_does_not_fit_is_told_as_it_was_given(assignment: str, lines: list[str]) -> None:
+    path = put(WRITTEN.replace("start:", "start: {}"))
+    assert problems(lambda: read(path, Run, [assignment])) == lines
+
+
+def test_faults_of_the_document_come_before_those_of_settings_and_a_good_setting_mends_a_bad_value() -> None:
+    path = put("duration: -1\nsteps: x\n")
+    assert problems(lambda: read(path, Run, ["model=5", "nothing", "duration=2"])) == [
+        "d.yaml:2:8: steps: expected a whole number, got 'x'",
+        "model=5: expected text, got 5; as text it goes in quotes, '5'",
+        "nothing: write key=value",
+    ]

@@ -1,0 +1,124 @@
+"""A tree knows where each value of a document is written, and finds it by its path."""
+
+import pytest
+
+from mjrun.document.tree import (
+    UNUSABLE,
+    Broken,
+    Listed,
+    Mapped,
+    Mark,
+    Node,
+    Path,
+    Scalar,
+    cut,
+    described,
+    find,
+    key_mark,
+    plain,
+    spelled,
+    written_path,
+)
+from mjrun.document.yaml_parser import compose
+
+TEXT = "camera: [top, {shots: [{orbit: {lookat: box}}]}]\ntrail: box\nempty:\n"
+
+
+def tree(text: str = TEXT) -> Mapped:
+    node, faults = compose(text, lambda index: Mark(0, 1, index, "d.yaml"))
+    assert isinstance(node, Mapped)
+    assert not faults
+    return node
+
+
+@pytest.mark.parametrize(
+    ("path", "text"),
+    [
+        ((), "camera"),
+        (("trail",), "box\n"),
+        (("camera", 0), "top"),
+        (("camera", 1, "shots", 0, "orbit", "lookat"), "box}"),
+        (("camera", 0, "shots"), "top"),
+        (("camera", 5), "[top"),
+        (("nothing",), "camera"),
+    ],
+)
+def test_a_value_is_found_where_it_is_written_or_the_last_on_the_way_to_it(path: Path, text: str) -> None:
+    assert TEXT[find(tree(), path).mark.column :].startswith(text)
+
+
+@pytest.mark.parametrize(
+    ("path", "written"),
+    [
+        (("trail", 0), ("trail",)),
+        (("trail", 1), ("trail",)),
+        (("trail", 0, "lookat"), ("trail",)),
+        (("camera", 0, "lookat"), ("camera", 0)),
+        (("camera", 1, 0, "shots", 0, "orbit", "lookat"), ("camera", 1, "shots", 0, "orbit", "lookat")),
+        (("camera", 1, "shots", 0, "orbit", "distance"), ("camera", 1, "shots", 0, "orbit", "distance")),
+        (("camera", 1, "shots", 0, "orbit", "azimuth", "from"), ("camera", 1, "shots", 0, "orbit", "azimuth")),
+        (("camera", 7, "shots"), ("camera",)),
+    ],
+)
+def test_a_path_goes_as_far_as_the_document_goes_into_detail(path: Path, written: Path) -> None:
+    assert written_path(tree(), path) == written
+
+
+def test_a_key_is_found_by_itself() -> None:
+    assert TEXT[key_mark(tree(), ("trail",)).column :].startswith("trail: box")
+    assert TEXT[key_mark(tree(), ("camera", 1, "shots")).column :].startswith("shots: [{orbit")
+    assert key_mark(tree(), ("nothing",)) == tree().mark
+
+
+def test_plain_values_are_pythons_own() -> None:
+    assert plain(tree()) == {
+        "camera": ["top", {"shots": [{"orbit": {"lookat": "box"}}]}],
+        "trail": "box",
+        "empty": None,
+    }
+    assert plain(Broken(Mark(0, 1, 1, ""))) is UNUSABLE
+
+
+def test_a_changed_mapping_leaves_the_first_as_it_was() -> None:
+    first = tree("a: 1\nb: 2")
+    mark = Mark(1, 0, 0, "b=3")
+    changed = first.with_entry("b", mark, Scalar(mark, 3, "3")).without("a")
+    assert (plain(first), plain(changed)) == ({"a": 1, "b": 2}, {"b": 3})
+    assert changed.keys["b"] == mark
+
+
+HERE = Mark(0, 1, 1, "d.yaml")
+
+
+@pytest.mark.parametrize(
+    ("node", "text"),
+    [
+        (Scalar(HERE, None, ""), "nothing"),
+        (Scalar(HERE, "", ""), "''"),
+        (Scalar(HERE, "fast", "fast"), "'fast'"),
+        (Scalar(HERE, 0.5, ".50"), ".50"),
+        (Scalar(HERE, "x" * 99, "x" * 99), f"'{'x' * 39}…'"),
+        (Scalar(HERE, "a\x1b[2J", "a\x1b[2J"), r"'a\x1b[2J'"),
+        (Scalar(HERE, 2, "2", "${n}"), "2 from ${n}"),
+        (Listed(HERE), "a list"),
+        (Mapped(HERE), "a mapping"),
+    ],
+)
+def test_messages_show_a_value_as_it_is_written(node: Node, text: str) -> None:
+    assert described(node) == text
+
+
+def test_paths_are_spelled_as_on_the_command_line() -> None:
+    assert spelled(("shots", 1, "orbit", "distance")) == "shots[1].orbit.distance"
+    assert spelled(()) == ""
+    assert spelled(("a\n",)) == r"a\n"
+
+
+def test_marks_sort_by_source_line_and_column() -> None:
+    marks = [Mark(0, 2, 1, "d.yaml"), Mark(0, 2, 9, "d.yaml"), Mark(0, 10, 1, "d.yaml"), Mark(1, 1, 1, "below.yaml")]
+    assert sorted(reversed(marks)) == marks
+    assert [str(mark) for mark in (marks[0], Mark(2, 0, 0, "fps=3"))] == ["d.yaml:2:1", "fps=3"]
+
+
+def test_text_is_cut_to_a_length() -> None:
+    assert (cut("abcde", 5), cut("abcdef", 5)) == ("abcde", "abcd…")
