@@ -107,7 +107,7 @@ def _is_said(value: object) -> bool:
 def _field(each: Option) -> tuple[Any, Any]:
     """Type and default of a key."""
     annotation = field_type(each.kind)
-    text = with_formats(each.help) + (f" {each.usual} if left out." if each.usual else "")
+    text = with_formats(each.help) + (f" If left out: {each.usual}." if each.usual else "")
     alias = each.name if each.name != each.attribute else None
     if is_always_written(each):
         return annotation, Field(alias=alias, description=with_formats(each.help))

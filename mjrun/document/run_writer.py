@@ -57,7 +57,7 @@ def _simulation(simulation: Simulation) -> Plain:
 def _options(values: Options) -> Plain:
     """What a document says of `values`: all that is not the default."""
     return {
-        each.name: _plain(each.kind, value)
+        each.name: plain_value(each.kind, value)
         for each in document_options(type(values))
         if (value := getattr(values, each.attribute)) is not None and (is_always_written(each) or value != each.default)
         if not _refused(each, value)
@@ -72,7 +72,7 @@ def _refused(each: Option, value: object) -> bool:
     return False
 
 
-def _plain(kind: Kind[Any, Any], value: Any) -> Any:
+def plain_value(kind: Kind[Any, Any], value: Any) -> Any:
     """`value` as a document writes it."""
     whole = kind.each if isinstance(kind, Optional) else kind
     if isinstance(whole, Settings):

@@ -116,7 +116,7 @@ def test_paths_are_spelled_as_on_the_command_line() -> None:
 
 def test_marks_sort_by_source_line_and_column() -> None:
     marks = [Mark(0, 2, 1, "d.yaml"), Mark(0, 2, 9, "d.yaml"), Mark(0, 10, 1, "d.yaml"), Mark(1, 1, 1, "below.yaml")]
-    assert sorted(reversed(marks)) == marks
+    assert sorted([marks[2], marks[3], marks[1], marks[0]]) == marks
     assert [str(mark) for mark in (marks[0], Mark(2, 0, 0, "fps=3"))] == ["d.yaml:2:1", "fps=3"]
 
 
