@@ -83,7 +83,7 @@ def test_options_in_remedies_are_spelled_as_asked(monkeypatch: pytest.MonkeyPatc
         def result(self) -> str:
             return "it fails"
 
-    monkeypatch.setattr(mjrun.doctor, "BackendTrial", Failing)
+    monkeypatch.setattr(mjrun.doctor, "BackendTrialProcess", Failing)
     monkeypatch.setattr(mjrun.doctor, "alternative", lambda tried: "")
     for spelling, name in ((str, "renderer"), (lambda name: f"--{name}", "--renderer")):
         report = examine(spelling)

@@ -84,14 +84,14 @@ class Hardware:
 
 
 def test_a_required_gpu_refuses_software(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(backend_detection, "BackendTrial", Hardware({"egl": "llvmpipe"}))
+    monkeypatch.setattr(backend_detection, "BackendTrialProcess", Hardware({"egl": "llvmpipe"}))
     with pytest.raises(SoftwareRendererError, match="llvmpipe"):
         BackendDetection("egl").result(require_gpu=True)
 
 
 def test_a_required_gpu_is_found_behind_a_software_backend(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(backend_module, "candidates", lambda: ("egl", "glfw"))
-    monkeypatch.setattr(backend_detection, "BackendTrial", Hardware({"egl": "llvmpipe", "glfw": "NVIDIA"}))
+    monkeypatch.setattr(backend_detection, "BackendTrialProcess", Hardware({"egl": "llvmpipe", "glfw": "NVIDIA"}))
     assert BackendDetection("auto").result(require_gpu=True).name == "glfw"
 
 
@@ -118,7 +118,7 @@ def test_a_vulkan_without_a_driver_is_reported_with_the_packages_and_the_other_r
 
 @pytest.mark.parametrize(("renderer", "refused"), [("llvmpipe (LLVM 15.0.6, 256 bits)", True), ("NVIDIA H200", False)])
 def test_a_required_gpu_refuses_software_vulkan(monkeypatch: pytest.MonkeyPatch, renderer: str, refused: bool) -> None:
-    monkeypatch.setattr(backend_detection, "BackendTrial", Hardware({"vulkan": renderer}))
+    monkeypatch.setattr(backend_detection, "BackendTrialProcess", Hardware({"vulkan": renderer}))
     search = VulkanDetection()
     if refused:
         with pytest.raises(SoftwareRendererError, match="llvmpipe"):
