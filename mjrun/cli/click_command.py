@@ -2,7 +2,7 @@
 
 import textwrap
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any, TypeVar
+from typing import Any, TypeVar, cast
 
 import click
 
@@ -145,7 +145,7 @@ def click_option(declared: Option) -> click.Option:
     kind = _given_kind(declared)
     if isinstance(kind, Flag):
         return DeclaredOption(declared, is_flag=True, default=None)
-    each: AnyKind = kind.each if isinstance(kind, Several) and not kind.commas else kind
+    each = _repeated_kind(kind)
     chosen = click.Choice(each.names, case_sensitive=False) if isinstance(each, Choice) else KindType(each)
     metavar = None if isinstance(each, Choice) else kind.metavar
     optional = {} if declared.flag_value is None else {"is_flag": False, "flag_value": declared.flag_value}
@@ -183,6 +183,11 @@ def is_repeatable(declared: Option) -> bool:
     return isinstance(_given_kind(declared), Several | Settings | Values)
 
 
+def _repeated_kind(kind: AnyKind) -> AnyKind:
+    """The kind of one repetition."""
+    return kind.repeated if isinstance(kind, Several) else kind
+
+
 def _given_kind(declared: Option) -> AnyKind:
     """The kind of the values that are given, where it is optional to give one."""
     return declared.kind.each if isinstance(declared.kind, Optional) else declared.kind
@@ -195,7 +200,7 @@ def shown_default(declared: Option) -> str:
     shown = declared.kind.plain(declared.default)
     if shown is True:
         return flag(declared.name)
-    return ",".join(map(str, shown)) if isinstance(shown, list) else str(shown)
+    return ",".join(map(str, cast("list[object]", shown))) if isinstance(shown, list) else str(shown)
 
 
 def _gathered(kind: AnyKind, values: Sequence[Any]) -> object:

@@ -1,6 +1,6 @@
 """`mjrun run`."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Generator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import asdict
 from pathlib import Path
@@ -73,7 +73,7 @@ def _document(results: "Sequence[OutputResult]") -> dict[str, object]:
 
 
 @contextmanager
-def _folders(jobs: "Sequence[Job[OutputResult]]") -> Iterator[None]:
+def _folders(jobs: "Sequence[Job[OutputResult]]") -> Generator[None, None, None]:
     """Makes the folders of all outputs, and takes back those that stay empty."""
     outputs = [Path(path) for job in jobs for _, path in job.files]
     missing = {folder for path in outputs for folder in path.parents if not folder.exists()}

@@ -1,9 +1,10 @@
 """What commands that simulate share: the simulation, the cameras, and how their outputs are made."""
 
 import os
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Generator, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict
+from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -32,7 +33,7 @@ def import_mujoco() -> None:
     """Imports MuJoCo without an OpenGL backend: it would fix one by MUJOCO_GL, or fail at a bad name."""
     backend = os.environ.get("MUJOCO_GL")
     os.environ["MUJOCO_GL"] = "disable"
-    import mujoco  # noqa: F401
+    import_module("mujoco")
 
     if backend is None:
         del os.environ["MUJOCO_GL"]
@@ -118,7 +119,7 @@ def payload_on_stdout(command_line: CommandLine, default_output: str = "") -> bo
 @contextmanager
 def failures_in_json(
     console: Console, command_line: CommandLine, document: Callable[[Sequence["OutputResult"]], dict[str, object]]
-) -> Iterator[None]:
+) -> Generator[None, None, None]:
     """Where JSON was asked for, tells of a failure in it too, beside the `document` of what was made all the same."""
     try:
         yield

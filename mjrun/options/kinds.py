@@ -363,7 +363,13 @@ class Camera(Kind[object, object]):
     metavar: str = "SPEC"
 
     def __call__(self, value: object) -> object:
-        return str(value) if isinstance(value, (int, PathLike)) else value
+        match value:
+            case int():
+                return str(value)
+            case PathLike():
+                return str(cast("PathLike[str]", value).__fspath__())
+            case _:
+                return value
 
 
 @dataclass(frozen=True)
@@ -445,15 +451,19 @@ class Several(Kind["W | Sequence[W]", tuple[T, ...]], Generic[W, T]):
         return f"{self.each.metavar},…" if self.commas else self.each.metavar
 
     def __call__(self, value: "W | Sequence[W]") -> tuple[T, ...]:
-        several = isinstance(value, Sequence) and not isinstance(value, str) and not self._is_one(value)
-        parts: list[Any] = [*value] if several else [value]  # type: ignore[misc]
+        parts: list[Any] = [value] if self._is_one(value) else [*cast("Sequence[W]", value)]
         if self.commas:
-            parts = [word for part in parts for word in (self._words(part) if isinstance(part, str) else [part])]
+            parts = [word for part in parts for word in (self._words(part) if isinstance(part, str) else (part,))]
         return tuple(self.each(part) for part in parts)
 
     def parse(self, text: str) -> object:
         """One of them, or those in one text."""
         return self._words(text) if self.commas else self.each.parse(text)
+
+    @property
+    def repeated(self) -> "Kind[Any, Any]":
+        """The kind of one repetition on the command line."""
+        return self if self.commas else self.each
 
     def _words(self, text: str) -> tuple[object, ...]:
         words = [word.strip() for word in re.split(r",(?![^\[]*\])", text) if word.strip()]
@@ -471,9 +481,12 @@ class Several(Kind["W | Sequence[W]", tuple[T, ...]], Generic[W, T]):
         except ExpectedError as error:
             raise ExpectedError(error.expected, word) from None
 
-    def _is_one(self, value: Sequence[object]) -> bool:
-        """Whether a sequence is one value, as (640, 480) is one size."""
-        return isinstance(self.each, Size) and len(value) == 2 and not isinstance(value[0], Sequence)
+    def _is_one(self, value: object) -> bool:
+        """Whether `value` is one of them; (640, 480) is one size."""
+        if not isinstance(value, Sequence) or isinstance(value, str):
+            return True
+        parts = cast("Sequence[object]", value)
+        return isinstance(self.each, Size) and len(parts) == 2 and not isinstance(parts[0], Sequence)
 
 
 @dataclass(frozen=True)
@@ -509,8 +522,12 @@ def setting_text(value: object) -> str:
             return repr(value)
         case str() if value:
             return value
-        case list() | tuple() if value and all(type(part) in (int, float) for part in value):
-            return ",".join(map(setting_text, value))
+        case list() | tuple():
+            parts = cast("Sequence[object]", value)
+            if parts and all(type(part) in (int, float) for part in parts):
+                return ",".join(map(setting_text, parts))
+        case _:
+            pass
     raise ExpectedError("a finite number, text, true or false, or a list of finite numbers")
 
 

@@ -10,6 +10,7 @@ from mjrun.options.option import Exclusion, FrontEnd, Options, option, options
 
 INTERPOLATIONS = ("hold", "linear")
 # What physics alone uses; a replay goes through recorded states instead.
+NO_VALUES: dict[str, Numbers] = {}
 PHYSICS = ("key", "qpos", "qvel", "ctrl", "ctrl_from", "ctrl_noise", "controller", "perturb")
 
 
@@ -51,15 +52,15 @@ class SimulationOptions(ControllerOptions, ModelOptions):
     )
     qpos: Mapping[str, Numbers] = option(
         converter=Values(),
-        default={},
+        default=NO_VALUES,
         help="Initial joint positions by name [m, rad]: hip=0.3, root/z=1, root=0,0,1,1,0,0,0.",
     )
     qvel: Mapping[str, Numbers] = option(
-        converter=Values(), default={}, help="Initial joint velocities by name [m/s, rad/s]: hip=2, root/wx=1."
+        converter=Values(), default=NO_VALUES, help="Initial joint velocities by name [m/s, rad/s]: hip=2, root/wx=1."
     )
     ctrl: Mapping[str, Numbers] = option(
         converter=Values(),
-        default={},
+        default=NO_VALUES,
         help="Constant controls by actuator name or wildcard, in the actuator's units: motor=20, left_*=0.5.",
     )
     ctrl_from: str | None = option(
