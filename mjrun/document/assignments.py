@@ -3,7 +3,19 @@
 import re
 from collections.abc import Sequence
 
-from mjrun.document.tree import Broken, Fault, Listed, Mapped, Mark, Node, Path, Scalar, cut, described, spelled
+from mjrun.document.tree import (
+    Fault,
+    InvalidNode,
+    ListNode,
+    MappingNode,
+    Mark,
+    Node,
+    Path,
+    ScalarNode,
+    described,
+    path_text,
+    shortened,
+)
 from mjrun.document.yaml_parser import compose
 from mjrun.errors import quoted, suggestion
 
@@ -12,13 +24,13 @@ SHOWN = 60  # characters of an assignment that messages show
 _STEP = re.compile(r"(?:^|\.)([^.\[\]\x00-\x1f\x7f-\x9f]+)|\[([0-9]{1,9})\]")
 
 
-class _NoPlaceError(Exception):
+class _InvalidPathError(Exception):
     """The path names no place that can exist."""
 
 
 def assign(
-    tree: Mapped, assignments: Sequence[str], order: int, fixed: Sequence[str] = (), named: Sequence[str] = ()
-) -> tuple[Mapped, list[Fault]]:
+    tree: MappingNode, assignments: Sequence[str], order: int, fixed: Sequence[str] = (), named: Sequence[str] = ()
+) -> tuple[MappingNode, list[Fault]]:
     """`tree` with every one of `assignments`, in turn, and what is wrong with them.
 
     Mappings that are not there come to be; items of lists must be there.
@@ -30,19 +42,19 @@ def assign(
     """  # fmt: skip
     faults: list[Fault] = []
     for i, assignment in enumerate(assignments):
-        mark = Mark(order + i, 0, 0, cut(assignment, SHOWN))
+        mark = Mark(order + i, 0, 0, shortened(assignment, SHOWN))
         key, equals, text = assignment.partition("=")
         try:
             if not equals:
-                raise _NoPlaceError("write key=value")
+                raise _InvalidPathError("write key=value")
             path = _path(key, named)
             if path[0] in fixed:
-                raise _NoPlaceError(f"{path[0]} is set in the document only")
+                raise _InvalidPathError(f"{path[0]} is set in the document only")
             value, found = compose(text, lambda index, mark=mark: mark, inline=True)
             faults += found
             if value or not found:
-                tree = _with(tree, path, value or Scalar(mark, None, ""))
-        except _NoPlaceError as error:
+                tree = _with(tree, path, value or ScalarNode(mark, None, ""))
+        except _InvalidPathError as error:
             faults.append(Fault(mark, "", str(error)))
     return tree, faults
 
@@ -57,13 +69,13 @@ def _path(text: str, named: Sequence[str]) -> Path:
         steps.append(found[1] if found[1] is not None else int(found[2]))
         position = found.end()
     if position < len(text) or not steps or isinstance(steps[0], int):
-        raise _NoPlaceError(f"{quoted(cut(text))} is no place; write it as in duration, films[0].fps")
+        raise _InvalidPathError(f"{quoted(shortened(text))} is no place; write it as in duration, films[0].fps")
     return tuple(steps)
 
 
-def _with(tree: Mapped, path: Path, value: Node) -> Mapped:
+def _with(tree: MappingNode, path: Path, value: Node) -> MappingNode:
     made = _set(tree, path, value, ())
-    assert isinstance(made, Mapped)  # a path begins with a key
+    assert isinstance(made, MappingNode)  # a path begins with a key
     return made
 
 
@@ -71,26 +83,28 @@ def _set(node: Node | None, path: Path, value: Node, above: Path) -> Node:
     """`node`, which stands at `above`, with `value` at `path` below it."""
     if not path:
         return value
-    if isinstance(node, Broken):
+    if isinstance(node, InvalidNode):
         return node
     step, below = path[0], path[1:]
     if isinstance(step, int):
         return _set_item(node, step, below, value, above)
-    if node is None or (isinstance(node, Scalar) and node.value is None):
-        node = Mapped(value.mark)
-    if not isinstance(node, Mapped):
-        raise _NoPlaceError(f"{spelled(above)} is {described(node)} and has no keys")
+    if node is None or (isinstance(node, ScalarNode) and node.value is None):
+        node = MappingNode(value.mark)
+    if not isinstance(node, MappingNode):
+        raise _InvalidPathError(f"{path_text(above)} is {described(node)} and has no keys")
     if step not in node.entries and below and isinstance(below[0], int):
-        raise _NoPlaceError(f"there is no list {quoted(spelled((*above, step)))}{suggestion(step, node.entries)}")
+        raise _InvalidPathError(f"there is no list {quoted(path_text((*above, step)))}{suggestion(step, node.entries)}")
     return node.with_entry(step, value.mark, _set(node.entries.get(step), below, value, (*above, step)))
 
 
-def _set_item(node: Node | None, index: int, below: Path, value: Node, above: Path) -> Listed:
-    if not isinstance(node, Listed):
-        raise _NoPlaceError(f"{spelled(above)} is {described(node) if node else 'nothing'}, not a list")
+def _set_item(node: Node | None, index: int, below: Path, value: Node, above: Path) -> ListNode:
+    if not isinstance(node, ListNode):
+        raise _InvalidPathError(f"{path_text(above)} is {described(node) if node else 'nothing'}, not a list")
     count = len(node.items)
     if index >= count:
-        raise _NoPlaceError(f"{spelled(above)} has {count or 'no'} item{'' if count == 1 else 's'}, counted from 0")
+        raise _InvalidPathError(
+            f"{path_text(above)} has {count or 'no'} item{'' if count == 1 else 's'}, counted from 0"
+        )
     items = list(node.items)
     items[index] = _set(items[index], below, value, (*above, index))
-    return Listed(node.mark, items)
+    return ListNode(node.mark, items)

@@ -26,21 +26,21 @@ from mjrun.document.document_model import (
     MAPPING,
     NUMBER,
     TEXT,
-    Among,
     DocumentModel,
-    Loc,
-    Maybe,
+    Location,
     Name,
+    Omittable,
+    OneOf,
     Positive,
-    given_nothing,
-    kinds,
+    by_type,
+    empty_if_null,
 )
 from mjrun.document.reader import read
-from mjrun.document.rigs import DeclaredModel, PositiveSliding, Sliding, maybe_ramp, ramp, rig_fields
+from mjrun.document.rigs import DeclaredModel, NumberOrRamp, PositiveNumberOrRamp, optional_ramp, ramp, rig_fields
 from mjrun.errors import near
 from mjrun.timeline import rational
 
-Shape = Annotated[str, Among(tuple(BLENDS))]
+Shape = Annotated[str, OneOf(tuple(BLENDS))]
 Index = Annotated[int, Field(ge=0)]
 Time = Annotated[float, Field(ge=0)]
 
@@ -54,10 +54,10 @@ class Event(DocumentModel):
     """Which time that it begins to hold, from 1 on."""
     offset: float = 0.0
     """How much later the shot ends [s], or earlier if negative."""
-    otherwise: Maybe[
+    otherwise: Omittable[
         Annotated[
             Annotated[Time, Tag(NUMBER)] | Annotated[Literal["end"], Tag(TEXT)],
-            kinds("a time [s] or end", NUMBER, TEXT),
+            by_type("a time [s] or end", NUMBER, TEXT),
         ]
     ] = Field(None, alias="else")
     """What counts if it never happens: a time of the simulation [s], or end; an error if left out."""
@@ -98,10 +98,10 @@ class Fit(DocumentModel):
 
 
 class _ModelCamera(DocumentModel):
-    camera: Maybe[
+    camera: Omittable[
         Annotated[
             Annotated[Name, Tag(TEXT)] | Annotated[Index, Tag(NUMBER)],
-            kinds("the name or index of a camera", TEXT, NUMBER),
+            by_type("the name or index of a camera", TEXT, NUMBER),
         ]
     ] = None
     """A camera of the model, by name or index."""
@@ -112,46 +112,46 @@ class Shot(create_model("_Rigs", __base__=_ModelCamera, **rig_fields())):
 
     model_config = ConfigDict(json_schema_extra={"oneOf": [{"required": [rig]} for rig in RIGS]})
 
-    until: Maybe[
+    until: Omittable[
         Annotated[
             Annotated[Positive, Tag(NUMBER)] | Annotated[Event, Tag(MAPPING)],
-            kinds("a time [s] or {when, nth, offset, else}", NUMBER, MAPPING),
+            by_type("a time [s] or {when, nth, offset, else}", NUMBER, MAPPING),
         ]
     ] = None
     """When the shot ends: a time of the simulation [s], or an event."""
-    duration: Maybe[Positive] = None
+    duration: Omittable[Positive] = None
     """How long the shot lasts [s] of the simulation, instead of until."""
-    speed: Maybe[Positive] = None
+    speed: Omittable[Positive] = None
     """Simulated seconds per second of film: 0.5 is slow motion."""
-    blend: Maybe[
+    blend: Omittable[
         Annotated[
             Annotated[Shape, Tag(TEXT)] | Annotated[Positive, Tag(NUMBER)] | Annotated[Blend, Tag(MAPPING)],
-            kinds("a shape, a width [s] or {shape, width}", TEXT, NUMBER, MAPPING),
+            by_type("a shape, a width [s] or {shape, width}", TEXT, NUMBER, MAPPING),
         ]
     ] = None
     """How the shot before becomes this one: a shape, a width [s], or both; a cut if left out."""
-    roll: Sliding = 0.0
+    roll: NumberOrRamp = 0.0
     """Turn around the axis of view [deg], clockwise."""
-    fovy: Maybe[PositiveSliding] = None
+    fovy: Omittable[PositiveNumberOrRamp] = None
     """Vertical field of view [deg], what is seen [m] if orthographic; the model's if left out."""
-    shake: Maybe[Annotated[Shake, BeforeValidator(given_nothing, json_schema_input_type=Shake | None)]] = None
+    shake: Omittable[Annotated[Shake, BeforeValidator(empty_if_null, json_schema_input_type=Shake | None)]] = None
     """A hand that trembles."""
-    fit: Maybe[
+    fit: Omittable[
         Annotated[
             Annotated[Name, Tag(TEXT)] | Annotated[Fit, Tag(MAPPING)],
-            kinds("an object's name or {target, margin}", TEXT, MAPPING),
+            by_type("an object's name or {target, margin}", TEXT, MAPPING),
         ]
     ] = None
     """Keeps an object whole in the picture, by the distance."""
 
     @classmethod
-    def complaints(cls, given: Mapping[str, Any]) -> Iterator[tuple[Loc, str]]:
-        rigs = [key for key in given if key in RIGS]
-        mistyped = any(near(key, RIGS) for key in {*given} - {*cls.key_names()})
+    def cross_field_errors(cls, values: Mapping[str, Any]) -> Iterator[tuple[Location, str]]:
+        rigs = [key for key in values if key in RIGS]
+        mistyped = any(near(key, RIGS) for key in {*values} - {*cls.key_names()})
         if not rigs and not mistyped:
             yield (), f"expected one of {', '.join(RIGS)}, got none"
         yield from (((rig,), f"a shot has one rig, and this one has {rigs[0]} already") for rig in rigs[1:])
-        if "until" in given and "duration" in given:
+        if "until" in values and "duration" in values:
             yield ("duration",), "a shot ends by until or after a duration, not both"
 
     def shot(self, speed: float | None) -> script.Shot:
@@ -164,7 +164,7 @@ class Shot(create_model("_Rigs", __base__=_ModelCamera, **rig_fields())):
             speed=_exact(speed),
             blend=_blend(self.blend),
             roll=ramp(self.roll),
-            fovy=maybe_ramp(self.fovy),
+            fovy=optional_ramp(self.fovy),
             shake=_shake(self.shake),
             fit=_fit(self.fit),
         )
@@ -179,14 +179,14 @@ class Shot(create_model("_Rigs", __base__=_ModelCamera, **rig_fields())):
 class CameraDocument(DocumentModel):
     """What a camera does in a film: shots, one after the other."""
 
-    speed: Maybe[Positive] = None
+    speed: Omittable[Positive] = None
     """Simulated seconds per second of film, of all shots that do not say their own: 0.5 is slow motion."""
     shots: list[Shot] = Field(min_length=1)
     """The shots in order; all but the last say when they end, by until or duration."""
 
     @classmethod
-    def complaints(cls, given: Mapping[str, Any]) -> Iterator[tuple[Loc, str]]:
-        shots = given.get("shots")
+    def cross_field_errors(cls, values: Mapping[str, Any]) -> Iterator[tuple[Location, str]]:
+        shots = values.get("shots")
         shots = shots if isinstance(shots, list) and all(isinstance(shot, dict) for shot in shots) else []
         if shots and "blend" in shots[0]:
             yield ("shots", 0, "blend"), "there is no shot before the first to blend with"
@@ -232,7 +232,7 @@ def _fit(given: str | Fit | None) -> script.Fit | None:
     return None if given is None else script.Fit(given)
 
 
-def _disordered(shots: list[dict[str, Any]]) -> Iterator[tuple[Loc, str]]:
+def _disordered(shots: list[dict[str, Any]]) -> Iterator[tuple[Location, str]]:
     """Shots that would end before they begin, as far as their times tell it."""
     begun = Fraction(0)  # at the earliest
     for i, shot in enumerate(shots):

@@ -32,25 +32,25 @@ def event_document(given: script.Event, what: str) -> Plain:
     otherwise = given.otherwise if given.otherwise in (None, "end") else decimal(Fraction(given.otherwise), what)
     offset = None if not given.offset else decimal(given.offset, what)
     nth = None if given.nth == 1 else given.nth
-    return known({"when": given.when, "nth": nth, "offset": offset, "else": otherwise})
+    return without_none({"when": given.when, "nth": nth, "offset": offset, "else": otherwise})
 
 
-def known(given: Mapping[str, Any]) -> Plain:
+def without_none(given: Mapping[str, Any]) -> Plain:
     """What is not None."""
     return {key: value for key, value in given.items() if value is not None}
 
 
 def _shot(shot: script.Shot, what: str) -> Plain:
     until = event_document(shot.until, what) if isinstance(shot.until, script.Event) else _time(shot.until, what)
-    return known(
+    return without_none(
         {
             **_rig(shot.rig, what),
             "until": until,
             "duration": _time(shot.lasting, what),
             "speed": _time(shot.speed, what),
             "blend": shot.blend and _changed(shot.blend, Blend()),
-            "roll": None if shot.roll == Ramp.still(0) else _sliding(shot.roll),
-            "fovy": _sliding(shot.fovy),
+            "roll": None if shot.roll == Ramp.still(0) else _ramp(shot.roll),
+            "fovy": _ramp(shot.fovy),
             "shake": shot.shake and _changed(shot.shake, Shake()),
             "fit": shot.fit and _fit(shot.fit),
         }
@@ -81,7 +81,7 @@ def _field(value: object) -> object:
         case int() | float():
             return number(value)
         case Ramp():
-            return _sliding(value)
+            return _ramp(value)
         case Waypoint():
             return _declared(value)
         case _:
@@ -89,7 +89,7 @@ def _field(value: object) -> object:
             return [_field(item) for item in cast("Sequence[object]", value)]
 
 
-def _sliding(ramp: Ramp | None) -> float | Plain | None:
+def _ramp(ramp: Ramp | None) -> float | Plain | None:
     if ramp is None or ramp == Ramp.still(ramp.start):
         return None if ramp is None else number(ramp.start)
     ease = {} if ramp.ease == "linear" else {"ease": ramp.ease}

@@ -1,8 +1,8 @@
-"""The forms that documents have: pydantic models that refuse what is not theirs and tell every error at once."""
+"""The base of all models of documents: they refuse unknown keys, and report every error at once."""
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal, cast
 
 from pydantic import (
     BaseModel,
@@ -18,47 +18,52 @@ from pydantic import (
 )
 
 if TYPE_CHECKING:
-    from typing import Optional as Maybe
+    from typing import Optional as Omittable
 else:
 
-    class Maybe:
-        """What may be left out, and is None then. None that is written is refused."""
+    class Omittable:
+        """The type of a key that may be left out, and is None then. A None that is written is refused."""
 
-        def __class_getitem__(cls, kind: Any) -> Any:
-            return kind
+        def __class_getitem__(cls, annotation: object) -> object:
+            return annotation
 
 
-# Tags of the kinds of values. No key of a document begins with a control character, so they cannot be taken for one.
+# Tags of the types of values. No key of a document begins with a control character, so that no tag is taken for one.
 NUMBER, TEXT, LIST, MAPPING = "\0number", "\0text", "\0list", "\0mapping"
-KINDS = {int: NUMBER, float: NUMBER, str: TEXT, list: LIST, dict: MAPPING}
+TAGS: dict[type, str] = {int: NUMBER, float: NUMBER, str: TEXT, list: LIST, dict: MAPPING}
 
-FEW = 6  # keys that a message names beside another fault
+LISTED_KEYS = 6  # at most, in a message about something else
 
-Loc = tuple[str | int, ...]
+Location = tuple[str | int, ...]
 
 
-class ComplaintError(ValueError):
-    """What is wrong with a value: the `kind` of error and its `facts`, as pydantic has them or our forms."""
+class InvalidValueError(ValueError):
+    """A value that does not fit.
 
-    def __init__(self, kind: str, **facts: Any) -> None:
-        self.kind, self.facts = kind, facts
-        super().__init__(kind)
+    Attributes:
+      type: of the error: one of pydantic's; `expected`, with that in the context; or `message`, likewise.
+      context: what the message is made of.
+    """
+
+    def __init__(self, type: str, **context: Any) -> None:  # noqa: A002
+        self.type, self.context = type, context
+        super().__init__(type)
 
     @classmethod
-    def saying(cls, message: str) -> "ComplaintError":
-        """One whose sentence is known."""
-        return cls("said", message=message)
+    def with_message(cls, message: str) -> "InvalidValueError":
+        """An error whose message is known."""
+        return cls("message", message=message)
 
     @classmethod
-    def of(cls, details: Mapping[str, Any], keys: Iterable[str]) -> "ComplaintError":
-        """The one in pydantic's `details`, from a form with `keys`."""
-        facts = dict(details.get("ctx", {}))
-        error = facts.get("error")
-        if isinstance(error, ComplaintError):
+    def from_details(cls, details: Mapping[str, Any], keys: Iterable[str]) -> "InvalidValueError":
+        """The error in pydantic's `details`, from a model with `keys`."""
+        context = dict(details.get("ctx", {}))
+        error = context.get("error")
+        if isinstance(error, InvalidValueError):
             return error
         if error is not None:
-            return cls.saying(str(error))
-        return cls(details["type"], said=details["msg"], keys=tuple(keys), **facts)
+            return cls.with_message(str(error))
+        return cls(details["type"], msg=details["msg"], keys=tuple(keys), **context)
 
 
 class DocumentModel(BaseModel):
@@ -69,10 +74,11 @@ class DocumentModel(BaseModel):
     )
 
     @classmethod
-    def complaints(cls, given: Mapping[str, Any]) -> Iterator[tuple[Loc, str]]:
-        """What is wrong with the mapping beyond its single values: where in it, and the sentence.
+    def cross_field_errors(cls, values: Mapping[str, Any]) -> Iterator[tuple[Location, str]]:
+        """What is wrong with values that are right by themselves: the location, and the message.
 
-        The values are as they are written, of any type.
+        Args:
+          values: by key, as they are written, of any type.
         """
         return iter(())
 
@@ -83,69 +89,76 @@ class DocumentModel(BaseModel):
 
     @model_validator(mode="wrap")
     @classmethod
-    def _tell_all(cls, given: Any, handler: ModelWrapValidatorHandler["DocumentModel"]) -> "DocumentModel":
-        if isinstance(given, cls):
-            return handler(given)
-        if not isinstance(given, dict):
-            few = f" with {', '.join(cls.key_names())}" if len(cls.key_names()) <= FEW else ""
-            raise ComplaintError("kind", expected=f"a mapping{few}")
-        found = [(loc, ComplaintError.saying(message)) for loc, message in cls.complaints(given)]
+    def _collect_errors(cls, value: object, handler: ModelWrapValidatorHandler["DocumentModel"]) -> "DocumentModel":
+        if isinstance(value, cls):
+            return handler(value)
+        if not isinstance(value, dict):
+            keys = cls.key_names()
+            few = f" with {', '.join(keys)}" if len(keys) <= LISTED_KEYS else ""
+            raise InvalidValueError("expected", expected=f"a mapping{few}")
+
+        values = cast("dict[str, object]", value)
+        errors = [(loc, InvalidValueError.with_message(message)) for loc, message in cls.cross_field_errors(values)]
         try:
-            made = handler(given)
+            model = handler(value)
         except ValidationError as error:
-            details = error.errors(include_url=False, include_input=False)
-            found += [(each["loc"], ComplaintError.of(each, cls.key_names())) for each in details]
+            for details in error.errors(include_url=False, include_input=False):
+                errors.append((details["loc"], InvalidValueError.from_details(details, cls.key_names())))
         else:
-            if not found:
-                return made
-        lines: list[Any] = [{"type": "value_error", "loc": loc, "ctx": {"error": c}, "input": None} for loc, c in found]
+            if not errors:
+                return model
+        lines: list[Any] = [
+            {"type": "value_error", "loc": loc, "ctx": {"error": error}, "input": None} for loc, error in errors
+        ]
         raise ValidationError.from_exception_data(cls.__name__, lines)
 
 
-class _Kinds(Discriminator):
+class _HashableDiscriminator(Discriminator):
     """A discriminator that may stand in unions, whose members are hashed; pydantic's holds a dict."""
 
     def __hash__(self) -> int:
         return id(self)
 
 
-def kinds(expected: str, *taken: str) -> Discriminator:
-    """Tells the values of a union apart by their kind in the document; a kind that is not `taken` is not `expected`."""
+def by_type(expected: str, *tags: str) -> Discriminator:
+    """Tells the members of a union apart by the type of the value; a type without one of `tags` is not `expected`."""
 
-    def tag(value: Any) -> str | None:
-        kind = KINDS.get(type(value))
-        return kind if kind in taken else None
+    def tag(value: object) -> str | None:
+        found = TAGS.get(type(value))
+        return found if found in tags else None
 
     context: dict[str, int | str | float] = {"expected": expected}
-    return _Kinds(tag, custom_error_type="kind", custom_error_message="{expected}", custom_error_context=context)
+    return _HashableDiscriminator(
+        tag, custom_error_type="expected", custom_error_message="{expected}", custom_error_context=context
+    )
 
 
 @dataclass(frozen=True)
-class Among:
-    """One of these texts, in `Annotated[str, Among(…)]`."""
+class OneOf:
+    """One of these texts, in `Annotated[str, OneOf(…)]`."""
 
     names: tuple[str, ...]
 
-    def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> Any:
+    def __get_pydantic_core_schema__(self, source: object, handler: GetCoreSchemaHandler) -> Any:
         return handler.generate_schema(Literal.__getitem__(self.names))  # type: ignore[attr-defined]
 
 
-def items(count: int, what: str) -> Callable[[Any], Any]:
-    """Refuses lists of other than `count` items, which are `what`."""
+def of_length(count: int, what: str) -> Callable[[object], object]:
+    """A validator that refuses lists of other than `count` items, which are `what`."""
 
-    def checked(value: Any) -> Any:
-        if isinstance(value, list) and len(value) != count:
-            raise ComplaintError.saying(f"expected {count} {what}, got {len(value) or 'none'}")
+    def validate(value: object) -> object:
+        if isinstance(value, list) and (length := len(cast("list[object]", value))) != count:
+            raise InvalidValueError.with_message(f"expected {count} {what}, got {length or 'none'}")
         return value
 
-    return checked
+    return validate
 
 
-def given_nothing(value: Any) -> Any:
-    """`key:` alone is the mapping of defaults."""
+def empty_if_null(value: object) -> object:
+    """`key:` alone is an empty mapping, all of whose keys have their defaults."""
     return {} if value is None else value
 
 
 Positive = Annotated[float, Field(gt=0)]
 Name = Annotated[str, Field(min_length=1)]
-Vector = Annotated[tuple[float, float, float], Strict(False), BeforeValidator(items(3, "numbers"))]
+Vector = Annotated[tuple[float, float, float], Strict(False), BeforeValidator(of_length(3, "numbers"))]

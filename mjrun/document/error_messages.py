@@ -1,4 +1,4 @@
-"""What pydantic found, in our words: where it is written, what was expected, what was found."""
+"""What pydantic found wrong, as faults: where it is written, what was expected, and what is there instead."""
 
 import re
 from collections.abc import Callable, Sequence
@@ -6,15 +6,26 @@ from typing import Any
 
 from pydantic import ValidationError
 
-from mjrun.document.document_model import ComplaintError
-from mjrun.document.tree import Broken, Fault, Node, Path, Scalar, cut, described, find, key_mark, spelled
+from mjrun.document.document_model import InvalidValueError
+from mjrun.document.tree import (
+    Fault,
+    InvalidNode,
+    Node,
+    Path,
+    ScalarNode,
+    described,
+    find,
+    key_mark,
+    path_text,
+    shortened,
+)
 from mjrun.errors import clean, listing, quoted, suggestion
 
-Facts = dict[str, Any]
+Context = dict[str, Any]
 
 
-def _above(facts: Facts) -> str:
-    return "a positive number" if facts["gt"] == 0 else f"a number above {facts['gt']:g}"
+def _above(context: Context) -> str:
+    return "a positive number" if context["gt"] == 0 else f"a number above {context['gt']:g}"
 
 
 # Keys of earlier versions, and what they are called now.
@@ -27,76 +38,76 @@ RENAMED = {
 }
 
 # What was expected, by pydantic's type of error.
-EXPECTED: dict[str, Callable[[Facts], str]] = {
-    "kind": lambda facts: facts["expected"],
-    "float_type": lambda facts: "a number",
-    "int_type": lambda facts: "a whole number",
-    "int_from_float": lambda facts: "a whole number",
-    "bool_type": lambda facts: "true or false",
-    "string_type": lambda facts: "text",
-    "list_type": lambda facts: "a list",
-    "tuple_type": lambda facts: "a list",
-    "dict_type": lambda facts: "a mapping",
-    "model_type": lambda facts: "a mapping",
-    "finite_number": lambda facts: "a finite number",
+EXPECTED: dict[str, Callable[[Context], str]] = {
+    "expected": lambda context: context["expected"],
+    "float_type": lambda context: "a number",
+    "int_type": lambda context: "a whole number",
+    "int_from_float": lambda context: "a whole number",
+    "bool_type": lambda context: "true or false",
+    "string_type": lambda context: "text",
+    "list_type": lambda context: "a list",
+    "tuple_type": lambda context: "a list",
+    "dict_type": lambda context: "a mapping",
+    "model_type": lambda context: "a mapping",
+    "finite_number": lambda context: "a finite number",
     "greater_than": _above,
-    "greater_than_equal": lambda facts: f"a number of at least {facts['ge']:g}",
-    "less_than": lambda facts: f"a number below {facts['lt']:g}",
-    "less_than_equal": lambda facts: f"a number of at most {facts['le']:g}",
-    "string_too_short": lambda facts: "text that is not empty",
-    "string_too_long": lambda facts: f"text of at most {facts['max_length']} characters",
-    "literal_error": lambda facts: facts["expected"],
+    "greater_than_equal": lambda context: f"a number of at least {context['ge']:g}",
+    "less_than": lambda context: f"a number below {context['lt']:g}",
+    "less_than_equal": lambda context: f"a number of at most {context['le']:g}",
+    "string_too_short": lambda context: "text that is not empty",
+    "string_too_long": lambda context: f"text of at most {context['max_length']} characters",
+    "literal_error": lambda context: context["expected"],
 }
 
 
-def faults_of(error: ValidationError, tree: Node, besides: Sequence[str] = ()) -> list[Fault]:
+def validation_faults(error: ValidationError, tree: Node, besides: Sequence[str] = ()) -> list[Fault]:
     """What is wrong with `tree`, as `error` has it, but what is known already; `besides` are more keys of its top."""
-    faults = []
+    faults: list[Fault] = []
     for details in error.errors(include_url=False, include_input=False):
         path = tuple(step for step in details["loc"] if isinstance(step, int) or not step.startswith("\0"))
         node = find(tree, path)
-        if not isinstance(node, Broken):
-            complaint = ComplaintError.of(details, ())
-            keys = (*complaint.facts.get("keys", ()), *(besides if len(path) == 1 else ()))
-            faults.append(_fault(complaint, path, node, tree, keys))
+        if not isinstance(node, InvalidNode):
+            invalid = InvalidValueError.from_details(details, ())
+            keys = (*invalid.context.get("keys", ()), *(besides if len(path) == 1 else ()))
+            faults.append(_fault(invalid, path, node, tree, keys))
     return faults
 
 
-def _fault(complaint: ComplaintError, path: Path, node: Node, tree: Node, keys: Sequence[str]) -> Fault:
-    facts = complaint.facts
-    match complaint.kind:
-        case "said":
-            return Fault(node.mark, spelled(path), facts["message"])
+def _fault(error: InvalidValueError, path: Path, node: Node, tree: Node, keys: Sequence[str]) -> Fault:
+    context = error.context
+    match error.type:
+        case "message":
+            return Fault(node.mark, path_text(path), context["message"])
         case "missing":
-            return Fault(node.mark, spelled(path[:-1]), f"{quoted(str(path[-1]))} is missing")
+            return Fault(node.mark, path_text(path[:-1]), f"{quoted(str(path[-1]))} is missing")
         case "extra_forbidden":
-            return Fault(key_mark(tree, path), spelled(path[:-1]), _unknown(str(path[-1]), keys))
+            return Fault(key_mark(tree, path), path_text(path[:-1]), _unknown(str(path[-1]), keys))
         case "too_short" | "too_long":
-            return Fault(node.mark, spelled(path), _miscounted(facts))
+            return Fault(node.mark, path_text(path), _wrong_length(context))
         case kind if kind in EXPECTED:
-            found = f"expected {EXPECTED[kind](facts)}, got {described(node)}"
-            return Fault(node.mark, spelled(path), found + _hint(kind, facts, node))
-    return Fault(node.mark, spelled(path), f"{clean(facts['said'])}, got {described(node)}")
+            message = f"expected {EXPECTED[kind](context)}, got {described(node)}"
+            return Fault(node.mark, path_text(path), message + _hint(kind, context, node))
+    return Fault(node.mark, path_text(path), f"{clean(context['msg'])}, got {described(node)}")
 
 
 def _unknown(key: str, keys: Sequence[str]) -> str:
     if key in RENAMED:
         return f"unknown key {quoted(key)}: it is called {RENAMED[key]} now"
     choices = f"; keys: {listing(keys)}" if keys else ""
-    return f"unknown key {quoted(cut(key))}{suggestion(key, keys)}{choices}"
+    return f"unknown key {quoted(shortened(key))}{suggestion(key, keys)}{choices}"
 
 
-def _miscounted(facts: Facts) -> str:
-    least, most = facts.get("min_length"), facts.get("max_length")
+def _wrong_length(context: Context) -> str:
+    least, most = context.get("min_length"), context.get("max_length")
     bound, count = ("at least", least) if least is not None else ("at most", most)
-    return f"expected {bound} {count} item{'' if count == 1 else 's'}, got {facts['actual_length'] or 'none'}"
+    return f"expected {bound} {count} item{'' if count == 1 else 's'}, got {context['actual_length'] or 'none'}"
 
 
-def _hint(kind: str, facts: Facts, node: Node) -> str:
-    if not isinstance(node, Scalar):
+def _hint(kind: str, context: Context, node: Node) -> str:
+    if not isinstance(node, ScalarNode):
         return ""
     if kind == "literal_error" and isinstance(node.value, str):
-        return suggestion(node.value, re.findall("'([^']*)'", facts["expected"]))
+        return suggestion(node.value, re.findall("'([^']*)'", context["expected"]))
     if kind == "string_type" and node.text:
-        return f"; as text it goes in quotes, {quoted(cut(node.text))}"
+        return f"; as text it goes in quotes, {quoted(shortened(node.text))}"
     return ""

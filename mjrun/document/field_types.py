@@ -7,7 +7,7 @@ from typing import Annotated, Any, TypeVar
 
 from pydantic import AfterValidator, Discriminator, Field, PlainValidator, Tag, WithJsonSchema
 
-from mjrun.document.document_model import LIST, NUMBER, ComplaintError, kinds
+from mjrun.document.document_model import LIST, NUMBER, InvalidValueError, by_type
 from mjrun.errors import UsageError
 from mjrun.options import kinds as option_kinds
 from mjrun.options.kinds import ExpectedError
@@ -22,7 +22,7 @@ Several = Annotated[
 """One of something, or a list."""
 
 
-def all_of(given: T | list[T]) -> tuple[T, ...]:
+def as_tuple(given: T | list[T]) -> tuple[T, ...]:
     """What `Several` holds."""
     return tuple(given) if isinstance(given, list) else (given,)
 
@@ -36,7 +36,7 @@ def _exact(kind: option_kinds.ExactNumber, expected: str, bound: Any) -> Any:
                 return kind(value)
         except ExpectedError:
             pass
-        raise ComplaintError("kind", expected=expected)
+        raise InvalidValueError("expected", expected=expected)
 
     text = Field(pattern=r"^[0-9.]+(/[0-9]+|[eE][-+]?[0-9]+)?$")
     return PlainValidator(exact, json_schema_input_type=Annotated[float, bound] | Annotated[str, text])
@@ -52,7 +52,7 @@ def _size(value: Any) -> tuple[int, int]:
     sides = [int(side) for side in written.groups()] if written else value
     if isinstance(sides, list) and len(sides) == 2 and all(type(side) is int and side > 0 for side in sides):
         return sides[0], sides[1]
-    raise ComplaintError("kind", expected="width and height in pixels, as in 1280x720 or [1280, 720]")
+    raise InvalidValueError("expected", expected="width and height in pixels, as in 1280x720 or [1280, 720]")
 
 
 Side = Annotated[int, Field(gt=0)]
@@ -66,23 +66,23 @@ Size = Annotated[
 ]
 Numbers = Annotated[
     Annotated[float, Tag(NUMBER)] | Annotated[list[float], Field(min_length=1), Tag(LIST)],
-    kinds("a number or a list of numbers", NUMBER, LIST),
+    by_type("a number or a list of numbers", NUMBER, LIST),
 ]
 
 
-def accepted_by(check: Callable[[str], object]) -> Any:
+def checked_by(check: Callable[[str], object]) -> Any:
     """Refuses texts that `check` refuses, in its words."""
 
     def checked(text: str) -> str:
         try:
             check(text)
         except UsageError as error:
-            raise ComplaintError.saying(error.one_line()) from None
+            raise InvalidValueError.with_message(error.one_line()) from None
         return text
 
     return AfterValidator(checked)
 
 
-def listed(names: Sequence[str]) -> Any:
+def suggested(names: Sequence[str]) -> Any:
     """Tells editors the names that a text may have."""
     return WithJsonSchema({"type": "string", "enum": list(names)})

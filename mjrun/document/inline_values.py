@@ -6,7 +6,7 @@ from typing import Annotated, Any
 from pydantic import Field, Tag
 
 from mjrun.document.camera import CameraDocument
-from mjrun.document.document_model import NUMBER, TEXT, DocumentModel, Loc, Maybe, Name, Vector, kinds
+from mjrun.document.document_model import NUMBER, TEXT, DocumentModel, Location, Name, Omittable, Vector, by_type
 from mjrun.document.yaml_writer import number
 from mjrun.errors import UsageError, quoted
 from mjrun.job.scene_decorations import MOTIONS
@@ -24,25 +24,25 @@ class InlineGhost(DocumentModel):
 
     offset: Vector = (0.0, 0.0, 0.0)
     """How far it is displaced [m]."""
-    opacity: Maybe[Annotated[float, Field(gt=0, le=1)]] = None
+    opacity: Omittable[Annotated[float, Field(gt=0, le=1)]] = None
     """How clearly it is seen, 1 being solid."""
-    key: Maybe[
+    key: Omittable[
         Annotated[
             Annotated[Name, Tag(TEXT)] | Annotated[Annotated[int, Field(ge=0)], Tag(NUMBER)],
-            kinds("the name or index of a keyframe", TEXT, NUMBER),
+            by_type("the name or index of a keyframe", TEXT, NUMBER),
         ]
     ] = None
     """The keyframe in whose pose it stands, by name or index."""
-    trace: Maybe[Name] = None
+    trace: Omittable[Name] = None
     """A table of positions that it goes through, relative to the folder of this document."""
-    recording: Maybe[Name] = None
+    recording: Omittable[Name] = None
     """A recording (.npz) that it goes through, relative to the folder of this document."""
 
     @classmethod
-    def complaints(cls, given: Mapping[str, Any]) -> Iterator[tuple[Loc, str]]:
-        first, *others = [key for key in MOTIONS if key in given] or [""]
+    def cross_field_errors(cls, values: Mapping[str, Any]) -> Iterator[tuple[Location, str]]:
+        first, *others = [key for key in MOTIONS if key in values] or [""]
         yield from (((key,), f"{first} and {key} exclude each other: each says what the ghost does") for key in others)
-        with_comma = [key for key in MOTIONS if "," in str(given.get(key, ""))]
+        with_comma = [key for key in MOTIONS if "," in str(values.get(key, ""))]
         yield from (((key,), "what a ghost goes by holds no comma") for key in with_comma)
 
     def text(self) -> str:

@@ -16,7 +16,7 @@ KINDS: dict[str, tuple[type[BaseModel], str, bool]] = {
     "camera": (CameraDocument, "mjrun camera document", False),
     "run": (RunDocument, "mjrun run document", True),
 }
-PREAMBLE = {
+VARIABLE_KEYS = {
     VARS: {
         "description": "Values under names of letters, digits and _; ${name} in a text stands for one.",
         "type": "object",
@@ -59,15 +59,15 @@ def json_schema(kind: str) -> dict[str, Any]:
         return report_schema(kind)
     if kind not in KINDS:
         raise UnknownNameError("schema", kind, [*KINDS, *REPORTS])
-    form, title, preamble = KINDS[kind]
+    form, title, variables = KINDS[kind]
     made = form.model_json_schema(schema_generator=_Generator)
     made = {"$schema": _Generator.schema_dialect, **made, "title": title}
-    return _with_preamble(made) if preamble else made
+    return _with_variables_key(made) if variables else made
 
 
-def _with_preamble(made: dict[str, Any]) -> dict[str, Any]:
+def _with_variables_key(made: dict[str, Any]) -> dict[str, Any]:
     """The schema of a document that may have variables, and defaults that say what it does not."""
-    properties = {**PREAMBLE, **_with_variables(made["properties"])}
+    properties = {**VARIABLE_KEYS, **_with_variables(made["properties"])}
     definitions = {**_with_variables(made.get("$defs", {})), "Variable": VARIABLE}
     alone = {key: made[key] for key in ("required", "anyOf") if key in made}
     rest = {key: value for key, value in made.items() if key != "required"}

@@ -14,18 +14,18 @@ from mjrun.document.document_model import (
     MAPPING,
     NUMBER,
     TEXT,
-    Among,
-    ComplaintError,
     DocumentModel,
-    Loc,
-    Maybe,
+    InvalidValueError,
+    Location,
     Name,
-    items,
-    kinds,
+    Omittable,
+    OneOf,
+    by_type,
+    of_length,
 )
-from mjrun.document.field_types import Exact, Instant, Numbers, Several, Size, accepted_by, all_of, listed
+from mjrun.document.field_types import Exact, Instant, Numbers, Several, Size, as_tuple, checked_by, suggested
 from mjrun.document.inline_values import InlineCamera, InlineGhost, ghost_text
-from mjrun.document.output_folder import Inside, OutputFolder
+from mjrun.document.output_folder import OutputFolder, OutputPath
 from mjrun.document.reader import SUFFIXES
 from mjrun.errors import concerning
 from mjrun.formats.format_lists import with_formats
@@ -50,10 +50,10 @@ def _setting(value: Any) -> str:
     try:
         return setting_text(value)
     except ExpectedError as error:
-        raise ComplaintError("kind", expected=error.expected) from None
+        raise InvalidValueError("expected", expected=error.expected) from None
 
 
-Whole = Annotated[int, Field(ge=0)]
+NonNegativeInteger = Annotated[int, Field(ge=0)]
 SettingText = Annotated[str, PlainValidator(_setting, json_schema_input_type=float | Name | bool | list[float])]
 
 
@@ -63,9 +63,9 @@ class OptionsModel(DocumentModel):
     declared: ClassVar[type[Options]] = Options
 
     @classmethod
-    def complaints(cls, given: Mapping[str, Any]) -> Iterator[tuple[Loc, str]]:
+    def cross_field_errors(cls, values: Mapping[str, Any]) -> Iterator[tuple[Location, str]]:
         for exclusion in exclusions_of(cls.declared):
-            if all(_is_said(given.get(name)) for name in exclusion.names):
+            if all(_is_set(values.get(name)) for name in exclusion.names):
                 yield (exclusion.names[1],), exclusion.message(str)
 
 
@@ -99,7 +99,7 @@ def is_always_written(each: Option) -> bool:
     return each.is_required or each.name == "output"
 
 
-def _is_said(value: object) -> bool:
+def _is_set(value: object) -> bool:
     """Whether a key says something: `separate: false` does not."""
     return value is not None and value is not False and value != []
 
@@ -124,14 +124,14 @@ def field_type(kind: Kind[Any, Any]) -> Any:
     """The type of a key whose values are of a kind."""
     match kind:
         case option_kinds.Optional(each):
-            return Maybe[field_type(each)]
+            return Omittable[field_type(each)]
         case option_kinds.Several(each):
             return Several[field_type(each)]
         case option_kinds.MujocoName(of=of):
             names, check = NAMES[of]
-            return Annotated[Name, accepted_by(check), listed(names())]
+            return Annotated[Name, checked_by(check), suggested(names())]
         case option_kinds.Choice(names):
-            return Annotated[str, Among(names)]
+            return Annotated[str, OneOf(names)]
         case option_kinds.Integer(least, most):
             bounds = Field(gt=0, le=most) if least == 1 else Field(ge=least, le=most)
             return Annotated[int, bounds]
@@ -140,9 +140,11 @@ def field_type(kind: Kind[Any, Any]) -> Any:
         case option_kinds.ExactNumber(zero=zero):
             return Instant if zero else Exact
         case option_kinds.File(written=written):
-            return Inside if written else Name
+            return OutputPath if written else Name
         case option_kinds.Key(expected=expected):
-            return Annotated[Annotated[Name, Tag(TEXT)] | Annotated[Whole, Tag(NUMBER)], kinds(expected, TEXT, NUMBER)]
+            return Annotated[
+                Annotated[Name, Tag(TEXT)] | Annotated[NonNegativeInteger, Tag(NUMBER)], by_type(expected, TEXT, NUMBER)
+            ]
     return FIELD_TYPES[type(kind)]
 
 
@@ -150,29 +152,29 @@ FIELD_TYPES: dict[type[Kind[Any, Any]], Any] = {
     option_kinds.Text: Name,
     option_kinds.Flag: bool,
     option_kinds.Size: Size,
-    option_kinds.Range: Annotated[tuple[float, float], Strict(False), BeforeValidator(items(2, "numbers"))],
+    option_kinds.Range: Annotated[tuple[float, float], Strict(False), BeforeValidator(of_length(2, "numbers"))],
     option_kinds.Values: dict[str, Numbers],
     option_kinds.Settings: dict[str, SettingText],
     option_kinds.Processes: Annotated[
         Annotated[Annotated[int, Field(gt=0)], Tag(NUMBER)] | Annotated[Literal["auto"], Tag(TEXT)],
-        kinds("a number of processes, or auto", NUMBER, TEXT),
+        by_type("a number of processes, or auto", NUMBER, TEXT),
     ],
     option_kinds.Groups: Annotated[
         Annotated[list[Annotated[int, Field(ge=0, le=option_kinds.GROUPS[-1])]], Tag(LIST)]
         | Annotated[Literal["all", "none"], Tag(TEXT)],
-        kinds("a list of groups from 0 to 5, all or none", LIST, TEXT),
+        by_type("a list of groups from 0 to 5, all or none", LIST, TEXT),
     ],
     option_kinds.Instant: Annotated[
         Annotated[Instant, Tag(NUMBER)] | Annotated[Instant, Tag(TEXT)] | Annotated[Event, Tag(MAPPING)],
-        kinds("a time [s] or {when, nth, offset, else}", NUMBER, TEXT, MAPPING),
+        by_type("a time [s] or {when, nth, offset, else}", NUMBER, TEXT, MAPPING),
     ],
     option_kinds.Camera: Annotated[
-        Annotated[Name, Tag(TEXT)] | Annotated[Whole, Tag(NUMBER)] | Annotated[InlineCamera, Tag(MAPPING)],
-        kinds("a camera as text, by index, or as {name, speed, shots}", TEXT, NUMBER, MAPPING),
+        Annotated[Name, Tag(TEXT)] | Annotated[NonNegativeInteger, Tag(NUMBER)] | Annotated[InlineCamera, Tag(MAPPING)],
+        by_type("a camera as text, by index, or as {name, speed, shots}", TEXT, NUMBER, MAPPING),
     ],
     option_kinds.Ghost: Annotated[
         Annotated[str, Tag(TEXT)] | Annotated[InlineGhost, Tag(MAPPING)],
-        kinds("text as in offset=0/1/0,opacity=0.3 or {offset, opacity, key, trace, recording}", TEXT, MAPPING),
+        by_type("text as in offset=0/1/0,opacity=0.3 or {offset, opacity, key, trace, recording}", TEXT, MAPPING),
     ],
 }
 
@@ -210,7 +212,7 @@ def _converted(kind: Kind[Any, Any], value: Any, folders: Folders) -> Any:
             return _converted(each, value, folders)
         case option_kinds.Several(each):
             parts: list[Any] = []
-            for index, part in enumerate(all_of(value)):
+            for index, part in enumerate(as_tuple(value)):
                 with concerning(index):
                     parts.append(_converted(each, part, folders))
             return tuple(parts)

@@ -5,7 +5,7 @@ from typing import Annotated
 
 from pydantic import AfterValidator
 
-from mjrun.document.document_model import ComplaintError, Name
+from mjrun.document.document_model import InvalidValueError, Name
 from mjrun.errors import UsageError, clean, quoted
 from mjrun.job.output_files import ReservedFiles
 
@@ -29,11 +29,11 @@ def refusal(text: str) -> str:
 
 def _inside(text: str) -> str:
     if reason := refusal(text):
-        raise ComplaintError.saying(reason)
+        raise InvalidValueError.with_message(reason)
     return text
 
 
-Inside = Annotated[Name, AfterValidator(_inside)]  # a path that a document may write to, as far as the text tells
+OutputPath = Annotated[Name, AfterValidator(_inside)]  # a path that a document may write to, as far as the text tells
 
 
 class OutputFolder:

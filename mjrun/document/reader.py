@@ -7,10 +7,10 @@ from typing import TypeVar
 from pydantic import BaseModel, ValidationError
 
 from mjrun.document.assignments import assign
-from mjrun.document.error_messages import faults_of
-from mjrun.document.tree import Broken, Fault, Mapped, Mark, Scalar, described, plain
+from mjrun.document.error_messages import validation_faults
+from mjrun.document.tree import Fault, InvalidNode, MappingNode, Mark, ScalarNode, described, plain
 from mjrun.document.variables import DEFAULTS, VARS, merged, without_variables
-from mjrun.document.yaml_parser import Lines, compose
+from mjrun.document.yaml_parser import LineIndex, compose
 from mjrun.errors import DocumentError, Problem
 from mjrun.formats.input_file import opened
 
@@ -20,7 +20,7 @@ SUFFIXES = (".yaml", ".yml")
 Kind = TypeVar("Kind", bound=BaseModel)
 
 
-def read(path: Path | str, kind: type[Kind], assignments: Sequence[str] = (), *, preamble: bool = False) -> Kind:
+def read(path: Path | str, kind: type[Kind], assignments: Sequence[str] = (), *, variables: bool = False) -> Kind:
     """The document at `path`, a mapping, as a `kind`.
 
     It is YAML 1.2's core schema: only `true` and `false` are truth values, `010` is ten, times and dates are text;
@@ -29,7 +29,7 @@ def read(path: Path | str, kind: type[Kind], assignments: Sequence[str] = (), *,
     Args:
       assignments: `key=value` from the command line, such as `films[0].fps=30`, over what is written; each value
         is a scalar or a flow collection under the same rules.
-      preamble: whether the document may have `vars:`, for `${name}` in its texts, and `defaults:`, another document
+      variables: whether the document may have `vars:`, for `${name}` in its texts, and `defaults:`, another document
         with the same kind of mapping, below this one; its path is relative to the document's folder. `vars` of both
         count for both. Neither reaches `kind`.
 
@@ -37,7 +37,7 @@ def read(path: Path | str, kind: type[Kind], assignments: Sequence[str] = (), *,
       DocumentError: with everything that is wrong in the document, its defaults and the assignments.
       FileError: the document, or that of its defaults, is not there or cannot be read.
     """
-    return read_placed(path, kind, assignments, preamble=preamble)[0]
+    return read_placed(path, kind, assignments, variables=variables)[0]
 
 
 def read_placed(
@@ -45,22 +45,22 @@ def read_placed(
     kind: type[Kind],
     assignments: Sequence[str] = (),
     *,
-    preamble: bool = False,
+    variables: bool = False,
     named: Sequence[str] = (),
-) -> tuple[Kind, Mapped]:
+) -> tuple[Kind, MappingNode]:
     """The document at `path`, as `read` gives it, and the tree that knows where each of its values is written.
 
     Args:
       named: keys whose entries have names that may hold dots, so that `set.opt.cone=elliptic` sets `opt.cone`.
     """
-    reader = _Reader(Path(path), preamble)
+    reader = _Reader(Path(path), variables)
     tree = reader.document(Path(path), 0)
-    if tree and preamble:
+    if tree and variables:
         tree = reader.with_defaults(tree)
     if tree:
-        tree, found = assign(tree, assignments, 2, (DEFAULTS,) if preamble else (), named)
+        tree, found = assign(tree, assignments, 2, (DEFAULTS,) if variables else (), named)
         reader.faults += found
-        if preamble:
+        if variables:
             tree, found = without_variables(tree)
             reader.faults += found
     return reader.validated(tree, kind)
@@ -72,11 +72,11 @@ def document_error(faults: Iterable[Fault], more: Sequence[Problem] = ()) -> Doc
 
 
 class _Reader:
-    def __init__(self, path: Path, preamble: bool) -> None:
-        self.path, self.preamble = path, preamble
+    def __init__(self, path: Path, variables: bool) -> None:
+        self.path, self.variables = path, variables
         self.faults: list[Fault] = []
 
-    def document(self, path: Path, order: int, hint: str = "") -> Mapped | None:
+    def document(self, path: Path, order: int, hint: str = "") -> MappingNode | None:
         """The mapping in the file at `path`; None if there is no such mapping."""
         with opened(path, "document", SUFFIXES, hint) as file:
             data = file.read(LARGEST + 1)
@@ -88,25 +88,25 @@ class _Reader:
             text = data.decode("utf-8-sig")
         except UnicodeDecodeError as error:
             before = error.object[: error.start].decode("utf-8")  # of what follows the mark of byte order
-            mark = Mark(order, *Lines(before).at(len(before)), str(path))
+            mark = Mark(order, *LineIndex(before).at(len(before)), str(path))
             self.faults.append(Fault(mark, "", f"not UTF-8: the byte 0x{error.object[error.start]:02x}"))
             return None
-        lines = Lines(text)
+        lines = LineIndex(text)
         node, found = compose(text, lambda index: Mark(order, *lines.at(index), str(path)))
         self.faults += found
         if node is None and not found:
             self.faults.append(Fault(top, "", "the document is empty"))
-        elif node is not None and not isinstance(node, Mapped | Broken):
+        elif node is not None and not isinstance(node, MappingNode | InvalidNode):
             self.faults.append(Fault(node.mark, "", f"expected a mapping, got {described(node)}"))
-        return node if isinstance(node, Mapped) else None
+        return node if isinstance(node, MappingNode) else None
 
-    def with_defaults(self, tree: Mapped) -> Mapped | None:
+    def with_defaults(self, tree: MappingNode) -> MappingNode | None:
         """`tree` over what its `defaults` names; None if that cannot be read."""
         given = tree.entries.get(DEFAULTS)
         tree = tree.without(DEFAULTS)
-        if given is None or isinstance(given, Broken):
+        if given is None or isinstance(given, InvalidNode):
             return tree
-        if not isinstance(given, Scalar) or not isinstance(given.value, str) or not given.value:
+        if not isinstance(given, ScalarNode) or not isinstance(given.value, str) or not given.value:
             self.faults.append(Fault(given.mark, DEFAULTS, f"expected the path of a document, got {described(given)}"))
             return tree
         below = self.document(self.path.parent / given.value, 1, hint=f"{given.mark} names it as defaults")
@@ -114,16 +114,16 @@ class _Reader:
             self.faults.append(Fault(below.keys[DEFAULTS], "", "defaults have no defaults of their own"))
             below = below.without(DEFAULTS)
         both = merged(tree, below)
-        return both if below and isinstance(both, Mapped) else None
+        return both if below and isinstance(both, MappingNode) else None
 
-    def validated(self, tree: Mapped | None, kind: type[Kind]) -> tuple[Kind, Mapped]:
+    def validated(self, tree: MappingNode | None, kind: type[Kind]) -> tuple[Kind, MappingNode]:
         """The value and the tree, unless something was wrong."""
         made = None
         if tree:
             try:
                 made = kind.model_validate(plain(tree))
             except ValidationError as error:
-                self.faults += faults_of(error, tree, (VARS, DEFAULTS) if self.preamble else ())
+                self.faults += validation_faults(error, tree, (VARS, DEFAULTS) if self.variables else ())
         if tree is None or made is None or self.faults:
             raise document_error(self.faults)
         return made, tree

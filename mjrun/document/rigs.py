@@ -15,25 +15,25 @@ from mjrun.document.document_model import (
     MAPPING,
     NUMBER,
     TEXT,
-    Among,
     DocumentModel,
-    Loc,
+    Location,
     Name,
+    OneOf,
     Positive,
     Vector,
-    given_nothing,
-    kinds,
+    by_type,
+    empty_if_null,
 )
 
-Ease = Annotated[str, Among(tuple(EASINGS))]
+Ease = Annotated[str, OneOf(tuple(EASINGS))]
 Place = Annotated[
     Annotated[Name, Tag(TEXT)] | Annotated[Vector, Tag(LIST)],
-    kinds("an object's name or a point [x, y, z]", TEXT, LIST),
+    by_type("an object's name or a point [x, y, z]", TEXT, LIST),
 ]
-SLIDING = "a number or {from, to, ease}"
+NUMBER_OR_RAMP = "a number or {from, to, ease}"
 
 
-class Slide(DocumentModel):
+class RampModel(DocumentModel):
     """A number that changes over the shot."""
 
     start: float = Field(alias="from")
@@ -44,7 +44,7 @@ class Slide(DocumentModel):
     """How it goes from one to the other."""
 
 
-class PositiveSlide(Slide):
+class PositiveRampModel(RampModel):
     """A positive number that changes over the shot."""
 
     start: Positive = Field(alias="from")
@@ -53,20 +53,23 @@ class PositiveSlide(Slide):
     """At the end of the shot."""
 
 
-Sliding = Annotated[Annotated[float, Tag(NUMBER)] | Annotated[Slide, Tag(MAPPING)], kinds(SLIDING, NUMBER, MAPPING)]
-PositiveSliding = Annotated[
-    Annotated[Positive, Tag(NUMBER)] | Annotated[PositiveSlide, Tag(MAPPING)], kinds(SLIDING, NUMBER, MAPPING)
+NumberOrRamp = Annotated[
+    Annotated[float, Tag(NUMBER)] | Annotated[RampModel, Tag(MAPPING)], by_type(NUMBER_OR_RAMP, NUMBER, MAPPING)
+]
+PositiveNumberOrRamp = Annotated[
+    Annotated[Positive, Tag(NUMBER)] | Annotated[PositiveRampModel, Tag(MAPPING)],
+    by_type(NUMBER_OR_RAMP, NUMBER, MAPPING),
 ]
 
 
-def ramp(value: float | Slide) -> Ramp:
+def ramp(value: float | RampModel) -> Ramp:
     """A number that changes over the shot, or does not."""
-    if isinstance(value, Slide):
+    if isinstance(value, RampModel):
         return Ramp(value.start, value.end, value.ease)
     return Ramp.still(value)
 
 
-def maybe_ramp(value: float | Slide | None) -> Ramp | None:
+def optional_ramp(value: float | RampModel | None) -> Ramp | None:
     """The same of one that may be left out."""
     return None if value is None else ramp(value)
 
@@ -77,7 +80,7 @@ class Declared(Protocol):
     def __init__(self, *values: Any, **fields: Any) -> None: ...
 
     @classmethod
-    def conflicts(cls, values: Mapping[str, object]) -> Iterator[tuple[Loc, str]]:
+    def conflicts(cls, values: Mapping[str, object]) -> Iterator[tuple[Location, str]]:
         """What is wrong with the combination of values."""
         ...
 
@@ -88,8 +91,8 @@ class DeclaredModel(DocumentModel):
     declared: ClassVar[type[Declared]]
 
     @classmethod
-    def complaints(cls, given: Mapping[str, Any]) -> Iterator[tuple[Loc, str]]:
-        return cls.declared.conflicts(given)
+    def cross_field_errors(cls, values: Mapping[str, Any]) -> Iterator[tuple[Location, str]]:
+        return cls.declared.conflicts(values)
 
     def value(self) -> Declared:
         """The dataclass."""
@@ -131,13 +134,13 @@ def _annotation(setting: Setting) -> Any:
         case "point":
             return Vector
         case "ramp":
-            return Annotated[PositiveSliding if setting.positive else Sliding, AfterValidator(ramp)]
+            return Annotated[PositiveNumberOrRamp if setting.positive else NumberOrRamp, AfterValidator(ramp)]
         case "number":
             return Annotated[float, Field(gt=0 if setting.positive else None, ge=setting.least)]
         case "flag":
             return bool
         case "choice":
-            return Annotated[str, Among(setting.choices)]
+            return Annotated[str, OneOf(setting.choices)]
         case "records":
             assert setting.record
             return Annotated[list[declared_model(setting.record)], Field(min_length=setting.length)]
@@ -150,6 +153,6 @@ def rig_fields() -> dict[str, Any]:
         if rig is not ModelRig:
             form: Any = declared_model(rig)
             if not any(field.required for field in declared_fields(rig)):
-                form = Annotated[form, BeforeValidator(given_nothing, json_schema_input_type=form | None)]
+                form = Annotated[form, BeforeValidator(empty_if_null, json_schema_input_type=form | None)]
             fields[kind] = (form, Field(None, description=rig.help))
     return fields

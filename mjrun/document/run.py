@@ -25,11 +25,11 @@ from typing import Annotated, Any, TypeVar
 
 from pydantic import ConfigDict, Field, Tag
 
-from mjrun.document.document_model import MAPPING, TEXT, Loc, Name, kinds
+from mjrun.document.document_model import MAPPING, TEXT, Location, Name, by_type
 from mjrun.document.option_models import Folders, OptionsModel, document_options, option_value, options_model
-from mjrun.document.output_folder import Inside, OutputFolder
+from mjrun.document.output_folder import OutputFolder, OutputPath
 from mjrun.document.reader import document_error, read_placed
-from mjrun.document.tree import Fault, Listed, Mapped, find, key_mark, plain, spelled, written_path
+from mjrun.document.tree import Fault, ListNode, MappingNode, find, key_mark, path_text, plain, written_path
 from mjrun.document.tree import Path as Place
 from mjrun.errors import DocumentError, InvalidJobsError, Problem, UsageError
 from mjrun.job.image import Image
@@ -60,17 +60,17 @@ class _Run(OptionsModel):
     model_config = ConfigDict(json_schema_extra={"anyOf": [{"required": [key]} for key in OUTPUTS]})
 
     @classmethod
-    def complaints(cls, given: Mapping[str, Any]) -> Iterator[tuple[Loc, str]]:
-        yield from super().complaints(given)
-        if not any(given.get(key, []) != [] for key in OUTPUTS):
+    def cross_field_errors(cls, values: Mapping[str, Any]) -> Iterator[tuple[Location, str]]:
+        yield from super().cross_field_errors(values)
+        if not any(values.get(key, []) != [] for key in OUTPUTS):
             yield (), f"there is nothing to do; ask for one of {', '.join(OUTPUTS)}"
 
 
 def _entry(output: type[Options]) -> Any:
     """The type of an output: a mapping of its options, or its file alone."""
     return Annotated[
-        Annotated[Inside, Tag(TEXT)] | Annotated[options_model(output), Tag(MAPPING)],
-        kinds("a file, or a mapping with an output", TEXT, MAPPING),
+        Annotated[OutputPath, Tag(TEXT)] | Annotated[options_model(output), Tag(MAPPING)],
+        by_type("a file, or a mapping with an output", TEXT, MAPPING),
     ]
 
 
@@ -97,7 +97,7 @@ class RunRequest:
       jobs: they have one simulation in common.
     """
 
-    def __init__(self, tree: Mapped, jobs: Mapping[Place, Job[OutputResult]]) -> None:
+    def __init__(self, tree: MappingNode, jobs: Mapping[Place, Job[OutputResult]]) -> None:
         self._tree, self._places = tree, list(jobs)
         self.jobs = list(jobs.values())
 
@@ -142,7 +142,7 @@ def read_run(
       FileError: one of them is not there, or cannot be read.
     """
     options = options or RunOptions()
-    document, tree = read_placed(path, RunDocument, assignments, preamble=True, named=NAMED)
+    document, tree = read_placed(path, RunDocument, assignments, variables=True, named=NAMED)
     folders = Folders(Path(path).parent, OutputFolder(Path(options.output)))
     return RunRequest(tree, _Builder(tree, folders, options, command).jobs(document))
 
@@ -150,7 +150,7 @@ def read_run(
 class _Builder:
     """Builds jobs from what a document holds, and collects what is wrong with them."""
 
-    def __init__(self, tree: Mapped, folders: Folders, options: RunOptions, command: str) -> None:
+    def __init__(self, tree: MappingNode, folders: Folders, options: RunOptions, command: str) -> None:
         self._tree, self._folders, self._options, self._command = tree, folders, options, command
         self._faults: list[Fault] = []
         self._others: list[Problem] = []  # in documents that this one names
@@ -214,7 +214,7 @@ class _Builder:
         """Reserves all files that `job` writes."""
         for name, file in self._attempt(place, lambda: job.files) or ():
             where = written_path(self._tree, (*place, name))
-            taker = f"{spelled(where)} at {find(self._tree, where).mark}"
+            taker = f"{path_text(where)} at {find(self._tree, where).mark}"
             self._attempt(where, partial(self._folders.outputs.take, file, taker))
 
     def _attempt(self, place: Place, make: Callable[[], T]) -> T | None:
@@ -228,19 +228,19 @@ class _Builder:
         return None
 
 
-def _fault_at(tree: Mapped, place: Place, error: UsageError) -> Fault:
+def _fault_at(tree: MappingNode, place: Place, error: UsageError) -> Fault:
     """`error` at the option below `place` that it is about."""
     path = written_path(tree, (*place, *_entry_path(tree, place, error.path)))
     named = path[:1] in [(key,) for key in NAMED] and len(path) > 1
     mark = key_mark(tree, path) if named else find(tree, path).mark
-    return Fault(mark, spelled(path), error.one_line(error.path))
+    return Fault(mark, path_text(path), error.one_line(error.path))
 
 
-def _entry_path(tree: Mapped, place: Place, path: Place) -> Place:
+def _entry_path(tree: MappingNode, place: Place, path: Place) -> Place:
     """`path` with the index of a value replaced by that of the text it is part of, as in [qpos, 'ctrl,energy']."""
     declared = OUTPUTS[str(place[0])] if place else SimulationOptions
     match path:
-        case (str() as name, int() as index, *rest) if isinstance(entries := find(tree, (*place, name)), Listed):
+        case (str() as name, int() as index, *rest) if isinstance(entries := find(tree, (*place, name)), ListNode):
             kind = next((each.kind for each in document_options(declared) if each.name == name), None)
             if isinstance(kind, Several) and kind.commas:
                 owners = [i for i, entry in enumerate(entries.items) for _ in kind.parse(str(plain(entry)))]

@@ -7,7 +7,7 @@ from typing import Any
 from mjrun.errors import clean, quoted
 
 SHOWN = 40  # characters of a foreign text that a message shows
-UNUSABLE = object()  # what stands for a value that is reported already; fits no type
+INVALID = object()  # what stands for a value that is reported already; fits no type
 
 Path = tuple[str | int, ...]  # keys of mappings and indices of lists, from the top
 
@@ -41,7 +41,7 @@ class Fault:
 
 
 @dataclass(frozen=True)
-class Scalar:
+class ScalarNode:
     """A single value; `text` is how it was written, without quotes, and `origin` the variable that it came from."""
 
     mark: Mark
@@ -51,7 +51,7 @@ class Scalar:
 
 
 @dataclass(frozen=True)
-class Listed:
+class ListNode:
     """A list."""
 
     mark: Mark
@@ -59,51 +59,51 @@ class Listed:
 
 
 @dataclass(frozen=True)
-class Mapped:
+class MappingNode:
     """A mapping; `keys` are the places of its keys."""
 
     mark: Mark
     entries: Mapping[str, "Node"] = field(default_factory=dict)
     keys: Mapping[str, Mark] = field(default_factory=dict)
 
-    def with_entry(self, key: str, mark: Mark, value: "Node") -> "Mapped":
+    def with_entry(self, key: str, mark: Mark, value: "Node") -> "MappingNode":
         """The same with one entry set."""
-        return Mapped(self.mark, {**self.entries, key: value}, {**self.keys, key: mark})
+        return MappingNode(self.mark, {**self.entries, key: value}, {**self.keys, key: mark})
 
-    def without(self, *keys: str) -> "Mapped":
+    def without(self, *keys: str) -> "MappingNode":
         """The same with fewer entries."""
-        return Mapped(self.mark, {k: v for k, v in self.entries.items() if k not in keys}, self.keys)
+        return MappingNode(self.mark, {k: v for k, v in self.entries.items() if k not in keys}, self.keys)
 
 
 @dataclass(frozen=True)
-class Broken:
+class InvalidNode:
     """A value that is reported already and means nothing."""
 
     mark: Mark
 
 
-Node = Scalar | Listed | Mapped | Broken
+Node = ScalarNode | ListNode | MappingNode | InvalidNode
 
 
 def plain(node: Node) -> Any:
-    """`node` as Python's own values, `UNUSABLE` where it is broken."""
+    """`node` as Python's own values, `INVALID` where it is broken."""
     match node:
-        case Scalar():
+        case ScalarNode():
             return node.value
-        case Listed():
+        case ListNode():
             return [plain(item) for item in node.items]
-        case Mapped():
+        case MappingNode():
             return {key: plain(inner) for key, inner in node.entries.items()}
-        case Broken():
-            return UNUSABLE
+        case InvalidNode():
+            return INVALID
 
 
 def find(node: Node, path: Path) -> Node:
     """What stands at `path`, or the last on the way to it that is there."""
     for step in path:
-        if isinstance(node, Mapped) and step in node.entries:
+        if isinstance(node, MappingNode) and step in node.entries:
             node = node.entries[str(step)]
-        elif isinstance(node, Listed) and isinstance(step, int) and step < len(node.items):
+        elif isinstance(node, ListNode) and isinstance(step, int) and step < len(node.items):
             node = node.items[step]
         else:
             return node
@@ -113,7 +113,7 @@ def find(node: Node, path: Path) -> Node:
 def key_mark(node: Node, path: Path) -> Mark:
     """Where the key that `path` ends with stands."""
     parent = find(node, path[:-1])
-    return parent.keys.get(str(path[-1]), parent.mark) if isinstance(parent, Mapped) else parent.mark
+    return parent.keys.get(str(path[-1]), parent.mark) if isinstance(parent, MappingNode) else parent.mark
 
 
 def written_path(node: Node, path: Path) -> Path:
@@ -123,25 +123,25 @@ def written_path(node: Node, path: Path) -> Path:
     """
     written: Path = ()
     for step in path:
-        if isinstance(node, Mapped) and isinstance(step, str):
+        if isinstance(node, MappingNode) and isinstance(step, str):
             written = (*written, step)
             if step not in node.entries:
                 return written
             node = node.entries[step]
-        elif isinstance(node, Listed) and isinstance(step, int) and step < len(node.items):
+        elif isinstance(node, ListNode) and isinstance(step, int) and step < len(node.items):
             written, node = (*written, step), node.items[step]
-        elif isinstance(node, Listed) or step != 0:
+        elif isinstance(node, ListNode) or step != 0:
             return written
     return written
 
 
-def spelled(path: Path) -> str:
+def path_text(path: Path) -> str:
     """`path` as in `shots[1].orbit.distance`."""
-    parts = (f"[{step}]" if isinstance(step, int) else f".{clean(cut(step))}" for step in path)
+    parts = (f"[{step}]" if isinstance(step, int) else f".{clean(shortened(step))}" for step in path)
     return "".join(parts).removeprefix(".")
 
 
-def cut(text: str, most: int = SHOWN) -> str:
+def shortened(text: str, most: int = SHOWN) -> str:
     """`text`, or its beginning if it is long."""
     return text if len(text) <= most else text[: most - 1] + "…"
 
@@ -149,16 +149,16 @@ def cut(text: str, most: int = SHOWN) -> str:
 def described(node: Node) -> str:
     """What a message says was found: `-2`, `'fast'`, `nothing`, `a list`."""
     match node:
-        case Scalar(text=""):
+        case ScalarNode(text=""):
             found = "nothing" if node.value is None else "''"
-        case Scalar(value=str()):
-            found = quoted(cut(node.text))
-        case Scalar():
-            found = clean(cut(node.text))
-        case Listed():
+        case ScalarNode(value=str()):
+            found = quoted(shortened(node.text))
+        case ScalarNode():
+            found = clean(shortened(node.text))
+        case ListNode():
             return "a list"
-        case Mapped():
+        case MappingNode():
             return "a mapping"
-        case Broken():
+        case InvalidNode():
             return "what cannot be read"
     return found + (f" from {clean(node.origin)}" if node.origin else "")

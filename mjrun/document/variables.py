@@ -3,7 +3,19 @@
 import re
 from collections.abc import Mapping
 
-from mjrun.document.tree import Broken, Fault, Listed, Mapped, Mark, Node, Path, Scalar, cut, described, spelled
+from mjrun.document.tree import (
+    Fault,
+    InvalidNode,
+    ListNode,
+    MappingNode,
+    Mark,
+    Node,
+    Path,
+    ScalarNode,
+    described,
+    path_text,
+    shortened,
+)
 from mjrun.errors import listing, quoted, suggestion
 
 VARS, DEFAULTS = "vars", "defaults"
@@ -15,13 +27,13 @@ _REFERENCE = re.compile(r"\$\$\{|\$\{([^{}$]*)\}|\$\{")
 
 def merged(above: Node, below: Node | None) -> Node:
     """`above` over `below`: mappings together, key by key, anything else as it is in `above`."""
-    if not isinstance(above, Mapped) or not isinstance(below, Mapped):
+    if not isinstance(above, MappingNode) or not isinstance(below, MappingNode):
         return above
     entries = {key: merged(above.entries[key], below.entries.get(key)) for key in above.entries}
-    return Mapped(above.mark, {**below.entries, **entries}, {**below.keys, **above.keys})
+    return MappingNode(above.mark, {**below.entries, **entries}, {**below.keys, **above.keys})
 
 
-def without_variables(tree: Mapped) -> tuple[Mapped, list[Fault]]:
+def without_variables(tree: MappingNode) -> tuple[MappingNode, list[Fault]]:
     """`tree` less its `vars`, which stand in the place of every `${name}`, and what is wrong with them.
 
     A scalar that is `${name}` and nothing else takes the variable's own value, number or text; within a longer text
@@ -31,7 +43,7 @@ def without_variables(tree: Mapped) -> tuple[Mapped, list[Fault]]:
     resolver.take(tree.entries.get(VARS))
     rest = tree.without(VARS)
     entries = {key: resolver.resolved(value, (key,)) for key, value in rest.entries.items()}
-    return Mapped(rest.mark, entries, rest.keys), resolver.faults
+    return MappingNode(rest.mark, entries, rest.keys), resolver.faults
 
 
 class _Resolver:
@@ -42,58 +54,58 @@ class _Resolver:
 
     def take(self, given: Node | None) -> None:
         """Reads the variables."""
-        if given is None or isinstance(given, Broken):
+        if given is None or isinstance(given, InvalidNode):
             return
-        if not isinstance(given, Mapped):
+        if not isinstance(given, MappingNode):
             self._fault(given.mark, (VARS,), f"expected a mapping of names to values, got {described(given)}")
             return
         for name, value in given.entries.items():
             if not _NAME.fullmatch(name):
-                self._fault(given.keys[name], (VARS,), f"{quoted(cut(name))} is no name of letters, digits and _")
+                self._fault(given.keys[name], (VARS,), f"{quoted(shortened(name))} is no name of letters, digits and _")
             self.variables[name] = self._variable(value, (VARS, name))
 
     def _variable(self, value: Node, path: Path) -> Node:
-        if not isinstance(value, Scalar | Broken):
+        if not isinstance(value, ScalarNode | InvalidNode):
             self._fault(value.mark, path, f"expected a single value, got {described(value)}")
-            return Broken(value.mark)
-        if isinstance(value, Scalar) and any(found[0] != "$${" for found in _REFERENCE.finditer(value.text)):
+            return InvalidNode(value.mark)
+        if isinstance(value, ScalarNode) and any(found[0] != "$${" for found in _REFERENCE.finditer(value.text)):
             self._fault(value.mark, path, "variables do not refer to variables; ${ itself is written $${")
-            return Broken(value.mark)
+            return InvalidNode(value.mark)
         return self.resolved(value, path)
 
     def resolved(self, node: Node, path: Path) -> Node:
         """`node`, which stands at `path`, with values instead of variables."""
         match node:
-            case Listed():
-                return Listed(node.mark, [self.resolved(item, (*path, i)) for i, item in enumerate(node.items)])
-            case Mapped():
+            case ListNode():
+                return ListNode(node.mark, [self.resolved(item, (*path, i)) for i, item in enumerate(node.items)])
+            case MappingNode():
                 entries = {key: self.resolved(value, (*path, key)) for key, value in node.entries.items()}
-                return Mapped(node.mark, entries, node.keys)
-            case Scalar(value=str(text)) if "${" in text:
+                return MappingNode(node.mark, entries, node.keys)
+            case ScalarNode(value=str(text)) if "${" in text:
                 return self._scalar(node, text, path)
         return node
 
-    def _scalar(self, node: Scalar, text: str, path: Path) -> Node:
+    def _scalar(self, node: ScalarNode, text: str, path: Path) -> Node:
         whole = _REFERENCE.fullmatch(text)
         if whole and whole[1] is not None:
             value = self._value(whole, node.mark, path)
-            return Scalar(node.mark, value.value, value.text, text) if value else Broken(node.mark)
+            return ScalarNode(node.mark, value.value, value.text, text) if value else InvalidNode(node.mark)
         parts: list[str] = []
         end = 0
         for found in _REFERENCE.finditer(text):
             value = None if found[0] == "$${" else self._value(found, node.mark, path)
             if found[0] != "$${" and not value:
-                return Broken(node.mark)
+                return InvalidNode(node.mark)
             parts += [text[end : found.start()], value.text if value else "${"]
             end = found.end()
             self.made += len(parts[-1])
             if self.made > LARGEST:
                 self._fault(node.mark, path, f"variables make more than {LARGEST:,} characters")
-                return Broken(node.mark)
+                return InvalidNode(node.mark)
         made = "".join([*parts, text[end:]])
-        return Scalar(node.mark, made, made)
+        return ScalarNode(node.mark, made, made)
 
-    def _value(self, found: re.Match[str], mark: Mark, path: Path) -> Scalar | None:
+    def _value(self, found: re.Match[str], mark: Mark, path: Path) -> ScalarNode | None:
         """The variable that `found` refers to, if there is such a one."""
         name = found[1]
         if name is None:
@@ -102,12 +114,12 @@ class _Resolver:
         if name not in self.variables:
             self._fault(mark, path, _unknown(name, self.variables))
         value = self.variables.get(name)
-        return value if isinstance(value, Scalar) else None
+        return value if isinstance(value, ScalarNode) else None
 
     def _fault(self, mark: Mark, path: Path, message: str) -> None:
-        self.faults.append(Fault(mark, spelled(path), message))
+        self.faults.append(Fault(mark, path_text(path), message))
 
 
 def _unknown(name: str, variables: Mapping[str, Node]) -> str:
     choices = f"vars: {listing(list(variables))}" if variables else "there are no vars"
-    return f"no variable {quoted(cut(name))}{suggestion(name, variables)}; {choices}"
+    return f"no variable {quoted(shortened(name))}{suggestion(name, variables)}; {choices}"

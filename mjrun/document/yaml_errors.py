@@ -4,7 +4,7 @@ import re
 
 import yaml
 
-from mjrun.document.tree import cut
+from mjrun.document.tree import shortened
 from mjrun.errors import clean, quoted
 
 NO_DIRECTIVES = "a line that begins with % is a directive, and documents have none"
@@ -46,7 +46,7 @@ PROBLEMS = {
 }
 
 
-def explained(error: yaml.MarkedYAMLError, opened: yaml.Mark | None) -> tuple[str, int]:
+def explain(error: yaml.MarkedYAMLError, opened: yaml.Mark | None) -> tuple[str, int]:
     """What `error` says, and the index of the character that it is about; `opened` is where the innermost list or
     mapping begins, if there is one."""
     mark = error.problem_mark or error.context_mark
@@ -64,7 +64,7 @@ def explained(error: yaml.MarkedYAMLError, opened: yaml.Mark | None) -> tuple[st
     for pattern, sentence in PROBLEMS.items():
         if found := re.fullmatch(pattern, problem, re.DOTALL):
             return sentence.format(*found.groups()), place
-    return f"not YAML: {clean(cut(problem, 80))}", place
+    return f"not YAML: {clean(shortened(problem, 80))}", place
 
 
 def forbidden(character: str) -> str:

@@ -16,8 +16,20 @@ from yaml.events import (
     StreamEndEvent,
 )
 
-from mjrun.document.tree import Broken, Fault, Listed, Mapped, Mark, Node, Path, Scalar, cut, described, spelled
-from mjrun.document.yaml_errors import BARE_VARIABLE, NO_ANCHORS, NO_DIRECTIVES, NO_MERGE, NO_TAGS, explained, forbidden
+from mjrun.document.tree import (
+    Fault,
+    InvalidNode,
+    ListNode,
+    MappingNode,
+    Mark,
+    Node,
+    Path,
+    ScalarNode,
+    described,
+    path_text,
+    shortened,
+)
+from mjrun.document.yaml_errors import BARE_VARIABLE, NO_ANCHORS, NO_DIRECTIVES, NO_MERGE, NO_TAGS, explain, forbidden
 from mjrun.document.yaml_scalars import meaning
 from mjrun.errors import quoted
 
@@ -28,12 +40,12 @@ Place = Callable[[int], Mark]  # of the character at an index
 
 # What YAML prints, less what only some programs take for the end of a line, and marks of byte order.
 FORBIDDEN = re.compile("[^\t\n\r\x20-\x7e\xa0-\u2027\u202a-\ud7ff\ue000-\ufefe\uff00-\ufffd\U00010000-\U0010ffff]")
-_UNSAYABLE = re.compile("[\ud800-\udfff]")
+_SURROGATE = re.compile("[\ud800-\udfff]")
 _CONTROL = re.compile(r"[\x00-\x1f\x7f-\x9f]")
 _LINE_END = re.compile(r"\r\n|\r|\n")
 
 
-class Lines:
+class LineIndex:
     """Where the characters of `text` are; lines end as editors end them."""
 
     def __init__(self, text: str) -> None:
@@ -56,11 +68,11 @@ def compose(text: str, place: Place, inline: bool = False) -> tuple[Node | None,
     composer = _Composer(text, place, inline)
     try:
         return composer.document(), composer.faults
-    except _HaltError:
+    except _UnreadableError:
         return None, composer.faults
 
 
-class _HaltError(Exception):
+class _UnreadableError(Exception):
     """The text cannot be read on; the fault is noted."""
 
 
@@ -89,17 +101,17 @@ class _Composer:
         try:
             return self.loader.get_event()
         except yaml.MarkedYAMLError as error:
-            message, index = explained(error, self.loader.marks[-1] if self.loader.marks else None)
+            message, index = explain(error, self.loader.marks[-1] if self.loader.marks else None)
             self._halt(index, BARE_VARIABLE if self.text[index - 1 : index + 1] == "${" else message)
         except (ValueError, OverflowError):  # PyYAML takes any eight digits for a character
             self._halt(self.loader.get_mark().index, "this escape means no character")
 
     def _halt(self, index: int, message: str) -> NoReturn:
         self.faults.append(Fault(self.place(index), "", message))
-        raise _HaltError
+        raise _UnreadableError
 
     def _fault(self, mark: Mark, path: Path, message: str) -> None:
-        self.faults.append(Fault(mark, spelled(path), message))
+        self.faults.append(Fault(mark, path_text(path), message))
 
     def _check_directives(self, start: DocumentStartEvent) -> None:
         if start.tags or start.version not in (None, (1, 2)):
@@ -115,7 +127,7 @@ class _Composer:
             self._halt(index, f"more than {DEPTH} lists and mappings within each other are no document for mjrun")
         self._check_dress(event, mark, path)
         if isinstance(event, AliasEvent):
-            return Broken(mark)
+            return InvalidNode(mark)
         if isinstance(event, ScalarEvent):
             return self._scalar(event, mark, path)
         if self.inline and not event.flow_style:
@@ -133,36 +145,36 @@ class _Composer:
             self._fault(mark, path, NO_TAGS)
 
     def _scalar(self, event: ScalarEvent, mark: Mark, path: Path) -> Node:
-        if found := _UNSAYABLE.search(event.value):
+        if found := _SURROGATE.search(event.value):
             self._fault(mark, path, f"the escape {quoted(found[0])} is half a character")
-            return Broken(mark)
-        return Scalar(mark, meaning(event.value) if event.implicit[0] else event.value, event.value)
+            return InvalidNode(mark)
+        return ScalarNode(mark, meaning(event.value) if event.implicit[0] else event.value, event.value)
 
-    def _list(self, mark: Mark, path: Path) -> Listed:
+    def _list(self, mark: Mark, path: Path) -> ListNode:
         items: list[Node] = []
         while not isinstance(event := self._event(), SequenceEndEvent):
             items.append(self._node(event, (*path, len(items))))
-        return Listed(mark, items)
+        return ListNode(mark, items)
 
-    def _mapping(self, mark: Mark, path: Path) -> Mapped:
+    def _mapping(self, mark: Mark, path: Path) -> MappingNode:
         entries: dict[str, Node] = {}
         keys: dict[str, Mark] = {}
         while not isinstance(event := self._event(), MappingEndEvent):
             key, key_mark = self._key(event, path), self.place(event.start_mark.index)
             value = self._node(self._event(), path if key is None else (*path, key))
             if key in keys:
-                self._fault(key_mark, path, f"{quoted(cut(key))} is given twice{_first(keys[key])}")
+                self._fault(key_mark, path, f"{quoted(shortened(key))} is given twice{_first(keys[key])}")
             elif key is not None:
                 entries[key], keys[key] = value, key_mark
-        return Mapped(mark, entries, keys)
+        return MappingNode(mark, entries, keys)
 
     def _key(self, event: Any, path: Path) -> str | None:
         """The key that `event` begins; None if it is none."""
         plain = isinstance(event, ScalarEvent) and event.implicit[0]
         node = self._node(event, path)
-        if isinstance(node, Broken):
+        if isinstance(node, InvalidNode):
             return None
-        if not isinstance(node, Scalar):
+        if not isinstance(node, ScalarNode):
             self._fault(node.mark, path, f"a key is text, not {described(node)}")
         elif plain and node.text == "<<":
             self._fault(node.mark, path, NO_MERGE)

@@ -17,7 +17,7 @@ WIDTH = 110  # of a line, where there is a place to break it
 _TAGS = {str: "str", int: "int", float: "float", bool: "bool", type(None): "null"}
 _ESCAPED = re.compile("[\n\r\t]")
 _CONTROL = re.compile(r"[\x00-\x1f\x7f-\x9f]")
-_UNSAYABLE = re.compile("[\ud800-\udfff]")
+_SURROGATE = re.compile("[\ud800-\udfff]")
 
 
 def number(value: float) -> float:
@@ -88,7 +88,7 @@ class _Dumper(yaml.SafeDumper):
         return super().represent_mapping(tag, mapping, flow_style)
 
     def _text(self, text: str) -> yaml.ScalarNode:
-        if _UNSAYABLE.search(text):
+        if _SURROGATE.search(text):
             raise UsageError(f"{quoted(text)} is not UTF-8, and a document is")
         style = '"' if _ESCAPED.search(text) or FORBIDDEN.search(text) else None
         return self.represent_scalar("tag:yaml.org,2002:str", text, style)

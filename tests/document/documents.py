@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 from pydantic import BaseModel, Field
 
-from mjrun.document.document_model import DocumentModel, Maybe, Name, Positive
+from mjrun.document.document_model import DocumentModel, Name, Omittable, Positive
 from mjrun.errors import DocumentError, FileError
 
 ANCHOR = "anchors (&) and aliases (*) are not taken; text that begins so goes in quotes"
@@ -24,7 +24,7 @@ class Film(DocumentModel):
 
     fps: Positive = 60.0
     """Frames per second."""
-    title: Maybe[str] = None
+    title: Omittable[str] = None
     """A text."""
 
 
@@ -33,7 +33,7 @@ class Run(DocumentModel):
 
     duration: Positive = 1.0
     """How long [s]."""
-    steps: Maybe[int] = None
+    steps: Omittable[int] = None
     """How many."""
     model: Name = "m.xml"
     """A file."""

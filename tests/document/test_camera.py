@@ -193,7 +193,7 @@ def test_easings_blends_curves_and_paces_are_those_that_the_camera_knows() -> No
 SHOT_KEYS = "keys: camera, free, orbit, track, look, path, until, duration, speed, blend, roll, fovy, shake, fit"
 AROUND_KEYS = "keys: lookat, distance, azimuth, elevation"
 TRACK = "target, distance, azimuth, elevation, heading, offset"
-SLIDING = "expected a number or {from, to, ease}"
+NUMBER_OR_RAMP = "expected a number or {from, to, ease}"
 SHAPES = "expected 'cosine', 'linear', 'smooth' or 'sigmoid'"
 EASES = "expected 'linear', 'cosine', 'smooth', 'smoother', 'in' or 'out'"
 TO_SEE = "what is looked at from here? give it a lookat, or the path"
@@ -229,9 +229,9 @@ WRONG = [
     ("shots: [{orbit: {distance: -2}}]", ["1:28: shots[0].orbit.distance: expected a positive number, got -2"]),
     ("shots: [{orbit: {distance: {from: 1, to: 0}}}]",
      ["1:42: shots[0].orbit.distance.to: expected a positive number, got 0"]),
-    ("shots: [{orbit: {distance: 1m}}]", [f"1:28: shots[0].orbit.distance: {SLIDING}, got '1m'"]),
-    ("shots: [{orbit: {azimuth: 140..240}}]", [f"1:27: shots[0].orbit.azimuth: {SLIDING}, got '140..240'"]),
-    ("shots: [{orbit: {azimuth: [140, 240]}}]", [f"1:27: shots[0].orbit.azimuth: {SLIDING}, got a list"]),
+    ("shots: [{orbit: {distance: 1m}}]", [f"1:28: shots[0].orbit.distance: {NUMBER_OR_RAMP}, got '1m'"]),
+    ("shots: [{orbit: {azimuth: 140..240}}]", [f"1:27: shots[0].orbit.azimuth: {NUMBER_OR_RAMP}, got '140..240'"]),
+    ("shots: [{orbit: {azimuth: [140, 240]}}]", [f"1:27: shots[0].orbit.azimuth: {NUMBER_OR_RAMP}, got a list"]),
     ("shots: [{orbit: {azimuth: {from: 1}}}]", ["1:27: shots[0].orbit.azimuth: 'to' is missing"]),
     ("shots: [{orbit: {azimuth: {from: 1, to: 2, ease: eas}}}]",
      [f"1:50: shots[0].orbit.azimuth.ease: {EASES}, got 'eas'"]),
@@ -240,7 +240,7 @@ WRONG = [
     ("shots: [{orbit: {ease: eas}}]",
      ["1:24: shots[0].orbit.ease: expected 'linear', 'cosine', 'smooth', 'smoother', 'in' or 'out', got 'eas'"]),
     ("shots: [{orbit: {elevation: .inf}}]", ["1:29: shots[0].orbit.elevation: expected a finite number, got .inf"]),
-    ("shots: [{orbit: {elevation: true}}]", [f"1:29: shots[0].orbit.elevation: {SLIDING}, got true"]),
+    ("shots: [{orbit: {elevation: true}}]", [f"1:29: shots[0].orbit.elevation: {NUMBER_OR_RAMP}, got true"]),
     ("shots: [{orbit: {lookat: 5}}]",
      ["1:26: shots[0].orbit.lookat: expected an object's name or a point [x, y, z], got 5"]),
     ("shots: [{orbit: {lookat: [1, 2]}}]", ["1:26: shots[0].orbit.lookat: expected 3 numbers, got 2"]),

@@ -8,7 +8,7 @@ import yaml
 from mjrun.camera.easing import BLENDS, EASINGS
 from mjrun.document import camera
 from mjrun.document.camera import RIGS, CameraDocument, Shot
-from mjrun.document.json_schema import KINDS, PREAMBLE, json_schema
+from mjrun.document.json_schema import KINDS, VARIABLE_KEYS, json_schema
 from mjrun.document.run import RunDocument
 from mjrun.errors import UnknownNameError
 from tests.document.schema_oracle import fits, rules
@@ -77,11 +77,11 @@ def test_keys_and_choices_are_those_of_the_forms() -> None:
     assert [*shot["properties"]] == Shot.key_names()
     assert [rule["required"] for rule in shot["oneOf"]] == [[rig] for rig in RIGS]
     assert made["$defs"]["Blend"]["properties"]["shape"]["enum"] == [*BLENDS]
-    assert made["$defs"]["Slide"]["properties"]["ease"]["enum"] == [*EASINGS]
+    assert made["$defs"]["RampModel"]["properties"]["ease"]["enum"] == [*EASINGS]
 
 
 def test_a_document_with_a_preamble_may_have_vars_and_defaults() -> None:
-    assert [*json_schema("run")["properties"]] == [*PREAMBLE, *RunDocument.key_names()]
+    assert [*json_schema("run")["properties"]] == [*VARIABLE_KEYS, *RunDocument.key_names()]
     assert [*json_schema("camera")["properties"]] == ["speed", "shots"]
 
 

@@ -82,7 +82,7 @@ def test_what_is_wrong_in_defaults_is_told_in_their_own_lines_after_the_document
     put("duration: -1\nmodel: ${m}\ndefaults: x.yaml\nstart: {knee: up, hip: up}\nfoo: 1\nstart: {}\n", "below.yaml")
     path = put("defaults: below.yaml\nsteps: x\nstart: {hip: 1}\n")
     keys = "keys: duration, steps, model, films, start, vars, defaults"
-    assert problems(lambda: read(path, Run, preamble=True)) == [
+    assert problems(lambda: read(path, Run, variables=True)) == [
         "d.yaml:2:8: steps: expected a whole number, got 'x'",
         "below.yaml:1:11: duration: expected a positive number, got -1",
         "below.yaml:2:8: model: no variable 'm'; there are no vars",
@@ -96,10 +96,10 @@ def test_what_is_wrong_in_defaults_is_told_in_their_own_lines_after_the_document
 def test_defaults_that_cannot_be_read_are_told_with_who_names_them() -> None:
     path = put("defaults: below.yaml\n")
     with pytest.raises(FileError) as caught:
-        read(path, Run, preamble=True)
+        read(path, Run, variables=True)
     assert str(caught.value) == "below.yaml: no such file\nd.yaml:1:11 names it as defaults"
     put("- 1\n", "below.yaml")
-    assert problems(lambda: read(path, Run, preamble=True)) == ["below.yaml:1:1: expected a mapping, got a list"]
+    assert problems(lambda: read(path, Run, variables=True)) == ["below.yaml:1:1: expected a mapping, got a list"]
 
 
 @pytest.mark.parametrize(
@@ -113,7 +113,7 @@ def test_defaults_that_cannot_be_read_are_told_with_who_names_them() -> None:
     ],
 )
 def test_defaults_that_are_no_path_are_told(text: str, assignments: list[str], lines: list[str]) -> None:
-    assert problems(lambda: read(put(text), Run, assignments, preamble=True)) == lines
+    assert problems(lambda: read(put(text), Run, assignments, variables=True)) == lines
 
 
 def test_a_document_without_a_preamble_has_neither_and_takes_texts_as_they_are() -> None:
@@ -158,7 +158,7 @@ pieces = st.sampled_from([*WORDS, *MARKS, *ODD])
 def test_no_text_does_anything_but_be_read_or_be_told_what_is_wrong_with_it(text: str, assignments: list[str]) -> None:
     path = put(text.encode("utf-8", "surrogatepass"))
     for kind in (Run, Anything):
-        found = outcome(lambda kind=kind: read(path, kind, assignments, preamble=True))
+        found = outcome(lambda kind=kind: read(path, kind, assignments, variables=True))
         if isinstance(found, DocumentError):
             assert found.problems
             assert str(found).splitlines() == [clean(line) for line in str(found).splitlines()]

@@ -3,20 +3,20 @@
 import pytest
 
 from mjrun.document.tree import (
-    UNUSABLE,
-    Broken,
-    Listed,
-    Mapped,
+    INVALID,
+    InvalidNode,
+    ListNode,
+    MappingNode,
     Mark,
     Node,
     Path,
-    Scalar,
-    cut,
+    ScalarNode,
     described,
     find,
     key_mark,
+    path_text,
     plain,
-    spelled,
+    shortened,
     written_path,
 )
 from mjrun.document.yaml_parser import compose
@@ -24,9 +24,9 @@ from mjrun.document.yaml_parser import compose
 TEXT = "camera: [top, {shots: [{orbit: {lookat: box}}]}]\ntrail: box\nempty:\n"
 
 
-def tree(text: str = TEXT) -> Mapped:
+def tree(text: str = TEXT) -> MappingNode:
     node, faults = compose(text, lambda index: Mark(0, 1, index, "d.yaml"))
-    assert isinstance(node, Mapped)
+    assert isinstance(node, MappingNode)
     assert not faults
     return node
 
@@ -76,13 +76,13 @@ def test_plain_values_are_pythons_own() -> None:
         "trail": "box",
         "empty": None,
     }
-    assert plain(Broken(Mark(0, 1, 1, ""))) is UNUSABLE
+    assert plain(InvalidNode(Mark(0, 1, 1, ""))) is INVALID
 
 
 def test_a_changed_mapping_leaves_the_first_as_it_was() -> None:
     first = tree("a: 1\nb: 2")
     mark = Mark(1, 0, 0, "b=3")
-    changed = first.with_entry("b", mark, Scalar(mark, 3, "3")).without("a")
+    changed = first.with_entry("b", mark, ScalarNode(mark, 3, "3")).without("a")
     assert (plain(first), plain(changed)) == ({"a": 1, "b": 2}, {"b": 3})
     assert changed.keys["b"] == mark
 
@@ -93,15 +93,15 @@ HERE = Mark(0, 1, 1, "d.yaml")
 @pytest.mark.parametrize(
     ("node", "text"),
     [
-        (Scalar(HERE, None, ""), "nothing"),
-        (Scalar(HERE, "", ""), "''"),
-        (Scalar(HERE, "fast", "fast"), "'fast'"),
-        (Scalar(HERE, 0.5, ".50"), ".50"),
-        (Scalar(HERE, "x" * 99, "x" * 99), f"'{'x' * 39}…'"),
-        (Scalar(HERE, "a\x1b[2J", "a\x1b[2J"), r"'a\x1b[2J'"),
-        (Scalar(HERE, 2, "2", "${n}"), "2 from ${n}"),
-        (Listed(HERE), "a list"),
-        (Mapped(HERE), "a mapping"),
+        (ScalarNode(HERE, None, ""), "nothing"),
+        (ScalarNode(HERE, "", ""), "''"),
+        (ScalarNode(HERE, "fast", "fast"), "'fast'"),
+        (ScalarNode(HERE, 0.5, ".50"), ".50"),
+        (ScalarNode(HERE, "x" * 99, "x" * 99), f"'{'x' * 39}…'"),
+        (ScalarNode(HERE, "a\x1b[2J", "a\x1b[2J"), r"'a\x1b[2J'"),
+        (ScalarNode(HERE, 2, "2", "${n}"), "2 from ${n}"),
+        (ListNode(HERE), "a list"),
+        (MappingNode(HERE), "a mapping"),
     ],
 )
 def test_messages_show_a_value_as_it_is_written(node: Node, text: str) -> None:
@@ -109,9 +109,9 @@ def test_messages_show_a_value_as_it_is_written(node: Node, text: str) -> None:
 
 
 def test_paths_are_spelled_as_on_the_command_line() -> None:
-    assert spelled(("shots", 1, "orbit", "distance")) == "shots[1].orbit.distance"
-    assert spelled(()) == ""
-    assert spelled(("a\n",)) == r"a\n"
+    assert path_text(("shots", 1, "orbit", "distance")) == "shots[1].orbit.distance"
+    assert path_text(()) == ""
+    assert path_text(("a\n",)) == r"a\n"
 
 
 def test_marks_sort_by_source_line_and_column() -> None:
@@ -121,4 +121,4 @@ def test_marks_sort_by_source_line_and_column() -> None:
 
 
 def test_text_is_cut_to_a_length() -> None:
-    assert (cut("abcde", 5), cut("abcdef", 5)) == ("abcde", "abcd…")
+    assert (shortened("abcde", 5), shortened("abcdef", 5)) == ("abcde", "abcd…")

@@ -11,7 +11,7 @@ from tests.document.documents import Anything, Film, Run, problems, put
 
 
 def resolved(text: str, *assignments: str) -> Any:
-    return read(put(text), Anything, assignments, preamble=True).a
+    return read(put(text), Anything, assignments, variables=True).a
 
 
 @pytest.mark.parametrize(
@@ -73,7 +73,7 @@ def test_a_variable_that_cannot_be_is_told_where_it_is_used(text: str, lines: li
 
 def test_what_a_variable_says_is_told_where_it_does_not_fit() -> None:
     path = put("vars: {d: long}\nduration: ${d}\nfilms: [{fps: '${e}'}]\n")
-    assert problems(lambda: read(path, Run, preamble=True)) == [
+    assert problems(lambda: read(path, Run, variables=True)) == [
         "d.yaml:2:11: duration: expected a number, got 'long' from ${d}",
         "d.yaml:3:15: films[0].fps: no variable 'e'; vars: d",
     ]
@@ -95,6 +95,6 @@ def test_defaults_count_where_the_document_says_nothing() -> None:
     above = put(
         "defaults: d.yaml\nsteps: 3\nfilms: [{fps: 4}]\nstart: {hip: 3, toe: 4}\nvars: {m: c}\n", "below/e.yaml"
     )
-    assert read(above, Run, ["start.toe=6"], preamble=True) == Run(
+    assert read(above, Run, ["start.toe=6"], variables=True) == Run(
         duration=5, steps=3, model="c", films=[Film(fps=4)], start={"knee": 1, "hip": 3, "toe": 6}
     )  # fmt: skip
