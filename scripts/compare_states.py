@@ -185,7 +185,7 @@ def _lasting(value: Any) -> Any:
 def _yaml(path: Path) -> Parts:
     """A document by its keys, under their new names."""
     document = yaml.safe_load(path.read_text("utf-8"))
-    return {_renamed(key): json.dumps(value) for key, value in document.items()}
+    return {_renamed(key): json.dumps(value, sort_keys=True) for key, value in document.items()}
 
 
 READERS: dict[str, Callable[[Path], Parts]] = {
