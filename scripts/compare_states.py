@@ -280,7 +280,8 @@ def commands(checkout: Path, small: bool) -> tuple[list[Command], list[str]]:
 
 
 def _shrunk(code: str) -> str:
-    code = re.sub(r"\bduration=[\d.]+", f"duration={DURATION}", re.sub(r"\bat=[\d.]+", f"at={DURATION / 2}", code))
+    code = re.sub(r"\b(at|time)=[\d.]+", rf"\1={DURATION / 2}", code)
+    code = re.sub(r"\bduration=[\d.]+", f"duration={DURATION}", code)
     return re.sub(r"(mjrun\.(?:Video|Image)\((?!.*size).*)\)\.run", rf"\1, size=({SIZE.replace('x', ', ')})).run", code)
 
 

@@ -279,7 +279,8 @@ def test_the_machine_says_who_drives_and_who_draws() -> None:
         "traces: [{output: a.csv}]\nplots: [{output: p.png, probe: energy}]\nrecordings: [a.npz]"
     )
     options = RunOptions(controller=act, control_dt=0.02, gl="egl", require_gpu=True, quality="draft", jobs=3)
-    film, still, trace, plot, kept = read_run("d.yaml", options=options, command="mjrun run d.yaml").jobs
+    made: list[Any] = [*read_run("d.yaml", options=options, command="mjrun run d.yaml").jobs]
+    film, still, trace, plot, kept = made
     assert film.simulation == simulation(controller=act, control_dt=Fraction(1, 50))
     assert film.quality == still.quality == "draft"
     assert (film.gl, film.require_gpu, still.gl, still.require_gpu) == ("egl", True, "egl", True)
