@@ -11,9 +11,9 @@ shots:
 """
 
 import pathlib
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from fractions import Fraction
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, cast
 
 from pydantic import BeforeValidator, ConfigDict, Field, Tag, create_model
 
@@ -72,29 +72,29 @@ class Blend(DocumentModel):
     """How one shot becomes the next."""
 
     shape: Shape = "cosine"
-    """The course of the change."""
+    """The shape of the transition."""
     width: Positive = 0.5
     """How long it takes [s]; of a sigmoid, the time in which it goes from 1/2 to 1/(1+e)."""
 
 
 class Shake(DocumentModel):
-    """A hand that trembles."""
+    """The trembling of a hand that holds the camera."""
 
     angle: Positive = 0.3
     """Standard deviation of each angle [deg]."""
     frequency: Positive = 2.0
-    """Of the trembling [Hz], in time of the film."""
+    """Of the trembling [Hz], in the time of the video."""
     seed: Annotated[int, Field(ge=0)] = 0
-    """Another number trembles otherwise."""
+    """Seed of the trembling."""
 
 
 class Fit(DocumentModel):
-    """Keeps an object, with all that hangs on it, whole in the picture, by the distance."""
+    """Keeps an object, with all that hangs on it, whole in the image, by the distance."""
 
     target: Name
     """A body, geom or site."""
     margin: Annotated[float, Field(ge=1)] = 1.2
-    """How much larger than the object the picture is."""
+    """How much larger than the object the image is."""
 
 
 class _ModelCamera(DocumentModel):
@@ -122,7 +122,7 @@ class Shot(create_model("_Rigs", __base__=_ModelCamera, **rig_fields())):
     duration: Omittable[Positive] = None
     """How long the shot lasts [s] of the simulation, instead of until."""
     speed: Omittable[Positive] = None
-    """Simulated seconds per second of film: 0.5 is slow motion."""
+    """Simulated seconds per second of video: 0.5 is slow motion."""
     blend: Omittable[
         Annotated[
             Annotated[Shape, Tag(TEXT)] | Annotated[Positive, Tag(NUMBER)] | Annotated[Blend, Tag(MAPPING)],
@@ -135,14 +135,14 @@ class Shot(create_model("_Rigs", __base__=_ModelCamera, **rig_fields())):
     fovy: Omittable[PositiveNumberOrRamp] = None
     """Vertical field of view [deg], what is seen [m] if orthographic; the model's if left out."""
     shake: Omittable[Annotated[Shake, BeforeValidator(empty_if_null, json_schema_input_type=Shake | None)]] = None
-    """A hand that trembles."""
+    """The trembling of a hand that holds the camera."""
     fit: Omittable[
         Annotated[
             Annotated[Name, Tag(TEXT)] | Annotated[Fit, Tag(MAPPING)],
             by_type("an object's name or {target, margin}", TEXT, MAPPING),
         ]
     ] = None
-    """Keeps an object whole in the picture, by the distance."""
+    """Keeps an object whole in the image, by the distance."""
 
     @classmethod
     def cross_field_errors(cls, values: Mapping[str, Any]) -> Iterator[tuple[Location, str]]:
@@ -177,17 +177,16 @@ class Shot(create_model("_Rigs", __base__=_ModelCamera, **rig_fields())):
 
 
 class CameraDocument(DocumentModel):
-    """What a camera does in a film: shots, one after the other."""
+    """What a camera does in a video: shots, one after the other."""
 
     speed: Omittable[Positive] = None
-    """Simulated seconds per second of film, of all shots that do not say their own: 0.5 is slow motion."""
+    """Simulated seconds per second of video, of all shots that do not say their own: 0.5 is slow motion."""
     shots: list[Shot] = Field(min_length=1)
     """The shots in order; all but the last say when they end, by until or duration."""
 
     @classmethod
     def cross_field_errors(cls, values: Mapping[str, Any]) -> Iterator[tuple[Location, str]]:
-        shots = values.get("shots")
-        shots = shots if isinstance(shots, list) and all(isinstance(shot, dict) for shot in shots) else []
+        shots = _mappings(values.get("shots"))
         if shots and "blend" in shots[0]:
             yield ("shots", 0, "blend"), "there is no shot before the first to blend with"
         for i, shot in enumerate(shots[:-1]):
@@ -210,29 +209,36 @@ def read_camera(path: pathlib.Path | str) -> script.CameraScript:
     return read(path, CameraDocument).script(pathlib.Path(path).stem)
 
 
+def _mappings(value: object) -> list[dict[str, object]]:
+    """The mappings of a list; none if it holds anything else."""
+    items = cast("list[object]", value) if isinstance(value, list) else []
+    mappings = [cast("dict[str, object]", item) for item in items if isinstance(item, dict)]
+    return mappings if len(mappings) == len(items) else []
+
+
 def _exact(value: float | None) -> Fraction | None:
     return None if value is None else rational(value)
 
 
-def _blend(given: str | float | Blend | None) -> easing.Blend | None:
-    if isinstance(given, Blend):
-        return easing.Blend(given.shape, given.width)
-    if isinstance(given, str):
-        return easing.Blend(shape=given)
-    return None if given is None else easing.Blend(width=given)
+def _blend(written: str | float | Blend | None) -> easing.Blend | None:
+    if isinstance(written, Blend):
+        return easing.Blend(written.shape, written.width)
+    if isinstance(written, str):
+        return easing.Blend(shape=written)
+    return None if written is None else easing.Blend(width=written)
 
 
-def _shake(given: Shake | None) -> shake.Shake | None:
-    return None if given is None else shake.Shake(given.angle, given.frequency, given.seed)
+def _shake(written: Shake | None) -> shake.Shake | None:
+    return None if written is None else shake.Shake(written.angle, written.frequency, written.seed)
 
 
-def _fit(given: str | Fit | None) -> script.Fit | None:
-    if isinstance(given, Fit):
-        return script.Fit(given.target, given.margin)
-    return None if given is None else script.Fit(given)
+def _fit(written: str | Fit | None) -> script.Fit | None:
+    if isinstance(written, Fit):
+        return script.Fit(written.target, written.margin)
+    return None if written is None else script.Fit(written)
 
 
-def _disordered(shots: list[dict[str, Any]]) -> Iterator[tuple[Location, str]]:
+def _disordered(shots: Sequence[Mapping[str, object]]) -> Iterator[tuple[Location, str]]:
     """Shots that would end before they begin, as far as their times tell it."""
     begun = Fraction(0)  # at the earliest
     for i, shot in enumerate(shots):
@@ -242,9 +248,9 @@ def _disordered(shots: list[dict[str, Any]]) -> Iterator[tuple[Location, str]]:
         begun = max(begun + max(duration, Fraction(0)), until)
 
 
-def _number(value: Any) -> Fraction:
+def _number(value: object) -> Fraction:
     """The number in a document; 0 if it is none."""
     try:
-        return rational(value) if type(value) in (int, float) else Fraction(0)
+        return rational(value) if isinstance(value, int | float) and not isinstance(value, bool) else Fraction(0)
     except (ValueError, OverflowError):
         return Fraction(0)

@@ -27,17 +27,17 @@ def camera_document(camera: script.CameraScript) -> Plain:
     return {**name, "shots": [_shot(shot, f"{camera.name}: shots[{i}]") for i, shot in enumerate(camera.shots)]}
 
 
-def event_document(given: script.Event, what: str) -> Plain:
-    """A moment, as in `{when: speed(box) > 0.02, nth: 2}`."""
-    otherwise = given.otherwise if given.otherwise in (None, "end") else decimal(Fraction(given.otherwise), what)
-    offset = None if not given.offset else decimal(given.offset, what)
-    nth = None if given.nth == 1 else given.nth
-    return without_none({"when": given.when, "nth": nth, "offset": offset, "else": otherwise})
+def event_document(event: script.Event, what: str) -> Plain:
+    """An event, as in `{when: speed(box) > 0.02, nth: 2}`."""
+    otherwise = event.otherwise if event.otherwise in (None, "end") else decimal(Fraction(event.otherwise), what)
+    offset = None if not event.offset else decimal(event.offset, what)
+    nth = None if event.nth == 1 else event.nth
+    return without_none({"when": event.when, "nth": nth, "offset": offset, "else": otherwise})
 
 
-def without_none(given: Mapping[str, Any]) -> Plain:
-    """What is not None."""
-    return {key: value for key, value in given.items() if value is not None}
+def without_none(values: Mapping[str, Any]) -> Plain:
+    """Those of `values` that are not None."""
+    return {key: value for key, value in values.items() if value is not None}
 
 
 def _shot(shot: script.Shot, what: str) -> Plain:
@@ -100,9 +100,10 @@ def _time(value: Fraction | None, what: str) -> float | None:
     return None if value is None else decimal(value, what)
 
 
-def _changed(given: Any, usual: Any) -> Plain:
-    """The fields of `given` that are not as in `usual`."""
-    fields = {key: value for key, value in vars(given).items() if value != getattr(usual, key)}
+def _changed(value: Blend | Shake, default: Blend | Shake) -> Plain:
+    """The fields of `value` that are not as in `default`."""
+    defaults = vars(default)
+    fields: dict[str, str | float] = {key: field for key, field in vars(value).items() if field != defaults[key]}
     return {key: value if isinstance(value, str) else number(value) for key, value in fields.items()}
 
 

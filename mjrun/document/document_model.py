@@ -18,7 +18,7 @@ from pydantic import (
 )
 
 if TYPE_CHECKING:
-    from typing import Optional as Omittable
+    from typing import Optional as Omittable  # pyright: ignore[reportUnusedImport]
 else:
 
     class Omittable:
@@ -147,9 +147,10 @@ def of_length(count: int, what: str) -> Callable[[object], object]:
     """A validator that refuses lists of other than `count` items, which are `what`."""
 
     def validate(value: object) -> object:
-        if isinstance(value, list) and (length := len(cast("list[object]", value))) != count:
+        length = len(cast("list[object]", value)) if isinstance(value, list) else count
+        if length != count:
             raise InvalidValueError.with_message(f"expected {count} {what}, got {length or 'none'}")
-        return value
+        return cast("object", value)
 
     return validate
 

@@ -87,7 +87,8 @@ def _fault(error: InvalidValueError, path: Path, node: Node, tree: Node, keys: S
         case kind if kind in EXPECTED:
             message = f"expected {EXPECTED[kind](context)}, got {described(node)}"
             return Fault(node.mark, path_text(path), message + _hint(kind, context, node))
-    return Fault(node.mark, path_text(path), f"{clean(context['msg'])}, got {described(node)}")
+        case _:
+            return Fault(node.mark, path_text(path), f"{clean(context['msg'])}, got {described(node)}")
 
 
 def _unknown(key: str, keys: Sequence[str]) -> str:

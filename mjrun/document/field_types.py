@@ -3,7 +3,7 @@
 import re
 from collections.abc import Callable, Sequence
 from fractions import Fraction
-from typing import Annotated, Any, TypeVar
+from typing import Annotated, Any, TypeVar, cast
 
 from pydantic import AfterValidator, Discriminator, Field, PlainValidator, Tag, WithJsonSchema
 
@@ -15,24 +15,29 @@ from mjrun.options.kinds import ExpectedError
 ONE = "\0one"
 T = TypeVar("T")
 
+
+def _list_or_one(value: object) -> str:
+    return LIST if isinstance(value, list | tuple) else ONE
+
+
 Several = Annotated[
     Annotated[T, Tag(ONE)] | Annotated[list[T], Tag(LIST)],
-    Discriminator(lambda value: LIST if isinstance(value, list | tuple) else ONE),
+    Discriminator(_list_or_one),
 ]
 """One of something, or a list."""
 
 
-def as_tuple(given: T | list[T]) -> tuple[T, ...]:
-    """What `Several` holds."""
-    return tuple(given) if isinstance(given, list) else (given,)
+def as_tuple(value: object) -> tuple[object, ...]:
+    """The values of a `Several`."""
+    return tuple(cast("list[object]", value)) if isinstance(value, list) else (value,)
 
 
 def _exact(kind: option_kinds.ExactNumber, expected: str, bound: Any) -> Any:
     """Reads a number, or text such as `30000/1001`, as the exact number that is written."""
 
-    def exact(value: Any) -> Fraction:
+    def exact(value: object) -> Fraction:
         try:
-            if type(value) in (int, float, str):
+            if isinstance(value, int | float | str) and not isinstance(value, bool):
                 return kind(value)
         except ExpectedError:
             pass
@@ -46,12 +51,17 @@ Exact = Annotated[Fraction, _exact(option_kinds.ExactNumber(), "a positive numbe
 Instant = Annotated[Fraction, _exact(option_kinds.ExactNumber(zero=True), "a number of at least 0", Field(ge=0))]
 
 
-def _size(value: Any) -> tuple[int, int]:
+def _size(value: object) -> tuple[int, int]:
     """`1280x720`, or a list of both."""
-    written = re.fullmatch(r"([0-9]{1,9})[xX]([0-9]{1,9})", value) if isinstance(value, str) else None
-    sides = [int(side) for side in written.groups()] if written else value
-    if isinstance(sides, list) and len(sides) == 2 and all(type(side) is int and side > 0 for side in sides):
-        return sides[0], sides[1]
+    match value:
+        case str() if match := re.fullmatch(r"([0-9]{1,9})[xX]([0-9]{1,9})", value):
+            width, height = int(match[1]), int(match[2])
+        case [int() as width, int() as height] if not isinstance(width, bool) and not isinstance(height, bool):
+            pass
+        case _:
+            width = height = 0
+    if width > 0 and height > 0:
+        return width, height
     raise InvalidValueError("expected", expected="width and height in pixels, as in 1280x720 or [1280, 720]")
 
 

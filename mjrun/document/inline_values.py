@@ -59,7 +59,7 @@ def ghost_text(ghost: str | InlineGhost, resolved: Callable[[str], str]) -> str:
     Raises:
       UsageError: the path of a file holds a comma.
     """
-    settings = []
+    settings: list[str] = []
     for part in (ghost.text() if isinstance(ghost, InlineGhost) else ghost).split(","):
         name, equals, value = part.partition("=")
         path = resolved(value) if name in ("trace", "recording") and value else value

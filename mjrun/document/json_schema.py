@@ -1,6 +1,6 @@
 """JSON Schema of the documents, by which editors complete and check them while they are written, and of reports."""
 
-from typing import Any
+from typing import Any, cast
 
 from pydantic import BaseModel
 from pydantic.json_schema import GenerateJsonSchema, JsonSchemaValue
@@ -11,8 +11,10 @@ from mjrun.document.run import RunDocument
 from mjrun.document.variables import DEFAULTS, VARS
 from mjrun.errors import UnknownNameError
 
-# Kind of document → its form, its title, and whether it may have a preamble.
-KINDS: dict[str, tuple[type[BaseModel], str, bool]] = {
+Schema = dict[str, Any]
+
+# Kind of document → its model, its title, and whether it may have variables and defaults.
+DOCUMENTS: dict[str, tuple[type[BaseModel], str, bool]] = {
     "camera": (CameraDocument, "mjrun camera document", False),
     "run": (RunDocument, "mjrun run document", True),
 }
@@ -33,7 +35,7 @@ VARIABLE = {
     "type": "string",
     "pattern": r"^\$\{[A-Za-z_][A-Za-z0-9_]*\}$",
 }
-ABOUT = ("description", "default")  # keywords beside those that say what is valid
+ANNOTATIONS = ("description", "default")  # keywords beside those that say what is valid
 NARROW = ("enum", "const", "pattern")  # keywords that a text with a variable does not fit
 
 
@@ -57,34 +59,41 @@ def json_schema(kind: str) -> dict[str, Any]:
     """
     if kind in REPORTS:
         return report_schema(kind)
-    if kind not in KINDS:
-        raise UnknownNameError("schema", kind, [*KINDS, *REPORTS])
-    form, title, variables = KINDS[kind]
-    made = form.model_json_schema(schema_generator=_Generator)
-    made = {"$schema": _Generator.schema_dialect, **made, "title": title}
-    return _with_variables_key(made) if variables else made
+    if kind not in DOCUMENTS:
+        raise UnknownNameError("schema", kind, [*DOCUMENTS, *REPORTS])
+    model, title, has_variables = DOCUMENTS[kind]
+    schema = model.model_json_schema(schema_generator=_Generator)
+    schema = {"$schema": _Generator.schema_dialect, **schema, "title": title}
+    return _with_variable_keys(schema) if has_variables else schema
 
 
-def _with_variables_key(made: dict[str, Any]) -> dict[str, Any]:
-    """The schema of a document that may have variables, and defaults that say what it does not."""
-    properties = {**VARIABLE_KEYS, **_with_variables(made["properties"])}
-    definitions = {**_with_variables(made.get("$defs", {})), "Variable": VARIABLE}
-    alone = {key: made[key] for key in ("required", "anyOf") if key in made}
-    rest = {key: value for key, value in made.items() if key != "required"}
-    return {**rest, "$defs": definitions, "properties": properties, "anyOf": [{"required": [DEFAULTS]}, alone]}
+def _with_variable_keys(schema: Schema) -> Schema:
+    """`schema` for a document that may have variables, and defaults that say what it does not."""
+    properties = {**VARIABLE_KEYS, **_with_variables(schema["properties"])}
+    definitions = {**_with_variables(schema.get("$defs", {})), "Variable": VARIABLE}
+    without_defaults = {key: schema[key] for key in ("required", "anyOf") if key in schema}
+    rest = {key: value for key, value in schema.items() if key != "required"}
+    return {
+        **rest,
+        "$defs": definitions,
+        "properties": properties,
+        "anyOf": [{"required": [DEFAULTS]}, without_defaults],
+    }
 
 
 def _with_variables(rule: Any) -> Any:
     """`rule`, or the rules in it, with variables wherever a value is no free text."""
     if isinstance(rule, list):
-        return [_with_variables(inner) for inner in rule]
-    if not isinstance(rule, dict):
-        return rule
+        return [_with_variables(inner) for inner in cast("list[Any]", rule)]
+    return _rule_with_variables(cast("Schema", rule)) if isinstance(rule, dict) else rule
+
+
+def _rule_with_variables(rule: Schema) -> Schema:
     if rule.get("type") in ("number", "integer", "boolean") or any(key in rule for key in NARROW):
-        said = {key: rule[key] for key in ABOUT if key in rule}
-        bare = {key: value for key, value in rule.items() if key not in said}
-        return {**said, "anyOf": [bare, {"$ref": "#/$defs/Variable"}]}
-    found = {key: value if key in ABOUT else _with_variables(value) for key, value in rule.items()}
-    if all("required" not in one for one in found.get("oneOf", [{"required": []}])):
-        found["anyOf"] = found.pop("oneOf")  # a variable may fit several
-    return found
+        annotations = {key: rule[key] for key in ANNOTATIONS if key in rule}
+        bare = {key: value for key, value in rule.items() if key not in annotations}
+        return {**annotations, "anyOf": [bare, {"$ref": "#/$defs/Variable"}]}
+    changed = {key: value if key in ANNOTATIONS else _with_variables(value) for key, value in rule.items()}
+    if all("required" not in member for member in changed.get("oneOf", [{"required": []}])):
+        changed["anyOf"] = changed.pop("oneOf")  # a variable may fit several
+    return changed

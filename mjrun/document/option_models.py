@@ -4,7 +4,7 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from fractions import Fraction
 from pathlib import Path
-from typing import Annotated, Any, ClassVar, Literal
+from typing import Annotated, Any, ClassVar, Literal, cast
 
 from pydantic import BeforeValidator, Field, PlainValidator, Strict, Tag, create_model
 
@@ -36,6 +36,9 @@ from mjrun.options.kinds import ExpectedError, Kind, setting_text
 from mjrun.options.option import FrontEnd, Option, Options, exclusions_of, options_of
 from mjrun.rendering.segmentation import groupings
 from mjrun.rendering.visual import Visual, flags, frames, labels
+
+AnyKind = Kind[Any, Any]
+SeveralValues = option_kinds.Several[Any, Any]
 
 # The names of a kind that there are, for editors, and what refuses others.
 NAMES: dict[str, tuple[Callable[[], list[str]], Callable[[str], object]]] = {
@@ -82,9 +85,9 @@ def options_model(
     Args:
       first, last: fields before and after those, as pydantic's `create_model` takes them.
     """
-    fields = {each.attribute: _field(each) for each in document_options(declared)}
-    name, fields = name or declared.__name__, {**(first or {}), **fields, **(last or {})}
-    model = create_model(name, __base__=base, __doc__=declared.__doc__, **fields)
+    fields: dict[str, Any] = {each.attribute: _field(each) for each in document_options(declared)}
+    fields = {**(first or {}), **fields, **(last or {})}
+    model = create_model(name or declared.__name__, __base__=base, __doc__=declared.__doc__, **fields)
     model.declared = declared
     return model
 
@@ -120,13 +123,18 @@ def _default(each: Option) -> Any:
     return float(plain) if isinstance(plain, Fraction) else plain
 
 
-def field_type(kind: Kind[Any, Any]) -> Any:
+def _element(kind: option_kinds.Optional[Any, Any] | option_kinds.Several[Any, Any]) -> AnyKind:
+    """The kind of each of several values, or of one that may be left out."""
+    return kind.each
+
+
+def field_type(kind: AnyKind) -> Any:
     """The type of a key whose values are of a kind."""
     match kind:
-        case option_kinds.Optional(each):
-            return Omittable[field_type(each)]
-        case option_kinds.Several(each):
-            return Several[field_type(each)]
+        case option_kinds.Optional():
+            return Omittable[field_type(_element(kind))]
+        case option_kinds.Several():
+            return Several[field_type(_element(cast("SeveralValues", kind)))]
         case option_kinds.MujocoName(of=of):
             names, check = NAMES[of]
             return Annotated[Name, checked_by(check), suggested(names())]
@@ -145,10 +153,11 @@ def field_type(kind: Kind[Any, Any]) -> Any:
             return Annotated[
                 Annotated[Name, Tag(TEXT)] | Annotated[NonNegativeInteger, Tag(NUMBER)], by_type(expected, TEXT, NUMBER)
             ]
-    return FIELD_TYPES[type(kind)]
+        case _:
+            return FIELD_TYPES[type(kind)]
 
 
-FIELD_TYPES: dict[type[Kind[Any, Any]], Any] = {
+FIELD_TYPES: dict[type[AnyKind], Any] = {
     option_kinds.Text: Name,
     option_kinds.Flag: bool,
     option_kinds.Size: Size,
@@ -206,15 +215,15 @@ def option_value(each: Option, value: Any, folders: Folders) -> Any:
         return _converted(each.kind, value, folders)
 
 
-def _converted(kind: Kind[Any, Any], value: Any, folders: Folders) -> Any:
+def _converted(kind: AnyKind, value: Any, folders: Folders) -> Any:
     match kind:
-        case option_kinds.Optional(each):
-            return _converted(each, value, folders)
-        case option_kinds.Several(each):
-            parts: list[Any] = []
+        case option_kinds.Optional():
+            return _converted(_element(kind), value, folders)
+        case option_kinds.Several():
+            element, parts = _element(cast("SeveralValues", kind)), list[Any]()
             for index, part in enumerate(as_tuple(value)):
                 with concerning(index):
-                    parts.append(_converted(each, part, folders))
+                    parts.append(_converted(element, part, folders))
             return tuple(parts)
         case option_kinds.File(written=True):
             return folders.outputs.path(value)
@@ -228,4 +237,5 @@ def _converted(kind: Kind[Any, Any], value: Any, folders: Folders) -> Any:
             return read_camera(folders.input(value))
         case option_kinds.Instant() if isinstance(value, Event):
             return value.event()
-    return value
+        case _:
+            return value

@@ -1,8 +1,8 @@
-"""The rigs of a camera document, derived from the declarations of `camera.rigs`: their forms, and what they hold."""
+"""The rigs of a camera document: models that are derived from the declarations of `camera.rigs`."""
 
 from collections.abc import Iterator, Mapping
 from functools import cache
-from typing import Annotated, Any, ClassVar, Protocol
+from typing import Annotated, Any, ClassVar, Protocol, cast
 
 from pydantic import AfterValidator, BeforeValidator, Field, Tag, create_model
 
@@ -70,7 +70,7 @@ def ramp(value: float | RampModel) -> Ramp:
 
 
 def optional_ramp(value: float | RampModel | None) -> Ramp | None:
-    """The same of one that may be left out."""
+    """The same of a number that may be left out."""
     return None if value is None else ramp(value)
 
 
@@ -100,28 +100,28 @@ class DeclaredModel(DocumentModel):
 
 
 def _field_value(value: object) -> object:
-    """What a field of the dataclass holds for the value of a form's."""
+    """What a field of the dataclass holds for the value of a model's."""
     match value:
         case DeclaredModel():
             return value.value()
         case list():
-            return [_field_value(item) for item in value]
+            return [_field_value(item) for item in cast("list[object]", value)]
         case _:
             return value
 
 
 @cache
 def declared_model(declared: type[Declared]) -> type[DeclaredModel]:
-    """The form of a dataclass with declared fields; its docstring is the description."""
+    """The model of a dataclass with declared fields; its docstring is the description."""
     fields: dict[str, Any] = {}
     for field in declared_fields(declared):
         alias = field.key if field.key != field.name else None
         default = ... if field.required else field.default
         fields[field.name] = (_annotation(field.setting), Field(default, alias=alias, description=field.setting.help))
     name = declared.__name__.removesuffix("Rig")
-    form = create_model(name, __base__=DeclaredModel, __doc__=declared.__doc__, **fields)
-    form.declared = declared
-    return form
+    model = create_model(name, __base__=DeclaredModel, __doc__=declared.__doc__, **fields)
+    model.declared = declared
+    return model
 
 
 def _annotation(setting: Setting) -> Any:
@@ -151,8 +151,8 @@ def rig_fields() -> dict[str, Any]:
     fields: dict[str, Any] = {}
     for kind, rig in RIGS.items():
         if rig is not ModelRig:
-            form: Any = declared_model(rig)
+            model: Any = declared_model(rig)
             if not any(field.required for field in declared_fields(rig)):
-                form = Annotated[form, BeforeValidator(empty_if_null, json_schema_input_type=form | None)]
-            fields[kind] = (form, Field(None, description=rig.help))
+                model = Annotated[model, BeforeValidator(empty_if_null, json_schema_input_type=model | None)]
+            fields[kind] = (model, Field(None, description=rig.help))
     return fields

@@ -16,12 +16,12 @@ plots:
 ```
 """
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import Annotated, Any, TypeVar
+from typing import Annotated, Any, TypeVar, cast
 
 from pydantic import ConfigDict, Field, Tag
 
@@ -102,7 +102,7 @@ class RunRequest:
         self.jobs = list(jobs.values())
 
     @contextmanager
-    def located(self) -> Iterator[None]:
+    def located(self) -> Generator[None]:
         """Tells of what is wrong with the jobs at the lines of the document.
 
         Raises:
@@ -195,7 +195,7 @@ class _Builder:
 
     def _values(self, declared: type[Options], entry: OptionsModel, place: Place) -> dict[str, Any]:
         """What the options are given for what the document says of them."""
-        values = {}
+        values: dict[str, Any] = {}
         for each in document_options(declared):
             if each.attribute in entry.model_fields_set:
                 written = getattr(entry, each.attribute)
@@ -243,6 +243,9 @@ def _entry_path(tree: MappingNode, place: Place, path: Place) -> Place:
         case (str() as name, int() as index, *rest) if isinstance(entries := find(tree, (*place, name)), ListNode):
             kind = next((each.kind for each in document_options(declared) if each.name == name), None)
             if isinstance(kind, Several) and kind.commas:
-                owners = [i for i, entry in enumerate(entries.items) for _ in kind.parse(str(plain(entry)))]
+                counts = [len(cast("tuple[object, ...]", kind.parse(str(plain(entry))))) for entry in entries.items]
+                owners = [i for i, count in enumerate(counts) for _ in range(count)]
                 return (name, owners[index], *rest)
+        case _:
+            pass
     return path

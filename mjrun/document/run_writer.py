@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from fractions import Fraction
-from typing import Any
+from typing import Any, cast
 
 from mjrun.camera.script import CameraScript, Event
 from mjrun.document.camera_writer import camera_document, event_document
@@ -94,10 +94,11 @@ def _written(value: Any) -> Any:
         case int() | float():
             return number(value)
         case list() | tuple():
-            return [_written(part) for part in value]
+            return [_written(part) for part in cast("list[Any]", value)]
         case dict():
-            return {key: _written(part) for key, part in value.items()}
-    return value
+            return {key: _written(part) for key, part in cast("Plain", value).items()}
+        case _:
+            return value
 
 
 def _settings(settings: Sequence[tuple[str, str]]) -> Plain:
@@ -125,7 +126,8 @@ def _escaped(value: Any) -> Any:
         case str():
             return value.replace("${", "$${")
         case dict():
-            return {key: _escaped(inner) for key, inner in value.items()}
+            return {key: _escaped(inner) for key, inner in cast("Plain", value).items()}
         case list():
-            return [_escaped(inner) for inner in value]
-    return value
+            return [_escaped(inner) for inner in cast("list[Any]", value)]
+        case _:
+            return value

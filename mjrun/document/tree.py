@@ -63,8 +63,8 @@ class MappingNode:
     """A mapping; `keys` are the places of its keys."""
 
     mark: Mark
-    entries: Mapping[str, "Node"] = field(default_factory=dict)
-    keys: Mapping[str, Mark] = field(default_factory=dict)
+    entries: Mapping[str, "Node"] = field(default_factory=dict[str, "Node"])
+    keys: Mapping[str, Mark] = field(default_factory=dict[str, Mark])
 
     def with_entry(self, key: str, mark: Mark, value: "Node") -> "MappingNode":
         """The same with one entry set."""

@@ -83,7 +83,8 @@ class _Resolver:
                 return MappingNode(node.mark, entries, node.keys)
             case ScalarNode(value=str(text)) if "${" in text:
                 return self._scalar(node, text, path)
-        return node
+            case _:
+                return node
 
     def _scalar(self, node: ScalarNode, text: str, path: Path) -> Node:
         whole = _REFERENCE.fullmatch(text)

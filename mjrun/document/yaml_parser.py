@@ -1,5 +1,8 @@
 """From YAML text to a tree: the part of YAML that documents use, and what is wrong with the rest."""
 
+# PyYAML says little of its types.
+# pyright: reportUnknownMemberType=false, reportUnknownVariableType=false, reportUnknownArgumentType=false
+
 import re
 from bisect import bisect_right
 from collections.abc import Callable
@@ -125,7 +128,7 @@ class _Composer:
             self._halt(index, f"more than {NODES:,} values are no document for mjrun")
         if self.depth >= DEPTH:
             self._halt(index, f"more than {DEPTH} lists and mappings within each other are no document for mjrun")
-        self._check_dress(event, mark, path)
+        self._check_properties(event, mark, path)
         if isinstance(event, AliasEvent):
             return InvalidNode(mark)
         if isinstance(event, ScalarEvent):
@@ -137,8 +140,8 @@ class _Composer:
         self.depth -= 1
         return node
 
-    def _check_dress(self, event: Any, mark: Mark, path: Path) -> None:
-        """What a value may not wear."""
+    def _check_properties(self, event: Any, mark: Mark, path: Path) -> None:
+        """YAML's properties of nodes are faults: anchors and tags."""
         if event.anchor is not None:
             self._fault(mark, path, NO_ANCHORS)
         if getattr(event, "tag", None) is not None:

@@ -1,5 +1,8 @@
 """From plain values to YAML text that is read as the same values: numbers short and exact, quotes where needed."""
 
+# PyYAML says little of its types.
+# pyright: reportUnknownMemberType=false, reportUnknownVariableType=false, reportUnknownArgumentType=false
+
 import math
 import re
 from fractions import Fraction
@@ -28,7 +31,7 @@ def number(value: float) -> float:
     """
     if not math.isfinite(value):
         raise UsageError(f"a document holds finite numbers, not {value}")
-    return int(value) if isinstance(value, int) or (value == int(value) and abs(value) < 1e16) else float(value)
+    return int(value) if value == int(value) and (isinstance(value, int) or abs(value) < 1e16) else float(value)
 
 
 def exact(value: float | str | Fraction) -> float | str:
@@ -87,15 +90,17 @@ class _Dumper(yaml.SafeDumper):
                 raise UsageError(f"{quoted(key)}: a document takes no key with control characters")
         return super().represent_mapping(tag, mapping, flow_style)
 
-    def _text(self, text: str) -> yaml.ScalarNode:
-        if _SURROGATE.search(text):
-            raise UsageError(f"{quoted(text)} is not UTF-8, and a document is")
-        style = '"' if _ESCAPED.search(text) or FORBIDDEN.search(text) else None
-        return self.represent_scalar("tag:yaml.org,2002:str", text, style)
 
-    def _float(self, value: float) -> yaml.ScalarNode:
-        return self.represent_scalar("tag:yaml.org,2002:float", repr(value))
+def _represent_text(dumper: _Dumper, text: str) -> yaml.ScalarNode:
+    if _SURROGATE.search(text):
+        raise UsageError(f"{quoted(text)} is not UTF-8, and a document is")
+    style = '"' if _ESCAPED.search(text) or FORBIDDEN.search(text) else None
+    return dumper.represent_scalar("tag:yaml.org,2002:str", text, style)
 
 
-_Dumper.add_representer(str, _Dumper._text)
-_Dumper.add_representer(float, _Dumper._float)
+def _represent_float(dumper: _Dumper, value: float) -> yaml.ScalarNode:
+    return dumper.represent_scalar("tag:yaml.org,2002:float", repr(value))
+
+
+_Dumper.add_representer(str, _represent_text)
+_Dumper.add_representer(float, _represent_float)

@@ -8,7 +8,7 @@ import yaml
 from mjrun.camera.easing import BLENDS, EASINGS
 from mjrun.document import camera
 from mjrun.document.camera import RIGS, CameraDocument, Shot
-from mjrun.document.json_schema import KINDS, VARIABLE_KEYS, json_schema
+from mjrun.document.json_schema import DOCUMENTS, VARIABLE_KEYS, json_schema
 from mjrun.document.run import RunDocument
 from mjrun.errors import UnknownNameError
 from tests.document.schema_oracle import fits, rules
@@ -50,7 +50,7 @@ def test_what_is_refused_does_not_fit_the_schema(text: str) -> None:
     assert not fits(value, json_schema("camera"), json_schema("camera"))
 
 
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("kind", DOCUMENTS)
 def test_a_schema_says_its_dialect_and_title_and_has_no_place_in_the_world(kind: str) -> None:
     made = json_schema(kind)
     assert made["$schema"] == "https://json-schema.org/draft/2020-12/schema"
@@ -58,7 +58,7 @@ def test_a_schema_says_its_dialect_and_title_and_has_no_place_in_the_world(kind:
     assert not any("$id" in rule for rule in rules(made))
 
 
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("kind", DOCUMENTS)
 def test_every_mapping_and_every_key_is_described_and_every_reference_leads_somewhere(kind: str) -> None:
     made = json_schema(kind)
     for rule in rules(made):
