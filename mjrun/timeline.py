@@ -84,14 +84,14 @@ class Timeline:
         Args:
           pieces: the simulated time [s] at which each piece ends, in order, and its speed.
         """
-        found: list[list[int]] = []
+        steps_of_parts: list[list[int]] = []
         first, start, shown = 0, Fraction(0), Fraction(0)  # frame, simulated time and time of the video [s]
         for end, speed in pieces:
             until = shown + (end - start) / speed
             last = math.ceil(until * fps)
-            found.append(self._every(speed / fps, range(first, last), start - shown * speed))
+            steps_of_parts.append(self._every(speed / fps, range(first, last), start - shown * speed))
             first, start, shown = last, end, until
-        return found
+        return steps_of_parts
 
     def rows(self, every: int = 1, rate: Fraction | None = None) -> Sequence[int]:
         """The step that each row of a trace shows: 0, s, 2s, … ≤ `steps`, the last step included.

@@ -125,10 +125,10 @@ class Bench(BenchOptions):
     def _check_drawings(self) -> None:
         """Refuses options of drawing where nothing is drawn, and several drawings for one video."""
         names = ("camera", "size", "view", "quality", "renderer", "gl", "require_gpu")
-        given = [option(name) for name in names if is_given(self, name)]
-        if given and not (self.render or self.whole):
+        given_names = [option(name) for name in names if is_given(self, name)]
+        if given_names and not (self.render or self.whole):
             hint = f"add {option('render')} to time frames, or {option('whole')} to time a video"
-            raise UsageError(f"{', '.join(given)}: nothing is drawn\n{hint}")
+            raise UsageError(f"{', '.join(given_names)}: nothing is drawn\n{hint}")
         if self.whole and not self.render and len(self.drawings) > 1:
             several = f"{option('render')} times several views"
             raise UsageError(f"{option('whole')} times one video, not {len(self.drawings)}; {several}")

@@ -39,9 +39,9 @@ class RolloutInputs:
     @classmethod
     def of(cls, model: mujoco.MjModel, data: mujoco.MjData, controls: np.ndarray | None = None) -> "RolloutInputs":
         """The run from the state in `data`, on a copy of `model`."""
-        kept = copy.copy(model)
-        kept.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_AUTORESET)
-        return cls(kept, state.save(model, data), controls)
+        own_model = copy.copy(model)
+        own_model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_AUTORESET)
+        return cls(own_model, state.save(model, data), controls)
 
     def data(self) -> mujoco.MjData:
         """A new MjData at the start."""

@@ -30,17 +30,17 @@ class Curve:
         self._velocities = None if straight else self._smooth(bounded)
 
     def _smooth(self, bounded: tuple[int, ...]) -> np.ndarray:
-        found = np.gradient(self._points, self.knots, axis=0, edge_order=2 if len(self.knots) > 2 else 1)
+        slopes = np.gradient(self._points, self.knots, axis=0, edge_order=2 if len(self.knots) > 2 else 1)
         before = np.concatenate([self._slopes[:1], self._slopes])
         after = np.concatenate([self._slopes, self._slopes[-1:]])
         still = ~before.any(axis=1) | ~after.any(axis=1)
-        found[still] = 0.0
+        slopes[still] = 0.0
         for column in bounded:
             # F. Fritsch and R. Carlson, "Monotone Piecewise Cubic Interpolation", 1980: enough to be monotone.
             left, right = before[:, column], after[:, column]
             most = np.where(left * right > 0, 3 * np.minimum(abs(left), abs(right)), 0.0) * np.sign(left)
-            found[:, column] = np.clip(found[:, column], np.minimum(most, 0), np.maximum(most, 0))
-        return found
+            slopes[:, column] = np.clip(slopes[:, column], np.minimum(most, 0), np.maximum(most, 0))
+        return slopes
 
     def _segment(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Of each of `x`: the segment it is in, and how far, from 0 to 1."""

@@ -16,11 +16,11 @@ def show_columns(console: Console, source: "Source", as_json: bool, probes: Sequ
     from mjrun.job.simulation import Simulation
     from mjrun.job.trace import columns
 
-    found = columns(Simulation(source), probes)
+    listed = columns(Simulation(source), probes)
     if as_json:
-        console.document({"columns": [asdict(column) for column in found]})
+        console.document({"columns": [asdict(column) for column in listed]})
         return
-    width = max(len(clean(column.name)) for column in found)
-    for column in found:
+    width = max(len(clean(column.name)) for column in listed)
+    for column in listed:
         owner = f"{column.kind} {column.id}" if column.kind else ""
         console.result(f"{clean(column.name):{width}}  {column.unit:8}  {owner:12}  {column.meaning}".rstrip())

@@ -29,10 +29,10 @@ class AvailableProbes(Vocabulary):
         return self._groups
 
     def column(self, name: str) -> str | None:
-        found = super().column(name)
-        if found is None and name.startswith(self.beginnings):
+        column_name = super().column(name)
+        if column_name is None and name.startswith(self.beginnings):
             return None if self._unpaired(name) else name
-        return found
+        return column_name
 
     def is_count(self, column: str) -> bool:
         return column.startswith(self.beginnings)
@@ -87,8 +87,8 @@ class AvailableProbes(Vocabulary):
             return source.unknown(component.start + 1, "component", component.text[1:], _dotted(parts))
         if parts:
             written = clean(source.text[group.start : component.end])
-            found = f"{written}, which has several components"
-            return source.fault(group.start, found, f"one of {listing([f'.{part}' for part in _dotted(parts)])}")
+            reason = f"{written}, which has several components"
+            return source.fault(group.start, reason, f"one of {listing([f'.{part}' for part in _dotted(parts)])}")
         if group.text == PAIRS:
             return source.fault(group.start, f"{PAIRS} of one object", f"{PAIRS} of two")
         known = dict.fromkeys(object_of(name) for name in self.names if name.startswith(f"{group.text}/"))

@@ -111,8 +111,8 @@ def pair(text: str, model: mujoco.MjModel) -> InstantProbe:
     one, other = _party(model, first), _party(model, second)
 
     def measure(model: mujoco.MjModel, data: mujoco.MjData) -> np.ndarray:
-        found = data.contact
-        sides = _things(model, found), _bodies(model, found.geom, found.flex, found.vert)
+        contacts_now = data.contact
+        sides = _things(model, contacts_now), _bodies(model, contacts_now.geom, contacts_now.flex, contacts_now.vert)
         between = one.has(*sides) & other.has(*sides)[:, ::-1]
         return np.array([np.count_nonzero(between.any(axis=1))], float)
 
@@ -154,11 +154,11 @@ def _party(model: mujoco.MjModel, text: str) -> _Party:
 def _carriers(model: mujoco.MjModel, flex: int) -> np.ndarray:
     """The bodies that the vertices of a flex move with, or the nodes between which its vertices are."""
     vertices, nodes = model.flex_vertadr[flex], model.flex_nodeadr[flex]
-    found = (
+    rows = (
         model.flex_vertbodyid[vertices : vertices + model.flex_vertnum[flex]],
         model.flex_nodebodyid[nodes : nodes + model.flex_nodenum[flex]],
     )
-    return np.concatenate([bodies[bodies >= 0] for bodies in found])
+    return np.concatenate([bodies[bodies >= 0] for bodies in rows])
 
 
 def _split(text: str, model: mujoco.MjModel) -> tuple[str, str]:

@@ -252,10 +252,10 @@ class Parser:
     def _unexpected(self, expected: str) -> UsageError:
         token = self.token
         meant = MEANT.get(token.text) if token.kind == "unknown" else None
-        found = quoted(token.text if len(token.text) <= SHOWN else token.text[:SHOWN] + "…")
+        shown = quoted(token.text if len(token.text) <= SHOWN else token.text[:SHOWN] + "…")
         hint = f" (did you mean {meant}?)" if meant else ""
-        found = "the end" if token.kind == "end" else found + hint
-        return self._unquoted() or self.source.fault(token.start, found, expected)
+        shown = "the end" if token.kind == "end" else shown + hint
+        return self._unquoted() or self.source.fault(token.start, shown, expected)
 
     def _unquoted(self) -> UsageError | None:
         """The error that a column is written here without the quotes that it needs, if so."""

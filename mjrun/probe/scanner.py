@@ -139,9 +139,9 @@ class Scanner:
         start = self._after_space(position)
         if opening := self._opening(start):
             return self._accessor(opening)
-        found = [t for t in (self._number(start), self._column(start), self._word(start)) if t]
-        if found:
-            return max(found, key=lambda token: token.end)  # the first of the longest
+        tokens = [t for t in (self._number(start), self._column(start), self._word(start)) if t]
+        if tokens:
+            return max(tokens, key=lambda token: token.end)  # the first of the longest
         if start == len(self.text):
             return Token("end", "", start, start)
         if self.text[start] in "'`":
@@ -206,10 +206,10 @@ class Scanner:
 
     def _opening(self, start: int) -> Token | None:
         """The name of a group that is called at `start`, up to its parenthesis."""
-        found = _OPENING.match(self.text, start)
-        if not found or found[1] in (*FUNCTIONS, *KEYWORDS) or found[1] not in self.vocabulary.groups:
+        opening = _OPENING.match(self.text, start)
+        if not opening or opening[1] in (*FUNCTIONS, *KEYWORDS) or opening[1] not in self.vocabulary.groups:
             return None
-        return Token("group", found[1], start, found.end())
+        return Token("group", opening[1], start, opening.end())
 
     def _accessor(self, group: Token) -> Token:
         objects = [self._object(group.end)]

@@ -60,8 +60,8 @@ def available_columns(model: mujoco.MjModel) -> list[Column]:
     groups = [name for name in DERIVED if name != "energy"]
     fields = [name for name in offered(model) if name != "sensordata"]
     everything = [_whole(model, name) for name in (*PROBES, *groups, *fields) if name not in ("contact",)]
-    found = {column.name: column for probe in [*everything, DERIVED["contact"](model)] for column in probe.columns}
-    return list(found.values())
+    by_name = {column.name: column for probe in [*everything, DERIVED["contact"](model)] for column in probe.columns}
+    return list(by_name.values())
 
 
 def selected_columns(model: mujoco.MjModel, probe_names: Iterable[str]) -> list[Column]:
@@ -72,12 +72,12 @@ def selected_columns(model: mujoco.MjModel, probe_names: Iterable[str]) -> list[
 def aliases(model: mujoco.MjModel) -> dict[str, str]:
     """Other names under which columns of `model` may be asked for, `xpos/skin/z` of a geom, and the columns' own."""
     others = {**FALLBACKS, **{field: (name,) for name, field in ALIASES.items()}}
-    found: dict[str, str] = {}
+    aliases_by_name: dict[str, str] = {}
     for group, candidates in others.items():
         columns = [column.name for candidate in candidates for column in _whole(model, candidate).columns]
-        for column in columns:  # the first of a name is what is found
-            found.setdefault(f"{group}/{column.partition('/')[2]}", column)
-    return found
+        for column in columns:  # the first of a name is meant
+            aliases_by_name.setdefault(f"{group}/{column.partition('/')[2]}", column)
+    return aliases_by_name
 
 
 def object_of(name: str) -> str:

@@ -114,14 +114,14 @@ def egl_devices() -> dict[str, list[dict[str, str | int | None]]]:
     stand_in()
     egl = importlib.import_module("mujoco.egl.egl_ext")
     address = ctypes.cast(egl.eglGetProcAddress("eglQueryDeviceStringEXT"), ctypes.c_void_p).value or 0
-    asked = ctypes.CFUNCTYPE(ctypes.c_char_p, ctypes.c_void_p, ctypes.c_int)(address)
+    query = ctypes.CFUNCTYPE(ctypes.c_char_p, ctypes.c_void_p, ctypes.c_int)(address)
     found: list[dict[str, str | int | None]] = []
     for index, device in enumerate(egl.eglQueryDevicesEXT()):
         try:
             cuda = int(egl.eglQueryDeviceAttribEXT(device, egl.EGL_CUDA_DEVICE_NV))
         except Exception:  # an extension that this driver has not
             cuda = None
-        file = asked(ctypes.cast(device, ctypes.c_void_p), DRM_DEVICE_FILE)
+        file = query(ctypes.cast(device, ctypes.c_void_p), DRM_DEVICE_FILE)
         found.append({"index": index, "cuda": cuda, "file": file.decode(errors="replace") if file else None})
     return {"devices": found}
 
