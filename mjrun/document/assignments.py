@@ -1,4 +1,4 @@
-"""`key=value` from the command line: values set in a document, as `duration=2` and `films[0].fps=30`."""
+"""Assignments `key=value` from the command line, such as `videos[0].fps=30`: they replace values of a document."""
 
 import re
 from collections.abc import Sequence
@@ -50,9 +50,9 @@ def assign(
             path = _path(key, named)
             if path[0] in fixed:
                 raise _InvalidPathError(f"{path[0]} is set in the document only")
-            value, found = compose(text, lambda index, mark=mark: mark, inline=True)
-            faults += found
-            if value or not found:
+            value, value_faults = compose(text, lambda index, mark=mark: mark, inline=True)
+            faults += value_faults
+            if value or not value_faults:
                 tree = _with(tree, path, value or ScalarNode(mark, None, ""))
         except _InvalidPathError as error:
             faults.append(Fault(mark, "", str(error)))
@@ -65,18 +65,18 @@ def _path(text: str, named: Sequence[str]) -> Path:
         return (first, name)
     steps: list[str | int] = []
     position = 0
-    while found := _STEP.match(text, position):
-        steps.append(found[1] if found[1] is not None else int(found[2]))
-        position = found.end()
+    while match := _STEP.match(text, position):
+        steps.append(match[1] if match[1] is not None else int(match[2]))
+        position = match.end()
     if position < len(text) or not steps or isinstance(steps[0], int):
-        raise _InvalidPathError(f"{quoted(shortened(text))} is no place; write it as in duration, films[0].fps")
+        raise _InvalidPathError(f"{quoted(shortened(text))} is not a path; write it as in duration, videos[0].fps")
     return tuple(steps)
 
 
 def _with(tree: MappingNode, path: Path, value: Node) -> MappingNode:
-    made = _set(tree, path, value, ())
-    assert isinstance(made, MappingNode)  # a path begins with a key
-    return made
+    changed = _set(tree, path, value, ())
+    assert isinstance(changed, MappingNode)  # a path begins with a key
+    return changed
 
 
 def _set(node: Node | None, path: Path, value: Node, above: Path) -> Node:

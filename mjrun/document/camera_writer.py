@@ -1,4 +1,4 @@
-"""From scripts back to what a camera document says of them, as plain values."""
+"""From camera scripts back to camera documents, as plain values."""
 
 from collections.abc import Mapping, Sequence
 from fractions import Fraction
@@ -21,7 +21,7 @@ def camera_document(camera: script.CameraScript) -> Plain:
     """The document of `camera`, as it is written within a run document.
 
     Raises:
-      UsageError: no document says this.
+      UsageError: a camera document cannot hold this.
     """
     name = {} if camera.name == "script" else {"name": camera.name}
     return {**name, "shots": [_shot(shot, f"{camera.name}: shots[{i}]") for i, shot in enumerate(camera.shots)]}
@@ -62,7 +62,7 @@ def _rig(rig: Rig, what: str) -> Plain:
         return {rig.kind: rig.camera}
     fields = _declared(rig)
     for _, conflict in rig.conflicts(fields):
-        raise UsageError(f"{what}: no document says this of a camera: {conflict}")
+        raise UsageError(f"{what}: a camera document cannot hold this: {conflict}")
     return {rig.kind: fields}
 
 

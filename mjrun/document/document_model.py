@@ -124,8 +124,8 @@ def by_type(expected: str, *tags: str) -> Discriminator:
     """Tells the members of a union apart by the type of the value; a type without one of `tags` is not `expected`."""
 
     def tag(value: object) -> str | None:
-        found = TAGS.get(type(value))
-        return found if found in tags else None
+        name = TAGS.get(type(value))
+        return name if name in tags else None
 
     context: dict[str, int | str | float] = {"expected": expected}
     return _HashableDiscriminator(

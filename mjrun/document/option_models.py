@@ -103,7 +103,7 @@ def is_always_written(each: Option) -> bool:
 
 
 def _is_set(value: object) -> bool:
-    """Whether a key says something: `separate: false` does not."""
+    """Whether a key is set to something: `separate: false` is not."""
     return value is not None and value is not False and value != []
 
 
@@ -205,7 +205,7 @@ class Folders:
 
 
 def option_value(each: Option, value: Any, folders: Folders) -> Any:
-    """What the option is given for what the document holds.
+    """The value of an option, from what the document holds.
 
     Raises:
       UsageError: an output outside its folder, or a mistake in a document that this one names.

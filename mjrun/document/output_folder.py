@@ -9,11 +9,9 @@ from mjrun.document.document_model import InvalidValueError, Name
 from mjrun.errors import UsageError, clean, quoted
 from mjrun.job.output_files import ReservedFiles
 
-WRITTEN = ("output", "contacts", "calibration", "pointcloud", "manifest")  # what names outputs, of jobs and documents
-
 
 def refusal(text: str) -> str:
-    """Why a document may not write to `text`; empty if it may, as far as the text tells."""
+    """Why a document may not write to the path `text`, judged by the text alone; empty if it may."""
     parts = PurePosixPath(text).parts
     depths = [sum(-1 if part == ".." else 1 for part in parts[:end]) for end in range(1, len(parts) + 1)]
     if text == "-":
@@ -33,7 +31,7 @@ def _inside(text: str) -> str:
     return text
 
 
-OutputPath = Annotated[Name, AfterValidator(_inside)]  # a path that a document may write to, as far as the text tells
+OutputPath = Annotated[Name, AfterValidator(_inside)]  # a path that a document may write to, judged by its text
 
 
 class OutputFolder:
@@ -52,14 +50,14 @@ class OutputFolder:
         self._check(path)
         return f"{path}/" if text.endswith("/") else str(path)
 
-    def take(self, path: str, taker: str) -> None:
-        """Reserves a file for one output; `taker` says of which, and where it is asked for.
+    def reserve(self, path: str, owner: str) -> None:
+        """Reserves a file for one output; `owner` names the option, and where it is written.
 
         Raises:
           UsageError: it is another's too, or a link leads out of the folder.
         """
         self._check(Path(path))
-        self._taken.reserve(path, taker)
+        self._taken.reserve(path, owner)
 
     def _check(self, path: Path) -> None:
         try:

@@ -27,7 +27,7 @@ def read(path: Path | str, kind: type[Kind], assignments: Sequence[str] = (), *,
     keys stand once and are text; there are no aliases, tags, merge keys or further documents.
 
     Args:
-      assignments: `key=value` from the command line, such as `films[0].fps=30`, over what is written; each value
+      assignments: `key=value` from the command line, such as `videos[0].fps=30`, over what is written; each value
         is a scalar or a flow collection under the same rules.
       variables: whether the document may have `vars:`, for `${name}` in its texts, and `defaults:`, another document
         with the same kind of mapping, below this one; its path is relative to the document's folder. `vars` of both
@@ -58,16 +58,16 @@ def read_placed(
     if tree and variables:
         tree = reader.with_defaults(tree)
     if tree:
-        tree, found = assign(tree, assignments, 2, (DEFAULTS,) if variables else (), named)
-        reader.faults += found
+        tree, faults = assign(tree, assignments, 2, (DEFAULTS,) if variables else (), named)
+        reader.faults += faults
         if variables:
-            tree, found = without_variables(tree)
-            reader.faults += found
+            tree, faults = without_variables(tree)
+            reader.faults += faults
     return reader.validated(tree, kind)
 
 
 def document_error(faults: Iterable[Fault], more: Sequence[Problem] = ()) -> DocumentError:
-    """The error that tells all `faults`, in order of their places, and `more` from other documents."""
+    """The error with all `faults`, in the order of their places, and `more` from other documents."""
     return DocumentError([*(_problem(fault) for fault in sorted(set(faults))), *more])
 
 
@@ -92,9 +92,9 @@ class _Reader:
             self.faults.append(Fault(mark, "", f"not UTF-8: the byte 0x{error.object[error.start]:02x}"))
             return None
         lines = LineIndex(text)
-        node, found = compose(text, lambda index: Mark(order, *lines.at(index), str(path)))
-        self.faults += found
-        if node is None and not found:
+        node, faults = compose(text, lambda index: Mark(order, *lines.at(index), str(path)))
+        self.faults += faults
+        if node is None and not faults:
             self.faults.append(Fault(top, "", "the document is empty"))
         elif node is not None and not isinstance(node, MappingNode | InvalidNode):
             self.faults.append(Fault(node.mark, "", f"expected a mapping, got {described(node)}"))
@@ -102,14 +102,14 @@ class _Reader:
 
     def with_defaults(self, tree: MappingNode) -> MappingNode | None:
         """`tree` over what its `defaults` names; None if that cannot be read."""
-        given = tree.entries.get(DEFAULTS)
+        path = tree.entries.get(DEFAULTS)
         tree = tree.without(DEFAULTS)
-        if given is None or isinstance(given, InvalidNode):
+        if path is None or isinstance(path, InvalidNode):
             return tree
-        if not isinstance(given, ScalarNode) or not isinstance(given.value, str) or not given.value:
-            self.faults.append(Fault(given.mark, DEFAULTS, f"expected the path of a document, got {described(given)}"))
+        if not isinstance(path, ScalarNode) or not isinstance(path.value, str) or not path.value:
+            self.faults.append(Fault(path.mark, DEFAULTS, f"expected the path of a document, got {described(path)}"))
             return tree
-        below = self.document(self.path.parent / given.value, 1, hint=f"{given.mark} names it as defaults")
+        below = self.document(self.path.parent / path.value, 1, hint=f"{path.mark} names it as defaults")
         if below and DEFAULTS in below.entries:
             self.faults.append(Fault(below.keys[DEFAULTS], "", "defaults have no defaults of their own"))
             below = below.without(DEFAULTS)
@@ -118,17 +118,19 @@ class _Reader:
 
     def validated(self, tree: MappingNode | None, kind: type[Kind]) -> tuple[Kind, MappingNode]:
         """The value and the tree, unless something was wrong."""
-        made = None
+        model = None
         if tree:
             try:
-                made = kind.model_validate(plain(tree))
+                model = kind.model_validate(plain(tree))
             except ValidationError as error:
                 self.faults += validation_faults(error, tree, (VARS, DEFAULTS) if self.variables else ())
-        if tree is None or made is None or self.faults:
+        if tree is None or model is None or self.faults:
             raise document_error(self.faults)
-        return made, tree
+        return model, tree
 
 
 def _problem(fault: Fault) -> Problem:
-    named = not fault.mark.line and fault.mark.source.startswith(f"{fault.path}=")  # the setting says the path already
+    named = not fault.mark.line and fault.mark.source.startswith(
+        f"{fault.path}="
+    )  # the assignment names the path already
     return Problem(str(fault.mark), "" if named else fault.path, fault.message)

@@ -15,7 +15,7 @@ _FIELDS = re.compile(r"^  (\w+(?:, \w+)*): (.*(?:\n    .*)*)", re.MULTILINE)
 
 
 class _Generator(GenerateJsonSchema):
-    """Says what each field is; a report has all of them."""
+    """Describes each field; a report has all of them."""
 
     def field_title_should_be_set(self, schema: Any) -> bool:
         return False
@@ -27,18 +27,18 @@ class _Generator(GenerateJsonSchema):
         return self.generate_inner(schema["schema"])
 
     def dataclass_schema(self, schema: Any) -> JsonSchemaValue:
-        made = super().dataclass_schema(schema)
+        report = super().dataclass_schema(schema)
         about, _, fields = (inspect.getdoc(schema["cls"]) or "").partition("Attributes:\n")
-        made["description"] = about.strip()
-        for names, said in _FIELDS.findall(fields):
+        report["description"] = about.strip()
+        for names, description in _FIELDS.findall(fields):
             for name in names.split(", "):
-                made["properties"][name]["description"] = " ".join(said.split())
-        return made
+                report["properties"][name]["description"] = " ".join(description.split())
+        return report
 
 
 def report_schema(kind: str) -> dict[str, Any]:
     """The JSON Schema, draft 2020-12, of reports of a `kind`, one of `REPORTS`. New keys may come to a report."""
-    form, title = REPORTS[kind]
-    made = TypeAdapter(form).json_schema(schema_generator=_Generator, mode="serialization")
-    made["properties"]["schema"]["const"] = form.schema
-    return {"$schema": _Generator.schema_dialect, **made, "title": title}
+    report, title = REPORTS[kind]
+    schema = TypeAdapter(report).json_schema(schema_generator=_Generator, mode="serialization")
+    schema["properties"]["schema"]["const"] = report.schema
+    return {"$schema": _Generator.schema_dialect, **schema, "title": title}

@@ -103,10 +103,10 @@ class RunRequest:
 
     @contextmanager
     def located(self) -> Generator[None]:
-        """Tells of what is wrong with the jobs at the lines of the document.
+        """Turns errors of the jobs into those of the document, at its lines.
 
         Raises:
-          DocumentError: with everything that is wrong.
+          DocumentError: with every error.
         """
         try:
             yield
@@ -134,7 +134,7 @@ def read_run(
     Args:
       assignments: `key=value` from the command line, such as `videos[0].fps=30` or `set.opt.cone=elliptic`, over what
         is written.
-      options: what no document says.
+      options: what a document cannot hold.
       command: the command line, for manifests.
 
     Raises:
@@ -214,8 +214,8 @@ class _Builder:
         """Reserves all files that `job` writes."""
         for name, file in self._attempt(place, lambda: job.files) or ():
             where = written_path(self._tree, (*place, name))
-            taker = f"{path_text(where)} at {find(self._tree, where).mark}"
-            self._attempt(where, partial(self._folders.outputs.take, file, taker))
+            owner = f"{path_text(where)} at {find(self._tree, where).mark}"
+            self._attempt(where, partial(self._folders.outputs.reserve, file, owner))
 
     def _attempt(self, place: Place, make: Callable[[], T]) -> T | None:
         """What `make` makes; None if it is wrong, which is noted."""

@@ -22,7 +22,7 @@ Plain = dict[str, Any]
 
 
 def document_text(jobs: Sequence[Job[OutputResult]], command: str = "") -> str:
-    """The run document that makes `jobs`, which have one simulation in common; it says what is not the default.
+    """The run document that makes `jobs`, which have one simulation in common; it holds what is not the default.
 
     What only this machine knows is not in it, such as the OpenGL backend. Files are relative to the current folder.
 
@@ -30,7 +30,7 @@ def document_text(jobs: Sequence[Job[OutputResult]], command: str = "") -> str:
       command: what made the jobs, for a comment.
 
     Raises:
-      UsageError: no document says this: code, a compiled model, an output outside of a folder.
+      UsageError: a document cannot hold this: code, a compiled model, an output outside of a folder.
     """
     if not jobs or any(job.simulation is not jobs[0].simulation for job in jobs):
         raise UsageError("a run document is of the outputs of one simulation")
@@ -55,7 +55,7 @@ def _simulation(simulation: Simulation) -> Plain:
 
 
 def _options(values: Options) -> Plain:
-    """What a document says of `values`: all that is not the default."""
+    """The keys of a document for `values`: all that are not the default."""
     return {
         each.name: plain_value(each.kind, value)
         for each in document_options(type(values))
@@ -105,7 +105,7 @@ def _settings(settings: Sequence[tuple[str, str]]) -> Plain:
     written: Plain = {}
     for path, text in settings:
         if path in written:
-            raise UsageError(f"{clean(path)} is set twice, and a document says it once")
+            raise UsageError(f"{clean(path)} is set twice, and a document can set it once")
         written[path] = _setting(text)
     return written
 
@@ -121,7 +121,7 @@ def _setting(text: str) -> Any:
 
 
 def _escaped(value: Any) -> Any:
-    """`value` with texts that no variables are found in."""
+    """`value` with `${` escaped, so that no text refers to a variable."""
     match value:
         case str():
             return value.replace("${", "$${")

@@ -33,7 +33,7 @@ class Mark:
 
 @dataclass(frozen=True, order=True)
 class Fault:
-    """Something wrong, in the order in which faults are told."""
+    """Something wrong; faults are reported in their order."""
 
     mark: Mark
     path: str
@@ -147,18 +147,18 @@ def shortened(text: str, most: int = SHOWN) -> str:
 
 
 def described(node: Node) -> str:
-    """What a message says was found: `-2`, `'fast'`, `nothing`, `a list`."""
+    """A value as messages show it: `-2`, `'fast'`, `nothing`, `a list`."""
     match node:
         case ScalarNode(text=""):
-            found = "nothing" if node.value is None else "''"
+            text = "nothing" if node.value is None else "''"
         case ScalarNode(value=str()):
-            found = quoted(shortened(node.text))
+            text = quoted(shortened(node.text))
         case ScalarNode():
-            found = clean(shortened(node.text))
+            text = clean(shortened(node.text))
         case ListNode():
             return "a list"
         case MappingNode():
             return "a mapping"
         case InvalidNode():
             return "what cannot be read"
-    return found + (f" from {clean(node.origin)}" if node.origin else "")
+    return text + (f" from {clean(node.origin)}" if node.origin else "")

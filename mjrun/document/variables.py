@@ -40,7 +40,7 @@ def without_variables(tree: MappingNode) -> tuple[MappingNode, list[Fault]]:
     stands what the variable was written as. `$${` is `${` itself.
     """
     resolver = _Resolver()
-    resolver.take(tree.entries.get(VARS))
+    resolver.define(tree.entries.get(VARS))
     rest = tree.without(VARS)
     entries = {key: resolver.resolved(value, (key,)) for key, value in rest.entries.items()}
     return MappingNode(rest.mark, entries, rest.keys), resolver.faults
@@ -50,25 +50,27 @@ class _Resolver:
     def __init__(self) -> None:
         self.variables: dict[str, Node] = {}
         self.faults: list[Fault] = []
-        self.made = 0
+        self.substituted = 0
 
-    def take(self, given: Node | None) -> None:
+    def define(self, node: Node | None) -> None:
         """Reads the variables."""
-        if given is None or isinstance(given, InvalidNode):
+        if node is None or isinstance(node, InvalidNode):
             return
-        if not isinstance(given, MappingNode):
-            self._fault(given.mark, (VARS,), f"expected a mapping of names to values, got {described(given)}")
+        if not isinstance(node, MappingNode):
+            self._fault(node.mark, (VARS,), f"expected a mapping of names to values, got {described(node)}")
             return
-        for name, value in given.entries.items():
+        for name, value in node.entries.items():
             if not _NAME.fullmatch(name):
-                self._fault(given.keys[name], (VARS,), f"{quoted(shortened(name))} is no name of letters, digits and _")
+                self._fault(
+                    node.keys[name], (VARS,), f"{quoted(shortened(name))} is not a name of letters, digits and _"
+                )
             self.variables[name] = self._variable(value, (VARS, name))
 
     def _variable(self, value: Node, path: Path) -> Node:
         if not isinstance(value, ScalarNode | InvalidNode):
             self._fault(value.mark, path, f"expected a single value, got {described(value)}")
             return InvalidNode(value.mark)
-        if isinstance(value, ScalarNode) and any(found[0] != "$${" for found in _REFERENCE.finditer(value.text)):
+        if isinstance(value, ScalarNode) and any(match[0] != "$${" for match in _REFERENCE.finditer(value.text)):
             self._fault(value.mark, path, "variables do not refer to variables; ${ itself is written $${")
             return InvalidNode(value.mark)
         return self.resolved(value, path)
@@ -93,22 +95,22 @@ class _Resolver:
             return ScalarNode(node.mark, value.value, value.text, text) if value else InvalidNode(node.mark)
         parts: list[str] = []
         end = 0
-        for found in _REFERENCE.finditer(text):
-            value = None if found[0] == "$${" else self._value(found, node.mark, path)
-            if found[0] != "$${" and not value:
+        for match in _REFERENCE.finditer(text):
+            value = None if match[0] == "$${" else self._value(match, node.mark, path)
+            if match[0] != "$${" and not value:
                 return InvalidNode(node.mark)
-            parts += [text[end : found.start()], value.text if value else "${"]
-            end = found.end()
-            self.made += len(parts[-1])
-            if self.made > LARGEST:
+            parts += [text[end : match.start()], value.text if value else "${"]
+            end = match.end()
+            self.substituted += len(parts[-1])
+            if self.substituted > LARGEST:
                 self._fault(node.mark, path, f"variables make more than {LARGEST:,} characters")
                 return InvalidNode(node.mark)
-        made = "".join([*parts, text[end:]])
-        return ScalarNode(node.mark, made, made)
+        text = "".join([*parts, text[end:]])
+        return ScalarNode(node.mark, text, text)
 
-    def _value(self, found: re.Match[str], mark: Mark, path: Path) -> ScalarNode | None:
-        """The variable that `found` refers to, if there is such a one."""
-        name = found[1]
+    def _value(self, match: re.Match[str], mark: Mark, path: Path) -> ScalarNode | None:
+        """The variable that `match` refers to, if there is such a one."""
+        name = match[1]
         if name is None:
             self._fault(mark, path, "${ begins a variable, ${name}; ${ itself is written $${")
             return None

@@ -34,7 +34,7 @@ def test_a_setting_stands_over_what_is_written(assignments: list[str], expected:
     assert read(path, Run, assignments) == Run.model_validate(written | expected)
 
 
-PLACES = "is no place; write it as in duration, films[0].fps"
+PLACES = "is not a path; write it as in duration, videos[0].fps"
 
 
 @pytest.mark.parametrize(

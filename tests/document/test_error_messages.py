@@ -3,6 +3,7 @@
 import pytest
 from pydantic import BaseModel
 
+from mjrun.document.document_model import DocumentModel
 from mjrun.document.reader import read
 from mjrun.errors import clean
 from tests.document.documents import ANCHOR, Run, problems, put
@@ -79,3 +80,17 @@ def test_long_and_hostile_text_is_cut_and_cleaned() -> None:
     assert [clean(line) for line in found] == found
     assert found[-1] == f"d.yaml:4:11: duration: expected a number, got '{'y' * 39}…'"
     assert "'\\u202ekey'" in found[0]
+
+
+class Nothing(DocumentModel):
+    """A document without keys."""
+
+
+@pytest.mark.parametrize(
+    ("key", "new"),
+    [("films", "videos"), ("stills", "images"), ("recording", "recordings, a list"), ("at", "time")],
+)
+def test_a_key_of_earlier_versions_is_reported_with_its_new_name(key: str, new: str) -> None:
+    assert problems(lambda: read(put(f"{key}: 1\n"), Nothing)) == [
+        f"d.yaml:1:1: unknown key '{key}': it is called {new} now"
+    ]

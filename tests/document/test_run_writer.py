@@ -365,7 +365,7 @@ def overridden(*settings: Override) -> Any:
         (Video(start(), "a.mp4", manifest="~/m.json"), "'~/m.json' is no path inside"),
         (
             overridden(Override("opt.cone", "a"), Override("opt.cone", "b")),
-            "opt.cone is set twice, and a document says it",
+            "opt.cone is set twice, and a document can set it",
         ),
         (Recording(start(qpos={"a\nb": 1}), "a.npz"), r"'a\nb': a document takes no key with control characters"),
         (Recording(start(qpos={"a": float("inf")}), "a.npz"), "a document holds finite numbers, not inf"),
@@ -373,7 +373,7 @@ def overridden(*settings: Override) -> Any:
         (shot(until=Fraction(1, 3)), "fly: shots[0]: 1/3 is no decimal number, and a camera document takes no other"),
         (shot(speed=Fraction(10**400)), "fly: shots[0]: 1000"),
         (Image(start(), "a.png", time=Event("a", offset=Fraction(2, 3))), "time: 2/3 is no decimal number"),
-        (shot(rig=OrbitRig(azimuth=Ramp(1, 2), ease="in")), "fly: shots[0]: no document says this of a camera"),
+        (shot(rig=OrbitRig(azimuth=Ramp(1, 2), ease="in")), "fly: shots[0]: a camera document cannot hold this"),
     ],
 )
 def test_what_no_document_can_say_is_refused(job: Any, message: str) -> None:

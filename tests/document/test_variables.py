@@ -47,7 +47,7 @@ def test_a_setting_may_change_a_variable_use_one_and_make_the_first() -> None:
     assert resolved("a: ${x}", "vars.x=3") == 3
 
 
-LETTERS = "is no name of letters, digits and _"
+LETTERS = "is not a name of letters, digits and _"
 
 
 @pytest.mark.parametrize(
