@@ -78,11 +78,12 @@ def _camera(spec: str) -> object:
 def make(console: Console, command_line: CommandLine, job: "Job[R]") -> "R":
     """Makes what `job` describes, and a recording if one is wanted; or prints the document of both, and stops."""
     from mjrun.job.perform import perform
-    from mjrun.job.recording import Recording
 
     options = command_line.make(CommandOptions)
     jobs: list[Job[Any]] = [job]
     if options.recording is not None:
+        from mjrun.job.recording import Recording
+
         partial = command_line.make(TraceOptions, simulation=None).keep_partial
         jobs.append(Recording(job.simulation, options.recording, keep_partial=partial, command=console.command))
     if options.print_document:

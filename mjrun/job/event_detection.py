@@ -2,11 +2,11 @@
 
 from collections.abc import Collection, Mapping, Sequence
 from fractions import Fraction
+from typing import TYPE_CHECKING
 
 import mujoco
 import numpy as np
 
-from mjrun.camera.script import Event
 from mjrun.errors import OptionPath, UsageError, concerning, quoted
 from mjrun.job.trace_rows import ProbeSampler
 from mjrun.probe.event import RisingEdgeDetector, condition
@@ -15,6 +15,9 @@ from mjrun.sim.replay import ReplayStepper
 from mjrun.sim.state_buffer import StateBuffer
 from mjrun.sim.stepper import Stepper
 from mjrun.timeline import Timeline
+
+if TYPE_CHECKING:
+    from mjrun.camera.script import Event
 
 
 class EventDetector:
@@ -61,7 +64,7 @@ class EventDetector:
             onsets.feed(watched.holds(row))
 
 
-def conditions(events: Mapping[OptionPath, Event], model: mujoco.MjModel) -> list[str]:
+def conditions(events: Mapping[OptionPath, "Event"], model: mujoco.MjModel) -> list[str]:
     """The conditions of `events`, each once.
 
     Args:
@@ -82,7 +85,7 @@ def conditions(events: Mapping[OptionPath, Event], model: mujoco.MjModel) -> lis
 
 
 def time_of(
-    event: Event, steps: Sequence[int], timeline: Timeline, where: str, after: Fraction = Fraction(-1)
+    event: "Event", steps: Sequence[int], timeline: Timeline, where: str, after: Fraction = Fraction(-1)
 ) -> Fraction:
     """When `event` happens [s], of those times that are later than `after`.
 

@@ -1,13 +1,18 @@
-"""What the outputs of one pass share to draw with: the detection of a backend, and worker processes."""
+"""What the outputs of one pass share to draw with: the detection of a backend, and worker processes.
+
+Rendering is imported only once something is drawn: a trace alone starts without it.
+"""
 
 from dataclasses import dataclass
 from types import TracebackType
+from typing import TYPE_CHECKING
 
 from mjrun.options.view import ViewOptions
-from mjrun.rendering.backend import Backend
-from mjrun.rendering.backend_detection import BackendDetection, VulkanDetection
-from mjrun.rendering.compositor import SceneCompositor
-from mjrun.rendering.workers import PainterProcesses
+
+if TYPE_CHECKING:
+    from mjrun.rendering.backend import Backend
+    from mjrun.rendering.backend_detection import BackendDetection, VulkanDetection
+    from mjrun.rendering.workers import PainterProcesses
 
 
 @dataclass(frozen=True)
@@ -23,8 +28,10 @@ class RendererRequest:
         """What `options` ask for."""
         return cls(options.renderer, None if options.renderer == "filament" else options.gl, options.require_gpu)
 
-    def detection(self) -> BackendDetection | VulkanDetection:
+    def detection(self) -> "BackendDetection | VulkanDetection":
         """Starts to try what can draw."""
+        from mjrun.rendering.backend_detection import BackendDetection, VulkanDetection
+
         return VulkanDetection() if self.renderer == "filament" else BackendDetection(self.gl)
 
 
@@ -46,7 +53,7 @@ class SharedRendering:
         if choice not in self._detections:
             self._detections[choice] = choice.detection()
 
-    def backend(self, choice: RendererRequest) -> Backend:
+    def backend(self, choice: RendererRequest) -> "Backend":
         """The backend that was detected.
 
         Raises:
@@ -57,12 +64,15 @@ class SharedRendering:
             self._backends[choice] = self._detections[choice].result(choice.require_gpu)
         return self._backends[choice]
 
-    def workers(self, count: int) -> PainterProcesses:
+    def workers(self, count: int) -> "PainterProcesses":
         """At least `count` processes that draw, started without waiting for them.
 
         Raises:
           DrawError: they cannot be started.
         """
+        from mjrun.rendering.compositor import SceneCompositor
+        from mjrun.rendering.workers import PainterProcesses
+
         if self._workers is None:
             self._workers = PainterProcesses(count, SceneCompositor.__module__)
         else:

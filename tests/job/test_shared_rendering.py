@@ -8,14 +8,13 @@ from PIL import Image as Pillow
 
 from mjrun.camera.rigs.around import FreeRig, TrackRig
 from mjrun.camera.script import CameraScript, Event, Shot
-from mjrun.job import shared_rendering
 from mjrun.job.image import Image
 from mjrun.job.perform import perform
 from mjrun.job.shared_rendering import RendererRequest, SharedRendering
 from mjrun.job.simulation import Simulation
 from mjrun.job.video import Video
 from mjrun.options.view import ViewOptions
-from mjrun.rendering import workers
+from mjrun.rendering import backend_detection, workers
 from mjrun.rendering.backend import Backend
 from mjrun.rendering.backend_detection import BackendDetection
 
@@ -43,7 +42,7 @@ def started(monkeypatch: pytest.MonkeyPatch) -> dict[str, int]:
             count["workers"] += 1
             super().__init__(painter, memory, module)
 
-    monkeypatch.setattr(shared_rendering, "BackendDetection", CountedDetection)
+    monkeypatch.setattr(backend_detection, "BackendDetection", CountedDetection)
     monkeypatch.setattr(workers, "_Worker", CountedWorker)
     return count
 

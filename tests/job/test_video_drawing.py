@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 
 from mjrun.errors import spelled
-from mjrun.job import shared_rendering, video_drawing
+from mjrun.job import video_drawing
 from mjrun.job.simulation import Simulation
 from mjrun.job.video import Video, VideoResult
+from mjrun.rendering import workers
 from mjrun.rendering.backend import Backend
 from mjrun.rendering.compositor import DrawingCosts
 from mjrun.rendering.workers import PainterProcesses, ParallelPainter
@@ -64,7 +65,7 @@ def film(swing: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callab
 
         monkeypatch.setattr(video_drawing, "estimated_cost", lambda size, panels: estimated)
         monkeypatch.setattr(video_drawing, "ParallelPainter", MeasuredPool)
-        monkeypatch.setattr(shared_rendering, "PainterProcesses", CountedWorkers)
+        monkeypatch.setattr(workers, "PainterProcesses", CountedWorkers)
         warnings = Warnings()
         simulation = Simulation(swing, duration=duration)
         job = Video(simulation, f"{tmp_path}/f/", size=SIZE, camera="side", **options)  # type: ignore[arg-type]
