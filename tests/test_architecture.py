@@ -173,6 +173,16 @@ def test_a_planted_good_import_is_allowed(tmp_path: Path, module: str, source: s
     assert violations(plant(tmp_path, module, source)) == []
 
 
+def test_every_module_has_its_test_file() -> None:
+    tests = Path(__file__).parent
+    modules = {path.relative_to(PACKAGE) for path in PACKAGE.rglob("*.py") if not path.name.startswith("__")}
+
+    def expected(module: Path) -> Path:
+        return tests / module.parent / f"test_{module.name.lstrip('_')}"
+
+    assert sorted(str(module) for module in modules if not expected(module).exists()) == []
+
+
 @pytest.mark.parametrize("name", mjrun.__all__)
 def test_every_public_name_is_where_the_lazy_table_says(name: str) -> None:
     assert getattr(mjrun, name) is not None
