@@ -31,13 +31,13 @@ from mjrun.formats.table_writer import TableWriter
 from mjrun.formats.tables import npz as npz_format
 from mjrun.formats.tables import output_format, readable_suffixes
 from mjrun.model.column import Column
+from tests.formats.table_files import BROKEN, bits
 
 Broken = tuple[str, Callable[[], bytes], str]
 
 FORMATS = ["csv", "jsonl", "parquet", "feather", "npz", "mat"]
 NAMES = ["time", "qpos/knee", "ctrl/motor"]
 ODD = [0.0, -0.0, 5e-324, -2.2250738585072014e-308, 0.1, 1e23, 123456789012345680.0, -1.7976931348623157e308]
-BROKEN = [float("nan"), float("inf"), float("-inf")]
 
 
 def write(path: Path, data: np.ndarray, names: list[str] = NAMES) -> Path:
@@ -62,12 +62,6 @@ def lists(path: Path, *wanted: str) -> dict[str, list[float]]:
     found = read_table(path, lambda name: not wanted or name in wanted).columns
     assert all(column.dtype == np.float64 and column.ndim == 1 for column in found.values())
     return {name: column.tolist() for name, column in found.items()}
-
-
-def bits(values: object) -> list[int]:
-    """The float64 patterns of `values`, every NaN as one: text knows only one."""
-    array = np.asarray(values, np.float64)
-    return np.where(np.isnan(array), np.nan, array).view(np.uint64).tolist()
 
 
 @pytest.fixture

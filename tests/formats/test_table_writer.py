@@ -23,52 +23,13 @@ from hypothesis import strategies as st
 from mjrun.errors import FileError, clean
 from mjrun.formats import row_groups, text_columns
 from mjrun.formats.table_writer import TableWriter
-from mjrun.formats.tables import output_format
 from mjrun.model.column import Column
+from tests.formats.table_files import BROKEN, COLUMNS, MANIFEST, ODD, bits, columns, names, read_csv, write
 
 ROOT = Path(__file__).parents[2]
-COLUMNS = [
-    Column("time", "s", "simulated time"),
-    Column("qpos/knee", "rad", "joint angle", "joint", 3),
-    Column("qpos/torso/x", "m", "position", "joint", 0),
-]
-MANIFEST = {"mjrun": "0.1.0", "seed": 7}
 FINAL = {"mjrun": "0.1.0", "seed": 7, "rows": 3}
-ODD = [
-    0.0,
-    -0.0,
-    5e-324,
-    -2.2250738585072014e-308,
-    0.1,
-    1 / 3,
-    1e22,
-    1e23,
-    123456789012345680.0,
-    -1.7976931348623157e308,
-]
-BROKEN = [float("nan"), float("inf"), float("-inf")]
 FORMATS = ["csv", "jsonl", "parquet", "feather", "npz", "mat"]
 TEXT, EMBEDDING = ("csv", "jsonl"), ("parquet", "feather", "npz", "mat")
-
-
-def columns(*names: str) -> list[Column]:
-    return [Column(name) for name in names]
-
-
-def write(path: Path, blocks: list[np.ndarray], of: list[Column] = COLUMNS) -> Path:
-    """A published table, in the format that the path's suffix means."""
-    with TableWriter(str(path), output_format(str(path)).name, of, MANIFEST) as out:
-        for block in blocks:
-            out.write(block)
-        out.publish()
-    return path
-
-
-def read_csv(path: Path) -> dict[str, list[float]]:
-    with path.open(encoding="utf-8", newline="") as file:
-        head, *rows = csv.reader(file, strict=True)
-    assert all(len(row) == len(head) for row in rows)
-    return {name: [float(row[i]) for row in rows] for i, name in enumerate(head)}
 
 
 def read_jsonl(path: Path) -> dict[str, list[float]]:
@@ -104,21 +65,10 @@ def _arrow(found: pa.Table) -> tuple[list[str], list[pa.ChunkedArray]]:
     return found.column_names, found.columns
 
 
-def bits(values: object) -> list[int]:
-    """The float64 patterns of `values`, every NaN as one: text knows only one."""
-    array = np.asarray(values, np.float64)
-    return np.where(np.isnan(array), np.nan, array).view(np.uint64).tolist()
-
-
 def assert_equal(found: dict[str, Any], names: list[str], data: np.ndarray) -> None:
     assert list(found) == names
     for name, column in zip(names, data.T, strict=True):
         assert bits(found[name]) == bits(column)
-
-
-def names(folder: Path) -> list[str]:
-    """What is in a folder, hidden files too."""
-    return sorted(path.name for path in folder.iterdir())
 
 
 @pytest.fixture

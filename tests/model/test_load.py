@@ -3,7 +3,6 @@
 from pathlib import Path
 
 import mujoco
-import numpy as np
 import pytest
 
 from mjrun.errors import (
@@ -11,35 +10,7 @@ from mjrun.errors import (
 )
 from mjrun.model.load import load
 from mjrun.model.override import Override
-
-MODEL = """<mujoco>
-  <worldbody>
-    <body name="ball"><freejoint/><geom name="skin" size=".1"/></body>
-  </worldbody>
-</mujoco>"""
-
-
-@pytest.fixture(autouse=True)
-def workplace(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A working directory for MuJoCo's log, which warns of a NaN in a file."""
-    monkeypatch.chdir(tmp_path)
-
-
-def write(path: Path, content: str | bytes) -> Path:
-    path.write_bytes(content if isinstance(content, bytes) else content.encode())
-    return path
-
-
-def content(model: mujoco.MjModel) -> bytes:
-    """The whole compiled model."""
-    buffer = np.zeros(mujoco.mj_sizeModel(model), np.uint8)
-    mujoco.mj_saveModel(model, None, buffer)
-    return buffer.tobytes()
-
-
-def compiled(path: Path, text: str = MODEL) -> Path:
-    mujoco.mj_saveModel(mujoco.MjModel.from_xml_string(text), str(path))
-    return path
+from tests.model.model_files import MODEL, write
 
 
 @pytest.mark.parametrize("name", ["euler", "rk4", "implicit", "implicitfast", "discrete"])

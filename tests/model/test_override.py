@@ -5,13 +5,13 @@ import sys
 from pathlib import Path
 
 import mujoco
-import numpy as np
 import pytest
 
 from mjrun.errors import BadValueError, MjrunError, UnknownNameError, UsageError, clean, option
 from mjrun.model.load import load
 from mjrun.model.names import enum_members
 from mjrun.model.override import ELEMENTS, Override, apply
+from tests.model.model_files import content
 
 MODEL = """<mujoco><compiler angle="radian"/><option/><statistic/><visual><quality/><global/><rgba/></visual>
 <asset><texture name="tex" type="2d" builtin="flat" width="4" height="4"/><material name="mat" texture="tex"/></asset>
@@ -22,13 +22,6 @@ MODEL = """<mujoco><compiler angle="radian"/><option/><statistic/><visual><quali
 <actuator><motor name="motor" joint="knee"/></actuator><sensor><jointpos name="angle" joint="knee"/></sensor>
 <custom><numeric name="table" data="1 2"/><text name="note" data="hi"/></custom>
 <keyframe><key name="home"/></keyframe></mujoco>"""
-
-
-def content(model: mujoco.MjModel) -> bytes:
-    """The whole compiled model."""
-    buffer = np.zeros(mujoco.mj_sizeModel(model), np.uint8)
-    mujoco.mj_saveModel(model, None, buffer)
-    return buffer.tobytes()
 
 
 def overridden(*settings: tuple[str, str]) -> mujoco.MjModel:

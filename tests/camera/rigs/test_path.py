@@ -1,49 +1,17 @@
 """The path rig, against closed forms."""
 
 import itertools
-import math
 
-import mujoco
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mjrun.camera.pose import Pose, rotation
+from mjrun.camera.pose import rotation
 from mjrun.camera.rigs.path import PathRig, Waypoint
-from mjrun.camera.rigs.rig import ModelCameras, Rig, ShotTime
+from mjrun.camera.rigs.rig import ShotTime
 from mjrun.camera.targets import Place
-
-MODEL = mujoco.MjModel.from_xml_string(
-    """
-    <mujoco>
-      <statistic center="0 0 1" extent="4"/>
-      <visual><global azimuth="20" elevation="-10"/></visual>
-      <worldbody>
-        <body name="box" pos="1 2 3">
-          <freejoint/><geom name="edge" pos=".1 0 0" size=".1"/><site name="tip" pos="0 0 .5"/>
-          <body name="arm" pos="0 0 1"><joint axis="0 1 0"/><geom size=".1" pos="1 0 0"/></body>
-          <camera name="fixed" pos="0 -2 .5" euler="70 10 5"/>
-        </body>
-        <body name="mark" pos="0 0 1"><geom size=".1"/></body>
-      </worldbody>
-    </mujoco>
-    """
-)
-CAMERAS_OF_MODEL = ModelCameras(MODEL)
-STILL = ShotTime(0.0, 0.0, 0.0)
-
-
-def moved(yaw: float = 0.0) -> mujoco.MjData:
-    data = mujoco.MjData(MODEL)
-    half = math.radians(yaw) / 2
-    data.qpos[:] = [4, 5, 6, math.cos(half), 0, 0, math.sin(half), 0.3]
-    mujoco.mj_forward(MODEL, data)
-    return data
-
-
-def posed(rig: Rig, time: ShotTime = STILL, data: mujoco.MjData | None = None) -> Pose:
-    return rig.bind(CAMERAS_OF_MODEL, "camera a").pose(data or moved(), time)
+from tests.camera.rigs.posed_model import CAMERAS_OF_MODEL, moved, posed
 
 
 def at(phase: float, duration: float = 1.0) -> ShotTime:

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from mjrun.formats.table_reader import read_table
+from tests.formats.table_files import bits
 
 
 def put(path: Path, content: str | bytes) -> Path:
@@ -20,12 +21,6 @@ def lists(path: Path, *wanted: str) -> dict[str, list[float]]:
     found = read_table(path, lambda name: not wanted or name in wanted).columns
     assert all(column.dtype == np.float64 and column.ndim == 1 for column in found.values())
     return {name: column.tolist() for name, column in found.items()}
-
-
-def bits(values: object) -> list[int]:
-    """The float64 patterns of `values`, every NaN as one: text knows only one."""
-    array = np.asarray(values, np.float64)
-    return np.where(np.isnan(array), np.nan, array).view(np.uint64).tolist()
 
 
 def test_jsonl_of_others_is_read(tmp_path: Path) -> None:

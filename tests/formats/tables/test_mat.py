@@ -10,31 +10,9 @@ from hypothesis import strategies as st
 
 from mjrun.errors import FileError
 from mjrun.formats.table_writer import TableWriter
-from mjrun.formats.tables import mat, output_format
+from mjrun.formats.tables import mat
 from mjrun.model.column import Column
-
-COLUMNS = [
-    Column("time", "s", "simulated time"),
-    Column("qpos/knee", "rad", "joint angle", "joint", 3),
-    Column("qpos/torso/x", "m", "position", "joint", 0),
-]
-
-
-MANIFEST = {"mjrun": "0.1.0", "seed": 7}
-
-
-def write(path: Path, blocks: list[np.ndarray], of: list[Column] = COLUMNS) -> Path:
-    """A published table, in the format that the path's suffix means."""
-    with TableWriter(str(path), output_format(str(path)).name, of, MANIFEST) as out:
-        for block in blocks:
-            out.write(block)
-        out.publish()
-    return path
-
-
-def names(folder: Path) -> list[str]:
-    """What is in a folder, hidden files too."""
-    return sorted(path.name for path in folder.iterdir())
+from tests.formats.table_files import COLUMNS, names, write
 
 
 def test_a_mat_cell_of_texts_too_large_for_the_format_is_refused_as_its_rows_come(

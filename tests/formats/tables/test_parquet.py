@@ -7,29 +7,10 @@ import numpy as np
 import pyarrow.parquet as pq
 
 from mjrun.formats.table_writer import TableWriter
-from mjrun.formats.tables import output_format
 from mjrun.model.column import Column
-
-COLUMNS = [
-    Column("time", "s", "simulated time"),
-    Column("qpos/knee", "rad", "joint angle", "joint", 3),
-    Column("qpos/torso/x", "m", "position", "joint", 0),
-]
-
-
-MANIFEST = {"mjrun": "0.1.0", "seed": 7}
-
+from tests.formats.table_files import COLUMNS, MANIFEST, write
 
 FINAL = {"mjrun": "0.1.0", "seed": 7, "rows": 3}
-
-
-def write(path: Path, blocks: list[np.ndarray], of: list[Column] = COLUMNS) -> Path:
-    """A published table, in the format that the path's suffix means."""
-    with TableWriter(str(path), output_format(str(path)).name, of, MANIFEST) as out:
-        for block in blocks:
-            out.write(block)
-        out.publish()
-    return path
 
 
 def test_in_parquet_labels_are_kept_once_to_a_group(tmp_path: Path) -> None:

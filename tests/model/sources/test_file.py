@@ -7,7 +7,6 @@ import zipfile
 from pathlib import Path
 
 import mujoco
-import numpy as np
 import pytest
 
 from mjrun.errors import (
@@ -19,12 +18,8 @@ from mjrun.errors import (
 )
 from mjrun.model.load import load
 from mjrun.model.sources.file import FileSource
+from tests.model.model_files import MODEL, compiled, content, write
 
-MODEL = """<mujoco>
-  <worldbody>
-    <body name="ball"><freejoint/><geom name="skin" size=".1"/></body>
-  </worldbody>
-</mujoco>"""
 URDF = """<robot name="r"><link name="base"/>
 <link name="arm"><inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial></link>
 <joint name="elbow" type="revolute"><parent link="base"/><child link="arm"/><axis xyz="0 0 1"/>
@@ -37,33 +32,10 @@ ROOT = Path(__file__).parents[3]
 MALFORMED = ROOT / "../shared/models/malformed"
 
 
-@pytest.fixture(autouse=True)
-def workplace(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A working directory for MuJoCo's log, which warns of a NaN in a file."""
-    monkeypatch.chdir(tmp_path)
-
-
-def write(path: Path, content: str | bytes) -> Path:
-    path.write_bytes(content if isinstance(content, bytes) else content.encode())
-    return path
-
-
 def archive(path: Path, files: dict[str, str]) -> Path:
     with zipfile.ZipFile(path, "w") as target:
         for name, text in files.items():
             target.writestr(name, text)
-    return path
-
-
-def content(model: mujoco.MjModel) -> bytes:
-    """The whole compiled model."""
-    buffer = np.zeros(mujoco.mj_sizeModel(model), np.uint8)
-    mujoco.mj_saveModel(model, None, buffer)
-    return buffer.tobytes()
-
-
-def compiled(path: Path, text: str = MODEL) -> Path:
-    mujoco.mj_saveModel(mujoco.MjModel.from_xml_string(text), str(path))
     return path
 
 

@@ -7,13 +7,13 @@ import sys
 from pathlib import Path
 
 import mujoco
-import numpy as np
 import pytest
 
 from mjrun.errors import BrokenModelError, UsageError
 from mjrun.model.override import Override
 from mjrun.model.sources import parse_source
 from mjrun.model.sources.stdin import _standard_input
+from tests.model.model_files import content
 
 MODEL = """<mujoco>
   <compiler meshdir="meshes"/>
@@ -42,13 +42,6 @@ def pipe(monkeypatch: pytest.MonkeyPatch, content: str | bytes) -> None:
     """Makes `content` the standard input of this process."""
     data = content if isinstance(content, bytes) else content.encode()
     monkeypatch.setattr(sys, "stdin", io.TextIOWrapper(io.BytesIO(data)))
-
-
-def content(model: mujoco.MjModel) -> bytes:
-    """The whole compiled model."""
-    buffer = np.zeros(mujoco.mj_sizeModel(model), np.uint8)
-    mujoco.mj_saveModel(model, None, buffer)
-    return buffer.tobytes()
 
 
 def test_mjcf_is_what_mujoco_makes_of_a_file_in_the_working_directory(
