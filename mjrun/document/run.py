@@ -26,6 +26,7 @@ from typing import Annotated, Any, TypeVar, cast
 from pydantic import ConfigDict, Field, Tag
 
 from mjrun.document.document_model import MAPPING, TEXT, Location, Name, by_type
+from mjrun.document.error_messages import RENAMED
 from mjrun.document.option_models import Folders, OptionsModel, document_options, option_value, options_model
 from mjrun.document.output_folder import OutputFolder, OutputPath
 from mjrun.document.reader import document_error, read_placed
@@ -62,7 +63,8 @@ class _Run(OptionsModel):
     @classmethod
     def cross_field_errors(cls, values: Mapping[str, Any]) -> Iterator[tuple[Location, str]]:
         yield from super().cross_field_errors(values)
-        if not any(values.get(key, []) != [] for key in OUTPUTS):
+        renamed = any(RENAMED.get(key, "").startswith(tuple(OUTPUTS)) for key in values)  # an error of its own
+        if not renamed and not any(values.get(key, []) != [] for key in OUTPUTS):
             yield (), f"there is nothing to do; ask for one of {', '.join(OUTPUTS)}"
 
 

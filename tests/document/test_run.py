@@ -315,6 +315,7 @@ TAIL = "recordings: [r.npz]\n"
 WRONG = [
     ("{}", ["1:1: 'model' is missing", f"1:1: {NOTHING}"]),
     (f"# why\n{HEAD}videos: []", [f"2:1: {NOTHING}"]),
+    (f"{HEAD}films: [a.mp4]", ["2:1: unknown key 'films': it is called videos now"]),
     (f"{HEAD}traces: run.csv", ["2:9: traces: expected a list, got 'run.csv'"]),
     (f"{HEAD}traces: [{{}}]", ["2:10: traces[0]: 'output' is missing"]),
     (f"model: 5\n{TAIL}", ["1:8: model: expected text, got 5; as text it goes in quotes, '5'"]),
