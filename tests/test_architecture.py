@@ -17,14 +17,14 @@ HOUSE = (
     ("__main__",),
     ("cli",),
     ("document",),
-    ("doctor", "check", "bench"),
+    ("doctor", "check", "bench", "viewer"),
     ("job",),
-    ("rendering",),
+    ("rendering", "plotting", "diff"),
     ("sim", "probe", "camera", "formats"),
     ("model",),
     ("options", "child_process"),
     ("reporter",),
-    ("timeline", "errors", "version"),
+    ("timeline", "errors", "palette", "version"),
 )
 
 # Where each library may be imported. What is not listed may be imported nowhere.
@@ -36,14 +36,23 @@ LIBRARIES = {
     "imageio": ("formats.video_reader",),
     "imageio_ffmpeg": ("formats.ffmpeg", "formats.video_reader"),
     "PIL": ("rendering.text", "rendering.graph", "formats.image_format", "formats.video_reader"),
+    "matplotlib": ("plotting",),
+    "h5py": ("formats.tables.hdf5",),
+    "skimage": ("diff",),
     "orjson": ("formats.text_columns", "formats.tables"),
     "pyarrow": ("formats.arrow_columns", "formats.tables"),
     "scipy": ("formats.tables.mat",),
     "OpenGL": ("rendering",),
     "warp": ("sim.warp_device",),
     "mujoco_warp": ("sim.warp_device",),
-    "mujoco": ("cli", "doctor", "check", "bench", "job", "sim", "probe", "camera", "rendering", "formats", "model"),
-    "numpy": ("cli", "doctor", "check", "bench", "job", "sim", "probe", "camera", "rendering", "formats", "model"),
+    "mujoco": (
+        *("cli", "doctor", "check", "bench", "viewer", "job", "rendering", "plotting", "diff"),
+        *("sim", "probe", "camera", "formats", "model"),
+    ),
+    "numpy": (
+        *("cli", "doctor", "check", "bench", "viewer", "job", "rendering", "plotting", "diff"),
+        *("sim", "probe", "camera", "formats", "model"),
+    ),
 }
 
 PACKAGE = Path(mjrun.__file__).parent

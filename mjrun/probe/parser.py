@@ -34,6 +34,7 @@ from mjrun.probe.expression import (
     is_mixed,
     is_row,
     negated,
+    walk,
 )
 from mjrun.probe.scanner import SHOWN, Scanner, SourceText, Token, Vocabulary, is_bare, is_name, is_word, spelled
 
@@ -61,10 +62,21 @@ class Parser:
 
     def truth(self) -> BooleanExpression:
         """The whole text as one truth."""
+        return self._truth(self._to_end())
+
+    def row_value(self) -> NumericExpression:
+        """The whole text as one number per row."""
+        value = self._value(self._to_end())
+        for node in walk(value):
+            if isinstance(node, AggregateCall) and node.kind != START:
+                raise self.source.fault(node.start, f"{node.name} over all rows", "values per row, or first(…)")
+        return value
+
+    def _to_end(self) -> Node:
         node = self._expression(0)
         if self.token.kind != "end":
             raise self._unexpected("an operator or the end")
-        return self._truth(node)
+        return node
 
     def _take(self) -> Token:
         token, self.end = self.token, self.token.end

@@ -9,7 +9,7 @@ from typing import Any, Protocol
 import mujoco
 import numpy as np
 
-from mjrun.errors import UsageError, clean, listing
+from mjrun.errors import UsageError, clean, listing, option
 from mjrun.model import state
 from mjrun.sim.stepper import derive, instant_of
 from mjrun.timeline import rational
@@ -178,7 +178,7 @@ def require_timestep(model: mujoco.MjModel, states: RecordedStates) -> None:
     if not math.isclose(timestep, model.opt.timestep, rel_tol=ALIKE):
         raise UsageError(
             f"the recording was made with a timestep of {timestep:.6g} s, not {model.opt.timestep:g} s\n"
-            "give the {option('timestep')} that it was made with, or the model as it was"
+            f"give the {option('timestep')} that it was made with, or the model as it was"
         )
 
 

@@ -330,7 +330,9 @@ def test_the_size_of_a_state_follows_from_the_sizes_that_are_compared(source: st
 def test_another_timestep_is_refused() -> None:
     model = copy.copy(TUMBLER)
     model.opt.timestep = 0.001
-    with pytest.raises(UsageError, match=r"made with a timestep of 0.002 s, not 0.001 s\n"):
+    with pytest.raises(
+        UsageError, match=r"made with a timestep of 0.002 s, not 0.001 s\ngive the timestep that it was made with"
+    ):
         ReplayStepper(model, tumbled())
     ReplayStepper(model, tumbled(last=0))
 
