@@ -17,7 +17,6 @@ from mjrun.options.option import options
 from mjrun.options.trace import RecordingOptions
 from mjrun.reporter import Reporter
 from mjrun.sim.observe import Tap
-from mjrun.sim.replay import sizes
 
 
 @options
@@ -101,7 +100,7 @@ class RecordingPlan:
         job, model = self.job, self.context.model
         facts = {
             **origin(job, job.simulation, model, self.context.timeline),
-            "sizes": sizes(model),
+            "sizes": state.sizes(model),
             "physics": physics_fingerprint(model),
         }
         writer = stack.enter_context(RecordingWriter(job.output, state.size(model), facts))

@@ -15,8 +15,6 @@ from mjrun.sim.stepper import derive, instant_of
 from mjrun.timeline import rational
 
 SLEEP = int(mujoco.mjtEnableBit.mjENBL_SLEEP)
-# What an integration state consists of, in MuJoCo's own names for sizes.
-SIZES = ("nq", "nv", "na", "nu", "nbody", "neq", "nmocap", "nhistory", "nuserdata", "npluginstate", "nplastic")
 FAR = 1000  # steps from a recorded state to the next that are taken once more at most
 ALIKE = 1e-4  # relative: times of states are sums of floats
 
@@ -147,16 +145,11 @@ class ReplayStepper:
         return f"step {step}, time {float(step * self._timestep):.9g} s"
 
 
-def sizes(model: mujoco.MjModel) -> dict[str, int]:
-    """What tells whether a recording is of `model`: the sizes that its states follow from."""
-    return {name: int(getattr(model, name)) for name in SIZES}
-
-
 def require_model(model: mujoco.MjModel, states: RecordedStates, recorded: Mapping[str, Any] | None = None) -> None:
     """Raises UsageError unless `states` may be states of `model`; `recorded` are its `sizes`, if they are known."""
-    ours = sizes(model)
+    ours = state.sizes(model)
     theirs = recorded if isinstance(recorded, Mapping) else {}  # a recording may say anything
-    differing = [name for name in SIZES if theirs.get(name, ours[name]) != ours[name]]
+    differing = [name for name in state.SIZES if theirs.get(name, ours[name]) != ours[name]]
     if differing:
         facts = [f"{name} {clean(str(theirs[name]))}, not {ours[name]}" for name in differing]
         raise UsageError(f"the recording is of another model: it has {'; '.join(facts)}")

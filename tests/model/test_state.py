@@ -34,3 +34,46 @@ def test_a_part_of_a_state_is_restored_alone() -> None:
     state.restore(model, target, state.save(model, source, state.CTRL), state.CTRL)
     assert (target.ctrl == 1).all()
     assert np.array_equal(target.qpos, mujoco.MjData(model).qpos)
+
+
+CROWDED = """
+<mujoco>
+  <size nuserdata="3"/>
+  <worldbody>
+    <body name="hand" mocap="true"><geom size=".1"/></body>
+    <body name="box" pos="0 0 1"><freejoint name="root"/><geom size=".1"/>
+      <body pos="0 0 .3"><joint name="swivel" type="ball"/><geom size=".05"/></body>
+    </body>
+    <body pos="1 0 1"><joint name="knee"/><geom size=".1" pos=".2 0 0"/></body>
+  </worldbody>
+  <equality><weld body1="hand" body2="box"/></equality>
+  <actuator>
+    <general name="filter" joint="knee" dyntype="filter" dynprm=".1"/>
+    <motor name="late" joint="knee" delay=".01" nsample="5"/>
+  </actuator>
+</mujoco>
+"""
+
+
+def test_every_number_of_a_state_belongs_to_the_field_that_it_is_read_from() -> None:
+    model = mujoco.MjModel.from_xml_string(CROWDED)
+    data = mujoco.MjData(model)
+    random = np.random.default_rng(0)
+    numbers = random.standard_normal(state.size(model))
+    slices = state.fields(state.sizes(model))
+    numbers[slices["eq_active"]] = 1
+    state.restore(model, data, numbers)
+
+    for name, part in slices.items():
+        assert np.array_equal(np.ravel(getattr(data, name)), numbers[part]), name
+    covered = np.concatenate([np.arange(part.start, part.stop) for part in slices.values()])
+    assert np.array_equal(covered, np.arange(state.size(model)))
+    assert list(slices) == [name for name in state.FIELDS if name not in ("plugin_state", "plastic")]
+
+
+@pytest.mark.parametrize("path", SCENES, ids=lambda path: path.stem)
+def test_the_fields_of_a_state_are_all_of_it(path: Path) -> None:
+    model = mujoco.MjModel.from_xml_path(str(path))
+    slices = [*state.fields(state.sizes(model)).values()]
+    assert slices[0] == slice(0, 1)
+    assert slices[-1].stop == state.size(model)

@@ -21,7 +21,7 @@ from mjrun.model import state
 from mjrun.sim.control import ControlSignal
 from mjrun.sim.controller import Controller, PeriodicController
 from mjrun.sim.observe import Tap, observe
-from mjrun.sim.replay import ReplayStepper, require_model, sizes, states_at
+from mjrun.sim.replay import ReplayStepper, require_model, states_at
 from mjrun.sim.stepper import PhysicsStepper, Stepper
 from mjrun.timeline import rational
 
@@ -114,7 +114,7 @@ def require_alike(model: mujoco.MjModel, run: PhysicsStepper, steps: Sequence[in
     """A replay of `run` is `run`: its states, and every field of its instants, in order and at random places."""
     kept, instants = recorded(run, steps)
     for stops in (range(len(steps)), range(3, len(steps), 17)):
-        replay = ReplayStepper(model, kept, sizes(model))
+        replay = ReplayStepper(model, kept, state.sizes(model))
         for index in stops:
             replay.advance(steps[index])
             assert replay.step == steps[index]
@@ -207,7 +207,7 @@ def test_a_vast_stretch_without_states_is_not_simulated() -> None:
 
 def test_a_recording_on_disk_is_replayed_as_it_ran(tmp_path: Path) -> None:
     kept, instants = recorded(live(TUMBLER, controller=wave), range(0, 100, 3))
-    with RecordingWriter(str(tmp_path / "run.npz"), kept.size, {"sizes": sizes(TUMBLER)}) as writer:
+    with RecordingWriter(str(tmp_path / "run.npz"), kept.size, {"sizes": state.sizes(TUMBLER)}) as writer:
         for step, row in zip(kept.steps, kept.rows, strict=True):
             writer.write(step, row)
         writer.publish()
@@ -295,14 +295,14 @@ def test_a_recording_of_another_model_is_refused_with_what_differs() -> None:
         f"those of this model {state.size(sleepy())}\nthis model has nq 28, nv 24, nbody 5"
     )
     with pytest.raises(UsageError) as caught:
-        ReplayStepper(sleepy(), tumbled(), sizes(TUMBLER))
+        ReplayStepper(sleepy(), tumbled(), state.sizes(TUMBLER))
     assert str(caught.value) == (
         "the recording is of another model: it has nq 8, not 28; nv 7, not 24; na 1, not 0; nu 1, not 0; nbody 3, not 5"
     )
 
 
 def test_states_of_the_same_size_may_be_of_another_model() -> None:
-    ours = sizes(TUMBLER)
+    ours = state.sizes(TUMBLER)
     require_model(TUMBLER, tumbled(), ours)
     with pytest.raises(UsageError, match=r"it has nq 9, not 8; na 0, not 1$"):
         require_model(TUMBLER, tumbled(), {**ours, "nq": 9, "na": 0})
@@ -321,7 +321,7 @@ def test_a_recording_may_say_anything_of_its_model(said: object) -> None:
 @pytest.mark.parametrize("source", [TUMBLE.format("RK4"), DELAYED, PLUGIN, SLEEPY])
 def test_the_size_of_a_state_follows_from_the_sizes_that_are_compared(source: str) -> None:
     model = mujoco.MjModel.from_xml_string(source)
-    n = sizes(model)
+    n = state.sizes(model)
     once = ("nq", "na", "nu", "neq", "nhistory", "nuserdata", "npluginstate", "nplastic")
     counted = 1 + sum(n[name] for name in once) + 3 * n["nv"] + 6 * n["nbody"] + 7 * n["nmocap"]
     assert state.size(model) == counted
