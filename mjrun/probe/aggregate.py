@@ -3,6 +3,7 @@
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from fractions import Fraction
 from typing import Any
 
 import numpy as np
@@ -16,18 +17,25 @@ class RowChunk:
 
     Attributes:
       columns: values by name, `(count,)` each.
-      first: the number of the first row.
-      count: how many rows.
+      rows: the number of each row, `(count,)`.
     """
 
     columns: dict[str, np.ndarray]
-    first: int
-    count: int
+    rows: np.ndarray
+
+    @property
+    def count(self) -> int:
+        """How many rows there are."""
+        return len(self.rows)
 
     def place(self, index: int) -> str:
         """Where the row at `index` is, for the end of a message."""
         times = self.columns.get("time")
-        return f", at row {self.first + index}" + ("" if times is None else f", time {shown(times[index])}")
+        return f", at row {self.rows[index]}" + ("" if times is None else f", time {shown(times[index])}")
+
+    def only(self, chosen: np.ndarray) -> "RowChunk":
+        """The rows that `chosen`, `(count,)` booleans, picks out."""
+        return RowChunk({name: values[chosen] for name, values in self.columns.items()}, self.rows[chosen])
 
 
 def shown(value: float) -> str:
@@ -139,6 +147,8 @@ class SumAccumulator:
                 return float(n)
             case "sum":
                 return _ratio(total, 1 << _UNIT)
+            case _ if not n:
+                return math.nan
             case "mean":
                 return _ratio(total, n << _UNIT)
             case "rms":
@@ -146,9 +156,58 @@ class SumAccumulator:
         return _root(n * squares - total * total, n * n << 2 * _UNIT)
 
 
-def accumulator(name: str) -> SingleRowAccumulator | SumAccumulator:
-    """A new accumulator of the aggregate `name`."""
+class QuantileAccumulator:
+    """The value below which a fraction of all values lies, interpolated linearly as numpy does. It keeps all values."""
+
+    def __init__(self, fraction: float) -> None:
+        self._fraction, self.place = fraction, ""
+        self._values: list[np.ndarray] = []
+
+    def add(self, values: np.ndarray, chunk: RowChunk) -> None:
+        """Takes the operand's values on the rows of the next chunk."""
+        self._values.append(np.array(values))
+
+    @property
+    def value(self) -> float:
+        """The quantile of all rows so far; NaN before the first row."""
+        values = np.sort(np.concatenate([np.empty(0), *self._values]))
+        if not len(values) or math.isnan(values[-1]):
+            return math.nan
+        place = Fraction(self._fraction) * (len(values) - 1)
+        low, high = values[math.floor(place)], values[math.ceil(place)]
+        if low == high or not (math.isfinite(low) and math.isfinite(high)):
+            return float(low if low == high else low + high)
+        return float(Fraction(low) + (Fraction(high) - Fraction(low)) * (place % 1))  # rounded once
+
+
+class ShareAccumulator:
+    """The share of rows on which a condition holds: those that were added, among all that were counted."""
+
+    place = ""
+
+    def __init__(self) -> None:
+        self._holds = self.rows = 0
+
+    def add(self, values: np.ndarray, chunk: RowChunk) -> None:
+        """Takes the rows of the next chunk on which it holds."""
+        self._holds += len(values)
+
+    @property
+    def value(self) -> float:
+        """The share of all rows so far; NaN before the first."""
+        return self._holds / self.rows if self.rows else math.nan
+
+
+Accumulator = SingleRowAccumulator | SumAccumulator | QuantileAccumulator | ShareAccumulator
+
+
+def accumulator(name: str, fraction: float = 0.5) -> Accumulator:
+    """A new accumulator of the aggregate `name`; `fraction` is that of a quantile."""
     match name:
+        case "median" | "quantile":
+            return QuantileAccumulator(fraction)
+        case "share":
+            return ShareAccumulator()
         case "min":
             # The first NaN wins for good.
             return SingleRowAccumulator(np.argmin, lambda new, old: old == old and not new >= old)

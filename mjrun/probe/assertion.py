@@ -18,7 +18,10 @@ Operands are numbers (`1e-3`, `.5`), `pi`, `inf`, columns, calls and parentheses
 
     abs sqrt exp log sin cos tan (x)                one value per row from one per row
     min max (x, y, …)                               of several values: elementwise
-    min max mean rms std sum first last count (x)   of one value: an aggregate over all rows
+    min max mean rms std sum first last count median (x)     of one value: an aggregate over all rows
+    quantile (x, fraction)                          the value below which a fraction of all rows lies
+    mean (x, condition), …                          any of them over the rows on which a condition holds
+    count share (condition)                         on how many rows, and on which share of them, it holds
 
 `std` is that of the whole population, `count` the number of rows. `first(x)` is known from the first row on, so it may
 stand wherever a number may: `max(abs(x - first(x))) < 0.1`. Any other aggregate is known after the last row only: it
@@ -33,9 +36,13 @@ doubled. Where it is known what model the table measures, `speed(box)` is the co
 NaN: no comparison with NaN holds, not even `!=`, nor under `not`; an aggregate of values among which is a NaN is NaN.
 `abs(x) < inf` therefore says that x is finite.
 
+`first(time, x > 1)` is the time at which x exceeds 1 for the first time, NaN if it never does. A quantile is
+interpolated linearly, as numpy does it.
+
 Sums are exact: `sum`, `mean`, `rms` and `std` are the true value rounded once. Rows are evaluated in chunks of `CHUNK`
 counted from the first, so a verdict does not depend on how the rows are split into blocks, to the last bit. Nothing
-else is kept of them. An expression is read by this module alone and never reaches Python's own evaluation.
+else is kept of them, but for the values of a quantile. An expression is read by this module alone and never reaches
+Python's own evaluation.
 """
 
 import math
@@ -45,9 +52,8 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from mjrun.errors import clean, option
-from mjrun.probe.aggregate import CHUNK, RowChunk, accumulator, shown
+from mjrun.probe.aggregate import RowChunk, shown
 from mjrun.probe.expression import (
-    START,
     AggregateCall,
     AggregateValues,
     AllRows,
@@ -62,12 +68,8 @@ from mjrun.probe.expression import (
     walk,
 )
 from mjrun.probe.parser import Parser
+from mjrun.probe.row_chunks import Aggregates, ChunkBuffer, evaluate_rows
 from mjrun.probe.scanner import SourceText, Vocabulary
-
-
-def evaluate_rows(value: NumericExpression, chunk: RowChunk, known: AggregateValues) -> np.ndarray:
-    """The value on each row of `chunk`: `(n,)`."""
-    return np.broadcast_to(evaluate(value, chunk.columns, known), chunk.count)
 
 
 class RowCheck:
@@ -136,15 +138,10 @@ class AssertionChecker:
 
     def __init__(self, assertion: Assertion) -> None:
         self._assertion, self._truth = assertion, assertion._truth
-        table = assertion.table
-        self._names = [name for name in dict.fromkeys(table) if name in {*assertion.columns, "time"}]
-        self._indices = [table.index(name) for name in self._names]
-        self._buffer = np.empty((len(self._names), CHUNK))
-        self._first = self._count = self._waiting = 0  # rows evaluated and rows that wait, from the first on
+        self._rows = ChunkBuffer(assertion.table, assertion.columns)
         nodes = list(walk(self._truth))
-        self._accumulators = {node: accumulator(node.name) for node in nodes if isinstance(node, AggregateCall)}
+        self._aggregates = Aggregates(nodes)
         self._row_checks = {node: RowCheck(node.truth) for node in nodes if isinstance(node, AllRows)}
-        self._known: AggregateValues = {}  # known from the first row on
         self._values: AggregateValues = {}  # known after the last row
         self._is_one_subject = len({self._text(side) for side in sides(self._truth)}) == 1
 
@@ -154,45 +151,27 @@ class AssertionChecker:
         Raises:
           ValueError: the block has other columns, or does not follow the one before.
         """
-        if block.ndim != 2 or block.shape[1] != len(self._assertion.table):
-            raise ValueError(f"a block of shape {block.shape} for {len(self._assertion.table)} columns")
-        seen = self._count + self._waiting
-        self._first = self._first if seen else first_row
-        if first_row != self._first + seen:
-            raise ValueError(f"a block from row {first_row} after row {self._first + seen - 1}")
-        start = 0
-        while start < len(block):
-            rows = block[start : start + CHUNK - self._waiting, self._indices]
-            self._buffer[:, self._waiting : self._waiting + len(rows)] = rows.T
-            self._waiting, start = self._waiting + len(rows), start + len(rows)
-            if self._waiting == CHUNK:
-                self._digest()
+        for chunk in self._rows.feed(block, first_row):
+            self._digest(chunk)
 
     def verdict(self) -> Verdict:
         """The outcome, after the last block. No rows at all is a failure."""
-        self._digest()
+        for chunk in self._rows.rest():
+            self._digest(chunk)
         text = self._assertion.text
-        if not self._count:
+        if not self._rows.seen:
             return Verdict(text, False, f"{clean(text)}: there are no rows")
         with np.errstate(all="ignore"):
-            self._values = {node: accumulator.value for node, accumulator in self._accumulators.items()}
+            self._values = self._aggregates.values()
             passed = self._passes(self._truth)
             sentences = dict.fromkeys(self._sentences(self._truth, passed))
         return Verdict(text, passed, f"{clean(text)}: {'; '.join(sentences)}")
 
-    def _digest(self) -> None:
-        """Evaluates the rows that wait."""
-        if not self._waiting:
-            return
-        columns = {name: row[: self._waiting] for name, row in zip(self._names, self._buffer, strict=True)}
-        chunk = RowChunk(columns, self._first + self._count, self._waiting)
-        self._count, self._waiting = self._count + self._waiting, 0
+    def _digest(self, chunk: RowChunk) -> None:
         with np.errstate(all="ignore"):
-            for node, accumulator in self._accumulators.items():
-                accumulator.add(evaluate_rows(node.operand, chunk, self._known), chunk)
-                self._known[node] = accumulator.value if node.kind == START else math.nan
+            self._aggregates.add(chunk)
             for check in self._row_checks.values():
-                check.add(chunk, self._known)
+                check.add(chunk, self._aggregates.known)
 
     def _passes(self, truth: BooleanExpression) -> bool:
         match truth:
@@ -210,7 +189,7 @@ class AssertionChecker:
                     if self._passes(part) == outcome:
                         yield from self._sentences(part, outcome)
             case AllRows() if outcome:
-                rows = f"all {self._count} rows" if self._count > 1 else "the only row"
+                rows = f"all {self._rows.seen} rows" if self._rows.seen > 1 else "the only row"
                 yield f"{'it' if truth is self._truth else self._text(truth)} holds on {rows}"
             case AllRows():
                 yield self._failure(self._row_checks[truth])
@@ -227,9 +206,9 @@ class AssertionChecker:
         """The value of one side of a comparison, and the rows that its aggregates come from."""
         sentence = self._value_text(side, float(evaluate(side, {}, self._values)))
         if isinstance(side, AggregateCall):
-            return sentence + self._accumulators[side].place
+            return sentence + self._aggregates.place(side)
         inner = [node for node in walk(side) if isinstance(node, AggregateCall)]
-        aggregates = (f"{self._text(n)} is {shown(self._values[n])}{self._accumulators[n].place}" for n in inner)
+        aggregates = (f"{self._text(n)} is {shown(self._values[n])}{self._aggregates.place(n)}" for n in inner)
         return f"{sentence} ({'; '.join(dict.fromkeys(aggregates))})"
 
     def _value_text(self, side: NumericExpression, value: float) -> str:

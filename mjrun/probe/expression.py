@@ -32,7 +32,8 @@ COMPARE |= {"==": np.equal, "!=": _unequal}
 ELEMENTWISE: dict[str, Function] = {"abs": np.abs, "sqrt": np.sqrt, "exp": np.exp, "log": np.log}
 ELEMENTWISE |= {"sin": np.sin, "cos": np.cos, "tan": np.tan}
 FOLDED: dict[str, Function] = {"min": np.minimum, "max": np.maximum}
-AGGREGATES = ("min", "max", "mean", "rms", "std", "sum", "first", "last", "count")
+AGGREGATES = ("min", "max", "mean", "rms", "std", "sum", "first", "last", "count", "share", "median", "quantile")
+OF_CONDITIONS = ("count", "share")  # which need no value besides the condition
 FUNCTIONS = (*ELEMENTWISE, *AGGREGATES)
 
 # When the value of an expression is known: at once, from the first row on, on each row, after all rows.
@@ -75,10 +76,17 @@ class FunctionCall(NumericExpression):
 
 @dataclass(frozen=True, eq=False)
 class AggregateCall(NumericExpression):
-    """A function of the operand on all rows, such as `mean`."""
+    """A function of the operand on all rows, such as `mean`.
+
+    Attributes:
+      condition: which rows count; all of them when None.
+      fraction: of the values that lie below a quantile.
+    """
 
     name: str
     operand: NumericExpression
+    condition: "BooleanExpression | None" = None
+    fraction: float = 0.5
 
 
 @dataclass(frozen=True, eq=False)
@@ -120,7 +128,9 @@ def parts(node: Node) -> tuple[Node, ...]:
     match node:
         case FunctionCall(operands=nodes) | Comparison(sides=nodes) | BooleanOperation(parts=nodes):
             return nodes
-        case AggregateCall(operand=node) | AllRows(truth=node):
+        case AggregateCall(operand=node, condition=condition):
+            return (node,) if condition is None else (node, condition)
+        case AllRows(truth=node):
             return (node,)
     return ()
 
@@ -132,10 +142,18 @@ def walk(node: Node) -> Iterator[Node]:
     yield node
 
 
+def comparisons(truth: BooleanExpression) -> Iterator[Comparison]:
+    """What `truth` compares, apart from the conditions of aggregates."""
+    if isinstance(truth, Comparison):
+        yield truth
+    for part in parts(truth) if isinstance(truth, BooleanOperation | AllRows) else ():
+        if isinstance(part, BooleanExpression):
+            yield from comparisons(part)
+
+
 def sides(truth: BooleanExpression) -> list[NumericExpression]:
     """What is compared in `truth`, apart from what the expression itself spells out."""
-    pairs = [node.sides for node in walk(truth) if isinstance(node, Comparison)]
-    return [side for pair in pairs for side in pair if side.kind != FIXED]
+    return [side for comparison in comparisons(truth) for side in comparison.sides if side.kind != FIXED]
 
 
 def is_row(truth: BooleanExpression) -> bool:
@@ -145,8 +163,7 @@ def is_row(truth: BooleanExpression) -> bool:
 
 def is_mixed(truth: BooleanExpression) -> bool:
     """Whether some of its comparisons are of values per row, and some of aggregates."""
-    comparisons = [node for node in walk(truth) if isinstance(node, Comparison)]
-    return len({is_row(comparison) for comparison in comparisons}) == 2
+    return len({is_row(comparison) for comparison in comparisons(truth)}) == 2
 
 
 def negated(truth: BooleanExpression) -> BooleanExpression:

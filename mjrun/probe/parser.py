@@ -17,6 +17,7 @@ from mjrun.probe.expression import (
     LEVELS,
     MEANT,
     NOT,
+    OF_CONDITIONS,
     ROW,
     SIGN,
     START,
@@ -70,6 +71,15 @@ class Parser:
         for node in walk(value):
             if isinstance(node, AggregateCall) and node.kind != START:
                 raise self.source.fault(node.start, f"{node.name} over all rows", "values per row, or first(…)")
+        return value
+
+    def table_value(self) -> NumericExpression:
+        """The whole text as one number of the table."""
+        value = self._value(self._to_end())
+        if value.kind == ROW:
+            raise self.source.fault(value.start, "values per row", f"one number, such as max({self.text.strip()})")
+        if value.kind == FIXED:
+            raise self.source.fault(value.start, "what no simulation changes", "a column in it")
         return value
 
     def _to_end(self) -> Node:
@@ -144,10 +154,10 @@ class Parser:
             return NumberLiteral(token.start, token.end, FIXED, CONSTANTS[token.text])
         if not self._is("("):
             raise self._unexpected(f"'(' after {token.text}")
-        arguments: list[NumericExpression] = []
+        arguments: list[Node] = []
         while not arguments or self._is(","):
             self._take()
-            arguments.append(self._value(self._expression(COMPARISON)))
+            arguments.append(self._expression(0 if token.text in AGGREGATES else COMPARISON))
         self._close("+ - * / ^, ',' or ')'")
         return self._call(token, arguments)
 
@@ -167,13 +177,14 @@ class Parser:
         function = np.negative if sign.text == "-" else np.positive
         return FunctionCall(sign.start, self.end, value.kind, (function,), (value,))
 
-    def _call(self, name: Token, values: list[NumericExpression]) -> NumericExpression:
-        alone = len(values) == 1 or name.text not in FOLDED
-        if name.text in AGGREGATES and alone and not self.aggregates:
-            meant = f"{name.text} of several" if name.text in FOLDED else "values of one instant"
-            raise self.source.fault(name.start, f"{name.text} over all instants", meant)
-        if name.text in AGGREGATES and len(values) == 1:
-            return self._aggregate(name, values[0])
+    def _call(self, name: Token, arguments: list[Node]) -> NumericExpression:
+        conditional = any(isinstance(argument, BooleanExpression) for argument in arguments)
+        if name.text in AGGREGATES and (conditional or len(arguments) == 1 or name.text not in FOLDED):
+            if not self.aggregates:
+                meant = f"{name.text} of several" if name.text in FOLDED else "values of one instant"
+                raise self.source.fault(name.start, f"{name.text} over all instants", meant)
+            return self._aggregate(name, arguments)
+        values = [self._value(argument) for argument in arguments]
         if name.text in FOLDED:
             functions = (FOLDED[name.text],) * (len(values) - 1)
             return FunctionCall(name.start, self.end, self._kind(values), functions, tuple(values))
@@ -181,12 +192,42 @@ class Parser:
             raise self.source.fault(name.start, f"{name.text} of {len(values)} values", f"{name.text} of one")
         return FunctionCall(name.start, self.end, values[0].kind, (ELEMENTWISE[name.text],), tuple(values))
 
-    def _aggregate(self, name: Token, value: NumericExpression) -> NumericExpression:
+    def _aggregate(self, name: Token, arguments: list[Node]) -> NumericExpression:
+        """`mean(x)`, `mean(x, when)`, `quantile(x, 0.9)`, `quantile(x, 0.9, when)`, `share(when)`."""
+        first, *others = arguments
+        if isinstance(first, BooleanExpression) and name.text in OF_CONDITIONS:
+            first, others = NumberLiteral(first.start, first.start, ROW, 1.0), [first, *others]
+        value = self._value(first)
+        fraction = self._fraction(name, others) if name.text == "quantile" else 0.5
+
+        condition = self._row_condition(name, others.pop(0)) if others else None
+        if name.text == "share" and condition is None:
+            raise self.source.fault(value.start, "a number", "a comparison (< <= > >= == !=)")
+        if others:
+            raise self.source.fault(others[0].start, "one value more", f"the end of {name.text}(…)")
         if value.kind == FIXED:
             raise self.source.fault(value.start, f"{name.text} of what is the same on all rows", "a column in it")
         if value.kind != ROW:
             raise self.source.fault(value.start, f"an aggregate within {name.text}", "values per row in it")
-        return AggregateCall(name.start, self.end, START if name.text == "first" else TABLE, name.text, value)
+
+        kind = START if name.text == "first" and condition is None else TABLE
+        return AggregateCall(name.start, self.end, kind, name.text, value, condition, fraction)
+
+    def _fraction(self, name: Token, arguments: list[Node]) -> float:
+        """Takes the second argument of `quantile`."""
+        if not arguments:
+            raise self.source.fault(name.start, "quantile of one value", "quantile(x, 0.9)")
+        node = arguments.pop(0)
+        if not isinstance(node, NumberLiteral) or not 0 <= node.value <= 1:
+            raise self.source.fault(node.start, "no fraction of the values", "a number from 0 to 1")
+        return node.value
+
+    def _row_condition(self, name: Token, node: Node) -> BooleanExpression:
+        """`node` as what chooses among the rows."""
+        condition = self._truth(node)
+        if not is_row(condition) or is_mixed(condition):
+            raise self.source.fault(node.start, f"an aggregate as the condition of {name.text}", "values per row")
+        return condition
 
     def _compared(self, start: int, operators: list[Token], values: tuple[NumericExpression, ...]) -> BooleanExpression:
         pairs = []

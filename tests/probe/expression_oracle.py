@@ -118,6 +118,10 @@ def aggregate(name: str, values: np.ndarray) -> float:
     if name in ("min", "max", "first", "last", "count"):
         found = {"min": values.min(), "max": values.max(), "first": listed[0], "last": listed[-1], "count": len(listed)}
         return float(found[name])
+    if name == "median":
+        if np.isfinite(values).all():
+            return float(statistics.median(map(Fraction, listed)))
+        return float(np.median(values))
     if not np.isfinite(values).all():
         return {"rms": float(np.sum(values * values)), "std": NAN}.get(
             name, float(np.sum(values[~np.isfinite(values)]))

@@ -8,11 +8,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from mjrun.probe.aggregate import CHUNK, RowChunk, accumulator, shown
-from mjrun.probe.expression import AGGREGATES, FUNCTIONS
+from mjrun.probe.expression import AGGREGATES
 from tests.probe.expression_oracle import ODD, VALUES, aggregate, judged
 
+OF_VALUES = [name for name in AGGREGATES if name not in ("share", "quantile")]  # take a value and nothing else
 
-@given(st.lists(VALUES | ODD | st.floats(allow_nan=False), min_size=1, max_size=30), st.sampled_from(FUNCTIONS[7:]))
+
+@given(st.lists(VALUES | ODD | st.floats(allow_nan=False), min_size=1, max_size=30), st.sampled_from(OF_VALUES))
 @settings(max_examples=400, deadline=None)
 def test_every_aggregate_is_the_true_value_rounded_once(values: list[float], name: str) -> None:
     with np.errstate(all="ignore"):
@@ -38,7 +40,7 @@ def test_a_number_is_shown_so_that_it_reads_back(value: float) -> None:
     assert float(shown(value)) == value or math.isnan(value)
 
 
-@pytest.mark.parametrize("name", AGGREGATES)
+@pytest.mark.parametrize("name", OF_VALUES)
 def test_an_accumulator_does_not_depend_on_how_the_rows_are_split(name: str) -> None:
     values = np.random.default_rng(5).standard_normal(3 * CHUNK)
     results = []
@@ -46,7 +48,7 @@ def test_an_accumulator_does_not_depend_on_how_the_rows_are_split(name: str) -> 
         accumulated = accumulator(name)
         for first in range(0, len(values), size):
             part = values[first : first + size]
-            accumulated.add(part, RowChunk({"time": part}, first, len(part)))
+            accumulated.add(part, RowChunk({"time": part}, np.arange(first, first + len(part))))
         results.append((accumulated.value, accumulated.place))
     assert len(set(results)) == 1
     assert results[0][0] == aggregate(name, values)

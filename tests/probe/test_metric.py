@@ -1,0 +1,63 @@
+"""Metrics are the aggregates of assertions, to the last bit."""
+
+import math
+
+import numpy as np
+import pytest
+
+from mjrun.errors import UnknownNameError, UsageError
+from mjrun.probe.metric import parse_metric
+
+RNG = np.random.default_rng(4)
+X, Y = RNG.normal(size=1500), RNG.normal(size=1500)
+
+
+def value(text: str, sizes: tuple[int, ...] = (1500,)) -> float:
+    evaluator = parse_metric(text, ["x", "y"], "metric").evaluator(["y", "x"])
+    start = 0
+    for size in sizes:
+        evaluator.feed(np.stack([Y, X], axis=1)[start : start + size])
+        start += size
+    return evaluator.value()
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ("max(abs(x - y))", np.abs(X - Y).max()),
+        ("last(x) / first(x)", X[-1] / X[0]),
+        ("mean(x)", math.fsum(X) / len(X)),
+        ("sqrt(2) * rms(x*y)", math.sqrt(2) * math.sqrt(math.fsum((X * Y) ** 2) / len(X))),
+        ("max(max(x), max(y))", max(X.max(), Y.max())),
+        ("first(x)", X[0]),
+    ],
+)
+def test_the_value_is_that_of_numpy(text: str, expected: float) -> None:
+    assert value(text) == pytest.approx(expected, rel=1e-15)
+
+
+def test_the_value_does_not_depend_on_the_blocks() -> None:
+    text = "std(x) + quantile(y, .3) + mean(x, y > 0)"
+    assert value(text) == value(text, (1, 511, 700, 288))
+
+
+def test_without_rows_there_is_no_value() -> None:
+    assert math.isnan(value("count(x > 0)", ()))
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("x", "found values per row, expected one number, such as max"),
+        ("max(x) > 3", "found a comparison, expected a number"),
+        ("3", "expected a column in it"),
+    ],
+)
+def test_what_is_not_one_number_is_refused(text: str, message: str) -> None:
+    with pytest.raises(UsageError, match=message):
+        value(text)
+
+
+def test_an_unknown_column_is_named() -> None:
+    with pytest.raises(UnknownNameError, match="metric"):
+        parse_metric("max(metrc)", ["metric"], "metric")
