@@ -51,7 +51,7 @@ def compile_model(
             spelled_overrides = ", ".join(f"{option(o.option)} {clean(o.option_value)}" for o in overrides)
             raise broken_model(path, error, f"with {spelled_overrides}" if overrides else "", advice) from error
 
-    if any(override.path == "opt.timestep" for override in overrides) and not _is_timestep(model.opt.timestep):
+    if any(override.target == "opt.timestep" for override in overrides) and not _is_timestep(model.opt.timestep):
         raise BadValueError(option("timestep"), f"{model.opt.timestep:g}", "a positive number of seconds")
     check_model(model, path, f"{option('timestep')} overrides it")
     return model

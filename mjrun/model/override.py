@@ -2,9 +2,11 @@
 
 Paths are `opt.FIELD`, `opt.flag.NAME`, `vis.SECTION.FIELD`, `stat.FIELD`, `compiler.FIELD`, and
 `KIND/NAME.FIELD` for an element, where NAME may hold `*`, `?` and `[…]`, or be an index.
+`FIELD[2]` is one number of several. `scale:PATH` and `add:PATH` are relative to the value in the source.
 """
 
 import math
+import re
 from collections.abc import Callable
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
@@ -71,6 +73,7 @@ ORIENTATIONS = {
     "euler": mujoco.mjtOrientation.mjORIENTATION_EULER,
 }
 ALTERNATIVES = {"quat": "alt", "iquat": "ialt"}
+RELATIVE: dict[str, Callable[[np.ndarray, np.ndarray], np.ndarray]] = {"scale": np.multiply, "add": np.add}
 BOOLEANS = {"true": True, "enable": True, "1": True, "false": False, "disable": False, "0": False}
 # Switches that MjSpec keeps as integers.
 SWITCHES = {"orthographic", "ellipsoidinertia", "bvactive", "active", "useexisting", "uselimit"}
@@ -88,6 +91,24 @@ class Override:
 
     def __str__(self) -> str:
         return f"{self.path}={self.value}"
+
+    @property
+    def operation(self) -> str:
+        """`scale` or `add`; empty where the value replaces the one in the source."""
+        operation, colon, _ = self.path.partition(":")
+        return operation if colon and operation in RELATIVE else ""
+
+    @property
+    def index(self) -> int | None:
+        """The place of the number within the field; None for all of the field."""
+        match = re.fullmatch(r".*\[(\d+)\]", self.path, re.DOTALL)
+        return int(match[1]) if match else None
+
+    @property
+    def target(self) -> str:
+        """The path of the field."""
+        path = self.path.removeprefix(f"{self.operation}:")
+        return path if self.index is None else path[: path.rindex("[")]
 
     @property
     def option_value(self) -> str:
@@ -122,14 +143,14 @@ def apply(spec: mujoco.MjSpec, override: Override) -> None:
       UnknownNameError: the path names nothing; the message lists near and valid names.
       BadValueError: the value does not fit the field.
     """
-    kind, slash, rest = override.path.partition("/")
+    kind, slash, rest = override.target.partition("/")
     if slash and kind in ELEMENTS:
         elements, fields = _elements(spec, kind, rest)
         for element in elements:
             _check_effect(element, kind, fields, override)
             _assign(element, fields, override)
         return
-    root, *fields = override.path.split(".")
+    root, *fields = override.target.split(".")
     if root not in ROOTS:
         valid = [*ROOTS, *ELEMENTS] if slash else [*ROOTS, *(f"{kind}/NAME" for kind in ELEMENTS)]
         raise UnknownNameError("setting", kind if slash else root, valid)
@@ -177,6 +198,8 @@ def _check_effect(element: Any, kind: str, fields: list[str], override: Override
 def _set_flag(option: Any, fields: list[str], override: Override) -> None:
     disable, enable = enum_members(mujoco.mjtDisableBit), enum_members(mujoco.mjtEnableBit)
     name = ".".join(fields)
+    if override.operation:
+        raise UsageError(f"{clean(override.path)}: a flag is not a number")
     if name not in disable and name not in enable:
         raise UnknownNameError("flag", name, [*disable, *enable], where="opt.flag")
     if name == "autoreset":
@@ -192,21 +215,21 @@ def _set_flag(option: Any, fields: list[str], override: Override) -> None:
 
 def _assign(owner: Any, fields: list[str], override: Override) -> None:
     if not fields:
-        raise UnknownNameError("setting", override.path, [f"{override.path}.{field}" for field in _fields(owner)])
+        raise UnknownNameError("setting", override.target, [f"{override.target}.{field}" for field in _fields(owner)])
     field, *deeper = fields
     valid = _fields(owner)
     if field not in valid:
-        above = override.path.removesuffix("".join(f".{part}" for part in fields))
+        above = override.target.removesuffix("".join(f".{part}" for part in fields))
         raise UnknownNameError("setting", field, [*valid, *(["flag"] if above == "opt" else [])], where=above)
     current = getattr(owner, field)
     if not _is_leaf(current):
         _assign(current, deeper, override)
         return
     if deeper:
-        above = override.path.removesuffix("".join(f".{part}" for part in deeper))
+        above = override.target.removesuffix("".join(f".{part}" for part in deeper))
         raise UsageError(f"{clean(override.path)}: {clean(above)} is a value and holds no settings")
     try:
-        setattr(owner, field, _parse_value(field, current, override))
+        setattr(owner, field, _new_value(field, current, override))
     except TypeError:
         raise BadValueError(override.name, override.value, f"what {field} takes") from None
     if field in ORIENTATIONS and hasattr(owner, "euler"):
@@ -234,6 +257,52 @@ def _is_leaf(value: object) -> bool:
 def _is_vector(value: object) -> bool:
     """Whether `value` is one of MjSpec's growable arrays of numbers."""
     return type(value).__name__ in ("MjDoubleVec", "MjFloatVec", "MjIntVec")
+
+
+def _new_value(field: str, current: Any, override: Override) -> Any:
+    """What the field becomes, whose value in the source is `current`."""
+    if not override.operation and override.index is None:
+        return _parse_value(field, current, override)
+    is_array = isinstance(current, np.ndarray) or _is_vector(current)
+    if override.index is not None and not is_array:
+        raise UsageError(f"{clean(override.path)}: {field} is a single value")
+    if isinstance(current, bool | str) or is_enum(current) or field in SWITCHES or field in NAMED_INTEGERS:
+        raise UsageError(f"{clean(override.path)}: {field} is not a number")
+
+    values = np.array(list(current) if _is_vector(current) else current, float)
+    chosen = _chosen(field, values.size, override)
+    numbers = np.array(_parse_numbers(override))
+    if numbers.size != 1 and (not override.operation or numbers.size != values.ravel()[chosen].size):
+        raise BadValueError(override.name, override.value, "one number")
+    if override.operation and np.isnan(values.ravel()[chosen]).any():
+        raise UsageError(
+            f"{clean(override.path)}: {field} is not in the source, so there is nothing to {override.operation}: "
+            "the compiler works it out"
+        )
+    change = RELATIVE.get(override.operation, lambda old, new: np.broadcast_to(new, old.shape))
+    values.reshape(-1)[chosen] = change(values.ravel()[chosen], numbers)
+    return _like(current, values, override)
+
+
+def _chosen(field: str, size: int, override: Override) -> slice:
+    """Which numbers of a field of `size` numbers are meant."""
+    index = override.index
+    if index is None:
+        return slice(None)
+    if index >= size:
+        raise BadValueError(override.name, f"{field}[{index}]", f"one of {field}[0] to {field}[{size - 1}]")
+    return slice(index, index + 1)
+
+
+def _like(current: Any, values: np.ndarray, override: Override) -> Any:
+    """`values` in the type of `current`."""
+    if isinstance(current, np.ndarray):
+        return values.reshape(current.shape)
+    if _is_vector(current):
+        return values.tolist()
+    if isinstance(current, int) and values != np.round(values):
+        raise BadValueError(override.name, override.value, "what makes a whole number")
+    return type(current)(values)
 
 
 def _parse_value(field: str, current: Any, override: Override) -> Any:

@@ -25,5 +25,6 @@ class ModelOptions(Options):
         converter=Settings(),
         default=(),
         help="Override anything before compilation, by MuJoCo's own names: opt.gravity=0,0,10, opt.cone=elliptic, "
-        "opt.flag.contact=disable, geom/floor.friction=.1,.005,.0001, vis.quality.shadowsize=1024.",
+        "opt.flag.contact=disable, geom/floor.friction[0]=.1, vis.quality.shadowsize=1024; relative to the model's "
+        "own value, scale:geom/*.density=1.2, add:body/box.pos=0,0,.1.",
     )

@@ -376,3 +376,50 @@ def test_the_source_file_itself_is_not_changed(tmp_path: Path) -> None:
     path.write_text(MODEL)
     assert load(path, overrides={"geom/floor.friction": "9"}).geom("floor").friction[0] == 9
     assert path.read_text() == MODEL
+
+
+# --- one number of a field, and values relative to those in the source ------------------------------
+
+
+@pytest.mark.parametrize(
+    ("path", "value", "same_path", "same_value"),
+    [
+        ("geom/floor.friction[0]", "0.3", "geom/floor.friction", "0.3"),
+        ("opt.gravity[2]", "-1.62", "opt.gravity", "0,0,-1.62"),
+        ("scale:opt.timestep", "0.5", "opt.timestep", "0.001"),
+        ("add:opt.gravity", "1,2,0.81", "opt.gravity", "1,2,-9"),
+        ("add:opt.gravity[2]", "0.81", "opt.gravity", "0,0,-9"),
+        ("scale:opt.gravity", "2", "opt.gravity", "0,0,-19.62"),
+        ("scale:opt.iterations", "0.5", "opt.iterations", "50"),
+    ],
+)
+def test_a_relative_value_or_a_single_number_is_the_whole_value_spelled_out(
+    path: str, value: str, same_path: str, same_value: str
+) -> None:
+    ours, expected = overridden((path, value)), overridden((same_path, same_value))
+    assert content(ours) == content(expected)
+
+
+def test_a_relative_value_with_a_wildcard_is_relative_to_each_element() -> None:
+    xml = "<mujoco><worldbody><geom name='a' size='1'/><geom name='b' size='3'/></worldbody></mujoco>"
+    spec = mujoco.MjSpec.from_string(xml)
+    apply(spec, Override("scale:geom/*.size[0]", "2"))
+    assert [geom.size[0] for geom in spec.geoms] == [2, 6]
+
+
+@pytest.mark.parametrize(
+    ("path", "value", "expected"),
+    [
+        ("opt.gravity[3]", "1", r"gravity\[0\] to gravity\[2\]"),
+        ("opt.timestep[0]", "1", "timestep is a single value"),
+        ("scale:opt.integrator", "2", "integrator is not a number"),
+        ("scale:opt.flag.contact", "2", "a flag is not a number"),
+        ("scale:opt.gravity", "1,2", "one number"),
+        ("opt.gravity[0]", "1,2", "one number"),
+        ("scale:opt.iterations", "0.333", "whole number"),
+        ("scale:geom/floor.mass", "2", "mass is not in the source"),
+    ],
+)
+def test_what_cannot_be_relative_is_refused(path: str, value: str, expected: str) -> None:
+    with pytest.raises(UsageError, match=expected):
+        overridden((path, value))
