@@ -4,7 +4,7 @@ A text column is a dictionary of strings, null for no text. The metadata of a fi
 `id`; that of the schema has the manifest under `mjrun`. pyarrow is imported inside functions: it is an extra.
 """
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -13,7 +13,6 @@ import numpy as np
 from mjrun.errors import FileError, clean
 from mjrun.formats.column_checks import select, shown
 from mjrun.formats.input_file import cut
-from mjrun.formats.table import Table
 from mjrun.formats.table_format import ColumnFilter
 from mjrun.model.column import Column
 
@@ -21,6 +20,7 @@ if TYPE_CHECKING:
     import pyarrow
 
 MANIFEST = "mjrun"  # the key of the manifest
+PIECE = 2**17  # values in a block that is read
 
 
 def schema(columns: Sequence[Column]) -> "pyarrow.Schema":
@@ -57,30 +57,38 @@ def select_numbers(path: Path, schema: "pyarrow.Schema", wanted: ColumnFilter) -
     return indices
 
 
-def table(
-    path: Path, schema: "pyarrow.Schema", indices: dict[str, int], batches: Iterable[Sequence["pyarrow.Array"]]
-) -> Table:
-    """The selected columns, from batches that hold these alone.
+def block_rows(columns: int) -> int:
+    """How many rows of so many columns make a block."""
+    return max(1, PIECE // max(1, columns))
+
+
+def blocks(
+    path: Path, names: Sequence[str], batches: Iterable["pyarrow.RecordBatch"], gaps: bool
+) -> Iterator[np.ndarray]:
+    """The rows of `batches`, which hold the columns `names` and nothing else, in blocks `(n, columns)`.
 
     Raises:
-      FileError: a value is null; the message says in which row.
+      FileError: a value is null, unless there may be gaps; the message says in which row.
     """
-    parts = {name: [np.empty(0)] for name in indices}
     before = 0
-    for arrays in batches:
-        for name, array in zip(indices, arrays, strict=True):
-            parts[name].append(_floats(path, name, array, before))
-        before += len(arrays[0]) if indices else 0
-    units = {name: _unit(schema.field(index)) for name, index in indices.items()}
-    return Table({name: np.concatenate(parts.pop(name)) for name in list(parts)}, units)
+    for batch in batches:
+        size = block_rows(len(names))
+        for piece in (batch.slice(start, size) for start in range(0, batch.num_rows, size)):
+            block = np.empty((len(names), piece.num_rows))
+            for column, name, array in zip(block, names, piece.columns, strict=True):
+                column[:] = _floats(path, name, array, before, gaps)
+            before += piece.num_rows
+            yield block.T
+
+
+def units(schema: "pyarrow.Schema", indices: dict[str, int]) -> dict[str, str]:
+    """The units of the selected columns, as far as mjrun wrote them."""
+    metadata = {name: schema.field(index).metadata or {} for name, index in indices.items()}
+    return {name: found.get(b"unit", b"").decode("utf-8", "replace") for name, found in metadata.items()}
 
 
 def _metadata(column: Column) -> dict[str, str]:
     return {"unit": column.unit, "meaning": column.meaning, "kind": column.kind, "id": str(column.id)}
-
-
-def _unit(field: "pyarrow.Field") -> str:
-    return (field.metadata or {}).get(b"unit", b"").decode("utf-8", "replace")
 
 
 def _array(values: np.ndarray, column: Column) -> "pyarrow.Array":
@@ -92,11 +100,17 @@ def _array(values: np.ndarray, column: Column) -> "pyarrow.Array":
     return pyarrow.DictionaryArray.from_arrays(indices, pyarrow.array(column.labels, pyarrow.string()))
 
 
-def _floats(path: Path, name: str, array: "pyarrow.Array", before: int) -> np.ndarray:
+def _floats(path: Path, name: str, array: "pyarrow.Array", before: int, gaps: bool) -> np.ndarray:
     from pyarrow import types
 
     plain = array.dictionary_decode() if types.is_dictionary(array.type) else array
-    if plain.null_count:
-        row = before + int(plain.is_null().to_numpy(zero_copy_only=False).argmax()) + 1
+    if not plain.null_count:
+        return plain.to_numpy(zero_copy_only=False).astype(np.float64)
+
+    null = plain.is_null().to_numpy(zero_copy_only=False)
+    if not gaps:
+        row = before + int(null.argmax()) + 1
         raise FileError(path, f"row {row}: column {shown(name)}: null is not a number")
-    return plain.to_numpy(zero_copy_only=False).astype(np.float64)
+    values = np.full(len(null), np.nan)
+    values[~null] = plain.drop_null().to_numpy(zero_copy_only=False).astype(np.float64)
+    return values

@@ -1,6 +1,6 @@
 """Checks that all readers of tables share. What a file says is not trusted, and cleaned before it is shown."""
 
-from collections.abc import Mapping, Sequence, Sized
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from mjrun.errors import FileError, quoted
@@ -23,9 +23,9 @@ def select(path: Path, names: Sequence[str], wanted: ColumnFilter) -> dict[str, 
     return indices
 
 
-def require_equal_lengths(path: Path, columns: Mapping[str, Sized]) -> None:
-    """Raises FileError if the columns differ in length."""
-    names = {len(values): name for name, values in columns.items()}
+def require_equal_lengths(path: Path, lengths: Mapping[str, int]) -> None:
+    """Raises FileError if columns, whose lengths are given by name, differ in length."""
+    names = {length: name for name, length in lengths.items()}
     if len(names) > 1:
         examples = " and ".join(f"{shown(name)} {length}" for length, name in list(names.items())[:2])
         raise FileError(path, f"columns differ in rows: {examples}")

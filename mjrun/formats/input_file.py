@@ -7,11 +7,13 @@ import stat
 import warnings
 from collections.abc import Collection, Iterator
 from pathlib import Path
-from typing import BinaryIO
+from typing import BinaryIO, TypeVar
 
 from mjrun.errors import FileError, MjrunError, clean, suggestion
 
 SHOWN = 80  # characters of a text from a file that a message shows
+
+T = TypeVar("T")
 
 
 def cut(text: str) -> str:
@@ -93,6 +95,17 @@ def decoding(path: Path, fault: str, hint: str = "") -> Iterator[None]:
             raise
         reason = (str(error) or "it ends early").splitlines()[0]  # StopIteration and EOFError say nothing
         raise FileError(path, f"{fault}: {clean(cut(reason))}", hint) from error
+
+
+def decoded(path: Path, fault: str, items: Iterator[T]) -> Iterator[T]:
+    """The items that a library decodes one after another, each within `decoding`."""
+    end = object()
+    while True:
+        with decoding(path, fault):
+            item = next(items, end)
+        if item is end:
+            return
+        yield item  # type: ignore[misc]
 
 
 def _siblings(folder: Path, suffixes: Collection[str]) -> list[str]:

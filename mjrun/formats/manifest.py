@@ -29,6 +29,15 @@ class ManifestWriter(OutputWriter):
         self.write_file(f"{json.dumps(document, indent=2, default=str)}\n".encode())
 
 
+def parse_manifest(text: str | bytes | None) -> dict[str, Any] | None:
+    """The manifest in a file, or None if there is none; the file is not trusted, and may say anything."""
+    try:
+        manifest = json.loads(text or "null")
+    except (ValueError, RecursionError):
+        return None
+    return manifest if isinstance(manifest, dict) else None
+
+
 def fingerprint(path: Path) -> dict[str, Any]:
     """Path, size [bytes] and SHA-256 of a file."""
     with path.open("rb") as file:

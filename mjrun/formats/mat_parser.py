@@ -75,6 +75,13 @@ class MatParser:
         units = self._cell("units") if names else []
         return dict(zip(names, units, strict=True)) if len(names) == len(units) else {}
 
+    def manifest(self) -> str | None:
+        """The text of the variable `manifest`, if mjrun wrote the file."""
+        if not self._cell("columns") or "manifest" not in self._names:
+            return None
+        matrix = self.read(self._names.index("manifest"))
+        return "".join(map(self._text, matrix.parts)) if matrix.kind == 4 else None
+
     def read(self, index: int) -> Matrix:
         """The variable with this index, whole."""
         return self._matrix(self._body(index))

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import importlib.util
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, BinaryIO, Protocol
+from typing import TYPE_CHECKING, Any, BinaryIO, Protocol
 
 from mjrun.errors import MissingExtraError
-from mjrun.formats.table import Table
 from mjrun.model.column import Column
 
 if TYPE_CHECKING:
@@ -34,6 +33,41 @@ class RowWriter(Protocol):
         ...
 
 
+@dataclass(frozen=True, eq=False)
+class TableContents:
+    """An open table.
+
+    Attributes:
+      names: of the columns that were asked for, in the order of the file.
+      blocks: their rows, float64 `(n, columns)`, n ≥ 1, each of bounded size; read as they are asked for.
+      units: by name, as far as the file says.
+      manifest: what mjrun wrote into the file about how it was made; None if there is nothing.
+    """
+
+    names: Sequence[str]
+    blocks: Iterator[np.ndarray]
+    units: Mapping[str, str] = field(default_factory=dict)
+    manifest: dict[str, Any] | None = None
+
+
+class ContentsReader(Protocol):
+    """Begins to read a table from an open file."""
+
+    def __call__(self, path: Path, file: BinaryIO, wanted: ColumnFilter, gaps: bool) -> TableContents:
+        """Reads the names, and returns before the rows are read.
+
+        Args:
+          path: what the table is called in messages.
+          file: stays open until the last block is read.
+          wanted: the columns to read.
+          gaps: whether a cell may be empty, which is NaN then.
+
+        Raises:
+          FileError: it is no such table; so may be raised with every block.
+        """
+        ...
+
+
 @dataclass(frozen=True)
 class TableFormat:
     """A table format; each module in `mjrun.formats.tables` has one, called `FORMAT`.
@@ -43,14 +77,14 @@ class TableFormat:
       suffixes: those of its files, the usual one first.
       writer: makes one, given an open file, the columns, and the manifest as JSON.
       reader: reads the columns that a filter accepts; None for a format that can only be written.
-      pipe: whether it can be written to standard output.
+      pipe: whether it can be written to standard output, and read from standard input.
       library, extra: the library it needs, and the extra of mjrun that installs it.
     """
 
     name: str
     suffixes: Sequence[str]
     writer: Callable[[BinaryIO, Sequence[Column], str], RowWriter]
-    reader: Callable[[Path, ColumnFilter], Table] | None
+    reader: ContentsReader | None
     pipe: bool = False
     library: str = ""
     extra: str = ""

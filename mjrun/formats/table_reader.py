@@ -1,29 +1,156 @@
-"""Reads tables in any format, whatever program wrote them.
+"""Reads tables in any format, whatever program wrote them, whole or in blocks.
 
 What mjrun wrote reads back as the same bits, except that .csv holds cleaned names, and .jsonl null for what is not
-finite. Files are read in pieces: besides the wanted columns, at most one of them is in memory once more.
+finite. Files are read in blocks of bounded size, except .mat. Besides its columns, a table that is read whole has at
+most one of them in memory once more.
 A table is not trusted: nothing in it is run, and what messages quote from it is cleaned.
 """
 
-from collections.abc import Collection
-from pathlib import Path
+from __future__ import annotations
 
-from mjrun.errors import FileError, UnknownNameError
+import contextlib
+import io
+import sys
+from collections.abc import Collection, Iterator
+from pathlib import Path
+from types import TracebackType
+from typing import TYPE_CHECKING, Any, BinaryIO, Literal, Self
+
+from mjrun.errors import FileError, UnknownNameError, UsageError
 from mjrun.formats.input_file import require_file
 from mjrun.formats.table import Table
-from mjrun.formats.table_format import ColumnFilter
-from mjrun.formats.tables import input_format, readable_suffixes
+from mjrun.formats.table_format import ColumnFilter, TableFormat
+from mjrun.formats.tables import formats, input_format, readable_suffixes
+
+if TYPE_CHECKING:
+    import numpy as np
+
+STDIN = "-"
+STDIN_LABEL = Path("<stdin>")
+Missing = Literal["error", "nan"]
 
 
-def read_table(path: str | Path, columns: Collection[str] | ColumnFilter | None = None) -> Table:
-    """Reads columns of numbers from a table.
+class TableReader:
+    """A table that is open: `with open_table(path) as table`. Leaving it closes the file.
 
-    Integers and booleans are numbers, and so are `nan` and `inf` in text; an empty cell, a null, and a number in
-    quotes in JSON are not. Columns that are not asked for may hold anything.
+    Attributes:
+      path: what the table is called in messages.
+      names: of its columns, in the order of the file.
+      units: by name; empty for pure numbers, and in formats that hold no units (.csv, .jsonl).
+      manifest: what mjrun wrote into the file about how it was made; None in .csv, .jsonl and in files of others.
+    """
+
+    def __init__(
+        self, path: Path, form: TableFormat, file: BinaryIO, columns: Collection[str] | ColumnFilter | None, gaps: bool
+    ) -> None:
+        self.path, self._file = path, file
+        self._all_names: dict[str, None] = {}
+        accept = _filter(columns)
+
+        def wanted(name: str) -> bool:
+            self._all_names[name] = None
+            return accept(name)
+
+        assert form.reader  # its format can be read
+        with self._failing():
+            contents = form.reader(path, file, wanted, gaps)
+        self.names = tuple(contents.names)
+        self.units = {name: contents.units.get(name, "") for name in self.names}
+        self.manifest: dict[str, Any] | None = contents.manifest
+        self._blocks = contents.blocks
+        self._require(columns)
+
+    def blocks(self) -> Iterator[np.ndarray]:
+        """The rows, once, in the order of the file.
+
+        Returns:
+          Blocks of float64 `(n, len(names))`, n ≥ 1. Each may be changed, and lasts.
+
+        Raises:
+          FileError: the file is not complete, columns differ in length, or a cell is not a number; the message says
+            at which line or row, counted from 1.
+        """
+        while True:
+            with self._failing():
+                block = next(self._blocks, None)
+            if block is None:
+                return
+            yield block
+
+    def close(self) -> None:
+        """Closes the file."""
+        self._file.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    @contextlib.contextmanager
+    def _failing(self) -> Iterator[None]:
+        try:
+            yield
+        except OSError as error:
+            raise FileError(self.path, f"cannot be read: {error.strerror or error}") from None
+        except MemoryError:
+            raise FileError(self.path, "its columns do not fit in memory") from None
+
+    def _require(self, columns: Collection[str] | ColumnFilter | None) -> None:
+        """Raises UnknownNameError if a column that is named is missing."""
+        if isinstance(columns, Collection):
+            for name in [columns] if isinstance(columns, str) else columns:
+                if name not in self.names:
+                    raise UnknownNameError("column", name, list(self._all_names), where=str(self.path))
+
+
+def open_table(
+    path: str | Path, columns: Collection[str] | ColumnFilter | None = None, *, missing: Missing = "error"
+) -> TableReader:
+    """Opens a table to read its columns of numbers in blocks, in memory that does not grow with its length.
+
+    Integers and booleans are numbers, and so are `nan` and `inf` in text; a number in quotes in JSON is not. Columns
+    that are not asked for may hold anything. Rows are read as they are asked for: a fault in one shows then.
 
     Args:
-      path: a .csv, .jsonl, .parquet, .feather, .arrow, .npz or .mat file.
+      path: a .csv, .jsonl, .parquet, .feather, .arrow, .npz or .mat file, or `-` for CSV or JSON Lines on standard
+        input, which are told apart by their first character.
       columns: the name of one or of several columns, or a function that accepts a name or not; all by default.
+      missing: what an empty cell, a null, and a key that is missing in JSON is: an error, or NaN.
+
+    Raises:
+      FileError: there is no such file, it cannot be decoded, or two of the columns have the same name.
+      UnknownNameError: no format has this suffix, or a column that is named is missing.
+      UsageError: the format can be written, but not read; standard input is a terminal.
+      MissingExtraError: the library of the format is not installed.
+    """
+    if str(path) == STDIN:
+        file = _standard_input()
+        return TableReader(STDIN_LABEL, _text_format(file), file, columns, missing == "nan")
+
+    path = Path(path)
+    require_file(path, "table", readable_suffixes())
+    form = input_format(path)
+    try:
+        file = path.open("rb")
+    except OSError as error:
+        raise FileError(path, f"cannot be read: {error.strerror or error}") from None
+    try:
+        return TableReader(path, form, file, columns, missing == "nan")
+    except BaseException:
+        file.close()
+        raise
+
+
+def read_table(
+    path: str | Path, columns: Collection[str] | ColumnFilter | None = None, *, missing: Missing = "error"
+) -> Table:
+    """Reads columns of numbers from a table.
+
+    Args:
+      path, columns, missing: as in `open_table`.
 
     Returns:
       The columns as float64 `(n,)`, in the order of the file, with their units where the format holds them.
@@ -35,28 +162,17 @@ def read_table(path: str | Path, columns: Collection[str] | ColumnFilter | None 
       UsageError: the format can be written, but not read.
       MissingExtraError: the library of the format is not installed.
     """
-    path = Path(path)
-    require_file(path, "table", readable_suffixes())
-    reader = input_format(path).reader
-    assert reader  # input_format has checked it
-    names = dict[str, None]()
-    accept = _filter(columns)
+    import numpy as np
 
-    def wanted(name: str) -> bool:
-        names[name] = None
-        return accept(name)
-
-    try:
-        table = reader(path, wanted)
-    except OSError as error:
-        raise FileError(path, f"cannot be read: {error.strerror or error}") from None
-    except MemoryError:
-        raise FileError(path, "its columns do not fit in memory") from None
-    if isinstance(columns, Collection):
-        for name in [columns] if isinstance(columns, str) else columns:
-            if name not in table:
-                raise UnknownNameError("column", name, list(names), where=str(path))
-    return table
+    with open_table(path, columns, missing=missing) as table:
+        try:
+            parts = {name: [np.empty(0)] for name in table.names}
+            for block in table.blocks():
+                for name, column in zip(table.names, block.T, strict=True):
+                    parts[name].append(column.copy())
+            return Table({name: np.concatenate(parts.pop(name)) for name in table.names}, table.units)
+        except MemoryError:
+            raise FileError(table.path, "its columns do not fit in memory") from None
 
 
 def _filter(columns: Collection[str] | ColumnFilter | None) -> ColumnFilter:
@@ -65,3 +181,37 @@ def _filter(columns: Collection[str] | ColumnFilter | None) -> ColumnFilter:
     if isinstance(columns, str):
         return columns.__eq__
     return columns.__contains__ if isinstance(columns, Collection) else columns
+
+
+def _standard_input() -> io.BufferedReader:
+    """Standard input, which stays open when this is closed.
+
+    Raises:
+      UsageError: it is a terminal, or closed.
+    """
+    if sys.stdin is None or sys.stdin.closed or sys.stdin.isatty():
+        state = "is a terminal" if sys.stdin and not sys.stdin.closed else "is closed"
+        raise UsageError(
+            f"the table - is read from standard input, which {state}\n"
+            "pipe CSV or JSON Lines into it, as in `mjrun trace model.xml --csv | mjrun plot - -o plot.png`"
+        )
+    return io.BufferedReader(_Unclosed(sys.stdin.buffer))
+
+
+class _Unclosed(io.RawIOBase):
+    def __init__(self, file: BinaryIO) -> None:
+        self._file = file
+
+    def readable(self) -> bool:
+        return True
+
+    def readinto(self, buffer: Any) -> int:
+        content = self._file.read(len(buffer))
+        buffer[: len(content)] = content
+        return len(content)
+
+
+def _text_format(file: io.BufferedReader) -> TableFormat:
+    """The format of the text in `file`, of which nothing is taken: JSON begins with a bracket."""
+    begin = file.peek(1).removeprefix(b"\xef\xbb\xbf").lstrip()
+    return formats()["jsonl" if begin.startswith((b"{", b"[")) else "csv"]

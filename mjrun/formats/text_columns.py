@@ -3,7 +3,7 @@
 import itertools
 from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import IO, Any, AnyStr
+from typing import Any, BinaryIO
 
 import numpy as np
 import orjson
@@ -14,7 +14,8 @@ from mjrun.model.column import Column
 
 PIECE = 2**16  # values turned into text at a time
 ROWS = 2**9  # rows turned into numbers at a time, while they are in the processor's cache
-LINE = 2**24  # characters in a line of text, at most
+BYTES = 2**16  # of text read at a time
+LINE = 2**24  # bytes in a line of text, at most
 
 
 def pieces(block: np.ndarray) -> Iterator[np.ndarray]:
@@ -34,28 +35,46 @@ def label_text(columns: Sequence[Column], encode: Callable[[str], bytes], empty:
     return {i: np.array([*map(encode, c.labels), empty], object) for i, c in enumerate(columns) if c.labels}
 
 
-def lines(path: Path, file: IO[AnyStr]) -> Iterator[AnyStr]:
-    """The lines of `file`.
+def lines(path: Path, file: BinaryIO, before: int = 0) -> Iterator[bytes]:
+    """The lines of `file`, of which `before` were read already.
 
     Raises:
-      FileError: one has more than `LINE` characters.
+      FileError: one has more than `LINE` bytes.
     """
-    for number in itertools.count(1):
+    for number in itertools.count(before + 1):
         line = file.readline(LINE)
         if not line:
             return
-        if len(line) == LINE:
-            raise FileError(f"{path}:{number}", f"is a line of more than {LINE} characters")
+        _require_end(path, number, line)
         yield line
 
 
-def number_columns(
+def whole_lines(path: Path, file: BinaryIO, before: int) -> Iterator[tuple[int, bytes]]:
+    """Pieces of `file` that end where a line does, each with the number of lines before it.
+
+    Raises:
+      FileError: a line has too many bytes.
+    """
+    while piece := file.read(BYTES):
+        rest = file.readline(LINE)
+        _require_end(path, before + piece.count(b"\n") + 1, rest)
+        piece += rest
+        yield before, piece
+        before += piece.count(b"\n")
+
+
+def _require_end(path: Path, number: int, line: bytes) -> None:
+    if len(line) == LINE and not line.endswith(b"\n"):
+        raise FileError(f"{path}:{number}", f"is a line of more than {LINE} bytes")
+
+
+def number_blocks(
     path: Path,
     rows: Iterator[tuple[int, Any]],
     keys: Mapping[str, Hashable],
     convert: Callable[[list[Any]], np.ndarray],
-) -> dict[str, np.ndarray]:
-    """Columns of float64 from rows of cells.
+) -> Iterator[np.ndarray]:
+    """Blocks of float64 `(n, columns)` from rows of cells.
 
     Args:
       rows: each with its line number.
@@ -65,16 +84,16 @@ def number_columns(
     Raises:
       FileError: a cell is not a number; the message says on which line.
     """
-    parts = {name: [np.empty(0)] for name in keys}
     while chunk := list(itertools.islice(rows, ROWS)):
+        columns = np.empty((len(keys), len(chunk)))
         try:
-            for name, key in keys.items():
-                parts[name].append(convert([row[key] for _, row in chunk]))
+            for column, key in zip(columns, keys.values(), strict=True):
+                column[:] = convert([row[key] for _, row in chunk])
         except ValueError:
             cells = ((line, name, row[key]) for line, row in chunk for name, key in keys.items())
             line, name, cell = next(cell for cell in cells if not is_number(cell[2], convert))
             raise FileError(f"{path}:{line}", f"column {shown(name)}: {_described(cell)} is not a number") from None
-    return {name: np.concatenate(parts.pop(name)) for name in list(parts)}
+        yield columns.T
 
 
 def is_number(cell: Any, convert: Callable[[list[Any]], np.ndarray]) -> bool:

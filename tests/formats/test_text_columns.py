@@ -59,5 +59,5 @@ def test_a_line_without_end_is_refused_before_it_fills_the_memory(
     monkeypatch.setattr(text_columns, "LINE", 2**10)
     for name, content in (("t.csv", "time,x\n0,"), ("t.jsonl", '{"time":0}\n{"time":')):
         path = put(tmp_path / name, content + "0" * 2**20)
-        with pytest.raises(FileError, match=f"^{re.escape(str(path))}:2: is a line of more than 1024 characters"):
+        with pytest.raises(FileError, match=f"^{re.escape(str(path))}:2: is a line of more than 1024 bytes"):
             read_table(path, everything)

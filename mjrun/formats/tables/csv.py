@@ -13,16 +13,17 @@ When reading, names lose the spaces around them, and an empty cell is not a numb
 
 from __future__ import annotations
 
+import codecs
 import csv
+import io
+import itertools
 import re
-from collections.abc import Iterator, Mapping, Sequence
-from itertools import groupby
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import IO, TYPE_CHECKING, BinaryIO
+from typing import TYPE_CHECKING, BinaryIO
 
 from mjrun.errors import FileError, clean
-from mjrun.formats.table import Table
-from mjrun.formats.table_format import ColumnFilter, TableFormat
+from mjrun.formats.table_format import ColumnFilter, TableContents, TableFormat
 from mjrun.model.column import Column
 
 if TYPE_CHECKING:
@@ -31,6 +32,11 @@ if TYPE_CHECKING:
 FORMULA = ("=", "+", "-", "@")  # a cell that starts so is a formula to a spreadsheet
 # The same in full width, as in Japan, and after a semicolon, which separates cells where a comma is decimal.
 LABEL_FORMULA = re.compile(r"(^|;)(?=\s*[=+\-@＝＋－＠])")
+
+# Lines of numbers have none of these; JSON would take them for texts, lists, objects, true, false and null.
+NOT_NUMBERS = tuple(bytes([byte]) for byte in b'"[{tfn')
+NEGATIVE_ZERO = re.compile(rb"-0\s*(,|\n|\Z)")
+LONE_RETURN = re.compile(rb"\r(?!\n)")
 
 
 class CsvWriter:
@@ -94,34 +100,111 @@ def _mixed_lines(piece: np.ndarray, labels: Mapping[int, np.ndarray]) -> bytes:
     import numpy as np
 
     cells = []
-    for index, run in groupby(range(piece.shape[1]), key=lambda i: i if i in labels else -1):
+    for index, run in itertools.groupby(range(piece.shape[1]), key=lambda i: i if i in labels else -1):
         values = np.ascontiguousarray(piece[:, list(run)])
         cells.append(_lines(values).splitlines() if index < 0 else labels[index][values[:, 0].astype(int)].tolist())
     return b"\n".join(map(b",".join, zip(*cells, strict=True))) + b"\n"
 
 
-def read(path: Path, wanted: ColumnFilter) -> Table:
+def read(path: Path, file: BinaryIO, wanted: ColumnFilter, gaps: bool) -> TableContents:
     """The columns that the filter accepts."""
     from mjrun.formats.column_checks import select
-    from mjrun.formats.text_columns import number_columns
 
-    # Other columns may hold bytes that are not UTF-8: an older spreadsheet writes its own code page.
-    with path.open(encoding="utf-8-sig", errors="surrogateescape", newline="") as file:
-        rows = _rows(path, file)
-        line, header = next(rows, (1, []))
-        names = [name.strip(" \t") for name in header]
-        _require_header(path, line, names)
-        return Table(number_columns(path, rows, select(path, names, wanted), _floats))
+    lines = _Lines(path, file)
+    line, header = next(_rows(path, lines), (1, []))
+    names = [name.strip(" \t") for name in header]
+    _require_header(path, line, names)
+    keys = select(path, names, wanted)
+    return TableContents(list(keys), _blocks(path, file, lines, keys, len(names), gaps))
 
 
-def _rows(path: Path, file: IO[str]) -> Iterator[tuple[int, list[str]]]:
-    """The header and every row of its length, each with the line on which it begins; blank lines are skipped."""
-    from mjrun.formats.text_columns import lines
+class _Lines:
+    """The lines of a file as text.
 
-    reader = csv.reader(lines(path, file), skipinitialspace=True, strict=True)
-    width = -1
+    Attributes:
+      count: how many there were so far.
+      buffered: whether some wait here, read from the file already: a carriage return alone ends a line too.
+    """
+
+    def __init__(self, path: Path, file: BinaryIO, before: int = 0) -> None:
+        self.count, self.buffered = before, False
+        self._texts = self._split(path, file)
+
+    def __iter__(self) -> Iterator[str]:
+        return self
+
+    def __next__(self) -> str:
+        text = next(self._texts)
+        self.count += 1
+        return text
+
+    def _split(self, path: Path, file: BinaryIO) -> Iterator[str]:
+        from mjrun.formats.text_columns import lines
+
+        for line in lines(path, file, self.count):
+            self.buffered = b"\r" in line[:-2]
+            yield from _texts(line if self.count else line.removeprefix(codecs.BOM_UTF8))
+
+
+def _texts(lines: bytes) -> io.StringIO:
+    # Columns that are not wanted may hold bytes that are not UTF-8: an older spreadsheet writes its own code page.
+    return io.StringIO(lines.decode("utf-8", "surrogateescape"), newline="")
+
+
+def _blocks(
+    path: Path, file: BinaryIO, header: _Lines, keys: Mapping[str, int], width: int, gaps: bool
+) -> Iterator[np.ndarray]:
+    """The rows after the header: plain numbers are parsed by the piece, all else cell by cell."""
+    from mjrun.formats.text_columns import number_blocks, whole_lines
+
+    def parse(lines: Iterable[str], before: int) -> Iterator[np.ndarray]:
+        return number_blocks(path, _rows(path, lines, before, width), keys, _floats_or_nan if gaps else _floats)
+
+    if header.buffered:
+        yield from parse(header, header.count)
+    for before, piece in whole_lines(path, file, header.count):
+        block = _plain_block(piece, list(keys.values()), width)
+        if block is not None:
+            yield block
+        elif b'"' in piece:  # a cell may end in another piece, and so for all that follow
+            yield from parse(itertools.chain(_texts(piece), _Lines(path, file, before + piece.count(b"\n"))), before)
+        else:
+            yield from parse(_texts(piece), before)
+
+
+def _plain_block(piece: bytes, indices: list[int], width: int) -> np.ndarray | None:
+    """The columns with these indices of lines that are numbers as JSON has them, of which orjson makes the same bits.
+
+    None if the lines hold anything else, or are not of this width.
+    """
+    import numpy as np
+    import orjson
+
+    if any(mark in piece for mark in NOT_NUMBERS):
+        return None
+    try:
+        rows = orjson.loads(b"[[" + piece.replace(b"\r\n", b"\n").removesuffix(b"\n").replace(b"\n", b"],[") + b"]]")
+    except orjson.JSONDecodeError:
+        return None
+    if set(map(len, rows)) != {width}:
+        return None
+
+    block = np.array([[row[i] for i in indices] for row in rows] if len(indices) < width else rows, np.float64)
+    # A carriage return alone, which ends a line, is a space in JSON, and the integer -0 loses its sign.
+    differs = (b"\r" in piece and LONE_RETURN.search(piece)) or ((block == 0).any() and NEGATIVE_ZERO.search(piece))
+    return None if differs else block
+
+
+def _rows(path: Path, lines: Iterable[str], before: int = 0, width: int = -1) -> Iterator[tuple[int, list[str]]]:
+    """The header and every row of its length, each with the line on which it begins; blank lines are skipped.
+
+    Args:
+      before: how many lines come before these.
+      width: of the header, if that is not among them.
+    """
+    reader = csv.reader(lines, skipinitialspace=True, strict=True)
     while True:
-        line = reader.line_num + 1
+        line = before + reader.line_num + 1
         try:
             row = next(reader, None)
         except csv.Error as error:
@@ -161,6 +244,10 @@ def _floats(cells: list[str]) -> np.ndarray:
     if "_" in text or not text.isascii():  # Python's float takes 1_000 and the digits of any script
         raise ValueError
     return np.array(list(map(float, cells)))
+
+
+def _floats_or_nan(cells: list[str]) -> np.ndarray:
+    return _floats([cell.strip() or "nan" for cell in cells])
 
 
 FORMAT = TableFormat("csv", (".csv",), CsvWriter, read, pipe=True)

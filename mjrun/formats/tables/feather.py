@@ -6,12 +6,11 @@ The schema comes first in the file, and the manifest with it.
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, BinaryIO
 
-from mjrun.formats.table import Table
-from mjrun.formats.table_format import ColumnFilter, TableFormat
+from mjrun.formats.table_format import ColumnFilter, TableContents, TableFormat
 from mjrun.model.column import Column
 
 if TYPE_CHECKING:
@@ -53,31 +52,35 @@ class FeatherWriter:
         self._writer.write_batch(record_batch(group, self._columns, self._schema))
 
 
-def read(path: Path, wanted: ColumnFilter) -> Table:
+def read(path: Path, file: BinaryIO, wanted: ColumnFilter, gaps: bool) -> TableContents:
     """The columns that the filter accepts."""
     from pyarrow import ipc
 
-    from mjrun.formats.arrow_columns import select_numbers, table
+    from mjrun.formats.arrow_columns import MANIFEST, blocks, select_numbers, units
     from mjrun.formats.column_checks import unreadable
-    from mjrun.formats.input_file import decoding
+    from mjrun.formats.input_file import decoded, decoding
+    from mjrun.formats.manifest import parse_manifest
 
-    with path.open("rb") as file:
-        with decoding(path, unreadable(path)):
-            schema = ipc.open_file(file).schema
-        indices = select_numbers(path, schema, wanted)
-        if not indices:  # no field included would mean all
-            return Table({})
-        with decoding(path, unreadable(path)):
-            options = ipc.IpcReadOptions(included_fields=list(indices.values()))
-            arrow = ipc.open_file(file, options=options)
-            batches = (_valid(arrow.get_batch(index)) for index in range(arrow.num_record_batches))
-            return table(path, schema, indices, batches)
+    with decoding(path, unreadable(path)):
+        schema = ipc.open_file(file).schema
+    indices = select_numbers(path, schema, wanted)
+    batches = _batches(file, list(indices.values()))
+    rows = decoded(path, unreadable(path), blocks(path, list(indices), batches, gaps))
+    manifest = parse_manifest((schema.metadata or {}).get(MANIFEST.encode()))
+    return TableContents(list(indices), rows, units(schema, indices), manifest)
 
 
-def _valid(batch: pyarrow.RecordBatch) -> list[pyarrow.Array]:
-    """The columns of a batch, whose offsets and indices come from the file and are checked first."""
-    batch.validate(full=True)
-    return batch.columns
+def _batches(file: BinaryIO, fields: list[int]) -> Iterator[pyarrow.RecordBatch]:
+    """The batches of the fields, whose offsets and indices come from the file and are checked first."""
+    from pyarrow import ipc
+
+    if not fields:  # no field included would mean all
+        return
+    arrow = ipc.open_file(file, options=ipc.IpcReadOptions(included_fields=fields))
+    for index in range(arrow.num_record_batches):
+        batch = arrow.get_batch(index)
+        batch.validate(full=True)
+        yield batch
 
 
 FORMAT = TableFormat("feather", (".feather", ".arrow"), FeatherWriter, read, library="pyarrow", extra="parquet")

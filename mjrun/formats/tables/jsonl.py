@@ -10,14 +10,14 @@ import codecs
 import contextlib
 import itertools
 import json
+import math
 from collections import Counter
 from collections.abc import Iterable, Iterator, KeysView, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO
 
 from mjrun.errors import FileError, clean
-from mjrun.formats.table import Table
-from mjrun.formats.table_format import ColumnFilter, TableFormat
+from mjrun.formats.table_format import ColumnFilter, TableContents, TableFormat
 from mjrun.model.column import Column
 
 if TYPE_CHECKING:
@@ -58,20 +58,19 @@ def _string(text: str) -> bytes:
     return json.dumps(text, ensure_ascii=clean(text) != text).encode()
 
 
-def read(path: Path, wanted: ColumnFilter) -> Table:
-    """The columns that the filter accepts."""
+def read(path: Path, file: BinaryIO, wanted: ColumnFilter, gaps: bool) -> TableContents:
+    """The columns that the filter accepts. Where there may be gaps, a key may be missing too."""
     from mjrun.formats.column_checks import select
-    from mjrun.formats.text_columns import number_columns
+    from mjrun.formats.text_columns import number_blocks
 
-    with path.open("rb") as file:
-        rows = _rows(path, file)
-        first = next(rows, None)
-        if first is None:
-            raise FileError(path, "is empty: its first row has the names of the columns")
-        names = first[1].keys()
-        keys = {name: name for name in select(path, list(names), wanted)}
-        alike = _with_keys(path, rows, names, wanted)
-        return Table(number_columns(path, itertools.chain([first], alike), keys, _floats))
+    rows = _rows(path, file)
+    first = next(rows, None)
+    if first is None:
+        raise FileError(path, "is empty: its first row has the names of the columns")
+    names = first[1].keys()
+    keys = {name: name for name in select(path, list(names), wanted)}
+    alike = itertools.chain([first], _with_keys(path, rows, names, wanted, gaps))
+    return TableContents(list(keys), number_blocks(path, alike, keys, _floats_or_nan if gaps else _floats))
 
 
 def _rows(path: Path, file: BinaryIO) -> Iterator[tuple[int, dict[str, Any]]]:
@@ -110,17 +109,18 @@ def _require_unique_keys(place: str, line: bytes) -> None:
 
 
 def _with_keys(
-    path: Path, rows: Iterable[tuple[int, dict[str, Any]]], names: KeysView[str], wanted: ColumnFilter
+    path: Path, rows: Iterable[tuple[int, dict[str, Any]]], names: KeysView[str], wanted: ColumnFilter, gaps: bool
 ) -> Iterator[tuple[int, dict[str, Any]]]:
-    """`rows`, whose wanted keys are checked to be those in `names`."""
+    """`rows`, whose wanted keys are checked to be those in `names`; what is missing is None where there may be gaps."""
     from mjrun.formats.column_checks import shown
 
     for line, row in rows:
         if row.keys() != names:
             for name in (*names, *row):
-                if (name in names) != (name in row) and wanted(name):
+                if (name in names) != (name in row) and wanted(name) and not (gaps and name in names):
                     reason = "is not in the first row" if name in row else "is missing"
                     raise FileError(f"{path}:{line}", f"column {shown(name)} {reason}")
+            row = dict.fromkeys(names) | row
         yield line, row
 
 
@@ -130,6 +130,10 @@ def _floats(cells: list[Any]) -> np.ndarray:
     if not {int, float, bool}.issuperset(map(type, cells)):
         raise ValueError
     return np.array(cells, np.float64)
+
+
+def _floats_or_nan(cells: list[Any]) -> np.ndarray:
+    return _floats([math.nan if cell is None else cell for cell in cells])
 
 
 FORMAT = TableFormat("jsonl", (".jsonl",), JsonlWriter, read, pipe=True)

@@ -12,13 +12,12 @@ from __future__ import annotations
 import errno
 import math
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, BinaryIO
 
 from mjrun.errors import FileError
-from mjrun.formats.table import Table
-from mjrun.formats.table_format import ColumnFilter, TableFormat
+from mjrun.formats.table_format import ColumnFilter, TableContents, TableFormat
 from mjrun.model.column import Column
 
 if TYPE_CHECKING:
@@ -26,6 +25,7 @@ if TYPE_CHECKING:
 
     from mjrun.formats.mat_parser import Matrix
 
+PIECE = 2**17  # values in a block that is read
 LIMIT = 2**31  # bytes in one variable
 CELL = 64  # bytes that a text in a cell takes besides its characters, of which each takes at most 4
 LONGEST_NAME = 63  # characters in the name of a variable
@@ -94,22 +94,32 @@ def _cells(texts: Iterable[str]) -> np.ndarray:
     return np.array(list(texts), object)
 
 
-def read(path: Path, wanted: ColumnFilter) -> Table:
-    """The columns that the filter accepts."""
+def read(path: Path, file: BinaryIO, wanted: ColumnFilter, gaps: bool) -> TableContents:
+    """The columns that the filter accepts. A variable is whole in memory, as it may be compressed."""
+    import numpy as np
+
     from mjrun.formats.column_checks import require_equal_lengths, select, unreadable
     from mjrun.formats.input_file import decoding
+    from mjrun.formats.manifest import parse_manifest
     from mjrun.formats.mat_parser import MatParser
 
-    with path.open("rb") as file:
-        with decoding(path, unreadable(path)):
-            mat = MatParser(file)
-            variables, units = mat.columns(), mat.units()
-        columns = {}
-        for name, index in select(path, [name for name, _ in variables], wanted).items():
+    with decoding(path, unreadable(path)):
+        mat = MatParser(file)
+        variables, units, manifest = mat.columns(), mat.units(), parse_manifest(mat.manifest())
+    indices = select(path, [name for name, _ in variables], wanted)
+
+    def blocks() -> Iterator[np.ndarray]:
+        columns: dict[str, np.ndarray] = {}
+        for name, index in indices.items():
             with decoding(path, unreadable(path)):
                 columns[name] = _floats(path, name, mat.read(variables[index][1]))
-    require_equal_lengths(path, columns)
-    return Table(columns, units)
+        require_equal_lengths(path, {name: len(values) for name, values in columns.items()})
+
+        size = max(1, PIECE // max(1, len(columns)))
+        for start in range(0, max(map(len, columns.values()), default=0), size):
+            yield np.array([values[start : start + size] for values in columns.values()]).T
+
+    return TableContents(list(indices), blocks(), units, manifest)
 
 
 def _floats(path: Path, name: str, matrix: Matrix) -> np.ndarray:

@@ -11,8 +11,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO
 
-from mjrun.formats.table import Table
-from mjrun.formats.table_format import ColumnFilter, TableFormat
+from mjrun.formats.table_format import ColumnFilter, TableContents, TableFormat
 from mjrun.model.column import Column
 
 if TYPE_CHECKING:
@@ -61,23 +60,24 @@ class ParquetWriter:
         self._writer.write_table(pyarrow.Table.from_batches([record_batch(group, self._columns, self._schema)]))
 
 
-def read(path: Path, wanted: ColumnFilter) -> Table:
+def read(path: Path, file: BinaryIO, wanted: ColumnFilter, gaps: bool) -> TableContents:
     """The columns that the filter accepts."""
     import pyarrow.parquet
 
-    from mjrun.formats.arrow_columns import select_numbers, table
+    from mjrun.formats.arrow_columns import MANIFEST, block_rows, blocks, select_numbers, units
     from mjrun.formats.column_checks import unreadable
-    from mjrun.formats.input_file import decoding
+    from mjrun.formats.input_file import decoded, decoding
+    from mjrun.formats.manifest import parse_manifest
 
-    with path.open("rb") as file:
-        with decoding(path, unreadable(path)):
-            parquet = pyarrow.parquet.ParquetFile(file)
-            schema = parquet.schema_arrow
-        indices = select_numbers(path, schema, wanted)
-        names = list(indices)
-        with decoding(path, unreadable(path)):
-            batches = ([batch[name] for name in names] for batch in parquet.iter_batches(columns=names))
-            return table(path, schema, indices, batches)
+    with decoding(path, unreadable(path)):
+        parquet = pyarrow.parquet.ParquetFile(file, buffer_size=2**16)  # not a whole column of a row group
+        schema, metadata = parquet.schema_arrow, parquet.metadata.metadata or {}
+    indices = select_numbers(path, schema, wanted)
+    names = list(indices)
+    batches = parquet.iter_batches(block_rows(len(names)), columns=names)
+    ordered = (batch.select(names) for batch in batches)
+    rows = decoded(path, unreadable(path), blocks(path, names, ordered, gaps))
+    return TableContents(names, rows, units(schema, indices), parse_manifest(metadata.get(MANIFEST.encode())))
 
 
 FORMAT = TableFormat("parquet", (".parquet",), ParquetWriter, read, library="pyarrow", extra="parquet")
