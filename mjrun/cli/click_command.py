@@ -2,15 +2,17 @@
 
 import textwrap
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any, TypeVar, cast
+from typing import TYPE_CHECKING, Any, TypeVar, cast
 
 import click
 
 from mjrun.cli.console import Console, flag
-from mjrun.formats.format_lists import with_formats
 from mjrun.options.kinds import AnyKind, Choice, ExpectedError, Flag, Optional, Settings, Several, Values
 from mjrun.options.messages import MessageOptions
 from mjrun.options.option import FrontEnd, Option, Options, options_of
+
+if TYPE_CHECKING:
+    from click.shell_completion import CompletionItem
 
 C = TypeVar("C", bound=Options)
 Body = Callable[[Console, "CommandLine"], None]
@@ -61,6 +63,12 @@ class CommandLine:
 class SectionedCommand(click.Command):
     """A command whose help shows its options by section."""
 
+    def shell_complete(self, ctx: click.Context, incomplete: str) -> "list[CompletionItem]":
+        for param in self.params:
+            if isinstance(param, DeclaredOption):
+                param.write_help()
+        return super().shell_complete(ctx, incomplete)
+
     def format_options(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         sections: dict[str, list[tuple[str, str]]] = {}
         for param in self.get_params(ctx):
@@ -92,7 +100,15 @@ class DeclaredOption(click.Option):
 
     def __init__(self, declared: Option, **settings: Any) -> None:
         self.declared = declared
-        super().__init__([*declared.short, "/".join(flags(declared)), declared.name], help=_help(declared), **settings)
+        super().__init__([*declared.short, "/".join(flags(declared)), declared.name], **settings)
+
+    def write_help(self) -> None:
+        """Sets the help text, which is not made before it is asked for: it lists formats."""
+        self.help = _help(self.declared)
+
+    def get_help_record(self, ctx: click.Context) -> tuple[str, str] | None:
+        self.write_help()
+        return super().get_help_record(ctx)
 
     def type_cast_value(self, ctx: click.Context, value: Any) -> object:
         made = super().type_cast_value(ctx, value)
@@ -170,6 +186,8 @@ def flags(declared: Option) -> list[str]:
 
 
 def _help(declared: Option) -> str:
+    from mjrun.formats.format_lists import with_formats
+
     default = shown_default(declared)
     note = f"[default: {default}]" if default else ""
     if len(default) <= SHORT_DEFAULT:

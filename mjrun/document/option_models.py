@@ -138,12 +138,12 @@ def field_type(kind: AnyKind) -> Any:
         case option_kinds.MujocoName(of=of):
             names, check = NAMES[of]
             return Annotated[Name, checked_by(check), suggested(names())]
-        case option_kinds.Choice(names):
+        case option_kinds.Choice(names=names):
             return Annotated[str, OneOf(names)]
-        case option_kinds.Integer(least, most):
+        case option_kinds.Integer(least=least, most=most):
             bounds = Field(gt=0, le=most) if least == 1 else Field(ge=least, le=most)
             return Annotated[int, bounds]
-        case option_kinds.Real(least, above, most):
+        case option_kinds.Real(least=least, above=above, most=most):
             return Annotated[float, Field(ge=least if above is None else None, gt=above, le=most)]
         case option_kinds.ExactNumber(zero=zero):
             return Instant if zero else Exact

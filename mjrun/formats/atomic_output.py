@@ -9,7 +9,6 @@ import ctypes
 import errno
 import os
 import re
-import secrets
 import select
 import shutil
 import stat
@@ -324,7 +323,7 @@ def _close_quietly(file: BinaryIO) -> None:
 
 def _beside(target: Path) -> Path:
     """A hidden, unused name in the folder of `target`."""
-    return target.parent / f".{target.name}.{secrets.token_hex(4)}.part"
+    return target.parent / f".{target.name}.{os.urandom(4).hex()}.part"
 
 
 def _pattern_in(folder: Path) -> str:

@@ -24,7 +24,6 @@ from mjrun.errors import (
     option,
 )
 from mjrun.formats.manifest import ManifestWriter
-from mjrun.job.event_detection import EventDetector
 from mjrun.job.output_files import ReservedFiles
 from mjrun.job.shared_rendering import SharedRendering
 from mjrun.job.task import (
@@ -209,6 +208,8 @@ class _Pass(Generic[R]):
         if not self._waiting:
             observe(self._stepper, taps, self._until)
             return
+        from mjrun.job.event_detection import EventDetector
+
         conditions = {text for output in self._waiting.values() for text in output.conditions}
         detector = EventDetector(self._context.model, self._context.timeline, conditions)
         stack.callback(detector.close)

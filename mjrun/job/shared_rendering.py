@@ -7,9 +7,8 @@ from dataclasses import dataclass
 from types import TracebackType
 from typing import TYPE_CHECKING
 
-from mjrun.options.view import ViewOptions
-
 if TYPE_CHECKING:
+    from mjrun.options.view import ViewOptions
     from mjrun.rendering.backend import Backend
     from mjrun.rendering.backend_detection import BackendDetection, VulkanDetection
     from mjrun.rendering.workers import PainterProcesses
@@ -24,7 +23,7 @@ class RendererRequest:
     require_gpu: bool
 
     @classmethod
-    def of(cls, options: ViewOptions) -> "RendererRequest":
+    def of(cls, options: "ViewOptions") -> "RendererRequest":
         """What `options` ask for."""
         return cls(options.renderer, None if options.renderer == "filament" else options.gl, options.require_gpu)
 

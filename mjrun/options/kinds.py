@@ -1,15 +1,16 @@
 """Kinds of option values: what Python may give, what a command line writes, and what a document holds.
 
 A kind is a converter: called with what Python gives, it returns the value, checked and immutable.
+
+Kinds are plain classes: every command makes all of them before it knows which it needs, and dataclasses would take
+longer to generate than all else here.
 """
 
 import math
 import re
-from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from fractions import Fraction
-from os import PathLike
+from os import PathLike, fspath
 from typing import Any, Generic, TypeVar, cast
 
 from mjrun.timeline import rational
@@ -38,23 +39,25 @@ class ExpectedError(ValueError):
         super().__init__(expected)
 
 
-class Kind(ABC, Generic[V, T]):
+class Kind(Generic[V, T]):
     """What values an option takes.
 
     Attributes:
       metavar: what stands for the value in help texts.
-      separator: between the parts of a command line's text, where one text holds several.
     """
 
     metavar: str = "TEXT"
 
-    @abstractmethod
+    def __init__(self, metavar: str = "") -> None:
+        self.metavar = metavar or self.metavar
+
     def __call__(self, value: V) -> T:
         """The value that Python's `value` means.
 
         Raises:
           ExpectedError: it means none.
         """
+        raise NotImplementedError
 
     def parse(self, text: str) -> object:
         """What `text` on a command line means, as Python might give it.
@@ -72,11 +75,8 @@ class Kind(ABC, Generic[V, T]):
 AnyKind = Kind[Any, Any]  # a kind whose values are not known here
 
 
-@dataclass(frozen=True)
 class Text(Kind[str, str]):
     """Any text."""
-
-    metavar: str = "TEXT"
 
     def __call__(self, value: object) -> str:
         if not isinstance(value, str):
@@ -84,7 +84,6 @@ class Text(Kind[str, str]):
         return value
 
 
-@dataclass(frozen=True)
 class MujocoName(Text):
     """The name of something that MuJoCo knows, such as a visual flag; looked up where it is used.
 
@@ -92,18 +91,23 @@ class MujocoName(Text):
       of: what it is a name of; documents and editors list the names.
     """
 
-    of: str = ""
+    def __init__(self, metavar: str, of: str) -> None:
+        super().__init__(metavar)
+        self.of = of
 
 
-@dataclass(frozen=True)
+class Ghost(Text):
+    """The settings of a ghost as text; in documents a mapping too."""
+
+    metavar = "SETTING,…"
+
+
 class Choice(Kind[str, str]):
     """One of a few words."""
 
-    names: tuple[str, ...]
-
-    @property
-    def metavar(self) -> str:  # type: ignore[override]
-        return "|".join(self.names)
+    def __init__(self, names: tuple[str, ...]) -> None:
+        super().__init__("|".join(names))
+        self.names = names
 
     def __call__(self, value: str) -> str:
         if value not in self.names:
@@ -111,11 +115,11 @@ class Choice(Kind[str, str]):
         return value
 
 
-@dataclass(frozen=True)
 class Flag(Kind[bool, bool]):
     """Yes or no; `negatable` has a `--no-` spelling on the command line."""
 
-    negatable: bool = False
+    def __init__(self, *, negatable: bool = False) -> None:
+        self.negatable = negatable
 
     def __call__(self, value: object) -> bool:
         if not isinstance(value, bool):
@@ -123,19 +127,20 @@ class Flag(Kind[bool, bool]):
         return value
 
 
-@dataclass(frozen=True)
 class Integer(Kind[int, int]):
     """A whole number from `least` to `most`."""
 
-    least: int | None = 0
-    most: int | None = None
-    metavar: str = "N"
+    metavar = "N"
+
+    def __init__(self, least: int | None = 0, most: int | None = None, metavar: str = "") -> None:
+        super().__init__(metavar)
+        self.least, self.most = least, most
 
     @property
     def expected(self) -> str:
-        bounds = [f" from {self.least} on"] if self.least is not None and self.most is None else []
-        bounds += [f" from {self.least} to {self.most}"] if self.most is not None else []
-        return f"a whole number{''.join(bounds)}"
+        if self.most is not None:
+            return f"a whole number from {self.least} to {self.most}"
+        return "a whole number" if self.least is None else f"a whole number from {self.least} on"
 
     def __call__(self, value: int) -> int:
         # NumPy's integers are whole numbers too.
@@ -152,14 +157,16 @@ class Integer(Kind[int, int]):
         return self(int(text))
 
 
-@dataclass(frozen=True)
 class Real(Kind[float, float]):
     """A finite number from `least` to `most`; `above` instead of `least` leaves out the bound itself."""
 
-    least: float | None = 0.0
-    above: float | None = None
-    most: float | None = None
-    metavar: str = "X"
+    metavar = "X"
+
+    def __init__(
+        self, least: float | None = 0.0, above: float | None = None, most: float | None = None, metavar: str = ""
+    ) -> None:
+        super().__init__(metavar)
+        self.least, self.above, self.most = least, above, most
 
     @property
     def expected(self) -> str:
@@ -170,25 +177,37 @@ class Real(Kind[float, float]):
         return low if self.most is None else f"{low.removesuffix(' on')} to {self.most:g}"
 
     def __call__(self, value: float) -> float:
-        try:
-            number = float(value)
-        except (TypeError, ValueError):
-            number = math.nan
-        below = number < self.least if self.above is None and self.least is not None else False
-        below = below or (self.above is not None and number <= self.above)
-        if not math.isfinite(number) or below or (self.most is not None and number > self.most):
+        number = _float(value)
+        least = -math.inf if self.least is None else self.least
+        high_enough = number >= least if self.above is None else number > self.above
+        if not math.isfinite(number) or not high_enough or (self.most is not None and number > self.most):
             raise ExpectedError(self.expected)
         return number
 
-    parse = __call__  # type: ignore[assignment]
+    def parse(self, text: str) -> float:
+        return self(_float(text))
 
 
-@dataclass(frozen=True)
+class Percent(Real):
+    """A share, written as a percentage on the command line: `10%` is 0.1."""
+
+    metavar = "PERCENT"
+
+    def parse(self, text: str) -> float:
+        try:
+            return self(_float(text[:-1]) / 100 if text.endswith("%") else math.nan)
+        except ExpectedError:
+            raise ExpectedError("a percentage; write it as in 10%") from None
+
+
 class ExactNumber(Kind[Number, Fraction]):
     """A positive number, kept exactly: `0.25`, `30`, `30000/1001`; with `zero`, 0 too."""
 
-    metavar: str = "NUMBER"
-    zero: bool = False
+    metavar = "NUMBER"
+
+    def __init__(self, metavar: str = "", *, zero: bool = False) -> None:
+        super().__init__(metavar)
+        self.zero = zero
 
     @property
     def expected(self) -> str:
@@ -204,14 +223,14 @@ class ExactNumber(Kind[Number, Fraction]):
             raise ExpectedError(self.expected)
         return number
 
-    parse = __call__  # type: ignore[assignment]
+    def parse(self, text: str) -> Fraction:
+        return self(text)
 
 
-@dataclass(frozen=True)
 class Instant(Kind[object, object]):
     """A time [s], kept exactly, or in documents and Python an event, which the outputs know."""
 
-    metavar: str = "SECONDS"
+    metavar = "SECONDS"
 
     def __call__(self, value: object) -> object:
         return ExactNumber(zero=True)(value) if isinstance(value, (int, float, str, Fraction)) else value
@@ -220,11 +239,10 @@ class Instant(Kind[object, object]):
         return ExactNumber(zero=True)(text)
 
 
-@dataclass(frozen=True)
 class Size(Kind[Sequence[int], tuple[int, int]]):
     """Width and height in pixels: `1280x720`."""
 
-    metavar: str = "WxH"
+    metavar = "WxH"
 
     def __call__(self, value: Sequence[int]) -> tuple[int, int]:
         sides = () if isinstance(value, str) else tuple(value)
@@ -242,12 +260,14 @@ class Size(Kind[Sequence[int], tuple[int, int]]):
         return f"{value[0]}x{value[1]}"
 
 
-@dataclass(frozen=True)
 class Range(Kind[Sequence[float], tuple[float, float]]):
     """Two numbers, the smaller first: `0.5..4`."""
 
-    metavar: str = "LOW..HIGH"
-    expected: str = "two numbers, the smaller first"
+    metavar = "LOW..HIGH"
+
+    def __init__(self, metavar: str = "", expected: str = "two numbers, the smaller first") -> None:
+        super().__init__(metavar)
+        self.expected = expected
 
     def __call__(self, value: Sequence[float]) -> tuple[float, float]:
         low, high = value if len(value) == 2 else (math.nan, math.nan)
@@ -258,20 +278,22 @@ class Range(Kind[Sequence[float], tuple[float, float]]):
     def parse(self, text: str) -> tuple[float, float]:
         first, _, last = text.partition("..")
         try:
-            return self((float(first), float(last)))
-        except ValueError:
+            return self((_float(first), _float(last)))
+        except ExpectedError:
             raise ExpectedError("a range; write two numbers, the smaller first, as in 0.5..4") from None
 
     def plain(self, value: tuple[float, float]) -> list[float]:
         return [*value]
 
 
-@dataclass(frozen=True)
 class Processes(Kind[int | str, int | str]):
     """A number of processes or threads, or `auto`."""
 
-    metavar: str = "N|auto"
-    of: str = "processes"
+    metavar = "N|auto"
+
+    def __init__(self, metavar: str = "", of: str = "processes") -> None:
+        super().__init__(metavar)
+        self.of = of
 
     def __call__(self, value: int | str) -> int | str:
         whole = isinstance(value, int) and not isinstance(value, bool) and 0 < value < 10_000
@@ -283,24 +305,10 @@ class Processes(Kind[int | str, int | str]):
         return self(int(text) if text.isascii() and text.isdigit() and len(text) < 5 else text)
 
 
-@dataclass(frozen=True)
-class Percent(Real):
-    """A share, written as a percentage on the command line: `10%` is 0.1."""
-
-    metavar: str = "PERCENT"
-
-    def parse(self, text: str) -> float:  # type: ignore[override]
-        try:
-            return self(float(text.removesuffix("%")) / 100 if text.endswith("%") else math.nan)
-        except ValueError:
-            raise ExpectedError("a percentage; write it as in 10%") from None
-
-
-@dataclass(frozen=True)
 class Groups(Kind[Sequence[int] | str, tuple[int, ...]]):
     """MuJoCo's groups: `0,1,2`, `all` or `none`."""
 
-    metavar: str = "GROUPS"
+    metavar = "GROUPS"
 
     def __call__(self, value: Sequence[int] | str) -> tuple[int, ...]:
         if value in ("all", "none"):
@@ -320,18 +328,19 @@ class Groups(Kind[Sequence[int] | str, tuple[int, ...]]):
         return "all" if value == GROUPS else [*value] or "none"
 
 
-@dataclass(frozen=True)
 class Key(Kind[str | int, str]):
     """Something by name or index: a keyframe, a preset."""
 
-    metavar: str = "NAME|INDEX"
-    expected: str = "the name or index of a keyframe"
+    metavar = "NAME|INDEX"
+
+    def __init__(self, metavar: str = "", expected: str = "the name or index of a keyframe") -> None:
+        super().__init__(metavar)
+        self.expected = expected
 
     def __call__(self, value: str | int) -> str:
         return str(value)
 
 
-@dataclass(frozen=True)
 class File(Kind[str | PathLike[str], str]):
     """A path.
 
@@ -339,51 +348,44 @@ class File(Kind[str | PathLike[str], str]):
       written: whether it is an output; inputs are relative to the document's folder, outputs to that of all outputs.
     """
 
-    metavar: str = "FILE"
-    written: bool = False
+    metavar = "FILE"
+
+    def __init__(self, metavar: str = "", *, written: bool = False) -> None:
+        super().__init__(metavar)
+        self.written = written
 
     def __call__(self, value: str | PathLike[str]) -> str:
-        return value if isinstance(value, str) else str(value.__fspath__())
+        return fspath(value)
 
 
-@dataclass(frozen=True)
 class PythonFunction(Kind[Callable[..., object] | None, Callable[..., object] | None]):
     """Python that the user names on the command line; a callable in Python; never in a document."""
 
-    metavar: str = "CODE"
+    metavar = "CODE"
 
     def __call__(self, value: Callable[..., object] | None) -> Callable[..., object] | None:
         return value
 
 
-@dataclass(frozen=True)
 class Camera(Kind[object, object]):
     """What a camera does, as text; a document of shots, or such a document's value."""
 
-    metavar: str = "SPEC"
+    metavar = "SPEC"
 
     def __call__(self, value: object) -> object:
         match value:
             case int():
                 return str(value)
             case PathLike():
-                return str(cast("PathLike[str]", value).__fspath__())
+                return fspath(cast("PathLike[str]", value))
             case _:
                 return value
 
 
-@dataclass(frozen=True)
-class Ghost(Text):
-    """The settings of a ghost as text; in documents a mapping too."""
-
-    metavar: str = "SETTING,…"
-
-
-@dataclass(frozen=True)
 class Values(Kind[Mapping[str, float | Sequence[float]], Mapping[str, Numbers]]):
     """Numbers by name: `hip=0.3`, `root=0,0,1,1,0,0,0`."""
 
-    metavar: str = "NAME=VALUE"
+    metavar = "NAME=VALUE"
 
     def __call__(self, value: Mapping[str, float | Sequence[float]]) -> Mapping[str, Numbers]:
         return {name: _numbers(numbers) for name, numbers in value.items()}
@@ -391,10 +393,7 @@ class Values(Kind[Mapping[str, float | Sequence[float]], Mapping[str, Numbers]])
     def parse(self, text: str) -> tuple[str, Numbers]:
         """One name and its numbers."""
         name, equals, written = text.rpartition("=")
-        try:
-            numbers = tuple(float(part) for part in written.split(","))
-        except ValueError:
-            numbers = (math.nan,)
+        numbers = tuple(map(_float, written.split(",")))
         if not (equals and name and all(map(math.isfinite, numbers))):
             raise ExpectedError("NAME=VALUE, or NAME=VALUE,VALUE,… with finite numbers")
         return name, numbers
@@ -403,15 +402,18 @@ class Values(Kind[Mapping[str, float | Sequence[float]], Mapping[str, Numbers]])
         return {name: numbers[0] if len(numbers) == 1 else [*numbers] for name, numbers in value.items()}
 
 
-@dataclass(frozen=True)
 class Settings(Kind[Mapping[str, object] | Sequence[tuple[str, object]], tuple[tuple[str, str], ...]]):
     """Texts by path: `opt.gravity=0,0,10`. Later ones count where a path stands twice."""
 
-    metavar: str = "PATH=VALUE"
+    metavar = "PATH=VALUE"
 
     def __call__(self, value: Mapping[str, object] | Sequence[tuple[str, object]]) -> tuple[tuple[str, str], ...]:
         pairs = value.items() if isinstance(value, Mapping) else value
-        return tuple((path, setting_text(setting)) for path, setting in pairs)
+        return tuple((path, self.text(setting)) for path, setting in pairs)
+
+    def text(self, setting: object) -> str:
+        """What the command line would write for the value of one path."""
+        return setting_text(setting)
 
     def parse(self, text: str) -> tuple[str, str]:
         """One path and its text."""
@@ -424,16 +426,20 @@ class Settings(Kind[Mapping[str, object] | Sequence[tuple[str, object]], tuple[t
         return dict(value)
 
 
-@dataclass(frozen=True)
 class ScanValues(Settings):
     """The values that settings take, in one text each: separated by commas, or semicolons where values have commas."""
 
-    def __call__(self, value: Mapping[str, object] | Sequence[tuple[str, object]]) -> tuple[tuple[str, str], ...]:
-        pairs = value.items() if isinstance(value, Mapping) else value
-        return tuple((path, values if isinstance(values, str) else _one_text(values)) for path, values in pairs)
+    def text(self, setting: object) -> str:
+        if isinstance(setting, str):
+            return setting
+        if not isinstance(setting, Sequence):
+            raise ExpectedError("a list of values, or text")
+        texts = [setting_text(value) for value in cast("Sequence[object]", setting)]
+        if not any("," in text for text in texts):
+            return ",".join(texts)
+        return ";".join(texts) + (";" if len(texts) == 1 else "")
 
 
-@dataclass(frozen=True)
 class Several(Kind["W | Sequence[W]", tuple[T, ...]], Generic[W, T]):
     """One or several of a kind; repeated on the command line.
 
@@ -442,13 +448,9 @@ class Several(Kind["W | Sequence[W]", tuple[T, ...]], Generic[W, T]):
       expected: what a text without any is not, if it is an error.
     """
 
-    each: Kind[W, T]
-    commas: bool = False
-    expected: str = ""
-
-    @property
-    def metavar(self) -> str:  # type: ignore[override]
-        return f"{self.each.metavar},…" if self.commas else self.each.metavar
+    def __init__(self, each: Kind[W, T], *, commas: bool = False, expected: str = "") -> None:
+        super().__init__(f"{each.metavar},…" if commas else each.metavar)
+        self.each, self.commas, self.expected = each, commas, expected
 
     def __call__(self, value: "W | Sequence[W]") -> tuple[T, ...]:
         parts: list[Any] = [value] if self._is_one(value) else [*cast("Sequence[W]", value)]
@@ -461,7 +463,7 @@ class Several(Kind["W | Sequence[W]", tuple[T, ...]], Generic[W, T]):
         return self._words(text) if self.commas else self.each.parse(text)
 
     @property
-    def repeated(self) -> "Kind[Any, Any]":
+    def repeated(self) -> AnyKind:
         """The kind of one repetition on the command line."""
         return self if self.commas else self.each
 
@@ -489,15 +491,12 @@ class Several(Kind["W | Sequence[W]", tuple[T, ...]], Generic[W, T]):
         return isinstance(self.each, Size) and len(parts) == 2 and not isinstance(parts[0], Sequence)
 
 
-@dataclass(frozen=True)
 class Optional(Kind["W | None", "T | None"], Generic[W, T]):
     """What may be left out; None then."""
 
-    each: Kind[W, T]
-
-    @property
-    def metavar(self) -> str:  # type: ignore[override]
-        return self.each.metavar
+    def __init__(self, each: Kind[W, T]) -> None:
+        super().__init__(each.metavar)
+        self.each = each
 
     def __call__(self, value: "W | None") -> "T | None":
         return None if value is None else self.each(value)
@@ -531,15 +530,13 @@ def setting_text(value: object) -> str:
     raise ExpectedError("a finite number, text, true or false, or a list of finite numbers")
 
 
-def _one_text(values: object) -> str:
-    if not isinstance(values, Sequence):
-        raise ExpectedError("a list of values, or text")
-    texts = [setting_text(value) for value in cast("Sequence[object]", values)]
-    if not any("," in text for text in texts):
-        return ",".join(texts)
-    return ";".join(texts) + (";" if len(texts) == 1 else "")
+def _float(value: float | str) -> float:
+    """`value` as a number, not finite where it is none."""
+    try:
+        return float(value)
+    except (TypeError, ValueError):
+        return math.nan
 
 
-def _numbers(value: float | Sequence[float]) -> Numbers:
-    parts = value if isinstance(value, Sequence) or hasattr(value, "__len__") else [value]
-    return tuple(float(part) for part in parts)  # type: ignore[union-attr]
+def _numbers(value: float | Iterable[float]) -> Numbers:
+    return tuple(map(float, value if isinstance(value, Iterable) else [value]))

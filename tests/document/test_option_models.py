@@ -37,19 +37,19 @@ HERE = Folders(Path(), OutputFolder(Path()))
 def values(kind: Kind[Any, Any]) -> st.SearchStrategy[Any]:
     """Values of a kind, as Python gives them."""
     match kind:
-        case kinds.Optional(each):
+        case kinds.Optional(each=each):
             return values(each)
-        case kinds.Several(each):
+        case kinds.Several(each=each):
             return st.lists(values(each), min_size=1, max_size=3)
         case kinds.MujocoName(of=of):
             return st.sampled_from(NAMES[of])
-        case kinds.Choice(words):
+        case kinds.Choice(names=words):
             return st.sampled_from(words)
         case kinds.Flag():
             return st.booleans()
-        case kinds.Integer(least, most):
+        case kinds.Integer(least=least, most=most):
             return st.integers(least, most)
-        case kinds.Real(least, above, most):
+        case kinds.Real(least=least, above=above, most=most):
             low = least if above is None else above
             return st.floats(low, most, exclude_min=above is not None, allow_infinity=False)
         case kinds.ExactNumber() | kinds.Instant():
