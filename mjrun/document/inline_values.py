@@ -1,15 +1,28 @@
-"""Cameras and ghosts as mappings, where a run document uses them."""
+"""Cameras, ghosts and pushes as mappings, where a run document uses them."""
 
 from collections.abc import Callable, Iterator, Mapping
 from typing import Annotated, Any
 
-from pydantic import Field, Tag
+from pydantic import AfterValidator, Field, Tag
 
 from mjrun.document.camera import CameraDocument
-from mjrun.document.document_model import NUMBER, TEXT, DocumentModel, Location, Name, Omittable, Vector, by_type
+from mjrun.document.document_model import (
+    NUMBER,
+    TEXT,
+    DocumentModel,
+    InvalidValueError,
+    Location,
+    Name,
+    Omittable,
+    Vector,
+    by_type,
+)
+from mjrun.document.field_types import Exact, Instant
 from mjrun.document.yaml_writer import number
 from mjrun.errors import UsageError, quoted
 from mjrun.job.scene_decorations import MOTIONS
+from mjrun.options.kinds import ExpectedError
+from mjrun.options.push import Push, PushKind
 
 
 class InlineCamera(CameraDocument):
@@ -51,6 +64,42 @@ class InlineGhost(DocumentModel):
         motions = {"key": self.key, "trace": self.trace, "recording": self.recording}
         settings = {"offset": offset, "opacity": self.opacity, **motions}
         return ",".join(f"{name}={value}" for name, value in settings.items() if value is not None)
+
+
+def _written_push(text: str) -> str:
+    try:
+        PushKind().parse(text)
+    except ExpectedError as error:
+        raise InvalidValueError("expected", expected=error.expected) from None
+    return text
+
+
+PushText = Annotated[Name, AfterValidator(_written_push)]
+
+
+class InlinePush(DocumentModel):
+    """A force on a body at its centre of mass, or at a site, for a while."""
+
+    body: Omittable[Name] = None
+    """The body that is pushed at its centre of mass."""
+    site: Omittable[Name] = None
+    """The site at which its body is pushed."""
+    force: Vector
+    """In the world [N]."""
+    at: Instant
+    """When it begins [s]."""
+    duration: Exact
+    """How long it lasts [s]."""
+
+    @classmethod
+    def cross_field_errors(cls, values: Mapping[str, Any]) -> Iterator[tuple[Location, str]]:
+        if ("body" in values) == ("site" in values):
+            yield ("site",) if "site" in values else (), "a push is on a body or at a site: give one of the two"
+
+    def push(self) -> Push:
+        """The same as a value."""
+        target = f"site:{self.site}" if self.body is None else f"body:{self.body}"
+        return Push(target, self.force, self.at, self.duration)
 
 
 def ghost_text(ghost: str | InlineGhost, resolved: Callable[[str], str]) -> str:

@@ -24,7 +24,7 @@ from mjrun.document.document_model import (
     of_length,
 )
 from mjrun.document.field_types import Exact, Instant, Numbers, Several, Size, as_tuple, checked_by, suggested
-from mjrun.document.inline_values import InlineCamera, InlineGhost, ghost_text
+from mjrun.document.inline_values import InlineCamera, InlineGhost, InlinePush, PushText, ghost_text
 from mjrun.document.output_folder import OutputFolder, OutputPath
 from mjrun.document.reader import SUFFIXES
 from mjrun.errors import concerning
@@ -34,6 +34,7 @@ from mjrun.model.sources import is_file
 from mjrun.options import kinds as option_kinds
 from mjrun.options.kinds import ExpectedError, Kind, setting_text
 from mjrun.options.option import FrontEnd, Option, Options, exclusions_of, options_of
+from mjrun.options.push import PushKind
 from mjrun.rendering.segmentation import groupings
 from mjrun.rendering.visual import Visual, flags, frames, labels
 
@@ -185,6 +186,10 @@ FIELD_TYPES: dict[type[AnyKind], Any] = {
         Annotated[str, Tag(TEXT)] | Annotated[InlineGhost, Tag(MAPPING)],
         by_type("text as in offset=0/1/0,opacity=0.3 or {offset, opacity, key, trace, recording}", TEXT, MAPPING),
     ],
+    PushKind: Annotated[
+        Annotated[PushText, Tag(TEXT)] | Annotated[InlinePush, Tag(MAPPING)],
+        by_type("text as in torso=0/100/0@1+0.2 or {body or site, force, at, duration}", TEXT, MAPPING),
+    ],
 }
 
 
@@ -231,6 +236,8 @@ def _converted(kind: AnyKind, value: Any, folders: Folders) -> Any:
             return folders.input(value)
         case option_kinds.Ghost():
             return ghost_text(value, folders.input)
+        case PushKind():
+            return value.push() if isinstance(value, InlinePush) else kind(value)
         case option_kinds.Camera() if isinstance(value, InlineCamera):
             return value.script(value.name)
         case option_kinds.Camera() if isinstance(value, str) and Path(value).suffix.lower() in SUFFIXES:

@@ -24,6 +24,7 @@ from mjrun.sim.control_noise import ControlNoise
 from mjrun.sim.control_table import PREFIX, ControlTable
 from mjrun.sim.controller import PeriodicController
 from mjrun.sim.initial_state import InitialState
+from mjrun.sim.push_forces import PushForces
 from mjrun.sim.replay import ReplayStepper
 from mjrun.sim.stepper import PhysicsStepper, Stepper
 from mjrun.timeline import Timeline, rational
@@ -106,7 +107,8 @@ class Simulation(SimulationOptions):
         if self.controller is not None:
             period = self.control_dt or timestep
             controller = PeriodicController(self.controller, period, timestep)
-        return PhysicsStepper(model, data, ControlSignal(timestep, data.ctrl.copy(), table, noise, controller))
+        control = ControlSignal(timestep, data.ctrl.copy(), table, noise, controller)
+        return PhysicsStepper(model, data, control, PushForces(model, self.push, timestep))
 
     def remarks(self, model: mujoco.MjModel) -> list[str]:
         """What the user should know of this simulation before it runs."""
@@ -119,7 +121,8 @@ class Simulation(SimulationOptions):
                 "the recording was made with other physics: positions are as recorded, "
                 "forces and energies are what this model makes of them"
             ]
-        return [*known_bugs.bugs_of_model(model), *self.start.remarks(model), *other]
+        pushes = PushForces(model, self.push, rational(model.opt.timestep)).remarks(self.timeline(model).steps)
+        return [*known_bugs.bugs_of_model(model), *self.start.remarks(model), *pushes, *other]
 
     @cached_property
     def _recorded(self) -> RecordingReader:

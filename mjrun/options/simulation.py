@@ -4,14 +4,27 @@ from collections.abc import Callable, Mapping
 from fractions import Fraction
 from typing import ClassVar
 
-from mjrun.options.kinds import Choice, ExactNumber, File, Integer, Key, Numbers, Optional, PythonFunction, Real, Values
+from mjrun.options.kinds import (
+    Choice,
+    ExactNumber,
+    File,
+    Integer,
+    Key,
+    Numbers,
+    Optional,
+    PythonFunction,
+    Real,
+    Several,
+    Values,
+)
 from mjrun.options.model import ModelOptions
 from mjrun.options.option import Exclusion, FrontEnd, Options, option, options
+from mjrun.options.push import Push, PushKind
 
 INTERPOLATIONS = ("hold", "linear")
 # What physics alone uses; a replay goes through recorded states instead.
 NO_VALUES: dict[str, Numbers] = {}
-PHYSICS = ("key", "qpos", "qvel", "ctrl", "ctrl_from", "ctrl_noise", "controller", "perturb")
+PHYSICS = ("key", "qpos", "qvel", "ctrl", "ctrl_from", "ctrl_noise", "controller", "push", "perturb")
 
 
 @options
@@ -80,6 +93,12 @@ class SimulationOptions(ControllerOptions, ModelOptions):
         converter=Real(metavar="SECONDS"),
         default=0.0,
         help="Correlation time of that noise [s]; 0 draws it anew at every step.",
+    )
+    push: tuple[Push, ...] = option(
+        converter=Several(PushKind()),
+        default=(),
+        help="A force on a body at its centre of mass, or at a site, in the world [N], from a time on for a while [s]: "
+        "torso=0/100/0@1+0.2, site:hand=5/0/0@0.5+0.1. Those that overlap add up; the flag pertforce shows them.",
     )
     replay: str | None = option(
         converter=Optional(File()),

@@ -58,7 +58,7 @@ def _pieces(stepper: PhysicsStepper, record: Sequence[str], end: int, size: int)
     batch = None if stepper.model.opt.enableflags & SLEEP else RecordingBatch([stepper.model], record, size)
     while stepper.step < end:
         at = stepper.step
-        count = min(size, end - at, stepper.control.next_call(at) - at)
+        count = min(size, end - at, stepper.steps_alike())
         fields = _in_c(batch, stepper, count) if batch else None
         if fields is not None:
             yield count, fields

@@ -9,7 +9,9 @@ import numpy as np
 from mjrun.errors import FailedStepError, SimulationError, UnstableError
 from mjrun.model import state
 from mjrun.model.names import names
-from mjrun.sim.control import ControlSignal
+from mjrun.sim.control import NEVER, ControlSignal
+from mjrun.sim.controller import PeriodicController
+from mjrun.sim.push_forces import PushForces
 from mjrun.timeline import rational
 
 CHUNK = 50  # steps between two looks at the warning counters; a look per step costs about 10 %
@@ -75,12 +77,19 @@ class PhysicsStepper:
     Args:
       control: what drives it; the controls in `data` when None. A controller is called on arriving at a
         step, whether or not anybody looks there.
+      pushes: added to what `xfrc_applied` holds otherwise: that of `data`, or what a controller writes there.
 
     Automatic resets are off: an unstable simulation raises UnstableError within `CHUNK` steps of its
     first bad step, and `step` is then the last good one.
     """
 
-    def __init__(self, model: mujoco.MjModel, data: mujoco.MjData, control: ControlSignal | None = None) -> None:
+    def __init__(
+        self,
+        model: mujoco.MjModel,
+        data: mujoco.MjData,
+        control: ControlSignal | None = None,
+        pushes: PushForces | None = None,
+    ) -> None:
         self.model = copy.copy(model)
         self.model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_AUTORESET)
         self.step = 0
@@ -90,6 +99,8 @@ class PhysicsStepper:
         self._instant_step = -1
         state.restore(self.model, self._data, state.save(model, data))
         self.control = control or ControlSignal(rational(model.opt.timestep), data.ctrl.copy())
+        self._pushes = pushes
+        self._unpushed = data.xfrc_applied.copy()
         if self.control.controller:
             self.control.controller.reset(self.model, self.instant())
         self._arrive()
@@ -100,13 +111,18 @@ class PhysicsStepper:
         if step < self.step:
             raise ValueError(f"cannot go back from step {self.step} to step {step}")
         while self.step < step:
-            count = min(CHUNK, step - self.step, self.control.next_call(self.step) - self.step)
+            count = min(CHUNK, step - self.step, self.steps_alike())
             # A copy, not a state: it knows which bodies sleep, and is whole after a step that broke off.
             mujoco.mj_copyData(self._saved, self.model, self._data)
             if self._take(count) is not None:
                 raise self._first_failure(count)
             self.step += count
             self._arrive()
+
+    def steps_alike(self) -> int:
+        """How many steps can be taken before a controller is called or pushes change; controls may vary in them."""
+        change = self._pushes.next_change(self.step) if self._pushes else NEVER
+        return min(self.control.next_call(self.step), change) - self.step
 
     def jump(self, step: int, to: np.ndarray) -> None:
         """Continues at `step` from the state `to` `(nstate,)`, which something else has stepped to."""
@@ -132,20 +148,36 @@ class PhysicsStepper:
     def _arrive(self) -> None:
         """Puts the inputs that belong to this step in force."""
         control = self.control
+        if self._pushes:
+            self._push()
         if control.controller and control.is_due(self.step):
-            self._data.ctrl[:] = control.constant
-            self._instant_step = -1
-            data = self.instant()  # a copy: all that a controller can change is the inputs
-            seen = state.save(self.model, data, state.INPUTS)
-            control.controller.act(self.model, data, self.step)
-            inputs = state.save(self.model, data, state.INPUTS)
-            state.restore(self.model, self._data, inputs, state.INPUTS)
-            control.constant[:] = self._data.ctrl
-            if not np.array_equal(seen, inputs):
-                self._instant_step = -1
+            self._call_controller(control.controller)
         if control.varies:
             self._data.ctrl[:] = control.rows(self.step, 1)[0]
             self._instant_step = -1
+
+    def _push(self) -> None:
+        assert self._pushes
+        self._data.xfrc_applied[:] = self._unpushed + self._pushes.on_bodies(self._data, self.step)
+        self._instant_step = -1
+
+    def _call_controller(self, controller: PeriodicController) -> None:
+        """Lets the controller set the inputs. What it reads and writes of `xfrc_applied` is without the pushes."""
+        self._data.ctrl[:] = self.control.constant
+        self._instant_step = -1
+        data = self.instant()  # a copy: all that a controller can change is the inputs
+        if self._pushes:
+            data.xfrc_applied[:] = self._unpushed
+        seen = state.save(self.model, data, state.INPUTS)
+        controller.act(self.model, data, self.step)
+        inputs = state.save(self.model, data, state.INPUTS)
+        state.restore(self.model, self._data, inputs, state.INPUTS)
+        self.control.constant[:] = self._data.ctrl
+        if not np.array_equal(seen, inputs):
+            self._instant_step = -1
+        if self._pushes:
+            self._unpushed[:] = self._data.xfrc_applied
+            self._push()
 
     def _take(self, count: int) -> str | None:
         """Takes `count` steps; None if all went well, else what MuJoCo said when it gave up, if it did."""

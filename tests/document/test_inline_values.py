@@ -1,4 +1,4 @@
-"""Cameras and ghosts may be written where they are used."""
+"""Cameras, ghosts and pushes may be written where they are used."""
 
 from pathlib import Path
 
@@ -8,7 +8,8 @@ from mjrun.camera.rigs.model import ModelRig
 from mjrun.camera.script import CameraScript, Shot
 from mjrun.document.inline_values import InlineCamera, InlineGhost, ghost_text
 from mjrun.errors import DocumentError
-from tests.document.run_documents import jobs
+from mjrun.job.simulation import Simulation
+from tests.document.run_documents import jobs, problems
 
 
 def test_a_ghost_cannot_go_through_a_file_in_a_folder_with_a_comma() -> None:
@@ -42,3 +43,33 @@ def test_an_inline_camera_has_a_name_of_its_own() -> None:
     camera = InlineCamera.model_validate({"name": "fly", "shots": [{"camera": "top"}]})
     assert camera.script(camera.name) == CameraScript("fly", [Shot(ModelRig("top"))])
     assert InlineCamera.model_validate({"shots": [{"camera": "top"}]}).name == "script"
+
+
+@pytest.mark.parametrize(
+    ("written", "texts"),
+    [
+        ("{body: torso, force: [0, 100, 0], at: 1.0, duration: 0.2}", ["body:torso=0/100/0@1+0.2"]),
+        ("{site: 'a=b', force: [0, -.5, 0], at: 1/3, duration: 1e-3}", ["site:a=b=0/-0.5/0@1/3+0.001"]),
+        ("torso=0/100/0@1+0.2", ["torso=0/100/0@1+0.2"]),
+        ("[torso=1/2/3@0+1, {body: a, force: [1, 2, 3], at: 0, duration: 1}]", ["torso=1/2/3@0+1", "body:a=1/2/3@0+1"]),
+    ],
+)
+def test_a_push_in_a_document_is_that_of_the_command_line(written: str, texts: list[str]) -> None:
+    (trace,) = jobs(f"{{model: m.xml, push: {written}, traces: [a.csv]}}")
+    assert trace.simulation == Simulation("m.xml", push=texts)
+
+
+@pytest.mark.parametrize(
+    ("written", "problem"),
+    [
+        ("torso=0/1@1+1", "1:22: push: expected a push with a force of three finite numbers, FX/FY/FZ [N], got"),
+        ("[a=0/0/1@0+1, a=0/0/1@0+0]", "1:36: push[1]: expected a push of a duration above 0 [s], got 'a=0/0/1@0+0'"),
+        ("{force: [1, 2, 3], at: 0, duration: 1}", "1:22: push: a push is on a body or at a site: give one of the two"),
+        ("{body: a, force: [1, 2, 3], at: 0, duration: 0}", "1:67: push.duration: expected a positive number, got 0"),
+        ("{body: a, force: [1, 2], at: 0, duration: 1}", "1:39: push.force: expected 3 numbers, got 2"),
+        ("7", "1:22: push: expected text as in torso=0/100/0@1+0.2 or {body or site, force, at, duration}, got 7"),
+    ],
+)
+def test_a_push_that_cannot_be_is_refused_at_its_place(written: str, problem: str) -> None:
+    (line,) = problems(f"{{model: m.xml, push: {written}, traces: [a.csv]}}")
+    assert line.startswith(problem)

@@ -84,6 +84,8 @@ overrides = st.sampled_from(
     ["0,0,-1.6", ".1", "0.1", "true", "True", "elliptic", "1e-3", "4", " 5", "0,up", "1,,2", "0x10", "1.50", "~", "-0"]
 )
 
+PUSH = {"force": [1, 2.5, 0], "at": 1, "duration": "1/3"}
+
 
 @st.composite
 def sources(draw: st.DrawFn) -> Any:
@@ -101,6 +103,7 @@ def simulations(draw: st.DrawFn) -> Simulation:
         "key": maybe(names | st.integers(0, 9)),
         **dict.fromkeys(("qpos", "qvel", "ctrl"), values),
         "ctrl_from": maybe(texts | texts.map(Path)),
+        "push": several(st.sampled_from(["torso=0/-1e2/.5@1/3+0.25", {**PUSH, "body": "a"}, {**PUSH, "site": "b"}])),
         "perturb": st.just(0.0) | positives,
         "ctrl_noise": st.just(0.0) | positives,
     }

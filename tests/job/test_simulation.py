@@ -8,8 +8,12 @@ import mujoco
 import numpy as np
 import pytest
 
-from mjrun.errors import BadValueError, ModelNotFoundError, UnknownNameError, UsageError
+from mjrun.errors import BadValueError, ModelNotFoundError, UnknownNameError, UsageError, option
+from mjrun.formats.table_reader import read_table
+from mjrun.job.perform import perform
+from mjrun.job.recording import Recording
 from mjrun.job.simulation import Simulation
+from mjrun.job.trace import Trace
 from mjrun.model.override import Override
 from mjrun.model.sources.file import FileSource
 from mjrun.timeline import Timeline
@@ -140,3 +144,24 @@ def test_a_control_that_is_held_has_no_column_in_the_table_too(tmp_path: Path) -
         assert list(stepper.instant().ctrl) == [1, 2]
     with pytest.raises(UsageError, match=r"^ctrl and .*c\.csv both drive a$"):
         Simulation(model, duration=0.1, ctrl={"a": 2.0, "b": 2.0}, ctrl_from=table).stepper(model)
+
+
+def test_pushes_act_on_rows_images_and_recordings_alike(tmp_path: Path) -> None:
+    pushed = Simulation(MODEL, steps=40, push=["body:1=0/0/9@0.02+0.03"])
+    recording, table, rows = (str(tmp_path / name) for name in ("run.npz", "run.csv", "alone.csv"))
+    probe = ["qpos", "qacc", "xfrc_applied"]
+    perform([Recording(pushed, recording), Trace(pushed, table, probe=probe)])
+    Trace(pushed, rows, probe=probe).run()
+    Trace(Simulation(MODEL, replay=recording), str(tmp_path / "again.csv"), probe=probe).run()
+    contents = {(tmp_path / name).read_bytes() for name in ("run.csv", "alone.csv", "again.csv")}
+    assert len(contents) == 1
+
+    forces = read_table(table).columns["xfrc_applied/body:1/fz"]
+    assert np.flatnonzero(forces).tolist() == [*range(10, 25)]
+
+
+def test_a_push_that_is_too_late_or_of_a_body_that_cannot_move_is_remarked_on() -> None:
+    late = Simulation(MODEL, steps=10, push="body:1=0/0/9@1+1")
+    (remark,) = late.remarks(MODEL)
+    assert remark.startswith(option("push"))
+    assert remark.endswith("does nothing: it begins at step 500, and the simulation has 10 steps")

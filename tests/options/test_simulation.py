@@ -18,6 +18,7 @@ PHYSICAL_VALUES = {
     "ctrl_from": "a.csv",
     "ctrl_noise": 0.1,
     "controller": print,
+    "push": "torso=1/2/3@0+1",
     "perturb": 0.1,
 }
 

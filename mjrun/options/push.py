@@ -1,0 +1,97 @@
+"""A push: a force on a body for a while, and how a command line, a document and Python write it."""
+
+import math
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from fractions import Fraction
+from typing import cast
+
+from mjrun.options.kinds import ExactNumber, ExpectedError, Kind
+from mjrun.timeline import rational
+
+Force = tuple[float, float, float]
+KEYS = ("body", "site", "force", "at", "duration")
+EXPECTED = "BODY=FX/FY/FZ@T+DURATION: a force [N], when it begins and how long it lasts [s], as in torso=0/100/0@1+0.2"
+# Exponents have signs of their own, and exact times may be fractions: 1e-3, 1/3.
+_TIME = r"[0-9.]+(?:[eE][-+]?[0-9]+|/[0-9]+)?"
+_PUSH = re.compile(rf"(?P<target>.+)=(?P<force>[^=@]+)@(?P<at>{_TIME})\+(?P<duration>{_TIME})", re.DOTALL)
+
+
+@dataclass(frozen=True)
+class Push:
+    """A force that is constant in the world for a while.
+
+    Attributes:
+      target: the body whose centre of mass it acts at, or else the site; `body:NAME` and `site:NAME` say which.
+      force: in the world [N].
+      at: when it begins [s].
+      duration: how long it lasts [s].
+    """
+
+    target: str
+    force: Force
+    at: Fraction
+    duration: Fraction
+
+    def __str__(self) -> str:
+        force = "/".join(f"{component!r}".removesuffix(".0") for component in self.force)
+        return f"{self.target}={force}@{_exact(self.at)}+{_exact(self.duration)}"
+
+
+@dataclass(frozen=True)
+class PushKind(Kind["Push | str | Mapping[str, object]", Push]):
+    """Pushes: as text, or as a mapping with body or site, force, at and duration."""
+
+    metavar: str = "BODY=FX/FY/FZ@T+DURATION"
+
+    def __call__(self, value: "Push | str | Mapping[str, object]") -> Push:
+        match value:
+            case Push():
+                return _push(value.target, value.force, value.at, value.duration)
+            case str():
+                return self.parse(value)
+            case Mapping():
+                return _from_mapping(value)
+            case _:
+                raise ExpectedError(EXPECTED)
+
+    def parse(self, text: str) -> Push:
+        match = _PUSH.fullmatch(text.strip())
+        if not match:
+            raise ExpectedError(EXPECTED)
+        return _push(match["target"], match["force"].split("/"), match["at"], match["duration"])
+
+    def plain(self, value: Push) -> str:
+        return str(value)
+
+
+def _from_mapping(value: Mapping[str, object]) -> Push:
+    target = [f"{kind}:{value[kind]}" for kind in ("body", "site") if kind in value]
+    if len(target) != 1 or set(value) - set(KEYS) or not {"force", "at", "duration"} <= set(value):
+        raise ExpectedError("a push: {body or site, force: [FX, FY, FZ], at, duration}")
+    return _push(target[0], value["force"], value["at"], value["duration"])
+
+
+def _push(target: str, force: object, at: object, duration: object) -> Push:
+    try:
+        x, y, z = map(float, cast("Sequence[float | str]", force))
+    except (TypeError, ValueError):
+        x = y = z = math.nan
+    if not all(map(math.isfinite, (x, y, z))):
+        raise ExpectedError("a push with a force of three finite numbers, FX/FY/FZ [N]")
+    try:
+        begin = ExactNumber(zero=True)(cast("float | str", at))
+    except ExpectedError:
+        raise ExpectedError("a push that begins at 0 or later [s]") from None
+    try:
+        length = ExactNumber()(cast("float | str", duration))
+    except ExpectedError:
+        raise ExpectedError("a push of a duration above 0 [s]") from None
+    return Push(target, (x, y, z), begin, length)
+
+
+def _exact(value: Fraction) -> str:
+    """`value` as the number that is exactly it, or as a fraction."""
+    near = float(value)
+    return f"{near!r}".removesuffix(".0") if rational(near) == value else str(value)

@@ -1,0 +1,69 @@
+"""What a push may be written as: the three ways mean the same, and what prints is what is parsed."""
+
+from fractions import Fraction
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from mjrun.options.kinds import ExpectedError
+from mjrun.options.push import Push, PushKind
+
+KIND = PushKind()
+NUMBERS = st.floats(allow_nan=False, allow_infinity=False)
+TIMES = st.fractions(0, 10**6, max_denominator=10**6)
+
+
+@pytest.mark.parametrize(
+    ("text", "push"),
+    [
+        ("torso=0/100/0@1+0.2", Push("torso", (0, 100, 0), Fraction(1), Fraction(1, 5))),
+        ("site:hand=-5/.5/1e3@0.5+1e-2", Push("site:hand", (-5, 0.5, 1000), Fraction(1, 2), Fraction(1, 100))),
+        ("a=b@c=1/2/3@1e+1+1/3", Push("a=b@c", (1, 2, 3), Fraction(10), Fraction(1, 3))),
+        ("körper +=1/2/3@0+1", Push("körper +", (1, 2, 3), Fraction(0), Fraction(1))),
+    ],
+)
+def test_a_text_is_a_target_a_force_a_beginning_and_a_duration(text: str, push: Push) -> None:
+    assert KIND(text) == KIND.parse(text) == push
+
+
+@given(st.text(min_size=1).filter(str.strip).map(str.strip), st.tuples(NUMBERS, NUMBERS, NUMBERS), TIMES, TIMES)
+def test_what_prints_is_parsed_as_the_same(
+    name: str, force: tuple[float, float, float], at: Fraction, d: Fraction
+) -> None:
+    push = KIND(Push(name, force, at, d + Fraction(1, 7)))
+    assert KIND.parse(str(KIND.plain(push))) == push
+
+
+def test_a_mapping_says_the_same() -> None:
+    facts = {"force": [0, 100, 0], "at": 1.0, "duration": 0.2}
+    assert KIND({"body": "torso", **facts}) == KIND("body:torso=0/100/0@1+0.2")
+    assert KIND({"site": "hand", **facts}) == KIND("site:hand=0/100/0@1+0.2")
+
+
+@pytest.mark.parametrize(
+    ("value", "expected"),
+    [
+        ("torso", "BODY=FX/FY/FZ@T"),
+        ("torso=1/2/3", "BODY=FX/FY/FZ@T"),
+        ("torso=1/2/3@1", "BODY=FX/FY/FZ@T"),
+        ("torso=1/2/3@-1+2", "BODY=FX/FY/FZ@T"),
+        ("=1/2/3@1+2", "BODY=FX/FY/FZ@T"),
+        (7, "BODY=FX/FY/FZ@T"),
+        ("torso=1/2@1+2", "three finite numbers"),
+        ("torso=1/2/x@1+2", "three finite numbers"),
+        ("torso=1/2/nan@1+2", "three finite numbers"),
+        ("torso=1/2/3@1+0", "duration above 0"),
+        ("torso=1/2/3@1+1/0", "duration above 0"),
+        ("torso=1/2/3@1.1.1+1", "begins at 0 or later"),
+        ({"force": [1, 2, 3], "at": 0, "duration": 1}, "body or site"),
+        ({"body": "a", "site": "b", "force": [1, 2, 3], "at": 0, "duration": 1}, "body or site"),
+        ({"body": "a", "force": [1, 2, 3], "at": 0}, "body or site"),
+        ({"body": "a", "force": [1, 2, 3], "at": 0, "duration": 1, "until": 2}, "body or site"),
+        ({"body": "a", "force": 3, "at": 0, "duration": 1}, "three finite numbers"),
+        ({"body": "a", "force": [1, 2, 3], "at": -1, "duration": 1}, "begins at 0 or later"),
+    ],
+)
+def test_what_is_no_push_is_refused_with_what_is_missing(value: object, expected: str) -> None:
+    with pytest.raises(ExpectedError, match=expected):
+        KIND(value)  # type: ignore[arg-type]
