@@ -70,7 +70,7 @@ def read(path: Path, file: BinaryIO, wanted: ColumnFilter, gaps: bool) -> TableC
     from mjrun.formats.manifest import parse_manifest
 
     with decoding(path, unreadable(path)):
-        parquet = pyarrow.parquet.ParquetFile(file, buffer_size=2**16)  # not a whole column of a row group
+        parquet = pyarrow.parquet.ParquetFile(file)
         schema, metadata = parquet.schema_arrow, parquet.metadata.metadata or {}
     indices = select_numbers(path, schema, wanted)
     names = list(indices)
