@@ -1,8 +1,8 @@
 """Reads tables in any format, whatever program wrote them, whole or in blocks.
 
 What mjrun wrote reads back as the same bits, except that .csv holds cleaned names, and .jsonl null for what is not
-finite. Files are read in blocks of bounded size, except that .mat is in memory as a whole, and .parquet by the row
-group. Besides its columns, a table that is read whole has at most one of them in memory once more.
+finite. Files are read in blocks of bounded size, except .mat. Besides its columns, a table that is read whole has at
+most one of them in memory once more.
 A table is not trusted: nothing in it is run, and what messages quote from it is cleaned.
 """
 

@@ -501,8 +501,6 @@ def test_blocks_are_the_table_with_its_units_and_manifest(tmp_path: Path, form: 
 @pytest.mark.parametrize("form", [form for form in FORMATS if form != "mat"])
 def test_memory_does_not_grow_with_the_length_of_a_table(tmp_path: Path, form: str) -> None:
     path = write(tmp_path / f"t.{form}", np.random.default_rng(3).standard_normal((300_000, 3)))
-    if form == "parquet":  # which pyarrow reads by the row group
-        pq.write_table(pq.read_table(path), path, row_group_size=50_000)
 
     def peak() -> int:
         tracemalloc.start()

@@ -18,6 +18,9 @@ if TYPE_CHECKING:
     import numpy as np
 
 
+BUFFER = 2**16  # bytes of a column that are read at a time; otherwise all of a row group
+
+
 class ParquetWriter:
     """Writes row groups of bounded size."""
 
@@ -70,7 +73,7 @@ def read(path: Path, file: BinaryIO, wanted: ColumnFilter, gaps: bool) -> TableC
     from mjrun.formats.manifest import parse_manifest
 
     with decoding(path, unreadable(path)):
-        parquet = pyarrow.parquet.ParquetFile(file)
+        parquet = pyarrow.parquet.ParquetFile(file, pre_buffer=False, buffer_size=BUFFER)
         schema, metadata = parquet.schema_arrow, parquet.metadata.metadata or {}
     indices = select_numbers(path, schema, wanted)
     names = list(indices)
