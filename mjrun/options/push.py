@@ -39,11 +39,10 @@ class Push:
         return f"{self.target}={force}@{_exact(self.at)}+{_exact(self.duration)}"
 
 
-@dataclass(frozen=True)
 class PushKind(Kind["Push | str | Mapping[str, object]", Push]):
     """Pushes: as text, or as a mapping with body or site, force, at and duration."""
 
-    metavar: str = "BODY=FX/FY/FZ@T+DURATION"
+    metavar = "BODY=FX/FY/FZ@T+DURATION"
 
     def __call__(self, value: "Push | str | Mapping[str, object]") -> Push:
         match value:

@@ -18,6 +18,7 @@ from mjrun.document.run_writer import plain_value
 from mjrun.options import kinds
 from mjrun.options.kinds import Kind
 from mjrun.options.option import Exclusion, Option, Options, option, options, required
+from mjrun.options.push import PushKind
 from mjrun.options.simulation import SimulationOptions
 from mjrun.rendering.segmentation import groupings
 from mjrun.rendering.visual import flags, frames, labels
@@ -73,6 +74,10 @@ def values(kind: Kind[Any, Any]) -> st.SearchStrategy[Any]:
             return st.dictionaries(names, texts | numbers | st.booleans(), max_size=3)
         case kinds.Ghost():
             return st.sampled_from(["offset=0/1/0,opacity=.3", "key=home", "trace=a.csv", ""])
+        case PushKind():
+            return st.sampled_from(
+                ["torso=0/-1e2/.5@1/3+0.25", {"site": "a", "force": (1, 2, 3), "at": 0, "duration": 1}]
+            )
         case kinds.Camera():
             return st.sampled_from(["free", "top", "orbit:lookat=box", 2])
         case kinds.Text():

@@ -14,7 +14,7 @@ from mjrun.camera.rigs.model import ModelRig
 from mjrun.camera.script import CameraScript, Event, Shot
 from mjrun.document import run
 from mjrun.document.run import read_run
-from mjrun.errors import DocumentError, FileError, UsageError
+from mjrun.errors import DocumentError, FileError, UsageError, listing
 from mjrun.job.image import Image
 from mjrun.job.perform import perform, preview
 from mjrun.job.plot import Plot
@@ -302,11 +302,7 @@ def test_folders_and_patterns_of_frames_stay_what_they_are() -> None:
 
 # --- what is wrong -----------------------------------------------------------------------------------
 
-RUN_KEYS = (
-    "keys: model, key, qpos, qvel, ctrl, ctrl_from, ctrl_interpolation, ctrl_noise, "
-    "ctrl_noise_time, replay, perturb, seed, duration, steps, integrator, timestep, set, videos, images, "
-    "traces, plots, recordings, vars, defaults"
-)
+RUN_KEYS = f"keys: {listing([*run.RunDocument.key_names(), 'vars', 'defaults'])}"
 NOTHING = "there is nothing to do; ask for one of videos, images, traces, plots, recordings"
 SIZE = "expected width and height in pixels, as in 1280x720 or [1280, 720]"
 SETTING = "expected a finite number, text, true or false, or a list of finite numbers"
