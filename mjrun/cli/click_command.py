@@ -21,6 +21,15 @@ Body = Callable[[Console, "CommandLine"], None]
 # Sections that several commands have. What a command has for itself comes before them.
 SHARED_SECTIONS = ("View", "Renderer", "Simulation", "Model", "Output", "Messages")
 TERM_WIDTH = 26  # columns of help for an option's spelling, with the gap before its text
+# What options are called in earlier versions and in other tools, where their spellings do not suggest it.
+OTHER_NAMES = {
+    "at": "time",
+    "framerate": "fps",
+    "height": "size",
+    "length": "duration",
+    "resolution": "size",
+    "width": "size",
+}
 SHORT_DEFAULT = 24  # characters that are not broken over two lines
 
 
@@ -62,6 +71,15 @@ class CommandLine:
 
 class SectionedCommand(click.Command):
     """A command whose help shows its options by section."""
+
+    def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
+        try:
+            return super().parse_args(ctx, args)
+        except click.NoSuchOption as error:
+            name = OTHER_NAMES.get(error.option_name.removeprefix("--"))
+            if all(param.name != name for param in self.params):
+                raise
+            raise click.UsageError(f"{error.message} (Did you mean {flag(str(name))!r}?)", ctx) from None
 
     def shell_complete(self, ctx: click.Context, incomplete: str) -> "list[CompletionItem]":
         for param in self.params:

@@ -1,5 +1,6 @@
 """What commands that simulate share: the simulation, the cameras, and how their outputs are made."""
 
+import gc
 import os
 from collections.abc import Callable, Generator, Sequence
 from contextlib import contextmanager
@@ -33,7 +34,10 @@ def import_mujoco() -> None:
     """Imports MuJoCo without an OpenGL backend: it would fix one by MUJOCO_GL, or fail at a bad name."""
     backend = os.environ.get("MUJOCO_GL")
     os.environ["MUJOCO_GL"] = "disable"
+    gc.disable()  # modules are no garbage: looking through them takes longer than importing some of them
     import_module("mujoco")
+    gc.freeze()
+    gc.enable()
 
     if backend is None:
         del os.environ["MUJOCO_GL"]

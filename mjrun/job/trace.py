@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from fractions import Fraction
 from functools import partial
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from mjrun.errors import concerning
 from mjrun.formats.table_writer import TableWriter
@@ -23,13 +24,15 @@ from mjrun.model.column import Column
 from mjrun.model.mujoco_globals import collected_warnings
 from mjrun.options.option import options
 from mjrun.options.trace import TraceOptions
-from mjrun.probe.assertion import Assertion, Verdict, parse
-from mjrun.probe.available import SelectedProbes
 from mjrun.probe.select import available_columns, select, selected_columns
+from mjrun.probe.verdict import Verdict
 from mjrun.reporter import Reporter
 from mjrun.sim.observe import Tap
 from mjrun.sim.stepper import PhysicsStepper, Stepper
 from mjrun.timeline import Timeline
+
+if TYPE_CHECKING:
+    from mjrun.probe.assertion import Assertion
 
 QUEUED_BLOCKS = 4  # that may wait to be written
 
@@ -122,12 +125,7 @@ class TraceTask:
         table = ProbeSampler(context.model, job.probe, context.timeline, with_contacts=job.contacts is not None)
         if text := rate_warning(context.timeline, job.rate):
             context.reporter.warn(text)
-        available = SelectedProbes([column.name for column in table.columns], table.model)
-        assertions: list[Assertion] = []
-        for index, text in enumerate(job.assert_):
-            with concerning("assert", index):
-                assertions.append(parse(text, available))
-        return TracePlan(self, context, steps, table, assertions)
+        return TracePlan(self, context, steps, table, _assertions(job.assert_, table))
 
 
 @dataclass(frozen=True)
@@ -138,7 +136,7 @@ class TracePlan:
     context: Context
     steps: Sequence[int]
     table: ProbeSampler
-    assertions: Sequence[Assertion]
+    assertions: "Sequence[Assertion]"
 
     @property
     def keep_partial(self) -> bool:
@@ -244,6 +242,21 @@ def _stream(parts: Iterator[Callable[[], Rows]], write: Callable[[Rows], object]
         writer.join()
         if failures:  # even if the simulation has failed too: what is written is not the rows up to there
             raise failures[0]
+
+
+def _assertions(texts: Sequence[str], table: ProbeSampler) -> "list[Assertion]":
+    """The assertions about a table; without any, nothing of their language is imported."""
+    if not texts:
+        return []
+    from mjrun.probe.assertion import parse
+    from mjrun.probe.available import SelectedProbes
+
+    available = SelectedProbes([column.name for column in table.columns], table.model)
+    assertions: list[Assertion] = []
+    for index, text in enumerate(texts):
+        with concerning("assert", index):
+            assertions.append(parse(text, available))
+    return assertions
 
 
 def row_steps(timeline: Timeline, every: int, rate: Fraction | None) -> Sequence[int]:

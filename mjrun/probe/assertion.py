@@ -70,6 +70,7 @@ from mjrun.probe.expression import (
 from mjrun.probe.parser import Parser
 from mjrun.probe.row_chunks import Aggregates, ChunkBuffer, evaluate_rows
 from mjrun.probe.scanner import SourceText, Vocabulary
+from mjrun.probe.verdict import Verdict
 
 
 class RowCheck:
@@ -88,15 +89,6 @@ class RowCheck:
             self.place = chunk.place(index)
             self.found = {side: float(evaluate_rows(side, chunk, known)[index]) for side in sides(self.truth)}
         self.failures += failures
-
-
-@dataclass(frozen=True)
-class Verdict:
-    """Whether the assertion `text` holds, and a `message` that says with which values and where."""
-
-    text: str
-    passed: bool
-    message: str
 
 
 @dataclass(frozen=True, eq=False)

@@ -140,3 +140,17 @@ def test_what_is_given_can_be_converted_before_it_is_made() -> None:
     assert converted.make(Cake, subject="s").topping == ("xx",)
     assert command_line.value("name") == "a"
     assert command_line.value("heat") is None
+
+
+@pytest.mark.parametrize(
+    ("name", "suggested"), [("--resolution", "(Did you mean '--size'?)"), ("--candels", "(Did you mean '--candles'?)")]
+)
+def test_what_an_option_is_called_elsewhere_suggests_it(name: str, suggested: str) -> None:
+    with pytest.raises(click.UsageError) as error:
+        baked("apple", name, "3x4")
+    assert error.value.format_message() == f"No such option '{name}'. {suggested}"
+
+
+def test_what_a_command_does_not_have_by_any_name_is_not_suggested() -> None:
+    with pytest.raises(click.NoSuchOption, match=r"No such option '--at'"):
+        baked("apple", "--at", "1")

@@ -170,7 +170,17 @@ def test_what_a_checker_keeps_does_not_grow() -> None:
 # --- trust -----------------------------------------------------------------------------------------
 
 
-MODULES = ("assertion", "metric", "row_expression", "aggregate", "row_chunks", "expression", "parser", "scanner")
+MODULES = (
+    "assertion",
+    "verdict",
+    "metric",
+    "row_expression",
+    "aggregate",
+    "row_chunks",
+    "expression",
+    "parser",
+    "scanner",
+)
 
 
 @pytest.mark.parametrize("module", MODULES)
