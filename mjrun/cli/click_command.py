@@ -79,7 +79,7 @@ class SectionedCommand(click.Command):
             name = OTHER_NAMES.get(error.option_name.removeprefix("--"))
             if all(param.name != name for param in self.params):
                 raise
-            raise click.UsageError(f"{error.message} (Did you mean {flag(str(name))!r}?)", ctx) from None
+            raise click.UsageError(f"{error.message} Did you mean {flag(str(name))!r}?", ctx) from None
 
     def shell_complete(self, ctx: click.Context, incomplete: str) -> "list[CompletionItem]":
         for param in self.params:

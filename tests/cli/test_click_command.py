@@ -143,7 +143,7 @@ def test_what_is_given_can_be_converted_before_it_is_made() -> None:
 
 
 @pytest.mark.parametrize(
-    ("name", "suggested"), [("--resolution", "(Did you mean '--size'?)"), ("--candels", "(Did you mean '--candles'?)")]
+    ("name", "suggested"), [("--resolution", "Did you mean '--size'?"), ("--candels", "Did you mean '--candles'?")]
 )
 def test_what_an_option_is_called_elsewhere_suggests_it(name: str, suggested: str) -> None:
     with pytest.raises(click.UsageError) as error:
