@@ -65,6 +65,16 @@ def test_the_wheel_lists_its_scenes(installed: Path) -> None:
     assert {model["name"] for model in listing["models"]} == {f"scene:{name}" for name in SCENES}
 
 
+def test_the_font_of_captions_is_in_the_wheel_with_its_licence(installed: Path) -> None:
+    fonts = installed / "mjrun" / "rendering" / "fonts"
+    assert (fonts / "Inter.ttf").stat().st_size < 200_000
+    assert "SIL OPEN FONT LICENSE Version 1.1" in (fonts / "OFL.txt").read_text()
+    (licences,) = installed.glob("mjrun-*.dist-info/licenses")
+    assert (licences / "mjrun/rendering/fonts/OFL.txt").read_bytes() == (fonts / "OFL.txt").read_bytes()
+    code = "from mjrun.rendering import text; print(text._FILE, text.letters('θ̇ ≤ 90°'))"
+    assert run(installed, "-c", code).split(maxsplit=1) == [str(fonts / "Inter.ttf"), "θ̇ ≤ 90°\n"]
+
+
 def test_a_source_distribution_makes_the_same_wheel(tmp_path: Path, installed: Path) -> None:
     with tarfile.open(built("build_sdist", ROOT, tmp_path)) as archive:
         archive.extractall(tmp_path, filter="data")

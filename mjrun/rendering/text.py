@@ -1,8 +1,9 @@
 """Text on images: antialiased, legible on any background, with digits of equal width.
 
-The font is Aileron (public domain), which comes with Pillow, so that text looks the same everywhere. It has ASCII
-and little more; missing characters are composed of those it has, or drawn as a box. Letters are drawn at eight times
-their size and averaged, and placed at quarters of a pixel, for even spacing: hinting would spoil it at small sizes.
+The font is Inter (SIL Open Font License), which comes with mjrun, so that text looks the same everywhere. It has
+Latin, Greek, Cyrillic and common symbols; a character that it lacks is drawn without its accents, or as a box. Letters
+are drawn at eight times their size and averaged, and placed at quarters of a pixel, for even spacing: hinting would
+spoil it at small sizes.
 """
 
 import math
@@ -10,6 +11,7 @@ import re
 import unicodedata
 from functools import lru_cache
 from itertools import accumulate
+from pathlib import Path
 
 import numpy as np
 from PIL import Image, ImageDraw, ImageFont
@@ -28,25 +30,25 @@ CORNERS = {
 INK = (242, 243, 245)
 DARK = (14, 15, 18)
 SHADE = 0.7  # opacity of the plate behind text
+MISSING = "□"  # drawn for a character that the font lacks
 SMALLEST = 5  # x-height [pixels] below which letters fill in
 
-_X_HEIGHT, _ASCENT, _DESCENT, LINE = 0.53, 0.82, 0.24, 1.32  # [em]
+_FILE = Path(__file__).parent / "fonts" / "Inter.ttf"  # made by scripts/make_font.py
+_X_HEIGHT, _DIGIT_HEIGHT, _ASCENT, _DESCENT, LINE = 0.546, 0.727, 1.11, 0.33, 1.32  # [em]
 _OVERHANG = 0.12  # how far a letter may extend beyond its advance [em]
 _SAMPLES, _PHASES = 8, 4
 _WEIGHT = 0.75  # exponent of coverage: light letters on a dark background look thinner than they are
 _SHRINK = (1.0, 0.86, 0.72, 0.6)
-_FIGURES = "0123456789+−\u2007"
-_SUPERSCRIPTS = dict(zip("⁰¹²³⁴⁵⁶⁷⁸⁹", "0123456789", strict=True))
-_RAISED = (0.62, 0.34)  # size and height of a superscript [em]
-_STANDINS = str.maketrans({"–": "-", "—": "-", "×": "x", "µ": "u", "μ": "u", "•": "·", "\xa0": " ", "\u202f": " "})
-_OWN = frozenset("©«°±´·»…’“”−\u2007") | frozenset(_SUPERSCRIPTS) | frozenset(map(chr, range(32, 127)))
+_SUBSTITUTES = str.maketrans({"\xa0": " ", "\u202f": " ", "⋅": "·", "∥": "‖"})
+_ACCENTS = r"\u0300-\u036f\u1ab0-\u1aff\u1dc0-\u1dff\u20d0-\u20ff"  # the combining characters of Unicode
+_CLUSTER = re.compile(f"[^{_ACCENTS}][{_ACCENTS}]*|.")  # a letter and the accents that follow it
 _MINUS = re.compile(r"(?<!\w)-(?=\.?\d)|(?<=\de)-(?=\d)")
 _PADDING = re.compile(r"(?<=\s)\s|^\s", re.MULTILINE)
 
 
 def text_size(height: int) -> float:
     """The text size that suits an image `height` pixels high [pixels per em]: 12 at 240, 29 at 1080."""
-    return 12 * (height / 240) ** 0.6
+    return 11.6 * (height / 240) ** 0.6
 
 
 def crisp(size: float) -> float:
@@ -56,9 +58,9 @@ def crisp(size: float) -> float:
 
 def letters(text: str) -> str:
     """One line of text as the font can show it: cleaned, with true minus signs, and padding as wide as digits."""
-    shown = clean(text).translate(_STANDINS)
+    shown = unicodedata.normalize("NFC", clean(text)).translate(_SUBSTITUTES)
     shown = _PADDING.sub("\u2007", _MINUS.sub("−", shown))
-    return "".join(c if c in _OWN else _plain(c) for c in shown)
+    return "".join(map(_available, shown))
 
 
 def width_of(text: str, size: float) -> float:
@@ -168,7 +170,7 @@ def place(image: np.ndarray, width: int, height: int, corner: str, margin: int) 
 
 def baseline(top: float, height: float, size: float) -> int:
     """The baseline at which digits are vertically centred between `top` and `top + height`."""
-    return round(top + height / 2 + 0.345 * size)
+    return round(top + height / 2 + _DIGIT_HEIGHT / 2 * size)
 
 
 def _room(image: np.ndarray, size: float) -> tuple[int, int]:
@@ -195,25 +197,31 @@ def _panel(image: np.ndarray, lines: list[str], size: float, corner: str) -> Non
         write(image, text, (pen, baseline(y + down + row * line, line, size)), size, align=align)
 
 
-def _plain(letter: str) -> str:
-    """The substitute for a letter that the font lacks: the letter without accents, or a box."""
+@lru_cache(maxsize=4096)
+def _available(letter: str) -> str:
+    """The letter itself, or where the font lacks it, the letter without accents, or a box."""
+    if _has(letter):
+        return letter
     base = "".join(c for c in unicodedata.normalize("NFKD", letter) if not unicodedata.combining(c))
-    return base if base and all(c in _OWN for c in base) else "\ufffd"
+    return base if base and all(map(_has, base)) else MISSING
+
+
+def _has(letter: str) -> bool:
+    """Whether the font has the letter: its shape is not the one drawn for what no font has."""
+    shape, missing = (_font(32).getmask(c) for c in (letter, "\uffff"))
+    return shape.size != missing.size or bytes(shape) != bytes(missing)
 
 
 @lru_cache(maxsize=256)
 def _font(size: float) -> ImageFont.FreeTypeFont:
-    font = ImageFont.load_default(size)
-    assert isinstance(font, ImageFont.FreeTypeFont), "Pillow was built without FreeType"
-    return font
+    # Letters are placed one by one: the layout engine that shapes words has nothing to do.
+    return ImageFont.truetype(_FILE, size, layout_engine=ImageFont.Layout.BASIC)
 
 
 @lru_cache(maxsize=1024)
 def _advance(letter: str) -> float:
     """The advance of a letter [em]; digits, signs and padding all have the same."""
-    if letter in _SUPERSCRIPTS:
-        return _RAISED[0] * _advance("0")
-    return _font(1000).getlength("0" if letter in _FIGURES else letter) / 1000
+    return _font(1000).getlength(letter) / 1000
 
 
 def _margin(size: float) -> int:
@@ -227,30 +235,46 @@ def _above(size: float) -> int:
 @lru_cache(maxsize=512)
 def _line(text: str, size: float, phase: int) -> np.ndarray:
     """The coverage of a line of text, as `_glyph` gives that of a letter."""
-    pens = [phase + round(x) for x in accumulate((_advance(c) * size * _PHASES for c in text), initial=0.0)]
+    clusters = _CLUSTER.findall(text)
+    pens = [phase + round(x) for x in accumulate((_advance(c[0]) * size * _PHASES for c in clusters), initial=0.0)]
     height, margin = _above(size) + math.ceil(_DESCENT * size), _margin(size)
     mask = np.zeros((height, pens[-1] // _PHASES + 4 * margin + 2), np.uint8)
-    for letter, pen in zip(text, pens, strict=False):
-        if letter in " \u2007":  # the font has no figure space
+    for cluster, pen in zip(clusters, pens, strict=False):
+        if cluster in " \u2007":
             continue
-        glyph = _glyph(letter, size, pen % _PHASES)
+        glyph = _glyph(cluster, size, pen % _PHASES)
         under = mask[:, pen // _PHASES :][:, : glyph.shape[1]]
         np.maximum(under, glyph, out=under)
     return mask
 
 
 @lru_cache(maxsize=8192)
-def _glyph(letter: str, size: float, phase: int) -> np.ndarray:
-    """The coverage of a letter that begins `phase` quarters of a pixel after a margin; all letters are equally high."""
+def _glyph(cluster: str, size: float, phase: int) -> np.ndarray:
+    """The coverage of a letter, with its accents, that begins `phase` quarters of a pixel after a margin.
+
+    All are equally high.
+    """
+    letter, accents = cluster[0], cluster[1:]
     above, below, margin = _above(size), math.ceil(_DESCENT * size), _margin(size)
     width, height = math.ceil(_advance(letter) * size) + 2 * margin + 1, above + below
-    share, rise = _RAISED if letter in _SUPERSCRIPTS else (1.0, 0.0)
     canvas = Image.new("L", (width * _SAMPLES, height * _SAMPLES))
-    at = ((margin + phase / _PHASES) * _SAMPLES, (above - rise * size) * _SAMPLES)
-    character = {"−": "+"}.get(letter, _SUPERSCRIPTS.get(letter, letter))
-    ImageDraw.Draw(canvas).text(at, character, 255, _font(size * share * _SAMPLES), anchor="ls")
-    fine = np.asarray(canvas)
-    if letter == "−":  # the bar of a plus, which has the width and height that suit digits
-        fine = fine * (fine[:, [int(at[0] + 0.12 * size * _SAMPLES)]] > 127)
-    coverage = fine.reshape(height, _SAMPLES, width, _SAMPLES).mean(axis=(1, 3)) / 255
+    x, y = (margin + phase / _PHASES) * _SAMPLES, above * _SAMPLES
+    pen, font = ImageDraw.Draw(canvas), _font(size * _SAMPLES)
+    pen.text((x, y), letter, 255, font, anchor="ls")
+
+    for accent in accents:
+        left, top, right = _ink(letter, font)
+        first, highest, last = _ink(accent, font)
+        # Accents are made for low letters; those above a letter (highest < 0) rise with it.
+        rise = max(0.0, -top - _X_HEIGHT * size * _SAMPLES) if highest < 0 else 0.0
+        pen.text((x + (left + right - first - last) / 2, y - rise), accent, 255, font, anchor="ls")
+
+    coverage = np.asarray(canvas).reshape(height, _SAMPLES, width, _SAMPLES).mean(axis=(1, 3)) / 255
     return np.round(coverage**_WEIGHT * 255).astype(np.uint8)
+
+
+def _ink(letter: str, font: ImageFont.FreeTypeFont) -> tuple[int, int, int]:
+    """The left, top and right of what is drawn of a letter, from where it begins on the baseline [pixels]."""
+    mask, (across, down) = font.getmask2(letter, anchor="ls")
+    left, top, right, _ = mask.getbbox() or (0, 0, 0, 0)
+    return across + left, down + top, across + right

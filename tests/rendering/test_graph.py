@@ -75,7 +75,7 @@ def test_the_curve_is_bright_up_to_the_time_and_faint_after(time: float) -> None
             continue
         around = image[round(y) - 2 : round(y) + 3, math.floor(x)].astype(int)
         most = np.abs(around - BACKGROUND).max()
-        assert (most > 170) == (instant < time)
+        assert (most > 140) == (instant < time)
         assert most > 30
 
 
@@ -182,7 +182,7 @@ def test_names_that_do_not_fit_lose_their_units_then_their_first_parts() -> None
         return [(e.name, e.unit) for e in Graph(TIMES, values, names, units, (width, 80))._entries]
 
     assert shown(640) == [("qpos/left_knee", " rad"), ("sensor/imu/x", " m/s²"), ("speed[box]", " m/s")]
-    assert shown(320) == [("left_knee", ""), ("sensor/imu/x", ""), ("speed[box]", "")]
+    assert shown(320) == [("left_knee", ""), ("imu/x", ""), ("speed[box]", "")]
     assert 1 <= len(shown(150)) < 3
 
 
