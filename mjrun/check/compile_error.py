@@ -6,8 +6,8 @@ from typing import NamedTuple
 
 from mjrun.check.finding import Finding, Place
 from mjrun.check.rule import Rule
-from mjrun.check.xml_source import Element, XmlSource
 from mjrun.errors import BrokenModelError, clean
+from mjrun.model.xml_source import Element, XmlSource
 
 
 class CompileError(NamedTuple):

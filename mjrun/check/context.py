@@ -11,10 +11,10 @@ import mujoco
 import numpy as np
 
 from mjrun.check.finding import Place, Violation
-from mjrun.check.xml_source import XML, Element, XmlSource, is_regular
 from mjrun.model.compilation import FAULTS
 from mjrun.model.load import load
 from mjrun.model.names import COUNTS, KINDS, names
+from mjrun.model.xml_source import XML, Element, XmlSource, is_regular
 
 MAX_KEYFRAMES = 8  # that rules start from
 SPEC_LISTS = {

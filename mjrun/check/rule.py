@@ -6,7 +6,7 @@ from pathlib import Path
 
 from mjrun.check.context import LintContext
 from mjrun.check.finding import Finding, Place, Violation, short_path
-from mjrun.check.xml_source import Element
+from mjrun.model.xml_source import Element
 
 Violations = Callable[[LintContext], Iterator[Violation]]
 

@@ -11,8 +11,8 @@ from mjrun.check.context import LintContext
 from mjrun.check.finding import Finding, short_path
 from mjrun.check.rule import Rule
 from mjrun.check.rules import asset_files, compile_errors, mjcf_schema, process_failures
-from mjrun.check.xml_source import XmlSource
 from mjrun.errors import BrokenModelError, ModelError, clean
+from mjrun.model.xml_source import XmlSource
 
 MAX_FINDINGS = 20  # of one code in one model
 

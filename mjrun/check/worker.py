@@ -20,10 +20,10 @@ from mjrun.check.context import LintContext
 from mjrun.check.finding import Finding
 from mjrun.check.rules import compile_errors, process_failures, simulation
 from mjrun.check.worker_pool import MIB, WorkerTask
-from mjrun.check.xml_source import XmlSource, read_xml
 from mjrun.child_process import limit_this_process
 from mjrun.errors import ModelError, option
 from mjrun.model.mujoco_globals import collected_warnings, without_timers
+from mjrun.model.xml_source import XmlSource, read_xml
 
 ARENAS = 20  # MjData that are made, each with an arena that is hardly ever filled
 GRACE = 10  # [s] after which the process ends itself, if its parent has not

@@ -9,8 +9,8 @@ from mjrun.check.check import Check, CheckResult, ModelResult
 from mjrun.check.context import LintContext
 from mjrun.check.finding import SEVERITIES, Finding
 from mjrun.check.rule_table import RULES, apply, explain, ignored_xml, unsafe_files
-from mjrun.check.xml_source import read_xml
 from mjrun.errors import ModelError
+from mjrun.model.xml_source import read_xml
 
 ROOT = Path(__file__).parents[2]
 

@@ -7,9 +7,9 @@ import pytest
 
 from mjrun.check.compile_error import CompileError
 from mjrun.check.rule import Rule
-from mjrun.check.xml_source import read_xml
 from mjrun.errors import BrokenModelError
 from mjrun.model.load import load
+from mjrun.model.xml_source import read_xml
 from tests.check.models import PARENT, attached_arm, mjcf, write
 
 PLAIN = Rule("MJ999", "error", "a title")

@@ -6,7 +6,7 @@ from pathlib import Path
 from mjrun.check.context import LintContext
 from mjrun.check.finding import Finding, Place, Violation
 from mjrun.check.rule import Rule, rule
-from mjrun.check.xml_source import Element, read_xml
+from mjrun.model.xml_source import Element, read_xml
 from tests.check.models import FINE, write
 
 PLAIN = Rule("MJ999", "warning", "a title")

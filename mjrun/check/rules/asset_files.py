@@ -6,7 +6,8 @@ from pathlib import Path
 
 from mjrun.check.finding import Finding
 from mjrun.check.rule import Rule
-from mjrun.check.xml_source import (
+from mjrun.errors import clean, listing, near, quoted
+from mjrun.model.xml_source import (
     LFS_POINTER,
     LFS_REMEDY,
     Element,
@@ -16,7 +17,6 @@ from mjrun.check.xml_source import (
     is_regular,
     with_slashes,
 )
-from mjrun.errors import clean, listing, near, quoted
 
 MISSING_FILE = Rule("MJ107", "error", "missing file")
 SELF_ATTACHED = Rule("MJ113", "error", "model that attaches itself")

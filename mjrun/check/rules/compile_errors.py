@@ -12,9 +12,9 @@ from mjrun.check.rules.keyframes import SIZE_REMEDY, incomplete_keyframes, size_
 from mjrun.check.rules.keywords import BAD_VALUE
 from mjrun.check.rules.mjcf_schema import REMOVED
 from mjrun.check.rules.process_failures import OUT_OF_MEMORY
-from mjrun.check.xml_source import XmlSource, attached_files, read_xml
 from mjrun.errors import BrokenModelError, ModelError, clean, option, quoted
 from mjrun.model.load import load
+from mjrun.model.xml_source import XmlSource, attached_files, read_xml
 
 COMPILE_ERROR = Rule("MJ100", "error", "MuJoCo rejects the model")
 NOT_WELL_FORMED = Rule("MJ101", "error", "not well-formed XML")

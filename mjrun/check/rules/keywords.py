@@ -8,8 +8,8 @@ from collections.abc import Iterator
 from mjrun.check.finding import Finding
 from mjrun.check.rule import Rule
 from mjrun.check.rules.deprecated import REMOVED_VALUES, SYNONYMS
-from mjrun.check.xml_source import Element, XmlSource
 from mjrun.errors import clean, listing, near, quoted
+from mjrun.model.xml_source import Element, XmlSource
 
 BAD_VALUE = Rule("MJ110", "error", "bad value of an attribute")
 

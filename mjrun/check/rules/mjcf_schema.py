@@ -20,8 +20,8 @@ from mjrun.check.rules.deprecated import (
     REMOVED_PLUGINS,
     REMOVED_VALUES,
 )
-from mjrun.check.xml_source import Element, XmlSource
 from mjrun.errors import clean, listing, near, quoted, suggestion
+from mjrun.model.xml_source import Element, XmlSource
 
 UNKNOWN_ELEMENT = Rule("MJ102", "error", "unknown element")
 MISPLACED_ELEMENT = Rule("MJ103", "error", "element in the wrong place")

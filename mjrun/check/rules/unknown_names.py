@@ -7,8 +7,8 @@ from pathlib import Path
 from mjrun.check.compile_error import CompileError
 from mjrun.check.finding import Finding
 from mjrun.check.rule import Rule
-from mjrun.check.xml_source import Element, attach_paths
 from mjrun.errors import listing, near, quoted, suggestion
+from mjrun.model.xml_source import Element, attach_paths
 
 UNKNOWN_NAME = Rule("MJ109", "error", "reference to nothing")
 

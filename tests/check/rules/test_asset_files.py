@@ -6,9 +6,9 @@ from pathlib import Path
 import pytest
 
 from mjrun.check.rule_table import unsafe_files
-from mjrun.check.xml_source import read_xml
 from mjrun.errors import ModelError
 from mjrun.model.load import load
+from mjrun.model.xml_source import read_xml
 from tests.check.models import FINE, LFS, MESH, Case, lint, lint_file, mjcf
 
 CASES = [

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from mjrun.check.context import LintContext
 from mjrun.check.rules import constraints
-from mjrun.check.xml_source import read_xml
+from mjrun.model.xml_source import read_xml
 from tests.check.models import Case, hinged, lint
 
 

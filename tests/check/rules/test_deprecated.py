@@ -15,7 +15,7 @@ from mjrun.check.rules.deprecated import (
 )
 from mjrun.check.rules.keywords import SEVERAL, SINGLE, invalid_keywords
 from mjrun.check.rules.mjcf_schema import valid_parents, violations
-from mjrun.check.xml_source import read_xml
+from mjrun.model.xml_source import read_xml
 from tests.check.models import mjcf, write
 
 KEYWORDS = {keyword for choices in (*SINGLE.values(), *SEVERAL.values()) for keyword in choices}

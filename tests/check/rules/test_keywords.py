@@ -7,7 +7,7 @@ import mujoco
 import pytest
 
 from mjrun.check.rules import keywords, mjcf_schema
-from mjrun.check.xml_source import Element
+from mjrun.model.xml_source import Element
 from tests.check.models import FINE, Case, hinged, lint, mjcf
 
 CASES = [

@@ -8,7 +8,7 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from mjrun.check.rules import mjcf_schema
-from mjrun.check.xml_source import read_xml
+from mjrun.model.xml_source import read_xml
 from tests.check.models import FINE, Case, mjcf
 
 CASES = [

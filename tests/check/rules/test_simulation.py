@@ -8,7 +8,7 @@ import pytest
 from mjrun.check.context import LintContext
 from mjrun.check.rule_table import RULES
 from mjrun.check.rules import simulation
-from mjrun.check.xml_source import read_xml
+from mjrun.model.xml_source import read_xml
 from tests.check.models import PASSIVE, write
 
 

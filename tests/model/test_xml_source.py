@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from mjrun.check.xml_source import Element, read_xml
+from mjrun.model.xml_source import Element, read_xml
 from tests.check.models import LFS, lint, mjcf
 
 
