@@ -7,12 +7,6 @@ from mjrun.errors import clean
 
 UNITS = ("B", "KiB", "MiB", "GiB")
 
-# The unit of what a joint or a tendon resists with, by the unit of its position.
-STIFFNESS = {"rad": "N·m/rad", "m": "N/m"}
-DAMPING = {"rad": "N·m·s/rad", "m": "N·s/m"}
-ARMATURE = {"rad": "kg·m²", "m": "kg"}
-FORCE = {"rad": "N·m", "m": "N"}
-
 
 @dataclass(frozen=True)
 class Column:

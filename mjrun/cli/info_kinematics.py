@@ -4,10 +4,6 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from mjrun.cli.info_columns import (
-    ARMATURE,
-    DAMPING,
-    FORCE,
-    STIFFNESS,
     Column,
     numbers,
     ranges,
@@ -17,6 +13,7 @@ from mjrun.cli.info_columns import (
     vectors,
 )
 from mjrun.errors import clean
+from mjrun.model.description.resistance_units import ARMATURE, DAMPING, FORCE, STIFFNESS
 
 if TYPE_CHECKING:
     from mjrun.model.description.bodies import Body, Geom, Joint, Site

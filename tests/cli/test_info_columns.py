@@ -5,7 +5,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from mjrun.cli.info_columns import (
-    STIFFNESS,
     UNITS,
     byte_size,
     common,
@@ -20,6 +19,7 @@ from mjrun.cli.info_columns import (
     vector,
     vectors,
 )
+from mjrun.model.description.resistance_units import STIFFNESS
 
 
 @given(st.floats(-1e300, 1e300))

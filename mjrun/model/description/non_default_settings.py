@@ -19,6 +19,7 @@ UNITS = {
     "timestep": "s", "gravity": "m/s²", "wind": "m/s", "magnetic": "T", "density": "kg/m³", "viscosity": "Pa·s",
     "o_margin": "m", "ccd_tolerance": "m", "sleep_tolerance": "m/s",
 }  # fmt: skip
+STATISTIC_UNITS = {"center": "m", "extent": "m", "meansize": "m", "meanmass": "kg"}
 
 Value = str | int | float | bool | tuple[float, ...]
 
@@ -67,23 +68,39 @@ def statistics(model: mujoco.MjModel) -> Statistics:
 
 def options(model: mujoco.MjModel) -> tuple[NonDefaultSetting, ...]:
     """Every option and flag that differs from MuJoCo's default."""
-    defaults = _default_model().opt
-    settings = [
-        NonDefaultSetting(f"opt.{name}", mine, theirs, UNITS.get(name, ""))
-        for name, mine, theirs in _differences(model.opt, defaults)
-    ]
-    flags = [*_flags(mujoco.mjtDisableBit, model.opt.disableflags, defaults.disableflags, ("enable", "disable"))]
-    flags += _flags(mujoco.mjtEnableBit, model.opt.enableflags, defaults.enableflags, ("disable", "enable"))
-    return (*settings, *flags)
+    return option_differences(model, _default_model())
 
 
 def visual(model: mujoco.MjModel) -> tuple[NonDefaultSetting, ...]:
     """Every setting of how the model is drawn that differs from MuJoCo's default."""
-    defaults = _default_model().vis
+    return visual_differences(model, _default_model())
+
+
+def option_differences(model: mujoco.MjModel, other: mujoco.MjModel) -> tuple[NonDefaultSetting, ...]:
+    """Every option and flag of `model` that differs from that of `other`, which stands for the default."""
+    settings = [
+        NonDefaultSetting(f"opt.{name}", mine, theirs, UNITS.get(name, ""))
+        for name, mine, theirs in _differences(model.opt, other.opt)
+    ]
+    flags = [*_flags(mujoco.mjtDisableBit, model.opt.disableflags, other.opt.disableflags, ("enable", "disable"))]
+    flags += _flags(mujoco.mjtEnableBit, model.opt.enableflags, other.opt.enableflags, ("disable", "enable"))
+    return (*settings, *flags)
+
+
+def visual_differences(model: mujoco.MjModel, other: mujoco.MjModel) -> tuple[NonDefaultSetting, ...]:
+    """Every setting of how `model` is drawn that differs from that of `other`, which stands for the default."""
     return tuple(
         NonDefaultSetting(f"vis.{section}.{name}", mine, theirs)
         for section, field in VISUAL.items()
-        for name, mine, theirs in _differences(getattr(model.vis, field), getattr(defaults, field))
+        for name, mine, theirs in _differences(getattr(model.vis, field), getattr(other.vis, field))
+    )
+
+
+def statistic_differences(model: mujoco.MjModel, other: mujoco.MjModel) -> tuple[NonDefaultSetting, ...]:
+    """Every statistic of `model` that differs from that of `other`, which stands for the default."""
+    return tuple(
+        NonDefaultSetting(f"stat.{name}", mine, theirs, STATISTIC_UNITS.get(name, ""))
+        for name, mine, theirs in _differences(model.stat, other.stat)
     )
 
 
@@ -95,12 +112,12 @@ def _default_model() -> mujoco.MjModel:
 
 def _differences(mine: Any, theirs: Any) -> Iterator[tuple[str, Value, Value]]:
     """The fields of two of MuJoCo's structures that differ."""
-    number = float if isinstance(mine, mujoco.MjOption) else _single
+    number = float if isinstance(mine, mujoco.MjOption | mujoco.MjStatistic) else _single
     for name in dir(type(mine)):
         if name.startswith("_") or name in BITS:
             continue
         value, default = getattr(mine, name), getattr(theirs, name)
-        if not np.array_equal(value, default):
+        if not np.array_equal(value, default, equal_nan=True):
             yield name, _plain(name, value, number), _plain(name, default, number)
 
 

@@ -7,11 +7,11 @@ https://mujoco.readthedocs.io/en/latest/XMLunits.html
 import mujoco
 
 from mjrun.model.description.plain_values import enum_name
+from mjrun.model.description.resistance_units import FORCE as FORCES
 
 FREE, BALL = mujoco.mjtJoint.mjJNT_FREE, mujoco.mjtJoint.mjJNT_BALL
 SLIDE, HINGE = mujoco.mjtJoint.mjJNT_SLIDE, mujoco.mjtJoint.mjJNT_HINGE
 POSITIONS = {int(HINGE): "rad", int(BALL): "rad", int(SLIDE): "m"}
-FORCES = {"rad": "N·m", "m": "N"}
 
 SENSORS = {
     "touch": "N", "accelerometer": "m/s²", "velocimeter": "m/s", "gyro": "rad/s", "force": "N", "torque": "N·m",

@@ -1,0 +1,1 @@
+"""Comparison of results: tables, recordings, videos, images and models."""
