@@ -30,6 +30,8 @@ if TYPE_CHECKING:
     from mjrun.formats.video_writer import write_video as write_video
     from mjrun.job.image import Image as Image
     from mjrun.job.image import ImageResult as ImageResult
+    from mjrun.job.keyframe import Keyframe as Keyframe
+    from mjrun.job.keyframe import KeyframeResult as KeyframeResult
     from mjrun.job.perform import perform as perform
     from mjrun.job.plot import Plot as Plot
     from mjrun.job.plot import PlotResult as PlotResult
@@ -55,6 +57,8 @@ _HOMES = {
     "CheckResult": "mjrun.check.check",
     "Info": "mjrun.model.info",
     "InfoResult": "mjrun.model.info",
+    "Keyframe": "mjrun.job.keyframe",
+    "KeyframeResult": "mjrun.job.keyframe",
     "Plot": "mjrun.job.plot",
     "PlotResult": "mjrun.job.plot",
     "Recording": "mjrun.job.recording",
@@ -84,6 +88,8 @@ __all__ = [
     "ImageResult",
     "Info",
     "InfoResult",
+    "Keyframe",
+    "KeyframeResult",
     "Plot",
     "PlotResult",
     "Recording",

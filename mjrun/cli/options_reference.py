@@ -8,6 +8,7 @@ import click
 from mjrun.cli.click_command import DeclaredOption, flags, is_repeatable, shown_default
 from mjrun.cli.main import COMMANDS, group
 from mjrun.formats.format_lists import with_formats
+from mjrun.options.keyframe import KeyframeOptions
 from mjrun.options.kinds import Flag
 from mjrun.options.option import FrontEnd, Option, options_of
 from mjrun.options.trace import PlotOptions, RecordingOptions
@@ -99,6 +100,7 @@ def _sections() -> Iterator[tuple[str, Owner, list[Option]]]:
         yield from _by_section(owner, [param.declared for param in command.params if isinstance(param, DeclaredOption)])
     yield from _by_section(Owner("", "plots", "Plot"), options_of(PlotOptions))
     yield from _by_section(Owner("", "recordings", "Recording"), options_of(RecordingOptions))
+    yield from _by_section(Owner("", "keyframes", "Keyframe"), options_of(KeyframeOptions))
 
 
 def _by_section(owner: Owner, options: Sequence[Option]) -> Iterator[tuple[str, Owner, list[Option]]]:

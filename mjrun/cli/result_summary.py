@@ -7,6 +7,7 @@ from mjrun.errors import clean
 
 if TYPE_CHECKING:
     from mjrun.job.image import ImageResult
+    from mjrun.job.keyframe import KeyframeResult
     from mjrun.job.plot import PlotResult
     from mjrun.job.recording import RecordingResult
     from mjrun.job.task import OutputResult
@@ -49,12 +50,17 @@ def recording(result: "RecordingResult") -> str:
     return f"{clean(result.path)}: {result.states} states of {result.size} numbers, {result.simulated:.6g} s"
 
 
+def keyframe(result: "KeyframeResult") -> str:
+    return f"{clean(result.path)}: keyframe {clean(result.name)} of step {result.step}, {result.time:.6g} s"
+
+
 SUMMARIES: "dict[str, Callable[[Any], str]]" = {
     "VideoResult": video,
     "ImageResult": image,
     "TraceResult": trace,
     "PlotResult": plot,
     "RecordingResult": recording,
+    "KeyframeResult": keyframe,
 }
 
 

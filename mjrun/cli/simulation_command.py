@@ -80,7 +80,7 @@ def _camera(spec: str) -> object:
 
 
 def make(console: Console, command_line: CommandLine, job: "Job[R]") -> "R":
-    """Makes what `job` describes, and a recording if one is wanted; or prints the document of both, and stops."""
+    """Makes what `job` describes, and a recording and a keyframe if they are wanted; or prints the document of all."""
     from mjrun.job.perform import perform
 
     options = command_line.make(CommandOptions)
@@ -90,6 +90,10 @@ def make(console: Console, command_line: CommandLine, job: "Job[R]") -> "R":
 
         partial = command_line.make(TraceOptions, simulation=None).keep_partial
         jobs.append(Recording(job.simulation, options.recording, keep_partial=partial, command=console.command))
+    if options.save_key is not None:
+        from mjrun.job.keyframe import Keyframe
+
+        jobs.append(Keyframe(job.simulation, **_saved_key(options.save_key), command=console.command))
     if options.print_document:
         from mjrun.document.run_writer import document_text
 
@@ -97,6 +101,12 @@ def make(console: Console, command_line: CommandLine, job: "Job[R]") -> "R":
         raise click.exceptions.Exit(0)
     with failures_in_json(console, command_line, lambda results: asdict(results[0])):
         return perform(jobs, console)[0]
+
+
+def _saved_key(text: str) -> dict[str, str]:
+    """The file and the name in FILE.xml[:NAME]."""
+    path, dot, name = text.rpartition(".xml:")
+    return {"output": f"{path}.xml", "name": name} if dot else {"output": text}
 
 
 def show(console: Console, command_line: CommandLine, result: "OutputResult", default_output: str = "") -> None:

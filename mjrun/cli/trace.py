@@ -10,7 +10,7 @@ from mjrun.options.output import CommandOptions
 from mjrun.options.simulation import SimulationOptions
 from mjrun.options.trace import TraceCommandLineOptions, TraceOptions
 
-WRITTEN = ("output", "contacts", "manifest", "recording")
+WRITTEN = ("output", "contacts", "manifest", "recording", "save_key")
 
 
 @command("trace", TraceOptions, TraceCommandLineOptions, CommandOptions, SimulationOptions, arguments=[MODEL])

@@ -34,6 +34,7 @@ from mjrun.document.tree import Fault, ListNode, MappingNode, find, key_mark, pa
 from mjrun.document.tree import Path as Place
 from mjrun.errors import DocumentError, InvalidJobsError, Problem, UsageError
 from mjrun.job.image import Image
+from mjrun.job.keyframe import Keyframe
 from mjrun.job.plot import Plot
 from mjrun.job.recording import Recording
 from mjrun.job.simulation import Simulation
@@ -46,12 +47,13 @@ from mjrun.options.run import RunOptions
 from mjrun.options.simulation import SimulationOptions
 
 # What a document can make, by key.
-OUTPUTS: dict[str, type[Video | Image | Trace | Plot | Recording]] = {
+OUTPUTS: dict[str, type[Video | Image | Trace | Plot | Recording | Keyframe]] = {
     "videos": Video,
     "images": Image,
     "traces": Trace,
     "plots": Plot,
     "recordings": Recording,
+    "keyframes": Keyframe,
 }
 NAMED = ("set", "qpos", "qvel", "ctrl")  # keys below which the model's own names stand
 T = TypeVar("T")

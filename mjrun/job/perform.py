@@ -1,6 +1,7 @@
 """One simulation, any number of outputs, in one pass."""
 
 import copy
+import os
 import time
 from collections.abc import Callable, Generator, Sequence
 from contextlib import ExitStack, contextmanager
@@ -330,9 +331,12 @@ def _check_one_simulation(jobs: Sequence[Job[OutputResult]]) -> None:
 
 
 def _check_files(jobs: Sequence[Job[OutputResult]], errors: _UsageErrors) -> None:
-    """No file is written twice, or read and written."""
+    """No file is written twice, or read and written, unless its output is made of what was read."""
     reserved = ReservedFiles()
+    rewritten = {os.path.realpath(path) for job in jobs for path in job.rewritten_inputs}
     for what, path in jobs[0].simulation.inputs:
+        if os.path.realpath(path) in rewritten:
+            continue
         reserved.reserve(path, f"the {what}, which is read")
     for i, job in enumerate(jobs):
         for what, path in errors.collect(i, lambda job=job: job.files) or ():

@@ -57,7 +57,7 @@ class Preview:
     """What will be made.
 
     Attributes:
-      kind: `video`, `image`, `trace`, `plot` or `recording`.
+      kind: `video`, `image`, `trace`, `plot`, `recording` or `keyframe`.
       path: where.
       count: frames, images, rows, samples or states; None while an event decides.
       unit: what is counted.
@@ -198,6 +198,11 @@ class Job(OutputOptions, ABC, Generic[R_co]):
     @abstractmethod
     def files(self) -> Sequence[tuple[str, str]]:
         """Every file that it writes, with what it is."""
+
+    @property
+    def rewritten_inputs(self) -> Sequence[str]:
+        """Those of its files that may take the place of what the simulation reads."""
+        return ()
 
     @abstractmethod
     def task(self) -> Task[R_co]:

@@ -3,7 +3,7 @@
 from dataclasses import field
 from typing import ClassVar
 
-from mjrun.options.kinds import File, Flag, Optional
+from mjrun.options.kinds import File, Flag, Optional, Text
 from mjrun.options.option import FrontEnd, Options, option, options
 
 # In help texts, these stand for the formats that there are; `mjrun.formats.format_lists` puts them in.
@@ -48,6 +48,12 @@ class CommandOptions(Options):
         default=None,
         places=FrontEnd.COMMAND,
         help="Also keep the state of every step (.npz), to replay.",
+    )
+    save_key: str | None = option(
+        converter=Optional(Text("FILE.xml[:NAME]")),
+        default=None,
+        places=FrontEnd.COMMAND,
+        help="Also write the model's XML with the last instant as a keyframe; it is called end if NAME is left out.",
     )
     print_document: bool = option(
         converter=Flag(),

@@ -6,6 +6,7 @@ import pytest
 
 from mjrun.cli.result_summary import SUMMARIES, summary
 from mjrun.job.image import ImageResult
+from mjrun.job.keyframe import KeyframeResult
 from mjrun.job.plot import PlotResult
 from mjrun.job.recording import RecordingResult
 from mjrun.job.task import OutputResult
@@ -60,6 +61,7 @@ TRACE = TraceResult(
 )
 PLOT = PlotResult(path="a.svg", size=(640, 480), samples=501, wall=0.1, warnings=[])
 RECORDING = RecordingResult(path="a.npz", states=501, size=20, simulated=1.0, wall=0.1, warnings=[])
+KEYFRAME = KeyframeResult(path="a.xml", name="rest", time=1.0, step=500, wall=0.1, warnings=[])
 
 
 @pytest.mark.parametrize(
@@ -72,6 +74,7 @@ RECORDING = RecordingResult(path="a.npz", states=501, size=20, simulated=1.0, wa
         (IMAGE, "a.png: 64x48 at 0.1 s; made in 0.2 s, by llvmpipe"),
         (TRACE, "a.csv: 501 rows, 7 columns, 1 s in 500 steps; made in 0.12 s"),
         (PLOT, "a.svg: 640x480, 501 samples"),
+        (KEYFRAME, "a.xml: keyframe rest of step 500, 1 s"),
         (RECORDING, "a.npz: 501 states of 20 numbers, 1 s"),
     ],
     ids=lambda value: type(value).__name__,
@@ -81,7 +84,7 @@ def test_a_result_is_one_line(result: OutputResult, line: str) -> None:
 
 
 def test_every_kind_of_result_has_its_line() -> None:
-    kinds = (VideoResult, ImageResult, TraceResult, PlotResult, RecordingResult)
+    kinds = (VideoResult, ImageResult, TraceResult, PlotResult, RecordingResult, KeyframeResult)
     assert set(SUMMARIES) == {kind.__name__ for kind in kinds}
 
 
@@ -100,7 +103,7 @@ def test_names_from_files_and_drivers_are_cleaned() -> None:
     results = (
         replace(VIDEO, paths=["a\x1b[31m"], renderer="b\n"),
         replace(IMAGE, paths=["a\x1b[31m"], renderer="b\n"),
-        *(replace(result, path="a\x1b[31m") for result in (TRACE, PLOT, RECORDING)),
+        *(replace(result, path="a\x1b[31m") for result in (TRACE, PLOT, RECORDING, KEYFRAME)),
     )
     assert not any("\x1b" in summary(result) or "\n" in summary(result) for result in results)
 

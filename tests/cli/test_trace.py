@@ -147,3 +147,17 @@ def test_a_rate_above_that_of_the_steps_is_a_warning(mjrun: Command) -> None:
     assert done.returncode == 0
     assert b"warning: --rate 30000 is more than the 500 steps of a simulated second" in done.stderr
     assert len(done.stdout.splitlines()) == 5
+
+
+def test_the_last_instant_is_saved_as_a_keyframe_that_the_next_run_starts_from(mjrun: Command) -> None:
+    arguments = ("--steps", "50", "--push", "pendulum=0.1/0/0@0.01+0.02")
+    assert mjrun("trace", PENDULUM, *arguments, "-o", "a.csv", "--save-key", "p.xml:later").returncode == 0
+    assert mjrun("trace", "p.xml", "--key", "later", "--steps", "1", "-o", "b.csv").returncode == 0
+    before, after = ((mjrun.folder / name).read_text().splitlines() for name in ("a.csv", "b.csv"))
+    assert before[-1].split(",")[1:3] == after[1].split(",")[1:3]
+
+    assert mjrun("trace", PENDULUM, "--steps", "1", "-o", "a.csv", "--save-key", "q.xml").returncode == 0
+    assert '<key name="end" ' in (mjrun.folder / "q.xml").read_text()
+    printed = mjrun("trace", PENDULUM, *arguments, "--save-key", "p.xml:later", "--print-document").stdout.decode()
+    assert "push: pendulum=0.1/0/0@0.01+0.02\n" in printed
+    assert printed.endswith("keyframes:\n- {output: p.xml, name: later}\n")

@@ -16,6 +16,7 @@ from mjrun.document import run
 from mjrun.document.run import read_run
 from mjrun.errors import DocumentError, FileError, UsageError, listing
 from mjrun.job.image import Image
+from mjrun.job.keyframe import Keyframe
 from mjrun.job.perform import perform, preview
 from mjrun.job.plot import Plot
 from mjrun.job.recording import Recording
@@ -191,6 +192,8 @@ def test_a_still_is_what_the_document_says(text: str, said: dict[str, Any]) -> N
             ),
         ),
         ("recordings: [a.npz]", Recording(simulation(), "out/a.npz")),
+        ("keyframes: [a.xml]", Keyframe(simulation(), "out/a.xml")),
+        ("keyframes: [{output: a.xml, name: rest}]", Keyframe(simulation(), "out/a.xml", name="rest")),
         (
             "recordings: [{output: a.npz, manifest: m.json}]",
             Recording(simulation(), "out/a.npz", manifest="out/m.json"),
@@ -303,7 +306,7 @@ def test_folders_and_patterns_of_frames_stay_what_they_are() -> None:
 # --- what is wrong -----------------------------------------------------------------------------------
 
 RUN_KEYS = f"keys: {listing([*run.RunDocument.key_names(), 'vars', 'defaults'])}"
-NOTHING = "there is nothing to do; ask for one of videos, images, traces, plots, recordings"
+NOTHING = "there is nothing to do; ask for one of videos, images, traces, plots, recordings, keyframes"
 SIZE = "expected width and height in pixels, as in 1280x720 or [1280, 720]"
 SETTING = "expected a finite number, text, true or false, or a list of finite numbers"
 TAIL = "recordings: [r.npz]\n"

@@ -20,6 +20,7 @@ from mjrun.document.run import read_run
 from mjrun.document.run_writer import document_text
 from mjrun.errors import UsageError
 from mjrun.job.image import Image
+from mjrun.job.keyframe import Keyframe
 from mjrun.job.plot import Plot
 from mjrun.job.recording import Recording
 from mjrun.job.simulation import Simulation
@@ -213,6 +214,8 @@ def job_lists(draw: st.DrawFn) -> list[Any]:
     for _ in some(1):
         manifest = draw(maybe(st.just(file(".n"))))
         found.append(Recording(simulation, file(".npz"), manifest=manifest, keep_partial=draw(st.booleans())))
+    for _ in some(1):
+        found.append(Keyframe(simulation, file(".xml"), name=draw(names)))
     assume(found)
     return found
 

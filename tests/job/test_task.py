@@ -9,6 +9,7 @@ import mujoco
 import pytest
 
 from mjrun.job.image import Image
+from mjrun.job.keyframe import Keyframe
 from mjrun.job.plot import Plot
 from mjrun.job.recording import Recording
 from mjrun.job.shared_rendering import SharedRendering
@@ -26,6 +27,7 @@ JOBS = {
     "trace": lambda simulation, path: Trace(simulation, f"{path}/t.csv", contacts=f"{path}/c.csv"),
     "plot": lambda simulation, path: Plot(simulation, f"{path}/p.png", probe=["energy"]),
     "recording": lambda simulation, path: Recording(simulation, f"{path}/r.npz"),
+    "keyframe": lambda simulation, path: Keyframe(simulation, f"{path}/k.xml"),
 }
 
 

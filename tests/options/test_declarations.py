@@ -11,6 +11,7 @@ from mjrun.options.bench import BenchOptions, ReportOptions
 from mjrun.options.check import CheckOptions, CheckReportOptions
 from mjrun.options.image import ImageOptions
 from mjrun.options.info import InfoOptions
+from mjrun.options.keyframe import KeyframeOptions
 from mjrun.options.messages import MessageOptions
 from mjrun.options.option import Option, Options, options_of
 from mjrun.options.output import CommandOptions
@@ -25,6 +26,7 @@ ALL: tuple[type[Options], ...] = (
     TraceCommandLineOptions,
     PlotOptions,
     RecordingOptions,
+    KeyframeOptions,
     RunOptions,
     BenchOptions,
     ReportOptions,

@@ -4,12 +4,13 @@ from pathlib import Path
 
 from mjrun.formats.format_lists import LISTS
 from mjrun.options.image import ImageOptions
+from mjrun.options.keyframe import KeyframeOptions
 from mjrun.options.option import FrontEnd, options_of
 from mjrun.options.output import CommandOptions, OutputOptions
 from mjrun.options.trace import PlotOptions, RecordingOptions, TraceOptions
 from mjrun.options.video import VideoOptions
 
-OUTPUTS = (VideoOptions, ImageOptions, TraceOptions, PlotOptions, RecordingOptions)
+OUTPUTS = (VideoOptions, ImageOptions, TraceOptions, PlotOptions, RecordingOptions, KeyframeOptions)
 
 
 def test_every_output_has_a_file_and_a_manifest() -> None:

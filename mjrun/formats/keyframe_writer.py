@@ -1,0 +1,111 @@
+"""Writes a model's XML with one more keyframe, and proves by MuJoCo itself that it loads from where it is written."""
+
+import os
+import secrets
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager, suppress
+from pathlib import Path
+
+import mujoco
+import numpy as np
+
+from mjrun.errors import BrokenModelError, FileError, clean
+from mjrun.formats.atomic_output import OutputWriter, StagedFile
+from mjrun.model import state
+from mjrun.model.compilation import compile_model
+from mjrun.model.fingerprint import physics_fingerprint
+from mjrun.model.keyframe_text import ATTRIBUTES, with_key
+from mjrun.model.names import identify
+
+ELSEWHERE = "relative paths in it start from its own folder: write it there"
+NOT_STATE = ("qacc_warmstart",)  # what helps the solver is not told
+QUATERNIONS = ("qpos", "mocap_quat")  # MuJoCo normalizes those of keyframes
+
+
+class KeyframeWriter(OutputWriter):
+    """A model's XML with a key.
+
+    Opening it compiles the model, with a first key, from the folder of the output: assets and includes must be found
+    from there, and be the same.
+
+    Args:
+      path: an .xml file; it may be the model's.
+      source: the model's main file, and `xml`, what it holds.
+      name: of the key.
+      model: the model, compiled without overrides.
+
+    Raises:
+      FileError: the output cannot be written, or would not be the same model there.
+    """
+
+    def __init__(self, path: str, source: Path, xml: bytes, name: str, model: mujoco.MjModel) -> None:
+        super().__init__(StagedFile(Path(path)))
+        self._source, self._xml, self._name = source, xml, name
+        self._in_place = os.path.realpath(path) == os.path.realpath(source)
+        with self.opening():
+            first = _fields(model, state.save(model, mujoco.MjData(model)))
+            compiled = self._compiled(with_key(xml, name, first))
+            if physics_fingerprint(compiled) != physics_fingerprint(model):
+                raise FileError(
+                    path, f"would be another model than {clean(str(source))}: files beside it differ", ELSEWHERE
+                )
+
+    def write(self, model: mujoco.MjModel, last: np.ndarray) -> list[str]:
+        """Writes the key of the integration state `last` `(nstate,)` of `model`, and loads it to compare.
+
+        Returns:
+          What of the state a start from the key does not have, each in words.
+
+        Raises:
+          FileError: the disk is full, or the model's file has changed in the meantime and would be overwritten.
+        """
+        if self._in_place and self._source.read_bytes() != self._xml:
+            raise FileError(self._source, "has changed since it was read, and is left as it is")
+        text = with_key(self._xml, self._name, _fields(model, last))
+        loaded = self._compiled(text)
+        data = mujoco.MjData(loaded)
+        mujoco.mj_resetDataKeyframe(loaded, data, identify(loaded, "keyframe", self._name))
+        self.write_file(text)
+        return _differences(model, last, state.save(loaded, data))
+
+    def _compiled(self, text: bytes) -> mujoco.MjModel:
+        shown = self.destination.shown
+        with self.writing(), _hidden(Path(self.destination.path).parent, text) as path:
+            try:
+                return compile_model(lambda: mujoco.MjSpec.from_file(str(path)), (), shown)
+            except BrokenModelError as error:
+                reason = str(error).removeprefix(f"{clean(str(shown))}")
+                raise FileError(shown, f"would not load{reason}", ELSEWHERE) from None
+
+
+@contextmanager
+def _hidden(folder: Path, content: bytes) -> Iterator[Path]:
+    """A model file for a moment."""
+    path = folder / f".{secrets.token_hex(4)}.xml"
+    try:
+        path.write_bytes(content)
+        yield path
+    finally:
+        with suppress(OSError):
+            path.unlink(missing_ok=True)
+
+
+def _fields(model: mujoco.MjModel, last: np.ndarray) -> Mapping[str, np.ndarray]:
+    """The fields of a state that a key holds."""
+    slices = state.fields(state.sizes(model))
+    return {name: last[slices.get(name, slice(0, 0))] for name in ATTRIBUTES.values()}
+
+
+def _differences(model: mujoco.MjModel, last: np.ndarray, loaded: np.ndarray) -> list[str]:
+    """What differs in `loaded`, the state of a start from the key."""
+    texts: list[str] = []
+    for name, part in state.fields(state.sizes(model)).items():
+        if name in NOT_STATE or np.array_equal(last[part], loaded[part]):
+            continue
+        if name in QUATERNIONS:
+            texts.append(f"MuJoCo normalizes quaternions of keyframes: {name} is another from the last bits on")
+        elif name in ATTRIBUTES.values():
+            raise AssertionError(f"{name} of the key is not that of the state")
+        else:
+            texts.append(f"a keyframe has no {name}, and the last instant had")
+    return texts
