@@ -23,11 +23,13 @@ if TYPE_CHECKING:
     from mjrun.bench.results import BenchResult as BenchResult
     from mjrun.check.check import Check as Check
     from mjrun.check.check import CheckResult as CheckResult
+    from mjrun.diff.result import DiffResult as DiffResult
     from mjrun.document.camera import read_camera as read_camera
     from mjrun.formats.table import Table as Table
     from mjrun.formats.table_reader import read_table as read_table
     from mjrun.formats.video_reader import read_video as read_video
     from mjrun.formats.video_writer import write_video as write_video
+    from mjrun.job.diff import Diff as Diff
     from mjrun.job.image import Image as Image
     from mjrun.job.image import ImageResult as ImageResult
     from mjrun.job.keyframe import Keyframe as Keyframe
@@ -55,6 +57,8 @@ _HOMES = {
     "BenchResult": "mjrun.bench.results",
     "Check": "mjrun.check.check",
     "CheckResult": "mjrun.check.check",
+    "Diff": "mjrun.job.diff",
+    "DiffResult": "mjrun.diff.result",
     "Info": "mjrun.model.info",
     "InfoResult": "mjrun.model.info",
     "Keyframe": "mjrun.job.keyframe",
@@ -84,6 +88,8 @@ __all__ = [
     "BenchResult",
     "Check",
     "CheckResult",
+    "Diff",
+    "DiffResult",
     "Image",
     "ImageResult",
     "Info",

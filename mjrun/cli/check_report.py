@@ -11,6 +11,7 @@ from urllib.parse import quote
 from mjrun.check.check import CheckResult
 from mjrun.check.finding import SEVERITIES, Finding, short_path
 from mjrun.check.rule_table import RULES
+from mjrun.cli.annotations import annotation
 from mjrun.errors import clean
 from mjrun.version import __version__
 
@@ -57,12 +58,11 @@ def document(result: CheckResult) -> dict[str, object]:
 
 
 def annotations(result: CheckResult) -> Iterator[str]:
-    """Workflow commands of GitHub Actions: `::warning file=…,line=…,title=…::message`."""
+    """An annotation of a GitHub workflow for each finding."""
     for finding, model in _all(result):
-        place = f"file={_escaped_property(finding.file)}" + (f",line={finding.line}" if finding.line else "")
-        title = _escaped_property(f"{finding.code} {RULES[finding.code].title}")
         text = "\n".join(filter(None, (full_message(finding, model), finding.remedy)))
-        yield f"::{ANNOTATIONS[finding.severity]} {place},title={title}::{_escaped(text)}"
+        title = f"{finding.code} {RULES[finding.code].title}"
+        yield annotation(ANNOTATIONS[finding.severity], text, finding.file, title, finding.line)
 
 
 def sarif(result: CheckResult) -> dict[str, Any]:
@@ -118,14 +118,3 @@ def _uri(path: str) -> str:
     """A file as a URI, relative unless it is absolute."""
     text = quote(os.fsencode(Path(path).as_posix()))
     return f"file://{text}" if text.startswith("/") else text
-
-
-def _escaped(text: str) -> str:
-    """The text of a workflow command, in one line and without anything that could begin another."""
-    cleaned = "\n".join(clean(line) for line in text.split("\n"))
-    return cleaned.replace("%", "%25").replace("\r", "%0D").replace("\n", "%0A")
-
-
-def _escaped_property(text: str) -> str:
-    """A property of a workflow command."""
-    return clean(text).replace("%", "%25").replace(":", "%3A").replace(",", "%2C")

@@ -8,9 +8,13 @@ from pydantic import TypeAdapter
 from pydantic.json_schema import GenerateJsonSchema, JsonSchemaValue
 
 from mjrun.bench.results import BenchResult
+from mjrun.diff.result import DiffResult
 
 # Kind of report → its dataclass, whose field `schema` names it, and its title.
-REPORTS: dict[str, tuple[type[BenchResult], str]] = {"bench": (BenchResult, "mjrun bench report")}
+REPORTS: dict[str, tuple[type[BenchResult] | type[DiffResult], str]] = {
+    "bench": (BenchResult, "mjrun bench report"),
+    "diff": (DiffResult, "mjrun diff report"),
+}
 _FIELDS = re.compile(r"^  (\w+(?:, \w+)*): (.*(?:\n    .*)*)", re.MULTILINE)
 
 

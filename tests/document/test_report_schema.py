@@ -9,6 +9,7 @@ import pytest
 
 from mjrun.bench.bench import Bench
 from mjrun.bench.results import BenchResult
+from mjrun.diff.result import DiffResult
 from mjrun.document.json_schema import json_schema
 from tests.document.schema_oracle import fits, rules
 
@@ -41,10 +42,11 @@ def test_a_report_fits_its_schema_as_long_as_nothing_is_missing_and_nothing_is_o
     assert not fits(report, made, made)
 
 
-def test_every_key_of_a_report_is_described_and_required() -> None:
-    made = json_schema("bench")
-    assert made["properties"]["schema"]["const"] == "mjrun-bench-1"
-    assert [*made["properties"]] == [field.name for field in fields(BenchResult)]
+@pytest.mark.parametrize(("kind", "report"), [("bench", BenchResult), ("diff", DiffResult)])
+def test_every_key_of_a_report_is_described_and_required(kind: str, report: type[BenchResult | DiffResult]) -> None:
+    made = json_schema(kind)
+    assert made["properties"]["schema"]["const"] == f"mjrun-{kind}-1"
+    assert [*made["properties"]] == [field.name for field in fields(report)]
     for rule in rules(made):
         assert "$ref" not in rule or rule["$ref"].removeprefix("#/$defs/") in made["$defs"]
         if "properties" in rule:

@@ -9,6 +9,7 @@ import pytest
 import mjrun.options
 from mjrun.options.bench import BenchOptions, ReportOptions
 from mjrun.options.check import CheckOptions, CheckReportOptions
+from mjrun.options.diff import DiffOptions, DiffReportOptions
 from mjrun.options.image import ImageOptions
 from mjrun.options.info import InfoOptions
 from mjrun.options.keyframe import KeyframeOptions
@@ -32,6 +33,8 @@ ALL: tuple[type[Options], ...] = (
     ReportOptions,
     CheckOptions,
     CheckReportOptions,
+    DiffOptions,
+    DiffReportOptions,
     InfoOptions,
 )
 DECLARED = [pytest.param(each, id=f"{cls.__name__}.{each.name}") for cls in ALL for each in options_of(cls)]

@@ -1,0 +1,126 @@
+"""What a comparison finds, for people and as annotations of a GitHub workflow."""
+
+from collections.abc import Iterator, Sequence
+from typing import TYPE_CHECKING
+
+from mjrun.cli.annotations import annotation
+from mjrun.cli.info_columns import Column
+from mjrun.cli.page_layout import PageLayout
+from mjrun.diff.sentences import place
+from mjrun.errors import clean, listing
+
+if TYPE_CHECKING:
+    from mjrun.diff.result import CellDifference, ColumnDifference, DiffResult, TableDifference, UnmatchedRows
+
+ROWS = 24  # of a table, unless all are asked for
+NAMED = 4  # columns that differ in the first row
+ANNOTATED = 10  # differences: GitHub shows no more of a step
+
+
+def text(result: "DiffResult", *, every: bool = False) -> str:
+    """The verdict, and what differs; `every` column that does."""
+    if result.equal:
+        return verdict(result)
+    page = PageLayout()
+    if result.table:
+        _table(page, result, result.table, every)
+    return f"{verdict(result)}\n\n{page.text()}"
+
+
+def verdict(result: "DiffResult") -> str:
+    """One line: whether they agree."""
+    pair = f"{clean(result.a)} and {clean(result.b)}"
+    return f"{pair} agree{_agreement(result)}" if result.equal else f"{pair} differ"
+
+
+def annotations(result: "DiffResult") -> Iterator[str]:
+    """An annotation of a GitHub workflow for each difference."""
+    for sentence in result.differences[:ANNOTATED]:
+        yield annotation("error", sentence, result.b, f"mjrun diff: differs from {result.a}")
+
+
+def _agreement(result: "DiffResult") -> str:
+    if result.table is None:
+        return ""
+    table = result.table
+    exact = all(column.atol == column.rtol == 0 for column in table.columns)
+    size = f": {_counted(table.rows, 'row')}, {_counted(len(table.columns), 'column')}"
+    if exact:
+        return f"{size}, bit for bit"
+    worst = max(table.columns, key=lambda column: column.maximum or 0)
+    largest = f"; the largest difference is {_number(worst.maximum)}, of {clean(worst.name)}" if worst.maximum else ""
+    return f"{size}, within the tolerance{largest}"
+
+
+def _table(page: PageLayout, result: "DiffResult", table: "TableDifference", every: bool) -> None:
+    a, b = clean(result.a), clean(result.b)
+    what = "state" if result.kind == "recording" else "row"
+    differing = [column for column in table.columns if column.first]
+    facts = [
+        ("compared", f"{_counted(table.rows, what)} of the same {_aligned_by(table)}"),
+        ("first difference", _first_difference(differing, table)),
+        (f"{what}s in {a} only", _unmatched(table.only_a, table.aligned)),
+        (f"{what}s in {b} only", _unmatched(table.only_b, table.aligned)),
+        (f"columns in {a} only", listing(table.columns_only_a)),
+        (f"columns in {b} only", listing(table.columns_only_b)),
+        ("units", "; ".join(f"{clean(u.name)} [{clean(u.a)}] and [{clean(u.b)}]" for u in table.units)),
+    ]
+    page.lines(f"{what}s", facts)
+    if differing:
+        shown = None if every else ROWS
+        page.table("columns that differ", _columns(differing, table), len(differing), shown, "--verbose lists them")
+    if agreeing := len(table.columns) - len(differing):
+        more = "more " if differing else ""
+        page.note(f"and {_counted(agreeing, f'{more}column')} agree{'s' if agreeing == 1 else ''}")
+
+
+def _aligned_by(table: "TableDifference") -> str:
+    return "number" if table.aligned == "row" else table.aligned
+
+
+def _first_difference(differing: Sequence["ColumnDifference"], table: "TableDifference") -> str:
+    """The columns of the first row with a number that differs."""
+    firsts = [(column.first, clean(column.name)) for column in differing if column.first]
+    if not firsts:
+        return ""
+    earliest = min((cell for cell, _ in firsts), key=lambda cell: cell.row)
+    names = [name for cell, name in firsts if cell.row == earliest.row]
+    return f"{place(earliest, table.aligned)}: {', '.join(names[:NAMED])}{', …' if len(names) > NAMED else ''}"
+
+
+def _columns(columns: Sequence["ColumnDifference"], table: "TableDifference") -> list[Column]:
+    firsts = [column.first for column in columns if column.first]
+    by_step = table.aligned == "step"
+    return [
+        Column("column", [clean(column.name) for column in columns]),
+        Column("unit", [clean(column.unit) for column in columns]),
+        Column("rows", [str(column.differing) for column in columns], right=True),
+        Column("maximum", [_number(column.maximum) for column in columns], right=True),
+        Column("rms", [_number(column.rms) for column in columns], right=True, extra=True),
+        Column("last", [_number(column.last) for column in columns], right=True, extra=True),
+        Column("first step" if by_step else "first row", [_row(cell, by_step) for cell in firsts], right=True),
+        Column("time", ["" if cell.at is None or by_step else repr(cell.at) for cell in firsts], "s", right=True),
+        Column("a", [cell.a for cell in firsts], right=True),
+        Column("b", [cell.b for cell in firsts], right=True),
+    ]
+
+
+def _row(cell: "CellDifference", by_step: bool) -> str:
+    if by_step and cell.at is not None:
+        return f"{cell.at:.0f}"
+    return str(cell.row) if cell.row == cell.row_b else f"{cell.row}/{cell.row_b}"
+
+
+def _unmatched(rows: "UnmatchedRows", aligned: str) -> str:
+    if not rows.count:
+        return ""
+    at = "" if rows.at is None else f", {aligned} {rows.at:.0f}" if aligned == "step" else f", time {rows.at!r} s"
+    return f"{rows.count}, {'the first is ' if rows.count > 1 else ''}row {rows.first}{at}"
+
+
+def _number(value: float | None) -> str:
+    return "not finite" if value is None else f"{value:.3g}"
+
+
+def _counted(number: int, what: str) -> str:
+    return f"{number} {what}{'' if number == 1 else 's'}"

@@ -1,0 +1,228 @@
+"""Two streams of rows, merged: which rows belong together, and which only one of them has.
+
+A row has a key, which never falls: the time, or the step of a state. Memory holds a few blocks of either stream.
+"""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Protocol
+
+import numpy as np
+
+from mjrun.diff.result import UnmatchedRows
+from mjrun.diff.tolerances import Tolerance
+from mjrun.errors import FileError, option
+
+
+class Rows(Protocol):
+    """Rows of numbers, as an open table has them."""
+
+    @property
+    def path(self) -> Path:
+        """What messages call them."""
+        ...
+
+    @property
+    def names(self) -> Sequence[str]:
+        """The names of the columns."""
+        ...
+
+    @property
+    def units(self) -> Mapping[str, str]:
+        """Their units by name, as far as they are known."""
+        ...
+
+    def blocks(self) -> Iterator[np.ndarray]:
+        """The rows, once: blocks of float64 `(n, columns)`."""
+        ...
+
+
+@dataclass(frozen=True)
+class Pairs:
+    """Rows that belong together.
+
+    Attributes:
+      a, b: float64 `(n, columns)`.
+      rows_a, rows_b: their numbers, counted from 0, `(n,)`.
+      keys: of A's rows, `(n,)`; None where rows have none.
+    """
+
+    a: np.ndarray
+    b: np.ndarray
+    rows_a: np.ndarray
+    rows_b: np.ndarray
+    keys: np.ndarray | None
+
+
+class RowStream:
+    """The rows of a table from its first one that is not merged yet.
+
+    Args:
+      columns: those to compare.
+      key: the column with the keys; None for rows without.
+
+    Attributes:
+      values: the rows that are here, float64 `(n, columns)`.
+      keys: their keys `(n,)`; empty where rows have none.
+      row: the number of the first, counted from 0.
+      is_ended: whether no more are to come.
+    """
+
+    def __init__(self, table: Rows, columns: Sequence[str], key: str | None) -> None:
+        names = list(table.names)
+        self._table, self._blocks = table, table.blocks()
+        self._indices = [names.index(name) for name in columns]
+        self._key_name = key
+        self._key = None if key is None else names.index(key)
+        self._last = -np.inf  # key
+        self.values, self.keys = np.empty((0, len(columns))), np.empty(0)
+        self.row, self.is_ended = 0, False
+        self._unmatched, self._first_unmatched = 0, (0, np.nan)
+
+    def __len__(self) -> int:
+        return len(self.values)
+
+    def fill(self) -> None:
+        """Adds a block of rows, unless all are here."""
+        block = next(self._blocks, None)
+        if block is None:
+            self.is_ended = True
+            return
+        if self._key is not None:
+            keys = block[:, self._key]
+            self._require_ascending(keys)
+            self.keys = np.concatenate([self.keys, keys])
+        values = block[:, self._indices]
+        self.values = np.concatenate([self.values, values]) if len(self.values) else values
+
+    def drop(self, count: int) -> None:
+        """Leaves out the first rows, which are merged."""
+        self.values, self.keys = self.values[count:], self.keys[count:]
+        self.row += count
+
+    def note_unmatched(self, indices: np.ndarray) -> None:
+        """Counts rows that are here, and have none that belongs to them."""
+        if len(indices) and not self._unmatched:
+            first = int(indices[0])
+            self._first_unmatched = (self.row + first + 1, self.keys[first] if len(self.keys) else np.nan)
+        self._unmatched += len(indices)
+
+    @property
+    def unmatched(self) -> UnmatchedRows:
+        """The rows without any that belongs to them."""
+        row, key = self._first_unmatched
+        return UnmatchedRows(self._unmatched, row, None if np.isnan(key) else float(key))
+
+    def _require_ascending(self, keys: np.ndarray) -> None:
+        before = np.concatenate([[self._last], keys[:-1]])
+        falls = ~(keys >= before)  # NaN too
+        if falls.any():
+            at = int(falls.argmax())
+            row = self.row + len(self) + at + 1
+            follows = "and must be a number" if np.isnan(keys[at]) else f"follows {before[at]:.9g}, and must not fall"
+            raise FileError(
+                self._table.path,
+                f"row {row}: {self._key_name} {keys[at]:.9g} {follows}",
+                f"{option('align')} row compares rows of the same number",
+            )
+        self._last = keys[-1]
+
+
+def pairs_by_row(a: RowStream, b: RowStream) -> Iterator[Pairs]:
+    """Rows of the same number; the others are noted."""
+    while _fill(a, b):
+        count = min(len(a), len(b))
+        if count:
+            yield _first_pairs(a, b, count)
+        else:
+            _pass_over(a, b)
+
+
+def pairs_by_key(a: RowStream, b: RowStream, tolerance: Tolerance) -> Iterator[Pairs]:
+    """Rows whose keys agree, several of one key in their order; the others are noted."""
+    while _fill(a, b):
+        count = min(len(a), len(b))
+        if not count:
+            _pass_over(a, b)
+        elif _near(a.keys[:count], b.keys[:count], tolerance).all():
+            yield _first_pairs(a, b, count)
+        else:
+            yield from _merged(a, b, tolerance)
+
+
+def _fill(a: RowStream, b: RowStream) -> bool:
+    """Makes sure that there are rows of both, as long as there are any; False where neither has more."""
+    for stream in (a, b):
+        while not len(stream) and not stream.is_ended:
+            stream.fill()
+    return bool(len(a) or len(b))
+
+
+def _pass_over(a: RowStream, b: RowStream) -> None:
+    """Notes the rows of one where the other is at its end."""
+    for stream in (a, b):
+        stream.note_unmatched(np.arange(len(stream)))
+        stream.drop(len(stream))
+
+
+def _first_pairs(a: RowStream, b: RowStream, count: int) -> Pairs:
+    numbers = np.arange(count)
+    keys = a.keys[:count] if len(a.keys) else None
+    pairs = Pairs(a.values[:count], b.values[:count], a.row + numbers, b.row + numbers, keys)
+    a.drop(count)
+    b.drop(count)
+    return pairs
+
+
+def _merged(a: RowStream, b: RowStream, tolerance: Tolerance) -> Iterator[Pairs]:
+    """The pairs among the rows that are here, up to where a row may belong to one that is still to come."""
+    in_a, in_b = _matches(a.keys, b.keys, tolerance)
+    end_a, end_b = _ends(a, b, in_a, in_b, tolerance)
+    if not end_a and not end_b:
+        min((stream for stream in (a, b) if not stream.is_ended), key=lambda stream: stream.keys[-1]).fill()
+        return
+
+    settled = (in_a < end_a) & (in_b < end_b)
+    in_a, in_b = in_a[settled], in_b[settled]
+    if len(in_a):
+        yield Pairs(a.values[in_a], b.values[in_b], a.row + in_a, b.row + in_b, a.keys[in_a])
+    for stream, end, matched in ((a, end_a, in_a), (b, end_b, in_b)):
+        stream.note_unmatched(np.setdiff1d(np.arange(end), matched, assume_unique=True))
+        stream.drop(end)
+
+
+def _ends(a: RowStream, b: RowStream, in_a: np.ndarray, in_b: np.ndarray, tolerance: Tolerance) -> tuple[int, int]:
+    """How many rows of each are settled: no row that is still to come can belong to them."""
+    last = [stream.keys[-1] for stream in (a, b) if not stream.is_ended]
+    if not last:
+        return len(a), len(b)
+    limit = min(last)
+    limit -= 2 * (tolerance.atol + tolerance.rtol * abs(limit))  # what is near to a row must have no nearer one
+    end_a, end_b = int(np.searchsorted(a.keys, limit)), int(np.searchsorted(b.keys, limit))
+    pairs_a, pairs_b = in_a[in_b < end_b], in_b[in_a < end_a]  # both rows of a pair are settled
+    return max([end_a, *(pairs_a[-1:] + 1)]), max([end_b, *(pairs_b[-1:] + 1)])
+
+
+def _matches(a: np.ndarray, b: np.ndarray, tolerance: Tolerance) -> tuple[np.ndarray, np.ndarray]:
+    """Indices of keys that agree, each the nearest of the other; several of one key in their order."""
+    if not len(a) or not len(b):
+        return np.empty(0, int), np.empty(0, int)
+    to_b, to_a = _nearest(a, b), _nearest(b, a)
+    index = np.arange(len(a))
+    mutual = (to_a[to_b] == index) & _near(a, b[to_b], tolerance)
+    return index[mutual], to_b[mutual]
+
+
+def _nearest(keys: np.ndarray, others: np.ndarray) -> np.ndarray:
+    """The index of the nearest of `others` for each of `keys`, and of the second for the second of one key."""
+    after = np.minimum(np.searchsorted(others, keys), len(others) - 1)
+    before = np.maximum(after - 1, 0)
+    nearest = np.where(np.abs(keys - others[before]) < np.abs(keys - others[after]), before, after)
+    first = np.searchsorted(others, others[nearest])
+    return np.minimum(first + np.arange(len(keys)) - np.searchsorted(keys, keys), len(others) - 1)
+
+
+def _near(a: np.ndarray, b: np.ndarray, tolerance: Tolerance) -> np.ndarray:
+    """Where keys agree; 0 and −0 do, too."""
+    return np.abs(a - b) <= tolerance.atol + tolerance.rtol * np.abs(b)

@@ -1,0 +1,66 @@
+"""What kind of result a file is."""
+
+import zipfile
+from pathlib import Path
+
+from mjrun.errors import UsageError, clean
+from mjrun.formats import codecs, tables
+from mjrun.formats.recording_reader import ARRAYS
+from mjrun.formats.table_reader import STDIN
+
+TABLE, RECORDING, VIDEO, IMAGE, MODEL = "table", "recording", "video", "image", "model"
+IMAGES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".npy", ".exr")
+
+
+def common_kind(a: str, b: str) -> str:
+    """The kind of both files.
+
+    Raises:
+      UsageError: they are of two kinds.
+    """
+    kinds = kind_of(a), kind_of(b)
+    if kinds[0] != kinds[1]:
+        facts = [f"{clean(path)} is {_with_article(kind)}" for path, kind in zip((a, b), kinds, strict=True)]
+        raise UsageError(f"{' and '.join(facts)}: only two of a kind can be compared")
+    return kinds[0]
+
+
+def kind_of(name: str) -> str:
+    """`table`, `recording`, `video`, `image` or `model`: by the suffix, and for an archive and a .webp by its content.
+
+    What is nothing else is a model. A folder holds the frames of a video.
+    """
+    path, suffix = Path(name), Path(name).suffix.lower()
+    if name == STDIN:
+        return TABLE
+    if suffix == ".npz":
+        return RECORDING if _is_recording(path) else TABLE
+    if suffix in tables.suffixes():
+        return TABLE
+    if path.is_dir():
+        return VIDEO
+    if suffix in IMAGES or (suffix == ".webp" and not _is_animated(path)):
+        return IMAGE
+    return VIDEO if suffix in codecs.suffixes() else MODEL
+
+
+def _is_recording(path: Path) -> bool:
+    try:
+        with zipfile.ZipFile(path) as archive:
+            return {f"{name}.npy" for name in ARRAYS} <= set(archive.namelist())
+    except (OSError, ValueError, zipfile.BadZipFile):
+        return False  # reading it as a table says why
+
+
+def _is_animated(path: Path) -> bool:
+    """Whether a WebP file says that it is animated: https://developers.google.com/speed/webp/docs/riff_container."""
+    try:
+        with path.open("rb") as file:
+            head = file.read(21)
+    except OSError:
+        return False
+    return head[12:16] == b"VP8X" and len(head) == 21 and bool(head[20] & 2)
+
+
+def _with_article(kind: str) -> str:
+    return f"{'an' if kind == IMAGE else 'a'} {kind}"

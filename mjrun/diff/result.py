@@ -1,0 +1,131 @@
+"""What a comparison finds. As JSON (`mjrun diff --json`), these dataclasses are objects with the same keys.
+
+Reports with the same `schema` have these keys, and may have new ones.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+SCHEMA = "mjrun-diff-1"
+
+
+@dataclass(frozen=True)
+class CellDifference:
+    """A number that differs.
+
+    Attributes:
+      row, row_b: of A and of B, counted from 1; in recordings, numbers of states.
+      at: the time of the row [s], or the step of the state; None where rows are aligned by their number.
+      a, b: the numbers, as the shortest texts that read back as the same bits.
+    """
+
+    row: int
+    row_b: int
+    at: float | None
+    a: str
+    b: str
+
+
+@dataclass(frozen=True)
+class ColumnDifference:
+    """How the numbers of one column differ, b − a.
+
+    Attributes:
+      name: of the column.
+      unit: where a file says it; else empty.
+      atol, rtol: the tolerance.
+      differing: in how many rows the difference is beyond the tolerance.
+      maximum: the largest absolute difference; None if it is not finite.
+      rms: the root of the mean square of the differences; None if it is not finite.
+      last: the difference in the last row that both have; None if it is not finite.
+      first: the first number beyond the tolerance; None if there is none.
+      worst: the number with the largest difference of those beyond the tolerance; None if there is none.
+    """
+
+    name: str
+    unit: str
+    atol: float
+    rtol: float
+    differing: int
+    maximum: float | None
+    rms: float | None
+    last: float | None
+    first: CellDifference | None
+    worst: CellDifference | None
+
+
+@dataclass(frozen=True)
+class UnmatchedRows:
+    """Rows that only one of two tables has.
+
+    Attributes:
+      count: how many.
+      first: the number of the first, counted from 1; 0 if there is none.
+      at: its time [s] or step, where rows are aligned by it; else None.
+    """
+
+    count: int
+    first: int
+    at: float | None
+
+
+@dataclass(frozen=True)
+class UnitDifference:
+    """A column whose unit is not the same in both tables.
+
+    Attributes:
+      name: of the column.
+      a, b: its unit in each.
+    """
+
+    name: str
+    a: str
+    b: str
+
+
+@dataclass(frozen=True)
+class TableDifference:
+    """How two tables, or the states of two recordings, differ.
+
+    Attributes:
+      aligned: what tells which rows belong together: `time`, `row` or `step`.
+      rows: how many were compared.
+      rows_a, rows_b: how many each has.
+      only_a, only_b: rows that the other one does not have.
+      columns: that both have, the worst first.
+      columns_only_a, columns_only_b: names of columns that the other one does not have.
+      units: that differ.
+    """
+
+    aligned: str
+    rows: int
+    rows_a: int
+    rows_b: int
+    only_a: UnmatchedRows
+    only_b: UnmatchedRows
+    columns: Sequence[ColumnDifference]
+    columns_only_a: Sequence[str]
+    columns_only_b: Sequence[str]
+    units: Sequence[UnitDifference]
+
+
+@dataclass(frozen=True)
+class DiffResult:
+    """What a comparison finds.
+
+    Attributes:
+      kind: of A and B: `table`, `recording`, `video`, `image` or `model`.
+      a, b: what is compared, as it was named.
+      equal: whether they agree.
+      differences: a sentence for each way in which they do not.
+      table: of tables and recordings, the columns; else None.
+      schema: of this document.
+    """
+
+    kind: str
+    a: str
+    b: str
+    equal: bool
+    differences: Sequence[str]
+    table: TableDifference | None = None
+    schema: str = SCHEMA

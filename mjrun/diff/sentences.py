@@ -1,0 +1,47 @@
+"""What differs, in a sentence each."""
+
+from collections.abc import Iterator, Sequence
+
+from mjrun.diff.result import CellDifference, ColumnDifference, TableDifference, UnmatchedRows
+from mjrun.errors import clean, listing, quoted
+
+
+def table_sentences(table: TableDifference, a: str, b: str) -> list[str]:
+    """What differs between two tables or recordings, which are called `a` and `b`."""
+    return [
+        *_columns_of_one(table.columns_only_a, a),
+        *_columns_of_one(table.columns_only_b, b),
+        *(f"the unit of {quoted(unit.name)} is {clean(unit.a)} in {a}, {clean(unit.b)} in {b}" for unit in table.units),
+        *_rows_of_one(table.only_a, a, table.aligned),
+        *_rows_of_one(table.only_b, b, table.aligned),
+        *(_column(column, table) for column in table.columns if column.first),
+    ]
+
+
+def place(cell: CellDifference, aligned: str) -> str:
+    """Where a number that differs is: `row 207, time 0.412 s`."""
+    if aligned == "step":
+        return f"step {cell.at:.0f}"
+    row = f"row {cell.row}" if cell.row == cell.row_b else f"rows {cell.row} and {cell.row_b}"
+    return row if cell.at is None else f"{row}, time {cell.at!r} s"
+
+
+def _columns_of_one(names: Sequence[str], where: str) -> Iterator[str]:
+    if names:
+        count = "1 column is" if len(names) == 1 else f"{len(names)} columns are"
+        yield f"{count} in {where} only: {listing(names)}"
+
+
+def _rows_of_one(rows: UnmatchedRows, where: str, aligned: str) -> Iterator[str]:
+    if rows.count:
+        count = "1 row is" if rows.count == 1 else f"{rows.count} rows are"
+        at = "" if rows.at is None else f", step {rows.at:.0f}" if aligned == "step" else f", time {rows.at!r} s"
+        which = "" if rows.count == 1 else "the first is "
+        yield f"{count} in {where} only: {which}row {rows.first}{at}"
+
+
+def _column(column: ColumnDifference, table: TableDifference) -> str:
+    assert column.first
+    where = place(column.first, table.aligned)
+    often = f"in {column.differing} of {table.rows} rows, first in" if column.differing > 1 else "in"
+    return f"{clean(column.name)} differs {often} {where}: {column.first.a}, not {column.first.b}"

@@ -1,0 +1,77 @@
+"""When two numbers agree: absolute and relative tolerances, by column."""
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from fnmatch import fnmatchcase
+
+import numpy as np
+
+from mjrun.errors import UnknownNameError, concerning
+
+
+@dataclass(frozen=True)
+class Tolerance:
+    """Numbers agree where |a − b| ≤ atol + rtol·|b|, as in numpy.isclose; with 0 and 0, if their bits are the same.
+
+    NaN agrees with NaN, and what is infinite with itself alone.
+    """
+
+    atol: float = 0.0
+    rtol: float = 0.0
+
+    @property
+    def is_exact(self) -> bool:
+        return self.atol == self.rtol == 0
+
+    def agree(self, a: np.ndarray, b: np.ndarray) -> np.ndarray:
+        """Where `a` and `b`, float64 of one shape, agree."""
+        both_nan = np.isnan(a) & np.isnan(b)
+        if self.is_exact:
+            return (a.view(np.int64) == b.view(np.int64)) | both_nan
+        with np.errstate(invalid="ignore", over="ignore"):
+            near = np.abs(a - b) <= self.atol + self.rtol * np.abs(b)
+        return (a == b) | both_nan | (near & np.isfinite(a) & np.isfinite(b))
+
+
+class Tolerances:
+    """The tolerance of each column.
+
+    Args:
+      default: of columns that no pattern matches.
+      patterns: names with wildcards, each with an absolute tolerance, or an absolute and a relative one; the last one
+        that matches counts.
+    """
+
+    def __init__(self, default: Tolerance, patterns: Mapping[str, Sequence[float]]) -> None:
+        self._default = default
+        self._patterns = [(pattern, Tolerance(*numbers)) for pattern, numbers in patterns.items()]
+
+    def of(self, name: str) -> Tolerance:
+        """The tolerance of the column `name`."""
+        return self._last_match(name, self._default)
+
+    def of_key(self, name: str) -> Tolerance:
+        """The same for a column by which rows are aligned: none, unless a pattern matches it."""
+        return self._last_match(name, Tolerance())
+
+    def require(self, names: Iterable[str]) -> None:
+        """Raises UnknownNameError if a pattern matches none of `names`."""
+        require_matches("tol", [pattern for pattern, _ in self._patterns], names)
+
+    def _last_match(self, name: str, default: Tolerance) -> Tolerance:
+        matching = [tolerance for pattern, tolerance in self._patterns if matches(name, pattern)]
+        return matching[-1] if matching else default
+
+
+def matches(name: str, pattern: str) -> bool:
+    """Whether `pattern`, a name with the wildcards of a shell, matches `name`."""
+    return name == pattern or fnmatchcase(name, pattern)
+
+
+def require_matches(option_name: str, patterns: Iterable[str], names: Iterable[str]) -> None:
+    """Raises UnknownNameError if one of the `patterns` of an option matches none of `names`."""
+    valid = list(names)
+    for pattern in patterns:
+        if not any(matches(name, pattern) for name in valid):
+            with concerning(option_name):
+                raise UnknownNameError("column", pattern, valid)

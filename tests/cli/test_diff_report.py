@@ -1,0 +1,36 @@
+"""What a comparison finds, as text."""
+
+from mjrun.cli.diff_report import annotations, text, verdict
+from mjrun.diff.result import CellDifference, ColumnDifference, DiffResult, TableDifference, UnmatchedRows
+
+NONE = UnmatchedRows(0, 0, None)
+
+
+def column(index: int, differs: bool, atol: float = 0) -> ColumnDifference:
+    cell = CellDifference(index + 1, index + 1, 0.5, "1.0", "2.0") if differs else None
+    return ColumnDifference(f"x{index}", "m", atol, 0, int(differs), float(differs) + atol / 2, 0.5, 0, cell, cell)
+
+
+def result(*columns: ColumnDifference) -> DiffResult:
+    table = TableDifference("time", 9, 9, 9, NONE, NONE, columns, [], [], [])
+    differences = [column.name for column in columns if column.first]
+    return DiffResult("table", "a\x1b.csv", "b.csv", not differences, differences, table)
+
+
+def test_a_verdict_says_how_exact_it_is() -> None:
+    assert verdict(result(column(0, False))) == r"a\x1b.csv and b.csv agree: 9 rows, 1 column, bit for bit"
+    assert verdict(result(column(0, False, 0.5), column(1, False, 0.1))) == (
+        r"a\x1b.csv and b.csv agree: 9 rows, 2 columns, within the tolerance; the largest difference is 0.25, of x0"
+    )
+    assert text(result(column(0, False))) == verdict(result(column(0, False)))
+
+
+def test_many_columns_are_cut_unless_all_are_asked_for() -> None:
+    many = result(*(column(i, i < 40) for i in range(77)))
+    shown = text(many).splitlines()
+    assert len(shown) < 45
+    assert "… 16 more: --verbose lists them" in text(many)
+    assert shown[-1] == "and 37 more columns agree"
+    assert "first difference  row 1, time 0.5 s: x0" in text(many)
+    assert "x39" in text(many, every=True)
+    assert len(list(annotations(many))) == 10

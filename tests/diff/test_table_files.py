@@ -1,0 +1,136 @@
+"""Files of tables: which columns, by which key; beside pandas on whole tables."""
+
+import io
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from mjrun.diff.result import TableDifference
+from mjrun.diff.table_files import compare_tables
+from mjrun.errors import FileError, UnknownNameError, UsageError
+from mjrun.model.column import Column
+from mjrun.options.diff import TableDiffOptions
+from tests.formats.table_files import write
+
+COLUMNS = [Column("time", "s"), Column("qpos/knee", "rad"), Column("qvel/knee", "rad/s"), Column("energy", "J")]
+
+
+def put(folder: Path, name: str, rows: np.ndarray, columns: list[Column] = COLUMNS) -> str:
+    return str(write(folder / name, [rows], columns))
+
+
+def rows(count: int = 50) -> np.ndarray:
+    table = np.random.default_rng(8).standard_normal((count, 4))
+    table[:, 0] = 0.01 * np.arange(count)
+    return table
+
+
+def differing(table: TableDifference) -> list[str]:
+    return [column.name for column in table.columns if column.first]
+
+
+@pytest.mark.parametrize("form", ["csv", "jsonl", "parquet", "feather", "npz", "mat"])
+def test_tables_of_any_two_formats_agree(tmp_path: Path, form: str) -> None:
+    a, b = put(tmp_path, "a.csv", rows()), put(tmp_path, f"b.{form}", rows())
+    table = compare_tables(a, b, TableDiffOptions())
+    assert (table.aligned, table.rows, table.rows_a, table.rows_b) == ("time", 50, 50, 50)
+    assert [column.name for column in table.columns] == ["qpos/knee", "qvel/knee", "energy"]
+    assert differing(table) == []
+    assert [column.unit for column in table.columns] == (
+        [""] * 3 if form in ("csv", "jsonl") else ["rad", "rad/s", "J"]
+    )
+
+
+def test_rows_and_columns_of_one_side_are_told_as_pandas_merges_them(tmp_path: Path) -> None:
+    one, other = rows(60), rows(60)
+    one, other = np.delete(one, [3, 40, 41], axis=0), np.delete(other, [0, 40, 59], axis=0)
+    other[:, 2] += 1e-3
+    a = put(tmp_path, "a.npz", one)
+    b = put(tmp_path, "b.csv", other[:, [2, 0, 1]], [Column("qvel/knee"), Column("time"), Column("qpos/x")])
+    table = compare_tables(a, b, TableDiffOptions())
+    merged = pd.merge(pd.DataFrame(one[:, :3]), pd.DataFrame(other[:, :3]), on=0, how="outer", indicator=True)
+    count = merged["_merge"].value_counts()
+    assert (table.rows, table.only_a.count, table.only_b.count) == (
+        count["both"],
+        count["left_only"],
+        count["right_only"],
+    )
+    assert (table.only_a.first, table.only_a.at) == (1, 0.0)
+    assert (table.only_b.first, table.only_b.at) == (3, other[2, 0])
+    assert (table.columns_only_a, table.columns_only_b) == (["qpos/knee", "energy"], ["qpos/x"])
+    assert [column.name for column in table.columns] == ["qvel/knee"]
+    error = merged["2_y"] - merged["2_x"]
+    assert table.columns[0].maximum == error.abs().max()
+    assert table.columns[0].rms == pytest.approx(np.sqrt((error**2).mean()))
+    assert table.columns[0].differing == count["both"]
+
+
+def test_tolerances_are_those_of_the_column(tmp_path: Path) -> None:
+    a, b = put(tmp_path, "a.csv", rows()), put(tmp_path, "b.csv", rows() + np.array([0, 1e-4, 1e-4, 1e-4]))
+    assert differing(compare_tables(a, b, TableDiffOptions(atol=1e-5))) == ["qpos/knee", "qvel/knee", "energy"]
+    options = TableDiffOptions(atol=1e-5, tol={"*/knee": 2e-4, "qvel/*": [0, 0]})
+    assert differing(compare_tables(a, b, options)) == ["qvel/knee", "energy"]
+    assert differing(compare_tables(a, b, TableDiffOptions(columns="q*", tol={"*": 1}))) == []
+    with pytest.raises(UnknownNameError, match="no column 'qfrc/\\*'"):
+        compare_tables(a, b, TableDiffOptions(tol={"qfrc/*": 1}))
+
+
+def test_times_agree_within_their_own_tolerance_only(tmp_path: Path) -> None:
+    a, b = put(tmp_path, "a.csv", rows()), put(tmp_path, "b.csv", rows() + np.array([1e-9, 0, 0, 0]))
+    assert compare_tables(a, b, TableDiffOptions(atol=1)).only_a.count == 50
+    table = compare_tables(a, b, TableDiffOptions(tol={"time": 1e-8}))
+    assert (table.rows, table.only_a.count, differing(table)) == (50, 0, [])
+    table = compare_tables(a, b, TableDiffOptions(align="row"))
+    assert (table.aligned, table.rows, differing(table)) == ("row", 50, ["time"])
+
+
+def test_a_unit_that_is_another_is_told_where_both_say_it(tmp_path: Path) -> None:
+    a = put(tmp_path, "a.npz", rows())
+    b = put(tmp_path, "b.mat", rows(), [COLUMNS[0], Column("qpos/knee", "deg"), Column("qvel/knee"), COLUMNS[3]])
+    table = compare_tables(a, b, TableDiffOptions())
+    assert [(unit.name, unit.a, unit.b) for unit in table.units] == [("qpos/knee", "rad", "deg")]
+
+
+def test_standard_input_may_be_either(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    a = put(tmp_path, "a.parquet", rows())
+    text = Path(put(tmp_path, "b.csv", rows() + np.array([0, 0, 0, 1]))).read_bytes()
+    for pair in ((a, "-"), ("-", a)):
+        monkeypatch.setattr("sys.stdin", io.TextIOWrapper(io.BytesIO(text)))
+        assert differing(compare_tables(*pair, TableDiffOptions())) == ["energy"]
+    with pytest.raises(UsageError, match="only one of the two can come from standard input"):
+        compare_tables("-", "-", TableDiffOptions())
+
+
+@pytest.mark.parametrize(
+    ("a", "b", "options", "kind", "message"),
+    [
+        ("time,x\n0,1\n", "time,y\n0,1\n", {}, UsageError, "the tables have no columns in common but time\n"),
+        ("x\n1\n", "y\n1\n", {}, UsageError, "the tables have no columns in common\n.*a.csv: x\n.*b.csv: y"),
+        ("x,y\n1,1\n", "y,z\n1,1\n", {"columns": ["x"]}, UsageError, "no columns that columns chooses in common\n"),
+        ("x\n1\n", "x\n1\n", {"columns": ["q*"]}, UnknownNameError, "no column 'q\\*'"),
+        ("x\n1\n", "x\n1\n", {"align": "time"}, UsageError, "align time: only a table with a column 'time'"),
+        ("time,x\n", "time,x\n0,1\n", {}, FileError, "a.csv: has no rows"),
+        ("time,x\n0,1\n", "time,x\n1,2\n0,3\n", {}, FileError, "b.csv: row 2: time 0 follows 1.*\nalign row"),
+        ("time,x\n0,1\n", "time,x\n0,one\n", {}, FileError, "b.csv:2: column 'x': 'one' is not a number"),
+        ("time,x,x\n0,1,1\n", "time,x\n0,1\n", {}, FileError, "a.csv: two columns are called 'x'"),
+        ("time,x\n0,1\n", "time,x,x\n0,1,1\n", {}, FileError, "b.csv: two columns are called 'x'"),
+        ("time,x\n0,1\n", "time,x\n0\n", {}, FileError, "b.csv:2: expected 2 cells"),
+        ("", "time,x\n0\n", {}, FileError, "a.csv: is empty"),
+    ],
+)
+def test_what_cannot_be_compared_is_told(
+    tmp_path: Path, a: str, b: str, options: dict[str, object], kind: type[Exception], message: str
+) -> None:
+    for name, content in (("a.csv", a), ("b.csv", b)):
+        (tmp_path / name).write_text(content)
+    with pytest.raises(kind, match=message):
+        compare_tables(str(tmp_path / "a.csv"), str(tmp_path / "b.csv"), TableDiffOptions(**options))  # type: ignore[arg-type]
+
+
+def test_columns_of_text_may_be_there_if_they_are_not_compared(tmp_path: Path) -> None:
+    for name in ("a.csv", "b.csv"):
+        (tmp_path / name).write_text("time,note,x\n0,begin,1\n1,end,2\n")
+    pair = str(tmp_path / "a.csv"), str(tmp_path / "b.csv")
+    assert differing(compare_tables(*pair, TableDiffOptions(columns="x"))) == []

@@ -1,0 +1,29 @@
+"""Options of comparisons."""
+
+import pytest
+
+from mjrun.errors import BadValueError
+from mjrun.options.diff import ColumnTolerances, DiffOptions
+from mjrun.options.kinds import ExpectedError
+
+
+def test_a_tolerance_is_absolute_or_absolute_and_relative() -> None:
+    kind = ColumnTolerances()
+    assert kind.parse("qvel/*=1e-6") == ("qvel/*", (1e-6,))
+    assert kind.parse("a=b=0,1e-3") == ("a=b", (0.0, 1e-3))
+    assert kind({"x": 1, "y": [1, 2]}) == {"x": (1.0,), "y": (1.0, 2.0)}
+
+
+@pytest.mark.parametrize("text", ["x", "x=", "=1", "x=one", "x=-1", "x=1,2,3", "x=nan", "x=1,inf"])
+def test_what_is_no_tolerance_is_refused(text: str) -> None:
+    with pytest.raises(ExpectedError):
+        ColumnTolerances().parse(text)
+
+
+def test_limits_are_numbers_in_their_ranges() -> None:
+    assert DiffOptions(atol=1, columns="q*").columns == ("q*",)
+    for bad in ({"atol": -1}, {"rtol": float("nan")}, {"align": "step"}, {"min_ssim": 2}, {"max_changed": 1.5}):
+        with pytest.raises(BadValueError):
+            DiffOptions(**bad)  # type: ignore[arg-type]
+    with pytest.raises(BadValueError, match=r"tol: .* is not an absolute tolerance"):
+        DiffOptions(tol={"x": [1, 2, 3]})
