@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, TypeVar, cast
 import click
 
 from mjrun.cli.console import Console, flag
-from mjrun.options.kinds import AnyKind, Choice, ExpectedError, Flag, Optional, Settings, Several, Values
+from mjrun.options.kinds import AnyKind, Choice, ColumnMap, ExpectedError, Flag, Optional, Settings, Several, Values
 from mjrun.options.messages import MessageOptions
 from mjrun.options.option import FrontEnd, Option, Options, options_of
 
@@ -216,7 +216,7 @@ def _help(declared: Option) -> str:
 
 def is_repeatable(declared: Option) -> bool:
     """Whether a command line can have the option more than once."""
-    return isinstance(_given_kind(declared), Several | Settings | Values)
+    return isinstance(_given_kind(declared), Several | Settings | Values | ColumnMap)
 
 
 def _repeated_kind(kind: AnyKind) -> AnyKind:

@@ -27,13 +27,13 @@ from mjrun.document.field_types import Exact, Instant, Numbers, Several, Size, a
 from mjrun.document.inline_values import InlineCamera, InlineGhost, InlinePush, PushText, ghost_text
 from mjrun.document.output_folder import OutputFolder, OutputPath
 from mjrun.document.reader import SUFFIXES
-from mjrun.errors import concerning
+from mjrun.errors import BadValueError, concerning, option
 from mjrun.formats.format_lists import with_formats
 from mjrun.job.view import check_segmentation_name
 from mjrun.model.sources import is_file
 from mjrun.options import kinds as option_kinds
 from mjrun.options.kinds import ExpectedError, Kind, setting_text
-from mjrun.options.option import FrontEnd, Option, Options, exclusions_of, options_of
+from mjrun.options.option import Exclusion, FrontEnd, Option, Options, exclusions_of, options_of
 from mjrun.options.push import PushKind
 from mjrun.rendering.segmentation import groupings
 from mjrun.rendering.visual import Visual, flags, frames, labels
@@ -69,7 +69,9 @@ class OptionsModel(DocumentModel):
     @classmethod
     def cross_field_errors(cls, values: Mapping[str, Any]) -> Iterator[tuple[Location, str]]:
         for exclusion in exclusions_of(cls.declared):
-            if all(_is_set(values.get(name)) for name in exclusion.names):
+            if exclusion.applies(_condition(cls.declared, exclusion, values)) and all(
+                _is_set(values.get(name)) for name in exclusion.names
+            ):
                 yield (exclusion.names[1],), exclusion.message(str)
 
 
@@ -101,6 +103,13 @@ def document_options(declared: type[Options]) -> list[Option]:
 def is_always_written(each: Option) -> bool:
     """Whether a document must say something: it has no standard output."""
     return each.is_required or each.name == "output"
+
+
+def _condition(declared: type[Options], exclusion: Exclusion, values: Mapping[str, Any]) -> object:
+    """The value of the option that an exclusion depends on."""
+    name = exclusion.when[0] if exclusion.when else ""
+    defaults = {each.name: each.default for each in options_of(declared)}
+    return values.get(name, defaults.get(name))
 
 
 def _is_set(value: object) -> bool:
@@ -165,6 +174,10 @@ FIELD_TYPES: dict[type[AnyKind], Any] = {
     option_kinds.Range: Annotated[tuple[float, float], Strict(False), BeforeValidator(of_length(2, "numbers"))],
     option_kinds.Values: dict[str, Numbers],
     option_kinds.Settings: dict[str, SettingText],
+    option_kinds.ColumnMap: Annotated[
+        Annotated[Name, Tag(TEXT)] | Annotated[list[Name], Tag(LIST)] | Annotated[dict[str, SettingText], Tag(MAPPING)],
+        by_type("a mapping of columns to expressions, a list of COLUMN=EXPRESSION, or @FILE", TEXT, LIST, MAPPING),
+    ],
     option_kinds.Processes: Annotated[
         Annotated[Annotated[int, Field(gt=0)], Tag(NUMBER)] | Annotated[Literal["auto"], Tag(TEXT)],
         by_type("a number of processes, or auto", NUMBER, TEXT),
@@ -238,6 +251,8 @@ def _converted(kind: AnyKind, value: Any, folders: Folders) -> Any:
             return ghost_text(value, folders.input)
         case PushKind():
             return value.push() if isinstance(value, InlinePush) else kind(value)
+        case option_kinds.ColumnMap():
+            return _map_texts(kind, value, folders)
         case option_kinds.Camera() if isinstance(value, InlineCamera):
             return value.script(value.name)
         case option_kinds.Camera() if isinstance(value, str) and Path(value).suffix.lower() in SUFFIXES:
@@ -246,3 +261,12 @@ def _converted(kind: AnyKind, value: Any, folders: Folders) -> Any:
             return value.event()
         case _:
             return value
+
+
+def _map_texts(kind: option_kinds.ColumnMap, value: Any, folders: Folders) -> tuple[str, ...]:
+    """The texts of a map, its files as they are from here."""
+    try:
+        texts = kind(value)
+    except ExpectedError as error:
+        raise BadValueError(option("map"), value if error.part is None else error.part, error.expected) from None
+    return tuple(f"@{folders.input(text[1:])}" if text.startswith("@") else text for text in texts)

@@ -277,7 +277,10 @@ def _plan(
     with _UsageErrors(jobs) as errors:
         model = errors.collect(None, simulation.load)
     assert model
-    context = Context(simulation, model, simulation.timeline(model), reporter)
+    with _UsageErrors(jobs) as errors:
+        timeline = errors.collect(None, lambda: simulation.timeline(model))
+    assert timeline
+    context = Context(simulation, model, timeline, reporter)
     with _UsageErrors(jobs) as errors:
         plans = [plan for i, task in enumerate(tasks) if (plan := errors.collect(i, partial(task.plan, context)))]
         stepper = errors.collect(None, lambda: simulation.stepper(_measured(model, plans)))

@@ -1,5 +1,6 @@
 """A simulation as a value: which model, from where, with what, for how long."""
 
+from collections.abc import Sequence
 from dataclasses import field, replace
 from fractions import Fraction
 from functools import cached_property
@@ -11,21 +12,25 @@ import mujoco
 from mjrun.errors import UsageError, clean, concerning, listing, option
 from mjrun.formats.recording_reader import RecordingReader
 from mjrun.formats.table_reader import read_table
-from mjrun.model import known_bugs
+from mjrun.job.column_map import map_files
+from mjrun.job.motion_table import MotionReading, is_recording
+from mjrun.model import known_bugs, state
 from mjrun.model.fingerprint import physics_fingerprint
 from mjrun.model.names import control_names, control_slices
 from mjrun.model.override import overrides_of
 from mjrun.model.source import Source
 from mjrun.model.sources import ModelLike, source_of
-from mjrun.options.option import options
-from mjrun.options.simulation import SimulationOptions
+from mjrun.options.option import Exclusion, is_given, options
+from mjrun.options.simulation import CONTROLS, START, SimulationOptions
 from mjrun.sim.control import ControlSignal
 from mjrun.sim.control_noise import ControlNoise
 from mjrun.sim.control_table import PREFIX, ControlTable
 from mjrun.sim.controller import PeriodicController
 from mjrun.sim.initial_state import InitialState
+from mjrun.sim.motion import Motion
+from mjrun.sim.motion_samples import Interpolation
 from mjrun.sim.push_forces import PushForces
-from mjrun.sim.replay import ReplayStepper
+from mjrun.sim.replay import RecordedControls, ReplayStepper, require_model, require_timestep
 from mjrun.sim.stepper import PhysicsStepper, Stepper
 from mjrun.timeline import Timeline, rational
 
@@ -68,8 +73,10 @@ class Simulation(SimulationOptions):
     def inputs(self) -> list[tuple[str, Path]]:
         """The files that it reads, with what they are, as far as that is known without reading them."""
         model_files = zip(chain(["model"], repeat("file of the model")), self.source.files, strict=False)
-        tables = (("table of controls", self.ctrl_from), ("recording", self.replay))
-        return [*model_files, *((what, Path(file)) for what, file in tables if file is not None)]
+        replay = "table" if self.replay is not None and not is_recording(Path(self.replay)) else "recording"
+        tables = (("table of controls", self.ctrl_from), (replay, self.replay))
+        maps = (("file of columns", file) for file in map_files(self.map))
+        return [*model_files, *((what, Path(file)) for what, file in (*tables, *maps) if file is not None)]
 
     def load(self) -> mujoco.MjModel:
         """The compiled model."""
@@ -81,7 +88,7 @@ class Simulation(SimulationOptions):
         if self.steps is not None:
             return Timeline.of_steps(timestep, self.steps)
         if self.duration is None and self.replay is not None:
-            return Timeline.of_steps(timestep, int(self._recorded.steps[-1]))
+            return Timeline.of_steps(timestep, int(self.replayed(model).steps[-1]))
         return Timeline.lasting(timestep, self.duration or DURATION)
 
     def stepper(self, model: mujoco.MjModel) -> Stepper:
@@ -92,43 +99,121 @@ class Simulation(SimulationOptions):
           FileError: a recording or a table cannot be read.
         """
         if self.replay is not None:
-            with concerning("replay"):
-                stepper = ReplayStepper(model, self._recorded, self._recorded.facts.get("sizes"))
-                stepper.require([self.timeline(model).steps])
-                return stepper
+            return self._replay_controls(model) if self.replay_mode == CONTROLS else self._replay_states(model)
+        if self.map and not self._motions:  # no ghost has taken it either
+            raise UsageError(f"{option('map')} says what a table means; there is none to {option('replay')}")
         data = self.start.data(model)
         timestep = rational(model.opt.timestep)
-        noise = table = controller = None
+        table = controller = None
         if self.ctrl_from is not None:
             with concerning("ctrl_from"):
                 table = self._table(model)
-        if self.ctrl_noise:
-            noise = ControlNoise(self.ctrl_noise, self.ctrl_noise_time, self.seed, model.opt.timestep, model.nu)
         if self.controller is not None:
             period = self.control_dt or timestep
             controller = PeriodicController(self.controller, period, timestep)
-        control = ControlSignal(timestep, data.ctrl.copy(), table, noise, controller)
+        control = ControlSignal(timestep, data.ctrl.copy(), table, self._noise(model), controller)
         return PhysicsStepper(model, data, control, PushForces(model, self.push, timestep))
 
     def remarks(self, model: mujoco.MjModel) -> list[str]:
         """What the user should know of this simulation before it runs."""
-        other = []
-        if (
-            self.replay is not None
-            and self._recorded.facts.get("physics", physics := physics_fingerprint(model)) != physics
-        ):
-            other = [
-                "the recording was made with other physics: positions are as recorded, "
-                "forces and energies are what this model makes of them"
-            ]
         pushes = PushForces(model, self.push, rational(model.opt.timestep)).remarks(self.timeline(model).steps)
-        return [*known_bugs.bugs_of_model(model), *self.start.remarks(model), *pushes, *other]
+        replay = self._replay_remarks(model)
+        return [*known_bugs.bugs_of_model(model), *self.start.remarks(model), *pushes, *replay]
+
+    def replayed(self, model: mujoco.MjModel) -> RecordingReader | Motion:
+        """What is replayed: a recording, or a table as a motion of `model`; opened once, and all of it checked then.
+
+        Raises:
+          UsageError: a recording and a start of its own; a table that is no motion of `model`.
+          FileError: it cannot be read.
+        """
+        assert self.replay is not None
+        path = Path(self.replay)
+        if not is_recording(path):
+            try:
+                return self.motion(path, model)
+            except UsageError as error:
+                if error.path[:1] != ("map",) or len(error.path) == 1:  # a hint, not a fault of the map
+                    error.path = ("replay",)
+                raise
+        for name in (*START, "map", "replay_rate"):
+            if is_given(self, name):
+                raise UsageError(Exclusion(("replay", name), "a recording holds all of the state").message(), (name,))
+        return self._recording
+
+    def motion(self, path: Path, model: mujoco.MjModel, texts: Sequence[str] | None = None) -> Motion:
+        """The motion of `model` in a table, read once; what it lacks is as this simulation starts.
+
+        Args:
+          texts: the map, instead of the simulation's own.
+
+        Raises:
+          UsageError: the table is no motion of `model`.
+          FileError: it cannot be read.
+        """
+        texts = self.map if texts is None else texts
+        key = (path, tuple(texts), model.opt.timestep, *state.sizes(model).values())
+        if key not in self._motions:
+            hold, hold_controls = self.replay_interpolation == "hold", self.ctrl_interpolation == "hold"
+            interpolation = Interpolation(hold, hold_controls, self.replay_unwrap)
+            reading = MotionReading(texts, self.quat, self.replay_rate, interpolation)
+            self._motions[key] = reading.read(path, model, self.start.data(model))
+        return self._motions[key]
 
     @cached_property
-    def _recorded(self) -> RecordingReader:
-        """What is replayed, opened once: all of it is checked then."""
-        assert self.replay is not None
-        return RecordingReader(self.replay)
+    def _recording(self) -> RecordingReader:
+        return RecordingReader(str(self.replay))
+
+    @cached_property
+    def _motions(self) -> dict[tuple[object, ...], Motion]:
+        """The motions that were read."""
+        return {}
+
+    def _replay_states(self, model: mujoco.MjModel) -> ReplayStepper:
+        states = self.replayed(model)
+        with concerning("replay"):
+            if isinstance(states, RecordingReader):
+                stepper = ReplayStepper(model, states, states.facts.get("sizes"))
+            else:
+                stepper = ReplayStepper(model, states, source="table")
+            stepper.require([self.timeline(model).steps])
+            return stepper
+
+    def _replay_controls(self, model: mujoco.MjModel) -> PhysicsStepper:
+        """Physics from the first state on, under the controls that were recorded."""
+        states = self.replayed(model)
+        with concerning("replay"):
+            if isinstance(states, RecordingReader):
+                require_model(model, states, states.facts.get("sizes"))
+                require_timestep(model, states)
+            elif not states.has_controls:
+                expected = listing([f"{PREFIX}{name}" for name in control_names(model)]) or "nothing: no actuators"
+                raise UsageError(f"{clean(str(self.replay))} has no controls to replay; the model takes {expected}")
+        data = mujoco.MjData(model)
+        state.restore(model, data, states.state(0))
+        timestep = rational(model.opt.timestep)
+        controls = RecordedControls(states, state.controls(model))
+        control = ControlSignal(timestep, data.ctrl.copy(), controls, self._noise(model))
+        return PhysicsStepper(model, data, control, PushForces(model, self.push, timestep))
+
+    def _replay_remarks(self, model: mujoco.MjModel) -> list[str]:
+        if self.replay is None:
+            return []
+        states = self.replayed(model)
+        if isinstance(states, Motion):
+            derived = "forces and energies are what this model makes of the positions in the table"
+            return [*states.remarks, *([derived] if self.replay_mode != CONTROLS else [])]
+        if states.facts.get("physics", physics := physics_fingerprint(model)) == physics:
+            return []
+        return [
+            "the recording was made with other physics: positions are as recorded, "
+            "forces and energies are what this model makes of them"
+        ]
+
+    def _noise(self, model: mujoco.MjModel) -> ControlNoise | None:
+        if not self.ctrl_noise:
+            return None
+        return ControlNoise(self.ctrl_noise, self.ctrl_noise_time, self.seed, model.opt.timestep, model.nu)
 
     def _table(self, model: mujoco.MjModel) -> ControlTable:
         path = Path(str(self.ctrl_from))

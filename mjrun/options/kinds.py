@@ -426,6 +426,38 @@ class Settings(Kind[Mapping[str, object] | Sequence[tuple[str, object]], tuple[t
         return dict(value)
 
 
+class ColumnMap(Kind[str | PathLike[str] | Mapping[str, object] | Sequence[str], tuple[str, ...]]):
+    """What columns mean, in texts `COLUMN=EXPRESSION`, or `@FILE` for a file of such lines."""
+
+    metavar = "COLUMN=EXPRESSION"
+    expected = "COLUMN=EXPRESSION, as in qpos/knee=knee_deg*pi/180, or @FILE"
+
+    def __call__(self, value: str | PathLike[str] | Mapping[str, object] | Sequence[str]) -> tuple[str, ...]:
+        match value:
+            case str():
+                return (self.parse(value),)
+            case PathLike():
+                return (f"@{fspath(cast('PathLike[str]', value))}",)
+            case Mapping():
+                pairs = cast("Mapping[str, object]", value).items()
+                return tuple(self.parse(f"{column}={_expression(of)}") for column, of in pairs)
+            case _:
+                return tuple(map(self.parse, value))
+
+    def parse(self, text: str) -> str:
+        """One of the texts."""
+        column, equals, of = text.partition("=") if isinstance(text, str) else ("", "", "")
+        if not (equals and column.strip() and of.strip()) and not (text[:1] == "@" and text[1:]):
+            raise ExpectedError(self.expected)
+        return text
+
+    def plain(self, value: tuple[str, ...]) -> object:
+        pairs = [tuple(part.strip() for part in text.split("=", 1)) for text in value if not text.startswith("@")]
+        if value and len({column for column, *_ in pairs}) == len(value):
+            return dict(pairs)
+        return value[0] if len(value) == 1 else [*value]
+
+
 class ScanValues(Settings):
     """The values that settings take, in one text each: separated by commas, or semicolons where values have commas."""
 
@@ -536,6 +568,13 @@ def _float(value: float | str) -> float:
         return float(value)
     except (TypeError, ValueError):
         return math.nan
+
+
+def _expression(value: object) -> str:
+    """What gives a column, as text: an expression, or a number."""
+    if isinstance(value, bool) or not isinstance(value, (str, int, float)):
+        raise ExpectedError("an expression or a number", str(value))
+    return str(value)
 
 
 def _numbers(value: float | Iterable[float]) -> Numbers:

@@ -61,10 +61,19 @@ class Option:
 
 @dataclass(frozen=True)
 class Exclusion:
-    """Options that cannot both be given, and why: "both say how long"."""
+    """Options that cannot both be given, and why: "both say how long".
+
+    Attributes:
+      when: an option and its value without which they can, if there is one.
+    """
 
     names: tuple[str, str]
     reason: str
+    when: tuple[str, object] | None = None
+
+    def applies(self, value: object) -> bool:
+        """Whether it holds, given the value of the option in `when`."""
+        return self.when is None or value == self.when[1]
 
     def message(self, spelling: Callable[[str], str] = mention) -> str:
         """The sentence."""
@@ -131,7 +140,8 @@ class Options:
                 wrong = _shown(value) if error.part is None else error.part
                 raise BadValueError(mention(each.name), wrong, error.expected) from None
         for exclusion in exclusions_of(type(self)):
-            if all(is_given(self, name) for name in exclusion.names):
+            condition = exclusion.when and getattr(self, exclusion.when[0])
+            if exclusion.applies(condition) and all(is_given(self, name) for name in exclusion.names):
                 raise UsageError(exclusion.message(), path=(exclusion.names[1],))
 
 

@@ -6,8 +6,10 @@ from typing import ClassVar
 
 from mjrun.options.kinds import (
     Choice,
+    ColumnMap,
     ExactNumber,
     File,
+    Flag,
     Integer,
     Key,
     Numbers,
@@ -22,9 +24,14 @@ from mjrun.options.option import Exclusion, FrontEnd, Options, option, options
 from mjrun.options.push import Push, PushKind
 
 INTERPOLATIONS = ("hold", "linear")
-# What physics alone uses; a replay goes through recorded states instead.
 NO_VALUES: dict[str, Numbers] = {}
-PHYSICS = ("key", "qpos", "qvel", "ctrl", "ctrl_from", "ctrl_noise", "controller", "push", "perturb")
+STATES, CONTROLS = REPLAY_MODES = ("states", "controls")
+QUATERNION_ORDERS = ("wxyz", "xyzw")
+# What a replay excludes: what drives a simulation otherwise; what acts on physics alone, where there is none; and the
+# start, but of what a table lacks.
+DRIVERS = ("ctrl_from", "controller", "perturb")
+PHYSICS = ("ctrl_noise", "push")
+START = ("key", "qpos", "qvel", "ctrl")
 
 
 @options
@@ -57,7 +64,11 @@ class SimulationOptions(ControllerOptions, ModelOptions):
     exclusions: ClassVar[tuple[Exclusion, ...]] = (
         Exclusion(("duration", "steps"), "both say how long"),
         Exclusion(("controller", "ctrl_from"), "both drive the actuators"),
-        *(Exclusion(("replay", name), "a replay goes through recorded states, without physics") for name in PHYSICS),
+        *(Exclusion(("replay", name), "a replay is driven by what is replayed") for name in DRIVERS),
+        *(
+            Exclusion(("replay", name), "a replay of states goes without physics", when=("replay_mode", STATES))
+            for name in PHYSICS
+        ),
     )
 
     key: str | None = option(
@@ -103,7 +114,40 @@ class SimulationOptions(ControllerOptions, ModelOptions):
     replay: str | None = option(
         converter=Optional(File()),
         default=None,
-        help="A recording (.npz) whose states are replayed instead of simulated.",
+        help="A recording (.npz) whose states are replayed instead of simulated, or a table of joint positions over "
+        "time, with columns such as qpos/hip: motion capture, a log, another simulator's output.",
+    )
+    replay_mode: str = option(
+        converter=Choice(REPLAY_MODES),
+        default=STATES,
+        help="Replay the states; or the controls alone, with physics, from the first state on.",
+    )
+    replay_rate: Fraction | None = option(
+        converter=Optional(ExactNumber("HZ")),
+        default=None,
+        usual="by its column time",
+        help="Rows per second of a table without times [Hz].",
+    )
+    replay_interpolation: str = option(
+        converter=Choice(INTERPOLATIONS),
+        default="linear",
+        help="How positions go on between the rows of a table and over gaps in it; quaternions along an arc.",
+    )
+    replay_unwrap: bool = option(
+        converter=Flag(),
+        default=False,
+        help="Take hinge angles that jump by more than half a turn from row to row to go on turning.",
+    )
+    map: tuple[str, ...] = option(
+        converter=ColumnMap(),
+        default=(),
+        help="What the columns of a table mean that is replayed or that a ghost follows: our column, and an expression "
+        "over the table's: time=t, 'qpos/knee=knee_deg*pi/180', qpos/root=pelvis. @FILE is a file of such lines.",
+    )
+    quat: str = option(
+        converter=Choice(QUATERNION_ORDERS),
+        default="wxyz",
+        help="The order of quaternions whose components such a table numbers instead of naming them qw … qz.",
     )
     perturb: float = option(
         converter=Real(metavar="STD"),

@@ -5,14 +5,22 @@ Controls belong to an instant: those set at step k act from step k to k + 1, and
 
 from dataclasses import dataclass
 from fractions import Fraction
+from typing import Protocol
 
 import numpy as np
 
 from mjrun.sim.control_noise import ControlNoise
-from mjrun.sim.control_table import ControlArray, ControlTable
 from mjrun.sim.controller import PeriodicController
 
 NEVER = 2**62  # a step that no simulation reaches
+
+
+class KnownControls(Protocol):
+    """Controls that are known beforehand."""
+
+    def apply(self, ctrl: np.ndarray, first: int, timestep: Fraction) -> None:
+        """Puts the controls of the steps from `first` on into `ctrl` `(n, nu)`, as far as they are known."""
+        ...
 
 
 @dataclass
@@ -27,7 +35,7 @@ class ControlSignal:
 
     timestep: Fraction
     constant: np.ndarray
-    table: ControlTable | ControlArray | None = None
+    table: KnownControls | None = None
     noise: ControlNoise | None = None
     controller: PeriodicController | None = None
 

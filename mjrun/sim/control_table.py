@@ -8,10 +8,10 @@ import numpy as np
 
 from mjrun.errors import UnknownNameError, UsageError, clean, listing, option
 from mjrun.model.names import control_names
+from mjrun.sim.table_times import SLACK, require_times
 from mjrun.timeline import seconds
 
 PREFIX = "ctrl/"  # of a table's columns
-SLACK = 1e-3  # of a timestep: a table's times may be sums of floats
 
 
 class ControlTable:
@@ -81,15 +81,7 @@ def _times(columns: Mapping[str, np.ndarray], source: str) -> np.ndarray:
             f"{clean(source)} has no column 'time'\nit takes 'time' in seconds, and ctrl/ACTUATOR for each"
         )
     time = columns["time"]
-    if not len(time):
-        raise UsageError(f"{clean(source)} has no rows")
-    bad = np.flatnonzero(~np.isfinite(time))
-    if len(bad):
-        raise UsageError(f"{clean(source)}, row {bad[0] + 1}: time is {time[bad[0]]}, and must be finite")
-    bad = np.flatnonzero(np.diff(time) <= 0)
-    if len(bad):
-        before, after = time[bad[0]], time[bad[0] + 1]
-        raise UsageError(f"{clean(source)}, row {bad[0] + 2}: time {after:.9g} follows {before:.9g}, and must grow")
+    require_times(time, source)
     if time[0] > 0:
         raise UsageError(f"{clean(source)} begins at {time[0]:.9g} s, and does not say what the controls are from 0 on")
     return time

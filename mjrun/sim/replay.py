@@ -2,6 +2,7 @@
 
 import copy
 import math
+from bisect import bisect_left, bisect_right
 from collections.abc import Mapping, Sequence
 from fractions import Fraction
 from typing import Any, Protocol
@@ -23,7 +24,7 @@ class RecordedStates(Protocol):
     """Recorded integration states."""
 
     @property
-    def steps(self) -> np.ndarray:
+    def steps(self) -> np.ndarray | range:
         """The step of each state, `(n,)` integers, n ≥ 1, ascending from 0."""
         ...
 
@@ -47,14 +48,22 @@ class ReplayStepper:
 
     Args:
       sizes: the `sizes` of the model that was recorded, if it is known.
+      source: what messages call what the states come from.
 
     Raises:
       UsageError: the recording is of another model, or of another timestep.
     """
 
-    def __init__(self, model: mujoco.MjModel, states: RecordedStates, sizes: Mapping[str, Any] | None = None) -> None:
+    def __init__(
+        self,
+        model: mujoco.MjModel,
+        states: RecordedStates,
+        sizes: Mapping[str, Any] | None = None,
+        source: str = "recording",
+    ) -> None:
         require_model(model, states, sizes)
         require_timestep(model, states)
+        self._source = source
         self.model = copy.copy(model)
         self.step = 0
         self._states, self._steps = states, states.steps
@@ -68,10 +77,8 @@ class ReplayStepper:
 
     def require(self, steps: Sequence[int]) -> None:
         """Raises UsageError unless all of `steps` are recorded; the message is about the first that is not."""
-        wanted = np.asarray(steps, np.int64)
-        missing = ~np.isin(wanted, self._steps)
-        if missing.any():
-            self._find(int(wanted[missing.argmax()]))
+        for step in steps:
+            self._find(step)
 
     def advance(self, step: int) -> None:
         """Moves forward to `step`, which must not lie behind.
@@ -126,23 +133,35 @@ class ReplayStepper:
     def _find(self, step: int) -> int:
         """The index of the state at `step`."""
         steps = self._steps
-        index = int(np.searchsorted(steps, step))
+        index = bisect_left(steps, step)
         if index == len(steps):
             last = int(steps[-1])
             raise UsageError(
-                f"the recording ends at {self._place(last)}: there is no {self._place(step)} in it\n"
+                f"the {self._source} ends at {self._place(last)}: there is no {self._place(step)} in it\n"
                 f"ask for step {last} or an earlier one"
             )
         if steps[index] != step:
             before = f"{self._place(int(steps[index - 1]))}, and "
             raise UsageError(
-                f"{self._place(step)} is not in the recording\n"
+                f"{self._place(step)} is not in the {self._source}\n"
                 f"the nearest that are: {before if index else ''}{self._place(int(steps[index]))}"
             )
         return index
 
     def _place(self, step: int) -> str:
         return f"step {step}, time {float(step * self._timestep):.9g} s"
+
+
+class RecordedControls:
+    """The controls of recorded states, which stand at `part` of each; the last ones hold to the end."""
+
+    def __init__(self, states: RecordedStates, part: slice) -> None:
+        self._states, self._part = states, part
+
+    def apply(self, ctrl: np.ndarray, first: int, timestep: Fraction) -> None:
+        """Puts the controls of the steps from `first` on into `ctrl` `(n, nu)`."""
+        for index in range(len(ctrl)):
+            ctrl[index] = self._states.state(bisect_right(self._states.steps, first + index) - 1)[self._part]
 
 
 def require_model(model: mujoco.MjModel, states: RecordedStates, recorded: Mapping[str, Any] | None = None) -> None:
@@ -185,7 +204,7 @@ def states_at(states: RecordedStates, timestep: Fraction, times: Sequence[float 
     rows: list[np.ndarray] = []
     before, steps = -1, states.steps
     for time in times:
-        index = max(0, int(np.searchsorted(steps, _step(time, timestep), side="right")) - 1)
+        index = max(0, bisect_right(steps, _step(time, timestep)) - 1)
         rows.append(rows[-1] if index == before else states.state(index))
         before = index
     return rows

@@ -1,0 +1,87 @@
+"""A table of positions in time as the states of a model."""
+
+import zipfile
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from fractions import Fraction
+from pathlib import Path
+
+import mujoco
+import numpy as np
+
+from mjrun.errors import UsageError, clean, option
+from mjrun.formats.table_reader import read_table
+from mjrun.job.column_map import ColumnMap, column_map, time_hint
+from mjrun.sim.motion import Motion
+from mjrun.sim.motion_samples import Interpolation, MotionSamples
+from mjrun.timeline import seconds
+
+RECORDING = {"states.npy", "steps.npy", "facts.npy"}  # what a recording holds
+
+
+@dataclass(frozen=True)
+class MotionReading:
+    """How tables of motions are read.
+
+    Attributes:
+      texts: the map, as `column_map` takes it.
+      quat: the order of quaternions that are not named.
+      rate: rows per second [Hz] of a table without times.
+      interpolation: between the rows.
+    """
+
+    texts: Sequence[str] = ()
+    quat: str = "wxyz"
+    rate: Fraction | None = None
+    interpolation: Interpolation = field(default_factory=Interpolation)
+
+    def read(self, path: Path, model: mujoco.MjModel, start: mujoco.MjData) -> Motion:
+        """The motion of `model` in the table at `path`; `start` holds what it does not give.
+
+        Raises:
+          UsageError: it has no positions of this model, no times, or what no motion can be; the map cannot be meant.
+          FileError: it cannot be read.
+        """
+        names = _names(path)
+        found = column_map(model, names, self.texts, self.quat, str(path))
+        if found.time is None and self.rate is None:
+            raise UsageError(f"{clean(str(path))} has no column 'time'\n{time_hint(names)}")
+        if found.time is not None and self.rate is not None:
+            raise UsageError(
+                f"{clean(str(path))} has a column 'time', and {option('replay_rate')} is for tables without one\n"
+                f"{option('map')} can say another time: time=EXPRESSION"
+            )
+        return Motion(model, start, self._samples(path, found, names), self.interpolation)
+
+    def _samples(self, path: Path, found: ColumnMap, names: Sequence[str]) -> MotionSamples:
+        table = read_table(path, found.read or names[:1]).columns
+        time = found.time.values(table) if found.time else self._times(len(next(iter(table.values()))))
+        values = {
+            name: {index: source.values(table) for index, source in sources.items()}
+            for name, sources in found.sources.items()
+        }
+        return MotionSamples(str(path), time, found.columns, values)
+
+    def _times(self, rows: int) -> np.ndarray:
+        assert self.rate
+        return np.array(seconds(np.arange(rows), 1 / self.rate), float)
+
+
+def is_recording(path: Path) -> bool:
+    """Whether the file at `path` is a recording, complete or not, or by its name alone if it is no archive."""
+    try:
+        with zipfile.ZipFile(path) as archive:
+            return len(RECORDING & {*archive.namelist()}) > 1
+    except (OSError, ValueError, zipfile.BadZipFile):
+        return path.suffix.lower() == ".npz"
+
+
+def _names(path: Path) -> list[str]:
+    names: list[str] = []
+
+    def note(name: str) -> bool:
+        names.append(name)
+        return False
+
+    read_table(path, note)
+    return names
