@@ -7,10 +7,9 @@ import pytest
 
 from mjrun.errors import BadValueError, UsageError
 from mjrun.options.option import options_of
-from mjrun.options.simulation import PHYSICS, SimulationOptions
+from mjrun.options.simulation import DRIVERS, PHYSICS, START, SimulationOptions
 
-NAMES = [each.name for each in options_of(SimulationOptions)]
-PHYSICAL_VALUES = {
+VALUES = {
     "key": "home",
     "qpos": {"hip": 1},
     "qvel": {"hip": 1},
@@ -18,21 +17,36 @@ PHYSICAL_VALUES = {
     "ctrl_from": "a.csv",
     "ctrl_noise": 0.1,
     "controller": print,
-    "push": "torso=1/2/3@0+1",
+    "push": "torso=1/0/0@0+1",
     "perturb": 0.1,
 }
 
 
-def test_what_physics_alone_uses_are_options() -> None:
-    assert set(PHYSICS) == set(PHYSICAL_VALUES) <= set(NAMES)
+def test_what_a_replay_excludes_is_known() -> None:
+    assert {*DRIVERS, *PHYSICS, *START} == set(VALUES) <= {each.name for each in options_of(SimulationOptions)}
 
 
-@pytest.mark.parametrize("name", PHYSICS)
-def test_a_replay_has_no_physics(name: str) -> None:
+@pytest.mark.parametrize("name", [*DRIVERS, *PHYSICS])
+def test_a_replay_of_states_has_no_physics(name: str) -> None:
     with pytest.raises(UsageError, match=f"^replay and {name} exclude each other") as error:
-        SimulationOptions(replay="a.npz", **{name: PHYSICAL_VALUES[name]})  # type: ignore[arg-type]
+        SimulationOptions(replay="a.npz", **{name: VALUES[name]})  # type: ignore[arg-type]
     assert error.value.path == (name,)
-    assert SimulationOptions(**{name: PHYSICAL_VALUES[name]}).replay is None  # type: ignore[arg-type]
+    assert SimulationOptions(**{name: VALUES[name]}).replay is None  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("name", VALUES)
+def test_a_replay_of_controls_has_physics_and_no_other_driver(name: str) -> None:
+    given = {"replay": "a.npz", "replay_mode": "controls", name: VALUES[name]}
+    if name not in DRIVERS:
+        SimulationOptions(**given)  # type: ignore[arg-type]
+        return
+    with pytest.raises(UsageError, match=f"^replay and {name} exclude each other: a replay is driven by what is"):
+        SimulationOptions(**given)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("name", START)
+def test_a_table_may_lack_what_the_start_says(name: str) -> None:
+    SimulationOptions(replay="a.csv", **{name: VALUES[name]})  # type: ignore[arg-type]
 
 
 def test_a_length_is_said_once() -> None:
