@@ -58,6 +58,9 @@ def _setting(value: Any) -> str:
 
 
 NonNegativeInteger = Annotated[int, Field(ge=0)]
+ExpressionText = Annotated[
+    Annotated[Name, Tag(TEXT)] | Annotated[float, Tag(NUMBER)], by_type("an expression or a number", TEXT, NUMBER)
+]
 SettingText = Annotated[str, PlainValidator(_setting, json_schema_input_type=float | Name | bool | list[float])]
 
 
@@ -175,7 +178,9 @@ FIELD_TYPES: dict[type[AnyKind], Any] = {
     option_kinds.Values: dict[str, Numbers],
     option_kinds.Settings: dict[str, SettingText],
     option_kinds.ColumnMap: Annotated[
-        Annotated[Name, Tag(TEXT)] | Annotated[list[Name], Tag(LIST)] | Annotated[dict[str, SettingText], Tag(MAPPING)],
+        Annotated[Name, Tag(TEXT)]
+        | Annotated[list[Name], Tag(LIST)]
+        | Annotated[dict[str, ExpressionText], Field(description="Expressions by column."), Tag(MAPPING)],
         by_type("a mapping of columns to expressions, a list of COLUMN=EXPRESSION, or @FILE", TEXT, LIST, MAPPING),
     ],
     option_kinds.Processes: Annotated[

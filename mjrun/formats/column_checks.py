@@ -7,6 +7,8 @@ from mjrun.errors import FileError, quoted
 from mjrun.formats.input_file import cut
 from mjrun.formats.table_format import ColumnFilter
 
+WIDEST = 4096  # columns of an array; a wider one is no table
+
 
 def select(path: Path, names: Sequence[str], wanted: ColumnFilter) -> dict[str, int]:
     """The names that the filter accepts, each with its index.
@@ -21,6 +23,13 @@ def select(path: Path, names: Sequence[str], wanted: ColumnFilter) -> dict[str, 
                 raise FileError(path, f"two columns are called {shown(name)}")
             indices[name] = index
     return indices
+
+
+def column_names(name: str, shape: Sequence[int]) -> list[str]:
+    """The columns of an array: of one with two dimensions each is one, `name/0`, `name/1`, …"""
+    if len(shape) == 2 and 1 < shape[1] <= WIDEST:
+        return [f"{name}/{index}" for index in range(shape[1])]
+    return [name]
 
 
 def require_equal_lengths(path: Path, lengths: Mapping[str, int]) -> None:

@@ -82,6 +82,10 @@ class MatParser:
         matrix = self.read(self._names.index("manifest"))
         return "".join(map(self._text, matrix.parts)) if matrix.kind == 4 else None
 
+    def header(self, index: int) -> Matrix:
+        """The variable with this index, of which only the beginning is read."""
+        return self._matrix(self._body(index, BEGIN))
+
     def read(self, index: int) -> Matrix:
         """The variable with this index, whole."""
         return self._matrix(self._body(index))

@@ -10,7 +10,7 @@ import mujoco
 import numpy as np
 
 from mjrun.errors import UsageError, clean, option
-from mjrun.formats.table_reader import read_table
+from mjrun.formats.table_reader import open_table
 from mjrun.job.column_map import ColumnMap, column_map, time_hint
 from mjrun.sim.motion import Motion
 from mjrun.sim.motion_samples import Interpolation, MotionSamples
@@ -54,12 +54,25 @@ class MotionReading:
         return Motion(model, start, self._samples(path, found, names), self.interpolation)
 
     def _samples(self, path: Path, found: ColumnMap, names: Sequence[str]) -> MotionSamples:
-        table = read_table(path, found.read or names[:1]).columns
-        time = found.time.values(table) if found.time else self._times(len(next(iter(table.values()))))
-        values = {
-            name: {index: source.values(table) for index, source in sources.items()}
-            for name, sources in found.sources.items()
-        }
+        """What the map gives on all rows; the rest of the table is never in memory as a whole."""
+        expressions = {(f, i): source for f, sources in found.sources.items() for i, source in sources.items()}
+        evaluators = {place: expression.evaluator() for place, expression in expressions.items()}
+        clock = found.time.evaluator() if found.time else None
+        parts: dict[tuple[str, int], list[np.ndarray]] = {place: [] for place in evaluators}
+        times: list[np.ndarray] = []
+        rows = 0
+        with open_table(path, found.read or names[:1], missing="nan") as table:
+            for block in table.blocks():
+                columns = dict(zip(table.names, block.T, strict=True))
+                for place, evaluator in evaluators.items():
+                    parts[place].append(evaluator.feed(columns))
+                times += [clock.feed(columns)] if clock else []
+                rows += len(block)
+
+        time = np.concatenate([np.empty(0), *times]) if clock else self._times(rows)
+        values: dict[str, dict[int, np.ndarray]] = {}
+        for f, i in expressions:
+            values.setdefault(f, {})[i] = np.concatenate([np.empty(0), *parts.pop((f, i))])
         return MotionSamples(str(path), time, found.columns, values)
 
     def _times(self, rows: int) -> np.ndarray:
@@ -83,5 +96,5 @@ def _names(path: Path) -> list[str]:
         names.append(name)
         return False
 
-    read_table(path, note)
-    return names
+    with open_table(path, note):
+        return names

@@ -440,16 +440,23 @@ class ColumnMap(Kind[str | PathLike[str] | Mapping[str, object] | Sequence[str],
                 return (f"@{fspath(cast('PathLike[str]', value))}",)
             case Mapping():
                 pairs = cast("Mapping[str, object]", value).items()
-                return tuple(self.parse(f"{column}={_expression(of)}") for column, of in pairs)
+                return tuple(self._part(f"{column}={_expression(of)}") for column, of in pairs)
             case _:
-                return tuple(map(self.parse, value))
+                return tuple(map(self._part, value))
 
     def parse(self, text: str) -> str:
         """One of the texts."""
-        column, equals, of = text.partition("=") if isinstance(text, str) else ("", "", "")
-        if not (equals and column.strip() and of.strip()) and not (text[:1] == "@" and text[1:]):
+        column, equals, of = text.partition("=")
+        is_file = column[:1] == "@" and column[1:]
+        if not is_file and not (equals and column.strip() and of.strip()):
             raise ExpectedError(self.expected)
         return text
+
+    def _part(self, text: str) -> str:
+        try:
+            return self.parse(text)
+        except ExpectedError as error:
+            raise ExpectedError(error.expected, str(text)) from None
 
     def plain(self, value: tuple[str, ...]) -> object:
         pairs = [tuple(part.strip() for part in text.split("=", 1)) for text in value if not text.startswith("@")]

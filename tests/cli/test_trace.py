@@ -50,7 +50,7 @@ def test_every_format_holds_the_same_numbers(mjrun: Command) -> None:
     import pyarrow.parquet
     import scipy.io
 
-    for suffix in ("csv", "jsonl", "parquet", "feather", "npz", "mat"):
+    for suffix in ("csv", "jsonl", "parquet", "feather", "npz", "mat", "h5"):
         assert mjrun("trace", PENDULUM, "--key", "level", "--steps", "50", "-o", f"t.{suffix}").returncode == 0
     lines = (mjrun.folder / "t.csv").read_text().splitlines()
     names = lines[0].split(",")

@@ -70,6 +70,10 @@ def values(kind: Kind[Any, Any]) -> st.SearchStrategy[Any]:
             return FILES
         case kinds.Values():
             return st.dictionaries(names, numbers | st.lists(numbers, min_size=1, max_size=7), max_size=3)
+        case kinds.ColumnMap():
+            pairs = st.dictionaries(st.sampled_from(["time", "qpos/a", "é"]), st.sampled_from(["t", "b * pi/180", "1"]))
+            files = st.lists(st.sampled_from(["@a.map", "@b/c.txt", "time=t", "qpos/a=2*b"]), min_size=1, max_size=4)
+            return pairs | files
         case kinds.Settings():
             return st.dictionaries(names, texts | numbers | st.booleans(), max_size=3)
         case kinds.Ghost():

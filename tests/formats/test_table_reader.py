@@ -14,6 +14,7 @@ from decimal import Decimal
 from pathlib import Path
 from typing import Any
 
+import h5py
 import numpy as np
 import pyarrow as pa
 import pyarrow.csv
@@ -36,7 +37,7 @@ from tests.formats.table_files import BROKEN, bits
 
 Broken = tuple[str, Callable[[], bytes], str]
 
-FORMATS = ["csv", "jsonl", "parquet", "feather", "npz", "mat"]
+FORMATS = ["csv", "jsonl", "parquet", "feather", "npz", "mat", "hdf5"]
 NAMES = ["time", "qpos/knee", "ctrl/motor"]
 ODD = [0.0, -0.0, 5e-324, -2.2250738585072014e-308, 0.1, 1e23, 123456789012345680.0, -1.7976931348623157e308]
 
@@ -201,6 +202,15 @@ def npz(**arrays: Any) -> Callable[[], bytes]:
     return lambda: _written(lambda file: np.savez(file, **arrays))
 
 
+def hdf5(**arrays: Any) -> Callable[[], bytes]:
+    def write(file: io.BytesIO) -> None:
+        with h5py.File(file, "w") as archive:
+            for name, array in arrays.items():
+                archive[name] = array
+
+    return lambda: _written(write)
+
+
 def mat(*packed: bool, **variables: Any) -> Callable[[], bytes]:
     return lambda: _written(lambda file: scipy.io.savemat(file, variables, do_compression=bool(packed)))
 
@@ -303,8 +313,8 @@ COLUMNAR: list[Broken] = [
     ("t.npz", text(""), "{}: cannot be read as .npz: File is not a zip file"),
     ("t.npz", cut(npz(time=np.zeros(3)), -9), "{}: cannot be read as .npz: File is not a zip file"),
     ("t.npz", with_byte(npz(time=np.zeros(3)), 170, 1), "{}: cannot be read as .npz: Bad CRC-32 for file 'time.npy'"),
-    ("t.npz", npz(x=np.zeros((2, 3))), "{}: column 'x' has the shape (2, 3), not (n,)"),
-    ("t.npz", npz(x=np.zeros(())), "{}: column 'x' has the shape (), not (n,)"),
+    ("t.npz", npz(x=np.zeros((2, 3, 4))), "{}: column 'x' has the shape (2, 3, 4), not (n,) or (n, k)"),
+    ("t.npz", npz(x=np.zeros(())), "{}: column 'x' has the shape (), not (n,) or (n, k)"),
     ("t.npz", npz(x=np.array(["a", "b"])), "{}: column 'x' holds text, not numbers"),
     ("t.npz", npz(x=np.array([1j])), "{}: column 'x' holds complex values, not numbers"),
     ("t.npz", npz(x=np.array([{}])), "{}: column 'x' holds objects, not numbers"),
@@ -328,6 +338,13 @@ COLUMNAR: list[Broken] = [
     ("t.npz", zipped(("x.npy", npy(f"({2**80},)"))), "{}: cannot be read as .npz: *"),
     ("t.npz", zipped(("x.npy", npy(f"({2**55},)"))), "{}: cannot be read as .npz: buffer is smaller*"),
     ("t.npz", zipped(("x.npy", npy("(0,)", version=b"\7\0"))), "{}: cannot be read as .npz: *version*"),
+    ("t.h5", text(""), "{}: cannot be read as .h5: *"),
+    ("t.h5", cut(hdf5(time=np.zeros(9)), -9), "{}: cannot be read as .h5: *"),
+    ("t.h5", hdf5(x=np.zeros((2, 3, 4))), "{}: column 'x' has the shape (2, 3, 4), not (n,) or (n, k)"),
+    ("t.h5", hdf5(x=np.zeros(())), "{}: column 'x' has the shape (), not (n,) or (n, k)"),
+    ("t.h5", hdf5(x="text"), "{}: column 'x' holds text, not numbers"),
+    ("t.h5", hdf5(x=np.array([1j])), "{}: column 'x' holds complex values, not numbers"),
+    ("t.h5", hdf5(time=np.zeros(2), x=np.zeros(3)), "{}: columns differ in rows: 'time' 2 and 'x' 3"),
     ("t.mat", text(""), "{}: cannot be read as .mat: it is not of MATLAB 5 to 7.2; MATLAB saves one with -v7"),
     (
         "t.mat",
@@ -352,7 +369,11 @@ COLUMNAR: list[Broken] = [
         with_byte(mat(True, x=np.zeros((9, 1))), -1, 99),
         "{}: cannot be read as .mat: Error -3 while decompressing*",
     ),
-    ("t.mat", mat(x=np.zeros((2, 3))), "{}: column 'x' has the shape (2, 3), not (n, 1) or (1, n)"),
+    (
+        "t.mat",
+        mat(x=np.zeros((2, 3, 4))),
+        "{}: column 'x' has the shape (2, 3, 4), not (n, 1), (1, n) or (n, k)",
+    ),
     ("t.mat", mat(x="text"), "{}: column 'x' holds text, not numbers"),
     ("t.mat", mat(x={"a": 1}), "{}: column 'x' holds a structure, not numbers"),
     ("t.mat", mat(x=np.array([1, "a"], object)), "{}: column 'x' holds cells, not numbers"),
@@ -383,6 +404,7 @@ def test_columns_that_are_not_wanted_may_be_anything(tmp_path: Path) -> None:
         put(tmp_path / "t.csv", "x,time,x,\na,1,,b\n"),
         put(tmp_path / "t.jsonl", '{"x":"a","time":1,"y":null}\n'),
         put(tmp_path / "t.npz", zipped(("x.npy", b""), ("time.npy", npy("(1,)", struct.pack("<d", 1))), ("x", b""))()),
+        put(tmp_path / "t.h5", hdf5(x="a", time=np.ones(1), y=np.zeros((2, 2, 2)))()),
         put(tmp_path / "t.mat", mat(x="a", time=1.0, y=np.zeros((2, 2)))()),
     ]
     pq.write_table(pa.table([["a"], [1.0], [None]], ["x", "time", "x"]), tmp_path / "t.parquet")
@@ -396,6 +418,7 @@ SOUND: dict[str, list[Callable[[], bytes]]] = {
     "parquet": [arrow(time=[0.5, 1.0], a=pa.array([1, 2]).dictionary_encode(), note=["x", None])],
     "feather": [arrow(pyarrow.feather.write_feather, time=[0.5, 1.0], a=pa.array([1.5, 2]).dictionary_encode())],
     "npz": [npz(time=np.zeros(2), a=np.arange(2)), lambda: _written(lambda file: np.savez_compressed(file, a=[1.0]))],
+    "hdf5": [hdf5(time=np.zeros(2), a=np.arange(2)), hdf5(**{"qpos/a": np.zeros((2, 3))})],
     "mat": [mat(x=np.zeros((3, 1)), ctrl_a=np.ones((3, 1)), **CELLS), mat(True, ctrl_a=np.ones((3, 1)), **CELLS)],
 }
 

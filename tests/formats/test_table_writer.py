@@ -11,6 +11,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
+import h5py
 import numpy as np
 import pyarrow as pa
 import pyarrow.feather
@@ -28,8 +29,8 @@ from tests.formats.table_files import BROKEN, COLUMNS, MANIFEST, ODD, bits, colu
 
 ROOT = Path(__file__).parents[2]
 FINAL = {"mjrun": "0.1.0", "seed": 7, "rows": 3}
-FORMATS = ["csv", "jsonl", "parquet", "feather", "npz", "mat"]
-TEXT, EMBEDDING = ("csv", "jsonl"), ("parquet", "feather", "npz", "mat")
+FORMATS = ["csv", "jsonl", "parquet", "feather", "npz", "mat", "hdf5"]
+TEXT, EMBEDDING = ("csv", "jsonl"), ("parquet", "feather", "npz", "mat", "hdf5")
 
 
 def read_jsonl(path: Path) -> dict[str, list[float]]:
@@ -49,6 +50,17 @@ def read_npz(path: Path) -> dict[str, np.ndarray]:
         return {name: found[name] for name in found.files if not name.startswith("__")}
 
 
+def read_hdf5(path: Path) -> dict[str, np.ndarray]:
+    with h5py.File(path) as found:
+        return {name: _hdf5_column(found, name) for name in json.loads(found.attrs["columns"])}
+
+
+def _hdf5_column(found: h5py.File, name: str) -> np.ndarray:
+    by_attribute = {dataset.attrs["name"]: dataset for dataset in found.values() if "name" in dataset.attrs}
+    dataset = by_attribute.get(name) or found[name]
+    return dataset.asstr()[:] if dataset.dtype.kind == "O" else dataset[:]
+
+
 READERS: dict[str, Callable[[Path], Any]] = {
     "csv": read_csv,
     "jsonl": read_jsonl,
@@ -56,6 +68,7 @@ READERS: dict[str, Callable[[Path], Any]] = {
     "feather": lambda path: {n: c.to_numpy() for n, c in zip(*_arrow(pyarrow.feather.read_table(path)), strict=True)},
     "npz": read_npz,
     "mat": read_mat,
+    "hdf5": read_hdf5,
 }
 
 
@@ -253,8 +266,9 @@ TEXT_READERS: dict[str, Callable[[Path], dict[str, Any]]] = {
     "feather": lambda path: read_arrow_texts(pyarrow.feather.read_table(path)),
     "npz": lambda path: {name: column.tolist() for name, column in read_npz(path).items()},
     "mat": read_mat_texts,
+    "hdf5": lambda path: {name: column.tolist() for name, column in read_hdf5(path).items()},
 }
-NO_TEXT = {"csv": "", "jsonl": None, "parquet": None, "feather": None, "npz": "", "mat": ""}
+NO_TEXT = {"csv": "", "jsonl": None, "parquet": None, "feather": None, "npz": "", "mat": "", "hdf5": ""}
 
 
 def labelled(labels: tuple[str, ...]) -> list[Column]:
@@ -341,6 +355,7 @@ def manifest_of(path: Path) -> dict[str, Any]:
         ".feather": lambda: pyarrow.feather.read_table(path).schema.metadata[b"mjrun"],
         ".npz": lambda: str(np.load(path)["__manifest__"]),
         ".mat": lambda: str(scipy.io.loadmat(path)["manifest"][0]),
+        ".hdf5": lambda: h5py.File(path).attrs["manifest"],
     }[path.suffix]()
     return json.loads(text)
 

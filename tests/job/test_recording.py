@@ -24,8 +24,9 @@ def test_a_replay_gives_the_same_numbers_as_the_simulation(swing: Path, tmp_path
     assert (tmp_path / "a.csv").read_bytes() == (tmp_path / "b.csv").read_bytes()
     with pytest.raises(UsageError, match="the recording ends at step 120"):
         Trace(Simulation(swing, replay=f"{tmp_path}/r.npz", steps=121), f"{tmp_path}/c.csv").run()
-    with pytest.raises(UsageError, match="replay and qvel exclude each other"):
-        Simulation(swing, replay=f"{tmp_path}/r.npz", qvel={"hinge": 1})
+    for start in ({"qvel": {"hinge": 1}}, {"key": "0"}, {"ctrl": {"motor": 1}}):
+        with pytest.raises(UsageError, match=r"^replay and .* exclude each other: a recording holds all of the state"):
+            Trace(Simulation(swing, replay=f"{tmp_path}/r.npz", **start), f"{tmp_path}/c.csv").run()  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize(

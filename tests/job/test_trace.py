@@ -290,7 +290,7 @@ SLIDE = """
 """
 
 
-@pytest.mark.parametrize("suffix", ["csv", "jsonl", "parquet", "feather", "npz", "mat"])
+@pytest.mark.parametrize("suffix", ["csv", "jsonl", "parquet", "feather", "npz", "mat", "h5"])
 def test_a_trace_drives_again_what_it_was_taken_from(tmp_path: Path, suffix: str) -> None:
     model = mujoco.MjModel.from_xml_string(SLIDE)
     noisy = Simulation(model, duration=0.4, ctrl_noise=0.7, ctrl_noise_time=0.01, seed=3)

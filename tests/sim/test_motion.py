@@ -56,7 +56,7 @@ def test_between_samples_positions_go_straight_and_rotations_along_the_arc() -> 
         assert np.allclose(numbers[FIELDS["qvel"]], line)
         assert (numbers[FIELDS["ctrl"]] == run.ctrl[ends[0]]).all()
         assert np.allclose(numbers[FIELDS["act"]], (1 - share) * run.act[ends[0]] + share * run.act[ends[1]])
-    assert abs(found.state(255)[FIELDS["qpos"]] - run.qpos[255]).max() < 1e-3
+    assert abs(found.state(255)[FIELDS["qpos"]] - run.qpos[255]).max() < 3e-3
 
 
 def test_it_can_hold_and_controls_can_go_on_in_a_straight_line() -> None:

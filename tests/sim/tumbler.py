@@ -53,7 +53,7 @@ def column_names() -> dict[str, list[str]]:
 def tumble(steps: int = 500) -> Run:
     data = mujoco.MjData(model())
     data.qpos[2] = 1
-    data.qvel[:] = [0.5, -0.2, 4.0, 2.0, -3.0, 1.0, 1.5, -4.0, 2.0, 3.0, 0.3]
+    data.qvel[:] = [0.5, -0.2, 4.0, 4.0, -6.0, 2.0, 1.5, -9.0, 4.0, 6.0, 0.3]
     rows: dict[str, list[np.ndarray]] = {name: [] for name in Run.__annotations__}
     for step in range(steps + 1):
         data.ctrl[:] = np.sin(5 * data.time), np.cos(3 * data.time)

@@ -9,6 +9,7 @@ of their formats inside functions, so that listing suffixes, as help does, loads
 | jsonl   | `.jsonl`           | exact            | exact, null    | no              | flat                 |
 | parquet | `.parquet`         | exact            | exact, null    | yes             | flat                 |
 | feather | `.feather .arrow`  | exact            | exact, null    | as at opening   | flat                 |
+| hdf5    | `.h5 .hdf5`        | cleaned          | exact, `''`    | yes             | flat, disk twice     |
 | npz     | `.npz`             | exact            | exact, `''`    | yes             | flat, disk twice     |
 | mat     | `.mat`             | exact, in a cell | exact, `''`    | yes             | one column           |
 

@@ -13,6 +13,7 @@ import errno
 import math
 import re
 from collections.abc import Iterable, Iterator, Sequence
+from itertools import groupby
 from pathlib import Path
 from typing import TYPE_CHECKING, BinaryIO
 
@@ -23,7 +24,7 @@ from mjrun.model.column import Column
 if TYPE_CHECKING:
     import numpy as np
 
-    from mjrun.formats.mat_parser import Matrix
+    from mjrun.formats.mat_parser import MatParser, Matrix
 
 PIECE = 2**17  # values in a block that is read
 LIMIT = 2**31  # bytes in one variable
@@ -106,37 +107,54 @@ def read(path: Path, file: BinaryIO, wanted: ColumnFilter, gaps: bool) -> TableC
     with decoding(path, unreadable(path)):
         mat = MatParser(file)
         variables, units, manifest = mat.columns(), mat.units(), parse_manifest(mat.manifest())
-    indices = select(path, [name for name, _ in variables], wanted)
+        columns = [
+            (column, index, part) for name, index in variables for part, column in enumerate(_names(mat, name, index))
+        ]
+    chosen = [columns[at] for at in select(path, [column for column, _, _ in columns], wanted).values()]
 
     def blocks() -> Iterator[np.ndarray]:
-        columns: dict[str, np.ndarray] = {}
-        for name, index in indices.items():
+        values: dict[str, np.ndarray] = {}
+        for index, group in groupby(chosen, key=lambda column: column[1]):
+            parts = {column: part for column, _, part in group}
             with decoding(path, unreadable(path)):
-                columns[name] = _floats(path, name, mat.read(variables[index][1]))
-        require_equal_lengths(path, {name: len(values) for name, values in columns.items()})
+                array = _floats(path, next(iter(parts)), mat.read(index))
+            values |= {column: array[:, part] for column, part in parts.items()}
+        require_equal_lengths(path, {name: len(column) for name, column in values.items()})
 
-        size = max(1, PIECE // max(1, len(columns)))
-        for start in range(0, max(map(len, columns.values()), default=0), size):
-            yield np.array([values[start : start + size] for values in columns.values()]).T
+        size = max(1, PIECE // max(1, len(values)))
+        for start in range(0, max(map(len, values.values()), default=0), size):
+            yield np.array([column[start : start + size] for column in values.values()]).T
 
-    return TableContents(list(indices), blocks(), units, manifest)
+    return TableContents([column for column, _, _ in chosen], blocks(), units, manifest)
+
+
+def _names(mat: MatParser, name: str, index: int) -> list[str]:
+    """The columns of a variable: one for a vector, lying or standing, and for what is no matrix of numbers."""
+    from mjrun.formats.column_checks import column_names
+    from mjrun.formats.mat_parser import NUMERIC_KINDS
+
+    matrix = mat.header(index)
+    return column_names(name, matrix.shape) if matrix.kind in NUMERIC_KINDS and 1 not in matrix.shape else [name]
 
 
 def _floats(path: Path, name: str, matrix: Matrix) -> np.ndarray:
+    """The columns of a matrix of numbers, `(n, columns)`."""
     import numpy as np
 
-    from mjrun.formats.column_checks import shown
+    from mjrun.formats.column_checks import column_names, shown
     from mjrun.formats.mat_parser import KINDS, NUMERIC_KINDS
 
     if matrix.kind not in NUMERIC_KINDS or matrix.imaginary:
         content = "complex values" if matrix.imaginary else KINDS.get(matrix.kind, "objects")
         raise FileError(path, f"column {shown(name)} holds {content}, not numbers")
-    if len(matrix.shape) != 2 or 1 not in matrix.shape:
-        raise FileError(path, f"column {shown(name)} has the shape {matrix.shape}, not (n, 1) or (1, n)")
+    vector = len(matrix.shape) == 2 and 1 in matrix.shape
+    if not vector and len(column_names("", matrix.shape)) == 1:
+        raise FileError(path, f"column {shown(name)} has the shape {matrix.shape}, not (n, 1), (1, n) or (n, k)")
     _, values = next(matrix.parts)
     if values.size != math.prod(matrix.shape):
         raise ValueError("the size of a matrix is not that of its shape")
-    return values.astype(np.float64)
+    columns = values.reshape((1, -1) if vector else matrix.shape[::-1])  # MATLAB stores column after column
+    return columns.T.astype(np.float64)
 
 
 FORMAT = TableFormat("mat", (".mat",), MatWriter, read, library="scipy", extra="mat")

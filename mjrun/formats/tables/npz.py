@@ -8,9 +8,11 @@ Columns must be whole, so rows wait in an unnamed file beside the table until th
 
 from __future__ import annotations
 
+import contextlib
 import json
 import zipfile
 from collections.abc import Iterable, Iterator, Sequence
+from itertools import groupby
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, BinaryIO
 
@@ -70,54 +72,89 @@ def _write_array(file: IO[bytes], labels: Sequence[str], rows: int, pieces: Iter
 
 
 def read(path: Path, file: BinaryIO, wanted: ColumnFilter, gaps: bool) -> TableContents:
-    """The columns that the filter accepts."""
-    from mjrun.formats.column_checks import require_equal_lengths, select, unreadable
+    """The columns that the filter accepts; those of an array with two dimensions are `name/0`, `name/1`, …"""
+    from mjrun.formats.column_checks import column_names, require_equal_lengths, select, unreadable
     from mjrun.formats.input_file import decoded, decoding
     from mjrun.formats.manifest import parse_manifest
 
     with decoding(path, unreadable(path)):
         archive = zipfile.ZipFile(file)
-    arrays = [(info.filename.removesuffix(".npy"), info) for info in archive.infolist()]
-    arrays = [(name, info) for name, info in arrays if name not in (info.filename, UNITS, MANIFEST)]
-    members = {}
-    for name, index in select(path, [name for name, _ in arrays], wanted).items():
-        with decoding(path, unreadable(path)):
-            members[name] = _Member(path, name, archive.open(arrays[index][1]))
+        arrays = [(info.filename.removesuffix(".npy"), info) for info in archive.infolist()]
+        arrays = [(name, info) for name, info in arrays if name not in (info.filename, UNITS, MANIFEST)]
+        shapes = [_shape(archive, info) for _, info in arrays]
+    columns = [
+        (column, index, part)
+        for index, (name, _) in enumerate(arrays)
+        for part, column in enumerate(column_names(name, shapes[index]))
+    ]
+    chosen = [columns[at] for at in select(path, [column for column, _, _ in columns], wanted).values()]
 
-    require_equal_lengths(path, {name: member.rows for name, member in members.items()})
+    members = []
+    for index, group in groupby(chosen, key=lambda column: column[1]):
+        parts = {column: part for column, _, part in group}
+        with decoding(path, unreadable(path)):
+            members.append(_Member(path, parts, archive.open(arrays[index][1])))
+    require_equal_lengths(path, {next(iter(member.parts)): member.rows for member in members})
     with decoding(path, unreadable(path)):
         units, manifest = _units(archive), parse_manifest(_text(archive, MANIFEST))
-    return TableContents(
-        list(members), decoded(path, unreadable(path), _blocks(list(members.values()))), units, manifest
-    )
+    blocks = decoded(path, unreadable(path), _blocks(members))
+    return TableContents([column for column, _, _ in chosen], blocks, units, manifest)
+
+
+def _shape(archive: zipfile.ZipFile, info: zipfile.ZipInfo) -> tuple[int, ...]:
+    """The shape of an array; none where it cannot be read, which shows if it is asked for."""
+    from mjrun.formats import npy_header
+
+    with contextlib.suppress(Exception), archive.open(info) as member:
+        return npy_header.read_header(member)[0]
+    return ()
 
 
 class _Member:
-    """The array in a member of the archive; one of objects, which would have to be unpickled, is refused."""
+    """The array in a member of the archive; one of objects, which would have to be unpickled, is refused.
 
-    def __init__(self, path: Path, name: str, file: IO[bytes]) -> None:
+    Attributes:
+      parts: the columns of it that are read, by name.
+      rows: of each.
+    """
+
+    def __init__(self, path: Path, parts: dict[str, int], file: IO[bytes]) -> None:
         from mjrun.formats import npy_header
-        from mjrun.formats.column_checks import shown
+        from mjrun.formats.column_checks import column_names, shown
 
-        shape, _, self._dtype = npy_header.read_header(file)
+        shape, fortran, self._dtype = npy_header.read_header(file)
+        first = next(iter(parts))
         if self._dtype.kind not in npy_header.NUMERIC:
-            raise FileError(path, f"column {shown(name)} holds {npy_header.content_name(self._dtype)}, not numbers")
-        if not shape or shape[1:] not in ((), (1,)):
-            raise FileError(path, f"column {shown(name)} has the shape {shape}, not (n,)")
-        if shape[0] < 0:
+            raise FileError(path, f"column {shown(first)} holds {npy_header.content_name(self._dtype)}, not numbers")
+        if not shape or (shape[1:] not in ((), (1,)) and len(column_names("", shape)) == 1):
+            raise FileError(path, f"column {shown(first)} has the shape {shape}, not (n,) or (n, k)")
+        if min(shape) < 0:
             raise ValueError("an array has less than no rows")
-        self.rows, self._file = shape[0], file
+        self.parts, self.rows, self._file = parts, shape[0], file
+        self._width = shape[1] if len(shape) == 2 else 1
+        self._columns: np.ndarray | None = None
+        if fortran and self._width > 1:  # column after column: all of it, to have rows
+            self._columns = self._values(self.rows * self._width).reshape(self._width, self.rows).T
+        self._row = 0
 
     def read(self, count: int) -> np.ndarray:
-        """The next values."""
-        import numpy as np
-
-        return np.frombuffer(self._file.read(count * self._dtype.itemsize), self._dtype, count)
+        """The next rows of its columns, `(count, columns)`."""
+        if self._columns is None:
+            rows = self._values(count * self._width).reshape(count, self._width)
+        else:
+            rows = self._columns[self._row : self._row + count]
+        self._row += count
+        return rows[:, list(self.parts.values())]
 
     def end(self) -> None:
         """Checks that this was all; the checksum of a member is compared at its end."""
         if self._file.read(1):
             raise ValueError("an array is longer than its shape")
+
+    def _values(self, count: int) -> np.ndarray:
+        import numpy as np
+
+        return np.frombuffer(self._file.read(count * self._dtype.itemsize), self._dtype, count)
 
 
 def _blocks(members: Sequence[_Member]) -> Iterator[np.ndarray]:
@@ -125,10 +162,13 @@ def _blocks(members: Sequence[_Member]) -> Iterator[np.ndarray]:
     import numpy as np
 
     rows = members[0].rows if members else 0
-    size = max(1, PIECE // max(1, len(members)))
+    width = sum(len(member.parts) for member in members)
+    size = max(1, PIECE // max(1, width))
     for start in range(0, rows, size):
-        pieces = [member.read(min(size, rows - start)) for member in members]
-        yield np.array(pieces, np.float64).T
+        count = min(size, rows - start)
+        block = np.empty((width, count))
+        np.concatenate([member.read(count).T for member in members], out=block)
+        yield block.T
     for member in members:
         member.end()
 

@@ -40,7 +40,7 @@ def test_every_format_that_can_be_read_gives_back_what_it_was_given(tmp_path: Pa
 def test_listing_suffixes_loads_no_library() -> None:
     code = "import sys; from mjrun.formats import tables; tables.suffixes(); print(*sys.modules)"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert {"numpy", "pyarrow", "scipy", "mujoco"}.isdisjoint(done.stdout.split())
+    assert {"numpy", "pyarrow", "scipy", "h5py", "mujoco"}.isdisjoint(done.stdout.split())
 
 
 def test_a_format_that_can_only_be_written_says_so(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -49,7 +49,7 @@ def test_a_format_that_can_only_be_written_says_so(tmp_path: Path, monkeypatch: 
     path.write_text("time\n0\n")
     with pytest.raises(UsageError) as caught:
         read_table(path)
-    readable = ".feather, .arrow, .jsonl, .mat, .npz, .parquet"
+    readable = ".feather, .arrow, .h5, .hdf5, .jsonl, .mat, .npz, .parquet"
     assert str(caught.value) == f"{path}: .csv tables can be written, but not read\nreadable: {readable}"
     assert ".csv" in suffixes()
     assert ".csv" not in readable_suffixes()
@@ -90,9 +90,9 @@ def test_the_suffix_means_the_format(output: str | None, asked: str | None, mean
             "table",
             None,
             UnknownNameError,
-            r"no table format '' in table\ntable formats: .csv, .feather, .arrow, .jsonl",
+            r"no table format '' in table\ntable formats: .csv, .feather, .arrow, .h5",
         ),
-        ("t.csv", "xls", UnknownNameError, r"no format 'xls'.*\nformats: csv, feather, jsonl, mat, npz, parquet"),
+        ("t.csv", "xls", UnknownNameError, r"no format 'xls'.*\nformats: csv, feather, hdf5, jsonl, mat, npz"),
         ("t.csv", "npz", UsageError, "format npz and the suffix of t.csv disagree"),
         (None, "parquet", UsageError, "cannot be written to standard output\ncsv and jsonl can"),
     ],
@@ -106,7 +106,12 @@ def test_a_format_that_cannot_be_meant_is_refused(
 
 @pytest.mark.parametrize(
     ("suffix", "library", "extra"),
-    [(".parquet", "pyarrow", "parquet"), (".feather", "pyarrow", "parquet"), (".mat", "scipy", "mat")],
+    [
+        (".parquet", "pyarrow", "parquet"),
+        (".feather", "pyarrow", "parquet"),
+        (".mat", "scipy", "mat"),
+        (".h5", "h5py", "hdf5"),
+    ],
 )
 def test_a_library_that_is_not_installed_is_named_with_the_command_that_installs_it(
     monkeypatch: pytest.MonkeyPatch, suffix: str, library: str, extra: str

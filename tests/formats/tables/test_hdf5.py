@@ -1,0 +1,113 @@
+"""HDF5, beside h5py."""
+
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+
+from mjrun.errors import FileError
+from mjrun.formats.table_reader import open_table, read_table
+from mjrun.formats.table_writer import TableWriter
+from mjrun.formats.tables import hdf5
+from mjrun.model.column import Column
+
+
+def write(path: Path, data: np.ndarray, columns: list[Column]) -> Path:
+    with TableWriter(str(path), "hdf5", columns, {"seed": 7}) as out:
+        out.write(data)
+        out.publish()
+    return path
+
+
+def test_columns_are_datasets_in_groups_with_units_and_a_manifest(tmp_path: Path) -> None:
+    columns = [Column("time", "s"), Column("qpos/root/x", "m"), Column("qpos/knee", "rad")]
+    data = np.arange(12.0).reshape(4, 3)
+    with h5py.File(write(tmp_path / "t.h5", data, columns)) as found:
+        assert [*found] == ["time", "qpos"]
+        assert found["qpos/root/x"][:].tolist() == data[:, 1].tolist()
+        assert {found[column.name].dtype.str for column in columns} == {"<f8"}
+        assert [found[column.name].attrs["unit"] for column in columns] == ["s", "m", "rad"]
+        assert found.attrs["manifest"] == '{"seed": 7}'
+    table = read_table(tmp_path / "t.h5")
+    assert table.names == ["time", "qpos/root/x", "qpos/knee"]
+    assert table.units == {"time": "s", "qpos/root/x": "m", "qpos/knee": "rad"}
+    with open_table(tmp_path / "t.h5", "time") as opened:
+        assert opened.manifest == {"seed": 7}
+
+
+@pytest.mark.parametrize(
+    "names",
+    [
+        ["qpos/a", "qpos/a/x", "qpos/a/x/y"],  # a dataset is no group
+        ["a//b", "/a", "a/", ".", "a/../b", "a/./b"],
+        ["column_0", "column_1/", "column_1"],
+        ["z/1", "a", "z/2", "m"],
+        ["joint\n", "Größe/μ", "=1+1", " "],
+    ],
+)
+def test_names_that_are_no_paths_read_back_all_the_same_in_order(tmp_path: Path, names: list[str]) -> None:
+    data = np.random.default_rng(1).random((3, len(names)))
+    table = read_table(write(tmp_path / "t.h5", data, [Column(name) for name in names]))
+    assert table.names == [name.replace("\n", "\\n") for name in names]
+    assert np.array_equal(np.column_stack(list(table.columns.values())), data)
+    assert len(set(hdf5.paths(names))) == len(names)
+
+
+def test_the_same_table_is_the_same_bytes(tmp_path: Path) -> None:
+    columns, data = [Column("time", "s"), Column("a/b")], np.zeros((5, 2))
+    assert write(tmp_path / "a.h5", data, columns).read_bytes() == write(tmp_path / "b.h5", data, columns).read_bytes()
+
+
+def test_files_of_others_are_read_with_groups_arrays_and_every_kind_of_number(tmp_path: Path) -> None:
+    with h5py.File(tmp_path / "t.hdf5", "w") as file:
+        file["time"] = np.arange(3000) / 7
+        file["robot/joint/knee"] = np.arange(3000, dtype=np.int16)
+        file["robot/flags"] = np.arange(3000) % 2 == 0
+        file.create_dataset("big", data=np.arange(3000, dtype=">f4"), chunks=(7,), compression="gzip", shuffle=True)
+        file.create_dataset("qpos", data=np.arange(9000.0).reshape(3000, 3), maxshape=(None, 3))
+        file["tall"] = np.arange(3000.0)[:, None]
+        file["note"] = "text"
+        file["again"] = file["robot/joint"]  # a hard link to a group
+        file["robot/soft"] = h5py.SoftLink("/time")
+        file["robot/loop"] = file["robot"]
+        file["broken"] = h5py.SoftLink("/nowhere")
+    names: list[str] = []
+    read_table(tmp_path / "t.hdf5", lambda name: bool(names.append(name)))
+    assert {"time", "robot/joint/knee", "qpos/0", "qpos/1", "qpos/2", "tall", "note", "again/knee", "robot/soft"} <= {
+        *names
+    }
+    wanted = ["robot/joint/knee", "robot/flags", "big", "qpos/2", "qpos/0", "tall", "robot/soft"]
+    table = read_table(tmp_path / "t.hdf5", wanted)
+    expected = [np.arange(3000)] * 3 + [np.arange(3000) * 3 + 2, np.arange(3000) * 3] + [np.arange(3000)]
+    expected[1] = np.arange(3000) % 2 == 0
+    for name, values in zip(wanted, [*expected, np.arange(3000) / 7], strict=True):
+        assert np.array_equal(table[name], values), name
+    assert table.units["big"] == ""
+
+
+def test_rows_are_read_in_blocks(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(hdf5, "PIECE", 8)
+    data = np.random.default_rng(2).random((11, 3))
+    write(tmp_path / "t.h5", data, [Column("a"), Column("b"), Column("c")])
+    with open_table(tmp_path / "t.h5", ["a", "c"]) as table:
+        blocks = list(table.blocks())
+    assert [len(block) for block in blocks] == [4, 4, 3]
+    assert np.array_equal(np.concatenate(blocks), data[:, [0, 2]])
+
+
+def test_what_is_in_another_file_stays_there(tmp_path: Path) -> None:
+    (tmp_path / "secret.bin").write_bytes(np.arange(4.0).tobytes())
+    with h5py.File(tmp_path / "other.h5", "w") as other:
+        other["secret"] = np.arange(4.0)
+    with h5py.File(tmp_path / "t.h5", "w") as file:
+        file["time"] = np.arange(4.0)
+        file["linked"] = h5py.ExternalLink("other.h5", "/secret")
+        file.create_dataset("outside", (4,), "f8", external=[(str(tmp_path / "secret.bin"), 0, 32)])
+        layout = h5py.VirtualLayout((4,), "f8")
+        layout[:] = h5py.VirtualSource(str(tmp_path / "other.h5"), "secret", (4,))
+        file.create_virtual_dataset("virtual", layout)
+    assert read_table(tmp_path / "t.h5", lambda name: name in ("time", "linked")).names == ["time"]
+    for name in ("outside", "virtual"):
+        with pytest.raises(FileError, match=f"column '{name}' is in another file, which is not read"):
+            read_table(tmp_path / "t.h5", name)
