@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 from mjrun.cli.annotations import annotation
 from mjrun.cli.info_columns import Column
 from mjrun.cli.page_layout import PageLayout
-from mjrun.diff.sentences import place
+from mjrun.diff.sentences import place, unmatched_place
 from mjrun.errors import clean, listing
 
 if TYPE_CHECKING:
@@ -24,6 +24,10 @@ def text(result: "DiffResult", *, every: bool = False) -> str:
     page = PageLayout()
     if result.table:
         _table(page, result, result.table, every)
+    else:
+        page.lines("differences", [("", sentence) for sentence in result.differences])
+    if result.notes:
+        page.lines("what may be the reason", [("", note) for note in result.notes])
     return f"{verdict(result)}\n\n{page.text()}"
 
 
@@ -44,7 +48,7 @@ def _agreement(result: "DiffResult") -> str:
         return ""
     table = result.table
     exact = all(column.atol == column.rtol == 0 for column in table.columns)
-    size = f": {_counted(table.rows, 'row')}, {_counted(len(table.columns), 'column')}"
+    size = f": {_counted(table.rows, _row_word(result))}, {_counted(len(table.columns), 'column')}"
     if exact:
         return f"{size}, bit for bit"
     worst = max(table.columns, key=lambda column: column.maximum or 0)
@@ -53,16 +57,15 @@ def _agreement(result: "DiffResult") -> str:
 
 
 def _table(page: PageLayout, result: "DiffResult", table: "TableDifference", every: bool) -> None:
-    a, b = clean(result.a), clean(result.b)
-    what = "state" if result.kind == "recording" else "row"
+    what = _row_word(result)
     differing = [column for column in table.columns if column.first]
     facts = [
         ("compared", f"{_counted(table.rows, what)} of the same {_aligned_by(table)}"),
         ("first difference", _first_difference(differing, table)),
-        (f"{what}s in {a} only", _unmatched(table.only_a, table.aligned)),
-        (f"{what}s in {b} only", _unmatched(table.only_b, table.aligned)),
-        (f"columns in {a} only", listing(table.columns_only_a)),
-        (f"columns in {b} only", listing(table.columns_only_b)),
+        ("only in A", _unmatched(table.only_a, table.aligned)),
+        ("only in B", _unmatched(table.only_b, table.aligned)),
+        ("columns only in A", listing(table.columns_only_a)),
+        ("columns only in B", listing(table.columns_only_b)),
         ("units", "; ".join(f"{clean(u.name)} [{clean(u.a)}] and [{clean(u.b)}]" for u in table.units)),
     ]
     page.lines(f"{what}s", facts)
@@ -72,6 +75,10 @@ def _table(page: PageLayout, result: "DiffResult", table: "TableDifference", eve
     if agreeing := len(table.columns) - len(differing):
         more = "more " if differing else ""
         page.note(f"and {_counted(agreeing, f'{more}column')} agree{'s' if agreeing == 1 else ''}")
+
+
+def _row_word(result: "DiffResult") -> str:
+    return "state" if result.kind == "recording" else "row"
 
 
 def _aligned_by(table: "TableDifference") -> str:
@@ -114,8 +121,7 @@ def _row(cell: "CellDifference", by_step: bool) -> str:
 def _unmatched(rows: "UnmatchedRows", aligned: str) -> str:
     if not rows.count:
         return ""
-    at = "" if rows.at is None else f", {aligned} {rows.at:.0f}" if aligned == "step" else f", time {rows.at!r} s"
-    return f"{rows.count}, {'the first is ' if rows.count > 1 else ''}row {rows.first}{at}"
+    return f"{rows.count}, {'the first is ' if rows.count > 1 else ''}{unmatched_place(rows, aligned)}"
 
 
 def _number(value: float | None) -> str:

@@ -118,7 +118,8 @@ class DiffResult:
       a, b: what is compared, as it was named.
       equal: whether they agree.
       differences: a sentence for each way in which they do not.
-      table: of tables and recordings, the columns; else None.
+      notes: what may be the reason of it: versions, machines and models that are not the same. They decide nothing.
+      table: of tables and recordings, the columns; None for others, and for recordings whose states do not fit.
       schema: of this document.
     """
 
@@ -127,5 +128,6 @@ class DiffResult:
     b: str
     equal: bool
     differences: Sequence[str]
+    notes: Sequence[str] = ()
     table: TableDifference | None = None
     schema: str = SCHEMA

@@ -6,15 +6,15 @@ from mjrun.diff.result import CellDifference, ColumnDifference, TableDifference,
 from mjrun.errors import clean, listing, quoted
 
 
-def table_sentences(table: TableDifference, a: str, b: str) -> list[str]:
-    """What differs between two tables or recordings, which are called `a` and `b`."""
+def table_sentences(table: TableDifference, a: str, b: str, what: str = "row") -> list[str]:
+    """What differs between two tables or recordings, which are called `a` and `b`; `what` is a row or a state."""
     return [
         *_columns_of_one(table.columns_only_a, a),
         *_columns_of_one(table.columns_only_b, b),
         *(f"the unit of {quoted(unit.name)} is {clean(unit.a)} in {a}, {clean(unit.b)} in {b}" for unit in table.units),
-        *_rows_of_one(table.only_a, a, table.aligned),
-        *_rows_of_one(table.only_b, b, table.aligned),
-        *(_column(column, table) for column in table.columns if column.first),
+        *_rows_of_one(table.only_a, a, table.aligned, what),
+        *_rows_of_one(table.only_b, b, table.aligned, what),
+        *(_column(column, table, what) for column in table.columns if column.first),
     ]
 
 
@@ -32,16 +32,22 @@ def _columns_of_one(names: Sequence[str], where: str) -> Iterator[str]:
         yield f"{count} in {where} only: {listing(names)}"
 
 
-def _rows_of_one(rows: UnmatchedRows, where: str, aligned: str) -> Iterator[str]:
+def _rows_of_one(rows: UnmatchedRows, where: str, aligned: str, what: str) -> Iterator[str]:
     if rows.count:
-        count = "1 row is" if rows.count == 1 else f"{rows.count} rows are"
-        at = "" if rows.at is None else f", step {rows.at:.0f}" if aligned == "step" else f", time {rows.at!r} s"
-        which = "" if rows.count == 1 else "the first is "
-        yield f"{count} in {where} only: {which}row {rows.first}{at}"
+        count = f"1 {what} is" if rows.count == 1 else f"{rows.count} {what}s are"
+        first = "" if rows.count == 1 else "the first is "
+        yield f"{count} in {where} only: {first}{unmatched_place(rows, aligned)}"
 
 
-def _column(column: ColumnDifference, table: TableDifference) -> str:
+def unmatched_place(rows: UnmatchedRows, aligned: str) -> str:
+    """Where the first of them is."""
+    if rows.at is None:
+        return f"row {rows.first}"
+    return f"step {rows.at:.0f}" if aligned == "step" else f"row {rows.first}, time {rows.at!r} s"
+
+
+def _column(column: ColumnDifference, table: TableDifference, what: str) -> str:
     assert column.first
     where = place(column.first, table.aligned)
-    often = f"in {column.differing} of {table.rows} rows, first in" if column.differing > 1 else "in"
+    often = f"in {column.differing} of {table.rows} {what}s, first in" if column.differing > 1 else "in"
     return f"{clean(column.name)} differs {often} {where}: {column.first.a}, not {column.first.b}"

@@ -3,6 +3,7 @@
 from collections.abc import Collection, Mapping, Sequence
 from contextlib import ExitStack
 
+from mjrun.diff.origins import origin_notes
 from mjrun.diff.result import TableDifference
 from mjrun.diff.tables import compare_rows
 from mjrun.diff.tolerances import Tolerance, Tolerances, matches, require_matches
@@ -13,11 +14,14 @@ from mjrun.options.diff import TableDiffOptions
 TIME = "time"
 
 
-def compare_tables(a: str, b: str, options: TableDiffOptions) -> TableDifference:
+def compare_tables(a: str, b: str, options: TableDiffOptions) -> tuple[TableDifference, list[str]]:
     """Compares the columns that two tables have in common.
 
     Args:
       a, b: files, of which one may be `-`, standard input.
+
+    Returns:
+      How they differ, and what may be the reason of it, in sentences.
 
     Raises:
       FileError: a file cannot be read as a table, has no rows, or its time falls.
@@ -37,7 +41,8 @@ def compare_tables(a: str, b: str, options: TableDiffOptions) -> TableDifference
         tolerances = Tolerances(Tolerance(options.atol, options.rtol), options.tol)
         tolerances.require([*columns, *([key] if key else [])])
         chosen_a, chosen_b = ([name for name in names if _is_chosen(name, options)] for names in (names_a, names_b))
-        return compare_rows(reader_a, reader_b, columns, key, tolerances, chosen_a, chosen_b)
+        table = compare_rows(reader_a, reader_b, columns, key, tolerances, chosen_a, chosen_b)
+        return table, origin_notes(reader_a.manifest, reader_b.manifest)
 
 
 def _open_both(a: str, b: str, options: TableDiffOptions, stack: ExitStack) -> list[tuple[TableReader, list[str]]]:

@@ -80,8 +80,9 @@ def compare_rows(
       FileError: a table has no rows, cannot be read, or its key falls.
     """
     stream_a, stream_b = RowStream(a, columns, key), RowStream(b, columns, key)
-    units = {name: a.units.get(name, "") or b.units.get(name, "") for name in columns}
-    comparisons = [ColumnComparison(name, units[name], tolerances.of(name)) for name in columns]
+    comparisons = [
+        ColumnComparison(name, a.units.get(name) or b.units.get(name) or "", tolerances.of(name)) for name in columns
+    ]
     rows = 0
     for pairs in _pairs(stream_a, stream_b, key, tolerances):
         rows += len(pairs.a)

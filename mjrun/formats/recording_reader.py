@@ -75,16 +75,30 @@ class RecordingReader:
         """
         if not 0 <= index < len(self.steps):
             raise IndexError(index)
+        return self._read_states(index, 1)[0]
+
+    def blocks(self) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+        """All states, a few at a time: their steps `(n,)` and the states `(n, size)` float64.
+
+        Raises:
+          FileError: the file has changed since it was opened.
+        """
+        count = max(1, PIECE // (8 * self.size))
+        for start in range(0, len(self.steps), count):
+            steps = self.steps[start : start + count]
+            yield steps, self._read_states(start, len(steps))
+
+    def _read_states(self, index: int, count: int) -> np.ndarray:
         if not self._closing.alive:
             raise ValueError("the recording is closed")
-        wanted = 8 * self.size
+        row = 8 * self.size
         try:
-            content = os.pread(self._file, wanted, self._start + index * wanted)
+            content = os.pread(self._file, count * row, self._start + index * row)
         except OSError as error:
             raise FileError(self.path, f"cannot be read: {error.strerror or error}") from None
-        if len(content) < wanted:
-            raise FileError(self.path, f"has changed while it was read: state {index} is gone")
-        return np.frombuffer(content, "<f8").astype(np.float64)
+        if len(content) < count * row:
+            raise FileError(self.path, f"has changed while it was read: state {index + len(content) // row} is gone")
+        return np.frombuffer(content, "<f8").reshape(count, self.size).astype(np.float64)
 
     def close(self) -> None:
         """Closes the file, which also happens when the reader is garbage-collected."""

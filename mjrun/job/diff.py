@@ -6,9 +6,10 @@ from os import fspath
 from pathlib import Path
 
 from mjrun.diff import file_kind
-from mjrun.diff.result import DiffResult, TableDifference
+from mjrun.diff.result import DiffResult
 from mjrun.diff.sentences import table_sentences
 from mjrun.errors import clean
+from mjrun.model.sources import source_of
 from mjrun.options.diff import DiffOptions
 from mjrun.options.option import options
 from mjrun.reporter import Reporter
@@ -40,15 +41,22 @@ class Diff(DiffOptions):
 def _tables(diff: Diff, a: str, b: str) -> DiffResult:
     from mjrun.diff.table_files import compare_tables
 
-    return _table_result(file_kind.TABLE, a, b, compare_tables(a, b, diff))
-
-
-def _table_result(kind: str, a: str, b: str, table: TableDifference) -> DiffResult:
+    table, notes = compare_tables(a, b, diff)
     differences = table_sentences(table, clean(a), clean(b))
-    return DiffResult(kind, a, b, equal=not differences, differences=differences, table=table)
+    return DiffResult(file_kind.TABLE, a, b, not differences, differences, notes, table)
+
+
+def _recordings(diff: Diff, a: str, b: str) -> DiffResult:
+    from mjrun.diff.recordings import compare_recordings
+
+    model = None if diff.model is None else source_of(diff.model).load()
+    table, differences, notes = compare_recordings(a, b, diff, model)
+    differences += table_sentences(table, clean(a), clean(b), "state") if table else []
+    return DiffResult(file_kind.RECORDING, a, b, not differences, differences, notes, table)
 
 
 # What compares two files of each kind.
 COMPARISONS: Mapping[str, Callable[[Diff, str, str], DiffResult]] = {
     file_kind.TABLE: _tables,
+    file_kind.RECORDING: _recordings,
 }

@@ -14,7 +14,7 @@ def column(index: int, differs: bool, atol: float = 0) -> ColumnDifference:
 def result(*columns: ColumnDifference) -> DiffResult:
     table = TableDifference("time", 9, 9, 9, NONE, NONE, columns, [], [], [])
     differences = [column.name for column in columns if column.first]
-    return DiffResult("table", "a\x1b.csv", "b.csv", not differences, differences, table)
+    return DiffResult("table", "a\x1b.csv", "b.csv", not differences, differences, ["MuJoCo is 4 and 5"], table)
 
 
 def test_a_verdict_says_how_exact_it_is() -> None:
@@ -30,7 +30,8 @@ def test_many_columns_are_cut_unless_all_are_asked_for() -> None:
     shown = text(many).splitlines()
     assert len(shown) < 45
     assert "… 16 more: --verbose lists them" in text(many)
-    assert shown[-1] == "and 37 more columns agree"
+    assert "and 37 more columns agree" in shown
+    assert [line.strip() for line in shown[-2:]] == ["what may be the reason", "MuJoCo is 4 and 5"]
     assert "first difference  row 1, time 0.5 s: x0" in text(many)
     assert "x39" in text(many, every=True)
     assert len(list(annotations(many))) == 10

@@ -11,6 +11,6 @@ def test_a_result_is_json_whatever_the_numbers_are() -> None:
     column = ColumnDifference("x", "m", 0, 0, 1, None, None, None, cell, cell)
     none = UnmatchedRows(0, 0, None)
     table = TableDifference("row", 1, 1, 1, none, none, [column], [], [], [])
-    document = asdict(DiffResult("table", "a", "b", False, ["x differs"], table))
+    document = asdict(DiffResult("table", "a", "b", False, ["x differs"], ["MuJoCo is 4 and 5"], table))
     assert json.loads(json.dumps(document, allow_nan=False)) == document
     assert document["schema"] == SCHEMA

@@ -10,6 +10,7 @@ import pytest
 from mjrun.diff.result import TableDifference
 from mjrun.diff.table_files import compare_tables
 from mjrun.errors import FileError, UnknownNameError, UsageError
+from mjrun.formats.table_writer import TableWriter
 from mjrun.model.column import Column
 from mjrun.options.diff import TableDiffOptions
 from tests.formats.table_files import write
@@ -27,6 +28,10 @@ def rows(count: int = 50) -> np.ndarray:
     return table
 
 
+def compare(a: str, b: str, options: TableDiffOptions) -> TableDifference:
+    return compare_tables(a, b, options)[0]
+
+
 def differing(table: TableDifference) -> list[str]:
     return [column.name for column in table.columns if column.first]
 
@@ -34,7 +39,7 @@ def differing(table: TableDifference) -> list[str]:
 @pytest.mark.parametrize("form", ["csv", "jsonl", "parquet", "feather", "npz", "mat"])
 def test_tables_of_any_two_formats_agree(tmp_path: Path, form: str) -> None:
     a, b = put(tmp_path, "a.csv", rows()), put(tmp_path, f"b.{form}", rows())
-    table = compare_tables(a, b, TableDiffOptions())
+    table = compare(a, b, TableDiffOptions())
     assert (table.aligned, table.rows, table.rows_a, table.rows_b) == ("time", 50, 50, 50)
     assert [column.name for column in table.columns] == ["qpos/knee", "qvel/knee", "energy"]
     assert differing(table) == []
@@ -49,7 +54,7 @@ def test_rows_and_columns_of_one_side_are_told_as_pandas_merges_them(tmp_path: P
     other[:, 2] += 1e-3
     a = put(tmp_path, "a.npz", one)
     b = put(tmp_path, "b.csv", other[:, [2, 0, 1]], [Column("qvel/knee"), Column("time"), Column("qpos/x")])
-    table = compare_tables(a, b, TableDiffOptions())
+    table = compare(a, b, TableDiffOptions())
     merged = pd.merge(pd.DataFrame(one[:, :3]), pd.DataFrame(other[:, :3]), on=0, how="outer", indicator=True)
     count = merged["_merge"].value_counts()
     assert (table.rows, table.only_a.count, table.only_b.count) == (
@@ -69,27 +74,27 @@ def test_rows_and_columns_of_one_side_are_told_as_pandas_merges_them(tmp_path: P
 
 def test_tolerances_are_those_of_the_column(tmp_path: Path) -> None:
     a, b = put(tmp_path, "a.csv", rows()), put(tmp_path, "b.csv", rows() + np.array([0, 1e-4, 1e-4, 1e-4]))
-    assert differing(compare_tables(a, b, TableDiffOptions(atol=1e-5))) == ["qpos/knee", "qvel/knee", "energy"]
+    assert differing(compare(a, b, TableDiffOptions(atol=1e-5))) == ["qpos/knee", "qvel/knee", "energy"]
     options = TableDiffOptions(atol=1e-5, tol={"*/knee": 2e-4, "qvel/*": [0, 0]})
-    assert differing(compare_tables(a, b, options)) == ["qvel/knee", "energy"]
-    assert differing(compare_tables(a, b, TableDiffOptions(columns="q*", tol={"*": 1}))) == []
+    assert differing(compare(a, b, options)) == ["qvel/knee", "energy"]
+    assert differing(compare(a, b, TableDiffOptions(columns="q*", tol={"*": 1}))) == []
     with pytest.raises(UnknownNameError, match="no column 'qfrc/\\*'"):
-        compare_tables(a, b, TableDiffOptions(tol={"qfrc/*": 1}))
+        compare(a, b, TableDiffOptions(tol={"qfrc/*": 1}))
 
 
 def test_times_agree_within_their_own_tolerance_only(tmp_path: Path) -> None:
     a, b = put(tmp_path, "a.csv", rows()), put(tmp_path, "b.csv", rows() + np.array([1e-9, 0, 0, 0]))
-    assert compare_tables(a, b, TableDiffOptions(atol=1)).only_a.count == 50
-    table = compare_tables(a, b, TableDiffOptions(tol={"time": 1e-8}))
+    assert compare(a, b, TableDiffOptions(atol=1)).only_a.count == 50
+    table = compare(a, b, TableDiffOptions(tol={"time": 1e-8}))
     assert (table.rows, table.only_a.count, differing(table)) == (50, 0, [])
-    table = compare_tables(a, b, TableDiffOptions(align="row"))
+    table = compare(a, b, TableDiffOptions(align="row"))
     assert (table.aligned, table.rows, differing(table)) == ("row", 50, ["time"])
 
 
 def test_a_unit_that_is_another_is_told_where_both_say_it(tmp_path: Path) -> None:
     a = put(tmp_path, "a.npz", rows())
     b = put(tmp_path, "b.mat", rows(), [COLUMNS[0], Column("qpos/knee", "deg"), Column("qvel/knee"), COLUMNS[3]])
-    table = compare_tables(a, b, TableDiffOptions())
+    table = compare(a, b, TableDiffOptions())
     assert [(unit.name, unit.a, unit.b) for unit in table.units] == [("qpos/knee", "rad", "deg")]
 
 
@@ -98,9 +103,9 @@ def test_standard_input_may_be_either(tmp_path: Path, monkeypatch: pytest.Monkey
     text = Path(put(tmp_path, "b.csv", rows() + np.array([0, 0, 0, 1]))).read_bytes()
     for pair in ((a, "-"), ("-", a)):
         monkeypatch.setattr("sys.stdin", io.TextIOWrapper(io.BytesIO(text)))
-        assert differing(compare_tables(*pair, TableDiffOptions())) == ["energy"]
+        assert differing(compare(*pair, TableDiffOptions())) == ["energy"]
     with pytest.raises(UsageError, match="only one of the two can come from standard input"):
-        compare_tables("-", "-", TableDiffOptions())
+        compare("-", "-", TableDiffOptions())
 
 
 @pytest.mark.parametrize(
@@ -126,11 +131,23 @@ def test_what_cannot_be_compared_is_told(
     for name, content in (("a.csv", a), ("b.csv", b)):
         (tmp_path / name).write_text(content)
     with pytest.raises(kind, match=message):
-        compare_tables(str(tmp_path / "a.csv"), str(tmp_path / "b.csv"), TableDiffOptions(**options))  # type: ignore[arg-type]
+        compare(str(tmp_path / "a.csv"), str(tmp_path / "b.csv"), TableDiffOptions(**options))  # type: ignore[arg-type]
 
 
 def test_columns_of_text_may_be_there_if_they_are_not_compared(tmp_path: Path) -> None:
     for name in ("a.csv", "b.csv"):
         (tmp_path / name).write_text("time,note,x\n0,begin,1\n1,end,2\n")
     pair = str(tmp_path / "a.csv"), str(tmp_path / "b.csv")
-    assert differing(compare_tables(*pair, TableDiffOptions(columns="x"))) == []
+    assert differing(compare(*pair, TableDiffOptions(columns="x"))) == []
+
+
+def test_what_made_the_tables_is_compared_too(tmp_path: Path) -> None:
+    def made(name: str, version: str) -> str:
+        path = str(tmp_path / name)
+        with TableWriter(path, Path(name).suffix[1:], COLUMNS, {"mujoco": version, "seed": 1}) as out:
+            out.write(rows())
+            out.publish()
+        return path
+
+    _, notes = compare_tables(made("a.npz", "4.0.0"), made("b.parquet", "4.0.1"), TableDiffOptions())
+    assert notes == ["MuJoCo is 4.0.0 and 4.0.1"]
