@@ -5,7 +5,6 @@ import re
 from collections.abc import Iterator
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any
 from urllib.parse import quote
 
 from mjrun.check.check import CheckResult
@@ -65,7 +64,7 @@ def annotations(result: CheckResult) -> Iterator[str]:
         yield annotation(ANNOTATIONS[finding.severity], text, finding.file, title, finding.line)
 
 
-def sarif(result: CheckResult) -> dict[str, Any]:
+def sarif(result: CheckResult) -> dict[str, object]:
     """A SARIF 2.1.0 document: https://docs.oasis-open.org/sarif/sarif/v2.1.0/sarif-v2.1.0.html."""
     codes = list(RULES)
     driver = {"name": "mjrun", "version": __version__, "informationUri": HOME, "rules": [_rule(code) for code in codes]}

@@ -36,7 +36,7 @@ SHORT_DEFAULT = 24  # characters that are not broken over two lines
 class CommandLine:
     """The options and arguments of one command line, by name, to be made into typed values."""
 
-    def __init__(self, params: Mapping[str, Any]) -> None:
+    def __init__(self, params: Mapping[str, object]) -> None:
         self._params = {name: value for name, value in params.items() if value is not None}
 
     def make(self, cls: type[C], **values: object) -> C:
@@ -56,9 +56,15 @@ class CommandLine:
         """The same, with `defaults` for options that are left out."""
         return CommandLine({**defaults, **self._params})
 
-    def with_converted(self, name: str, convert: Callable[[Any], object]) -> "CommandLine":
-        """The same, with the value of an option converted, if there is one."""
-        return CommandLine({**self._params, name: convert(self._params[name])}) if name in self._params else self
+    def with_converted(self, name: str, convert: Callable[[str], object]) -> "CommandLine":
+        """The same, with the text of an option converted, if it is given; or each of its texts."""
+        value = self._params.get(name)
+        if value is None:
+            return self
+        if isinstance(value, tuple):
+            texts = cast("tuple[object, ...]", value)
+            return CommandLine({**self._params, name: tuple(convert(str(text)) for text in texts)})
+        return CommandLine({**self._params, name: convert(str(value))})
 
     def argument(self, name: str) -> str:
         """The value of an argument."""
@@ -66,7 +72,7 @@ class CommandLine:
 
     def arguments(self, name: str) -> tuple[str, ...]:
         """The values of an argument that can be repeated."""
-        return tuple(self._params.get(name, ()))
+        return cast("tuple[str, ...]", self._params.get(name, ()))
 
 
 class SectionedCommand(click.Command):
@@ -116,9 +122,20 @@ def _help_entry(spelling: str, text: str, indent: int, width: int) -> str:
 class DeclaredOption(click.Option):
     """An option of the command line, as it is declared."""
 
-    def __init__(self, declared: Option, **settings: Any) -> None:
+    def __init__(self, declared: Option) -> None:
         self.declared = declared
-        super().__init__([*declared.short, "/".join(flags(declared)), declared.name], **settings)
+        kind, names = _given_kind(declared), [*declared.short, "/".join(flags(declared)), declared.name]
+        if isinstance(kind, Flag):
+            super().__init__(names, is_flag=True, default=None)
+            return
+        each = kind.repeated if isinstance(kind, Several) else kind
+        chosen = click.Choice(each.names, case_sensitive=False) if isinstance(each, Choice) else KindType(each)
+        metavar = None if isinstance(each, Choice) else kind.metavar
+        optional: dict[str, Any] = {}
+        if declared.flag_value is not None:
+            optional = {"is_flag": False, "flag_value": declared.flag_value}
+        several = is_repeatable(declared)
+        super().__init__(names, type=chosen, multiple=several, metavar=metavar, default=None, **optional)
 
     def write_help(self) -> None:
         """Sets the help text, which is not made before it is asked for: it lists formats."""
@@ -128,10 +145,10 @@ class DeclaredOption(click.Option):
         self.write_help()
         return super().get_help_record(ctx)
 
-    def type_cast_value(self, ctx: click.Context, value: Any) -> object:
+    def type_cast_value(self, ctx: click.Context, value: object) -> object:
         made = super().type_cast_value(ctx, value)
         if self.multiple:
-            return _gathered(self.declared.kind, made) if made else None
+            return _gathered(_given_kind(self.declared), made) if made else None
         return made
 
 
@@ -141,7 +158,7 @@ class KindType(click.ParamType[object]):
     def __init__(self, kind: AnyKind) -> None:
         self._kind, self.name = kind, kind.metavar
 
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> object:
+    def convert(self, value: object, param: click.Parameter | None, ctx: click.Context | None) -> object:
         if not isinstance(value, str):
             return value
         try:
@@ -161,30 +178,17 @@ def command(
 
     def decorate(body: Body) -> click.Command:
         @click.pass_obj
-        def callback(console: Console, /, **params: Any) -> None:
+        def callback(console: Console, /, **params: object) -> None:
             command_line = CommandLine(params)
             _set_verbosity(console, command_line.make(MessageOptions))
             body(console, command_line)
 
         declared = {each.name: each for cls in (*classes, MessageOptions) for each in options_of(cls)}
         known = [each for each in declared.values() if FrontEnd.COMMAND in each.places and each.name not in without]
-        params: list[click.Parameter] = [*arguments, *map(click_option, sorted(known, key=_section_rank))]
+        params: list[click.Parameter] = [*arguments, *map(DeclaredOption, sorted(known, key=_section_rank))]
         return SectionedCommand(name, callback=callback, params=params, help=body.__doc__)
 
     return decorate
-
-
-def click_option(declared: Option) -> click.Option:
-    """The option of the command line that is `declared`."""
-    kind = _given_kind(declared)
-    if isinstance(kind, Flag):
-        return DeclaredOption(declared, is_flag=True, default=None)
-    each = _repeated_kind(kind)
-    chosen = click.Choice(each.names, case_sensitive=False) if isinstance(each, Choice) else KindType(each)
-    metavar = None if isinstance(each, Choice) else kind.metavar
-    optional = {} if declared.flag_value is None else {"is_flag": False, "flag_value": declared.flag_value}
-    several = is_repeatable(declared)
-    return DeclaredOption(declared, type=chosen, multiple=several, metavar=metavar, default=None, **optional)
 
 
 def _section_rank(declared: Option) -> int:
@@ -219,11 +223,6 @@ def is_repeatable(declared: Option) -> bool:
     return isinstance(_given_kind(declared), Several | Settings | Values | ColumnMap)
 
 
-def _repeated_kind(kind: AnyKind) -> AnyKind:
-    """The kind of one repetition."""
-    return kind.repeated if isinstance(kind, Several) else kind
-
-
 def _given_kind(declared: Option) -> AnyKind:
     """The kind of the values that are given, where it is optional to give one."""
     return declared.kind.each if isinstance(declared.kind, Optional) else declared.kind
@@ -239,13 +238,12 @@ def shown_default(declared: Option) -> str:
     return ",".join(map(str, cast("list[object]", shown))) if isinstance(shown, list) else str(shown)
 
 
-def _gathered(kind: AnyKind, values: Sequence[Any]) -> object:
+def _gathered(kind: AnyKind, values: Sequence[object]) -> object:
     """The values of all repetitions as one."""
-    whole = kind.each if isinstance(kind, Optional) else kind
-    if isinstance(whole, Values):
-        return dict(values)
-    if isinstance(whole, Several) and whole.commas:
-        return tuple(part for one in values for part in one)
+    if isinstance(kind, Values):
+        return dict(cast("Sequence[tuple[str, object]]", values))
+    if isinstance(kind, Several) and kind.commas:
+        return tuple(part for words in cast("Sequence[tuple[object, ...]]", values) for part in words)
     return tuple(values)
 
 

@@ -7,7 +7,7 @@ from contextlib import contextmanager
 from dataclasses import asdict
 from importlib import import_module
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, TypeVar, cast
 
 import click
 
@@ -68,7 +68,7 @@ def simulation(command_line: CommandLine) -> "Simulation":
 
 def with_camera_scripts(command_line: CommandLine) -> CommandLine:
     """The same, with camera scripts read."""
-    return command_line.with_converted("camera", lambda specs: tuple(map(_camera, specs)))
+    return command_line.with_converted("camera", _camera)
 
 
 def _camera(spec: str) -> object:
@@ -84,7 +84,7 @@ def make(console: Console, command_line: CommandLine, job: "Job[R]") -> "R":
     from mjrun.job.perform import perform
 
     options = command_line.make(CommandOptions)
-    jobs: list[Job[Any]] = [job]
+    jobs: list[Job[OutputResult]] = [job]
     if options.recording is not None:
         from mjrun.job.recording import Recording
 
@@ -100,7 +100,7 @@ def make(console: Console, command_line: CommandLine, job: "Job[R]") -> "R":
         console.result(document_text(jobs, console.command).rstrip("\n"))
         raise click.exceptions.Exit(0)
     with failures_in_json(console, command_line, lambda results: asdict(results[0])):
-        return perform(jobs, console)[0]
+        return cast("R", perform(jobs, console)[0])
 
 
 def _saved_key(text: str) -> dict[str, str]:

@@ -13,9 +13,9 @@ shots:
 import pathlib
 from collections.abc import Iterator, Mapping, Sequence
 from fractions import Fraction
-from typing import Annotated, Any, Literal, cast
+from typing import Annotated, Literal, cast
 
-from pydantic import BeforeValidator, ConfigDict, Field, Tag, create_model
+from pydantic import BeforeValidator, ConfigDict, Field, Tag
 
 from mjrun.camera import easing, script, shake
 from mjrun.camera.easing import BLENDS
@@ -34,6 +34,7 @@ from mjrun.document.document_model import (
     Positive,
     by_type,
     empty_if_null,
+    model_with_keys,
 )
 from mjrun.document.reader import read
 from mjrun.document.rigs import DeclaredModel, NumberOrRamp, PositiveNumberOrRamp, optional_ramp, ramp, rig_fields
@@ -107,7 +108,7 @@ class _ModelCamera(DocumentModel):
     """A camera of the model, by name or index."""
 
 
-class Shot(create_model("_Rigs", __base__=_ModelCamera, **rig_fields())):
+class Shot(model_with_keys("_Rigs", _ModelCamera, rig_fields(), None)):
     """A rig for a stretch of time: one of camera, free, orbit, track, look and path."""
 
     model_config = ConfigDict(json_schema_extra={"oneOf": [{"required": [rig]} for rig in RIGS]})
@@ -145,7 +146,7 @@ class Shot(create_model("_Rigs", __base__=_ModelCamera, **rig_fields())):
     """Keeps an object whole in the image, by the distance."""
 
     @classmethod
-    def cross_field_errors(cls, values: Mapping[str, Any]) -> Iterator[tuple[Location, str]]:
+    def cross_field_errors(cls, values: Mapping[str, object]) -> Iterator[tuple[Location, str]]:
         rigs = [key for key in values if key in RIGS]
         mistyped = any(near(key, RIGS) for key in {*values} - {*cls.key_names()})
         if not rigs and not mistyped:
@@ -185,7 +186,7 @@ class CameraDocument(DocumentModel):
     """The shots in order; all but the last say when they end, by until or duration."""
 
     @classmethod
-    def cross_field_errors(cls, values: Mapping[str, Any]) -> Iterator[tuple[Location, str]]:
+    def cross_field_errors(cls, values: Mapping[str, object]) -> Iterator[tuple[Location, str]]:
         shots = _mappings(values.get("shots"))
         if shots and "blend" in shots[0]:
             yield ("shots", 0, "blend"), "there is no shot before the first to blend with"

@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from fractions import Fraction
-from typing import Any, cast
+from typing import cast
 
 from mjrun.camera import script
 from mjrun.camera.easing import Blend, Ramp
@@ -11,13 +11,12 @@ from mjrun.camera.rigs.path import Waypoint
 from mjrun.camera.rigs.rig import Rig
 from mjrun.camera.rigs.settings import declared_fields
 from mjrun.camera.shake import Shake
+from mjrun.document.tree import Mapped, Plain
 from mjrun.document.yaml_writer import decimal, number
 from mjrun.errors import UsageError
 
-Plain = dict[str, Any]
 
-
-def camera_document(camera: script.CameraScript) -> Plain:
+def camera_document(camera: script.CameraScript) -> Mapped:
     """The document of `camera`, as it is written within a run document.
 
     Raises:
@@ -27,20 +26,22 @@ def camera_document(camera: script.CameraScript) -> Plain:
     return {**name, "shots": [_shot(shot, f"{camera.name}: shots[{i}]") for i, shot in enumerate(camera.shots)]}
 
 
-def event_document(event: script.Event, what: str) -> Plain:
+def event_document(event: script.Event, what: str) -> Mapped:
     """An event, as in `{when: speed(box) > 0.02, nth: 2}`."""
-    otherwise = event.otherwise if event.otherwise in (None, "end") else decimal(Fraction(event.otherwise), what)
+    otherwise: str | float | None = None
+    if event.otherwise is not None:
+        otherwise = "end" if event.otherwise == "end" else decimal(Fraction(event.otherwise), what)
     offset = None if not event.offset else decimal(event.offset, what)
     nth = None if event.nth == 1 else event.nth
     return without_none({"when": event.when, "nth": nth, "offset": offset, "else": otherwise})
 
 
-def without_none(values: Mapping[str, Any]) -> Plain:
+def without_none(values: Mapping[str, Plain]) -> Mapped:
     """Those of `values` that are not None."""
     return {key: value for key, value in values.items() if value is not None}
 
 
-def _shot(shot: script.Shot, what: str) -> Plain:
+def _shot(shot: script.Shot, what: str) -> Mapped:
     until = event_document(shot.until, what) if isinstance(shot.until, script.Event) else _time(shot.until, what)
     return without_none(
         {
@@ -57,7 +58,7 @@ def _shot(shot: script.Shot, what: str) -> Plain:
     )
 
 
-def _rig(rig: Rig, what: str) -> Plain:
+def _rig(rig: Rig, what: str) -> Mapped:
     if isinstance(rig, ModelRig):
         return {rig.kind: rig.camera}
     fields = _declared(rig)
@@ -66,7 +67,7 @@ def _rig(rig: Rig, what: str) -> Plain:
     return {rig.kind: fields}
 
 
-def _declared(value: Rig | Waypoint) -> Plain:
+def _declared(value: Rig | Waypoint) -> Mapped:
     """The declared fields of a rig or a waypoint, but for those that have their defaults."""
     values = vars(value)
     fields = [field for field in declared_fields(type(value)) if values[field.name] != field.default]
@@ -74,7 +75,7 @@ def _declared(value: Rig | Waypoint) -> Plain:
     return {field.key: _field(values[field.name]) for field in fields}
 
 
-def _field(value: object) -> object:
+def _field(value: object) -> Plain:
     match value:
         case bool() | str():
             return value
@@ -89,7 +90,7 @@ def _field(value: object) -> object:
             return [_field(item) for item in cast("Sequence[object]", value)]
 
 
-def _ramp(ramp: Ramp | None) -> float | Plain | None:
+def _ramp(ramp: Ramp | None) -> Plain:
     if ramp is None or ramp == Ramp.still(ramp.start):
         return None if ramp is None else number(ramp.start)
     ease = {} if ramp.ease == "linear" else {"ease": ramp.ease}
@@ -100,12 +101,11 @@ def _time(value: Fraction | None, what: str) -> float | None:
     return None if value is None else decimal(value, what)
 
 
-def _changed(value: Blend | Shake, default: Blend | Shake) -> Plain:
+def _changed(value: Blend | Shake, default: Blend | Shake) -> Mapped:
     """The fields of `value` that are not as in `default`."""
     defaults = vars(default)
-    fields: dict[str, str | float] = {key: field for key, field in vars(value).items() if field != defaults[key]}
-    return {key: value if isinstance(value, str) else number(value) for key, value in fields.items()}
+    return {key: _field(field) for key, field in vars(value).items() if field != defaults[key]}
 
 
-def _fit(fit: script.Fit) -> str | Plain:
+def _fit(fit: script.Fit) -> Plain:
     return fit.target if fit == script.Fit(fit.target) else {"target": fit.target, "margin": number(fit.margin)}

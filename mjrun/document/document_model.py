@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Annotated, Any, Literal, cast
+from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeVar, cast
 
 from pydantic import (
     BaseModel,
@@ -14,8 +14,10 @@ from pydantic import (
     ModelWrapValidatorHandler,
     Strict,
     ValidationError,
+    create_model,
     model_validator,
 )
+from pydantic_core import CoreSchema, ErrorDetails, InitErrorDetails
 
 if TYPE_CHECKING:
     from typing import Optional as Omittable  # pyright: ignore[reportUnusedImport]
@@ -35,6 +37,8 @@ TAGS: dict[type, str] = {int: NUMBER, float: NUMBER, str: TEXT, list: LIST, dict
 LISTED_KEYS = 6  # at most, in a message about something else
 
 Location = tuple[str | int, ...]
+Key = tuple[object, object]  # the type of a key of a mapping, and what pydantic's `Field` says of it
+Model = TypeVar("Model", bound="DocumentModel")
 
 
 class InvalidValueError(ValueError):
@@ -42,11 +46,12 @@ class InvalidValueError(ValueError):
 
     Attributes:
       type: of the error: one of pydantic's; `expected`, with that in the context; or `message`, likewise.
+      keys: those that the mapping may have.
       context: what the message is made of.
     """
 
-    def __init__(self, type: str, **context: Any) -> None:  # noqa: A002
-        self.type, self.context = type, context
+    def __init__(self, type: str, keys: Iterable[str] = (), **context: object) -> None:  # noqa: A002
+        self.type, self.keys, self.context = type, tuple(keys), context
         super().__init__(type)
 
     @classmethod
@@ -55,7 +60,7 @@ class InvalidValueError(ValueError):
         return cls("message", message=message)
 
     @classmethod
-    def from_details(cls, details: Mapping[str, Any], keys: Iterable[str]) -> "InvalidValueError":
+    def from_details(cls, details: ErrorDetails, keys: Iterable[str]) -> "InvalidValueError":
         """The error in pydantic's `details`, from a model with `keys`."""
         context = dict(details.get("ctx", {}))
         error = context.get("error")
@@ -63,7 +68,7 @@ class InvalidValueError(ValueError):
             return error
         if error is not None:
             return cls.with_message(str(error))
-        return cls(details["type"], msg=details["msg"], keys=tuple(keys), **context)
+        return cls(details["type"], keys, msg=details["msg"], **context)
 
 
 class DocumentModel(BaseModel):
@@ -74,7 +79,7 @@ class DocumentModel(BaseModel):
     )
 
     @classmethod
-    def cross_field_errors(cls, values: Mapping[str, Any]) -> Iterator[tuple[Location, str]]:
+    def cross_field_errors(cls, values: Mapping[str, object]) -> Iterator[tuple[Location, str]]:
         """What is wrong with values that are right by themselves: the location, and the message.
 
         Args:
@@ -107,10 +112,16 @@ class DocumentModel(BaseModel):
         else:
             if not errors:
                 return model
-        lines: list[Any] = [
+        lines: list[InitErrorDetails] = [
             {"type": "value_error", "loc": loc, "ctx": {"error": error}, "input": None} for loc, error in errors
         ]
         raise ValidationError.from_exception_data(cls.__name__, lines)
+
+
+def model_with_keys(name: str, base: type[Model], keys: Mapping[str, Key], description: str | None) -> type[Model]:
+    """A model of mappings with `keys`, besides those of `base`."""
+    fields: dict[str, Any] = {**keys}
+    return create_model(name, __base__=base, __doc__=description, **fields)
 
 
 class _HashableDiscriminator(Discriminator):
@@ -139,7 +150,7 @@ class OneOf:
 
     names: tuple[str, ...]
 
-    def __get_pydantic_core_schema__(self, source: object, handler: GetCoreSchemaHandler) -> Any:
+    def __get_pydantic_core_schema__(self, source: object, handler: GetCoreSchemaHandler) -> CoreSchema:
         return handler.generate_schema(Literal.__getitem__(self.names))  # type: ignore[attr-defined]
 
 

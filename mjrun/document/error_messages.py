@@ -1,8 +1,7 @@
 """What pydantic found wrong, as faults: where it is written, what was expected, and what is there instead."""
 
 import re
-from collections.abc import Callable, Sequence
-from typing import Any
+from collections.abc import Callable, Mapping, Sequence
 
 from pydantic import ValidationError
 
@@ -21,7 +20,7 @@ from mjrun.document.tree import (
 )
 from mjrun.errors import clean, listing, quoted, suggestion
 
-Context = dict[str, Any]
+Context = Mapping[str, object]
 
 
 def _above(context: Context) -> str:
@@ -38,7 +37,7 @@ RENAMED = {
 }
 
 # What was expected, by pydantic's type of error.
-EXPECTED: dict[str, Callable[[Context], str]] = {
+EXPECTED: dict[str, Callable[[Context], object]] = {
     "expected": lambda context: context["expected"],
     "float_type": lambda context: "a number",
     "int_type": lambda context: "a whole number",
@@ -68,7 +67,7 @@ def validation_faults(error: ValidationError, tree: Node, besides: Sequence[str]
         node = find(tree, path)
         if not isinstance(node, InvalidNode):
             invalid = InvalidValueError.from_details(details, ())
-            keys = (*invalid.context.get("keys", ()), *(besides if len(path) == 1 else ()))
+            keys = (*invalid.keys, *(besides if len(path) == 1 else ()))
             faults.append(_fault(invalid, path, node, tree, keys))
     return faults
 
@@ -77,7 +76,7 @@ def _fault(error: InvalidValueError, path: Path, node: Node, tree: Node, keys: S
     context = error.context
     match error.type:
         case "message":
-            return Fault(node.mark, path_text(path), context["message"])
+            return Fault(node.mark, path_text(path), str(context["message"]))
         case "missing":
             return Fault(node.mark, path_text(path[:-1]), f"{quoted(str(path[-1]))} is missing")
         case "extra_forbidden":
@@ -88,7 +87,7 @@ def _fault(error: InvalidValueError, path: Path, node: Node, tree: Node, keys: S
             message = f"expected {EXPECTED[kind](context)}, got {described(node)}"
             return Fault(node.mark, path_text(path), message + _hint(kind, context, node))
         case _:
-            return Fault(node.mark, path_text(path), f"{clean(context['msg'])}, got {described(node)}")
+            return Fault(node.mark, path_text(path), f"{clean(str(context['msg']))}, got {described(node)}")
 
 
 def _unknown(key: str, keys: Sequence[str]) -> str:
@@ -108,7 +107,7 @@ def _hint(kind: str, context: Context, node: Node) -> str:
     if not isinstance(node, ScalarNode):
         return ""
     if kind == "literal_error" and isinstance(node.value, str):
-        return suggestion(node.value, re.findall("'([^']*)'", context["expected"]))
+        return suggestion(node.value, re.findall("'([^']*)'", str(context["expected"])))
     if kind == "string_type" and node.text:
         return f"; as text it goes in quotes, {quoted(shortened(node.text))}"
     return ""

@@ -3,9 +3,10 @@
 import re
 from collections.abc import Callable, Sequence
 from fractions import Fraction
-from typing import Annotated, Any, TypeVar, cast
+from typing import Annotated, TypeVar, cast
 
 from pydantic import AfterValidator, Discriminator, Field, PlainValidator, Tag, WithJsonSchema
+from pydantic.fields import FieldInfo
 
 from mjrun.document.document_model import LIST, NUMBER, InvalidValueError, by_type
 from mjrun.errors import UsageError
@@ -32,7 +33,7 @@ def as_tuple(value: object) -> tuple[object, ...]:
     return tuple(cast("list[object]", value)) if isinstance(value, list) else (value,)
 
 
-def _exact(kind: option_kinds.ExactNumber, expected: str, bound: Any) -> Any:
+def _exact(kind: option_kinds.ExactNumber, expected: str, bound: FieldInfo) -> PlainValidator:
     """Reads a number, or text such as `30000/1001`, as the exact number that is written."""
 
     def exact(value: object) -> Fraction:
@@ -80,7 +81,7 @@ Numbers = Annotated[
 ]
 
 
-def checked_by(check: Callable[[str], object]) -> Any:
+def checked_by(check: Callable[[str], object]) -> AfterValidator:
     """Refuses texts that `check` refuses, in its words."""
 
     def checked(text: str) -> str:
@@ -93,6 +94,6 @@ def checked_by(check: Callable[[str], object]) -> Any:
     return AfterValidator(checked)
 
 
-def suggested(names: Sequence[str]) -> Any:
+def suggested(names: Sequence[str]) -> WithJsonSchema:
     """Tells editors the names that a text may have."""
     return WithJsonSchema({"type": "string", "enum": list(names)})

@@ -1,7 +1,7 @@
 """Cameras, ghosts and pushes as mappings, where a run document uses them."""
 
 from collections.abc import Callable, Iterator, Mapping
-from typing import Annotated, Any
+from typing import Annotated
 
 from pydantic import AfterValidator, Field, Tag
 
@@ -52,7 +52,7 @@ class InlineGhost(DocumentModel):
     """A recording (.npz) that it goes through, relative to the folder of this document."""
 
     @classmethod
-    def cross_field_errors(cls, values: Mapping[str, Any]) -> Iterator[tuple[Location, str]]:
+    def cross_field_errors(cls, values: Mapping[str, object]) -> Iterator[tuple[Location, str]]:
         first, *others = [key for key in MOTIONS if key in values] or [""]
         yield from (((key,), f"{first} and {key} exclude each other: each says what the ghost does") for key in others)
         with_comma = [key for key in MOTIONS if "," in str(values.get(key, ""))]
@@ -92,7 +92,7 @@ class InlinePush(DocumentModel):
     """How long it lasts [s]."""
 
     @classmethod
-    def cross_field_errors(cls, values: Mapping[str, Any]) -> Iterator[tuple[Location, str]]:
+    def cross_field_errors(cls, values: Mapping[str, object]) -> Iterator[tuple[Location, str]]:
         if ("body" in values) == ("site" in values):
             yield ("site",) if "site" in values else (), "a push is on a body or at a site: give one of the two"
 

@@ -1,17 +1,16 @@
 """JSON Schema of the documents, by which editors complete and check them while they are written, and of reports."""
 
-from typing import Any, cast
+from typing import cast
 
 from pydantic import BaseModel
 from pydantic.json_schema import GenerateJsonSchema, JsonSchemaValue
+from pydantic_core.core_schema import WithDefaultSchema
 
 from mjrun.document.camera import CameraDocument
 from mjrun.document.report_schema import REPORTS, report_schema
 from mjrun.document.run import RunDocument
 from mjrun.document.variables import DEFAULTS, VARS
 from mjrun.errors import UnknownNameError
-
-Schema = dict[str, Any]
 
 # Kind of document → its model, its title, and whether it may have variables and defaults.
 DOCUMENTS: dict[str, tuple[type[BaseModel], str, bool]] = {
@@ -42,16 +41,16 @@ NARROW = ("enum", "const", "pattern")  # keywords that a text with a variable do
 class _Generator(GenerateJsonSchema):
     """Leaves out what pydantic makes up: titles of fields, and the null of what may be left out."""
 
-    def field_title_should_be_set(self, schema: Any) -> bool:
+    def field_title_should_be_set(self, schema: object) -> bool:
         return False
 
-    def default_schema(self, schema: Any) -> JsonSchemaValue:
+    def default_schema(self, schema: WithDefaultSchema) -> JsonSchemaValue:
         if schema.get("default") is None:
             return self.generate_inner(schema["schema"])
         return super().default_schema(schema)
 
 
-def json_schema(kind: str) -> dict[str, Any]:
+def json_schema(kind: str) -> JsonSchemaValue:
     """The JSON Schema, draft 2020-12, of documents or reports of a `kind`.
 
     Raises:
@@ -67,33 +66,35 @@ def json_schema(kind: str) -> dict[str, Any]:
     return _with_variable_keys(schema) if has_variables else schema
 
 
-def _with_variable_keys(schema: Schema) -> Schema:
+def _with_variable_keys(schema: JsonSchemaValue) -> JsonSchemaValue:
     """`schema` for a document that may have variables, and defaults that say what it does not."""
-    properties = {**VARIABLE_KEYS, **_with_variables(schema["properties"])}
-    definitions = {**_with_variables(schema.get("$defs", {})), "Variable": VARIABLE}
+    properties = {key: _with_variables(rule) for key, rule in schema["properties"].items()}
+    definitions = {name: _with_variables(rule) for name, rule in schema.get("$defs", {}).items()}
     without_defaults = {key: schema[key] for key in ("required", "anyOf") if key in schema}
     rest = {key: value for key, value in schema.items() if key != "required"}
     return {
         **rest,
-        "$defs": definitions,
-        "properties": properties,
+        "$defs": {**definitions, "Variable": VARIABLE},
+        "properties": {**VARIABLE_KEYS, **properties},
         "anyOf": [{"required": [DEFAULTS]}, without_defaults],
     }
 
 
-def _with_variables(rule: Any) -> Any:
+def _with_variables(rule: object) -> object:
     """`rule`, or the rules in it, with variables wherever a value is no free text."""
     if isinstance(rule, list):
-        return [_with_variables(inner) for inner in cast("list[Any]", rule)]
-    return _rule_with_variables(cast("Schema", rule)) if isinstance(rule, dict) else rule
+        return [_with_variables(inner) for inner in cast("list[object]", rule)]
+    return _rule_with_variables(cast("JsonSchemaValue", rule)) if isinstance(rule, dict) else rule
 
 
-def _rule_with_variables(rule: Schema) -> Schema:
+def _rule_with_variables(rule: JsonSchemaValue) -> JsonSchemaValue:
     if rule.get("type") in ("number", "integer", "boolean") or any(key in rule for key in NARROW):
         annotations = {key: rule[key] for key in ANNOTATIONS if key in rule}
         bare = {key: value for key, value in rule.items() if key not in annotations}
         return {**annotations, "anyOf": [bare, {"$ref": "#/$defs/Variable"}]}
-    changed = {key: value if key in ANNOTATIONS else _with_variables(value) for key, value in rule.items()}
+    changed: JsonSchemaValue = {
+        key: value if key in ANNOTATIONS else _with_variables(value) for key, value in rule.items()
+    }
     if all("required" not in member for member in changed.get("oneOf", [{"required": []}])):
         changed["anyOf"] = changed.pop("oneOf")  # a variable may fit several
     return changed

@@ -4,9 +4,9 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from fractions import Fraction
 from pathlib import Path
-from typing import Annotated, Any, ClassVar, Literal, cast
+from typing import Annotated, ClassVar, Literal
 
-from pydantic import BeforeValidator, Field, PlainValidator, Strict, Tag, create_model
+from pydantic import BeforeValidator, Field, PlainValidator, Strict, Tag
 
 from mjrun.document.camera import Event, read_camera
 from mjrun.document.document_model import (
@@ -16,11 +16,13 @@ from mjrun.document.document_model import (
     TEXT,
     DocumentModel,
     InvalidValueError,
+    Key,
     Location,
     Name,
     Omittable,
     OneOf,
     by_type,
+    model_with_keys,
     of_length,
 )
 from mjrun.document.field_types import Exact, Instant, Numbers, Several, Size, as_tuple, checked_by, suggested
@@ -32,14 +34,11 @@ from mjrun.formats.format_lists import with_formats
 from mjrun.job.view import check_segmentation_name
 from mjrun.model.sources import is_file
 from mjrun.options import kinds as option_kinds
-from mjrun.options.kinds import ExpectedError, Kind, setting_text
+from mjrun.options.kinds import AnyKind, ExpectedError, setting_text
 from mjrun.options.option import Exclusion, FrontEnd, Option, Options, exclusions_of, options_of
 from mjrun.options.push import PushKind
 from mjrun.rendering.segmentation import groupings
 from mjrun.rendering.visual import Visual, flags, frames, labels
-
-AnyKind = Kind[Any, Any]
-SeveralValues = option_kinds.Several[Any, Any]
 
 # The names of a kind that there are, for editors, and what refuses others.
 NAMES: dict[str, tuple[Callable[[], list[str]], Callable[[str], object]]] = {
@@ -50,7 +49,7 @@ NAMES: dict[str, tuple[Callable[[], list[str]], Callable[[str], object]]] = {
 }
 
 
-def _setting(value: Any) -> str:
+def _setting(value: object) -> str:
     try:
         return setting_text(value)
     except ExpectedError as error:
@@ -70,7 +69,7 @@ class OptionsModel(DocumentModel):
     declared: ClassVar[type[Options]] = Options
 
     @classmethod
-    def cross_field_errors(cls, values: Mapping[str, Any]) -> Iterator[tuple[Location, str]]:
+    def cross_field_errors(cls, values: Mapping[str, object]) -> Iterator[tuple[Location, str]]:
         for exclusion in exclusions_of(cls.declared):
             if exclusion.applies(_condition(cls.declared, exclusion, values)) and all(
                 _is_set(values.get(name)) for name in exclusion.names
@@ -83,17 +82,17 @@ def options_model(
     *,
     base: type[OptionsModel] = OptionsModel,
     name: str = "",
-    first: Mapping[str, Any] | None = None,
-    last: Mapping[str, Any] | None = None,
+    first: Mapping[str, Key] | None = None,
+    last: Mapping[str, Key] | None = None,
 ) -> type[OptionsModel]:
     """The model of a mapping with the options that `declared` declares.
 
     Args:
       first, last: fields before and after those, as pydantic's `create_model` takes them.
     """
-    fields: dict[str, Any] = {each.attribute: _field(each) for each in document_options(declared)}
-    fields = {**(first or {}), **fields, **(last or {})}
-    model = create_model(name or declared.__name__, __base__=base, __doc__=declared.__doc__, **fields)
+    keys = {each.attribute: _field(each) for each in document_options(declared)}
+    keys = {**(first or {}), **keys, **(last or {})}
+    model = model_with_keys(name or declared.__name__, base, keys, declared.__doc__)
     model.declared = declared
     return model
 
@@ -108,7 +107,7 @@ def is_always_written(each: Option) -> bool:
     return each.is_required or each.name == "output"
 
 
-def _condition(declared: type[Options], exclusion: Exclusion, values: Mapping[str, Any]) -> object:
+def _condition(declared: type[Options], exclusion: Exclusion, values: Mapping[str, object]) -> object:
     """The value of the option that an exclusion depends on."""
     name = exclusion.when[0] if exclusion.when else ""
     defaults = {each.name: each.default for each in options_of(declared)}
@@ -120,7 +119,7 @@ def _is_set(value: object) -> bool:
     return value is not None and value is not False and value != []
 
 
-def _field(each: Option) -> tuple[Any, Any]:
+def _field(each: Option) -> Key:
     """Type and default of a key."""
     annotation = field_type(each.kind)
     text = with_formats(each.help) + (f" If left out: {each.usual}." if each.usual else "")
@@ -131,23 +130,18 @@ def _field(each: Option) -> tuple[Any, Any]:
     return annotation, Field(default, alias=alias, description=text)
 
 
-def _default(each: Option) -> Any:
+def _default(each: Option) -> object:
     plain = each.kind.plain(each.default)
     return float(plain) if isinstance(plain, Fraction) else plain
 
 
-def _element(kind: option_kinds.Optional[Any, Any] | option_kinds.Several[Any, Any]) -> AnyKind:
-    """The kind of each of several values, or of one that may be left out."""
-    return kind.each
-
-
-def field_type(kind: AnyKind) -> Any:
+def field_type(kind: AnyKind) -> object:
     """The type of a key whose values are of a kind."""
     match kind:
-        case option_kinds.Optional():
-            return Omittable[field_type(_element(kind))]
-        case option_kinds.Several():
-            return Several[field_type(_element(cast("SeveralValues", kind)))]
+        case option_kinds.Optional(each=each):
+            return Omittable[field_type(each)]
+        case option_kinds.Several(each=each):
+            return Several[field_type(each)]
         case option_kinds.MujocoName(of=of):
             names, check = NAMES[of]
             return Annotated[Name, checked_by(check), suggested(names())]
@@ -170,7 +164,7 @@ def field_type(kind: AnyKind) -> Any:
             return FIELD_TYPES[type(kind)]
 
 
-FIELD_TYPES: dict[type[AnyKind], Any] = {
+FIELD_TYPES: dict[type[AnyKind], object] = {
     option_kinds.Text: Name,
     option_kinds.Flag: bool,
     option_kinds.Size: Size,
@@ -227,7 +221,7 @@ class Folders:
         return path if self.inputs == Path() else str(self.inputs / path)
 
 
-def option_value(each: Option, value: Any, folders: Folders) -> Any:
+def option_value(each: Option, value: object, folders: Folders) -> object:
     """The value of an option, from what the document holds.
 
     Raises:
@@ -238,40 +232,40 @@ def option_value(each: Option, value: Any, folders: Folders) -> Any:
         return _converted(each.kind, value, folders)
 
 
-def _converted(kind: AnyKind, value: Any, folders: Folders) -> Any:
-    match kind:
-        case option_kinds.Optional():
-            return _converted(_element(kind), value, folders)
-        case option_kinds.Several():
-            element, parts = _element(cast("SeveralValues", kind)), list[Any]()
+def _converted(kind: AnyKind, value: object, folders: Folders) -> object:
+    match kind, value:
+        case option_kinds.Optional(each=each), _:
+            return _converted(each, value, folders)
+        case option_kinds.Several(each=each), _:
+            parts: list[object] = []
             for index, part in enumerate(as_tuple(value)):
                 with concerning(index):
-                    parts.append(_converted(element, part, folders))
+                    parts.append(_converted(each, part, folders))
             return tuple(parts)
-        case option_kinds.File(written=True):
-            return folders.outputs.path(value)
-        case option_kinds.File():
-            return folders.input(value)
-        case option_kinds.Ghost():
-            return ghost_text(value, folders.input)
-        case PushKind():
-            return value.push() if isinstance(value, InlinePush) else kind(value)
-        case option_kinds.ColumnMap():
+        case option_kinds.File(written=written), str(path):
+            return folders.outputs.path(path) if written else folders.input(path)
+        case option_kinds.Ghost(), str() | InlineGhost() as ghost:
+            return ghost_text(ghost, folders.input)
+        case PushKind(), InlinePush() as push:
+            return push.push()
+        case PushKind(), str(text):
+            return kind.parse(text)
+        case option_kinds.ColumnMap(), _:
             return _map_texts(kind, value, folders)
-        case option_kinds.Camera() if isinstance(value, InlineCamera):
-            return value.script(value.name)
-        case option_kinds.Camera() if isinstance(value, str) and Path(value).suffix.lower() in SUFFIXES:
-            return read_camera(folders.input(value))
-        case option_kinds.Instant() if isinstance(value, Event):
-            return value.event()
+        case option_kinds.Camera(), InlineCamera() as camera:
+            return camera.script(camera.name)
+        case option_kinds.Camera(), str(text) if Path(text).suffix.lower() in SUFFIXES:
+            return read_camera(folders.input(text))
+        case option_kinds.Instant(), Event() as event:
+            return event.event()
         case _:
             return value
 
 
-def _map_texts(kind: option_kinds.ColumnMap, value: Any, folders: Folders) -> tuple[str, ...]:
+def _map_texts(kind: option_kinds.ColumnMap, value: object, folders: Folders) -> tuple[str, ...]:
     """The texts of a map, its files as they are from here."""
     try:
-        texts = kind(value)
+        texts = kind(cast("str | dict[str, object] | list[str]", value))
     except ExpectedError as error:
         raise BadValueError(option("map"), value if error.part is None else error.part, error.expected) from None
     return tuple(f"@{folders.input(text[1:])}" if text.startswith("@") else text for text in texts)

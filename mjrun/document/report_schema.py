@@ -2,10 +2,10 @@
 
 import inspect
 import re
-from typing import Any
 
 from pydantic import TypeAdapter
 from pydantic.json_schema import GenerateJsonSchema, JsonSchemaValue
+from pydantic_core.core_schema import DataclassField, DataclassSchema, ModelField, TypedDictField, WithDefaultSchema
 
 from mjrun.bench.results import BenchResult
 from mjrun.diff.result import DiffResult
@@ -21,16 +21,16 @@ _FIELDS = re.compile(r"^  (\w+(?:, \w+)*): (.*(?:\n    .*)*)", re.MULTILINE)
 class _Generator(GenerateJsonSchema):
     """Describes each field; a report has all of them."""
 
-    def field_title_should_be_set(self, schema: Any) -> bool:
+    def field_title_should_be_set(self, schema: object) -> bool:
         return False
 
-    def field_is_required(self, field: Any, total: bool) -> bool:
+    def field_is_required(self, field: ModelField | DataclassField | TypedDictField, total: bool) -> bool:
         return True
 
-    def default_schema(self, schema: Any) -> JsonSchemaValue:
+    def default_schema(self, schema: WithDefaultSchema) -> JsonSchemaValue:
         return self.generate_inner(schema["schema"])
 
-    def dataclass_schema(self, schema: Any) -> JsonSchemaValue:
+    def dataclass_schema(self, schema: DataclassSchema) -> JsonSchemaValue:
         report = super().dataclass_schema(schema)
         about, _, fields = (inspect.getdoc(schema["cls"]) or "").partition("Attributes:\n")
         report["description"] = about.strip()
@@ -40,7 +40,7 @@ class _Generator(GenerateJsonSchema):
         return report
 
 
-def report_schema(kind: str) -> dict[str, Any]:
+def report_schema(kind: str) -> JsonSchemaValue:
     """The JSON Schema, draft 2020-12, of reports of a `kind`, one of `REPORTS`. New keys may come to a report."""
     report, title = REPORTS[kind]
     schema = TypeAdapter(report).json_schema(schema_generator=_Generator, mode="serialization")

@@ -2,9 +2,9 @@
 
 from collections.abc import Iterator, Mapping
 from functools import cache
-from typing import Annotated, Any, ClassVar, Protocol, cast
+from typing import Annotated, ClassVar, Protocol, cast
 
-from pydantic import AfterValidator, BeforeValidator, Field, Tag, create_model
+from pydantic import AfterValidator, BeforeValidator, Field, Tag
 
 from mjrun.camera.easing import EASINGS, Ramp
 from mjrun.camera.rigs.model import ModelRig
@@ -16,6 +16,7 @@ from mjrun.document.document_model import (
     NUMBER,
     TEXT,
     DocumentModel,
+    Key,
     Location,
     Name,
     OneOf,
@@ -23,6 +24,7 @@ from mjrun.document.document_model import (
     Vector,
     by_type,
     empty_if_null,
+    model_with_keys,
 )
 
 Ease = Annotated[str, OneOf(tuple(EASINGS))]
@@ -77,7 +79,7 @@ def optional_ramp(value: float | RampModel | None) -> Ramp | None:
 class Declared(Protocol):
     """A dataclass with declared fields, such as a rig or a waypoint."""
 
-    def __init__(self, *values: Any, **fields: Any) -> None: ...
+    def __init__(self, *values: object, **fields: object) -> None: ...
 
     @classmethod
     def conflicts(cls, values: Mapping[str, object]) -> Iterator[tuple[Location, str]]:
@@ -91,7 +93,7 @@ class DeclaredModel(DocumentModel):
     declared: ClassVar[type[Declared]]
 
     @classmethod
-    def cross_field_errors(cls, values: Mapping[str, Any]) -> Iterator[tuple[Location, str]]:
+    def cross_field_errors(cls, values: Mapping[str, object]) -> Iterator[tuple[Location, str]]:
         return cls.declared.conflicts(values)
 
     def value(self) -> Declared:
@@ -113,18 +115,18 @@ def _field_value(value: object) -> object:
 @cache
 def declared_model(declared: type[Declared]) -> type[DeclaredModel]:
     """The model of a dataclass with declared fields; its docstring is the description."""
-    fields: dict[str, Any] = {}
+    fields: dict[str, Key] = {}
     for field in declared_fields(declared):
         alias = field.key if field.key != field.name else None
         default = ... if field.required else field.default
         fields[field.name] = (_annotation(field.setting), Field(default, alias=alias, description=field.setting.help))
     name = declared.__name__.removesuffix("Rig")
-    model = create_model(name, __base__=DeclaredModel, __doc__=declared.__doc__, **fields)
+    model = model_with_keys(name, DeclaredModel, fields, declared.__doc__)
     model.declared = declared
     return model
 
 
-def _annotation(setting: Setting) -> Any:
+def _annotation(setting: Setting) -> object:
     """The type of a setting in a document."""
     match setting.kind:
         case "object":
@@ -146,12 +148,12 @@ def _annotation(setting: Setting) -> Any:
             return Annotated[list[declared_model(setting.record)], Field(min_length=setting.length)]
 
 
-def rig_fields() -> dict[str, Any]:
+def rig_fields() -> dict[str, Key]:
     """The fields of a shot that hold its rig, for `pydantic.create_model`; a camera of the model is not a mapping."""
-    fields: dict[str, Any] = {}
+    fields: dict[str, Key] = {}
     for kind, rig in RIGS.items():
         if rig is not ModelRig:
-            model: Any = declared_model(rig)
+            model: object = declared_model(rig)
             if not any(field.required for field in declared_fields(rig)):
                 model = Annotated[model, BeforeValidator(empty_if_null, json_schema_input_type=model | None)]
             fields[kind] = (model, Field(None, description=rig.help))

@@ -21,11 +21,11 @@ from contextlib import contextmanager
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import Annotated, Any, TypeVar, cast
+from typing import Annotated, TypeVar, cast
 
 from pydantic import ConfigDict, Field, Tag
 
-from mjrun.document.document_model import MAPPING, TEXT, Location, Name, by_type
+from mjrun.document.document_model import MAPPING, TEXT, Key, Location, Name, by_type
 from mjrun.document.error_messages import RENAMED
 from mjrun.document.option_models import Folders, OptionsModel, document_options, option_value, options_model
 from mjrun.document.output_folder import OutputFolder, OutputPath
@@ -63,14 +63,14 @@ class _Run(OptionsModel):
     model_config = ConfigDict(json_schema_extra={"anyOf": [{"required": [key]} for key in OUTPUTS]})
 
     @classmethod
-    def cross_field_errors(cls, values: Mapping[str, Any]) -> Iterator[tuple[Location, str]]:
+    def cross_field_errors(cls, values: Mapping[str, object]) -> Iterator[tuple[Location, str]]:
         yield from super().cross_field_errors(values)
         renamed = any(RENAMED.get(key, "").startswith(tuple(OUTPUTS)) for key in values)  # an error of its own
         if not renamed and not any(values.get(key, []) != [] for key in OUTPUTS):
             yield (), f"there is nothing to do; ask for one of {', '.join(OUTPUTS)}"
 
 
-def _entry(output: type[Options]) -> Any:
+def _entry(output: type[Options]) -> object:
     """The type of an output: a mapping of its options, or its file alone."""
     return Annotated[
         Annotated[OutputPath, Tag(TEXT)] | Annotated[options_model(output), Tag(MAPPING)],
@@ -83,7 +83,7 @@ def _run_model() -> type[OptionsModel]:
         description="The model: a file (.xml, .urdf, .mjz, .zip, .mjb), relative to the folder of this document, or "
         "another source such as scene:dominos."
     )
-    lists: dict[str, Any] = {
+    lists: dict[str, Key] = {
         key: (list[_entry(output)], Field([], description=f"The {key}: a file or a mapping each."))
         for key, output in OUTPUTS.items()
     }
@@ -176,7 +176,8 @@ class _Builder:
         values = self._values(SimulationOptions, document, ())
         values |= {"controller": self._options.controller, "control_dt": self._options.control_dt}
         model = self._folders.model(document.model_dump(include={"model"})["model"])
-        return self._attempt((), lambda: Simulation(model, **values)) or Simulation("")
+        simulation = cast("Callable[..., Simulation]", Simulation)
+        return self._attempt((), lambda: simulation(model, **values)) or Simulation("")
 
     def _job(
         self, output: Callable[..., Job[OutputResult]], entry: OptionsModel | str, place: Place, simulation: Simulation
@@ -184,7 +185,7 @@ class _Builder:
         faults = len(self._faults) + len(self._others)
         if isinstance(entry, str):
             path = self._attempt(place, lambda: self._folders.outputs.path(entry))
-            values: dict[str, Any] = {} if path is None else {"output": path}
+            values: dict[str, object] = {} if path is None else {"output": path}
         else:
             values = self._values(entry.declared, entry, place)
         if "output" not in values:
@@ -197,9 +198,9 @@ class _Builder:
         self._reserve(job, place)
         return job
 
-    def _values(self, declared: type[Options], entry: OptionsModel, place: Place) -> dict[str, Any]:
+    def _values(self, declared: type[Options], entry: OptionsModel, place: Place) -> dict[str, object]:
         """What the options are given for what the document says of them."""
-        values: dict[str, Any] = {}
+        values: dict[str, object] = {}
         for each in document_options(declared):
             if each.attribute in entry.model_fields_set:
                 written = getattr(entry, each.attribute)

@@ -2,23 +2,22 @@
 
 from collections.abc import Sequence
 from fractions import Fraction
-from typing import Any, cast
+from typing import cast
 
 from mjrun.camera.script import CameraScript, Event
 from mjrun.document.camera_writer import camera_document, event_document
 from mjrun.document.option_models import document_options, is_always_written
 from mjrun.document.output_folder import refusal
 from mjrun.document.run import OUTPUTS
+from mjrun.document.tree import Mapped, Plain
 from mjrun.document.yaml_scalars import meaning
 from mjrun.document.yaml_writer import exact, number, yaml_text
 from mjrun.errors import UsageError, clean, option
 from mjrun.job.simulation import Simulation
 from mjrun.job.task import Job, OutputResult
 from mjrun.model.sources import source_of
-from mjrun.options.kinds import ExpectedError, File, Kind, Optional, Settings, setting_text
+from mjrun.options.kinds import AnyKind, ExpectedError, File, Optional, Settings, setting_text
 from mjrun.options.option import Option, Options
-
-Plain = dict[str, Any]
 
 
 def document_text(jobs: Sequence[Job[OutputResult]], command: str = "") -> str:
@@ -34,16 +33,16 @@ def document_text(jobs: Sequence[Job[OutputResult]], command: str = "") -> str:
     """
     if not jobs or any(job.simulation is not jobs[0].simulation for job in jobs):
         raise UsageError("a run document is of the outputs of one simulation")
-    document = _simulation(jobs[0].simulation)
+    outputs: dict[str, list[Plain]] = {}
     for job in jobs:
         key = next(key for key, output in OUTPUTS.items() if isinstance(job, output))
         options = _options(job)
-        document.setdefault(key, []).append(job.output if [*options] == ["output"] else options)
+        outputs.setdefault(key, []).append(job.output if [*options] == ["output"] else options)
     comment = f"# {clean(command)}\n" if command else ""
-    return comment + yaml_text(_escaped(document))
+    return comment + yaml_text(_escaped({**_simulation(jobs[0].simulation), **outputs}))
 
 
-def _simulation(simulation: Simulation) -> Plain:
+def _simulation(simulation: Simulation) -> Mapped:
     if simulation.controller is not None:
         raise UsageError(f"{option('controller')}: code stays on the command line; a document cannot hold it")
     source = source_of(simulation.model)
@@ -54,7 +53,7 @@ def _simulation(simulation: Simulation) -> Plain:
     return {"model": source.text, **_options(simulation), **settings}
 
 
-def _options(values: Options) -> Plain:
+def _options(values: Options) -> Mapped:
     """The keys of a document for `values`: all that are not the default."""
     return {
         each.name: plain_value(each.kind, value)
@@ -72,15 +71,15 @@ def _refused(each: Option, value: object) -> bool:
     return False
 
 
-def plain_value(kind: Kind[Any, Any], value: Any) -> Any:
+def plain_value(kind: AnyKind, value: object) -> Plain:
     """`value` as a document writes it."""
     whole = kind.each if isinstance(kind, Optional) else kind
     if isinstance(whole, Settings):
-        return _settings(value)
+        return _settings(cast("Sequence[tuple[str, str]]", value))
     return _written(whole.plain(value))
 
 
-def _written(value: Any) -> Any:
+def _written(value: object) -> Plain:
     """Plain values as YAML has them: exact numbers, events and camera scripts too."""
     match value:
         case Fraction():
@@ -94,15 +93,16 @@ def _written(value: Any) -> Any:
         case int() | float():
             return number(value)
         case list() | tuple():
-            return [_written(part) for part in cast("list[Any]", value)]
+            return [_written(part) for part in cast("Sequence[object]", value)]
         case dict():
-            return {key: _written(part) for key, part in cast("Plain", value).items()}
+            return {key: _written(part) for key, part in cast("dict[str, object]", value).items()}
         case _:
+            assert value is None
             return value
 
 
-def _settings(settings: Sequence[tuple[str, str]]) -> Plain:
-    written: Plain = {}
+def _settings(settings: Sequence[tuple[str, str]]) -> Mapped:
+    written: Mapped = {}
     for path, text in settings:
         if path in written:
             raise UsageError(f"{clean(path)} is set twice, and a document can set it once")
@@ -110,9 +110,9 @@ def _settings(settings: Sequence[tuple[str, str]]) -> Plain:
     return written
 
 
-def _setting(text: str) -> Any:
+def _setting(text: str) -> Plain:
     """The value that is set by `text`: numbers, a list of them or a truth value, if that comes to the same text."""
-    parts = [meaning(part) for part in text.split(",")]
+    parts: list[Plain] = [meaning(part) for part in text.split(",")]
     value = parts[0] if len(parts) == 1 else parts
     try:
         return value if setting_text(value) == text else text
@@ -120,14 +120,14 @@ def _setting(text: str) -> Any:
         return text
 
 
-def _escaped(value: Any) -> Any:
+def _escaped(value: Plain) -> Plain:
     """`value` with `${` escaped, so that no text refers to a variable."""
     match value:
         case str():
             return value.replace("${", "$${")
         case dict():
-            return {key: _escaped(inner) for key, inner in cast("Plain", value).items()}
+            return {key: _escaped(inner) for key, inner in value.items()}
         case list():
-            return [_escaped(inner) for inner in cast("list[Any]", value)]
+            return [_escaped(inner) for inner in value]
         case _:
             return value

@@ -2,13 +2,14 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any
 
 from mjrun.errors import clean, quoted
 
 SHOWN = 40  # characters of a foreign text that a message shows
 INVALID = object()  # what stands for a value that is reported already; fits no type
 
+Plain = None | bool | int | float | str | list["Plain"] | dict[str, "Plain"]  # what a document can hold
+Mapped = dict[str, Plain]
 Path = tuple[str | int, ...]  # keys of mappings and indices of lists, from the top
 
 
@@ -85,7 +86,7 @@ class InvalidNode:
 Node = ScalarNode | ListNode | MappingNode | InvalidNode
 
 
-def plain(node: Node) -> Any:
+def plain(node: Node) -> object:
     """`node` as Python's own values, `INVALID` where it is broken."""
     match node:
         case ScalarNode():

@@ -6,13 +6,16 @@
 import re
 from bisect import bisect_right
 from collections.abc import Callable
-from typing import Any, NoReturn
+from typing import NoReturn
 
 import yaml
 from yaml.events import (
     AliasEvent,
+    CollectionStartEvent,
     DocumentStartEvent,
+    Event,
     MappingEndEvent,
+    NodeEvent,
     ScalarEvent,
     SequenceEndEvent,
     SequenceStartEvent,
@@ -91,7 +94,7 @@ class _Composer:
         self.loader = yaml.SafeLoader(self.text)
         self._event()  # the stream begins
         start = self._event()
-        if isinstance(start, StreamEndEvent):
+        if not isinstance(start, DocumentStartEvent):
             return None
         self._check_directives(start)
         node = self._node(self._event(), ())
@@ -100,7 +103,7 @@ class _Composer:
             self._halt(extra.start_mark.index, "a second document begins here, and a file holds one")
         return node
 
-    def _event(self) -> Any:
+    def _event(self) -> Event:
         try:
             return self.loader.get_event()
         except yaml.MarkedYAMLError as error:
@@ -120,7 +123,8 @@ class _Composer:
         if start.tags or start.version not in (None, (1, 2)):
             self._fault(self.place(start.start_mark.index), (), NO_DIRECTIVES)
 
-    def _node(self, event: Any, path: Path) -> Node:
+    def _node(self, event: Event, path: Path) -> Node:
+        assert isinstance(event, NodeEvent), "YAML's grammar has a value here"
         index = event.start_mark.index
         mark = self.place(index)
         self.nodes += 1
@@ -133,14 +137,14 @@ class _Composer:
             return InvalidNode(mark)
         if isinstance(event, ScalarEvent):
             return self._scalar(event, mark, path)
-        if self.inline and not event.flow_style:
+        if self.inline and isinstance(event, CollectionStartEvent) and not event.flow_style:
             self._halt(index, "expected one value, [a list] or {a: mapping}")
         self.depth += 1
         node = self._list(mark, path) if isinstance(event, SequenceStartEvent) else self._mapping(mark, path)
         self.depth -= 1
         return node
 
-    def _check_properties(self, event: Any, mark: Mark, path: Path) -> None:
+    def _check_properties(self, event: NodeEvent, mark: Mark, path: Path) -> None:
         """YAML's properties of nodes are faults: anchors and tags."""
         if event.anchor is not None:
             self._fault(mark, path, NO_ANCHORS)
@@ -171,7 +175,7 @@ class _Composer:
                 entries[key], keys[key] = value, key_mark
         return MappingNode(mark, entries, keys)
 
-    def _key(self, event: Any, path: Path) -> str | None:
+    def _key(self, event: Event, path: Path) -> str | None:
         """The key that `event` begins; None if it is none."""
         plain = isinstance(event, ScalarEvent) and event.implicit[0]
         node = self._node(event, path)

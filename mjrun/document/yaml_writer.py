@@ -5,11 +5,13 @@
 
 import math
 import re
+from collections.abc import Mapping
 from fractions import Fraction
-from typing import Any
+from typing import cast
 
 import yaml
 
+from mjrun.document.tree import Plain
 from mjrun.document.yaml_parser import FORBIDDEN
 from mjrun.document.yaml_scalars import meaning
 from mjrun.errors import UsageError, quoted
@@ -56,7 +58,7 @@ def decimal(value: Fraction, what: str) -> float:
     return found
 
 
-def yaml_text(value: Any) -> str:
+def yaml_text(value: Plain) -> str:
     """`value`, of mappings, lists, texts, numbers, truth values and None, as the text of a document.
 
     Raises:
@@ -68,27 +70,28 @@ def yaml_text(value: Any) -> str:
 class _Dumper(yaml.SafeDumper):
     """Takes plain words for what our reader takes them for."""
 
-    def resolve(self, kind: Any, value: Any, implicit: Any) -> str:
+    def resolve(self, kind: type[yaml.Node], value: str, implicit: tuple[bool, bool]) -> str:
         if kind is yaml.ScalarNode and implicit[0]:
             found = "merge" if value == "<<" else _TAGS[type(meaning(value))]
             return f"tag:yaml.org,2002:{found}"
         return super().resolve(kind, value, (False, False))
 
-    def ignore_aliases(self, data: Any) -> bool:
+    def ignore_aliases(self, data: object) -> bool:
         return True
 
-    def represent(self, data: Any) -> None:
+    def represent(self, data: object) -> None:
         """The top stands in lines, however short it is."""
         node = self.represent_data(data)
         if isinstance(node, yaml.CollectionNode):
             node.flow_style = False
         self.serialize(node)
 
-    def represent_mapping(self, tag: str, mapping: Any, flow_style: bool | None = None) -> yaml.MappingNode:
-        for key in mapping:
+    def represent_mapping(self, tag: str, mapping: object, flow_style: bool | None = None) -> yaml.MappingNode:
+        entries = cast("Mapping[str, object]", mapping)
+        for key in entries:
             if _CONTROL.search(key):
                 raise UsageError(f"{quoted(key)}: a document takes no key with control characters")
-        return super().represent_mapping(tag, mapping, flow_style)
+        return super().represent_mapping(tag, entries, flow_style)
 
 
 def _represent_text(dumper: _Dumper, text: str) -> yaml.ScalarNode:

@@ -33,7 +33,7 @@ from mjrun.rendering.backend import Backend
 from mjrun.rendering.compositor import FrameStream, Overlay, SceneCompositor
 from mjrun.rendering.segmentation import Segmentation
 from mjrun.reporter import Reporter
-from mjrun.timeline import Timeline, nearest, rational
+from mjrun.timeline import Timeline, nearest
 
 POINTCLOUD_VIEWS = ("rgb", "depth")  # what a point cloud is made of
 VIDEO_SUFFIXES = (".mp4", ".mov", ".mkv", ".webm", ".gif", ".apng")
@@ -335,10 +335,6 @@ def _step(job: Image, timeline: Timeline, event_steps: EventSteps) -> int:
     if isinstance(job.time, Event):
         at = time_of(job.time, event_steps[job.time.when], timeline, job.output)
         return min(max(nearest(at / timeline.timestep), 0), timeline.steps)
-    try:
-        at = rational(job.time or 0)
-    except ValueError:
-        at = Fraction(-1)
-    if at < 0:
+    if job.time is not None and not isinstance(job.time, Fraction):
         raise BadValueError(option("time"), job.time, "a number of seconds from 0 on")
-    return nearest(at / timeline.timestep)
+    return nearest((job.time or Fraction(0)) / timeline.timestep)

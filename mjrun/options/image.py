@@ -1,6 +1,6 @@
 """Options of images."""
 
-from typing import Any, ClassVar
+from typing import ClassVar
 
 from mjrun.options.kinds import File, Flag, Instant, Integer, Optional, Text
 from mjrun.options.option import Exclusion, option, options, required
@@ -23,7 +23,7 @@ class ImageOptions(ViewOptions, OutputOptions):
         help=f"{RGB_IMAGES}; depth as {DEPTH_IMAGES}; segmentation as {SEGMENTATION_IMAGES} (COCO); "
         "or - for standard output.",
     )
-    time: Any = option(
+    time: object = option(
         converter=Optional(Instant()),
         default=None,
         usual="0",

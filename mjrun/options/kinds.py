@@ -20,7 +20,6 @@ T = TypeVar("T")
 W = TypeVar("W")
 Number = float | str | Fraction
 Numbers = tuple[float, ...]
-Plain = str | int | float | bool | None | list["Plain"] | dict[str, "Plain"]
 
 GROUPS = tuple(range(6))  # MuJoCo's groups of geoms, sites, …: mjNGROUP of them
 AUTO = "auto"
@@ -489,10 +488,11 @@ class Several(Kind["W | Sequence[W]", tuple[T, ...]], Generic[W, T]):
 
     def __init__(self, each: Kind[W, T], *, commas: bool = False, expected: str = "") -> None:
         super().__init__(f"{each.metavar},…" if commas else each.metavar)
-        self.each, self.commas, self.expected = each, commas, expected
+        self.each: AnyKind = each
+        self.commas, self.expected = commas, expected
 
     def __call__(self, value: "W | Sequence[W]") -> tuple[T, ...]:
-        parts: list[Any] = [value] if self._is_one(value) else [*cast("Sequence[W]", value)]
+        parts: Sequence[object] = [value] if self._is_one(value) else [*cast("Sequence[object]", value)]
         if self.commas:
             parts = [word for part in parts for word in (self._words(part) if isinstance(part, str) else (part,))]
         return tuple(self.each(part) for part in parts)
@@ -535,7 +535,7 @@ class Optional(Kind["W | None", "T | None"], Generic[W, T]):
 
     def __init__(self, each: Kind[W, T]) -> None:
         super().__init__(each.metavar)
-        self.each = each
+        self.each: AnyKind = each
 
     def __call__(self, value: "W | None") -> "T | None":
         return None if value is None else self.each(value)

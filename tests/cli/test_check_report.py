@@ -1,6 +1,7 @@
 """Theorems about the reports of `mjrun check`."""
 
 import os
+from typing import Any
 
 import pytest
 
@@ -40,7 +41,8 @@ def test_foreign_names_reach_neither_terminal_nor_pipeline_as_they_are() -> None
 )
 def test_a_file_is_a_uri_in_sarif(path: str, uri: str) -> None:
     result = CheckResult((ModelResult("a", True, (Finding("MJ301", "note", "m", path),)),), 0, 0)
-    place = check_report.sarif(result)["runs"][0]["results"][0]["locations"][0]["physicalLocation"]
+    document: Any = check_report.sarif(result)
+    place = document["runs"][0]["results"][0]["locations"][0]["physicalLocation"]
     assert place == {"artifactLocation": {"uri": uri}}
 
 
@@ -86,7 +88,8 @@ def test_a_message_begins_with_its_object_and_ends_with_its_model_where_the_file
 def test_the_levels_of_sarif_and_github_are_the_severities() -> None:
     codes = {RULES[code].severity: code for code in ("MJ102", "MJ302", "MJ301")}
     checked = result(*(finding(codes[severity]) for severity in SEVERITIES))
-    levels = [entry["level"] for entry in check_report.sarif(checked)["runs"][0]["results"]]
+    document: Any = check_report.sarif(checked)
+    levels = [entry["level"] for entry in document["runs"][0]["results"]]
     assert levels == list(SEVERITIES)
     commands = [line.split()[0] for line in check_report.annotations(checked)]
     assert commands == ["::notice", "::warning", "::error"]

@@ -135,7 +135,7 @@ def test_a_command_can_do_without_an_option() -> None:
 
 def test_what_is_given_can_be_converted_before_it_is_made() -> None:
     command_line = CommandLine({"name": "a", "topping": ("x",)})
-    doubled = command_line.with_converted("topping", lambda values: [value * 2 for value in values])
+    doubled = command_line.with_converted("topping", lambda text: text * 2)
     converted = doubled.with_converted("heat", float)
     assert converted.make(Cake, subject="s").topping == ("xx",)
     assert command_line.value("name") == "a"

@@ -42,9 +42,10 @@ def errors(value: object) -> list[tuple[Location, str]]:
     """Where errors are, and of what type or with what message."""
     with pytest.raises(ValidationError) as caught:
         Shelf.model_validate(value)
-    details = [(each["loc"], InvalidValueError.from_details(dict(each), ())) for each in caught.value.errors()]
+    details = [(each["loc"], InvalidValueError.from_details(each, ())) for each in caught.value.errors()]
     return [
-        (loc, error.context.get("message") or error.context.get("expected") or error.type) for loc, error in details
+        (loc, str(error.context.get("message") or error.context.get("expected") or error.type))
+        for loc, error in details
     ]
 
 
