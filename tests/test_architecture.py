@@ -33,6 +33,7 @@ LIBRARIES = {
     "rich": ("cli",),
     "yaml": ("document",),
     "pydantic": ("document",),
+    "pydantic_core": ("document",),  # the types of its schemas and errors
     "imageio": ("formats.video_reader",),
     "imageio_ffmpeg": ("formats.ffmpeg", "formats.video_reader"),
     "PIL": ("rendering.text", "rendering.graph", "formats.image_format", "formats.video_reader"),
