@@ -42,7 +42,7 @@ class ColumnMap:
 
     time: RowExpression | None
     columns: Mapping[str, Sequence[str]]
-    sources: dict[str, dict[int, RowExpression]] = field(default_factory=dict)
+    sources: dict[str, dict[int, RowExpression]] = field(default_factory=dict[str, dict[int, RowExpression]])
     unknown: Sequence[str] = ()
 
     @property

@@ -19,6 +19,7 @@ from mjrun.options.kinds import (
 from mjrun.options.option import FrontEnd, Options, option, options
 
 ALIGNMENTS = ("time", "row")
+NO_TOLERANCES: dict[str, Numbers] = {}
 
 
 class ColumnTolerances(Values):
@@ -61,7 +62,7 @@ class TableDiffOptions(Options):
     rtol: float = option(converter=Real(metavar="RTOL"), default=0.0, help="The relative tolerance.")
     tol: Mapping[str, Numbers] = option(
         converter=ColumnTolerances(),
-        default={},
+        default=NO_TOLERANCES,
         help="Tolerances for the columns that a name with wildcards matches: 'qvel/*=1e-6', 'energy/*=0,1e-9'; the "
         "last that matches counts. That of time says which times are the same.",
     )

@@ -436,10 +436,9 @@ class ColumnMap(Kind[str | PathLike[str] | Mapping[str, object] | Sequence[str],
             case str():
                 return (self.parse(value),)
             case PathLike():
-                return (f"@{fspath(cast('PathLike[str]', value))}",)
+                return (f"@{fspath(value)}",)
             case Mapping():
-                pairs = cast("Mapping[str, object]", value).items()
-                return tuple(self._part(f"{column}={_expression(of)}") for column, of in pairs)
+                return tuple(self._part(f"{column}={_expression(of)}") for column, of in value.items())
             case _:
                 return tuple(map(self._part, value))
 
@@ -458,9 +457,10 @@ class ColumnMap(Kind[str | PathLike[str] | Mapping[str, object] | Sequence[str],
             raise ExpectedError(error.expected, str(text)) from None
 
     def plain(self, value: tuple[str, ...]) -> object:
-        pairs = [tuple(part.strip() for part in text.split("=", 1)) for text in value if not text.startswith("@")]
-        if value and len({column for column, *_ in pairs}) == len(value):
-            return dict(pairs)
+        pairs = [text.partition("=") for text in value if not text.startswith("@")]
+        expressions = {column.strip(): of.strip() for column, _, of in pairs}
+        if value and len(expressions) == len(value):
+            return expressions
         return value[0] if len(value) == 1 else [*value]
 
 
