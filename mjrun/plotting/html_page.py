@@ -1,0 +1,204 @@
+"""A page about a result: HTML that needs no other file, no script and no network."""
+
+import math
+import re
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from mjrun.plotting.column_statistics import ColumnStatistics
+from mjrun.plotting.markup import Markup, element, table_element
+from mjrun.plotting.page_files import MEGABYTE, PageFile
+from mjrun.plotting.page_manifest import PageManifest, manifest_article
+from mjrun.probe.verdict import Verdict
+
+_STYLE = Path(__file__).with_name("html_page.css")
+UNFOLDED = 40  # columns of a table that are shown without being asked for
+_POLICY = "default-src 'none'; style-src 'unsafe-inline'; img-src data: file: 'self'; media-src data: file: 'self'"
+
+
+@dataclass(frozen=True)
+class PageFigure:
+    """A figure: its `<svg>` element, what it shows in words, and notes about it."""
+
+    svg: str
+    description: str
+    notes: Sequence[str] = ()
+
+
+@dataclass(frozen=True)
+class PageTable:
+    """A table in numbers."""
+
+    path: str
+    rows: int
+    columns: Sequence[ColumnStatistics]
+
+
+@dataclass(frozen=True)
+class Page:
+    """A page about a result.
+
+    Attributes:
+      title: of the page.
+      maker: the program, with its version.
+      verdicts: of assertions, each with the file that it is about.
+    """
+
+    title: str
+    maker: str
+    figures: Sequence[PageFigure] = ()
+    verdicts: Sequence[tuple[str, Verdict]] = ()
+    files: Sequence[PageFile] = ()
+    tables: Sequence[PageTable] = ()
+    manifests: Sequence[PageManifest] = ()
+
+
+def html_page(page: Page) -> str:
+    """The whole document; the same page gives the same text."""
+    sections = [
+        ("assertions", "Assertions", list(_verdicts(page.verdicts))),
+        ("plots", "Plots", [_figure(figure, index) for index, figure in enumerate(page.figures)]),
+        ("media", "Images and videos", list(_gallery([file for file in page.files if file.kind]))),
+        ("columns", "Columns", [_columns(table) for table in page.tables]),
+        ("origin", "How it was made", [manifest_article(manifest) for manifest in page.manifests]),
+        ("files", "Files", list(_links([file for file in page.files if not file.kind]))),
+    ]
+    shown = [section for section in sections if section[2]]
+    head = element(
+        "head",
+        element("meta", charset="utf-8"),
+        element("meta", http_equiv="Content-Security-Policy", content=_POLICY),
+        element("meta", name="viewport", content="width=device-width, initial-scale=1"),
+        element("meta", name="color-scheme", content="light dark"),
+        element("meta", name="generator", content=page.maker),
+        element("title", page.title),
+        element("style", Markup(_STYLE.read_text("utf-8"))),
+    )
+    main = element("main", *(_section(*section) for section in shown))
+    footer = element("footer", element("p", f"Made by {page.maker}. {_completeness(page.files)}"))
+    body = element("body", _header(page, [section[:2] for section in shown]), main, footer)
+    return f"<!doctype html>\n{element('html', head, body, lang='en')}\n"
+
+
+def _header(page: Page, sections: Sequence[tuple[str, str]]) -> Markup:
+    """The title, the verdict in a word, and links to the sections."""
+    failed = sum(not verdict.passed for _, verdict in page.verdicts)
+    count = len(page.verdicts)
+    badge = Markup()
+    if count:
+        text = f"{failed} of {count} assertions failed" if failed else f"{_counted(count, 'assertion')} passed"
+        badge = element("p", element("span", text, class_=f"badge {'fail' if failed else 'pass'}"))
+    links = [element("a", title, href=f"#{name}") for name, title in sections]
+    contents = element("nav", *links, aria_label="Contents") if len(links) > 1 else Markup()
+    return element("header", element("h1", page.title), badge, contents)
+
+
+def _section(name: str, title: str, parts: Sequence[Markup]) -> Markup:
+    return element("section", element("h2", title), *parts, id=name)
+
+
+def _completeness(files: Sequence[PageFile]) -> str:
+    beside = [file for file in files if not file.is_embedded]
+    if not beside:
+        return "This page is complete in itself."
+    return f"This page links to {_counted(len(beside), 'file')} beside it: keep them together."
+
+
+def _verdicts(verdicts: Sequence[tuple[str, Verdict]]) -> Iterator[Markup]:
+    if not verdicts:
+        return
+    several = len({path for path, _ in verdicts}) > 1
+    rows: list[Markup] = []
+    for path, verdict in verdicts:
+        word, kind = ("✓ passed", "pass") if verdict.passed else ("✗ failed", "fail")
+        found = verdict.message.removeprefix(f"{verdict.text}: ")
+        cells = [
+            element("td", element("span", word, class_=f"verdict {kind}")),
+            element("td", element("code", verdict.text)),
+        ]
+        rows.append(element("tr", *cells, element("td", found), *([element("td", path)] if several else [])))
+    heads = ["Verdict", "Assertion", "Found", *(["Table"] if several else [])]
+    yield table_element("Assertions and what was found", heads, rows)
+
+
+def _figure(figure: PageFigure, index: int) -> Markup:
+    label = f"plot-{index}"
+    notes = [element("p", note, class_="note") for note in figure.notes]
+    picture = element("div", Markup(inline_svg(figure.svg, label)), class_="scroll plot", tabindex="0")
+    return element("figure", picture, element("figcaption", figure.description, id=label), *notes)
+
+
+def inline_svg(svg: str, label: str) -> str:
+    """An `<svg>` element for a page: as wide as there is room, described by the element `label`, without metadata."""
+    svg = re.sub(r"<metadata>.*?</metadata>\s*", "", svg, flags=re.DOTALL)
+    svg = re.sub(r'\s+xmlns(:\w+)?="[^"]*"', "", svg).replace("xlink:href=", "href=")
+    opening, rest = svg.split(">", 1)
+    opening = re.sub(r'\s(width|height|version|role)="[^"]*"', "", opening)
+    return f'{opening} role="img" aria-labelledby="{label}">{rest}'
+
+
+def _gallery(files: Sequence[PageFile]) -> Iterator[Markup]:
+    if files:
+        yield element("div", *map(_medium, files), class_="gallery")
+
+
+def _medium(file: PageFile) -> Markup:
+    assert file.kind
+    if file.kind.startswith("video/"):
+        link = element("a", file.path, href=file.address)
+        picture = element(
+            "video",
+            link,
+            src=file.address,
+            controls=True,
+            loop=True,
+            muted=True,
+            playsinline=True,
+            aria_label=file.path,
+        )
+    else:
+        picture = element("img", src=file.address, alt=f"Image {file.path}", loading="lazy")
+    assert file.size is not None
+    place = "" if file.is_embedded else ", beside this page"
+    caption = element("figcaption", element("code", file.path), f" · {_bytes(file.size)}{place}")
+    return element("figure", picture, caption)
+
+
+def _links(files: Sequence[PageFile]) -> Iterator[Markup]:
+    items: list[Markup] = []
+    for file in files:
+        size = "folder" if file.size is None else _bytes(file.size)
+        items.append(element("li", element("a", file.path, href=file.address), f" · {size}"))
+    if items:
+        yield element("ul", *items)
+
+
+def _columns(table: PageTable) -> Markup:
+    """The columns of a table, folded where they are many."""
+    gaps = any(column.missing for column in table.columns)
+    rows: list[Markup] = []
+    for column in table.columns:
+        numbers = [column.least, column.largest, column.mean, column.last]
+        cells = [element("td", _number(value), class_="number") for value in numbers]
+        cells += [element("td", str(column.missing or ""), class_="number")] if gaps else []
+        head = element("th", element("code", column.name), scope="row")
+        rows.append(element("tr", head, element("td", column.unit), *cells))
+    title = f"{table.path}: {_counted(table.rows, 'row')}, {_counted(len(table.columns), 'column')}"
+    heads = ["Column", "Unit", "Min", "Max", "Mean", "Last", *(["NaN"] if gaps else [])]
+    numeric = range(2, len(heads))
+    return element(
+        "details", element("summary", title), table_element(title, heads, rows, numeric), open=len(table.columns) <= 40
+    )
+
+
+def _number(value: float) -> str:
+    return "–" if math.isnan(value) else f"{value:.6g}".replace("-", "−")
+
+
+def _bytes(size: int) -> str:
+    return f"{size / MEGABYTE:.1f} MB" if size >= MEGABYTE / 10 else f"{size / 1000:.1f} kB"
+
+
+def _counted(count: int, noun: str) -> str:
+    return f"{count:,} {noun}{'' if count == 1 else 's'}".replace(",", "\u202f")

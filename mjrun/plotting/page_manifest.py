@@ -1,0 +1,101 @@
+"""What a manifest says, in a page."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import cast
+
+from mjrun.plotting.markup import Markup, element, table_element
+
+_VERSIONS = ("mjrun", "mujoco", "numpy", "python")
+_UNITS = {"timestep": "s", "simulated": "s", "wall": "s"}  # of facts that have one
+DEEPEST = 8  # mappings in mappings that are taken apart
+# Of a result, what the page shows elsewhere.
+_ELSEWHERE = ("path", "assertions")
+
+
+@dataclass(frozen=True)
+class PageManifest:
+    """What made a file, as its manifest says, which may say anything."""
+
+    path: str
+    content: Mapping[str, object]
+
+
+def manifest_article(manifest: PageManifest) -> Markup:
+    """What a manifest says: what a reader asks first, then everything else."""
+    content = dict(manifest.content)
+    result, model = _mapping(content.pop("result", {})), _mapping(content.pop("model", {}))
+    options, outputs = _mapping(content.pop("options", {})), content.pop("outputs", [])
+    versions = [f"{name} {content.pop(name)}" for name in _VERSIONS if isinstance(content.get(name), str)]
+    facts = [
+        ("Command", content.pop("command", None)),
+        ("Model", model.get("path")),
+        ("SHA-256 of the compiled model", model.get("sha256")),
+        ("Versions", ", ".join(versions)),
+        *((_named(key), value) for key, value in (flat(content) | flat(result)).items() if key not in _ELSEWHERE),
+    ]
+    shown = [(key, value) for key, value in facts if value not in (None, "")]
+    terms = [element("div", element("dt", key), element("dd", _value(key, value))) for key, value in shown]
+    parts = [element("h3", manifest.path), element("dl", *terms), *_options(options), *_hashes(outputs)]
+    return element("article", *parts)
+
+
+def _options(options: Mapping[str, object]) -> Iterator[Markup]:
+    rows: list[Markup] = []
+    for key, value in flat(options).items():
+        head = element("th", element("code", key), scope="row")
+        rows.append(element("tr", head, element("td", element("code", _text(value)))))
+    if rows:
+        table = table_element("Options", ["Option", "Value"], rows)
+        yield element("details", element("summary", f"Options ({len(rows)})"), table)
+
+
+def _hashes(outputs: object) -> Iterator[Markup]:
+    files = [_mapping(file) for file in _sequence(outputs)]
+    rows: list[Markup] = []
+    for file in files:
+        head = element("th", element("code", _text(file.get("path", ""))), scope="row")
+        size = element("td", _text(file.get("bytes", "")), class_="number")
+        rows.append(element("tr", head, size, element("td", element("code", _text(file.get("sha256", ""))))))
+    if rows:
+        table = table_element("Files that were made", ["File", "Bytes", "SHA-256"], rows, [1])
+        yield element("details", element("summary", f"Hashes ({len(rows)})"), table)
+
+
+def flat(values: Mapping[str, object], above: str = "") -> dict[str, object]:
+    """Values by path, `simulation.duration`; what says nothing, null or empty, is left out."""
+    found: dict[str, object] = {}
+    for key, value in values.items():
+        path = f"{above}{key.removesuffix('_')}"
+        if isinstance(value, Mapping) and path.count(".") < DEEPEST:
+            found |= flat(cast(Mapping[str, object], value), f"{path}.")
+        elif value not in (None, "", []):
+            found[path] = value
+    return found
+
+
+def _named(key: str) -> str:
+    """A fact as a reader calls it: `Wall [s]`."""
+    unit = _UNITS.get(key)
+    return key.replace("_", " ").capitalize() + (f" [{unit}]" if unit else "")
+
+
+def _value(key: str, value: object) -> Markup:
+    return element("code", _text(value), class_="command" if key == "Command" else None)
+
+
+def _text(value: object) -> str:
+    """A value in one line: lists with commas, numbers as they print shortest."""
+    if isinstance(value, list):
+        return ", ".join(map(_text, cast(Sequence[object], value)))
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    return f"{value:.6g}" if isinstance(value, float) else str(value)
+
+
+def _mapping(value: object) -> dict[str, object]:
+    return dict(cast(Mapping[str, object], value)) if isinstance(value, Mapping) else {}
+
+
+def _sequence(value: object) -> Sequence[object]:
+    return cast(Sequence[object], value) if isinstance(value, list) else []

@@ -1,0 +1,143 @@
+"""A page is well formed, needs nothing else, and says what it was given."""
+
+import re
+from html.parser import HTMLParser
+
+import pytest
+
+from mjrun.plotting.column_statistics import ColumnStatistics
+from mjrun.plotting.html_page import Page, PageFigure, PageTable, html_page, inline_svg
+from mjrun.plotting.page_files import PageFile
+from mjrun.plotting.page_manifest import PageManifest
+from mjrun.probe.verdict import Verdict
+from tests.plotting.test_markup import read
+
+EVIL = '<script>alert("1")</script>'
+SVG = (
+    '<svg xmlns:xlink="http://www.w3.org/1999/xlink" width="8pt" height="4pt" viewBox="0 0 8 4" '
+    'xmlns="http://www.w3.org/2000/svg" version="1.1"><metadata><a href="http://x"/></metadata>'
+    '<defs><path id="p" d="M 0 0"/></defs><use xlink:href="#p" style="fill: #fff"/></svg>'
+)
+PAGE = Page(
+    EVIL,
+    "mjrun 1",
+    [PageFigure(SVG, f"all of {EVIL}", ["a note"])],
+    [
+        (EVIL, Verdict(f"a < {EVIL}", True, f"a < {EVIL}: it is 1")),
+        ("b.csv", Verdict("b < 1", False, "b < 1: it is 2")),
+    ],
+    [
+        PageFile("film.mp4", "video/mp4", "data:video/mp4;base64,AAAA", 1234),
+        PageFile(f"{EVIL}.png", "image/png", "./%3Cb.png", 12_345_678),
+        PageFile("frames", None, "./frames", None),
+    ],
+    [PageTable(EVIL, 12345, [ColumnStatistics(EVIL, "m/s²", -1.0, 2.5, 0.1, float("nan"), 1)])],
+    [PageManifest("m.json", {"command": EVIL, "options": {EVIL: [EVIL]}})],
+)
+VOID = {"meta", "img", "br"}
+
+
+class Nesting(HTMLParser):
+    """Every element is closed, and in order."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.open: list[str] = []
+        self.ids: list[str] = []
+        self.targets: list[str] = []
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        values = dict(attrs)
+        self.ids += [str(values["id"])] if "id" in values else []
+        for key in ("href", "aria-labelledby"):
+            if (value := values.get(key)) and (key != "href" or value.startswith("#")):
+                self.targets.append(value.removeprefix("#"))
+        if tag not in VOID:
+            self.open.append(tag)
+
+    def handle_startendtag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.handle_starttag(tag, attrs)
+        self.handle_endtag(tag)
+
+    def handle_endtag(self, tag: str) -> None:
+        assert self.open.pop() == tag
+
+
+def nesting(html: str) -> Nesting:
+    parser = Nesting()
+    parser.feed(html)
+    parser.close()
+    return parser
+
+
+def external_references(html: str) -> list[str]:
+    """Everything that a browser would load or open from elsewhere, and every script."""
+    found = re.findall(r"url\([^)]*\)|@import[^;]*", html)
+    for tag, attributes in read(html).tags:
+        found += [tag] if tag in ("script", "iframe", "object", "embed", "link", "base") else []
+        for key, value in attributes.items():
+            value = value or ""
+            loads = key in ("src", "href", "xlink:href", "srcset", "poster", "action", "data", "background")
+            found += [f"{key}={value}"] if key.startswith("on") or (loads and not is_local(value)) else []
+    return [text for text in found if not re.fullmatch(r"url\(#[\w-]+\)", text)]
+
+
+def is_local(address: str) -> bool:
+    return address.startswith(("#", "data:image/", "data:video/", "./"))
+
+
+def test_elements_are_nested_ids_are_unique_and_links_lead_somewhere() -> None:
+    page = nesting(html_page(PAGE))
+    assert page.open == []
+    assert len(set(page.ids)) == len(page.ids)
+    assert set(page.targets) <= set(page.ids)
+
+
+def test_nothing_comes_from_elsewhere_and_no_name_becomes_markup() -> None:
+    html = html_page(PAGE)
+    assert external_references(html) == []
+    assert "http:" not in html
+    assert EVIL not in html
+
+
+@pytest.mark.parametrize("planted", ['<script src="x">', '<img src="http://x/y">', '<p onclick="x">', "url(https://x)"])
+def test_a_planted_reference_is_found(planted: str) -> None:
+    assert len(external_references(html_page(PAGE) + planted)) >= 1
+
+
+def test_it_is_a_document_with_a_language_headings_and_alternatives_for_pictures() -> None:
+    html = html_page(PAGE)
+    tags = read(html).tags
+    assert html.startswith("<!doctype html>\n<html")
+    assert ("html", {"lang": "en"}) in tags
+    names = [tag for tag, _ in tags]
+    assert [names.count(tag) for tag in ("h1", "main", "title")] == [1, 1, 1]
+    assert all(attributes.get("alt") for tag, attributes in tags if tag == "img")
+    assert all(attributes.get("aria-label") for tag, attributes in tags if tag == "video")
+    assert all(attributes.get("aria-labelledby") for tag, attributes in tags if tag == "svg")
+    assert names.count("table") == names.count("caption")
+
+
+def test_it_says_what_it_was_given() -> None:
+    text = read(html_page(PAGE)).text
+    for part in ("1 of 2 assertions failed", "✓ passed", "✗ failed", "it is 2", "m/s²", "−1", "12.3 MB", "a note"):
+        assert part in text
+    assert "links to 2 files beside it" in text
+    assert "2 assertions passed" in read(html_page(Page("t", "m", verdicts=[PAGE.verdicts[0]] * 2))).text
+    assert "complete in itself" in read(html_page(Page("t", "m"))).text
+
+
+def test_what_there_is_none_of_has_no_section() -> None:
+    page = read(html_page(Page("t", "m", tables=PAGE.tables)))
+    assert [attributes["id"] for tag, attributes in page.tags if tag == "section"] == ["columns"]
+    assert not [tag for tag, _ in page.tags if tag == "nav"]
+
+
+def test_a_figure_is_as_wide_as_there_is_room_and_has_no_metadata() -> None:
+    svg = inline_svg(SVG, "plot-0")
+    assert svg.startswith('<svg viewBox="0 0 8 4" role="img" aria-labelledby="plot-0"><defs>')
+    assert '<use href="#p"' in svg
+
+
+def test_the_same_page_is_the_same_text() -> None:
+    assert html_page(PAGE) == html_page(PAGE)
