@@ -47,6 +47,8 @@ if TYPE_CHECKING:
     from mjrun.model.info import Info as Info
     from mjrun.model.info import InfoResult as InfoResult
     from mjrun.model.load import load as load
+    from mjrun.plotting.table_plot import TablePlot as TablePlot
+    from mjrun.plotting.table_plot import TablePlotResult as TablePlotResult
     from mjrun.rendering.render import render as render
     from mjrun.rendering.visual import Visual as Visual
 
@@ -69,6 +71,8 @@ _HOMES = {
     "RecordingResult": "mjrun.job.recording",
     "Simulation": "mjrun.job.simulation",
     "Table": "mjrun.formats.table",
+    "TablePlot": "mjrun.plotting.table_plot",
+    "TablePlotResult": "mjrun.plotting.table_plot",
     "Trace": "mjrun.job.trace",
     "TraceResult": "mjrun.job.trace",
     "Video": "mjrun.job.video",
@@ -102,6 +106,8 @@ __all__ = [
     "RecordingResult",
     "Simulation",
     "Table",
+    "TablePlot",
+    "TablePlotResult",
     "Trace",
     "TraceResult",
     "Video",

@@ -16,6 +16,7 @@ from mjrun.errors import EncoderError, NoRendererError, Spelling, UnknownNameErr
 from mjrun.formats.ffmpeg import encoder_version, working_codecs
 from mjrun.formats.tables import formats
 from mjrun.model import known_bugs
+from mjrun.plotting import figure_writer
 from mjrun.rendering.backend import DEVICE, GL, Backend, candidates, requested_backends
 from mjrun.rendering.backend_detection import BackendTrialProcess, alternative, repair_advice
 from mjrun.rendering.install_advice import VULKAN, install_advice
@@ -101,6 +102,7 @@ def extras() -> dict[str, tuple[str, list[str]]]:
     for table in formats().values():
         if table.extra:
             extras.setdefault(table.extra, (table.library, []))[1].extend(table.suffixes)
+    extras[figure_writer.EXTRA] = (figure_writer.LIBRARY, ["plots"])
     return {**extras, warp_device.EXTRA: (warp_device.LIBRARY, [f"{option('engine')} warp"])}
 
 

@@ -30,6 +30,7 @@ COMMANDS = {
     "image": "Draw one instant of a simulation.",
     "trace": "Measure a simulation: named, aligned, exact numbers.",
     "run": "Make everything that a document asks for, in one pass.",
+    "plot": "Plot tables: png, svg or pdf.",
     "diff": "Tell whether two results agree: tables, recordings, videos, images, models.",
     "bench": "Time a simulation: steps, phases, threads, drawing, accuracy.",
     "info": "Show what a model is: sizes, bodies, joints, actuators, sensors, assets.",

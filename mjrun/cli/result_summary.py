@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     from mjrun.job.task import OutputResult
     from mjrun.job.trace import TraceResult
     from mjrun.job.video import VideoResult
+    from mjrun.plotting.table_plot import TablePlotResult
 
 
 def video(result: "VideoResult") -> str:
@@ -46,6 +47,13 @@ def plot(result: "PlotResult") -> str:
     return f"{clean(result.path)}: {width}x{height}, {result.samples} samples"
 
 
+def table_plot(result: "TablePlotResult") -> str:
+    width, height = result.size
+    panels, curves = len(result.panels), f"{result.curves} curve{'' if result.curves == 1 else 's'}"
+    size = f"{width}x{height}, {curves} in {panels} panel{'' if panels == 1 else 's'}"
+    return f"{clean(result.path)}: {size}, {sum(result.rows)} rows"
+
+
 def recording(result: "RecordingResult") -> str:
     return f"{clean(result.path)}: {result.states} states of {result.size} numbers, {result.simulated:.6g} s"
 
@@ -59,11 +67,12 @@ SUMMARIES: "dict[str, Callable[[Any], str]]" = {
     "ImageResult": image,
     "TraceResult": trace,
     "PlotResult": plot,
+    "TablePlotResult": table_plot,
     "RecordingResult": recording,
     "KeyframeResult": keyframe,
 }
 
 
-def summary(result: "OutputResult") -> str:
+def summary(result: "OutputResult | TablePlotResult") -> str:
     """The line about a result of any kind."""
     return SUMMARIES[type(result).__name__](result)

@@ -1,16 +1,14 @@
-"""A plot: measured values over time, as a picture."""
+"""A plot: measured values over time, as a figure."""
 
 from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 
 import numpy as np
 
-from mjrun.errors import BadValueError, UsageError, concerning, option, quoted
-from mjrun.formats.image_format import image_format
-from mjrun.formats.image_writer import ImageWriter
+from mjrun.errors import UsageError, concerning, option, quoted
+from mjrun.formats.figure_format import figure_format
 from mjrun.job.drawing import metadata_tags
 from mjrun.job.manifest import origin
 from mjrun.job.output_files import named_files
@@ -20,14 +18,13 @@ from mjrun.job.task import Artifact, Context, Job, Output, OutputResult, PassSum
 from mjrun.job.trace import row_steps
 from mjrun.job.trace_rows import ProbeSampler, RowBuffer
 from mjrun.options.option import options
-from mjrun.options.trace import PlotOptions
+from mjrun.options.plot import PlotOptions
+from mjrun.plotting.figure_plan import FigurePlan, TableColumns
+from mjrun.plotting.figure_writer import FigureWriter, require_matplotlib
+from mjrun.plotting.panel import Panel, panels_by_unit
 from mjrun.probe.select import split
-from mjrun.rendering.graph import Graph, aligned
 from mjrun.reporter import Reporter
 from mjrun.sim.observe import Tap
-
-SMALLEST = (80, 60)  # of a graph [pixels]
-LETTERS, SMALLEST_LETTERS = 0.022, 9  # size of letters: a share of the picture's shorter side, [pixels]
 
 
 @options
@@ -38,10 +35,6 @@ class Plot(PlotOptions, Job["PlotResult"]):
         super().__post_init__()
         if not self.probe:
             raise UsageError(f"{option('probe')}: a plot needs values: energy, qpos[left_*], …")
-        width, height = self.size
-        if width < SMALLEST[0] or height // len(self.probe) < SMALLEST[1]:
-            least = f"at least {SMALLEST[0]}x{SMALLEST[1] * len(self.probe)} for {len(self.probe)} panels"
-            raise BadValueError(option("size"), f"{width}x{height}", least)
 
     @property
     def files(self) -> list[tuple[str, str]]:
@@ -60,9 +53,10 @@ class Plot(PlotOptions, Job["PlotResult"]):
         """Its task, with the format chosen.
 
         Raises:
-          UsageError: a format that cannot hold a plot.
+          UsageError: a format that cannot hold a plot, or no matplotlib.
         """
-        return PlotTask(self, image_format(self.output, "rgb", self.format))
+        require_matplotlib()
+        return PlotTask(self, figure_format(self.output, self.format))
 
 
 @dataclass(frozen=True)
@@ -73,12 +67,14 @@ class PlotResult(OutputResult):
       path: where it is.
       size: width and height [pixels].
       samples: of each curve.
+      panels: their labels, in order.
       wall: wall time of all [s].
       warnings: MuJoCo's.
     """
 
     size: tuple[int, int]
     samples: int
+    panels: Sequence[str]
     wall: float
     warnings: Sequence[str]
 
@@ -93,17 +89,20 @@ class PlotTask:
     renderer = None
 
     def plan(self, context: Context) -> "PlotPlan":
-        """Finds the probes in the model."""
-        graphs: list[ProbeSampler] = []
-        for index, text in enumerate(self.job.probe):
+        """Finds the probes in the model, and the curves among their columns."""
+        job, panels = self.job, list[Panel]()
+        for index, text in enumerate(job.probe):
             with concerning("probe", index):
-                graphs.append(ProbeSampler(context.model, split(text), context.timeline))
-                if len(graphs[-1].columns) == 1:
+                found = ProbeSampler(context.model, split(text), context.timeline).columns[1:]
+                if not found:
                     raise UsageError(f"plot {quoted(text)}: this model has none of it")
+                panels += panels_by_unit([c.name for c in found], {c.name: c.unit for c in found})
         # One table of all, so that each instant is computed once.
-        probes = [part for text in self.job.probe for part in split(text)]
+        probes = [part for text in job.probe for part in split(text)]
         table = ProbeSampler(context.model, list(dict.fromkeys(probes)), context.timeline)
-        return PlotPlan(self, context, row_steps(context.timeline, self.job.every, self.job.rate), graphs, table)
+        columns = TableColumns(Path(job.output).stem, {column.name: column.unit for column in table.columns})
+        figure = FigurePlan(job, [columns], panels)
+        return PlotPlan(self, context, row_steps(context.timeline, job.every, job.rate), table, figure)
 
 
 @dataclass(frozen=True)
@@ -112,15 +111,15 @@ class PlotPlan:
 
     Attributes:
       steps: of the samples.
-      graphs: the columns of each graph.
       table: all columns.
+      figure: what is shown of them.
     """
 
     task: PlotTask
     context: Context
     steps: Sequence[int]
-    graphs: Sequence[ProbeSampler]
     table: ProbeSampler
+    figure: FigurePlan
 
     keep_partial = False
 
@@ -134,46 +133,41 @@ class PlotPlan:
 
     def preview(self) -> Preview:
         job = self.task.job
-        about = f"{self.task.format}, {'; '.join(job.probe)}"
-        return Preview("plot", job.output, len(self.steps), "samples", job.size, about)
+        about = f"{self.task.format}, {'; '.join(panel.label for panel in self.figure.panels)}"
+        return Preview("plot", job.output, len(self.steps), "samples", self.figure.grid.size, about)
 
     def open(self, stack: ExitStack, rendering: SharedRendering) -> "PlotOutput":
         job, context = self.task.job, self.context
         facts = origin(job, job.simulation, context.model, context.timeline)
-        writer = ImageWriter(job.output, "rgb", self.task.format, job.size, metadata_tags(job.output, facts))
-        return PlotOutput(self, facts, stack.enter_context(writer))
+        tags = metadata_tags(job.output, facts)
+        writer = stack.enter_context(FigureWriter(job.output, self.task.format, self.figure.grid.size, tags))
+        return PlotOutput(self, facts, writer)
 
 
 class PlotOutput(Output[PlotResult]):
     """A plot whose file is open."""
 
-    def __init__(self, plan: PlotPlan, facts: Mapping[str, object], writer: ImageWriter) -> None:
+    def __init__(self, plan: PlotPlan, facts: Mapping[str, object], writer: FigureWriter) -> None:
         self._plan, self._facts, self._writer = plan, facts, writer
-        self._blocks: list[np.ndarray] = []
-        self._buffer = RowBuffer(plan.table, plan.steps, lambda block: self._blocks.append(block.values))
+        self._names = [column.name for column in plan.table.columns]
+        self._collector = plan.figure.collector(0)
+        self._buffer = RowBuffer(plan.table, plan.steps, lambda block: self._take(block.values))
         self.taps = [Tap(plan.steps, plan.table.read, self._buffer.add)]
 
     def finish(self) -> Artifact[PlotResult]:
         self._buffer.flush()
-        values = np.concatenate(self._blocks)
-        self._writer.write(self._drawn(values))
+        figure = self._plan.figure
+        for text in (*figure.notes, *self._collector.notes()):
+            self._plan.context.reporter.note(text)
+        self._writer.write(figure.drawing([self._collector]), figure.grid, self._plan.task.job.style)
         self._writer.finish()
-        return Artifact(self._facts, [self._writer], partial(self._result, len(values)))
+        return Artifact(self._facts, [self._writer], self._result)
 
-    def _drawn(self, values: np.ndarray) -> np.ndarray:
-        """The picture `(height, width, 3)` of all graphs, one under the other."""
-        width, height = self._plan.task.job.size
-        index = {column.name: k for k, column in enumerate(self._plan.table.columns)}
-        edges = np.linspace(0, height, len(self._plan.graphs) + 1).astype(int)
-        em = max(SMALLEST_LETTERS, LETTERS * min(width, height))
+    def _take(self, rows: np.ndarray) -> None:
+        self._collector.feed(dict(zip(self._names, rows.T, strict=True)))
 
-        graphs: list[Graph] = []
-        for table, rows in zip(self._plan.graphs, np.diff(edges), strict=True):
-            names, units = zip(*((column.name, column.unit) for column in table.columns[1:]), strict=True)
-            shown = values[:, [index[name] for name in names]]
-            graphs.append(Graph(values[:, 0], shown, names, units, (width, int(rows)), em))
-        return np.concatenate([graph.draw(float(values[-1, 0])) for graph in aligned(graphs)])
-
-    def _result(self, samples: int, files: Sequence[Path], summary: PassSummary) -> PlotResult:
-        job = self._plan.task.job
-        return PlotResult(str(Path(job.output)), job.size, samples, summary.wall, summary.warnings)
+    def _result(self, files: Sequence[Path], summary: PassSummary) -> PlotResult:
+        job, figure = self._plan.task.job, self._plan.figure
+        labels = [panel.label for panel in figure.panels]
+        path = str(Path(job.output))
+        return PlotResult(path, figure.grid.size, self._collector.rows, labels, summary.wall, summary.warnings)

@@ -13,6 +13,7 @@ CODECS = "{codecs}"
 RGB_IMAGES = "{rgb image formats}"
 DEPTH_IMAGES = "{depth image formats}"
 SEGMENTATION_IMAGES = "{segmentation image formats}"
+PLOTS = "{plot formats}"
 
 
 @options

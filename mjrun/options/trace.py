@@ -3,9 +3,9 @@
 from fractions import Fraction
 from typing import ClassVar
 
-from mjrun.options.kinds import ExactNumber, File, Flag, Integer, Optional, Several, Size, Text
+from mjrun.options.kinds import ExactNumber, File, Flag, Integer, Optional, Several, Text
 from mjrun.options.option import Exclusion, FrontEnd, Options, option, options, required
-from mjrun.options.output import RGB_IMAGES, TABLES, OutputOptions
+from mjrun.options.output import TABLES, OutputOptions
 
 PROBES = ("qpos", "qvel", "ctrl", "act", "energy", "contact", "sensor")  # measured where nothing is said
 
@@ -74,20 +74,6 @@ class TraceCommandLineOptions(Options):
         places=FrontEnd.COMMAND,
         help="List every column that the model offers, or those of --probe, and stop; nothing is written.",
     )
-
-
-@options
-class PlotOptions(SamplingOptions):
-    """A plot of measured values over time."""
-
-    section: ClassVar[str] = "Plot"
-
-    output: str = required(converter=File(written=True), kw_only=False, help=f"An image: {RGB_IMAGES}.")
-    probe: tuple[str, ...] = required(
-        converter=Several(Text("PROBE,…")),
-        help="What to plot: energy, qpos[left_*]; several make a panel each, one under the other.",
-    )
-    size: tuple[int, int] = option(converter=Size(), default=(1280, 720), help="Width and height of the plot [pixels].")
 
 
 @options

@@ -7,12 +7,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from PIL import Image, ImageDraw
 
+from mjrun.palette import ON_DARK
 from mjrun.rendering.colormaps import figures, segmentation_palette, ticks
 from mjrun.rendering.layout import BACKGROUND
 from mjrun.rendering.text import INK, LINE, baseline, blend, crisp, fitted, letters, rounded, width_of, write
-
-# M. Okabe and K. Ito, "Color Universal Design", 2008, lightened for a dark ground; without black and dark blue.
-SERIES = ((86, 180, 233), (240, 160, 20), (40, 190, 140), (225, 135, 180), (240, 228, 90), (232, 104, 44))
 
 _GREY = (166, 170, 178)  # of marks and units
 _GRID, _ZERO, _FAINT, _HAIR = 22, 64, 70, 120  # opacities, of 255
@@ -286,8 +284,8 @@ def _shortened(name: str, em: float, room: float) -> str:
 
 def _colours(count: int) -> list[tuple[int, int, int]]:
     """A colour for each series."""
-    if count <= len(SERIES):
-        return list(SERIES[:count])
+    if count <= len(ON_DARK):
+        return list(ON_DARK[:count])
     return [(r, g, b) for r, g, b in segmentation_palette(count).tolist()]
 
 

@@ -12,6 +12,7 @@ from mjrun.job.recording import RecordingResult
 from mjrun.job.task import OutputResult
 from mjrun.job.trace import TraceResult
 from mjrun.job.video import VideoResult
+from mjrun.plotting.table_plot import TablePlotResult
 
 VIDEO = VideoResult(
     path="a.mp4",
@@ -59,7 +60,17 @@ TRACE = TraceResult(
     assertions=[],
     warnings=[],
 )
-PLOT = PlotResult(path="a.svg", size=(640, 480), samples=501, wall=0.1, warnings=[])
+PLOT = PlotResult(path="a.svg", size=(640, 480), samples=501, panels=["energy [J]"], wall=0.1, warnings=[])
+TABLES = TablePlotResult(
+    path="a.svg",
+    format="svg",
+    size=(640, 480),
+    tables=["a.csv", "b.csv"],
+    rows=[10, 20],
+    panels=["qpos [rad]", "energy [J]"],
+    curves=3,
+    notes=[],
+)
 RECORDING = RecordingResult(path="a.npz", states=501, size=20, simulated=1.0, wall=0.1, warnings=[])
 KEYFRAME = KeyframeResult(path="a.xml", name="rest", time=1.0, step=500, wall=0.1, warnings=[])
 
@@ -75,16 +86,17 @@ KEYFRAME = KeyframeResult(path="a.xml", name="rest", time=1.0, step=500, wall=0.
         (TRACE, "a.csv: 501 rows, 7 columns, 1 s in 500 steps; made in 0.12 s"),
         (PLOT, "a.svg: 640x480, 501 samples"),
         (KEYFRAME, "a.xml: keyframe rest of step 500, 1 s"),
+        (TABLES, "a.svg: 640x480, 3 curves in 2 panels, 30 rows"),
         (RECORDING, "a.npz: 501 states of 20 numbers, 1 s"),
     ],
     ids=lambda value: type(value).__name__,
 )
-def test_a_result_is_one_line(result: OutputResult, line: str) -> None:
+def test_a_result_is_one_line(result: OutputResult | TablePlotResult, line: str) -> None:
     assert summary(result) == line
 
 
 def test_every_kind_of_result_has_its_line() -> None:
-    kinds = (VideoResult, ImageResult, TraceResult, PlotResult, RecordingResult, KeyframeResult)
+    kinds = (VideoResult, ImageResult, TraceResult, PlotResult, TablePlotResult, RecordingResult, KeyframeResult)
     assert set(SUMMARIES) == {kind.__name__ for kind in kinds}
 
 

@@ -428,9 +428,8 @@ WRONG = [
       "2:90: traces[2]: unknown key 'probes' (did you mean 'probe'?); "
       "keys: output, probe, assert, keep_partial, contacts, every, rate, format, manifest"]),
     (f"{HEAD}plots: [{{output: a.png}}]", ["2:9: plots[0]: 'probe' is missing"]),
-    (f"{HEAD}plots: [{{output: b.png, probe: []}}, {{output: c.png, probe: [qpos, qvel], size: 80x60}}]",
-     ["2:32: plots[0].probe: a plot needs values: energy, qpos[left_*], …",
-      "2:80: plots[1].size: '80x60' is not at least 80x120 for 2 panels"]),
+    (f"{HEAD}plots: [{{output: b.png, probe: []}}]",
+     ["2:32: plots[0].probe: a plot needs values: energy, qpos[left_*], …"]),
     (f"{HEAD}recordings: [[a.npz]]", ["2:14: recordings[0]: expected a file, or a mapping with an output, got a list"]),
     (f"{HEAD}recordings: [{{}}]", ["2:14: recordings[0]: 'output' is missing"]),
     (f"{HEAD}vars: {{n: 2}}\nvideos: [{{output: a.mp4, fps: '${{m}}', crf: '${{n}}.5'}}]",

@@ -16,9 +16,10 @@ from mjrun.options.keyframe import KeyframeOptions
 from mjrun.options.messages import MessageOptions
 from mjrun.options.option import Option, Options, options_of
 from mjrun.options.output import CommandOptions
+from mjrun.options.plot import PlotOptions, TablePlotOptions
 from mjrun.options.run import RunOptions
 from mjrun.options.simulation import SimulationOptions
-from mjrun.options.trace import PlotOptions, RecordingOptions, TraceCommandLineOptions, TraceOptions
+from mjrun.options.trace import RecordingOptions, TraceCommandLineOptions, TraceOptions
 from mjrun.options.video import VideoOptions
 
 SIMULATING = (VideoOptions, ImageOptions, TraceOptions, SimulationOptions, CommandOptions, MessageOptions)
@@ -26,6 +27,7 @@ ALL: tuple[type[Options], ...] = (
     *SIMULATING,
     TraceCommandLineOptions,
     PlotOptions,
+    TablePlotOptions,
     RecordingOptions,
     KeyframeOptions,
     RunOptions,

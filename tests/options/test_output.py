@@ -7,7 +7,8 @@ from mjrun.options.image import ImageOptions
 from mjrun.options.keyframe import KeyframeOptions
 from mjrun.options.option import FrontEnd, options_of
 from mjrun.options.output import CommandOptions, OutputOptions
-from mjrun.options.trace import PlotOptions, RecordingOptions, TraceOptions
+from mjrun.options.plot import PlotOptions
+from mjrun.options.trace import RecordingOptions, TraceOptions
 from mjrun.options.video import VideoOptions
 
 OUTPUTS = (VideoOptions, ImageOptions, TraceOptions, PlotOptions, RecordingOptions, KeyframeOptions)

@@ -7,7 +7,8 @@ import pytest
 from mjrun.errors import BadValueError, UsageError
 from mjrun.model.load import load
 from mjrun.options.option import options_of
-from mjrun.options.trace import PROBES, PlotOptions, RecordingOptions, TraceOptions
+from mjrun.options.plot import PlotOptions
+from mjrun.options.trace import PROBES, RecordingOptions, TraceOptions
 from mjrun.probe.select import select
 
 

@@ -9,9 +9,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from mjrun.options.video import PLOT_SIDES
+from mjrun.palette import ON_DARK
 from mjrun.rendering import graph
 from mjrun.rendering.colormaps import oklab
-from mjrun.rendering.graph import SERIES, Graph, aligned, graph_size
+from mjrun.rendering.graph import Graph, aligned, graph_size
 from mjrun.rendering.layout import BACKGROUND
 
 SIZE = (480, 140)
@@ -39,7 +40,7 @@ def test_the_head_is_where_the_axes_say(size: tuple[int, int], time: float) -> N
     x, y = float(graph.axes.x(time)), float(graph.axes.y(np.interp(time, TIMES, np.sin(2 * TIMES))))
     image = graph.draw(time)
     assert image.shape == (size[1], size[0], 3)
-    assert tuple(image[math.floor(y), math.floor(x)]) == SERIES[0]
+    assert tuple(image[math.floor(y), math.floor(x)]) == ON_DARK[0]
 
 
 def test_the_head_is_centred_to_a_fraction_of_a_pixel() -> None:
@@ -47,7 +48,7 @@ def test_the_head_is_centred_to_a_fraction_of_a_pixel() -> None:
     graph._later[:] = graph._now[:] = BACKGROUND  # without the curve, a dot too
     left, top, right, bottom = graph.axes.box
     x, y = float(graph.axes.x(1)), float(graph.axes.y(0.3))
-    share = (graph.draw(1)[top:bottom, left:right, 2].astype(float) - BACKGROUND[2]) / (SERIES[0][2] - BACKGROUND[2])
+    share = (graph.draw(1)[top:bottom, left:right, 2].astype(float) - BACKGROUND[2]) / (ON_DARK[0][2] - BACKGROUND[2])
     share[:, np.abs(np.arange(left, right) + 0.5 - x) > 6] = 0
     share[np.abs(np.arange(top, bottom) + 0.5 - y) > 6] = 0
     v, u = np.mgrid[top:bottom, left:right] + 0.5
@@ -115,15 +116,15 @@ def test_a_gap_is_empty_and_has_no_head() -> None:
     ends = [round(float(graph.axes.x(t))) - left for t in (1, 2)]
     for time in (1.5, 3.0):
         panel = plot(graph, graph.draw(time))
-        assert not like(panel, SERIES[0])[:, ends[0] + 4 : ends[1] - 4].any()
-        assert like(panel, SERIES[0])[:, : ends[0] - 4].any()
+        assert not like(panel, ON_DARK[0])[:, ends[0] + 4 : ends[1] - 4].any()
+        assert like(panel, ON_DARK[0])[:, : ends[0] - 4].any()
 
 
 def test_a_single_sample_between_gaps_is_seen() -> None:
     values = np.full((401, 1), np.nan)
     values[100], values[300] = 1, 2
     graph = Graph(TIMES, values, ["a"], [""], SIZE)
-    panel = like(plot(graph, graph.draw(4.0)), SERIES[0])
+    panel = like(plot(graph, graph.draw(4.0)), ON_DARK[0])
     x = round(float(graph.axes.x(1.0))) - graph.axes.box[0]
     assert panel[:, x - 2 : x + 3].any()
     assert not panel[:, x + 5 : 2 * x].any()
@@ -168,7 +169,7 @@ def test_every_series_has_a_head_and_a_swatch_of_its_colour() -> None:
     graph = Graph(TIMES, values, [f"value/{k}" for k in range(6)], ["m"] * 6, (960, 240))
     image = graph.draw(2.0)
     x = math.floor(float(graph.axes.x(2.0)))
-    for series, colour in enumerate(SERIES):
+    for series, colour in enumerate(ON_DARK):
         assert tuple(image[math.floor(float(graph.axes.y(series))), x]) == colour
         assert like(image[: graph.axes.box[1]], colour).sum() > 10
     assert [entry.name for entry in graph._entries] == [f"value/{k}" for k in range(6)]
@@ -187,7 +188,7 @@ def test_names_that_do_not_fit_lose_their_units_then_their_first_parts() -> None
 
 
 def test_colours_of_series_can_be_told_apart_on_the_ground() -> None:
-    colours = oklab(np.array([*SERIES, BACKGROUND]))
+    colours = oklab(np.array([*ON_DARK, BACKGROUND]))
     assert min(np.linalg.norm(a - b) for a, b in combinations(colours, 2)) > 0.1
     assert min(np.linalg.norm(a - colours[-1]) for a in colours[:-1]) > 0.4
 
@@ -220,7 +221,7 @@ def test_a_single_instant_can_be_drawn() -> None:
     graph = Graph(np.array([2.0]), np.array([[3.0]]), ["a"], ["m"], SIZE)
     image = graph.draw(2.0)
     x, y = float(graph.axes.x(2.0)), float(graph.axes.y(3.0))
-    assert tuple(image[math.floor(y), math.floor(x)]) == SERIES[0]
+    assert tuple(image[math.floor(y), math.floor(x)]) == ON_DARK[0]
 
 
 @given(st.integers(2, 400), st.integers(2, 300), st.integers(1, 4))

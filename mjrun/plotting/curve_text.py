@@ -1,0 +1,182 @@
+"""The texts that say what a figure shows: panels and their curves, marks, and logarithmic axes.
+
+qpos/*                              a panel of all columns that the wildcard names
+qpos/knee, qpos/hip                 a panel of two curves
+depth [mm]=penetration/deepest*1000 a curve with a name and a unit of its own
+forces [N]: contact_force/*         a panel with a title and a unit of its own
+"""
+
+import math
+import re
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from fnmatch import fnmatchcase
+
+from mjrun.errors import BadValueError, UnknownNameError, UsageError, concerning, option, quoted
+from mjrun.probe.row_expression import RowExpression, parse_row_expression
+from mjrun.probe.scanner import spelled
+
+_TITLE = re.compile(r"\s*((?:[^:='`]|:(?!\s))+?)\s*:\s+(.*)", re.DOTALL)
+_LABEL = re.compile(r"\s*([^='`]*[^='`\s])\s*=(.*)", re.DOTALL)
+_UNIT = re.compile(r"(.*\S)\s*\[([^\[\]]*)\]", re.DOTALL)
+_WILDCARD = re.compile(r"[^\s()]*(?:/\*|\*/|\?)[^\s()]*|\*[^\s()]*|[^\s()]*\*")  # not a product of two values
+_QUOTES, _OPENING, _CLOSING = "'`", "([", ")]"
+_PANEL = re.compile(r"\s*([1-9][0-9]{0,3}):(.*)", re.DOTALL)
+
+
+@dataclass(frozen=True)
+class CurveText:
+    """A curve over the columns of a table.
+
+    Attributes:
+      name: that it is called in a legend.
+      unit: of its values; None where it is that of the column.
+      expression: its values.
+      column: the name of the column, if it is one as it stands.
+    """
+
+    name: str
+    unit: str | None
+    expression: RowExpression
+    column: str | None
+
+
+@dataclass(frozen=True)
+class PanelText:
+    """A panel: its title and unit, where it has its own, and its curves."""
+
+    title: str | None
+    unit: str | None
+    curves: tuple[CurveText, ...]
+
+
+@dataclass(frozen=True)
+class Mark:
+    """A line at a value: horizontal, or vertical at a value of x.
+
+    Attributes:
+      panel: the only one that has it, counted from 1; None for all.
+    """
+
+    label: str
+    value: float
+    vertical: bool = False
+    panel: int | None = None
+
+
+def parse_panel(text: str, columns: Sequence[str]) -> PanelText:
+    """The panel that `text` describes, of a table with `columns`.
+
+    Raises:
+      UnknownNameError, UsageError: there is no such column, or an expression is not well formed.
+    """
+    title = unit = None
+    if text not in columns and (titled := _TITLE.fullmatch(text)):
+        (title, unit), text = split_unit(titled[1]), titled[2]
+    curves = [curve for part in _split(text, columns) for curve in parse_curves(part, columns, option("y"))]
+    if not curves:
+        raise BadValueError(option("y"), text, "a column, a wildcard or an expression")
+    return PanelText(title, unit, tuple(curves))
+
+
+def parse_curves(text: str, columns: Sequence[str], label: str) -> list[CurveText]:
+    """The curves that one part of a panel's text describes: several where it is a wildcard or a group."""
+    text = text.strip()
+    if text in columns:
+        return [_of_column(text)]
+    if named := _LABEL.fullmatch(text):
+        name, unit = split_unit(named[1])
+        inner = parse_curves(named[2], columns, label)
+        if len(inner) != 1:
+            raise UsageError(f"{label}: {quoted(named[2].strip())} is {len(inner)} columns, and has one name")
+        return [CurveText(name, unit if unit is not None else inner[0].unit, inner[0].expression, inner[0].column)]
+    matching = [name for name in columns if fnmatchcase(name, text) or name.startswith(f"{text}/")]
+    if matching:
+        return [_of_column(name) for name in matching]
+    if _WILDCARD.fullmatch(text):
+        raise UnknownNameError("column", text, columns, where=label)
+    expression = parse_row_expression(text, columns, label)
+    return [CurveText(text, None, expression, None)]
+
+
+def parse_mark(text: str) -> Mark:
+    """The mark that `text` describes: `m·g=87.356`, `2:m·g=87.356`, `x:impact=0.52`.
+
+    Raises:
+      BadValueError: it describes none.
+    """
+    vertical, panel, rest = False, None, text
+    if text.startswith("x:"):
+        vertical, rest = True, text[2:]
+    elif numbered := _PANEL.fullmatch(text):
+        panel, rest = int(numbered[1]), numbered[2]
+    label, _, value = rest.rpartition("=")
+    try:
+        number = float(value)
+    except ValueError:
+        number = math.nan
+    if not math.isfinite(number):
+        raise BadValueError(option("mark"), text, "LABEL=NUMBER; x: before it makes a vertical line")
+    return Mark(label.strip(), number, vertical, panel)
+
+
+def parse_log(texts: Sequence[str], panels: int) -> tuple[bool, frozenset[int]]:
+    """Whether x is logarithmic, and the panels, counted from 0, in which y is.
+
+    Raises:
+      BadValueError: a text is neither x, y nor both, or there is no such panel.
+    """
+    log_x, log_y = False, set[int]()
+    for index, text in enumerate(texts):
+        with concerning("log", index):
+            numbered = _PANEL.fullmatch(text)
+            axes = numbered[2].strip() if numbered else text
+            if axes not in (("y",) if numbered else ("x", "y", "both")):
+                raise BadValueError(option("log"), text, "x, y, both, or y of one panel as in 2:y")
+            log_x |= axes in ("x", "both")
+            if axes != "x":
+                log_y |= {panel_index(int(numbered[1]), panels, "log")} if numbered else set(range(panels))
+    return log_x, frozenset(log_y)
+
+
+def panel_index(number: int, panels: int, name: str) -> int:
+    """The index of the panel with a number, counted from 1, that the option `name` gives.
+
+    Raises:
+      UsageError: there are fewer.
+    """
+    if number > panels:
+        raise UsageError(f"{option(name)}: there is no panel {number}, the last is {panels}")
+    return number - 1
+
+
+def split_unit(text: str) -> tuple[str, str | None]:
+    """A name and the unit in brackets after it: `depth [mm]`; None without one."""
+    found = _UNIT.fullmatch(text)
+    return (found[1], found[2].strip()) if found else (text, None)
+
+
+def _of_column(name: str) -> CurveText:
+    return CurveText(name, None, parse_row_expression(spelled(name), [name], option("y")), name)
+
+
+def _split(text: str, columns: Sequence[str]) -> Iterator[str]:
+    """The parts between commas outside of quotes, parentheses and brackets."""
+    if text in columns:
+        yield text
+        return
+    depth, quote, start = 0, "", 0
+    for index, character in enumerate(text):
+        if quote:
+            quote = "" if character == quote else quote
+        elif character in _QUOTES:
+            quote = character
+        elif character in _OPENING:
+            depth += 1
+        elif character in _CLOSING:
+            depth -= 1
+        elif character == "," and depth <= 0:
+            yield text[start:index]
+            start = index + 1
+    if text[start:].strip() or not start:
+        yield text[start:]

@@ -1,0 +1,232 @@
+"""Any number of samples as few points that draw the same curve: what a screen can show, in one pass.
+
+Samples are never left out at regular intervals, which would lose a spike of a single one. Of each stretch of x the
+first, lowest, highest and last value are kept: U. Jugel and others, "M4: a visualization-oriented time series data
+aggregation", 2014. Memory does not grow with the number of samples, and how they are divided into blocks changes
+nothing.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+GROUP, GROUPS = 8, 4096  # of a path: points in a group, and groups
+
+
+@dataclass(frozen=True)
+class Points:
+    """The points of one curve: `x` and `y` `(n,)`; NaN breaks the line."""
+
+    x: np.ndarray
+    y: np.ndarray
+
+
+class Envelope:
+    """Several curves over one x, which come by in blocks.
+
+    While x ascends, samples are gathered in bins of x that double in width as x goes on. From where it goes back, the
+    rest is a path through the plane, in its own order.
+
+    Args:
+      curves: how many.
+      bins: the most that are kept, a power of two; when all samples are seen, more than half of them span the range
+        of x, unless that jumps.
+      log: whether bins are of equal ratios of x rather than of equal widths. x must be positive then.
+      breaks: whether a line breaks where x goes back.
+    """
+
+    def __init__(self, curves: int, bins: int, *, log: bool = False, breaks: bool = False) -> None:
+        self._bins = _Bins(curves, bins, log)
+        self._path = _Path(curves, breaks)
+        self._ascends, self._last = True, -np.inf
+
+    @property
+    def ascends(self) -> bool:
+        """Whether x has never gone back."""
+        return self._ascends
+
+    def feed(self, x: np.ndarray, y: np.ndarray) -> None:
+        """Takes the next samples: `x` `(n,)`, finite, and `y` `(n, curves)`, NaN where there is a gap."""
+        if self._ascends and len(x):
+            back = np.flatnonzero(np.diff(x, prepend=self._last) < 0)
+            self._last = float(x[-1])
+            if not len(back):
+                self._bins.feed(x, y)
+                return
+            self._ascends, first = False, int(back[0])
+            self._bins.feed(x[:first], y[:first])
+            for early in self._bins.release():
+                self._path.feed(*early)
+            x, y = x[first:], y[first:]
+        self._path.feed(x, y)
+
+    def curves(self) -> list[Points]:
+        """The points of every curve, seen so far."""
+        ascending, rest = self._bins.curves(), self._path.curves()
+        joined = [
+            Points(np.concatenate([a.x, b.x]), np.concatenate([a.y, b.y])) for a, b in zip(ascending, rest, strict=True)
+        ]
+        return [_without_repetition(points) for points in joined]
+
+
+class _Bins:
+    """Samples as they are while they are few, then bins of equal width in `key`, which is x or its logarithm."""
+
+    def __init__(self, curves: int, bins: int, log: bool) -> None:
+        self._count, self._log, self._first = curves, log, 2 * bins
+        self._early: list[tuple[np.ndarray, np.ndarray]] = []
+        self._rows = 0
+        self._start, self._width = 0.0, 0.0  # of the bins, once there are any
+        self._used = np.zeros(bins, bool)
+        self._x = np.full((2, bins), np.nan)  # of the first and the last sample
+        self._y = np.empty((0, 0, 0))  # first, lowest, highest, last: (4, bins, curves)
+
+    def feed(self, x: np.ndarray, y: np.ndarray) -> None:
+        room = self._first - self._rows
+        if room > 0:
+            self._early.append((x[:room].copy(), y[:room].copy()))
+            self._rows += len(x[:room])
+            x, y = x[room:], y[room:]
+        if not len(x):
+            return
+        if not self._y.size:
+            self._begin()
+        self._gather(x, y)
+
+    def release(self) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+        """The samples, if none are in bins yet; they are no longer here then."""
+        early, self._early = self._early, []
+        yield from early
+
+    def curves(self) -> list[Points]:
+        if not self._y.size:
+            x = np.concatenate([x for x, _ in self._early]) if self._early else np.empty(0)
+            parts = [y for _, y in self._early]
+            y = np.concatenate(parts) if parts else np.empty((0, self._count))
+            return [Points(x, y[:, curve]) for curve in range(self._count)]
+        begin, end = self._x[:, self._used]
+        x = np.stack([begin, (begin + end) / 2, (begin + end) / 2, end])
+        points: list[Points] = []
+        for first, low, high, last in np.moveaxis(self._y[:, self._used], 2, 0):
+            falls = first > last
+            y = np.stack([first, np.where(falls, high, low), np.where(falls, low, high), last])
+            points.append(Points(np.ravel(x, order="F"), np.ravel(y, order="F")))
+        return points
+
+    def _begin(self) -> None:
+        x = np.concatenate([x for x, _ in self._early])
+        y = np.concatenate([y for _, y in self._early])
+        key, bins = self._key(x), len(self._used)
+        self._start = float(key[0])
+        self._width = float(key[-1] - key[0]) / bins or float(np.spacing(abs(self._start) or 1.0))
+        self._y = np.full((4, bins, self._count), np.nan)
+        self._early = []
+        self._gather(x, y)
+
+    def _key(self, x: np.ndarray) -> np.ndarray:
+        return np.log10(x) if self._log else x
+
+    def _gather(self, x: np.ndarray, y: np.ndarray) -> None:
+        index = np.floor((self._key(x) - self._start) / self._width)
+        while index[-1] >= len(self._used):
+            self._double()
+            index = np.floor(index / 2)  # exactly what the wider bin gives
+        starts = np.flatnonzero(np.diff(index, prepend=-1.0))
+        ends = np.append(starts[1:], len(x)) - 1
+        at = index[starts].astype(int)
+        fresh = ~self._used[at]
+
+        self._x[0, at] = np.where(fresh, x[starts], self._x[0, at])
+        self._x[1, at] = x[ends]
+        first, low, high, last = self._y
+        first[at] = np.where(fresh[:, None], y[starts], first[at])
+        low[at] = np.fmin(low[at], np.fmin.reduceat(y, starts))
+        high[at] = np.fmax(high[at], np.fmax.reduceat(y, starts))
+        last[at] = y[ends]
+        self._used[at] = True
+
+    def _double(self) -> None:
+        """Makes of every two bins one."""
+        self._width *= 2
+        even, odd = self._used[::2], self._used[1::2]
+        half, rest = len(even), len(self._used) - len(even)
+        x_first = np.where(even, self._x[0, ::2], self._x[0, 1::2])
+        x_last = np.where(odd, self._x[1, 1::2], self._x[1, ::2])
+        self._x = np.concatenate([np.stack([x_first, x_last]), np.full((2, rest), np.nan)], axis=1)
+
+        one, other = self._y[:, ::2], self._y[:, 1::2]
+        merged = np.full_like(self._y, np.nan)
+        merged[0, :half] = np.where(even[:, None], one[0], other[0])
+        merged[1, :half] = np.fmin(one[1], other[1])
+        merged[2, :half] = np.fmax(one[2], other[2])
+        merged[3, :half] = np.where(odd[:, None], other[3], one[3])
+        self._y, self._used = merged, np.concatenate([even | odd, np.zeros(rest, bool)])
+
+
+class _Path:
+    """Samples in their own order, in groups. When there are many, every two become one, which keeps the extremes."""
+
+    def __init__(self, curves: int, breaks: bool) -> None:
+        self._breaks, self._last = breaks, np.nan
+        self._tails = [np.empty((0, 2)) for _ in range(curves)]  # samples that do not fill a group yet
+        self._trees = [_GroupTree() for _ in range(curves)]
+
+    def feed(self, x: np.ndarray, y: np.ndarray) -> None:
+        if not len(x):
+            return
+        if self._breaks:
+            back = np.flatnonzero(np.diff(x, prepend=self._last) < 0)
+            self._last = float(x[-1])
+            x, y = np.insert(x, back, x[back]), np.insert(y, back, np.nan, axis=0)
+        for curve, tree in enumerate(self._trees):
+            points = np.concatenate([self._tails[curve], np.column_stack([x, y[:, curve]])])
+            whole = len(points) // GROUP * GROUP
+            tree.add(points[:whole].reshape(-1, GROUP, 2))
+            self._tails[curve] = points[whole:]
+
+    def curves(self) -> list[Points]:
+        joined = (np.concatenate([tree.points(), tail]) for tree, tail in zip(self._trees, self._tails, strict=True))
+        return [Points(points[:, 0], points[:, 1]) for points in joined]
+
+
+class _GroupTree:
+    """Groups of points `(n, GROUP, 2)`, each of as many samples as every other, but for the last ones."""
+
+    def __init__(self) -> None:
+        self._groups = np.empty((0, GROUP, 2))
+        self._waiting: list[np.ndarray] = []  # by how often they were halved: groups without another to join, 0 or 1
+
+    def add(self, groups: np.ndarray) -> None:
+        """Takes groups of samples as they come, in pieces that do not depend on how they are divided."""
+        for start in range(0, len(groups), GROUPS):
+            piece = groups[start : start + GROUPS]
+            for level, waiting in enumerate(self._waiting):
+                piece, self._waiting[level] = _halved(np.concatenate([waiting, piece]))
+            self._groups = np.concatenate([self._groups, piece])
+            while len(self._groups) > GROUPS:
+                self._groups, waiting = _halved(self._groups)
+                self._waiting.append(waiting)
+
+    def points(self) -> np.ndarray:
+        """All points `(n, 2)`, in order."""
+        return np.concatenate([self._groups, *reversed(self._waiting)]).reshape(-1, 2)
+
+
+def _halved(groups: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """One group for every two, with the ends, the middle, those farthest out and a gap; and the group left over."""
+    count = len(groups) // 2
+    pairs = groups[: 2 * count].reshape(count, 2 * GROUP, 2)
+    gap = np.isnan(pairs)
+    low, high = np.where(gap, np.inf, pairs).argmin(axis=1), np.where(gap, -np.inf, pairs).argmax(axis=1)
+    always = np.tile([0, GROUP, 2 * GROUP - 1], (count, 1))
+    kept = np.sort(np.concatenate([always, low, high, gap[:, :, 1].argmax(axis=1)[:, None]], axis=1), axis=1)
+    return np.take_along_axis(pairs, kept[:, :, None], axis=1), groups[2 * count :]
+
+
+def _without_repetition(points: Points) -> Points:
+    """The same without points that repeat the one before, and with one NaN for each gap."""
+    gap = np.isnan(points.y)
+    same = (np.diff(points.x, prepend=np.nan) == 0) & (np.diff(points.y, prepend=np.nan) == 0)
+    same |= gap & np.concatenate([[True], gap[:-1]])
+    return Points(points.x[~same], points.y[~same])

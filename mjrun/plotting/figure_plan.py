@@ -1,0 +1,267 @@
+"""From options and the columns of tables to what is drawn: every name is found before the first row."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from mjrun.errors import BadValueError, UsageError, concerning, listing, option
+from mjrun.options.plot import FigureOptions
+from mjrun.plotting.column_units import with_units
+from mjrun.plotting.curve_text import CurveText, Mark, panel_index, parse_curves, parse_log, parse_mark, split_unit
+from mjrun.plotting.drawing import Drawing, DrawnCurve, DrawnPanel
+from mjrun.plotting.envelope import Envelope, Points
+from mjrun.plotting.panel import Panel, chosen_panels, panels_by_unit, time_column
+from mjrun.plotting.panel_grid import PanelCount, panel_grid
+from mjrun.probe.event import RisingEdgeDetector
+from mjrun.probe.row_condition import RowCondition, parse_row_condition
+
+PANELS = 48  # of a figure that nobody asked for
+EVENTS = 200  # of a condition that are marked in one table
+
+
+@dataclass(frozen=True)
+class TableColumns:
+    """The columns of a table: what the table is called in a legend, and its units by name."""
+
+    name: str
+    units: dict[str, str]
+
+
+@dataclass(frozen=True)
+class EventMark:
+    """A condition whose beginnings are marked."""
+
+    label: str
+    condition: RowCondition
+
+
+class FigurePlan:
+    """A figure of tables with known columns.
+
+    Args:
+      options: what it shows.
+      tables: at least one.
+      panels: those to show unless the options choose some; a panel for each group and unit by default.
+
+    Attributes:
+      panels: in order.
+      grid: their size and places.
+      notes: what the user may want to know.
+
+    Raises:
+      UsageError: a name that is not there, an expression that is not well formed, a size too small.
+    """
+
+    def __init__(
+        self, options: FigureOptions, tables: Sequence[TableColumns], panels: Sequence[Panel] | None = None
+    ) -> None:
+        self.options, self.tables = options, tables
+        self.notes: list[str] = []
+        self._units: dict[str, str] = {}  # of the columns of all tables, from the first that has one
+        for table in tables:
+            for name, unit in with_units(list(table.units), table.units).items():
+                self._units[name] = self._units.get(name) or unit
+        self.x = self._x_axis()
+        self.panels = self._panels(panels)
+        self.log_x, self.log_y = parse_log(options.log, len(self.panels))
+        self.marks = self._marks()
+        self._events = self._event_marks()
+        names = max(len(panel.curves) for panel in self.panels) * len(tables) + len(self.marks)
+        shown = PanelCount(len(self.panels), names, bool(options.title))
+        self.grid = panel_grid(shown, options.size, options.columns)
+
+    @property
+    def columns(self) -> list[str]:
+        """The columns that are read, of any table."""
+        texts = [curve.text.expression for panel in self.panels for curve in panel.curves]
+        texts += [self.x.expression] if self.x else []
+        read = [name for text in texts for name in text.columns]
+        return list(dict.fromkeys([*read, *(name for event in self._events for name in event.condition.columns)]))
+
+    def collector(self, table: int) -> "TableCollector":
+        """What takes the rows of a table."""
+        return TableCollector(self, table, self._events)
+
+    def drawing(self, collectors: Sequence["TableCollector"]) -> Drawing:
+        """What is drawn of what the collectors took, one for each table."""
+        points = [collector.points() for collector in collectors]
+        panels = [self._drawn(index, panel, points) for index, panel in enumerate(self.panels)]
+        events = [mark for collector in collectors for mark in collector.marks]
+        vertical = [mark for mark in self.marks if mark.vertical]
+        return Drawing(self.options.title or "", self._x_label(), self.log_x, panels, [*vertical, *events])
+
+    def _drawn(self, index: int, panel: Panel, points: Sequence[dict[tuple[int, int], Points]]) -> DrawnPanel:
+        several, curves = len(self.tables) > 1, list[DrawnCurve]()
+        for number, curve in enumerate(panel.curves):
+            for table, found in enumerate(points):
+                if (index, number) not in found:
+                    continue
+                label = self.tables[table].name if several else curve.name
+                label = f"{label} {curve.name}" if several and len(panel.curves) > 1 else label
+                colour, variant = (table, number) if several else (number, 0)
+                curves.append(DrawnCurve(label, found[index, number], colour, variant))
+        marks = [mark for mark in self.marks if not mark.vertical and mark.panel in (None, index + 1)]
+        return DrawnPanel(panel.label, curves, index in self.log_y, marks)
+
+    def _x_axis(self) -> CurveText | None:
+        """The x axis; None for the number of the row."""
+        if self.options.x is not None:
+            found = parse_curves(self.options.x, list(self._units), option("x"))
+            if len(found) != 1:
+                raise BadValueError(option("x"), self.options.x, f"one column, it is {len(found)}")
+            return found[0]
+        times = {time_column(table.units) for table in self.tables}
+        if len(times) > 1:
+            raise UsageError(f"the tables have different times; name the x axis with {option('x')}")
+        (time,) = times
+        if time is None:
+            self.notes.append(f"no column is called time: x is the number of the row, from 0 on; see {option('x')}")
+            return None
+        (found,) = parse_curves(time, [time], option("x"))
+        return found
+
+    @property
+    def breaks(self) -> bool:
+        """Whether a line breaks where x goes back, as a time does in tables that were joined."""
+        return self.options.x is None
+
+    def _x_label(self) -> str:
+        if self.x is None:
+            return "row"
+        unit = self._units[self.x.column] if self.x.unit is None and self.x.column else self.x.unit
+        name = split_unit(self.x.name)[0] if self.x.column else self.x.name
+        return f"{name} [{unit}]" if unit else name
+
+    def _panels(self, given: Sequence[Panel] | None) -> list[Panel]:
+        if self.options.y:
+            return chosen_panels(self.options.y, self._units)
+        if given is not None:
+            return list(given)
+        names = [name for name in self._units if not (self.x and name == self.x.column)]
+        if not names:
+            raise UsageError(f"there is nothing to plot: the only column is {listing(list(self._units))}")
+        panels = panels_by_unit(names, self._units, apart=len(self.tables) > 1)
+        if len(panels) > PANELS:
+            left = [curve.text.name for panel in panels[PANELS:] for curve in panel.curves]
+            self.notes.append(f"{len(left)} columns are left out, {listing(left)}; choose with {option('y')}")
+        return panels[:PANELS]
+
+    def _marks(self) -> list[Mark]:
+        marks: list[Mark] = []
+        for index, text in enumerate(self.options.mark):
+            with concerning("mark", index):
+                marks.append(parse_mark(text))
+                if marks[-1].panel is not None:
+                    panel_index(marks[-1].panel, len(self.panels), "mark")
+        return marks
+
+    def _event_marks(self) -> list[EventMark]:
+        events: list[EventMark] = []
+        for index, text in enumerate(self.options.mark_event):
+            with concerning("mark_event", index):
+                label, condition = _named_condition(text)
+                events.append(EventMark(label, parse_row_condition(condition, list(self._units), option("mark_event"))))
+        return events
+
+
+class TableCollector:
+    """Takes the rows of one table, and keeps what can be seen of them.
+
+    Attributes:
+      rows: taken so far.
+      marks: events so far, at most `EVENTS` of each condition.
+      has_curves: whether the table has any column of the figure.
+    """
+
+    def __init__(self, plan: FigurePlan, table: int, events: Sequence[EventMark]) -> None:
+        self._plan, self._name = plan, plan.tables[table].name
+        names = set(plan.tables[table].units)
+        x = plan.x.expression if plan.x else None
+        known = x is None or names.issuperset(x.columns)
+        self._curves = {
+            (index, number): curve
+            for index, panel in enumerate(plan.panels)
+            for number, curve in enumerate(panel.curves)
+            if known and names.issuperset(curve.text.expression.columns)
+        }
+        self._x = x.evaluator() if x and known else None
+        self._y = [curve.text.expression.evaluator() for curve in self._curves.values()]
+        self._log = np.array([index in plan.log_y for index, _ in self._curves], bool)
+        bins = 1 << (2 * plan.grid.size[0] - 1).bit_length()
+        self._envelope = Envelope(len(self._curves), bins, log=plan.log_x, breaks=plan.breaks)
+        self._events = [event for event in events if names.issuperset(event.condition.columns)]
+        self._edges = [RisingEdgeDetector() for _ in self._events]
+        self._seen = [0 for _ in self._events]
+        self.rows, self.marks = 0, list[Mark]()
+        self._lost = {"rows without x": 0, "rows with x at or below zero": 0}
+        self._negative = np.zeros(len(self._curves), int)
+
+    @property
+    def has_curves(self) -> bool:
+        return bool(self._curves)
+
+    def feed(self, columns: dict[str, np.ndarray]) -> None:
+        """Takes the next rows, `(n,)` each by name."""
+        count = len(next(iter(columns.values())))
+        if not count or not self._curves:
+            self.rows += count
+            return
+        x = self._x.feed(columns) if self._x else np.arange(self.rows, self.rows + count, dtype=float)
+        y = np.empty((count, len(self._y)))
+        for number, evaluator in enumerate(self._y):
+            y[:, number] = evaluator.feed(columns)
+        self._mark(columns, x)
+        self.rows += count
+
+        y[~np.isfinite(y)] = np.nan
+        if self._log.any():
+            below = (y <= 0) & self._log
+            self._negative += below.sum(axis=0)
+            y[below] = np.nan
+        usable = np.isfinite(x)
+        self._lost["rows without x"] += int(count - usable.sum())
+        if self._plan.log_x:
+            self._lost["rows with x at or below zero"] += int((usable & ~(x > 0)).sum())
+            usable &= x > 0
+        if not usable.all():
+            x, y = x[usable], y[usable]
+        self._envelope.feed(x, y)
+
+    def points(self) -> dict[tuple[int, int], Points]:
+        """The points of every curve, by the indices of its panel and in it."""
+        return dict(zip(self._curves, self._envelope.curves(), strict=True))
+
+    def notes(self) -> list[str]:
+        """What the user may want to know, after the last row."""
+        where = f"{self._name}: " if len(self._plan.tables) > 1 else ""
+        notes = [f"{where}{count} {what} are left out" for what, count in self._lost.items() if count]
+        for curve, count in zip(self._curves.values(), self._negative.tolist(), strict=True):
+            if count:
+                notes.append(f"{where}{curve.text.name}: {count} values at or below zero are not on a logarithmic axis")
+        for event, count in zip(self._events, self._seen, strict=True):
+            if count > EVENTS:
+                notes.append(f"{where}{event.label}: the first {EVENTS} of {count} are marked")
+            elif not count:
+                notes.append(f"{where}{event.label} does not happen")
+        if self._plan.breaks and not self._envelope.ascends:
+            notes.append(f"{where}the time goes back; curves break there")
+        return notes
+
+    def _mark(self, columns: dict[str, np.ndarray], x: np.ndarray) -> None:
+        for index, (event, detector) in enumerate(zip(self._events, self._edges, strict=True)):
+            detector.feed(event.condition.holds(columns))
+            places = x[np.array(detector.indices, int) - self.rows]
+            detector.indices.clear()
+            room = max(0, EVENTS - self._seen[index])
+            self._seen[index] += len(places)
+            self.marks += [Mark(event.label, float(place), vertical=True) for place in places[:room]]
+
+
+def _named_condition(text: str) -> tuple[str, str]:
+    """The label and the condition of `landed=contact/ncon > 0`; the condition is its own label by default."""
+    label, equals, condition = text.partition("=")
+    name = label.strip()
+    if equals and condition[:1] != "=" and name and name[-1] not in "<>!" and not set(name) & set("()'`"):
+        return name, condition.strip()
+    return text.strip(), text.strip()

@@ -1,0 +1,101 @@
+"""Writes figures: a drawing becomes one published file, with the same bytes for the same drawing."""
+
+import importlib.util
+import io
+import re
+import warnings
+from collections.abc import Mapping
+from pathlib import Path
+
+from mjrun.errors import BadValueError, MissingExtraError, clean, option
+from mjrun.formats.atomic_output import OutputWriter, StagedFile, StandardOutput
+from mjrun.formats.figure_format import DRAWINGS
+from mjrun.formats.image_format import FORMATS, ImageData
+from mjrun.plotting.drawing import Drawing
+from mjrun.plotting.panel_grid import PanelGrid
+from mjrun.plotting.theme import THEMES
+
+LIBRARY, EXTRA = "matplotlib", "plot"
+
+
+def require_matplotlib() -> None:
+    """Raises MissingExtraError if matplotlib is not installed."""
+    if importlib.util.find_spec(LIBRARY) is None:
+        raise MissingExtraError("a plot", LIBRARY, EXTRA)
+
+
+class FigureWriter(OutputWriter):
+    """Writes one figure. Opening it proves that the output can be written.
+
+    Args:
+      output: a file, or None for standard output.
+      format: a name from `mjrun.formats.figure_format`.
+      size: width and height [pixels].
+      tags: title, comment and description, embedded where the format can hold them.
+
+    Raises:
+      FileError: the output cannot be written.
+      BadValueError: the format cannot hold so large a figure.
+    """
+
+    def __init__(
+        self,
+        output: str | None,
+        format: str,  # noqa: A002
+        size: tuple[int, int],
+        tags: Mapping[str, str] | None = None,
+    ) -> None:
+        self._name, self._tags = format, {name: clean(text) for name, text in (tags or {}).items()}
+        largest = None if format in DRAWINGS else FORMATS["rgb"][format].largest
+        if largest and max(size) > largest:
+            raise BadValueError(option("size"), f"{size[0]}x{size[1]}", f"at most {largest} a side, as {format} holds")
+        super().__init__(StandardOutput(terminal=format == "svg") if output is None else StagedFile(Path(output)))
+
+    def write(self, drawing: Drawing, grid: PanelGrid, style: str) -> None:
+        """Draws and writes the figure.
+
+        Raises:
+          FileError: the disk is full.
+          ClosedPipeError: nobody reads standard output any more.
+        """
+        self.write_file(encoded(drawing, grid, style, self._name, self._tags))
+
+
+def encoded(drawing: Drawing, grid: PanelGrid, style: str, format: str, tags: Mapping[str, str]) -> bytes:  # noqa: A002
+    """The figure as the content of a file."""
+    import numpy as np
+
+    from mjrun.plotting.figure import draw, settings
+
+    with settings(), warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        figure = draw(drawing, grid, THEMES[style], any_letter=format == "svg")
+        if format not in DRAWINGS:
+            figure.canvas.draw()
+            pixels = np.asarray(figure.canvas.buffer_rgba())[:, :, :3]
+            encode = FORMATS["rgb"][format].encode
+            assert encode  # all of colours have one
+            return encode(ImageData(np.ascontiguousarray(pixels), 0, None, tags))
+        file = io.BytesIO()
+        figure.savefig(file, format=format, facecolor=figure.get_facecolor(), metadata=_metadata(format, tags))
+        return file.getvalue() if format == "pdf" else _svg(file.getvalue().decode()).encode()
+
+
+def svg_text(drawing: Drawing, grid: PanelGrid, style: str) -> str:
+    """The figure as an `<svg>` element, to stand in a page."""
+    document = encoded(drawing, grid, style, "svg", {}).decode()
+    return document[document.index("<svg") :]
+
+
+def _metadata(format: str, tags: Mapping[str, str]) -> dict[str, str | None]:  # noqa: A002
+    """What matplotlib embeds: our tags, and nothing that changes from day to day."""
+    if format == "pdf":
+        names = {"title": "Title", "comment": "Creator", "description": "Subject"}
+        return {"CreationDate": None, "Producer": None, **{names[key]: text for key, text in tags.items()}}
+    names = {"title": "Title", "comment": "Source", "description": "Description"}
+    return {"Date": None, "Creator": None, **{names[key]: text for key, text in tags.items()}}
+
+
+def _svg(document: str) -> str:
+    """The document with fonts to fall back on where DejaVu Sans is not installed."""
+    return re.sub(r"'DejaVu Sans'", "'DejaVu Sans', Verdana, sans-serif", document)

@@ -1,0 +1,63 @@
+"""The names beside the curves of a panel: at the heights where those end while they have room, else in columns."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+from matplotlib.lines import Line2D
+
+BESIDE = 6  # names that stand where their curves end
+SMALLEST = 0.75  # of the usual letters
+
+
+@dataclass(frozen=True)
+class Entry:
+    """A name, a sample of its line, and its height [pixels from the top]."""
+
+    name: str
+    line: Line2D
+    y: float
+
+
+@dataclass(frozen=True)
+class Rows:
+    """Entries in columns, at their heights; `scale` is that of the letters."""
+
+    columns: Sequence[Sequence[Entry]]
+    scale: float
+
+
+def legend_rows(entries: Sequence[Entry], top: float, bottom: float, line: float) -> Rows:
+    """The entries of a panel between `top` and `bottom`, at least a `line` apart [pixels]."""
+    room = max(1, int((bottom - top) / line))
+    if len(entries) <= min(BESIDE, room):
+        return Rows([_spread(sorted(entries, key=lambda entry: entry.y), top, bottom, line)], 1.0)
+    scale = max(SMALLEST, min(1.0, (bottom - top) / line / len(entries)))
+    line *= scale
+    rows = max(1, int((bottom - top) / line))
+    count = -(-len(entries) // rows)
+    rows = -(-len(entries) // count)
+    columns = [entries[start : start + rows] for start in range(0, len(entries), rows)]
+    step = min(1.25 * line, (bottom - top) / rows)
+    return Rows([[replace(e, y=top + (i + 0.5) * step) for i, e in enumerate(column)] for column in columns], scale)
+
+
+def _spread(entries: Sequence[Entry], top: float, bottom: float, line: float) -> list[Entry]:
+    """Entries in the order of their heights, moved apart as little as need be: clusters share their mean."""
+    clusters: list[tuple[float, list[Entry]]] = []
+    for entry in entries:
+        cluster = [entry]
+        centre = _within(entry.y, 1, top, bottom, line)
+        while clusters and clusters[-1][0] + line * len(clusters[-1][1]) / 2 > centre - line * len(cluster) / 2:
+            cluster = clusters.pop()[1] + cluster
+            centre = _within(sum(e.y for e in cluster) / len(cluster), len(cluster), top, bottom, line)
+        clusters.append((centre, cluster))
+    return [
+        replace(entry, y=centre + (index - (len(cluster) - 1) / 2) * line)
+        for centre, cluster in clusters
+        for index, entry in enumerate(cluster)
+    ]
+
+
+def _within(centre: float, count: int, top: float, bottom: float, line: float) -> float:
+    half = count * line / 2
+    return min(max(centre, top + half), bottom - half)

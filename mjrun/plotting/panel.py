@@ -1,0 +1,136 @@
+"""What a figure shows: panels of curves, before there are any numbers."""
+
+from collections import Counter
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import groupby, takewhile
+
+from mjrun.errors import concerning
+from mjrun.plotting.curve_text import CurveText, PanelText, parse_curves, parse_panel, split_unit
+
+CURVES = 12  # in a panel that nobody asked for
+_TIMES = ("time", "t")  # names of the x axis
+
+
+@dataclass(frozen=True)
+class PanelCurve:
+    """A curve of a panel: its name in the legend, its unit, and what it is over the columns."""
+
+    name: str
+    unit: str
+    text: CurveText
+
+
+@dataclass(frozen=True)
+class Panel:
+    """A panel: what its y axis shows, in which unit, and its curves."""
+
+    title: str
+    unit: str
+    curves: tuple[PanelCurve, ...]
+
+    @property
+    def label(self) -> str:
+        """The label of the y axis."""
+        return f"{self.title} [{self.unit}]" if self.unit else self.title
+
+
+def time_column(names: Iterable[str]) -> str | None:
+    """The column that is the time, if there is one."""
+    known = list(names)
+    if "time" in known:
+        return "time"
+    return next((name for name in known if split_unit(name)[0].strip().casefold() in _TIMES), None)
+
+
+def chosen_panels(texts: Sequence[str], units: Mapping[str, str]) -> list[Panel]:
+    """The panels that texts of the option y describe, over columns with `units`."""
+    panels: list[Panel] = []
+    for index, text in enumerate(texts):
+        with concerning("y", index):
+            panels.append(_chosen(parse_panel(text, list(units)), units))
+    return panels
+
+
+def panels_by_unit(names: Sequence[str], units: Mapping[str, str], *, apart: bool = False) -> list[Panel]:
+    """A panel for each group of the columns `names`, and in it for each unit.
+
+    Args:
+      apart: whether every column has a panel of its own.
+    """
+    panels: list[Panel] = []
+    for group, members in _by_group(names):
+        by_unit: dict[str, list[str]] = {}
+        for name in members:
+            by_unit.setdefault(units[name], []).append(name)
+        for unit, same in by_unit.items():
+            parts = [[name] for name in same] if apart else _parts(same)
+            panels += _numbered([_panel(group, unit, [_curve(name, units) for name in part]) for part in parts])
+    return panels
+
+
+def _numbered(panels: Sequence[Panel]) -> Iterator[Panel]:
+    """The same panels, with numbers where several have one title: `qpos 1/2`."""
+    counts, seen = Counter(panel.title for panel in panels), Counter[str]()
+    for panel in panels:
+        seen[panel.title] += 1
+        several = counts[panel.title] > 1
+        yield replace(panel, title=f"{panel.title} {seen[panel.title]}/{counts[panel.title]}") if several else panel
+
+
+def _by_group(names: Sequence[str]) -> Iterator[tuple[str, list[str]]]:
+    groups: dict[str, list[str]] = {}
+    for name in names:
+        groups.setdefault(name.partition("/")[0] if "/" in name else "", []).append(name)
+    yield from groups.items()
+
+
+def _parts(names: list[str]) -> list[list[str]]:
+    """As few lists of nearly the same length as hold at most `CURVES` each; components of an object stay together."""
+    objects = [list(same) for _, same in groupby(names, key=lambda name: name.rpartition("/")[0])]
+    objects = [[name] for name in names] if len(objects) == 1 else objects
+    count = -(-len(names) // CURVES)
+    parts: list[list[str]] = [[]]
+    for same in objects:
+        if parts[-1] and len(parts[-1]) + len(same) > min(CURVES, -(-len(names) // count) + len(same) // 2):
+            parts.append([])
+        parts[-1] += same
+    return [part[start : start + CURVES] for part in parts for start in range(0, len(part), CURVES)]
+
+
+def _curve(name: str, units: Mapping[str, str]) -> PanelCurve:
+    (text,) = parse_curves(name, [name], "")
+    return PanelCurve(name, units[name], text)
+
+
+def _chosen(panel: PanelText, units: Mapping[str, str]) -> Panel:
+    curves = [PanelCurve(text.name, _unit(text, panel, units), text) for text in panel.curves]
+    kinds = {curve.unit for curve in curves}
+    return _panel(panel.title or "", kinds.pop() if len(kinds) == 1 else "", curves, titled=panel.title is not None)
+
+
+def _unit(text: CurveText, panel: PanelText, units: Mapping[str, str]) -> str:
+    if text.unit is not None:
+        return text.unit
+    if panel.unit is not None:
+        return panel.unit
+    return units[text.column] if text.column is not None else ""
+
+
+def _panel(title: str, unit: str, curves: Sequence[PanelCurve], *, titled: bool = False) -> Panel:
+    """A panel whose legend leaves out what the title says, and the title says what all names begin with."""
+    names = [split_unit(curve.name)[0] if curve.text.column else curve.name for curve in curves]
+    if len(names) == 1 and not titled:
+        return Panel(names[0], unit, tuple(curves))
+    prefix = _common(names) if all(curve.text.column == curve.name for curve in curves) else ""
+    short = [name.removeprefix(prefix) for name in names]
+    # Where units differ, each curve tells its own.
+    units = [f" [{curve.unit}]" if curve.unit and curve.unit != unit else "" for curve in curves]
+    shown = [replace(c, name=name + u) for c, name, u in zip(curves, short, units, strict=True)]
+    return Panel(title if titled else prefix.rstrip("/") or title, unit, tuple(shown))
+
+
+def _common(names: Sequence[str]) -> str:
+    """What all names begin with, up to a slash."""
+    parents = zip(*(name.split("/")[:-1] for name in names), strict=False)
+    return "".join(f"{parts[0]}/" for parts in takewhile(lambda parts: len(set(parts)) == 1, parents))

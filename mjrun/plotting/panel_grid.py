@@ -1,0 +1,64 @@
+"""The size of a figure and the places of its panels."""
+
+from dataclasses import dataclass
+
+from mjrun.errors import BadValueError, option
+
+WIDTHS = (1280, 1600, 1920)  # of a figure whose size nobody gave, by panels side by side [pixels]
+LEAST_WIDTH, LEAST_HEIGHT = 140, 56  # of a panel with all that belongs to it [pixels]
+LEAST_BELOW = 40  # for the x axis [pixels]
+ABOVE, BELOW = 2.6, 5.0  # what else has to be above the panels, if there is a title, and below them [em]
+
+
+@dataclass(frozen=True)
+class PanelCount:
+    """How many panels there are, how many names the largest legend has, and whether there is a title."""
+
+    panels: int
+    names: int
+    titled: bool
+
+
+@dataclass(frozen=True)
+class PanelGrid:
+    """Panels in rows, from left to right.
+
+    Attributes:
+      size: width and height of the figure [pixels].
+      columns, rows: of panels.
+      em: size of its letters [pixels].
+    """
+
+    size: tuple[int, int]
+    columns: int
+    rows: int
+    em: float
+
+
+def panel_grid(count: PanelCount, size: tuple[int, int] | None, columns: int | None) -> PanelGrid:
+    """The grid of so many panels, in `size` pixels and so many `columns` if they are given.
+
+    Raises:
+      BadValueError: they have no room.
+    """
+    side = min(count.panels, columns or _columns(count.panels, size[0] if size else None))
+    rows = -(-count.panels // side)
+    width = size[0] if size else WIDTHS[min(side, len(WIDTHS)) - 1]
+    em = 6 + width / (150 + 30 * (side > 1))
+    if size is None:
+        panel = min(max(12.5, 3.5 + 1.02 * count.names), 16.5)  # [em], so that a legend has room
+        height = max(0.55 * width, (rows * panel + BELOW + ABOVE * count.titled) * em)
+        size = width, 2 * round(height / 2)
+    least = LEAST_WIDTH * side, LEAST_HEIGHT * rows + LEAST_BELOW
+    if size[0] < least[0] or size[1] < least[1]:
+        panels = f"{count.panels} panel{'s' if count.panels > 1 else ''}"
+        raise BadValueError(option("size"), f"{size[0]}x{size[1]}", f"at least {least[0]}x{least[1]} for {panels}")
+    em = min(em, max(8.0, (size[1] - 20) / rows / 7))
+    return PanelGrid(size, side, rows, em)
+
+
+def _columns(panels: int, width: int | None) -> int:
+    """Panels side by side: one while they are few, as many as have room when they are many."""
+    if panels <= 4 or (width is not None and width < 700):
+        return 1
+    return 3 if panels > 15 and (width is None or width >= 1500) else 2

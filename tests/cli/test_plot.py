@@ -1,0 +1,93 @@
+"""`mjrun plot` as a user runs it."""
+
+from __future__ import annotations
+
+import io
+import json
+import subprocess
+import sys
+import xml.etree.ElementTree as ElementTree
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import pytest
+from PIL import Image
+
+from mjrun.document.json_schema import json_schema
+from tests.document.schema_oracle import fits
+
+if TYPE_CHECKING:
+    from tests.conftest import Command
+
+ROOT = Path(__file__).parents[2]
+PENDULUM = ROOT / "scenes/pendulum.xml"
+MJRUN = f"'{sys.executable}' -m mjrun"
+TABLE = "time,qpos/a,qpos/b,energy/total\n" + "".join(f"{i / 10},{i},{-i},{i * i}\n" for i in range(20))
+
+
+def test_a_trace_is_piped_into_a_plot_and_the_plot_into_a_pipe(tmp_path: Path) -> None:
+    trace = f"{MJRUN} trace '{PENDULUM}' --csv --duration 0.5"
+    command = f"{trace} | {MJRUN} plot - -o - --size 600x900 > {tmp_path}/a.png"
+    done = subprocess.run(["bash", "-o", "pipefail", "-c", command], cwd=ROOT, capture_output=True, text=True)
+    assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
+    with Image.open(tmp_path / "a.png") as image:
+        assert image.size == (600, 900)
+
+
+def test_a_plot_in_a_file_is_told_in_a_sentence_and_is_the_same_bytes_again(mjrun: Command) -> None:
+    (mjrun.folder / "run.csv").write_text(TABLE)
+    pictures = []
+    for _ in range(2):
+        done = mjrun("plot", "run.csv", "-o", "run.svg", "--y", "qpos/*", "--y", "J [J]=energy/total")
+        assert (done.returncode, done.stderr) == (0, b"")
+        assert done.stdout == b"run.svg: 1280x704, 3 curves in 2 panels, 20 rows\n"
+        pictures.append((mjrun.folder / "run.svg").read_bytes())
+    assert pictures[0] == pictures[1]
+    texts = [each.text for each in ElementTree.fromstring(pictures[0]).iter() if each.tag.endswith("text")]
+    assert {"qpos", "J [J]", "a", "b", "time [s]"} <= set(texts)
+
+
+def test_notes_are_on_stderr_and_the_report_fits_its_schema(mjrun: Command) -> None:
+    (mjrun.folder / "a.csv").write_text("u,v\n1,-1\n2,2\n")
+    done = mjrun("plot", "a.csv", "-o", "a.png", "--log", "y", "--size", "300x200", "--json")
+    report = json.loads(done.stdout)
+    assert fits(report, json_schema("plot"), json_schema("plot"))
+    assert (report["path"], report["size"], report["rows"]) == ("a.png", [300, 200], [2])
+    assert "x is the number of the row, from 0 on; see --x" in done.stderr.decode()
+    assert len(report["notes"]) == 2
+
+
+def test_formats_of_a_pipe(mjrun: Command) -> None:
+    (mjrun.folder / "run.csv").write_text(TABLE)
+    svg, pdf, png = (
+        mjrun("plot", "run.csv", "-o", "-", *how) for how in (["--format", "svg"], ["--format", "pdf"], [])
+    )
+    assert ElementTree.fromstring(svg.stdout).tag.endswith("svg")
+    assert pdf.stdout.startswith(b"%PDF")
+    assert Image.open(io.BytesIO(png.stdout)).size == (1280, 704)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "code", "message"),
+    [
+        (["run.csv"], 2, "Missing option '-o'"),
+        (["run.csv", "-o", "a.gif"], 2, "no figure format '.gif'"),
+        (["-o", "a.png"], 2, "Missing argument 'TABLE...'"),
+        (["run.csv", "-o", "a.png", "--y", "qpos/c"], 2, "no column 'qpos/c'"),
+        (["run.csv", "-o", "a.png", "--y", "none/*"], 2, "no column 'none/*' in --y"),
+        (["run.csv", "-o", "a.png", "--log", "z"], 2, "--log: 'z' is not x, y, both"),
+        (["run.csv", "-o", "-", "--json"], 2, "both want standard output"),
+        (["none.csv", "-o", "a.png"], 7, "no such file"),
+        (["text.csv", "-o", "a.png"], 7, "is not a number"),
+        (["run.csv", "-o", "none/a.png"], 7, "there is no folder "),
+    ],
+)
+def test_bad_input_has_its_exit_code_and_leaves_nothing(
+    mjrun: Command, arguments: list[str], code: int, message: str
+) -> None:
+    (mjrun.folder / "run.csv").write_text(TABLE)
+    (mjrun.folder / "text.csv").write_text("time,who\n0,me\n")
+    done = mjrun("plot", *arguments)
+    assert (done.returncode, done.stdout) == (code, b"")
+    assert message in done.stderr.decode()
+    assert mjrun.files() == ["run.csv", "text.csv"]

@@ -1,0 +1,144 @@
+"""What a figure shows of tables, before and after their rows."""
+
+import numpy as np
+import pytest
+
+from mjrun.errors import BadValueError, MjrunError, UnknownNameError, UsageError
+from mjrun.options.plot import FigureOptions
+from mjrun.plotting.figure_plan import EVENTS, PANELS, FigurePlan, TableColumns
+
+UNITS = {"time": "s", "qpos/a": "rad", "qpos/b": "rad", "contact/ncon": ""}
+TABLE = TableColumns("run", UNITS)
+
+
+def rows(count: int = 10) -> dict[str, np.ndarray]:
+    time = np.arange(count) / 10
+    return {"time": time, "qpos/a": time**2, "qpos/b": 1 - time, "contact/ncon": np.arange(count) % 4.0}
+
+
+def drawn(options: FigureOptions, values: dict[str, np.ndarray]) -> tuple[object, list[str]]:
+    plan = FigurePlan(options, [TableColumns("run", {name: UNITS.get(name, "") for name in values})])
+    collector = plan.collector(0)
+    half = len(values["time"]) // 2 if "time" in values else 1
+    collector.feed({name: column[:half] for name, column in values.items()})
+    collector.feed({name: column[half:] for name, column in values.items()})
+    return plan.drawing([collector]), [*plan.notes, *collector.notes()]
+
+
+def test_all_columns_over_time_by_default() -> None:
+    drawing, notes = drawn(FigureOptions(), rows())
+    assert [panel.label for panel in drawing.panels] == ["qpos [rad]", "contact/ncon"]
+    assert drawing.x_label == "time [s]"
+    assert np.array_equal(drawing.panels[0].curves[1].points.y, rows()["qpos/b"])
+    assert notes == []
+
+
+def test_expressions_are_of_the_rows_with_their_first_value() -> None:
+    drawing, _ = drawn(FigureOptions(y=["gone [mm]=(qpos/b - first(qpos/b))*1000"], x="qpos/a"), rows())
+    (panel,) = drawing.panels
+    assert (panel.label, drawing.x_label) == ("gone [mm]", "qpos/a [rad]")
+    assert np.allclose(panel.curves[0].points.y, -1000 * rows()["time"])
+    assert np.array_equal(panel.curves[0].points.x, rows()["qpos/a"])
+
+
+def test_without_a_time_the_rows_are_counted_and_that_is_said() -> None:
+    drawing, notes = drawn(FigureOptions(), {"a": np.arange(5.0), "b": np.ones(5)})
+    assert drawing.x_label == "row"
+    assert drawing.panels[0].curves[0].points.x.tolist() == [0, 1, 2, 3, 4]
+    assert "no column is called time" in notes[0]
+
+
+def test_events_are_marked_where_a_condition_begins_to_hold() -> None:
+    drawing, notes = drawn(FigureOptions(mark_event=["hit=contact/ncon > 1", "qpos/a > 99"]), rows())
+    assert [(mark.label, mark.value) for mark in drawing.marks] == [("hit", 0.2), ("hit", 0.6)]
+    assert notes == ["qpos/a > 99 does not happen"]
+
+
+def test_events_beyond_a_bound_are_counted() -> None:
+    values = rows(10 * EVENTS)
+    drawing, notes = drawn(FigureOptions(mark_event=["contact/ncon > 1"]), values)
+    assert len(drawing.marks) == EVENTS
+    assert notes == [f"contact/ncon > 1: the first {EVENTS} of {10 * EVENTS // 4} are marked"]
+
+
+def test_what_a_logarithmic_axis_cannot_show_is_counted() -> None:
+    drawing, notes = drawn(FigureOptions(y=["contact/ncon", "qpos/b"], log=["1:y"]), rows())
+    assert [panel.log for panel in drawing.panels] == [True, False]
+    assert np.isnan(drawing.panels[0].curves[0].points.y).sum() == 2  # the gap at the beginning needs no point
+    assert notes == ["contact/ncon: 3 values at or below zero are not on a logarithmic axis"]
+    _, notes = drawn(FigureOptions(y=["qpos/b"], log=["x"]), rows())
+    assert notes == ["1 rows with x at or below zero are left out"]
+
+
+def test_rows_without_x_are_left_out_and_infinite_values_are_gaps() -> None:
+    values = rows()
+    values["time"][3] = np.nan
+    values["qpos/a"][5] = np.inf
+    drawing, notes = drawn(FigureOptions(y=["qpos/a"]), values)
+    assert notes == ["1 rows without x are left out"]
+    points = drawing.panels[0].curves[0].points
+    assert len(points.x) == 9
+    assert np.isnan(points.y).tolist() == [False] * 4 + [True] + [False] * 4
+
+
+def test_tables_have_their_colours_and_a_panel_for_each_column() -> None:
+    plan = FigurePlan(FigureOptions(), [TableColumns(name, UNITS) for name in "12"])
+    collectors = [plan.collector(0), plan.collector(1)]
+    for collector in collectors:
+        collector.feed(rows())
+    drawing = plan.drawing(collectors)
+    assert [panel.label for panel in drawing.panels] == ["qpos/a [rad]", "qpos/b [rad]", "contact/ncon"]
+    assert [(c.name, c.colour, c.variant) for c in drawing.panels[0].curves] == [("1", 0, 0), ("2", 1, 0)]
+
+
+def test_columns_of_tables_in_one_panel_differ_in_their_lines() -> None:
+    plan = FigurePlan(FigureOptions(y=["qpos"]), [TableColumns(name, UNITS) for name in "12"])
+    collectors = [plan.collector(0), plan.collector(1)]
+    for collector in collectors:
+        collector.feed(rows())
+    names = [(c.name, c.colour, c.variant) for c in plan.drawing(collectors).panels[0].curves]
+    assert names == [("1 a", 0, 0), ("2 a", 1, 0), ("1 b", 0, 1), ("2 b", 1, 1)]
+
+
+def test_a_column_that_one_table_lacks_is_drawn_of_the_others() -> None:
+    plan = FigurePlan(FigureOptions(), [TABLE, TableColumns("other", {"time": "s", "qpos/a": "rad"})])
+    collectors = [plan.collector(0), plan.collector(1)]
+    collectors[0].feed(rows())
+    collectors[1].feed({name: rows()[name] for name in ("time", "qpos/a")})
+    assert [len(panel.curves) for panel in plan.drawing(collectors).panels] == [2, 1, 1]
+
+
+def test_panels_beyond_a_bound_are_left_out_and_named() -> None:
+    names = [f"g{i}/a" for i in range(PANELS + 2)]
+    plan = FigurePlan(FigureOptions(), [TableColumns("run", {"time": "s", **dict.fromkeys(names, "m")})])
+    assert len(plan.panels) == PANELS
+    assert plan.notes == [f"2 columns are left out, g{PANELS}/a, g{PANELS + 1}/a; choose with \x02y\x03"]
+
+
+def test_only_what_is_shown_is_read() -> None:
+    plan = FigurePlan(FigureOptions(y=["qpos/a"], mark_event=["contact/ncon > 0"]), [TABLE])
+    assert plan.columns == ["qpos/a", "time", "contact/ncon"]
+
+
+@pytest.mark.parametrize(
+    ("options", "kind", "message"),
+    [
+        ({"y": ["qpos/c"]}, UnknownNameError, "did you mean"),
+        ({"x": "qpos/*"}, BadValueError, "one column, it is 2"),
+        ({"x": "tim"}, UnknownNameError, "did you mean 'time'"),
+        ({"mark": ["9:a=1"]}, UsageError, "there is no panel 9, the last is 2"),
+        ({"mark_event": ["contact(a, b)"]}, UnknownNameError, "contact/a/b"),
+        ({"size": (100, 100)}, BadValueError, "size: '100x100' is not at least"),
+        ({"log": ["1"]}, BadValueError, "log"),
+    ],
+)
+def test_what_cannot_be_is_refused_before_the_first_row(options: dict[str, object], kind: type, message: str) -> None:
+    with pytest.raises(kind, match=message):
+        FigurePlan(FigureOptions(**options), [TABLE])  # type: ignore[arg-type]
+
+
+def test_tables_with_different_times_and_tables_of_time_alone_are_refused() -> None:
+    with pytest.raises(MjrunError, match="different times"):
+        FigurePlan(FigureOptions(), [TABLE, TableColumns("other", {"t": "s", "a": ""})])
+    with pytest.raises(UsageError, match="nothing to plot"):
+        FigurePlan(FigureOptions(), [TableColumns("run", {"time": "s"})])

@@ -1,0 +1,115 @@
+"""Plots of tables of every kind, and of files that are none."""
+
+import io
+import xml.etree.ElementTree as ElementTree
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from mjrun.errors import FileError, MjrunError, UnknownNameError, UsageError
+from mjrun.formats.table_writer import TableWriter
+from mjrun.model.column import Column
+from mjrun.options.plot import FigureOptions
+from mjrun.plotting.table_plot import TablePlot, svg_figure
+
+COLUMNS = [Column("time", "s"), Column("qpos/knee", "rad"), Column("qpos/hip", "rad"), Column("energy/total", "J")]
+TIME = np.arange(500) / 100
+ROWS = np.column_stack([TIME, np.sin(TIME), np.cos(TIME), TIME**2])
+
+
+def table(path: Path, rows: np.ndarray = ROWS, columns: list[Column] = COLUMNS) -> str:
+    with TableWriter(str(path), path.suffix[1:], columns, {}) as writer:
+        writer.write(rows)
+        writer.publish()
+    return str(path)
+
+
+def texts(svg: str) -> list[str]:
+    return [str(each.text) for each in ElementTree.fromstring(svg).iter() if each.tag.endswith("text")]
+
+
+@pytest.mark.parametrize("suffix", ["csv", "jsonl", "parquet", "feather", "npz", "mat"])
+def test_every_table_that_can_be_read_is_plotted(tmp_path: Path, suffix: str) -> None:
+    result = TablePlot([table(tmp_path / f"run.{suffix}")], str(tmp_path / "run.svg"), size=(400, 300)).run()
+    unit = "" if suffix in ("csv", "jsonl") else " [rad]"
+    assert (result.rows, result.curves, result.size, result.notes) == ([500], 3, (400, 300), [])
+    assert result.panels == [f"qpos{unit}", "energy/total [J]"]
+    assert {f"qpos{unit}", "knee", "hip", "time [s]"} <= set(texts((tmp_path / "run.svg").read_text("utf-8")))
+
+
+def test_standard_input_is_read_once_and_standard_output_holds_the_figure(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    file = table(tmp_path / "run.csv")
+    options = FigureOptions(y=["knee=qpos/knee"], size=(300, 200))
+    expected, _ = svg_figure([file], options)
+    monkeypatch.setattr("sys.stdin", io.TextIOWrapper(io.BytesIO(Path(file).read_bytes())))
+    assert svg_figure(["-"], options)[0] == expected
+    with pytest.raises(UsageError, match="read once"):
+        svg_figure(["-", "-"], options)
+
+
+def test_tables_are_overlaid_by_what_differs_in_their_names(tmp_path: Path) -> None:
+    paths = [table(tmp_path / f"kick_{i}.csv", ROWS + i) for i in (1, 2, 3)]
+    svg, notes = svg_figure(paths, FigureOptions(y=["qpos/knee"], size=(400, 300)))
+    assert {"1", "2", "3", "qpos/knee"} <= set(texts(svg))
+    assert notes == []
+
+
+def test_columns_that_are_not_shown_may_hold_anything(tmp_path: Path) -> None:
+    path = tmp_path / "a.csv"
+    path.write_text("time,who,v\n0,me,1\n1,you,\n2,me,3\n")
+    result = TablePlot([path], tmp_path / "a.png", y="v", size=(300, 200)).run()
+    assert result.rows == [3]
+    with pytest.raises(FileError, match="'me' is not a number") as refused:
+        TablePlot([path], tmp_path / "b.png").run()
+    assert refused.value.spelled(str).endswith("y chooses columns; others may hold anything")
+    assert not (tmp_path / "b.png").exists()
+
+
+@pytest.mark.parametrize(
+    ("text", "kind", "message"),
+    [
+        ("time,a\n", FileError, "has no rows"),
+        ("", FileError, "is empty"),
+        ("time,a,a\n0,1,2\n", FileError, "two columns are called 'a'"),
+        ("time,a\n0,1\n1\n", FileError, "expected 2 cells"),
+        ("time,b\n0,1\n", UnknownNameError, "no column 'a'"),
+        ("time\n0\n", UnknownNameError, "no column 'a'"),
+    ],
+)
+def test_a_table_that_cannot_be_plotted_leaves_nothing(tmp_path: Path, text: str, kind: type, message: str) -> None:
+    path = tmp_path / "t.csv"
+    path.write_text(text)
+    with pytest.raises(kind, match=message):
+        TablePlot(path, tmp_path / "t.png", y=["a"]).run()
+    assert [*tmp_path.iterdir()] == [path]
+
+
+def test_a_table_that_does_not_exist_and_no_table_at_all_are_told(tmp_path: Path) -> None:
+    with pytest.raises(FileError, match="no such file"):
+        TablePlot(tmp_path / "none.csv", tmp_path / "t.png").run()
+    with pytest.raises(MjrunError, match="there is nothing to plot: give a table"):
+        TablePlot([], tmp_path / "t.png").run()
+
+
+def test_notes_are_told_and_reported(tmp_path: Path) -> None:
+    heard: list[str] = []
+
+    class Reporter:
+        def note(self, text: str) -> None:
+            heard.append(text)
+
+        def warn(self, text: str) -> None:
+            raise AssertionError(text)
+
+        def progress(self, what: str, done: int, total: int) -> None:
+            raise AssertionError(what)
+
+    path = tmp_path / "a.csv"
+    path.write_text("u,v\n1,-1\n2,2\n3,nan\n")
+    result = TablePlot(path, tmp_path / "a.png", log="y").run(Reporter())
+    assert heard == result.notes
+    assert "row" in heard[0]
+    assert "v: 1 values at or below zero" in heard[1]

@@ -1,0 +1,40 @@
+"""Tick labels are the numbers that they stand for."""
+
+import math
+
+import pytest
+
+from mjrun.plotting.ticks import log_label, tick_labels
+
+RAISED = str.maketrans("⁻⁰¹²³⁴⁵⁶⁷⁸⁹−", "-0123456789-")
+
+
+def number(label: str) -> float:
+    factor, _, power = label.partition("×10") if "×" in label else (label, "", "")
+    if label.startswith("10") and power == "" and any(c in "⁻⁰¹²³⁴⁵⁶⁷⁸⁹" for c in label):
+        return 10.0 ** int(label[2:].translate(RAISED))
+    return float(factor.translate(RAISED)) * 10.0 ** int(power.translate(RAISED) or 0)
+
+
+@pytest.mark.parametrize(
+    "values",
+    [[-0.5, 0, 0.5], [0.30001, 0.30002, 0.30003], [1e-7, 2e-7], [-2.5e9, 0, 2.5e9], [1e6 + 1, 1e6 + 2], [0.25, 0.5]],
+)
+def test_labels_are_the_numbers_and_all_different(values: list[float]) -> None:
+    labels = tick_labels(values)
+    assert len(set(labels)) == len(values)
+    for label, value in zip(labels, values, strict=True):
+        assert math.isclose(number(label), value, rel_tol=1e-12, abs_tol=1e-12 * max(map(abs, values)))
+
+
+def test_labels_have_the_digits_that_they_need() -> None:
+    assert tick_labels([-0.5, 0.0, 0.5]) == ["−0.5", "0", "0.5"]
+    assert tick_labels([100.0, 200.0]) == ["100", "200"]
+    assert tick_labels([2e-6, 4e-6]) == ["2×10⁻⁶", "4×10⁻⁶"]
+    assert tick_labels([0.0]) == ["0"]
+    assert tick_labels([]) == []
+
+
+@pytest.mark.parametrize("value", [1e-9, 2e-5, 0.001, 0.5, 1, 20, 1000, 1e5, 3e12])
+def test_a_logarithmic_label_is_the_number(value: float) -> None:
+    assert math.isclose(number(log_label(value)), value)
