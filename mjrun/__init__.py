@@ -42,6 +42,8 @@ if TYPE_CHECKING:
     from mjrun.job.simulation import Simulation as Simulation
     from mjrun.job.trace import Trace as Trace
     from mjrun.job.trace import TraceResult as TraceResult
+    from mjrun.job.verification import VerificationResult as VerificationResult
+    from mjrun.job.verification import verify as verify
     from mjrun.job.video import Video as Video
     from mjrun.job.video import VideoResult as VideoResult
     from mjrun.model.info import Info as Info
@@ -75,6 +77,8 @@ _HOMES = {
     "TablePlotResult": "mjrun.plotting.table_plot",
     "Trace": "mjrun.job.trace",
     "TraceResult": "mjrun.job.trace",
+    "VerificationResult": "mjrun.job.verification",
+    "verify": "mjrun.job.verification",
     "Video": "mjrun.job.video",
     "VideoResult": "mjrun.job.video",
     "Visual": "mjrun.rendering.visual",
@@ -110,6 +114,7 @@ __all__ = [
     "TablePlotResult",
     "Trace",
     "TraceResult",
+    "VerificationResult",
     "Video",
     "VideoResult",
     "Visual",
@@ -120,6 +125,7 @@ __all__ = [
     "read_table",
     "read_video",
     "render",
+    "verify",
     "write_video",
 ]
 

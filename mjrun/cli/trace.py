@@ -1,5 +1,7 @@
 """`mjrun trace`."""
 
+from dataclasses import asdict
+
 from mjrun.cli.click_command import MODEL, CommandLine, command
 from mjrun.cli.console import Console
 from mjrun.cli.list_columns import show_columns
@@ -28,6 +30,9 @@ def trace(console: Console, command_line: CommandLine) -> None:
     if options.list_:
         _list(console, command_line)
         return
+    if options.verify:
+        _verify(console, command_line)
+        return
     piped = payload_on_stdout(command_line, "-")
     from mjrun.job.trace import Trace
 
@@ -44,13 +49,29 @@ def trace(console: Console, command_line: CommandLine) -> None:
 def _list(console: Console, command_line: CommandLine) -> None:
     from mjrun.job.trace import Trace
 
-    written = [option(name) for name in WRITTEN if command_line.value(name) not in (None, "-")]
-    if written:
-        raise UsageError(
-            f"{option('list')} shows columns on standard output and measures nothing: leave out {', '.join(written)}"
-        )
+    _require_no_output(command_line, f"{option('list')} shows columns on standard output and measures nothing")
     probes = command_line.make(Trace, simulation=simulation(command_line)).probe if command_line.value("probe") else ()
     show_columns(console, source(command_line), command_line.make(MessageOptions).json, probes)
+
+
+def _verify(console: Console, command_line: CommandLine) -> None:
+    _require_no_output(command_line, f"{option('verify')} compares states and measures nothing")
+    from mjrun.cli.verification_report import lines
+    from mjrun.job.verification import verify
+
+    result = verify(simulation(command_line), console)
+    if command_line.make(MessageOptions).json:
+        console.document(asdict(result))
+    elif console.verbosity >= 0:
+        for line in lines(result):
+            console.result(line)
+    console.code = 0 if result.agrees else 1
+
+
+def _require_no_output(command_line: CommandLine, why: str) -> None:
+    written = [option(name) for name in WRITTEN if command_line.value(name) not in (None, "-")]
+    if written:
+        raise UsageError(f"{why}: leave out {', '.join(written)}")
 
 
 def _as_csv(command_line: CommandLine) -> CommandLine:

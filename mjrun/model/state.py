@@ -51,10 +51,16 @@ def restore(model: mujoco.MjModel, data: mujoco.MjData, state: np.ndarray, spec:
     mujoco.mj_setState(model, data, state, spec)
 
 
+def part(model: mujoco.MjModel, spec: int) -> slice:
+    """Where in an integration state the components of `spec` are: `mjtState` bits side by side, whose order it has."""
+    lowest = spec & -spec
+    start = size(model, lowest - 1)
+    return slice(start, start + size(model, spec))
+
+
 def controls(model: mujoco.MjModel) -> slice:
-    """Where in an integration state the controls are: its parts stand in the order of their bits."""
-    start = size(model, CTRL - 1)
-    return slice(start, start + model.nu)
+    """Where in an integration state the controls are."""
+    return part(model, CTRL)
 
 
 def sizes(model: mujoco.MjModel) -> dict[str, int]:

@@ -74,6 +74,13 @@ class TraceCommandLineOptions(Options):
         places=FrontEnd.COMMAND,
         help="List every column that the model offers, or those of --probe, and stop; nothing is written.",
     )
+    verify: bool = option(
+        converter=Flag(),
+        default=False,
+        places=FrontEnd.COMMAND,
+        help="Step the physics of --replay again, compare every recorded state bit for bit, and stop; the exit code is "
+        "1 if one differs, and nothing is written.",
+    )
 
 
 @options

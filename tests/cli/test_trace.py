@@ -161,3 +161,26 @@ def test_the_last_instant_is_saved_as_a_keyframe_that_the_next_run_starts_from(m
     printed = mjrun("trace", PENDULUM, *arguments, "--save-key", "p.xml:later", "--print-document").stdout.decode()
     assert "push: pendulum=0.1/0/0@0.01+0.02\n" in printed
     assert printed.endswith("keyframes:\n- {output: p.xml, name: later}\n")
+
+
+def test_a_recording_is_verified_and_the_exit_code_is_the_verdict(mjrun: Command) -> None:
+    assert mjrun("trace", PENDULUM, "--key", "level", "--steps", "100", "--recording", "r.npz").returncode == 0
+    same = mjrun("trace", PENDULUM, "--replay", "r.npz", "--verify")
+    assert (same.returncode, same.stderr) == (0, b"")
+    assert same.stdout == b"r.npz: stepped again, and the same: 100 steps, bit for bit\n"
+
+    other = mjrun("trace", PENDULUM, "--replay", "r.npz", "--verify", "--set", "opt.gravity=0,0,-9.80", "--json")
+    assert other.returncode == 1
+    document = json.loads(other.stdout)
+    assert (document["agrees"], document["steps"]) == (False, 1)
+    assert document["origins"][-1] == "overrides: recorded with none, verified with opt.gravity=0,0,-9.80"
+
+    without = mjrun("trace", PENDULUM, "--verify")
+    assert (without.returncode, without.stderr.decode()) == (
+        2,
+        "mjrun: error: --verify compares a recording with its physics: name it by --replay\n",
+    )
+    written = mjrun("trace", PENDULUM, "--replay", "r.npz", "--verify", "-o", "a.csv")
+    assert written.returncode == 2
+    assert b"--verify compares states and measures nothing: leave out --output" in written.stderr
+    assert mjrun.files() == ["r.npz"]
