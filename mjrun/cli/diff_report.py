@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 from mjrun.cli.annotations import annotation
 from mjrun.cli.info_columns import Column
 from mjrun.cli.page_layout import PageLayout
+from mjrun.diff.model_lines import model_lines
 from mjrun.diff.sentences import place, unmatched_place
 from mjrun.errors import clean, listing
 
@@ -18,9 +19,11 @@ ANNOTATED = 10  # differences: GitHub shows no more of a step
 
 
 def text(result: "DiffResult", *, every: bool = False) -> str:
-    """The verdict, and what differs; `every` column that does."""
+    """The verdict, and what differs; `every` column or value that does."""
     if result.equal:
         return verdict(result)
+    if result.model:
+        return "\n".join([verdict(result), "", *model_lines(result.model, every=every)])
     page = PageLayout()
     if result.table:
         _table(page, result, result.table, every)
@@ -44,6 +47,9 @@ def annotations(result: "DiffResult") -> Iterator[str]:
 
 
 def _agreement(result: "DiffResult") -> str:
+    if result.model:
+        places = f"; their XML differs in {_counted(len(result.model.xml), 'place')}" if result.model.xml else ""
+        return f": they compile to the same model{places}"
     if result.table is None:
         return ""
     table = result.table

@@ -1,5 +1,6 @@
 """What can differ between two models."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 Value = str | int | float | bool
@@ -79,3 +80,64 @@ class ModelObject:
 
     kind: str
     name: str
+
+
+@dataclass(frozen=True)
+class XmlPlace:
+    """A line of a file, counted from 1."""
+
+    file: str
+    line: int
+
+    def __str__(self) -> str:
+        return f"{self.file}:{self.line}"
+
+
+@dataclass(frozen=True)
+class XmlChange:
+    """An element or an attribute that differs between two models.
+
+    Attributes:
+      element: its start tag with its name, `<geom name="floor">`, or with all its attributes if it has none.
+      attribute: that differs; empty if the whole element is in one model only.
+      a, b: the values of the attribute as they are written; None where it is not.
+      place_a, place_b: of the elements; None where there is none.
+    """
+
+    element: str
+    attribute: str
+    a: str | None
+    b: str | None
+    place_a: XmlPlace | None
+    place_b: XmlPlace | None
+
+
+@dataclass(frozen=True)
+class ModelComparison:
+    """What differs between two models, `a` and `b`.
+
+    Attributes:
+      a, b: where they come from.
+      fields: values that differ.
+      arrays: data of assets, and other long arrays, that differ.
+      only_a, only_b: objects that one of them has.
+      computed: fields that differ and that the compiler works out from others. Where nothing else differs, they are
+        among `fields` and `arrays` instead.
+      xml: what differs in the source, with lines, where both are XML files.
+      warnings: MuJoCo's, from compilation.
+    """
+
+    a: str
+    b: str
+    fields: Sequence[FieldDifference]
+    arrays: Sequence[ArrayDifference]
+    only_a: Sequence[ModelObject]
+    only_b: Sequence[ModelObject]
+    computed: Sequence[ComputedDifference]
+    xml: Sequence[XmlChange]
+    warnings: Sequence[str] = ()
+
+    @property
+    def equal(self) -> bool:
+        """Whether both compile to the same model."""
+        return not (self.fields or self.arrays or self.only_a or self.only_b)

@@ -7,11 +7,11 @@ from mjrun.diff.model_differences import (
     ArrayDifference,
     ComputedDifference,
     FieldDifference,
+    ModelComparison,
     ModelObject,
     Value,
+    XmlChange,
 )
-from mjrun.diff.models import ModelComparison
-from mjrun.diff.xml_changes import XmlChange
 from mjrun.errors import clean
 from mjrun.model.names import PLURALS
 
@@ -21,41 +21,45 @@ DIGITS = 6  # of a number, or as many as it takes to see a difference
 HASH = 12  # characters of a SHA-256
 
 
-def model_lines(result: ModelComparison) -> Iterator[str]:
-    """What differs, in plain lines: values, arrays, objects of one model, what follows from these, the XML."""
+def model_sentences(result: ModelComparison) -> list[str]:
+    """A line for each value, array, and model with objects of its own."""
+    values = [_field_line(each) for each in result.fields]
+    return [*values, *map(_array_line, result.arrays), *_objects_of_one(result)]
+
+
+def model_lines(result: ModelComparison, *, every: bool = False) -> Iterator[str]:
+    """What differs: values, arrays, objects of one model, what follows from these, the XML.
+
+    Args:
+      every: whether long lists are not cut.
+    """
+    most = None if every else LISTED
     for _, group in groupby(result.fields, lambda each: each.field):
-        yield from _cut([_field_line(each) for each in group])
+        yield from _cut([_field_line(each) for each in group], most)
     for _, group in groupby(result.arrays, lambda each: each.field):
-        yield from _cut([_array_line(each) for each in group])
-    for source, objects in ((result.a, result.only_a), (result.b, result.only_b)):
-        if objects:
-            yield f"only in {clean(source) or 'the model in memory'}: {_objects(objects)}"
+        yield from _cut([_array_line(each) for each in group], most)
+    yield from _objects_of_one(result)
     if result.computed:
         yield f"computed from these: {', '.join(map(_computed, result.computed))}"
     if result.xml and not result.equal:
         yield "in the XML:"
-        yield from (f"  {line}" for line in _cut([_xml_line(change) for change in result.xml]))
+        yield from (f"  {line}" for line in _cut([_xml_line(change) for change in result.xml], most))
 
 
-def summary(result: ModelComparison) -> str:
-    """How much differs, in one line."""
-    a, b = (clean(source) or "the model in memory" for source in (result.a, result.b))
-    if result.equal:
-        written = f"; their XML differs in {_counted(len(result.xml), 'place')}" if result.xml else ""
-        return f"{a} and {b} compile to the same model{written}"
-    objects = len(result.only_a) + len(result.only_b)
-    counts = [(len(result.fields), "value"), (len(result.arrays), "array"), (objects, "object")]
-    return f"{a} and {b} differ: {', '.join(_counted(count, what) for count, what in counts if count)}"
+def _objects_of_one(result: ModelComparison) -> Iterator[str]:
+    for source, objects in ((result.a, result.only_a), (result.b, result.only_b)):
+        if objects:
+            yield f"only in {clean(source)}: {_objects(objects)}"
+
+
+def _cut(lines: Sequence[str], most: int | None) -> Iterator[str]:
+    yield from lines[:most]
+    if most is not None and len(lines) > most:
+        yield f"… and {len(lines) - most} more like this"
 
 
 def _counted(count: int, what: str) -> str:
     return f"{count} {what}{'' if count == 1 else 's'}"
-
-
-def _cut(lines: Sequence[str]) -> Iterator[str]:
-    yield from lines[:LISTED]
-    if len(lines) > LISTED:
-        yield f"… and {len(lines) - LISTED} more like this"
 
 
 def _field_line(difference: FieldDifference) -> str:

@@ -9,6 +9,7 @@ from mjrun.diff.model_differences import ArrayDifference, Difference, FieldDiffe
 from mjrun.diff.model_fields import STRETCHES, ModelField, array, as_rows, referred_kinds, stretch, stretch_kind
 from mjrun.diff.model_matching import ModelObjects, ObjectMatching
 from mjrun.diff.model_rows import QUATERNION, RowMatching
+from mjrun.diff.tolerances import Tolerances
 from mjrun.model.description.field_units import field_unit
 from mjrun.model.description.plain_values import decimal_float, enum_name
 
@@ -28,12 +29,12 @@ TEXTS = ("text_data", "plugin_attr")
 
 
 class FieldComparer:
-    """Compares fields of two models whose objects are matched; numbers agree within `atol` + `rtol`·|b|."""
+    """Compares fields of two models whose objects are matched."""
 
-    def __init__(self, objects: ObjectMatching, atol: float, rtol: float) -> None:
+    def __init__(self, objects: ObjectMatching, tolerances: Tolerances) -> None:
         self._objects, self._rows = objects, RowMatching(objects)
         self._models = objects.a.model, objects.b.model
-        self._atol, self._rtol = atol, rtol
+        self._tolerances = tolerances
 
     def differences(self, field: ModelField) -> Iterator[Difference]:
         """What differs in one field, in the order of the first model."""
@@ -44,21 +45,19 @@ class FieldComparer:
         else:
             yield from self._array(field.name, "", *(array(model, field.name) for model in self._models))
 
-    def disagree(self, a: np.ndarray, b: np.ndarray) -> np.ndarray:
-        """Where two arrays of one shape differ; floats within the tolerance do not, nor NaN from NaN."""
+    def disagree(self, name: str, a: np.ndarray, b: np.ndarray) -> np.ndarray:
+        """Where two arrays of one shape differ; floats within the tolerance of the field do not, nor NaN from NaN."""
         different = a != b
         if not np.issubdtype(a.dtype, np.floating) or not different.any():
             return different
-        with np.errstate(invalid="ignore", over="ignore"):
-            close = np.isfinite(a) & np.isfinite(b) & (np.abs(b - a) <= self._atol + self._rtol * np.abs(b))
-        return different & ~close & ~(np.isnan(a) & np.isnan(b))
+        return different & ~self._tolerances.of(name).agree(a.astype(float), b.astype(float))
 
     def _matched_rows(self, field: ModelField) -> Iterator[FieldDifference]:
         rows = self._rows.rows(field.rows)
         assert rows is not None
         a, b = _Values(self._objects.a, field).rows(rows.a), _Values(self._objects.b, field).rows(rows.b)
         names = self._align_components(field, a, b)
-        different = self.disagree(self._canonical("a", a), self._canonical("b", b))
+        different = self._different(field, a, b)
         for k in np.flatnonzero(different.any(axis=1)).tolist():
             chosen = np.flatnonzero(different[k]).tolist()
             components = tuple(names[i] for i in chosen) if len(chosen) < len(names) else ()
@@ -99,10 +98,18 @@ class FieldComparer:
     def _short(self, field: ModelField, label: str, a: "_Values", b: "_Values") -> Iterator[FieldDifference]:
         """The few numbers of an object as one row."""
         a, b = a.flat(), b.flat()
-        chosen = np.flatnonzero(self.disagree(self._canonical("a", a), self._canonical("b", b))[0]).tolist()
+        chosen = np.flatnonzero(self._different(field, a, b)[0]).tolist()
         if chosen:
             components = tuple(map(str, chosen)) if len(chosen) < a.width else ()
             yield FieldDifference(field.name, label, components, a.plain(0, chosen), b.plain(0, chosen))
+
+    def _different(self, field: ModelField, a: "_Values", b: "_Values") -> np.ndarray:
+        """Where rows differ: numbers beyond the tolerance, and ids of what is not the same object."""
+        first, second = self._canonical("a", a), self._canonical("b", b)
+        different = self.disagree(field.name, first, second)
+        if a.kinds is None or b.kinds is None:
+            return different
+        return different | ((first != second) & ((a.kinds != 0) | (b.kinds != 0)))
 
     def _canonical(self, side: str, values: "_Values") -> np.ndarray:
         return self._objects.canonical(side, values.array, values.kinds)
@@ -110,7 +117,7 @@ class FieldComparer:
     def _array(self, name: str, label: str, a: np.ndarray, b: np.ndarray) -> Iterator[ArrayDifference]:
         count = largest = None
         if a.shape == b.shape:
-            count = int(np.count_nonzero(self.disagree(a, b)))
+            count = int(np.count_nonzero(self.disagree(name, a, b)))
             if not count:
                 return
             largest = float(np.nanmax(np.abs(b.astype(float) - a.astype(float))))

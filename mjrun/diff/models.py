@@ -1,7 +1,6 @@
 """Do two models agree? What is compared is what MuJoCo compiles them to, object by object."""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 
 import mujoco
 import numpy as np
@@ -11,14 +10,17 @@ from mjrun.diff.model_differences import (
     ComputedDifference,
     Difference,
     FieldDifference,
+    ModelComparison,
     ModelObject,
     Value,
 )
 from mjrun.diff.model_fields import SIZES, model_fields, user_sizes
 from mjrun.diff.model_matching import PARENTS, ModelObjects, ObjectMatching
 from mjrun.diff.model_values import FieldComparer
-from mjrun.diff.xml_changes import XmlChange, xml_changes
+from mjrun.diff.tolerances import Tolerance, Tolerances
+from mjrun.diff.xml_changes import xml_changes
 from mjrun.model.description.non_default_settings import (
+    VISUAL,
     NonDefaultSetting,
     option_differences,
     statistic_differences,
@@ -28,54 +30,30 @@ from mjrun.model.mujoco_globals import collected_warnings
 from mjrun.model.names import PLURALS
 from mjrun.model.source import Source
 
-
-@dataclass(frozen=True)
-class ModelComparison:
-    """What differs between two models, `a` and `b`.
-
-    Attributes:
-      a, b: where they come from.
-      fields: values that differ.
-      arrays: data of assets, and other long arrays, that differ.
-      only_a, only_b: objects that one of them has.
-      computed: fields that differ and that the compiler works out from others. Where nothing else differs, they are
-        among `fields` and `arrays` instead.
-      xml: what differs in the source, with lines, where both are XML files.
-      warnings: MuJoCo's, from compilation.
-    """
-
-    a: str
-    b: str
-    fields: Sequence[FieldDifference]
-    arrays: Sequence[ArrayDifference]
-    only_a: Sequence[ModelObject]
-    only_b: Sequence[ModelObject]
-    computed: Sequence[ComputedDifference]
-    xml: Sequence[XmlChange]
-    warnings: Sequence[str] = ()
-
-    @property
-    def equal(self) -> bool:
-        """Whether both compile to the same model."""
-        return not (self.fields or self.arrays or self.only_a or self.only_b)
+MEMORY = "a compiled model"  # what one is called that comes from no file
 
 
-def compare_models(a: Source, b: Source, *, atol: float = 0, rtol: float = 0) -> ModelComparison:
+def compare_models(a: Source, b: Source, tolerances: Tolerances | None = None) -> ModelComparison:
     """Compares what two models compile to, object by object.
 
     Objects are matched by name; unnamed ones by their place among those of their parent body. Addresses, ids and
     counts are not compared as numbers, but as the objects that they refer to, so that an inserted object is one
-    difference. Names of files are not compared at all. Numbers agree if |a − b| ≤ atol + rtol·|b|, and NaN agrees with
-    NaN, 0 with −0; integers, choices and names must be equal.
+    difference. Names of files are not compared at all. Numbers agree within the tolerance of their field; NaN agrees
+    with NaN, and 0 with −0. Integers, choices and names must be equal.
+
+    Args:
+      tolerances: by the names of fields, `body_mass` or `opt.timestep`; exact if nothing is said.
 
     Raises:
       ModelError: one of the models cannot be found, read or compiled.
-      UsageError: an override of one of them names nothing, or its value does not fit.
+      UsageError: an override of one of them names nothing, or its value does not fit; a tolerance is for no field.
     """
     with collected_warnings() as warnings:
         first, second = a.load(), b.load()
     objects = ObjectMatching(ModelObjects(first), ModelObjects(second))
-    comparer = FieldComparer(objects, atol, rtol)
+    tolerances = tolerances or Tolerances(Tolerance(), {})
+    tolerances.require(_field_names(first), "field")
+    comparer = FieldComparer(objects, tolerances)
     stated = [*_settings(first, second, comparer), *_names(objects), *_orders(objects)]
     computed: dict[str, list[Difference]] = {"stat": [*_converted(statistic_differences(second, first), comparer)]}
     for field in model_fields():
@@ -92,7 +70,16 @@ def compare_models(a: Source, b: Source, *, atol: float = 0, rtol: float = 0) ->
         stated, follow = [each for differences in computed.values() for each in differences], []
     fields = [each for each in stated if isinstance(each, FieldDifference)]
     arrays = [each for each in stated if isinstance(each, ArrayDifference)]
-    return ModelComparison(a.text, b.text, fields, arrays, only_a, only_b, follow, xml_changes(a, b), tuple(warnings))
+    names = [source.text or MEMORY for source in (a, b)]
+    return ModelComparison(*names, fields, arrays, only_a, only_b, follow, xml_changes(a, b), tuple(warnings))
+
+
+def _field_names(model: mujoco.MjModel) -> list[str]:
+    """The names of all fields that can differ within a tolerance."""
+    visual = [(f"vis.{section}", getattr(model.vis, field)) for section, field in VISUAL.items()]
+    settings = [("opt", model.opt), ("stat", model.stat), *visual]
+    names = [f"{path}.{name}" for path, owner in settings for name in dir(type(owner)) if not name.startswith("_")]
+    return [*(field.name for field in model_fields()), *names]
 
 
 def _settings(a: mujoco.MjModel, b: mujoco.MjModel, comparer: FieldComparer) -> Iterator[Difference]:
@@ -108,7 +95,7 @@ def _converted(settings: Sequence[NonDefaultSetting], comparer: FieldComparer) -
     """Settings of the second model whose `default` is that of the first."""
     for setting in settings:
         a, b = _values(setting.default), _values(setting.value)
-        chosen = [i for i, (x, y) in enumerate(zip(a, b, strict=True)) if _differ(x, y, comparer)]
+        chosen = [i for i, (x, y) in enumerate(zip(a, b, strict=True)) if _differ(setting.path, x, y, comparer)]
         if chosen:
             names = _component_names(setting.path, len(a))
             components = tuple(names[i] for i in chosen) if len(chosen) < len(a) else ()
@@ -120,9 +107,9 @@ def _values(value: Value | tuple[float, ...]) -> tuple[Value, ...]:
     return value if isinstance(value, tuple) else (value,)
 
 
-def _differ(a: Value, b: Value, comparer: FieldComparer) -> bool:
+def _differ(path: str, a: Value, b: Value, comparer: FieldComparer) -> bool:
     if isinstance(a, float) and isinstance(b, float):
-        return bool(comparer.disagree(np.array([a]), np.array([b]))[0])
+        return bool(comparer.disagree(path, np.array([a]), np.array([b]))[0])
     return a != b
 
 

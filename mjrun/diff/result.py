@@ -6,6 +6,8 @@ Reports with the same `schema` have these keys, and may have new ones.
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from mjrun.diff.model_differences import ModelComparison
+
 SCHEMA = "mjrun-diff-1"
 
 
@@ -120,6 +122,7 @@ class DiffResult:
       differences: a sentence for each way in which they do not.
       notes: what may be the reason of it: versions, machines and models that are not the same. They decide nothing.
       table: of tables and recordings, the columns; None for others, and for recordings whose states do not fit.
+      model: of models, their fields and objects; else None.
       schema: of this document.
     """
 
@@ -130,4 +133,5 @@ class DiffResult:
     differences: Sequence[str]
     notes: Sequence[str] = ()
     table: TableDifference | None = None
+    model: ModelComparison | None = None
     schema: str = SCHEMA

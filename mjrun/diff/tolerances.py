@@ -54,9 +54,9 @@ class Tolerances:
         """The same for a column by which rows are aligned: none, unless a pattern matches it."""
         return self._last_match(name, Tolerance())
 
-    def require(self, names: Iterable[str]) -> None:
-        """Raises UnknownNameError if a pattern matches none of `names`."""
-        require_matches("tol", [pattern for pattern, _ in self._patterns], names)
+    def require(self, names: Iterable[str], kind: str = "column") -> None:
+        """Raises UnknownNameError if a pattern matches none of `names`, which are those of a kind of thing."""
+        require_matches("tol", [pattern for pattern, _ in self._patterns], names, kind)
 
     def _last_match(self, name: str, default: Tolerance) -> Tolerance:
         matching = [tolerance for pattern, tolerance in self._patterns if matches(name, pattern)]
@@ -68,10 +68,10 @@ def matches(name: str, pattern: str) -> bool:
     return name == pattern or fnmatchcase(name, pattern)
 
 
-def require_matches(option_name: str, patterns: Iterable[str], names: Iterable[str]) -> None:
+def require_matches(option_name: str, patterns: Iterable[str], names: Iterable[str], kind: str = "column") -> None:
     """Raises UnknownNameError if one of the `patterns` of an option matches none of `names`."""
     valid = list(names)
     for pattern in patterns:
         if not any(matches(name, pattern) for name in valid):
             with concerning(option_name):
-                raise UnknownNameError("column", pattern, valid)
+                raise UnknownNameError(kind, pattern, valid)

@@ -5,45 +5,15 @@ tag in their order. Attributes that hold the same numbers are the same, however 
 """
 
 from collections.abc import Hashable, Iterator, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
+from mjrun.diff.model_differences import XmlChange, XmlPlace
 from mjrun.diff.sequence_alignment import equal_blocks
 from mjrun.model.source import Source
 from mjrun.model.xml_source import XML, Element, read_xml
 
 Value = str | tuple[float, ...]
 Pair = tuple[Element, Element]
-
-
-@dataclass(frozen=True)
-class XmlPlace:
-    """A line of a file, counted from 1."""
-
-    file: str
-    line: int
-
-    def __str__(self) -> str:
-        return f"{self.file}:{self.line}"
-
-
-@dataclass(frozen=True)
-class XmlChange:
-    """An element or an attribute that differs between two models.
-
-    Attributes:
-      element: its start tag with its name, `<geom name="floor">`, or with all its attributes if it has none.
-      attribute: that differs; empty if the whole element is in one model only.
-      a, b: the values of the attribute as they are written; None where it is not.
-      place_a, place_b: of the elements; None where there is none.
-    """
-
-    element: str
-    attribute: str
-    a: str | None
-    b: str | None
-    place_a: XmlPlace | None
-    place_b: XmlPlace | None
 
 
 def xml_changes(a: Source, b: Source) -> list[XmlChange]:

@@ -78,6 +78,7 @@ class TableFormat:
       writer: makes one, given an open file, the columns, and the manifest as JSON.
       reader: reads the columns that a filter accepts; None for a format that can only be written.
       pipe: whether it can be written to standard output, and read from standard input.
+      holds_manifest: whether its files can hold the manifest.
       library, extra: the library it needs, and the extra of mjrun that installs it.
     """
 
@@ -86,6 +87,7 @@ class TableFormat:
     writer: Callable[[BinaryIO, Sequence[Column], str], RowWriter]
     reader: ContentsReader | None
     pipe: bool = False
+    holds_manifest: bool = True
     library: str = ""
     extra: str = ""
 

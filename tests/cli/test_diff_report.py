@@ -1,6 +1,7 @@
 """What a comparison finds, as text."""
 
 from mjrun.cli.diff_report import annotations, text, verdict
+from mjrun.diff.model_differences import FieldDifference, ModelComparison, XmlChange, XmlPlace
 from mjrun.diff.result import CellDifference, ColumnDifference, DiffResult, TableDifference, UnmatchedRows
 
 NONE = UnmatchedRows(0, 0, None)
@@ -35,3 +36,17 @@ def test_many_columns_are_cut_unless_all_are_asked_for() -> None:
     assert "first difference  row 1, time 0.5 s: x0" in text(many)
     assert "x39" in text(many, every=True)
     assert len(list(annotations(many))) == 10
+
+
+def test_models_are_told_field_by_field() -> None:
+    fields = [FieldDifference("geom_group", f"g{i}", (), (0,), (1,)) for i in range(12)]
+    model = ModelComparison("a.xml", "b.xml", fields, [], [], [], [], [])
+    differ = DiffResult("model", "a.xml", "b.xml", False, ["…"], model=model)
+    assert text(differ).splitlines()[:3] == ["a.xml and b.xml differ", "", "geom_group[g0] 0 → 1"]
+    assert text(differ).splitlines()[-1] == "… and 2 more like this"
+    assert text(differ, every=True).splitlines()[-1] == "geom_group[g11] 0 → 1"
+
+    changes = [XmlChange("<site>", "", None, None, None, XmlPlace("b.xml", 3))]
+    same = ModelComparison("a.xml", "b.xml", [], [], [], [], [], changes)
+    agree = DiffResult("model", "a.xml", "b.xml", True, [], model=same)
+    assert text(agree) == "a.xml and b.xml agree: they compile to the same model; their XML differs in 1 place"

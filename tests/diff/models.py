@@ -2,7 +2,9 @@
 
 import mujoco
 
-from mjrun.diff.models import ModelComparison, compare_models
+from mjrun.diff.model_differences import ModelComparison
+from mjrun.diff.models import compare_models
+from mjrun.diff.tolerances import Tolerance, Tolerances
 from mjrun.model.sources.compiled import CompiledSource
 
 CRATE = '<body name="crate" pos="4 0 1"><freejoint name="crate"/><geom name="lid" size=".1"/></body>'
@@ -53,5 +55,6 @@ def spec(first: str = "") -> mujoco.MjSpec:
     return mujoco.MjSpec.from_string(xml(first))
 
 
-def compared(a: mujoco.MjModel, b: mujoco.MjModel, **tolerances: float) -> ModelComparison:
-    return compare_models(CompiledSource(a), CompiledSource(b), **tolerances)
+def compared(a: mujoco.MjModel, b: mujoco.MjModel, **tolerance: float) -> ModelComparison:
+    """The comparison of two compiled models, within `atol` and `rtol`."""
+    return compare_models(CompiledSource(a), CompiledSource(b), Tolerances(Tolerance(**tolerance), {}))

@@ -121,5 +121,10 @@ def test_numbers_within_the_tolerance_agree() -> None:
     assert not compared(a, b, rtol=1e-7).equal
     assert compared(a, b, rtol=1e-5).equal
     assert compared(a, b, atol=1e-4).equal
+
+
+def test_integers_and_ids_have_no_tolerance() -> None:
+    a, b = spec().compile(), spec().compile()
     b.geom_condim[0] += 1
-    assert [each.field for each in compared(a, b, rtol=1, atol=1).fields] == ["geom_condim"]
+    b.sensor_objid[1] = b.sensor_objid[2]
+    assert [each.field for each in compared(a, b, rtol=9, atol=9).fields] == ["geom_condim", "sensor_objid"]

@@ -7,8 +7,10 @@ import pytest
 
 import mjrun
 from mjrun.diff import file_kind
-from mjrun.errors import UsageError
+from mjrun.errors import ModelNotFoundError, UsageError
 from mjrun.job.diff import COMPARISONS
+from mjrun.model.sources import parse_source
+from tests.diff.models import CRATE, spec, xml
 from tests.formats.table_files import columns, write
 
 
@@ -27,3 +29,33 @@ def test_a_kind_of_files_is_told_before_anything_is_read() -> None:
     assert set(COMPARISONS) <= {file_kind.TABLE, file_kind.RECORDING, file_kind.VIDEO, file_kind.IMAGE, file_kind.MODEL}
     with pytest.raises(UsageError, match="only two of a kind can be compared"):
         mjrun.Diff("a.csv", "b.mp4").run()
+
+
+def test_two_models_agree_or_not(tmp_path: Path) -> None:
+    (tmp_path / "a.xml").write_text(xml())
+    (tmp_path / "b.xml").write_text(xml().replace("8.907", "8.908"))
+    a, b = tmp_path / "a.xml", tmp_path / "b.xml"
+    result = mjrun.Diff(a, b).run()
+    assert (result.kind, result.a, result.b, result.equal) == ("model", str(a), str(b), False)
+    assert result.differences == ["body_mass[torso] 8.907 → 8.908 kg"]
+    assert result.model
+    assert [place.line for place in (result.model.xml[0].place_a, result.model.xml[0].place_b) if place] == [15, 15]
+    assert mjrun.Diff(a, b, tol={"body_mass": 0.01}, rtol=0.01).run().equal
+    assert mjrun.Diff(a, str(a)).run().equal
+
+
+def test_models_may_be_compiled_and_out_of_a_collection() -> None:
+    assert mjrun.Diff("scene:pendulum", parse_source("scene:pendulum")).run().equal
+    result = mjrun.Diff(spec().compile(), spec(CRATE).compile()).run()
+    assert result.differences == ["only in a compiled model: body crate; joint crate; geom lid"]
+
+
+def test_options_that_mean_nothing_for_models() -> None:
+    with pytest.raises(UsageError, match="columns: this is for other results"):
+        mjrun.Diff("scene:pendulum", "scene:car", columns=("qpos",)).run()
+    with pytest.raises(UsageError, match="no field 'qpos'"):
+        mjrun.Diff("scene:pendulum", "scene:car", tol={"qpos": 1}).run()
+    with pytest.raises(UsageError, match=r"is a model and x\.csv is a table"):
+        mjrun.Diff("scene:pendulum", "x.csv").run()
+    with pytest.raises(ModelNotFoundError, match="no such scene"):
+        mjrun.Diff("scene:pendulum", "scene:nothing").run()

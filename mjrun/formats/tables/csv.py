@@ -250,4 +250,4 @@ def _floats_or_nan(cells: list[str]) -> np.ndarray:
     return _floats([cell.strip() or "nan" for cell in cells])
 
 
-FORMAT = TableFormat("csv", (".csv",), CsvWriter, read, pipe=True)
+FORMAT = TableFormat("csv", (".csv",), CsvWriter, read, pipe=True, holds_manifest=False)

@@ -136,4 +136,4 @@ def _floats_or_nan(cells: list[Any]) -> np.ndarray:
     return _floats([math.nan if cell is None else cell for cell in cells])
 
 
-FORMAT = TableFormat("jsonl", (".jsonl",), JsonlWriter, read, pipe=True)
+FORMAT = TableFormat("jsonl", (".jsonl",), JsonlWriter, read, pipe=True, holds_manifest=False)

@@ -1,0 +1,51 @@
+"""The manifest of a table that cannot hold one, beside it."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from mjrun.formats.sidecar import SidecarWriter, read_sidecar, sidecar_path
+from mjrun.formats.table_reader import open_table
+from mjrun.formats.table_writer import TableWriter
+from mjrun.formats.tables import formats
+from mjrun.model.column import Column
+
+
+def test_formats_that_hold_no_manifest_have_a_sidecar(tmp_path: Path) -> None:
+    for name, known in formats().items():
+        path = tmp_path / f"table{known.suffixes[0]}"
+        with TableWriter(str(path), name, [Column("time", "s")], {"mjrun": "1"}) as writer:
+            writer.write(np.zeros((1, 1)))
+            writer.publish()
+        if known.reader is None:
+            continue
+        with open_table(path) as table:
+            assert (table.manifest is None) == (sidecar_path(path) is not None)
+
+
+def written(table: Path, text: str) -> None:
+    table.write_text(text)
+    path = sidecar_path(table)
+    assert path == table.parent / "golden.csv.json"
+    with SidecarWriter(table, path, {"mjrun": "1.2"}) as writer:
+        writer.publish()
+
+
+def test_a_sidecar_is_of_the_table_as_it_was(tmp_path: Path) -> None:
+    table = tmp_path / "golden.csv"
+    written(table, "time\n0\n")
+    assert (read_sidecar(table) or {})["mjrun"] == "1.2"
+    table.write_text("time\n1\n")
+    assert read_sidecar(table) is None
+
+
+@pytest.mark.parametrize(
+    "text", ["", "[]", "{", '{"outputs": 3}', '{"outputs": [3, {"bytes": 7}, {"bytes": 7, "sha256": 1}]}']
+)
+def test_what_is_no_manifest_is_none(tmp_path: Path, text: str) -> None:
+    table = tmp_path / "golden.csv"
+    table.write_text("time\n0\n")
+    assert read_sidecar(table) is None
+    (tmp_path / "golden.csv.json").write_text(text)
+    assert read_sidecar(table) is None
