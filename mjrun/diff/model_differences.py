@@ -76,7 +76,12 @@ class ComputedDifference:
 
 @dataclass(frozen=True)
 class ModelObject:
-    """An object that one of two models has: its kind, and its name, or `geom:3` if it has none."""
+    """An object that one of two models has.
+
+    Attributes:
+      kind: `body`, `joint`, `geom`, …
+      name: or `geom:3` if it has none.
+    """
 
     kind: str
     name: str
@@ -84,7 +89,12 @@ class ModelObject:
 
 @dataclass(frozen=True)
 class XmlPlace:
-    """A line of a file, counted from 1."""
+    """A line of a file.
+
+    Attributes:
+      file: the model, or a file that it includes or attaches.
+      line: counted from 1.
+    """
 
     file: str
     line: int
