@@ -20,7 +20,7 @@ from mjrun.document.document_model import (
 from mjrun.document.field_types import Exact, Instant
 from mjrun.document.yaml_writer import number
 from mjrun.errors import UsageError, quoted
-from mjrun.job.scene_decorations import MOTIONS
+from mjrun.job.scene_decorations import MOTIONS, NO_MAP
 from mjrun.options.kinds import ExpectedError
 from mjrun.options.push import Push, PushKind
 
@@ -48,6 +48,8 @@ class InlineGhost(DocumentModel):
     """The keyframe in whose pose it stands, by name or index."""
     trace: Omittable[Name] = None
     """A table of positions that it goes through, relative to the folder of this document."""
+    map: Omittable[Name] = None
+    """A file of lines that say what the columns of that table mean, instead of the map of the simulation; or none."""
     recording: Omittable[Name] = None
     """A recording (.npz) that it goes through, relative to the folder of this document."""
 
@@ -55,14 +57,14 @@ class InlineGhost(DocumentModel):
     def cross_field_errors(cls, values: Mapping[str, object]) -> Iterator[tuple[Location, str]]:
         first, *others = [key for key in MOTIONS if key in values] or [""]
         yield from (((key,), f"{first} and {key} exclude each other: each says what the ghost does") for key in others)
-        with_comma = [key for key in MOTIONS if "," in str(values.get(key, ""))]
+        with_comma = [key for key in (*MOTIONS, "map") if "," in str(values.get(key, ""))]
         yield from (((key,), "what a ghost goes by holds no comma") for key in with_comma)
 
     def text(self) -> str:
         """The same in one text, as on a command line."""
         offset = "/".join(str(number(value)) for value in self.offset) if any(self.offset) else None
         motions = {"key": self.key, "trace": self.trace, "recording": self.recording}
-        settings = {"offset": offset, "opacity": self.opacity, **motions}
+        settings = {"offset": offset, "opacity": self.opacity, **motions, "map": self.map}
         return ",".join(f"{name}={value}" for name, value in settings.items() if value is not None)
 
 
@@ -111,7 +113,8 @@ def ghost_text(ghost: str | InlineGhost, resolved: Callable[[str], str]) -> str:
     settings: list[str] = []
     for part in (ghost.text() if isinstance(ghost, InlineGhost) else ghost).split(","):
         name, equals, value = part.partition("=")
-        path = resolved(value) if name in ("trace", "recording") and value else value
+        is_path = name in ("trace", "recording") or (name == "map" and value != NO_MAP)
+        path = resolved(value) if is_path and value else value
         if "," in path:
             raise UsageError(f"{quoted(path)}: the path of what a ghost goes through holds no comma")
         settings.append(f"{name}{equals}{path}")

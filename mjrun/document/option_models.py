@@ -196,7 +196,7 @@ FIELD_TYPES: dict[type[AnyKind], object] = {
     ],
     option_kinds.Ghost: Annotated[
         Annotated[str, Tag(TEXT)] | Annotated[InlineGhost, Tag(MAPPING)],
-        by_type("text as in offset=0/1/0,opacity=0.3 or {offset, opacity, key, trace, recording}", TEXT, MAPPING),
+        by_type("text as in offset=0/1/0,opacity=0.3 or {offset, opacity, key, trace, map, recording}", TEXT, MAPPING),
     ],
     PushKind: Annotated[
         Annotated[PushText, Tag(TEXT)] | Annotated[InlinePush, Tag(MAPPING)],

@@ -69,7 +69,7 @@ class DrawingPlan:
         """
         options, reporter = self.options, self.context.reporter
         backend = rendering.backend(RendererRequest.of(options))
-        warnings = check_drawing(options, self.context.model, backend)
+        warnings = [*check_drawing(options, self.context.model, backend), *self.decorations.remarks]
         for text in [*warnings, *(unused_options(options, plots) if all(file.exact for file in files) else [])]:
             reporter.warn(text)
         return backend
@@ -98,7 +98,7 @@ def plan_drawing(options: ViewOptions, context: Context, plots: Sequence[str] = 
         options=options,
         context=context,
         motions=motions,
-        decorations=scene_decorations(options, model),
+        decorations=scene_decorations(options, model, context.simulation),
         probes=overlay_probes(model, context.timeline, options.text, plots),
         overlay=empty_overlay(frame_size(options), corner, plots, side),
     )

@@ -10,26 +10,26 @@ import mujoco
 import numpy as np
 
 from mjrun.camera.targets import identify_objects
-from mjrun.errors import BadValueError, UnknownNameError, UsageError, clean, concerning, listing, option
+from mjrun.errors import BadValueError, UnknownNameError, UsageError, clean, concerning, option
 from mjrun.formats.recording_reader import RecordingReader
-from mjrun.formats.recording_writer import SUFFIX
-from mjrun.formats.table_reader import read_table
+from mjrun.job.motion_table import is_recording
+from mjrun.job.simulation import Simulation
 from mjrun.job.view import visual_of
 from mjrun.model import state
 from mjrun.model.names import identify
 from mjrun.options.view import ViewOptions
-from mjrun.probe.fields import field_probe
 from mjrun.rendering.decorations import LIMIT, Decoration, Ghost, trails
 from mjrun.rendering.visual import Visual
+from mjrun.sim.motion import Motion
 from mjrun.sim.replay import require_model, require_timestep, states_at
 from mjrun.timeline import Timeline, rational
 
-SETTINGS = ("offset", "opacity", "key", "trace", "recording")
-MOTIONS = SETTINGS[2:]  # each says how a ghost moves
+SETTINGS = ("offset", "opacity", "key", "trace", "recording", "map")
+MOTIONS = SETTINGS[2:5]  # each says how a ghost moves
+NO_MAP = "none"
 OPACITY = 0.35
 TRAIL_RATE = Fraction(240)  # [Hz], of the positions on a trail
 DRAFT_LIMIT = 150  # capsules of a trail in a draft
-TIME_TOLERANCE = 1e-3  # of the time between rows: a table's times may be sums of floats
 
 
 @dataclass(frozen=True)
@@ -39,14 +39,14 @@ class GhostPlan:
     Attributes:
       offset: how far it is displaced [m].
       key: id of the keyframe whose pose it keeps.
-      trace: times `(n,)` [s] and positions `(n, nq)` that it follows.
+      trace: the table that it follows.
       recording: whose states it follows.
     """
 
     offset: tuple[float, float, float] = (0.0, 0.0, 0.0)
     opacity: float = OPACITY
     key: int | None = None
-    trace: tuple[np.ndarray, np.ndarray] | None = None
+    trace: Motion | None = None
     recording: RecordingReader | None = None
 
     def states(self, model: mujoco.MjModel, times: Sequence[float]) -> list[np.ndarray] | None:
@@ -57,13 +57,7 @@ class GhostPlan:
             return [state.save(model, data)]
         if self.recording is not None:
             return states_at(self.recording, rational(model.opt.timestep), times)
-        if self.trace is None:
-            return None
-        states: list[np.ndarray] = []
-        for row in _rows(self.trace[0], np.array(times)):
-            data.qpos[:] = self.trace[1][row]
-            states.append(state.save(model, data))
-        return states
+        return None if self.trace is None else [self.trace.state_at(time) for time in times]
 
 
 @dataclass(frozen=True)
@@ -80,6 +74,12 @@ class SceneDecorations:
     trail_objects: Sequence[tuple[str, int]]
     trail_span: float | None
     ghosts: Sequence[GhostPlan]
+
+    @property
+    def remarks(self) -> list[str]:
+        """What the user should know of the tables that ghosts follow."""
+        traces = [ghost.trace for ghost in self.ghosts if ghost.trace]
+        return list(dict.fromkeys(text for trace in traces for text in trace.position_remarks))
 
     def trail_steps(self, timeline: Timeline) -> Sequence[int]:
         """The steps at which trails need positions: frames of a video are too far apart for fast spins."""
@@ -99,8 +99,13 @@ class SceneDecorations:
         return added
 
 
-def scene_decorations(options: ViewOptions, model: mujoco.MjModel) -> SceneDecorations:
+def scene_decorations(
+    options: ViewOptions, model: mujoco.MjModel, simulation: Simulation | None = None
+) -> SceneDecorations:
     """The trails and ghosts in `options`.
+
+    Args:
+      simulation: says how tables are read; if None, they have our names for columns.
 
     Raises:
       UnknownNameError: an object, keyframe or setting that is not there.
@@ -115,11 +120,11 @@ def scene_decorations(options: ViewOptions, model: mujoco.MjModel) -> SceneDecor
     ghosts: list[GhostPlan] = []
     for index, text in enumerate(options.ghost):
         with concerning("ghost", index):
-            ghosts.append(_ghost(text, model))
+            ghosts.append(_ghost(text, model, simulation or Simulation(model)))
     return SceneDecorations(model, visual_of(options), list(objects), span, ghosts)
 
 
-def _ghost(text: str, model: mujoco.MjModel) -> GhostPlan:
+def _ghost(text: str, model: mujoco.MjModel, simulation: Simulation) -> GhostPlan:
     settings: dict[str, str] = {}
     for part in filter(None, text.split(",")):
         name, equals, value = part.partition("=")
@@ -131,11 +136,13 @@ def _ghost(text: str, model: mujoco.MjModel) -> GhostPlan:
     motions = [name for name in MOTIONS if name in settings]
     if len(motions) > 1:
         raise UsageError(f"{option('ghost')}: {' and '.join(motions)} exclude each other: each says how it moves")
+    if "map" in settings and "trace" not in settings:
+        raise UsageError(f"{option('ghost')}: map says what a table means; write trace=FILE with it")
     return GhostPlan(
         offset=_offset(settings.get("offset", "0/0/0")),
         opacity=_opacity(settings.get("opacity", str(OPACITY))),
         key=identify(model, "keyframe", settings["key"]) if "key" in settings else None,
-        trace=_trace(Path(settings["trace"]), model) if "trace" in settings else None,
+        trace=_trace(Path(settings["trace"]), settings.get("map"), model, simulation) if "trace" in settings else None,
         recording=_recording(Path(settings["recording"]), model) if "recording" in settings else None,
     )
 
@@ -160,21 +167,12 @@ def _opacity(text: str) -> float:
     return opacity
 
 
-def _trace(path: Path, model: mujoco.MjModel) -> tuple[np.ndarray, np.ndarray]:
-    """Times and positions in a table such as a trace."""
-    names = [clean(column.name) for column in field_probe(model, "qpos").columns]
-    table = read_table(path, lambda name: clean(name) in ("time", *names))
-    columns = {clean(name): values for name, values in table.columns.items()}
-    missing = [name for name in ("time", *names) if name not in columns]
-    if missing and path.suffix.lower() == SUFFIX and not set(names) & set(columns):
-        raise UsageError(f"{clean(str(path))} is not a trace; if it is a recording, write recording= instead of trace=")
-    if missing:
-        raise UsageError(f"{clean(str(path))} lacks columns that a ghost of this model needs: {listing(missing)}")
-    time = columns["time"]
-    positions = np.column_stack([np.empty((len(time), 0)), *(columns[name] for name in names)])
-    if not len(time) or not (np.diff(time) > 0).all() or not np.isfinite(positions).all():
-        raise UsageError(f"{clean(str(path))}: a ghost needs rows of finite numbers, in order of time")
-    return time, positions
+def _trace(path: Path, map_file: str | None, model: mujoco.MjModel, simulation: Simulation) -> Motion:
+    """The motion in a table, with the map of its own, if it has one, or else that of the simulation."""
+    if is_recording(path) and path.exists():
+        raise UsageError(f"{clean(str(path))} is a recording, not a table: write recording= instead of trace=")
+    texts = None if map_file is None else [] if map_file == NO_MAP else [f"@{map_file}"]
+    return simulation.motion(path, model, texts)
 
 
 def _recording(path: Path, model: mujoco.MjModel) -> RecordingReader:
@@ -182,9 +180,3 @@ def _recording(path: Path, model: mujoco.MjModel) -> RecordingReader:
     require_model(model, recording, recording.facts.get("sizes"))
     require_timestep(model, recording)
     return recording
-
-
-def _rows(time: np.ndarray, at: np.ndarray) -> np.ndarray:
-    """The last row of a table at each of the times `at`; the first before it begins."""
-    tolerance = TIME_TOLERANCE * float(np.diff(time).min()) if len(time) > 1 else 0.0
-    return np.clip(np.searchsorted(time, at + tolerance, side="right") - 1, 0, len(time) - 1)

@@ -164,7 +164,7 @@ class ViewOptions(RendererOptions):
         converter=Several(Ghost()),
         default=(),
         help="The model once more, translucent: offset=0/1/0, opacity=.3; in the pose of a keyframe, key=NAME, or "
-        "moving as in a trace or a recording, trace=FILE or recording=FILE.",
+        "moving as in a recording, recording=FILE, or in any table of positions, trace=FILE, with map=FILE or --map.",
     )
     text: str | None = option(
         converter=Optional(Text("TEMPLATE")),

@@ -26,6 +26,7 @@ class Motion:
       size: numbers in a state.
       has_controls: whether the samples give any.
       remarks: what the user should know of it.
+      position_remarks: those on its positions.
 
     Raises:
       UsageError: as `CompleteSamples`.
@@ -48,7 +49,8 @@ class Motion:
         self.steps = range(int((self._time[-1] + self._slack) / model.opt.timestep) + 1)
         self.size = state.size(model)
         self.has_controls = "ctrl" in complete.fields
-        self.remarks = complete.remarks
+        self.position_remarks = complete.position_remarks
+        self.remarks = [*complete.position_remarks, *complete.other_remarks]
 
     def state(self, index: int) -> np.ndarray:
         """The integration state at step `index`: a new array `(size,)`.

@@ -66,7 +66,7 @@ class CompleteSamples:
     Attributes:
       time: of each sample [s], from the first one on, `(n,)`.
       fields: `(n, size)` for each of `FIELDS` that the table has, and for qpos and qvel.
-      remarks: what the user should know of it.
+      position_remarks, other_remarks: what the user should know of its positions, and of the rest.
 
     Raises:
       UsageError: times that do not ascend, numbers that are infinite, a first sample that is missing, a quaternion of
@@ -78,7 +78,6 @@ class CompleteSamples:
     ) -> None:
         require_times(samples.time, samples.source)
         self.time = samples.time - samples.time[0]
-        self.remarks: list[str] = []
         self._model, self._samples, self._interpolation = model, samples, interpolation
         self._gaps: dict[tuple[int, int], str] = {}
         self._ends: dict[str, float] = {}
@@ -88,7 +87,7 @@ class CompleteSamples:
         given = {name: values for name in FIELDS if (values := samples.values.get(name)) and name != "qvel"}
         self.fields = {name: self._complete(name, initial[name]) for name in ("qpos", *given)}
         self.fields["qvel"] = self._velocities()
-        self.remarks += self._all_remarks()
+        self.position_remarks, self.other_remarks = list(self._on_positions()), list(self._on_the_rest())
 
     def _complete(self, field: str, initial: np.ndarray) -> np.ndarray:
         """The numbers of a field `(n, size)`."""
@@ -183,12 +182,19 @@ class CompleteSamples:
         if rows[-1] < last:
             self._ends[name] = float(self.time[last] - self.time[rows[-1]])
 
-    def _all_remarks(self) -> Iterator[str]:
+    def _on_positions(self) -> Iterator[str]:
         source = clean(self._samples.source)
         if self._samples.time[0]:
             yield f"{source}: its time {self._samples.time[0]:.9g} s is time 0 here"
         if missing := self._samples.missing("qpos"):
             yield f"{source} lacks {listing(missing)}: as in the initial state"
+        yield from self._on_gaps(source)
+        if self._lengths:
+            name, length = max(self._lengths.items(), key=lambda item: abs(item[1] - 1))
+            yield f"{source}: quaternions of {clean(name)} have lengths such as {length:.6g}, not 1; normalized"
+
+    def _on_the_rest(self) -> Iterator[str]:
+        source = clean(self._samples.source)
         if missing := self._samples.missing("qvel"):
             some = listing(missing) if self._samples.values.get("qvel") else "velocities"
             yield f"{source} lacks {some}: they are finite differences of the positions"
@@ -199,12 +205,8 @@ class CompleteSamples:
         absent += ["mocap"] if self._model.nmocap and not {"mocap_pos", "mocap_quat"} & self.fields.keys() else []
         if absent:
             yield f"{source} lacks {listing(absent)}: as in the initial state"
-        yield from self._gap_remarks(source)
-        if self._lengths:
-            name, length = max(self._lengths.items(), key=lambda item: abs(item[1] - 1))
-            yield f"{source}: quaternions of {clean(name)} have lengths such as {length:.6g}, not 1; normalized"
 
-    def _gap_remarks(self, source: str) -> Iterator[str]:
+    def _on_gaps(self, source: str) -> Iterator[str]:
         if self._gaps:
             (before, after), name = max(self._gaps.items(), key=lambda gap: self.time[gap[0][1]] - self.time[gap[0][0]])
             count = f"{len(self._gaps)} gaps, the longest" if len(self._gaps) > 1 else "a gap"

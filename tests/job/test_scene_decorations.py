@@ -62,11 +62,13 @@ def test_a_ghost_can_stand_in_a_pose_and_move_as_a_trace_says(tmp_path: Path) ->
     Trace(Simulation(model, duration=0.5, qvel={"j": 2}), f"{tmp_path}/t.npz").run()
     found = scene_decorations(ViewOptions(ghost=[f"trace={tmp_path}/t.npz", "key=up,opacity=.5"]), model)
     trace = np.load(tmp_path / "t.npz")
-    moving = found.ghosts[0].states(model, [0.0, 0.1001, 0.5, 9.0])
+    moving = found.ghosts[0].states(model, [0.0, 0.1, 0.101, 0.5, 9.0])
     standing = found.ghosts[1].states(model, [0.0])
     assert moving is not None
     assert standing is not None
-    assert [state[1] for state in moving] == [trace["qpos/j"][k] for k in (0, 50, 250, 250)]
+    angles = trace["qpos/j"]
+    assert [state[1] for state in moving] == [angles[0], angles[50], moving[2][1], angles[250], angles[250]]
+    assert moving[2][1] == pytest.approx((angles[50] + angles[51]) / 2, abs=1e-15)
     assert standing[0][1] == 1.5
     assert found.ghosts[1].opacity == 0.5
 
@@ -108,6 +110,30 @@ def test_a_ghost_of_a_recording_is_where_a_bare_loop_was(swing: Path, tmp_path: 
         assert state[1] == data.qpos[0]
         mujoco.mj_step(model, data, nstep=50)
     assert GhostPlan().states(model, [0.0]) is None  # it moves as the model does
+
+
+def test_a_ghost_follows_a_table_of_others_by_the_map_of_the_simulation_or_its_own(tmp_path: Path, swing: Path) -> None:
+    model = mujoco.MjModel.from_xml_path(str(swing))
+    (tmp_path / "log.csv").write_text("t,hip [deg]\n3,0\n3.1,90\n3.3,-90\n")
+    (tmp_path / "own.map").write_text("time=t\nqpos/hinge=-'hip [deg]'*pi/180\n")
+    simulation = Simulation(swing, map={"time": "t", "qpos/hinge": "'hip [deg]'*pi/180"}, steps=5)
+    for setting, sign in (("", 1), (f",map={tmp_path}/own.map", -1)):
+        options = ViewOptions(ghost=[f"trace={tmp_path}/log.csv{setting}"])
+        found = scene_decorations(options, model, simulation)
+        states = found.ghosts[0].states(model, [0.0, 0.05, 0.1, 0.2, 0.4])
+        assert states is not None
+        assert [state[1] for state in states] == pytest.approx(sign * np.pi / 4 * np.array([0, 1, 2, 0, -2]))
+        assert any("3 s is time 0 here" in text for text in found.remarks)
+    assert simulation.stepper(model).step == 0  # the map is not idle
+    with pytest.raises(UsageError, match=r"^map says what a table means; there is none to replay"):
+        Simulation(swing, map="time=t", steps=5).stepper(model)
+    for ghost, message in (
+        (f"trace={tmp_path}/log.csv,map=none", "has no positions of this model"),
+        ("map=none", "map says what a table means; write trace=FILE with it"),
+        (f"trace={tmp_path}/log.csv,map={tmp_path}/no.map", "no such file"),
+    ):
+        with pytest.raises(MjrunError, match=message):
+            scene_decorations(ViewOptions(ghost=[ghost]), model, simulation)
 
 
 def test_a_trail_has_positions_closer_than_frames_of_a_video(swing: Path) -> None:

@@ -28,6 +28,10 @@ def completed(samples: MotionSamples, interpolation: Interpolation = LINEAR) -> 
     return CompleteSamples(model(), mujoco.MjData(model()), samples, interpolation)
 
 
+def remarks(found: CompleteSamples) -> list[str]:
+    return [*found.other_remarks, *found.position_remarks]
+
+
 def with_values(samples: MotionSamples, name: str, changed: dict[int, np.ndarray]) -> MotionSamples:
     return replace(samples, values={**samples.values, name: {**samples.values[name], **changed}})
 
@@ -48,7 +52,7 @@ def test_whole_samples_stay_as_they_are_to_the_last_bit() -> None:
     found = completed(run.sampled(EVERY_TENTH))
     for name in ("qpos", "qvel", "act", "ctrl", "mocap_pos", "mocap_quat"):
         assert found.fields[name].tobytes() == np.ascontiguousarray(getattr(run, name)[EVERY_TENTH]).tobytes(), name
-    assert found.remarks == []
+    assert remarks(found) == []
 
 
 def test_where_quaternions_and_hinges_are() -> None:
@@ -84,7 +88,7 @@ def test_gaps_in_numbers_are_bridged_in_a_straight_line_and_in_quaternions_along
         assert np.allclose(scipy_rotation(found.fields["qpos"][gap, part]).as_matrix(), arc.as_matrix(), atol=1e-12)
     outside = np.r_[0:20, 29:51]
     assert found.fields["qpos"][outside].tobytes() == truth[outside].tobytes()
-    assert found.remarks[-1] == "t.csv: a gap in qpos/root of 0.2 s from 0.38 s on; interpolated"
+    assert remarks(found)[-1] == "t.csv: a gap in qpos/root of 0.2 s from 0.38 s on; interpolated"
 
 
 def test_gaps_can_be_held() -> None:
@@ -92,14 +96,14 @@ def test_gaps_can_be_held() -> None:
     samples = without_rows(run.sampled(EVERY_TENTH, "qpos"), "qpos", gap, range(13))
     found = completed(samples, HOLD)
     assert (found.fields["qpos"][gap] == found.fields["qpos"][19]).all()
-    assert found.remarks[-1].endswith("; held")
+    assert remarks(found)[-1].endswith("; held")
 
 
 def test_what_ends_before_the_table_does_is_held_and_told() -> None:
     samples = without_rows(tumble().sampled(EVERY_TENTH, "qpos", "qvel"), "qpos", slice(40, None), range(7, 8))
     found = completed(samples)
     assert (found.fields["qpos"][40:, 7] == found.fields["qpos"][39, 7]).all()
-    assert "t.csv: qpos/hip end up to 0.22 s before the table does; held" in found.remarks
+    assert "t.csv: qpos/hip end up to 0.22 s before the table does; held" in remarks(found)
 
 
 def test_controls_hold_over_gaps_unless_they_shall_not() -> None:
@@ -119,7 +123,7 @@ def test_quaternions_of_any_length_and_sign_become_unit_ones_that_do_not_jump() 
     changed = {index: truth[:, index] * scale for index in range(3, 7)}
     found = completed(with_values(run.sampled(EVERY_TENTH, "qpos"), "qpos", changed))
     assert np.allclose(found.fields["qpos"], truth, atol=1e-15)
-    (told,) = [text for text in found.remarks if "lengths" in text]
+    (told,) = [text for text in remarks(found) if "lengths" in text]
     assert told.startswith("t.csv: quaternions of qpos/root have lengths such as 2.9")
 
 
@@ -156,7 +160,7 @@ def test_velocities_in_the_table_are_used_and_the_rest_is_derived() -> None:
     others = np.delete(np.arange(11), 6)
     derived = finite_differences(model(), found.time, found.fields["qpos"])
     assert (found.fields["qvel"][:, others] == derived[:, others]).all()
-    (told,) = [text for text in found.remarks if "finite differences" in text]
+    (told,) = [text for text in remarks(found) if "finite differences" in text]
     assert "qvel/root/vx" in told
     assert "qvel/hip" not in told
 
@@ -173,7 +177,7 @@ def test_what_the_table_lacks_is_as_at_the_start_and_told() -> None:
     found = CompleteSamples(model(), start, samples, LINEAR)
     assert (np.delete(found.fields["qpos"], 7, axis=1) == np.delete(start.qpos, 7)).all()
     assert set(found.fields) == {"qpos", "qvel"}
-    assert found.remarks == [
+    assert [*found.position_remarks, *found.other_remarks] == [
         "t.csv: its time 5 s is time 0 here",
         "t.csv lacks qpos/root/x, qpos/root/y, qpos/root/z, qpos/root/qw, qpos/root/qx, qpos/root/qy, qpos/root/qz, "
         "qpos/neck/qw, qpos/neck/qx, qpos/neck/qy, qpos/neck/qz, qpos/lift: as in the initial state",
