@@ -69,7 +69,9 @@ class DrawingPlan:
         """
         options, reporter = self.options, self.context.reporter
         backend = rendering.backend(RendererRequest.of(options))
-        warnings = [*check_drawing(options, self.context.model, backend), *self.decorations.remarks]
+        told = self.context.simulation.replay_remarks(self.context.model)
+        remarks = [text for text in self.decorations.remarks if text not in told]
+        warnings = [*check_drawing(options, self.context.model, backend), *remarks]
         for text in [*warnings, *(unused_options(options, plots) if all(file.exact for file in files) else [])]:
             reporter.warn(text)
         return backend

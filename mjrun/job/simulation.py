@@ -30,7 +30,8 @@ from mjrun.sim.initial_state import InitialState
 from mjrun.sim.motion import Motion
 from mjrun.sim.motion_samples import Interpolation
 from mjrun.sim.push_forces import PushForces
-from mjrun.sim.replay import RecordedControls, ReplayStepper, require_model, require_timestep
+from mjrun.sim.recorded_inputs import RecordedInputs
+from mjrun.sim.replay import ReplayStepper, require_model, require_timestep
 from mjrun.sim.stepper import PhysicsStepper, Stepper
 from mjrun.timeline import Timeline, rational
 
@@ -117,7 +118,7 @@ class Simulation(SimulationOptions):
     def remarks(self, model: mujoco.MjModel) -> list[str]:
         """What the user should know of this simulation before it runs."""
         pushes = PushForces(model, self.push, rational(model.opt.timestep)).remarks(self.timeline(model).steps)
-        replay = self._replay_remarks(model)
+        replay = self.replay_remarks(model)
         return [*known_bugs.bugs_of_model(model), *self.start.remarks(model), *pushes, *replay]
 
     def replayed(self, model: mujoco.MjModel) -> RecordingReader | Motion:
@@ -180,7 +181,7 @@ class Simulation(SimulationOptions):
             return stepper
 
     def _replay_controls(self, model: mujoco.MjModel) -> PhysicsStepper:
-        """Physics from the first state on, under the controls that were recorded."""
+        """Physics from the first state on, under the controls and other inputs that were recorded."""
         states = self.replayed(model)
         with concerning("replay"):
             if isinstance(states, RecordingReader):
@@ -192,11 +193,12 @@ class Simulation(SimulationOptions):
         data = mujoco.MjData(model)
         state.restore(model, data, states.state(0))
         timestep = rational(model.opt.timestep)
-        controls = RecordedControls(states, state.controls(model))
-        control = ControlSignal(timestep, data.ctrl.copy(), controls, self._noise(model))
+        inputs = RecordedInputs(model, states)
+        control = ControlSignal(timestep, data.ctrl.copy(), inputs, self._noise(model), inputs=inputs)
         return PhysicsStepper(model, data, control, PushForces(model, self.push, timestep))
 
-    def _replay_remarks(self, model: mujoco.MjModel) -> list[str]:
+    def replay_remarks(self, model: mujoco.MjModel) -> list[str]:
+        """What the user should know of what is replayed, if anything is."""
         if self.replay is None:
             return []
         states = self.replayed(model)

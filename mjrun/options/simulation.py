@@ -120,7 +120,7 @@ class SimulationOptions(ControllerOptions, ModelOptions):
     replay_mode: str = option(
         converter=Choice(REPLAY_MODES),
         default=STATES,
-        help="Replay the states; or the controls alone, with physics, from the first state on.",
+        help="Replay the states; or step the physics from the first of them, under the recorded controls and forces.",
     )
     replay_rate: Fraction | None = option(
         converter=Optional(ExactNumber("HZ")),

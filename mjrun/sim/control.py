@@ -15,6 +15,18 @@ from mjrun.sim.controller import PeriodicController
 NEVER = 2**62  # a step that no simulation reaches
 
 
+class KnownInputs(Protocol):
+    """Applied forces, mocap poses and whatever else acts on a simulation, known beforehand."""
+
+    def at(self, step: int) -> np.ndarray:
+        """All inputs at `step`, as `state.INPUTS` has them."""
+        ...
+
+    def next_change(self, step: int) -> int:
+        """A step after `step` up to which all inputs but the controls stay as they are."""
+        ...
+
+
 class KnownControls(Protocol):
     """Controls that are known beforehand."""
 
@@ -31,6 +43,7 @@ class ControlSignal:
       timestep: of the simulation [s], exact.
       constant: controls `(nu,)` that hold where nothing else says; the stepper keeps those of the controller here.
       table, noise, controller: what there is besides.
+      inputs: what acts besides controls, if it is known beforehand.
     """
 
     timestep: Fraction
@@ -38,6 +51,7 @@ class ControlSignal:
     table: KnownControls | None = None
     noise: ControlNoise | None = None
     controller: PeriodicController | None = None
+    inputs: KnownInputs | None = None
 
     @property
     def varies(self) -> bool:

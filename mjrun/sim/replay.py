@@ -152,18 +152,6 @@ class ReplayStepper:
         return f"step {step}, time {float(step * self._timestep):.9g} s"
 
 
-class RecordedControls:
-    """The controls of recorded states, which stand at `part` of each; the last ones hold to the end."""
-
-    def __init__(self, states: RecordedStates, part: slice) -> None:
-        self._states, self._part = states, part
-
-    def apply(self, ctrl: np.ndarray, first: int, timestep: Fraction) -> None:
-        """Puts the controls of the steps from `first` on into `ctrl` `(n, nu)`."""
-        for index in range(len(ctrl)):
-            ctrl[index] = self._states.state(bisect_right(self._states.steps, first + index) - 1)[self._part]
-
-
 def require_model(model: mujoco.MjModel, states: RecordedStates, recorded: Mapping[str, Any] | None = None) -> None:
     """Raises UsageError unless `states` may be states of `model`; `recorded` are its `sizes`, if they are known."""
     ours = state.sizes(model)

@@ -9,7 +9,7 @@ import numpy as np
 from mjrun.errors import FailedStepError, SimulationError, UnstableError
 from mjrun.model import state
 from mjrun.model.names import names
-from mjrun.sim.control import NEVER, ControlSignal
+from mjrun.sim.control import ControlSignal
 from mjrun.sim.controller import PeriodicController
 from mjrun.sim.push_forces import PushForces
 from mjrun.timeline import rational
@@ -120,9 +120,11 @@ class PhysicsStepper:
             self._arrive()
 
     def steps_alike(self) -> int:
-        """How many steps can be taken before a controller is called or pushes change; controls may vary in them."""
-        change = self._pushes.next_change(self.step) if self._pushes else NEVER
-        return min(self.control.next_call(self.step), change) - self.step
+        """How many steps can be taken before a controller is called or other inputs than controls change."""
+        changes = [self.control.next_call(self.step)]
+        changes += [self._pushes.next_change(self.step)] if self._pushes else []
+        changes += [self.control.inputs.next_change(self.step)] if self.control.inputs else []
+        return min(changes) - self.step
 
     def jump(self, step: int, to: np.ndarray) -> None:
         """Continues at `step` from the state `to` `(nstate,)`, which something else has stepped to."""
@@ -148,6 +150,10 @@ class PhysicsStepper:
     def _arrive(self) -> None:
         """Puts the inputs that belong to this step in force."""
         control = self.control
+        if control.inputs:
+            state.restore(self.model, self._data, control.inputs.at(self.step), state.INPUTS)
+            self._unpushed[:] = self._data.xfrc_applied
+            self._instant_step = -1
         if self._pushes:
             self._push()
         if control.controller and control.is_due(self.step):

@@ -165,3 +165,77 @@ def test_a_push_that_is_too_late_or_of_a_body_that_cannot_move_is_remarked_on() 
     (remark,) = late.remarks(MODEL)
     assert remark.startswith(option("push"))
     assert remark.endswith("does nothing: it begins at step 500, and the simulation has 10 steps")
+
+
+def sway(model: mujoco.MjModel, data: mujoco.MjData) -> None:
+    data.ctrl[0] = np.sin(9 * data.time)
+    data.xfrc_applied[1, 1] = data.time
+
+
+def test_recorded_controls_run_the_physics_again_bit_for_bit(path: Path, tmp_path: Path) -> None:
+    live = Simulation(path, steps=200, key="swing", controller=sway, control_dt=0.02)
+    perform(
+        [
+            Trace(live, f"{tmp_path}/a.csv", probe=["qpos", "qvel", "ctrl", "energy", "xfrc_applied", "qacc"]),
+            Recording(live, f"{tmp_path}/r.npz"),
+        ]
+    )
+    replay: dict[str, Any] = {"replay": f"{tmp_path}/r.npz", "replay_mode": "controls"}
+    Trace(
+        Simulation(path, **replay),
+        f"{tmp_path}/b.csv",
+        probe=["qpos", "qvel", "ctrl", "energy", "xfrc_applied", "qacc"],
+    ).run()
+    assert (tmp_path / "a.csv").read_bytes() == (tmp_path / "b.csv").read_bytes()
+    longer = Simulation(path, steps=300, **replay)  # states end, physics does not
+    assert longer.stepper(MODEL).step == 0
+    noisy = Simulation(path, ctrl_noise=0.5, **replay).stepper(MODEL)
+    noisy.advance(200)
+    calm = Simulation(path, **replay).stepper(MODEL)
+    calm.advance(200)
+    assert noisy.instant().qpos[0] != calm.instant().qpos[0]
+    with pytest.raises(UsageError, match="the recording is of another model"):
+        Simulation(path, **replay).stepper(mujoco.MjModel.from_xml_string("<mujoco/>"))
+
+
+def test_controls_of_a_table_start_from_its_first_row(path: Path, tmp_path: Path) -> None:
+    (tmp_path / "t.csv").write_text("time,qpos/hinge,qvel/hinge,ctrl/motor\n5,1,2,3\n5.1,0,0,-3\n5.2,0,0,0\n")
+    for way, between in (("hold", [3] * 50), ("linear", 3 - 6 * np.arange(50) / 50)):
+        simulation = Simulation(path, replay=f"{tmp_path}/t.csv", replay_mode="controls", ctrl_interpolation=way)
+        assert simulation.timeline(MODEL).steps == 100
+        data = mujoco.MjData(MODEL)
+        data.qpos[:], data.qvel[:] = 1, 2
+        for ctrl in between:
+            data.ctrl[0] = ctrl
+            mujoco.mj_step(MODEL, data)
+        stepper = simulation.stepper(MODEL)
+        stepper.advance(50)
+        assert stepper.instant().qpos[0] == pytest.approx(data.qpos[0], abs=1e-12)
+    (tmp_path / "u.csv").write_text("time,qpos/hinge\n0,1\n1,2\n")
+    with pytest.raises(UsageError, match=r"u\.csv has no controls to replay; the model takes ctrl/motor$"):
+        Simulation(path, replay=f"{tmp_path}/u.csv", replay_mode="controls").stepper(MODEL)
+
+
+def test_a_table_takes_what_it_lacks_from_the_start_that_is_asked_for(path: Path, tmp_path: Path) -> None:
+    (tmp_path / "t.csv").write_text("time,qpos/hinge\n0,0.5\n0.1,0.6\n")
+    stepper = Simulation(path, replay=f"{tmp_path}/t.csv", key="swing", ctrl={"motor": 4}).stepper(MODEL)
+    assert (stepper.instant().qpos[0], stepper.instant().ctrl[0]) == (0.5, 4)
+    assert stepper.instant().qvel[0] == pytest.approx(1)
+    with pytest.raises(UsageError, match=r"^the table ends at step 50, time 0\.1 s: there is no step 51"):
+        Simulation(path, replay=f"{tmp_path}/t.csv", steps=51).stepper(MODEL)
+
+
+def test_what_is_read_is_known_by_what_it_is(path: Path, tmp_path: Path) -> None:
+    (tmp_path / "t.csv").write_text("t,a\n0,1\n")
+    (tmp_path / "n.map").write_text("time=t\nqpos/hinge=a\n")
+    simulation = Simulation(path, replay=tmp_path / "t.csv", map=f"@{tmp_path}/n.map")
+    assert simulation.inputs[-2:] == [("table", tmp_path / "t.csv"), ("file of columns", tmp_path / "n.map")]
+    assert simulation.stepper(MODEL).instant().qpos[0] == 1
+
+
+def test_faults_of_a_table_are_told_at_replay_and_those_of_a_map_at_the_map(path: Path, tmp_path: Path) -> None:
+    (tmp_path / "t.csv").write_text("t,a\n0,1\n")
+    for texts, place in ((["time=t"], ("replay",)), (["time=t", "qpos/hinge=b"], ("map", 1))):
+        with pytest.raises(UsageError) as caught:
+            Simulation(path, replay=f"{tmp_path}/t.csv", map=texts).timeline(MODEL)
+        assert caught.value.path == place

@@ -198,7 +198,7 @@ def test_a_hinge_that_is_wrapped_goes_on_turning_if_asked() -> None:
 
 def test_missing_rows_are_gaps_and_the_longest_is_told() -> None:
     rows = np.setdiff1d(np.arange(0, 501, 10), [*range(100, 150, 10), 300, *range(400, 420, 10)])
-    assert completed(tumble().sampled(rows)).remarks == [
+    assert remarks(completed(tumble().sampled(rows))) == [
         "t.csv: 3 gaps, the longest of 0.12 s from 0.18 s on; interpolated"
     ]
 
