@@ -1,5 +1,6 @@
 """Actuators: what they act on, and their force laws."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import mujoco
@@ -85,49 +86,46 @@ class Actuator:
     plugin: str | None
 
 
-def actuators(model: mujoco.MjModel) -> tuple[Actuator, ...]:
+def actuators(model: mujoco.MjModel) -> Iterator[Actuator]:
     """Every actuator, in order of id."""
-    return tuple(_actuator(model, i) for i in range(model.nactuator))
-
-
-def _actuator(model: mujoco.MjModel, i: int) -> Actuator:
-    transmission, kind = enum_name(mujoco.mjtTrn, model.actuator_trntype[i]), _target_kind(model, i)
-    unit, first, controls = actuator_unit(model, i), int(model.actuator_ctrladr[i]), int(model.actuator_ctrlnum[i])
-    forces = range(model.actuator_outadr[i], model.actuator_outadr[i] + model.actuator_outnum[i])
-    target, reference = model.actuator_trnid[i]
-    return Actuator(
-        id=i,
-        name=object_name(model, ACTUATOR, i) or "",
-        kind=_kind(model, i),
-        transmission=transmission,
-        target_kind=enum_name(mujoco.mjtObj, kind),
-        target=object_name(model, kind, target),
-        reference=object_name(model, SITE, reference),
-        gear=tuple(without_trailing_zeros(model.actuator_gear[k]) for k in forces),
-        unit=unit,
-        force_unit=actuator_force_unit(model, i),
-        dynamics=enum_name(mujoco.mjtDyn, model.actuator_dyntype[i]),
-        dynamics_parameters=without_trailing_zeros(model.actuator_dynprm[i]),
-        gain=enum_name(mujoco.mjtGain, model.actuator_gaintype[i]),
-        gain_parameters=without_trailing_zeros(model.actuator_gainprm[i]),
-        bias=enum_name(mujoco.mjtBias, model.actuator_biastype[i]),
-        bias_parameters=without_trailing_zeros(model.actuator_biasprm[i]),
-        ctrl=first,
-        ctrl_size=controls,
-        ctrl_range=tuple(
-            limited_range(model.actuator_ctrllimited[k], model.actuator_ctrlrange[k])
-            for k in range(first, first + controls)
-        ),
-        act=int(model.actuator_actadr[i]) if model.actuator_actnum[i] else None,
-        act_size=int(model.actuator_actnum[i]),
-        act_range=limited_range(model.actuator_actlimited[i], model.actuator_actrange[i]),
-        force_range=limited_range(model.actuator_forcelimited[i], model.actuator_forcerange[i]),
-        delay=float(model.actuator_delay[i]),
-        damping=float(model.actuator_damping[i]),
-        armature=float(model.actuator_armature[i]),
-        group=int(model.actuator_group[i]),
-        plugin=object_name(model, mujoco.mjtObj.mjOBJ_PLUGIN, model.actuator_plugin[i]),
-    )
+    for i in range(model.nactuator):
+        transmission, kind = enum_name(mujoco.mjtTrn, model.actuator_trntype[i]), _target_kind(model, i)
+        unit, first, controls = actuator_unit(model, i), int(model.actuator_ctrladr[i]), int(model.actuator_ctrlnum[i])
+        forces = range(model.actuator_outadr[i], model.actuator_outadr[i] + model.actuator_outnum[i])
+        target, reference = model.actuator_trnid[i]
+        yield Actuator(
+            id=i,
+            name=object_name(model, ACTUATOR, i) or "",
+            kind=_kind(model, i),
+            transmission=transmission,
+            target_kind=enum_name(mujoco.mjtObj, kind),
+            target=object_name(model, kind, target),
+            reference=object_name(model, SITE, reference),
+            gear=tuple(without_trailing_zeros(model.actuator_gear[k]) for k in forces),
+            unit=unit,
+            force_unit=actuator_force_unit(model, i),
+            dynamics=enum_name(mujoco.mjtDyn, model.actuator_dyntype[i]),
+            dynamics_parameters=without_trailing_zeros(model.actuator_dynprm[i]),
+            gain=enum_name(mujoco.mjtGain, model.actuator_gaintype[i]),
+            gain_parameters=without_trailing_zeros(model.actuator_gainprm[i]),
+            bias=enum_name(mujoco.mjtBias, model.actuator_biastype[i]),
+            bias_parameters=without_trailing_zeros(model.actuator_biasprm[i]),
+            ctrl=first,
+            ctrl_size=controls,
+            ctrl_range=tuple(
+                limited_range(model.actuator_ctrllimited[k], model.actuator_ctrlrange[k])
+                for k in range(first, first + controls)
+            ),
+            act=int(model.actuator_actadr[i]) if model.actuator_actnum[i] else None,
+            act_size=int(model.actuator_actnum[i]),
+            act_range=limited_range(model.actuator_actlimited[i], model.actuator_actrange[i]),
+            force_range=limited_range(model.actuator_forcelimited[i], model.actuator_forcerange[i]),
+            delay=float(model.actuator_delay[i]),
+            damping=float(model.actuator_damping[i]),
+            armature=float(model.actuator_armature[i]),
+            group=int(model.actuator_group[i]),
+            plugin=object_name(model, mujoco.mjtObj.mjOBJ_PLUGIN, model.actuator_plugin[i]),
+        )
 
 
 def _target_kind(model: mujoco.MjModel, i: int) -> mujoco.mjtObj:

@@ -1,5 +1,6 @@
 """Bodies and what is fixed to them: joints, geoms, sites."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import mujoco
@@ -141,37 +142,34 @@ class Joint:
     actuator_force_range: Pair | None
 
 
-def joints(model: mujoco.MjModel) -> tuple[Joint, ...]:
+def joints(model: mujoco.MjModel) -> Iterator[Joint]:
     """Every joint, in order of id."""
-    return tuple(_joint(model, i) for i in range(model.njnt))
-
-
-def _joint(model: mujoco.MjModel, i: int) -> Joint:
-    kind, qpos, dof = int(model.jnt_type[i]), int(model.jnt_qposadr[i]), int(model.jnt_dofadr[i])
-    size, name = len(QPOS_COMPONENTS.get(kind, ("",))), enum_name(mujoco.mjtJoint, kind)
-    return Joint(
-        id=i,
-        name=object_name(model, JOINT, i) or "",
-        body=body_name(model, model.jnt_bodyid[i]),
-        type=name,
-        unit=joint_unit(model, i),
-        axis=floats(model.jnt_axis[i]) if name in AXES else None,
-        anchor=floats(model.jnt_pos[i]),
-        range=limited_range(model.jnt_limited[i], model.jnt_range[i]),
-        qpos=qpos,
-        qpos_size=size,
-        dof=dof,
-        dof_size=len(QVEL_COMPONENTS.get(kind, ("",))),
-        qpos0=floats(model.qpos0[qpos : qpos + size]),
-        spring_reference=float(model.qpos_spring[qpos]) if name in AXES else None,
-        stiffness=float(model.jnt_stiffness[i]),
-        stiffness_polynomial=without_trailing_zeros(model.jnt_stiffnesspoly[i]),
-        damping=float(model.dof_damping[dof]),
-        damping_polynomial=without_trailing_zeros(model.dof_dampingpoly[dof]),
-        armature=float(model.dof_armature[dof]),
-        frictionloss=float(model.dof_frictionloss[dof]),
-        actuator_force_range=limited_range(model.jnt_actfrclimited[i], model.jnt_actfrcrange[i]),
-    )
+    for i in range(model.njnt):
+        kind, qpos, dof = int(model.jnt_type[i]), int(model.jnt_qposadr[i]), int(model.jnt_dofadr[i])
+        size, name = len(QPOS_COMPONENTS.get(kind, ("",))), enum_name(mujoco.mjtJoint, kind)
+        yield Joint(
+            id=i,
+            name=object_name(model, JOINT, i) or "",
+            body=body_name(model, model.jnt_bodyid[i]),
+            type=name,
+            unit=joint_unit(model, i),
+            axis=floats(model.jnt_axis[i]) if name in AXES else None,
+            anchor=floats(model.jnt_pos[i]),
+            range=limited_range(model.jnt_limited[i], model.jnt_range[i]),
+            qpos=qpos,
+            qpos_size=size,
+            dof=dof,
+            dof_size=len(QVEL_COMPONENTS.get(kind, ("",))),
+            qpos0=floats(model.qpos0[qpos : qpos + size]),
+            spring_reference=float(model.qpos_spring[qpos]) if name in AXES else None,
+            stiffness=float(model.jnt_stiffness[i]),
+            stiffness_polynomial=without_trailing_zeros(model.jnt_stiffnesspoly[i]),
+            damping=float(model.dof_damping[dof]),
+            damping_polynomial=without_trailing_zeros(model.dof_dampingpoly[dof]),
+            armature=float(model.dof_armature[dof]),
+            frictionloss=float(model.dof_frictionloss[dof]),
+            actuator_force_range=limited_range(model.jnt_actfrclimited[i], model.jnt_actfrcrange[i]),
+        )
 
 
 @dataclass(frozen=True)
@@ -208,31 +206,28 @@ class Geom:
     material: str | None
 
 
-def geoms(model: mujoco.MjModel) -> tuple[Geom, ...]:
+def geoms(model: mujoco.MjModel) -> Iterator[Geom]:
     """Every geom, in order of id."""
-    return tuple(_geom(model, i) for i in range(model.ngeom))
-
-
-def _geom(model: mujoco.MjModel, i: int) -> Geom:
-    kind = enum_name(mujoco.mjtGeom, model.geom_type[i])
-    shown = mujoco.mjtObj.mjOBJ_HFIELD if kind == "hfield" else mujoco.mjtObj.mjOBJ_MESH
-    return Geom(
-        id=i,
-        name=object_name(model, GEOM, i) or "",
-        body=body_name(model, model.geom_bodyid[i]),
-        type=kind,
-        asset=object_name(model, shown, model.geom_dataid[i]),
-        size=floats(model.geom_size[i][: SIZES.get(kind, 3)]),
-        position=floats(model.geom_pos[i]),
-        contype=int(model.geom_contype[i]),
-        conaffinity=int(model.geom_conaffinity[i]),
-        condim=int(model.geom_condim[i]),
-        friction=floats(model.geom_friction[i]),
-        margin=float(model.geom_margin[i]),
-        gap=float(model.geom_gap[i]),
-        group=int(model.geom_group[i]),
-        material=object_name(model, mujoco.mjtObj.mjOBJ_MATERIAL, model.geom_matid[i]),
-    )
+    for i in range(model.ngeom):
+        kind = enum_name(mujoco.mjtGeom, model.geom_type[i])
+        shown = mujoco.mjtObj.mjOBJ_HFIELD if kind == "hfield" else mujoco.mjtObj.mjOBJ_MESH
+        yield Geom(
+            id=i,
+            name=object_name(model, GEOM, i) or "",
+            body=body_name(model, model.geom_bodyid[i]),
+            type=kind,
+            asset=object_name(model, shown, model.geom_dataid[i]),
+            size=floats(model.geom_size[i][: SIZES.get(kind, 3)]),
+            position=floats(model.geom_pos[i]),
+            contype=int(model.geom_contype[i]),
+            conaffinity=int(model.geom_conaffinity[i]),
+            condim=int(model.geom_condim[i]),
+            friction=floats(model.geom_friction[i]),
+            margin=float(model.geom_margin[i]),
+            gap=float(model.geom_gap[i]),
+            group=int(model.geom_group[i]),
+            material=object_name(model, mujoco.mjtObj.mjOBJ_MATERIAL, model.geom_matid[i]),
+        )
 
 
 @dataclass(frozen=True)
@@ -248,19 +243,16 @@ class Site:
     group: int
 
 
-def sites(model: mujoco.MjModel) -> tuple[Site, ...]:
+def sites(model: mujoco.MjModel) -> Iterator[Site]:
     """Every site, in order of id."""
-    return tuple(_site(model, i) for i in range(model.nsite))
-
-
-def _site(model: mujoco.MjModel, i: int) -> Site:
-    kind = enum_name(mujoco.mjtGeom, model.site_type[i])
-    return Site(
-        id=i,
-        name=object_name(model, SITE, i) or "",
-        body=body_name(model, model.site_bodyid[i]),
-        type=kind,
-        size=floats(model.site_size[i][: SIZES.get(kind, 3)]),
-        position=floats(model.site_pos[i]),
-        group=int(model.site_group[i]),
-    )
+    for i in range(model.nsite):
+        kind = enum_name(mujoco.mjtGeom, model.site_type[i])
+        yield Site(
+            id=i,
+            name=object_name(model, SITE, i) or "",
+            body=body_name(model, model.site_bodyid[i]),
+            type=kind,
+            size=floats(model.site_size[i][: SIZES.get(kind, 3)]),
+            position=floats(model.site_pos[i]),
+            group=int(model.site_group[i]),
+        )

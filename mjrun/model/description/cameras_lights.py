@@ -1,5 +1,6 @@
 """Cameras and lights."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import mujoco
@@ -41,30 +42,27 @@ class Camera:
     position: tuple[float, ...]
 
 
-def cameras(model: mujoco.MjModel) -> tuple[Camera, ...]:
+def cameras(model: mujoco.MjModel) -> Iterator[Camera]:
     """Every camera, in order of id."""
-    return tuple(_camera(model, i) for i in range(model.ncam))
-
-
-def _camera(model: mujoco.MjModel, i: int) -> Camera:
-    projection, bits = enum_name(mujoco.mjtProjection, model.cam_projection[i]), int(model.cam_output[i])
-    flat, intrinsic = projection == "orthographic", bool(model.cam_sensorsize[i, 1])
-    return Camera(
-        id=i,
-        name=object_name(model, CAMERA, i) or "",
-        body=body_name(model, model.cam_bodyid[i]),
-        mode=enum_name(mujoco.mjtCamLight, model.cam_mode[i]),
-        target=object_name(model, mujoco.mjtObj.mjOBJ_BODY, model.cam_targetbodyid[i]),
-        projection=projection,
-        fovy=None if flat or intrinsic else float(model.cam_fovy[i]),
-        height=float(model.cam_fovy[i]) if flat else None,
-        sensor_size=floats(model.cam_sensorsize[i]) if intrinsic else None,
-        focal_length=floats(model.cam_intrinsic[i, :2]) if intrinsic else None,
-        principal_point=floats(model.cam_intrinsic[i, 2:]) if intrinsic else None,
-        resolution=(int(model.cam_resolution[i, 0]), int(model.cam_resolution[i, 1])),
-        outputs=tuple(enum_name(mujoco.mjtCamOutBit, 1 << k) for k in range(bits.bit_length()) if bits >> k & 1),
-        position=floats(model.cam_pos[i]),
-    )
+    for i in range(model.ncam):
+        projection, bits = enum_name(mujoco.mjtProjection, model.cam_projection[i]), int(model.cam_output[i])
+        flat, intrinsic = projection == "orthographic", bool(model.cam_sensorsize[i, 1])
+        yield Camera(
+            id=i,
+            name=object_name(model, CAMERA, i) or "",
+            body=body_name(model, model.cam_bodyid[i]),
+            mode=enum_name(mujoco.mjtCamLight, model.cam_mode[i]),
+            target=object_name(model, mujoco.mjtObj.mjOBJ_BODY, model.cam_targetbodyid[i]),
+            projection=projection,
+            fovy=None if flat or intrinsic else float(model.cam_fovy[i]),
+            height=float(model.cam_fovy[i]) if flat else None,
+            sensor_size=floats(model.cam_sensorsize[i]) if intrinsic else None,
+            focal_length=floats(model.cam_intrinsic[i, :2]) if intrinsic else None,
+            principal_point=floats(model.cam_intrinsic[i, 2:]) if intrinsic else None,
+            resolution=(int(model.cam_resolution[i, 0]), int(model.cam_resolution[i, 1])),
+            outputs=tuple(enum_name(mujoco.mjtCamOutBit, 1 << k) for k in range(bits.bit_length()) if bits >> k & 1),
+            position=floats(model.cam_pos[i]),
+        )
 
 
 @dataclass(frozen=True)
@@ -90,20 +88,17 @@ class Light:
     shadow: bool
 
 
-def lights(model: mujoco.MjModel) -> tuple[Light, ...]:
+def lights(model: mujoco.MjModel) -> Iterator[Light]:
     """Every light, in order of id."""
-    return tuple(_light(model, i) for i in range(model.nlight))
-
-
-def _light(model: mujoco.MjModel, i: int) -> Light:
-    return Light(
-        id=i,
-        name=object_name(model, mujoco.mjtObj.mjOBJ_LIGHT, i) or "",
-        body=body_name(model, model.light_bodyid[i]),
-        type=enum_name(mujoco.mjtLightType, model.light_type[i]),
-        mode=enum_name(mujoco.mjtCamLight, model.light_mode[i]),
-        target=object_name(model, mujoco.mjtObj.mjOBJ_BODY, model.light_targetbodyid[i]),
-        position=floats(model.light_pos[i]),
-        active=bool(model.light_active[i]),
-        shadow=bool(model.light_castshadow[i]),
-    )
+    for i in range(model.nlight):
+        yield Light(
+            id=i,
+            name=object_name(model, mujoco.mjtObj.mjOBJ_LIGHT, i) or "",
+            body=body_name(model, model.light_bodyid[i]),
+            type=enum_name(mujoco.mjtLightType, model.light_type[i]),
+            mode=enum_name(mujoco.mjtCamLight, model.light_mode[i]),
+            target=object_name(model, mujoco.mjtObj.mjOBJ_BODY, model.light_targetbodyid[i]),
+            position=floats(model.light_pos[i]),
+            active=bool(model.light_active[i]),
+            shadow=bool(model.light_castshadow[i]),
+        )

@@ -63,34 +63,31 @@ class Flex:
     group: int
 
 
-def flexes(model: mujoco.MjModel) -> tuple[Flex, ...]:
+def flexes(model: mujoco.MjModel) -> Iterator[Flex]:
     """Every flex, in order of id."""
-    return tuple(_flex(model, i) for i in range(model.nflex))
-
-
-def _flex(model: mujoco.MjModel, i: int) -> Flex:
-    equality = int(model.flex_edgeequality[i])
-    return Flex(
-        id=i,
-        name=object_name(model, mujoco.mjtObj.mjOBJ_FLEX, i) or "",
-        elements_are=DIMENSIONS.get(int(model.flex_dim[i]), str(model.flex_dim[i])),
-        vertices=int(model.flex_vertnum[i]),
-        edges=int(model.flex_edgenum[i]),
-        elements=int(model.flex_elemnum[i]),
-        nodes=int(model.flex_nodenum[i]),
-        radius=float(model.flex_radius[i]),
-        half_size=floats(model.flex_size[i]),
-        rigid=bool(model.flex_rigid[i]),
-        interpolated=bool(model.flex_interp[i]),
-        edge_equality=EQUALITIES.get(equality, str(equality)),
-        edge_stiffness=float(model.flex_edgestiffness[i]),
-        edge_damping=float(model.flex_edgedamping[i]),
-        damping=float(model.flex_damping[i]),
-        self_collision=enum_name(mujoco.mjtFlexSelf, model.flex_selfcollide[i]),
-        condim=int(model.flex_condim[i]),
-        friction=floats(model.flex_friction[i]),
-        group=int(model.flex_group[i]),
-    )
+    for i in range(model.nflex):
+        equality = int(model.flex_edgeequality[i])
+        yield Flex(
+            id=i,
+            name=object_name(model, mujoco.mjtObj.mjOBJ_FLEX, i) or "",
+            elements_are=DIMENSIONS.get(int(model.flex_dim[i]), str(model.flex_dim[i])),
+            vertices=int(model.flex_vertnum[i]),
+            edges=int(model.flex_edgenum[i]),
+            elements=int(model.flex_elemnum[i]),
+            nodes=int(model.flex_nodenum[i]),
+            radius=float(model.flex_radius[i]),
+            half_size=floats(model.flex_size[i]),
+            rigid=bool(model.flex_rigid[i]),
+            interpolated=bool(model.flex_interp[i]),
+            edge_equality=EQUALITIES.get(equality, str(equality)),
+            edge_stiffness=float(model.flex_edgestiffness[i]),
+            edge_damping=float(model.flex_edgedamping[i]),
+            damping=float(model.flex_damping[i]),
+            self_collision=enum_name(mujoco.mjtFlexSelf, model.flex_selfcollide[i]),
+            condim=int(model.flex_condim[i]),
+            friction=floats(model.flex_friction[i]),
+            group=int(model.flex_group[i]),
+        )
 
 
 @dataclass(frozen=True)
@@ -113,19 +110,16 @@ class Plugin:
     users: tuple[str, ...]
 
 
-def plugins(model: mujoco.MjModel) -> tuple[Plugin, ...]:
+def plugins(model: mujoco.MjModel) -> Iterator[Plugin]:
     """Every plugin instance, in order of id."""
-    return tuple(_plugin(model, i) for i in range(model.nplugin))
-
-
-def _plugin(model: mujoco.MjModel, i: int) -> Plugin:
-    registered = _registered(int(model.plugin[i]))
-    texts = bytes(model.plugin_attr[model.plugin_attradr[i] :]).split(b"\0")
-    names = [] if registered is None else [registered.attributes[k] for k in range(registered.nattribute)]
-    settings = {_text(name): _text(text) for name, text in zip(names, texts, strict=False) if text}
-    own = None if registered is None else _text(registered.name)
-    users = tuple(_users(model, i))
-    return Plugin(i, object_name(model, PLUGIN, i) or "", own, settings, int(model.plugin_statenum[i]), users)
+    for i in range(model.nplugin):
+        registered = _registered(int(model.plugin[i]))
+        texts = bytes(model.plugin_attr[model.plugin_attradr[i] :]).split(b"\0")
+        names = [] if registered is None else [registered.attributes[k] for k in range(registered.nattribute)]
+        settings = {_text(name): _text(text) for name, text in zip(names, texts, strict=False) if text}
+        own = None if registered is None else _text(registered.name)
+        users = tuple(_users(model, i))
+        yield Plugin(i, object_name(model, PLUGIN, i) or "", own, settings, int(model.plugin_statenum[i]), users)
 
 
 def _users(model: mujoco.MjModel, instance: int) -> Iterator[str]:

@@ -31,23 +31,20 @@ class Keyframe:
     outside: tuple[str, ...]
 
 
-def keyframes(model: mujoco.MjModel) -> tuple[Keyframe, ...]:
+def keyframes(model: mujoco.MjModel) -> Iterator[Keyframe]:
     """Every keyframe, in order of id."""
-    return tuple(_keyframe(model, i) for i in range(model.nkey))
-
-
-def _keyframe(model: mujoco.MjModel, i: int) -> Keyframe:
-    fields = (
-        *(model.key_qpos, model.key_qvel, model.key_act, model.key_ctrl),
-        *(model.key_mpos, model.key_mquat, model.key_plastic),
-    )
-    return Keyframe(
-        id=i,
-        name=object_name(model, mujoco.mjtObj.mjOBJ_KEY, i) or "",
-        time=float(model.key_time[i]),
-        finite=bool(np.isfinite(model.key_time[i]) and all(np.isfinite(field[i]).all() for field in fields)),
-        outside=(*_joints_outside(model, i), *_actuators_outside(model, i)),
-    )
+    for i in range(model.nkey):
+        fields = (
+            *(model.key_qpos, model.key_qvel, model.key_act, model.key_ctrl),
+            *(model.key_mpos, model.key_mquat, model.key_plastic),
+        )
+        yield Keyframe(
+            id=i,
+            name=object_name(model, mujoco.mjtObj.mjOBJ_KEY, i) or "",
+            time=float(model.key_time[i]),
+            finite=bool(np.isfinite(model.key_time[i]) and all(np.isfinite(field[i]).all() for field in fields)),
+            outside=(*_joints_outside(model, i), *_actuators_outside(model, i)),
+        )
 
 
 def _joints_outside(model: mujoco.MjModel, key: int) -> Iterator[str]:

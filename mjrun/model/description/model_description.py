@@ -1,25 +1,23 @@
 """The description of a compiled model: a tuple of plain values for each kind of object, computed on demand."""
 
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
+from typing import TypeVar
 
 import mujoco
 
-from mjrun.model.description.actuators import Actuator, actuators
+from mjrun.model.description.actuators import actuators
 from mjrun.model.description.assets import Asset, assets
-from mjrun.model.description.bodies import Body, Geom, Joint, Site, bodies, geoms, joints, sites
-from mjrun.model.description.cameras_lights import Camera, Light, cameras, lights
-from mjrun.model.description.flexes_plugins import Flex, Plugin, flexes, plugins
-from mjrun.model.description.keyframes import Keyframe, keyframes
-from mjrun.model.description.non_default_settings import NonDefaultSetting, Statistics, options, statistics, visual
-from mjrun.model.description.sensors import Sensor, sensors
+from mjrun.model.description.bodies import bodies, geoms, joints, sites
+from mjrun.model.description.cameras_lights import cameras, lights
+from mjrun.model.description.flexes_plugins import flexes, plugins
+from mjrun.model.description.keyframes import keyframes
+from mjrun.model.description.non_default_settings import Statistics, options, statistics, visual
+from mjrun.model.description.sensors import sensors
 from mjrun.model.description.summary import ModelSummary, summary
 from mjrun.model.description.tendons_constraints import (
-    ContactPair,
-    Equality,
-    Exclude,
-    Tendon,
     equalities,
     excludes,
     pairs,
@@ -30,6 +28,12 @@ SECTIONS = (
     *("summary", "bodies", "joints", "geoms", "sites", "actuators", "sensors", "cameras", "lights", "keyframes"),
     *("tendons", "equalities", "pairs", "excludes", "flexes", "plugins", "options", "visual", "statistics", "assets"),
 )
+T = TypeVar("T")
+
+
+def _section(describe: Callable[[mujoco.MjModel], Iterable[T]]) -> "cached_property[tuple[T, ...]]":
+    """A section with a row for each object."""
+    return cached_property(lambda description: tuple(describe(description.model)))
 
 
 @dataclass(frozen=True)
@@ -48,73 +52,23 @@ class ModelDescription:
     def summary(self) -> ModelSummary:
         return summary(self.model, self.path)
 
-    @cached_property
-    def bodies(self) -> tuple[Body, ...]:
-        return bodies(self.model)
-
-    @cached_property
-    def joints(self) -> tuple[Joint, ...]:
-        return joints(self.model)
-
-    @cached_property
-    def geoms(self) -> tuple[Geom, ...]:
-        return geoms(self.model)
-
-    @cached_property
-    def sites(self) -> tuple[Site, ...]:
-        return sites(self.model)
-
-    @cached_property
-    def actuators(self) -> tuple[Actuator, ...]:
-        return actuators(self.model)
-
-    @cached_property
-    def sensors(self) -> tuple[Sensor, ...]:
-        return sensors(self.model)
-
-    @cached_property
-    def cameras(self) -> tuple[Camera, ...]:
-        return cameras(self.model)
-
-    @cached_property
-    def lights(self) -> tuple[Light, ...]:
-        return lights(self.model)
-
-    @cached_property
-    def keyframes(self) -> tuple[Keyframe, ...]:
-        return keyframes(self.model)
-
-    @cached_property
-    def tendons(self) -> tuple[Tendon, ...]:
-        return tendons(self.model)
-
-    @cached_property
-    def equalities(self) -> tuple[Equality, ...]:
-        return equalities(self.model)
-
-    @cached_property
-    def pairs(self) -> tuple[ContactPair, ...]:
-        return pairs(self.model)
-
-    @cached_property
-    def excludes(self) -> tuple[Exclude, ...]:
-        return excludes(self.model)
-
-    @cached_property
-    def flexes(self) -> tuple[Flex, ...]:
-        return flexes(self.model)
-
-    @cached_property
-    def plugins(self) -> tuple[Plugin, ...]:
-        return plugins(self.model)
-
-    @cached_property
-    def options(self) -> tuple[NonDefaultSetting, ...]:
-        return options(self.model)
-
-    @cached_property
-    def visual(self) -> tuple[NonDefaultSetting, ...]:
-        return visual(self.model)
+    bodies = _section(bodies)
+    joints = _section(joints)
+    geoms = _section(geoms)
+    sites = _section(sites)
+    actuators = _section(actuators)
+    sensors = _section(sensors)
+    cameras = _section(cameras)
+    lights = _section(lights)
+    keyframes = _section(keyframes)
+    tendons = _section(tendons)
+    equalities = _section(equalities)
+    pairs = _section(pairs)
+    excludes = _section(excludes)
+    flexes = _section(flexes)
+    plugins = _section(plugins)
+    options = _section(options)
+    visual = _section(visual)
 
     @cached_property
     def statistics(self) -> Statistics:

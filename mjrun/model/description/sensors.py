@@ -1,5 +1,6 @@
 """Sensors: what they measure, of what, and where their values are."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import mujoco
@@ -47,33 +48,30 @@ class Sensor:
     plugin: str | None
 
 
-def sensors(model: mujoco.MjModel) -> tuple[Sensor, ...]:
+def sensors(model: mujoco.MjModel) -> Iterator[Sensor]:
     """Every sensor, in order of id."""
-    return tuple(_sensor(model, i) for i in range(model.nsensor))
-
-
-def _sensor(model: mujoco.MjModel, i: int) -> Sensor:
-    object_kind, name = _object(model, model.sensor_objtype[i], model.sensor_objid[i])
-    reference_kind, reference = _object(model, model.sensor_reftype[i], model.sensor_refid[i])
-    return Sensor(
-        id=i,
-        name=object_name(model, mujoco.mjtObj.mjOBJ_SENSOR, i) or "",
-        type=enum_name(mujoco.mjtSensor, model.sensor_type[i]),
-        object_kind=object_kind,
-        object=name,
-        reference_kind=reference_kind,
-        reference=reference,
-        dim=int(model.sensor_dim[i]),
-        address=int(model.sensor_adr[i]),
-        unit=sensor_unit(model, i),
-        data_type=enum_name(mujoco.mjtDataType, model.sensor_datatype[i]),
-        needs=enum_name(mujoco.mjtStage, model.sensor_needstage[i]),
-        cutoff=float(model.sensor_cutoff[i]) or None,
-        noise=float(model.sensor_noise[i]),
-        delay=float(model.sensor_delay[i]),
-        period=float(model.sensor_interval[i, 0]),
-        plugin=object_name(model, mujoco.mjtObj.mjOBJ_PLUGIN, model.sensor_plugin[i]),
-    )
+    for i in range(model.nsensor):
+        object_kind, name = _object(model, model.sensor_objtype[i], model.sensor_objid[i])
+        reference_kind, reference = _object(model, model.sensor_reftype[i], model.sensor_refid[i])
+        yield Sensor(
+            id=i,
+            name=object_name(model, mujoco.mjtObj.mjOBJ_SENSOR, i) or "",
+            type=enum_name(mujoco.mjtSensor, model.sensor_type[i]),
+            object_kind=object_kind,
+            object=name,
+            reference_kind=reference_kind,
+            reference=reference,
+            dim=int(model.sensor_dim[i]),
+            address=int(model.sensor_adr[i]),
+            unit=sensor_unit(model, i),
+            data_type=enum_name(mujoco.mjtDataType, model.sensor_datatype[i]),
+            needs=enum_name(mujoco.mjtStage, model.sensor_needstage[i]),
+            cutoff=float(model.sensor_cutoff[i]) or None,
+            noise=float(model.sensor_noise[i]),
+            delay=float(model.sensor_delay[i]),
+            period=float(model.sensor_interval[i, 0]),
+            plugin=object_name(model, mujoco.mjtObj.mjOBJ_PLUGIN, model.sensor_plugin[i]),
+        )
 
 
 def _object(model: mujoco.MjModel, kind: int, index: int) -> tuple[str | None, str | None]:

@@ -1,5 +1,6 @@
 """Tendons, equality constraints, and which geoms may touch."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import mujoco
@@ -77,30 +78,27 @@ class Tendon:
     actuator_force_range: Pair | None
 
 
-def tendons(model: mujoco.MjModel) -> tuple[Tendon, ...]:
+def tendons(model: mujoco.MjModel) -> Iterator[Tendon]:
     """Every tendon, in order of id."""
-    return tuple(_tendon(model, i) for i in range(model.ntendon))
-
-
-def _tendon(model: mujoco.MjModel, i: int) -> Tendon:
-    start, count = int(model.tendon_adr[i]), int(model.tendon_num[i])
-    return Tendon(
-        id=i,
-        name=object_name(model, TENDON, i) or "",
-        type=enum_name(mujoco.mjtTendon, model.tendon_type[i]),
-        unit=tendon_unit(model, i),
-        path=tuple(_point(model, k) for k in range(start, start + count)),
-        length0=float(model.tendon_length0[i]),
-        range=limited_range(model.tendon_limited[i], model.tendon_range[i]),
-        spring_length=floats(model.tendon_lengthspring[i]),
-        stiffness=float(model.tendon_stiffness[i]),
-        stiffness_polynomial=without_trailing_zeros(model.tendon_stiffnesspoly[i]),
-        damping=float(model.tendon_damping[i]),
-        damping_polynomial=without_trailing_zeros(model.tendon_dampingpoly[i]),
-        armature=float(model.tendon_armature[i]),
-        frictionloss=float(model.tendon_frictionloss[i]),
-        actuator_force_range=limited_range(model.tendon_actfrclimited[i], model.tendon_actfrcrange[i]),
-    )
+    for i in range(model.ntendon):
+        start, count = int(model.tendon_adr[i]), int(model.tendon_num[i])
+        yield Tendon(
+            id=i,
+            name=object_name(model, TENDON, i) or "",
+            type=enum_name(mujoco.mjtTendon, model.tendon_type[i]),
+            unit=tendon_unit(model, i),
+            path=tuple(_point(model, k) for k in range(start, start + count)),
+            length0=float(model.tendon_length0[i]),
+            range=limited_range(model.tendon_limited[i], model.tendon_range[i]),
+            spring_length=floats(model.tendon_lengthspring[i]),
+            stiffness=float(model.tendon_stiffness[i]),
+            stiffness_polynomial=without_trailing_zeros(model.tendon_stiffnesspoly[i]),
+            damping=float(model.tendon_damping[i]),
+            damping_polynomial=without_trailing_zeros(model.tendon_dampingpoly[i]),
+            armature=float(model.tendon_armature[i]),
+            frictionloss=float(model.tendon_frictionloss[i]),
+            actuator_force_range=limited_range(model.tendon_actfrclimited[i], model.tendon_actfrcrange[i]),
+        )
 
 
 def _point(model: mujoco.MjModel, i: int) -> PathPoint:
@@ -135,26 +133,23 @@ class Equality:
     solimp: tuple[float, ...]
 
 
-def equalities(model: mujoco.MjModel) -> tuple[Equality, ...]:
+def equalities(model: mujoco.MjModel) -> Iterator[Equality]:
     """Every equality constraint, in order of id."""
-    return tuple(_equality(model, i) for i in range(model.neq))
-
-
-def _equality(model: mujoco.MjModel, i: int) -> Equality:
-    law = enum_name(mujoco.mjtEq, model.eq_type[i])
-    kind = BOUND.get(law, model.eq_objtype[i])
-    return Equality(
-        id=i,
-        name=object_name(model, mujoco.mjtObj.mjOBJ_EQUALITY, i) or "",
-        type=law,
-        object_kind=enum_name(mujoco.mjtObj, kind),
-        object1=object_name(model, kind, model.eq_obj1id[i]),
-        object2=object_name(model, kind, model.eq_obj2id[i]),
-        active=bool(model.eq_active0[i]),
-        data=without_trailing_zeros(model.eq_data[i]),
-        solref=floats(model.eq_solref[i]),
-        solimp=floats(model.eq_solimp[i]),
-    )
+    for i in range(model.neq):
+        law = enum_name(mujoco.mjtEq, model.eq_type[i])
+        kind = BOUND.get(law, model.eq_objtype[i])
+        yield Equality(
+            id=i,
+            name=object_name(model, mujoco.mjtObj.mjOBJ_EQUALITY, i) or "",
+            type=law,
+            object_kind=enum_name(mujoco.mjtObj, kind),
+            object1=object_name(model, kind, model.eq_obj1id[i]),
+            object2=object_name(model, kind, model.eq_obj2id[i]),
+            active=bool(model.eq_active0[i]),
+            data=without_trailing_zeros(model.eq_data[i]),
+            solref=floats(model.eq_solref[i]),
+            solimp=floats(model.eq_solimp[i]),
+        )
 
 
 @dataclass(frozen=True)
@@ -180,24 +175,21 @@ class ContactPair:
     solimp: tuple[float, ...]
 
 
-def pairs(model: mujoco.MjModel) -> tuple[ContactPair, ...]:
+def pairs(model: mujoco.MjModel) -> Iterator[ContactPair]:
     """Every contact pair, in order of id."""
-    return tuple(_pair(model, i) for i in range(model.npair))
-
-
-def _pair(model: mujoco.MjModel, i: int) -> ContactPair:
-    return ContactPair(
-        id=i,
-        name=object_name(model, mujoco.mjtObj.mjOBJ_PAIR, i) or "",
-        geom1=object_name(model, GEOM, model.pair_geom1[i]),
-        geom2=object_name(model, GEOM, model.pair_geom2[i]),
-        condim=int(model.pair_dim[i]),
-        friction=floats(model.pair_friction[i]),
-        margin=float(model.pair_margin[i]),
-        gap=float(model.pair_gap[i]),
-        solref=floats(model.pair_solref[i]),
-        solimp=floats(model.pair_solimp[i]),
-    )
+    for i in range(model.npair):
+        yield ContactPair(
+            id=i,
+            name=object_name(model, mujoco.mjtObj.mjOBJ_PAIR, i) or "",
+            geom1=object_name(model, GEOM, model.pair_geom1[i]),
+            geom2=object_name(model, GEOM, model.pair_geom2[i]),
+            condim=int(model.pair_dim[i]),
+            friction=floats(model.pair_friction[i]),
+            margin=float(model.pair_margin[i]),
+            gap=float(model.pair_gap[i]),
+            solref=floats(model.pair_solref[i]),
+            solimp=floats(model.pair_solimp[i]),
+        )
 
 
 @dataclass(frozen=True)
@@ -210,12 +202,9 @@ class Exclude:
     body2: str
 
 
-def excludes(model: mujoco.MjModel) -> tuple[Exclude, ...]:
+def excludes(model: mujoco.MjModel) -> Iterator[Exclude]:
     """Every excluded pair of bodies, in order of id."""
-    return tuple(_exclude(model, i) for i in range(model.nexclude))
-
-
-def _exclude(model: mujoco.MjModel, i: int) -> Exclude:
-    signature = int(model.exclude_signature[i])  # as MuJoCo packs it: body1 << 16 + body2
-    name = object_name(model, mujoco.mjtObj.mjOBJ_EXCLUDE, i) or ""
-    return Exclude(i, name, body_name(model, signature >> 16), body_name(model, signature & 0xFFFF))
+    for i in range(model.nexclude):
+        signature = int(model.exclude_signature[i])  # as MuJoCo packs it: body1 << 16 + body2
+        name = object_name(model, mujoco.mjtObj.mjOBJ_EXCLUDE, i) or ""
+        yield Exclude(i, name, body_name(model, signature >> 16), body_name(model, signature & 0xFFFF))
