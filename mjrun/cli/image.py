@@ -1,5 +1,8 @@
 """`mjrun image`."""
 
+from fractions import Fraction
+from typing import cast
+
 from mjrun.cli.click_command import MODEL, CommandLine, command
 from mjrun.cli.console import Console
 from mjrun.cli.simulation_command import (
@@ -32,4 +35,6 @@ def image(console: Console, command_line: CommandLine) -> None:
 
     command_line = with_camera_scripts(command_line.with_defaults(output=f"{stem(command_line)}.png"))
     job = command_line.make(Image, simulation=simulation(command_line), command=console.command)
-    show(console, command_line, make(console, command_line, job))
+    time = cast("Fraction | None", job.time)  # events are for documents
+    at = None if job.step is not None else time or Fraction(0)
+    show(console, command_line, make(console, command_line, job, at, job.step))

@@ -5,6 +5,7 @@ import os
 from collections.abc import Callable, Generator, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict
+from fractions import Fraction
 from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar, cast
@@ -16,6 +17,7 @@ from mjrun.cli.console import Console, flag
 from mjrun.cli.controller_loader import load_controller
 from mjrun.cli.result_summary import summary
 from mjrun.errors import MjrunError, UsageError, option
+from mjrun.options.keyframe import LAST_INSTANT
 from mjrun.options.messages import MessageOptions
 from mjrun.options.model import ModelOptions
 from mjrun.options.output import CommandOptions
@@ -79,8 +81,14 @@ def _camera(spec: str) -> object:
     return read_camera(spec)
 
 
-def make(console: Console, command_line: CommandLine, job: "Job[R]") -> "R":
-    """Makes what `job` describes, and a recording and a keyframe if they are wanted; or prints the document of all."""
+def make(
+    console: Console, command_line: CommandLine, job: "Job[R]", time: Fraction | None = None, step: int | None = None
+) -> "R":
+    """Makes what `job` describes, and a recording and a keyframe if they are wanted; or prints the document of all.
+
+    Args:
+      time, step: of the keyframe; the last instant when both are None.
+    """
     from mjrun.job.perform import perform
 
     options = command_line.make(CommandOptions)
@@ -93,7 +101,8 @@ def make(console: Console, command_line: CommandLine, job: "Job[R]") -> "R":
     if options.save_key is not None:
         from mjrun.job.keyframe import Keyframe
 
-        jobs.append(Keyframe(job.simulation, **_saved_key(options.save_key), command=console.command))
+        path, name = _saved_key(options.save_key)
+        jobs.append(Keyframe(job.simulation, path, name=name, time=time, step=step, command=console.command))
     if options.print_document:
         from mjrun.document.run_writer import document_text
 
@@ -103,10 +112,10 @@ def make(console: Console, command_line: CommandLine, job: "Job[R]") -> "R":
         return cast("R", perform(jobs, console)[0])
 
 
-def _saved_key(text: str) -> dict[str, str]:
+def _saved_key(text: str) -> tuple[str, str]:
     """The file and the name in FILE.xml[:NAME]."""
     path, dot, name = text.rpartition(".xml:")
-    return {"output": f"{path}.xml", "name": name} if dot else {"output": text}
+    return (f"{path}.xml", name) if dot else (text, LAST_INSTANT)
 
 
 def show(console: Console, command_line: CommandLine, result: "OutputResult", default_output: str = "") -> None:

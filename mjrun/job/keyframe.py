@@ -1,4 +1,4 @@
-"""A keyframe: the model's XML with the last instant of a simulation in it, to start from."""
+"""A keyframe: the model's XML with an instant of a simulation in it, to start from."""
 
 from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
@@ -20,13 +20,14 @@ from mjrun.options.keyframe import KeyframeOptions
 from mjrun.options.option import options
 from mjrun.reporter import Reporter
 from mjrun.sim.observe import Tap
+from mjrun.timeline import nearest
 
 SUFFIX = ".xml"
 
 
 @options
 class Keyframe(KeyframeOptions, Job["KeyframeResult"]):
-    """A keyframe of the last instant of a simulation, in the model's XML: its options are keywords."""
+    """A keyframe of an instant of a simulation, in the model's XML: its options are keywords."""
 
     @property
     def files(self) -> list[tuple[str, str]]:
@@ -132,7 +133,10 @@ class KeyframePlan:
 
     @property
     def until(self) -> int:
-        return self.context.timeline.steps
+        job, timeline = self.job, self.context.timeline
+        if job.step is not None:
+            return job.step
+        return timeline.steps if job.time is None else nearest(job.time / timeline.timestep)
 
     def preview(self) -> Preview:
         model = self.context.model
@@ -156,18 +160,18 @@ class KeyframeOutput(Output[KeyframeResult]):
 
     def __init__(self, plan: KeyframePlan, facts: Mapping[str, object], writer: KeyframeWriter) -> None:
         self._plan, self._facts, self._writer = plan, facts, writer
-        self._last = np.empty(0)
+        self._state = np.empty(0)
         self.taps = [Tap([plan.until], lambda stepper: stepper.state(), self._take)]
 
     def finish(self) -> Artifact[KeyframeResult]:
         context = self._plan.context
-        for text in self._writer.write(context.model, self._last):
+        for text in self._writer.write(context.model, self._state):
             context.reporter.warn(f"{clean(self._plan.job.output)}: {text}")
         self._writer.finish()
         return Artifact(self._facts, [self._writer], self._result)
 
     def _take(self, state: np.ndarray) -> None:
-        self._last = state
+        self._state = state
 
     def _result(self, files: Sequence[Path], summary: PassSummary) -> KeyframeResult:
         plan = self._plan

@@ -1,9 +1,10 @@
 """Options of keyframes that are saved."""
 
+from fractions import Fraction
 from typing import ClassVar
 
-from mjrun.options.kinds import File, Text
-from mjrun.options.option import option, options, required
+from mjrun.options.kinds import ExactNumber, File, Integer, Optional, Text
+from mjrun.options.option import Exclusion, option, options, required
 from mjrun.options.output import OutputOptions
 
 LAST_INSTANT = "end"  # what the key is called where nothing is said
@@ -11,9 +12,10 @@ LAST_INSTANT = "end"  # what the key is called where nothing is said
 
 @options
 class KeyframeOptions(OutputOptions):
-    """The model's XML with the last instant of the simulation as a keyframe, controls included."""
+    """The model's XML with an instant of the simulation as a keyframe, controls included."""
 
     section: ClassVar[str] = "Keyframe"
+    exclusions: ClassVar[tuple[Exclusion, ...]] = (Exclusion(("time", "step"), "both say when"),)
 
     output: str = required(
         converter=File(written=True),
@@ -25,3 +27,10 @@ class KeyframeOptions(OutputOptions):
         default=LAST_INSTANT,
         help="What the keyframe is called; one of that name is replaced.",
     )
+    time: Fraction | None = option(
+        converter=Optional(ExactNumber("SECONDS", zero=True)),
+        default=None,
+        usual="the last instant",
+        help="The instant that it holds [s].",
+    )
+    step: int | None = option(converter=Optional(Integer()), default=None, help="The instant, by step.")

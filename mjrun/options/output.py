@@ -54,7 +54,8 @@ class CommandOptions(Options):
         converter=Optional(Text("FILE.xml[:NAME]")),
         default=None,
         places=FrontEnd.COMMAND,
-        help="Also write the model's XML with the last instant as a keyframe; it is called end if NAME is left out.",
+        help="Also write the model's XML with the last instant, or that of the image, as a keyframe. FILE may be the "
+        "model's; NAME is end if it is left out.",
     )
     print_document: bool = option(
         converter=Flag(),

@@ -215,7 +215,7 @@ def job_lists(draw: st.DrawFn) -> list[Any]:
         manifest = draw(maybe(st.just(file(".n"))))
         found.append(Recording(simulation, file(".npz"), manifest=manifest, keep_partial=draw(st.booleans())))
     for _ in some(1):
-        found.append(Keyframe(simulation, file(".xml"), name=draw(names)))
+        found.append(Keyframe(simulation, file(".xml"), name=draw(names), time=draw(maybe(exacts))))
     assume(found)
     return found
 

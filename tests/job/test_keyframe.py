@@ -2,13 +2,14 @@
 
 import json
 from pathlib import Path
+from typing import Any
 
 import mujoco
 import numpy as np
 import pytest
 
 from mjrun.errors import FileError, ModelError, UnstableError, UsageError
-from mjrun.job.keyframe import Keyframe
+from mjrun.job.keyframe import Keyframe, KeyframeResult
 from mjrun.job.perform import perform, preview
 from mjrun.job.recording import Recording
 from mjrun.job.simulation import Simulation
@@ -98,6 +99,19 @@ def test_a_keyframe_is_an_output_like_others(tmp_path: Path) -> None:
     facts = json.loads(manifest.read_text())
     assert facts["result"]["name"] == "end"
     assert str(target) in json.dumps(facts)
+
+
+@pytest.mark.parametrize(("when", "step"), [({"time": 0}, 0), ({"time": "1/30"}, 17), ({"step": 9}, 9), ({}, 60)])
+def test_it_holds_the_instant_that_is_asked_for(tmp_path: Path, when: dict[str, Any], step: int) -> None:
+    path = copied("mocap", tmp_path)
+    simulation = Simulation(path, steps=60, qvel={"box": (1, 2, 3, 1, 2, 3)})
+    jobs = [Keyframe(simulation, f"{tmp_path}/a.xml", **when), Recording(simulation, f"{tmp_path}/r.npz")]
+    result = perform(jobs)[0]
+    assert isinstance(result, KeyframeResult)
+    assert (result.step, result.time) == (step, step / 500)
+    model = load(tmp_path / "a.xml")
+    part = state.fields(state.sizes(model))["qpos"]
+    assert np.array_equal(model.key("end").qpos, np.load(tmp_path / "r.npz")["states"][step][part])
 
 
 def test_it_is_saved_with_the_controls_and_from_replays_too(tmp_path: Path) -> None:
