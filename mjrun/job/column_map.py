@@ -4,9 +4,11 @@ A map is a list of texts `COLUMN=EXPRESSION`, or `@FILE` for a file of such line
 `time` or `qpos/knee`; on the right an expression over the table's columns, one value per row. Where the left is a
 joint of several numbers (`qpos/root`) or a whole field (`qpos`), the right is the name of the table's columns that are
 numbered or named by component, or several such names, whose numbers stand side by side: `qpos=root_pos,root_quat,dof`.
+In `qpos/{}={}_deg*pi/180`, `{}` stands for any text with which both sides have a meaning.
 """
 
-from collections.abc import Iterator, Mapping, Sequence
+import re
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -21,6 +23,7 @@ from mjrun.sim.motion_samples import FIELDS, quaternions
 
 TIME = "time"
 FILE = "@"  # begins the name of a file of lines
+PLACEHOLDER = "{}"
 NUMBERED = ("{}/{}", "{}_{}", "{}.{}", "{}[{}]", "{}{}")  # how tables call the parts of a column
 POSITIONS = ("qpos", "mocap_pos", "mocap_quat")
 TIMES = ("time", "t", "timestamp", "time_s", "sec", "seconds", "stamp", "elapsed")
@@ -133,24 +136,40 @@ class _Resolver:
     # --- what the map says -------------------------------------------------------------------------
 
     def _read_map(self, texts: Sequence[str]) -> None:
-        seen: dict[str, int] = {}
-        groups: list[tuple[str, str, int]] = []
+        """Takes joints and fields first, then patterns, then columns: what says more of a column precedes."""
+        entries: list[tuple[int, str, str]] = []
         for index, text in enumerate(texts):
             with concerning("map", index):
                 for left, right in _assignments(text):
-                    if left in seen:
+                    if any(left == other for _, other, _ in entries):
                         raise UsageError(f"{option('map')} says twice what {clean(left)} is")
-                    seen[left] = index
-                    if left in self._groups:
-                        groups.append((left, right, index))
-        for left, right, index in groups:  # first, so that a column of its own precedes those of its joint
-            with concerning("map", index):
-                self._map_group(left, right)
-        for index, text in enumerate(texts):
-            with concerning("map", index):
-                for left, right in _assignments(text):
-                    if left not in self._groups:
-                        self._map_column(left, right)
+                    entries.append((index, left, right))
+
+        ranked: dict[Callable[[str, str], None], list[tuple[int, str, str]]] = {
+            self._map_group: [entry for entry in entries if entry[1] in self._groups],
+            self._map_pattern: [entry for entry in entries if PLACEHOLDER in entry[1]],
+            self._map_column: [
+                entry for entry in entries if entry[1] not in self._groups and PLACEHOLDER not in entry[1]
+            ],
+        }
+        for take, some in ranked.items():
+            for index, left, right in some:
+                with concerning("map", index):
+                    take(left, right)
+
+    def _map_pattern(self, left: str, right: str) -> None:
+        pattern = re.compile(re.escape(left).replace(re.escape(PLACEHOLDER), "(.+)", 1))
+        matches = {name: match[1] for name in self._places if (match := pattern.fullmatch(name))}
+        if not matches:
+            raise UnknownNameError("column", left, self._valid(left), where=f"{option('map')} of this model")
+        unknown: list[UnknownNameError] = []
+        for name, text in matches.items():
+            try:
+                self._map_column(name, right.replace(PLACEHOLDER, text))
+            except UnknownNameError as error:
+                unknown.append(error)
+        if len(unknown) == len(matches):
+            raise unknown[0]
 
     def _map_column(self, left: str, right: str) -> None:
         if left != TIME and left not in self._places:

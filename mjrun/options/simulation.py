@@ -142,7 +142,8 @@ class SimulationOptions(ControllerOptions, ModelOptions):
         converter=ColumnMap(),
         default=(),
         help="What the columns of a table mean that is replayed or that a ghost follows: our column, and an expression "
-        "over the table's: time=t, 'qpos/knee=knee_deg*pi/180', qpos/root=pelvis. @FILE is a file of such lines.",
+        "over the table's: time=t, 'qpos/knee=knee_deg*pi/180', qpos/root=pelvis, or for all that fit "
+        "'qpos/{}={}_deg*pi/180'. @FILE is a file of such lines.",
     )
     quat: str = option(
         converter=Choice(QUATERNION_ORDERS),

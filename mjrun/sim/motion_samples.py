@@ -110,7 +110,7 @@ class CompleteSamples:
     def _numbers(self, field: str, index: int, values: np.ndarray) -> np.ndarray:
         """One column without its gaps."""
         name = self._samples.columns[field][index]
-        rows = self._present(name, ~np.isnan(values), values)
+        rows = self._present(name, values)
         if field == "qpos" and self._interpolation.unwrap and index in hinges(self._model):
             values = values.copy()
             values[rows] = np.unwrap(values[rows])
@@ -123,7 +123,7 @@ class CompleteSamples:
 
     def _quaternions(self, name: str, values: np.ndarray) -> np.ndarray:
         """Quaternions `(n, 4)` without gaps, normalized and of continuous sign."""
-        rows = self._present(name, ~np.isnan(values).any(axis=1), values)
+        rows = self._present(name, values)
         turned = values[rows]
         length = np.linalg.norm(turned, axis=1)
         if not length.all():
@@ -157,9 +157,11 @@ class CompleteSamples:
             velocities[:, index] = self._numbers("qvel", index, values)
         return velocities
 
-    def _present(self, name: str, present: np.ndarray, values: np.ndarray) -> np.ndarray:
-        """The rows in which there are values; notes the gaps between them."""
-        bad = np.flatnonzero(np.isinf(values).reshape(len(values), -1).any(axis=1))
+    def _present(self, name: str, values: np.ndarray) -> np.ndarray:
+        """The rows in which there are all values; notes the gaps between them."""
+        rows = values.reshape(len(values), -1)
+        present = ~np.isnan(rows).any(axis=1)
+        bad = np.flatnonzero(np.isinf(rows).any(axis=1))
         if len(bad):
             raise UsageError(f"{self._row(bad[0])}: {clean(name)} is infinite")
         if not present[0]:
@@ -167,9 +169,9 @@ class CompleteSamples:
                 f"{self._row(0)}: {clean(name)} is missing (empty or nan), and a motion begins with all of its "
                 "columns\nleave out the rows before the first whole one"
             )
-        rows = np.flatnonzero(present)
-        self._note_gaps(name, rows)
-        return rows
+        whole = np.flatnonzero(present)
+        self._note_gaps(name, whole)
+        return whole
 
     def _note_gaps(self, name: str, rows: np.ndarray) -> None:
         last = len(self.time) - 1

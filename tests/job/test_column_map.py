@@ -102,6 +102,20 @@ def test_arrays_side_by_side_are_a_joint_or_a_field() -> None:
     assert found.sources["qpos"][12].text == "2*lift"
 
 
+def test_a_pattern_stands_for_all_columns_that_both_sides_have() -> None:
+    names = ["hip_deg", "lift_deg", "other_deg", "hip_vel", "neck_qw"]
+    found = resolved(names, "qpos/lift=hip_deg", "qpos/{}={}_deg*pi/180", "qvel/{}={}_vel")
+    assert {index: source.text for index, source in found.sources["qpos"].items()} == {
+        7: "hip_deg*pi/180",
+        12: "hip_deg",  # which says more
+    }
+    assert [source.text for source in found.sources["qvel"].values()] == ["hip_vel"]
+    with pytest.raises(UnknownNameError, match=r"no column 'qpas/\{\}' in map of this model"):
+        resolved(names, "qpas/{}={}_deg")
+    with pytest.raises(UnknownNameError, match=r"no column 'root/x_dog'"):
+        resolved(names, "qpos/{}={}_dog")
+
+
 def test_a_file_of_lines_is_a_map(tmp_path: Path) -> None:
     (tmp_path / "names.map").write_text("\ufeff# a robot's log\n\ntime = t\n  qpos/hip=hip_deg*pi/180  \n")
     found = resolved(["t", "hip_deg"], f"@{tmp_path}/names.map")

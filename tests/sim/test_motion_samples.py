@@ -66,7 +66,7 @@ def test_where_quaternions_and_hinges_are() -> None:
 @pytest.mark.parametrize("share", [0.0, 0.1, 0.5, 0.999])
 def test_slerp_is_that_of_scipy(share: float) -> None:
     for seed in range(40):
-        first, last = Rotation.random(2, rng=seed)
+        first, last = Rotation.random(2, rng=np.random.default_rng(seed))
         expected = Slerp([0, 1], Rotation.concatenate([first, last]))(share)
         ends = [rotation.as_quat(scalar_first=True) * sign for rotation, sign in ((first, 1), (last, (-1) ** seed))]
         found = scipy_rotation(slerp(ends[0], ends[1], share))

@@ -25,8 +25,10 @@ def test_columns_are_datasets_in_groups_with_units_and_a_manifest(tmp_path: Path
     data = np.arange(12.0).reshape(4, 3)
     with h5py.File(write(tmp_path / "t.h5", data, columns)) as found:
         assert [*found] == ["time", "qpos"]
-        assert found["qpos/root/x"][:].tolist() == data[:, 1].tolist()
-        assert {found[column.name].dtype.str for column in columns} == {"<f8"}
+        for column, values in zip(columns, data.T, strict=True):
+            dataset = found[column.name]
+            assert isinstance(dataset, h5py.Dataset)
+            assert (dataset.dtype.str, dataset[:].tolist()) == ("<f8", values.tolist())
         assert [found[column.name].attrs["unit"] for column in columns] == ["s", "m", "rad"]
         assert found.attrs["manifest"] == '{"seed": 7}'
     table = read_table(tmp_path / "t.h5")
