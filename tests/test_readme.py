@@ -13,8 +13,8 @@ README = (ROOT / "README.md").read_text(encoding="utf-8")
 SHELL = re.findall(r"```sh\n(.*?)```", README, re.DOTALL)
 PYTHON = re.findall(r"```python\n(.*?)```", README, re.DOTALL)
 COMMANDS = [line for block in SHELL for line in block.replace("\\\n", " ").splitlines() if line.strip()]
-DRAWN = [line for line in COMMANDS if line.startswith(("mjrun video", "mjrun image"))]
-TABLES = [line for line in COMMANDS if line.startswith(("mjrun trace", "for "))]
+DRAWN = [line for line in COMMANDS if line.startswith(("mjrun video", "mjrun image")) or " mjrun video" in line]
+TABLES = [line for line in COMMANDS if line.startswith(("mjrun trace", "for ")) and line not in DRAWN]
 IMAGE, SHORT = "--size 64x48 --quality draft", "--duration 0.1"
 SMALL = f"{IMAGE} {SHORT} --fps 20"
 RUN = "videos[0].size=64x48 videos[0].fps=3 images[0].size=64x48 --quality draft"
