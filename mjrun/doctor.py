@@ -12,6 +12,7 @@ from typing import Any
 import mujoco
 import numpy as np
 
+from mjrun.diff import frames
 from mjrun.errors import EncoderError, NoRendererError, Spelling, UnknownNameError, option, spelled
 from mjrun.formats.ffmpeg import encoder_version, working_codecs
 from mjrun.formats.tables import formats
@@ -23,6 +24,7 @@ from mjrun.rendering.install_advice import VULKAN, install_advice
 from mjrun.sim import warp_device
 from mjrun.version import __version__
 
+DISTRIBUTIONS = {"skimage": "scikit-image"}  # of modules that are called otherwise
 OK, WARNING, MISSING = "ok", "warning", "missing"
 
 
@@ -103,14 +105,18 @@ def extras() -> dict[str, tuple[str, list[str]]]:
         if table.extra:
             extras.setdefault(table.extra, (table.library, []))[1].extend(table.suffixes)
     extras[figure_writer.EXTRA] = (figure_writer.LIBRARY, ["plots"])
-    return {**extras, warp_device.EXTRA: (warp_device.LIBRARY, [f"{option('engine')} warp"])}
+    return {
+        **extras,
+        frames.EXTRA: (frames.LIBRARY, [option("min_ssim")]),
+        warp_device.EXTRA: (warp_device.LIBRARY, [f"{option('engine')} warp"]),
+    }
 
 
 def _extras() -> list[Diagnostic]:
     findings = []
     for extra, (library, uses) in extras().items():
         if importlib.util.find_spec(library):
-            version = f"{library} {importlib.metadata.version(library)}"
+            version = f"{library} {importlib.metadata.version(DISTRIBUTIONS.get(library, library))}"
             findings.append(Diagnostic("extras", extra, OK, version))
         else:
             remedy = f"pip install 'mjrun[{extra}]' for {', '.join(uses)}"

@@ -36,7 +36,13 @@ LIBRARIES = {
     "pydantic_core": ("document",),  # the types of its schemas and errors
     "imageio": ("formats.video_reader",),
     "imageio_ffmpeg": ("formats.ffmpeg", "formats.video_reader"),
-    "PIL": ("rendering.text", "rendering.graph", "formats.image_format", "formats.video_reader"),
+    "PIL": (
+        "rendering.text",
+        "rendering.graph",
+        "formats.image_format",
+        "formats.image_reader",
+        "formats.video_reader",
+    ),
     "matplotlib": ("plotting",),
     "h5py": ("formats.tables.hdf5",),
     "skimage": ("diff",),

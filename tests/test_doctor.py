@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 import mjrun.doctor
-from mjrun.doctor import examine, extras
+from mjrun.doctor import DISTRIBUTIONS, examine, extras
 from mjrun.errors import UnknownNameError
 from mjrun.rendering.backend import DEVICE, GL, Backend
 
@@ -26,7 +26,7 @@ def test_the_extras_are_those_of_the_package_and_their_libraries_are_what_they_i
     installed = {name: " ".join(packages) for name, packages in project["optional-dependencies"].items()}
     assert set(extras()) == set(installed) - {"all"}
     for extra, (library, uses) in extras().items():
-        assert library.replace("_", "-") in installed[extra]
+        assert DISTRIBUTIONS.get(library, library).replace("_", "-") in installed[extra]
         assert uses
 
 

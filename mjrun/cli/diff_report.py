@@ -7,11 +7,19 @@ from mjrun.cli.annotations import annotation
 from mjrun.cli.info_columns import Column
 from mjrun.cli.page_layout import PageLayout
 from mjrun.diff.model_lines import model_lines
+from mjrun.diff.picture_sentences import frame_facts, frame_place, percent
 from mjrun.diff.sentences import place, unmatched_place
 from mjrun.errors import clean, listing
 
 if TYPE_CHECKING:
-    from mjrun.diff.result import CellDifference, ColumnDifference, DiffResult, TableDifference, UnmatchedRows
+    from mjrun.diff.result import (
+        CellDifference,
+        ColumnDifference,
+        DiffResult,
+        PictureDifference,
+        TableDifference,
+        UnmatchedRows,
+    )
 
 ROWS = 24  # of a table, unless all are asked for
 NAMED = 4  # columns that differ in the first row
@@ -27,6 +35,8 @@ def text(result: "DiffResult", *, every: bool = False) -> str:
     page = PageLayout()
     if result.table:
         _table(page, result, result.table, every)
+    elif result.picture:
+        _picture(page, result.picture, result.differences)
     else:
         page.lines("differences", [("", sentence) for sentence in result.differences])
     if result.notes:
@@ -50,6 +60,8 @@ def _agreement(result: "DiffResult") -> str:
     if result.model:
         places = f"; their XML differs in {_counted(len(result.model.xml), 'place')}" if result.model.xml else ""
         return f": they compile to the same model{places}"
+    if result.picture:
+        return _picture_agreement(result.picture)
     if result.table is None:
         return ""
     table = result.table
@@ -60,6 +72,14 @@ def _agreement(result: "DiffResult") -> str:
     worst = max(table.columns, key=lambda column: column.maximum or 0)
     largest = f"; the largest difference is {_number(worst.maximum)}, of {clean(worst.name)}" if worst.maximum else ""
     return f"{size}, within the tolerance{largest}"
+
+
+def _picture_agreement(picture: "PictureDifference") -> str:
+    size = f": {_counted(picture.frames, 'frame')}" if picture.frames > 1 else ":"
+    if picture.worst is None:
+        return f"{size} pixel for pixel" if picture.frames == 1 else f"{size}, pixel for pixel"
+    joint = "" if picture.frames == 1 else ", the worst"
+    return f"{size}{joint} {frame_place(picture.worst, picture)}{frame_facts(picture.worst)}"
 
 
 def _table(page: PageLayout, result: "DiffResult", table: "TableDifference", every: bool) -> None:
@@ -81,6 +101,18 @@ def _table(page: PageLayout, result: "DiffResult", table: "TableDifference", eve
     if agreeing := len(table.columns) - len(differing):
         more = "more " if differing else ""
         page.note(f"and {_counted(agreeing, f'{more}column')} agree{'s' if agreeing == 1 else ''}")
+
+
+def _picture(page: PageLayout, picture: "PictureDifference", differences: Sequence[str]) -> None:
+    page.lines("differences", [("", sentence) for sentence in differences])
+    if picture.frames_a > 1 and picture.frames:
+        facts = [
+            ("frames", f"{picture.frames} compared, {picture.differing} differ"),
+            ("PSNR", "" if picture.psnr is None else f"{picture.psnr:.2f} dB"),
+            ("SSIM", "" if picture.ssim is None else f"{picture.ssim:.4f}"),
+            ("pixels", f"{percent(picture.changed)} changed"),
+        ]
+        page.lines("all frames", facts)
 
 
 def _row_word(result: "DiffResult") -> str:

@@ -4,12 +4,11 @@ import zipfile
 from pathlib import Path
 
 from mjrun.errors import UsageError, clean
-from mjrun.formats import codecs, tables
+from mjrun.formats import codecs, image_reader, tables
 from mjrun.formats.recording_reader import ARRAYS
 from mjrun.formats.table_reader import STDIN
 
 TABLE, RECORDING, VIDEO, IMAGE, MODEL = "table", "recording", "video", "image", "model"
-IMAGES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".npy", ".exr")
 
 
 def common_kind(a: str, b: str) -> str:
@@ -39,7 +38,7 @@ def kind_of(name: str) -> str:
         return TABLE
     if path.is_dir():
         return VIDEO
-    if suffix in IMAGES or (suffix == ".webp" and not _is_animated(path)):
+    if suffix in image_reader.SUFFIXES and not (suffix == ".webp" and _is_animated(path)):
         return IMAGE
     return VIDEO if suffix in codecs.suffixes() else MODEL
 

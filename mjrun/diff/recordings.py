@@ -52,8 +52,6 @@ def compare_recordings(
       UnknownNameError: a wildcard matches no number of the state.
       UsageError: an option does not fit recordings, or these are not of `model`.
     """
-    if options.align:
-        raise UsageError(f"{option('align')}: recordings are aligned by their steps")
     with ExitStack() as stack:
         one, other = (stack.enter_context(RecordingReader(path)) for path in (a, b))
         notes = origin_notes(one.facts, other.facts)

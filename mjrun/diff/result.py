@@ -112,6 +112,67 @@ class TableDifference:
 
 
 @dataclass(frozen=True)
+class FrameDifference:
+    """How two frames, or two images, differ.
+
+    Attributes:
+      frame: its number, counted from 0.
+      time: in the video [s]; None for images, and where the files do not say the rate.
+      changed: the share of the pixels that differ beyond the tolerance.
+      maximum: the largest absolute difference: of colours from 0 to 255, or of numbers; None if it is not finite.
+      psnr: the peak signal-to-noise ratio [dB], 10·log10(255²/mean square difference); None for numbers, and where no
+        pixel differs.
+      ssim: the structural similarity of the luma (Wang et al., 2004; uniform windows of 7 × 7 pixels); None for
+        numbers, frames of less than 7 pixels a side, and without scikit-image.
+    """
+
+    frame: int
+    time: float | None
+    changed: float
+    maximum: float | None
+    psnr: float | None
+    ssim: float | None
+
+
+@dataclass(frozen=True)
+class PictureDifference:
+    """How two videos or images differ.
+
+    Attributes:
+      pixels: `colours`, or `numbers` for depth and segmentation; `colours and numbers` where the two are not alike.
+      size_a, size_b: width and height.
+      fps_a, fps_b: frames per second; None for images, and where the files do not say it.
+      frames_a, frames_b: how many each has.
+      frames: how many were compared; 0 where the sizes differ.
+      differing: how many differ beyond the tolerance.
+      changed: the mean share of pixels that differ beyond the tolerance.
+      psnr: of all frames together [dB]; None for numbers, and where nothing differs.
+      ssim: the mean over all frames; None where it is not known of one.
+      first: the first frame that differs beyond the tolerance; None if there is none.
+      worst: the frame with the largest mean square difference; None if nothing differs at all.
+      least_similar: the frame with the least structural similarity; None if nothing differs, or it is not known.
+      most_changed: the frame with the largest share of pixels that differ; None if no frame does.
+    """
+
+    pixels: str
+    size_a: tuple[int, int]
+    size_b: tuple[int, int]
+    fps_a: float | None
+    fps_b: float | None
+    frames_a: int
+    frames_b: int
+    frames: int
+    differing: int
+    changed: float
+    psnr: float | None
+    ssim: float | None
+    first: FrameDifference | None
+    worst: FrameDifference | None
+    least_similar: FrameDifference | None
+    most_changed: FrameDifference | None
+
+
+@dataclass(frozen=True)
 class DiffResult:
     """What a comparison finds.
 
@@ -123,6 +184,7 @@ class DiffResult:
       notes: what may be the reason of it: versions, machines and models that are not the same. They decide nothing.
       table: of tables and recordings, the columns; None for others, and for recordings whose states do not fit.
       model: of models, their fields and objects; else None.
+      picture: of videos and images; else None.
       schema: of this document.
     """
 
@@ -134,4 +196,5 @@ class DiffResult:
     notes: Sequence[str] = ()
     table: TableDifference | None = None
     model: ModelComparison | None = None
+    picture: PictureDifference | None = None
     schema: str = SCHEMA

@@ -3,18 +3,24 @@
 from collections.abc import Callable, Mapping
 from dataclasses import field
 from os import PathLike, fspath
+from typing import TYPE_CHECKING
 
 from mjrun.diff import file_kind
 from mjrun.diff.result import DiffResult
 from mjrun.diff.sentences import table_sentences
 from mjrun.diff.tolerances import Tolerance, Tolerances
 from mjrun.errors import UsageError, clean, option
+from mjrun.formats.image_format import image_format
 from mjrun.model.sources import ModelLike, source_of
 from mjrun.options.diff import DiffOptions
-from mjrun.options.option import is_given, options
+from mjrun.options.option import is_given, options, options_of
 from mjrun.reporter import Reporter, WarningReporter, pass_on
 
-NOT_OF_MODELS = ("columns", "align", "model", "min_psnr", "min_ssim", "max_changed", "output")
+if TYPE_CHECKING:
+    from mjrun.diff.pictures import WorstFrames
+    from mjrun.diff.result import PictureDifference
+
+    PictureComparison = Callable[[str, str, Tolerance], tuple[PictureDifference, WorstFrames | None]]
 
 
 @options
@@ -37,12 +43,19 @@ class Diff(DiffOptions):
           UsageError: they are of two kinds, or an option does not fit them.
         """
         if not (isinstance(self.a, str | PathLike) and isinstance(self.b, str | PathLike)):
+            self._require_applicable(file_kind.MODEL)
             return _models(self, self.a, self.b, reporter)
         a, b = fspath(self.a), fspath(self.b)
         kind = file_kind.common_kind(a, b)
-        if kind == file_kind.MODEL:
-            return _models(self, a, b, reporter)
-        return COMPARISONS[kind](self, a, b)
+        self._require_applicable(kind)
+        return _models(self, a, b, reporter) if kind == file_kind.MODEL else COMPARISONS[kind](self, a, b)
+
+    def _require_applicable(self, kind: str) -> None:
+        """Raises UsageError if an option is given that says nothing about results of a kind."""
+        useless = [each.name for each in options_of(DiffOptions) if is_given(self, each.name)]
+        useless = [option(name) for name in useless if name not in APPLICABLE[kind]]
+        if useless:
+            raise UsageError(f"{', '.join(useless)} does not apply to {kind}s")
 
 
 def _tables(diff: Diff, a: str, b: str) -> DiffResult:
@@ -66,17 +79,53 @@ def _models(diff: Diff, a: ModelLike, b: ModelLike, reporter: Reporter | None) -
     from mjrun.diff.model_lines import model_sentences
     from mjrun.diff.models import compare_models
 
-    useless = [option(name) for name in NOT_OF_MODELS if is_given(diff, name)]
-    if useless:
-        raise UsageError(f"{', '.join(useless)}: this is for other results; models are compared without it")
     tolerances = Tolerances(Tolerance(diff.atol, diff.rtol), diff.tol)
     model = compare_models(source_of(a), source_of(b), tolerances)
     pass_on(model.warnings, reporter or WarningReporter())
     return DiffResult(file_kind.MODEL, model.a, model.b, model.equal, model_sentences(model), model=model)
 
 
+def _videos(diff: Diff, a: str, b: str) -> DiffResult:
+    from mjrun.diff.pictures import compare_videos
+
+    return _pictures(file_kind.VIDEO, diff, a, b, compare_videos)
+
+
+def _images(diff: Diff, a: str, b: str) -> DiffResult:
+    from mjrun.diff.pictures import compare_images
+
+    return _pictures(file_kind.IMAGE, diff, a, b, compare_images)
+
+
+def _pictures(kind: str, diff: Diff, a: str, b: str, compare: "PictureComparison") -> DiffResult:
+    from mjrun.diff.picture_sentences import picture_sentences, require_library
+    from mjrun.job.worst_frame import write_worst_frame
+
+    require_library(diff)
+    if diff.output is not None:
+        image_format(diff.output, "rgb")
+    picture, worst = compare(a, b, Tolerance(diff.atol, diff.rtol))
+    differences = picture_sentences(picture, clean(a), clean(b), diff)
+    if diff.output is not None and worst is not None:
+        write_worst_frame(diff.output, worst, (a, b), picture.worst)
+    return DiffResult(kind, a, b, not differences, differences, picture=picture)
+
+
+# The options that say something about files of each kind.
+TOLERANCE = {"atol", "rtol"}
+LIMITS = {"min_psnr", "min_ssim", "max_changed", "output"}
+APPLICABLE = {
+    file_kind.TABLE: TOLERANCE | {"tol", "columns", "align"},
+    file_kind.RECORDING: TOLERANCE | {"tol", "columns", "model"},
+    file_kind.VIDEO: TOLERANCE | LIMITS,
+    file_kind.IMAGE: TOLERANCE | LIMITS,
+    file_kind.MODEL: TOLERANCE | {"tol"},
+}
+
 # What compares two files of each kind.
 COMPARISONS: Mapping[str, Callable[[Diff, str, str], DiffResult]] = {
     file_kind.TABLE: _tables,
     file_kind.RECORDING: _recordings,
+    file_kind.VIDEO: _videos,
+    file_kind.IMAGE: _images,
 }

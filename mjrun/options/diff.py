@@ -51,13 +51,13 @@ def _require_tolerance(numbers: Numbers) -> None:
 class TableDiffOptions(Options):
     """How tables and recordings are compared."""
 
-    section: ClassVar[str] = "Tables and recordings"
+    section: ClassVar[str] = "Comparison"
 
     atol: float = option(
         converter=Real(metavar="ATOL"),
         default=0.0,
-        help="Numbers agree where |a - b| <= ATOL + RTOL·|b|. With 0 and 0 they must be the same, bit for bit; NaN "
-        "agrees with NaN.",
+        help="Numbers, and pixels, agree where |a - b| <= ATOL + RTOL·|b|. With 0 and 0 they must be the same, bit for "
+        "bit; NaN agrees with NaN.",
     )
     rtol: float = option(converter=Real(metavar="RTOL"), default=0.0, help="The relative tolerance.")
     tol: Mapping[str, Numbers] = option(
@@ -119,7 +119,7 @@ class PictureDiffOptions(Options):
 class DiffOptions(TableDiffOptions, PictureDiffOptions):
     """What is compared, and when it agrees."""
 
-    section: ClassVar[str] = "Tables and recordings"
+    section: ClassVar[str] = "Comparison"
 
 
 @options

@@ -1,0 +1,100 @@
+"""What differs between two videos or images, in a sentence each, and which differences are allowed."""
+
+from collections.abc import Iterator
+
+from mjrun.diff.frames import EXTRA, WINDOW, has_similarity
+from mjrun.diff.result import FrameDifference, PictureDifference
+from mjrun.errors import MissingExtraError, UsageError, option
+from mjrun.options.diff import PictureDiffOptions
+
+
+def require_library(options: PictureDiffOptions) -> None:
+    """Raises MissingExtraError if a similarity is asked for that cannot be computed."""
+    if options.min_ssim is not None and not has_similarity():
+        raise MissingExtraError(option("min_ssim"), "scikit-image", EXTRA)
+
+
+def picture_sentences(picture: PictureDifference, a: str, b: str, options: PictureDiffOptions) -> list[str]:
+    """What differs beyond the limits of `options`; without limits, every pixel beyond the tolerance counts.
+
+    Raises:
+      UsageError: a limit does not fit these pictures.
+    """
+    _require_fitting(picture, options)
+    differences = [*_structure(picture, a, b)]
+    if not picture.frames:
+        return differences
+    limits = (options.min_psnr, options.min_ssim, options.max_changed)
+    beyond = _changed(picture) if limits == (None, None, None) else _beyond_limits(picture, options)
+    return [*differences, *beyond]
+
+
+def frame_facts(frame: FrameDifference) -> str:
+    """`PSNR 31.2 dB, SSIM 0.912, 3.1 % of the pixels changed, by 0.25 at most`."""
+    facts = [
+        "" if frame.psnr is None else f"PSNR {frame.psnr:.2f} dB",
+        "" if frame.ssim is None else f"SSIM {frame.ssim:.4f}",
+        f"{percent(frame.changed)} of the pixels changed",
+        f"by {'what is not finite' if frame.maximum is None else f'{frame.maximum:.6g}'} at most",
+    ]
+    return ", ".join(filter(None, facts))
+
+
+def percent(share: float) -> str:
+    """A share as a percentage, which is never rounded to nothing."""
+    return f"{100 * share:.3g} %"
+
+
+def frame_place(frame: FrameDifference, picture: PictureDifference) -> str:
+    """`frame 17, time 0.283 s: `; nothing for images."""
+    if picture.frames_a == picture.frames_b == 1 and frame.time is None:
+        return ""
+    return f"frame {frame.frame}" + ("" if frame.time is None else f", time {frame.time:.6g} s") + ": "
+
+
+def _require_fitting(picture: PictureDifference, options: PictureDiffOptions) -> None:
+    given = {"min_psnr": options.min_psnr, "min_ssim": options.min_ssim}
+    for name, limit in given.items():
+        if limit is not None and picture.pixels == "numbers":
+            raise UsageError(
+                f"{option(name)} is for colours: numbers agree within {option('atol')} and {option('rtol')}"
+            )
+    if options.min_ssim is not None and min(picture.size_a) < WINDOW:
+        raise UsageError(f"{option('min_ssim')} needs images of {WINDOW} pixels a side at least")
+
+
+def _structure(picture: PictureDifference, a: str, b: str) -> Iterator[str]:
+    """What differs besides the pixels."""
+    if picture.size_a != picture.size_b:
+        one, other = (f"{width}x{height}" for width, height in (picture.size_a, picture.size_b))
+        yield f"the size is {one} in {a}, {other} in {b}"
+    elif not picture.frames:
+        yield f"one of {a} and {b} has colours, the other one numbers"
+    if picture.fps_a and picture.fps_b and picture.fps_a != picture.fps_b:
+        yield f"the rate is {picture.fps_a:.9g} frames per second in {a}, {picture.fps_b:.9g} in {b}"
+    if picture.frames_a != picture.frames_b:
+        yield f"there are {picture.frames_a} frames in {a}, {picture.frames_b} in {b}"
+
+
+def _changed(picture: PictureDifference) -> Iterator[str]:
+    if picture.first is None or picture.worst is None:
+        return
+    if picture.frames_a == picture.frames_b == 1:
+        yield f"{frame_place(picture.worst, picture)}{frame_facts(picture.worst)}"
+        return
+    yield f"{picture.differing} of {picture.frames} frames differ"
+    yield f"first {frame_place(picture.first, picture)}{frame_facts(picture.first)}"
+    if picture.worst != picture.first:
+        yield f"worst {frame_place(picture.worst, picture)}{frame_facts(picture.worst)}"
+
+
+def _beyond_limits(picture: PictureDifference, options: PictureDiffOptions) -> Iterator[str]:
+    """The worst frame by every limit that is not kept."""
+    worst, similar, changed = picture.worst, picture.least_similar, picture.most_changed
+    if options.min_psnr is not None and worst and worst.psnr is not None and worst.psnr < options.min_psnr:
+        yield f"{frame_place(worst, picture)}PSNR {worst.psnr:.6g} dB is less than {options.min_psnr:g} dB"
+    if options.min_ssim is not None and similar and similar.ssim is not None and similar.ssim < options.min_ssim:
+        yield f"{frame_place(similar, picture)}SSIM {similar.ssim:.6g} is less than {options.min_ssim:g}"
+    if options.max_changed is not None and changed and changed.changed > options.max_changed:
+        share = f"{percent(changed.changed)} of the pixels changed"
+        yield f"{frame_place(changed, picture)}{share}, more than {percent(options.max_changed)}"

@@ -1,0 +1,192 @@
+"""Compares videos and images, frame by frame: two frames are in memory, and the worst pair."""
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from itertools import zip_longest
+from pathlib import Path
+from typing import Protocol
+
+import numpy as np
+
+from mjrun.diff.frames import FrameComparison, compare_frames, decibels, is_colour
+from mjrun.diff.result import FrameDifference, PictureDifference
+from mjrun.diff.tolerances import Tolerance
+from mjrun.errors import FileError
+from mjrun.formats.image_reader import read_image, read_palette
+from mjrun.formats.video_reader import read_video
+
+
+class Frames(Protocol):
+    """Frames of one size, decoded anew with each iteration."""
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """Width and height [pixels]."""
+        ...
+
+    @property
+    def fps(self) -> float | None:
+        """Frames per second, if they are known."""
+        ...
+
+    def __iter__(self) -> Iterator[np.ndarray]: ...
+
+
+class ImageFrames:
+    """Image files as frames: one, or all in a folder, in the order of their names."""
+
+    fps = None
+
+    def __init__(self, paths: list[Path], *, indices: bool) -> None:
+        self._paths, self._indices = paths, indices
+        self._first = read_image(paths[0], indices=indices)
+        self.size = _size(self._first)
+
+    def __iter__(self) -> Iterator[np.ndarray]:
+        yield self._first
+        for path in self._paths[1:]:
+            frame = read_image(path, indices=self._indices)
+            if _size(frame) != self.size or is_colour(frame) != is_colour(self._first):
+                raise FileError(path, "is of another size or kind than the images before it")
+            yield frame
+
+
+@dataclass(frozen=True)
+class WorstFrames:
+    """The pair of frames with the largest mean square difference, or the first where nothing differs."""
+
+    a: np.ndarray
+    b: np.ndarray
+
+
+def compare_images(a: str, b: str, tolerance: Tolerance) -> tuple[PictureDifference, WorstFrames | None]:
+    """Compares two images. Those with the same palette are compared by its indices, as numbers.
+
+    Raises:
+      FileError: one cannot be read.
+      UnknownNameError: an image with this suffix cannot be read.
+    """
+    indices = bool(read_palette(a)) and read_palette(a) == read_palette(b)
+    return compare(*(ImageFrames([Path(path)], indices=indices) for path in (a, b)), tolerance)
+
+
+def compare_videos(a: str, b: str, tolerance: Tolerance) -> tuple[PictureDifference, WorstFrames | None]:
+    """Compares two videos, or folders of images.
+
+    Raises:
+      FileError: one cannot be read, or a folder holds no images, or images that are not alike.
+      UsageError: the format can be written, but not read.
+    """
+    return compare(_frames(a), _frames(b), tolerance)
+
+
+def compare(a: Frames, b: Frames, tolerance: Tolerance) -> tuple[PictureDifference, WorstFrames | None]:
+    """How two videos or images differ, and the worst pair of frames; None where their sizes or kinds differ."""
+    summary = PictureSummary(a, b)
+    for one, other in zip_longest(a, b):
+        if one is not None and other is not None and summary.are_comparable(one, other):
+            summary.add(one, other, compare_frames(one, other, tolerance))
+        summary.count(one is not None, other is not None)
+    return summary.result(), summary.worst_frames
+
+
+class PictureSummary:
+    """Gathers how pairs of frames differ.
+
+    Attributes:
+      worst_frames: the pair with the largest mean square difference; None before there is a pair.
+    """
+
+    def __init__(self, a: Frames, b: Frames) -> None:
+        self.worst_frames: WorstFrames | None = None
+        self._a, self._b = a, b
+        self._fps = a.fps or b.fps
+        self._kinds: dict[str, None] = {}
+        self._counts = [0, 0]
+        self._frames = self._differing = 0
+        self._changed = self._squares = self._similarity = 0.0
+        self._first: FrameDifference | None = None
+        # The worst by mean square, by similarity and by pixels that changed.
+        self._worst: FrameDifference | None = None
+        self._least_similar: FrameDifference | None = None
+        self._most_changed: FrameDifference | None = None
+        self._worst_square = -1.0
+
+    def are_comparable(self, a: np.ndarray, b: np.ndarray) -> bool:
+        """Whether two frames have the same size, and are both colours or both numbers."""
+        self._kinds |= {"colours" if is_colour(frame) else "numbers": None for frame in (a, b)}
+        return self._a.size == self._b.size and is_colour(a) == is_colour(b)
+
+    def count(self, in_a: bool, in_b: bool) -> None:
+        """Counts a frame of either."""
+        self._counts[0] += in_a
+        self._counts[1] += in_b
+
+    def add(self, a: np.ndarray, b: np.ndarray, found: FrameComparison) -> None:
+        """Takes the next pair of frames."""
+        difference = self._difference(found, is_colour(a))
+        if found.mean_square > self._worst_square:
+            self._worst_square, self.worst_frames = found.mean_square, WorstFrames(a, b)
+            self._worst = difference if found.mean_square else None
+        if found.changed:
+            self._first = self._first or difference
+            if self._most_changed is None or found.changed > self._most_changed.changed:
+                self._most_changed = difference
+        if found.ssim is not None and found.ssim < (self._least_similar.ssim if self._least_similar else 1.0):
+            self._least_similar = difference
+        self._frames += 1
+        self._differing += found.changed > 0
+        self._changed += found.changed
+        self._squares += found.mean_square
+        self._similarity += math.nan if found.ssim is None else found.ssim
+
+    def result(self) -> PictureDifference:
+        """What was found in all of them."""
+        frames = max(1, self._frames)
+        kinds = " and ".join(sorted(self._kinds))
+        return PictureDifference(
+            pixels=kinds,
+            size_a=self._a.size,
+            size_b=self._b.size,
+            fps_a=self._a.fps,
+            fps_b=self._b.fps,
+            frames_a=self._counts[0],
+            frames_b=self._counts[1],
+            frames=self._frames,
+            differing=self._differing,
+            changed=self._changed / frames,
+            psnr=_finite(decibels(self._squares / frames)) if kinds == "colours" else None,
+            ssim=_finite(self._similarity / frames) if kinds == "colours" and self._frames else None,
+            first=self._first,
+            worst=self._worst,
+            least_similar=self._least_similar,
+            most_changed=self._most_changed,
+        )
+
+    def _difference(self, found: FrameComparison, colours: bool) -> FrameDifference:
+        return FrameDifference(
+            frame=self._frames,
+            time=self._frames / self._fps if self._fps else None,
+            changed=found.changed,
+            maximum=_finite(found.maximum),
+            psnr=_finite(found.psnr) if colours else None,
+            ssim=found.ssim if colours else None,
+        )
+
+
+def _frames(path: str) -> Frames:
+    if not Path(path).is_dir():
+        return read_video(path)
+    images = sorted(each for each in Path(path).iterdir() if each.suffix.lower() == ".png")
+    if not images:
+        raise FileError(path, "holds no .png images")
+    return ImageFrames(images, indices=False)
+
+
+def _size(frame: np.ndarray) -> tuple[int, int]:
+    return frame.shape[1], frame.shape[0]
+
+
+def _finite(value: float) -> float | None:
+    return value if math.isfinite(value) else None

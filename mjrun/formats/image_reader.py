@@ -1,0 +1,83 @@
+"""Reads images: colours as they are seen, and depth and segmentation as the numbers that they are."""
+
+import subprocess
+from pathlib import Path
+
+import numpy as np
+from PIL import Image
+
+from mjrun.errors import FileError, UnknownNameError
+from mjrun.formats import npy_header
+from mjrun.formats.column_checks import unreadable
+from mjrun.formats.ffmpeg import command
+from mjrun.formats.input_file import decoding, require_file
+
+SUFFIXES = (".png", ".jpg", ".jpeg", ".webp", ".tiff", ".tif", ".npy", ".exr")
+NUMBERS = ("I", "F")  # how the modes of Pillow begin whose pixels are more than 8 bits wide
+
+
+def read_image(path: str | Path, *, indices: bool = False) -> np.ndarray:
+    """Reads an image.
+
+    Args:
+      indices: read the indices of a palette, such as segment numbers, and not its colours.
+
+    Returns:
+      Colours, uint8 `(height, width, 3)`, with a fourth channel where the image is translucent; or numbers
+      `(height, width)` of the type that the file holds: metres, millimetres, segments.
+
+    Raises:
+      FileError: there is no such file, or it cannot be decoded.
+      UnknownNameError: images with this suffix cannot be read.
+    """
+    path = Path(path)
+    require_file(path, "image", SUFFIXES)
+    suffix = path.suffix.lower()
+    if suffix not in SUFFIXES:
+        raise UnknownNameError("image format", suffix, SUFFIXES, where=str(path))
+    try:
+        with decoding(path, unreadable(path)):
+            if suffix == ".npy":
+                return _npy(path)
+            return _exr(path) if suffix == ".exr" else _picture(path, indices)
+    except OSError as error:
+        raise FileError(path, f"cannot be read: {error.strerror or error}") from None
+
+
+def read_palette(path: str | Path) -> bytes:
+    """The palette of an image whose pixels are indices into it; empty for any other."""
+    path = Path(path)
+    if path.suffix.lower() != ".png":
+        return b""
+    with decoding(path, unreadable(path)), Image.open(path) as image:
+        return bytes(image.getpalette() or b"") if image.mode == "P" else b""
+
+
+def _picture(path: Path, indices: bool) -> np.ndarray:
+    with Image.open(path) as image:
+        if image.mode.startswith(NUMBERS) or (indices and image.mode == "P"):
+            return np.array(image)
+        return np.array(image.convert("RGBA" if image.has_transparency_data else "RGB"))
+
+
+def _npy(path: Path) -> np.ndarray:
+    with path.open("rb") as file:
+        shape, by_column, dtype = npy_header.read_header(file)
+        if dtype.kind not in npy_header.NUMERIC:
+            raise ValueError(f"it holds {npy_header.content_name(dtype)}, not numbers")
+        if len(shape) != 2 and not (len(shape) == 3 and shape[2] in (3, 4) and dtype == np.uint8):
+            raise ValueError(f"it has the shape {shape}, not (height, width)")
+        values = np.frombuffer(file.read(), dtype)
+    return values.reshape(shape, order="F" if by_column else "C")
+
+
+def _exr(path: Path) -> np.ndarray:
+    """One channel of float32, by ffmpeg, which decodes every bit and says the size as a PFM file."""
+    line = command("-i", str(path), "-frames:v", "1", "-pix_fmt", "grayf32le", "-f", "image2pipe", "-c:v", "pfm", "-")
+    done = subprocess.run(line, stdin=subprocess.DEVNULL, capture_output=True)
+    kind, size, scale, *_ = [*done.stdout.split(b"\n", 3), b"", b"", b""]
+    if kind != b"Pf":
+        raise ValueError(done.stderr.decode("utf-8", "replace").strip() or "ffmpeg cannot decode it")
+    width, height = map(int, size.split())
+    values = np.frombuffer(done.stdout[-4 * width * height :], "<f4" if scale.startswith(b"-") else ">f4")
+    return values.reshape(height, width)[::-1].astype(np.float32)  # PFM begins at the bottom

@@ -1,0 +1,111 @@
+"""The worst frame of a comparison: A, B and their difference side by side, labelled."""
+
+import math
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from mjrun.diff.frames import is_colour
+from mjrun.diff.picture_sentences import percent
+from mjrun.diff.pictures import WorstFrames
+from mjrun.diff.result import FrameDifference
+from mjrun.formats.image_format import image_format
+from mjrun.formats.image_writer import ImageWriter
+from mjrun.rendering.colormaps import UNSEEN, colormap_table
+from mjrun.rendering.text import INK, baseline, crisp, fitted, letters, spacing, text_size, write
+
+GAP = 8  # pixels between the images
+LEGIBLE = 240  # pixels that an image is high and wide at least: small ones are enlarged
+BACKGROUND = (24, 25, 28)
+FAINT = (168, 170, 176)  # the second line of a label
+GAINS = (1, 2, 4, 8, 16, 32, 64, 128, 255)  # by which a difference is multiplied to be seen
+TYPICAL = 99.0  # percent of the differences that are not cut off when they are multiplied
+MAP = "inferno"
+
+
+def write_worst_frame(output: str, frames: WorstFrames, names: Sequence[str], found: FrameDifference | None) -> None:
+    """Writes the picture.
+
+    Args:
+      output: an image of colours.
+      names: of A and B, in the labels.
+      found: how the two frames differ; None if they do not.
+
+    Raises:
+      FileError: it cannot be written.
+      UnknownNameError, UsageError: the suffix is not that of such an image.
+    """
+    picture = worst_frame(frames, names, found)
+    form = image_format(output, "rgb")
+    with ImageWriter(output, "rgb", form, (picture.shape[1], picture.shape[0])) as writer:
+        writer.write(picture)
+        writer.publish()
+
+
+def worst_frame(frames: WorstFrames, names: Sequence[str], found: FrameDifference | None) -> np.ndarray:
+    """The picture, `(height, width, 3)` uint8."""
+    shown, difference, scale = (_colours if is_colour(frames.a) else _numbers)(frames.a, frames.b)
+    factor = max(1, math.ceil(LEGIBLE / min(frames.a.shape[:2])))
+    panels = [_enlarged(panel, factor) for panel in (*shown, difference)]
+    when = "" if found is None or found.time is None else f"frame {found.frame}, {found.time:.6g} s"
+    labels = [("A", Path(names[0]).name, when), ("B", Path(names[1]).name, when), ("difference", scale, _facts(found))]
+    return _side_by_side(panels, labels)
+
+
+def _facts(found: FrameDifference | None) -> str:
+    if found is None:
+        return "none"
+    psnr = "" if found.psnr is None else f"{found.psnr:.1f} dB"
+    ssim = "" if found.ssim is None else f"SSIM {found.ssim:.3f}"
+    return ", ".join(filter(None, (psnr, ssim, f"{percent(found.changed)} changed")))
+
+
+def _colours(a: np.ndarray, b: np.ndarray) -> tuple[list[np.ndarray], np.ndarray, str]:
+    """Both as they are, their difference multiplied until it is seen, and by how much."""
+    one, other = a[..., :3], b[..., :3]
+    size = np.abs(one.astype(np.int16) - other)
+    # The few pixels that differ most may be cut off, so that the others are seen.
+    large = float(np.percentile(size[size > 0], TYPICAL)) if size.any() else 255.0
+    gain = max((gain for gain in GAINS if gain * large <= 255), default=1)
+    return [one, other], np.minimum(size * gain, 255).astype(np.uint8), f"× {gain}"
+
+
+def _numbers(a: np.ndarray, b: np.ndarray) -> tuple[list[np.ndarray], np.ndarray, str]:
+    """Both in the colours of one scale, and their difference in those of another; what is not finite is grey."""
+    one, other = a.astype(np.float64), b.astype(np.float64)
+    finite = np.concatenate([one[np.isfinite(one)], other[np.isfinite(other)]])
+    low, high = (float(finite.min()), float(finite.max())) if finite.size else (0.0, 0.0)
+    with np.errstate(invalid="ignore"):
+        size = np.where(one == other, 0.0, np.abs(one - other))
+    largest = float(np.max(size, where=np.isfinite(size), initial=0.0))
+    shown = [_mapped(values, low, high) for values in (one, other)]
+    return shown, _mapped(size, 0.0, largest), f"0 to {largest:.4g}"
+
+
+def _mapped(values: np.ndarray, low: float, high: float) -> np.ndarray:
+    with np.errstate(invalid="ignore", divide="ignore"):
+        share = np.nan_to_num((values - low) / (high - low), nan=0.0, posinf=0.0, neginf=0.0)
+    colours = colormap_table(MAP)[np.round(255 * share.clip(0, 1)).astype(int)]
+    colours[~np.isfinite(values)] = UNSEEN
+    return colours
+
+
+def _enlarged(image: np.ndarray, factor: int) -> np.ndarray:
+    return image.repeat(factor, axis=0).repeat(factor, axis=1)
+
+
+def _side_by_side(panels: Sequence[np.ndarray], labels: Sequence[tuple[str, str, str]]) -> np.ndarray:
+    """Images of one size under their labels: a word, what it is of, and a second line."""
+    height, width = panels[0].shape[:2]
+    size = crisp(text_size(height))
+    _, _, _, line = spacing(size)
+    top = 2 * line + 2 * GAP
+    canvas = np.full((top + height + GAP, GAP + len(panels) * (width + GAP), 3), BACKGROUND, np.uint8)
+    for index, (panel, (word, name, facts)) in enumerate(zip(panels, labels, strict=True)):
+        left = GAP + index * (width + GAP)
+        canvas[top : top + height, left : left + width] = panel
+        for row, (text, colour) in enumerate(((f"{word}  {name}", INK), (facts, FAINT))):
+            shown = fitted(letters(text), size, width)
+            write(canvas, shown, (left, baseline(GAP + row * line, line, size)), size, colour)
+    return canvas
