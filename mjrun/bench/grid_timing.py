@@ -159,7 +159,8 @@ def _result(
     opt = point.model.opt
     integrator, timestep = _name(mujoco.mjtIntegrator, opt.integrator), float(opt.timestep)
     if isinstance(timer, SimulationError):
-        return GridPointResult.failed(point.point, integrator, timestep, accuracy, _first_line(timer))
+        failure = _first_line(timer)
+        return GridPointResult(dict(point.point), integrator, timestep, accuracy=accuracy, failure=failure)
 
     step, profile = timer.step, timer.profile
     counts = StepCounts(
@@ -186,7 +187,6 @@ def _result(
         threads=timer.threads(threads),
         overflows=[spelled(overflow) for overflow in timer.overflows],
         accuracy=accuracy,
-        failure=None,
     )
 
 

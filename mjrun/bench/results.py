@@ -165,43 +165,19 @@ class GridPointResult:
     point: Mapping[str, str]
     integrator: str
     timestep: float
-    steps: int
-    block: int
-    step: SampleStatistics | None
-    reference_workload: SampleStatistics | None
-    steps_per_second: float | None
-    realtime_factor: float | None
-    first_step: float | None
-    counts: StepCounts | None
-    phases: Phase | None
-    threads: Sequence[ThreadScaling]
-    overflows: Sequence[str]
-    accuracy: Accuracy | None
-    failure: str | None
-
-    @classmethod
-    def failed(
-        cls, point: Mapping[str, str], integrator: str, timestep: float, accuracy: Accuracy | None, failure: str
-    ) -> "GridPointResult":
-        """A point that could not be measured."""
-        return cls(
-            point=dict(point),
-            integrator=integrator,
-            timestep=timestep,
-            steps=0,
-            block=0,
-            step=None,
-            reference_workload=None,
-            steps_per_second=None,
-            realtime_factor=None,
-            first_step=None,
-            counts=None,
-            phases=None,
-            threads=[],
-            overflows=[],
-            accuracy=accuracy,
-            failure=failure,
-        )
+    steps: int = 0
+    block: int = 0
+    step: SampleStatistics | None = None
+    reference_workload: SampleStatistics | None = None
+    steps_per_second: float | None = None
+    realtime_factor: float | None = None
+    first_step: float | None = None
+    counts: StepCounts | None = None
+    phases: Phase | None = None
+    threads: Sequence[ThreadScaling] = ()
+    overflows: Sequence[str] = ()
+    accuracy: Accuracy | None = None
+    failure: str | None = None
 
 
 @dataclass(frozen=True)

@@ -120,7 +120,7 @@ class _RigArgument:
             case "place":
                 return _place(field.key, text)
             case "point":
-                return _point(field.key, text)
+                return parse_point(field.key, text)
             case _:
                 return text
 
@@ -142,15 +142,19 @@ def _place(key: str, text: str) -> Place:
         _, _, _ = map(float, text.split("/"))
     except ValueError:
         return text
-    return _point(key, text)
+    return parse_point(key, text)
 
 
-def _point(key: str, text: str) -> Vector:
-    """A point `x/y/z`."""
+def parse_point(what: str, text: str, expected: str = "a point x/y/z [m]") -> Vector:
+    """The three numbers in `x/y/z`.
+
+    Raises:
+      BadValueError: `what` is not `expected`.
+    """
     try:
         x, y, z = map(float, text.split("/"))
     except ValueError:
         x = y = z = math.nan
     if not all(map(math.isfinite, (x, y, z))):
-        raise BadValueError(key, text, "a point x/y/z [m]")
+        raise BadValueError(what, text, expected)
     return (x, y, z)

@@ -17,10 +17,6 @@ T = TypeVar("T")
 Lines = Sequence[tuple[str, str]]  # labels and values
 
 
-def _is_not_empty(rows: Sequence[object]) -> bool:
-    return bool(rows)
-
-
 def _has_files(assets: "Sequence[Asset]") -> bool:
     """Whether there are files beside the model's own, which the summary names."""
     return any(asset.path and asset.kind != "model" for asset in assets)
@@ -40,7 +36,7 @@ class TableSection(Generic[T]):
     rows: "Callable[[ModelDescription], Sequence[T]]"
     columns: Callable[[Sequence[T]], list[Column]]
     is_detail: bool = False
-    is_news: Callable[[Sequence[T]], bool] = _is_not_empty
+    is_news: Callable[[Sequence[T]], bool] = bool
 
 
 @dataclass(frozen=True)

@@ -36,7 +36,7 @@ class PageLayout:
         cut = rows if shown is None else min(rows, shown)
         self._title(title, str(rows) if rows else "none")
         room = self._terminal.width - INDENT
-        fitting, left_out = _fitting([_cut(column, cut) for column in columns], room)
+        fitting, left_out = _fitting([replace(column, cells=column.cells[:cut]) for column in columns], room)
         if cut:
             self._print(Padding(self._table(fitting, room), (0, 0, 0, INDENT)))
         if cut < rows:
@@ -96,10 +96,6 @@ class PageLayout:
         with self._terminal.capture() as printed:
             self._terminal.print(what, width=width)
         self._text += printed.get()
-
-
-def _cut(column: Column, count: int) -> Column:
-    return replace(column, cells=column.cells[:count])
 
 
 def _fitting(columns: Sequence[Column], width: int) -> tuple[list[Column], list[Column]]:

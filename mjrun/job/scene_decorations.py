@@ -9,6 +9,7 @@ from pathlib import Path
 import mujoco
 import numpy as np
 
+from mjrun.camera.argument import parse_point
 from mjrun.camera.targets import identify_objects
 from mjrun.errors import BadValueError, UnknownNameError, UsageError, clean, concerning, option
 from mjrun.formats.recording_reader import RecordingReader
@@ -139,22 +140,12 @@ def _ghost(text: str, model: mujoco.MjModel, simulation: Simulation) -> GhostPla
     if "map" in settings and "trace" not in settings:
         raise UsageError(f"{option('ghost')}: map says what a table means; write trace=FILE with it")
     return GhostPlan(
-        offset=_offset(settings.get("offset", "0/0/0")),
+        offset=parse_point(f"{option('ghost')} offset", settings.get("offset", "0/0/0"), "a displacement x/y/z [m]"),
         opacity=_opacity(settings.get("opacity", str(OPACITY))),
         key=identify(model, "keyframe", settings["key"]) if "key" in settings else None,
         trace=_trace(Path(settings["trace"]), settings.get("map"), model, simulation) if "trace" in settings else None,
         recording=_recording(Path(settings["recording"]), model) if "recording" in settings else None,
     )
-
-
-def _offset(text: str) -> tuple[float, float, float]:
-    try:
-        x, y, z = map(float, text.split("/"))
-    except ValueError:
-        x = y = z = math.nan
-    if not all(map(math.isfinite, (x, y, z))):
-        raise BadValueError(f"{option('ghost')} offset", text, "a displacement x/y/z [m]")
-    return x, y, z
 
 
 def _opacity(text: str) -> float:

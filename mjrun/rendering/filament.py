@@ -198,7 +198,7 @@ def check_visual(model: mujoco.MjModel, visual: Visual) -> None:
         raise UsageError(f"{option('label')} {visual.label}: filament cannot draw text\n{CLASSIC}")
     if "reflection" in visual.show and not MIRRORS:
         raise UsageError(f"{option('show')} reflection: filament draws reflections upside down\n{CLASSIC}")
-    usual, wanted = _usual(model), _wanted(model, visual)
+    usual, wanted = flags(mujoco.MjvOption(), mujoco.MjvScene(model, 1)), _wanted(model, visual)
     for name, instead in REFUSED.items():
         if wanted[name] != usual[name]:
             raise UsageError(f"{_option_text(name, wanted)}: filament cannot do that\n{instead}")
@@ -228,10 +228,6 @@ def flags(options: mujoco.MjvOption, scene: mujoco.MjvScene) -> dict[str, int]:
     return {name: int(options.flags[i]) for name, i in visual.items()} | {
         name: int(scene.flags[i]) for name, i in rendering.items()
     }
-
-
-def _usual(model: mujoco.MjModel) -> dict[str, int]:
-    return flags(mujoco.MjvOption(), mujoco.MjvScene(model, 1))
 
 
 def _wanted(model: mujoco.MjModel, visual: Visual) -> dict[str, int]:

@@ -148,7 +148,8 @@ class BoundPathRig:
         self._around = rig.waypoints[0].eye is None
         self._lookats = _lookats(rig, cameras.model, self._around, where)
         points = np.array([_coordinates(point) for point in rig.waypoints], float)
-        knots = _knots(rig) if rig.pace == "time" else self._centripetal(points, cameras.data)
+        times = [point.at for point in rig.waypoints]
+        knots = np.array(times, float) if rig.pace == "time" else self._centripetal(points, cameras.data)
         self._straight = rig.curve == "linear"
         self._curve = Curve(knots, points, self._straight, bounded=(0,) if self._around else ())
         self._arc_length = None if rig.pace == "time" else ArcLength(knots, lambda x: self._eyes(x, cameras.data))
@@ -198,10 +199,6 @@ def _coordinates(point: Waypoint) -> Sequence[float]:
     assert point.azimuth is not None
     assert point.elevation is not None
     return point.distance, point.azimuth, point.elevation
-
-
-def _knots(rig: PathRig) -> np.ndarray:
-    return np.array([point.at for point in rig.waypoints], float)
 
 
 def _lookats(rig: PathRig, model: mujoco.MjModel, needed: bool, where: str) -> list[Target]:

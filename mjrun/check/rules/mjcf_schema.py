@@ -50,10 +50,6 @@ class Node:
     children: "dict[str, Node]" = field(default_factory=dict)
     unique: bool = False
 
-    def child(self, tag: str) -> "Node | None":
-        """The node of a child, or None if there may be none with this tag."""
-        return self.children.get(tag)
-
 
 @cache
 def schema() -> Node:
@@ -119,7 +115,7 @@ def violations(source: XmlSource) -> Iterator[Finding]:
             yield _stray_text(element)
         children = []
         for child in element.children:
-            inner = node.child(child.tag)
+            inner = node.children.get(child.tag)
             if inner is None and child.tag not in UNLISTED:
                 yield _unknown(child, node)
                 inner = _only_node(child)
@@ -160,7 +156,7 @@ def _attribute_remedy(element: Element, name: str, node: Node) -> str:
 def _repeated(element: Element, node: Node) -> Iterator[Finding]:
     counts = Counter(child.tag for child in element.children)
     for child in element.children:
-        inner = node.child(child.tag)
+        inner = node.children.get(child.tag)
         if inner is None or not inner.unique or counts[child.tag] < 2:
             continue
         first = next(other for other in element.children if other.tag == child.tag)
