@@ -63,21 +63,18 @@ class FigureWriter(OutputWriter):
 
 def encoded(drawing: Drawing, grid: PanelGrid, style: str, format: str, tags: Mapping[str, str]) -> bytes:  # noqa: A002
     """The figure as the content of a file."""
-    import numpy as np
-
-    from mjrun.plotting.figure import draw, settings
+    from mjrun.plotting.canvas import settings
+    from mjrun.plotting.figure import draw
 
     with settings(), warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        figure = draw(drawing, grid, THEMES[style], any_letter=format == "svg")
+        canvas = draw(drawing, grid, THEMES[style], any_letter=format == "svg")
         if format not in DRAWINGS:
-            figure.canvas.draw()
-            pixels = np.asarray(figure.canvas.buffer_rgba())[:, :, :3]
             encode = FORMATS["rgb"][format].encode
             assert encode  # all of colours have one
-            return encode(ImageData(np.ascontiguousarray(pixels), 0, None, tags))
+            return encode(ImageData(canvas.pixels(), 0, None, tags))
         file = io.BytesIO()
-        figure.savefig(file, format=format, facecolor=figure.get_facecolor(), metadata=_metadata(format, tags))
+        canvas.figure.savefig(file, format=format, facecolor="auto", metadata=_metadata(format, tags))
         return file.getvalue() if format == "pdf" else _svg(file.getvalue().decode()).encode()
 
 

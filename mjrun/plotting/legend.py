@@ -5,8 +5,12 @@ from dataclasses import dataclass, replace
 
 from matplotlib.lines import Line2D
 
+from mjrun.plotting.canvas import Canvas
+
 BESIDE = 6  # names that stand where their curves end
 SMALLEST = 0.75  # of the usual letters
+LINE = 1.32  # [em]
+SAMPLE, GAP = 1.5, 0.4  # length of a line before a name, and what is between them [em]
 
 
 @dataclass(frozen=True)
@@ -61,3 +65,45 @@ def _spread(entries: Sequence[Entry], top: float, bottom: float, line: float) ->
 def _within(centre: float, count: int, top: float, bottom: float, line: float) -> float:
     half = count * line / 2
     return min(max(centre, top + half), bottom - half)
+
+
+class Legend:
+    """The names of a panel, drawn from anywhere on.
+
+    Args:
+      edges: top and bottom of what they stand beside [pixels].
+      room: their width, at most [pixels].
+      em: size of letters, unless they have to be smaller [pixels].
+
+    Attributes:
+      width: of all [pixels]; 0 without any.
+    """
+
+    def __init__(
+        self, canvas: Canvas, entries: Sequence[Entry], edges: tuple[float, float], room: float, em: float
+    ) -> None:
+        self.entries, self._canvas, self._margin = entries, canvas, 0.5 * em
+        self.width = 0.0
+        if not entries:
+            return
+        rows = legend_rows(entries, *edges, LINE * em)
+        self._rows, self._size = rows.columns, rows.scale * 0.95 * em
+        before, after = (SAMPLE + GAP) * self._size, 0.7 * self._size
+        most = room / len(rows.columns) - before - after
+        self._texts = [[canvas.fitted(e.name, most, self._size) for e in column] for column in rows.columns]
+        self._widths = [
+            max(canvas.measure(text, self._size) for text in texts) + before + after for texts in self._texts
+        ]
+        self.width = sum(self._widths) + 2 * self._margin
+
+    def draw(self, x: float) -> None:
+        """Draws all names, from x on [pixels]."""
+        if not self.entries:
+            return
+        x += self._margin
+        for column, texts, width in zip(self._rows, self._texts, self._widths, strict=True):
+            for entry, text in zip(column, texts, strict=True):
+                self._canvas.line(entry.line, x, entry.y, SAMPLE * self._size)
+                place = x + (SAMPLE + GAP) * self._size
+                self._canvas.text(text, place, entry.y, self._size, self._canvas.theme.ink)
+            x += width

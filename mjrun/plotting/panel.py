@@ -75,7 +75,8 @@ def _numbered(panels: Sequence[Panel]) -> Iterator[Panel]:
     for panel in panels:
         seen[panel.title] += 1
         several = counts[panel.title] > 1
-        yield replace(panel, title=f"{panel.title} {seen[panel.title]}/{counts[panel.title]}") if several else panel
+        number = f"{panel.title or 'columns'} {seen[panel.title]}/{counts[panel.title]}"
+        yield replace(panel, title=number) if several else panel
 
 
 def _by_group(names: Sequence[str]) -> Iterator[tuple[str, list[str]]]:

@@ -2,11 +2,41 @@
 
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 from itertools import pairwise
+
+from matplotlib.ticker import MaxNLocator
 
 _RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 _PLAIN = (1e-4, 1e6)  # of the largest tick; beyond, powers of ten are shown
 _DIGITS = 15  # that a float has
+
+
+@dataclass(frozen=True)
+class Ticks:
+    """The ticks of an axis: their values, ascending, and their labels."""
+
+    values: Sequence[float]
+    labels: Sequence[str]
+
+
+def linear_ticks(low: float, high: float, most: float, whole: bool = False) -> Ticks:
+    """At most about so many ticks at equal distances between `low` and `high`; at whole numbers alone if need be."""
+    locator = MaxNLocator(max(1, int(most)), steps=[1, 2, 2.5, 5, 10], integer=whole)
+    values = [float(value) for value in locator.tick_values(low, high) if low <= value <= high]
+    return Ticks(values, tick_labels(values))
+
+
+def log_ticks(low: float, high: float, most: float) -> Ticks:
+    """Ticks at powers of ten, and at their multiples where those are few; at equal distances in less than a decade."""
+    if high < 8 * low:
+        return linear_ticks(low, high, min(5, most))
+    first, last = math.ceil(math.log10(low) - 1e-9), math.floor(math.log10(high) + 1e-9)
+    stride = max(1, math.ceil((last - first + 1) / max(1, int(most))))
+    factors = (1,) if last - first > 1 else (1, 2, 5)
+    values = [factor * 10.0**power for power in range(first - 1, last + 1) if power % stride == 0 for factor in factors]
+    values = [value for value in values if low <= value <= high]
+    return Ticks(values, [log_label(value) for value in values])
 
 
 def tick_labels(values: Sequence[float]) -> list[str]:

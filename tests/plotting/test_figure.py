@@ -9,10 +9,11 @@ from matplotlib.figure import Figure
 from matplotlib.text import Text
 
 from mjrun.options.plot import STYLES
+from mjrun.plotting.canvas import settings
 from mjrun.plotting.curve_text import Mark
 from mjrun.plotting.drawing import Drawing, DrawnCurve, DrawnPanel
 from mjrun.plotting.envelope import Envelope, Points
-from mjrun.plotting.figure import draw, settings
+from mjrun.plotting.figure import draw
 from mjrun.plotting.panel_grid import PanelCount, panel_grid
 from mjrun.plotting.theme import THEMES
 
@@ -38,9 +39,9 @@ def figure(
     grid = panel_grid(PanelCount(len(panels), most, bool(title)), size, columns)
     with settings(), warnings.catch_warnings():
         warnings.simplefilter("error")
-        made = draw(Drawing(title, "time [s]", log_x, panels, marks), grid, THEMES[style])
-        made.canvas.draw()
-        return made
+        canvas = draw(Drawing(title, "time [s]", log_x, panels, marks), grid, THEMES[style])
+        canvas.pixels()
+        return canvas.figure
 
 
 def texts(made: Figure) -> list[Text]:
@@ -87,6 +88,7 @@ def test_panels_side_by_side_have_one_width() -> None:
     places = boxes(made).round(9)
     assert len({*places[:, 2]}) == 1
     assert len({*places[:, 0]}) == 2
+    assert places[4, 0] == places[0, 0]
     assert words(made).count("time [s]") == 2  # under the last of each column
 
 
@@ -114,7 +116,7 @@ def test_many_names_are_all_there(count: int) -> None:
 
 def test_curves_are_the_points_and_the_first_is_on_top() -> None:
     made = figure(panel("a", "b", "c"))
-    lines = [line for line in made.axes[0].lines if len(line.get_xdata()) == len(TIME)]  # type: ignore[arg-type]
+    lines = [line for line in made.axes[0].lines if np.size(line.get_xdata()) == len(TIME)]
     for i, line in enumerate(reversed(lines)):
         assert np.array_equal(line.get_ydata(), np.sin(TIME + i) + 2)
 
@@ -123,7 +125,7 @@ def test_a_value_between_two_gaps_is_a_dot() -> None:
     y = np.array([np.nan, 1, np.nan, 2, 3])
     made = figure(DrawnPanel("a", [DrawnCurve("a", Points(np.arange(5.0), y), 0)], False, ()))
     dots = [line for line in made.axes[0].lines if line.get_marker() == "o"]
-    assert [list(line.get_ydata()) for line in dots] == [[1.0]]
+    assert [np.asarray(line.get_ydata()).tolist() for line in dots] == [[1.0]]
 
 
 def test_any_name_is_drawn_as_it_is_without_a_warning() -> None:

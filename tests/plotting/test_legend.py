@@ -6,9 +6,12 @@ import numpy as np
 import pytest
 from matplotlib.lines import Line2D
 
-from mjrun.plotting.legend import BESIDE, SMALLEST, Entry, legend_rows
+from mjrun.plotting.canvas import Canvas
+from mjrun.plotting.legend import BESIDE, SMALLEST, Entry, Legend, legend_rows
+from mjrun.plotting.theme import THEMES
 
 LINE = 10.0
+CANVAS = Canvas((640, 480), THEMES["light"], False)
 
 
 def entries(heights: list[float]) -> list[Entry]:
@@ -42,3 +45,10 @@ def test_many_names_are_in_their_own_order_in_columns_that_fit(count: int) -> No
         assert min(places) >= 0
         assert max(places) <= 100
         assert all(b - a >= rows.scale * LINE - 1e-9 for a, b in pairwise(places))
+
+
+@pytest.mark.parametrize("count", [1, 6, 40])
+def test_a_legend_has_no_more_than_its_room(count: int) -> None:
+    long = [Entry(f"a_very_long_name_of_a_joint_{i}", Line2D([], []), 50.0) for i in range(count)]
+    assert 0 < Legend(CANVAS, long, (0, 200), 150, 12).width <= 150 + 12
+    assert Legend(CANVAS, [], (0, 200), 150, 12).width == 0
