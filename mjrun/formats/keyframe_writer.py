@@ -74,8 +74,9 @@ class KeyframeWriter(OutputWriter):
             try:
                 return compile_model(lambda: mujoco.MjSpec.from_file(str(path)), (), shown)
             except BrokenModelError as error:
-                reason = str(error).removeprefix(f"{clean(str(shown))}")
-                raise FileError(shown, f"would not load{reason}", ELSEWHERE) from None
+                reason = str(error).removeprefix(f"{clean(str(shown))}:").lstrip()
+                reason = f"line {reason}" if error.line else reason
+                raise FileError(shown, f"would not load: {reason}", ELSEWHERE) from None
 
 
 @contextmanager

@@ -111,7 +111,8 @@ def _find(model: mujoco.MjModel, target: str) -> tuple[int, int | None]:
     elif target in (sites := names(model, "site")):
         kind, index = "site", sites.index(target)
     else:
-        named = [*bodies[1:], *sites]
+        movable = [site for site, body in zip(sites, model.site_bodyid, strict=True) if body != WORLD]
+        named = [*bodies[1:], *movable]
         raise UnknownNameError("object", target, list(dict.fromkeys(named)), plural="bodies and sites")
     body = int(model.site_bodyid[index]) if kind == "site" else index
     if body == WORLD:
