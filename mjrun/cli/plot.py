@@ -1,15 +1,21 @@
 """`mjrun plot`."""
 
+from collections.abc import Sequence
 from dataclasses import asdict
+from typing import TYPE_CHECKING
 
 import click
 
 from mjrun.cli.click_command import CommandLine, command
 from mjrun.cli.console import Console
 from mjrun.cli.result_summary import summary
-from mjrun.cli.simulation_command import import_mujoco, payload_on_stdout
+from mjrun.cli.simulation_command import failures_in_json, import_mujoco, payload_on_stdout
+from mjrun.errors import FailedAssertionError
 from mjrun.options.messages import MessageOptions
 from mjrun.options.plot import TablePlotOptions
+
+if TYPE_CHECKING:
+    from mjrun.plotting.table_plot import TablePlotResult
 
 TABLES = click.Argument(["tables"], nargs=-1, required=True, type=click.Path(), metavar="TABLE...")
 
@@ -23,6 +29,7 @@ def plot(console: Console, command_line: CommandLine) -> None:
     mjrun plot run.csv -o knee.svg --y 'qpos/*knee' --y 'energy/total, energy/drift'
     mjrun plot kick_*.csv -o kicks.pdf --y qpos/root --style print
     mjrun trace scene.xml --csv | mjrun plot - -o scene.png
+    mjrun plot run.parquet --html run.html --include film.mp4 --include run.json
 
     Any number of rows is drawn: of what falls on one pixel, the lowest and the highest value are kept.
     """
@@ -30,12 +37,29 @@ def plot(console: Console, command_line: CommandLine) -> None:
     import_mujoco()
     from mjrun.plotting.table_plot import TablePlot
 
-    if command_line.value("output") is None:
-        raise click.UsageError("Missing option '-o' / '--output'.", click.get_current_context())
-    piped = payload_on_stdout(command_line)
+    if command_line.value("output") is None and command_line.value("html") is None:
+        raise click.UsageError("Missing option '-o' / '--output' or '--html'.", click.get_current_context())
+    payload_on_stdout(command_line)
     job = command_line.make(TablePlot, tables=command_line.arguments("tables"))
-    result = job.run(console)
+    with failures_in_json(console, command_line, _document):
+        try:
+            result = job.run(console)
+        except FailedAssertionError as error:
+            _show(console, command_line, error.results)
+            raise
     if command_line.make(MessageOptions).json:
-        console.document(asdict(result))
-    elif not piped and console.verbosity >= 0:
-        console.result(summary(result))
+        console.document(_document([result]))
+    else:
+        _show(console, command_line, [result])
+
+
+def _show(console: Console, command_line: CommandLine, results: "Sequence[TablePlotResult]") -> None:
+    """A line about each result, where standard output is free for it."""
+    if console.verbosity >= 0 and not payload_on_stdout(command_line) and not command_line.make(MessageOptions).json:
+        for result in results:
+            console.result(summary(result))
+
+
+def _document(results: "Sequence[TablePlotResult]") -> dict[str, object]:
+    (result,) = results
+    return asdict(result)

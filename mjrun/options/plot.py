@@ -5,7 +5,7 @@ from dataclasses import field
 from pathlib import Path
 from typing import ClassVar
 
-from mjrun.options.kinds import Choice, File, Integer, Optional, Several, Size, Text
+from mjrun.options.kinds import Choice, File, Integer, Optional, Real, Several, Size, Text
 from mjrun.options.option import Options, option, options, required
 from mjrun.options.output import PLOTS
 from mjrun.options.trace import SamplingOptions
@@ -68,7 +68,27 @@ class FigureOptions(Options):
 
 
 @options
-class TablePlotOptions(FigureOptions):
+class PageOptions(Options):
+    """A page about a result, which opens in any browser, without a network and without scripts."""
+
+    section: ClassVar[str] = "Page"
+
+    html: str | None = option(
+        converter=Optional(File(written=True)),
+        default=None,
+        help="One page about the result (.html): plots, images, videos, what the columns hold, assertions and "
+        "manifests.",
+    )
+    embed_up_to: float = option(
+        converter=Real(metavar="MB"),
+        default=10.0,
+        help="Images and videos up to this size are in the page itself; those that are larger stay beside it, and it "
+        "links to them.",
+    )
+
+
+@options
+class TablePlotOptions(PageOptions, FigureOptions):
     """A plot of tables.
 
     Args:
@@ -79,8 +99,10 @@ class TablePlotOptions(FigureOptions):
     section: ClassVar[str] = "Plot"
 
     tables: Sequence[str | Path] | str | Path = field(kw_only=False)
-    output: str = required(
-        converter=File(written=True),
+    output: str | None = option(
+        converter=Optional(File(written=True)),
+        default=None,
+        usual="no picture, with html",
         kw_only=False,
         short="-o",
         help=f"{PLOTS}, or - for standard output.",
@@ -90,6 +112,16 @@ class TablePlotOptions(FigureOptions):
         default=None,
         usual="the output's suffix; png in a pipe",
         help="The format.",
+    )
+    assert_: tuple[str, ...] = option(
+        converter=Several(Text("EXPR")),
+        default=(),
+        help="Fail, with exit code 1, unless this holds for each table: max(abs(energy/drift)) < 1e-3.",
+    )
+    include: tuple[str, ...] = option(
+        converter=Several(File()),
+        default=(),
+        help="What the page shows too: an image, a video or a manifest (.json); it links to any other file.",
     )
 
 

@@ -12,11 +12,12 @@ from mjrun.plotting.curve_text import CurveText, Mark, panel_index, parse_curves
 from mjrun.plotting.drawing import Drawing, DrawnCurve, DrawnPanel
 from mjrun.plotting.envelope import Envelope, Points
 from mjrun.plotting.panel import Panel, chosen_panels, panels_by_unit, time_column
-from mjrun.plotting.panel_grid import PanelCount, panel_grid
+from mjrun.plotting.panel_grid import PanelCount, PanelGrid, panel_grid
 from mjrun.probe.event import RisingEdgeDetector
 from mjrun.probe.row_condition import RowCondition, parse_row_condition
 
 PANELS = 48  # of a figure that nobody asked for
+PAGE_PANELS = 12  # that stand under each other in a page
 EVENTS = 200  # of a condition that are marked in one table
 
 
@@ -68,8 +69,8 @@ class FigurePlan:
         self.marks = self._marks()
         self._events = self._event_marks()
         names = max(len(panel.curves) for panel in self.panels) * len(tables) + len(self.marks)
-        shown = PanelCount(len(self.panels), names, bool(options.title))
-        self.grid = panel_grid(shown, options.size, options.columns)
+        self._count = PanelCount(len(self.panels), names, bool(options.title))
+        self.grid = panel_grid(self._count, options.size, options.columns)
 
     @property
     def columns(self) -> list[str]:
@@ -78,6 +79,12 @@ class FigurePlan:
         texts += [self.x.expression] if self.x else []
         read = [name for text in texts for name in text.columns]
         return list(dict.fromkeys([*read, *(name for event in self._events for name in event.condition.columns)]))
+
+    def page_grid(self) -> PanelGrid:
+        """The grid in a page, which is narrow and may be long: panels stand under each other unless they are many."""
+        if self.options.size or self.options.columns or len(self.panels) > PAGE_PANELS:
+            return self.grid
+        return panel_grid(self._count, None, 1)
 
     def collector(self, table: int) -> "TableCollector":
         """What takes the rows of a table."""

@@ -10,6 +10,7 @@ from mjrun.plotting.column_statistics import ColumnStatistics
 from mjrun.plotting.markup import Markup, element, table_element
 from mjrun.plotting.page_files import MEGABYTE, PageFile
 from mjrun.plotting.page_manifest import PageManifest, manifest_article
+from mjrun.plotting.page_theme import theme_style
 from mjrun.probe.verdict import Verdict
 
 _STYLE = Path(__file__).with_name("html_page.css")
@@ -73,7 +74,7 @@ def html_page(page: Page) -> str:
         element("meta", name="color-scheme", content="light dark"),
         element("meta", name="generator", content=page.maker),
         element("title", page.title),
-        element("style", Markup(_STYLE.read_text("utf-8"))),
+        element("style", Markup(theme_style() + _STYLE.read_text("utf-8"))),
     )
     main = element("main", *(_section(*section) for section in shown))
     footer = element("footer", element("p", f"Made by {page.maker}. {_completeness(page.files)}"))
@@ -130,9 +131,15 @@ def _figure(figure: PageFigure, index: int) -> Markup:
 
 
 def inline_svg(svg: str, label: str) -> str:
-    """An `<svg>` element for a page: as wide as there is room, described by the element `label`, without metadata."""
+    """An `<svg>` element for a page: as wide as there is room, described by the element `label`, without metadata.
+
+    Of its identifiers those are kept that it refers to, and they begin with `label`, so that figures do not clash.
+    """
     svg = re.sub(r"<metadata>.*?</metadata>\s*", "", svg, flags=re.DOTALL)
     svg = re.sub(r'\s+xmlns(:\w+)?="[^"]*"', "", svg).replace("xlink:href=", "href=")
+    used = set(re.findall(r'(?:href="|url\()#([^")]+)', svg))
+    svg = re.sub(r'\sid="([^"]*)"', lambda found: f' id="{label}-{found[1]}"' if found[1] in used else "", svg)
+    svg = re.sub(r'(href="|url\()#', rf"\1#{label}-", svg)
     opening, rest = svg.split(">", 1)
     opening = re.sub(r'\s(width|height|version|role)="[^"]*"', "", opening)
     return f'{opening} role="img" aria-labelledby="{label}">{rest}'

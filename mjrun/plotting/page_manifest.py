@@ -7,7 +7,7 @@ from typing import cast
 from mjrun.plotting.markup import Markup, element, table_element
 
 _VERSIONS = ("mjrun", "mujoco", "numpy", "python")
-_UNITS = {"timestep": "s", "simulated": "s", "wall": "s"}  # of facts that have one
+_IN_SECONDS = ("timestep", "simulated", "duration", "wall", "simulation_wall", "draw_wall")
 DEEPEST = 8  # mappings in mappings that are taken apart
 # Of a result, what the page shows elsewhere.
 _ELSEWHERE = ("path", "assertions")
@@ -19,6 +19,10 @@ class PageManifest:
 
     path: str
     content: Mapping[str, object]
+
+    def is_part_of(self, other: "PageManifest") -> bool:
+        """Whether `other` says all of it, as a manifest beside a table does of the one within."""
+        return all(key in other.content and other.content[key] == value for key, value in self.content.items())
 
 
 def manifest_article(manifest: PageManifest) -> Markup:
@@ -76,8 +80,7 @@ def flat(values: Mapping[str, object], above: str = "") -> dict[str, object]:
 
 def _named(key: str) -> str:
     """A fact as a reader calls it: `Wall [s]`."""
-    unit = _UNITS.get(key)
-    return key.replace("_", " ").capitalize() + (f" [{unit}]" if unit else "")
+    return key.replace("_", " ").capitalize() + (" [s]" if key in _IN_SECONDS else "")
 
 
 def _value(key: str, value: object) -> Markup:

@@ -5,19 +5,19 @@ from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 
-from mjrun.errors import FileError, UsageError, listing, option
+from mjrun.errors import FailedAssertionError, UsageError, listing, option
 from mjrun.formats.figure_format import figure_format
-from mjrun.formats.table_reader import TableReader, open_table
+from mjrun.formats.table_reader import STDIN
 from mjrun.options.option import options
-from mjrun.options.plot import FigureOptions, TablePlotOptions
-from mjrun.plotting.drawing import Drawing
-from mjrun.plotting.figure_plan import FigurePlan, TableColumns
-from mjrun.plotting.figure_writer import FigureWriter, require_matplotlib, svg_text
-from mjrun.plotting.table_names import table_names
+from mjrun.options.plot import TablePlotOptions
+from mjrun.plotting.figure_writer import FigureWriter, require_matplotlib
+from mjrun.plotting.html_page import Page, PageTable
+from mjrun.plotting.page_writer import MAKER, PageWriter, included, recorded_verdicts
+from mjrun.plotting.table_figure import TableFigure
+from mjrun.plotting.table_summary import TableSummary
+from mjrun.probe.verdict import Verdict
 from mjrun.reporter import Reporter, WarningReporter
-from mjrun.version import __version__
 
-STDIN = "-"
 SCHEMA = "mjrun.plot/1"  # of the report
 
 
@@ -32,35 +32,87 @@ class TablePlot(TablePlotOptions):
         return [str(table) for table in tables]
 
     def run(self, reporter: Reporter | None = None) -> "TablePlotResult":
-        """Makes the plot.
+        """Makes the plot, and the page.
 
         Raises:
+          FailedAssertionError: an assertion does not hold; everything is published all the same.
           MjrunError: nothing was published, and an existing output is untouched.
         """
         reporter = reporter or WarningReporter()
         require_matplotlib()
-        target = None if self.output == STDIN else self.output
-        name = figure_format(target, self.format)
+        if self.output is None and self.html is None:
+            raise UsageError(f"there is nothing to make: give {option('output')}, {option('html')} or both")
         with ExitStack() as stack:
             figure = TableFigure(self.paths, self, stack)
-            tags = {"comment": f"mjrun {__version__}"} | ({"title": self.title} if self.title else {})
-            writer = stack.enter_context(FigureWriter(target, name, figure.plan.grid.size, tags))
-            figure.read()
+            picture = stack.enter_context(self._picture(figure)) if self.output else None
+            page = stack.enter_context(PageWriter(self.html)) if self.html else None
+            summaries = self._summaries(figure)
+            figure.read(summaries)
             for text in figure.notes():
                 reporter.note(text)
-            writer.write(figure.drawing(), figure.plan.grid, self.style)
-            writer.publish()
+            verdicts = [(summary.path, verdict) for summary in summaries for verdict in summary.verdicts()]
+            if picture:
+                picture.write(figure.drawing(), figure.plan.grid, self.style)
+            if page:
+                page.write(self._page(figure, summaries, verdicts))
+            for writer in filter(None, [picture, page]):
+                writer.finish()
+            for writer in filter(None, [picture, page]):
+                writer.publish()
+        return self._result(figure, verdicts)
+
+    def _picture(self, figure: TableFigure) -> FigureWriter:
+        target = None if self.output == STDIN else self.output
+        tags = {"comment": MAKER} | ({"title": self.title} if self.title else {})
+        return FigureWriter(target, figure_format(target, self.format), figure.plan.grid.size, tags)
+
+    def _summaries(self, figure: TableFigure) -> list[TableSummary]:
+        """Of each table, if they are of use: of the columns that are drawn where the user chose some."""
+        if not self.html and not self.assert_:
+            return []
+        columns = figure.plan.columns if self.y else None
+        return [TableSummary(path, units, columns, self.assert_) for path, units in figure.units.items()]
+
+    def _page(
+        self, figure: TableFigure, summaries: Sequence[TableSummary], verdicts: Sequence[tuple[str, Verdict]]
+    ) -> Page:
+        assert self.html
+        files, manifests = included(self.include, self.html, self.embed_up_to)
+        known = {(path, verdict.text) for path, verdict in verdicts}
+        recorded = [(path, each) for path, each in recorded_verdicts(manifests) if (path, each.text) not in known]
+        embedded = [each for each in figure.manifests if not any(each.is_part_of(other) for other in manifests)]
+        return Page(
+            title=self.title or listing(self.paths),
+            maker=MAKER,
+            figures=[figure.for_page()],
+            verdicts=[*verdicts, *recorded],
+            files=files,
+            tables=[PageTable(each.path, each.rows, each.statistics()) for each in summaries],
+            manifests=[*manifests, *embedded],
+        )
+
+    def _result(self, figure: TableFigure, verdicts: Sequence[tuple[str, Verdict]]) -> "TablePlotResult":
         curves = sum(len(panel.curves) for panel in figure.drawing().panels)
-        return TablePlotResult(
-            path=self.output,
-            format=name,
+        target = None if self.output == STDIN else self.output
+        result = TablePlotResult(
+            path=self.output or str(self.html),
+            format=figure_format(target, self.format) if self.output else "html",
             size=figure.plan.grid.size,
             tables=self.paths,
             rows=figure.rows,
             panels=[panel.label for panel in figure.plan.panels],
             curves=curves,
             notes=figure.notes(),
+            html=self.html,
+            assertions=[verdict for _, verdict in verdicts],
         )
+        several = len(self.paths) > 1
+        failed = [f"{path}: {each.message}" if several else each.message for path, each in verdicts if not each.passed]
+        if failed:
+            error = FailedAssertionError(failed)
+            error.results = [result]
+            raise error
+        return result
 
 
 @dataclass(frozen=True)
@@ -76,6 +128,8 @@ class TablePlotResult:
       panels: their labels, in order.
       curves: in all panels together.
       notes: what the user may want to know: rows and values that cannot be drawn, columns that are left out.
+      html: the page about it; None without one.
+      assertions: each with the value that it has, and whether it holds; of one table after the other.
       schema: of this document.
     """
 
@@ -87,75 +141,6 @@ class TablePlotResult:
     panels: Sequence[str]
     curves: int
     notes: Sequence[str]
+    html: str | None = None
+    assertions: Sequence[Verdict] = ()
     schema: str = SCHEMA
-
-
-class TableFigure:
-    """A figure of tables, which are open until `stack` is left.
-
-    Raises:
-      UsageError, FileError: a table or a name that is not there.
-    """
-
-    def __init__(self, tables: Sequence[str], options: FigureOptions, stack: ExitStack) -> None:
-        if not tables:
-            raise UsageError("there is nothing to plot: give a table, or - for standard input")
-        if tables.count(STDIN) > 1:
-            raise UsageError("standard input is read once: give - once")
-        self._paths, names = tables, table_names(tables)
-        readers = [stack.enter_context(open_table(path, missing="nan")) for path in tables]
-        known = [TableColumns(name, dict(r.units)) for name, r in zip(names, readers, strict=True)]
-        self.plan = FigurePlan(options, known)
-        self._readers = [self._narrowed(path, reader, stack) for path, reader in zip(tables, readers, strict=True)]
-        self._collectors = [self.plan.collector(index) for index in range(len(tables))]
-
-    @property
-    def rows(self) -> list[int]:
-        """Rows of each table that were read."""
-        return [collector.rows for collector in self._collectors]
-
-    def read(self) -> None:
-        """Reads all tables.
-
-        Raises:
-          FileError: one of them cannot be read, or has no rows.
-        """
-        for path, reader, collector in zip(self._paths, self._readers, self._collectors, strict=True):
-            try:
-                for block in reader.blocks():
-                    collector.feed(dict(zip(reader.names, block.T, strict=True)))
-            except FileError as error:
-                error.add_note(f"{option('y')} chooses columns; others may hold anything")
-                raise
-            if not collector.rows:
-                raise FileError(path, "has no rows")
-
-    def drawing(self) -> Drawing:
-        """What is drawn of them."""
-        return self.plan.drawing(self._collectors)
-
-    def notes(self) -> list[str]:
-        """What the user may want to know."""
-        without = [path for path, c in zip(self._paths, self._collectors, strict=True) if not c.has_curves]
-        missing = [f"none of the curves is in {listing(without)}"] if without else []
-        return [*self.plan.notes, *missing, *(text for c in self._collectors for text in c.notes())]
-
-    def _narrowed(self, path: str, reader: TableReader, stack: ExitStack) -> TableReader:
-        """The table with the columns that are read alone, if it can be opened again."""
-        wanted = [name for name in reader.names if name in self.plan.columns] or list(reader.names[:1])
-        if path == STDIN or len(wanted) == len(reader.names):
-            return reader
-        return stack.enter_context(open_table(path, wanted, missing="nan"))
-
-
-def svg_figure(tables: Sequence[str], options: FigureOptions) -> tuple[str, list[str]]:
-    """The figure of tables as an `<svg>` element to stand in a page, and notes about it.
-
-    Raises:
-      MjrunError: a table or a name that is not there, or that cannot be read.
-    """
-    require_matplotlib()
-    with ExitStack() as stack:
-        figure = TableFigure(tables, options, stack)
-        figure.read()
-        return svg_text(figure.drawing(), figure.plan.grid, options.style), figure.notes()

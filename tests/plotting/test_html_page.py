@@ -16,12 +16,13 @@ EVIL = '<script>alert("1")</script>'
 SVG = (
     '<svg xmlns:xlink="http://www.w3.org/1999/xlink" width="8pt" height="4pt" viewBox="0 0 8 4" '
     'xmlns="http://www.w3.org/2000/svg" version="1.1"><metadata><a href="http://x"/></metadata>'
-    '<defs><path id="p" d="M 0 0"/></defs><use xlink:href="#p" style="fill: #fff"/></svg>'
+    '<defs><path id="p" d="M 0 0"/></defs>'
+    '<use xlink:href="#p" style="fill: #fff" id="unused" clip-path="url(#p)"/></svg>'
 )
 PAGE = Page(
     EVIL,
     "mjrun 1",
-    [PageFigure(SVG, f"all of {EVIL}", ["a note"])],
+    [PageFigure(SVG, f"all of {EVIL}", ["a note"]), PageFigure(SVG, "the same again")],
     [
         (EVIL, Verdict(f"a < {EVIL}", True, f"a < {EVIL}: it is 1")),
         ("b.csv", Verdict("b < 1", False, "b < 1: it is 2")),
@@ -136,7 +137,8 @@ def test_what_there_is_none_of_has_no_section() -> None:
 def test_a_figure_is_as_wide_as_there_is_room_and_has_no_metadata() -> None:
     svg = inline_svg(SVG, "plot-0")
     assert svg.startswith('<svg viewBox="0 0 8 4" role="img" aria-labelledby="plot-0"><defs>')
-    assert '<use href="#p"' in svg
+    assert '<path id="plot-0-p"' in svg
+    assert '<use href="#plot-0-p"' in svg
 
 
 def test_the_same_page_is_the_same_text() -> None:

@@ -2,16 +2,20 @@
 
 import io
 import xml.etree.ElementTree as ElementTree
+from contextlib import ExitStack
 from pathlib import Path
 
 import numpy as np
 import pytest
+from PIL import Image
 
-from mjrun.errors import FileError, MjrunError, UnknownNameError, UsageError
+from mjrun.errors import FailedAssertionError, FileError, MjrunError, UnknownNameError, UsageError
 from mjrun.formats.table_writer import TableWriter
 from mjrun.model.column import Column
 from mjrun.options.plot import FigureOptions
-from mjrun.plotting.table_plot import TablePlot, svg_figure
+from mjrun.plotting.table_figure import TableFigure
+from mjrun.plotting.table_plot import TablePlot
+from tests.plotting.test_html_page import external_references
 
 COLUMNS = [Column("time", "s"), Column("qpos/knee", "rad"), Column("qpos/hip", "rad"), Column("energy/total", "J")]
 TIME = np.arange(500) / 100
@@ -27,6 +31,15 @@ def table(path: Path, rows: np.ndarray = ROWS, columns: list[Column] = COLUMNS) 
 
 def texts(svg: str) -> list[str]:
     return [str(each.text) for each in ElementTree.fromstring(svg).iter() if each.tag.endswith("text")]
+
+
+def svg_figure(tables: list[str], options: FigureOptions) -> tuple[str, list[str]]:
+    """The figure as it stands in a page, and notes about it."""
+    with ExitStack() as stack:
+        figure = TableFigure(tables, options, stack)
+        figure.read()
+        page = figure.for_page()
+        return page.svg, list(page.notes)
 
 
 @pytest.mark.parametrize("suffix", ["csv", "jsonl", "parquet", "feather", "npz", "mat"])
@@ -113,3 +126,41 @@ def test_notes_are_told_and_reported(tmp_path: Path) -> None:
     assert heard == result.notes
     assert "row" in heard[0]
     assert "v: 1 values at or below zero" in heard[1]
+
+
+def test_a_page_holds_the_plot_the_columns_assertions_and_what_is_included(tmp_path: Path) -> None:
+    file, page = table(tmp_path / "run.parquet"), tmp_path / "page.html"
+    Image.new("RGB", (4, 3)).save(tmp_path / "a.png")
+    plot = TablePlot(file, tmp_path / "p.svg", html=page, include=[tmp_path / "a.png"], assert_=["max(time) >= 0"])
+    result = plot.run()
+    html = page.read_text()
+    assert (result.path, result.html) == (str(tmp_path / "p.svg"), str(page))
+    assert [verdict.passed for verdict in result.assertions] == [True]
+    assert external_references(html) == []
+    for part in ("qpos/knee", "1 assertion passed", "data:image/png;base64,", "<svg"):
+        assert part in html
+    assert (tmp_path / "p.svg").exists()
+    plot.run()
+    assert page.read_text() == html
+
+
+def test_an_assertion_that_fails_publishes_the_page_and_says_of_which_table(tmp_path: Path) -> None:
+    files = [table(tmp_path / f"{name}.csv") for name in "ab"]
+    with pytest.raises(FailedAssertionError, match=r"a\.csv: .*\n.*b\.csv: ") as failure:
+        TablePlot(files, html=tmp_path / "page.html", assert_=["max(time) < 0"]).run()
+    assert [result.format for result in failure.value.results] == ["html"]
+    assert "2 of 2 assertions failed" in (tmp_path / "page.html").read_text()
+
+
+def test_a_page_that_cannot_be_written_leaves_the_plot_unpublished(tmp_path: Path) -> None:
+    file = table(tmp_path / "run.csv")
+    with pytest.raises(FileError):
+        TablePlot(file, tmp_path / "p.png", html=tmp_path / "none" / "page.html").run()
+    with pytest.raises(FileError, match=r"none\.mp4"):
+        TablePlot(file, tmp_path / "p.png", html=tmp_path / "page.html", include=[tmp_path / "none.mp4"]).run()
+    assert [path.name for path in tmp_path.iterdir()] == ["run.csv"]
+
+
+def test_with_neither_picture_nor_page_there_is_nothing_to_make(tmp_path: Path) -> None:
+    with pytest.raises(UsageError, match="output, html or both"):
+        TablePlot(table(tmp_path / "run.csv")).run()

@@ -1,0 +1,86 @@
+"""Writes pages about results, and gathers what they show."""
+
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import cast
+
+from mjrun.errors import BadValueError, FileError, option
+from mjrun.formats.atomic_output import OutputWriter, StagedFile
+from mjrun.formats.manifest import parse_manifest
+from mjrun.plotting.html_page import Page, html_page
+from mjrun.plotting.page_files import PageFile, page_file
+from mjrun.plotting.page_manifest import PageManifest
+from mjrun.probe.verdict import Verdict
+from mjrun.version import __version__
+
+SUFFIXES = (".html", ".htm")
+MAKER = f"mjrun {__version__}"
+
+
+class PageWriter(OutputWriter):
+    """Writes one page. Opening it proves that the output can be written.
+
+    Raises:
+      BadValueError: the output is not called .html.
+      FileError: it cannot be written.
+    """
+
+    def __init__(self, output: str) -> None:
+        if Path(output).suffix.lower() not in SUFFIXES:
+            raise BadValueError(option("html"), output, "a file that ends with .html")
+        super().__init__(StagedFile(Path(output)))
+
+    def write(self, page: Page) -> None:
+        """Writes the page; the same page is the same bytes.
+
+        Raises:
+          FileError: it cannot be written.
+        """
+        self.write_file(html_page(page).encode())
+
+
+def included(paths: Iterable[str], page: str, limit: float) -> tuple[list[PageFile], list[PageManifest]]:
+    """The files that a page at `page` shows, and the manifests among them.
+
+    Args:
+      limit: the size up to which a file is in the page itself [MB].
+
+    Raises:
+      FileError: one of them is not there, or cannot be read.
+    """
+    files: list[PageFile] = []
+    manifests: list[PageManifest] = []
+    for path in paths:
+        manifest = _manifest(path) if path.lower().endswith(".json") else None
+        if manifest is None:
+            files.append(page_file(path, page, limit))
+        else:
+            manifests.append(PageManifest(path, manifest))
+    return files, manifests
+
+
+def recorded_verdicts(manifests: Iterable[PageManifest]) -> list[tuple[str, Verdict]]:
+    """The verdicts of assertions that manifests hold, each with the file that it is about."""
+    verdicts: list[tuple[str, Verdict]] = []
+    for manifest in manifests:
+        result = manifest.content.get("result")
+        if not isinstance(result, Mapping):
+            continue
+        facts = cast(Mapping[str, object], result)
+        entries = facts.get("assertions")
+        for entry in cast(Sequence[object], entries) if isinstance(entries, list) else ():
+            match entry:
+                case {"text": str(text), "passed": bool(passed), "message": str(message)}:
+                    verdicts.append((str(facts.get("path", manifest.path)), Verdict(text, passed, message)))
+                case _:
+                    pass
+    return verdicts
+
+
+def _manifest(path: str) -> dict[str, object] | None:
+    """What a JSON document says, if it is a manifest of ours."""
+    try:
+        content = parse_manifest(Path(path).read_bytes())
+    except OSError as error:
+        raise FileError(path, f"cannot be read: {error.strerror or error}") from None
+    return content if content and "mjrun" in content else None

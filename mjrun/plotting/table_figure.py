@@ -1,0 +1,99 @@
+"""A figure of tables, which are read once."""
+
+from collections.abc import Collection, Sequence
+from contextlib import ExitStack
+
+from mjrun.errors import FileError, UsageError, listing, option
+from mjrun.formats.table_reader import STDIN, TableReader, open_table
+from mjrun.options.plot import FigureOptions
+from mjrun.plotting.column_units import with_units
+from mjrun.plotting.drawing import Drawing
+from mjrun.plotting.figure_plan import FigurePlan, TableColumns
+from mjrun.plotting.figure_writer import svg_text
+from mjrun.plotting.html_page import PageFigure
+from mjrun.plotting.page_manifest import PageManifest
+from mjrun.plotting.page_theme import adaptive
+from mjrun.plotting.table_names import table_names
+from mjrun.plotting.table_summary import TableSummary
+
+
+class TableFigure:
+    """A figure of tables, which are open until `stack` is left.
+
+    Raises:
+      UsageError, FileError: a table or a name that is not there.
+    """
+
+    def __init__(self, tables: Sequence[str], options: FigureOptions, stack: ExitStack) -> None:
+        if not tables:
+            raise UsageError("there is nothing to plot: give a table, or - for standard input")
+        if tables.count(STDIN) > 1:
+            raise UsageError("standard input is read once: give - once")
+        self._paths, names = tables, table_names(tables)
+        self._stack, self._options = stack, options
+        self._readers = [stack.enter_context(open_table(path, missing="nan")) for path in tables]
+        known = [TableColumns(name, dict(r.units)) for name, r in zip(names, self._readers, strict=True)]
+        self.plan = FigurePlan(options, known)
+        self._collectors = [self.plan.collector(index) for index in range(len(tables))]
+
+    @property
+    def rows(self) -> list[int]:
+        """Rows of each table that were read."""
+        return [collector.rows for collector in self._collectors]
+
+    @property
+    def units(self) -> dict[str, dict[str, str]]:
+        """The unit of each column of each table, by its path."""
+        tables = zip(self._paths, self._readers, strict=True)
+        return {path: with_units(reader.names, reader.units) for path, reader in tables}
+
+    @property
+    def manifests(self) -> list[PageManifest]:
+        """What the tables hold about how they were made."""
+        tables = zip(self._paths, self._readers, strict=True)
+        return [PageManifest(path, reader.manifest) for path, reader in tables if reader.manifest]
+
+    def read(self, summaries: Sequence[TableSummary] = ()) -> None:
+        """Reads all tables, once, for `summaries` of each too.
+
+        Raises:
+          FileError: one of them cannot be read, or has no rows.
+        """
+        for index, (path, collector) in enumerate(zip(self._paths, self._collectors, strict=True)):
+            summary = summaries[index] if summaries else None
+            reader = self._narrowed(path, self._readers[index], summary.names if summary else ())
+            try:
+                for block in reader.blocks():
+                    columns = dict(zip(reader.names, block.T, strict=True))
+                    collector.feed(columns)
+                    if summary:
+                        summary.feed(columns)
+            except FileError as error:
+                error.add_note(f"{option('y')} chooses columns; others may hold anything")
+                raise
+            if not collector.rows:
+                raise FileError(path, "has no rows")
+
+    def drawing(self) -> Drawing:
+        """What is drawn of them."""
+        return self.plan.drawing(self._collectors)
+
+    def notes(self) -> list[str]:
+        """What the user may want to know."""
+        without = [path for path, c in zip(self._paths, self._collectors, strict=True) if not c.has_curves]
+        missing = [f"none of the curves is in {listing(without)}"] if without else []
+        return [*self.plan.notes, *missing, *(text for c in self._collectors for text in c.notes())]
+
+    def for_page(self) -> PageFigure:
+        """The figure as it stands in a page, which has room below rather than beside."""
+        svg = svg_text(self.drawing(), self.plan.page_grid(), self._options.style)
+        svg = adaptive(svg) if self._options.style == "light" else svg
+        labels = [panel.label for panel in self.plan.panels]
+        return PageFigure(svg, f"{listing(self._paths)}: {listing(labels)}", self.notes())
+
+    def _narrowed(self, path: str, reader: TableReader, also: Collection[str]) -> TableReader:
+        """The table with the columns that are read alone, if it can be opened again."""
+        wanted = [name for name in reader.names if name in self.plan.columns or name in also] or list(reader.names[:1])
+        if path == STDIN or len(wanted) == len(reader.names):
+            return reader
+        return self._stack.enter_context(open_table(path, wanted, missing="nan"))
