@@ -24,7 +24,7 @@ HOUSE = (
     ("model",),
     ("options", "child_process"),
     ("reporter",),
-    ("timeline", "errors", "palette", "version"),
+    ("timeline", "errors", "palette", "closable", "version"),
 )
 
 # Where each library may be imported. What is not listed may be imported nowhere.

@@ -15,9 +15,9 @@ import stat
 import sys
 from collections.abc import Iterator
 from pathlib import Path
-from types import TracebackType
-from typing import BinaryIO, Protocol, Self
+from typing import BinaryIO, Protocol
 
+from mjrun.closable import Closable
 from mjrun.errors import ClosedPipeError, FileError
 
 FRAME_NAME = "%06d.png"
@@ -44,7 +44,7 @@ class Destination(Protocol):
         ...
 
 
-class OutputWriter:
+class OutputWriter(Closable):
     """Base of all writers: a context manager that leaves nothing behind unless the output was published.
 
     Creating the destination proves that the output can be written.
@@ -88,14 +88,6 @@ class OutputWriter:
     def close(self) -> None:
         """Closes what is open, and removes what was not published."""
         self.resources.close()
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self.close()
 
     @contextlib.contextmanager
     def opening(self) -> Iterator[None]:

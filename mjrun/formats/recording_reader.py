@@ -13,11 +13,11 @@ import zipfile
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from types import TracebackType
 from typing import Any, BinaryIO
 
 import numpy as np
 
+from mjrun.closable import Closable
 from mjrun.errors import FileError, option
 from mjrun.formats import npy_header
 from mjrun.formats.input_file import decoding, require_file
@@ -30,7 +30,7 @@ ARRAYS = {"states": ("float64", ("n", "size")), "steps": ("int64", ("n",)), "fac
 HINT = f"{option('recording')} FILE.npz makes one"
 
 
-class RecordingReader:
+class RecordingReader(Closable):
     """Reads the states of a recording in any order; they stay on disk.
 
     Opening it checks all of it.
@@ -103,14 +103,6 @@ class RecordingReader:
     def close(self) -> None:
         """Closes the file, which also happens when the reader is garbage-collected."""
         self._closing()
-
-    def __enter__(self) -> "RecordingReader":
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self.close()
 
 
 # The functions below raise a ValueError for a fault of the recording; `decoding` adds the path.

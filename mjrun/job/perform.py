@@ -7,7 +7,6 @@ from collections.abc import Callable, Generator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import asdict, dataclass
 from functools import partial
-from types import TracebackType
 from typing import Generic, TypeVar
 
 import mujoco
@@ -308,9 +307,7 @@ class _UsageErrors:
     def __enter__(self) -> "_UsageErrors":
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
         if kind is None and self._errors:
             together = InvalidJobsError(self._errors)
             if self._alone and len(self._errors) == 1:

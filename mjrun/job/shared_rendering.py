@@ -4,8 +4,9 @@ Rendering is imported only once something is drawn: a trace alone starts without
 """
 
 from dataclasses import dataclass
-from types import TracebackType
 from typing import TYPE_CHECKING
+
+from mjrun.closable import Closable
 
 if TYPE_CHECKING:
     from mjrun.options.view import ViewOptions
@@ -34,7 +35,7 @@ class RendererRequest:
         return VulkanDetection() if self.renderer == "filament" else BackendDetection(self.gl)
 
 
-class SharedRendering:
+class SharedRendering(Closable):
     """Detects each backend once and starts each worker process once, for all outputs of a pass. To be closed."""
 
     def __init__(self) -> None:
@@ -84,11 +85,3 @@ class SharedRendering:
             self._workers.close()
         for detection in self._detections.values():
             detection.cancel()
-
-    def __enter__(self) -> "SharedRendering":
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self.close()

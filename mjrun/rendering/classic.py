@@ -4,13 +4,13 @@ import contextlib
 import time
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
-from types import TracebackType
 
 import mujoco
 import numpy as np
 
 from mjrun.camera.calibration import lens, metric_depth
 from mjrun.camera.pose import Pose
+from mjrun.closable import Closable
 from mjrun.errors import DrawError, UsageError, option
 from mjrun.model.names import enum_members
 from mjrun.model.rendered_view import RenderedView
@@ -28,7 +28,7 @@ COSTLY = ("shadow", "reflection")
 OFFSCREEN = mujoco.mjtFramebuffer.mjFB_OFFSCREEN.value
 
 
-class ClassicRenderer:
+class ClassicRenderer(Closable):
     """Draws states of one model at one size. To be used in the thread that made it, and closed.
 
     Args:
@@ -130,14 +130,6 @@ class ClassicRenderer:
         if self._gl is not None:
             self._gl.free()
         self._buffer = self._context = self._gl = None
-
-    def __enter__(self) -> "ClassicRenderer":
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self.close()
 
     def _update_scene(self, pose: Pose) -> None:
         room = sum(decoration.geoms for decoration in self._decors)

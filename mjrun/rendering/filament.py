@@ -8,7 +8,6 @@ import warnings
 from collections.abc import Sequence
 from dataclasses import replace
 from multiprocessing.connection import Pipe
-from types import TracebackType
 from typing import Any
 
 import mujoco
@@ -16,6 +15,7 @@ import numpy as np
 
 from mjrun.camera.pose import Pose
 from mjrun.child_process import ChildProcess, python_call
+from mjrun.closable import Closable
 from mjrun.errors import DrawError, UsageError, option
 from mjrun.model.names import enum_members
 from mjrun.model.rendered_view import RenderedView
@@ -44,7 +44,7 @@ REFUSED = {
 MODES = {"wireframe": (1, "WIREFRAME"), "island": (1, "ISLANDS"), "texture": (0, "DEFAULT_NO_TEXTURES")}
 
 
-class FilamentRenderer:
+class FilamentRenderer(Closable):
     """Draws states of one model at one size. To be closed.
 
     Filament's colours carry noise, whose sequence continues from image to image: drawn again, a pixel differs by one
@@ -128,14 +128,6 @@ class FilamentRenderer:
     def close(self) -> None:
         """Ends the process."""
         self._process.close()
-
-    def __enter__(self) -> "FilamentRenderer":
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self.close()
 
     def _ask(self, name: str, *arguments: Any) -> Any:
         answer, failure, texts = self._process.ask(name, *arguments)

@@ -13,13 +13,13 @@ import warnings
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from multiprocessing.connection import Pipe
-from types import TracebackType
 from typing import Generic, TypeVar
 
 import numpy as np
 import numpy.typing as npt
 
 from mjrun.child_process import ChildProcess, python_call
+from mjrun.closable import Closable
 from mjrun.errors import DrawError, option
 from mjrun.rendering.worker_process import (
     GRACE,
@@ -47,7 +47,7 @@ ENVIRONMENT = {"LP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "MUJOCO_GL": 
 P = TypeVar("P", bound=Painter)
 
 
-class PainterProcesses:
+class PainterProcesses(Closable):
     """Processes that draw for one pool after another. The constructor does not wait for them to start. To be closed.
 
     Args:
@@ -104,14 +104,6 @@ class PainterProcesses:
         """Ends the processes; busy ones are killed."""
         self._resources.close()
 
-    def __enter__(self) -> "PainterProcesses":
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self.close()
-
     def _end_all(self) -> None:
         for worker in self._workers:
             worker.hang_up(kill=not worker.is_idle)
@@ -120,7 +112,7 @@ class PainterProcesses:
         self._workers = []
 
 
-class ParallelPainter(Generic[P]):
+class ParallelPainter(Closable, Generic[P]):
     """Draws frames in `jobs` processes, or in this one if that is 1. To be closed.
 
     The constructor opens the painter, or tells the processes to, without waiting for them.
@@ -214,14 +206,6 @@ class ParallelPainter(Generic[P]):
         self._is_open = False
         self._resources.close()
         self._slots = []  # the memory lasts as long as a frame is referenced
-
-    def __enter__(self) -> "ParallelPainter[P]":
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self.close()
 
     def _discard_busy(self) -> None:
         for worker in self._workers:
