@@ -8,6 +8,7 @@ import mujoco
 import numpy as np
 
 from mjrun.errors import UsageError, clean, concerning, listing, option
+from mjrun.formats.input_file import cut
 from mjrun.formats.recording_reader import RecordingReader
 from mjrun.job.manifest import origin
 from mjrun.job.simulation import Simulation
@@ -139,7 +140,7 @@ def _origins(recorded: Mapping[str, Any], now: Mapping[str, object], model: mujo
     for key, name in VERSIONS.items():
         there, here = recorded.get(key, now[key]), now[key]
         if there != here:
-            yield f"{name}: recorded with {clean(str(there))}, verified with {clean(str(here))}"
+            yield f"{name}: recorded with {clean(cut(str(there)))}, verified with {clean(str(here))}"
     there, here = _overrides(recorded.get("options")), _overrides({"simulation": now["options"]})
     if there is not None and here is not None and there != here:
         yield f"overrides: recorded with {listing(there) or 'none'}, verified with {listing(here) or 'none'}"
