@@ -108,5 +108,5 @@ def _differences(model: mujoco.MjModel, last: np.ndarray, loaded: np.ndarray) ->
         elif name in ATTRIBUTES.values():
             raise AssertionError(f"{name} of the key is not that of the state")
         else:
-            texts.append(f"a keyframe has no {name}, and the last instant had")
+            texts.append(f"a keyframe does not hold {name}: that of this instant is not in it")
     return texts

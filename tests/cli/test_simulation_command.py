@@ -32,7 +32,7 @@ def test_cameras_that_are_no_scripts_stay() -> None:
     ("cls", "params"),
     [
         (SimulationOptions, {"duration": 1, "steps": 2}),
-        (SimulationOptions, {"key": "home", "replay": "a.npz"}),
+        (SimulationOptions, {"ctrl_from": "a.csv", "replay": "a.npz"}),
         (TraceOptions, {"every": 2, "rate": 10}),
         (ImageOptions, {"time": 1, "step": 2, "output": "a.png"}),
     ],

@@ -101,8 +101,8 @@ def test_what_a_key_cannot_hold_is_told(tmp_path: Path) -> None:
     with KeyframeWriter(str(source), source, xml, "rest", model) as writer:
         told = writer.write(model, state.save(model, data))
     assert told == [
-        "a keyframe has no xfrc_applied, and the last instant had",
-        "a keyframe has no eq_active, and the last instant had",
+        "a keyframe does not hold xfrc_applied: that of this instant is not in it",
+        "a keyframe does not hold eq_active: that of this instant is not in it",
         "MuJoCo normalizes quaternions of keyframes: mocap_quat is another from the last bits on",
-        "a keyframe has no userdata, and the last instant had",
+        "a keyframe does not hold userdata: that of this instant is not in it",
     ]
