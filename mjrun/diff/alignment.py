@@ -3,7 +3,7 @@
 A row has a key, which never falls: the time, or the step of a state. Memory holds a few blocks of either stream.
 """
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol
@@ -55,6 +55,17 @@ class Pairs:
     keys: np.ndarray | None
 
 
+@dataclass(frozen=True)
+class EqualRows:
+    """So many rows that belong together and were not looked at: they are the same."""
+
+    count: int
+
+
+# Passes over rows that are the same in both tables, from where either is, and returns how many.
+Skip = Callable[[], int]
+
+
 class RowStream:
     """The rows of a table from its first one that is not merged yet.
 
@@ -96,6 +107,11 @@ class RowStream:
         values = block[:, self._indices]
         self.values = np.concatenate([self.values, values]) if len(self.values) else values
 
+    def pass_over(self, count: int) -> None:
+        """Counts rows that come next and were not looked at."""
+        self.row += count
+        self._last = -np.inf
+
     def drop(self, count: int) -> None:
         """Leaves out the first rows, which are merged."""
         self.values, self.keys = self.values[count:], self.keys[count:]
@@ -129,9 +145,12 @@ class RowStream:
         self._last = keys[-1]
 
 
-def pairs_by_row(a: RowStream, b: RowStream) -> Iterator[Pairs]:
+def pairs_by_row(a: RowStream, b: RowStream, skip: Skip) -> Iterator[Pairs | EqualRows]:
     """Rows of the same number; the others are noted."""
-    while _fill(a, b):
+    while True:
+        yield from _equal_rows(a, b, skip)
+        if not _fill(a, b):
+            return
         count = min(len(a), len(b))
         if count:
             yield _first_pairs(a, b, count)
@@ -139,9 +158,12 @@ def pairs_by_row(a: RowStream, b: RowStream) -> Iterator[Pairs]:
             _pass_over(a, b)
 
 
-def pairs_by_key(a: RowStream, b: RowStream, tolerance: Tolerance) -> Iterator[Pairs]:
+def pairs_by_key(a: RowStream, b: RowStream, tolerance: Tolerance, skip: Skip) -> Iterator[Pairs | EqualRows]:
     """Rows whose keys agree, several of one key in their order; the others are noted."""
-    while _fill(a, b):
+    while True:
+        yield from _equal_rows(a, b, skip)
+        if not _fill(a, b):
+            return
         count = min(len(a), len(b))
         if not count:
             _pass_over(a, b)
@@ -149,6 +171,16 @@ def pairs_by_key(a: RowStream, b: RowStream, tolerance: Tolerance) -> Iterator[P
             yield _first_pairs(a, b, count)
         else:
             yield from _merged(a, b, tolerance)
+
+
+def _equal_rows(a: RowStream, b: RowStream, skip: Skip) -> Iterator[EqualRows]:
+    """Passes over equal rows, if none of either wait here."""
+    if len(a) or len(b):
+        return
+    if count := skip():
+        a.pass_over(count)
+        b.pass_over(count)
+        yield EqualRows(count)
 
 
 def _fill(a: RowStream, b: RowStream) -> bool:

@@ -2,6 +2,7 @@
 
 from collections.abc import Collection, Mapping, Sequence
 from contextlib import ExitStack
+from functools import partial
 
 from mjrun.diff.origins import origin_notes
 from mjrun.diff.result import TableDifference
@@ -41,7 +42,8 @@ def compare_tables(a: str, b: str, options: TableDiffOptions) -> tuple[TableDiff
         tolerances = Tolerances(Tolerance(options.atol, options.rtol), options.tol)
         tolerances.require([*columns, *([key] if key else [])])
         chosen_a, chosen_b = ([name for name in names if _is_chosen(name, options)] for names in (names_a, names_b))
-        table = compare_rows(reader_a, reader_b, columns, key, tolerances, chosen_a, chosen_b)
+        skip = partial(reader_a.skip_equal_rows, reader_b)
+        table = compare_rows(reader_a, reader_b, columns, key, tolerances, chosen_a, chosen_b, skip)
         return table, origin_notes(reader_a.manifest, reader_b.manifest)
 
 

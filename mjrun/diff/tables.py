@@ -1,63 +1,85 @@
 """Compares tables, and recordings as tables of states, in memory that does not grow with their length."""
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 
-from mjrun.diff.alignment import Pairs, Rows, RowStream, pairs_by_key, pairs_by_row
+from mjrun.diff.alignment import EqualRows, Pairs, Rows, RowStream, Skip, pairs_by_key, pairs_by_row
 from mjrun.diff.result import CellDifference, ColumnDifference, TableDifference, UnitDifference
 from mjrun.diff.tolerances import Tolerance, Tolerances
 from mjrun.errors import FileError
 
 
 class ColumnComparison:
-    """The differences of one column, b − a, gathered block by block."""
+    """The differences of columns, b − a, gathered block by block.
 
-    def __init__(self, name: str, unit: str, tolerance: Tolerance) -> None:
-        self._name, self._unit, self._tolerance = name, unit, tolerance
-        self._differing, self._squares, self._last = 0, 0.0, 0.0
-        self._maximum, self._worst_size = 0.0, -1.0
-        self._first: CellDifference | None = None
-        self._worst: CellDifference | None = None
+    Args:
+      names: of the columns.
+      tolerances: of each.
+    """
 
-    def add_equal(self) -> None:
+    def __init__(self, names: Sequence[str], tolerances: Sequence[Tolerance]) -> None:
+        count = len(names)
+        self._names, self._tolerances = names, tolerances
+        self._rows, self._differing = 0, np.zeros(count, np.int64)
+        self._squares, self._last, self._maximum = np.zeros(count), np.zeros(count), np.zeros(count)
+        self._first: list[CellDifference | None] = [None] * count
+        self._worst: list[CellDifference | None] = [None] * count
+        self._worst_size = np.full(count, -1.0)
+
+    def add_equal(self, rows: int) -> None:
         """Takes rows in which all bits are the same."""
-        self._last = 0.0
+        self._rows += rows
+        self._last[:] = 0
 
-    def add(self, pairs: Pairs, index: int) -> None:
-        """Takes the column `index` of `pairs`."""
-        a, b = pairs.a[:, index], pairs.b[:, index]
-        with np.errstate(invalid="ignore", over="ignore"):
-            difference = np.where((a == b) | (np.isnan(a) & np.isnan(b)), 0.0, b - a)
-            self._squares += float(difference @ difference)
-        size = np.where(np.isnan(difference), np.inf, np.abs(difference))
-        self._maximum = max(self._maximum, float(size.max()))
-        self._last = float(difference[-1])
-
-        beyond = np.flatnonzero(~self._tolerance.agree(a, b))
-        if not len(beyond):
+    def add(self, pairs: Pairs) -> None:
+        """Takes rows that belong together."""
+        columns = np.flatnonzero((pairs.a.view(np.int64) != pairs.b.view(np.int64)).any(axis=0))
+        self.add_equal(len(pairs.a))
+        if not len(columns):
             return
-        self._differing += len(beyond)
-        self._first = self._first or _cell(pairs, index, int(beyond[0]))
-        worst = int(beyond[size[beyond].argmax()])
-        if size[worst] > self._worst_size:
-            self._worst_size, self._worst = float(size[worst]), _cell(pairs, index, worst)
+        a, b = pairs.a[:, columns].T.copy(), pairs.b[:, columns].T.copy()
+        with np.errstate(invalid="ignore", over="ignore"):
+            difference = b - a
+            if not np.isfinite(difference).all():
+                difference[(a == b) | (np.isnan(a) & np.isnan(b))] = 0
+                difference[np.isnan(difference)] = np.inf
+            size = np.abs(difference)
+            self._squares[columns] += np.einsum("ij,ij->i", size, size)
+        self._maximum[columns] = np.maximum(self._maximum[columns], size.max(axis=1))
+        self._last[columns] = difference[:, -1]
+        for index, column in enumerate(columns.tolist()):
+            beyond = np.flatnonzero(~self._tolerances[column].agree(a[index], b[index]))
+            if len(beyond):
+                self._add_beyond(pairs, column, beyond, size[index])
 
-    def result(self, rows: int) -> ColumnDifference:
-        """What was found in so many rows."""
-        return ColumnDifference(
-            name=self._name,
-            unit=self._unit,
-            atol=self._tolerance.atol,
-            rtol=self._tolerance.rtol,
-            differing=self._differing,
-            maximum=_finite(self._maximum),
-            rms=_finite(math.sqrt(self._squares / rows)) if rows else 0.0,
-            last=_finite(self._last),
-            first=self._first,
-            worst=self._worst,
-        )
+    def _add_beyond(self, pairs: Pairs, column: int, beyond: np.ndarray, size: np.ndarray) -> None:
+        """Takes the rows of one column that are beyond its tolerance."""
+        self._differing[column] += len(beyond)
+        self._first[column] = self._first[column] or _cell(pairs, column, int(beyond[0]))
+        worst = int(beyond[size[beyond].argmax()])
+        if size[worst] > self._worst_size[column]:
+            self._worst_size[column], self._worst[column] = size[worst], _cell(pairs, column, worst)
+
+    def results(self, units: Mapping[str, str]) -> list[ColumnDifference]:
+        """What was found in each column."""
+        rms = np.sqrt(self._squares / max(1, self._rows))
+        return [
+            ColumnDifference(
+                name=name,
+                unit=units[name],
+                atol=self._tolerances[i].atol,
+                rtol=self._tolerances[i].rtol,
+                differing=int(self._differing[i]),
+                maximum=_finite(float(self._maximum[i])),
+                rms=_finite(float(rms[i])),
+                last=_finite(float(self._last[i])),
+                first=self._first[i],
+                worst=self._worst[i],
+            )
+            for i, name in enumerate(self._names)
+        ]
 
 
 def compare_rows(
@@ -68,6 +90,7 @@ def compare_rows(
     tolerances: Tolerances,
     names_a: Sequence[str],
     names_b: Sequence[str],
+    skip: Skip = lambda: 0,
 ) -> TableDifference:
     """Compares the rows of two tables in one pass.
 
@@ -75,28 +98,26 @@ def compare_rows(
       columns: those to compare, which both have.
       key: the column that tells which rows belong together, and never falls; None for rows of the same number.
       names_a, names_b: all columns that are to be compared, of each.
+      skip: passes over equal rows, where that is faster than to look at them.
 
     Raises:
       FileError: a table has no rows, cannot be read, or its key falls.
     """
     stream_a, stream_b = RowStream(a, columns, key), RowStream(b, columns, key)
-    comparisons = [
-        ColumnComparison(name, a.units.get(name) or b.units.get(name) or "", tolerances.of(name)) for name in columns
-    ]
+    comparison = ColumnComparison(columns, [tolerances.of(name) for name in columns])
     rows = 0
-    for pairs in _pairs(stream_a, stream_b, key, tolerances):
-        rows += len(pairs.a)
-        differs = (pairs.a.view(np.int64) != pairs.b.view(np.int64)).any(axis=0)
-        for index, comparison in enumerate(comparisons):
-            if differs[index]:
-                comparison.add(pairs, index)
-            else:
-                comparison.add_equal()
+    for pairs in _pairs(stream_a, stream_b, key, tolerances, skip):
+        if isinstance(pairs, EqualRows):
+            rows += pairs.count
+            comparison.add_equal(pairs.count)
+        else:
+            rows += len(pairs.a)
+            comparison.add(pairs)
 
     for table, stream in ((a, stream_a), (b, stream_b)):
         if not stream.row:
             raise FileError(table.path, "has no rows")
-    found = [comparison.result(rows) for comparison in comparisons]
+    found = comparison.results({name: a.units.get(name) or b.units.get(name) or "" for name in columns})
     return TableDifference(
         aligned=key or "row",
         rows=rows,
@@ -111,8 +132,10 @@ def compare_rows(
     )
 
 
-def _pairs(a: RowStream, b: RowStream, key: str | None, tolerances: Tolerances) -> Iterator[Pairs]:
-    return pairs_by_row(a, b) if key is None else pairs_by_key(a, b, tolerances.of_key(key))
+def _pairs(
+    a: RowStream, b: RowStream, key: str | None, tolerances: Tolerances, skip: Skip
+) -> Iterator[Pairs | EqualRows]:
+    return pairs_by_row(a, b, skip) if key is None else pairs_by_key(a, b, tolerances.of_key(key), skip)
 
 
 def _badness(column: ColumnDifference) -> tuple[bool, float, int]:

@@ -14,6 +14,8 @@ from mjrun.model.column import Column
 if TYPE_CHECKING:
     import numpy as np
 
+    from mjrun.formats.text_columns import LinePieces
+
 ColumnFilter = Callable[[str], bool]
 
 
@@ -42,12 +44,14 @@ class TableContents:
       blocks: their rows, float64 `(n, columns)`, n ≥ 1, each of bounded size; read as they are asked for.
       units: by name, as far as the file says.
       manifest: what mjrun wrote into the file about how it was made; None if there is nothing.
+      lines: of the file, from which the blocks are made, where the format has a row on each; else None.
     """
 
     names: Sequence[str]
     blocks: Iterator[np.ndarray]
     units: Mapping[str, str] = field(default_factory=dict)
     manifest: dict[str, Any] | None = None
+    lines: LinePieces | None = None
 
 
 class ContentsReader(Protocol):

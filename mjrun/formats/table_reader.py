@@ -57,7 +57,8 @@ class TableReader:
         self.names = tuple(contents.names)
         self.units = {name: contents.units.get(name, "") for name in self.names}
         self.manifest: dict[str, Any] | None = contents.manifest
-        self._blocks = contents.blocks
+        self._blocks, self._lines = contents.blocks, contents.lines
+        self._has_begun = False
         self._require(columns)
 
     def blocks(self) -> Iterator[np.ndarray]:
@@ -75,7 +76,21 @@ class TableReader:
                 block = next(self._blocks, None)
             if block is None:
                 return
+            self._has_begun = True
             yield block
+
+    def skip_equal_rows(self, other: TableReader) -> int:
+        """Passes over rows whose lines have the same bytes in both files, from where either is, without parsing them.
+
+        The first block of both is to be read before.
+
+        Returns:
+          How many rows: 0 unless both are CSV with the same columns in the same order, and may be read again.
+        """
+        if self._lines is None or other._lines is None or not (self._has_begun and other._has_begun):
+            return 0
+        with self._failing():
+            return self._lines.skip_equal(other._lines)
 
     def close(self) -> None:
         """Closes the file."""

@@ -15,6 +15,8 @@ from mjrun.model.column import Column
 PIECE = 2**16  # values turned into text at a time
 ROWS = 2**9  # rows turned into numbers at a time, while they are in the processor's cache
 BYTES = 2**16  # of text read at a time
+COMPARED = 2**20  # bytes of two files compared at a time
+PATIENCE = 63  # pieces that are parsed, at most, before equal lines are looked for again
 LINE = 2**24  # bytes in a line of text, at most
 
 
@@ -49,18 +51,83 @@ def lines(path: Path, file: BinaryIO, before: int = 0) -> Iterator[bytes]:
         yield line
 
 
-def whole_lines(path: Path, file: BinaryIO, before: int) -> Iterator[tuple[int, bytes]]:
-    """Pieces of `file` that end where a line does, each with the number of lines before it.
+class LinePieces:
+    """Pieces of a file that end where a line does, each with the number of lines before it.
+
+    Args:
+      before: lines that were read already.
+      layout: the cells of a line, and those that are read; lines of the same bytes are the same rows if it is, too.
 
     Raises:
       FileError: a line has too many bytes.
     """
-    while piece := file.read(BYTES):
-        rest = file.readline(LINE)
-        _require_end(path, before + piece.count(b"\n") + 1, rest)
-        piece += rest
-        yield before, piece
-        before += piece.count(b"\n")
+
+    def __init__(self, path: Path, file: BinaryIO, before: int, layout: tuple[int, tuple[int, ...]]) -> None:
+        self._path, self._file, self._before, self._layout = path, file, before, layout
+        self._attempt, self._wait = 0, 0  # to pass over equal lines
+
+    def __iter__(self) -> Iterator[tuple[int, bytes]]:
+        return self
+
+    def __next__(self) -> tuple[int, bytes]:
+        piece = self._file.read(BYTES)
+        if not piece:
+            raise StopIteration
+        if not piece.endswith(b"\n"):
+            rest = self._file.readline(LINE)
+            if len(rest) == LINE:
+                _require_end(self._path, self._before + piece.count(b"\n") + 1, rest)
+            piece += rest
+        before = self._before
+        self._before += piece.count(b"\n")
+        return before, piece
+
+    def skip_equal(self, other: "LinePieces") -> int:
+        """Passes over lines that have the same bytes in both, without parsing them, and returns how many.
+
+        It passes over whole lines with the right number of cells, none of them in quotes, and only now and then tries
+        where files differ everywhere.
+        """
+        self._attempt += 1
+        if self._layout != other._layout or self._attempt <= self._wait:
+            return 0
+        skipped = 0
+        while count := self._skip_piece(other):
+            skipped += count
+        self._attempt = 0
+        self._wait = 0 if skipped else min(2 * self._wait + 1, PATIENCE)
+        return skipped
+
+    def _skip_piece(self, other: "LinePieces") -> int:
+        files = self._file, other._file
+        if not all(file.seekable() for file in files):
+            return 0
+        begins = [file.tell() for file in files]
+        a, b = (file.read(COMPARED) for file in files)
+        end = a.rfind(b"\n", 0, len(a) if a == b else _common(a, b)) + 1
+        lines = _plain_lines(a, end, self._layout[0])
+        for file, begin, piece in zip(files, begins, (a, b), strict=True):
+            if not lines or end < len(piece):
+                file.seek(begin + (end if lines else 0))
+        self._before += lines
+        other._before += lines
+        return lines
+
+
+def _plain_lines(piece: bytes, end: int, width: int) -> int:
+    """How many lines end before `end`; 0 unless all have so many cells, more than one, and none is in quotes."""
+    if width < 2 or piece.find(b'"', 0, end) >= 0:
+        return 0
+    characters = np.frombuffer(piece, np.uint8, end)  # which numpy counts faster than bytes do, where there are many
+    lines = int(np.count_nonzero(characters == ord("\n")))
+    return lines if np.count_nonzero(characters == ord(",")) == lines * (width - 1) else 0
+
+
+def _common(a: bytes, b: bytes) -> int:
+    """How many bytes are the same at the beginning."""
+    length = min(len(a), len(b))
+    differ = np.frombuffer(a, np.uint8, length) != np.frombuffer(b, np.uint8, length)
+    return int(differ.argmax()) if differ.any() else length
 
 
 def _require_end(path: Path, number: int, line: bytes) -> None:

@@ -21,7 +21,8 @@ BACKGROUND = (24, 25, 28)
 FAINT = (168, 170, 176)  # the second line of a label
 GAINS = (1, 2, 4, 8, 16, 32, 64, 128, 255)  # by which a difference is multiplied to be seen
 TYPICAL = 99.0  # percent of the differences that are not cut off when they are multiplied
-MAP = "inferno"
+COMMON = (1, 92)  # percent of the numbers that the scale leaves out below, and ends at: the horizon is far away
+MAP, DIFFERENCE_MAP = "turbo", "inferno"
 
 
 def write_worst_frame(output: str, frames: WorstFrames, names: Sequence[str], found: FrameDifference | None) -> None:
@@ -75,18 +76,19 @@ def _numbers(a: np.ndarray, b: np.ndarray) -> tuple[list[np.ndarray], np.ndarray
     """Both in the colours of one scale, and their difference in those of another; what is not finite is grey."""
     one, other = a.astype(np.float64), b.astype(np.float64)
     finite = np.concatenate([one[np.isfinite(one)], other[np.isfinite(other)]])
-    low, high = (float(finite.min()), float(finite.max())) if finite.size else (0.0, 0.0)
+    low, high = np.percentile(finite, COMMON).tolist() if finite.size else (0.0, 0.0)
     with np.errstate(invalid="ignore"):
         size = np.where(one == other, 0.0, np.abs(one - other))
-    largest = float(np.max(size, where=np.isfinite(size), initial=0.0))
-    shown = [_mapped(values, low, high) for values in (one, other)]
-    return shown, _mapped(size, 0.0, largest), f"0 to {largest:.4g}"
+    changed = size[np.isfinite(size) & (size > 0)]
+    large = float(np.percentile(changed, TYPICAL)) if changed.size else 0.0
+    shown = [_mapped(values, low, high, MAP) for values in (one, other)]
+    return shown, _mapped(size, 0.0, large, DIFFERENCE_MAP), f"0 to {large:.3g}"
 
 
-def _mapped(values: np.ndarray, low: float, high: float) -> np.ndarray:
+def _mapped(values: np.ndarray, low: float, high: float, colormap: str) -> np.ndarray:
     with np.errstate(invalid="ignore", divide="ignore"):
         share = np.nan_to_num((values - low) / (high - low), nan=0.0, posinf=0.0, neginf=0.0)
-    colours = colormap_table(MAP)[np.round(255 * share.clip(0, 1)).astype(int)]
+    colours = colormap_table(colormap)[np.round(255 * share.clip(0, 1)).astype(int)]
     colours[~np.isfinite(values)] = UNSEEN
     return colours
 

@@ -8,7 +8,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mjrun.diff.alignment import Pairs, RowStream, pairs_by_key, pairs_by_row
+from mjrun.diff import alignment
+from mjrun.diff.alignment import EqualRows, Pairs, RowStream
 from mjrun.diff.tolerances import Tolerance
 from mjrun.errors import FileError
 
@@ -32,6 +33,18 @@ class ListedRows:
 
 def stream(times: list[float], sizes: list[int], key: str | None = "time") -> RowStream:
     return RowStream(ListedRows(times, sizes), ["x"], key)
+
+
+def pairs_by_key(a: RowStream, b: RowStream, tolerance: Tolerance) -> Iterator[Pairs]:
+    for pairs in alignment.pairs_by_key(a, b, tolerance, lambda: 0):
+        assert isinstance(pairs, Pairs)
+        yield pairs
+
+
+def pairs_by_row(a: RowStream, b: RowStream) -> Iterator[Pairs]:
+    for pairs in alignment.pairs_by_row(a, b, lambda: 0):
+        assert isinstance(pairs, Pairs)
+        yield pairs
 
 
 def merged(a: list[float], b: list[float]) -> tuple[list[tuple[int, int]], list[int], list[int]]:
@@ -122,3 +135,13 @@ def test_memory_holds_a_few_blocks_even_where_one_side_is_far_ahead() -> None:
     for _ in pairs_by_key(one, other, Tolerance()):
         most = max(most, len(one), len(other))
     assert most <= 20
+
+
+def test_equal_rows_are_passed_over_where_none_wait() -> None:
+    times = [1.0, 2.0, 3.0, 4.0]
+    counts = iter([7, 0, 5, 0])
+    one, other = stream(times, [2, 2]), stream(times, [2, 2])
+    found = list(alignment.pairs_by_key(one, other, Tolerance(), lambda: next(counts)))
+    shown = [pair.count if isinstance(pair, EqualRows) else pair.rows_a.tolist() for pair in found]
+    assert shown == [7, [7, 8], [9, 10], 5]
+    assert (one.row, other.row) == (16, 16)

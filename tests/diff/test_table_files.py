@@ -1,16 +1,22 @@
 """Files of tables: which columns, by which key; beside pandas on whole tables."""
 
 import io
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
 import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
 
 from mjrun.diff.result import TableDifference
 from mjrun.diff.table_files import compare_tables
 from mjrun.errors import FileError, UnknownNameError, UsageError
+from mjrun.formats import text_columns
 from mjrun.formats.table_writer import TableWriter
+from mjrun.formats.tables import csv as csv_format
 from mjrun.model.column import Column
 from mjrun.options.diff import TableDiffOptions
 from tests.formats.table_files import write
@@ -151,3 +157,58 @@ def test_what_made_the_tables_is_compared_too(tmp_path: Path) -> None:
 
     _, notes = compare_tables(made("a.npz", "4.0.0"), made("b.parquet", "4.0.1"), TableDiffOptions())
     assert notes == ["MuJoCo is 4.0.0 and 4.0.1"]
+
+
+edits = st.lists(st.tuples(st.sampled_from(["change", "delete", "repeat"]), st.integers(0, 79)), max_size=4)
+
+
+@given(edits, edits, st.sampled_from([16, 60, 2**16]), st.sampled_from([None, "row"]))
+@settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+def test_lines_that_are_passed_over_change_nothing(
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    edits_a: list[tuple[str, int]],
+    edits_b: list[tuple[str, int]],
+    size: int,
+    align: str | None,
+) -> None:
+    monkeypatch.setattr(text_columns, "BYTES", size)
+    monkeypatch.setattr(text_columns, "COMPARED", 4 * size)
+
+    def edited(edits: list[tuple[str, int]]) -> np.ndarray:
+        table = rows(80)
+        for edit, row in edits:
+            index = row % len(table)
+            if edit == "change":
+                table[index, 2] += 1
+            else:
+                table = np.delete(table, index, 0) if edit == "delete" else np.insert(table, index, table[index], 0)
+        return table
+
+    a, b = edited(edits_a), edited(edits_b)
+    options = TableDiffOptions(align=align)
+    text = compare(put(tmp_path, "a.csv", a), put(tmp_path, "b.csv", b), options)
+    binary = compare(put(tmp_path, "a.npz", a), put(tmp_path, "b.npz", b), options)
+    without_units = [replace(column, unit="", rms=round(column.rms or 0, 12)) for column in binary.columns]
+    assert [replace(column, rms=round(column.rms or 0, 12)) for column in text.columns] == without_units
+    assert replace(text, columns=[]) == replace(binary, columns=[])
+
+
+def test_equal_files_are_hardly_parsed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    table = rows(20_000)
+    a = put(tmp_path, "a.csv", table)
+    table.view(np.int64)[15_000, 3] ^= 1
+    b = put(tmp_path, "b.csv", table)
+    parsed: list[int] = []
+    parse = csv_format._plain_block
+
+    def counted(piece: bytes, *others: Any) -> np.ndarray | None:
+        parsed.append(len(piece))
+        return parse(piece, *others)
+
+    monkeypatch.setattr(csv_format, "_plain_block", counted)
+    found = compare(a, b, TableDiffOptions())
+    assert (found.rows, differing(found)) == (20_000, ["energy"])
+    assert found.columns[0].first
+    assert found.columns[0].first.row == 15_001
+    assert sum(parsed) < Path(a).stat().st_size / 3

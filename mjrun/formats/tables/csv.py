@@ -29,6 +29,8 @@ from mjrun.model.column import Column
 if TYPE_CHECKING:
     import numpy as np
 
+    from mjrun.formats.text_columns import LinePieces
+
 FORMULA = ("=", "+", "-", "@")  # a cell that starts so is a formula to a spreadsheet
 # The same in full width, as in Japan, and after a semicolon, which separates cells where a comma is decimal.
 LABEL_FORMULA = re.compile(r"(^|;)(?=\s*[=+\-@＝＋－＠])")
@@ -109,13 +111,16 @@ def _mixed_lines(piece: np.ndarray, labels: Mapping[int, np.ndarray]) -> bytes:
 def read(path: Path, file: BinaryIO, wanted: ColumnFilter, gaps: bool) -> TableContents:
     """The columns that the filter accepts."""
     from mjrun.formats.column_checks import select
+    from mjrun.formats.text_columns import LinePieces
 
     lines = _Lines(path, file)
     line, header = next(_rows(path, lines), (1, []))
     names = [name.strip(" \t") for name in header]
     _require_header(path, line, names)
     keys = select(path, names, wanted)
-    return TableContents(list(keys), _blocks(path, file, lines, keys, len(names), gaps))
+    pieces = LinePieces(path, file, lines.count, (len(names), tuple(keys.values())))
+    blocks = _blocks(path, file, lines, pieces, keys, len(names), gaps)
+    return TableContents(list(keys), blocks, lines=None if lines.buffered else pieces)
 
 
 class _Lines:
@@ -152,17 +157,17 @@ def _texts(lines: bytes) -> io.StringIO:
 
 
 def _blocks(
-    path: Path, file: BinaryIO, header: _Lines, keys: Mapping[str, int], width: int, gaps: bool
+    path: Path, file: BinaryIO, header: _Lines, pieces: LinePieces, keys: Mapping[str, int], width: int, gaps: bool
 ) -> Iterator[np.ndarray]:
     """The rows after the header: plain numbers are parsed by the piece, all else cell by cell."""
-    from mjrun.formats.text_columns import number_blocks, whole_lines
+    from mjrun.formats.text_columns import number_blocks
 
     def parse(lines: Iterable[str], before: int) -> Iterator[np.ndarray]:
         return number_blocks(path, _rows(path, lines, before, width), keys, _floats_or_nan if gaps else _floats)
 
     if header.buffered:
         yield from parse(header, header.count)
-    for before, piece in whole_lines(path, file, header.count):
+    for before, piece in pieces:
         block = _plain_block(piece, list(keys.values()), width)
         if block is not None:
             yield block
@@ -182,8 +187,9 @@ def _plain_block(piece: bytes, indices: list[int], width: int) -> np.ndarray | N
 
     if any(mark in piece for mark in NOT_NUMBERS):
         return None
+    lines = piece.replace(b"\r\n", b"\n") if b"\r" in piece else piece
     try:
-        rows = orjson.loads(b"[[" + piece.replace(b"\r\n", b"\n").removesuffix(b"\n").replace(b"\n", b"],[") + b"]]")
+        rows = orjson.loads(b"[[" + lines.removesuffix(b"\n").replace(b"\n", b"],[") + b"]]")
     except orjson.JSONDecodeError:
         return None
     if set(map(len, rows)) != {width}:
