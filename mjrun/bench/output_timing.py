@@ -9,18 +9,13 @@ from mjrun.job.simulation import Simulation
 from mjrun.job.trace import Trace
 from mjrun.job.video import Video
 from mjrun.options.view import ViewOptions
+from mjrun.reporter import WarningReporter
 
 
-class SilentReporter:
+class SilentReporter(WarningReporter):
     """Reports nothing: `bench` itself says what there is to say of the model."""
 
-    def note(self, text: str) -> None:
-        pass
-
     def warn(self, text: str) -> None:
-        pass
-
-    def progress(self, what: str, done: int, total: int) -> None:
         pass
 
 

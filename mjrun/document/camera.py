@@ -13,7 +13,7 @@ shots:
 import pathlib
 from collections.abc import Iterator, Mapping, Sequence
 from fractions import Fraction
-from typing import Annotated, Literal, cast
+from typing import Annotated, Literal
 
 from pydantic import BeforeValidator, ConfigDict, Field, Tag
 
@@ -21,7 +21,7 @@ from mjrun.camera import easing, script, shake
 from mjrun.camera.easing import BLENDS
 from mjrun.camera.rigs.model import ModelRig
 from mjrun.camera.rigs.registry import RIGS
-from mjrun.camera.rigs.rig import Rig
+from mjrun.camera.rigs.rig import Rig, mappings_in
 from mjrun.document.document_model import (
     MAPPING,
     NUMBER,
@@ -187,7 +187,7 @@ class CameraDocument(DocumentModel):
 
     @classmethod
     def cross_field_errors(cls, values: Mapping[str, object]) -> Iterator[tuple[Location, str]]:
-        shots = _mappings(values.get("shots"))
+        shots = mappings_in(values.get("shots"))
         if shots and "blend" in shots[0]:
             yield ("shots", 0, "blend"), "there is no shot before the first to blend with"
         for i, shot in enumerate(shots[:-1]):
@@ -208,13 +208,6 @@ def read_camera(path: pathlib.Path | str) -> script.CameraScript:
       FileError: it is not there, or cannot be read.
     """
     return read(path, CameraDocument).script(pathlib.Path(path).stem)
-
-
-def _mappings(value: object) -> list[dict[str, object]]:
-    """The mappings of a list; none if it holds anything else."""
-    items = cast("list[object]", value) if isinstance(value, list) else []
-    mappings = [cast("dict[str, object]", item) for item in items if isinstance(item, dict)]
-    return mappings if len(mappings) == len(items) else []
 
 
 def _exact(value: float | None) -> Fraction | None:

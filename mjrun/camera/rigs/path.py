@@ -3,7 +3,7 @@
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Annotated, ClassVar, cast
+from typing import Annotated, ClassVar
 
 import mujoco
 import numpy as np
@@ -11,7 +11,7 @@ import numpy as np
 from mjrun.camera.curve import SAME_POINT, ArcLength, Curve, centripetal, orbital_lengths, orbital_position
 from mjrun.camera.easing import EASINGS
 from mjrun.camera.pose import Pose, around, heading, rotation
-from mjrun.camera.rigs.rig import ErrorPath, ModelCameras, Rig, ShotTime, looking_at
+from mjrun.camera.rigs.rig import ErrorPath, ModelCameras, Rig, ShotTime, looking_at, mappings_in
 from mjrun.camera.rigs.settings import Setting
 from mjrun.camera.targets import Place, Target, Vector, find_target
 from mjrun.errors import BadValueError, UsageError, concerning
@@ -98,7 +98,7 @@ class PathRig(Rig):
         timed = values.get("pace") == "time"
         if timed and "ease" in values:
             yield ("ease",), "ease is for pace: constant; with pace: time the waypoints' times say it all"
-        points = _mappings(values.get("waypoints"))
+        points = mappings_in(values.get("waypoints"))
         yield from _mixed_waypoints(points, "lookat" in values)
         for i, point in enumerate(points):
             if ("at" in point) != timed:
@@ -106,13 +106,6 @@ class PathRig(Rig):
                 yield where, "with pace: time each waypoint needs its at [s]" if timed else "at needs pace: time"
         if timed:
             yield from _unordered_times(points)
-
-
-def _mappings(value: object) -> list[dict[str, object]]:
-    """The mappings of a list; none if it holds anything else."""
-    items = cast("list[object]", value) if isinstance(value, list) else []
-    mappings = [cast("dict[str, object]", item) for item in items if isinstance(item, dict)]
-    return mappings if len(mappings) == len(items) else []
 
 
 def _mixed_waypoints(points: Sequence[Mapping[str, object]], has_lookat: bool) -> Iterator[tuple[ErrorPath, str]]:

@@ -3,7 +3,7 @@
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from typing import ClassVar, Protocol
+from typing import ClassVar, Protocol, cast
 
 import mujoco
 import numpy as np
@@ -126,6 +126,13 @@ class Rig(ABC):
                 check_ramp(value, f"{where}: {field.key}", low, expected=expected)
             elif setting.kind == "choice" and value not in setting.choices:
                 raise UnknownNameError(field.key, str(value), list(setting.choices), where=where)
+
+
+def mappings_in(value: object) -> list[dict[str, object]]:
+    """The mappings of a list in a document; none if it holds anything else."""
+    items = cast("list[object]", value) if isinstance(value, list) else []
+    mappings = [cast("dict[str, object]", item) for item in items if isinstance(item, dict)]
+    return mappings if len(mappings) == len(items) else []
 
 
 def check_ramp(ramp: Ramp, where: str, low: float = -np.inf, high: float = np.inf, expected: str = "finite") -> None:

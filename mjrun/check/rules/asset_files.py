@@ -7,6 +7,7 @@ from pathlib import Path
 from mjrun.check.finding import Finding
 from mjrun.check.rule import Rule
 from mjrun.errors import clean, listing, near, quoted
+from mjrun.model.description.referenced_files import FACES
 from mjrun.model.xml_source import (
     LFS_POINTER,
     LFS_REMEDY,
@@ -21,7 +22,6 @@ from mjrun.model.xml_source import (
 MISSING_FILE = Rule("MJ107", "error", "missing file")
 SELF_ATTACHED = Rule("MJ113", "error", "model that attaches itself")
 
-FACES = ("fileright", "fileleft", "fileup", "filedown", "filefront", "fileback")
 FOLDER_ATTRIBUTES = {
     "mesh": "meshdir",
     "hfield": "meshdir",

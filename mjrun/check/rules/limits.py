@@ -113,7 +113,6 @@ def _whole_degrees(span: np.ndarray) -> bool:
 def beyond_range(model: mujoco.MjModel, joint: int, qpos: np.ndarray) -> str:
     """Where a limited joint is, if that is beyond its range; else empty."""
     kind, start = int(model.jnt_type[joint]), int(model.jnt_qposadr[joint])
-    low, high = map(float, model.jnt_range[joint])
     if kind in SCALAR:
         value, unit = float(qpos[start]), "rad" if kind == mujoco.mjtJoint.mjJNT_HINGE else "m"
     elif kind == mujoco.mjtJoint.mjJNT_BALL:
@@ -122,15 +121,12 @@ def beyond_range(model: mujoco.MjModel, joint: int, qpos: np.ndarray) -> str:
         value, unit = float(np.linalg.norm(turn)), "rad"
     else:
         return ""
-    return _beyond(value, low, high, unit)
+    return beyond_span(value, model.jnt_range[joint], unit)
 
 
 def beyond_span(value: float, span: np.ndarray, unit: str = "") -> str:
     """Where `value` is, if that is beyond `span` `(2,)`; else empty."""
-    return _beyond(value, float(span[0]), float(span[1]), unit)
-
-
-def _beyond(value: float, low: float, high: float, unit: str) -> str:
+    low, high = map(float, span)
     slack = SLACK * (high - low)
     if low - slack <= value <= high + slack:
         return ""
