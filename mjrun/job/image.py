@@ -22,7 +22,6 @@ from mjrun.job.event_detection import conditions, time_of
 from mjrun.job.frame_schedule import FrameSchedule, image_schedule, shot_events
 from mjrun.job.manifest import origin
 from mjrun.job.output_files import named_files
-from mjrun.job.perform import perform
 from mjrun.job.shared_rendering import RendererRequest, SharedRendering
 from mjrun.job.task import Artifact, Context, EventSteps, Job, Output, OutputResult, PassSummary, Preview
 from mjrun.job.view import check_view
@@ -32,7 +31,6 @@ from mjrun.options.option import options
 from mjrun.rendering.backend import Backend
 from mjrun.rendering.compositor import FrameStream, Overlay, SceneCompositor
 from mjrun.rendering.segmentation import Segmentation
-from mjrun.reporter import Reporter
 from mjrun.timeline import Timeline, nearest
 
 POINTCLOUD_VIEWS = ("rgb", "depth")  # what a point cloud is made of
@@ -53,16 +51,7 @@ class Image(ImageOptions, Job["ImageResult"]):
 
     @property
     def files(self) -> list[tuple[str, str]]:
-        """Every file that it writes, with what it is."""
         return [*output_files(self, self.output, self.manifest), *named_files(pointcloud=self.pointcloud)]
-
-    def run(self, reporter: Reporter | None = None) -> "ImageResult":
-        """Makes the image. What can fail early fails before the first step.
-
-        Raises:
-          MjrunError: nothing was published, and existing outputs are untouched.
-        """
-        return perform([self], reporter)[0]
 
     def task(self) -> "ImageTask":
         """Its task, with every format chosen.

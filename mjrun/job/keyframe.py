@@ -11,14 +11,12 @@ from mjrun.errors import FileError, UsageError, clean, listing, option, quoted
 from mjrun.formats.keyframe_writer import KeyframeWriter
 from mjrun.job.manifest import origin
 from mjrun.job.output_files import named_files
-from mjrun.job.perform import perform
 from mjrun.job.shared_rendering import SharedRendering
 from mjrun.job.task import Artifact, Context, Job, Output, OutputResult, PassSummary, Preview
 from mjrun.model.keyframe_text import key_names
 from mjrun.model.names import names
 from mjrun.options.keyframe import KeyframeOptions
 from mjrun.options.option import options
-from mjrun.reporter import Reporter
 from mjrun.sim.observe import Tap
 from mjrun.timeline import nearest
 
@@ -31,21 +29,12 @@ class Keyframe(KeyframeOptions, Job["KeyframeResult"]):
 
     @property
     def files(self) -> list[tuple[str, str]]:
-        """Every file that it writes, with what it is."""
         return named_files(output=self.output, manifest=self.manifest)
 
     @property
     def rewritten_inputs(self) -> Sequence[str]:
         """The model, which may get the keyframe itself."""
         return [self.output]
-
-    def run(self, reporter: Reporter | None = None) -> "KeyframeResult":
-        """Simulates, and writes the model. What can fail early fails before the first step.
-
-        Raises:
-          MjrunError: nothing was published, and an existing file is untouched.
-        """
-        return perform([self], reporter)[0]
 
     def task(self) -> "KeyframeTask":
         """Its task, with the text of the model.

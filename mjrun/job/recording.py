@@ -8,14 +8,12 @@ from pathlib import Path
 from mjrun.formats.recording_writer import RecordingWriter
 from mjrun.job.manifest import origin
 from mjrun.job.output_files import named_files
-from mjrun.job.perform import perform
 from mjrun.job.shared_rendering import SharedRendering
 from mjrun.job.task import Artifact, Context, Job, Output, OutputResult, PassSummary, Preview
 from mjrun.model import state
 from mjrun.model.fingerprint import physics_fingerprint
 from mjrun.options.option import options
 from mjrun.options.trace import RecordingOptions
-from mjrun.reporter import Reporter
 from mjrun.sim.observe import Tap
 
 
@@ -25,16 +23,7 @@ class Recording(RecordingOptions, Job["RecordingResult"]):
 
     @property
     def files(self) -> list[tuple[str, str]]:
-        """Every file that it writes, with what it is."""
         return named_files(output=self.output, manifest=self.manifest)
-
-    def run(self, reporter: Reporter | None = None) -> "RecordingResult":
-        """Makes the recording. What can fail early fails before the first step.
-
-        Raises:
-          MjrunError: nothing was published, unless `keep_partial`, and an existing output is untouched.
-        """
-        return perform([self], reporter)[0]
 
     def task(self) -> "RecordingTask":
         """Its task."""

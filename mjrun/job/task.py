@@ -204,6 +204,17 @@ class Job(OutputOptions, ABC, Generic[R_co]):
         """Those of its files that may take the place of what the simulation reads."""
         return ()
 
+    def run(self, reporter: Reporter | None = None) -> R_co:
+        """Makes the output. What can fail early fails before the first step.
+
+        Raises:
+          FailedAssertionError: what a trace asserts does not hold; its table is published all the same.
+          MjrunError: nothing was published, unless `keep_partial`, and existing outputs are untouched.
+        """
+        from mjrun.job.perform import perform  # which performs tasks, and imports this
+
+        return perform([self], reporter)[0]
+
     @abstractmethod
     def task(self) -> Task[R_co]:
         """Its task.

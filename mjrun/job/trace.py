@@ -15,7 +15,6 @@ from mjrun.formats.table_writer import TableWriter
 from mjrun.formats.tables import output_format
 from mjrun.job.manifest import origin
 from mjrun.job.output_files import named_files
-from mjrun.job.perform import perform
 from mjrun.job.shared_rendering import SharedRendering
 from mjrun.job.simulation import Simulation
 from mjrun.job.task import Artifact, Context, Job, Output, OutputResult, PassSummary, Preview
@@ -26,7 +25,6 @@ from mjrun.options.option import options
 from mjrun.options.trace import TraceOptions
 from mjrun.probe.select import available_columns, select, selected_columns
 from mjrun.probe.verdict import Verdict
-from mjrun.reporter import Reporter
 from mjrun.sim.observe import Tap
 from mjrun.sim.stepper import PhysicsStepper, Stepper
 from mjrun.timeline import Timeline
@@ -43,17 +41,7 @@ class Trace(TraceOptions, Job["TraceResult"]):
 
     @property
     def files(self) -> list[tuple[str, str]]:
-        """Every file that it writes, with what it is."""
         return named_files(output=self.output, contacts=self.contacts, manifest=self.manifest)
-
-    def run(self, reporter: Reporter | None = None) -> "TraceResult":
-        """Makes the trace. What can fail early fails before the first step.
-
-        Raises:
-          FailedAssertionError: an assertion does not hold; the table is published all the same.
-          MjrunError: nothing was published, unless `keep_partial`, and an existing output is untouched.
-        """
-        return perform([self], reporter)[0]
 
     def task(self) -> "TraceTask":
         """Its task, with every format chosen.

@@ -21,7 +21,6 @@ from mjrun.job.drawing_files import DrawingFile, camera_names, output_files, pan
 from mjrun.job.event_detection import conditions
 from mjrun.job.frame_schedule import FrameSchedule, shot_events, video_schedule
 from mjrun.job.manifest import origin
-from mjrun.job.perform import perform
 from mjrun.job.shared_rendering import RendererRequest, SharedRendering
 from mjrun.job.task import Artifact, Context, EventSteps, Job, Output, OutputResult, PassSummary, Preview
 from mjrun.job.video_drawing import FrameDrawer
@@ -45,16 +44,7 @@ class Video(VideoOptions, Job["VideoResult"]):
 
     @property
     def files(self) -> list[tuple[str, str]]:
-        """Every file that it writes, with what it is."""
         return output_files(self, self.output, self.manifest)
-
-    def run(self, reporter: Reporter | None = None) -> "VideoResult":
-        """Makes the video. What can fail early fails before the first step.
-
-        Raises:
-          MjrunError: nothing was published, and an existing output is untouched.
-        """
-        return perform([self], reporter)[0]
 
     def task(self) -> "VideoTask":
         """Its task, with every format chosen.
