@@ -39,6 +39,7 @@ bench: setup ## time videos and traces against their baselines, and views
 	.venv/bin/python benchmarks/video.py
 	.venv/bin/python benchmarks/trace.py
 	.venv/bin/python benchmarks/views.py
+	.venv/bin/python benchmarks/plot.py
 
 clean: ## remove outputs, packages and caches; .venv stays
 	rm -rf out dist .pytest_cache .ruff_cache .hypothesis

@@ -8,18 +8,29 @@ from pathlib import Path
 
 import pytest
 
+from mjrun.job.simulation import Simulation
+from mjrun.job.trace import Trace
+
 ROOT = Path(__file__).parents[1]
 README = (ROOT / "README.md").read_text(encoding="utf-8")
 SHELL = re.findall(r"```sh\n(.*?)```", README, re.DOTALL)
 PYTHON = re.findall(r"```python\n(.*?)```", README, re.DOTALL)
 COMMANDS = [line for block in SHELL for line in block.replace("\\\n", " ").splitlines() if line.strip()]
 DRAWN = [line for line in COMMANDS if line.startswith(("mjrun video", "mjrun image")) or " mjrun video" in line]
-TABLES = [line for line in COMMANDS if line.startswith(("mjrun trace", "for ")) and line not in DRAWN]
+PLOTS = [line for line in COMMANDS if "mjrun plot" in line]
+TABLES = [line for line in COMMANDS if line.startswith(("mjrun trace", "for ")) and line not in (*DRAWN, *PLOTS)]
 IMAGE, SHORT = "--size 64x48 --quality draft", "--duration 0.1"
 SMALL = f"{IMAGE} {SHORT} --fps 20"
 RUN = "videos[0].size=64x48 videos[0].fps=3 images[0].size=64x48 --quality draft"
 PATIENT = '$(case "$*" in *--fail-above*) echo "--fail-above 100000%";; esac)'
 DOCUMENTS = [line for line in COMMANDS if line.startswith(("mjrun run", "mjrun schema"))]
+PLOTTED = {
+    "flip.csv": ("tippe_top", "qvel[top],xpos[stem]"),
+    "weight.csv": ("free_body", "contact,contact_force,penetration,qvel,qacc"),
+    "blows.csv": ("pinata", "sensor,contact"),
+    **{f"kick_{seed}.csv": ("chaotic_pendulum", "qpos[root],energy") for seed in (1, 2)},
+    **{f"energy_{timestep}.csv": ("chaotic_pendulum", "energy") for timestep in (0.01, 0.001)},
+}
 PIPED = [line for line in COMMANDS if line.startswith("cat ")]
 ANSWERS = [line for line in COMMANDS if line.startswith(("mjrun info", "mjrun check", "mjrun bench"))]
 
@@ -63,6 +74,28 @@ def test_a_table_of_the_readme_is_made(command: str, shell: dict[str, str], tmp_
     done = subprocess.run(["sh", "-ec", command], cwd=tmp_path, env=shell, capture_output=True, text=True)
     assert (done.returncode, done.stderr) == (0, "")
     assert set(tmp_path.iterdir()) != before or done.stdout.startswith("time")
+
+
+@pytest.fixture(scope="module")
+def tables(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with short tables of the names, the models and the probes that the README has."""
+    folder = tmp_path_factory.mktemp("tables")
+    for name, (scene, probe) in PLOTTED.items():
+        simulation = Simulation(ROOT / f"scenes/{scene}.xml", duration=0.1)
+        Trace(simulation, str(folder / name), probe=probe.split(",")).run()
+    return folder
+
+
+@pytest.mark.parametrize("command", PLOTS)
+def test_a_plot_of_the_readme_is_made(command: str, shell: dict[str, str], tables: Path, tmp_path: Path) -> None:
+    for table in tables.iterdir():
+        (tmp_path / table.name).symlink_to(table)
+    done = subprocess.run(["sh", "-ec", command], cwd=tmp_path, env=shell, capture_output=True, text=True)
+    (output,) = re.findall(r" plot .*-o (\S+)", command)
+    assert done.returncode == 0, done.stderr
+    assert (tmp_path / output).stat().st_size > 1000
+    notes = done.stderr.splitlines()
+    assert all("are not on a logarithmic axis" in note or "0.288" in note for note in notes), notes
 
 
 @pytest.mark.parametrize("command", DOCUMENTS)
@@ -121,7 +154,16 @@ def test_the_package_installs_with_its_command_and_its_types(tmp_path: Path) -> 
 
 
 def test_every_other_command_of_the_readme_is_known() -> None:
-    known = ("mjrun video ", "mjrun image ", "mjrun trace ", "for ", "mjrun doctor", "make ", "pip install .")
+    known = (
+        "mjrun video ",
+        "mjrun image ",
+        "mjrun trace ",
+        "mjrun plot ",
+        "for ",
+        "mjrun doctor",
+        "make ",
+        "pip install .",
+    )
     known += ("cat ", "mjrun run ", "mjrun schema ", "mjrun info ", "mjrun check ", "mjrun bench ")
     assert all(command.startswith(known) for command in COMMANDS)
 

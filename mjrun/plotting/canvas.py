@@ -19,14 +19,6 @@ DPI = 96  # pixels per inch, as in CSS, so that sizes in an svg are those asked 
 POINT = 72 / DPI  # [points per pixel]
 FONT = "DejaVu Sans"  # which comes with matplotlib: Latin, Greek, Cyrillic and symbols
 LONGEST = 200  # letters of a text that is too wide, of which some are shown
-SETTINGS: dict[str, dict[str, object]] = {
-    "font": {"family": [FONT]},
-    "text": {"parse_math": False, "usetex": False},  # `$` and `_` in names are themselves
-    "svg": {"fonttype": "none", "hashsalt": "mjrun"},  # text stays text, and identifiers stay the same
-    "pdf": {"fonttype": 42},
-    "path": {"simplify": False},  # done already, without loss
-    "agg": {"path.chunksize": 0},
-}
 
 
 @contextmanager
@@ -34,8 +26,11 @@ def settings() -> Iterator[None]:
     """Matplotlib with our settings, and none of the user's, which would make other pictures elsewhere."""
     with matplotlib.rc_context():
         matplotlib.rcdefaults()
-        for group, values in SETTINGS.items():
-            matplotlib.rc(group, **values)
+        matplotlib.rc("font", family=[FONT])
+        matplotlib.rc("text", parse_math=False, usetex=False)  # `$` and `_` in names are themselves
+        matplotlib.rc("path", simplify=False)  # done already, without loss
+        matplotlib.rc("svg", fonttype="none", hashsalt="mjrun")  # text stays text, and identifiers stay the same
+        matplotlib.rc("pdf", fonttype=42)
         yield
 
 

@@ -59,23 +59,30 @@ class DrawnPanel:
 
 @dataclass(frozen=True)
 class Drawing:
-    """A whole figure: its panels over one x axis, and the vertical marks of all."""
+    """A whole figure: its panels over one x axis, and the vertical marks of all.
+
+    Attributes:
+      x_margin: before and after curves, as a share of their range; none over time, which goes from edge to edge.
+    """
 
     title: str
     x_label: str
     log_x: bool
     panels: Sequence[DrawnPanel]
     marks: Sequence[Mark]
+    x_margin: float = 0.0
 
     def x_range(self) -> Range:
-        """From the first to the last x of all curves."""
+        """From the first to the last x of all curves, and the margin."""
         ends = [end for panel in self.panels for curve in panel.curves for end in _ends(curve.points.x)]
         if not ends:
             return (0.1, 1.0) if self.log_x else (0.0, 1.0)
         low, high = min(ends), max(ends)
         if self.log_x:
-            return (low, high) if high > low * (1 + FLAT) else (low / 2, high * 2)
-        return (low, high) if high - low > 1e-15 * max(abs(low), abs(high)) else (low - 0.5, high + 0.5)
+            ratio = (high / low) ** self.x_margin if high > low * (1 + FLAT) else 2.0
+            return low / ratio, high * ratio
+        pad = self.x_margin * (high - low) if high - low > 1e-15 * max(abs(low), abs(high)) else 0.5
+        return low - pad, high + pad
 
 
 def _ends(values: np.ndarray) -> list[float]:

@@ -9,7 +9,7 @@ from mjrun.errors import BadValueError, UsageError, concerning, listing, option
 from mjrun.options.plot import FigureOptions
 from mjrun.plotting.column_units import with_units
 from mjrun.plotting.curve_text import CurveText, Mark, panel_index, parse_curves, parse_log, parse_mark, split_unit
-from mjrun.plotting.drawing import Drawing, DrawnCurve, DrawnPanel
+from mjrun.plotting.drawing import MARGIN, Drawing, DrawnCurve, DrawnPanel
 from mjrun.plotting.envelope import Envelope, Points
 from mjrun.plotting.panel import Panel, chosen_panels, panels_by_unit, time_column
 from mjrun.plotting.panel_grid import PanelCount, PanelGrid, panel_grid
@@ -96,7 +96,8 @@ class FigurePlan:
         panels = [self._drawn(index, panel, points) for index, panel in enumerate(self.panels)]
         events = [mark for collector in collectors for mark in collector.marks]
         vertical = [mark for mark in self.marks if mark.vertical]
-        return Drawing(self.options.title or "", self._x_label(), self.log_x, panels, [*vertical, *events])
+        margin = 0.0 if self.breaks else MARGIN / 2
+        return Drawing(self.options.title or "", self._x_label(), self.log_x, panels, [*vertical, *events], margin)
 
     def _drawn(self, index: int, panel: Panel, points: Sequence[dict[tuple[int, int], Points]]) -> DrawnPanel:
         several, curves = len(self.tables) > 1, list[DrawnCurve]()

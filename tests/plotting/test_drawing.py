@@ -1,5 +1,7 @@
 """The ranges of axes hold everything, and never have no extent."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -42,6 +44,7 @@ def test_marks_are_within_the_range() -> None:
 def test_x_is_from_the_first_to_the_last_sample() -> None:
     drawing = Drawing("", "t", False, [panel(1, 2, 3), panel(1, 2, 3, 4)], [Mark("m", 99, vertical=True)])
     assert drawing.x_range() == (0, 3)
+    assert replace(drawing, x_margin=0.1).x_range() == pytest.approx((-0.3, 3.3))
     assert Drawing("", "t", False, [panel(1)], []).x_range() == (-0.5, 0.5)
     assert Drawing("", "t", True, [panel()], []).x_range() == (0.1, 1)
     assert Drawing("", "t", False, [panel()], []).x_range() == (0, 1)
