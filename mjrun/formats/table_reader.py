@@ -130,7 +130,7 @@ def open_table(
     that are not asked for may hold anything. Rows are read as they are asked for: a fault in one shows then.
 
     Args:
-      path: a .csv, .jsonl, .parquet, .feather, .arrow, .npz or .mat file, or `-` for CSV or JSON Lines on standard
+      path: a .csv, .jsonl, .parquet, .feather, .arrow, .npz, .mat or .h5 file, or `-` for CSV or JSON Lines on standard
         input, which are told apart by their first character.
       columns: the name of one or of several columns, or a function that accepts a name or not; all by default.
       missing: what an empty cell, a null, and a key that is missing in JSON is: an error, or NaN.

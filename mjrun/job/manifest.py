@@ -32,6 +32,7 @@ class Origin(TypedDict):
     machine: str
     command: str
     model: ModelOrigin
+    inputs: Sequence[Mapping[str, object]]
     options: dict[str, object]
     seed: int
     timestep: float
@@ -52,6 +53,7 @@ def origin(job: object, simulation: Simulation, model: mujoco.MjModel, timeline:
         "machine": f"{platform.system()} {platform.machine()}",
         "command": str(options.pop("command", "")),
         "model": {"path": simulation.source.text, "sha256": model_fingerprint(model)},
+        "inputs": simulation.fingerprints,
         "options": options,
         "seed": simulation.seed,
         "timestep": float(timeline.timestep),

@@ -6,12 +6,14 @@ from fractions import Fraction
 from functools import cached_property
 from itertools import chain, repeat
 from pathlib import Path
+from typing import Any
 
 import mujoco
 
 from mjrun.errors import UsageError, clean, concerning, listing, option
+from mjrun.formats.manifest import fingerprint
 from mjrun.formats.recording_reader import RecordingReader
-from mjrun.formats.table_reader import read_table
+from mjrun.formats.table_reader import STDIN, read_table
 from mjrun.job.column_map import map_files
 from mjrun.job.motion_table import MotionReading, is_recording
 from mjrun.model import known_bugs, state
@@ -74,10 +76,20 @@ class Simulation(SimulationOptions):
     def inputs(self) -> list[tuple[str, Path]]:
         """The files that it reads, with what they are, as far as that is known without reading them."""
         model_files = zip(chain(["model"], repeat("file of the model")), self.source.files, strict=False)
+        return [*model_files, *self.tables]
+
+    @property
+    def tables(self) -> list[tuple[str, Path]]:
+        """The files that it reads besides the model, with what they are."""
         replay = "table" if self.replay is not None and not is_recording(Path(self.replay)) else "recording"
         tables = (("table of controls", self.ctrl_from), (replay, self.replay))
         maps = (("file of columns", file) for file in map_files(self.map))
-        return [*model_files, *((what, Path(file)) for what, file in (*tables, *maps) if file is not None)]
+        return [(what, Path(file)) for what, file in (*tables, *maps) if file is not None]
+
+    @cached_property
+    def fingerprints(self) -> list[dict[str, Any]]:
+        """Path, size and hash of each of `tables`."""
+        return [fingerprint(path) for _, path in self.tables]
 
     def load(self) -> mujoco.MjModel:
         """The compiled model."""
@@ -130,6 +142,8 @@ class Simulation(SimulationOptions):
         """
         assert self.replay is not None
         path = Path(self.replay)
+        if self.replay == STDIN:
+            raise UsageError(f"{option('replay')}: what is replayed is read more than once, and standard input is not")
         if not is_recording(path):
             try:
                 return self.motion(path, model)
@@ -176,7 +190,7 @@ class Simulation(SimulationOptions):
             if isinstance(states, RecordingReader):
                 stepper = ReplayStepper(model, states, states.facts.get("sizes"))
             else:
-                stepper = ReplayStepper(model, states, source="table")
+                stepper = ReplayStepper(model, states, simulated=False)
             stepper.require([self.timeline(model).steps])
             return stepper
 

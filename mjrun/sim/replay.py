@@ -48,7 +48,7 @@ class ReplayStepper:
 
     Args:
       sizes: the `sizes` of the model that was recorded, if it is known.
-      source: what messages call what the states come from.
+      simulated: whether the states come from physics, which says where bodies slept; otherwise they are a table's.
 
     Raises:
       UsageError: the recording is of another model, or of another timestep.
@@ -59,16 +59,16 @@ class ReplayStepper:
         model: mujoco.MjModel,
         states: RecordedStates,
         sizes: Mapping[str, Any] | None = None,
-        source: str = "recording",
+        simulated: bool = True,
     ) -> None:
         require_model(model, states, sizes)
         require_timestep(model, states)
-        self._source = source
+        self._source = "recording" if simulated else "table"
         self.model = copy.copy(model)
         self.step = 0
         self._states, self._steps = states, states.steps
         self._timestep = rational(model.opt.timestep)
-        self._sleeps = bool(model.opt.enableflags & SLEEP)
+        self._sleeps = simulated and bool(model.opt.enableflags & SLEEP)
         self._data = mujoco.MjData(self.model)
         self._instant = mujoco.MjData(self.model)
         self._instant_step = -1

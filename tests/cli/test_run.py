@@ -195,3 +195,58 @@ def test_with_json_a_failure_is_told_beside_what_was_made(mjrun: Command, study:
     assert [verdict["passed"] for verdict in told["assertions"]] == [False]
     done = mjrun("trace", study.with_name("swing.xml"), "-o", "no/a.csv", "--json")
     assert (done.returncode, done.stdout) == (7, b"")
+
+
+LOG = "t,swing [deg]\n0,0\n0.02,9\n0.04,\n0.06,-9\n"
+HINGE = "qpos/hinge='swing [deg]'*pi/180"
+
+
+def test_a_log_is_replayed_by_a_map_from_every_front_end_to_the_same_numbers(mjrun: Command, swing: Path) -> None:
+    (mjrun.folder / "log.csv").write_text(LOG)
+    (mjrun.folder / "names.map").write_text(f"time=t\n{HINGE}\n")
+    (mjrun.folder / "study.yaml").write_text(
+        f"model: {swing}\nreplay: log.csv\nmap: {{time: t, qpos/hinge: \"'swing [deg]'*pi/180\"}}\n"
+        "traces: [{output: c.csv, probe: [qpos, qvel]}]\n"
+    )
+    replay = ("trace", swing, "--replay", "log.csv", "--probe", "qpos,qvel")
+    by_line = mjrun(*replay, "--map", "time=t", "--map", HINGE, "-o", "a.csv")
+    by_file = mjrun(*replay, "--map", "@names.map", "-o", "b.csv")
+    by_document = mjrun("run", "study.yaml", "-o", ".")
+    for done in (by_line, by_file, by_document):
+        assert done.returncode == 0, done.stderr
+        assert b"a gap in qpos/hinge of 0.04 s from 0.02 s on; interpolated" in done.stderr
+    tables = {(mjrun.folder / f"{name}.csv").read_bytes() for name in "abc"}
+    assert len(tables) == 1
+    printed = mjrun(*replay, "--map", "time=t", "--map", HINGE, "-o", "d.csv", "--print-document").stdout
+    (mjrun.folder / "printed.yaml").write_bytes(printed)
+    assert mjrun("run", "printed.yaml", "-o", ".").returncode == 0
+    assert {(mjrun.folder / "d.csv").read_bytes()} == tables
+
+
+@pytest.mark.parametrize(
+    ("options", "code", "message"),
+    [
+        ((), 2, b"log.csv has no positions of this model\n  it has t, swing [deg]\n"),
+        (("--map", "qpos/hinge=swin"), 2, b"no column 'swin'"),
+        (("--map", "qpos/hing=t"), 2, b"no column 'qpos/hing' in --map of this model (did you mean 'qpos/hinge' "),
+        (
+            ("--map", HINGE),
+            2,
+            b"log.csv has no column 'time'\n  --map says which column it is, as in time=t,",
+        ),
+        (("--map", "time=t", "--map", HINGE, "--steps", "31"), 2, b"the table ends at step 30, time 0.06 s"),
+        (("--map", "time=1-t", "--map", HINGE), 2, b"log.csv, row 2: time 0.98 follows 1, and must grow"),
+        (("--map", "@none.map"), 7, b"none.map: no such file"),
+        (("--ctrl-noise", "1"), 2, b"--replay and --ctrl-noise exclude each other"),
+        (("--replay-mode", "controls", "--map", "time=t", "--map", HINGE), 2, b"log.csv has no controls to replay"),
+    ],
+)
+def test_a_table_that_cannot_be_replayed_is_told_and_nothing_is_written(
+    mjrun: Command, swing: Path, options: tuple[str, ...], code: int, message: bytes
+) -> None:
+    (mjrun.folder / "log.csv").write_text(LOG)
+    before = sorted(mjrun.folder.iterdir())
+    done = mjrun("trace", swing, "--replay", "log.csv", *options, "-o", "out.csv")
+    assert (done.returncode, done.stdout) == (code, b"")
+    assert message in done.stderr, done.stderr
+    assert sorted(mjrun.folder.iterdir()) == before

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from mjrun.errors import FileError
-from mjrun.formats.column_checks import require_equal_lengths, select, shown, unreadable
+from mjrun.formats.column_checks import column_names, require_equal_lengths, select, shown, unreadable
 
 PATH = Path("t.npz")
 
@@ -27,3 +27,9 @@ def test_what_a_file_says_is_cleaned_and_cut() -> None:
     assert shown("\x1b[31m") == r"'\x1b[31m'"
     assert len(shown("x" * 1000)) < 100
     assert unreadable(Path("A.NPZ")) == "cannot be read as .npz"
+
+
+def test_an_array_with_two_dimensions_is_several_columns_unless_it_is_no_table() -> None:
+    assert column_names("qpos", (9, 3)) == ["qpos/0", "qpos/1", "qpos/2"]
+    for shape in ((), (9,), (9, 1), (9, 0), (9, 10**6), (9, 2, 2)):
+        assert column_names("qpos", shape) == ["qpos"]

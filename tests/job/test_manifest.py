@@ -10,6 +10,8 @@ import mujoco
 import numpy as np
 import pytest
 
+from mjrun.errors import MjrunWarning
+from mjrun.formats.table_reader import open_table
 from mjrun.job.manifest import origin, plain
 from mjrun.job.simulation import Simulation
 from mjrun.job.trace import Trace
@@ -40,6 +42,22 @@ def test_the_manifest_says_what_made_the_tables(tmp_path: Path) -> None:
     heavier = mujoco.MjModel.from_xml_string(TEXT.replace('size=".05"', 'size=".06"'))
     Trace(Simulation(heavier, duration=0.1), str(table), manifest=str(manifest)).run()
     assert json.loads(manifest.read_text())["model"]["sha256"] != found["model"]["sha256"]
+
+
+def test_tables_that_are_read_are_in_the_manifest_with_their_hashes(tmp_path: Path) -> None:
+    table, names = tmp_path / "log.csv", tmp_path / "names.map"
+    table.write_text("t,deg\n0,0\n0.01,90\n")
+    names.write_text("time=t\nqpos/h=deg*pi/180\n")
+    simulation = Simulation(MODEL, replay=table, map=names)
+    with pytest.warns(MjrunWarning, match=r"log\.csv|forces"):
+        Trace(simulation, f"{tmp_path}/t.h5", manifest=f"{tmp_path}/m.json").run()
+    found = json.loads((tmp_path / "m.json").read_text())["inputs"]
+    assert [(entry["path"], entry["sha256"]) for entry in found] == [
+        (str(path), hashlib.sha256(path.read_bytes()).hexdigest()) for path in (table, names)
+    ]
+    with open_table(tmp_path / "t.h5") as made:
+        assert made.manifest is not None
+        assert made.manifest["inputs"] == found
 
 
 def test_the_fingerprint_of_a_model_is_that_of_its_compiled_file(tmp_path: Path) -> None:

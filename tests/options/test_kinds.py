@@ -12,6 +12,7 @@ from mjrun.options.kinds import (
     GROUPS,
     Camera,
     Choice,
+    ColumnMap,
     ExactNumber,
     ExpectedError,
     File,
@@ -68,6 +69,10 @@ from mjrun.options.kinds import (
             {"opt.cone": "elliptic", "opt.gravity": [0, 0, -1]},
             (("opt.cone", "elliptic"), ("opt.gravity", "0,0,-1")),
         ),
+        (ColumnMap(), "time=t", ("time=t",)),
+        (ColumnMap(), Path("a/names.map"), ("@a/names.map",)),
+        (ColumnMap(), {"time": "t/1e3", "qpos/hip": 0.5}, ("time=t/1e3", "qpos/hip=0.5")),
+        (ColumnMap(), ["time=t", "@names.map"], ("time=t", "@names.map")),
         (Several(Text()), "one", ("one",)),
         (Several(Text()), ["one", "two"], ("one", "two")),
         (Several(Size()), (640, 480), ((640, 480),)),
@@ -107,6 +112,8 @@ def test_python_gives_a_value_and_a_kind_makes_it_immutable(
         (Range(), (4, 0.5), "two numbers, the smaller first"),
         (Processes(), 0, "a number of processes from 1 on, or auto"),
         (Groups(), [6], "a list of groups from 0 to 5, all or none"),
+        (ColumnMap(), ["time=t", "time"], "COLUMN=EXPRESSION, as in qpos/knee=knee_deg*pi/180, or @FILE"),
+        (ColumnMap(), {"time": True}, "an expression or a number"),
     ],
 )
 def test_what_python_cannot_mean_is_refused(kind: Kind[Any, Any], value: object, message: str) -> None:
@@ -162,6 +169,9 @@ def test_a_command_line_is_parsed(kind: Kind[Any, Any], text: str, expected: obj
         (Values(), "hip=nan"),
         (Values(), "=1"),
         (Settings(), "opt.cone="),
+        (ColumnMap(), "time="),
+        (ColumnMap(), "=t"),
+        (ColumnMap(), "@"),
     ],
 )
 def test_text_that_means_nothing_is_refused(kind: Kind[Any, Any], text: str) -> None:

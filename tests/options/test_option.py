@@ -60,6 +60,23 @@ def test_what_excludes_each_other_is_refused_at_the_second() -> None:
     assert error.value.path == ("length",)
 
 
+@options
+class Ride(Options):
+    exclusions: ClassVar[tuple[Exclusion, ...]] = (
+        Exclusion(("laps", "length"), "a lap is long enough", when=("round", True)),
+    )
+
+    laps: int | None = option(converter=Optional(Integer(1)), default=None, help="How often.")
+    length: object = option(converter=Optional(ExactNumber()), default=None, help="How far [m].")
+    round: bool = option(converter=Flag(), default=True, help="Back to the start.")
+
+
+def test_what_excludes_each_other_may_do_so_in_one_case_alone() -> None:
+    with pytest.raises(UsageError, match=r"^laps and length exclude each other: a lap is long enough$"):
+        Ride(laps=1, length=2)
+    assert Ride(laps=1, length=2, round=False).laps == 1
+
+
 def test_options_are_listed_own_first_with_all_that_front_ends_need() -> None:
     assert [each.name for each in options_of(Race)] == ["track", "laps", "length", "weights", "assert", "quiet"]
     by_name: dict[str, Option] = {each.name: each for each in options_of(Race)}

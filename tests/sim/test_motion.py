@@ -98,7 +98,7 @@ def test_before_the_beginning_is_the_first_state_and_after_the_end_the_last() ->
 
 def test_a_replay_goes_through_it() -> None:
     run = tumble()
-    replay = ReplayStepper(model(), motion(run.sampled(TENTH)), source="table")
+    replay = ReplayStepper(model(), motion(run.sampled(TENTH)), simulated=False)
     bare = mujoco.MjData(model())
     for step in (0, 10, 250, 500):
         replay.advance(step)

@@ -5,10 +5,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import scipy.io
 from hypothesis import given
 from hypothesis import strategies as st
 
 from mjrun.errors import FileError
+from mjrun.formats.table_reader import read_table
 from mjrun.formats.table_writer import TableWriter
 from mjrun.formats.tables import mat
 from mjrun.model.column import Column
@@ -49,3 +51,20 @@ def test_a_mat_variable_too_large_for_the_format_is_refused_as_its_rows_come(
         with pytest.raises(FileError, match=r"t.mat: cannot be written: a .mat file holds at most 2 GiB per column"):
             out.write(np.zeros((1, 3)))
     assert names(tmp_path) == []
+
+
+@pytest.mark.parametrize("compress", [False, True])
+def test_a_matrix_of_several_columns_is_read_as_each(tmp_path: Path, compress: bool) -> None:
+    qpos = np.random.default_rng(1).random((7, 3))
+    variables = {
+        "time": np.arange(7.0)[:, None],
+        "lying": np.arange(7.0)[None],
+        "qpos": qpos,
+        "cube": np.zeros((7, 2, 2)),
+    }
+    scipy.io.savemat(tmp_path / "t.mat", variables, do_compression=compress)
+    names: list[str] = []
+    read_table(tmp_path / "t.mat", lambda name: bool(names.append(name)))
+    assert names == ["time", "lying", "qpos/0", "qpos/1", "qpos/2", "cube"]
+    table = read_table(tmp_path / "t.mat", ["lying", "qpos/2", "qpos/0"])
+    assert np.array_equal(np.column_stack(list(table.columns.values())), np.c_[np.arange(7), qpos[:, [0, 2]]])

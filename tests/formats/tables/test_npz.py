@@ -13,6 +13,7 @@ import pytest
 from mjrun.errors import FileError
 from mjrun.formats.table_reader import read_table
 from mjrun.formats.table_writer import TableWriter
+from mjrun.formats.tables import npz as npz_format
 from mjrun.formats.tables import output_format
 from mjrun.model.column import Column
 
@@ -62,6 +63,24 @@ def test_npz_of_numpy_is_read(tmp_path: Path, save: Callable[..., None]) -> None
     }
     save(tmp_path / "t.npz", **arrays, note=np.array(["x"] * 3), matrix=np.zeros((2, 2)))
     assert lists(tmp_path / "t.npz", *arrays) == {name: array.ravel().tolist() for name, array in arrays.items()}
+
+
+@pytest.mark.parametrize("save", [np.savez, np.savez_compressed])
+@pytest.mark.parametrize("order", ["C", "F"])
+def test_an_array_of_several_columns_is_read_as_each(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, save: Callable[..., None], order: Any
+) -> None:
+    monkeypatch.setattr(npz_format, "PIECE", 8)
+    qpos, frames = np.random.default_rng(1).random((11, 3)), np.zeros((11, 4, 4))
+    save(tmp_path / "t.npz", time=np.arange(11.0), qpos=np.asarray(qpos, order=order), frames=frames, after=np.ones(11))
+    names: list[str] = []
+    read_table(tmp_path / "t.npz", lambda name: bool(names.append(name)))
+    assert names == ["time", "qpos/0", "qpos/1", "qpos/2", "frames", "after"]
+    table = read_table(tmp_path / "t.npz", ["qpos/2", "qpos/0", "after"])
+    assert table.names == ["qpos/0", "qpos/2", "after"]
+    assert np.array_equal(np.column_stack(list(table.columns.values())), np.c_[qpos[:, [0, 2]], np.ones(11)])
+    with pytest.raises(FileError, match=r"column 'frames' has the shape \(11, 4, 4\), not \(n,\) or \(n, k\)$"):
+        read_table(tmp_path / "t.npz", "frames")
 
 
 def npz(**arrays: Any) -> Callable[[], bytes]:
