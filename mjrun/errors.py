@@ -125,6 +125,16 @@ class FailedAssertionError(MjrunError):
         super().__init__("\n".join(f"{'assertion failed: ' if not i else ''}{m}" for i, m in enumerate(messages)))
 
 
+class GoldenDifferenceError(MjrunError):
+    """A simulation differs from its golden table; `messages` say from which, where, and by how much."""
+
+    exit_code = 1
+
+    def __init__(self, messages: Sequence[str]) -> None:
+        self.messages = tuple(messages)
+        super().__init__("\n".join([*messages, f"{option('update')} makes what is now the golden table"]))
+
+
 # --- 2: wrong usage --------------------------------------------------------------------------------
 
 

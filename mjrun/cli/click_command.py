@@ -168,12 +168,17 @@ class KindType(click.ParamType[object]):
 
 
 def command(
-    name: str, *classes: type[Options], arguments: Sequence[click.Argument] = (), without: Sequence[str] = ()
+    name: str,
+    *classes: type[Options],
+    arguments: Sequence[click.Argument] = (),
+    without: Sequence[str] = (),
+    cls: type[SectionedCommand] = SectionedCommand,
 ) -> Callable[[Body], click.Command]:
     """Turns a function of a console and a command line into the command `name` with the options of `classes`.
 
     Args:
       without: names of options that this command has no use for.
+      cls: the class of the command.
     """
 
     def decorate(body: Body) -> click.Command:
@@ -186,7 +191,7 @@ def command(
         declared = {each.name: each for cls in (*classes, MessageOptions) for each in options_of(cls)}
         known = [each for each in declared.values() if FrontEnd.COMMAND in each.places and each.name not in without]
         params: list[click.Parameter] = [*arguments, *map(DeclaredOption, sorted(known, key=_section_rank))]
-        return SectionedCommand(name, callback=callback, params=params, help=body.__doc__)
+        return cls(name, callback=callback, params=params, help=body.__doc__)
 
     return decorate
 

@@ -6,9 +6,10 @@ from typing import TYPE_CHECKING
 from mjrun.cli.annotations import annotation
 from mjrun.cli.info_columns import Column
 from mjrun.cli.page_layout import PageLayout
+from mjrun.cli.result_summary import golden_summary
 from mjrun.diff.model_lines import model_lines
 from mjrun.diff.picture_sentences import frame_facts, frame_place, percent
-from mjrun.diff.sentences import place, unmatched_place
+from mjrun.diff.sentences import golden_versions, place, unmatched_place
 from mjrun.errors import clean, listing
 
 if TYPE_CHECKING:
@@ -28,7 +29,7 @@ ANNOTATED = 10  # differences: GitHub shows no more of a step
 
 def text(result: "DiffResult", *, every: bool = False) -> str:
     """The verdict, and what differs; `every` column or value that does."""
-    if result.equal:
+    if result.equal or (result.golden and result.golden.updated):
         return verdict(result)
     if result.model:
         return "\n".join([verdict(result), "", *model_lines(result.model, every=every)])
@@ -46,12 +47,17 @@ def text(result: "DiffResult", *, every: bool = False) -> str:
 
 def verdict(result: "DiffResult") -> str:
     """One line: whether they agree."""
+    if result.golden and result.golden.updated:
+        return golden_summary(result)
     pair = f"{clean(result.a)} and {clean(result.b)}"
-    return f"{pair} agree{_agreement(result)}" if result.equal else f"{pair} differ"
+    golden = f"; {golden_versions(result.golden)}" if result.golden else ""
+    return f"{pair} agree{_agreement(result)}{golden}" if result.equal else f"{pair} differ{golden}"
 
 
 def annotations(result: "DiffResult") -> Iterator[str]:
     """An annotation of a GitHub workflow for each difference."""
+    if result.golden and result.golden.updated:
+        return
     for sentence in result.differences[:ANNOTATED]:
         yield annotation("error", sentence, result.b, f"mjrun diff: differs from {result.a}")
 

@@ -3,9 +3,11 @@
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
+from mjrun.diff.sentences import golden_versions
 from mjrun.errors import clean
 
 if TYPE_CHECKING:
+    from mjrun.diff.result import DiffResult
     from mjrun.job.image import ImageResult
     from mjrun.job.keyframe import KeyframeResult
     from mjrun.job.plot import PlotResult
@@ -14,6 +16,8 @@ if TYPE_CHECKING:
     from mjrun.job.trace import TraceResult
     from mjrun.job.video import VideoResult
     from mjrun.plotting.table_plot import TablePlotResult
+
+LISTED = 10  # changes of a golden table that are shown
 
 
 def video(result: "VideoResult") -> str:
@@ -39,7 +43,22 @@ def image(result: "ImageResult") -> str:
 def trace(result: "TraceResult") -> str:
     size = f"{result.rows} rows, {result.columns} columns"
     pace = f"{result.simulated:.6g} s in {result.steps} steps; made in {result.wall:.2f} s"
-    return f"{clean(result.path)}: {size}, {pace}"
+    golden = f"\n{golden_summary(result.golden)}" if result.golden else ""
+    return f"{clean(result.path)}: {size}, {pace}{golden}"
+
+
+def golden_summary(result: "DiffResult") -> str:
+    """A line about a golden table, and what changed in one that is replaced."""
+    assert result.golden
+    path, count, versions = clean(result.a), len(result.differences), golden_versions(result.golden)
+    if not result.golden.updated:
+        return f"{path}: {'agrees' if result.equal else 'differs'}; {versions}"
+    if result.table is None and result.equal:
+        return f"{path}: made"
+    changes = [f"  {sentence}" for sentence in result.differences[:LISTED]]
+    more = [f"  … and {count - LISTED} more"] if count > LISTED else []
+    changed = "" if count else ", and nothing changed"
+    return "\n".join([f"{path}: updated; {versions}{changed}", *changes, *more])
 
 
 def plot(result: "PlotResult") -> str:

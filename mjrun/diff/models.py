@@ -70,8 +70,8 @@ def compare_models(a: Source, b: Source, tolerances: Tolerances | None = None) -
         stated, follow = [each for differences in computed.values() for each in differences], []
     fields = [each for each in stated if isinstance(each, FieldDifference)]
     arrays = [each for each in stated if isinstance(each, ArrayDifference)]
-    names = [source.text or MEMORY for source in (a, b)]
-    return ModelComparison(*names, fields, arrays, only_a, only_b, follow, xml_changes(a, b), tuple(warnings))
+    a_name, b_name = (source.text or MEMORY for source in (a, b))
+    return ModelComparison(a_name, b_name, fields, arrays, only_a, only_b, follow, xml_changes(a, b), tuple(warnings))
 
 
 def _field_names(model: mujoco.MjModel) -> list[str]:

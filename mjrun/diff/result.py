@@ -173,18 +173,38 @@ class PictureDifference:
 
 
 @dataclass(frozen=True)
+class GoldenFacts:
+    """The two sides of a comparison with a golden table.
+
+    Attributes:
+      mjrun, mujoco: the versions that made the golden table; empty if it does not say.
+      mjrun_now, mujoco_now: those that simulated now.
+      updated: whether the golden table was made, or replaced.
+    """
+
+    mjrun: str
+    mujoco: str
+    mjrun_now: str
+    mujoco_now: str
+    updated: bool
+
+
+@dataclass(frozen=True)
 class DiffResult:
     """What a comparison finds.
 
     Attributes:
-      kind: of A and B: `table`, `recording`, `video`, `image` or `model`.
+      kind: of A and B: `table`, `recording`, `video`, `image` or `model`; `golden` where A is a golden table, and B is
+        a simulation.
       a, b: what is compared, as it was named.
       equal: whether they agree.
       differences: a sentence for each way in which they do not.
       notes: what may be the reason of it: versions, machines and models that are not the same. They decide nothing.
-      table: of tables and recordings, the columns; None for others, and for recordings whose states do not fit.
+      table: of tables, golden ones and recordings, the columns; None for others, and for recordings whose states do
+        not fit.
       model: of models, their fields and objects; else None.
       picture: of videos and images; else None.
+      golden: of a golden table, what made it; else None.
       schema: of this document.
     """
 
@@ -197,4 +217,5 @@ class DiffResult:
     table: TableDifference | None = None
     model: ModelComparison | None = None
     picture: PictureDifference | None = None
+    golden: GoldenFacts | None = None
     schema: str = SCHEMA

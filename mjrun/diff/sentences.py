@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator, Sequence
 
-from mjrun.diff.result import CellDifference, ColumnDifference, TableDifference, UnmatchedRows
+from mjrun.diff.result import CellDifference, ColumnDifference, GoldenFacts, TableDifference, UnmatchedRows
 from mjrun.errors import clean, listing, quoted
 
 
@@ -24,6 +24,15 @@ def place(cell: CellDifference, aligned: str) -> str:
         return f"step {cell.at:.0f}"
     row = f"row {cell.row}" if cell.row == cell.row_b else f"rows {cell.row} and {cell.row_b}"
     return row if cell.at is None else f"{row}, time {cell.at!r} s"
+
+
+def golden_versions(golden: GoldenFacts) -> str:
+    """Which versions made a golden table, and which simulate now."""
+    made = ", ".join(f"{name} {v}" for name, v in (("mjrun", golden.mjrun), ("MuJoCo", golden.mujoco)) if v)
+    now = f"mjrun {golden.mjrun_now}, MuJoCo {golden.mujoco_now}"
+    if made == now:
+        return f"both are of {now}"
+    return f"it is of {clean(made) or 'unknown versions'}, this is {now}"
 
 
 def _columns_of_one(names: Sequence[str], where: str) -> Iterator[str]:

@@ -34,6 +34,7 @@ from mjrun.formats.format_lists import with_formats
 from mjrun.job.view import check_segmentation_name
 from mjrun.model.sources import is_file
 from mjrun.options import kinds as option_kinds
+from mjrun.options.diff import ColumnTolerances
 from mjrun.options.kinds import AnyKind, ExpectedError, setting_text
 from mjrun.options.option import Exclusion, FrontEnd, Option, Options, exclusions_of, options_of
 from mjrun.options.push import PushKind
@@ -170,6 +171,7 @@ FIELD_TYPES: dict[type[AnyKind], object] = {
     option_kinds.Size: Size,
     option_kinds.Range: Annotated[tuple[float, float], Strict(False), BeforeValidator(of_length(2, "numbers"))],
     option_kinds.Values: dict[str, Numbers],
+    ColumnTolerances: dict[str, Numbers],
     option_kinds.Settings: dict[str, SettingText],
     option_kinds.ColumnMap: Annotated[
         Annotated[Name, Tag(TEXT)]

@@ -35,10 +35,10 @@ OutputPath = Annotated[Name, AfterValidator(_inside)]  # a path that a document 
 
 
 class OutputFolder:
-    """The outputs of a run, inside `folder`."""
+    """The outputs of a run, inside `folder`, which messages call `name`."""
 
-    def __init__(self, folder: Path) -> None:
-        self._folder, self._taken = folder, ReservedFiles()
+    def __init__(self, folder: Path, name: str = "the folder of outputs") -> None:
+        self._folder, self._name, self._taken = folder, name, ReservedFiles()
 
     def path(self, text: str) -> str:
         """Where the output `text`, an `Inside`, is; a folder of frames ends in a slash as before.
@@ -65,4 +65,4 @@ class OutputFolder:
         except (OSError, RuntimeError) as error:  # links in a circle
             raise UsageError(f"{clean(str(path))} cannot be reached: {clean(str(error))}") from None
         if folder not in file.parents:
-            raise UsageError(f"{clean(str(path))} leads out of the folder of outputs, by a link")
+            raise UsageError(f"{clean(str(path))} leads out of {self._name}, by a link")

@@ -33,6 +33,7 @@ from mjrun.document.reader import document_error, read_placed
 from mjrun.document.tree import Fault, ListNode, MappingNode, find, key_mark, path_text, plain, written_path
 from mjrun.document.tree import Path as Place
 from mjrun.errors import DocumentError, InvalidJobsError, Problem, UsageError
+from mjrun.job.golden import golden_files
 from mjrun.job.image import Image
 from mjrun.job.keyframe import Keyframe
 from mjrun.job.plot import Plot
@@ -156,6 +157,7 @@ class _Builder:
 
     def __init__(self, tree: MappingNode, folders: Folders, options: RunOptions, command: str) -> None:
         self._tree, self._folders, self._options, self._command = tree, folders, options, command
+        self._goldens = OutputFolder(folders.inputs, "the folder of the document")
         self._faults: list[Fault] = []
         self._others: list[Problem] = []  # in documents that this one names
 
@@ -196,7 +198,7 @@ class _Builder:
         if isinstance(job, Video | Image):
             job = self._on_this_machine(job)
         self._reserve(job, place)
-        return job
+        return self._updated(job, place) if isinstance(job, Trace) else job
 
     def _values(self, declared: type[Options], entry: OptionsModel, place: Place) -> dict[str, object]:
         """What the options are given for what the document says of them."""
@@ -214,6 +216,17 @@ class _Builder:
         options = self._options
         job = replace(job, gl=options.gl, require_gpu=options.require_gpu, quality=options.quality or job.quality)
         return replace(job, jobs=options.jobs or job.jobs) if isinstance(job, Video) else job
+
+    def _updated(self, trace: Trace, place: Place) -> Trace:
+        """The trace, with its golden table to be updated if the command line says so and the document may write it."""
+        if trace.golden is None or not self._options.update:
+            return trace
+        updated = replace(trace, update=True)
+        for file in golden_files(updated):
+            where = written_path(self._tree, (*place, "golden"))
+            owner = f"{path_text(where)} at {find(self._tree, where).mark}"
+            self._attempt((*place, "golden"), partial(self._goldens.reserve, file, owner))
+        return updated
 
     def _reserve(self, job: Job[OutputResult], place: Place) -> None:
         """Reserves all files that `job` writes."""

@@ -2,8 +2,10 @@
 
 from collections.abc import Callable, Mapping
 from dataclasses import field
-from os import PathLike, fspath
+from os import fspath
 from typing import TYPE_CHECKING
+
+import mujoco
 
 from mjrun.diff import file_kind
 from mjrun.diff.result import DiffResult
@@ -11,6 +13,7 @@ from mjrun.diff.sentences import table_sentences
 from mjrun.diff.tolerances import Tolerance, Tolerances
 from mjrun.errors import UsageError, clean, option
 from mjrun.formats.image_format import image_format
+from mjrun.model.source import Source
 from mjrun.model.sources import ModelLike, source_of
 from mjrun.options.diff import DiffOptions
 from mjrun.options.option import is_given, options, options_of
@@ -42,13 +45,12 @@ class Diff(DiffOptions):
           ModelError: a model cannot be found, read or compiled.
           UsageError: they are of two kinds, or an option does not fit them.
         """
-        if not (isinstance(self.a, str | PathLike) and isinstance(self.b, str | PathLike)):
+        a, b = _name(self.a), _name(self.b)
+        if a is None or b is None or (kind := file_kind.common_kind(a, b)) == file_kind.MODEL:
             self._require_applicable(file_kind.MODEL)
             return _models(self, self.a, self.b, reporter)
-        a, b = fspath(self.a), fspath(self.b)
-        kind = file_kind.common_kind(a, b)
         self._require_applicable(kind)
-        return _models(self, a, b, reporter) if kind == file_kind.MODEL else COMPARISONS[kind](self, a, b)
+        return COMPARISONS[kind](self, a, b)
 
     def _require_applicable(self, kind: str) -> None:
         """Raises UsageError if an option is given that says nothing about results of a kind."""
@@ -56,6 +58,17 @@ class Diff(DiffOptions):
         useless = [option(name) for name in useless if name not in APPLICABLE[kind]]
         if useless:
             raise UsageError(f"{', '.join(useless)} does not apply to {kind}s")
+
+
+def _name(compared: ModelLike) -> str | None:
+    """The text that names what is compared; None of a model that is none."""
+    match compared:
+        case Source() | mujoco.MjModel():
+            return None
+        case str():
+            return compared
+        case _:
+            return fspath(compared)
 
 
 def _tables(diff: Diff, a: str, b: str) -> DiffResult:

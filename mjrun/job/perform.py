@@ -14,6 +14,7 @@ import mujoco
 from mjrun.errors import (
     ControllerError,
     FailedAssertionError,
+    GoldenDifferenceError,
     InvalidJobsError,
     MjrunError,
     PartlyDoneError,
@@ -57,6 +58,7 @@ def perform(jobs: Sequence[Job[R]], reporter: Reporter | None = None) -> list[R]
     Raises:
       PartlyDoneError: some outputs were made and some were not.
       FailedAssertionError: an assertion does not hold; everything is published all the same.
+      GoldenDifferenceError: a trace differs from its golden table; everything is published all the same.
       SimulationError: nothing was published but what keeps partial results.
       MjrunError: nothing was published; if several outputs failed, this is the error of the first.
     """
@@ -83,8 +85,7 @@ def perform(jobs: Sequence[Job[R]], reporter: Reporter | None = None) -> list[R]
                         manifest.write(facts, files)
                         manifest.publish()
 
-    assertions = [message for artifact in artifacts.values() for message in artifact.failed_assertions]
-    if error := simulated.error([result.path for result in results], assertions):
+    if error := simulated.error([result.path for result in results], _verdicts([*artifacts.values()])):
         error.results = results
         raise error
     return results
@@ -169,8 +170,8 @@ class _Pass(Generic[R]):
         except MjrunError as error:
             self.failures[index] = path or self._plans[index].preview().path, error
 
-    def error(self, made: Sequence[str], failed_assertions: Sequence[str]) -> MjrunError | None:
-        """What to raise at the end, if anything, given the paths of what was made."""
+    def error(self, made: Sequence[str], verdicts: Sequence[MjrunError]) -> MjrunError | None:
+        """What to raise at the end, if anything, given the paths of what was made and what is not as it should be."""
         failures = [failure for _, failure in sorted(self.failures.items())]
         others: list[MjrunError] = [error for _, error in failures]
         main: MjrunError | None = None
@@ -183,11 +184,9 @@ class _Pass(Generic[R]):
                 main.add_note(f"kept, up to there: {listing(made)}")
         elif failures:
             main, others = PartlyDoneError(made, failures), []
-        if failed_assertions:
-            assertion = FailedAssertionError(failed_assertions)
-            if main is None:
-                return assertion
-            others.append(assertion)
+        others += verdicts
+        if main is None and others:
+            main = others.pop(0)
         if main:
             for other in others:
                 main.add_note(other.spelled(option))
@@ -251,6 +250,14 @@ class _Pass(Generic[R]):
             self.failures[index] = self._plans[index].preview().path, error
         if len(self.failures) == len(self._plans):
             raise error
+
+
+def _verdicts(artifacts: Sequence[Artifact[R]]) -> list[MjrunError]:
+    """What is complete, and not as it should be."""
+    assertions = [message for artifact in artifacts for message in artifact.failed_assertions]
+    differences = [message for artifact in artifacts for message in artifact.golden_differences]
+    failed: list[MjrunError] = [FailedAssertionError(assertions)] if assertions else []
+    return [*failed, *([GoldenDifferenceError(differences)] if differences else [])]
 
 
 def _open(jobs: Sequence[Job[R]], reporter: Reporter, stack: ExitStack) -> _Pass[R]:
@@ -334,10 +341,12 @@ def _check_files(jobs: Sequence[Job[OutputResult]], errors: _UsageErrors) -> Non
     """No file is written twice, or read and written, unless its output is made of what was read."""
     reserved = ReservedFiles()
     rewritten = {os.path.realpath(path) for job in jobs for path in job.rewritten_inputs}
-    for what, path in jobs[0].simulation.inputs:
-        if os.path.realpath(path) in rewritten:
-            continue
-        reserved.reserve(path, f"the {what}, which is read")
+    inputs = {os.path.realpath(path): f"the {what}, which is read" for what, path in jobs[0].simulation.inputs}
+    for what, path in (each for job in jobs for each in job.inputs):
+        inputs.setdefault(os.path.realpath(path), f"the {what} table, which is read")
+    for path, owner in inputs.items():
+        if path not in rewritten:
+            reserved.reserve(path, owner)
     for i, job in enumerate(jobs):
         for what, path in errors.collect(i, lambda job=job: job.files) or ():
             errors.collect(i, partial(_reserve, reserved, what, path))

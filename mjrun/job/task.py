@@ -91,12 +91,14 @@ class Artifact(Generic[R_co]):
       writers: whose `publish` is all that is left to do.
       result: makes the result, once the files are in their places.
       failed_assertions: messages of the assertions that do not hold.
+      golden_differences: messages that say how the output differs from a golden table.
     """
 
     facts: Mapping[str, object]
     writers: Sequence[OutputWriter]
     result: Callable[[Sequence[Path], PassSummary], R_co]
     failed_assertions: Sequence[str] = ()
+    golden_differences: Sequence[str] = ()
 
     def publish(self) -> list[Path]:
         """Moves every file to its place, and returns them."""
@@ -198,6 +200,11 @@ class Job(OutputOptions, ABC, Generic[R_co]):
     @abstractmethod
     def files(self) -> Sequence[tuple[str, str]]:
         """Every file that it writes, with what it is."""
+
+    @property
+    def inputs(self) -> Sequence[tuple[str, str]]:
+        """Every file that it reads besides those of the simulation, with what it is."""
+        return ()
 
     @property
     def rewritten_inputs(self) -> Sequence[str]:

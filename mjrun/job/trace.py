@@ -10,9 +10,12 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from mjrun.diff.result import DiffResult
 from mjrun.errors import concerning
+from mjrun.formats.atomic_output import OutputWriter
 from mjrun.formats.table_writer import TableWriter
 from mjrun.formats.tables import output_format
+from mjrun.job.golden import GoldenTable, check_options, difference_message, golden_files, require_golden_table
 from mjrun.job.manifest import origin
 from mjrun.job.output_files import named_files
 from mjrun.job.shared_rendering import SharedRendering
@@ -37,11 +40,24 @@ QUEUED_BLOCKS = 4  # that may wait to be written
 
 @options
 class Trace(TraceOptions, Job["TraceResult"]):
-    """A trace of a simulation, a table of measured values: its options are keywords."""
+    """A trace of a simulation, a table of measured values: its options are keywords.
+
+    Args:
+      written: whether the table is written; one that is only compared with a golden table need not be.
+    """
+
+    written: bool = True
 
     @property
     def files(self) -> list[tuple[str, str]]:
-        return named_files(output=self.output, contacts=self.contacts, manifest=self.manifest)
+        output = self.output if self.written else None
+        files = named_files(output=output, contacts=self.contacts, manifest=self.manifest)
+        return [*files, *(("golden", file) for file in golden_files(self))]
+
+    @property
+    def inputs(self) -> list[tuple[str, str]]:
+        """The golden table, if it is only read."""
+        return [] if self.update else named_files(golden=self.golden)
 
     def task(self) -> "TraceTask":
         """Its task, with every format chosen.
@@ -49,6 +65,7 @@ class Trace(TraceOptions, Job["TraceResult"]):
         Raises:
           UsageError: a suffix or format that is not known.
         """
+        check_options(self)
         target = None if self.output == "-" else self.output
         contacts = None if self.contacts is None else output_format(self.contacts).name
         return TraceTask(self, target, output_format(target, self.format).name, contacts)
@@ -59,7 +76,7 @@ class TraceResult(OutputResult):
     """What table was made.
 
     Attributes:
-      path: where it is; `-` is standard output.
+      path: where it is; `-` is standard output, and empty a table that is not written.
       format: how it is written.
       rows, columns: its size, `time` included.
       contacts: rows of the contact table; None without one.
@@ -67,6 +84,7 @@ class TraceResult(OutputResult):
       wall: wall time of all [s].
       assertions: each with the value that it has, and whether it holds.
       warnings: MuJoCo's.
+      golden: the comparison with the golden table; None without one.
     """
 
     format: str
@@ -78,6 +96,7 @@ class TraceResult(OutputResult):
     wall: float
     assertions: Sequence[Verdict]
     warnings: Sequence[str]
+    golden: DiffResult | None = None
 
 
 def columns(simulation: Simulation, probes: Sequence[str] = ()) -> list[Column]:
@@ -106,6 +125,7 @@ class TraceTask:
     def plan(self, context: Context) -> "TracePlan":
         """Finds the probes in the model and parses the assertions."""
         job = self.job
+        require_golden_table(job)
         steps = row_steps(context.timeline, job.every, job.rate)
         for index, name in enumerate(job.probe):
             with concerning("probe", index):  # one by one, so that an error says which
@@ -141,26 +161,36 @@ class TracePlan:
     def preview(self) -> Preview:
         count = len(self.table.columns)
         about = f"{self.task.format}, {count} columns"
-        return Preview("trace", self.task.job.output, len(self.steps), "rows", [count], about)
+        path = self.task.job.output if self.task.job.written else str(self.task.job.golden)
+        return Preview("trace", path, len(self.steps), "rows", [count], about)
 
     def open(self, stack: ExitStack, rendering: SharedRendering) -> "TraceOutput":
         task, job, context, table = self.task, self.task.job, self.context, self.table
         facts = origin(job, job.simulation, context.model, context.timeline)
-        writer = stack.enter_context(TableWriter(task.target, task.format, table.columns, facts))
+        writer = TableWriter(task.target, task.format, table.columns, facts) if job.written else None
+        if writer is not None:
+            stack.enter_context(writer)
         contacts = None
         if task.contacts_format is not None:
             contacts = TableWriter(job.contacts, task.contacts_format, table.contact_columns, facts)
             stack.enter_context(contacts)
-        return TraceOutput(self, facts, writer, contacts)
+        golden = None if job.golden is None else GoldenTable(job, table.columns, facts, stack)
+        return TraceOutput(self, facts, writer, contacts, golden)
 
 
 class TraceOutput(Output[TraceResult]):
     """A trace whose files are open."""
 
     def __init__(
-        self, plan: TracePlan, facts: Mapping[str, object], writer: TableWriter, contacts: TableWriter | None
+        self,
+        plan: TracePlan,
+        facts: Mapping[str, object],
+        writer: TableWriter | None,
+        contacts: TableWriter | None,
+        golden: GoldenTable | None,
     ) -> None:
-        self._plan, self._facts, self._writer, self._contacts = plan, facts, writer, contacts
+        self._plan, self._facts, self._writer, self._contacts, self._golden = plan, facts, writer, contacts, golden
+        self._rows = 0
         self._checkers = [assertion.checker() for assertion in plan.assertions]
         self._buffer = RowBuffer(plan.table, plan.steps, self._write)
         self.taps = [Tap(plan.steps, plan.table.read, self._buffer.add)]
@@ -174,32 +204,47 @@ class TraceOutput(Output[TraceResult]):
 
     def finish(self) -> Artifact[TraceResult]:
         self._buffer.flush()
-        writers = [self._writer, *([self._contacts] if self._contacts else [])]
+        writers: list[OutputWriter] = [writer for writer in (self._writer, self._contacts) if writer]
         for writer in writers:
             writer.finish()
         verdicts = [checker.verdict() for checker in self._checkers]
         failed = [verdict.message for verdict in verdicts if not verdict.passed]
-        return Artifact(self._facts, writers, partial(self._result, verdicts), failed)
+        if self._golden is None:
+            return Artifact(self._facts, writers, partial(self._result, verdicts, None), failed)
+
+        complete = self._rows == len(self._plan.steps)
+        source = self._plan.context.simulation.source.text or "the simulation"
+        golden, replaced = self._golden.finish(source, replace=complete and not failed)
+        differences = [] if golden.equal or self._plan.task.job.update else [difference_message(golden)]
+        result = partial(self._result, verdicts, golden)
+        return Artifact(self._facts, [*writers, *replaced], result, failed, differences)
 
     def _write(self, rows: Rows) -> None:
         for checker in self._checkers:
-            checker.feed(rows.values, self._writer.rows)
-        self._writer.write(rows.values)
+            checker.feed(rows.values, self._rows)
+        if self._writer:
+            self._writer.write(rows.values)
+        if self._golden:
+            self._golden.write(rows.values)
+        self._rows += len(rows.values)
         if self._contacts and rows.contacts is not None:
             self._contacts.write(rows.contacts)
 
-    def _result(self, assertions: Sequence[Verdict], files: Sequence[Path], summary: PassSummary) -> TraceResult:
+    def _result(
+        self, assertions: Sequence[Verdict], golden: DiffResult | None, files: Sequence[Path], summary: PassSummary
+    ) -> TraceResult:
         task, timeline = self._plan.task, self._plan.context.timeline
         return TraceResult(
-            path=task.job.output,
+            path=task.job.output if task.job.written else "",
             format=task.format,
-            rows=self._writer.rows,
+            rows=self._rows,
             columns=len(self._plan.table.columns),
             contacts=self._contacts.rows if self._contacts else None,
             simulated=float(timeline.duration),
             steps=timeline.steps,
             wall=summary.wall,
             assertions=assertions,
+            golden=golden,
             warnings=summary.warnings,
         )
 

@@ -48,10 +48,10 @@ def _require_tolerance(numbers: Numbers) -> None:
 
 
 @options
-class TableDiffOptions(Options):
-    """How tables and recordings are compared."""
+class ToleranceOptions(Options):
+    """When numbers agree."""
 
-    section: ClassVar[str] = "Comparison"
+    section: ClassVar[str] = "Tolerances"
 
     atol: float = option(
         converter=Real(metavar="ATOL"),
@@ -66,6 +66,14 @@ class TableDiffOptions(Options):
         help="Tolerances for the columns that a name with wildcards matches: 'qvel/*=1e-6', 'energy/*=0,1e-9'; the "
         "last that matches counts. That of time says which times are the same.",
     )
+
+
+@options
+class TableDiffOptions(ToleranceOptions):
+    """How tables and recordings are compared."""
+
+    section: ClassVar[str] = "Tables and recordings"
+
     columns: tuple[str, ...] = option(
         converter=Several(Text("COLUMNS")),
         default=(),

@@ -21,6 +21,12 @@ class RunOptions(BackendOptions, ControllerOptions):
         places=FrontEnd.COMMAND,
         help="The folder of all outputs; made if need be.",
     )
+    update: bool = option(
+        converter=Flag(),
+        default=False,
+        places=FrontEnd.COMMAND,
+        help="Make the golden tables of all traces, or replace them and tell what changed.",
+    )
     dry_run: bool = option(
         converter=Flag(), default=False, places=FrontEnd.COMMAND, help="Show what would be made, and stop."
     )

@@ -3,6 +3,7 @@
 from fractions import Fraction
 from typing import ClassVar
 
+from mjrun.options.diff import ToleranceOptions
 from mjrun.options.kinds import ExactNumber, File, Flag, Integer, Optional, Several, Text
 from mjrun.options.option import Exclusion, FrontEnd, Options, option, options, required
 from mjrun.options.output import TABLES, OutputOptions
@@ -28,7 +29,26 @@ class SamplingOptions(OutputOptions):
 
 
 @options
-class TraceOptions(SamplingOptions):
+class GoldenOptions(ToleranceOptions):
+    """The comparison of a trace with a golden table."""
+
+    section: ClassVar[str] = "Golden table"
+
+    golden: str | None = option(
+        converter=Optional(File()),
+        default=None,
+        help="A table of an earlier run that this one must agree with, within the tolerances: exit code 1 if not.",
+    )
+    update: bool = option(
+        converter=Flag(),
+        default=False,
+        places=FrontEnd.COMMAND | FrontEnd.PYTHON,
+        help="Make the golden table, or replace it and tell what changed.",
+    )
+
+
+@options
+class TraceOptions(SamplingOptions, GoldenOptions):
     """A trace: a table of measured values."""
 
     section: ClassVar[str] = "Trace"

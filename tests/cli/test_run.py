@@ -150,6 +150,7 @@ def test_a_schema_is_printed_as_json(mjrun: Command, kind: str) -> None:
 
 # Options that documents do not have: of the terminal, of the machine that draws, and code, which no document may name.
 TERMINAL = {"json", "quiet", "verbose", "debug", "print_document", "recording", "save_key", "list", "csv", "verify"}
+TERMINAL |= {"update"}
 MACHINE = {"gl", "require_gpu"}
 CODE = {"controller", "control_dt"}
 LISTS = {"videos", "images", "traces", "plots", "recordings", "keyframes"}

@@ -16,6 +16,7 @@ from mjrun.document.output_folder import OutputFolder
 from mjrun.document.run import OUTPUTS, RunDocument
 from mjrun.document.run_writer import plain_value
 from mjrun.options import kinds
+from mjrun.options.diff import ColumnTolerances
 from mjrun.options.kinds import Kind
 from mjrun.options.option import Exclusion, Option, Options, option, options, required
 from mjrun.options.push import PushKind
@@ -68,6 +69,9 @@ def values(kind: Kind[Any, Any]) -> st.SearchStrategy[Any]:
             return names | st.integers(0, 9)
         case kinds.File():
             return FILES
+        case ColumnTolerances():
+            least = st.floats(0, 1e9)
+            return st.dictionaries(names, least | st.lists(least, min_size=1, max_size=2), max_size=3)
         case kinds.Values():
             return st.dictionaries(names, numbers | st.lists(numbers, min_size=1, max_size=7), max_size=3)
         case kinds.ColumnMap():

@@ -426,7 +426,7 @@ WRONG = [
      ["2:42: traces[0].rate: every and rate exclude each other: both say how often",
       "2:70: traces[1].every: expected a positive number, got 0",
       "2:90: traces[2]: unknown key 'probes' (did you mean 'probe'?); "
-      "keys: output, probe, assert, keep_partial, contacts, every, rate, format, manifest"]),
+      "keys: output, probe, assert, keep_partial, contacts, every, rate, format, manifest, golden, atol, rtol, tol"]),
     (f"{HEAD}plots: [{{output: a.png}}]", ["2:9: plots[0]: 'probe' is missing"]),
     (f"{HEAD}plots: [{{output: b.png, probe: []}}]",
      ["2:32: plots[0].probe: a plot needs values: energy, qpos[left_*], …"]),
