@@ -216,6 +216,7 @@ class Job(OutputOptions, ABC, Generic[R_co]):
 
         Raises:
           FailedAssertionError: what a trace asserts does not hold; its table is published all the same.
+          GoldenDifferenceError: a trace differs from its golden table; its own is published all the same.
           MjrunError: nothing was published, unless `keep_partial`, and existing outputs are untouched.
         """
         from mjrun.job.perform import perform  # which performs tasks, and imports this
