@@ -39,7 +39,7 @@ def make_font(source: Path, target: Path) -> None:
     options = subset.Options(notdef_outline=True, hinting=False, name_IDs=["*"])
     options.drop_tables += ["GSUB", "GPOS", "GDEF", "STAT"]
     subsetter = subset.Subsetter(options)
-    subsetter.populate(unicodes=[code for code in font.getBestCmap() if code not in PRIVATE_USE])
+    subsetter.populate(unicodes=[code for code in font.getBestCmap() or {} if code not in PRIVATE_USE])
     subsetter.subset(font)
     font.save(target)
 

@@ -34,12 +34,14 @@ def run(console: Console, command_line: CommandLine) -> None:
     \b
     mjrun run study.yaml
     mjrun run study.yaml duration=2 videos[0].size=640x360 -o out
+    mjrun run study.yaml --html study.html
     mjrun run study.yaml --dry-run
     """
     console.guard_stdout()
     import_mujoco()
     from mjrun.document.run import read_run
     from mjrun.job.perform import perform, preview
+    from mjrun.job.run_page import run_page
 
     options = command_line.with_converted("controller", load_controller).make(RunOptions)
     as_json = command_line.make(MessageOptions).json
@@ -51,7 +53,8 @@ def run(console: Console, command_line: CommandLine) -> None:
             return
         with _folders(requests.jobs), failures_in_json(console, command_line, _document):
             try:
-                results = perform(requests.jobs, console)
+                with run_page(options, Path(document).name, requests.jobs) as published:
+                    results = perform(requests.jobs, console, published)
             except MjrunError as error:
                 if not as_json:
                     _show_results(console, error.results)

@@ -25,8 +25,12 @@ class ManifestWriter(OutputWriter):
         Raises:
           FileError: it cannot be written.
         """
-        document = {**facts, "outputs": [fingerprint(file) for file in files]}
-        self.write_file(f"{json.dumps(document, indent=2, default=str)}\n".encode())
+        self.write_file(f"{json.dumps(with_fingerprints(facts, files), indent=2, default=str)}\n".encode())
+
+
+def with_fingerprints(facts: Mapping[str, Any], files: Iterable[Path]) -> dict[str, Any]:
+    """`facts`, and the fingerprints of `files` under `outputs`."""
+    return {**facts, "outputs": [fingerprint(file) for file in files]}
 
 
 def parse_manifest(text: str | bytes | None) -> dict[str, Any] | None:

@@ -3,10 +3,11 @@
 import copy
 import os
 import time
-from collections.abc import Callable, Generator, Sequence
+from collections.abc import Callable, Generator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import asdict, dataclass
 from functools import partial
+from pathlib import Path
 from typing import Generic, TypeVar
 
 import mujoco
@@ -49,11 +50,16 @@ R = TypeVar("R", bound=OutputResult)
 AnyOutput = Output[R] | EventDrivenOutput[R]
 
 
-def perform(jobs: Sequence[Job[R]], reporter: Reporter | None = None) -> list[R]:
+# What is told of each output that is published: what its manifest says, its result, and its files.
+Published = Callable[[Mapping[str, object], OutputResult, Sequence[Path]], None]
+
+
+def perform(jobs: Sequence[Job[R]], reporter: Reporter | None = None, published: Published | None = None) -> list[R]:
     """Does all `jobs`, which are of one simulation, in one pass over it, and returns their results.
 
     What can fail early fails before the first step, and then nothing is made. Later, an output that fails does not
-    cost the others: all are finished before any is published, and those that are complete are published.
+    cost the others: all are finished before any is published, and those that are complete are published, and
+    `published` is told of each.
 
     Raises:
       PartlyDoneError: some outputs were made and some were not.
@@ -84,6 +90,8 @@ def perform(jobs: Sequence[Job[R]], reporter: Reporter | None = None) -> list[R]
                     with simulated.failing(index, jobs[index].manifest):
                         manifest.write(facts, files)
                         manifest.publish()
+                if published:
+                    published(facts, results[-1], files)
 
     if error := simulated.error([result.path for result in results], _verdicts([*artifacts.values()])):
         error.results = results

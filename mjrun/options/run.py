@@ -4,12 +4,13 @@ from typing import ClassVar
 
 from mjrun.options.kinds import Choice, File, Flag, Optional, Processes
 from mjrun.options.option import FrontEnd, option, options
+from mjrun.options.plot import PageOptions
 from mjrun.options.simulation import ControllerOptions
 from mjrun.options.view import QUALITIES, BackendOptions
 
 
 @options
-class RunOptions(BackendOptions, ControllerOptions):
+class RunOptions(PageOptions, BackendOptions, ControllerOptions):
     """What only the command line says of a run."""
 
     section: ClassVar[str] = "Run"

@@ -9,7 +9,7 @@ from pathlib import Path
 from mjrun.plotting.column_statistics import ColumnStatistics
 from mjrun.plotting.markup import Markup, element, table_element
 from mjrun.plotting.page_files import MEGABYTE, PageFile
-from mjrun.plotting.page_manifest import PageManifest, manifest_article
+from mjrun.plotting.page_manifest import PageManifest, manifest_articles
 from mjrun.plotting.page_theme import theme_style
 from mjrun.probe.verdict import Verdict
 
@@ -62,7 +62,7 @@ def html_page(page: Page) -> str:
         ("plots", "Plots", [_figure(figure, index) for index, figure in enumerate(page.figures)]),
         ("media", "Images and videos", list(_gallery([file for file in page.files if file.kind]))),
         ("columns", "Columns", [_columns(table) for table in page.tables]),
-        ("origin", "How it was made", [manifest_article(manifest) for manifest in page.manifests]),
+        ("origin", "How it was made", list(manifest_articles(page.manifests))),
         ("files", "Files", list(_links([file for file in page.files if not file.kind]))),
     ]
     shown = [section for section in sections if section[2]]

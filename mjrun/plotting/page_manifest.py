@@ -10,7 +10,7 @@ _VERSIONS = ("mjrun", "mujoco", "numpy", "python")
 _IN_SECONDS = ("timestep", "simulated", "duration", "wall", "simulation_wall", "draw_wall")
 DEEPEST = 8  # mappings in mappings that are taken apart
 # Of a result, what the page shows elsewhere.
-_ELSEWHERE = ("path", "assertions")
+_ELSEWHERE = ("path", "paths", "assertions")
 
 
 @dataclass(frozen=True)
@@ -25,23 +25,39 @@ class PageManifest:
         return all(key in other.content and other.content[key] == value for key, value in self.content.items())
 
 
-def manifest_article(manifest: PageManifest) -> Markup:
-    """What a manifest says: what a reader asks first, then everything else."""
-    content = dict(manifest.content)
-    result, model = _mapping(content.pop("result", {})), _mapping(content.pop("model", {}))
-    options, outputs = _mapping(content.pop("options", {})), content.pop("outputs", [])
+def manifest_articles(manifests: Sequence[PageManifest]) -> Iterator[Markup]:
+    """What manifests say; what all of them say comes first, and once."""
+    every = [_facts(manifest) for manifest in manifests]
+    common = {key: value for key, value in every[0].items() if all(f.get(key) == value for f in every)} if every else {}
+    if len(manifests) > 1 and common:
+        yield element("article", element("h3", "All of it"), _terms(common))
+    else:
+        common = {}
+    for manifest, facts in zip(manifests, every, strict=True):
+        terms = _terms({key: value for key, value in facts.items() if key not in common})
+        options, outputs = _mapping(manifest.content.get("options")), manifest.content.get("outputs")
+        yield element("article", element("h3", manifest.path), terms, *_options(options), *_hashes(outputs))
+
+
+def _facts(manifest: PageManifest) -> dict[str, object]:
+    """What a reader asks first, then everything else but options and hashes; without what says nothing."""
+    content = {key: value for key, value in manifest.content.items() if key not in ("options", "outputs")}
+    result, model = _mapping(content.pop("result", None)), _mapping(content.pop("model", None))
     versions = [f"{name} {content.pop(name)}" for name in _VERSIONS if isinstance(content.get(name), str)]
-    facts = [
-        ("Command", content.pop("command", None)),
-        ("Model", model.get("path")),
-        ("SHA-256 of the compiled model", model.get("sha256")),
-        ("Versions", ", ".join(versions)),
-        *((_named(key), value) for key, value in (flat(content) | flat(result)).items() if key not in _ELSEWHERE),
-    ]
-    shown = [(key, value) for key, value in facts if value not in (None, "")]
-    terms = [element("div", element("dt", key), element("dd", _value(key, value))) for key, value in shown]
-    parts = [element("h3", manifest.path), element("dl", *terms), *_options(options), *_hashes(outputs)]
-    return element("article", *parts)
+    facts = {
+        "Command": content.pop("command", None),
+        "Model": model.get("path"),
+        "SHA-256 of the compiled model": model.get("sha256"),
+        "Versions": ", ".join(versions),
+    }
+    others = {key: value for key, value in (flat(content) | flat(result)).items() if key not in _ELSEWHERE}
+    facts |= {_named(key): value for key, value in others.items()}
+    return {key: value for key, value in facts.items() if value not in (None, "")}
+
+
+def _terms(facts: Mapping[str, object]) -> Markup:
+    parts = [element("div", element("dt", key), element("dd", _value(key, value))) for key, value in facts.items()]
+    return element("dl", *parts)
 
 
 def _options(options: Mapping[str, object]) -> Iterator[Markup]:
@@ -73,7 +89,7 @@ def flat(values: Mapping[str, object], above: str = "") -> dict[str, object]:
         path = f"{above}{key.removesuffix('_')}"
         if isinstance(value, Mapping) and path.count(".") < DEEPEST:
             found |= flat(cast(Mapping[str, object], value), f"{path}.")
-        elif value not in (None, "", []):
+        elif value not in (None, "", [], ()):
             found[path] = value
     return found
 
@@ -84,12 +100,17 @@ def _named(key: str) -> str:
 
 
 def _value(key: str, value: object) -> Markup:
-    return element("code", _text(value), class_="command" if key == "Command" else None)
+    match value:
+        case [int() | float() as width, int() | float() as height] if key == "Size":
+            text = f"{width}x{height}"
+        case _:
+            text = _text(value)
+    return element("code", text, class_="command" if key == "Command" else None)
 
 
 def _text(value: object) -> str:
     """A value in one line: lists with commas, numbers as they print shortest."""
-    if isinstance(value, list):
+    if isinstance(value, list | tuple):
         return ", ".join(map(_text, cast(Sequence[object], value)))
     if isinstance(value, bool):
         return "yes" if value else "no"

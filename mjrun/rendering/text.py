@@ -208,8 +208,13 @@ def _available(letter: str) -> str:
 
 def _has(letter: str) -> bool:
     """Whether the font has the letter: its shape is not the one drawn for what no font has."""
-    shape, missing = (_font(32).getmask(c) for c in (letter, "\uffff"))
-    return shape.size != missing.size or bytes(shape) != bytes(missing)
+    return _shape(letter) != _shape("\uffff")
+
+
+def _shape(letter: str) -> bytes:
+    canvas = Image.new("L", (64, 64))
+    ImageDraw.Draw(canvas).text((16, 48), letter, 255, _font(32), anchor="ls")
+    return canvas.tobytes()
 
 
 @lru_cache(maxsize=256)
