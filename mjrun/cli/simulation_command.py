@@ -8,7 +8,7 @@ from dataclasses import asdict
 from fractions import Fraction
 from importlib import import_module
 from pathlib import Path
-from typing import TYPE_CHECKING, TypeVar, cast
+from typing import TYPE_CHECKING, Any, TypeVar, cast
 
 import click
 
@@ -142,7 +142,7 @@ def payload_on_stdout(command_line: CommandLine, default_output: str = "") -> bo
 
 @contextmanager
 def failures_in_json(
-    console: Console, command_line: CommandLine, document: Callable[[Sequence["OutputResult"]], dict[str, object]]
+    console: Console, command_line: CommandLine, document: Callable[[Sequence[Any]], dict[str, object]]
 ) -> Generator[None, None, None]:
     """Where JSON was asked for, tells of a failure in it too, beside the `document` of what was made all the same."""
     try:

@@ -52,8 +52,8 @@ class ColumnCounter:
 
     def statistics(self, units: Sequence[str]) -> list[ColumnStatistics]:
         """Every column, in the order of the table."""
-        none = self._present == 0
+        none, missing = self._present == 0, self.rows - self._present
         least, largest, mean = (np.where(none, np.nan, v) for v in (self._least, self._largest, self._mean))
-        missing = self.rows - self._present
-        columns = zip(self._names, units, least, largest, mean, self._last, missing, strict=True)
-        return [ColumnStatistics(name, unit, *map(float, values), int(nan)) for name, unit, *values, nan in columns]
+        numbers = np.column_stack([least, largest, mean, self._last]).tolist()
+        columns = zip(self._names, units, numbers, missing.tolist(), strict=True)
+        return [ColumnStatistics(name, unit, *values, nan) for name, unit, values, nan in columns]
