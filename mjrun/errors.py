@@ -405,6 +405,20 @@ class PartlyDoneError(MjrunError):
         super().__init__("\n".join([*lines, f"made all the same: {listing(made)}"]))
 
 
+class FailedPointsError(MjrunError):
+    """Some points of a study could not be simulated.
+
+    Args:
+      statuses: how many points ended in which way, `ok` among them.
+    """
+
+    exit_code = 8
+
+    def __init__(self, statuses: Mapping[str, int]) -> None:
+        counts = ", ".join(f"{count} {status}" for status, count in statuses.items() if status != "ok")
+        super().__init__(f"{counts}, of {sum(statuses.values())} points; the others are in the table")
+
+
 # --- ended from outside ----------------------------------------------------------------------------
 
 

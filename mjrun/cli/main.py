@@ -32,6 +32,7 @@ COMMANDS = {
     "run": "Make everything that a document asks for, in one pass.",
     "plot": "Plot tables: png, svg or pdf.",
     "diff": "Tell whether two results agree: tables, recordings, videos, images, models.",
+    "sweep": "Simulate for many values: grids, samples, randomization; resumable.",
     "bench": "Time a simulation: steps, phases, threads, drawing, accuracy.",
     "info": "Show what a model is: sizes, bodies, joints, actuators, sensors, assets.",
     "check": "Find what is wrong with models; for CI.",

@@ -60,6 +60,21 @@ class ProbeSampler:
         if "energy" in self._fields:
             self.model.opt.enableflags |= ENERGY
 
+    @property
+    def fields(self) -> Sequence[str]:
+        """The fields of MjData that the probes read, those aside that are measured on an MjData."""
+        return self._fields
+
+    def rows(self, steps: np.ndarray, fields: Fields, initial: Fields) -> np.ndarray:
+        """The rows `(n, ncolumns)` at `steps` `(n,)` from recorded fields alone.
+
+        Args:
+          fields: of these instants, `{name: (n, …)}`.
+          initial: the same at step 0, `{name: (1, …)}`.
+        """
+        parts = [probe.compute(fields, initial) for probe in self.probes if isinstance(probe, FieldProbe)]
+        return self._join(steps, parts, None).values
+
     def blocks(self, stepper: PhysicsStepper, rows: Sequence[int]) -> Iterator[Callable[[], Rows]]:
         """Blocks of the rows at the steps `rows`, each yet to be computed by whoever takes it."""
         probes = [probe for probe in self.probes if isinstance(probe, FieldProbe)]

@@ -1,0 +1,116 @@
+"""Options of the command `sweep`: a study of many simulations."""
+
+from collections.abc import Mapping
+from fractions import Fraction
+from typing import ClassVar
+
+from mjrun.options.kinds import (
+    Choice,
+    ExactNumber,
+    File,
+    Flag,
+    Integer,
+    Optional,
+    Processes,
+    ScanValues,
+    Settings,
+    Several,
+    Text,
+)
+from mjrun.options.option import Exclusion, FrontEnd, Options, option, options, required
+
+DESIGNS = ("grid", "zip")
+SAMPLERS = ("sobol", "lhs", "random")
+
+
+@options
+class VariationOptions(Options):
+    """What differs between the simulations."""
+
+    section: ClassVar[str] = "Study"
+
+    vary: tuple[tuple[str, str], ...] = option(
+        converter=ScanValues(),
+        default=(),
+        help="What varies, and over which values: geom/floor.friction[0]=0.3,0.6,1, opt.timestep=log:1e-4..1e-2:5, "
+        "seed=1..40:40, qpos/hip=-1..1:21, scale:body/torso.mass=uniform(.8,1.2). Any path of --set, each:PATH for "
+        "the objects that match a wildcard one by one, or an option of the simulation.",
+    )
+    points: str | None = option(
+        converter=Optional(File()),
+        default=None,
+        help="A table of points: a column for each thing that varies, a row for each point.",
+    )
+    design: str = option(
+        converter=Choice(DESIGNS), default="grid", help="How lists of values combine: all with all, or side by side."
+    )
+    samples: int = option(
+        converter=Integer(1), default=64, help="How many points are drawn from distributions such as uniform(0,1)."
+    )
+    sampler: str = option(
+        converter=Choice(SAMPLERS),
+        default="sobol",
+        help="How they are drawn: a scrambled Sobol sequence, which keeps its points when samples are added; a Latin "
+        "hypercube; or independent random numbers.",
+    )
+    repeats: int = option(
+        converter=Integer(1), default=1, help="How often each point is simulated, each time with the next seed."
+    )
+    where: tuple[str, ...] = option(
+        converter=Several(Text("EXPR")), default=(), help="Leave out points for which this does not hold: mass < 10."
+    )
+
+
+@options
+class StudyOptions(VariationOptions):
+    """A study."""
+
+    output: str = required(
+        converter=File(written=True),
+        kw_only=False,
+        short="-o",
+        help="The folder of the study, which a second run continues.",
+    )
+    metric: tuple[tuple[str, str], ...] = option(
+        converter=Settings(),
+        default=(),
+        help="A number of each simulation: drift=max(abs(energy/drift)), fell=first(time, xpos/torso/z < 0.8). "
+        "The language is that of assertions.",
+    )
+    every: int = option(converter=Integer(1), default=1, help="Metrics look at every N-th step.")
+    require: tuple[str, ...] = option(
+        converter=Several(Text("EXPR")),
+        default=(),
+        help="Fail, with exit code 1, unless this holds over all points: share(failed) < 0.05.",
+    )
+
+
+@options
+class ExecutionOptions(Options):
+    """Where and how the points are simulated."""
+
+    section: ClassVar[str] = "Execution"
+    exclusions: ClassVar[tuple[Exclusion, ...]] = ()
+
+    jobs: int | str = option(
+        converter=Processes("N", of="processes"), default="auto", help="Processes on this machine."
+    )
+    engine: str = option(
+        converter=Text("ENGINE"),
+        default="local",
+        help="What runs them: local, dask, dask://HOST:PORT, slurm, or module:factory, which returns an Executor of "
+        "concurrent.futures.",
+    )
+    chunk: int | None = option(
+        converter=Optional(Integer(1)), default=None, usual="by the length of a simulation", help="Points in a task."
+    )
+    time_limit: Fraction | None = option(
+        converter=Optional(ExactNumber("SECONDS")), default=None, usual="none", help="Wall time for a point [s]."
+    )
+    retry_failed: bool = option(converter=Flag(), default=False, help="Simulate the points that failed once more.")
+    dry_run: bool = option(
+        converter=Flag(), default=False, places=FrontEnd.COMMAND, help="Say what would be done, and stop."
+    )
+
+
+Parameters = Mapping[str, str]

@@ -1,0 +1,1 @@
+"""Studies: many simulations of one model, each with its own values, and what comes of them."""

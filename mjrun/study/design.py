@@ -1,0 +1,213 @@
+"""The points of a study: which values they have, and in which order."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from fnmatch import fnmatchcase
+from itertools import product
+
+import mujoco
+import numpy as np
+
+from mjrun.errors import UnknownNameError, UsageError, clean, concerning, option, quoted
+from mjrun.model.names import names
+from mjrun.options.sweep import VariationOptions
+from mjrun.probe.expression import BooleanExpression, evaluate_truth
+from mjrun.probe.parser import Parser
+from mjrun.probe.scanner import SourceText, Vocabulary
+from mjrun.sim.parameter_grid import scan_values
+from mjrun.study.distribution import Distribution, parse_distribution
+
+EACH = "each:"
+MOST = 10_000_000  # points of a study
+
+Values = tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Design:
+    """The points of a study.
+
+    Attributes:
+      names: what varies, as it is written: `geom/floor.friction[0]`, `seed`.
+      points: the values of each point as texts, in the order of `names`.
+    """
+
+    names: tuple[str, ...]
+    points: Sequence[Values]
+
+
+def design(options: VariationOptions, model: mujoco.MjModel, seed: int) -> Design:
+    """The points that `options` describe.
+
+    Args:
+      model: whose objects wildcards stand for.
+      seed: of random values, and the first of repeats.
+
+    Raises:
+      UsageError: values that cannot be, or points without end.
+    """
+    lists, distributions = dict[str, Sequence[str]](), dict[str, Distribution]()
+    for path, text in options.vary:
+        with concerning("vary", path):
+            for name in _expanded(path, model):
+                if name in {*lists, *distributions}:
+                    raise UsageError(f"{option('vary')} {clean(name)} is given twice; give all its values at once")
+                distribution = parse_distribution(text, f"{option('vary')} {clean(path)}")
+                if distribution is None:
+                    lists[name] = scan_values(name, text, "vary")
+                else:
+                    distributions[name] = distribution
+
+    parts = [_listed(lists, options.design)]
+    if options.points is not None:
+        with concerning("points"):
+            parts.insert(0, read_points(options.points))
+    if distributions:
+        parts.append(_sampled(distributions, options.samples, options.sampler, seed))
+    if options.repeats > 1:
+        parts.append(_repeats(options.repeats, seed))
+    whole = _product([part for part in parts if part.names])
+    return _chosen(whole, options.where)
+
+
+def _expanded(path: str, model: mujoco.MjModel) -> list[str]:
+    """The paths that `each:KIND/WILDCARD.FIELD` stands for; any other path stands for itself."""
+    if not path.startswith(EACH):
+        return [path]
+    prefix, kind, rest = _split(path.removeprefix(EACH))
+    try:
+        named = names(model, kind)
+    except KeyError:
+        named = []
+    pattern, dot, field = rest.rpartition(".")
+    matches = [name for name in named if fnmatchcase(name, pattern)] if dot else []
+    if not matches:
+        raise UnknownNameError(kind or "object", pattern or rest, named)
+    return [f"{prefix}{kind}/{name}.{field}" for name in matches]
+
+
+def _split(path: str) -> tuple[str, str, str]:
+    """`scale:`, `geom` and `leg*.density` of `scale:geom/leg*.density`."""
+    prefix = next((text for text in ("scale:", "add:") if path.startswith(text)), "")
+    kind, _, rest = path.removeprefix(prefix).partition("/")
+    return prefix, kind, rest
+
+
+def _listed(lists: Mapping[str, Sequence[str]], how: str) -> Design:
+    """Lists of values, all with all, or side by side."""
+    if how == "zip" and len({len(values) for values in lists.values()}) > 1:
+        lengths = ", ".join(f"{len(values)} of {clean(name)}" for name, values in lists.items())
+        raise UsageError(f"{option('design')} zip: lists of one length belong side by side, not {lengths}")
+    combine = zip if how == "zip" else product
+    count = int(np.prod([float(len(values)) for values in lists.values()])) if how == "grid" else 0
+    _require_possible(count)
+    return Design(tuple(lists), list(combine(*lists.values())))
+
+
+def _sampled(distributions: Mapping[str, Distribution], count: int, sampler: str, seed: int) -> Design:
+    """Points drawn from distributions, which are independent of each other."""
+    from scipy.stats import qmc
+
+    generator, dimensions = np.random.default_rng(seed), len(distributions)
+    match sampler:
+        case "sobol":
+            # All of a power of two, of which the first are taken: points stay when there are more.
+            engine = qmc.Sobol(dimensions, rng=generator)
+            fractions = engine.random_base2(max(0, (count - 1).bit_length()))[:count]
+        case "lhs":
+            fractions = qmc.LatinHypercube(dimensions, rng=generator).random(count)
+        case _:
+            fractions = generator.random((count, dimensions))
+    columns = [each.values(column) for each, column in zip(distributions.values(), fractions.T, strict=True)]
+    return Design(tuple(distributions), list(zip(*columns, strict=True)))
+
+
+def _repeats(count: int, seed: int) -> Design:
+    return Design(("seed",), [(str(seed + k),) for k in range(count)])
+
+
+def _product(parts: Sequence[Design]) -> Design:
+    """All points of each part with all of the others, those of the last changing fastest."""
+    all_names = [name for part in parts for name in part.names]
+    if twice := next((name for name in all_names if all_names.count(name) > 1), None):
+        raise UsageError(f"{clean(twice)} varies twice: {option('vary')}, {option('points')} or {option('repeats')}")
+    _require_possible(int(np.prod([float(len(part.points)) for part in parts])))
+    points = [tuple(value for values in each for value in values) for each in product(*(p.points for p in parts))]
+    return Design(tuple(all_names), points)
+
+
+def _require_possible(count: int) -> None:
+    if count > MOST:
+        raise UsageError(f"{count:,} points; a study has {MOST:,} at most")
+
+
+def read_points(path: str) -> Design:
+    """The points of a CSV table: a column for each thing that varies, a row for each point.
+
+    Raises:
+      FileError: it cannot be read, or is no table.
+    """
+    import csv
+
+    from mjrun.formats.input_file import require_file
+
+    with require_file(path, "table of points", [".csv"]).open(encoding="utf-8-sig", newline="") as file:
+        rows = [[cell.strip() for cell in row] for row in csv.reader(file, skipinitialspace=True) if row]
+    if len(rows) < 2 or len(set(rows[0])) < len(rows[0]) or not all(rows[0]):
+        raise UsageError(
+            f"{option('points')} {clean(path)}: write a header with what varies, each once, and a row a point"
+        )
+    for number, row in enumerate(rows[1:], 2):
+        if len(row) != len(rows[0]) or not all(row):
+            raise UsageError(f"{option('points')} {clean(path)}: row {number} has not one value for each column")
+    return Design(tuple(rows[0]), [tuple(row) for row in rows[1:]])
+
+
+# --- conditions on points ----------------------------------------------------------------------------
+
+
+class ParameterNames(Vocabulary):
+    """What varies, by its path or, where that is clear, by the last part of it: `mass` of `body/box.mass`."""
+
+    def __init__(self, paths: Sequence[str]) -> None:
+        short = [path.rpartition(".")[2].rpartition("/")[2] for path in paths]
+        own = dict(zip(paths, paths, strict=True))
+        super().__init__({name: path for name, path in zip(short, paths, strict=True) if short.count(name) == 1} | own)
+
+
+def _chosen(whole: Design, conditions: Sequence[str]) -> Design:
+    """The points for which all conditions hold."""
+    if not conditions:
+        return whole
+    keep = np.ones(len(whole.points), bool)
+    for index, text in enumerate(conditions):
+        with concerning("where", index):
+            truth = Parser(SourceText(text, option("where")), ParameterNames(whole.names), aggregates=False).truth()
+            keep &= _holds(truth, whole)
+    if not keep.any():
+        raise UsageError(f"{option('where')}: no point is left of {len(whole.points)}")
+    return Design(whole.names, [point for point, kept in zip(whole.points, keep, strict=True) if kept])
+
+
+def _holds(truth: BooleanExpression, whole: Design) -> np.ndarray:
+    columns = {name: numbers(name, [point[i] for point in whole.points]) for i, name in enumerate(whole.names)}
+    usable = {name: values for name, values in columns.items() if values is not None}
+    try:
+        with np.errstate(all="ignore"):
+            return np.broadcast_to(evaluate_truth(truth, usable, {}), len(whole.points))
+    except KeyError as error:
+        raise UsageError(f"{quoted(str(error.args[0]))} has values that are not numbers") from None
+
+
+def numbers(name: str, texts: Sequence[str]) -> np.ndarray | None:
+    """The values of something that varies as numbers `(n,)`; None if they are not."""
+    try:
+        return np.array([float(text) for text in texts])
+    except ValueError:
+        return None
+
+
+def shown(design: Design, point: Values) -> Iterator[str]:
+    """Each value of a point with what it is: `seed=3`."""
+    for name, value in zip(design.names, point, strict=True):
+        yield f"{name}={value}"

@@ -1,0 +1,117 @@
+"""Random values: distributions, as they are written, and their quantile functions."""
+
+import re
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from mjrun.errors import UsageError, clean
+
+CALL = re.compile(r"\s*(\w+)\s*\((.*)\)\s*", re.DOTALL)
+FORMS = {
+    "uniform": "uniform(LOW, HIGH)",
+    "loguniform": "loguniform(LOW, HIGH)",
+    "normal": "normal(MEAN, STD)",
+    "truncnormal": "truncnormal(MEAN, STD, LOW, HIGH)",
+    "integers": "integers(FIRST, LAST)",
+    "choice": "choice(VALUE, VALUE, …)",
+}
+
+Quantiles = Callable[[np.ndarray], np.ndarray]
+
+
+@dataclass(frozen=True)
+class Distribution:
+    """A distribution of values.
+
+    Attributes:
+      text: as it is written: `uniform(0.3, 1)`.
+      name: `uniform`.
+      arguments: texts in its brackets.
+    """
+
+    text: str
+    name: str
+    arguments: tuple[str, ...]
+
+    def values(self, fractions: np.ndarray) -> list[str]:
+        """The values below which these fractions `(n,)`, from 0 to 1, of the distribution lie, as texts."""
+        if self.name == "choice":
+            count = len(self.arguments)
+            return [self.arguments[min(int(fraction * count), count - 1)] for fraction in fractions]
+        values = _quantiles(self.name, self._numbers())(fractions)
+        return [str(int(value)) if self.name == "integers" else repr(float(value)) for value in values]
+
+    def _numbers(self) -> list[float]:
+        return [float(argument) for argument in self.arguments]
+
+
+def parse_distribution(text: str, place: str) -> Distribution | None:
+    """The distribution that `text` is; None if it is none.
+
+    Args:
+      place: what messages call it: `vary geom/floor.friction[0]`.
+
+    Raises:
+      UsageError: it is written like one, but there is no such distribution, or its numbers cannot be.
+    """
+    call = CALL.fullmatch(text)
+    if call is None:
+        return None
+    name, arguments = call[1], tuple(part.strip() for part in call[2].split(","))
+    if name not in FORMS:
+        raise UsageError(f"{place}: no distribution {clean(name)}\ndistributions: {', '.join(FORMS.values())}")
+    if name == "choice":
+        if not all(arguments):
+            raise UsageError(f"{place}: {clean(text)}: write {FORMS[name]}")
+        return Distribution(text.strip(), name, arguments)
+    if not _is_valid(name, arguments):
+        raise UsageError(f"{place}: {clean(text)}: write {FORMS[name]}, {_condition(name)}")
+    return Distribution(text.strip(), name, arguments)
+
+
+def _is_valid(name: str, arguments: Sequence[str]) -> bool:
+    try:
+        numbers = [float(argument) for argument in arguments]
+    except ValueError:
+        return False
+    if len(numbers) != FORMS[name].count(",") + 1 or not np.isfinite(numbers).all():
+        return False
+    match name:
+        case "uniform":
+            return numbers[0] < numbers[1]
+        case "loguniform":
+            return 0 < numbers[0] < numbers[1]
+        case "normal":
+            return numbers[1] > 0
+        case "truncnormal":
+            return numbers[1] > 0 and numbers[2] < numbers[3]
+    return numbers[0] <= numbers[1] and all(number == int(number) for number in numbers)
+
+
+def _condition(name: str) -> str:
+    conditions = {
+        "uniform": "LOW below HIGH",
+        "loguniform": "0 < LOW < HIGH",
+        "normal": "STD above 0",
+        "truncnormal": "STD above 0 and LOW below HIGH",
+    }
+    return conditions.get(name, "whole numbers, FIRST not above LAST")
+
+
+def _quantiles(name: str, numbers: Sequence[float]) -> Quantiles:
+    from scipy import stats
+
+    match name, numbers:
+        case "uniform", (low, high):
+            return stats.uniform(low, high - low).ppf
+        case "loguniform", (low, high):
+            return stats.loguniform(low, high).ppf
+        case "normal", (mean, std):
+            return stats.norm(mean, std).ppf
+        case "truncnormal", (mean, std, low, high):
+            return stats.truncnorm((low - mean) / std, (high - mean) / std, mean, std).ppf
+        case "integers", (first, last):
+            return stats.randint(int(first), int(last) + 1).ppf
+    raise ValueError(name)

@@ -1,0 +1,130 @@
+"""Where chunks of points run: this machine, or an existing engine for many. All are `concurrent.futures.Executor`s."""
+
+import os
+import threading
+from collections.abc import Callable
+from concurrent.futures import Executor, Future, ThreadPoolExecutor
+from contextlib import ExitStack
+from importlib import import_module
+from importlib.util import find_spec
+from pathlib import Path
+
+from mjrun.errors import MissingExtraError, UsageError, clean, option
+from mjrun.options.kinds import AUTO
+
+ENGINES = ("local", "dask", "dask://HOST:PORT", "slurm", "module:factory")
+POLL = 0.2  # [s] between two looks at jobs of slurm
+QUEUED = 3  # chunks that wait for each process, beside the one that runs
+
+
+def open_executor(engine: str, jobs: int | str, folder: Path, stack: ExitStack) -> tuple[Executor, int]:
+    """What runs chunks, closed by `stack`, and how many to hand it at a time.
+
+    Args:
+      folder: for the logs of engines that write any.
+
+    Raises:
+      UsageError: there is no such engine.
+      MissingExtraError: its library is not installed.
+    """
+    count = _cores() if jobs == AUTO else int(jobs)
+    if engine == "local":
+        pool = ThreadPoolExecutor(count, thread_name_prefix="study")  # threads that wait for processes
+        stack.callback(pool.shutdown, wait=False, cancel_futures=True)
+        return pool, count * QUEUED
+    if engine == "dask" or engine.startswith("dask://"):
+        return _dask(engine.removeprefix("dask").removeprefix("://"), count, stack)
+    if engine == "slurm":
+        return _slurm(count, folder, stack)
+    module, colon, name = engine.partition(":")
+    if not (colon and module and name):
+        raise UsageError(f"{option('engine')}: no engine {clean(engine)}\nengines: {', '.join(ENGINES)}")
+    return stack.enter_context(_made_by(engine, module, name)), count * QUEUED
+
+
+def _dask(address: str, count: int, stack: ExitStack) -> tuple[Executor, int]:
+    """A cluster that listens at `address`, or one of this machine's cores."""
+    _require("distributed", "dask")
+    from distributed import Client, LocalCluster
+
+    if not address:
+        cluster = LocalCluster(n_workers=count, threads_per_worker=1, dashboard_address=None)
+        address = stack.enter_context(cluster).scheduler_address
+    try:
+        client = stack.enter_context(Client(address, timeout="10s"))
+    except (OSError, ValueError, TimeoutError) as error:
+        raise UsageError(
+            f"{option('engine')}: no Dask scheduler answers at {clean(address)}: {clean(str(error))}"
+        ) from None
+    workers = max(1, sum(client.nthreads().values()))
+    return client.get_executor(pure=False), workers * QUEUED
+
+
+def _slurm(count: int, folder: Path, stack: ExitStack) -> tuple[Executor, int]:
+    """Jobs of Slurm; where there is none, processes of this machine that submitit starts in the same way."""
+    _require("submitit", "slurm")
+    import submitit
+
+    made = submitit.AutoExecutor(folder=folder / "slurm")
+    return stack.enter_context(SubmittedJobs(made.submit)), count * QUEUED
+
+
+class SubmittedJobs(Executor):
+    """An executor of `concurrent.futures` on jobs that can only be asked whether they are done.
+
+    Args:
+      start: submits a call, and returns a job with `done()` and `result()`.
+    """
+
+    def __init__(self, start: Callable[..., object]) -> None:
+        self._start = start
+        self._waiting: dict[Future[object], object] = {}
+        self._lock, self._closed = threading.Lock(), threading.Event()
+        self._thread = threading.Thread(target=self._watch, name="submitted jobs", daemon=True)
+        self._thread.start()
+
+    def submit(self, fn: Callable[..., object], /, *args: object, **kwargs: object) -> Future[object]:
+        future = Future[object]()
+        future.set_running_or_notify_cancel()
+        with self._lock:
+            self._waiting[future] = self._start(fn, *args, **kwargs)
+        return future
+
+    def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
+        self._closed.set()
+        with self._lock:
+            for job in self._waiting.values():
+                job.cancel()
+            self._waiting.clear()
+
+    def _watch(self) -> None:
+        while not self._closed.wait(POLL):
+            with self._lock:
+                done = [(future, job) for future, job in self._waiting.items() if job.done()]
+                for future, _ in done:
+                    del self._waiting[future]
+            for future, job in done:
+                try:
+                    future.set_result(job.result())
+                except Exception as error:  # whatever became of the job, whoever waits for it is told
+                    future.set_exception(error)
+
+
+def _made_by(engine: str, module: str, name: str) -> Executor:
+    try:
+        made = getattr(import_module(module), name)()
+    except (ImportError, AttributeError) as error:
+        raise UsageError(f"{option('engine')} {clean(engine)}: {clean(str(error))}") from None
+    if not isinstance(made, Executor):
+        kind = type(made).__name__
+        raise UsageError(f"{option('engine')} {clean(engine)} returns a {kind}, not a concurrent.futures.Executor")
+    return made
+
+
+def _require(library: str, extra: str) -> None:
+    if find_spec(library) is None:
+        raise MissingExtraError(f"{option('engine')} {extra}", library, extra)
+
+
+def _cores() -> int:
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1

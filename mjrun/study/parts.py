@@ -1,0 +1,146 @@
+"""The results of a study on disk: every chunk is a Parquet file of its own, and the files are all that is known.
+
+A row is found by the key of its point, a hash of everything that decides its result, so that a study can be stopped,
+changed and continued, by any number of processes at once.
+"""
+
+import hashlib
+import json
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+
+import mujoco
+import numpy as np
+
+from mjrun.errors import FileError
+from mjrun.formats.atomic_output import OutputWriter, StagedFile
+from mjrun.job.manifest import plain
+from mjrun.model.fingerprint import model_fingerprint
+from mjrun.study.simulate import PointResult, StudySpec
+from mjrun.version import __version__
+
+FOLDER = "parts"
+SUFFIX = ".parquet"
+
+
+def study_identity(spec: StudySpec, model: mujoco.MjModel) -> dict[str, object]:
+    """All that decides the results of a study, but for the values of its points; plain values, for JSON.
+
+    Args:
+      model: the base model, compiled.
+    """
+    files = {}
+    for path in spec.base.source.files:
+        files[str(path)] = hashlib.sha256(path.read_bytes()).hexdigest() if path.is_file() else ""
+    for _, path in spec.base.inputs:
+        if path.is_file():
+            files[str(path)] = hashlib.sha256(path.read_bytes()).hexdigest()
+    return {
+        "mjrun": __version__,
+        "mujoco": mujoco.mj_versionString(),
+        "numpy": np.__version__,
+        "model": model_fingerprint(model),
+        "files": files,
+        "simulation": plain(spec.base),
+        "metrics": dict(spec.metrics),
+        "every": spec.every,
+    }
+
+
+def point_keys(identity: Mapping[str, object], names: Sequence[str], points: Iterable[Sequence[str]]) -> list[str]:
+    """The key of each point: 32 hexadecimal digits."""
+    base = hashlib.sha256(json.dumps(identity, sort_keys=True).encode())
+    keys = []
+    for values in points:
+        digest = base.copy()
+        digest.update(json.dumps(sorted(zip(names, values, strict=True))).encode())
+        keys.append(digest.hexdigest()[:32])
+    return keys
+
+
+class PartFiles:
+    """The parts in the folder of a study.
+
+    Args:
+      folder: of the study.
+      metrics: their names.
+    """
+
+    def __init__(self, folder: Path, metrics: Sequence[str]) -> None:
+        self._folder, self._metrics = folder / FOLDER, tuple(metrics)
+
+    def create(self) -> None:
+        """Makes the folder, if it is not there yet.
+
+        Raises:
+          FileError: it cannot be made.
+        """
+        try:
+            self._folder.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise FileError(self._folder, f"cannot be made: {error.strerror}") from None
+
+    def read(self) -> dict[str, PointResult]:
+        """The results that are there, by the key of their points; where there are several of one, a good one.
+
+        A result's `index` means nothing yet. Files that are not parts of this study are passed over.
+
+        Raises:
+          FileError: a part is damaged.
+        """
+        import pyarrow
+        import pyarrow.parquet
+
+        results: dict[str, PointResult] = {}
+        for path in sorted(self._folder.glob(f"*{SUFFIX}")):
+            try:
+                rows = pyarrow.parquet.read_table(path).to_pylist()
+            except (OSError, pyarrow.ArrowException) as error:
+                raise FileError(path, f"cannot be read as a part of a study: {error}", "remove it") from None
+            for row in rows:
+                result = self._result(row)
+                if result and (row["key"] not in results or results[row["key"]].status not in ("ok", "unstable")):
+                    results[row["key"]] = result
+        return results
+
+    def write(self, keys: Sequence[str], results: Sequence[PointResult], host: str) -> None:
+        """Publishes a part, in one step.
+
+        Raises:
+          FileError: it cannot be written.
+        """
+        import pyarrow
+        import pyarrow.parquet
+
+        columns: dict[str, object] = {
+            "key": list(keys),
+            "status": [result.status for result in results],
+            "steps": [result.steps for result in results],
+            "exit_code": [result.exit_code for result in results],
+            "message": [result.message for result in results],
+            "host": [host] * len(results),
+            "wall": [result.wall for result in results],
+            "metrics": [dict(zip(self._metrics, result.metrics, strict=True)) for result in results],
+        }
+        kinds = pyarrow.struct([(name, pyarrow.float64()) for name in self._metrics])
+        table = pyarrow.table({**columns, "metrics": pyarrow.array(columns["metrics"], kinds)})
+        name = hashlib.sha256("".join(keys).encode()).hexdigest()[:16]
+        with OutputWriter(StagedFile(self._folder / f"{name}{SUFFIX}")) as output, output.writing():
+            pyarrow.parquet.write_table(table, output.destination.path, compression="zstd")
+            output.publish()
+
+    def _result(self, row: Mapping[str, object]) -> PointResult | None:
+        """The result in a row; None if it has other metrics."""
+        metrics = row.get("metrics") or {}
+        if not isinstance(metrics, dict) or set(metrics) != set(self._metrics) or "key" not in row:
+            return None
+        values = tuple(float("nan") if metrics[name] is None else float(metrics[name]) for name in self._metrics)
+        return PointResult(
+            -1,
+            row["status"],
+            values,
+            row["steps"],
+            row["exit_code"],
+            row["message"],
+            row["wall"],  # type: ignore[arg-type]
+        )

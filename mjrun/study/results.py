@@ -1,0 +1,66 @@
+"""The table of a study: a row for each point, in the order of the points, the same whatever simulated them."""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from mjrun.formats.table_writer import TableWriter
+from mjrun.formats.tables import output_format
+from mjrun.model.column import Column
+from mjrun.study.design import Design, numbers
+from mjrun.study.simulate import PointResult
+
+FILES = ("results.parquet", "results.csv")
+STATUSES = ("ok", "unstable", "failed", "timeout", "crashed")
+
+
+def result_columns(
+    design: Design, metrics: Sequence[str], results: Sequence[PointResult]
+) -> tuple[list[Column], np.ndarray]:
+    """The columns of the table, and its rows `(n, columns)`; texts are indices into the labels of their columns."""
+    columns, values = [Column("point", meaning="number of the point")], [np.arange(len(results), dtype=float)]
+
+    def add(column: Column, numbers: np.ndarray) -> None:
+        columns.append(column)
+        values.append(numbers)
+
+    for index, name in enumerate(design.names):
+        texts = [point[index] for point in design.points]
+        as_numbers = numbers(name, texts)
+        if as_numbers is None:
+            add(*_labelled(name, texts))
+        else:
+            add(Column(name, meaning="what varies"), as_numbers)
+    for index, name in enumerate(metrics):
+        add(Column(name, meaning="metric"), np.array([result.metrics[index] for result in results], float))
+
+    add(*_labelled("status", [result.status for result in results]))
+    add(Column("steps", meaning="steps taken"), np.array([result.steps for result in results], float))
+    add(Column("exit_code", meaning="of this point alone"), np.array([result.exit_code for result in results], float))
+    add(*_labelled("message", [result.message for result in results]))
+    return columns, np.stack(values, axis=1)
+
+
+def write_results(
+    folder: Path, columns: Sequence[Column], rows: np.ndarray, manifest: Mapping[str, object]
+) -> list[Path]:
+    """Writes the table in the formats of `FILES`, and returns the files.
+
+    Raises:
+      FileError: it cannot be written.
+    """
+    written: list[Path] = []
+    for name in FILES:
+        path = str(folder / name)
+        with TableWriter(path, output_format(path).name, columns, manifest) as writer:
+            writer.write(rows)
+            written += writer.publish()
+    return written
+
+
+def _labelled(name: str, texts: Sequence[str]) -> tuple[Column, np.ndarray]:
+    """A column of texts; an empty one is none."""
+    labels = tuple(dict.fromkeys(text for text in texts if text)) or ("",)
+    place = {label: index for index, label in enumerate(labels)}
+    return Column(name, labels=labels), np.array([place.get(text, -1) if text else -1 for text in texts], float)

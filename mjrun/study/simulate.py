@@ -1,0 +1,248 @@
+"""Simulates points of a study, and measures their metrics while the rows stream by.
+
+Points whose simulations are of one kind run side by side in one batch; every number is bit for bit that of the point
+alone.
+"""
+
+import math
+import time
+from collections import OrderedDict
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import mujoco
+import numpy as np
+
+from mjrun.errors import MjrunError, SimulationError, concerning, option
+from mjrun.job.simulation import Simulation
+from mjrun.job.trace_rows import ProbeSampler
+from mjrun.model import state
+from mjrun.model.mujoco_globals import collected_warnings, without_timers
+from mjrun.model.source import Source
+from mjrun.probe.available import AvailableProbes
+from mjrun.probe.fields import FieldProbe
+from mjrun.probe.metric import Metric, MetricEvaluator, parse_metric
+from mjrun.sim.c_engine import SLEEP, CEngine
+from mjrun.study.parameters import simulation_at
+from mjrun.timeline import Timeline
+
+Status = Literal["ok", "unstable", "failed", "timeout", "crashed"]
+
+MODELS = 8  # compiled models that are remembered
+SIDE_BY_SIDE = 64  # simulations of a batch, at most: more only take memory
+BUG = 70
+
+
+@dataclass(frozen=True)
+class StudySpec:
+    """What all points of a study have in common: a picklable value.
+
+    Attributes:
+      base: the simulation that points vary.
+      names: what varies.
+      metrics: the name and the text of each.
+      every: steps from one row that metrics look at to the next.
+    """
+
+    base: Simulation
+    names: tuple[str, ...]
+    metrics: tuple[tuple[str, str], ...]
+    every: int = 1
+
+    def simulation(self, values: tuple[str, ...]) -> Simulation:
+        """The simulation of the point with these values."""
+        return simulation_at(self.base, self.names, values)
+
+
+@dataclass(frozen=True)
+class StudyPoint:
+    """A point: its place in the study, and its values."""
+
+    index: int
+    values: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class PointResult:
+    """What has come of a point.
+
+    Attributes:
+      index: the point's place in the study.
+      status: how it ended.
+      metrics: in order; NaN where the simulation did not reach its end.
+      steps: taken.
+      exit_code: what `mjrun trace` of this point alone would exit with.
+      message: why it failed; empty if it did not.
+      wall: wall time [s]; of points that ran side by side, its share.
+    """
+
+    index: int
+    status: Status
+    metrics: tuple[float, ...]
+    steps: int
+    exit_code: int = 0
+    message: str = ""
+    wall: float = 0.0
+
+
+class PointSimulator:
+    """Simulates points of one study."""
+
+    def __init__(self, spec: StudySpec) -> None:
+        self._spec = spec
+        self._models = OrderedDict[Source, mujoco.MjModel]()
+        self._metrics = dict[object, list[Metric]]()
+        self._engine = CEngine(threads=1)
+
+    def run(self, points: Sequence[StudyPoint]) -> Iterator[PointResult]:
+        """The result of each point, not in their order, each as soon as it is known."""
+        batch: list[_Prepared] = []
+        with collected_warnings(), without_timers():
+            for point in points:
+                start = time.perf_counter()
+                try:
+                    prepared = self._prepare(point)
+                except Exception as error:
+                    yield self._failed(point, error, 0, time.perf_counter() - start)
+                    continue
+                if batch and (prepared.kind != batch[0].kind or len(batch) == SIDE_BY_SIDE):
+                    yield from self._simulate(batch)
+                    batch = []
+                batch.append(prepared)
+            yield from self._simulate(batch)
+
+    def _prepare(self, point: StudyPoint) -> "_Prepared":
+        simulation = self._spec.simulation(point.values)
+        model = self._model(simulation)
+        timeline = simulation.timeline(model)
+        metrics = self._metrics_of(model)
+        columns = list(dict.fromkeys(name for metric in metrics for name in metric.columns if name != "time"))
+        sampler = ProbeSampler(model, columns, timeline)
+        return _Prepared(point, simulation, timeline, sampler, metrics)
+
+    def _model(self, simulation: Simulation) -> mujoco.MjModel:
+        source = simulation.source
+        model = self._models.pop(source, None) or simulation.load()
+        self._models[source] = model
+        if len(self._models) > MODELS:
+            self._models.popitem(last=False)
+        return model
+
+    def _metrics_of(self, model: mujoco.MjModel) -> list[Metric]:
+        """The metrics in the names of `model`, which models of one structure share."""
+        key = structure(model)
+        if key not in self._metrics:
+            available = AvailableProbes(model)
+            self._metrics[key] = []
+            for name, text in self._spec.metrics:
+                with concerning("metric", name):
+                    self._metrics[key].append(parse_metric(text, available, f"{option('metric')} {name}"))
+        return self._metrics[key]
+
+    def _simulate(self, batch: Sequence["_Prepared"]) -> Iterator[PointResult]:
+        if len(batch) > 1 or (batch and batch[0].kind is not None):
+            yield from self._side_by_side(batch)
+        elif batch:
+            yield self._alone(batch[0])
+
+    def _alone(self, prepared: "_Prepared") -> PointResult:
+        start = time.perf_counter()
+        try:
+            stepper = prepared.simulation.stepper(prepared.sampler.model)
+            rows = prepared.timeline.rows(every=self._spec.every)
+            for part in prepared.sampler.blocks(stepper, rows):  # type: ignore[arg-type]
+                prepared.feed(part().values)
+        except Exception as error:
+            steps = error.step if isinstance(error, SimulationError) else 0
+            return self._failed(prepared.point, error, steps, time.perf_counter() - start)
+        return prepared.result(time.perf_counter() - start)
+
+    def _side_by_side(self, batch: Sequence["_Prepared"]) -> Iterator[PointResult]:
+        begin = time.perf_counter()
+        ready: list[_Prepared] = []
+        starts: list[np.ndarray] = []
+        for prepared in batch:
+            try:
+                model = prepared.sampler.model
+                starts.append(state.save(model, prepared.simulation.start.data(model)))
+                ready.append(prepared)
+            except MjrunError as error:
+                yield self._failed(prepared.point, error, 0, 0.0)
+        if not ready:
+            return
+
+        first = ready[0]
+        models = [prepared.sampler.model for prepared in ready]
+        steps, every = first.timeline.steps, self._spec.every
+        failures = dict[int, SimulationError]()
+        blocks = self._engine.rollout(models, np.array(starts), None, steps, first.sampler.fields, every)
+        for block in blocks:
+            failures |= block.failures
+            wanted = len(block.steps) - (block.steps[-1] % every != 0)  # the last step is no row of every N-th
+            for index, prepared in enumerate(ready):
+                count = min(int(block.counts[index]), wanted)
+                if count > 0:
+                    fields = {name: values[index, :count] for name, values in block.fields.items()}
+                    initial = {name: values[index] for name, values in block.initial.items()}
+                    prepared.feed(prepared.sampler.rows(block.steps[:count], fields, initial))
+
+        wall = (time.perf_counter() - begin) / len(ready)
+        for index, prepared in enumerate(ready):
+            if error := failures.get(index):
+                yield self._failed(prepared.point, error, error.step, wall)
+            else:
+                yield prepared.result(wall)
+
+    def _failed(self, point: StudyPoint, error: Exception, steps: int, wall: float) -> PointResult:
+        status: Status = "unstable" if isinstance(error, SimulationError) else "failed"
+        code = error.exit_code if isinstance(error, MjrunError) else BUG
+        text = str(error) if isinstance(error, MjrunError) else f"{type(error).__name__}: {error}"
+        metrics = (math.nan,) * len(self._spec.metrics)
+        return PointResult(point.index, status, metrics, steps, code, text, wall)
+
+
+class _Prepared:
+    """A point that is ready to be simulated.
+
+    Attributes:
+      kind: points of one kind can run side by side; None for one that can only run alone.
+    """
+
+    def __init__(
+        self,
+        point: StudyPoint,
+        simulation: Simulation,
+        timeline: Timeline,
+        sampler: ProbeSampler,
+        metrics: Sequence[Metric],
+    ) -> None:
+        self.point, self.simulation, self.timeline, self.sampler = point, simulation, timeline, sampler
+        names = [column.name for column in sampler.columns]
+        self._evaluators: list[MetricEvaluator] = [metric.evaluator(names) for metric in metrics]
+        self.kind = (structure(sampler.model), timeline.steps) if self._can_share() else None
+
+    def feed(self, block: np.ndarray) -> None:
+        """Takes the next rows."""
+        for evaluator in self._evaluators:
+            evaluator.feed(block)
+
+    def result(self, wall: float) -> PointResult:
+        """The result of a simulation that has reached its end."""
+        metrics = tuple(evaluator.value() for evaluator in self._evaluators)
+        return PointResult(self.point.index, "ok", metrics, self.timeline.steps, wall=wall)
+
+    def _can_share(self) -> bool:
+        simulation = self.simulation
+        alone = (simulation.controller, simulation.replay, simulation.ctrl_from)
+        if any(each is not None for each in alone) or simulation.push or simulation.ctrl_noise:
+            return False
+        model = self.sampler.model
+        return not model.opt.enableflags & SLEEP and all(isinstance(p, FieldProbe) for p in self.sampler.probes)
+
+
+def structure(model: mujoco.MjModel) -> tuple[object, ...]:
+    """What models have in common whose simulations have the same columns, and can run side by side."""
+    sizes = (model.nq, model.nv, model.nu, model.na, model.nbody, model.njnt, model.ngeom, model.nsite, model.ntendon)
+    memory = (model.nsensordata, model.nM, model.nD, model.narena, model.nbuffer)
+    return (*sizes, *memory, int(model.opt.integrator), model.names)

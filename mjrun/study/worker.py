@@ -1,0 +1,28 @@
+"""A process that simulates points of a study: it may crash, hang or run out of memory, and costs nothing else.
+
+`mjrun.study.isolation` starts it, and sends it the study first, then lists of points. It answers with the result of
+each point, and with None after the last of a list.
+"""
+
+import contextlib
+import os
+from collections.abc import Sequence
+from multiprocessing.connection import Connection
+
+from mjrun.child_process import limit_this_process
+from mjrun.study.simulate import PointSimulator, StudyPoint, StudySpec
+
+
+def main(connection: str) -> None:
+    """Serves the connection with this descriptor until the other end hangs up."""
+    os.dup2(2, 1)  # MuJoCo's plugins print
+    limit_this_process(core=0)
+    with contextlib.suppress(EOFError, ConnectionError), Connection(int(connection)) as parent:
+        spec: StudySpec = parent.recv()
+        simulator = PointSimulator(spec)
+        while True:
+            points: Sequence[StudyPoint] = parent.recv()
+            for result in simulator.run(points):
+                parent.send(result)
+            parent.send(None)
+    os._exit(0)  # shutting down an interpreter takes time
