@@ -1,7 +1,6 @@
 """`mjrun sweep`."""
 
 from dataclasses import asdict
-from typing import TYPE_CHECKING
 
 from mjrun.cli.click_command import MODEL, CommandLine, command
 from mjrun.cli.console import Console
@@ -11,9 +10,6 @@ from mjrun.options.messages import MessageOptions
 from mjrun.options.simulation import SimulationOptions
 from mjrun.options.sweep import ExecutionOptions, StudyOptions
 
-if TYPE_CHECKING:
-    from mjrun.study.study import StudyResult
-
 
 @command("sweep", StudyOptions, ExecutionOptions, SimulationOptions, arguments=[MODEL])
 def sweep(console: Console, command_line: CommandLine) -> None:
@@ -21,12 +17,13 @@ def sweep(console: Console, command_line: CommandLine) -> None:
 
     \b
     mjrun sweep scene.xml --vary opt.timestep=log:1e-4..1e-2:9 --metric 'drift=max(abs(energy/drift))' -o study
-    mjrun sweep scene.xml --vary 'geom/floor.friction[0]=uniform(0.3,1)' --samples 256 --metric 'x=last(xpos/box/x)' -o study
+    mjrun sweep scene.xml --vary 'geom/*.friction[0]=uniform(0.3,1)' --samples 256 --metric 'x=last(com/x)' -o study
 
     The folder keeps what is known: the same command again continues it. Exits with 8 when points failed.
     """
     console.guard_stdout()
     import_mujoco()
+    from mjrun.cli.sweep_report import study_report
     from mjrun.study.study import Study
 
     study = command_line.make(Study, simulation=simulation(command_line), command=console.command)
@@ -35,14 +32,10 @@ def sweep(console: Console, command_line: CommandLine) -> None:
         with failures_in_json(console, command_line, lambda results: asdict(results[0])):
             result = study.run(console)
     except MjrunError as error:
-        for made in error.results if not as_json else ():
-            console.result(_report(made))
+        if error.results and not as_json:
+            console.result(study_report(error.results[0], study.simulation))
         raise
     if as_json:
         console.document(asdict(result))
     else:
-        console.result(_report(result))
-
-
-def _report(result: "StudyResult") -> str:
-    return str(result)
+        console.result(study_report(result, study.simulation))

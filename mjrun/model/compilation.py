@@ -22,8 +22,8 @@ _LINE = re.compile(r"(?:', |id -?\d+, )line (\d+)$|Line number=(\d+)", re.MULTIL
 
 def compile_model(
     parse: Callable[[], mujoco.MjSpec], overrides: Sequence[Override], path: Path, advice: str = ""
-) -> mujoco.MjModel:
-    """Compiles what `parse` returns, with overrides.
+) -> tuple[mujoco.MjSpec, mujoco.MjModel]:
+    """Compiles what `parse` returns, with overrides; returns both.
 
     Args:
       overrides: applied in order.
@@ -54,7 +54,7 @@ def compile_model(
     if any(override.target == "opt.timestep" for override in overrides) and not _is_timestep(model.opt.timestep):
         raise BadValueError(option("timestep"), f"{model.opt.timestep:g}", "a positive number of seconds")
     check_model(model, path, f"{option('timestep')} overrides it")
-    return model
+    return spec, model
 
 
 def check_model(model: mujoco.MjModel, path: Path, timestep_advice: str = "") -> None:

@@ -143,9 +143,9 @@ def apply(spec: mujoco.MjSpec, override: Override) -> None:
       UnknownNameError: the path names nothing; the message lists near and valid names.
       BadValueError: the value does not fit the field.
     """
-    kind, slash, rest = override.target.partition("/")
+    kind, slash, _ = override.target.partition("/")
     if slash and kind in ELEMENTS:
-        elements, fields = _elements(spec, kind, rest)
+        elements, fields = elements_at(spec, override)
         for element in elements:
             _check_effect(element, kind, fields, override)
             _assign(element, fields, override)
@@ -160,8 +160,13 @@ def apply(spec: mujoco.MjSpec, override: Override) -> None:
         _assign(ROOTS[root](spec), fields, override)
 
 
-def _elements(spec: mujoco.MjSpec, kind: str, rest: str) -> tuple[list[Any], list[str]]:
-    """The elements and the field that `NAME.FIELD` means; a name may itself hold dots."""
+def elements_at(spec: mujoco.MjSpec, override: Override) -> tuple[list[Any], list[str]]:
+    """The elements that a path `KIND/NAME.FIELD` names, and the field; a name may itself hold dots.
+
+    Raises:
+      UnknownNameError: it names none.
+    """
+    kind, _, rest = override.target.partition("/")
     elements = getattr(spec, ELEMENTS[kind])
     named = {element.name or f"{kind}:{i}": element for i, element in enumerate(elements)}
     parts = rest.split(".")
@@ -238,16 +243,22 @@ def _assign(owner: Any, fields: list[str], override: Override) -> None:
         getattr(owner, ALTERNATIVES[field]).type = mujoco.mjtOrientation.mjORIENTATION_QUAT
 
 
+_FIELDS: dict[type, list[str]] = {}  # of each type of MjSpec
+
+
 def _fields(owner: Any) -> list[str]:
     """The fields of an MjSpec object that can be set, or that hold fields that can."""
-    names = []
-    for name in dir(type(owner)):
-        if name.startswith("_") or name.endswith("_") or name in HIDDEN:
-            continue
-        value = getattr(owner, name)
-        if _is_leaf(value) or (type(value).__module__.startswith("mujoco") and not callable(value) and _fields(value)):
-            names.append(name)
-    return names
+    if type(owner) not in _FIELDS:
+        _FIELDS[type(owner)] = [name for name in dir(type(owner)) if _is_field(owner, name)]
+    return _FIELDS[type(owner)]
+
+
+def _is_field(owner: Any, name: str) -> bool:
+    if name.startswith("_") or name.endswith("_") or name in HIDDEN:
+        return False
+    value = getattr(owner, name)
+    holds_fields = type(value).__module__.startswith("mujoco") and not callable(value)
+    return _is_leaf(value) or (holds_fields and bool(_fields(value)))
 
 
 def _is_leaf(value: object) -> bool:

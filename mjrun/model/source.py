@@ -43,7 +43,6 @@ class Source(ABC):
         """The files that loading reads, the model file first, as far as they are known without compiling."""
         return ()
 
-    @abstractmethod
     def load(self) -> mujoco.MjModel:
         """Compiles the model.
 
@@ -51,6 +50,11 @@ class Source(ABC):
           ModelError: it cannot be found or read, or MuJoCo refuses it.
           UsageError: an override names nothing, or its value does not fit.
         """
+        return self.compile()[1]
+
+    @abstractmethod
+    def compile(self) -> tuple[mujoco.MjSpec | None, mujoco.MjModel]:
+        """The specification, None where there is only a compiled model, and the model; raises what `load` does."""
 
 
 @dataclass(frozen=True)

@@ -111,15 +111,18 @@ class Assertion:
         return AssertionChecker(self)
 
 
-def parse(text: str, columns: Sequence[str] | Vocabulary) -> Assertion:
+def parse(text: str, columns: Sequence[str] | Vocabulary, name: str = "assert") -> Assertion:
     """The assertion that `text` says about a table of `columns`, or of those that a vocabulary names.
+
+    Args:
+      name: of the option that it comes from.
 
     Raises:
       UnknownNameError: a name is that of no column or function; the message lists near and valid ones.
       UsageError: the text is none of the language; the message says where, what was found and what is valid.
     """
     vocabulary = columns if isinstance(columns, Vocabulary) else Vocabulary(columns)
-    truth = Parser(SourceText(text, option("assert")), vocabulary).whole()
+    truth = Parser(SourceText(text, option(name)), vocabulary).whole()
     read = {node.name for node in walk(truth) if isinstance(node, ColumnReference)}
     table = vocabulary.names
     return Assertion(text, tuple(name for name in dict.fromkeys(table) if name in read), table, truth)

@@ -195,14 +195,14 @@ class Parser:
     def _aggregate(self, name: Token, arguments: list[Node]) -> NumericExpression:
         """`mean(x)`, `mean(x, when)`, `quantile(x, 0.9)`, `quantile(x, 0.9, when)`, `share(when)`."""
         first, *others = arguments
+        if name.text == "share":
+            first = self._truth(first)
         if isinstance(first, BooleanExpression) and name.text in OF_CONDITIONS:
             first, others = NumberLiteral(first.start, first.start, ROW, 1.0), [first, *others]
         value = self._value(first)
         fraction = self._fraction(name, others) if name.text == "quantile" else 0.5
 
         condition = self._row_condition(name, others.pop(0)) if others else None
-        if name.text == "share" and condition is None:
-            raise self.source.fault(value.start, "a number", "a comparison (< <= > >= == !=)")
         if others:
             raise self.source.fault(others[0].start, "one value more", f"the end of {name.text}(…)")
         if value.kind == FIXED:

@@ -101,13 +101,15 @@ def _joint_slices(
 
 def _joints(model: mujoco.MjModel, parts: dict[int, tuple[str, ...]], name: str) -> Iterator[tuple[int, int | None]]:
     """Joint ids that `name` means, each with the component it names, if any."""
-    try:
-        yield from ((joint, None) for joint in _joints_named(model, name))
-        return
-    except UnknownNameError:
-        owner, slash, part = name.rpartition("/")
-        if not slash:
-            raise
+    owner, slash, part = name.rpartition("/")
+    known = {*names(model, "joint"), *names(model, "body")}
+    if name in known or owner not in known:
+        try:
+            yield from ((joint, None) for joint in _joints_named(model, name))
+            return
+        except UnknownNameError:
+            if not slash:
+                raise
     for joint in _joints_named(model, owner):
         valid = parts.get(int(model.jnt_type[joint]), ())
         if part not in valid:

@@ -1,14 +1,16 @@
 """The points of a study: which values they have, and in which order."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
 from itertools import product
+from pathlib import Path
 
 import mujoco
 import numpy as np
 
-from mjrun.errors import UnknownNameError, UsageError, clean, concerning, option, quoted
+from mjrun.errors import FileError, UnknownNameError, UsageError, clean, concerning, option, quoted
+from mjrun.formats.input_file import opened
 from mjrun.model.names import names
 from mjrun.options.sweep import VariationOptions
 from mjrun.probe.expression import BooleanExpression, evaluate_truth
@@ -148,18 +150,17 @@ def read_points(path: str) -> Design:
       FileError: it cannot be read, or is no table.
     """
     import csv
+    import io
 
-    from mjrun.formats.input_file import require_file
-
-    with require_file(path, "table of points", [".csv"]).open(encoding="utf-8-sig", newline="") as file:
-        rows = [[cell.strip() for cell in row] for row in csv.reader(file, skipinitialspace=True) if row]
+    with opened(Path(path), "table of points", [".csv"]) as file:
+        text = io.TextIOWrapper(file, encoding="utf-8-sig", errors="replace", newline="")
+        rows = [[cell.strip() for cell in row] for row in csv.reader(text, skipinitialspace=True) if row]
     if len(rows) < 2 or len(set(rows[0])) < len(rows[0]) or not all(rows[0]):
-        raise UsageError(
-            f"{option('points')} {clean(path)}: write a header with what varies, each once, and a row a point"
-        )
+        reason = "a table of points has a header with what varies, each once, and a row for each point"
+        raise FileError(path, reason)
     for number, row in enumerate(rows[1:], 2):
         if len(row) != len(rows[0]) or not all(row):
-            raise UsageError(f"{option('points')} {clean(path)}: row {number} has not one value for each column")
+            raise FileError(path, f"row {number} has not one value for each of the {len(rows[0])} columns")
     return Design(tuple(rows[0]), [tuple(row) for row in rows[1:]])
 
 
@@ -205,9 +206,3 @@ def numbers(name: str, texts: Sequence[str]) -> np.ndarray | None:
         return np.array([float(text) for text in texts])
     except ValueError:
         return None
-
-
-def shown(design: Design, point: Values) -> Iterator[str]:
-    """Each value of a point with what it is: `seed=3`."""
-    for name, value in zip(design.names, point, strict=True):
-        yield f"{name}={value}"

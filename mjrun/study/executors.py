@@ -13,6 +13,7 @@ from mjrun.errors import MissingExtraError, UsageError, clean, option
 from mjrun.options.kinds import AUTO
 
 ENGINES = ("local", "dask", "dask://HOST:PORT", "slurm", "module:factory")
+PATIENCE = 20  # [s] for a scheduler to answer
 POLL = 0.2  # [s] between two looks at jobs of slurm
 QUEUED = 3  # chunks that wait for each process, beside the one that runs
 
@@ -51,7 +52,7 @@ def _dask(address: str, count: int, stack: ExitStack) -> tuple[Executor, int]:
         cluster = LocalCluster(n_workers=count, threads_per_worker=1, dashboard_address=None)
         address = stack.enter_context(cluster).scheduler_address
     try:
-        client = stack.enter_context(Client(address, timeout="10s"))
+        client = stack.enter_context(Client(address, timeout=PATIENCE))
     except (OSError, ValueError, TimeoutError) as error:
         raise UsageError(
             f"{option('engine')}: no Dask scheduler answers at {clean(address)}: {clean(str(error))}"

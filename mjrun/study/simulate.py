@@ -6,7 +6,6 @@ alone.
 
 import math
 import time
-from collections import OrderedDict
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Literal
@@ -19,7 +18,7 @@ from mjrun.job.simulation import Simulation
 from mjrun.job.trace_rows import ProbeSampler
 from mjrun.model import state
 from mjrun.model.mujoco_globals import collected_warnings, without_timers
-from mjrun.model.source import Source
+from mjrun.model.variants import ModelVariants
 from mjrun.probe.available import AvailableProbes
 from mjrun.probe.fields import FieldProbe
 from mjrun.probe.metric import Metric, MetricEvaluator, parse_metric
@@ -29,7 +28,6 @@ from mjrun.timeline import Timeline
 
 Status = Literal["ok", "unstable", "failed", "timeout", "crashed"]
 
-MODELS = 8  # compiled models that are remembered
 SIDE_BY_SIDE = 64  # simulations of a batch, at most: more only take memory
 BUG = 70
 
@@ -91,7 +89,8 @@ class PointSimulator:
 
     def __init__(self, spec: StudySpec) -> None:
         self._spec = spec
-        self._models = OrderedDict[Source, mujoco.MjModel]()
+        self._variants = ModelVariants()
+        self._last: tuple[mujoco.MjModel, Timeline, ProbeSampler] | None = None
         self._metrics = dict[object, list[Metric]]()
         self._engine = CEngine(threads=1)
 
@@ -106,28 +105,30 @@ class PointSimulator:
                 except Exception as error:
                     yield self._failed(point, error, 0, time.perf_counter() - start)
                     continue
+                if prepared.kind is None:
+                    yield self._alone(prepared)
+                    continue
                 if batch and (prepared.kind != batch[0].kind or len(batch) == SIDE_BY_SIDE):
-                    yield from self._simulate(batch)
+                    yield from self._side_by_side(batch)
                     batch = []
                 batch.append(prepared)
-            yield from self._simulate(batch)
+            yield from self._side_by_side(batch)
 
     def _prepare(self, point: StudyPoint) -> "_Prepared":
         simulation = self._spec.simulation(point.values)
-        model = self._model(simulation)
+        model = self._variants.load(simulation.source)
         timeline = simulation.timeline(model)
         metrics = self._metrics_of(model)
-        columns = list(dict.fromkeys(name for metric in metrics for name in metric.columns if name != "time"))
-        sampler = ProbeSampler(model, columns, timeline)
-        return _Prepared(point, simulation, timeline, sampler, metrics)
+        return _Prepared(point, simulation, timeline, self._sampler(model, timeline, metrics), metrics)
 
-    def _model(self, simulation: Simulation) -> mujoco.MjModel:
-        source = simulation.source
-        model = self._models.pop(source, None) or simulation.load()
-        self._models[source] = model
-        if len(self._models) > MODELS:
-            self._models.popitem(last=False)
-        return model
+    def _sampler(self, model: mujoco.MjModel, timeline: Timeline, metrics: Sequence[Metric]) -> ProbeSampler:
+        """What measures the columns of all metrics; the one of the point before, where the model is the same."""
+        if self._last and self._last[0] is model and self._last[1] == timeline:
+            return self._last[2]
+        columns = dict.fromkeys(name for metric in metrics for name in metric.columns if name != "time")
+        sampler = ProbeSampler(model, list(columns), timeline)
+        self._last = (model, timeline, sampler)
+        return sampler
 
     def _metrics_of(self, model: mujoco.MjModel) -> list[Metric]:
         """The metrics in the names of `model`, which models of one structure share."""
@@ -139,12 +140,6 @@ class PointSimulator:
                 with concerning("metric", name):
                     self._metrics[key].append(parse_metric(text, available, f"{option('metric')} {name}"))
         return self._metrics[key]
-
-    def _simulate(self, batch: Sequence["_Prepared"]) -> Iterator[PointResult]:
-        if len(batch) > 1 or (batch and batch[0].kind is not None):
-            yield from self._side_by_side(batch)
-        elif batch:
-            yield self._alone(batch[0])
 
     def _alone(self, prepared: "_Prepared") -> PointResult:
         start = time.perf_counter()

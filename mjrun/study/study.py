@@ -36,6 +36,7 @@ from mjrun.study.simulate import PointResult, StudyPoint, StudySpec
 MANIFEST = "study.json"
 CHUNK_STEPS = 50_000  # steps in a chunk: seconds, as a rule
 CHUNK_POINTS = 500  # and so many points at most
+QUANTILES = (0, 0.05, 0.25, 0.5, 0.75, 0.95, 1)
 FINAL = ("ok", "unstable")  # which another try would not change
 
 
@@ -66,22 +67,43 @@ class StudyResult:
       points: how many there are.
       simulated: how many were simulated now; the others were known.
       statuses: how many points ended in which way.
-      metrics: of each, the count of points that have it, and its minimum, median, mean and maximum.
+      metrics: a summary of each.
       failures: of each message, how many points failed with it, and the first of them.
       assertions: what was required, and whether it holds.
       files: what was written.
       wall: wall time [s].
+      names: what varies.
     """
 
     path: str
     points: int
     simulated: int
     statuses: Mapping[str, int]
-    metrics: Mapping[str, Mapping[str, float]]
+    metrics: Mapping[str, "MetricSummary"]
     failures: Sequence["PointFailure"]
     assertions: Sequence[Verdict]
     files: Sequence[str]
     wall: float
+    names: Sequence[str]
+
+
+@dataclass(frozen=True)
+class MetricSummary:
+    """A metric over all points that have it.
+
+    Attributes:
+      count: of these points.
+      mean, std: over them.
+      quantiles: 0, 5, 25, 50, 75, 95 and 100 % of the values, interpolated linearly.
+      lowest, highest: the points with the extreme values; None without any.
+    """
+
+    count: int
+    mean: float
+    std: float
+    quantiles: Sequence[float]
+    lowest: int | None
+    highest: int | None
 
 
 @dataclass(frozen=True)
@@ -149,7 +171,7 @@ class _Run:
                 parse_metric(text, available, f"{option('metric')} {name}")
         for index, text in enumerate(self.study.require):
             with concerning("require", index):
-                parse(text, RequirementNames([*points.names, *names]))
+                parse(text, RequirementNames([*points.names, *names]), "require")
         first = spec.simulation(points.points[0])
         first.stepper(first.load())
 
@@ -208,6 +230,7 @@ class _Run:
             assertions=verdicts,
             files=[*map(str, files), str(self.folder / MANIFEST)],
             wall=time.perf_counter() - self.start,
+            names=points.names,
         )
         self._write_manifest(result)
         failed = [verdict.message for verdict in verdicts if not verdict.passed]
@@ -241,7 +264,7 @@ def _judge(text: str, columns: Sequence[Column], rows: np.ndarray, results: Sequ
     usable = [(column.name, rows[:, i]) for i, column in enumerate(columns) if not column.labels]
     flags = [(status, np.array([r.status == status for r in results], float)) for status in STATUSES]
     table = dict([*usable, *flags])
-    checker = parse(text, RequirementNames([name for name, _ in usable])).checker()
+    checker = parse(text, RequirementNames([name for name, _ in usable]), "require").checker()
     checker.feed(np.stack(list(table.values()), axis=1), 0)
     return checker.verdict()
 
@@ -278,12 +301,15 @@ def _parts(indices: Sequence[int], size: int) -> Iterator[Sequence[int]]:
         yield indices[start : start + size]
 
 
-def _summary(values: Sequence[float]) -> dict[str, float]:
-    good = np.array([value for value in values if math.isfinite(value)])
-    if not len(good):
-        return {"count": 0}
-    quantiles = dict(zip(("min", "median", "max"), np.quantile(good, (0, 0.5, 1)).tolist(), strict=True))
-    return {"count": len(good), **quantiles, "mean": float(good.mean())}
+def _summary(values: Sequence[float]) -> MetricSummary:
+    numbers = np.array(values)
+    having = np.flatnonzero(np.isfinite(numbers))
+    if not len(having):
+        return MetricSummary(0, math.nan, math.nan, [math.nan] * len(QUANTILES), None, None)
+    good = numbers[having]
+    quantiles = np.quantile(good, QUANTILES).tolist()
+    extremes = int(having[good.argmin()]), int(having[good.argmax()])
+    return MetricSummary(len(good), float(good.mean()), float(good.std()), quantiles, *extremes)
 
 
 def _failures(points: Design, results: Sequence[PointResult]) -> list[PointFailure]:

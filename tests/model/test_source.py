@@ -19,9 +19,9 @@ class TaskSource(CollectionSource):
     def descriptions(cls) -> Mapping[str, str]:
         return {"humanoid/walk": "Walks.", "humanoid/run": "Runs."}
 
-    def load(self) -> mujoco.MjModel:
+    def compile(self) -> tuple[None, mujoco.MjModel]:
         self.check_name()
-        return mujoco.MjModel.from_xml_string("<mujoco/>")
+        return None, mujoco.MjModel.from_xml_string("<mujoco/>")
 
 
 def test_a_named_source_is_written_with_its_prefix_and_names_outputs_without_folders() -> None:

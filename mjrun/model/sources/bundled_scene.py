@@ -32,8 +32,8 @@ class BundledScene(CollectionSource):
     def files(self) -> tuple[Path, ...]:
         return FileSource(self.main_file).files
 
-    def load(self) -> mujoco.MjModel:
-        return FileSource(self.main_file, overrides=self.overrides).load()
+    def compile(self) -> tuple[mujoco.MjSpec | None, mujoco.MjModel]:
+        return FileSource(self.main_file, overrides=self.overrides).compile()
 
 
 @cache

@@ -22,7 +22,7 @@ class CompiledSource(Source):
     def stem(self) -> str:
         return "model"
 
-    def load(self) -> mujoco.MjModel:
+    def compile(self) -> tuple[None, mujoco.MjModel]:
         if self.overrides:
             raise CompiledOverrideError("the model", [(s.option, s.option_value) for s in self.overrides])
-        return self.model
+        return None, self.model

@@ -44,10 +44,10 @@ class FileSource(Source):
         named_files = [Path(file.path) for file in referenced_files(main)] if main and main == str(self.path) else []
         return tuple(dict.fromkeys([self.path, *named_files]))
 
-    def load(self) -> mujoco.MjModel:
+    def compile(self) -> tuple[mujoco.MjSpec | None, mujoco.MjModel]:
         self._check_file()
         if self.path.suffix in COMPILED:
-            return self._load_compiled()
+            return None, self._load_compiled()
         advice = f"mjrun check {clean(shlex.quote(str(self.path)))} says where and what to do"
         return compile_model(self._parse, self.overrides, self.path, advice)
 

@@ -39,7 +39,7 @@ class StdinSource(Source):
     def files(self) -> tuple[Path, ...]:
         return (DEVICE,)
 
-    def load(self) -> mujoco.MjModel:
+    def compile(self) -> tuple[mujoco.MjSpec | None, mujoco.MjModel]:
         xml = self._read()
         return compile_model(lambda: mujoco.MjSpec.from_string(xml), self.overrides, LABEL)
 

@@ -30,9 +30,9 @@ class EmptySource(CollectionSource):
     def descriptions(cls):
         return {"world": "Nothing."}
 
-    def load(self):
+    def compile(self):
         self.check_name()
-        return mujoco.MjModel.from_xml_string("<mujoco/>")
+        return None, mujoco.MjModel.from_xml_string("<mujoco/>")
 """
 
 

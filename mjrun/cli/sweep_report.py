@@ -1,0 +1,102 @@
+"""What `mjrun sweep` says of a study, for people."""
+
+import shlex
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING
+
+from mjrun.cli.console import flag
+from mjrun.cli.info_columns import Column, number
+from mjrun.cli.page_layout import PageLayout
+from mjrun.errors import clean, spelled
+from mjrun.options.option import is_given, options_of
+from mjrun.options.simulation import SimulationOptions
+
+if TYPE_CHECKING:
+    from mjrun.job.simulation import Simulation
+    from mjrun.study.study import StudyResult
+
+SHOWN = 10  # reasons of failures
+HEADINGS = ("min", "5 %", "25 %", "median", "75 %", "95 %", "max")
+MAPPINGS = ("qpos", "qvel", "ctrl")
+
+
+def study_report(result: "StudyResult", simulation: "Simulation") -> str:
+    """The metrics, the failures by reason, and what was required."""
+    page = PageLayout()
+    if result.metrics:
+        page.table("metrics", _metrics(result), len(result.metrics))
+    if result.failures:
+        hint = f"{result.path}/results.csv has all"
+        page.table("failures", _failures(result, simulation), len(result.failures), SHOWN, hint)
+    if result.assertions:
+        verdicts = [("holds" if verdict.passed else "FAILS", clean(verdict.message)) for verdict in result.assertions]
+        page.lines("required", verdicts)
+    counts = ", ".join(f"{count:,} {status}" for status, count in result.statuses.items())
+    known = f", {result.points - result.simulated:,} of them known before" if result.simulated < result.points else ""
+    page.note(f"{clean(result.path)}: {result.points:,} points ({counts}){known}; {result.wall:.1f} s")
+    return page.text()
+
+
+def _metrics(result: "StudyResult") -> list[Column]:
+    summaries = list(result.metrics.values())
+    columns = [Column("metric", list(result.metrics))]
+    columns += [
+        Column(heading, [number(summary.quantiles[i]) for summary in summaries], right=True, extra=i in (1, 2, 4, 5))
+        for i, heading in enumerate(HEADINGS)
+    ]
+    columns += [
+        Column("mean", [number(summary.mean) for summary in summaries], right=True),
+        Column("lowest at", [_point(summary.lowest) for summary in summaries], right=True, extra=True),
+        Column("highest at", [_point(summary.highest) for summary in summaries], right=True, extra=True),
+    ]
+    if any(summary.count < result.points for summary in summaries):
+        columns.insert(1, Column("points", [str(summary.count) for summary in summaries], right=True))
+    return columns
+
+
+def _point(index: int | None) -> str:
+    return "" if index is None else f"point {index}"
+
+
+def _failures(result: "StudyResult", simulation: "Simulation") -> list[Column]:
+    failures = result.failures
+    return [
+        Column("points", [str(failure.count) for failure in failures], right=True),
+        Column("status", [failure.status for failure in failures]),
+        Column("reason", [clean(spelled(failure.message, flag).partition("\n")[0]) for failure in failures]),
+        Column("to see the first", [point_command(simulation, failure.values) for failure in failures]),
+    ]
+
+
+def point_command(simulation: "Simulation", values: Mapping[str, str]) -> str:
+    """The command that simulates one point alone."""
+    model = values.get("model", simulation.source.text)
+    words = ["mjrun", "trace", model, *_arguments(simulation)]
+    for name, text in values.items():
+        group, slash, rest = name.partition("/")
+        if name == "model":
+            continue
+        if slash and group in MAPPINGS:
+            words += [flag(group), f"{rest}={text}"]
+        elif "." in name:
+            words += [flag("set"), f"{name}={text}"]
+        else:
+            words += [flag(name), text]
+    return clean(shlex.join(words))
+
+
+def _arguments(options: SimulationOptions) -> list[str]:
+    """Options that are given, as a command line writes them."""
+    words: list[str] = []
+    for each in options_of(SimulationOptions):
+        if not is_given(options, each.name):
+            continue
+        value = each.kind.plain(getattr(options, each.attribute))
+        texts = [_text(value)] if not isinstance(value, dict) else [f"{k}={_text(v)}" for k, v in value.items()]
+        for text in texts:
+            words += [flag(each.name), text]
+    return words
+
+
+def _text(value: object) -> str:
+    return ",".join(map(_text, value)) if isinstance(value, Sequence) and not isinstance(value, str) else str(value)

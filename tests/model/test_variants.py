@@ -1,0 +1,104 @@
+"""A variant of a model is, byte for byte, the model that compiling the source with its overrides gives."""
+
+from pathlib import Path
+
+import mujoco
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from mjrun.errors import MjrunError, UnknownNameError
+from mjrun.model import variants
+from mjrun.model.override import Override
+from mjrun.model.sources import parse_source
+from mjrun.model.variants import ModelVariants
+from tests.model.model_files import content
+
+MODEL = """<mujoco><option timestep="0.003"/><default><geom friction=".9 .01 .001"/></default>
+<worldbody><geom name="floor" type="plane" size="1 1 1"/>
+<body name="arm"><joint name="knee"/><geom size=".1"/><geom name="tip" size=".1" pos="1 0 0" solref=".01 1"/></body>
+<body name="leg" pos="0 1 0"><joint name="hip"/><geom name="toe" size=".1"/></body></worldbody>
+<actuator><position name="plain" joint="knee" kp="20" kv="1"/><position name="damped" joint="hip" kp="9" dampratio="1"/>
+<motor name="motor" joint="hip" gear="3"/></actuator>EXTRA</mujoco>"""
+PATHS = ["opt.timestep", "scale:opt.timestep", "opt.gravity[2]", "opt.wind[0]", "opt.impratio", "opt.density"]
+PATHS += [
+    "geom/floor.friction",
+    "geom/*.friction[0]",
+    "scale:geom/*.friction",
+    "geom/geom:1.solref[0]",
+    "geom/t*.solimp[1]",
+]
+PATHS += ["scale:actuator/plain.gainprm[0]", "actuator/*.gainprm[0]"]
+PATHS += ["actuator/plain.biasprm[1]", "add:actuator/plain.biasprm[1]", "actuator/motor.gainprm[0]"]
+COMPILED = [
+    "geom/tip.margin",
+    "geom/toe.gap",
+    "geom/tip.size[0]",
+    "joint/knee.damping",
+    "scale:geom/*.density",
+    "opt.iterations",
+]
+
+
+def source(folder: Path, extra: str = "") -> str:
+    path = folder / f"model{len(extra)}.xml"
+    if not path.exists():
+        path.write_text(MODEL.replace("EXTRA", extra))
+    return str(path)
+
+
+@given(
+    st.lists(
+        st.tuples(st.sampled_from(PATHS + COMPILED), st.sampled_from(["0.5", "2", "0.001", "-1", "0"])), max_size=4
+    ),
+    st.sampled_from(["", "<contact><pair geom1='tip' geom2='toe'/></contact>"]),
+)
+@settings(max_examples=150, deadline=None)
+def test_a_variant_is_the_compiled_model(
+    tmp_path_factory: pytest.TempPathFactory, overrides: list[tuple[str, str]], extra: str
+) -> None:
+    path = source(tmp_path_factory.getbasetemp(), extra)
+    varied = parse_source(path, [Override(*override) for override in overrides])
+    shared = ModelVariants()
+    shared.load(parse_source(path))
+    try:
+        expected = content(varied.load())
+    except MjrunError as error:
+        with pytest.raises(type(error)):
+            shared.load(varied)
+    else:
+        assert content(shared.load(varied)) == expected
+    assert content(shared.load(parse_source(path))) == content(parse_source(path).load())  # nothing stays behind
+
+
+def test_what_the_compiler_copies_is_compiled_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    compilations = []
+
+    class Counted(variants._Compilation):
+        def __init__(self, spec: mujoco.MjSpec | None, model: mujoco.MjModel) -> None:
+            compilations.append(1)
+            super().__init__(spec, model)
+
+    monkeypatch.setattr(variants, "_Compilation", Counted)
+    shared, path = ModelVariants(), source(tmp_path)
+    for value in ("0.1", "0.2", "0.3"):
+        for name in PATHS:
+            shared.load(parse_source(path, [Override(name, value)]))
+    # Once for all, and once a value for the gains of the actuator whose damping follows from them.
+    assert len(compilations) == 1 + 3
+
+
+def test_an_unknown_name_is_told_as_by_a_compilation(tmp_path: Path) -> None:
+    shared = ModelVariants()
+    with pytest.raises(UnknownNameError) as caught:
+        shared.load(parse_source(source(tmp_path), [Override("geom/tup.friction", "1")]))
+    assert "tip" in str(caught.value)
+
+
+def test_compiled_models_are_shared_as_they_are(tmp_path: Path) -> None:
+    path = tmp_path / "model.mjb"
+    mujoco.mj_saveModel(parse_source(source(tmp_path)).load(), str(path))
+    shared = ModelVariants()
+    assert shared.load(parse_source(str(path))) is shared.load(parse_source(str(path)))
+    with pytest.raises(MjrunError):
+        shared.load(parse_source(str(path), [Override("opt.timestep", "1")]))

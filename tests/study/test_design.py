@@ -1,0 +1,123 @@
+"""The points of a study, against products, and the properties that samples promise."""
+
+import itertools
+from pathlib import Path
+from typing import Any
+
+import mujoco
+import numpy as np
+import pytest
+
+from mjrun.errors import FileError, MjrunError, UsageError
+from mjrun.options.sweep import VariationOptions
+from mjrun.study.design import Design, design
+from tests.study.models import BALL
+
+MODEL = mujoco.MjModel.from_xml_string(BALL)
+
+
+def points(seed: int = 0, **options: Any) -> Design:
+    return design(VariationOptions(**options), MODEL, seed)
+
+
+def test_a_grid_is_all_with_all_the_last_changing_fastest() -> None:
+    made = points(vary={"opt.timestep": "1,2", "seed": "1..3:3", "opt.cone": "a,b"})
+    assert made.names == ("opt.timestep", "seed", "opt.cone")
+    assert list(made.points) == list(itertools.product("12", "123", "ab"))
+
+
+def test_zipped_lists_stand_side_by_side() -> None:
+    assert list(points(vary={"a.x": "1,2,3", "a.y": "4,5,6"}, design="zip").points) == list(
+        zip("123", "456", strict=True)
+    )
+    with pytest.raises(UsageError, match="not 2 of a.x, 3 of a.y"):
+        points(vary={"a.x": "1,2", "a.y": "4,5,6"}, design="zip")
+
+
+def test_samples_are_combined_with_lists_and_repeats_with_all() -> None:
+    made = points(vary={"a.x": "1,2", "a.y": "uniform(0,1)"}, samples=3, repeats=2, seed=5)
+    assert made.names == ("a.x", "a.y", "seed")
+    drawn = [point[1] for point in made.points[:6:2]]
+    assert list(made.points) == list(itertools.product("12", drawn, ["5", "6"]))
+
+
+def test_a_sobol_sequence_keeps_its_points_when_it_grows_and_fills_every_interval() -> None:
+    drawn = {n: points(vary={"a.x": "uniform(0,1)", "a.y": "normal(0,1)"}, samples=n).points for n in (5, 64, 100)}
+    assert drawn[100][:5] == drawn[5]
+    assert drawn[100][:64] == drawn[64]
+    assert sorted(int(64 * float(x)) for x, _ in drawn[64]) == list(range(64))
+
+
+def test_a_latin_hypercube_has_one_point_in_every_interval() -> None:
+    drawn = points(vary={"a.x": "uniform(0,1)", "a.y": "uniform(0,2)"}, samples=50, sampler="lhs").points
+    assert sorted(int(50 * float(x)) for x, _ in drawn) == list(range(50))
+    assert sorted(int(25 * float(y)) for _, y in drawn) == list(range(50))
+
+
+@pytest.mark.parametrize("sampler", ["sobol", "lhs", "random"])
+def test_the_seed_decides_the_samples(sampler: str) -> None:
+    vary = {"a.x": "uniform(0,1)"}
+    one, same, other = (points(seed, vary=vary, sampler=sampler).points for seed in (1, 1, 2))
+    assert one == same != other
+
+
+def test_random_samples_are_independent_and_have_the_mean_of_their_distribution() -> None:
+    drawn = np.array(
+        points(vary={"a.x": "uniform(0,1)", "a.y": "uniform(0,1)"}, samples=4000, sampler="random").points, float
+    )
+    assert np.abs(drawn.mean(axis=0) - 0.5).max() < 5 * 0.29 / 4000**0.5
+    assert abs(np.corrcoef(drawn.T)[0, 1]) < 5 / 4000**0.5
+
+
+def test_each_object_that_a_wildcard_matches_varies_on_its_own() -> None:
+    made = points(vary={"each:scale:geom/*.friction[0]": "uniform(0,1)"}, samples=2)
+    assert made.names == ("scale:geom/floor.friction[0]", "scale:geom/ball.friction[0]")
+    assert made.points[0][0] != made.points[0][1]
+
+
+def test_points_come_from_a_table(tmp_path: Path) -> None:
+    table = tmp_path / "points.csv"
+    table.write_text("opt.timestep, qpos/ball/z\n.001, 1\n.002, 2\n")
+    made = points(points=str(table), vary={"seed": "7,8"})
+    assert made.names == ("opt.timestep", "qpos/ball/z", "seed")
+    assert list(made.points) == [(".001", "1", "7"), (".001", "1", "8"), (".002", "2", "7"), (".002", "2", "8")]
+
+
+def test_conditions_leave_points_out() -> None:
+    made = points(
+        vary={"body/ball.mass": "1,2,5", "opt.density": "0,1"}, where=["mass*density < 3", "mass > 1 or density == 1"]
+    )
+    assert list(made.points) == [("1", "1"), ("2", "0"), ("2", "1"), ("5", "0")]
+
+
+@pytest.mark.parametrize(
+    ("options", "expected"),
+    [
+        ({"vary": [("a.x", "1"), ("a.x", "2")]}, "a.x is given twice"),
+        ({"vary": {"seed": "1,2"}, "repeats": 2}, "seed varies twice"),
+        ({"vary": {"a.x": "1,,2"}}, "vary a.x"),
+        ({"vary": {"each:geom/leg*.size": "1"}}, "no geom 'leg\\*'"),
+        ({"vary": {"each:nothing/leg*.size": "1"}}, "nothing"),
+        ({"vary": {"a.x": "1,2"}, "where": ["x > 5"]}, "where: no point is left of 2"),
+        ({"vary": {"a.x": "1,2"}, "where": ["z > 5"]}, "no column 'z'"),
+        ({"vary": {"a.x": "p,q"}, "where": ["x > 5"]}, "not numbers"),
+        ({"vary": {f"a.{k}": "1..100:100" for k in "abcdef"}}, "1,000,000,000,000 points"),
+    ],
+)
+def test_points_that_cannot_be_are_refused(options: Any, expected: str) -> None:
+    with pytest.raises(UsageError, match=expected):
+        points(**options)
+
+
+@pytest.mark.parametrize("text", ["", "a.x\n", "a.x,a.x\n1,2\n", "a.x,a.y\n1\n", "a.x\n,\n"])
+def test_a_table_that_has_no_points_is_refused(tmp_path: Path, text: str) -> None:
+    table = tmp_path / "points.csv"
+    table.write_text(text)
+    with pytest.raises(MjrunError, match=r"points\.csv"):
+        points(points=str(table))
+    with pytest.raises(FileError):
+        points(points=str(tmp_path / "missing.csv"))
+
+
+def test_without_anything_that_varies_there_is_one_point() -> None:
+    assert list(points().points) == [()]

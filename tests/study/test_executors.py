@@ -1,0 +1,69 @@
+"""Every engine gives the same results, for real: a Dask cluster, submitit's local jobs, an executor of the user's."""
+
+import os
+import signal
+from contextlib import ExitStack
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from mjrun.errors import MjrunError, UsageError
+from mjrun.job.simulation import Simulation
+from mjrun.study.executors import open_executor
+from mjrun.study.isolation import Chunk, run_chunk
+from mjrun.study.simulate import PointSimulator, StudyPoint, StudySpec
+from tests.study.models import BALL
+
+
+@pytest.fixture
+def chunks(tmp_path: Path) -> list[Chunk]:
+    (tmp_path / "ball.xml").write_text(BALL)
+    spec = StudySpec(
+        Simulation(str(tmp_path / "ball.xml"), steps=50, perturb=1), ("seed",), (("z", "last(qpos/ball/z)"),)
+    )
+    return [Chunk(spec, tuple(StudyPoint(10 * i + k, (str(10 * i + k),)) for k in range(3))) for i in range(4)]
+
+
+@pytest.mark.parametrize("engine", ["local", "dask", "slurm", "tests.study.factories:threads"])
+def test_every_engine_gives_the_same_results(tmp_path: Path, chunks: list[Chunk], engine: str) -> None:
+    with ExitStack() as stack:
+        executor, ahead = open_executor(engine, 2, tmp_path, stack)
+        assert ahead >= 2
+        futures = [executor.submit(run_chunk, chunk) for chunk in chunks]
+        results = [result for future in futures for result in future.result(timeout=300)]
+
+    here = PointSimulator(chunks[0].spec)
+    expected = [result for chunk in chunks for result in here.run(chunk.points)]
+    assert [result.index for result in results] == [result.index for result in expected]
+    np.testing.assert_array_equal([r.metrics for r in results], [r.metrics for r in expected])
+
+
+def test_a_dask_worker_that_is_killed_costs_nothing(tmp_path: Path, chunks: list[Chunk]) -> None:
+    with ExitStack() as stack:
+        executor, _ = open_executor("dask", 2, tmp_path, stack)
+        victim = executor.submit(os.getpid).result(timeout=300)
+        futures = [executor.submit(run_chunk, chunk) for chunk in chunks]
+        os.kill(victim, signal.SIGKILL)
+        results = [result for future in futures for result in future.result(timeout=300)]
+    assert [result.status for result in results] == ["ok"] * 12
+
+
+@pytest.mark.parametrize(
+    ("engine", "expected"),
+    [
+        ("ray", "no engine ray\nengines: local, dask, "),
+        ("nothing:here", "No module named 'nothing'"),
+        ("tests.study.factories:none", "no attribute 'none'"),
+        ("tests.study.factories:nothing", "returns a str, not a concurrent.futures.Executor"),
+    ],
+)
+def test_an_engine_that_is_none_is_refused(tmp_path: Path, engine: str, expected: str) -> None:
+    with ExitStack() as stack, pytest.raises(UsageError, match=expected):
+        open_executor(engine, 1, tmp_path, stack)
+
+
+def test_a_cluster_that_does_not_answer_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("mjrun.study.executors.PATIENCE", 1)
+    with ExitStack() as stack, pytest.raises(MjrunError, match="no Dask scheduler answers at 127.0.0.1:1"):
+        open_executor("dask://127.0.0.1:1", 1, tmp_path, stack)

@@ -1,0 +1,69 @@
+"""A point that crashes or hangs its process costs that point alone."""
+
+import os
+import signal
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from mjrun.job.simulation import Simulation
+from mjrun.study.isolation import Chunk, IsolatedSimulator, run_chunk
+from mjrun.study.simulate import PointSimulator, StudyPoint, StudySpec
+from tests.study.models import BALL, SUICIDAL
+
+METRICS = (("low", "min(qpos/ball/z)"),)
+
+
+@pytest.fixture
+def spec(tmp_path: Path) -> StudySpec:
+    (tmp_path / "ball.xml").write_text(BALL)
+    (tmp_path / "suicidal.xml").write_text(SUICIDAL)
+    return StudySpec(Simulation(str(tmp_path / "ball.xml"), steps=20), ("model", "seed"), METRICS)
+
+
+def points(spec: StudySpec, *names: str) -> tuple[StudyPoint, ...]:
+    folder = Path(spec.base.source.text).parent
+    return tuple(StudyPoint(10 + i, (str(folder / f"{name}.xml"), str(i))) for i, name in enumerate(names))
+
+
+def test_the_results_are_those_of_this_process_in_the_order_of_the_points(spec: StudySpec) -> None:
+    wanted = points(spec, "ball", "ball", "none", "ball")
+    here = {result.index: result for result in PointSimulator(spec).run(wanted)}
+    for _ in range(2):  # the second time in the same process
+        there = run_chunk(Chunk(spec, wanted))
+        assert [result.index for result in there] == [10, 11, 12, 13]
+        for result in there:
+            np.testing.assert_array_equal(result.metrics, here[result.index].metrics)
+            assert (result.status, result.message) == (here[result.index].status, here[result.index].message)
+
+
+def test_a_crash_costs_the_point_that_crashes(spec: StudySpec) -> None:
+    results = run_chunk(Chunk(spec, points(spec, "ball", "suicidal", "ball", "suicidal", "ball")))
+    assert [result.status for result in results] == ["ok", "crashed", "ok", "crashed", "ok"]
+    assert results[1].exit_code == 128 + signal.SIGSEGV
+    assert "SIGSEGV" in results[1].message
+
+
+def test_a_point_that_does_not_end_in_time_is_ended(spec: StudySpec) -> None:
+    endless = StudySpec(spec.base, ("model", "steps"), METRICS)
+    folder = Path(spec.base.source.text).parent
+    wanted = [StudyPoint(i, (str(folder / "ball.xml"), steps)) for i, steps in enumerate(("5", "2000000000", "6"))]
+    simulator = IsolatedSimulator(endless)
+    list(simulator.run(wanted[:1]))  # the time limit is that of a process that has started
+    results = {result.index: result for result in simulator.run(wanted, time_limit=1.5)}
+    simulator.close()
+    assert [results[i].status for i in range(3)] == ["ok", "timeout", "ok"]
+    assert results[1].exit_code == 124
+    assert "did not end in time" in results[1].message
+
+
+def test_a_process_that_is_killed_from_outside_is_replaced(spec: StudySpec) -> None:
+    simulator = IsolatedSimulator(spec)
+    wanted = points(spec, *["ball"] * 5)
+    list(simulator.run(wanted))
+    assert simulator._worker
+    os.kill(simulator._worker._process.pid, signal.SIGKILL)
+    results = list(simulator.run(wanted))
+    simulator.close()
+    assert [result.status for result in results] == ["ok"] * 5

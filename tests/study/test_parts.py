@@ -1,0 +1,77 @@
+"""Parts on disk: what is written reads back, keys change with what decides a result, and nothing else."""
+
+import math
+from dataclasses import replace
+from pathlib import Path
+
+import pyarrow
+import pyarrow.parquet
+import pytest
+
+from mjrun.errors import FileError
+from mjrun.job.simulation import Simulation
+from mjrun.study.parts import PartFiles, point_keys, study_identity
+from mjrun.study.simulate import PointResult, StudySpec
+from tests.study.models import BALL
+
+RESULTS = [
+    PointResult(0, "ok", (1.5, math.inf), 9, wall=0.1),
+    PointResult(1, "crashed", (math.nan,) * 2, 0, 139, "ü\n", 1.0),
+]
+
+
+def test_results_read_back(tmp_path: Path) -> None:
+    files = PartFiles(tmp_path, ["a", "b"])
+    files.create()
+    files.write(["k1", "k2"], RESULTS, "host")
+    found = files.read()
+    assert set(found) == {"k1", "k2"}
+    for result, key in zip(RESULTS, found, strict=True):
+        assert str(replace(found[key], index=result.index)) == str(result)
+    assert PartFiles(tmp_path, ["a"]).read() == {}  # of a study with other metrics
+
+
+def test_a_good_result_wins_over_a_failed_one(tmp_path: Path) -> None:
+    files = PartFiles(tmp_path, ["a", "b"])
+    files.create()
+    files.write(["k", "x"], [RESULTS[0], RESULTS[0]], "host")
+    files.write(["k", "y"], [RESULTS[1], RESULTS[1]], "host")
+    assert files.read()["k"].status == "ok"
+    assert files.read()["y"].status == "crashed"
+
+
+def test_a_damaged_part_is_told_and_other_files_are_passed_over(tmp_path: Path) -> None:
+    files = PartFiles(tmp_path, ["a", "b"])
+    files.create()
+    pyarrow.parquet.write_table(pyarrow.table({"x": [1]}), tmp_path / "parts" / "mine.parquet")
+    assert files.read() == {}
+    (tmp_path / "parts" / "broken.parquet").write_text("x")
+    with pytest.raises(FileError, match="broken"):
+        files.read()
+
+
+def identity(spec: StudySpec) -> dict[str, object]:
+    return study_identity(spec, spec.base.load())
+
+
+def test_the_key_of_a_point_changes_with_all_that_decides_its_result(tmp_path: Path) -> None:
+    path = tmp_path / "ball.xml"
+    path.write_text(BALL)
+    spec = StudySpec(Simulation(str(path), steps=9), ("seed",), (("z", "last(qpos/ball/z)"),))
+
+    def key(
+        spec: StudySpec, names: tuple[str, ...] = ("seed", "opt.timestep"), values: tuple[str, ...] = ("1", ".01")
+    ) -> str:
+        return point_keys(identity(spec), names, [values])[0]
+
+    base = key(spec)
+    assert key(spec) == base
+    assert key(spec, ("opt.timestep", "seed"), (".01", "1")) == base  # in whatever order
+    others = [key(spec, values=("2", ".01")), key(spec, names=("seed", "opt.density"))]
+    others += [key(replace(spec, every=2)), key(replace(spec, metrics=(("z", "max(qpos/ball/z)"),)))]
+    others += [key(replace(spec, base=replace(spec.base, steps=10)))]
+    path.write_text(BALL.replace(".3", ".30"))  # another file, though it means the same
+    others += [key(spec)]
+    path.write_text(BALL.replace(".1", ".2"))
+    others += [key(spec)]
+    assert len({base, *others}) == 1 + len(others)

@@ -1,0 +1,118 @@
+"""Every point of a study is bit for bit the simulation alone, whatever runs beside it."""
+
+import math
+import pickle
+from fractions import Fraction
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import pytest
+
+from mjrun.errors import UnstableError
+from mjrun.job.simulation import Simulation
+from mjrun.study.simulate import PointResult, PointSimulator, StudyPoint, StudySpec
+from tests.study.models import BALL, PENDULUM
+
+METRICS = (
+    ("lowest", "min(qpos/ball/z)"),
+    ("drift", "max(abs(energy/drift))"),
+    ("touch", "first(time, contact/ncon > 0)"),
+)
+
+
+def spec_of(tmp_path: Path, names: tuple[str, ...], every: int = 1, **options: object) -> StudySpec:
+    path = tmp_path / "ball.xml"
+    path.write_text(BALL)
+    return StudySpec(Simulation(str(path), **{"steps": 300, **options}), names, METRICS, every)  # type: ignore[arg-type]
+
+
+def simulated(spec: StudySpec, points: list[tuple[str, ...]]) -> list[PointResult]:
+    results = PointSimulator(spec).run([StudyPoint(index, values) for index, values in enumerate(points)])
+    return sorted(results, key=lambda result: result.index)
+
+
+def bare(z: float = 0.3, size: float = 0.1, every: int = 1, steps: int = 300) -> tuple[float, float, float]:
+    """The metrics by a loop of MuJoCo's own."""
+    spec = mujoco.MjSpec.from_string(BALL)
+    spec.geom("ball").size[0] = size
+    model = spec.compile()
+    model.opt.enableflags |= int(mujoco.mjtEnableBit.mjENBL_ENERGY)
+    data = mujoco.MjData(model)
+    data.qpos[2] = z
+    heights, energies, touches = [], [], []
+    for step in range(steps + 1):
+        mujoco.mj_forward(model, data)
+        if step % every == 0:
+            heights.append(data.qpos[2])
+            energies.append(data.energy.sum())
+            touches.append(data.ncon > 0)
+        mujoco.mj_step(model, data)
+    first = float(touches.index(True) * every * Fraction("0.002")) if any(touches) else math.nan
+    return min(heights), float(np.abs(np.array(energies) - energies[0]).max()), first
+
+
+@pytest.mark.parametrize("every", [1, 7])
+def test_the_metrics_are_those_of_a_bare_loop(tmp_path: Path, every: int) -> None:
+    spec = spec_of(tmp_path, ("qpos/ball/z", "geom/ball.size[0]"), every)
+    points = [(z, size) for z in ("0.3", "0.5", "2") for size in ("0.1", "0.15")]
+    for result, (z, size) in zip(simulated(spec, points), points, strict=True):
+        assert result.status == "ok"
+        assert result.steps == 300
+        np.testing.assert_array_equal(result.metrics, bare(float(z), float(size), every))
+
+
+def test_a_point_does_not_depend_on_its_neighbours(tmp_path: Path) -> None:
+    spec = spec_of(tmp_path, ("opt.timestep", "steps", "ctrl_noise", "opt.integrator", "perturb"))
+    points = [
+        ("0.002", "300", "0", "implicitfast", "0.1"), ("0.002", "300", "0", "euler", "0.1"), ("0.002", "99", "0", "rk4", "0"),
+        ("0.004", "300", "0", "euler", "0.2"), ("0.002", "300", "0.1", "euler", "0"), ("0.002", "1", "0", "euler", "0"),
+    ]  # fmt: skip
+    together = simulated(spec, points)
+    for index, values in enumerate(points):
+        alone = simulated(spec, [values])[0]
+        np.testing.assert_array_equal(together[index].metrics, alone.metrics)
+        assert together[index].status == alone.status == "ok", alone.message
+
+
+def test_a_point_that_fails_does_not_cost_its_neighbours(tmp_path: Path) -> None:
+    spec = spec_of(tmp_path, ("qvel/ball/vx", "geom/ball.size[0]"))
+    results = simulated(spec, [("0", "0.1"), ("1e9", "0.1"), ("0", "-1"), ("x", "0.1"), ("0", "0.2")])
+    assert [result.status for result in results] == ["ok", "unstable", "failed", "failed", "ok"]
+    assert [result.exit_code for result in results] == [0, UnstableError.exit_code, 3, 2, 0]
+    assert all(math.isnan(value) for value in results[1].metrics)
+    assert "unstable at step" in results[1].message
+    assert results[1].steps < 300
+    np.testing.assert_array_equal(results[0].metrics, bare())
+    np.testing.assert_array_equal(results[4].metrics, bare(size=0.2))
+
+
+def test_what_no_batch_can_hold_runs_alone(tmp_path: Path) -> None:
+    path = tmp_path / "pendulum.xml"
+    path.write_text(PENDULUM)
+    metrics = (("swing", "max(abs(qpos/hinge))"), ("deep", "max(penetration/deepest)"))  # no field holds the second
+    spec = StudySpec(Simulation(str(path), steps=50), ("ctrl/motor", "model"), metrics)
+    results = simulated(spec, [("1", str(path)), ("2", str(path)), ("1", str(tmp_path / "none.xml"))])
+    assert [result.status for result in results] == ["ok", "ok", "failed"]
+    model = mujoco.MjModel.from_xml_string(PENDULUM)
+    for result, torque in zip(results, (1, 2), strict=False):
+        data = mujoco.MjData(model)
+        data.ctrl[0] = torque
+        angles = [0.0]
+        for _ in range(50):
+            mujoco.mj_step(model, data)
+            angles.append(data.qpos[0])
+        assert result.metrics == (max(map(abs, angles)), 0)
+
+
+def test_a_metric_that_a_model_does_not_have_fails_this_point(tmp_path: Path) -> None:
+    other = tmp_path / "other.xml"
+    other.write_text(PENDULUM)
+    results = simulated(spec_of(tmp_path, ("model",)), [(str(tmp_path / "ball.xml"),), (str(other),)])
+    assert [result.status for result in results] == ["ok", "failed"]
+    assert "qpos/ball/z" in results[1].message
+
+
+def test_a_study_can_be_sent_to_another_machine(tmp_path: Path) -> None:
+    spec = spec_of(tmp_path, ("seed",))
+    assert pickle.loads(pickle.dumps(spec)) == spec
