@@ -53,6 +53,8 @@ if TYPE_CHECKING:
     from mjrun.plotting.table_plot import TablePlotResult as TablePlotResult
     from mjrun.rendering.render import render as render
     from mjrun.rendering.visual import Visual as Visual
+    from mjrun.study.study import Study as Study
+    from mjrun.study.study import StudyResult as StudyResult
 
 _HOMES = {
     "Image": "mjrun.job.image",
@@ -72,6 +74,8 @@ _HOMES = {
     "Recording": "mjrun.job.recording",
     "RecordingResult": "mjrun.job.recording",
     "Simulation": "mjrun.job.simulation",
+    "Study": "mjrun.study.study",
+    "StudyResult": "mjrun.study.study",
     "Table": "mjrun.formats.table",
     "TablePlot": "mjrun.plotting.table_plot",
     "TablePlotResult": "mjrun.plotting.table_plot",
@@ -109,6 +113,8 @@ __all__ = [
     "Recording",
     "RecordingResult",
     "Simulation",
+    "Study",
+    "StudyResult",
     "Table",
     "TablePlot",
     "TablePlotResult",

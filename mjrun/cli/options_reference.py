@@ -17,7 +17,13 @@ from mjrun.options.trace import RecordingOptions
 SIMULATION_SECTIONS = ("Simulation", "Model")  # the rest of a command that simulates is about its output
 # Command → the key of run documents and the class in Python that have its options.
 OUTPUTS = {"video": ("videos", "Video"), "image": ("images", "Image"), "trace": ("traces", "Trace")}
-CLASSES = {"bench": "Bench", "check": "Check", "diff": "Diff", "plot": "TablePlot"}  # which run documents do not know
+CLASSES = {
+    "bench": "Bench",
+    "check": "Check",
+    "diff": "Diff",
+    "plot": "TablePlot",
+    "sweep": "Study",
+}  # which run documents do not know
 TOP_LEVEL = "."
 INTRODUCTION = """\
 # Options of mjrun

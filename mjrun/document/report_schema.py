@@ -10,12 +10,14 @@ from pydantic_core.core_schema import DataclassField, DataclassSchema, ModelFiel
 from mjrun.bench.results import BenchResult
 from mjrun.diff.result import DiffResult
 from mjrun.plotting.table_plot import TablePlotResult
+from mjrun.study.study import StudyResult
 
 # Kind of report → its dataclass, whose field `schema` names it, and its title.
-REPORTS: dict[str, tuple[type[BenchResult | DiffResult | TablePlotResult], str]] = {
+REPORTS: dict[str, tuple[type[BenchResult | DiffResult | StudyResult | TablePlotResult], str]] = {
     "bench": (BenchResult, "mjrun bench report"),
     "diff": (DiffResult, "mjrun diff report"),
     "plot": (TablePlotResult, "mjrun plot report"),
+    "sweep": (StudyResult, "mjrun sweep report"),
 }
 _FIELDS = re.compile(r"^  (\w+(?:, \w+)*): (.*(?:\n    .*)*)", re.MULTILINE)
 

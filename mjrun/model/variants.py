@@ -1,7 +1,7 @@
 """Many variants of one model, compiled fast: overrides of what the compiler only copies share a compilation.
 
-These are numbers of `opt`, the contact parameters of geoms, and the gains of simple actuators (`COPIED`). Whatever else
-is overridden is compiled, and so is every negative or infinite value, which the compiler may refuse. The model is in any
+These are numbers of `opt`, the contact parameters of geoms, and the gains of simple actuators. Whatever else is
+overridden is compiled, and so is every negative or infinite value, which the compiler may refuse. The model is in any
 case the one that compiling the source with all overrides gives, byte for byte.
 """
 

@@ -1,6 +1,6 @@
 """Options of the command `sweep`: a study of many simulations."""
 
-from collections.abc import Mapping
+from dataclasses import field
 from fractions import Fraction
 from typing import ClassVar
 
@@ -19,6 +19,12 @@ from mjrun.options.kinds import (
 )
 from mjrun.options.option import Exclusion, FrontEnd, Options, option, options, required
 
+# Extras of studies: the library that each installs, and what needs it.
+EXTRAS = {
+    "sweep": ("scipy", "mjrun sweep"),
+    "dask": ("distributed", "mjrun sweep on Dask"),
+    "slurm": ("submitit", "mjrun sweep on Slurm"),
+}
 DESIGNS = ("grid", "zip")
 SAMPLERS = ("sobol", "lhs", "random")
 
@@ -63,8 +69,13 @@ class VariationOptions(Options):
 
 @options
 class StudyOptions(VariationOptions):
-    """A study."""
+    """A study.
 
+    Args:
+      simulation: what its points vary.
+    """
+
+    simulation: object = field(kw_only=False)
     output: str = required(
         converter=File(written=True),
         kw_only=False,
@@ -111,6 +122,3 @@ class ExecutionOptions(Options):
     dry_run: bool = option(
         converter=Flag(), default=False, places=FrontEnd.COMMAND, help="Say what would be done, and stop."
     )
-
-
-Parameters = Mapping[str, str]

@@ -11,6 +11,7 @@ from pathlib import Path
 
 from mjrun.errors import MissingExtraError, UsageError, clean, option
 from mjrun.options.kinds import AUTO
+from mjrun.options.sweep import EXTRAS
 
 ENGINES = ("local", "dask", "dask://HOST:PORT", "slurm", "module:factory")
 PATIENCE = 20  # [s] for a scheduler to answer
@@ -45,7 +46,7 @@ def open_executor(engine: str, jobs: int | str, folder: Path, stack: ExitStack) 
 
 def _dask(address: str, count: int, stack: ExitStack) -> tuple[Executor, int]:
     """A cluster that listens at `address`, or one of this machine's cores."""
-    _require("distributed", "dask")
+    require_extra("dask")
     from distributed import Client, LocalCluster
 
     if not address:
@@ -63,7 +64,7 @@ def _dask(address: str, count: int, stack: ExitStack) -> tuple[Executor, int]:
 
 def _slurm(count: int, folder: Path, stack: ExitStack) -> tuple[Executor, int]:
     """Jobs of Slurm; where there is none, processes of this machine that submitit starts in the same way."""
-    _require("submitit", "slurm")
+    require_extra("slurm")
     import submitit
 
     made = submitit.AutoExecutor(folder=folder / "slurm")
@@ -122,9 +123,11 @@ def _made_by(engine: str, module: str, name: str) -> Executor:
     return made
 
 
-def _require(library: str, extra: str) -> None:
+def require_extra(extra: str) -> None:
+    """Raises MissingExtraError if the library of an extra of studies is not installed."""
+    library, use = EXTRAS[extra]
     if find_spec(library) is None:
-        raise MissingExtraError(f"{option('engine')} {extra}", library, extra)
+        raise MissingExtraError(use, library, extra)
 
 
 def _cores() -> int:

@@ -4,8 +4,10 @@ A row is found by the key of its point, a hash of everything that decides its re
 changed and continued, by any number of processes at once.
 """
 
+import contextlib
 import hashlib
 import json
+import time
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 
@@ -21,6 +23,10 @@ from mjrun.version import __version__
 
 FOLDER = "parts"
 SUFFIX = ".parquet"
+METRIC = "metric:"  # before the name of each
+LAST = ("steps", "exit_code", "message", "wall")
+COLUMNS = {"key", "status", *LAST}
+STALE = 3600  # [s] after which nobody writes a part any more
 
 
 def study_identity(spec: StudySpec, model: mujoco.MjModel) -> dict[str, object]:
@@ -79,6 +85,10 @@ class PartFiles:
             self._folder.mkdir(parents=True, exist_ok=True)
         except OSError as error:
             raise FileError(self._folder, f"cannot be made: {error.strerror}") from None
+        for path in self._folder.glob(".*.part"):  # which a killed process has left
+            with contextlib.suppress(OSError):
+                if time.time() - path.stat().st_mtime > STALE:
+                    path.unlink()
 
     def read(self) -> dict[str, PointResult]:
         """The results that are there, by the key of their points; where there are several of one, a good one.
@@ -120,27 +130,17 @@ class PartFiles:
             "message": [result.message for result in results],
             "host": [host] * len(results),
             "wall": [result.wall for result in results],
-            "metrics": [dict(zip(self._metrics, result.metrics, strict=True)) for result in results],
+            **{METRIC + name: [result.metrics[i] for result in results] for i, name in enumerate(self._metrics)},
         }
-        kinds = pyarrow.struct([(name, pyarrow.float64()) for name in self._metrics])
-        table = pyarrow.table({**columns, "metrics": pyarrow.array(columns["metrics"], kinds)})
         name = hashlib.sha256("".join(keys).encode()).hexdigest()[:16]
         with OutputWriter(StagedFile(self._folder / f"{name}{SUFFIX}")) as output, output.writing():
-            pyarrow.parquet.write_table(table, output.destination.path, compression="zstd")
+            pyarrow.parquet.write_table(pyarrow.table(columns), output.destination.path, compression="zstd")
             output.publish()
 
     def _result(self, row: Mapping[str, object]) -> PointResult | None:
         """The result in a row; None if it has other metrics."""
-        metrics = row.get("metrics") or {}
-        if not isinstance(metrics, dict) or set(metrics) != set(self._metrics) or "key" not in row:
+        names = {name.removeprefix(METRIC) for name in row if name.startswith(METRIC)}
+        if names != set(self._metrics) or not set(row) >= COLUMNS:
             return None
-        values = tuple(float("nan") if metrics[name] is None else float(metrics[name]) for name in self._metrics)
-        return PointResult(
-            -1,
-            row["status"],
-            values,
-            row["steps"],
-            row["exit_code"],
-            row["message"],
-            row["wall"],  # type: ignore[arg-type]
-        )
+        metrics = tuple(float(row[METRIC + name]) for name in self._metrics)  # type: ignore[arg-type]
+        return PointResult(-1, row["status"], metrics, *(row[name] for name in LAST))  # type: ignore[arg-type]

@@ -27,12 +27,14 @@ from mjrun.probe.metric import parse_metric
 from mjrun.probe.scanner import Vocabulary
 from mjrun.reporter import Reporter, WarningReporter
 from mjrun.study.design import Design, design
-from mjrun.study.executors import open_executor
+from mjrun.study.executors import open_executor, require_extra
 from mjrun.study.isolation import Chunk, run_chunk
 from mjrun.study.parts import PartFiles, point_keys, study_identity
 from mjrun.study.results import STATUSES, result_columns, write_results
 from mjrun.study.simulate import PointResult, StudyPoint, StudySpec
+from mjrun.version import __version__
 
+SCHEMA = "mjrun-sweep-1"
 MANIFEST = "study.json"
 CHUNK_STEPS = 50_000  # steps in a chunk: seconds, as a rule
 CHUNK_POINTS = 500  # and so many points at most
@@ -73,6 +75,7 @@ class StudyResult:
       files: what was written.
       wall: wall time [s].
       names: what varies.
+      schema: of this document.
     """
 
     path: str
@@ -85,6 +88,7 @@ class StudyResult:
     files: Sequence[str]
     wall: float
     names: Sequence[str]
+    schema: str = SCHEMA
 
 
 @dataclass(frozen=True)
@@ -134,6 +138,7 @@ class _Run:
         self.folder = Path(study.output)
 
     def all(self) -> StudyResult:
+        require_extra("sweep")
         study = self.study
         model = study.simulation.load()
         points = design(study, model, study.simulation.seed)
@@ -215,8 +220,8 @@ class _Run:
         study = self.study
         names = [name for name, _ in study.metric]
         columns, rows = result_columns(points, names, results)
-        manifest = {"mjrun": "study", "command": study.command}
-        files = write_results(self.folder, columns, rows, manifest)
+        facts = {"mjrun": __version__, "mujoco": mujoco.mj_versionString(), "metrics": dict(study.metric)}
+        files = write_results(self.folder, columns, rows, facts)  # the same for all runs, unlike the manifest
 
         verdicts = [_judge(text, columns, rows, results) for text in study.require]
         statuses = {status: sum(r.status == status for r in results) for status in STATUSES}
@@ -243,7 +248,7 @@ class _Run:
         return result
 
     def _write_manifest(self, result: StudyResult) -> None:
-        document = dataclasses.asdict(result)
+        document = {"command": self.study.command, **dataclasses.asdict(result)}
         with OutputWriter(StagedFile(self.folder / MANIFEST)) as output:
             output.write_file(f"{json.dumps(document, indent=2, default=str)}\n".encode())
             output.publish()

@@ -30,7 +30,7 @@ def test_zipped_lists_stand_side_by_side() -> None:
     assert list(points(vary={"a.x": "1,2,3", "a.y": "4,5,6"}, design="zip").points) == list(
         zip("123", "456", strict=True)
     )
-    with pytest.raises(UsageError, match="not 2 of a.x, 3 of a.y"):
+    with pytest.raises(UsageError, match=r"not 2 of a\.x, 3 of a\.y"):
         points(vary={"a.x": "1,2", "a.y": "4,5,6"}, design="zip")
 
 

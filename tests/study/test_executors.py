@@ -65,5 +65,5 @@ def test_an_engine_that_is_none_is_refused(tmp_path: Path, engine: str, expected
 
 def test_a_cluster_that_does_not_answer_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("mjrun.study.executors.PATIENCE", 1)
-    with ExitStack() as stack, pytest.raises(MjrunError, match="no Dask scheduler answers at 127.0.0.1:1"):
+    with ExitStack() as stack, pytest.raises(MjrunError, match=r"no Dask scheduler answers at 127\.0\.0\.1:1"):
         open_executor("dask://127.0.0.1:1", 1, tmp_path, stack)

@@ -22,7 +22,8 @@ def test_values_replace_options_and_join_names_and_overrides(base: Simulation) -
     names = ("timestep", "seed", "qpos/hinge", "ctrl/motor", "geom/bob.size[0]", "integrator", "steps")
     point = simulation_at(base, names, ("0.005", "3", "0.7", "2", "0.2", "rk4", "7"))
     expected = Simulation(
-        base.model, timestep=Fraction("0.005"), seed=3, qpos={"hinge": 0.7}, ctrl={"motor": 2}, integrator="rk4", steps=7,
+        base.model, timestep=Fraction("0.005"), seed=3, qpos={"hinge": 0.7}, ctrl={"motor": 2},
+        integrator="rk4", steps=7,
         set={"opt.gravity": "0,0,-5", "geom/bob.size[0]": "0.2"},
     )  # fmt: skip
     assert point == expected

@@ -65,7 +65,8 @@ def test_the_metrics_are_those_of_a_bare_loop(tmp_path: Path, every: int) -> Non
 def test_a_point_does_not_depend_on_its_neighbours(tmp_path: Path) -> None:
     spec = spec_of(tmp_path, ("opt.timestep", "steps", "ctrl_noise", "opt.integrator", "perturb"))
     points = [
-        ("0.002", "300", "0", "implicitfast", "0.1"), ("0.002", "300", "0", "euler", "0.1"), ("0.002", "99", "0", "rk4", "0"),
+        ("0.002", "300", "0", "implicitfast", "0.1"), ("0.002", "300", "0", "euler", "0.1"),
+        ("0.002", "99", "0", "rk4", "0"),
         ("0.004", "300", "0", "euler", "0.2"), ("0.002", "300", "0.1", "euler", "0"), ("0.002", "1", "0", "euler", "0"),
     ]  # fmt: skip
     together = simulated(spec, points)

@@ -1,0 +1,36 @@
+"""What is said of a study, and the command that shows one point."""
+
+import shlex
+
+import mujoco
+import pytest
+
+from mjrun.cli.click_command import CommandLine
+from mjrun.cli.console import Console
+from mjrun.cli.simulation_command import simulation
+from mjrun.cli.sweep_report import point_command
+from mjrun.cli.trace import trace
+from mjrun.job.simulation import Simulation
+from mjrun.study.parameters import simulation_at
+
+
+@pytest.mark.parametrize(
+    "values",
+    [
+        {"seed": "3", "opt.timestep": "0.01", "qpos/hip": "0.5"},
+        {"model": "other file.xml", "scale:geom/*.size": "1.1", "ctrl/motor": "2"},
+        {},
+    ],
+)
+def test_the_command_of_a_point_describes_its_simulation(values: dict[str, str]) -> None:
+    base = Simulation("a.xml", duration="0.1", qvel={"hip": (1, 2)}, set={"opt.gravity": "0,0,-1"}, perturb=0.1)
+    words = shlex.split(point_command(base, values))
+    assert words[:2] == ["mjrun", "trace"]
+    with trace.make_context("trace", words[2:], obj=Console("mjrun")) as context:
+        described = simulation(CommandLine(context.params))
+    assert described == simulation_at(base, tuple(values), tuple(values.values()))
+
+
+def test_names_from_models_cannot_steer_the_terminal() -> None:
+    model = mujoco.MjModel.from_xml_string("<mujoco/>")
+    assert "\x1b" not in point_command(Simulation(model), {"geom/\x1b[31m.size": "1"})

@@ -1,0 +1,175 @@
+"""Studies as a whole: the table is the same however it came about, and nothing that is known is lost."""
+
+import json
+import random
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from mjrun.errors import FailedAssertionError, FailedPointsError, UnknownNameError, UsageError
+from mjrun.job.simulation import Simulation
+from mjrun.job.trace import Trace
+from mjrun.study.study import Study, StudyResult
+from tests.study.models import BALL, SUICIDAL
+
+METRICS = {"low": "min(qpos/ball/z)", "drift": "max(abs(energy/drift))"}
+
+
+@pytest.fixture
+def simulation(tmp_path: Path) -> Simulation:
+    (tmp_path / "ball.xml").write_text(BALL)
+    (tmp_path / "suicidal.xml").write_text(SUICIDAL)
+    return Simulation(str(tmp_path / "ball.xml"), steps=100)
+
+
+def study(simulation: Simulation, folder: Path, **options: object) -> Study:
+    defaults: dict[str, object] = {"metric": METRICS, "jobs": 1}
+    return Study(simulation, str(folder), **(defaults | options))  # type: ignore[arg-type]
+
+
+def table(folder: Path) -> bytes:
+    return (folder / "results.parquet").read_bytes() + (folder / "results.csv").read_bytes()
+
+
+def test_each_row_is_the_trace_of_its_point(simulation: Simulation, tmp_path: Path) -> None:
+    vary = {"qpos/ball/z": "0.2..0.6:3", "opt.timestep": "0.001,0.004"}
+    result = study(simulation, tmp_path / "study", vary=vary).run()
+    assert (result.points, result.simulated, result.statuses) == (6, 6, {"ok": 6})
+    rows = pd.read_parquet(tmp_path / "study" / "results.parquet")
+    for _, row in rows.iterrows():
+        values = {"qpos": {"ball/z": row["qpos/ball/z"]}, "timestep": row["opt.timestep"]}
+        alone = Simulation(simulation.model, steps=100, **values)
+        Trace(alone, str(tmp_path / "alone.parquet"), probe=["qpos", "energy"]).run()
+        trace = pd.read_parquet(tmp_path / "alone.parquet")
+        assert row["low"] == trace["qpos/ball/z"].min()
+        assert row["drift"] == trace["energy/drift"].abs().max()
+    assert result.metrics["low"].quantiles[0] == rows["low"].min()
+    assert rows["low"][result.metrics["low"].lowest] == rows["low"].min()
+
+
+def test_the_same_study_again_simulates_nothing_and_more_values_only_what_is_new(
+    simulation: Simulation, tmp_path: Path
+) -> None:
+    folder = tmp_path / "study"
+    study(simulation, folder, vary={"seed": "1..5:5", "perturb": "uniform(0,1)"}, samples=2).run()
+    first = table(folder)
+    again = study(simulation, folder, vary={"seed": "1..5:5", "perturb": "uniform(0,1)"}, samples=2).run()
+    assert (again.points, again.simulated) == (10, 0)
+    assert table(folder) == first
+    grown = study(simulation, folder, vary={"seed": "1..6:6", "perturb": "uniform(0,1)"}, samples=3).run()
+    assert (grown.points, grown.simulated) == (18, 8)
+
+    study(simulation, tmp_path / "fresh", vary={"seed": "1..6:6", "perturb": "uniform(0,1)"}, samples=3).run()
+    assert table(tmp_path / "fresh") == table(folder)
+    changed = study(simulation, folder, vary={"seed": "1..6:6", "perturb": "0.5"}, metric={"low": "last(qpos/ball/z)"})
+    assert changed.run().simulated == 6
+
+
+def test_the_table_does_not_depend_on_the_chunks_or_the_engine(simulation: Simulation, tmp_path: Path) -> None:
+    tables = set[bytes]()
+    for index, options in enumerate(
+        [{"chunk": 1}, {"chunk": 100}, {"jobs": 2}, {"engine": "tests.study.factories:threads", "chunk": 3}]
+    ):
+        folder = tmp_path / str(index)
+        study(simulation, folder, vary={"perturb": "uniform(0, 3)"}, samples=8, **options).run()
+        tables.add(table(folder))
+    assert len(tables) == 1
+
+
+def test_points_that_fail_are_rows_and_the_rest_is_done(simulation: Simulation, tmp_path: Path) -> None:
+    models = ",".join(str(tmp_path / name) for name in ("ball.xml", "suicidal.xml", "missing.xml"))
+    with pytest.raises(FailedPointsError) as caught:
+        study(simulation, tmp_path / "study", vary={"model": models, "qvel/ball/vz": "0,-1e9"}, metric={}).run()
+    assert caught.value.exit_code == 8
+    (result,) = caught.value.results
+    assert isinstance(result, StudyResult)
+    assert result.statuses == {"ok": 1, "unstable": 1, "failed": 2, "crashed": 2}
+    rows = pd.read_csv(tmp_path / "study" / "results.csv")
+    assert rows["status"].tolist() == ["ok", "unstable", "crashed", "crashed", "failed", "failed"]
+    assert rows["exit_code"].tolist() == [0, 4, 139, 139, 3, 3]
+    reasons = {failure.status: failure for failure in result.failures}
+    assert reasons["crashed"].count == 2
+    assert reasons["failed"].values["model"].endswith("missing.xml")
+
+
+def test_failed_points_are_tried_again_on_request(simulation: Simulation, tmp_path: Path) -> None:
+    made = tmp_path / "made.xml"
+    options: dict[str, object] = {"vary": {"model": f"{simulation.model},{made}"}}
+    with pytest.raises(FailedPointsError):
+        study(simulation, tmp_path / "study", **options).run()
+    made.write_text(BALL)
+    with pytest.raises(FailedPointsError):
+        study(simulation, tmp_path / "study", **options).run()
+    result = study(simulation, tmp_path / "study", retry_failed=True, **options).run()
+    assert (result.simulated, result.statuses) == (1, {"ok": 2})
+
+
+def test_what_an_engine_loses_is_a_failed_point(simulation: Simulation, tmp_path: Path) -> None:
+    options: dict[str, object] = {"engine": "tests.study.factories:Forgetful", "chunk": 1}
+    with pytest.raises(FailedPointsError) as caught:
+        study(simulation, tmp_path / "study", vary={"seed": "1..4:4"}, **options).run()
+    assert caught.value.results[0].statuses == {"ok": 2, "failed": 2}
+    assert "the machine is gone" in caught.value.results[0].failures[0].message
+
+
+def test_a_requirement_is_checked_over_all_points(simulation: Simulation, tmp_path: Path) -> None:
+    options: dict[str, object] = {"vary": {"qvel/ball/vz": "0,1,-1e9"}}
+    with pytest.raises(FailedAssertionError, match=r"share\(ok\)"):
+        study(simulation, tmp_path / "study", require=["share(ok) > 0.9"], **options).run()
+    with pytest.raises(FailedPointsError) as caught:
+        study(
+            simulation, tmp_path / "study", require=["share(unstable) < 0.5", "max(drift, ok) < 1e9"], **options
+        ).run()
+    assert [verdict.passed for verdict in caught.value.results[0].assertions] == [True, True]
+
+
+@pytest.mark.parametrize(
+    ("options", "kind", "expected"),
+    [
+        ({"metric": {"x": "max(nothing)"}}, UnknownNameError, "metric x|no column 'nothing'"),
+        ({"metric": {"two words": "max(time)"}}, UsageError, "cannot be the name of a metric"),
+        ({"metric": {"status": "max(time)"}}, UsageError, "cannot be the name of a metric"),
+        ({"metric": {"x": "time"}}, UsageError, "values per row"),
+        ({"vary": {"geom/bal.size": "1,2"}}, UnknownNameError, "ball"),
+        ({"vary": {"nonsense": "1,2"}}, UnknownNameError, "nonsense"),
+        ({"require": ["max(nothing) > 1"]}, UnknownNameError, "nothing"),
+        ({"engine": "ray", "vary": {"seed": "1"}}, UsageError, "no engine ray"),
+    ],
+)
+def test_what_is_wrong_with_all_points_is_told_before_the_first(
+    simulation: Simulation, tmp_path: Path, options: dict[str, object], kind: type[Exception], expected: str
+) -> None:
+    with pytest.raises(kind, match=expected):
+        study(simulation, tmp_path / "study", **options).run()
+    assert not (tmp_path / "study" / "results.csv").exists()
+
+
+def test_the_manifest_says_what_the_study_is(simulation: Simulation, tmp_path: Path) -> None:
+    study(simulation, tmp_path / "study", vary={"seed": "1,2"}).run()
+    manifest = json.loads((tmp_path / "study" / "study.json").read_text())
+    assert (manifest["points"], manifest["names"]) == (2, ["seed"])
+
+
+def test_a_study_that_is_killed_is_continued_to_the_same_table(simulation: Simulation, tmp_path: Path) -> None:
+    command = [sys.executable, "-m", "mjrun", "sweep", str(simulation.model), "--steps", "100", "--jobs", "2"]
+    command += ["--vary", "perturb=uniform(0,2)", "--samples", "64", "--chunk", "2", "--metric", "low=min(qpos/ball/z)"]
+    undisturbed, killed = tmp_path / "undisturbed", tmp_path / "killed"
+    subprocess.run([*command, "-o", undisturbed], check=True, capture_output=True)
+
+    moments = random.Random(3)
+    for _ in range(4):
+        process = subprocess.Popen([*command, "-o", killed], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+        time.sleep(moments.uniform(0.3, 2.5))
+        process.send_signal(signal.SIGKILL)
+        process.wait()
+    subprocess.run([*command, "-o", killed], check=True, capture_output=True)
+    for left in killed.rglob(".*.part"):  # which another process might still write, as far as anybody knows
+        left.unlink()
+    assert table(killed) == table(undisturbed)
+    assert np.isfinite(pd.read_parquet(killed / "results.parquet")["low"]).all()
