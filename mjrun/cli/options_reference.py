@@ -14,6 +14,7 @@ from mjrun.options.option import FrontEnd, Option, options_of
 from mjrun.options.plot import PlotOptions
 from mjrun.options.trace import RecordingOptions
 
+SIMULATING = ("video", "image", "trace", "sweep")  # commands whose options include those of a simulation
 SIMULATION_SECTIONS = ("Simulation", "Model")  # the rest of a command that simulates is about its output
 # Command → the key of run documents and the class in Python that have its options.
 OUTPUTS = {"video": ("videos", "Video"), "image": ("images", "Image"), "trace": ("traces", "Trace")}
@@ -112,8 +113,9 @@ def _sections() -> Iterator[tuple[str, Owner, list[Option]]]:
 
 def _by_section(owner: Owner, options: Sequence[Option]) -> Iterator[tuple[str, Owner, list[Option]]]:
     for title in dict.fromkeys(each.section for each in options):
-        about_simulation = owner.command in OUTPUTS and title in SIMULATION_SECTIONS
-        section_owner = Owner(owner.command, TOP_LEVEL, "Simulation") if about_simulation else owner
+        about_simulation = owner.command in SIMULATING and title in SIMULATION_SECTIONS
+        key = TOP_LEVEL if owner.command in OUTPUTS else ""
+        section_owner = Owner(owner.command, key, "Simulation") if about_simulation else owner
         yield title, section_owner, [each for each in options if each.section == title]
 
 

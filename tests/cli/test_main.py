@@ -40,7 +40,9 @@ def test_every_option_of_every_command_has_help(name: str) -> None:
     command = group.get_command(None, name)  # type: ignore[arg-type]
     assert command
     assert command.help
-    assert all(param.help for param in command.params if isinstance(param, click.Option))
+    context = click.Context(command)
+    records = [param.get_help_record(context) for param in command.params if isinstance(param, click.Option)]
+    assert all(record and record[1] for record in records)
 
 
 @pytest.mark.parametrize(

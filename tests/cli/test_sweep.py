@@ -54,7 +54,7 @@ def test_failures_are_told_by_reason_with_a_command_that_shows_them(mjrun: Comma
 @pytest.mark.parametrize(
     ("options", "code", "expected"),
     [
-        (("--vary", "seed=1,2"), 2, "Missing option '--output'"),
+        (("--vary", "seed=1,2"), 2, "Missing option '--output' / '-o'"),
         (("-o", "study", "--vary", "seed"), 2, "--vary"),
         (("-o", "study", "--vary", "sed=1"), 2, "did you mean 'seed'"),
         (("-o", "study", "--metric", "x=max(qpos/bal/z)"), 2, "qpos/ball/z"),
@@ -67,7 +67,7 @@ def test_failures_are_told_by_reason_with_a_command_that_shows_them(mjrun: Comma
             7,
             "cannot be made",
         ),
-        (("-o", "study", "--require", "max(x) <", "--vary", "seed=1"), 2, "--require, character"),
+        (("-o", "study", "--require", "max(seed) <", "--vary", "seed=1"), 2, "--require, character"),
         (("-o", "study", "--engine", "ray", "--vary", "seed=1"), 2, "engines: local, dask"),
     ],
 )

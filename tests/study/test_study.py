@@ -124,7 +124,7 @@ def test_a_requirement_is_checked_over_all_points(simulation: Simulation, tmp_pa
         study(simulation, tmp_path / "study", require=["share(ok) > 0.9"], **options).run()
     with pytest.raises(FailedPointsError) as caught:
         study(
-            simulation, tmp_path / "study", require=["share(unstable) < 0.5", "max(drift, ok) < 1e9"], **options
+            simulation, tmp_path / "study", require=["share(unstable) < 0.5", "max(drift, ok > 0) < 1e9"], **options
         ).run()
     assert [verdict.passed for verdict in caught.value.results[0].assertions] == [True, True]
 
