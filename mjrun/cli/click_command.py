@@ -131,11 +131,11 @@ class DeclaredOption(click.Option):
         each = kind.repeated if isinstance(kind, Several) else kind
         chosen = click.Choice(each.names, case_sensitive=False) if isinstance(each, Choice) else KindType(each)
         metavar = None if isinstance(each, Choice) else kind.metavar
-        optional: dict[str, Any] = {"required": True} if declared.is_required else {"default": None}
+        optional: dict[str, Any] = {}
         if declared.flag_value is not None:
             optional |= {"is_flag": False, "flag_value": declared.flag_value}
         several = is_repeatable(declared)
-        super().__init__(names, type=chosen, multiple=several, metavar=metavar, **optional)
+        super().__init__(names, type=chosen, multiple=several, metavar=metavar, default=None, **optional)
 
     def write_help(self) -> None:
         """Sets the help text, which is not made before it is asked for: it lists formats."""

@@ -4,7 +4,7 @@ from dataclasses import asdict
 
 from mjrun.cli.click_command import MODEL, CommandLine, command
 from mjrun.cli.console import Console
-from mjrun.cli.simulation_command import failures_in_json, import_mujoco, simulation
+from mjrun.cli.simulation_command import failures_in_json, import_mujoco, simulation, stem
 from mjrun.errors import MjrunError
 from mjrun.options.messages import MessageOptions
 from mjrun.options.simulation import SimulationOptions
@@ -26,6 +26,8 @@ def sweep(console: Console, command_line: CommandLine) -> None:
     from mjrun.cli.sweep_report import study_report
     from mjrun.study.study import Study
 
+    if command_line.value("output") is None:
+        command_line = command_line.with_defaults(output=f"{stem(command_line)}_study")
     study = command_line.make(Study, simulation=simulation(command_line), command=console.command)
     as_json = command_line.make(MessageOptions).json
     try:

@@ -80,6 +80,7 @@ class StudyOptions(VariationOptions):
         converter=File(written=True),
         kw_only=False,
         short="-o",
+        usual="MODEL_study",
         help="The folder of the study, which a second run continues.",
     )
     metric: tuple[tuple[str, str], ...] = option(

@@ -51,10 +51,14 @@ def test_failures_are_told_by_reason_with_a_command_that_shows_them(mjrun: Comma
     assert (done.returncode, report["statuses"], report["error"]["exit_code"]) == (8, {"ok": 1, "unstable": 1}, 8)
 
 
+def test_the_folder_is_called_by_the_model(mjrun: Command, ball: str) -> None:
+    assert mjrun("sweep", ball, "--steps", "5", "--vary", "seed=1,2").returncode == 0
+    assert (mjrun.folder / "ball_study" / "results.csv").exists()
+
+
 @pytest.mark.parametrize(
     ("options", "code", "expected"),
     [
-        (("--vary", "seed=1,2"), 2, "Missing option '--output' / '-o'"),
         (("-o", "study", "--vary", "seed"), 2, "--vary"),
         (("-o", "study", "--vary", "sed=1"), 2, "did you mean 'seed'"),
         (("-o", "study", "--metric", "x=max(qpos/bal/z)"), 2, "qpos/ball/z"),
