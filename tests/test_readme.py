@@ -35,6 +35,9 @@ PIPED = [line for line in COMMANDS if line.startswith("cat ")]
 ANSWERS = [line for line in COMMANDS if line.startswith(("mjrun info", "mjrun check", "mjrun bench"))]
 
 
+DIFFERENCES = [line for line in COMMANDS if line.startswith(("mjrun diff", "sed "))]
+
+
 @pytest.fixture
 def shell(tmp_path: Path) -> dict[str, str]:
     """A shell whose `mjrun` makes every video small, in a folder that has the scenes."""
@@ -121,6 +124,16 @@ def test_a_question_of_the_readme_is_answered(command: str, shell: dict[str, str
     assert (done.returncode, bool(done.stdout)) == (0, True), done.stderr
 
 
+@pytest.mark.parametrize("command", DIFFERENCES)
+def test_a_comparison_of_the_readme_has_a_verdict(command: str, shell: dict[str, str], tmp_path: Path) -> None:
+    done = subprocess.run(["sh", "-ec", command], cwd=tmp_path, env=shell, capture_output=True, text=True)
+    assert (done.returncode, done.stderr) == (int(command.startswith("sed ")), "")
+    if command.startswith("sed "):
+        assert done.stdout in README
+    else:
+        assert " agree: " in done.stdout
+
+
 def test_the_doctor_of_the_readme_finds_a_renderer(shell: dict[str, str], tmp_path: Path) -> None:
     assert subprocess.run(["sh", "-ec", "mjrun doctor"], cwd=tmp_path, env=shell, capture_output=True).returncode == 0
 
@@ -164,7 +177,16 @@ def test_every_other_command_of_the_readme_is_known() -> None:
         "make ",
         "pip install .",
     )
-    known += ("cat ", "mjrun run ", "mjrun schema ", "mjrun info ", "mjrun check ", "mjrun bench ")
+    known += (
+        "cat ",
+        "mjrun run ",
+        "mjrun schema ",
+        "mjrun info ",
+        "mjrun check ",
+        "mjrun bench ",
+        "mjrun diff ",
+        "sed ",
+    )
     assert all(command.startswith(known) for command in COMMANDS)
 
 
