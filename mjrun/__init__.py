@@ -55,6 +55,8 @@ if TYPE_CHECKING:
     from mjrun.rendering.visual import Visual as Visual
     from mjrun.study.study import Study as Study
     from mjrun.study.study import StudyResult as StudyResult
+    from mjrun.viewer.viewer import Viewer as Viewer
+    from mjrun.viewer.viewer import ViewerResult as ViewerResult
 
 _HOMES = {
     "Image": "mjrun.job.image",
@@ -85,6 +87,8 @@ _HOMES = {
     "verify": "mjrun.job.verification",
     "Video": "mjrun.job.video",
     "VideoResult": "mjrun.job.video",
+    "Viewer": "mjrun.viewer.viewer",
+    "ViewerResult": "mjrun.viewer.viewer",
     "Visual": "mjrun.rendering.visual",
     "load": "mjrun.model.load",
     "perform": "mjrun.job.perform",
@@ -123,6 +127,8 @@ __all__ = [
     "VerificationResult",
     "Video",
     "VideoResult",
+    "Viewer",
+    "ViewerResult",
     "Visual",
     "__version__",
     "load",

@@ -27,6 +27,8 @@ from mjrun.version import __version__
 
 DISTRIBUTIONS = {"skimage": "scikit-image"}  # of modules that are called otherwise
 OK, WARNING, MISSING = "ok", "warning", "missing"
+DISPLAYS = ("DISPLAY", "WAYLAND_DISPLAY")
+STUDIO, WEBSOCKETS = "mujoco-studio", "websockets"  # which it depends on
 
 
 @dataclass(frozen=True)
@@ -77,7 +79,8 @@ def examine(spelling: Spelling = str) -> DoctorReport:
     opengl = _opengl(backends)
     filament = _filament(trials["vulkan"].result(), opengl.used)
 
-    findings = [*_versions(), *_extras(), *opengl.findings, *_devices(devices), filament, *encoder]
+    views = [_window(backends["glfw"]), _studio()]
+    findings = [*_versions(), *_extras(), *opengl.findings, *_devices(devices), filament, *views, *encoder]
     return DoctorReport(
         [replace(finding, remedy=spelled(finding.remedy, spelling)) for finding in findings],
         can_draw=bool(opengl.used) or (filament.status == OK and not opengl.variables),
@@ -200,6 +203,24 @@ def _filament(vulkan: Backend | str, used: str | None) -> Diagnostic:
     kind = "software" if vulkan.software else "GPU"
     remedy = "" if used else f"{renderer} draws, the default renderer does not"
     return Diagnostic("vulkan", "filament", OK, f"{vulkan.renderer} ({kind}, Vulkan {vulkan.version})", remedy)
+
+
+def _window(glfw: Backend | str) -> Diagnostic:
+    """Whether `mjrun view` can open a window: it needs what the backend of GLFW needs."""
+    if isinstance(glfw, Backend):
+        return Diagnostic("view", "window", OK, f"{glfw.renderer} draws on this display")
+    displays = [f"{name}={os.environ[name]}" for name in DISPLAYS if os.environ.get(name)]
+    where = (
+        f"{' and '.join(displays)} cannot be used: {glfw}" if displays else f"neither {' nor '.join(DISPLAYS)} is set"
+    )
+    return Diagnostic("view", "window", MISSING, where, "not needed; mjrun view opens a page for a browser instead")
+
+
+def _studio() -> Diagnostic:
+    """Whether `mjrun view` can serve a page."""
+    if importlib.util.find_spec("mujoco.studio") and importlib.util.find_spec(WEBSOCKETS):
+        return Diagnostic("view", "browser", OK, f"MuJoCo Studio {importlib.metadata.version(STUDIO)}")
+    return Diagnostic("view", "browser", MISSING, f"{STUDIO} is not installed", f"pip install {STUDIO}")
 
 
 def _encoder() -> list[Diagnostic]:

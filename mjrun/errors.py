@@ -349,6 +349,16 @@ class SoftwareRendererError(RendererError):
         )
 
 
+class NoWindowError(RendererError):
+    """A live view cannot be shown; `tried` maps `window` and `browser` to their reasons."""
+
+    def __init__(self, tried: Mapping[str, str]) -> None:
+        self.tried = dict(tried)
+        reasons = [f"  {name}: {clean(reason)}" for name, reason in tried.items()]
+        remedy = "`mjrun doctor` shows what works here; without a display, leave out the option that forbids a browser"
+        super().__init__("\n".join(["there is nothing here to show a simulation in", *reasons, remedy]))
+
+
 class DrawError(RendererError):
     """The renderer works, and could not draw this."""
 

@@ -1,6 +1,6 @@
 #!/bin/sh
-# Set up what is missing: .venv with mjrun and its tools, software OpenGL where nothing can draw, and software Vulkan
-# for the second renderer, which all but its tests can do without.
+# Set up what is missing: .venv with mjrun and its tools, software OpenGL where nothing can draw, Xvfb for the
+# tests of windows, and software Vulkan for the second renderer, which all but its tests can do without.
 #   scripts/setup.sh          all of it
 #   scripts/setup.sh python   only .venv
 # PYTHON=python3.12 chooses the Python. What is set up already costs nothing.
@@ -9,6 +9,7 @@ unset CDPATH
 cd -- "$(dirname -- "$0")/.."
 
 GL_PACKAGES='libegl1 libopengl0 libegl-mesa0 libgl1-mesa-dri'
+DISPLAY_PACKAGES='xvfb libgl1 libglx-mesa0' # for the tests of windows
 VULKAN_PACKAGES='mesa-vulkan-drivers libvulkan1'
 STAMP=.venv/mjrun-setup        # what .venv was set up from, or "unfinished"
 CAN_DRAW=.venv/mjrun-can-draw  # exists once mjrun doctor has found a renderer
@@ -173,7 +174,16 @@ set_up_vulkan() { # after can_draw
   say "Going on without Vulkan: only --renderer filament and its tests need it. See .venv/bin/mjrun doctor."
 }
 
+# --- a display for the tests of windows
+
+set_up_display() {
+  command -v Xvfb >/dev/null && return
+  # shellcheck disable=SC2086
+  apt_install "the tests of mjrun view need a display without a screen (Xvfb)" $DISPLAY_PACKAGES
+}
+
 what=${1:-all}
 case $what in all | python) ;; *) die "usage: scripts/setup.sh [python]" ;; esac
 up_to_date || set_up_python
 [ "$what" = python ] || [ -e "$CAN_DRAW" ] || set_up_drawing
+[ "$what" = python ] || set_up_display

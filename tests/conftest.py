@@ -2,6 +2,7 @@
 
 import os
 import re
+import shutil
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
@@ -84,6 +85,29 @@ def vulkan() -> Backend:
         if (ROOT / ".venv/mjrun-no-vulkan").exists():
             pytest.skip("Vulkan cannot be installed here")
         raise
+
+
+@pytest.fixture(scope="session")
+def display() -> Iterator[dict[str, str]]:
+    """An environment with a display that nobody sees. The set-up installs Xvfb; without it tests fail."""
+    program = shutil.which("Xvfb")
+    assert program, "Xvfb is not installed: scripts/setup.sh installs it"
+    reading, writing = os.pipe()
+    command = [program, "-displayfd", str(writing), "-screen", "0", "640x480x24", "-nolisten", "tcp"]
+    server = subprocess.Popen(command, pass_fds=[writing], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    os.close(writing)
+    with os.fdopen(reading) as pipe:
+        number = pipe.readline().strip()  # empty if the server ends at once
+    assert number, "Xvfb did not start"
+    yield {"DISPLAY": f":{number}", "WAYLAND_DISPLAY": "", "LIBGL_ALWAYS_SOFTWARE": "1"}
+    server.terminate()
+    server.wait()
+
+
+@pytest.fixture
+def no_display() -> dict[str, str]:
+    """An environment without a display."""
+    return {"DISPLAY": "", "WAYLAND_DISPLAY": ""}
 
 
 @pytest.fixture

@@ -208,7 +208,8 @@ def _set_verbosity(console: Console, messages: MessageOptions) -> None:
 def flags(declared: Option) -> list[str]:
     """The long spellings of an option: `--legend`, `--no-legend`."""
     long = flag(declared.name)
-    negatable = isinstance(declared.kind, Flag) and declared.kind.negatable
+    kind = _given_kind(declared)
+    negatable = isinstance(kind, Flag) and kind.negatable
     return [long, f"--no-{long[2:]}"] if negatable else [long]
 
 

@@ -29,6 +29,7 @@ COMMANDS = {
     "video": "Make a video of a simulation.",
     "image": "Draw one instant of a simulation.",
     "trace": "Measure a simulation: named, aligned, exact numbers.",
+    "view": "Look at a simulation live, in a window or a browser.",
     "run": "Make everything that a document asks for, in one pass.",
     "plot": "Plot tables: png, svg or pdf.",
     "diff": "Tell whether two results agree: tables, recordings, videos, images, models.",

@@ -14,7 +14,7 @@ from mjrun.options.option import FrontEnd, Option, options_of
 from mjrun.options.plot import PlotOptions
 from mjrun.options.trace import RecordingOptions
 
-SIMULATING = ("video", "image", "trace", "sweep")  # commands whose options include those of a simulation
+SIMULATING = ("video", "image", "trace", "sweep", "view")  # commands whose options include those of a simulation
 SIMULATION_SECTIONS = ("Simulation", "Model")  # the rest of a command that simulates is about its output
 # Command → the key of run documents and the class in Python that have its options.
 OUTPUTS = {"video": ("videos", "Video"), "image": ("images", "Image"), "trace": ("traces", "Trace")}
@@ -24,6 +24,7 @@ CLASSES = {
     "diff": "Diff",
     "plot": "TablePlot",
     "sweep": "Study",
+    "view": "Viewer",
 }  # which run documents do not know
 TOP_LEVEL = "."
 INTRODUCTION = """\

@@ -38,7 +38,7 @@ class RecordingWriter(OutputWriter):
     Args:
       path: a .npz file.
       size: numbers in a state.
-      facts: what made the recording; plain values, for JSON.
+      facts: what made the recording; plain values, for JSON. They are written when the recording is finished.
 
     Attributes:
       count: states written so far.
@@ -51,7 +51,7 @@ class RecordingWriter(OutputWriter):
     def __init__(self, path: str, size: int, facts: Mapping[str, Any]) -> None:
         _require_suffix(path)
         self.count, self._size, self._last = 0, size, -1
-        self._facts = json.dumps(dict(facts), default=str)
+        self._facts = facts
         self._info = zipfile.ZipInfo("states.npy")  # dated 1980: same recording, same bytes
         super().__init__(StagedFile(Path(path)))
         with self.opening():
@@ -90,7 +90,8 @@ class RecordingWriter(OutputWriter):
                 self._steps.seek(0)
                 shutil.copyfileobj(self._steps, member, PIECE)
             with _member(self._archive, zipfile.ZipInfo("facts.npy")) as member:
-                np.lib.format.write_array(member, np.array(self._facts), allow_pickle=False)
+                facts = json.dumps(dict(self._facts), default=str)
+                np.lib.format.write_array(member, np.array(facts), allow_pickle=False)
             self._archive.close()
             self._file.close()
 

@@ -12,6 +12,7 @@ STATE = int(mujoco.mjtState.mjSTATE_INTEGRATION)  # FULLPHYSICS lacks the warm s
 INPUTS = int(mujoco.mjtState.mjSTATE_USER)  # controls, applied forces, mocap poses, active equalities, userdata
 PHYSICS = int(mujoco.mjtState.mjSTATE_PHYSICS)  # what inputs move
 CTRL = int(mujoco.mjtState.mjSTATE_CTRL)
+APPLIED_FORCES = int(mujoco.mjtState.mjSTATE_XFRC_APPLIED)
 # What an integration state consists of, in MuJoCo's own names for sizes.
 SIZES = ("nq", "nv", "na", "nu", "nbody", "neq", "nmocap", "nhistory", "nuserdata", "npluginstate", "nplastic")
 # The fields of MjData that an integration state holds, in the order in which it does, and how many numbers each has.

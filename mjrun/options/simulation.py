@@ -159,7 +159,7 @@ class SimulationOptions(ControllerOptions, ModelOptions):
     duration: Fraction | None = option(
         converter=Optional(ExactNumber("SECONDS")),
         default=None,
-        usual="5, or that of the recording",
+        usual="5, or that of the recording; a view has no end",
         help="Simulated time [s].",
     )
     steps: int | None = option(

@@ -132,6 +132,18 @@ class PhysicsStepper:
         self.step = step
         self._arrive()
 
+    def edit(self, values: np.ndarray, spec: int) -> None:
+        """Changes parts of the state at this step, and a control for as long as nothing else drives the actuator.
+
+        Args:
+          values: the parts `(size,)` that `spec` names by `mjtState` bits.
+        """
+        before = self._data.ctrl.copy()
+        state.restore(self.model, self._data, values, spec)
+        changed = self._data.ctrl != before
+        self.control.constant[changed] = self._data.ctrl[changed]
+        self._instant_step = -1
+
     def state(self) -> np.ndarray:
         return state.save(self.model, self._data)
 

@@ -1,0 +1,1 @@
+"""A simulation, looked at live."""

@@ -1,0 +1,148 @@
+"""A simulation under the hands of somebody who looks at it."""
+
+from dataclasses import replace
+
+import mujoco
+import numpy as np
+
+from mjrun.errors import SimulationError
+from mjrun.job.simulation import Simulation
+from mjrun.model import state
+from mjrun.reporter import Reporter
+from mjrun.sim.replay import ReplayStepper
+from mjrun.sim.stepper import PhysicsStepper, Stepper
+from mjrun.viewer.live_recording import LiveRecording
+from mjrun.viewer.window import Edit, Pull, Refuse
+
+
+class LiveSimulation:
+    """Steps a simulation one by one, and lets people pull at bodies, set controls and positions, and reset it.
+
+    Without that it is bit for bit the simulation that every other command makes. What is recorded is always true
+    physics: the state of each step from time 0, with the inputs that act from there on. Forces of the mouse and
+    controls are such inputs; positions that are set by hand are not, and are refused while a recording is made.
+
+    Args:
+      recording: where the states of all steps go, if anywhere.
+
+    Attributes:
+      last: the last step; None for none.
+      ends_by_itself: whether it was said how long it lasts.
+      failure: why the simulation cannot go on from its step, if it cannot.
+
+    Raises:
+      UsageError: the recording to go through lacks steps.
+    """
+
+    def __init__(
+        self, simulation: Simulation, model: mujoco.MjModel, reporter: Reporter, recording: LiveRecording | None = None
+    ) -> None:
+        self._simulation, self._model, self._reporter, self._recording = simulation, model, reporter, recording
+        self._layout = state.fields(state.sizes(model))
+        self._is_state = np.ones(state.size(model), bool)  # rather than an input
+        for field in self._layout.keys() & INPUTS:
+            self._is_state[self._layout[field]] = False
+        self._told: set[str] = set()
+        self.ends_by_itself = simulation.duration is not None or simulation.steps is not None
+        has_end = self.ends_by_itself or simulation.replay is not None
+        self.last = simulation.timeline(model).steps if has_end else None
+        self.reset()
+
+    def reset(self, key: int | None = None) -> None:
+        """Starts again from time 0, at the simulation's own start or at the keyframe with this index."""
+        simulation = self._simulation
+        if key is not None and simulation.replay is None:
+            simulation = replace(simulation, key=self._model.key(key).name or str(key))
+        self._stepper: Stepper = simulation.stepper(self._model)
+        if isinstance(self._stepper, ReplayStepper) and self.last is not None:
+            self._stepper.require(range(self.last + 1))
+        self._pull: np.ndarray | None = None
+        self.failure: SimulationError | None = None
+        if self._recording:
+            self._recording.restart()
+
+    @property
+    def model(self) -> mujoco.MjModel:
+        """The model as it is stepped."""
+        return self._stepper.model
+
+    @property
+    def step(self) -> int:
+        """Where the simulation stands."""
+        return self._stepper.step
+
+    @property
+    def is_over(self) -> bool:
+        """Whether there is no next step."""
+        return self.failure is not None or self.step == self.last
+
+    def instant(self) -> mujoco.MjData:
+        """An MjData in which every field belongs to the step; not to be kept or written to."""
+        return self._stepper.instant()
+
+    def take_step(self) -> None:
+        """Takes a step, unless there is none; what keeps it from being taken becomes the `failure`."""
+        if self.is_over:
+            return
+        try:
+            if isinstance(self._stepper, PhysicsStepper) and self._pull is not None:
+                self._take_step_under(self._stepper, self._pull)
+            else:
+                self._keep_state()
+                self._stepper.advance(self.step + 1)
+        except SimulationError as error:
+            self.failure = error
+
+    def pull(self, action: Pull) -> None:
+        """Lets the mouse pull at bodies from this step on."""
+        if action.forces.any() and not isinstance(self._stepper, PhysicsStepper):
+            self.refuse(REPLAY)
+            return
+        self._pull = action.forces if action.forces.any() else None
+
+    def edit(self, action: Edit) -> None:
+        """Takes over what somebody has set, if that can be."""
+        if not isinstance(self._stepper, PhysicsStepper):
+            self.refuse(REPLAY)
+        elif self._recording and (action.changed & self._is_state).any():
+            self.refuse(RECORDED)
+        else:
+            values = self._stepper.state()
+            values[action.changed] = action.state[action.changed]
+            self._stepper.edit(values, state.STATE)
+
+    def refuse(self, action: Refuse) -> None:
+        """Says once what a view does not do."""
+        if action.what not in self._told:
+            self._told.add(action.what)
+            self._reporter.note(action.what)
+
+    def finish(self) -> None:
+        """Records the last state."""
+        self._keep_state()
+
+    def _keep_state(self) -> None:
+        if self._recording:
+            self._recording.write(self.step, self._stepper.state())
+
+    def _take_step_under(self, stepper: PhysicsStepper, pull: np.ndarray) -> None:
+        """Takes a step with the forces of the mouse on top of those that act anyway, which act alone after it."""
+        spec, where = state.APPLIED_FORCES, self._layout["xfrc_applied"]
+        own = stepper.state()[where]
+        applied = own + pull.ravel()
+        stepper.edit(applied, spec)
+        self._keep_state()
+        try:
+            stepper.advance(self.step + 1)
+        finally:
+            now = stepper.state()[where]  # a controller or a push may have changed some of them on arrival
+            stepper.edit(np.where(now == applied, own, now), spec)
+
+
+# Fields of MjData that are set from outside, and move the state.
+INPUTS = {"ctrl", "qfrc_applied", "xfrc_applied", "eq_active", "mocap_pos", "mocap_quat", "userdata"}
+REPLAY = Refuse("a replay goes through recorded states: nothing in it can be pulled at or set")
+RECORDED = Refuse(
+    "positions and velocities cannot be set by hand while a recording is made, which holds physics alone: "
+    "pull at bodies, or set controls"
+)

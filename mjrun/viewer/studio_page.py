@@ -1,0 +1,249 @@
+"""MuJoCo Studio's web viewer, kept to this machine, with a simulation that steps elsewhere."""
+
+import contextlib
+import copy
+import io
+import logging
+import sys
+import threading
+import warnings
+from http import HTTPStatus
+from typing import Any
+from urllib.parse import urlsplit
+
+import mujoco
+
+with contextlib.redirect_stdout(sys.stderr):  # which its server logs to from here on
+    from mujoco.studio import app, launch_thread, messages, plugin, sim, ux, viewer_handle, viewer_protocol, web_viewer
+    from mujoco.studio.dear_imgui import dear_imgui
+    from mujoco.studio.web import web_server
+
+from mjrun.viewer.window import PHYSICS_SETTINGS, Action, Pull, Refuse, Reset, SetPaused, SetSpeed, Status, TakeStep
+
+HOST = "127.0.0.1"
+TITLE = "mjrun view"
+OWN_NAMES = (HOST, "localhost", "::1")  # of this machine, also at the end of a tunnel
+STATES = "/state"  # where a page that has loaded the model asks for states
+START = 30.0  # [s] for the server to start
+FIRST = messages.Priority.CRITICAL + 10  # before what Studio does by itself
+
+DROPPED = Refuse("a model that is dropped on the page is not loaded: give it to a view of its own")
+NOISE = Refuse("noise is not set while a simulation runs: start it with the options for noise on controls")
+KEYFRAME = Refuse("keyframes are not saved from the page")
+
+
+class StudioMessages(plugin.SimPlugin):
+    """Collects what is done on the page, instead of Studio's own physics doing it.
+
+    Args:
+      model: as the page shows it.
+      speed: that the page shows [percent].
+
+    Attributes:
+      actions: what was done since they were last taken.
+    """
+
+    def __init__(self, model: mujoco.MjModel, speed: float) -> None:
+        self.actions: list[Action] = []
+        self._model, self._options = model, copy.deepcopy(model.opt)
+        self._shown = messages.StepControlSnapshot(speed=speed)
+
+    def tell(self, status: Status) -> None:
+        """Tells the page whether the simulation stands still, and that there is no noise, where it shows otherwise.
+
+        Its speed is left alone: it knows some speeds only, and none above that of real time.
+        """
+        paused = sim.PauseState.NORMAL_PAUSED if status.paused else sim.PauseState.UNPAUSED
+        if paused != self._shown.pause_state or self._shown.noise_scale:
+            self._shown = messages.StepControlSnapshot(pause_state=paused, speed=self._shown.speed)
+            self.handle.send_to_viewer(self._shown)
+
+    @messages.handler(priority=FIRST)
+    def on_step_control(self, event: messages.StepControlSnapshot) -> bool:
+        if event.pause_state != self._shown.pause_state:
+            self.actions.append(SetPaused(event.pause_state == sim.PauseState.NORMAL_PAUSED))
+        if event.speed != self._shown.speed:
+            self.actions.append(SetSpeed(event.speed / 100))
+        if event.noise_scale:
+            self.actions.append(NOISE)
+        self._shown = event
+        return True
+
+    @messages.handler(priority=FIRST)
+    def on_single_step(self, _: messages.SingleStepEvent) -> bool:
+        self.actions.append(TakeStep())
+        return True
+
+    @messages.handler(priority=FIRST)
+    def on_reset(self, event: messages.ResetEvent) -> bool:
+        key = event.key if event.key is not None and event.key >= 0 else None
+        self.actions.append(Reset(key))
+        return True
+
+    @messages.handler(priority=FIRST)
+    def on_load_model(self, event: messages.LoadModelEvent) -> bool:
+        self.actions.append(DROPPED if event.path else Reset())
+        return True
+
+    @messages.handler(priority=FIRST)
+    def on_perturb(self, event: messages.PerturbSnapshot) -> bool:
+        if event.state.size == 6 * self._model.nbody:
+            self.actions.append(Pull(event.state.reshape(-1, 6).copy()))
+        return True
+
+    @messages.handler(priority=FIRST)
+    def on_options(self, event: messages.MjOptionSnapshot) -> bool:
+        if event.opt != self._options:
+            self.actions.append(PHYSICS_SETTINGS)
+            self.handle.send_to_viewer(messages.MjOptionSnapshot(opt=copy.deepcopy(self._options)))
+        return True
+
+    @messages.handler(priority=FIRST)
+    def on_keyframe(self, _: messages.KeyframeEvent) -> bool:
+        self.actions.append(KEYFRAME)
+        return True
+
+    @messages.handler(priority=FIRST)
+    def on_threads(self, _: messages.ThreadPoolEvent) -> bool:
+        return True
+
+
+class Page(app.App):
+    """Studio's page, which leaves the user's settings file alone unless its menu is asked to save them.
+
+    Args:
+      speed: that it shows, as far as it knows it: simulated seconds per second of wall time.
+    """
+
+    def __init__(self, speed: float) -> None:
+        self._speed = speed
+        super().__init__()
+
+    def _reset_app_state(self) -> None:
+        super()._reset_app_state()
+        control, begin = self.step_control_state, -1
+        while control.get_speed() > 100 * self._speed and begin != self.ux_state.speed_index:
+            begin = self.ux_state.speed_index
+            self.ux_state.speed_index = ux.set_speed_index(control, begin, begin + 1)
+
+    def _on_exit(self, _: messages.ExitEvent) -> None:
+        """Nothing is saved on leaving."""
+
+    @messages.handler(priority=FIRST)
+    def on_build(self, _: messages.BuildGuiEvent) -> None:
+        dear_imgui.GetIO().WantSaveIniSettings = False
+
+
+class LocalViewer(web_viewer.WebViewer):
+    """Studio's web viewer, on the loopback address instead of all, and without files dropped on its page."""
+
+    # Studio sets it in its constructor, to all addresses, and offers no choice.
+    _host = property(lambda _: HOST, lambda _, value: None)
+
+    def __init__(self, *arguments: Any, **settings: Any) -> None:
+        with contextlib.redirect_stdout(io.StringIO()):  # a banner with the address
+            super().__init__(*arguments, **settings)
+        address = self._http_sock.getsockname()[0]
+        if address != HOST:
+            self.close()
+            raise RuntimeError(f"MuJoCo Studio would listen to {address}, not to this machine alone")
+
+    @messages.handler(priority=messages.Priority.INTERNAL)
+    def _on_post_model(self, _: messages.PostModelEvent) -> None:
+        self._update_model()
+
+    def get_drop_file(self) -> str:
+        if self._drop_queue.empty():
+            return ""
+        self._drop_queue.get()
+        self.send_to_sim(messages.LoadModelEvent(path="dropped"))
+        return ""
+
+
+class StudioPage:
+    """The page, and the thread that serves it.
+
+    Args:
+      data: what the page shows after each `sync`.
+      speed: simulated seconds per second of wall time, at the beginning.
+
+    Raises:
+      RuntimeError: the port is in use.
+    """
+
+    def __init__(self, model: mujoco.MjModel, data: mujoco.MjData, port: int, speed: float) -> None:
+        self._hooks = sys.excepthook, threading.excepthook, warnings.showwarning
+        logging.getLogger("WebServer").setLevel(logging.WARNING)
+        _ports_seen.discard(port)
+        self._port, page, started = port, Page(speed), threading.Event()
+        self._messages = StudioMessages(model, page.step_control_state.get_speed())
+        config = viewer_protocol.ViewerConfig(title=TITLE, gfx="web", http_port=port)
+
+        def serve(endpoint: Any) -> None:
+            viewer = LocalViewer(config, endpoint, plugins=[page])
+            started.set()
+            viewer_protocol.run_viewer_loop(viewer)
+
+        self._handle: viewer_handle.ViewerHandle = launch_thread.launch_thread(serve, sim_plugins=[self._messages])
+        try:
+            self._wait(started)
+            self._handle.set_model(model, data=data)
+        except BaseException:
+            self.close()
+            raise
+
+    def _wait(self, started: threading.Event) -> None:
+        for _ in range(int(START / 0.05)):
+            if started.wait(0.05):
+                return
+            if not self._handle.is_running():  # which raises what has gone wrong
+                break
+        raise RuntimeError("MuJoCo Studio did not start")
+
+    @property
+    def is_open(self) -> bool:
+        """Whether nobody has left it by its menu."""
+        return self._handle.is_running()
+
+    @property
+    def is_seen(self) -> bool:
+        """Whether a browser has shown it."""
+        return self._port in _ports_seen
+
+    def sync(self, status: Status) -> list[Action]:
+        """Shows the data, puts into it what was set on the page, and returns what else was done there."""
+        self._messages.tell(status)
+        self._handle.sync()
+        actions, self._messages.actions = self._messages.actions, []
+        return actions
+
+    def close(self) -> None:
+        """Ends the server."""
+        self._handle.close()
+        sys.excepthook, threading.excepthook, warnings.showwarning = self._hooks
+
+
+_ports_seen: set[int] = set()  # whose pages a browser has loaded, with the model
+
+
+def _is_own_page(headers: Any) -> bool:
+    """Whether a request comes from the page itself, and not from another site that is open in the browser."""
+    host, origin = headers.get("Host", ""), headers.get("Origin")
+    return urlsplit(f"//{host}").hostname in OWN_NAMES and origin in (None, f"http://{host}")
+
+
+def _serve_own_page(handler: Any, *, process_request: Any, **settings: Any) -> Any:
+    """As `websockets.serve`, but refuses other sites: browsers let any of them connect to this machine."""
+
+    def process(connection: Any, request: Any) -> Any:
+        if not _is_own_page(request.headers):
+            return connection.respond(HTTPStatus.FORBIDDEN, "this page is for the machine that it runs on\n")
+        if request.path.partition("?")[0] == STATES:
+            _ports_seen.add(settings["sock"].getsockname()[1])
+        return process_request(connection, request)
+
+    return _serve(handler, process_request=process, **settings)
+
+
+_serve = web_server.serve
+web_server.serve = _serve_own_page

@@ -1,0 +1,229 @@
+"""A live view of a simulation: MuJoCo's own viewer in a window, or MuJoCo Studio in a browser."""
+
+import time
+from collections.abc import Sequence
+from contextlib import ExitStack, closing
+from dataclasses import dataclass, field
+
+import mujoco
+
+from mjrun.errors import NoWindowError, UsageError, concerning, option
+from mjrun.job.manifest import origin
+from mjrun.job.output_files import ReservedFiles
+from mjrun.job.simulation import Simulation
+from mjrun.model import state
+from mjrun.model.fingerprint import physics_fingerprint
+from mjrun.model.mujoco_globals import collected_warnings
+from mjrun.options.option import options
+from mjrun.options.viewer import ViewerOptions
+from mjrun.reporter import Reporter, WarningReporter, pass_on
+from mjrun.timeline import rational
+from mjrun.viewer import browser_window, native_window
+from mjrun.viewer.live_recording import LiveRecording
+from mjrun.viewer.live_simulation import LiveSimulation
+from mjrun.viewer.pace import Pace
+from mjrun.viewer.window import Action, Edit, Pull, Refuse, Reset, SetPaused, SetSpeed, Status, TakeStep, Window
+
+FRAME = 1 / 60  # [s] of wall time from one image to the next
+PATIENCE = 1 / 15  # [s] of wall time for the steps between two images
+BREATH = 0.001  # [s] that other threads, which draw, have at least
+
+
+@options
+class Viewer(ViewerOptions):
+    """A live view of a simulation: its options are keywords.
+
+    The simulation begins as soon as somebody can see it, and lasts until the view is closed, or for its `duration` or
+    `steps`; a replay stays at its last state. It is bit for bit what a trace measures, until somebody pulls at a body
+    or sets something.
+
+    Args:
+      simulation: what is looked at.
+      command: the command line, for the recording.
+    """
+
+    simulation: Simulation = field(kw_only=False)
+    command: str = ""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.port is not None and self.browser is False:
+            raise UsageError(f"{option('port')} is that of a page in a browser, which {option('browser')} excludes")
+
+    def run(self, reporter: Reporter | None = None) -> "ViewerResult":
+        """Shows it until it ends; the recording is published however it ends.
+
+        Raises:
+          SimulationError: it became unstable.
+          NoWindowError: nothing can be shown here.
+          MjrunError: something that is given cannot be.
+        """
+        reporter = reporter or WarningReporter()
+        start = time.perf_counter()
+        with ExitStack() as stack:
+            warnings = stack.enter_context(collected_warnings())
+            model = self.simulation.load()
+            for text in self.simulation.remarks(model):
+                reporter.warn(text)
+            recording = stack.enter_context(self._open_recording(model)) if self.recording is not None else None
+            live = LiveSimulation(self.simulation, model, reporter, recording)
+            window = stack.enter_context(closing(self._open_window(live.model, reporter)))
+            try:
+                _Session(live, window, Pace(rational(model.opt.timestep), float(self.speed)), reporter).run(self.paused)
+            finally:
+                live.finish()
+                files = recording.publish() if recording else []
+        if live.failure:  # which says it better than MuJoCo's warning
+            if files:
+                live.failure.add_note(f"kept, up to there: {self.recording}")
+            raise live.failure
+        pass_on(warnings, reporter)
+        return ViewerResult(
+            kind=window.kind,
+            steps=live.step,
+            simulated=float(live.step * rational(model.opt.timestep)),
+            wall=time.perf_counter() - start,
+            recording=self.recording if files else None,
+            states=recording.count if recording else None,
+            warnings=tuple(warnings),
+        )
+
+    def _open_recording(self, model: mujoco.MjModel) -> LiveRecording:
+        assert self.recording is not None
+        reserved = ReservedFiles()
+        for what, path in self.simulation.inputs:
+            reserved.reserve(path, f"the {what}, which is read")
+        with concerning("recording"):
+            reserved.reserve(self.recording, "the recording")
+            timeline = self.simulation.timeline(model)
+            facts = {
+                **origin(self, self.simulation, model, timeline),
+                "sizes": state.sizes(model),
+                "physics": physics_fingerprint(model),
+            }
+            return LiveRecording(self.recording, state.size(model), facts)
+
+    def _open_window(self, model: mujoco.MjModel, reporter: Reporter) -> Window:
+        """The window or the page, whichever is wanted and can be had."""
+        reasons: dict[str, str] = {}
+        if not self.browser and self.port is None:
+            reasons["window"] = native_window.obstacle()
+            if not reasons["window"]:
+                return native_window.NativeWindow(model)
+        if self.browser is not False:
+            reasons["browser"] = browser_window.obstacle()
+            if not reasons["browser"]:
+                page = browser_window.BrowserWindow(model, self.port, float(self.speed))
+                why = f"{reasons['window']}; " if "window" in reasons else ""
+                reporter.note(f"{why}open {page.url} in a browser on this machine; the simulation begins then")
+                return page
+        raise NoWindowError(reasons)
+
+
+@dataclass(frozen=True)
+class ViewerResult:
+    """What was looked at.
+
+    Attributes:
+      kind: where: `window` or `browser`.
+      steps: taken since the last reset.
+      simulated: simulated time since then [s].
+      wall: wall time of all [s].
+      recording: the path of the recording; None without one.
+      states: how many it holds; None without one.
+      warnings: MuJoCo's.
+    """
+
+    kind: str
+    steps: int
+    simulated: float
+    wall: float
+    recording: str | None
+    states: int | None
+    warnings: Sequence[str]
+
+
+class _Session:
+    """The loop of a live view: in time with the wall clock, image by image."""
+
+    def __init__(self, live: LiveSimulation, window: Window, pace: Pace, reporter: Reporter) -> None:
+        self._live, self._window, self._pace, self._reporter = live, window, pace, reporter
+        self._paused = self._told_slow = False
+        self._ends = live.ends_by_itself
+
+    def run(self, paused: bool) -> None:
+        """Runs until the window is closed, or the simulation has reached its end."""
+        self._pause(paused)
+        while self._window.is_open and not (self._ends and self._live.is_over):
+            start = time.perf_counter()
+            self._show()
+            if not self._window.is_seen:
+                self._pace.start(self._live.step, time.perf_counter())
+            elif not self._paused:
+                self._advance()
+            time.sleep(max(BREATH, start + FRAME - time.perf_counter()))
+        if self._window.is_open:
+            self._show()
+
+    def _show(self) -> None:
+        """Shows where the simulation stands, and does what somebody has asked for."""
+        live, pace = self._live, self._pace
+        now = time.perf_counter()
+        achieved = 0.0 if self._paused else pace.achieved(live.step, now)
+        message = "unstable" if live.failure else ""
+        instant = live.instant()
+        status = Status(instant.time, self._paused, pace.speed, achieved, message)
+        for action in self._window.show(instant, status):
+            self._do(action)
+
+    def _do(self, action: Action) -> None:
+        live = self._live
+        match action:
+            case SetPaused(paused):
+                self._pause(paused)
+            case TakeStep():
+                self._pause(True)
+                live.take_step()
+            case SetSpeed(speed):
+                self._pace.speed = speed
+                self._pause(self._paused)
+            case Reset(key):
+                live.reset(key)
+                self._pause(self._paused)
+            case Pull():
+                live.pull(action)
+            case Edit():
+                live.edit(action)
+            case Refuse():
+                live.refuse(action)
+
+    def _pause(self, paused: bool) -> None:
+        self._paused = paused
+        self._pace.start(self._live.step, time.perf_counter())
+
+    def _advance(self) -> None:
+        """Takes the steps that are due; if that takes too long, the others will never be due."""
+        live, pace = self._live, self._pace
+        start = now = time.perf_counter()
+        due = pace.due(start)
+        while live.step < due and not live.is_over and now - start < PATIENCE:
+            live.take_step()
+            now = time.perf_counter()
+        if live.is_over:
+            self._stop()
+        elif live.step < due:
+            pace.give_up(live.step, now)
+            self._tell_if_slow(now)
+
+    def _stop(self) -> None:
+        """Holds the last state, which can be looked at until the window is closed."""
+        self._pause(True)
+        if self._live.failure and not self._ends:
+            first, *_ = str(self._live.failure).splitlines()
+            self._reporter.warn(f"{first}; the view shows the state before it, until it is closed or reset")
+
+    def _tell_if_slow(self, now: float) -> None:
+        if not self._told_slow and self._pace.is_too_slow(now):
+            self._told_slow = True
+            achieved = self._pace.achieved(self._live.step, now)
+            self._reporter.warn(f"this machine simulates at a speed of {achieved:.2g}, not {self._pace.speed:g}")

@@ -1,0 +1,78 @@
+"""MuJoCo's own window, on a display without a screen: what is done in it arrives, and nothing of it stays."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from mjrun.viewer import native_window
+
+pytestmark = pytest.mark.gl
+
+ROOT = Path(__file__).parents[2]
+# Works a window as the simulation does, in a process of its own: GLFW and OpenGL stay in it for good.
+SCRIPT = """
+import sys, threading, time
+import mujoco, numpy as np
+from mjrun.viewer.native_window import NativeWindow, RIGHT, SPACE
+from mjrun.viewer.window import Edit, Pull, Reset, SetPaused, SetSpeed, Status, TakeStep
+
+model = mujoco.MjModel.from_xml_path(sys.argv[1])
+data = mujoco.MjData(model)
+mujoco.mj_forward(model, data)
+threads = threading.active_count()
+window = NativeWindow(model)
+assert window.is_open and window.is_seen and window.kind == "window"
+
+def show(**changes):
+    return window.show(data, Status(**{**dict(time=0.0, paused=False, speed=1.0, achieved=1.0), **changes}))
+
+def quiet(actions):
+    return all(isinstance(a, Pull) and not a.forces.any() for a in actions)
+
+data.xfrc_applied[1] = 1  # a controller's, which is none of the window's business
+assert quiet(show()), "nothing was done yet"
+for key in (SPACE, RIGHT, 45, 61, 61, 65):
+    window._keys.put(key)  # as GLFW's callback does
+actions = [a for a in show() if not isinstance(a, Pull)]
+assert actions == [SetPaused(True), TakeStep(), SetSpeed(0.5), SetSpeed(1.0), SetSpeed(2.0)], actions
+window._keys.put(SPACE)
+assert SetPaused(False) in show(paused=True)
+
+window._model.opt.gravity[2] = 3  # as the window's settings do
+assert "physics settings" in next(a for a in show() if hasattr(a, "what")).what
+assert window._model.opt.gravity[2] == model.opt.gravity[2]
+assert quiet(show())
+
+window.close()
+assert not window.is_open
+assert threading.active_count() == threads
+print("closed")
+"""
+
+
+def python(display: dict[str, str], *arguments: str) -> subprocess.CompletedProcess[str]:
+    environment = {**os.environ, **display, "PYTHONPATH": str(ROOT), "MUJOCO_GL": "disable"}
+    command = [sys.executable, "-c", *arguments]
+    return subprocess.run(command, env=environment, capture_output=True, text=True, timeout=120)
+
+
+def test_what_is_done_in_it_arrives_and_nothing_of_it_stays(display: dict[str, str], swing: Path) -> None:
+    done = python(display, SCRIPT, str(swing))
+    assert (done.stdout, done.returncode) == ("closed\n", 0), done.stderr
+
+
+def test_a_display_is_tried(display: dict[str, str], monkeypatch: pytest.MonkeyPatch) -> None:
+    for name, value in display.items():
+        monkeypatch.setenv(name, value)
+    assert native_window.obstacle() == ""
+    monkeypatch.setenv("DISPLAY", ":54321")
+    assert native_window.obstacle() != ""
+
+
+def test_without_a_display_it_says_so(monkeypatch: pytest.MonkeyPatch, no_display: dict[str, str]) -> None:
+    for name, value in no_display.items():
+        monkeypatch.setenv(name, value)
+    assert "no display" in native_window.obstacle()

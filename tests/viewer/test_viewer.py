@@ -1,0 +1,191 @@
+"""A live view from beginning to end, in Python: what it makes, what it refuses, and what it leaves."""
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import pytest
+
+from mjrun.errors import NoWindowError, UnstableError, UsageError
+from mjrun.job.recording import Recording
+from mjrun.job.simulation import Simulation
+from mjrun.viewer import browser_window, native_window
+from mjrun.viewer.viewer import Viewer
+from mjrun.viewer.window import Action, Pull, Refuse, Reset, SetPaused, SetSpeed, Status, TakeStep
+
+
+class ScriptedWindow:
+    """A window whose users do what a script says, at each image.
+
+    Args:
+      script: what is done at each image, and None for closing the window.
+    """
+
+    kind = "window"
+
+    def __init__(self, script: Sequence[Sequence[Action] | None], seen_at: int = 0) -> None:
+        self._script, self._seen_at = list(script), seen_at
+        self.statuses: list[Status] = []
+        self.positions: list[bytes] = []
+        self.is_open, self.is_closed = True, False
+
+    @property
+    def is_seen(self) -> bool:
+        return len(self.statuses) > self._seen_at
+
+    def show(self, instant: mujoco.MjData, status: Status) -> list[Action]:
+        self.statuses.append(status)
+        self.positions.append(instant.qpos.tobytes())
+        actions = self._script.pop(0) if self._script else []
+        self.is_open = self.is_open and actions is not None
+        return list(actions or [])
+
+    def close(self) -> None:
+        self.is_closed = True
+
+
+Opened = Callable[..., ScriptedWindow]
+
+
+@pytest.fixture
+def window(monkeypatch: pytest.MonkeyPatch) -> Opened:
+    """Opens a scripted window instead of MuJoCo's."""
+
+    def scripted(*script: Sequence[Action] | None, seen_at: int = 0) -> ScriptedWindow:
+        made = ScriptedWindow(script, seen_at)
+        monkeypatch.setattr(native_window, "obstacle", lambda: "")
+        monkeypatch.setattr(native_window, "NativeWindow", lambda model: made)
+        return made
+
+    return scripted
+
+
+def test_it_ends_after_its_duration_with_the_recording_that_every_command_makes(
+    window: Opened, swing: Path, tmp_path: Path
+) -> None:
+    shown, simulation = window(), Simulation(str(swing), duration=0.3)
+    result = Viewer(simulation, speed=5, recording=str(tmp_path / "seen.npz")).run()
+    Recording(simulation, str(tmp_path / "bare.npz")).run()
+    seen, bare = np.load(tmp_path / "seen.npz"), np.load(tmp_path / "bare.npz")
+    assert seen["states"].tobytes() == bare["states"].tobytes()
+    assert seen["steps"].tolist() == bare["steps"].tolist()
+    assert (result.steps, result.states, result.kind) == (150, 151, "window")
+    assert shown.is_closed
+    assert shown.positions[-1] == bare["states"][-1, 1:9].tobytes()  # the end is seen too
+    assert all(status.time <= 0.3 + 1e-9 for status in shown.statuses)
+
+
+def test_pause_step_speed_and_reset(window: Opened, swing: Path, tmp_path: Path) -> None:
+    steps = [[TakeStep()]] * 3
+    shown = window([], [SetPaused(True), Reset()], *steps, [SetSpeed(0.5)], [], None)
+    result = Viewer(Simulation(str(swing)), paused=True, recording=str(tmp_path / "seen.npz")).run()
+    times = [round(status.time / 0.002) for status in shown.statuses]
+    assert times == [0, 0, 0, 1, 2, 3, 3, 3]
+    assert [status.speed for status in shown.statuses] == [1] * 6 + [0.5] * 2
+    assert all(status.paused for status in shown.statuses)
+    assert (result.steps, result.states) == (3, 4)
+    states = np.load(tmp_path / "seen.npz")["states"]
+    data = mujoco.MjData(mujoco.MjModel.from_xml_path(str(swing)))
+    mujoco.mj_step(mujoco.MjModel.from_xml_path(str(swing)), data, nstep=3)
+    assert states[-1, 1:9].tobytes() == data.qpos.tobytes()
+
+
+def test_nothing_happens_before_anybody_sees_it(window: Opened, swing: Path) -> None:
+    shown = window(*[[]] * 9, seen_at=5)
+    Viewer(Simulation(str(swing), steps=20), speed=10).run()
+    assert [status.time for status in shown.statuses[:6]] == [0.0] * 6
+
+
+def test_a_force_of_the_mouse_is_in_the_recording(window: Opened, swing: Path, tmp_path: Path) -> None:
+    forces = np.zeros((3, 6))
+    forces[2, 2] = 50  # the ball is lifted
+    window([Pull(forces), TakeStep()], [TakeStep()], [Pull(0 * forces), TakeStep()], None)
+    Viewer(Simulation(str(swing)), paused=True, recording=str(tmp_path / "seen.npz")).run()
+    model = mujoco.MjModel.from_xml_path(str(swing))
+    data, states = mujoco.MjData(model), np.load(tmp_path / "seen.npz")["states"]
+    for row in states:
+        assert row[: 1 + model.nq].tolist() == [data.time, *data.qpos]
+        data.xfrc_applied[:] = forces if data.time < 0.003 else 0
+        mujoco.mj_step(model, data)
+
+
+def test_an_unstable_simulation_is_held_and_told_and_then_ends_with_its_error(
+    window: Opened, exploding: Path, tmp_path: Path, recwarn: pytest.WarningsRecorder
+) -> None:
+    shown = window(*[[]] * 60, None)
+    path = tmp_path / "seen.npz"
+    with pytest.raises(UnstableError) as caught:
+        Viewer(Simulation(str(exploding), key="fast"), speed=10, recording=str(path)).run()
+    assert shown.statuses[-1].paused
+    assert shown.statuses[-1].message == "unstable"
+    assert shown.is_closed
+    states = np.load(path)["states"]
+    assert len(states) == caught.value.step + 1
+    assert any("the view shows the state before it" in str(warning.message) for warning in recwarn)
+
+
+def test_where_it_was_said_how_long_an_instability_ends_it(window: Opened, exploding: Path) -> None:
+    shown = window()
+    with pytest.raises(UnstableError):
+        Viewer(Simulation(str(exploding), key="fast", duration=20), speed=100).run()
+    assert shown.is_closed
+
+
+def test_what_a_view_does_not_do_is_said_once(window: Opened, swing: Path) -> None:
+    window([Refuse("not this"), Refuse("not this")], [Refuse("not this")], [Refuse("nor that")], None)
+    heard: list[str] = []
+
+    class Reporter:
+        def note(self, text: str) -> None:
+            heard.append(text)
+
+        def warn(self, text: str) -> None:
+            heard.append(text)
+
+        def progress(self, what: str, done: int, total: int) -> None:
+            pass
+
+    Viewer(Simulation(str(swing)), paused=True).run(Reporter())
+    assert heard == ["not this", "nor that"]
+
+
+def test_whatever_ends_it_the_recording_is_kept_and_the_window_closed(
+    window: Opened, swing: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    shown = window()
+    show = shown.show
+
+    def interrupted(instant: mujoco.MjData, status: Status) -> list[Action]:
+        if len(shown.statuses) == 4:
+            raise KeyboardInterrupt
+        return [*show(instant, status), TakeStep()]
+
+    monkeypatch.setattr(shown, "show", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        Viewer(Simulation(str(swing)), paused=True, recording=str(tmp_path / "seen.npz")).run()
+    assert shown.is_closed
+    assert np.load(tmp_path / "seen.npz")["steps"].tolist() == [0, 1, 2, 3, 4]
+
+
+def test_where_nothing_can_be_shown_both_reasons_are_given(monkeypatch: pytest.MonkeyPatch, swing: Path) -> None:
+    monkeypatch.setattr(native_window, "obstacle", lambda: "no display")
+    monkeypatch.setattr(browser_window, "obstacle", lambda: "no Studio")
+    for browser, reasons in [
+        (None, {"window": "no display", "browser": "no Studio"}),
+        (True, {"browser": "no Studio"}),
+        (False, {"window": "no display"}),
+    ]:
+        with pytest.raises(NoWindowError) as caught:
+            Viewer(Simulation(str(swing)), browser=browser).run()
+        assert caught.value.tried == reasons
+        assert caught.value.exit_code == 5
+
+
+def test_what_cannot_be_together_is_refused(swing: Path, tmp_path: Path) -> None:
+    with pytest.raises(UsageError, match="port"):
+        Viewer(Simulation(str(swing)), browser=False, port=8080)
+    copy = tmp_path / "copy.npz"
+    Recording(Simulation(str(swing), steps=2), str(copy)).run()
+    with pytest.raises(UsageError, match="which is read"):
+        Viewer(Simulation(str(swing), replay=str(copy)), recording=str(copy)).run()
