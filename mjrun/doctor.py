@@ -213,7 +213,7 @@ def _window(glfw: Backend | str) -> Diagnostic:
     where = (
         f"{' and '.join(displays)} cannot be used: {glfw}" if displays else f"neither {' nor '.join(DISPLAYS)} is set"
     )
-    return Diagnostic("view", "window", MISSING, where, "not needed; mjrun view opens a page for a browser instead")
+    return Diagnostic("view", "window", MISSING, where, "not needed; mjrun view serves a page for a browser instead")
 
 
 def _studio() -> Diagnostic:

@@ -90,3 +90,20 @@ def test_options_in_remedies_are_spelled_as_asked(monkeypatch: pytest.MonkeyPatc
         assert not report.can_draw
         (filament,) = [diagnostic for diagnostic in report.findings if diagnostic.name == "filament"]
         assert filament.remedy.startswith(f"not needed except for {name} filament; ")
+
+
+def test_it_says_whether_a_window_opens_and_why_not(monkeypatch: pytest.MonkeyPatch) -> None:
+    for name in mjrun.doctor.DISPLAYS:
+        monkeypatch.delenv(name, raising=False)
+    window = mjrun.doctor._window("it needs a display")
+    assert (window.status, window.value) == ("missing", "neither DISPLAY nor WAYLAND_DISPLAY is set")
+    assert window.remedy.startswith("not needed; ")
+    monkeypatch.setenv("DISPLAY", ":7")
+    assert mjrun.doctor._window("it failed").value == "DISPLAY=:7 cannot be used: it failed"
+    assert mjrun.doctor._window(SOFTWARE).status == "ok"
+
+
+def test_it_says_whether_a_page_is_served(monkeypatch: pytest.MonkeyPatch) -> None:
+    assert mjrun.doctor._studio().value.startswith("MuJoCo Studio ")
+    monkeypatch.setattr(mjrun.doctor.importlib.util, "find_spec", lambda name: None)
+    assert mjrun.doctor._studio().remedy == "pip install mujoco-studio"

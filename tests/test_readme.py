@@ -10,6 +10,7 @@ import pytest
 
 from mjrun.job.simulation import Simulation
 from mjrun.job.trace import Trace
+from tests.viewer.studio_client import LIMIT, browser, payloads
 
 ROOT = Path(__file__).parents[1]
 README = (ROOT / "README.md").read_text(encoding="utf-8")
@@ -31,6 +32,7 @@ PLOTTED = {
     **{f"kick_{seed}.csv": ("chaotic_pendulum", "qpos[root],energy") for seed in (1, 2)},
     **{f"energy_{timestep}.csv": ("chaotic_pendulum", "energy") for timestep in (0.01, 0.001)},
 }
+VIEWS = [line for line in COMMANDS if line.startswith("mjrun view")]
 PIPED = [line for line in COMMANDS if line.startswith("cat ")]
 ANSWERS = [line for line in COMMANDS if line.startswith(("mjrun info", "mjrun check", "mjrun bench"))]
 
@@ -46,7 +48,7 @@ def shell(tmp_path: Path) -> dict[str, str]:
     program = tmp_path / "bin/mjrun"
     smaller = f'case $1 in video) set -- "$@" {SMALL};; image) set -- "$@" {IMAGE};; trace) set -- "$@" {SHORT};;'
     # Tests run side by side: how fast anything is must not decide one.
-    smaller += f' run) set -- "$@" {RUN};; bench) set -- "$@" --budget 0.2 {PATIENT};; esac'
+    smaller += f' run) set -- "$@" {RUN};; view) set -- "$@" {SHORT};; bench) set -- "$@" --budget 0.2 {PATIENT};; esac'
     program.write_text(f'#!/bin/sh\n{smaller}\nPYTHONPATH="{ROOT}" exec "{sys.executable}" -m mjrun "$@"\n')
     program.chmod(0o755)
     return {**os.environ, "PATH": f"{program.parent}:{os.environ['PATH']}"}
@@ -132,6 +134,25 @@ def test_a_comparison_of_the_readme_has_a_verdict(command: str, shell: dict[str,
         assert done.stdout in README
     else:
         assert " agree: " in done.stdout
+
+
+@pytest.mark.gl
+@pytest.mark.parametrize("command", VIEWS)
+def test_a_view_of_the_readme_opens_and_ends(
+    command: str, shell: dict[str, str], tmp_path: Path, display: dict[str, str]
+) -> None:
+    arguments = ["sh", "-ec", command]
+    with subprocess.Popen(arguments, cwd=tmp_path, env={**shell, **display}, stderr=subprocess.PIPE) as view:
+        assert view.stderr
+        if "--browser" in command:
+            address = re.search(rb"http://127\.0\.0\.1:(\d+)/", view.stderr.readline())
+            assert address
+            with browser(int(address[1])) as states:
+                next(payloads(states))
+                assert view.wait(LIMIT) == 0
+        else:
+            assert view.wait(LIMIT) == 0, view.stderr.read()
+    assert (tmp_path / "seen.npz").exists() == ("--recording" in command)
 
 
 def test_the_doctor_of_the_readme_finds_a_renderer(shell: dict[str, str], tmp_path: Path) -> None:

@@ -86,15 +86,15 @@ def _free_port(wanted: int | None) -> int:
     Raises:
       UsageError: the one that is wanted cannot be had, or none.
     """
+    reason = ""
     for port in PORTS if wanted is None else (wanted,):
         with socket.socket() as trial:
             trial.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
             try:
                 trial.bind((HOST, port))
+                return port
             except OSError as error:
                 reason = error.strerror or str(error)
-            else:
-                return port
     if wanted is None:
         raise UsageError(f"ports {PORTS[0]} to {PORTS[-1]} are all in use; give another {option('port')}")
     raise UsageError(

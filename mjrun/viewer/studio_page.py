@@ -2,6 +2,7 @@
 
 import contextlib
 import copy
+import importlib
 import io
 import logging
 import sys
@@ -14,11 +15,14 @@ from urllib.parse import urlsplit
 import mujoco
 
 with contextlib.redirect_stdout(sys.stderr):  # which its server logs to from here on
-    from mujoco.studio import app, launch_thread, messages, plugin, sim, ux, viewer_handle, viewer_protocol, web_viewer
+    from mujoco.studio import app, launch_thread, messages, plugin, viewer_handle, viewer_protocol, web_viewer
     from mujoco.studio.dear_imgui import dear_imgui
     from mujoco.studio.web import web_server
 
 from mjrun.viewer.window import PHYSICS_SETTINGS, Action, Pull, Refuse, Reset, SetPaused, SetSpeed, Status, TakeStep
+
+sim: Any = importlib.import_module("mujoco.studio.sim")  # which are written in C++
+ux: Any = importlib.import_module("mujoco.studio.ux")
 
 HOST = "127.0.0.1"
 TITLE = "mjrun view"

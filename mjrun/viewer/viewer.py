@@ -3,7 +3,8 @@
 import time
 from collections.abc import Sequence
 from contextlib import ExitStack, closing
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from fractions import Fraction
 
 import mujoco
 
@@ -26,6 +27,7 @@ from mjrun.viewer.window import Action, Edit, Pull, Refuse, Reset, SetPaused, Se
 
 FRAME = 1 / 60  # [s] of wall time from one image to the next
 PATIENCE = 1 / 15  # [s] of wall time for the steps between two images
+FOREVER = Fraction(10**9)  # [s]
 BREATH = 0.001  # [s] that other threads, which draw, have at least
 
 
@@ -63,7 +65,7 @@ class Viewer(ViewerOptions):
         with ExitStack() as stack:
             warnings = stack.enter_context(collected_warnings())
             model = self.simulation.load()
-            for text in self.simulation.remarks(model):
+            for text in self._endless.remarks(model):
                 reporter.warn(text)
             recording = stack.enter_context(self._open_recording(model)) if self.recording is not None else None
             live = LiveSimulation(self.simulation, model, reporter, recording)
@@ -87,6 +89,13 @@ class Viewer(ViewerOptions):
             states=recording.count if recording else None,
             warnings=tuple(warnings),
         )
+
+    @property
+    def _endless(self) -> Simulation:
+        """The simulation, without an end unless it has one of its own."""
+        simulation = self.simulation
+        has_end = simulation.duration or simulation.steps or simulation.replay
+        return simulation if has_end else replace(simulation, duration=FOREVER)
 
     def _open_recording(self, model: mujoco.MjModel) -> LiveRecording:
         assert self.recording is not None
