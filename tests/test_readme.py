@@ -96,7 +96,7 @@ def test_a_plot_of_the_readme_is_made(command: str, shell: dict[str, str], table
     for table in tables.iterdir():
         (tmp_path / table.name).symlink_to(table)
     done = subprocess.run(["sh", "-ec", command], cwd=tmp_path, env=shell, capture_output=True, text=True)
-    (output,) = re.findall(r" plot .*-o (\S+)", command)
+    (output,) = re.findall(r" plot .*?(?:-o|--html) (\S+)", command)
     assert done.returncode == 0, done.stderr
     assert (tmp_path / output).stat().st_size > 1000
     notes = done.stderr.splitlines()

@@ -91,3 +91,30 @@ def test_bad_input_has_its_exit_code_and_leaves_nothing(
     assert (done.returncode, done.stdout) == (code, b"")
     assert message in done.stderr.decode()
     assert mjrun.files() == ["run.csv", "text.csv"]
+
+
+def test_a_page_alone_is_made_of_standard_input_which_is_read_once(tmp_path: Path) -> None:
+    command = f"{MJRUN} trace '{PENDULUM}' --csv --duration 0.1 | {MJRUN} plot - --html {tmp_path}/p.html"
+    done = subprocess.run(["bash", "-o", "pipefail", "-c", command], cwd=ROOT, capture_output=True, text=True)
+    assert (done.returncode, done.stderr) == (0, "")
+    assert done.stdout.startswith(f"{tmp_path}/p.html: ")
+    assert "51 rows" in (tmp_path / "p.html").read_text().replace("\u202f", "")
+
+
+def test_a_failed_assertion_is_told_with_what_was_made(mjrun: Command) -> None:
+    (mjrun.folder / "run.csv").write_text(TABLE)
+    arguments = ["plot", "run.csv", "--html", "p.html", "--assert", "max(time) < 1", "--assert", "min(time) == 0"]
+    done = mjrun(*arguments, "--json")
+    report = json.loads(done.stdout)
+    assert done.returncode == 1
+    assert [verdict["passed"] for verdict in report["assertions"]] == [False, True]
+    assert report["error"]["kind"] == "FailedAssertionError"
+    plain = mjrun(*arguments)
+    assert (plain.returncode, plain.stdout.partition(b":")[0]) == (1, b"p.html")
+    assert b"assertion failed: max(time) < 1: it is 1.9" in plain.stderr
+
+
+def test_without_an_output_or_a_page_the_options_are_named(mjrun: Command) -> None:
+    (mjrun.folder / "run.csv").write_text(TABLE)
+    done = mjrun("plot", "run.csv")
+    assert (done.returncode, b"'--output' or '--html'" in done.stderr) == (2, True)

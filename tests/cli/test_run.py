@@ -66,7 +66,7 @@ def test_a_dry_run_counts_and_makes_nothing(mjrun: Command, study: Path) -> None
     assert done.stdout.decode().splitlines() == [
         "simulation: 0.2 s in 100 steps of 0.002 s",
         "trace: run.csv: 101 rows; csv, 13 columns",
-        "plot: deep/down/energy.png: 101 samples, 320x240; png, energy",
+        "plot: deep/down/energy.png: 101 samples, 320x240; png, energy [J]",
         "recording: run.npz: 101 states; 48 numbers each",
     ]
     assert list(mjrun.folder.iterdir()) == []
