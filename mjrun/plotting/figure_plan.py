@@ -193,6 +193,8 @@ class TableCollector:
             for number, curve in enumerate(panel.curves)
             if known and names.issuperset(curve.text.expression.columns)
         }
+        chosen = [curve for panel in plan.panels for curve in panel.curves] if plan.options.y else []
+        self._missing = [curve.text.name for curve in chosen if curve not in self._curves.values()]
         self._x = x.evaluator() if x and known else None
         self._y = [curve.text.expression.evaluator() for curve in self._curves.values()]
         self._log = np.array([index in plan.log_y for index, _ in self._curves], bool)
@@ -243,7 +245,8 @@ class TableCollector:
     def notes(self) -> list[str]:
         """What the user may want to know, after the last row."""
         where = f"{self._name}: " if len(self._plan.tables) > 1 else ""
-        notes = [f"{where}{count} {what} are left out" for what, count in self._lost.items() if count]
+        notes = [f"{where}there is no {listing(self._missing)}"] if self._missing and self._curves else []
+        notes += [f"{where}{count} {what} are left out" for what, count in self._lost.items() if count]
         for curve, count in zip(self._curves.values(), self._negative.tolist(), strict=True):
             if count:
                 notes.append(f"{where}{curve.text.name}: {count} values at or below zero are not on a logarithmic axis")

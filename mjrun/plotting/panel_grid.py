@@ -47,7 +47,7 @@ def panel_grid(count: PanelCount, size: tuple[int, int] | None, columns: int | N
     em = 6 + width / (150 + 30 * (side > 1))
     if size is None:
         panel = min(max(12.5, 3.5 + 1.02 * count.names), 16.5)  # [em], so that a legend has room
-        height = max(0.55 * width, (rows * panel + BELOW + ABOVE * count.titled) * em)
+        height = max(0.5625 * width, (rows * panel + BELOW + ABOVE * count.titled) * em)
         size = width, 2 * round(height / 2)
     least = LEAST_WIDTH * side, LEAST_HEIGHT * rows + LEAST_BELOW
     if size[0] < least[0] or size[1] < least[1]:

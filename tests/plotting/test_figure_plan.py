@@ -1,5 +1,7 @@
 """What a figure shows of tables, before and after their rows."""
 
+import tracemalloc
+
 import numpy as np
 import pytest
 
@@ -107,6 +109,29 @@ def test_a_column_that_one_table_lacks_is_drawn_of_the_others() -> None:
     collectors[0].feed(rows())
     collectors[1].feed({name: rows()[name] for name in ("time", "qpos/a")})
     assert [len(panel.curves) for panel in plan.drawing(collectors).panels] == [2, 1, 1]
+
+
+def test_a_chosen_curve_that_one_table_lacks_is_told() -> None:
+    tables = [TABLE, TableColumns("other", {"time": "s", "qpos/a": "rad"})]
+    plan = FigurePlan(FigureOptions(y=["qpos/a", "qpos/b", "contact/ncon * 2"]), tables)
+    assert [plan.collector(i).notes() for i in (0, 1)] == [[], ["other: there is no qpos/b, contact/ncon * 2"]]
+
+
+def test_memory_does_not_grow_with_the_rows() -> None:
+    def peak(blocks: int) -> int:
+        collector = FigurePlan(FigureOptions(y=["qpos/a * 2", "qpos/b"], mark_event=["qpos/a > 1"]), [TABLE]).collector(
+            0
+        )
+        values = rows(20_000)
+        tracemalloc.start()
+        for block in range(blocks):
+            collector.feed({**values, "time": values["time"] + 2000 * block})
+        collector.points()
+        _, most = tracemalloc.get_traced_memory()
+        tracemalloc.stop()
+        return most
+
+    assert peak(50) < 1.3 * peak(5)  # 10⁶ rows against 10⁵
 
 
 def test_panels_beyond_a_bound_are_left_out_and_named() -> None:
