@@ -206,6 +206,7 @@ def test_every_other_command_of_the_readme_is_known() -> None:
         "mjrun check ",
         "mjrun bench ",
         "mjrun diff ",
+        "mjrun view ",
         "sed ",
     )
     assert all(command.startswith(known) for command in COMMANDS)
