@@ -51,14 +51,16 @@ def read_npz(path: Path) -> dict[str, np.ndarray]:
 
 
 def read_hdf5(path: Path) -> dict[str, np.ndarray]:
+    columns: list[tuple[int, str, np.ndarray]] = []
+
+    def visit(name: str, item: h5py.Dataset | h5py.Group) -> None:
+        if isinstance(item, h5py.Dataset):
+            values = item.asstr()[:] if item.dtype.kind == "O" else item[:]
+            columns.append((item.attrs["index"], item.attrs.get("name", name.encode()).decode(), values))
+
     with h5py.File(path) as found:
-        return {name: _hdf5_column(found, name) for name in json.loads(found.attrs["columns"])}
-
-
-def _hdf5_column(found: h5py.File, name: str) -> np.ndarray:
-    by_attribute = {dataset.attrs["name"]: dataset for dataset in found.values() if "name" in dataset.attrs}
-    dataset = by_attribute.get(name) or found[name]
-    return dataset.asstr()[:] if dataset.dtype.kind == "O" else dataset[:]
+        found.visititems(visit)
+    return {name: values for _, name, values in sorted(columns, key=lambda column: column[0])}
 
 
 READERS: dict[str, Callable[[Path], Any]] = {
@@ -355,7 +357,7 @@ def manifest_of(path: Path) -> dict[str, Any]:
         ".feather": lambda: pyarrow.feather.read_table(path).schema.metadata[b"mjrun"],
         ".npz": lambda: str(np.load(path)["__manifest__"]),
         ".mat": lambda: str(scipy.io.loadmat(path)["manifest"][0]),
-        ".hdf5": lambda: h5py.File(path).attrs["manifest"],
+        ".hdf5": lambda: h5py.File(path).attrs["manifest"].decode(),
     }[path.suffix]()
     return json.loads(text)
 

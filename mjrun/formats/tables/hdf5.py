@@ -1,8 +1,11 @@
 """HDF5: one dataset for each column, in groups by its name, as in `f["qpos/knee"]`; float64 `(rows,)`.
 
-Datasets have the attribute `unit`; text columns are UTF-8 strings, empty for no text. The file has the attributes
-`columns`, names in order, and `manifest`, which is JSON. A name that HDF5 cannot have as a path, or that is the group
-of another, stands in the attribute `name` of the dataset.
+Datasets have the attributes `unit` and `index`, their place in the table; text columns are UTF-8 strings, empty for no
+text. The file has the attribute `manifest`, which is JSON; of one that is too long for HDF5, `manifest_1` … are the
+rest. A name that HDF5 cannot have as a path, or that is the group of another, stands in the attribute `name`.
+
+Texts in attributes are UTF-8 of fixed length. Those of variable length are in a heap, on which HDF5's own library hangs
+if a file is broken, and are not read.
 
 When reading a file that mjrun did not write, every dataset is a column under its path, or several, `path/0`, `path/1`,
 if it has two dimensions. Links to other files are not followed.
@@ -12,11 +15,10 @@ Columns are written whole, so rows wait in an unnamed file beside the table unti
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterable, Iterator, Sequence
 from itertools import groupby
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, BinaryIO
+from typing import TYPE_CHECKING, BinaryIO
 
 from mjrun.errors import FileError, clean
 from mjrun.formats.table_format import ColumnFilter, TableContents, TableFormat
@@ -27,6 +29,7 @@ if TYPE_CHECKING:
     import numpy as np
 
 PIECE = 2**17  # values in a block that is read
+LONGEST = 2**14  # characters in an attribute, of at most 4 bytes each: HDF5 takes 64 KiB
 DEEPEST = 32  # groups within each other that are looked into
 
 
@@ -49,21 +52,31 @@ class Hdf5Writer:
 
         self._spill.end()
         names = [column.name for column in self._columns]
-        # From version 1.8 of the format on, attributes may be long; the libraries of today read all of them.
-        with (
-            self._path.open("r+b") as file,
-            h5py.File(file, "w", libver=("v108", "v108"), track_order=True) as archive,
-        ):
+        with self._path.open("r+b") as file, h5py.File(file, "w") as archive:
             for index, (path, column) in enumerate(zip(paths(names), self._columns, strict=True)):
                 dataset = _create(archive, path, column, self._spill.rows, self._spill.column(index))
-                dataset.attrs["unit"] = column.unit
-                if path != column.name:
-                    dataset.attrs["name"] = clean(column.name)
-            archive.attrs["columns"] = json.dumps(list(map(clean, names)), ensure_ascii=False)
-            archive.attrs["manifest"] = manifest
+                dataset.attrs["index"] = index
+                texts = {"unit": column.unit, "name": column.name if path != column.name else ""}
+                for key, text in texts.items():
+                    _write_text(dataset, key, text)
+            for start in range(0, len(manifest), LONGEST):
+                _write_text(archive, _part(start // LONGEST), manifest[start : start + LONGEST])
 
     def close(self) -> None:
         self._spill.close()
+
+
+def _write_text(item: h5py.File | h5py.Dataset, key: str, text: str) -> None:
+    """An attribute that is a text; none if it is empty, which HDF5 does not have."""
+    import numpy as np
+
+    if text:
+        item.attrs[key] = np.bytes_(text.encode())
+
+
+def _part(number: int) -> str:
+    """The attribute with this part of the manifest."""
+    return f"manifest_{number}" if number else "manifest"
 
 
 def _create(archive: h5py.File, path: str, column: Column, rows: int, pieces: Iterable[np.ndarray]) -> h5py.Dataset:
@@ -105,17 +118,17 @@ def read(path: Path, file: BinaryIO, wanted: ColumnFilter, gaps: bool) -> TableC
 
     with decoding(path, unreadable(path)):
         archive = h5py.File(file, "r")
-        found = _in_order(archive, dict(_datasets(archive)))
+        found = dict(sorted(_datasets(archive), key=lambda item: _index(item[1])))
         columns = [
             (column, dataset, part)
             for name, dataset in found.items()
             for part, column in enumerate(column_names(name, dataset.shape or ()))
         ]
-        manifest = parse_manifest(_text(archive.attrs.get("manifest")))
+        manifest = parse_manifest("".join(_manifest(archive)))
     chosen = [columns[at] for at in select(path, [column for column, _, _ in columns], wanted).values()]
 
     with decoding(path, unreadable(path)):
-        units = {column: _text(dataset.attrs.get("unit")) for column, dataset, _ in chosen}
+        units = {column: _text(dataset, "unit") for column, dataset, _ in chosen}
         for column, dataset, _ in chosen:
             _require_numbers(path, column, dataset)
     require_equal_lengths(path, {column: len(dataset) for column, dataset, _ in chosen})
@@ -123,28 +136,36 @@ def read(path: Path, file: BinaryIO, wanted: ColumnFilter, gaps: bool) -> TableC
     return TableContents([column for column, _, _ in chosen], blocks, units, manifest)
 
 
-def _datasets(group: h5py.Group, prefix: str = "", depth: int = 0) -> Iterator[tuple[str, h5py.Dataset]]:
-    """Every dataset below a group with its name, in the order of the file, but for those in other files."""
+def _datasets(group: h5py.Group, prefix: str = "", within: tuple[int, ...] = ()) -> Iterator[tuple[str, h5py.Dataset]]:
+    """Every dataset below a group with its name, but for those in other files, and groups within themselves."""
     import h5py
 
+    address = h5py.h5o.get_info(group.id).addr
+    if address in within or len(within) == DEEPEST:
+        return
     for key in group:
         if isinstance(group.get(key, getlink=True), h5py.ExternalLink):
             continue
         item = group.get(key)
         if isinstance(item, h5py.Dataset):
-            yield _text(item.attrs.get("name")) or f"{prefix}{key}", item
-        elif isinstance(item, h5py.Group) and depth < DEEPEST:
-            yield from _datasets(item, f"{prefix}{key}/", depth + 1)
+            yield _text(item, "name") or f"{prefix}{key}", item
+        elif isinstance(item, h5py.Group):
+            yield from _datasets(item, f"{prefix}{key}/", (*within, address))
 
 
-def _in_order(archive: h5py.File, datasets: dict[str, h5py.Dataset]) -> dict[str, h5py.Dataset]:
-    """The datasets in the order of the columns, if mjrun wrote them."""
-    try:
-        order = json.loads(_text(archive.attrs.get("columns")) or "[]")
-    except ValueError:
-        return datasets
-    first = [name for name in order if isinstance(name, str) and name in datasets] if isinstance(order, list) else []
-    return {name: datasets[name] for name in dict.fromkeys([*first, *datasets])}
+def _index(dataset: h5py.Dataset) -> int:
+    """The place of a column in the table, if mjrun wrote it."""
+    if "index" not in dataset.attrs:
+        return 0
+    attribute = dataset.attrs.get_id("index")
+    return int(dataset.attrs["index"]) if attribute.dtype.kind in "iu" and not attribute.shape else 0
+
+
+def _manifest(archive: h5py.File) -> Iterator[str]:
+    number = 0
+    while part := _text(archive, _part(number)):
+        yield part
+        number += 1
 
 
 def _require_numbers(path: Path, name: str, dataset: h5py.Dataset) -> None:
@@ -176,10 +197,12 @@ def _blocks(columns: Sequence[tuple[h5py.Dataset, int]]) -> Iterator[np.ndarray]
         yield block.T
 
 
-def _text(value: Any) -> str:
-    """An attribute that is a text; empty for anything else."""
-    text = value.decode("utf-8", "replace") if isinstance(value, bytes) else value
-    return text if isinstance(text, str) else ""
+def _text(item: h5py.File | h5py.Dataset, key: str) -> str:
+    """An attribute that is a text of fixed length; empty for anything else."""
+    if key not in item.attrs:
+        return ""
+    attribute = item.attrs.get_id(key)
+    return item.attrs[key].decode("utf-8", "replace") if attribute.dtype.kind == "S" and not attribute.shape else ""
 
 
 FORMAT = TableFormat("hdf5", (".h5", ".hdf5"), Hdf5Writer, read, library="h5py", extra="hdf5")
