@@ -14,6 +14,8 @@ from mjrun.diff.result import UnmatchedRows
 from mjrun.diff.tolerances import Tolerance
 from mjrun.errors import FileError, option
 
+ENOUGH = 2**16  # numbers that are compared at a time, or a few more
+
 
 class Rows(Protocol):
     """Rows of numbers, as an open table has them."""
@@ -95,11 +97,16 @@ class RowStream:
         return len(self.values)
 
     def fill(self) -> None:
-        """Adds a block of rows, unless all are here."""
-        block = next(self._blocks, None)
-        if block is None:
+        """Adds blocks of rows, unless all are here."""
+        blocks: list[np.ndarray] = []
+        missing = ENOUGH
+        while missing > 0 and (block := next(self._blocks, None)) is not None:
+            blocks.append(block)
+            missing -= block.size
+        if not blocks:
             self.is_ended = True
             return
+        block = np.concatenate(blocks) if len(blocks) > 1 else blocks[0]
         if self._key is not None:
             keys = block[:, self._key]
             self._require_ascending(keys)

@@ -3,6 +3,7 @@
 import importlib.util
 import math
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -90,4 +91,5 @@ def _similarity(a: np.ndarray, b: np.ndarray) -> float | None:
         return None
     from skimage.metrics import structural_similarity
 
-    return float(structural_similarity(a[..., :3] @ LUMA, b[..., :3] @ LUMA, data_range=PEAK, win_size=WINDOW))
+    similarity: Any = structural_similarity(a[..., :3] @ LUMA, b[..., :3] @ LUMA, data_range=PEAK, win_size=WINDOW)
+    return float(similarity)

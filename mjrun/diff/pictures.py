@@ -68,7 +68,8 @@ def compare_images(a: str, b: str, tolerance: Tolerance) -> tuple[PictureDiffere
       UnknownNameError: an image with this suffix cannot be read.
     """
     indices = bool(read_palette(a)) and read_palette(a) == read_palette(b)
-    return compare(*(ImageFrames([Path(path)], indices=indices) for path in (a, b)), tolerance)
+    one, other = (ImageFrames([Path(path)], indices=indices) for path in (a, b))
+    return compare(one, other, tolerance)
 
 
 def compare_videos(a: str, b: str, tolerance: Tolerance) -> tuple[PictureDifference, WorstFrames | None]:
@@ -111,7 +112,7 @@ class PictureSummary:
         self._worst: FrameDifference | None = None
         self._least_similar: FrameDifference | None = None
         self._most_changed: FrameDifference | None = None
-        self._worst_square = -1.0
+        self._worst_square, self._least_ssim = -1.0, 1.0
 
     def are_comparable(self, a: np.ndarray, b: np.ndarray) -> bool:
         """Whether two frames have the same size, and are both colours or both numbers."""
@@ -133,8 +134,8 @@ class PictureSummary:
             self._first = self._first or difference
             if self._most_changed is None or found.changed > self._most_changed.changed:
                 self._most_changed = difference
-        if found.ssim is not None and found.ssim < (self._least_similar.ssim if self._least_similar else 1.0):
-            self._least_similar = difference
+        if found.ssim is not None and found.ssim < self._least_ssim:
+            self._least_ssim, self._least_similar = found.ssim, difference
         self._frames += 1
         self._differing += found.changed > 0
         self._changed += found.changed

@@ -14,6 +14,12 @@ from mjrun.diff.tolerances import Tolerance
 from mjrun.errors import FileError
 
 
+@pytest.fixture(autouse=True)
+def single_blocks(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Blocks stay as small as they are."""
+    monkeypatch.setattr(alignment, "ENOUGH", 1)
+
+
 class ListedRows:
     """Rows in memory: their time and their number, in blocks of a few."""
 
