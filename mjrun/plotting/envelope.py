@@ -6,7 +6,6 @@ aggregation", 2014. Memory does not grow with the number of samples, and how the
 nothing.
 """
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -50,14 +49,17 @@ class Envelope:
         """Takes the next samples: `x` `(n,)`, finite, and `y` `(n, curves)`, NaN where there is a gap."""
         if self._ascends and len(x):
             back = np.flatnonzero(np.diff(x, prepend=self._last) < 0)
-            self._last = float(x[-1])
-            if not len(back):
-                self._bins.feed(x, y)
-                return
-            self._ascends, first = False, int(back[0])
+            first = int(back[0]) if len(back) else len(x)
             self._bins.feed(x[:first], y[:first])
-            for early in self._bins.release():
-                self._path.feed(*early)
+            self._last = float(x[first - 1]) if first else self._last
+            if not len(back):
+                return
+            self._ascends = False
+            early = self._bins.release()
+            if not early:
+                self._path.follow(self._last)
+            for samples in early:
+                self._path.feed(*samples)
             x, y = x[first:], y[first:]
         self._path.feed(x, y)
 
@@ -94,10 +96,10 @@ class _Bins:
             self._begin()
         self._gather(x, y)
 
-    def release(self) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+    def release(self) -> list[tuple[np.ndarray, np.ndarray]]:
         """The samples, if none are in bins yet; they are no longer here then."""
         early, self._early = self._early, []
-        yield from early
+        return early
 
     def curves(self) -> list[Points]:
         if not self._y.size:
@@ -171,6 +173,10 @@ class _Path:
         self._breaks, self._last = breaks, np.nan
         self._tails = [np.empty((0, 2)) for _ in range(curves)]  # samples that do not fill a group yet
         self._trees = [_GroupTree() for _ in range(curves)]
+
+    def follow(self, x: float) -> None:
+        """Tells where the line was before the path."""
+        self._last = x
 
     def feed(self, x: np.ndarray, y: np.ndarray) -> None:
         if not len(x):

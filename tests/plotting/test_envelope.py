@@ -123,11 +123,15 @@ def test_a_path_that_goes_back_keeps_its_order_and_its_extremes() -> None:
     assert steps.max() < 0.09
 
 
-def test_a_time_that_goes_back_breaks_the_line() -> None:
-    x = np.concatenate([np.arange(50.0), np.arange(50.0)])
-    (points,) = envelope(x, np.arange(100.0)[:, None], breaks=True)
-    assert np.isnan(points.y).sum() == 1
-    assert np.isnan(points.y[50])
+@pytest.mark.parametrize("rows", [50, 1000, 30_000])
+@pytest.mark.parametrize("block", [10, 1000, 10**6])
+def test_a_time_that_goes_back_breaks_the_line_there_alone(rows: int, block: int) -> None:
+    x = np.concatenate([np.arange(float(rows))] * 3)
+    y = np.repeat([1.0, 2.0, 3.0], rows)[:, None]
+    (points,) = envelope(x, y, block, breaks=True)
+    assert np.flatnonzero(np.isnan(points.y)).size == 2
+    runs = np.split(points.y, np.flatnonzero(np.isnan(points.y)))
+    assert [set(run[~np.isnan(run)]) for run in runs] == [{1}, {2}, {3}]
 
 
 def test_memory_does_not_grow() -> None:
