@@ -238,5 +238,15 @@ def test_help_of_a_command_loads_no_library_but_click(name: str) -> None:
     assert loaded.isdisjoint(set(LIBRARIES) - {"click"})
 
 
+def test_a_trace_starts_without_what_it_does_not_use(tmp_path: Path) -> None:
+    arguments = ["mjrun", "trace", "scene:pendulum", "--steps", "1", "-o", str(tmp_path / "t.csv")]
+    loaded = loaded_by(f"sys.argv = {arguments!r}; import runpy; runpy.run_module('mjrun', run_name='__main__')")
+    assert {"mujoco", "mjrun.job.trace"} <= loaded
+    rooms = {module.split(".")[1] for module in loaded if module.startswith("mjrun.")}
+    assert rooms.isdisjoint({"rendering", "camera", "document", "plotting", "diff", "check", "bench"})
+    unused = ("probe.parser", "probe.event", "job.column_map", "sim.motion", "formats.codecs")
+    assert loaded.isdisjoint(f"mjrun.{module}" for module in unused)
+
+
 def test_using_a_public_name_loads_what_it_needs() -> None:
     assert {"mujoco", "numpy"} <= loaded_by("import mjrun; mjrun.load")

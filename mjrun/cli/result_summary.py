@@ -3,7 +3,6 @@
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
-from mjrun.diff.sentences import golden_versions
 from mjrun.errors import clean
 
 if TYPE_CHECKING:
@@ -49,6 +48,8 @@ def trace(result: "TraceResult") -> str:
 
 def golden_summary(result: "DiffResult") -> str:
     """A line about a golden table, and what changed in one that is replaced."""
+    from mjrun.diff.sentences import golden_versions
+
     assert result.golden
     path, count, versions = clean(result.a), len(result.differences), golden_versions(result.golden)
     if not result.golden.updated:

@@ -30,6 +30,15 @@ ARRAYS = {"states": ("float64", ("n", "size")), "steps": ("int64", ("n",)), "fac
 HINT = f"{option('recording')} FILE.npz makes one"
 
 
+def is_recording(path: Path) -> bool:
+    """Whether the file at `path` is a recording, complete or not, or by its name alone if it is no archive."""
+    try:
+        with zipfile.ZipFile(path) as archive:
+            return len({f"{name}.npy" for name in ARRAYS} & {*archive.namelist()}) > 1
+    except (OSError, ValueError, zipfile.BadZipFile):
+        return path.suffix.lower() == SUFFIX
+
+
 class RecordingReader(Closable):
     """Reads the states of a recording in any order; they stay on disk.
 

@@ -3,14 +3,10 @@
 from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from mjrun.diff.golden import GoldenComparison
-from mjrun.diff.origins import origin_notes
-from mjrun.diff.result import DiffResult, GoldenFacts
-from mjrun.diff.sentences import golden_versions, table_sentences
-from mjrun.diff.tolerances import Tolerance, Tolerances
 from mjrun.errors import FileError, UsageError, clean, option
 from mjrun.formats.atomic_output import OutputWriter
 from mjrun.formats.sidecar import SidecarWriter, sidecar_path
@@ -19,6 +15,10 @@ from mjrun.formats.tables import input_format, output_format
 from mjrun.model.column import Column
 from mjrun.options.option import is_given
 from mjrun.options.trace import GoldenOptions
+
+if TYPE_CHECKING:
+    from mjrun.diff.golden import GoldenComparison
+    from mjrun.diff.result import DiffResult
 
 KIND = "golden"
 STATED = ("mjrun", "mujoco")  # what a verdict says of the origin in any case
@@ -90,13 +90,17 @@ class GoldenTable:
         if self._table:
             self._table.write(values)
 
-    def finish(self, source: str, *, replace: bool) -> tuple[DiffResult, list[OutputWriter]]:
+    def finish(self, source: str, *, replace: bool) -> "tuple[DiffResult, list[OutputWriter]]":
         """What the comparison comes to, and what there is to publish.
 
         Args:
           source: what the simulation is called.
           replace: whether the rows are worth a golden table, if one is to be made.
         """
+        from mjrun.diff.origins import origin_notes
+        from mjrun.diff.result import DiffResult, GoldenFacts
+        from mjrun.diff.sentences import table_sentences
+
         table = self._comparison.finish() if self._comparison else None
         differences = [self._obstacle] if self._obstacle else []
         differences += table_sentences(table, clean(self._path), clean(source)) if table else []
@@ -111,6 +115,9 @@ class GoldenTable:
         return DiffResult(KIND, self._path, source, equal, differences, notes, table, golden=facts), writers
 
     def _compare(self, options: GoldenOptions, columns: Sequence[Column], stack: ExitStack) -> None:
+        from mjrun.diff.golden import GoldenComparison
+        from mjrun.diff.tolerances import Tolerance, Tolerances
+
         tolerances = Tolerances(Tolerance(options.atol, options.rtol), options.tol)
         try:
             self._comparison = GoldenComparison(self._path, columns, tolerances)
@@ -126,8 +133,10 @@ def _rest(manifest: Mapping[str, object]) -> dict[str, object]:
     return {key: value for key, value in manifest.items() if key not in STATED}
 
 
-def difference_message(result: DiffResult) -> str:
+def difference_message(result: "DiffResult") -> str:
     """What differs from a golden table, in a few lines."""
+    from mjrun.diff.sentences import golden_versions
+
     assert result.golden
     hidden = len(result.differences) - LISTED
     more = [f"… and {hidden} more"] if hidden > 0 else []

@@ -1,6 +1,5 @@
 """A table of positions in time as the states of a model."""
 
-import zipfile
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from fractions import Fraction
@@ -15,8 +14,6 @@ from mjrun.job.column_map import ColumnMap, column_map, time_hint
 from mjrun.sim.motion import Motion
 from mjrun.sim.motion_samples import Interpolation, MotionSamples
 from mjrun.timeline import seconds
-
-RECORDING = {"states.npy", "steps.npy", "facts.npy"}  # what a recording holds
 
 
 @dataclass(frozen=True)
@@ -78,15 +75,6 @@ class MotionReading:
     def _times(self, rows: int) -> np.ndarray:
         assert self.rate
         return np.array(seconds(np.arange(rows), 1 / self.rate), float)
-
-
-def is_recording(path: Path) -> bool:
-    """Whether the file at `path` is a recording, complete or not, or by its name alone if it is no archive."""
-    try:
-        with zipfile.ZipFile(path) as archive:
-            return len(RECORDING & {*archive.namelist()}) > 1
-    except (OSError, ValueError, zipfile.BadZipFile):
-        return path.suffix.lower() == ".npz"
 
 
 def _names(path: Path) -> list[str]:

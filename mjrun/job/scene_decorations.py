@@ -12,8 +12,7 @@ import numpy as np
 from mjrun.camera.argument import parse_point
 from mjrun.camera.targets import identify_objects
 from mjrun.errors import BadValueError, UnknownNameError, UsageError, clean, concerning, option
-from mjrun.formats.recording_reader import RecordingReader
-from mjrun.job.motion_table import is_recording
+from mjrun.formats.recording_reader import RecordingReader, is_recording
 from mjrun.job.simulation import Simulation
 from mjrun.job.view import visual_of
 from mjrun.model import state

@@ -6,16 +6,14 @@ from fractions import Fraction
 from functools import cached_property
 from itertools import chain, repeat
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import mujoco
 
 from mjrun.errors import UsageError, clean, concerning, listing, option
 from mjrun.formats.manifest import fingerprint
-from mjrun.formats.recording_reader import RecordingReader
+from mjrun.formats.recording_reader import RecordingReader, is_recording
 from mjrun.formats.table_reader import STDIN, read_table
-from mjrun.job.column_map import map_files
-from mjrun.job.motion_table import MotionReading, is_recording
 from mjrun.model import known_bugs, state
 from mjrun.model.fingerprint import physics_fingerprint
 from mjrun.model.names import control_names, control_slices
@@ -29,13 +27,14 @@ from mjrun.sim.control_noise import ControlNoise
 from mjrun.sim.control_table import PREFIX, ControlTable
 from mjrun.sim.controller import PeriodicController
 from mjrun.sim.initial_state import InitialState
-from mjrun.sim.motion import Motion
-from mjrun.sim.motion_samples import Interpolation
 from mjrun.sim.push_forces import PushForces
 from mjrun.sim.recorded_inputs import RecordedInputs
 from mjrun.sim.replay import ReplayStepper, require_model, require_timestep
 from mjrun.sim.stepper import PhysicsStepper, Stepper
 from mjrun.timeline import Timeline, rational
+
+if TYPE_CHECKING:
+    from mjrun.sim.motion import Motion
 
 DURATION = Fraction(5)  # [s], when nothing is said
 
@@ -83,8 +82,15 @@ class Simulation(SimulationOptions):
         """The files that it reads besides the model, with what they are."""
         replay = "table" if self.replay is not None and not is_recording(Path(self.replay)) else "recording"
         tables = (("table of controls", self.ctrl_from), (replay, self.replay))
-        maps = (("file of columns", file) for file in map_files(self.map))
-        return [(what, Path(file)) for what, file in (*tables, *maps) if file is not None]
+        return [*((what, Path(file)) for what, file in tables if file is not None), *self._map_files]
+
+    @property
+    def _map_files(self) -> list[tuple[str, Path]]:
+        if not self.map:
+            return []
+        from mjrun.job.column_map import map_files
+
+        return [("file of columns", Path(file)) for file in map_files(self.map)]
 
     @cached_property
     def fingerprints(self) -> list[dict[str, Any]]:
@@ -133,7 +139,7 @@ class Simulation(SimulationOptions):
         replay = self.replay_remarks(model)
         return [*known_bugs.bugs_of_model(model), *self.start.remarks(model), *pushes, *replay]
 
-    def replayed(self, model: mujoco.MjModel) -> RecordingReader | Motion:
+    def replayed(self, model: mujoco.MjModel) -> "RecordingReader | Motion":
         """What is replayed: a recording, or a table as a motion of `model`; opened once, and all of it checked then.
 
         Raises:
@@ -156,7 +162,7 @@ class Simulation(SimulationOptions):
                 raise UsageError(Exclusion(("replay", name), "a recording holds all of the state").message(), (name,))
         return self._recording
 
-    def motion(self, path: Path, model: mujoco.MjModel, texts: Sequence[str] | None = None) -> Motion:
+    def motion(self, path: Path, model: mujoco.MjModel, texts: Sequence[str] | None = None) -> "Motion":
         """The motion of `model` in a table, read once; what it lacks is as this simulation starts.
 
         Args:
@@ -166,6 +172,9 @@ class Simulation(SimulationOptions):
           UsageError: the table is no motion of `model`.
           FileError: it cannot be read.
         """
+        from mjrun.job.motion_table import MotionReading
+        from mjrun.sim.motion_samples import Interpolation
+
         texts = self.map if texts is None else texts
         key = (path, tuple(texts), model.opt.timestep, *state.sizes(model).values())
         if key not in self._motions:
@@ -180,7 +189,7 @@ class Simulation(SimulationOptions):
         return RecordingReader(str(self.replay))
 
     @cached_property
-    def _motions(self) -> dict[tuple[object, ...], Motion]:
+    def _motions(self) -> "dict[tuple[object, ...], Motion]":
         """The motions that were read."""
         return {}
 
@@ -216,7 +225,7 @@ class Simulation(SimulationOptions):
         if self.replay is None:
             return []
         states = self.replayed(model)
-        if isinstance(states, Motion):
+        if not isinstance(states, RecordingReader):
             derived = "forces and energies are what this model makes of the positions in the table"
             return [*states.remarks, *([derived] if self.replay_mode != CONTROLS else [])]
         if states.facts.get("physics", physics := physics_fingerprint(model)) == physics:

@@ -10,7 +10,6 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from mjrun.diff.result import DiffResult
 from mjrun.errors import concerning
 from mjrun.formats.atomic_output import OutputWriter
 from mjrun.formats.table_writer import TableWriter
@@ -33,6 +32,7 @@ from mjrun.sim.stepper import PhysicsStepper, Stepper
 from mjrun.timeline import Timeline
 
 if TYPE_CHECKING:
+    from mjrun.diff.result import DiffResult
     from mjrun.probe.assertion import Assertion
 
 QUEUED_BLOCKS = 4  # that may wait to be written
@@ -96,7 +96,7 @@ class TraceResult(OutputResult):
     wall: float
     assertions: Sequence[Verdict]
     warnings: Sequence[str]
-    golden: DiffResult | None = None
+    golden: "DiffResult | None" = None
 
 
 def columns(simulation: Simulation, probes: Sequence[str] = ()) -> list[Column]:
@@ -231,7 +231,7 @@ class TraceOutput(Output[TraceResult]):
             self._contacts.write(rows.contacts)
 
     def _result(
-        self, assertions: Sequence[Verdict], golden: DiffResult | None, files: Sequence[Path], summary: PassSummary
+        self, assertions: Sequence[Verdict], golden: "DiffResult | None", files: Sequence[Path], summary: PassSummary
     ) -> TraceResult:
         task, timeline = self._plan.task, self._plan.context.timeline
         return TraceResult(

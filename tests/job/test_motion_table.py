@@ -15,7 +15,8 @@ import scipy.io
 from scipy.spatial.transform import Rotation
 
 from mjrun.errors import FileError, MjrunError, UsageError
-from mjrun.job.motion_table import MotionReading, is_recording
+from mjrun.formats.recording_reader import is_recording
+from mjrun.job.motion_table import MotionReading
 from mjrun.job.recording import Recording
 from mjrun.job.simulation import Simulation
 from mjrun.model import state
