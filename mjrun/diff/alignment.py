@@ -143,10 +143,12 @@ class RowStream:
         if falls.any():
             at = int(falls.argmax())
             row = self.row + len(self) + at + 1
-            follows = "and must be a number" if np.isnan(keys[at]) else f"follows {before[at]:.9g}, and must not fall"
+            fault = f"is {keys[at]}, and must be a number"
+            if not np.isnan(keys[at]):
+                fault = f"{keys[at]:.9g} follows {before[at]:.9g}, and must not fall"
             raise FileError(
                 self._table.path,
-                f"row {row}: {self._key_name} {keys[at]:.9g} {follows}",
+                f"row {row}: {self._key_name} {fault}",
                 f"{option('align')} row compares rows of the same number",
             )
         self._last = keys[-1]

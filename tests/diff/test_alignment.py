@@ -121,7 +121,7 @@ def test_times_that_differ_within_a_tolerance_belong_together(
     ("keys", "message"),
     [
         ([0.0, 0.2, 0.1], "row 3: time 0.1 follows 0.2, and must not fall"),
-        ([0.0, float("nan")], "row 2: time nan and must be a number"),
+        ([0.0, float("nan")], "row 2: time is nan, and must be a number"),
     ],
 )
 def test_a_time_that_falls_is_told_with_its_row(keys: list[float], message: str) -> None:

@@ -326,3 +326,13 @@ def test_what_a_file_says_of_itself_is_cleaned(tmp_path: Path) -> None:
         RecordingReader(path)
     assert "\x1b" not in str(caught.value)
     assert "\\x1b[31m" in str(caught.value)
+
+
+def test_all_states_come_in_blocks_with_their_steps(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    states = np.random.default_rng(1).standard_normal((7, 3))
+    with RecordingReader(written(tmp_path / "r.npz", states, stride=2)) as recording:
+        monkeypatch.setattr(recording_reader, "PIECE", 50)  # bytes: two states
+        blocks = list(recording.blocks())
+        assert [len(steps) for steps, _ in blocks] == [2, 2, 2, 1]
+        assert np.array_equal(np.concatenate([block for _, block in blocks]), states)
+        assert np.concatenate([steps for steps, _ in blocks]).tolist() == [0, 2, 4, 6, 8, 10, 12]

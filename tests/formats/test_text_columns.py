@@ -1,5 +1,6 @@
 """Numbers as text: lines and places of bad cells."""
 
+import io
 import json
 import re
 from pathlib import Path
@@ -14,6 +15,7 @@ from mjrun.errors import FileError
 from mjrun.formats import text_columns
 from mjrun.formats.table_reader import read_table
 from mjrun.formats.tables import npz as npz_format
+from mjrun.formats.text_columns import LinePieces
 
 
 def put(path: Path, content: str | bytes) -> Path:
@@ -61,3 +63,41 @@ def test_a_line_without_end_is_refused_before_it_fills_the_memory(
         path = put(tmp_path / name, content + "0" * 2**20)
         with pytest.raises(FileError, match=f"^{re.escape(str(path))}:2: is a line of more than 1024 bytes"):
             read_table(path, everything)
+
+
+def line_pieces(path: Path, content: bytes, width: int = 2) -> LinePieces:
+    return LinePieces(path, io.BytesIO(content), 1, (width, (0, 1)))
+
+
+@pytest.mark.parametrize(
+    ("a", "b", "skipped"),
+    [
+        (b"1,2\n3,4\n", b"1,2\n3,4\n", 2),
+        (b"1,2\n3,4\n5,6\n", b"1,2\n3,4\n5,7\n", 2),
+        (b"1,2\n3,4", b"1,2\n3,4", 1),
+        (b"1,2\n\n3,4\n", b"1,2\n\n3,4\n", 0),
+        (b'1,2\n"3",4\n', b'1,2\n"3",4\n', 0),
+        (b"1,2,3\n4\n", b"1,2,3\n4\n", 2),  # which parsing another piece would tell
+        (b"1,2\n", b"", 0),
+    ],
+)
+def test_equal_lines_are_counted_and_passed_over(tmp_path: Path, a: bytes, b: bytes, skipped: int) -> None:
+    one, other = line_pieces(tmp_path, a), line_pieces(tmp_path, b)
+    assert one.skip_equal(other) == skipped
+    rest = b"".join(a.splitlines(keepends=True)[skipped:])
+    assert list(one) == ([(1 + skipped, rest)] if rest else [])
+    assert one.skip_equal(line_pieces(tmp_path, a, 3)) == 0
+
+
+def test_lines_are_looked_at_ever_less_often_where_files_differ_everywhere(tmp_path: Path) -> None:
+    class Counted(io.BytesIO):
+        reads = 0
+
+        def read(self, *size: int | None) -> bytes:
+            self.reads += 1
+            return super().read(*size)
+
+    files = Counted(b"1,2\n" * 9), Counted(b"1,3\n" * 9)
+    one, other = (LinePieces(tmp_path, file, 1, (2, (0, 1))) for file in files)
+    assert [one.skip_equal(other) for _ in range(200)] == [0] * 200
+    assert files[0].reads < 12
