@@ -247,29 +247,31 @@ class _Resolver:
 
     def _require_positions(self) -> None:
         found, source = self._found, clean(self._source)
-        expected = [TIME, *(name for f in POSITIONS for name in self._columns[f])]
-        if not any(found.sources.get(f) for f in POSITIONS):
-            raise UsageError(
-                f"{source} has no positions of this model\nit has {listing(self._names) or 'no columns'}\n"
-                f"the model has {listing(expected)}\n{option('map')} says what is what: {self._example()}"
-            )
         lacking = [name for i, name in enumerate(self._columns["qpos"]) if i not in found.sources.get("qpos", {})]
         if found.unknown and lacking:
             raise UsageError(
                 f"{source} is a table of another model: it has {listing(found.unknown)}, and lacks {listing(lacking)}\n"
-                f"{option('map')} says what is what: {self._example()}"
+                f"{self._hint()}"
+            )
+        if not any(found.sources.get(f) for f in POSITIONS):
+            expected = [TIME, *(name for f in POSITIONS for name in self._columns[f])]
+            raise UsageError(
+                f"{source} has no positions of this model\nit has {listing(self._names) or 'no columns'}\n"
+                f"the model has {listing(expected)}\n{self._hint()}"
             )
 
-    def _example(self) -> str:
-        """A text of a map that is likely to be of use."""
+    def _hint(self) -> str:
+        """A text of a map, which may be just what is needed."""
         found = self._found.sources.get("qpos", {})
-        wanted = [name for i, name in enumerate(self._columns["qpos"]) if i not in found] or self._columns["mocap_pos"]
-        others = [name for name in self._names if name != TIME] or ["COLUMN"]
+        wanted = [name for i, name in enumerate(self._columns["qpos"]) if i not in found]
+        others = [name for name in self._names if name != TIME]
         for name in wanted:
             leaf = name.partition("/")[2]
-            if close := near(leaf, others) or [other for other in others if leaf.casefold() in other.casefold()]:
-                return f"{clean(name)}={clean(spelled(close[0]))}"
-        return f"{clean(wanted[0])}={clean(spelled(others[0]))}" if wanted else f"qpos/JOINT={clean(others[0])}"
+            alike = near(leaf, others) or [other for other in others if leaf.casefold() in other.casefold()]
+            if alike:
+                degrees = "*pi/180" if "deg" in alike[0].casefold() else ""
+                return f"{option('map')} says what is what, as in {clean(name)}={clean(spelled(alike[0]))}{degrees}"
+        return f"{option('map')} says what is what, as in {clean((wanted or ['qpos/JOINT'])[0])}=COLUMN"
 
 
 def time_hint(names: Sequence[str]) -> str:

@@ -160,7 +160,7 @@ class CompleteSamples:
     def _present(self, name: str, values: np.ndarray) -> np.ndarray:
         """The rows in which there are all values; notes the gaps between them."""
         rows = values.reshape(len(values), -1)
-        present = ~np.isnan(rows).any(axis=1)
+        present = np.atleast_1d(~np.isnan(rows).any(axis=1))
         bad = np.flatnonzero(np.isinf(rows).any(axis=1))
         if len(bad):
             raise UsageError(f"{self._row(bad[0])}: {clean(name)} is infinite")

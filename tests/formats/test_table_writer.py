@@ -55,8 +55,9 @@ def read_hdf5(path: Path) -> dict[str, np.ndarray]:
 
     def visit(name: str, item: h5py.Dataset | h5py.Group) -> None:
         if isinstance(item, h5py.Dataset):
-            values = item.asstr()[:] if item.dtype.kind == "O" else item[:]
-            columns.append((item.attrs["index"], item.attrs.get("name", name.encode()).decode(), values))
+            values = np.asarray(item.asstr()[:] if item.dtype.kind == "O" else item[:])
+            attributes: Any = item.attrs
+            columns.append((int(attributes["index"]), attributes.get("name", name.encode()).decode(), values))
 
     with h5py.File(path) as found:
         found.visititems(visit)
@@ -357,7 +358,7 @@ def manifest_of(path: Path) -> dict[str, Any]:
         ".feather": lambda: pyarrow.feather.read_table(path).schema.metadata[b"mjrun"],
         ".npz": lambda: str(np.load(path)["__manifest__"]),
         ".mat": lambda: str(scipy.io.loadmat(path)["manifest"][0]),
-        ".hdf5": lambda: h5py.File(path).attrs["manifest"].decode(),
+        ".hdf5": lambda: bytes(h5py.File(path).attrs["manifest"]).decode(),  # type: ignore[arg-type]
     }[path.suffix]()
     return json.loads(text)
 

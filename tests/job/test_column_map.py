@@ -159,7 +159,7 @@ def test_a_table_without_positions_says_what_it_has_and_what_to_do() -> None:
     assert str(caught.value) == (
         "t.csv has no positions of this model\nit has stamp, left_hip_deg, x\\x1b\n"
         f"the model has time, {', '.join(QPOS)}, mocap_pos/0/x, mocap_pos/0/y, mocap_pos/0/z, mocap_quat/0/qw, "
-        "mocap_quat/0/qx, mocap_quat/0/qy, mocap_quat/0/qz\nmap says what is what: qpos/hip=left_hip_deg"
+        "mocap_quat/0/qx, mocap_quat/0/qy, mocap_quat/0/qz\nmap says what is what, as in qpos/hip=left_hip_deg*pi/180"
     )
 
 
@@ -170,6 +170,8 @@ def test_a_table_of_another_model_is_told_by_what_it_has_and_lacks() -> None:
         resolved(["time", *QPOS[:-1], "qpos/ankle"])
     with pytest.raises(UsageError, match=r"^t\.csv has 9 columns qpos/0 … qpos/8, and qpos of this model has 13"):
         resolved(["time", *numbered("qpos/{}", 9)])
+    with pytest.raises(UsageError, match=r"^t\.csv is a table of another model: it has qpos/ankle, and lacks"):
+        resolved(["time", "qpos/ankle"])
     assert resolved(["time", *QPOS, "qpos/ankle"]).unknown == ["qpos/ankle"]  # it has all that is needed
     assert len(resolved(["time", *QPOS[:-1]]).sources["qpos"]) == 12
 

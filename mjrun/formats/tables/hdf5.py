@@ -18,7 +18,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Sequence
 from itertools import groupby
 from pathlib import Path
-from typing import TYPE_CHECKING, BinaryIO
+from typing import TYPE_CHECKING, Any, BinaryIO
 
 from mjrun.errors import FileError, clean
 from mjrun.formats.table_format import ColumnFilter, TableContents, TableFormat
@@ -136,12 +136,13 @@ def read(path: Path, file: BinaryIO, wanted: ColumnFilter, gaps: bool) -> TableC
     return TableContents([column for column, _, _ in chosen], blocks, units, manifest)
 
 
-def _datasets(group: h5py.Group, prefix: str = "", within: tuple[int, ...] = ()) -> Iterator[tuple[str, h5py.Dataset]]:
+def _datasets(
+    group: h5py.Group, prefix: str = "", within: tuple[h5py.Group, ...] = ()
+) -> Iterator[tuple[str, h5py.Dataset]]:
     """Every dataset below a group with its name, but for those in other files, and groups within themselves."""
     import h5py
 
-    address = h5py.h5o.get_info(group.id).addr
-    if address in within or len(within) == DEEPEST:
+    if group in within or len(within) == DEEPEST:
         return
     for key in group:
         if isinstance(group.get(key, getlink=True), h5py.ExternalLink):
@@ -150,7 +151,7 @@ def _datasets(group: h5py.Group, prefix: str = "", within: tuple[int, ...] = ())
         if isinstance(item, h5py.Dataset):
             yield _text(item, "name") or f"{prefix}{key}", item
         elif isinstance(item, h5py.Group):
-            yield from _datasets(item, f"{prefix}{key}/", (*within, address))
+            yield from _datasets(item, f"{prefix}{key}/", (*within, group))
 
 
 def _index(dataset: h5py.Dataset) -> int:
@@ -158,7 +159,8 @@ def _index(dataset: h5py.Dataset) -> int:
     if "index" not in dataset.attrs:
         return 0
     attribute = dataset.attrs.get_id("index")
-    return int(dataset.attrs["index"]) if attribute.dtype.kind in "iu" and not attribute.shape else 0
+    index: Any = dataset.attrs["index"]
+    return int(index) if attribute.dtype.kind in "iu" and not attribute.shape else 0
 
 
 def _manifest(archive: h5py.File) -> Iterator[str]:
@@ -202,7 +204,10 @@ def _text(item: h5py.File | h5py.Dataset, key: str) -> str:
     if key not in item.attrs:
         return ""
     attribute = item.attrs.get_id(key)
-    return item.attrs[key].decode("utf-8", "replace") if attribute.dtype.kind == "S" and not attribute.shape else ""
+    if attribute.dtype.kind != "S" or attribute.shape:
+        return ""
+    text: Any = item.attrs[key]
+    return text.decode("utf-8", "replace")
 
 
 FORMAT = TableFormat("hdf5", (".h5", ".hdf5"), Hdf5Writer, read, library="h5py", extra="hdf5")
