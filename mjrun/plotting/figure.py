@@ -174,7 +174,7 @@ class _Painter:
         alone = _isolated(curve.points.y)
         if alone.any():
             x, y, size = curve.points.x[alone], curve.points.y[alone], 2.2 * line.get_linewidth()
-            axes.plot(x, y, "o", markersize=size, color=line.get_color(), markeredgewidth=0)
+            axes.plot(x, y, "o", markersize=size, color=line.get_color(), markeredgewidth=0, clip_on=False)
 
     def _sample(self, curve: DrawnCurve) -> Line2D:
         """A line that looks like a curve."""

@@ -250,6 +250,9 @@ class TableCollector:
         for curve, count in zip(self._curves.values(), self._negative.tolist(), strict=True):
             if count:
                 notes.append(f"{where}{curve.text.name}: {count} values at or below zero are not on a logarithmic axis")
+        drawn = zip(self._curves.values(), self._envelope.curves(), strict=True)
+        empty = [curve.text.name for curve, points in drawn if not np.isfinite(points.y).any()]
+        notes += [f"{where}{listing(empty)}: no value can be drawn"] if empty and self.rows else []
         for event, count in zip(self._events, self._seen, strict=True):
             if count > EVENTS:
                 notes.append(f"{where}{event.label}: the first {EVENTS} of {count} are marked")

@@ -37,7 +37,7 @@ def legend_rows(entries: Sequence[Entry], top: float, bottom: float, line: float
         return Rows([_spread(sorted(entries, key=lambda entry: entry.y), top, bottom, line)], 1.0)
     scale = max(SMALLEST, min(1.0, (bottom - top) / line / len(entries)))
     line *= scale
-    rows = max(1, int((bottom - top) / line))
+    rows = max(1, int((bottom - top) / line + 1e-6))  # they may fit exactly
     count = -(-len(entries) // rows)
     rows = -(-len(entries) // count)
     columns = [entries[start : start + rows] for start in range(0, len(entries), rows)]

@@ -84,6 +84,11 @@ def test_rows_without_x_are_left_out_and_infinite_values_are_gaps() -> None:
     assert np.isnan(points.y).tolist() == [False] * 4 + [True] + [False] * 4
 
 
+def test_a_column_without_values_is_told() -> None:
+    values = {**rows(), "qpos/b": np.full(10, np.nan)}
+    assert drawn(FigureOptions(), values)[1] == ["qpos/b: no value can be drawn"]
+
+
 def test_tables_have_their_colours_and_a_panel_for_each_column() -> None:
     plan = FigurePlan(FigureOptions(), [TableColumns(name, UNITS) for name in "12"])
     collectors = [plan.collector(0), plan.collector(1)]

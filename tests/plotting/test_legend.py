@@ -35,6 +35,11 @@ def test_a_name_that_has_room_stands_where_its_curve_ends() -> None:
     assert [entry.y for entry in column] == [20, 60, 85]
 
 
+@pytest.mark.parametrize("top", np.linspace(0, 100, 7))
+def test_names_that_fit_exactly_are_in_one_column(top: float) -> None:
+    assert len(legend_rows(entries([50.0] * 12), top, top + 98.7, LINE).columns) == 1
+
+
 @pytest.mark.parametrize("count", [7, 12, 30, 100])
 def test_many_names_are_in_their_own_order_in_columns_that_fit(count: int) -> None:
     rows = legend_rows(entries([50.0] * count), 0, 100, LINE)
