@@ -46,6 +46,18 @@ assert "physics settings" in next(a for a in show() if hasattr(a, "what")).what
 assert window._model.opt.gravity[2] == model.opt.gravity[2]
 assert quiet(show())
 
+mouse = window._handle.perturb  # which the mouse moves
+mouse.select, mouse.active, mouse.localmass, mouse.scale = 1, int(mujoco.mjtPertBit.mjPERT_TRANSLATE), 1, 1
+mouse.refpos, mouse.refquat = data.xpos[1] + [0, 0, 0.5], data.xquat[1]
+(pull,) = show()
+expected = mujoco.MjData(model)
+mujoco.mj_copyData(expected, model, data)
+expected.xfrc_applied[:] = 0
+mujoco.mjv_applyPerturbForce(model, expected, mouse)
+assert pull.forces.any() and pull.forces.tolist() == expected.xfrc_applied.tolist()
+mouse.active = 0
+assert quiet(show())
+
 window.close()
 assert not window.is_open
 assert threading.active_count() == threads
