@@ -71,8 +71,8 @@ def table_plot(result: "TablePlotResult") -> str:
     width, height = result.size
     panels, curves = len(result.panels), f"{result.curves} curve{'' if result.curves == 1 else 's'}"
     size = f"{width}x{height}, {curves} in {panels} panel{'' if panels == 1 else 's'}"
-    paths = dict.fromkeys([result.path, *([result.html] if result.html else [])])
-    return f"{', '.join(map(clean, paths))}: {size}, {sum(result.rows)} rows"
+    paths: list[str] = [result.path, *([result.html] if result.html else [])]
+    return f"{', '.join(map(clean, dict.fromkeys(paths)))}: {size}, {sum(result.rows)} rows"
 
 
 def recording(result: "RecordingResult") -> str:
