@@ -42,7 +42,7 @@ class ProbeSampler:
       with_contacts: whether the contacts of every row are recorded too.
 
     Attributes:
-      model: a copy with energy enabled if it is measured; to be simulated.
+      model: the model to simulate: a copy with energy enabled where it is measured, and was not.
       columns, contact_columns: of the trace, `time` first, and of the contact table.
     """
 
@@ -56,8 +56,9 @@ class ProbeSampler:
         of_fields = [probe for probe in self.probes if isinstance(probe, FieldProbe)]
         self._fields = sorted({name for probe in of_fields for name in probe.fields})
         self._initial_fields = sorted({name for probe in of_fields if probe.needs_initial for name in probe.fields})
-        self.model = copy.copy(model)
-        if "energy" in self._fields:
+        self.model = model
+        if "energy" in self._fields and not model.opt.enableflags & ENERGY:
+            self.model = copy.copy(model)
             self.model.opt.enableflags |= ENERGY
 
     @property

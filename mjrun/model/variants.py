@@ -48,9 +48,14 @@ class _Compilation:
 
 
 class ModelVariants:
-    """Loads sources as `Source.load` does, and remembers what they have in common."""
+    """Loads sources as `Source.load` does, and remembers what they have in common.
 
-    def __init__(self) -> None:
+    Args:
+      prepare: changes each model after its compilation.
+    """
+
+    def __init__(self, prepare: Callable[[mujoco.MjModel], None] | None = None) -> None:
+        self._prepare = prepare
         self._compilations = OrderedDict[Source, _Compilation]()
 
     def load(self, source: Source) -> mujoco.MjModel:
@@ -72,11 +77,18 @@ class ModelVariants:
         return _with_values(shared.spec, shared.model, copied)
 
     def _compilation(self, source: Source) -> _Compilation:
-        compilation = self._compilations.pop(source, None) or _Compilation(*source.compile())
+        compilation = self._compilations.pop(source, None) or self._compile(source)
         self._compilations[source] = compilation
         if len(self._compilations) > REMEMBERED:
             self._compilations.popitem(last=False)
         return compilation
+
+    def _compile(self, source: Source) -> _Compilation:
+        spec, model = source.compile()
+        if self._prepare:
+            model = copy.copy(model) if spec is None else model  # which may be the user's own
+            self._prepare(model)
+        return _Compilation(spec, model)
 
 
 def _field(override: Override) -> str:

@@ -6,7 +6,7 @@ recorded states instead.
 """
 
 import copy
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import mujoco
@@ -23,6 +23,8 @@ from mjrun.sim.stepper import PhysicsStepper
 from mjrun.timeline import rational
 
 RK4 = int(mujoco.mjtIntegrator.mjINT_RK4)
+AUTORESET = int(mujoco.mjtDisableBit.mjDSBL_AUTORESET)
+ENERGY = int(mujoco.mjtEnableBit.mjENBL_ENERGY)
 SLEEP = int(mujoco.mjtEnableBit.mjENBL_SLEEP)
 # Fields that are part of the integration state, but for the inputs, which a step does not change.
 STATE_FIELDS = ("qpos", "qvel", "act", "history", "qacc_warmstart", "plugin_state", "plastic")
@@ -92,7 +94,7 @@ class RecordingBatch:
         self._derived = None
         if any(model.opt.integrator == RK4 for model in models):
             self._derived = DerivedFields(models, record, size, threads)
-            models = changed(models, _without_energy)
+            models = with_flags(models, leave_out=ENERGY)
         self._batch = _batch(models, threads)
         self._states = {name: self._batch.bind(name) for name in record if name in STATE_FIELDS}
         self._moving = (self._batch.bind("qpos"), self._batch.bind("qvel"))
@@ -182,7 +184,7 @@ class _Run:
         record: Sequence[str],
         threads: int,
     ) -> None:
-        self.models = changed(models, _without_autoreset)
+        self.models = with_flags(models, disable=AUTORESET)
         self._states, self._controls, self._record, self._threads = starts, controls, record, threads
         self._stable = np.ones(len(models), bool)
         self._failures: dict[int, SimulationError] = {}  # since the last block
@@ -190,7 +192,7 @@ class _Run:
         self._batch: RecordingBatch | None = None
         # Which bodies sleep is in no state: these simulations stay in one MjData throughout, and out of the batch.
         sleepy = [index for index, model in enumerate(models) if model.opt.enableflags & SLEEP]
-        self._awake = changed(self.models, _without_sleep) if sleepy else self.models
+        self._awake = with_flags(self.models, leave_out=SLEEP) if sleepy else self.models
         self._sleepers = {index: self._stepper(index, 0) for index in sleepy}
 
     def block(self, first: int, count: int, every: int, size: int) -> RolloutBlock:
@@ -260,24 +262,20 @@ class _Run:
         return RolloutBlock(steps, fields, self._initial, counts, failures)
 
 
-def changed(models: Sequence[mujoco.MjModel], change: Callable[[mujoco.MjModel], None]) -> Sequence[mujoco.MjModel]:
-    """Copies of `models` that are changed; one for all where they are the same."""
-    copies = {id(model): copy.copy(model) for model in models}
-    for model in copies.values():
-        change(model)
-    return [copies[id(model)] for model in models]
+def with_flags(models: Sequence[mujoco.MjModel], disable: int = 0, leave_out: int = 0) -> Sequence[mujoco.MjModel]:
+    """`models` with `disable` among their disable flags and without `leave_out` among their enable flags.
 
-
-def _without_autoreset(model: mujoco.MjModel) -> None:
-    model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_AUTORESET)
-
-
-def _without_sleep(model: mujoco.MjModel) -> None:
-    model.opt.enableflags &= ~SLEEP
-
-
-def _without_energy(model: mujoco.MjModel) -> None:
-    model.opt.enableflags &= ~int(mujoco.mjtEnableBit.mjENBL_ENERGY)
+    Those that differ are copied, once where several are the same.
+    """
+    changed: dict[int, mujoco.MjModel] = {}
+    for model in models:
+        if id(model) not in changed:
+            changed[id(model)] = model
+            if ~model.opt.disableflags & disable or model.opt.enableflags & leave_out:
+                changed[id(model)] = copy.copy(model)
+                changed[id(model)].opt.disableflags |= disable
+                changed[id(model)].opt.enableflags &= ~leave_out
+    return [changed[id(model)] for model in models]
 
 
 def _batch(models: Sequence[mujoco.MjModel], threads: int) -> Batch:

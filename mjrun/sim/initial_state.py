@@ -41,7 +41,14 @@ class InitialState:
           BadValueError: the number of values does not fit the joint.
         """
         data = mujoco.MjData(model)
-        if self.key is not None:
+        self.reset(model, data)
+        return data
+
+    def reset(self, model: mujoco.MjModel, data: mujoco.MjData) -> None:
+        """Puts `data` into this state, whatever it held; raises what `data` does."""
+        if self.key is None:
+            mujoco.mj_resetData(model, data)
+        else:
             with concerning("key"):
                 mujoco.mj_resetDataKeyframe(model, data, identify(model, "keyframe", self.key))
         for name, values in self.qpos.items():
@@ -58,7 +65,6 @@ class InitialState:
         if self.perturb:
             data.qvel += self.perturb * np.random.default_rng(self.seed).standard_normal(model.nv)
         _check_finite(model, data)
-        return data
 
     def remarks(self, model: mujoco.MjModel) -> list[str]:
         """What the user should know of this start: controls that MuJoCo will clamp."""

@@ -1,11 +1,12 @@
 """One simulation of a study: the base simulation, with the values of a point."""
 
+from collections.abc import Mapping
 from dataclasses import replace
 from functools import cache
 
 from mjrun.errors import BadValueError, UnknownNameError, clean, option
 from mjrun.job.simulation import Simulation
-from mjrun.options.kinds import AnyKind, ExpectedError
+from mjrun.options.kinds import AnyKind, ExpectedError, Numbers
 from mjrun.options.option import options_of
 from mjrun.options.simulation import SimulationOptions
 
@@ -22,28 +23,30 @@ def simulation_at(base: Simulation, names: tuple[str, ...], values: tuple[str, .
     Raises:
       UsageError: a name that nothing has, or a value that cannot be.
     """
-    simulation = base
+    changes: dict[str, object] = {}
     overrides: list[tuple[str, str]] = []
     for name, text in zip(names, values, strict=True):
         group, slash, rest = name.partition("/")
         if name == MODEL:
-            simulation = replace(simulation, model=text)
+            changes[name] = text
         elif slash and group in BY_NAME:
-            simulation = _with_entry(simulation, group, rest, text)
+            entries = changes.setdefault(group, dict(_by_name(base)[group]))
+            assert isinstance(entries, dict)
+            entries |= dict([_value(group, f"{rest}={text}")])
         elif name in WHOLE:
-            simulation = replace(simulation, **{name: _value(name, text)})
+            changes[name] = _value(name, text)
         elif "." in name:
             overrides.append((name, text))
         else:
             valid = [*WHOLE, MODEL, *(f"{each}/NAME" for each in BY_NAME), "opt.FIELD", "KIND/NAME.FIELD"]
             raise UnknownNameError("parameter", name, valid, where=option("vary"))
-    return replace(simulation, set=(*simulation.set, *overrides)) if overrides else simulation
+    if overrides:
+        changes["set"] = (*base.set, *overrides)
+    return replace(base, **changes) if changes else base
 
 
-def _with_entry(simulation: Simulation, group: str, name: str, text: str) -> Simulation:
-    entries = {"qpos": simulation.qpos, "qvel": simulation.qvel, "ctrl": simulation.ctrl}[group]
-    parsed = _value(group, f"{name}={text}")
-    return replace(simulation, **{group: {**entries, **dict([parsed])}})
+def _by_name(base: Simulation) -> dict[str, Mapping[str, Numbers]]:
+    return {"qpos": base.qpos, "qvel": base.qvel, "ctrl": base.ctrl}
 
 
 def _value(name: str, text: str) -> object:

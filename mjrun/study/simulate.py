@@ -22,7 +22,7 @@ from mjrun.model.variants import ModelVariants
 from mjrun.probe.available import AvailableProbes
 from mjrun.probe.fields import FieldProbe
 from mjrun.probe.metric import Metric, MetricEvaluator, parse_metric
-from mjrun.sim.c_engine import SLEEP, CEngine
+from mjrun.sim.c_engine import AUTORESET, ENERGY, SLEEP, CEngine
 from mjrun.study.parameters import simulation_at
 from mjrun.timeline import Timeline
 
@@ -89,7 +89,7 @@ class PointSimulator:
 
     def __init__(self, spec: StudySpec) -> None:
         self._spec = spec
-        self._variants = ModelVariants()
+        self._variants = ModelVariants(self._prepare)
         self._last: tuple[mujoco.MjModel, Timeline, ProbeSampler] | None = None
         self._metrics = dict[object, list[Metric]]()
         self._engine = CEngine(threads=1)
@@ -101,7 +101,7 @@ class PointSimulator:
             for point in points:
                 start = time.perf_counter()
                 try:
-                    prepared = self._prepare(point)
+                    prepared = self._ready(point)
                 except Exception as error:
                     yield self._failed(point, error, 0, time.perf_counter() - start)
                     continue
@@ -114,12 +114,18 @@ class PointSimulator:
                 batch.append(prepared)
             yield from self._side_by_side(batch)
 
-    def _prepare(self, point: StudyPoint) -> "_Prepared":
+    def _ready(self, point: StudyPoint) -> "_Prepared":
         simulation = self._spec.simulation(point.values)
         model = self._variants.load(simulation.source)
         timeline = simulation.timeline(model)
         metrics = self._metrics_of(model)
         return _Prepared(point, simulation, timeline, self._sampler(model, timeline, metrics), metrics)
+
+    def _prepare(self, model: mujoco.MjModel) -> None:
+        """Sets the flags that simulations need, so that nobody has to copy the model for them."""
+        model.opt.disableflags |= AUTORESET
+        if any("energy" in text for _, text in self._spec.metrics):
+            model.opt.enableflags |= ENERGY
 
     def _sampler(self, model: mujoco.MjModel, timeline: Timeline, metrics: Sequence[Metric]) -> ProbeSampler:
         """What measures the columns of all metrics; the one of the point before, where the model is the same."""
@@ -157,10 +163,12 @@ class PointSimulator:
         begin = time.perf_counter()
         ready: list[_Prepared] = []
         starts: list[np.ndarray] = []
+        data = mujoco.MjData(batch[0].sampler.model) if batch else None  # they are all of one size
         for prepared in batch:
             try:
                 model = prepared.sampler.model
-                starts.append(state.save(model, prepared.simulation.start.data(model)))
+                prepared.simulation.start.reset(model, data)
+                starts.append(state.save(model, data))
                 ready.append(prepared)
             except MjrunError as error:
                 yield self._failed(prepared.point, error, 0, 0.0)
