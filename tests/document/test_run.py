@@ -403,7 +403,7 @@ WRONG = [
      ["2:53: videos[0].ghost[0].trace: key and trace exclude each other: each says what the ghost does",
       "2:67: videos[0].ghost[1].key: what a ghost goes by holds no comma",
       "2:75: videos[0].ghost[2]: expected text as in offset=0/1/0,opacity=0.3 or "
-      "{offset, opacity, key, trace, recording}, got 5"]),
+      "{offset, opacity, key, trace, map, recording}, got 5"]),
     (f"{HEAD}videos: [{{output: a.mp4, plot: energy, separate: true, plot_side: over}}]",
      ["2:50: videos[0].separate: plot and separate exclude each other: a plot stands beside one frame, "
      "and separate views make several",
