@@ -133,6 +133,11 @@ class Page(app.App):
     def _on_exit(self, _: messages.ExitEvent) -> None:
         """Nothing is saved on leaving."""
 
+    @messages.handler(priority=messages.Priority.INTERNAL)
+    def _on_theme(self, event: plugin.ThemeEvent) -> None:
+        self.theme = event.theme  # which browsers choose by themselves
+        ux.setup_theme(self.theme)
+
     @messages.handler(priority=FIRST)
     def on_build(self, _: messages.BuildGuiEvent) -> None:
         dear_imgui.GetIO().WantSaveIniSettings = False

@@ -50,6 +50,7 @@ except InvalidStatus as error:
 assert not page.is_seen
 
 with browser(port) as states:
+    states.send("theme=dark")  # as a page does when it opens
     data.qpos[0] = 0.123
     for _ in range(600):
         page.sync(status())
