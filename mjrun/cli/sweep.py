@@ -23,13 +23,20 @@ def sweep(console: Console, command_line: CommandLine) -> None:
     """
     console.guard_stdout()
     import_mujoco()
-    from mjrun.cli.sweep_report import study_report
+    from mjrun.cli.sweep_report import preview_report, study_report
     from mjrun.study.study import Study
 
     if command_line.value("output") is None:
         command_line = command_line.with_defaults(output=f"{stem(command_line)}_study")
     study = command_line.make(Study, simulation=simulation(command_line), command=console.command)
     as_json = command_line.make(MessageOptions).json
+    if study.dry_run:
+        preview = study.preview()
+        if as_json:
+            console.document(asdict(preview))
+        else:
+            console.result(preview_report(preview))
+        return
     try:
         with failures_in_json(console, command_line, lambda results: asdict(results[0])):
             result = study.run(console)

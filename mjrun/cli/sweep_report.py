@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
 from mjrun.cli.console import flag
-from mjrun.cli.info_columns import Column, number
+from mjrun.cli.info_columns import Column, byte_size, number
 from mjrun.cli.page_layout import PageLayout
 from mjrun.errors import clean, spelled
 from mjrun.options.option import is_given, options_of
@@ -13,6 +13,7 @@ from mjrun.options.simulation import SimulationOptions
 
 if TYPE_CHECKING:
     from mjrun.job.simulation import Simulation
+    from mjrun.study.preview import StudyPreview
     from mjrun.study.study import StudyResult
 
 SHOWN = 10  # reasons of failures
@@ -35,6 +36,48 @@ def study_report(result: "StudyResult", simulation: "Simulation") -> str:
     known = f", {result.points - result.simulated:,} of them known before" if result.simulated < result.points else ""
     page.note(f"{clean(result.path)}: {result.points:,} points ({counts}){known}; {result.wall:.1f} s")
     return page.text()
+
+
+def preview_report(preview: "StudyPreview") -> str:
+    """What a study would do."""
+    page = PageLayout()
+    time = "unknown" if preview.wall is None else span_of_time(preview.wall)
+    if preview.processes and preview.missing:
+        time += f" on {preview.processes} process{'es' if preview.processes > 1 else ''}"
+    if preview.point_wall is not None:
+        time += f"; {span_of_time(preview.point_wall)} a point"
+    known = f", {preview.known:,} of them known already" if preview.known else ""
+    chunks = f"{preview.missing:,} in {preview.chunks:,} chunk{'' if preview.chunks == 1 else 's'}"
+    facts = [
+        ("points", f"{preview.points:,}{known}"),
+        ("to simulate", f"{chunks}, {preview.steps:,} steps" if preview.missing else "nothing"),
+        ("wall time", f"about {time}" if preview.wall is not None else time),
+        ("disk", f"about {byte_size(preview.disk)}"),
+        ("failure", clean(spelled(preview.message, flag).partition("\n")[0])),
+    ]
+    page.lines("study", facts, clean(preview.path))
+    if preview.names:
+        page.table("points", _sample(preview), preview.points)
+    return page.text()
+
+
+def _sample(preview: "StudyPreview") -> list[Column]:
+    """The first points and the last, and between them a row for the others."""
+    rows = [[str(each.point), *(clean(each.values[name]) for name in preview.names)] for each in preview.sample]
+    if len(rows) < preview.points:
+        rows.insert(len(rows) // 2, ["…"] * len(rows[0]))
+    headings = ["point", *map(clean, preview.names)]
+    return [
+        Column(heading, cells, right=True) for heading, cells in zip(headings, zip(*rows, strict=True), strict=True)
+    ]
+
+
+def span_of_time(seconds: float) -> str:
+    """A time as people say it: `12 ms`, `3.4 s`, `5 min`, `2.5 h`."""
+    for least, unit, size in ((7200, "h", 3600), (120, "min", 60), (1, "s", 1), (1e-3, "ms", 1e-3)):
+        if seconds >= least:
+            return f"{seconds / size:.2g} {unit}" if seconds / size < 100 else f"{seconds / size:.0f} {unit}"
+    return f"{seconds * 1e6:.2g} us" if seconds else "0 s"
 
 
 def _metrics(result: "StudyResult") -> list[Column]:

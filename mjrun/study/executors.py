@@ -1,17 +1,21 @@
 """Where chunks of points run: this machine, or an existing engine for many. All are `concurrent.futures.Executor`s."""
 
+import math
 import os
 import threading
-from collections.abc import Callable
-from concurrent.futures import Executor, Future, ThreadPoolExecutor
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import FIRST_COMPLETED, Executor, Future, ThreadPoolExecutor, wait
 from contextlib import ExitStack
 from importlib import import_module
 from importlib.util import find_spec
+from itertools import islice
 from pathlib import Path
 
-from mjrun.errors import MissingExtraError, UsageError, clean, option
+from mjrun.errors import MissingExtraError, MjrunError, UsageError, clean, option
 from mjrun.options.kinds import AUTO
 from mjrun.options.sweep import EXTRAS
+from mjrun.study.isolation import Chunk, run_chunk
+from mjrun.study.simulate import PointResult
 
 ENGINES = ("local", "dask", "dask://HOST:PORT", "slurm", "module:factory")
 PATIENCE = 20  # [s] for a scheduler to answer
@@ -29,7 +33,7 @@ def open_executor(engine: str, jobs: int | str, folder: Path, stack: ExitStack) 
       UsageError: there is no such engine.
       MissingExtraError: its library is not installed.
     """
-    count = _cores() if jobs == AUTO else int(jobs)
+    count = _count(jobs)
     if engine == "local":
         pool = ThreadPoolExecutor(count, thread_name_prefix="study")  # threads that wait for processes
         stack.callback(pool.shutdown, wait=False, cancel_futures=True)
@@ -38,10 +42,45 @@ def open_executor(engine: str, jobs: int | str, folder: Path, stack: ExitStack) 
         return _dask(engine.removeprefix("dask").removeprefix("://"), count, stack)
     if engine == "slurm":
         return _slurm(count, folder, stack)
-    module, colon, name = engine.partition(":")
-    if not (colon and module and name):
-        raise UsageError(f"{option('engine')}: no engine {clean(engine)}\nengines: {', '.join(ENGINES)}")
-    return stack.enter_context(_made_by(engine, module, name)), count * QUEUED
+    return stack.enter_context(_made_by(engine, *_factory(engine))), count * QUEUED
+
+
+def process_count(engine: str, jobs: int | str) -> int | None:
+    """How many processes simulate; None where they are not ours to start.
+
+    Raises:
+      UsageError: there is no such engine.
+    """
+    if engine in ("local", "dask", "slurm"):
+        return _count(jobs)
+    if not engine.startswith("dask://"):
+        _factory(engine)
+    return None
+
+
+def completed(executor: Executor, chunks: Iterator[Chunk], ahead: int) -> Iterator[tuple[Chunk, Sequence[PointResult]]]:
+    """The results of chunks as they come, while at most `ahead` of them are in flight."""
+    running: dict[Future[list[PointResult]], Chunk] = {}
+    while True:
+        for chunk in islice(chunks, ahead - len(running)):
+            running[executor.submit(run_chunk, chunk)] = chunk
+        if not running:
+            return
+        for future in wait(running, return_when=FIRST_COMPLETED).done:
+            chunk = running.pop(future)
+            yield chunk, _results(future, chunk)
+
+
+def _results(future: Future[list[PointResult]], chunk: Chunk) -> Sequence[PointResult]:
+    """The results of a chunk; where an engine has lost it, each of its points has failed."""
+    try:
+        return future.result()
+    except MjrunError:
+        raise
+    except Exception as error:
+        message = f"the engine lost it: {type(error).__name__}: {error}"
+        nothing = (math.nan,) * len(chunk.spec.metrics)
+        return [PointResult(point.index, "failed", nothing, 0, 70, message) for point in chunk.points]
 
 
 def _dask(address: str, count: int, stack: ExitStack) -> tuple[Executor, int]:
@@ -112,6 +151,14 @@ class SubmittedJobs(Executor):
                     future.set_exception(error)
 
 
+def _factory(engine: str) -> tuple[str, str]:
+    """The module and the name in `module:factory`."""
+    module, colon, name = engine.partition(":")
+    if not (colon and module and name):
+        raise UsageError(f"{option('engine')}: no engine {clean(engine)}\nengines: {', '.join(ENGINES)}")
+    return module, name
+
+
 def _made_by(engine: str, module: str, name: str) -> Executor:
     try:
         made = getattr(import_module(module), name)()
@@ -128,6 +175,10 @@ def require_extra(extra: str) -> None:
     library, use = EXTRAS[extra]
     if find_spec(library) is None:
         raise MissingExtraError(use, library, extra)
+
+
+def _count(jobs: int | str) -> int:
+    return _cores() if jobs == AUTO else int(jobs)
 
 
 def _cores() -> int:

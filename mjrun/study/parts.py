@@ -10,6 +10,7 @@ import json
 import time
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import mujoco
 import numpy as np
@@ -20,6 +21,9 @@ from mjrun.job.manifest import plain
 from mjrun.model.fingerprint import model_fingerprint
 from mjrun.study.simulate import PointResult, StudySpec
 from mjrun.version import __version__
+
+if TYPE_CHECKING:
+    import pyarrow
 
 FOLDER = "parts"
 SUFFIX = ".parquet"
@@ -90,6 +94,10 @@ class PartFiles:
                 if time.time() - path.stat().st_mtime > STALE:
                     path.unlink()
 
+    def size(self) -> int:
+        """How large the parts are [bytes]."""
+        return sum(path.stat().st_size for path in self._folder.glob(f"*{SUFFIX}"))
+
     def read(self) -> dict[str, PointResult]:
         """The results that are there, by the key of their points; where there are several of one, a good one.
 
@@ -119,22 +127,12 @@ class PartFiles:
         Raises:
           FileError: it cannot be written.
         """
-        import pyarrow
         import pyarrow.parquet
 
-        columns: dict[str, object] = {
-            "key": list(keys),
-            "status": [result.status for result in results],
-            "steps": [result.steps for result in results],
-            "exit_code": [result.exit_code for result in results],
-            "message": [result.message for result in results],
-            "host": [host] * len(results),
-            "wall": [result.wall for result in results],
-            **{METRIC + name: [result.metrics[i] for result in results] for i, name in enumerate(self._metrics)},
-        }
+        table = _part(keys, results, host, self._metrics)
         name = hashlib.sha256("".join(keys).encode()).hexdigest()[:16]
         with OutputWriter(StagedFile(self._folder / f"{name}{SUFFIX}")) as output, output.writing():
-            pyarrow.parquet.write_table(pyarrow.table(columns), output.destination.path, compression="zstd")
+            pyarrow.parquet.write_table(table, output.destination.path, compression="zstd")
             output.publish()
 
     def _result(self, row: Mapping[str, object]) -> PointResult | None:
@@ -144,3 +142,33 @@ class PartFiles:
             return None
         metrics = tuple(float(row[METRIC + name]) for name in self._metrics)  # type: ignore[arg-type]
         return PointResult(-1, row["status"], metrics, *(row[name] for name in LAST))  # type: ignore[arg-type]
+
+
+def part_bytes(metrics: Sequence[str], count: int) -> int:
+    """About how large a part of `count` points is [bytes], measured on one with random numbers."""
+    import pyarrow
+    import pyarrow.parquet
+
+    numbers = np.random.default_rng(0).standard_normal((count, len(metrics) + 1))
+    keys = [hashlib.sha256(str(index).encode()).hexdigest()[:32] for index in range(count)]
+    results = [PointResult(-1, "ok", tuple(row[1:]), 0, wall=float(row[0])) for row in numbers]
+    stream = pyarrow.BufferOutputStream()
+    pyarrow.parquet.write_table(_part(keys, results, "host", metrics), stream, compression="zstd")
+    return stream.getvalue().size
+
+
+def _part(keys: Sequence[str], results: Sequence[PointResult], host: str, metrics: Sequence[str]) -> "pyarrow.Table":
+    """The table of a part."""
+    import pyarrow
+
+    columns: dict[str, object] = {
+        "key": list(keys),
+        "status": [result.status for result in results],
+        "steps": [result.steps for result in results],
+        "exit_code": [result.exit_code for result in results],
+        "message": [result.message for result in results],
+        "host": [host] * len(results),
+        "wall": [result.wall for result in results],
+        **{METRIC + name: [result.metrics[i] for result in results] for i, name in enumerate(metrics)},
+    }
+    return pyarrow.table(columns)

@@ -12,7 +12,9 @@ from mjrun.study.design import Design, numbers
 from mjrun.study.simulate import PointResult
 
 FILES = ("results.parquet", "results.csv")
-STATUSES = ("ok", "unstable", "failed", "timeout", "crashed")
+STATUSES = ("ok", "unstable", "failed", "timeout", "crashed", "missing")
+FRAME = 8_000  # bytes of a table without rows
+TABLE_COLUMNS = ("point", "status", "steps", "exit_code", "message")  # besides what varies and the metrics
 
 
 def result_columns(
@@ -57,6 +59,13 @@ def write_results(
             writer.write(rows)
             written += writer.publish()
     return written
+
+
+def table_bytes(design: Design, metrics: int) -> int:
+    """About how large the tables of a study are [bytes]: numbers have 8 bytes in one, and their digits in the other."""
+    count = len(design.points)
+    digits = sum(len(text) + 1 for point in design.points[:1000] for text in point) * count // max(1, min(count, 1000))
+    return FRAME + count * 8 * (len(design.names) + metrics) + digits + count * (20 * metrics + 20)
 
 
 def _labelled(name: str, texts: Sequence[str]) -> tuple[Column, np.ndarray]:

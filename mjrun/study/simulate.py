@@ -7,7 +7,7 @@ alone.
 import math
 import time
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import mujoco
@@ -26,7 +26,7 @@ from mjrun.sim.c_engine import AUTORESET, ENERGY, SLEEP, CEngine
 from mjrun.study.parameters import simulation_at
 from mjrun.timeline import Timeline
 
-Status = Literal["ok", "unstable", "failed", "timeout", "crashed"]
+Status = Literal["ok", "unstable", "failed", "timeout", "crashed", "missing"]
 
 SIDE_BY_SIDE = 64  # simulations of a batch, at most: more only take memory
 BUG = 70
@@ -47,6 +47,10 @@ class StudySpec:
     names: tuple[str, ...]
     metrics: tuple[tuple[str, str], ...]
     every: int = 1
+
+    def varying(self, names: tuple[str, ...]) -> "StudySpec":
+        """The same, with what varies."""
+        return replace(self, names=names)
 
     def simulation(self, values: tuple[str, ...]) -> Simulation:
         """The simulation of the point with these values."""

@@ -82,3 +82,16 @@ def test_mistakes_are_told_and_nothing_is_simulated(
     assert done.returncode == code
     assert expected in done.stderr.decode()
     assert not list(mjrun.folder.rglob("results.*"))
+
+
+def test_a_dry_run_says_what_would_be_done_and_writes_nothing(mjrun: Command, ball: str) -> None:
+    options = (ball, "--steps", "30", "--vary", "qpos/ball/z=0.2..1:9", *METRIC, "-o", "study", "--dry-run")
+    done = mjrun("sweep", *options)
+    assert (done.returncode, done.stderr) == (0, b"")
+    text = done.stdout.decode()
+    assert "to simulate  9 in 5 chunks, 270 steps" in text
+    assert ["…", "…"] in [line.split() for line in text.splitlines()]
+    report = json.loads(mjrun("sweep", *options, "--json").stdout)
+    assert (report["points"], report["missing"], report["names"]) == (9, 9, ["qpos/ball/z"])
+    assert [each["point"] for each in report["sample"]] == [0, 1, 2, 6, 7, 8]
+    assert sorted(path.name for path in mjrun.folder.iterdir()) == ["ball.xml"]

@@ -1,0 +1,146 @@
+"""A study that can run: its points with their keys, what is known of them, and the chunks that are missing."""
+
+import math
+import socket
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import ExitStack
+from dataclasses import replace
+from functools import cached_property
+from pathlib import Path
+
+import mujoco
+
+from mjrun.errors import UsageError, concerning, option
+from mjrun.job.simulation import Simulation
+from mjrun.options.sweep import ExecutionOptions, StudyOptions
+from mjrun.probe.assertion import parse
+from mjrun.probe.available import AvailableProbes
+from mjrun.probe.metric import parse_metric
+from mjrun.probe.scanner import Vocabulary
+from mjrun.study.design import Design, design
+from mjrun.study.executors import completed, open_executor, require_extra
+from mjrun.study.isolation import Chunk
+from mjrun.study.parts import PartFiles, point_keys, study_identity
+from mjrun.study.results import STATUSES, TABLE_COLUMNS
+from mjrun.study.simulate import PointResult, StudyPoint, StudySpec
+
+CHUNK_STEPS = 50_000  # steps in a chunk: seconds, as a rule
+CHUNK_POINTS = 500  # and so many points at most
+FINAL = ("ok", "unstable")  # which another try would not change
+NOT_YET = "it is not simulated yet"
+
+
+class PreparedStudy:
+    """A study whose names and numbers are all checked; nothing is written yet.
+
+    Attributes:
+      spec: what its points have in common.
+      points: their values.
+      model: the base model.
+      folder: of the study.
+      files: where results are.
+      known: the results that are there, by the key of their points.
+
+    Raises:
+      UsageError: a name that nothing has, or a value that cannot be.
+      FileError: a file cannot be read.
+    """
+
+    def __init__(self, options: StudyOptions, spec: StudySpec, points: Design, model: mujoco.MjModel) -> None:
+        self.spec, self.points, self.model = spec, points, model
+        self._check(options.require)
+        self.folder = Path(options.output)
+        self.files = PartFiles(self.folder, [name for name, _ in spec.metrics])
+        self.known = self.files.read()
+
+    @classmethod
+    def of(cls, options: StudyOptions, spec: StudySpec) -> "PreparedStudy":
+        """The study that `options` describe.
+
+        Args:
+          spec: of its simulations; what varies is not known yet.
+        """
+        require_extra("sweep")
+        model = spec.base.load()
+        points = design(options, model, spec.base.seed)
+        return cls(options, spec.varying(points.names), points, model)
+
+    @cached_property
+    def identity(self) -> Mapping[str, object]:
+        """All that decides the results, but for the values of the points."""
+        return study_identity(self.spec, self.model)
+
+    @cached_property
+    def keys(self) -> Sequence[str]:
+        """The key of each point."""
+        return point_keys(self.identity, self.points.names, self.points.points)
+
+    def missing(self, retry_failed: bool = False) -> list[int]:
+        """The points without a result, or with one that should be tried again."""
+
+        def is_missing(result: PointResult | None) -> bool:
+            return result is None or (retry_failed and result.status not in FINAL)
+
+        return [index for index, key in enumerate(self.keys) if is_missing(self.known.get(key))]
+
+    def chunks(self, indices: Sequence[int], options: ExecutionOptions) -> Iterator[Chunk]:
+        """These points, as many together as take seconds, or as the options say."""
+        limit = math.inf if options.time_limit is None else float(options.time_limit)
+        size = options.chunk or self.chunk_size(len(indices))
+        for start in range(0, len(indices), size):
+            part = indices[start : start + size]
+            yield Chunk(self.spec, tuple(StudyPoint(index, self.points.points[index]) for index in part), limit)
+
+    def chunk_size(self, count: int) -> int:
+        """How many of `count` points make a chunk."""
+        first = self._first
+        steps = max(1, first.timeline(first.load()).steps)
+        return max(1, min(CHUNK_STEPS // steps, CHUNK_POINTS, -(-count // 8)))
+
+    def simulate(self, chunks: Iterator[Chunk], options: ExecutionOptions) -> Iterator[Sequence[PointResult]]:
+        """Simulates chunks, publishes each as it is done, and adds its results to what is known."""
+        with ExitStack() as stack:
+            executor, ahead = open_executor(options.engine, options.jobs, self.folder, stack)
+            for chunk, results in completed(executor, chunks, ahead):
+                keys = [self.keys[point.index] for point in chunk.points]
+                self.files.write(keys, results, socket.gethostname())
+                self.known.update(zip(keys, results, strict=True))
+                yield results
+
+    def results(self) -> list[PointResult]:
+        """What is known of each point, in order; what is not says so."""
+        nothing = (math.nan,) * len(self.spec.metrics)
+        missing = PointResult(-1, "missing", nothing, 0, 0, NOT_YET)
+        return [self.known.get(key, missing) for key in self.keys]
+
+    def _check(self, requirements: Sequence[str]) -> None:
+        """Finds what is wrong with all points before the first is simulated."""
+        available = AvailableProbes(self.model) if self.spec.metrics else None
+        names = [name for name, _ in self.spec.metrics]
+        for name, text in self.spec.metrics:
+            with concerning("metric", name):
+                if not name.isidentifier() or name in (*self.points.names, *STATUSES, *TABLE_COLUMNS):
+                    raise UsageError(f"{option('metric')}: {name!r} cannot be the name of a metric")
+                if names.count(name) > 1:
+                    raise UsageError(f"{option('metric')}: {name} is given twice")
+                assert available
+                parse_metric(text, available, f"{option('metric')} {name}")
+        for index, text in enumerate(requirements):
+            with concerning("require", index):
+                parse(text, RequirementNames([*self.points.names, *names]), "require")
+        self._first.stepper(self._first.load())
+
+    @property
+    def _first(self) -> Simulation:
+        """The simulation of the first point; with the base model, since any other might crash this process."""
+        return replace(self.spec.simulation(self.points.points[0]), model=self.spec.base.model)
+
+
+class RequirementNames(Vocabulary):
+    """The columns of the table of a study, and each status as what holds or does not: `share(ok) > 0.95`."""
+
+    def __init__(self, names: Sequence[str]) -> None:
+        super().__init__([*names, *STATUSES])
+
+    def is_count(self, column: str) -> bool:
+        return column in STATUSES
