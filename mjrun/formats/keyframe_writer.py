@@ -72,7 +72,7 @@ class KeyframeWriter(OutputWriter):
         shown = self.destination.shown
         with self.writing(), _hidden(Path(self.destination.path).parent, text) as path:
             try:
-                return compile_model(lambda: mujoco.MjSpec.from_file(str(path)), (), shown)
+                return compile_model(lambda: mujoco.MjSpec.from_file(str(path)), (), shown)[1]
             except BrokenModelError as error:
                 reason = str(error).removeprefix(f"{clean(str(shown))}:").lstrip()
                 reason = f"line {reason}" if error.line else reason
