@@ -1,0 +1,135 @@
+"""Throughput of `mjrun sweep` against one C loop per core over the same models, and against a loop in Python.
+
+A study is timed as a whole process, metrics included; a study of one point, which is start-up, is taken off, since the
+loops are timed without theirs. The loop in C is a script that takes MODEL NSTEP and prints one line of JSON with
+`us_per_step`, given by --baseline; as many as there are cores run at once. Ratios above 1 are better. The start-up of a
+study of one point stands beside that of a trace.
+
+    python benchmarks/sweep.py
+    python benchmarks/sweep.py --models scenes/pendulum.xml --points 400
+"""
+
+import argparse
+import json
+import os
+import statistics
+import subprocess
+import sys
+import tempfile
+import time
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[1]
+BASELINE = ROOT / "../shared/bench/steploop.sh"
+MODELS = [ROOT / "../shared/models/humanoid/humanoid.xml", ROOT / "../shared/models/car/car.xml"]
+METRICS = ("drift=max(abs(energy/drift))", "height=last(com/z)", "touching=share(contact/ncon > 0)")
+CORES = len(os.sched_getaffinity(0))
+# The same study as people write it by hand; prints seconds.
+PYTHON_LOOP = """
+import sys, time
+import mujoco, numpy as np
+path, points, steps = sys.argv[1], int(sys.argv[2]), int(sys.argv[3])
+start = time.perf_counter()
+for friction in np.linspace(0.3, 1, points):
+    model = mujoco.MjModel.from_xml_path(path)
+    model.geom_friction[:, 0] = friction
+    model.opt.enableflags |= mujoco.mjtEnableBit.mjENBL_ENERGY
+    data = mujoco.MjData(model)
+    energies, contacts = [], 0
+    for _ in range(steps):
+        mujoco.mj_step(model, data)
+        energies.append(data.energy.sum())
+        contacts += data.ncon > 0
+        height = data.subtree_com[0, 2]
+print(time.perf_counter() - start)
+"""
+
+
+def study(model: Path, points: int, steps: int, folder: Path) -> float:
+    """Wall time [s] of a study in a new folder."""
+    command = [sys.executable, "-m", "mjrun", "sweep", str(model), "--steps", str(steps), "-q"]
+    command += ["--vary", f"geom/*.friction[0]=0.3..1:{points}" if points > 1 else "seed=1"]
+    for metric in METRICS:
+        command += ["--metric", metric]
+    with tempfile.TemporaryDirectory(dir=folder) as output:
+        return _wall([*command, "-o", output])
+
+
+def trace(model: Path, steps: int) -> float:
+    """Wall time [s] of a trace of one such simulation."""
+    return _wall([sys.executable, "-m", "mjrun", "trace", str(model), "--steps", str(steps), "-q"])
+
+
+def c_loops(script: Path, model: Path, steps: int, count: int) -> float:
+    """Steps per second of `count` loops in C that run at once."""
+
+    def loop(_: int) -> float:
+        environment = {**os.environ, "PYTHON": sys.executable}
+        command = [str(script), str(model), str(steps)]
+        done = subprocess.run(command, env=environment, capture_output=True, text=True, check=True)
+        return 1e6 / json.loads(done.stdout)["us_per_step"]
+
+    with ThreadPoolExecutor(count) as pool:
+        return sum(pool.map(loop, range(count)))
+
+
+def python_loop(model: Path, points: int, steps: int) -> float:
+    """Steps per second of a loop in Python, on one core."""
+    command = [sys.executable, "-c", PYTHON_LOOP, str(model), str(points), str(steps)]
+    seconds = float(subprocess.run(command, capture_output=True, text=True, check=True).stdout)
+    return points * steps / seconds
+
+
+def compare(script: Path, model: Path, total: int, steps: int, repeats: int, folder: Path) -> None:
+    """One row of the table: medians, and the median of the ratios of runs that stood side by side."""
+    points = max(2, total // steps)
+    c_loops(script, model, 10, 1)  # builds it
+    in_c, in_python, studies = [], [], []
+    for _ in range(repeats):
+        in_c.append(c_loops(script, model, total // CORES, CORES))
+        in_python.append(python_loop(model, max(1, points // 10), steps))
+        start_up = study(model, 1, steps, folder)
+        studies.append(points * steps / max(1e-9, study(model, points, steps, folder) - start_up))
+    ratio = statistics.median(ours / loop for ours, loop in zip(studies, in_c, strict=True))
+    against_python = statistics.median(ours / loop for ours, loop in zip(studies, in_python, strict=True))
+    c, ours = statistics.median(in_c), statistics.median(studies)
+    print(
+        f"{model.stem:12} {points:6} points of {steps:5} steps   C on {CORES} cores {c:9.0f} steps/s   "
+        f"sweep {ours:9.0f} steps/s   ratio {ratio:.3f}   of a Python loop {against_python:.2f}"
+    )
+
+
+def start_up(model: Path, repeats: int, folder: Path) -> None:
+    pairs = [(trace(model, 10), study(model, 1, 10, folder)) for _ in range(repeats)]
+    ratio = statistics.median(ours / plain for plain, ours in pairs)
+    traces, studies = (statistics.median(values) for values in zip(*pairs, strict=True))
+    print(f"{model.stem:12} start-up: trace {traces:.2f} s, sweep of one point {studies:.2f} s, ratio {ratio:.2f}")
+
+
+def _wall(command: list[str]) -> float:
+    start = time.perf_counter()
+    subprocess.run(command, check=True, stdout=subprocess.DEVNULL)
+    return time.perf_counter() - start
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--models", type=Path, nargs="+", default=MODELS)
+    parser.add_argument("--total", type=int, default=400_000, help="steps of all points together")
+    parser.add_argument("--steps", type=int, nargs="+", default=[2000, 100], help="of each point")
+    parser.add_argument("--repeats", type=int, default=3)
+    parser.add_argument("--baseline", type=Path, default=BASELINE)
+    given = parser.parse_args()
+    if not given.baseline.exists():
+        raise SystemExit(f"there is no {given.baseline}: --baseline names the loop in C")
+
+    with tempfile.TemporaryDirectory() as folder:
+        for model in given.models:
+            for steps in given.steps:
+                compare(given.baseline, model, given.total, steps, given.repeats, Path(folder))
+            start_up(model, given.repeats, Path(folder))
+
+
+if __name__ == "__main__":
+    main()
