@@ -2,7 +2,7 @@
 
 import shlex
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, cast
 
 from mjrun.cli.console import flag
 from mjrun.cli.info_columns import Column, byte_size, number
@@ -135,11 +135,16 @@ def _arguments(options: SimulationOptions) -> list[str]:
         if not is_given(options, each.name):
             continue
         value = each.kind.plain(getattr(options, each.attribute))
-        texts = [_text(value)] if not isinstance(value, dict) else [f"{k}={_text(v)}" for k, v in value.items()]
+        texts = [_text(value)]
+        if isinstance(value, Mapping):
+            entries = cast("Mapping[str, object]", value)
+            texts = [f"{name}={_text(part)}" for name, part in entries.items()]
         for text in texts:
             words += [flag(each.name), text]
     return words
 
 
 def _text(value: object) -> str:
-    return ",".join(map(_text, value)) if isinstance(value, Sequence) and not isinstance(value, str) else str(value)
+    if isinstance(value, Sequence) and not isinstance(value, str):
+        return ",".join(map(_text, cast("Sequence[object]", value)))
+    return str(value)

@@ -56,4 +56,7 @@ class ColumnCounter:
         least, largest, mean = (np.where(none, np.nan, v) for v in (self._least, self._largest, self._mean))
         numbers = np.column_stack([least, largest, mean, self._last]).tolist()
         columns = zip(self._names, units, numbers, missing.tolist(), strict=True)
-        return [ColumnStatistics(name, unit, *values, nan) for name, unit, values, nan in columns]
+        return [
+            ColumnStatistics(name, unit, least, largest, mean, last, nan)
+            for name, unit, (least, largest, mean, last), nan in columns
+        ]

@@ -10,6 +10,7 @@ from importlib import import_module
 from importlib.util import find_spec
 from itertools import islice
 from pathlib import Path
+from typing import Any, Protocol
 
 from mjrun.errors import MissingExtraError, MjrunError, UsageError, clean, option
 from mjrun.options.kinds import AUTO
@@ -86,13 +87,15 @@ def _results(future: Future[list[PointResult]], chunk: Chunk) -> Sequence[PointR
 def _dask(address: str, count: int, stack: ExitStack) -> tuple[Executor, int]:
     """A cluster that listens at `address`, or one of this machine's cores."""
     require_extra("dask")
-    from distributed import Client, LocalCluster
+    import distributed  # whose functions say that they may return coroutines
 
+    client_class: Any = distributed.Client
+    cluster_class: Any = distributed.LocalCluster
     if not address:
-        cluster = LocalCluster(n_workers=count, threads_per_worker=1, dashboard_address=None)
+        cluster = cluster_class(n_workers=count, threads_per_worker=1, dashboard_address=None)
         address = stack.enter_context(cluster).scheduler_address
     try:
-        client = stack.enter_context(Client(address, timeout=PATIENCE))
+        client = stack.enter_context(client_class(address, timeout=PATIENCE))
     except (OSError, ValueError, TimeoutError) as error:
         raise UsageError(
             f"{option('engine')}: no Dask scheduler answers at {clean(address)}: {clean(str(error))}"
@@ -110,6 +113,16 @@ def _slurm(count: int, folder: Path, stack: ExitStack) -> tuple[Executor, int]:
     return stack.enter_context(SubmittedJobs(made.submit)), count * QUEUED
 
 
+class SubmittedJob(Protocol):
+    """A job that can be asked whether it is done."""
+
+    def done(self) -> bool: ...
+
+    def result(self) -> Any: ...
+
+    def cancel(self) -> object: ...
+
+
 class SubmittedJobs(Executor):
     """An executor of `concurrent.futures` on jobs that can only be asked whether they are done.
 
@@ -117,15 +130,15 @@ class SubmittedJobs(Executor):
       start: submits a call, and returns a job with `done()` and `result()`.
     """
 
-    def __init__(self, start: Callable[..., object]) -> None:
+    def __init__(self, start: Callable[..., SubmittedJob]) -> None:
         self._start = start
-        self._waiting: dict[Future[object], object] = {}
+        self._waiting: dict[Future[Any], SubmittedJob] = {}
         self._lock, self._closed = threading.Lock(), threading.Event()
         self._thread = threading.Thread(target=self._watch, name="submitted jobs", daemon=True)
         self._thread.start()
 
-    def submit(self, fn: Callable[..., object], /, *args: object, **kwargs: object) -> Future[object]:
-        future = Future[object]()
+    def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
+        future = Future[Any]()
         future.set_running_or_notify_cancel()
         with self._lock:
             self._waiting[future] = self._start(fn, *args, **kwargs)

@@ -3,6 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import replace
 from functools import cache
+from typing import Any
 
 from mjrun.errors import BadValueError, UnknownNameError, clean, option
 from mjrun.job.simulation import Simulation
@@ -32,7 +33,8 @@ def simulation_at(base: Simulation, names: tuple[str, ...], values: tuple[str, .
         elif slash and group in BY_NAME:
             entries = changes.setdefault(group, dict(_by_name(base)[group]))
             assert isinstance(entries, dict)
-            entries |= dict([_value(group, f"{rest}={text}")])
+            named: Any = _value(group, f"{rest}={text}")
+            entries |= dict([named])
         elif name in WHOLE:
             changes[name] = _value(name, text)
         elif "." in name:

@@ -40,10 +40,10 @@ def test_rows_belong_to_objects_or_parts_of_these_unless_they_are_computed() -> 
 def test_ids_are_those_of_the_type_that_another_field_says() -> None:
     model = spec().compile()
     joint, site = int(mujoco.mjtObj.mjOBJ_JOINT), int(mujoco.mjtObj.mjOBJ_SITE)
-    assert referred_kinds(model, "sensor_objid").tolist() == [site, joint, joint]
-    assert referred_kinds(model, "actuator_trnid")[:, 0].tolist() == [joint, joint]
-    assert referred_kinds(model, "eq_obj1id").tolist() == [joint]
-    assert referred_kinds(model, "wrap_prm").tolist() == [0, 0]  # coefficients
+    assert np.asarray(referred_kinds(model, "sensor_objid")).tolist() == [site, joint, joint]
+    assert np.asarray(referred_kinds(model, "actuator_trnid"))[:, 0].tolist() == [joint, joint]
+    assert np.asarray(referred_kinds(model, "eq_obj1id")).tolist() == [joint]
+    assert np.asarray(referred_kinds(model, "wrap_prm")).tolist() == [0, 0]  # coefficients
     assert referred_kinds(model, "geom_size") is None
     torso, ball = (mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_BODY, name) for name in ("torso", "ball"))
     assert sorted(array(model, "exclude_signature")[0].tolist()) == sorted([torso, ball])

@@ -82,7 +82,7 @@ def test_a_folder_of_images_is_a_video(tmp_path: Path) -> None:
 def test_depth_and_segments_are_numbers(tmp_path: Path) -> None:
     depth = np.array([[100, 200], [0, 65535]], np.uint16)
     Image.fromarray(depth).save(tmp_path / "a.png")
-    Image.fromarray(depth + np.uint16([[1, 0], [0, 0]])).save(tmp_path / "b.png")
+    Image.fromarray(depth + np.array([[1, 0], [0, 0]], np.uint16)).save(tmp_path / "b.png")
     found, _ = compare_images(str(tmp_path / "a.png"), str(tmp_path / "b.png"), EXACT)
     assert (found.pixels, found.psnr, found.ssim) == ("numbers", None, None)
     assert found.worst

@@ -27,6 +27,7 @@ def test_formats_that_hold_no_manifest_have_a_sidecar(tmp_path: Path) -> None:
 def written(table: Path, text: str) -> None:
     table.write_text(text)
     path = sidecar_path(table)
+    assert path
     assert path == table.parent / "golden.csv.json"
     with SidecarWriter(table, path, {"mjrun": "1.2"}) as writer:
         writer.publish()

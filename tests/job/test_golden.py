@@ -2,6 +2,7 @@
 
 import json
 from pathlib import Path
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -9,6 +10,7 @@ import pytest
 
 import mjrun
 from mjrun import Simulation, Trace
+from mjrun.diff.result import DiffResult, GoldenFacts
 from mjrun.errors import (
     FailedAssertionError,
     FileError,
@@ -33,9 +35,21 @@ def model(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return path
 
 
-def test_of(model: Path, **how: object) -> TraceResult:
+def test_of(model: Path, **how: Any) -> TraceResult:
     """A trace that is compared, and not written."""
     return Trace(Simulation(model, steps=50), written=False, **{"golden": "golden.csv", **how}).run()
+
+
+def compared(result: TraceResult) -> DiffResult:
+    """Its comparison with the golden table."""
+    assert result.golden
+    return result.golden
+
+
+def facts(comparison: DiffResult) -> GoldenFacts:
+    """What made the golden table."""
+    assert comparison.golden
+    return comparison.golden
 
 
 test_of.__test__ = False  # type: ignore[attr-defined]
@@ -47,22 +61,21 @@ def test_what_is_made_agrees_with_itself_and_a_gram_does_not(model: Path, suffix
     made = test_of(model, golden=golden, update=True)
     assert made.path == ""
     assert made.golden
-    assert (made.golden.golden.updated, made.golden.equal, made.golden.table) == (True, True, None)
+    assert (facts(made.golden).updated, made.golden.equal, made.golden.table) == (True, True, None)
     before = Path(golden).read_bytes()
 
-    again = test_of(model, golden=golden).golden
-    assert again
+    again = compared(test_of(model, golden=golden))
     assert (again.kind, again.a, again.b, again.equal) == ("golden", golden, str(model), True)
-    assert again.golden.mjrun == again.golden.mjrun_now == mjrun.__version__
-    assert again.golden.mujoco == again.golden.mujoco_now == mujoco.mj_versionString()
+    assert facts(again).mjrun == facts(again).mjrun_now == mjrun.__version__
+    assert facts(again).mujoco == facts(again).mujoco_now == mujoco.mj_versionString()
 
     model.write_text(xml().replace("8.907", str(8.907 + GRAM)))
     with pytest.raises(GoldenDifferenceError, match=r"rig\.xml differs from the golden table") as failure:
         test_of(model, golden=golden)
     (result,) = failure.value.results
-    assert not result.golden.equal
-    assert not result.golden.golden.updated
-    assert result.golden.notes == ["the models, or what is overridden in them, are not the same"]
+    assert not compared(result).equal
+    assert not facts(compared(result)).updated
+    assert compared(result).notes == ["the models, or what is overridden in them, are not the same"]
     assert Path(golden).read_bytes() == before
 
 
@@ -86,7 +99,7 @@ def test_differences_are_those_of_the_two_tables(model: Path) -> None:
     differing = {column.name for column in table.columns if column.first}
     assert differing == {name for name in now if not np.array_equal(golden[name], now[name])}
     largest = max(float(np.abs(golden[name] - now[name]).max()) for name in now)
-    assert test_of(model, atol=largest).golden.equal
+    assert compared(test_of(model, atol=largest)).equal
     with pytest.raises(GoldenDifferenceError):
         test_of(model, atol=largest / 2)
 
@@ -94,11 +107,10 @@ def test_differences_are_those_of_the_two_tables(model: Path) -> None:
 def test_an_update_replaces_it_and_tells_what_changed(model: Path) -> None:
     test_of(model, update=True)
     model.write_text(xml().replace("8.907", str(8.907 + GRAM)))
-    updated = test_of(model, update=True).golden
-    assert updated
-    assert (updated.equal, updated.golden.updated) == (False, True)
+    updated = compared(test_of(model, update=True))
+    assert (updated.equal, facts(updated).updated) == (False, True)
     assert any("differs in" in sentence for sentence in updated.differences)
-    assert test_of(model).golden.equal
+    assert compared(test_of(model)).equal
 
 
 def test_an_update_may_replace_what_cannot_be_compared(model: Path) -> None:
@@ -106,10 +118,9 @@ def test_an_update_may_replace_what_cannot_be_compared(model: Path) -> None:
         Path("golden.csv").write_text(text)
         with pytest.raises(MjrunError):
             test_of(model)
-        updated = test_of(model, update=True).golden
-        assert updated
-        assert (len(updated.differences), updated.golden.updated) == (1, True)
-        assert test_of(model).golden.equal
+        updated = compared(test_of(model, update=True))
+        assert (len(updated.differences), facts(updated).updated) == (1, True)
+        assert compared(test_of(model)).equal
 
 
 def test_a_missing_one_is_not_made_by_itself(model: Path) -> None:
@@ -126,7 +137,7 @@ def test_nothing_is_updated_on_failure(model: Path) -> None:
         test_of(model, update=True, assert_="max(time) > 9", every=2)
     assert {path: path.read_bytes() for path in Path().iterdir()} == files
 
-    shooting = Simulation(model, steps=50, set={"opt.gravity": "0,0,1e30"}.items())
+    shooting = Simulation(model, steps=50, set={"opt.gravity": "0,0,1e30"})
     for keep in (False, True):
         with pytest.raises(UnstableError):
             Trace(shooting, written=False, golden="golden.csv", update=True, keep_partial=keep).run()
@@ -153,8 +164,8 @@ def test_versions_that_are_not_those_of_today(model: Path) -> None:
     test_of(model, update=True)
     manifest = Path("golden.csv.json")
     manifest.write_text(json.dumps(json.loads(manifest.read_text()) | {"mjrun": "0.0.1", "mujoco": "3.1\x1b"}))
-    result = test_of(model).golden
-    assert (result.golden.mjrun, result.golden.mujoco) == ("0.0.1", "3.1\x1b")
+    result = compared(test_of(model))
+    assert (facts(result).mjrun, facts(result).mujoco) == ("0.0.1", "3.1\x1b")
     model.write_text(xml().replace("8.907", "9"))
     with pytest.raises(GoldenDifferenceError, match=r"it is of mjrun 0.0.1, MuJoCo 3.1\\x1b, this is mjrun"):
         test_of(model)
@@ -165,7 +176,8 @@ def test_versions_that_are_not_those_of_today(model: Path) -> None:
 
 def test_options_without_a_golden_table_and_formats_that_none_can_have(model: Path) -> None:
     simulation = Simulation(model, steps=5)
-    for how in ({"update": True}, {"rtol": 1e-3}, {"tol": {"x": 1}}):
+    options: list[dict[str, Any]] = [{"update": True}, {"rtol": 1e-3}, {"tol": {"x": 1}}]
+    for how in options:
         with pytest.raises(UsageError, match="is about a golden table"):
             Trace(simulation, "a.csv", **how).run()
     with pytest.raises(UnknownNameError, match=r"no table format '\.txt'"):
@@ -180,4 +192,4 @@ def test_a_golden_table_is_no_output_besides(model: Path) -> None:
             Trace(Simulation(model, steps=5), "golden.csv", golden="golden.csv", update=update).run()
     simulation = Simulation(model, steps=50)
     twice = [Trace(simulation, written=False, golden="golden.csv") for _ in range(2)]
-    assert all(result.golden.equal for result in mjrun.perform(twice))
+    assert all(compared(result).equal for result in mjrun.perform(twice))

@@ -19,8 +19,10 @@ from mjrun.options.output import CommandOptions
 from mjrun.options.plot import PlotOptions, TablePlotOptions
 from mjrun.options.run import RunOptions
 from mjrun.options.simulation import SimulationOptions
+from mjrun.options.sweep import ExecutionOptions, StudyOptions
 from mjrun.options.trace import RecordingOptions, TraceCommandLineOptions, TraceOptions
 from mjrun.options.video import VideoOptions
+from mjrun.options.viewer import ViewerOptions
 
 SIMULATING = (VideoOptions, ImageOptions, TraceOptions, SimulationOptions, CommandOptions, MessageOptions)
 ALL: tuple[type[Options], ...] = (
@@ -38,6 +40,9 @@ ALL: tuple[type[Options], ...] = (
     DiffOptions,
     DiffReportOptions,
     InfoOptions,
+    StudyOptions,
+    ExecutionOptions,
+    ViewerOptions,
 )
 DECLARED = [pytest.param(each, id=f"{cls.__name__}.{each.name}") for cls in ALL for each in options_of(cls)]
 
