@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import asdict
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
@@ -22,25 +23,29 @@ TABLES = click.Argument(["tables"], nargs=-1, required=True, type=click.Path(), 
 
 @command("plot", TablePlotOptions, arguments=[TABLES])
 def plot(console: Console, command_line: CommandLine) -> None:
-    """Plot each TABLE, or several in the same panels; - is standard input, as csv or jsonl.
+    """Plot each TABLE, or several in the same panels; - is standard input, as csv or jsonl. A folder is a study.
 
     \b
     mjrun plot run.parquet -o run.png
     mjrun plot run.csv -o knee.svg --y 'qpos/*knee' --y 'energy/total, energy/drift'
     mjrun plot kick_*.csv -o kicks.pdf --y qpos/root --style print
     mjrun trace scene.xml --csv | mjrun plot - -o scene.png
+    mjrun plot study/ -o study.png --y drift
     mjrun plot run.parquet --html run.html --include film.mp4 --include run.json
 
     Any number of rows is drawn: of what falls on one pixel, the lowest and the highest value are kept.
     """
     console.guard_stdout()
     import_mujoco()
+    from mjrun.plotting.study_plot import StudyPlot
     from mjrun.plotting.table_plot import TablePlot
 
     if command_line.value("output") is None and command_line.value("html") is None:
         raise click.UsageError("Missing option '-o' / '--output' or '--html'.", click.get_current_context())
     payload_on_stdout(command_line)
-    job = command_line.make(TablePlot, tables=command_line.arguments("tables"))
+    tables = command_line.arguments("tables")
+    is_study = any(Path(table).is_dir() for table in tables)
+    job = command_line.make(StudyPlot if is_study else TablePlot, tables=tables)
     with failures_in_json(console, command_line, _document):
         try:
             result = job.run(console)

@@ -4,8 +4,10 @@ import importlib.util
 import io
 import re
 import warnings
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from functools import partial
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from mjrun.errors import BadValueError, MissingExtraError, clean, option
 from mjrun.formats.atomic_output import OutputWriter, StagedFile, StandardOutput
@@ -13,7 +15,13 @@ from mjrun.formats.figure_format import DRAWINGS
 from mjrun.formats.image_format import FORMATS, ImageData
 from mjrun.plotting.drawing import Drawing
 from mjrun.plotting.panel_grid import PanelGrid
-from mjrun.plotting.theme import THEMES
+from mjrun.plotting.theme import THEMES, Theme
+
+if TYPE_CHECKING:
+    from mjrun.plotting.canvas import Canvas
+
+# Draws a canvas in a theme; letters that the font does not have are left as they are, or not.
+Draw = Callable[[Theme, bool], "Canvas"]
 
 LIBRARY, EXTRA = "matplotlib", "plot"
 
@@ -60,15 +68,27 @@ class FigureWriter(OutputWriter):
         """
         self.write_file(encoded(drawing, grid, style, self._name, self._tags))
 
+    def write_drawn(self, draw: Draw, style: str) -> None:
+        """Writes what a function draws.
+
+        Raises:
+          FileError, ClosedPipeError: as `write`.
+        """
+        self.write_file(encoded_canvas(draw, style, self._name, self._tags))
+
 
 def encoded(drawing: Drawing, grid: PanelGrid, style: str, format: str, tags: Mapping[str, str]) -> bytes:  # noqa: A002
     """The figure as the content of a file."""
+    return encoded_canvas(partial(_draw, drawing, grid), style, format, tags)
+
+
+def encoded_canvas(draw: Draw, style: str, format: str, tags: Mapping[str, str]) -> bytes:  # noqa: A002
+    """What a function draws as the content of a file."""
     from mjrun.plotting.canvas import settings
-    from mjrun.plotting.figure import draw
 
     with settings(), warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        canvas = draw(drawing, grid, THEMES[style], any_letter=format == "svg")
+        canvas = draw(THEMES[style], format == "svg")
         if format not in DRAWINGS:
             encode = FORMATS["rgb"][format].encode
             assert encode  # all of colours have one
@@ -80,8 +100,19 @@ def encoded(drawing: Drawing, grid: PanelGrid, style: str, format: str, tags: Ma
 
 def svg_text(drawing: Drawing, grid: PanelGrid, style: str) -> str:
     """The figure as an `<svg>` element, to stand in a page."""
-    document = encoded(drawing, grid, style, "svg", {}).decode()
+    return drawn_svg(partial(_draw, drawing, grid), style)
+
+
+def drawn_svg(draw: Draw, style: str) -> str:
+    """What a function draws as an `<svg>` element."""
+    document = encoded_canvas(draw, style, "svg", {}).decode()
     return document[document.index("<svg") :]
+
+
+def _draw(drawing: Drawing, grid: PanelGrid, theme: Theme, any_letter: bool) -> "Canvas":
+    from mjrun.plotting.figure import draw
+
+    return draw(drawing, grid, theme, any_letter=any_letter)
 
 
 def _metadata(format: str, tags: Mapping[str, str]) -> dict[str, str | None]:  # noqa: A002

@@ -61,6 +61,16 @@ def log_label(value: float) -> str:
     return ("" if factor == 1 else f"{factor}×") + f"10{_raised(power)}"
 
 
+def value_labels(values: Sequence[float]) -> list[str]:
+    """Labels of any values, with the digits that tell them apart: `0.001`, `0.00316`, `10`."""
+    labels: list[str] = []
+    for digits in range(3, _DIGITS + 3):
+        labels = [_short(value, digits) for value in values]
+        if len(set(labels)) == len(set(values)):
+            break
+    return labels
+
+
 def _decimals(step: float) -> int:
     """The fewest decimals that show multiples of `step`."""
     for decimals in range(_DIGITS + 1):
@@ -83,3 +93,10 @@ def _signed(text: str) -> str:
 
 def _raised(power: int) -> str:
     return str(power).translate(_RAISED)
+
+
+def _short(value: float, digits: int) -> str:
+    factor, e, power = f"{value:.{digits}g}".partition("e")
+    if not e:
+        return _signed(factor)
+    return ("" if factor == "1" else f"{_signed(factor)}×") + f"10{_raised(int(power))}"

@@ -4,7 +4,7 @@ import math
 
 import pytest
 
-from mjrun.plotting.ticks import linear_ticks, log_label, log_ticks, tick_labels
+from mjrun.plotting.ticks import linear_ticks, log_label, log_ticks, tick_labels, value_labels
 
 RAISED = str.maketrans("⁻⁰¹²³⁴⁵⁶⁷⁸⁹−", "-0123456789-")
 
@@ -60,3 +60,10 @@ def test_a_logarithmic_axis_has_ticks_whatever_its_range(low: float, high: float
     assert 1 <= len(ticks.values) <= 12
     assert all(low <= value <= high for value in ticks.values)
     assert len(set(ticks.labels)) == len(ticks.values)
+
+
+def test_labels_of_values_have_the_digits_that_tell_them_apart() -> None:
+    assert value_labels([0.001, 0.5, -2]) == ["0.001", "0.5", "−2"]
+    assert value_labels([1.0001, 1.0002]) == ["1.0001", "1.0002"]
+    assert value_labels([1e-6, 2e9]) == ["10⁻⁶", "2×10⁹"]
+    assert value_labels([]) == []

@@ -1,0 +1,88 @@
+"""Reads the results of a study: a row for each point, with numbers and texts."""
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from mjrun.errors import FileError
+from mjrun.formats.input_file import decoding
+
+if TYPE_CHECKING:
+    import pyarrow
+
+RESULTS = "results.parquet"
+FIRST, STATUS = "point", "status"  # the columns around what varies and the metrics
+_HINT = "a study is a folder that mjrun sweep has written"
+
+
+@dataclass(frozen=True)
+class StudyResults:
+    """What is known of the points of a study.
+
+    Attributes:
+      folder: of the study.
+      parameters: what varies.
+      metrics: their names.
+      numbers: the columns of numbers `(n,)`, by name: metrics, and most parameters; NaN where there is none.
+      texts: the columns of texts, by name: `status`, `message`, and parameters such as models.
+    """
+
+    folder: Path
+    parameters: Sequence[str]
+    metrics: Sequence[str]
+    numbers: Mapping[str, np.ndarray]
+    texts: Mapping[str, Sequence[str]]
+
+    @property
+    def status(self) -> np.ndarray:
+        """How each point ended `(n,)`: `ok`, `unstable`, …"""
+        return np.array(self.texts[STATUS])
+
+    def __len__(self) -> int:
+        return len(self.texts[STATUS])
+
+
+def read_study(folder: str | Path) -> StudyResults:
+    """The results in the folder of a study.
+
+    Raises:
+      FileError: there are none, or they cannot be read.
+      MissingExtraError: pyarrow is not installed.
+    """
+    from mjrun.formats.tables import input_format
+
+    folder = Path(folder)
+    path = folder / RESULTS
+    input_format(path)  # its library is installed
+    if not path.is_file():
+        raise FileError(folder, f"has no {RESULTS}", _HINT)
+    import pyarrow.parquet
+
+    with decoding(path, "cannot be read as results of a study"):
+        table = pyarrow.parquet.read_table(path)
+    manifest = json.loads((table.schema.metadata or {}).get(b"mjrun", b"{}"))
+    names = table.column_names
+    if STATUS not in names or names[:1] != [FIRST] or not isinstance(manifest.get("metrics"), dict):
+        raise FileError(path, "holds no results of a study", _HINT)
+    if not table.num_rows:
+        raise FileError(path, "has no rows")
+
+    metrics = [name for name in manifest["metrics"] if name in names]
+    parameters = [name for name in names[1 : names.index(STATUS)] if name not in metrics]
+    numbers, texts = dict[str, np.ndarray](), dict[str, Sequence[str]]()
+    for name, column in zip(names, table.columns, strict=True):
+        if _is_text(column.type):
+            texts[name] = [text or "" for text in column.to_pylist()]
+        else:
+            numbers[name] = column.to_numpy().astype(float)
+    return StudyResults(folder, parameters, metrics, numbers, texts)
+
+
+def _is_text(kind: "pyarrow.DataType") -> bool:
+    from pyarrow import types
+
+    return types.is_string((types.is_dictionary(kind) and kind.value_type) or kind)

@@ -1,0 +1,327 @@
+"""From the results of a study to what is drawn of them: which kind of figure fits, and its numbers."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from mjrun.errors import BadValueError, UnknownNameError, UsageError, concerning, listing, option
+from mjrun.formats.study_results import StudyResults
+from mjrun.options.plot import FigureOptions
+from mjrun.plotting.curve_text import parse_curves, parse_log, parse_panel
+from mjrun.plotting.study.correlations import rank_correlations
+from mjrun.plotting.study.drawing import (
+    EDGE,
+    Band,
+    Failures,
+    GraphPanel,
+    HeatPanel,
+    ParallelPanel,
+    RankPanel,
+    Scale,
+    Series,
+    StudyDrawing,
+    StudyPanel,
+    cell_scale,
+    colour_range,
+    is_even_in_ratios,
+    is_geometric,
+    scale,
+    spans_decades,
+    y_scale,
+)
+from mjrun.plotting.ticks import value_labels
+
+SEED = "seed"  # whose values are repeats where anything else varies
+QUANTILES = ((0.05, 0.95), (0.25, 0.75))  # of the bands
+LINES = 6  # curves of another parameter in one panel
+DOTS = 40  # values of x that are marked
+FEW = 3  # parameters that have a scatter plot each
+GRAPHS = 24  # panels, at most
+DRAWN = 4000  # lines of parallel coordinates
+RANKED = 16  # parameters in a panel of rank correlations
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """Something that varies.
+
+    Attributes:
+      name: as the study writes it.
+      values: of the points `(n,)`; of texts, their index in `categories`.
+      levels: the different values, ascending.
+    """
+
+    name: str
+    values: np.ndarray
+    levels: np.ndarray
+    categories: Sequence[str] = ()
+
+    @property
+    def is_listed(self) -> bool:
+        """Whether points share its values, as on a grid, rather than having one each, as when drawn at random."""
+        return bool(self.categories) or 2 * len(self.levels) <= len(self.values)
+
+    @property
+    def labels(self) -> list[str]:
+        """Its levels as texts."""
+        return list(self.categories) or value_labels(self.levels.tolist())
+
+    def scale(self, log: bool | None = None) -> Scale:
+        """Its axis, logarithmic where `log` says so, or without it where its values are in equal ratios."""
+        is_log = log
+        if is_log is None:
+            is_log = is_geometric(self.levels) if self.is_listed else is_even_in_ratios(self.values)
+        return scale(self.name, self.values, log=is_log, categories=self.categories, edge=EDGE)
+
+    def cells(self) -> Scale:
+        """Its axis where each level has a cell."""
+        return cell_scale(self.name, self.levels, self.labels)
+
+
+@dataclass(frozen=True)
+class MetricValues:
+    """A metric, or an expression over some: its name, and its values `(n,)`, NaN where it has none."""
+
+    name: str
+    values: np.ndarray
+    log: bool
+
+
+class StudyPlan:
+    """A figure of a study.
+
+    Args:
+      results: of the study.
+      options: x chooses the parameter, y the metrics.
+
+    Attributes:
+      notes: what the user may want to know.
+
+    Raises:
+      UsageError: there is nothing to show, or a name that is not there.
+    """
+
+    def __init__(self, results: StudyResults, options: FigureOptions) -> None:
+        self._results, self._options = results, options
+        self.notes: list[str] = []
+        varying = [_parameter(results, name) for name in results.parameters]
+        self._parameters = [each for each in varying if len(each.levels) > 1]
+        self._metrics = self._chosen_metrics()
+        self._log_x, _ = parse_log(options.log, len(self._metrics))
+
+    @cached_property
+    def drawing(self) -> StudyDrawing:
+        """What is drawn."""
+        x = self._x()
+        main = [each for each in self._parameters if each.name != SEED] or self._parameters
+        if x is not None:
+            return self._over(x)
+        if len(main) == 1:
+            return self._over(main[0])
+        if len(main) == 2 and _is_grid(*main):
+            return self._heat_maps(*main)
+        listed = [each for each in main if each.is_listed]
+        if len(listed) == 1 and len(main) == 2:
+            return self._over(listed[0])
+        if len(main) <= FEW:
+            return self._scatter(main)
+        return self._parallel(main)
+
+    # --- what is chosen ------------------------------------------------------------------------------
+
+    def _chosen_metrics(self) -> list[MetricValues]:
+        known = {name: values for name, values in self._results.numbers.items() if name in self._results.metrics}
+        texts = self._options.y or tuple(known)
+        if not texts:
+            raise UsageError(f"{self._results.folder}: the study has no metrics to plot; see {option('metric')}")
+        found: list[tuple[str, np.ndarray]] = []
+        columns = {**{each.name: each.values for each in self._parameters}, **known}
+        for index, text in enumerate(texts):
+            with concerning("y", index):
+                if text in known:
+                    found.append((text, known[text]))
+                    continue
+                for curve in parse_panel(text, list(columns)).curves:
+                    found.append((curve.name, curve.expression.values(columns)))
+        _, chosen = parse_log(self._options.log, len(found))
+        return [MetricValues(*each, self._is_log(i, each[1], chosen)) for i, each in enumerate(found)]
+
+    def _is_log(self, index: int, values: np.ndarray, chosen: frozenset[int]) -> bool:
+        return index in chosen if self._options.log else spans_decades(values)
+
+    def _x(self) -> Parameter | None:
+        """What the user chose as x: a parameter, or an expression over the metrics."""
+        if self._options.x is None:
+            if not self._parameters:
+                raise UsageError(f"{self._results.folder}: nothing varies: there is one point, or all are the same")
+            return None
+        named = {each.name: each for each in self._parameters}
+        if self._options.x in named:
+            return named[self._options.x]
+        metrics = {name: self._results.numbers[name] for name in self._results.metrics}
+        columns = {**{name: each.values for name, each in named.items()}, **metrics}
+        try:
+            found = parse_curves(self._options.x, list(columns), option("x"))
+        except UnknownNameError:
+            raise UnknownNameError("parameter", self._options.x, list(columns), where=option("x")) from None
+        if len(found) != 1:
+            raise BadValueError(option("x"), self._options.x, f"one parameter, it is {len(found)}")
+        values = found[0].expression.values(columns)
+        return Parameter(found[0].name, values, np.unique(values[np.isfinite(values)]))
+
+    # --- kinds of figures ----------------------------------------------------------------------------
+
+    def _over(self, x: Parameter) -> StudyDrawing:
+        """Curves over one parameter, with bands where points share its values; else dots."""
+        others = [each for each in self._parameters if each.name not in (x.name, SEED)]
+        if x.name == SEED and others:
+            others = []
+        if not x.is_listed and (others or not self._is_parameter(x)):
+            return self._scatter([x])
+        lines = others[0] if len(others) == 1 and len(others[0].levels) <= LINES else None
+        axis = x.scale(True if self._log_x else None)
+        panels = [self._graph(x, axis, metric, lines) for metric in self._shown(self._metrics)]
+        return self._drawn(panels)
+
+    def _graph(self, x: Parameter, axis: Scale, metric: MetricValues, lines: Parameter | None) -> GraphPanel:
+        groups = [("", np.ones(len(x.values), bool))]
+        if lines is not None:
+            groups = [
+                (f"{lines.name} = {label}", lines.values == level)
+                for level, label in zip(lines.levels, lines.labels, strict=True)
+            ]
+        series = [_summary(name, x, metric.values, chosen, i) for i, (name, chosen) in enumerate(groups)]
+        drawn = [each for s in series for each in (s.y, *(end for band in s.bands for end in (band.low, band.high)))]
+        y = y_scale(metric.name, np.concatenate(drawn), log=metric.log)
+        return GraphPanel(axis, y, series, self._failures(x.values))
+
+    def _scatter(self, parameters: Sequence[Parameter]) -> StudyDrawing:
+        """Dots, in a column of panels for each parameter."""
+        metrics = self._metrics[: max(1, GRAPHS // len(parameters))]
+        panels: list[StudyPanel] = []
+        for metric in self._shown(metrics):
+            y = y_scale(metric.name, metric.values, log=metric.log)
+            for x in parameters:
+                dots = Series("", x.values, metric.values, joined=False)
+                panels.append(GraphPanel(x.scale(True if self._log_x else None), y, [dots], self._failures(x.values)))
+        return self._drawn(panels, len(parameters))
+
+    def _heat_maps(self, across: Parameter, up: Parameter) -> StudyDrawing:
+        """A cell for each pair of values: the median of its points."""
+        column, row = np.searchsorted(across.levels, across.values), np.searchsorted(up.levels, up.values)
+        shape = (len(up.levels), len(across.levels))
+        cells = row * shape[1] + column
+        count = np.bincount(cells, minlength=shape[0] * shape[1])
+        panels: list[StudyPanel] = []
+        for metric in self._shown(self._metrics):
+            values = np.full(len(count), np.nan)
+            for cell, inside in _grouped(cells, metric.values):
+                values[int(cell)] = np.median(inside)
+            failed = (count > 0) & np.isnan(values)
+            ends = colour_range(metric.name, values, log=metric.log)
+            colours = Scale(metric.name, *ends, metric.log and ends[0] > 0)
+            grid = values.reshape(shape), failed.reshape(shape)
+            panels.append(HeatPanel(metric.name, across.cells(), up.cells(), *grid, colours))
+        return self._drawn(panels)
+
+    def _parallel(self, parameters: Sequence[Parameter]) -> StudyDrawing:
+        """Parallel coordinates, and the rank correlations of all parameters with each metric."""
+        first = self._metrics[0]
+        values = np.column_stack([*(each.values for each in parameters), first.values])
+        order = np.argsort(np.abs(_ranks(first.values) - 0.5), kind="stable")  # the extremes last, on top
+        order = np.concatenate([order[np.isnan(first.values[order])], order[~np.isnan(first.values[order])]])
+        if len(order) > DRAWN:
+            self.notes.append(f"{DRAWN} of {len(order)} points have a line, evenly chosen")
+            order = order[np.linspace(0, len(order) - 1, DRAWN).round().astype(int)]
+        scales = [each.scale() for each in parameters]
+        last = scale(first.name, first.values, log=first.log, edge=0.0)
+        above = ParallelPanel([*scales, last], values[order], np.isnan(values[order, -1]))
+
+        ordinal = [each for each in parameters if len(each.categories) <= 2]
+        left = [each.name for each in parameters if each not in ordinal]
+        if left:
+            self.notes.append(f"{listing(left)}: texts without an order have no rank correlation")
+        panels = [self._ranks_panel(ordinal, metric) for metric in self._shown(self._metrics)]
+        return self._drawn(panels, min(3, len(panels)), above)
+
+    def _ranks_panel(self, parameters: Sequence[Parameter], metric: MetricValues) -> RankPanel:
+        found = rank_correlations([each.values for each in parameters], metric.values)
+        order = np.argsort(-np.nan_to_num(np.abs(found), nan=-1.0), kind="stable")[:RANKED]
+        names = [_told(parameters[i]) for i in order]
+        return RankPanel(metric.name, names, found[order])
+
+    # --- parts ---------------------------------------------------------------------------------------
+
+    def _drawn(
+        self, panels: Sequence[StudyPanel], columns: int | None = None, above: ParallelPanel | None = None
+    ) -> StudyDrawing:
+        return StudyDrawing(self._options.title or "", panels, self._options.columns or columns, above)
+
+    def _shown(self, metrics: Sequence[MetricValues]) -> list[MetricValues]:
+        """The metrics that can be drawn; those without any value are told of."""
+        empty = [each.name for each in metrics if not np.isfinite(each.values).any()]
+        if empty:
+            self.notes.append(f"{listing(empty)}: no point has a value")
+        left = [each.name for each in self._metrics if each not in metrics]
+        if left:
+            self.notes.append(f"{listing(left)} left out; choose with {option('y')}")
+        return list(metrics)
+
+    def _is_parameter(self, x: Parameter) -> bool:
+        return any(each is x for each in self._parameters)
+
+    def _failures(self, x: np.ndarray) -> list[Failures]:
+        """Where points failed, by status."""
+        status = self._results.status
+        return [Failures(str(kind), x[status == kind]) for kind in dict.fromkeys(status.tolist()) if kind != "ok"]
+
+
+def _parameter(results: StudyResults, name: str) -> Parameter:
+    if name in results.numbers:
+        values = results.numbers[name]
+        return Parameter(name, values, np.unique(values))
+    categories = list(dict.fromkeys(results.texts[name]))
+    places = {text: float(index) for index, text in enumerate(categories)}
+    values = np.array([places[text] for text in results.texts[name]])
+    return Parameter(name, values, np.arange(len(categories), dtype=float), categories)
+
+
+def _is_grid(a: Parameter, b: Parameter) -> bool:
+    """Whether at least half of all pairs of their values are points."""
+    if not (a.is_listed and b.is_listed):
+        return False
+    pairs = len(np.unique(np.column_stack([a.values, b.values]), axis=0))
+    return 2 * pairs >= len(a.levels) * len(b.levels)
+
+
+def _summary(name: str, x: Parameter, values: np.ndarray, chosen: np.ndarray, colour: int) -> Series:
+    """The median at each value of x, with bands where several points share one."""
+    chosen = chosen & np.isfinite(values) & np.isfinite(x.values)
+    groups = list(_grouped(x.values[chosen], values[chosen]))
+    places = np.array([place for place, _ in groups])
+    medians = np.array([np.median(inside) for _, inside in groups])
+    bands = [
+        Band(*(np.array([np.quantile(inside, share) for _, inside in groups]) for share in shares))
+        for shares in (QUANTILES if any(len(inside) > 1 for _, inside in groups) else ())
+    ]
+    return Series(name, places, medians, bands, not x.categories, len(groups) <= DOTS, colour)
+
+
+def _grouped(keys: np.ndarray, values: np.ndarray) -> list[tuple[int | float, np.ndarray]]:
+    """The finite values of each key, in the order of keys."""
+    keys, values = keys[np.isfinite(values)], values[np.isfinite(values)]
+    order = np.argsort(keys, kind="stable")
+    different, starts = np.unique(keys[order], return_index=True)
+    return list(zip(different.tolist(), np.split(values[order], starts[1:]), strict=False))
+
+
+def _ranks(values: np.ndarray) -> np.ndarray:
+    """Ranks of values, from 0 to 1."""
+    return np.argsort(np.argsort(values, kind="stable"), kind="stable") / max(1, len(values) - 1)
+
+
+def _told(parameter: Parameter) -> str:
+    """Its name; of two texts, which of them counts as more."""
+    return f"{parameter.name}: {parameter.categories[1]}" if parameter.categories else parameter.name

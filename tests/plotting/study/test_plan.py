@@ -1,0 +1,150 @@
+"""Which figure fits a study, and its numbers against pandas."""
+
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from mjrun.errors import BadValueError, UnknownNameError, UsageError
+from mjrun.formats.study_results import StudyResults
+from mjrun.options.plot import FigureOptions
+from mjrun.plotting.study.drawing import GraphPanel, HeatPanel, RankPanel, StudyDrawing
+from mjrun.plotting.study.plan import StudyPlan
+
+Columns = Mapping[str, "np.ndarray | list[str]"]
+
+
+def results(parameters: Columns, metrics: Mapping[str, np.ndarray], status: np.ndarray | None = None) -> StudyResults:
+    count = len(next(iter(parameters.values())))
+    numbers = {name: values for name, values in parameters.items() if isinstance(values, np.ndarray)}
+    texts = {name: values for name, values in parameters.items() if not isinstance(values, np.ndarray)}
+    states = ["ok"] * count if status is None else status.tolist()
+    return StudyResults(
+        Path("study"), list(parameters), list(metrics), {**numbers, **metrics}, {**texts, "status": states}
+    )
+
+
+def drawn(study: StudyResults, **options: object) -> StudyDrawing:
+    return StudyPlan(study, FigureOptions(**options)).drawing  # type: ignore[arg-type]
+
+
+RNG = np.random.default_rng(5)
+STEP = np.repeat(np.geomspace(1e-4, 1e-1, 7), 9)
+SEED = np.tile(np.arange(9.0), 7)
+DRIFT = RNG.normal(5, 1, 63) * STEP
+
+
+def test_one_parameter_with_repeats_is_its_median_and_bands() -> None:
+    drift = np.where(RNG.random(63) < 0.1, np.nan, DRIFT)
+    status = np.where(np.isnan(drift), "unstable", "ok")
+    (panel,) = drawn(results({"opt.timestep": STEP, "seed": SEED}, {"drift": drift}, status)).panels
+    assert isinstance(panel, GraphPanel)
+    assert panel.x.log
+    assert panel.x.name == "opt.timestep"
+    (series,) = panel.series
+    groups = pd.DataFrame({"x": STEP, "y": drift}).groupby("x")["y"]
+    np.testing.assert_array_equal(series.x, list(groups.groups))
+    np.testing.assert_allclose(series.y, groups.median(), rtol=1e-12)
+    for band, (low, high) in zip(series.bands, [(0.05, 0.95), (0.25, 0.75)], strict=True):
+        np.testing.assert_allclose(band.low, groups.quantile(low), rtol=1e-12)
+        np.testing.assert_allclose(band.high, groups.quantile(high), rtol=1e-12)
+    (failures,) = panel.failures
+    assert failures.status == "unstable"
+    np.testing.assert_array_equal(failures.x, STEP[np.isnan(drift)])
+
+
+def test_one_parameter_without_repeats_is_a_curve_without_bands() -> None:
+    (panel,) = drawn(results({"mass": np.array([3.0, 1, 2])}, {"z": np.array([9.0, 7, 8])})).panels
+    assert isinstance(panel, GraphPanel)
+    (series,) = panel.series
+    assert series.x.tolist() == [1, 2, 3]
+    assert series.y.tolist() == [7, 8, 9]
+    assert not series.bands
+
+
+def test_two_parameters_on_a_grid_are_a_map_of_medians() -> None:
+    a, b = np.repeat(np.arange(4.0), 15), np.tile(np.repeat(np.arange(5.0), 3), 4)
+    z = RNG.normal(size=60)
+    z[(a == 1) & (b == 2)] = np.nan
+    status = np.where(np.isnan(z), "crashed", "ok")
+    panel, _ = drawn(results({"a": a, "b": b, "seed": RNG.random(60)}, {"z": z, "w": z}, status)).panels
+    assert isinstance(panel, HeatPanel)
+    table = pd.DataFrame({"a": a, "b": b, "z": z}).pivot_table(index="b", columns="a", values="z", aggfunc="median")
+    np.testing.assert_allclose(panel.values, table.to_numpy(), rtol=1e-12)
+    assert np.argwhere(panel.failed).tolist() == [[2, 1]]
+
+
+def test_x_chooses_curves_and_the_other_parameter_their_colours() -> None:
+    a, model = np.tile(np.arange(5.0), 2), ["a.xml"] * 5 + ["b.xml"] * 5
+    study = results({"a": a, "model": model}, {"z": a**2})
+    (panel,) = drawn(study, x="a").panels
+    assert isinstance(panel, GraphPanel)
+    assert [series.name for series in panel.series] == ["model = a.xml", "model = b.xml"]
+    (panel,) = drawn(study, x="model").panels
+    assert isinstance(panel, GraphPanel)
+    assert panel.x.categories == ["a.xml", "b.xml"]
+    assert not panel.series[0].joined
+
+
+def test_few_random_parameters_are_dots_and_x_may_be_a_metric() -> None:
+    a, b = RNG.random((2, 40))
+    study = results({"a": a, "b": b}, {"z": a + b, "w": a - b})
+    drawing = drawn(study)
+    assert drawing.columns == 2
+    assert [panel.x.name for panel in drawing.panels if isinstance(panel, GraphPanel)] == ["a", "b", "a", "b"]
+    (panel,) = drawn(study, x="z", y=("w*2",)).panels
+    assert isinstance(panel, GraphPanel)
+    assert panel.label == "w*2"
+    np.testing.assert_array_equal(panel.series[0].y, 2 * (a - b))
+
+
+def test_a_grid_with_random_parameters_too_has_bands_over_them() -> None:
+    a, b = np.repeat(np.arange(4.0), 20), RNG.random(80)
+    (panel,) = drawn(results({"a": a, "b": b}, {"z": a + b})).panels
+    assert isinstance(panel, GraphPanel)
+    assert panel.x.name == "a"
+    assert len(panel.series[0].bands) == 2
+
+
+def test_many_parameters_are_parallel_coordinates_and_rank_correlations() -> None:
+    values, kind = RNG.random((50, 4)), [str(k) for k in RNG.choice(["x", "y", "z"], 50)]
+    z = values[:, 0] - 2 * values[:, 1]
+    z[7] = np.nan
+    parameters = {name: column.copy() for name, column in zip("abcd", values.T, strict=True)}
+    plan = StudyPlan(results({**parameters, "kind": kind}, {"z": z, "w": -z}), FigureOptions(y=("w",)))
+    drawing = plan.drawing
+    assert drawing.above
+    assert [axis.name for axis in drawing.above.scales] == ["a", "b", "c", "d", "kind", "w"]
+    assert drawing.above.failed.tolist() == [True] + [False] * 49
+    (panel,) = drawing.panels
+    assert isinstance(panel, RankPanel)
+    frame = pd.DataFrame({**parameters, "w": -z})
+    expected = frame.corr(method="spearman")["w"].drop("w").sort_values(key=np.abs, ascending=False)
+    assert list(panel.parameters) == expected.index.tolist()
+    np.testing.assert_allclose(panel.correlations, expected, rtol=1e-12)
+    assert plan.notes == ["kind: texts without an order have no rank correlation"]
+
+
+def test_lines_of_many_points_are_chosen_evenly() -> None:
+    values = RNG.random((9000, 4))
+    plan = StudyPlan(results(dict(zip("abcd", values.T.copy(), strict=True)), {"z": values[:, 0]}), FigureOptions())
+    assert plan.drawing.above
+    assert len(plan.drawing.above.values) == 4000
+    assert plan.notes == ["4000 of 9000 points have a line, evenly chosen"]
+
+
+def test_what_cannot_be_shown_is_told() -> None:
+    a, z = np.arange(3.0), np.full(3, np.nan)
+    with pytest.raises(UsageError, match="no metrics"):
+        drawn(results({"a": a}, {}))
+    with pytest.raises(UsageError, match="nothing varies"):
+        drawn(results({"a": np.ones(3)}, {"z": a}))
+    with pytest.raises(UnknownNameError, match="mss"):
+        drawn(results({"a": a}, {"z": a}), x="mss")
+    with pytest.raises(BadValueError, match="one parameter"):
+        drawn(results({"a/b": a, "a/c": a}, {"z": a}), x="a/*")
+    plan = StudyPlan(results({"a": a}, {"z": z}), FigureOptions())
+    assert plan.drawing.panels
+    assert plan.notes == ["z: no point has a value"]
