@@ -156,7 +156,8 @@ class UsageError(MjrunError):
         """The message in one line, without the option that it begins with, if that is the last name in `path`."""
         message = "; ".join(part for part in self.spelled(str).splitlines() if part)
         names = [part for part in path if isinstance(part, str)]
-        return message.removeprefix(f"{names[-1]}: ") if names else message
+        message = message.removeprefix(f"{names[-1]}: ") if names else message
+        return message.removeprefix(f"{names[-2]} {names[-1]}: ") if len(names) > 1 else message
 
 
 @contextmanager

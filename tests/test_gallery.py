@@ -17,6 +17,8 @@ if TYPE_CHECKING:
 
 SCENES = Path(__file__).parents[1] / "scenes"
 DOCUMENTS = sorted(SCENES.glob("*.yaml"))
+STUDIES = sorted(SCENES.glob("studies/*.yaml"))
+KINDS = {"cameras": "camera", "studies": "study"}
 SMALL = ["videos[0].size=64x48", "videos[0].fps=2", "images[0].size=64x48", "plots[0].size=320x240"]
 
 
@@ -31,17 +33,17 @@ def test_every_scene_has_a_document_and_an_image_of_it_is_shown() -> None:
         assert 5_000 < (SCENES / picture).stat().st_size < 200_000
 
 
-@pytest.mark.parametrize("kind", ["camera", "run"])
+@pytest.mark.parametrize("kind", ["camera", "run", "study"])
 def test_the_schemas_beside_the_scenes_are_those_that_mjrun_prints(kind: str) -> None:
     assert json.loads((SCENES / f"schema/{kind}.json").read_text("utf-8")) == json.loads(json.dumps(json_schema(kind)))
 
 
-@pytest.mark.parametrize("path", [*DOCUMENTS, *sorted(SCENES.glob("cameras/*.yaml"))], ids=lambda path: path.stem)
+@pytest.mark.parametrize("path", sorted(SCENES.rglob("*.yaml")), ids=lambda path: path.stem)
 def test_a_document_tells_editors_its_schema(path: Path) -> None:
     header = path.read_text("utf-8").splitlines()[0]
     found = re.fullmatch(r"# yaml-language-server: \$schema=(\S+)", header)
     assert found
-    assert (path.parent / found[1]).resolve() == SCENES / f"schema/{'run' if path in DOCUMENTS else 'camera'}.json"
+    assert (path.parent / found[1]).resolve() == SCENES / f"schema/{KINDS.get(path.parent.name, 'run')}.json"
 
 
 @pytest.mark.parametrize("path", sorted(SCENES.glob("cameras/*.yaml")), ids=lambda path: path.stem)
@@ -56,3 +58,17 @@ def test_a_lesson_makes_its_video_image_trace_and_plot(mjrun: Command, path: Pat
     name = path.stem
     made = {"plot.png", f"{name}.mp4", f"{name}.jpg", f"{name}.csv"} | ({"hits.csv"} if name == "dominos" else set())
     assert {file.name for file in (tmp_path / "out").iterdir()} == made
+
+
+def test_the_page_shows_every_study() -> None:
+    page = (SCENES / "README.md").read_text("utf-8")
+    assert sorted(re.findall(r"mjrun sweep scenes/studies/(\w+)\.yaml", page)) == [path.stem for path in STUDIES]
+
+
+@pytest.mark.parametrize("path", STUDIES, ids=lambda path: path.stem)
+def test_a_study_measures_every_point(mjrun: Command, path: Path) -> None:
+    done = mjrun("sweep", path, "duration=0.2", "samples=4", "-o", "out", "--json")
+    report = json.loads(done.stdout)
+    assert done.returncode in ((0, 8) if path.stem == "divergence_by_timestep" else (0,))
+    assert report["statuses"]["ok"] >= report["points"] / 2
+    assert all(metric["count"] for name, metric in report["metrics"].items() if name != "fell")

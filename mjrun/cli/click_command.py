@@ -52,6 +52,11 @@ class CommandLine:
         """The value of an option; None if it is left out."""
         return self._params.get(name)
 
+    def given(self, *classes: type[Options]) -> dict[str, object]:
+        """The options of classes that are not left out, by attribute."""
+        known = {each.name: each.attribute for cls in classes for each in options_of(cls)}
+        return {known[name]: value for name, value in self._params.items() if name in known}
+
     def with_defaults(self, **defaults: object) -> "CommandLine":
         """The same, with `defaults` for options that are left out."""
         return CommandLine({**defaults, **self._params})

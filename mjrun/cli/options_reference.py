@@ -145,7 +145,7 @@ def _row(each: Option, owners: Sequence[Owner], all_owners: Sequence[Owner]) -> 
     repeatable = " Repeatable." if in_command and is_repeatable(each) else ""
     return [
         spellings if in_command else "",
-        f"`{each.name}`" if in_document else "",
+        f"`{each.key}`" if in_document else "",
         f"`{each.attribute}`" if in_python else "",
         "true or false" if isinstance(each.kind, Flag) else f"`{each.kind.metavar}`",
         str(each.default).lower() if isinstance(each.default, bool) else shown_default(each),

@@ -14,6 +14,7 @@ from mjrun.document.document_model import (
     Location,
     Name,
     Omittable,
+    OneOf,
     Vector,
     by_type,
 )
@@ -23,6 +24,7 @@ from mjrun.errors import UsageError, quoted
 from mjrun.job.scene_decorations import MOTIONS, NO_MAP
 from mjrun.options.kinds import ExpectedError
 from mjrun.options.push import Push, PushKind
+from mjrun.options.variations import DISTRIBUTIONS
 
 
 class InlineCamera(CameraDocument):
@@ -119,3 +121,21 @@ def ghost_text(ghost: str | InlineGhost, resolved: Callable[[str], str]) -> str:
             raise UsageError(f"{quoted(path)}: the path of what a ghost goes through holds no comma")
         settings.append(f"{name}{equals}{path}")
     return ",".join(settings)
+
+
+class InlineSpan(DocumentModel):
+    """Values from one number to another, both included."""
+
+    from_: float = Field(alias="from", description="The first value.")
+    to: float
+    """The last value."""
+    count: Annotated[int, Field(ge=2)]
+    """How many values."""
+    log: bool = False
+    """Equal ratios between them instead of equal distances."""
+
+
+InlineDistribution = Annotated[
+    dict[Annotated[str, OneOf(tuple(DISTRIBUTIONS))], list[float | Name]],
+    Field(min_length=1, max_length=1, description=f"Random values: {', '.join(DISTRIBUTIONS.values())}."),
+]

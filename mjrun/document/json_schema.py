@@ -9,6 +9,7 @@ from pydantic_core.core_schema import WithDefaultSchema
 from mjrun.document.camera import CameraDocument
 from mjrun.document.report_schema import REPORTS, report_schema
 from mjrun.document.run import RunDocument
+from mjrun.document.study import StudyDocument
 from mjrun.document.variables import DEFAULTS, VARS
 from mjrun.errors import UnknownNameError
 
@@ -16,6 +17,7 @@ from mjrun.errors import UnknownNameError
 DOCUMENTS: dict[str, tuple[type[BaseModel], str, bool]] = {
     "camera": (CameraDocument, "mjrun camera document", False),
     "run": (RunDocument, "mjrun run document", True),
+    "study": (StudyDocument, "mjrun study document", True),
 }
 VARIABLE_KEYS = {
     VARS: {

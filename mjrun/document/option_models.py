@@ -1,6 +1,6 @@
 """From declared options to the models of run documents, and from what a document holds to the options' values."""
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from pathlib import Path
@@ -26,7 +26,15 @@ from mjrun.document.document_model import (
     of_length,
 )
 from mjrun.document.field_types import Exact, Instant, Numbers, Several, Size, as_tuple, checked_by, suggested
-from mjrun.document.inline_values import InlineCamera, InlineGhost, InlinePush, PushText, ghost_text
+from mjrun.document.inline_values import (
+    InlineCamera,
+    InlineDistribution,
+    InlineGhost,
+    InlinePush,
+    InlineSpan,
+    PushText,
+    ghost_text,
+)
 from mjrun.document.output_folder import OutputFolder, OutputPath
 from mjrun.document.reader import SUFFIXES
 from mjrun.errors import BadValueError, concerning, option
@@ -38,6 +46,7 @@ from mjrun.options.diff import ColumnTolerances
 from mjrun.options.kinds import AnyKind, ExpectedError, setting_text
 from mjrun.options.option import Exclusion, FrontEnd, Option, Options, exclusions_of, options_of
 from mjrun.options.push import PushKind
+from mjrun.options.variations import Variations, with_paths
 from mjrun.rendering.segmentation import groupings
 from mjrun.rendering.visual import Visual, flags, frames, labels
 
@@ -60,6 +69,27 @@ def _setting(value: object) -> str:
 NonNegativeInteger = Annotated[int, Field(ge=0)]
 ExpressionText = Annotated[
     Annotated[Name, Tag(TEXT)] | Annotated[float, Tag(NUMBER)], by_type("an expression or a number", TEXT, NUMBER)
+]
+
+
+def _variation(value: object) -> str:
+    try:
+        return Variations().text(value)
+    except ExpectedError as error:
+        raise InvalidValueError("expected", expected=error.expected) from None
+
+
+VariationText = Annotated[
+    str,
+    PlainValidator(
+        _variation,
+        json_schema_input_type=float
+        | Name
+        | bool
+        | list[float | Name | bool | list[float]]
+        | InlineSpan
+        | InlineDistribution,
+    ),
 ]
 SettingText = Annotated[str, PlainValidator(_setting, json_schema_input_type=float | Name | bool | list[float])]
 
@@ -91,11 +121,15 @@ def options_model(
     Args:
       first, last: fields before and after those, as pydantic's `create_model` takes them.
     """
-    keys = {each.attribute: _field(each) for each in document_options(declared)}
-    keys = {**(first or {}), **keys, **(last or {})}
+    keys = {**(first or {}), **option_keys(declared), **(last or {})}
     model = model_with_keys(name or declared.__name__, base, keys, declared.__doc__)
     model.declared = declared
     return model
+
+
+def option_keys(declared: type[Options], may_lack: Sequence[str] = ()) -> dict[str, Key]:
+    """A key for each of the options that documents know; those in `may_lack` may be left out though they are needed."""
+    return {each.attribute: _field(each, each.name in may_lack) for each in document_options(declared)}
 
 
 def document_options(declared: type[Options]) -> list[Option]:
@@ -120,14 +154,14 @@ def _is_set(value: object) -> bool:
     return value is not None and value is not False and value != []
 
 
-def _field(each: Option) -> Key:
+def _field(each: Option, may_lack: bool = False) -> Key:
     """Type and default of a key."""
     annotation = field_type(each.kind)
     text = with_formats(each.help) + (f" If left out: {each.usual}." if each.usual else "")
-    alias = each.name if each.name != each.attribute else None
-    if is_always_written(each):
+    alias = each.key if each.key != each.attribute else None
+    if is_always_written(each) and not may_lack:
         return annotation, Field(alias=alias, description=with_formats(each.help))
-    default = None if each.default is None else _default(each)
+    default = None if each.default is None or each.is_required else _default(each)
     return annotation, Field(default, alias=alias, description=text)
 
 
@@ -173,6 +207,7 @@ FIELD_TYPES: dict[type[AnyKind], object] = {
     option_kinds.Values: dict[str, Numbers],
     ColumnTolerances: dict[str, Numbers],
     option_kinds.Settings: dict[str, SettingText],
+    Variations: dict[str, VariationText],
     option_kinds.ColumnMap: Annotated[
         Annotated[Name, Tag(TEXT)]
         | Annotated[list[Name], Tag(LIST)]
@@ -252,6 +287,10 @@ def _converted(kind: AnyKind, value: object, folders: Folders) -> object:
             return push.push()
         case PushKind(), str(text):
             return kind.parse(text)
+        case Variations(), dict():
+            texts = cast("dict[str, str]", value)
+            ways = {"model": folders.model, "ctrl_from": folders.input}
+            return {path: with_paths(text, ways[path]) if path in ways else text for path, text in texts.items()}
         case option_kinds.ColumnMap(), _:
             return _map_texts(kind, value, folders)
         case option_kinds.Camera(), InlineCamera() as camera:

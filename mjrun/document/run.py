@@ -21,18 +21,19 @@ from contextlib import contextmanager
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import Annotated, TypeVar, cast
+from typing import Annotated, TypeVar
 
 from pydantic import ConfigDict, Field, Tag
 
+from mjrun.document.builder import NAMED, DocumentBuilder, fault_at
 from mjrun.document.document_model import MAPPING, TEXT, Key, Location, Name, by_type
 from mjrun.document.error_messages import RENAMED
-from mjrun.document.option_models import Folders, OptionsModel, document_options, option_value, options_model
+from mjrun.document.option_models import Folders, OptionsModel, options_model
 from mjrun.document.output_folder import OutputFolder, OutputPath
 from mjrun.document.reader import document_error, read_placed
-from mjrun.document.tree import Fault, ListNode, MappingNode, find, key_mark, path_text, plain, written_path
+from mjrun.document.tree import Fault, MappingNode, find, path_text, written_path
 from mjrun.document.tree import Path as Place
-from mjrun.errors import DocumentError, InvalidJobsError, Problem, UsageError
+from mjrun.errors import InvalidJobsError, UsageError
 from mjrun.job.golden import golden_files
 from mjrun.job.image import Image
 from mjrun.job.keyframe import Keyframe
@@ -42,7 +43,6 @@ from mjrun.job.simulation import Simulation
 from mjrun.job.task import Job, OutputResult
 from mjrun.job.trace import Trace
 from mjrun.job.video import Video
-from mjrun.options.kinds import Several
 from mjrun.options.option import Options
 from mjrun.options.run import RunOptions
 from mjrun.options.simulation import SimulationOptions
@@ -56,7 +56,6 @@ OUTPUTS: dict[str, type[Video | Image | Trace | Plot | Recording | Keyframe]] = 
     "recordings": Recording,
     "keyframes": Keyframe,
 }
-NAMED = ("set", "qpos", "qvel", "ctrl")  # keys below which the model's own names stand
 T = TypeVar("T")
 
 
@@ -126,7 +125,7 @@ class RunRequest:
     def _fault(self, index: int | None, error: UsageError) -> Fault:
         """`error` at the option that it is about, or else at the job."""
         place: Place = () if index is None else self._places[index]
-        return _fault_at(self._tree, place, error)
+        return fault_at(self._tree, place, error, _declared_at)
 
 
 def read_run(
@@ -152,64 +151,44 @@ def read_run(
     return RunRequest(tree, _Builder(tree, folders, options, command).jobs(document))
 
 
-class _Builder:
-    """Builds jobs from what a document holds, and collects what is wrong with them."""
+class _Builder(DocumentBuilder):
+    """Builds jobs from what a document holds."""
 
     def __init__(self, tree: MappingNode, folders: Folders, options: RunOptions, command: str) -> None:
-        self._tree, self._folders, self._options, self._command = tree, folders, options, command
+        super().__init__(tree, folders, _declared_at)
+        self._options, self._command = options, command
         self._goldens = OutputFolder(folders.inputs, "the folder of the document")
-        self._faults: list[Fault] = []
-        self._others: list[Problem] = []  # in documents that this one names
 
     def jobs(self, document: OptionsModel) -> dict[Place, Job[OutputResult]]:
         """All jobs, if nothing is wrong, by their places in the document."""
-        simulation = self._simulation(document)
+        simulation = self.simulation(document, self._options)
         jobs: dict[Place, Job[OutputResult]] = {}
         for key, output in OUTPUTS.items():
             for index, entry in enumerate(getattr(document, key)):
                 job = self._job(output, entry, (key, index), simulation)
                 if job is not None:
                     jobs[key, index] = job
-        if self._faults or self._others:
-            raise document_error(self._faults, self._others)
+        self.raise_faults()
         return jobs
-
-    def _simulation(self, document: OptionsModel) -> Simulation:
-        values = self._values(SimulationOptions, document, ())
-        values |= {"controller": self._options.controller, "control_dt": self._options.control_dt}
-        model = self._folders.model(document.model_dump(include={"model"})["model"])
-        simulation = cast("Callable[..., Simulation]", Simulation)
-        return self._attempt((), lambda: simulation(model, **values)) or Simulation("")
 
     def _job(
         self, output: Callable[..., Job[OutputResult]], entry: OptionsModel | str, place: Place, simulation: Simulation
     ) -> Job[OutputResult] | None:
-        faults = len(self._faults) + len(self._others)
+        faults = self.fault_count
         if isinstance(entry, str):
-            path = self._attempt(place, lambda: self._folders.outputs.path(entry))
+            path = self.attempt(place, lambda: self.folders.outputs.path(entry))
             values: dict[str, object] = {} if path is None else {"output": path}
         else:
-            values = self._values(entry.declared, entry, place)
+            values = self.values(entry.declared, entry, place)
         if "output" not in values:
             return None
-        job = self._attempt(place, lambda: output(simulation, **values, command=self._command))
-        if job is None or len(self._faults) + len(self._others) > faults:
+        job = self.attempt(place, lambda: output(simulation, **values, command=self._command))
+        if job is None or self.fault_count > faults:
             return None
         if isinstance(job, Video | Image):
             job = self._on_this_machine(job)
         self._reserve(job, place)
         return self._updated(job, place) if isinstance(job, Trace) else job
-
-    def _values(self, declared: type[Options], entry: OptionsModel, place: Place) -> dict[str, object]:
-        """What the options are given for what the document says of them."""
-        values: dict[str, object] = {}
-        for each in document_options(declared):
-            if each.attribute in entry.model_fields_set:
-                written = getattr(entry, each.attribute)
-                value = self._attempt(place, partial(option_value, each, written, self._folders))
-                if value is not None:
-                    values[each.attribute] = value
-        return values
 
     def _on_this_machine(self, job: Video | Image) -> Job[OutputResult]:
         """The job, with what the command line says of all of them."""
@@ -223,47 +202,19 @@ class _Builder:
             return trace
         updated = replace(trace, update=True)
         for file in golden_files(updated):
-            where = written_path(self._tree, (*place, "golden"))
-            owner = f"{path_text(where)} at {find(self._tree, where).mark}"
-            self._attempt((*place, "golden"), partial(self._goldens.reserve, file, owner))
+            where = written_path(self.tree, (*place, "golden"))
+            owner = f"{path_text(where)} at {find(self.tree, where).mark}"
+            self.attempt((*place, "golden"), partial(self._goldens.reserve, file, owner))
         return updated
 
     def _reserve(self, job: Job[OutputResult], place: Place) -> None:
         """Reserves all files that `job` writes."""
-        for name, file in self._attempt(place, lambda: job.files) or ():
-            where = written_path(self._tree, (*place, name))
-            owner = f"{path_text(where)} at {find(self._tree, where).mark}"
-            self._attempt(where, partial(self._folders.outputs.reserve, file, owner))
-
-    def _attempt(self, place: Place, make: Callable[[], T]) -> T | None:
-        """What `make` makes; None if it is wrong, which is noted."""
-        try:
-            return make()
-        except DocumentError as error:
-            self._others += error.problems
-        except UsageError as error:
-            self._faults.append(_fault_at(self._tree, place, error))
-        return None
+        for name, file in self.attempt(place, lambda: job.files) or ():
+            where = written_path(self.tree, (*place, name))
+            owner = f"{path_text(where)} at {find(self.tree, where).mark}"
+            self.attempt(where, partial(self.folders.outputs.reserve, file, owner))
 
 
-def _fault_at(tree: MappingNode, place: Place, error: UsageError) -> Fault:
-    """`error` at the option below `place` that it is about."""
-    path = written_path(tree, (*place, *_entry_path(tree, place, error.path)))
-    named = path[:1] in [(key,) for key in NAMED] and len(path) > 1
-    mark = key_mark(tree, path) if named else find(tree, path).mark
-    return Fault(mark, path_text(path), error.one_line(error.path))
-
-
-def _entry_path(tree: MappingNode, place: Place, path: Place) -> Place:
-    """`path` with the index of a value replaced by that of the text it is part of, as in [qpos, 'ctrl,energy']."""
-    declared = OUTPUTS[str(place[0])] if place else SimulationOptions
-    match path:
-        case (str() as name, int() as index, *rest) if isinstance(entries := find(tree, (*place, name)), ListNode):
-            kind = next((each.kind for each in document_options(declared) if each.name == name), None)
-            if isinstance(kind, Several) and kind.commas:
-                counts = [len(cast("tuple[object, ...]", kind.parse(str(plain(entry))))) for entry in entries.items]
-                owners = [i for i, count in enumerate(counts) for _ in range(count)]
-                return (name, owners[index], *rest)
-        case _:
-            pass
-    return path
+def _declared_at(place: Place) -> type[Options]:
+    """The options that stand at a place of the document."""
+    return OUTPUTS[str(place[0])] if place else SimulationOptions

@@ -1,4 +1,4 @@
-"""From jobs back to the run document that makes them."""
+"""From jobs and studies back to the documents that make them."""
 
 from collections.abc import Sequence
 from fractions import Fraction
@@ -18,6 +18,7 @@ from mjrun.job.task import Job, OutputResult
 from mjrun.model.sources import source_of
 from mjrun.options.kinds import AnyKind, ExpectedError, File, Optional, Settings, setting_text
 from mjrun.options.option import Option, Options
+from mjrun.study.study import Study
 
 
 def document_text(jobs: Sequence[Job[OutputResult]], command: str = "") -> str:
@@ -38,11 +39,33 @@ def document_text(jobs: Sequence[Job[OutputResult]], command: str = "") -> str:
         key = next(key for key, output in OUTPUTS.items() if isinstance(job, output))
         options = _options(job)
         outputs.setdefault(key, []).append(job.output if [*options] == ["output"] else options)
+    return text_of({**simulation_document(jobs[0].simulation), **outputs}, command)
+
+
+def study_text(study: Study, command: str = "") -> str:
+    """The study document of `study`; it holds what is not the default, and not how this machine runs it.
+
+    Args:
+      command: what made the study, for a comment.
+
+    Raises:
+      UsageError: a document cannot hold this: code, a compiled model, a folder outside of the current one.
+    """
+    return text_of(study_document(study), command)
+
+
+def study_document(study: Study) -> Mapped:
+    """The same as plain values."""
+    return {**simulation_document(study.simulation), **_options(study)}
+
+
+def text_of(document: Mapped, command: str) -> str:
+    """The text of a document, after the command that made it."""
     comment = f"# {clean(command)}\n" if command else ""
-    return comment + yaml_text(_escaped({**_simulation(jobs[0].simulation), **outputs}))
+    return comment + yaml_text(_escaped(document))
 
 
-def _simulation(simulation: Simulation) -> Mapped:
+def simulation_document(simulation: Simulation) -> Mapped:
     if simulation.controller is not None:
         raise UsageError(f"{option('controller')}: code stays on the command line; a document cannot hold it")
     source = source_of(simulation.model)
@@ -55,10 +78,11 @@ def _simulation(simulation: Simulation) -> Mapped:
 
 def _options(values: Options) -> Mapped:
     """The keys of a document for `values`: all that are not the default."""
+    written = [(each, getattr(values, each.attribute)) for each in document_options(type(values))]
     return {
-        each.name: plain_value(each.kind, value)
-        for each in document_options(type(values))
-        if (value := getattr(values, each.attribute)) is not None and (is_always_written(each) or value != each.default)
+        each.key: plain_value(each.kind, value)
+        for each, value in written
+        if value is not None and (is_always_written(each) or value != each.default)
         if not _refused(each, value)
     }
 

@@ -40,6 +40,7 @@ class Option:
       section: heading under which help lists it.
       places: who knows it.
       flag_value: on the command line, the value of the option without one.
+      plural: what documents call it where they hold all of several in one place.
     """
 
     name: str
@@ -52,6 +53,12 @@ class Option:
     section: str
     places: FrontEnd
     flag_value: str | None
+    plural: str
+
+    @property
+    def key(self) -> str:
+        """Its key in documents."""
+        return self.plural or self.name
 
     @property
     def is_required(self) -> bool:
@@ -90,11 +97,12 @@ def option(
     short: str | tuple[str, ...] = (),
     places: FrontEnd = FrontEnd.EVERYWHERE,
     flag_value: str | None = None,
+    plural: str = "",
     kw_only: bool = True,
 ) -> T:
     """Declares a field of a class of options; `converter` is its `Kind`."""
     made = converter(default)
-    facts = _facts(converter, help, usual, short, places, flag_value)
+    facts = {**_facts(converter, help, usual, short, places), "flag_value": flag_value, "plural": plural}
     if isinstance(made, dict):
         return dataclasses.field(default_factory=dict, kw_only=kw_only, metadata=facts)  # type: ignore[return-value]
     return dataclasses.field(default=made, kw_only=kw_only, metadata=facts)
@@ -110,14 +118,13 @@ def required(
     kw_only: bool = True,
 ) -> T:
     """The same, where something must be said."""
-    return dataclasses.field(kw_only=kw_only, metadata=_facts(converter, help, usual, short, places, None))
+    return dataclasses.field(kw_only=kw_only, metadata=_facts(converter, help, usual, short, places))
 
 
-def _facts(
-    kind: object, text: str, usual: str, short: str | tuple[str, ...], places: FrontEnd, flag_value: str | None
-) -> dict[str, object]:
+def _facts(kind: object, text: str, usual: str, short: str | tuple[str, ...], places: FrontEnd) -> dict[str, object]:
     shorts = (short,) if isinstance(short, str) else short
-    return {"kind": kind, "help": text, "usual": usual, "short": shorts, "places": places, "flag_value": flag_value}
+    facts: dict[str, object] = {"flag_value": None, "plural": ""}
+    return {**facts, "kind": kind, "help": text, "usual": usual, "short": shorts, "places": places}
 
 
 class Options:

@@ -12,12 +12,12 @@ from mjrun.options.kinds import (
     Integer,
     Optional,
     Processes,
-    ScanValues,
     Settings,
     Several,
     Text,
 )
 from mjrun.options.option import Exclusion, FrontEnd, Options, option, options, required
+from mjrun.options.variations import Variations
 
 # Extras of studies: the library that each installs, and what needs it.
 EXTRAS = {
@@ -36,7 +36,7 @@ class VariationOptions(Options):
     section: ClassVar[str] = "Study"
 
     vary: tuple[tuple[str, str], ...] = option(
-        converter=ScanValues(),
+        converter=Variations(),
         default=(),
         help="What varies, and over which values: geom/floor.friction[0]=0.3,0.6,1, opt.timestep=log:1e-4..1e-2:5, "
         "seed=1..40:40, qpos/hip=-1..1:21, scale:body/torso.mass=uniform(.8,1.2). Any path of --set, each:PATH for "
@@ -80,12 +80,13 @@ class StudyOptions(VariationOptions):
         converter=File(written=True),
         kw_only=False,
         short="-o",
-        usual="MODEL_study",
+        usual="MODEL_study, or as the document",
         help="The folder of the study, which a second run continues.",
     )
     metric: tuple[tuple[str, str], ...] = option(
-        converter=Settings(),
+        converter=Settings("NAME=EXPR"),
         default=(),
+        plural="metrics",
         help="A number of each simulation: drift=max(abs(energy/drift)), fell=first(time, xpos/torso/z < 0.8). "
         "The language is that of assertions.",
     )
@@ -105,21 +106,48 @@ class ExecutionOptions(Options):
     exclusions: ClassVar[tuple[Exclusion, ...]] = ()
 
     jobs: int | str = option(
-        converter=Processes("N", of="processes"), default="auto", help="Processes on this machine."
+        converter=Processes("N", of="processes"),
+        default="auto",
+        places=FrontEnd.COMMAND | FrontEnd.PYTHON,
+        help="Processes on this machine.",
     )
     engine: str = option(
         converter=Text("ENGINE"),
         default="local",
+        places=FrontEnd.COMMAND | FrontEnd.PYTHON,
         help="What runs them: local, dask, dask://HOST:PORT, slurm, or module:factory, which returns an Executor of "
         "concurrent.futures.",
     )
     chunk: int | None = option(
-        converter=Optional(Integer(1)), default=None, usual="by the length of a simulation", help="Points in a task."
+        converter=Optional(Integer(1)),
+        default=None,
+        usual="by the length of a simulation",
+        places=FrontEnd.COMMAND | FrontEnd.PYTHON,
+        help="Points in a task.",
     )
     time_limit: Fraction | None = option(
         converter=Optional(ExactNumber("SECONDS")), default=None, usual="none", help="Wall time for a point [s]."
     )
-    retry_failed: bool = option(converter=Flag(), default=False, help="Simulate the points that failed once more.")
+    retry_failed: bool = option(
+        converter=Flag(),
+        default=False,
+        places=FrontEnd.COMMAND | FrontEnd.PYTHON,
+        help="Simulate the points that failed once more.",
+    )
+
+
+@options
+class StudyCommandOptions(Options):
+    """What the command can do besides."""
+
+    section: ClassVar[str] = "Execution"
+
     dry_run: bool = option(
-        converter=Flag(), default=False, places=FrontEnd.COMMAND, help="Say what would be done, and stop."
+        converter=Flag(),
+        default=False,
+        places=FrontEnd.COMMAND,
+        help="Say what would be done, and how long it would take, and stop.",
+    )
+    print_document: bool = option(
+        converter=Flag(), default=False, places=FrontEnd.COMMAND, help="Print this command as a document, and stop."
     )

@@ -7,17 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from mjrun.errors import UsageError, clean
+from mjrun.options.variations import DISTRIBUTIONS
 
 CALL = re.compile(r"\s*(\w+)\s*\((.*)\)\s*", re.DOTALL)
-FORMS = {
-    "uniform": "uniform(LOW, HIGH)",
-    "loguniform": "loguniform(LOW, HIGH)",
-    "normal": "normal(MEAN, STD)",
-    "truncnormal": "truncnormal(MEAN, STD, LOW, HIGH)",
-    "integers": "integers(FIRST, LAST)",
-    "choice": "choice(VALUE, VALUE, …)",
-}
-
 Quantiles = Callable[[np.ndarray], np.ndarray]
 
 
@@ -60,14 +52,14 @@ def parse_distribution(text: str, place: str) -> Distribution | None:
     if call is None:
         return None
     name, arguments = call[1], tuple(part.strip() for part in call[2].split(","))
-    if name not in FORMS:
-        raise UsageError(f"{place}: no distribution {clean(name)}\ndistributions: {', '.join(FORMS.values())}")
+    if name not in DISTRIBUTIONS:
+        raise UsageError(f"{place}: no distribution {clean(name)}\ndistributions: {', '.join(DISTRIBUTIONS.values())}")
     if name == "choice":
         if not all(arguments):
-            raise UsageError(f"{place}: {clean(text)}: write {FORMS[name]}")
+            raise UsageError(f"{place}: {clean(text)}: write {DISTRIBUTIONS[name]}")
         return Distribution(text.strip(), name, arguments)
     if not _is_valid(name, arguments):
-        raise UsageError(f"{place}: {clean(text)}: write {FORMS[name]}, {_condition(name)}")
+        raise UsageError(f"{place}: {clean(text)}: write {DISTRIBUTIONS[name]}, {_condition(name)}")
     return Distribution(text.strip(), name, arguments)
 
 
@@ -76,7 +68,7 @@ def _is_valid(name: str, arguments: Sequence[str]) -> bool:
         numbers = [float(argument) for argument in arguments]
     except ValueError:
         return False
-    if len(numbers) != FORMS[name].count(",") + 1 or not np.isfinite(numbers).all():
+    if len(numbers) != DISTRIBUTIONS[name].count(",") + 1 or not np.isfinite(numbers).all():
         return False
     match name:
         case "uniform":

@@ -5,7 +5,7 @@ from dataclasses import replace
 from functools import cache
 from typing import Any
 
-from mjrun.errors import BadValueError, UnknownNameError, clean, option
+from mjrun.errors import BadValueError, UnknownNameError, clean, concerning, option
 from mjrun.job.simulation import Simulation
 from mjrun.options.kinds import AnyKind, ExpectedError, Numbers
 from mjrun.options.option import options_of
@@ -33,15 +33,16 @@ def simulation_at(base: Simulation, names: tuple[str, ...], values: tuple[str, .
         elif slash and group in BY_NAME:
             entries = changes.setdefault(group, dict(_by_name(base)[group]))
             assert isinstance(entries, dict)
-            named: Any = _value(group, f"{rest}={text}")
+            named: Any = _value(name, f"{rest}={text}", group)
             entries |= dict([named])
         elif name in WHOLE:
-            changes[name] = _value(name, text)
+            changes[name] = _value(name, text, name)
         elif "." in name:
             overrides.append((name, text))
         else:
             valid = [*WHOLE, MODEL, *(f"{each}/NAME" for each in BY_NAME), "opt.FIELD", "KIND/NAME.FIELD"]
-            raise UnknownNameError("parameter", name, valid, where=option("vary"))
+            with concerning("vary", name):
+                raise UnknownNameError("parameter", name, valid, where=option("vary"))
     if overrides:
         changes["set"] = (*base.set, *overrides)
     return replace(base, **changes) if changes else base
@@ -51,12 +52,13 @@ def _by_name(base: Simulation) -> dict[str, Mapping[str, Numbers]]:
     return {"qpos": base.qpos, "qvel": base.qvel, "ctrl": base.ctrl}
 
 
-def _value(name: str, text: str) -> object:
-    """The value of an option that `text` writes on a command line."""
+def _value(name: str, text: str, of: str) -> object:
+    """The value of the option `of` that `text` writes on a command line."""
     try:
-        return _kinds()[name].parse(text)
+        return _kinds()[of].parse(text)
     except ExpectedError as error:
-        raise BadValueError(f"{option('vary')} {clean(name)}", text, error.expected) from None
+        with concerning("vary", name):
+            raise BadValueError(f"{option('vary')} {clean(name)}", text, error.expected) from None
 
 
 @cache

@@ -128,7 +128,15 @@ class PreparedStudy:
         for index, text in enumerate(requirements):
             with concerning("require", index):
                 parse(text, RequirementNames([*self.points.names, *names]), "require")
-        self._first.stepper(self._first.load())
+        try:
+            self._first.stepper(self._first.load())
+        except UsageError as error:
+            match error.path:
+                case ("set", name, *rest) if name in self.points.names:
+                    error.path = ("vary", name, *rest)
+                case _:
+                    pass
+            raise
 
     @property
     def _first(self) -> Simulation:

@@ -19,7 +19,7 @@ from mjrun.options.output import CommandOptions
 from mjrun.options.plot import PlotOptions, TablePlotOptions
 from mjrun.options.run import RunOptions
 from mjrun.options.simulation import SimulationOptions
-from mjrun.options.sweep import ExecutionOptions, StudyOptions
+from mjrun.options.sweep import ExecutionOptions, StudyCommandOptions, StudyOptions
 from mjrun.options.trace import RecordingOptions, TraceCommandLineOptions, TraceOptions
 from mjrun.options.video import VideoOptions
 from mjrun.options.viewer import ViewerOptions
@@ -41,6 +41,7 @@ ALL: tuple[type[Options], ...] = (
     DiffReportOptions,
     InfoOptions,
     StudyOptions,
+    StudyCommandOptions,
     ExecutionOptions,
     ViewerOptions,
 )
@@ -71,7 +72,7 @@ def test_a_name_means_the_same_in_every_command_that_simulates() -> None:
 
 def test_every_module_of_options_is_covered_here() -> None:
     folder = Path(mjrun.options.__file__).parent
-    modules = {path.stem for path in folder.glob("*.py")} - {"__init__", "kinds", "option", "push"}
+    modules = {path.stem for path in folder.glob("*.py")} - {"__init__", "kinds", "option", "push", "variations"}
     bases = {base.__module__ for cls in ALL for base in cls.__mro__}
     assert {f"mjrun.options.{name}" for name in modules} <= bases
     for name in modules:

@@ -1,0 +1,99 @@
+"""Builds typed values from what a document holds, and tells what is wrong with them where it is written."""
+
+from collections.abc import Callable
+from functools import partial
+from typing import TypeVar, cast
+
+from mjrun.document.option_models import Folders, OptionsModel, document_options, option_value
+from mjrun.document.reader import document_error
+from mjrun.document.tree import Fault, ListNode, MappingNode, find, key_mark, path_text, plain, written_path
+from mjrun.document.tree import Path as Place
+from mjrun.errors import DocumentError, Problem, UsageError
+from mjrun.job.simulation import Simulation
+from mjrun.options.kinds import Several
+from mjrun.options.option import Options
+from mjrun.options.simulation import ControllerOptions, SimulationOptions
+
+NAMED = ("set", "qpos", "qvel", "ctrl", "vary", "metrics")  # keys below which names stand that may hold dots
+DeclaredAt = Callable[[Place], type[Options]]
+T = TypeVar("T")
+
+
+class DocumentBuilder:
+    """Makes values from the options of a document, and collects what is wrong with them.
+
+    Args:
+      tree: the document as it is written.
+      folders: where its relative paths lead.
+      declared_at: the options that stand at a place.
+    """
+
+    def __init__(self, tree: MappingNode, folders: Folders, declared_at: DeclaredAt) -> None:
+        self.tree, self.folders, self._declared_at = tree, folders, declared_at
+        self._faults: list[Fault] = []
+        self._others: list[Problem] = []  # in documents that this one names
+
+    @property
+    def fault_count(self) -> int:
+        """How much is wrong so far."""
+        return len(self._faults) + len(self._others)
+
+    def raise_faults(self) -> None:
+        """Raises DocumentError with everything that is wrong, if anything is."""
+        if self.fault_count:
+            raise document_error(self._faults, self._others)
+
+    def simulation(self, document: OptionsModel, code: ControllerOptions) -> Simulation:
+        """The simulation at the top of a document, driven by `code`, which no document holds."""
+        values = self.values(SimulationOptions, document, ())
+        values |= {"controller": code.controller, "control_dt": code.control_dt}
+        model = self.folders.model(document.model_dump(include={"model"})["model"])
+        simulation = cast("Callable[..., Simulation]", Simulation)
+        return self.attempt((), lambda: simulation(model, **values)) or Simulation("")
+
+    def values(self, declared: type[Options], entry: OptionsModel, place: Place) -> dict[str, object]:
+        """What the options are given for what the document says of them."""
+        values: dict[str, object] = {}
+        for each in document_options(declared):
+            if each.attribute in entry.model_fields_set:
+                written = getattr(entry, each.attribute)
+                value = self.attempt(place, partial(option_value, each, written, self.folders))
+                if value is not None:
+                    values[each.attribute] = value
+        return values
+
+    def attempt(self, place: Place, make: Callable[[], T]) -> T | None:
+        """What `make` makes; None if it is wrong, which is noted."""
+        try:
+            return make()
+        except DocumentError as error:
+            self._others += error.problems
+        except UsageError as error:
+            self._faults.append(fault_at(self.tree, place, error, self._declared_at))
+        return None
+
+
+def fault_at(tree: MappingNode, place: Place, error: UsageError, declared_at: DeclaredAt) -> Fault:
+    """`error` at the option below `place` that it is about."""
+    path = written_path(tree, (*place, *_entry_path(tree, place, error.path, declared_at(place))))
+    named = path[:1] in [(key,) for key in NAMED] and len(path) > 1
+    mark = key_mark(tree, path) if named else find(tree, path).mark
+    return Fault(mark, path_text(path), error.one_line(error.path))
+
+
+def _entry_path(tree: MappingNode, place: Place, path: Place, declared: type[Options]) -> Place:
+    """`path` as the document writes it: its own keys, and of texts with commas, as in [qpos, 'ctrl,energy'], theirs."""
+    each = next((each for each in document_options(declared) if path and each.name == path[0]), None)
+    if each is None:
+        return path
+    entries = find(tree, (*place, each.key))
+    match path:
+        case (_, int() as index, *rest) if isinstance(entries, ListNode):
+            if isinstance(each.kind, Several) and each.kind.commas:
+                parse = each.kind.parse
+                counts = [len(cast("tuple[object, ...]", parse(str(plain(entry))))) for entry in entries.items]
+                owners = [i for i, count in enumerate(counts) for _ in range(count)]
+                return (each.key, owners[index], *rest)
+        case _:
+            pass
+    return (each.key, *path[1:])

@@ -1,0 +1,122 @@
+"""The study document: a simulation, what varies in it, and what is measured.
+
+```yaml
+model: chaotic_pendulum.xml
+duration: 10
+vary:
+  opt.timestep: {from: 1e-4, to: 1e-2, count: 5, log: true}
+  qvel/root: [9, 10, 11]
+metrics:
+  drift: max(abs(energy/drift))
+require: max(drift) < 0.5
+```
+"""
+
+from collections.abc import Callable, Generator, Mapping, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import cast
+
+from pydantic import Field
+
+from mjrun.document.builder import NAMED, DocumentBuilder, fault_at
+from mjrun.document.document_model import Name
+from mjrun.document.option_models import Folders, OptionsModel, option_keys, options_model
+from mjrun.document.output_folder import OutputFolder
+from mjrun.document.reader import SUFFIXES, document_error, read_placed
+from mjrun.document.tree import MappingNode
+from mjrun.document.tree import Path as Place
+from mjrun.errors import DocumentError, UsageError
+from mjrun.options.option import Options
+from mjrun.options.simulation import ControllerOptions, SimulationOptions
+from mjrun.study.study import Study
+
+
+def _study_model() -> type[OptionsModel]:
+    source = Field(
+        description="The model: a file (.xml, .urdf, .mjz, .zip, .mjb), relative to the folder of this document, or "
+        "another source such as scene:dominos."
+    )
+    return options_model(
+        SimulationOptions, name="Study", first={"model": (Name, source)}, last=option_keys(Study, ["output"])
+    )
+
+
+StudyDocument = _study_model()
+StudyDocument.__doc__ = "A simulation, and what varies in it."
+
+
+class StudyRequest:
+    """The study that a document asks for, and where it does.
+
+    Attributes:
+      study: ready to be run.
+    """
+
+    def __init__(self, tree: MappingNode, study: Study) -> None:
+        self._tree, self.study = tree, study
+
+    @contextmanager
+    def located(self) -> Generator[None]:
+        """Turns errors of the study into those of the document, at its lines.
+
+        Raises:
+          DocumentError: with the error.
+        """
+        try:
+            yield
+        except DocumentError:
+            raise
+        except UsageError as error:
+            if not error.path:
+                raise
+            raise document_error([fault_at(self._tree, (), error, _declared_at)]) from error
+
+
+class _AllOptions(Study, SimulationOptions):
+    """The options of a study document."""
+
+
+def is_document(path: str) -> bool:
+    """Whether what stands where a model stands is a document."""
+    return Path(path).suffix.lower() in SUFFIXES
+
+
+def read_study(
+    path: Path | str,
+    assignments: Sequence[str] = (),
+    *,
+    given: Mapping[str, object] | None = None,
+    code: ControllerOptions | None = None,
+    command: str = "",
+) -> StudyRequest:
+    """The study that the document at `path` asks for.
+
+    Files that are read are relative to the folder of the document, that of the study to the current one.
+
+    Args:
+      assignments: `key=value` from the command line, such as `samples=8` or `vary.opt.timestep=1e-3,2e-3`, over what is
+        written.
+      given: options of a study that count instead of the document's, such as its `output`, or how it runs.
+      code: what a document cannot hold.
+      command: the command line, for manifests.
+
+    Raises:
+      DocumentError: with everything that is wrong in the document, those it names, and the assignments.
+      FileError: one of them is not there, or cannot be read.
+    """
+    document, tree = read_placed(path, StudyDocument, assignments, variables=True, named=NAMED)
+    folders = Folders(Path(path).parent, OutputFolder(Path()))
+    builder = DocumentBuilder(tree, folders, _declared_at)
+    simulation = builder.simulation(document, code or ControllerOptions())
+    values = {"output": Path(path).stem, **builder.values(Study, document, ()), **(given or {})}
+    builder.raise_faults()
+    make = cast("Callable[..., Study]", Study)
+    study = builder.attempt((), lambda: make(simulation, **values, command=command))
+    builder.raise_faults()
+    assert study
+    return StudyRequest(tree, study)
+
+
+def _declared_at(place: Place) -> type[Options]:
+    return _AllOptions

@@ -1,0 +1,222 @@
+"""A study document is the study that it says, exactly, or a list of what is wrong with it, line by line."""
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+from click.testing import CliRunner
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from mjrun.cli.console import Console
+from mjrun.cli.main import group
+from mjrun.document.run_writer import study_text
+from mjrun.document.study import read_study
+from mjrun.errors import DocumentError, UsageError
+from mjrun.job.simulation import Simulation
+from mjrun.study.study import Study
+from tests.document.camera_strategies import names, texts
+from tests.study.models import BALL
+
+HEAD = "model: ball.xml\nsteps: 20\n"
+
+
+@pytest.fixture(autouse=True)
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.chdir(tmp_path)
+    Path("ball.xml").write_text(BALL)
+    return tmp_path
+
+
+def read(text: str, *assignments: str, **options: Any) -> Study:
+    Path("d.yaml").write_text(HEAD + text)
+    return read_study("d.yaml", assignments, **options).study
+
+
+def study(**options: Any) -> Study:
+    simulation = {name: options.pop(name) for name in ("set", "qpos", "seed", "key") if name in options}
+    return Study(Simulation("ball.xml", steps=20, **simulation), options.pop("output", "d"), **options)
+
+
+# --- what is said -------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("", {}),
+        ("output: out/a", {"output": "out/a"}),
+        ("set: {opt.cone: elliptic}\nseed: 4", {"set": {"opt.cone": "elliptic"}, "seed": 4}),
+        ("vary: {seed: 1..8:8}", {"vary": {"seed": "1..8:8"}}),
+        ("vary: {qpos/ball/z: [0.2, 0.4]}", {"vary": {"qpos/ball/z": "0.2,0.4"}}),
+        ("vary: {opt.gravity: [[0, 0, -9.81], [0, 0, -1.6]]}", {"vary": {"opt.gravity": "0,0,-9.81;0,0,-1.6"}}),
+        (
+            "vary: {opt.timestep: {from: 1e-3, to: 1e-1, count: 3, log: true}}",
+            {"vary": {"opt.timestep": "log:0.001..0.1:3"}},
+        ),
+        ("vary: {perturb: {uniform: [0, 1]}}\nsamples: 8", {"vary": {"perturb": "uniform(0, 1)"}, "samples": 8}),
+        ("design: zip\nsampler: lhs\nrepeats: 3", {"design": "zip", "sampler": "lhs", "repeats": 3}),
+        ("where: mass < 3\nrequire: [share(ok) > 0.9]", {"where": ["mass < 3"], "require": ["share(ok) > 0.9"]}),
+        ("metrics: {low: min(qpos/ball/z)}\nevery: 5", {"metric": {"low": "min(qpos/ball/z)"}, "every": 5}),
+        ("time_limit: 2.5", {"time_limit": "2.5"}),
+        ("vars: {n: 3}\nrepeats: ${n}\nvary: {seed: '1..${n}:3'}", {"repeats": 3, "vary": {"seed": "1..3:3"}}),
+    ],
+)
+def test_the_study_is_what_the_document_says(text: str, said: dict[str, Any]) -> None:
+    assert read(text) == study(**said)
+
+
+def test_assignments_count_instead_of_what_is_written() -> None:
+    text = "vary: {opt.timestep: 0.001}\nsamples: 3"
+    made = read(text, "samples=7", "vary.opt.timestep=[0.001, 0.002]", "vary.qpos/ball/z=1..2:2", "metrics.x=max(time)")
+    vary = {"opt.timestep": "0.001,0.002", "qpos/ball/z": "1..2:2"}
+    assert made == study(samples=7, vary=vary, metric={"x": "max(time)"})
+
+
+def test_what_is_given_counts_instead_of_the_document() -> None:
+    made = read("output: a\ntime_limit: 1", given={"output": "/tmp/x", "time_limit": "2", "jobs": 3})
+    assert made == study(output="/tmp/x", time_limit="2", jobs=3)
+
+
+def test_files_are_relative_to_the_document_and_the_folder_to_the_current_one(folder: Path) -> None:
+    (folder / "sub").mkdir()
+    vary = "vary: {model: [a.xml, scene:car], ctrl_from: 'choice(a.csv, /b.csv)'}"
+    (folder / "sub/kicks.yaml").write_text(f"{HEAD}{vary}\npoints: p.csv")
+    made = read_study("sub/kicks.yaml").study
+    assert (made.simulation.model, made.points, made.output) == ("sub/ball.xml", "sub/p.csv", "kicks")
+    assert made.vary == (("model", "sub/a.xml,scene:car"), ("ctrl_from", "choice(sub/a.csv,/b.csv)"))
+
+
+# --- what is wrong ------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ("sampels: 3", "3:1: unknown key 'sampels' (did you mean 'samples' or 'sampler'?); keys: model, "),
+        ("metric: {x: max(time)}", "3:1: unknown key 'metric' (did you mean 'metrics'?); keys: model, "),
+        ("engine: dask", "3:1: unknown key 'engine'; keys: model, "),
+        ("controller: a.py:b", "3:1: unknown key 'controller'"),
+        ("vary: [seed]", "3:7: vary: expected a mapping, got a list"),
+        (
+            "vary: {seed: {form: 1}}",
+            "3:14: vary.seed: expected text, a list of values, {from, to, count}, or a distribution as in "
+            "{uniform: [0.3, 1]}, got a mapping",
+        ),
+        ("vary: {seed: }", "3:13: vary.seed: expected text, a list of values, {from, to, count}, or a distribution"),
+        ("samples: 0", "3:10: samples: expected a positive number, got 0"),
+        ("design: gird", "3:9: design: expected 'grid' or 'zip', got 'gird' (did you mean 'grid'?)"),
+        ("output: ../up", "3:9: output: '../up' leaves the folder of outputs"),
+        ("metrics: {x: }", "3:13: metrics.x: expected a finite number, text, true or false, or a list of finite"),
+        ("duration: 3", "2:8: steps: duration and steps exclude each other: both say how long"),
+    ],
+)
+def test_what_is_wrong_is_told_where_it_is(text: str, expected: str) -> None:
+    with pytest.raises(DocumentError) as caught:
+        read(text)
+    assert str(caught.value).startswith(f"d.yaml:{expected}")
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ("vary: {sed: 1}", "3:8: vary.sed: no parameter 'sed' in vary (did you mean 'seed'?)"),
+        ("vary: {seed: '1..2:x'}", "3:8: vary.seed: vary seed=1..2:x: write FIRST..LAST:COUNT, with numbers"),
+        ("vary: {seed: {uniform: [2, 1]}}", "3:8: vary.seed: uniform(2, 1): write uniform(LOW, HIGH), LOW below HIGH"),
+        ("vary: {seed: 'gauss(0, 1)'}", "3:8: vary.seed: no distribution gauss; distributions: uniform(LOW, HIGH), "),
+        ("vary: {geom/bal.size: 1}", "3:8: vary.geom/bal.size: no geom 'bal' (did you mean 'ball'?)"),
+        ("vary: {perturb: -1}", "3:8: vary.perturb: '-1' is not a number from 0 on"),
+        ("vary: {seed: [1, 2]}\nwhere: [sed < 2]", "4:9: where[0]: no column 'sed' in 'sed < 2'"),
+        ("vary: {seed: [1, 2]}\nwhere: seed > 2", "4:8: where: no point is left of 2"),
+        ("metrics: {low: min(qpos/bal/z)}", "3:11: metrics.low: no column 'qpos/bal/z' in 'min(qpos/bal/z)'"),
+        ("metrics: {status: max(time)}", "3:11: metrics.status: metric: 'status' cannot be the name of a metric"),
+        ("require: [share(ok) > 0.9, max(x) > 1]", "3:28: require[1]: no column 'x' in 'max(x) > 1'"),
+        ("qpos: {bal/z: 1}", "3:8: qpos.bal/z: no joint 'bal'"),
+        ("set: {geom/bal.size: 1}", "3:7: set.geom/bal.size: no geom 'bal'"),
+    ],
+)
+def test_what_is_wrong_with_the_model_at_hand_is_told_where_it_is(text: str, expected: str) -> None:
+    Path("d.yaml").write_text(HEAD + text)
+    request = read_study("d.yaml")
+    with pytest.raises(DocumentError) as caught, request.located():
+        request.study.preview()
+    assert str(caught.value).startswith(f"d.yaml:{expected}")
+
+
+# --- what is printed ----------------------------------------------------------------------------------
+
+values = st.sampled_from(
+    [
+        "1..5:5",
+        "1,2,3",
+        "0,0,1;",
+        "0,0,-9.81;0,0,1",
+        "true,false",
+        "uniform(0, 1)",
+        "1e-3",
+        "0x10",
+        "~",
+        "a b",
+        "log:1..2:3",
+    ]
+)
+
+
+@st.composite
+def studies(draw: st.DrawFn) -> Study:
+    options = {
+        "vary": st.dictionaries(names, values | texts, max_size=3),
+        "metric": st.dictionaries(
+            st.sampled_from(["low", "drift"]), st.sampled_from(["max(time)", "mean(a, b > 1)", "1"])
+        ),
+        "points": st.none() | texts,
+        "design": st.sampled_from(["grid", "zip"]),
+        "samples": st.integers(1, 2**40),
+        "sampler": st.sampled_from(["sobol", "lhs", "random"]),
+        "repeats": st.integers(1, 9),
+        "where": st.lists(texts, max_size=2),
+        "require": st.lists(texts, max_size=2),
+        "every": st.integers(1, 9),
+        "time_limit": st.none() | st.fractions(min_value="1/1000", max_value=1000),
+    }
+    simulation = Simulation("ball.xml", steps=draw(st.integers(1, 99)), seed=draw(st.integers(0, 9)))
+    return Study(simulation, "out", **{name: draw(strategy) for name, strategy in options.items()})
+
+
+@given(studies())
+@settings(max_examples=60)
+def test_the_document_of_a_study_is_that_study(made: Study) -> None:
+    Path("d.yaml").write_text(study_text(made, "mjrun …\n"), encoding="utf-8")
+    assert read_study("d.yaml").study == made
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        [],
+        ["--vary", "qpos/ball/z=.2..1:5", "--vary", "seed=1,2", "--design", "zip"],
+        ["--vary", "opt.gravity=0,0,-9.81;0,0,-1.6", "--where", "seed < 3", "--repeats", "4"],
+        ["--vary", "perturb=uniform(0,1)", "--samples", "8", "--sampler", "lhs", "--time-limit", "1/3"],
+        ["--metric", "low=min(qpos/ball/z)", "--require", "share(ok) > 0.9", "--every", "3", "-o", "out/a"],
+        ["--set", "opt.cone=elliptic", "--qpos", "ball/z=.4", "--timestep", "1e-3", "--push", "ball=0/0/9@0.1+0.1"],
+    ],
+)  # fmt: skip
+def test_a_command_line_and_its_document_are_the_same_study(words: list[str], monkeypatch: pytest.MonkeyPatch) -> None:
+    made: list[Study] = []
+
+    def preview(self: Study) -> None:
+        made.append(replace(self, command=""))
+        raise UsageError("far enough")
+
+    monkeypatch.setattr(Study, "preview", preview)
+    monkeypatch.setattr(Console, "guard_stdout", lambda self: None)
+    printed = CliRunner().invoke(
+        group, ["sweep", "ball.xml", "--steps", "20", *words, "--print-document"], obj=Console()
+    )
+    assert printed.exit_code == 0, printed.output
+    Path("d.yaml").write_text(printed.stdout)
+    for arguments in (["ball.xml", "--steps", "20", *words], ["d.yaml"]):
+        CliRunner().invoke(group, ["sweep", *arguments, "--dry-run"], obj=Console())
+    assert len(made) == 2
+    assert made[0] == made[1]
