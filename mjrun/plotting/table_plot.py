@@ -42,6 +42,8 @@ class TablePlot(TablePlotOptions):
         require_matplotlib()
         if self.output is None and self.html is None:
             raise UsageError(f"there is nothing to make: give {option('output')}, {option('html')} or both")
+        if self.include and self.html is None:
+            raise UsageError(f"{option('include')} is of what {option('html')} shows, and there is none")
         with ExitStack() as stack:
             figure = TableFigure(self.paths, self, stack)
             picture = stack.enter_context(self._picture(figure)) if self.output else None

@@ -164,3 +164,5 @@ def test_a_page_that_cannot_be_written_leaves_the_plot_unpublished(tmp_path: Pat
 def test_with_neither_picture_nor_page_there_is_nothing_to_make(tmp_path: Path) -> None:
     with pytest.raises(UsageError, match="output, html or both"):
         TablePlot(table(tmp_path / "run.csv")).run()
+    with pytest.raises(UsageError, match="include is of what html shows"):
+        TablePlot(table(tmp_path / "run.csv"), tmp_path / "p.png", include=["run.json"]).run()
