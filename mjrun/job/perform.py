@@ -349,11 +349,14 @@ def _check_files(jobs: Sequence[Job[OutputResult]], errors: _UsageErrors) -> Non
     """No file is written twice, or read and written, unless its output is made of what was read."""
     reserved = ReservedFiles()
     rewritten = {os.path.realpath(path) for job in jobs for path in job.rewritten_inputs}
-    inputs = {os.path.realpath(path): f"the {what}, which is read" for what, path in jobs[0].simulation.inputs}
-    for what, path in (each for job in jobs for each in job.inputs):
-        inputs.setdefault(os.path.realpath(path), f"the {what} table, which is read")
-    for path, owner in inputs.items():
-        if path not in rewritten:
+    inputs = [(path, f"the {what}, which is read") for what, path in jobs[0].simulation.inputs]
+    known = {os.path.realpath(path) for path, _ in inputs}
+    for what, path in (each for job in jobs for each in job.inputs):  # several jobs may read one
+        if os.path.realpath(path) not in known:
+            known.add(os.path.realpath(path))
+            inputs.append((Path(path), f"the {what} table, which is read"))
+    for path, owner in inputs:
+        if os.path.realpath(path) not in rewritten:
             reserved.reserve(path, owner)
     for i, job in enumerate(jobs):
         for what, path in errors.collect(i, lambda job=job: job.files) or ():

@@ -41,11 +41,17 @@ def run_chunk(chunk: Chunk) -> list[PointResult]:
     """
     simulator = getattr(_processes, "simulator", None)
     if simulator is None or simulator.spec != chunk.spec:
-        if simulator is not None:
-            simulator.close()
+        end_process()
         simulator = _processes.simulator = IsolatedSimulator(chunk.spec)
     results = {result.index: result for result in simulator.run(chunk.points, chunk.time_limit)}
     return [results[point.index] for point in chunk.points]
+
+
+def end_process() -> None:
+    """Ends the process that this thread has kept for its next chunk, if there is one."""
+    if simulator := getattr(_processes, "simulator", None):
+        simulator.close()
+        _processes.simulator = None
 
 
 class IsolatedSimulator:

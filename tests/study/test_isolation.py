@@ -2,17 +2,24 @@
 
 import os
 import signal
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from mjrun.job.simulation import Simulation
-from mjrun.study.isolation import Chunk, IsolatedSimulator, run_chunk
+from mjrun.study.isolation import Chunk, IsolatedSimulator, end_process, run_chunk
 from mjrun.study.simulate import PointSimulator, StudyPoint, StudySpec
 from tests.study.models import BALL, SUICIDAL
 
 METRICS = (("low", "min(qpos/ball/z)"),)
+
+
+@pytest.fixture(autouse=True)
+def no_process_is_left() -> Iterator[None]:
+    yield
+    end_process()
 
 
 @pytest.fixture

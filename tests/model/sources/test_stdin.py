@@ -81,11 +81,12 @@ def test_outputs_are_named_after_a_model() -> None:
 
 @pytest.mark.parametrize(
     ("option", "output"),
-    [("ctrl_from='/dev/stdin'", "trace.csv"), ("duration=1", "model.xml")],
+    [("ctrl_from='stdin.csv'", "trace.csv"), ("duration=1", "model.xml")],
     ids=["read", "written"],
 )
 def test_nothing_else_may_read_standard_input_or_write_to_its_file(folder: Path, option: str, output: str) -> None:
     (folder / "model.xml").write_text(MODEL)
+    (folder / "stdin.csv").symlink_to("/dev/stdin")
     code = f"from mjrun import Simulation, Trace; Trace(Simulation('-', {option}), '{output}', format='csv').run()"
     with (folder / "model.xml").open() as stdin:
         done = subprocess.run([sys.executable, "-c", code], stdin=stdin, capture_output=True, text=True, check=False)
