@@ -271,7 +271,7 @@ def commands(checkout: Path, small: bool) -> tuple[list[Command], list[str]]:
     readme = (checkout / "README.md").read_text("utf-8")
     shell = "".join(re.findall(r"```sh\n(.*?)```", readme, re.DOTALL)).replace("\\\n", " ")
     lines = [line for line in shell.splitlines() if line.strip()]
-    left_out = [line for line in lines if not line.startswith(("mjrun ", "for ", "cat "))]
+    left_out = [line for line in lines if line.startswith(("make ", "pip "))]
     programs = [_shrunk(code) if small else code for code in re.findall(r"```python\n(.*?)```", readme, re.DOTALL)]
     texts = [line for line in lines if line not in left_out]
     texts += [f"python -W ignore -c {shlex.quote(code)}" for code in programs]
