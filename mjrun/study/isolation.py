@@ -13,7 +13,7 @@ from mjrun.study.simulate import PointResult, Status, StudyPoint, StudySpec
 
 TIMEOUT_CODE = 124  # as timeout(1) has it
 SIGNALLED = 128  # plus the number of the signal, as shells have it
-START = 60.0  # [s] that a process may take to start, on top of the limit of its points
+START = 120.0  # [s] that a process may take to start
 ENVIRONMENT = {"MUJOCO_GL": "disable", "OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}
 
 
@@ -133,10 +133,12 @@ class _Worker:
           _WorkerDiedError: the process ended, or took longer than the limit for all points that were left.
         """
         self._send(points)
+        if self._is_new:
+            self._receive(START)
+            self._is_new = False
         left = len(points)
         while True:
-            seconds = time_limit * max(left, 1) + (START if self._is_new else 0)
-            result = self._receive(seconds)
+            result = self._receive(time_limit * max(left, 1))
             if result is None:
                 return
             left -= 1
@@ -154,7 +156,6 @@ class _Worker:
     def _receive(self, seconds: float) -> PointResult | None:
         try:
             if self._connection.poll(None if seconds == math.inf else seconds):
-                self._is_new = False
                 return self._connection.recv()
             self._process.kill("time")
         except (EOFError, OSError):

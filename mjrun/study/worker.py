@@ -1,7 +1,7 @@
 """A process that simulates points of a study: it may crash, hang or run out of memory, and costs nothing else.
 
 `mjrun.study.isolation` starts it, and sends it the study first, then lists of points. It answers with the result of
-each point, and with None after the last of a list.
+each point, and with None when it is ready: at the start, and after the last of a list.
 """
 
 import contextlib
@@ -20,6 +20,7 @@ def main(connection: str) -> None:
     with contextlib.suppress(EOFError, ConnectionError), Connection(int(connection)) as parent:
         spec: StudySpec = parent.recv()
         simulator = PointSimulator(spec)
+        parent.send(None)
         while True:
             points: Sequence[StudyPoint] = parent.recv()
             for result in simulator.run(points):

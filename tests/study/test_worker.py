@@ -16,6 +16,7 @@ def test_it_answers_with_each_result_and_ends_when_its_parent_hangs_up(tmp_path:
     with ChildProcess(python_call("mjrun.study.worker:main"), descriptors=[theirs.fileno()]) as process:
         theirs.close()
         ours.send(spec)
+        assert ours.recv() is None
         for points in ([StudyPoint(4, ("1",)), StudyPoint(2, ("2",))], [], [StudyPoint(9, ("3",))]):
             ours.send(points)
             assert sorted(ours.recv().index for _ in points) == sorted(point.index for point in points)
