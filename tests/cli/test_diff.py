@@ -1,9 +1,11 @@
 """`mjrun diff` as a command."""
 
+from __future__ import annotations
+
 import json
 import subprocess
 import sys
-from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
@@ -12,43 +14,42 @@ from mjrun.document.json_schema import json_schema
 from tests.document.schema_oracle import fits
 from tests.formats.table_files import columns, write
 
-
-def diff(*arguments: str | Path, stdin: bytes | None = None) -> subprocess.CompletedProcess[str]:
-    command = [sys.executable, "-m", "mjrun", "diff", *map(str, arguments)]
-    done = subprocess.run(command, input=stdin, capture_output=True)
-    return subprocess.CompletedProcess(command, done.returncode, done.stdout.decode(), done.stderr.decode())
+if TYPE_CHECKING:
+    from tests.conftest import Command
 
 
 @pytest.fixture
-def pair(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> tuple[Path, Path]:
+def diff(mjrun_here: Command, monkeypatch: pytest.MonkeyPatch) -> Command:
+    """The command in a folder with two tables: b.parquet differs from a.csv in one bit, and ends a row earlier."""
     monkeypatch.setenv("COLUMNS", "200")  # of the terminal
     table = np.array([[0.0, 1, 2], [1, 2, 3], [2, 3, 4]])
     names = columns("time", "qpos/a", "qvel/a")
-    a = write(tmp_path / "a.csv", [table], names)
+    write(mjrun_here.folder / "a.csv", [table], names)
     table[1, 2] = np.nextafter(3, 4)
-    return a, write(tmp_path / "b.parquet", [table[:2]], names)
+    write(mjrun_here.folder / "b.parquet", [table[:2]], names)
+    return mjrun_here
 
 
-def test_the_exit_code_is_the_verdict(pair: tuple[Path, Path]) -> None:
-    a, b = pair
-    same = diff(a, a)
-    assert (same.returncode, same.stderr) == (0, "")
-    assert same.stdout == f"{a} and {a} agree: 3 rows, 2 columns, bit for bit\n"
-    other = diff(a, b)
-    assert (other.returncode, other.stderr) == (1, "")
-    assert other.stdout.startswith(f"{a} and {b} differ\n")
-    for part in ("row 3, time 2.0 s", "3.0000000000000004", "qvel/a", "and 1 more column agrees"):
+def test_the_exit_code_is_the_verdict(diff: Command) -> None:
+    same = diff("diff", "a.csv", "a.csv")
+    assert (same.returncode, same.stderr) == (0, b"")
+    assert same.stdout == b"a.csv and a.csv agree: 3 rows, 2 columns, bit for bit\n"
+    other = diff("diff", "a.csv", "b.parquet")
+    assert (other.returncode, other.stderr) == (1, b"")
+    assert other.stdout.startswith(b"a.csv and b.parquet differ\n")
+    for part in (b"row 3, time 2.0 s", b"3.0000000000000004", b"qvel/a", b"and 1 more column agrees"):
         assert part in other.stdout
-    assert diff(a, b, "-q").stdout == ""
+    assert diff("diff", "a.csv", "b.parquet", "-q").stdout == b""
 
 
-def test_one_of_them_may_be_piped(pair: tuple[Path, Path]) -> None:
-    a, _ = pair
-    assert diff("-", a, stdin=a.read_bytes()).returncode == 0
+def test_one_of_them_may_be_piped(diff: Command) -> None:
+    command = [sys.executable, "-m", "mjrun", "diff", "-", "a.csv"]
+    done = subprocess.run(command, cwd=diff.folder, input=(diff.folder / "a.csv").read_bytes(), capture_output=True)
+    assert (done.returncode, done.stdout) == (0, b"- and a.csv agree: 3 rows, 2 columns, bit for bit\n")
 
 
-def test_as_json_a_report_fits_its_schema(pair: tuple[Path, Path]) -> None:
-    report = json.loads(diff(*pair, "--json").stdout)
+def test_as_json_a_report_fits_its_schema(diff: Command) -> None:
+    report = json.loads(diff("diff", "a.csv", "b.parquet", "--json").stdout)
     schema = json_schema("diff")
     assert fits(report, schema, schema)
     assert report["schema"] == "mjrun-diff-1"
@@ -57,13 +58,13 @@ def test_as_json_a_report_fits_its_schema(pair: tuple[Path, Path]) -> None:
     assert report["table"]["columns"][0]["first"]["b"] == "3.0000000000000004"
 
 
-def test_a_workflow_gets_annotations(pair: tuple[Path, Path]) -> None:
-    done = diff(*pair, "--github")
-    lines = done.stdout.splitlines()
+def test_a_workflow_gets_annotations(diff: Command) -> None:
+    done = diff("diff", "a.csv", "b.parquet", "--github")
+    lines = done.stdout.decode().splitlines()
     assert len(lines) == 2
     assert all(line.startswith("::error file=") for line in lines)
     assert lines[1].endswith("qvel/a differs in row 2, time 1.0 s: 3.0, not 3.0000000000000004")
-    assert done.stderr.strip().endswith("differ")
+    assert done.stderr.decode().strip().endswith("differ")
 
 
 @pytest.mark.parametrize(
@@ -77,11 +78,7 @@ def test_a_workflow_gets_annotations(pair: tuple[Path, Path]) -> None:
         (["a.csv"], 2, "Missing argument 'B'"),
     ],
 )
-def test_what_cannot_be_compared_is_an_error(
-    pair: tuple[Path, Path], monkeypatch: pytest.MonkeyPatch, arguments: list[str], code: int, message: str
-) -> None:
-    monkeypatch.setenv("PYTHONPATH", str(Path(__file__).parents[2]))
-    monkeypatch.chdir(pair[0].parent)
-    done = diff(*arguments)
-    assert (done.returncode, done.stdout) == (code, "")
-    assert message in done.stderr
+def test_what_cannot_be_compared_is_an_error(diff: Command, arguments: list[str], code: int, message: str) -> None:
+    done = diff("diff", *arguments)
+    assert (done.returncode, done.stdout) == (code, b"")
+    assert message in done.stderr.decode()

@@ -34,11 +34,13 @@ def test_a_trace_is_piped_into_a_plot_and_the_plot_into_a_pipe(tmp_path: Path) -
         assert image.size == (600, 900)
 
 
-def test_a_plot_in_a_file_is_told_in_a_sentence_and_is_the_same_bytes_again(mjrun: Command) -> None:
+def test_a_plot_in_a_file_is_told_in_a_sentence_and_is_the_same_bytes_in_another_process(
+    mjrun: Command, mjrun_here: Command
+) -> None:
     (mjrun.folder / "run.csv").write_text(TABLE)
     pictures = []
-    for _ in range(2):
-        done = mjrun("plot", "run.csv", "-o", "run.svg", "--y", "qpos/*", "--y", "J [J]=energy/total")
+    for run in (mjrun, mjrun_here):
+        done = run("plot", "run.csv", "-o", "run.svg", "--y", "qpos/*", "--y", "J [J]=energy/total")
         assert (done.returncode, done.stderr) == (0, b"")
         assert done.stdout == b"run.svg: 1280x720, 3 curves in 2 panels, 20 rows\n"
         pictures.append((mjrun.folder / "run.svg").read_bytes())
@@ -47,9 +49,9 @@ def test_a_plot_in_a_file_is_told_in_a_sentence_and_is_the_same_bytes_again(mjru
     assert {"qpos", "J [J]", "a", "b", "time [s]"} <= set(texts)
 
 
-def test_notes_are_on_stderr_and_the_report_fits_its_schema(mjrun: Command) -> None:
-    (mjrun.folder / "a.csv").write_text("u,v\n1,-1\n2,2\n")
-    done = mjrun("plot", "a.csv", "-o", "a.png", "--log", "y", "--size", "300x200", "--json")
+def test_notes_are_on_stderr_and_the_report_fits_its_schema(mjrun_here: Command) -> None:
+    (mjrun_here.folder / "a.csv").write_text("u,v\n1,-1\n2,2\n")
+    done = mjrun_here("plot", "a.csv", "-o", "a.png", "--log", "y", "--size", "300x200", "--json")
     report = json.loads(done.stdout)
     assert fits(report, json_schema("plot"), json_schema("plot"))
     assert (report["path"], report["size"], report["rows"]) == ("a.png", [300, 200], [2])
@@ -57,9 +59,9 @@ def test_notes_are_on_stderr_and_the_report_fits_its_schema(mjrun: Command) -> N
     assert len(report["notes"]) == 2
 
 
-def test_formats_of_a_pipe(mjrun: Command) -> None:
-    (mjrun.folder / "run.csv").write_text(TABLE)
-    svg, png = (mjrun("plot", "run.csv", "-o", "-", *how) for how in (["--format", "svg"], []))
+def test_formats_of_a_pipe(mjrun_here: Command) -> None:
+    (mjrun_here.folder / "run.csv").write_text(TABLE)
+    svg, png = (mjrun_here("plot", "run.csv", "-o", "-", *how) for how in (["--format", "svg"], []))
     assert ElementTree.fromstring(svg.stdout).tag.endswith("svg")
     assert Image.open(io.BytesIO(png.stdout)).size == (1280, 720)
 
@@ -77,38 +79,40 @@ def test_formats_of_a_pipe(mjrun: Command) -> None:
     ],
 )
 def test_bad_input_has_its_exit_code_and_leaves_nothing(
-    mjrun: Command, arguments: list[str], code: int, message: str
+    mjrun_here: Command, arguments: list[str], code: int, message: str
 ) -> None:
-    (mjrun.folder / "run.csv").write_text(TABLE)
-    (mjrun.folder / "text.csv").write_text("time,who\n0,me\n")
-    done = mjrun("plot", *arguments)
+    (mjrun_here.folder / "run.csv").write_text(TABLE)
+    (mjrun_here.folder / "text.csv").write_text("time,who\n0,me\n")
+    done = mjrun_here("plot", *arguments)
     assert (done.returncode, done.stdout) == (code, b"")
     assert message in done.stderr.decode()
-    assert mjrun.files() == ["run.csv", "text.csv"]
+    assert mjrun_here.files() == ["run.csv", "text.csv"]
 
 
-def test_a_page_alone_is_made_of_standard_input_which_is_read_once(tmp_path: Path) -> None:
-    command = f"{MJRUN} trace '{PENDULUM}' --csv --duration 0.1 | {MJRUN} plot - --html {tmp_path}/p.html"
-    done = subprocess.run(["bash", "-o", "pipefail", "-c", command], cwd=ROOT, capture_output=True, text=True)
-    assert (done.returncode, done.stderr) == (0, "")
-    assert done.stdout.startswith(f"{tmp_path}/p.html: ")
-    assert "51 rows" in (tmp_path / "p.html").read_text().replace("\u202f", "")
+def test_a_page_alone_is_made_of_standard_input_which_is_read_once(
+    mjrun_here: Command, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("sys.stdin", io.TextIOWrapper(io.BytesIO(TABLE.encode())))
+    done = mjrun_here("plot", "-", "--html", "p.html")
+    assert (done.returncode, done.stderr) == (0, b"")
+    assert done.stdout.startswith(b"p.html: ")
+    assert "20 rows" in (mjrun_here.folder / "p.html").read_text().replace("\u202f", "")
 
 
-def test_a_failed_assertion_is_told_with_what_was_made(mjrun: Command) -> None:
-    (mjrun.folder / "run.csv").write_text(TABLE)
+def test_a_failed_assertion_is_told_with_what_was_made(mjrun_here: Command) -> None:
+    (mjrun_here.folder / "run.csv").write_text(TABLE)
     arguments = ["plot", "run.csv", "--html", "p.html", "--assert", "max(time) < 1", "--assert", "min(time) == 0"]
-    done = mjrun(*arguments, "--json")
+    done = mjrun_here(*arguments, "--json")
     report = json.loads(done.stdout)
     assert done.returncode == 1
     assert [verdict["passed"] for verdict in report["assertions"]] == [False, True]
     assert report["error"]["kind"] == "FailedAssertionError"
-    plain = mjrun(*arguments)
+    plain = mjrun_here(*arguments)
     assert (plain.returncode, plain.stdout.partition(b":")[0]) == (1, b"p.html")
     assert b"assertion failed: max(time) < 1: it is 1.9" in plain.stderr
 
 
-def test_without_an_output_or_a_page_the_options_are_named(mjrun: Command) -> None:
-    (mjrun.folder / "run.csv").write_text(TABLE)
-    done = mjrun("plot", "run.csv")
+def test_without_an_output_or_a_page_the_options_are_named(mjrun_here: Command) -> None:
+    (mjrun_here.folder / "run.csv").write_text(TABLE)
+    done = mjrun_here("plot", "run.csv")
     assert (done.returncode, b"'--output' or '--html'" in done.stderr) == (2, True)
