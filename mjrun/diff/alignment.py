@@ -91,7 +91,7 @@ class RowStream:
         self._last = -np.inf  # key
         self.values, self.keys = np.empty((0, len(columns))), np.empty(0)
         self.row, self.is_ended = 0, False
-        self._unmatched, self._first_unmatched = 0, (0, np.nan)
+        self._unmatched, self._first_unmatched = 0, (None, np.nan)
 
     def __len__(self) -> int:
         return len(self.values)
@@ -128,7 +128,7 @@ class RowStream:
         """Counts rows that are here, and have none that belongs to them."""
         if len(indices) and not self._unmatched:
             first = int(indices[0])
-            self._first_unmatched = (self.row + first + 1, self.keys[first] if len(self.keys) else np.nan)
+            self._first_unmatched = (self.row + first, self.keys[first] if len(self.keys) else np.nan)
         self._unmatched += len(indices)
 
     @property
@@ -142,7 +142,7 @@ class RowStream:
         falls = ~(keys >= before)  # NaN too
         if falls.any():
             at = int(falls.argmax())
-            row = self.row + len(self) + at + 1
+            row = self.row + len(self) + at
             fault = f"is {keys[at]}, and must be a number"
             if not np.isnan(keys[at]):
                 fault = f"{keys[at]:.9g} follows {before[at]:.9g}, and must not fall"

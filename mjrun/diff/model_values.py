@@ -151,7 +151,8 @@ class _Values:
 
     def pad(self, width: int) -> None:
         """Adds columns of zeros."""
-        self.array = np.pad(self.array, ((0, 0), (0, width - self.width)))
+        if width > self.width:
+            self.array = np.pad(self.array, ((0, 0), (0, width - self.width)))
 
     def plain(self, row: int, columns: Sequence[int]) -> tuple[Value, ...]:
         """Some values of one row, as they are told."""

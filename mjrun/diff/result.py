@@ -16,7 +16,7 @@ class CellDifference:
     """A number that differs.
 
     Attributes:
-      row, row_b: of A and of B, counted from 1; in recordings, numbers of states.
+      row, row_b: of A and of B, counted from 0; in recordings, numbers of states.
       at: the time of the row [s], or the step of the state; None where rows are aligned by their number.
       a, b: the numbers, as the shortest texts that read back as the same bits.
     """
@@ -62,12 +62,12 @@ class UnmatchedRows:
 
     Attributes:
       count: how many.
-      first: the number of the first, counted from 1; 0 if there is none.
+      first: the number of the first, counted from 0; None if there is none.
       at: its time [s] or step, where rows are aligned by it; else None.
     """
 
     count: int
-    first: int
+    first: int | None
     at: float | None
 
 

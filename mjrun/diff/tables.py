@@ -149,8 +149,8 @@ def _unit_differences(a: Rows, b: Rows) -> list[UnitDifference]:
 
 def _cell(pairs: Pairs, column: int, index: int) -> CellDifference:
     return CellDifference(
-        row=int(pairs.rows_a[index]) + 1,
-        row_b=int(pairs.rows_b[index]) + 1,
+        row=int(pairs.rows_a[index]),
+        row_b=int(pairs.rows_b[index]),
         at=None if pairs.keys is None else float(pairs.keys[index]),
         a=repr(float(pairs.a[index, column])),
         b=repr(float(pairs.b[index, column])),

@@ -109,7 +109,7 @@ def _floats(path: Path, name: str, array: "pyarrow.Array", before: int, gaps: bo
 
     null = plain.is_null().to_numpy(zero_copy_only=False)
     if not gaps:
-        row = before + int(null.argmax()) + 1
+        row = before + int(null.argmax())
         raise FileError(path, f"row {row}: column {shown(name)}: null is not a number")
     values = np.full(len(null), np.nan)
     values[~null] = plain.drop_null().to_numpy(zero_copy_only=False).astype(np.float64)

@@ -57,7 +57,7 @@ class ControlTable:
         if len(bad):
             row, column = bad[0]
             text = f"{PREFIX}{list(driven)[column]} is {self._values[row, column]}"
-            raise UsageError(f"{clean(source)}, row {row + 1}: {clean(text)}, and must be finite")
+            raise UsageError(f"{clean(source)}, row {row}: {clean(text)}, and must be finite")
 
     @property
     def end(self) -> float:

@@ -229,7 +229,7 @@ class CompleteSamples:
             )
 
     def _row(self, row: int | np.integer) -> str:
-        return f"{clean(self._samples.source)}, row {row + 1}"
+        return f"{clean(self._samples.source)}, row {row}"
 
 
 def quaternions(model: mujoco.MjModel, field: str) -> list[int]:

@@ -13,8 +13,8 @@ def require_times(time: np.ndarray, source: str) -> None:
         raise UsageError(f"{clean(source)} has no rows")
     bad = np.flatnonzero(~np.isfinite(time))
     if len(bad):
-        raise UsageError(f"{clean(source)}, row {bad[0] + 1}: time is {time[bad[0]]}, and must be finite")
+        raise UsageError(f"{clean(source)}, row {bad[0]}: time is {time[bad[0]]}, and must be finite")
     bad = np.flatnonzero(np.diff(time) <= 0)
     if len(bad):
         before, after = time[bad[0]], time[bad[0] + 1]
-        raise UsageError(f"{clean(source)}, row {bad[0] + 2}: time {after:.9g} follows {before:.9g}, and must grow")
+        raise UsageError(f"{clean(source)}, row {bad[0] + 1}: time {after:.9g} follows {before:.9g}, and must grow")

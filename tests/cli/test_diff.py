@@ -37,7 +37,7 @@ def test_the_exit_code_is_the_verdict(diff: Command) -> None:
     other = diff("diff", "a.csv", "b.parquet")
     assert (other.returncode, other.stderr) == (1, b"")
     assert other.stdout.startswith(b"a.csv and b.parquet differ\n")
-    for part in (b"row 3, time 2.0 s", b"3.0000000000000004", b"qvel/a", b"and 1 more column agrees"):
+    for part in (b"row 2, time 2.0 s", b"3.0000000000000004", b"qvel/a", b"and 1 more column agrees"):
         assert part in other.stdout
     assert diff("diff", "a.csv", "b.parquet", "-q").stdout == b""
 
@@ -54,7 +54,7 @@ def test_as_json_a_report_fits_its_schema(diff: Command) -> None:
     assert fits(report, schema, schema)
     assert report["schema"] == "mjrun-diff-1"
     assert report["equal"] is False
-    assert report["table"]["only_a"] == {"count": 1, "first": 3, "at": 2.0}
+    assert report["table"]["only_a"] == {"count": 1, "first": 2, "at": 2.0}
     assert report["table"]["columns"][0]["first"]["b"] == "3.0000000000000004"
 
 
@@ -63,7 +63,7 @@ def test_a_workflow_gets_annotations(diff: Command) -> None:
     lines = done.stdout.decode().splitlines()
     assert len(lines) == 2
     assert all(line.startswith("::error file=") for line in lines)
-    assert lines[1].endswith("qvel/a differs in row 2, time 1.0 s: 3.0, not 3.0000000000000004")
+    assert lines[1].endswith("qvel/a differs in row 1, time 1.0 s: 3.0, not 3.0000000000000004")
     assert done.stderr.decode().strip().endswith("differ")
 
 

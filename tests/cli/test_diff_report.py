@@ -4,7 +4,7 @@ from mjrun.cli.diff_report import annotations, text, verdict
 from mjrun.diff.model_differences import FieldDifference, ModelComparison, XmlChange, XmlPlace
 from mjrun.diff.result import CellDifference, ColumnDifference, DiffResult, TableDifference, UnmatchedRows
 
-NONE = UnmatchedRows(0, 0, None)
+NONE = UnmatchedRows(0, None, None)
 
 
 def column(index: int, differs: bool, atol: float = 0) -> ColumnDifference:

@@ -90,7 +90,7 @@ def test_rows_are_merged_by_time_wherever_blocks_end(
     assert numbers(found) == pairs
     assert [key for pair in found if pair.keys is not None for key in pair.keys] == [a[i] for i, _ in pairs]
     for side, rows, keys in ((one, only_a, a), (other, only_b, b)):
-        first = (rows[0] + 1, keys[rows[0]]) if rows else (0, None)
+        first = (rows[0], keys[rows[0]]) if rows else (None, None)
         assert (side.unmatched.count, side.unmatched.first, side.unmatched.at) == (len(rows), *first)
         assert side.row == len(keys)
 
@@ -101,7 +101,7 @@ def test_rows_without_a_key_go_by_their_number(a: int, b: int, sizes_a: list[int
     assert numbers(list(pairs_by_row(one, other))) == [(i, i) for i in range(min(a, b))]
     for side, own, others in ((one, a, b), (other, b, a)):
         assert side.unmatched.count == max(0, own - others)
-        assert side.unmatched.first == (others + 1 if own > others else 0)
+        assert side.unmatched.first == (others if own > others else None)
         assert side.unmatched.at is None
 
 
@@ -120,8 +120,8 @@ def test_times_that_differ_within_a_tolerance_belong_together(
 @pytest.mark.parametrize(
     ("keys", "message"),
     [
-        ([0.0, 0.2, 0.1], "row 3: time 0.1 follows 0.2, and must not fall"),
-        ([0.0, float("nan")], "row 2: time is nan, and must be a number"),
+        ([0.0, 0.2, 0.1], "row 2: time 0.1 follows 0.2, and must not fall"),
+        ([0.0, float("nan")], "row 1: time is nan, and must be a number"),
     ],
 )
 def test_a_time_that_falls_is_told_with_its_row(keys: list[float], message: str) -> None:

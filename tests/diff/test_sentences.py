@@ -3,7 +3,7 @@
 from mjrun.diff.result import CellDifference, ColumnDifference, TableDifference, UnitDifference, UnmatchedRows
 from mjrun.diff.sentences import place, table_sentences
 
-NONE = UnmatchedRows(0, 0, None)
+NONE = UnmatchedRows(0, None, None)
 
 
 def column(name: str, differing: int, cell: CellDifference | None) -> ColumnDifference:

@@ -21,7 +21,7 @@ def test_two_tables_agree_or_not(tmp_path: Path) -> None:
     b = write(tmp_path / "b.npz", [np.array([[0.0, 1], [1, 2.5]])], names)
     result = mjrun.Diff(a, b).run()
     assert (result.kind, result.a, result.b, result.equal) == ("table", str(a), str(b), False)
-    assert result.differences == ["x differs in row 2, time 1.0 s: 2.0, not 2.5"]
+    assert result.differences == ["x differs in row 1, time 1.0 s: 2.0, not 2.5"]
     assert result.table
     assert mjrun.Diff(a, b, atol=0.5).run().equal
 

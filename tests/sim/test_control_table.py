@@ -60,11 +60,11 @@ GOOD = {"time": np.array([0, 1.0]), "ctrl/m": np.zeros(2), "ctrl/g": np.zeros(2)
         ({"time": np.zeros(1)}, UsageError, "lacks columns that the model takes: ctrl/m, ctrl/g"),
         ({k: v for k, v in GOOD.items() if k != "time"}, UsageError, "has no column 'time'"),
         ({k: v[:0] for k, v in GOOD.items()}, UsageError, "has no rows"),
-        ({**GOOD, "time": np.array([1.0, 0])}, UsageError, "row 2: time 0 follows 1, and must grow"),
-        ({**GOOD, "time": np.array([0.0, 0])}, UsageError, "row 2: time 0 follows 0, and must grow"),
+        ({**GOOD, "time": np.array([1.0, 0])}, UsageError, "row 1: time 0 follows 1, and must grow"),
+        ({**GOOD, "time": np.array([0.0, 0])}, UsageError, "row 1: time 0 follows 0, and must grow"),
         ({**GOOD, "time": np.array([0.5, 1])}, UsageError, "begins at 0.5 s"),
-        ({**GOOD, "time": np.array([0, np.nan])}, UsageError, "row 2: time is nan"),
-        ({**GOOD, "ctrl/g": np.array([0, np.inf])}, UsageError, "row 2: ctrl/g is inf"),
+        ({**GOOD, "time": np.array([0, np.nan])}, UsageError, "row 1: time is nan"),
+        ({**GOOD, "ctrl/g": np.array([0, np.inf])}, UsageError, "row 1: ctrl/g is inf"),
     ],
 )
 def test_a_table_that_does_not_fit_is_refused(columns: dict[str, np.ndarray], kind: type, said: str) -> None:

@@ -206,11 +206,11 @@ def test_missing_rows_are_gaps_and_the_longest_is_told() -> None:
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({7: [np.nan, 1, 1]}, r"^t\.csv, row 1: qpos/hip is missing \(empty or nan\), and a motion begins with all"),
-        ({4: [np.nan, 1, 1]}, r"^t\.csv, row 1: qpos/root is missing"),
-        ({7: [0, 1, np.inf]}, r"^t\.csv, row 3: qpos/hip is infinite$"),
-        ({5: [0, -np.inf, 0]}, r"^t\.csv, row 2: qpos/root is infinite$"),
-        ({i: [1, 0, 1] for i in range(3, 7)}, r"^t\.csv, row 2: the quaternion qpos/root is zero"),
+        ({7: [np.nan, 1, 1]}, r"^t\.csv, row 0: qpos/hip is missing \(empty or nan\), and a motion begins with all"),
+        ({4: [np.nan, 1, 1]}, r"^t\.csv, row 0: qpos/root is missing"),
+        ({7: [0, 1, np.inf]}, r"^t\.csv, row 2: qpos/hip is infinite$"),
+        ({5: [0, -np.inf, 0]}, r"^t\.csv, row 1: qpos/root is infinite$"),
+        ({i: [1, 0, 1] for i in range(3, 7)}, r"^t\.csv, row 1: the quaternion qpos/root is zero"),
     ],
 )
 def test_samples_that_no_motion_has_are_refused(change: dict[int, list[float]], message: str) -> None:
