@@ -100,7 +100,8 @@ def test_a_plot_of_the_readme_is_made(command: str, shell: dict[str, str], table
     assert done.returncode == 0, done.stderr
     assert (tmp_path / output).stat().st_size > 1000
     notes = done.stderr.splitlines()
-    assert all("are not on a logarithmic axis" in note or "0.288" in note for note in notes), notes
+    short = ("are not on a logarithmic axis", "no value can be drawn", "0.288")  # there is no contact yet
+    assert all(any(each in note for each in short) for note in notes), notes
 
 
 @pytest.mark.parametrize("command", DOCUMENTS)
