@@ -1,8 +1,9 @@
 """`mjrun sweep`."""
 
 from collections.abc import Callable
-from contextlib import AbstractContextManager, nullcontext
-from dataclasses import asdict
+from contextlib import AbstractContextManager, nullcontext, suppress
+from dataclasses import asdict, replace
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
@@ -18,12 +19,13 @@ from mjrun.options.simulation import ControllerOptions, SimulationOptions
 from mjrun.options.sweep import ExecutionOptions, StudyCommandOptions, StudyOptions
 
 if TYPE_CHECKING:
+    from mjrun.study.plan import StudyPlan
     from mjrun.study.study import Study, StudyResult
 
     Located = Callable[[], AbstractContextManager[None]]
 
 ARGUMENTS = (
-    click.Argument(["model"], metavar="MODEL|STUDY.yaml", type=click.Path()),
+    click.Argument(["model"], metavar="MODEL|STUDY.yaml|PLAN.jsonl|FOLDER", type=click.Path()),
     click.Argument(["assignments"], metavar="[KEY=VALUE]...", nargs=-1),
 )
 
@@ -37,15 +39,28 @@ def sweep(console: Console, command_line: CommandLine) -> None:
     mjrun sweep scene.xml --vary 'geom/*.friction[0]=uniform(0.3,1)' --samples 256 --metric 'x=last(com/x)' -o study
     mjrun sweep study.yaml samples=512 vary.seed=1..8:8 --dry-run
 
-    STUDY.yaml is a document that says all of it; KEY=VALUE changes a value of it.
+    STUDY.yaml is a document that says all of it; KEY=VALUE changes a value of it. FOLDER is that of a study that was
+    run before.
 
     The folder keeps what is known: the same command again continues it. Exits with 8 when points failed.
+
+    Without an engine, write a plan, have its chunks simulated by tasks, in any order, and collect their results:
+
+    \b
+    mjrun sweep study.yaml --plan plan.jsonl
+    mjrun sweep plan.jsonl --task 1/16
+    mjrun sweep plan.jsonl --collect
     """
     console.guard_stdout()
     import_mujoco()
 
-    study, located = _study(console, command_line)
     options = command_line.make(StudyCommandOptions)
+    if options.csv and command_line.make(MessageOptions).json:
+        raise UsageError(f"{option('csv')} and {option('json')} both want standard output")
+    if options.task is not None:
+        _simulate_task(console, command_line, *options.task)
+        return
+    study, located = _study(console, command_line)
     with located():
         if options.print_document:
             from mjrun.document.run_writer import study_text
@@ -53,30 +68,94 @@ def sweep(console: Console, command_line: CommandLine) -> None:
             console.result(study_text(study, console.command).rstrip("\n"))
         elif options.dry_run:
             _show_preview(console, command_line, study)
+        elif options.plan is not None:
+            _write_plan(console, _with_document(study, required=True), options.plan)
+        elif options.collect:
+            _show_result(console, command_line, _with_document(study), lambda study: study.collect(console))
         else:
-            _show_result(console, command_line, study, lambda: study.run(console))
+            _show_result(console, command_line, _with_document(study), lambda study: study.run(console))
 
 
 def _study(console: Console, command_line: CommandLine) -> "tuple[Study, Located]":
-    """The study of a command line, or of the document that it names; and what locates its errors there."""
+    """The study of a command line, or of the file that it names; and what locates its errors there."""
+    from mjrun.document.plan import is_plan, is_study_folder, read_folder
     from mjrun.document.study import is_document, read_study
     from mjrun.study.study import Study
 
     model, assignments = command_line.argument("model"), command_line.arguments("assignments")
     if is_document(model):
-        _require_said_there(command_line, model)
+        given = _given(command_line, model)
         code = command_line.with_converted("controller", load_controller).make(ControllerOptions)
-        given = command_line.given(ExecutionOptions)
-        if command_line.value("output") is not None:
-            given["output"] = command_line.value("output")
         request = read_study(model, assignments, given=given, code=code, command=console.command)
         return request.study, request.located
     if assignments:
         raise UsageError(f"{clean(assignments[0])}: {clean(model)} is no document whose values could be changed")
+    if is_plan(model):
+        if not command_line.make(StudyCommandOptions).collect:
+            raise UsageError(f"{clean(model)} is a plan: give {option('task')} I/N, or {option('collect')}")
+        return replace(_plan(command_line).study, command=console.command), nullcontext
+    if is_study_folder(model):
+        return replace(read_folder(model, _given(command_line, model)), command=console.command), nullcontext
     if command_line.value("output") is None:
         command_line = command_line.with_defaults(output=f"{stem(command_line)}_study")
     study = command_line.make(Study, simulation=simulation(command_line), command=console.command)
     return study, nullcontext
+
+
+def _plan(command_line: CommandLine) -> "StudyPlan":
+    from mjrun.document.plan import is_plan, read_plan
+
+    path = command_line.argument("model")
+    if not is_plan(path):
+        raise UsageError(f"{option('task')}: {clean(path)} is no plan (.jsonl); {option('plan')} FILE writes one")
+    plan = read_plan(path, _given(command_line, path))
+    if plan is None:
+        raise UsageError(f"{clean(path)} has no chunks: nothing was missing when it was made")
+    return plan
+
+
+def _given(command_line: CommandLine, file: str) -> dict[str, object]:
+    """What the command line says beside a file that says the study: its folder, and how it runs."""
+    _require_said_there(command_line, file)
+    given = command_line.given(ExecutionOptions)
+    output = command_line.value("output")
+    return given if output is None else {**given, "output": output}
+
+
+def _with_document(study: "Study", *, required: bool = False) -> "Study":
+    """The study with its document for the manifest, if one can hold it."""
+    from mjrun.document.plan import portable_document
+
+    with nullcontext() if required else suppress(UsageError):
+        return replace(study, document=portable_document(study, Path(study.output)))
+    return study
+
+
+def _write_plan(console: Console, study: "Study", path: str) -> None:
+    from mjrun.document.plan import write_plan
+    from mjrun.study.plan import plan
+
+    made = plan(study)
+    write_plan(path, made)
+    points, chunks = sum(map(len, made.chunks)), len(made.chunks)
+    console.result(f"{clean(path)}: {points:,} points in {chunks:,} chunk{'' if chunks == 1 else 's'}")
+
+
+def _simulate_task(console: Console, command_line: CommandLine, task: int, tasks: int) -> None:
+    from mjrun.study.plan import run_task
+
+    result = run_task(_plan(command_line), task, tasks, console)
+    if command_line.make(MessageOptions).json:
+        console.document(asdict(result))
+        return
+    counts = ", ".join(f"{count:,} {status}" for status, count in result.statuses.items())
+    known = result.points - result.simulated
+    facts = [
+        f"task {task} of {tasks}: {result.chunks:,} chunk{'' if result.chunks == 1 else 's'}",
+        f"{result.simulated:,} points simulated{f' ({counts})' if counts else ''}",
+        *([f"{known:,} known already"] if known else []),
+    ]
+    console.result(f"{clean(result.path)}: {', '.join(facts)}; {result.wall:.1f} s")
 
 
 def _require_said_there(command_line: CommandLine, document: str) -> None:
@@ -101,18 +180,30 @@ def _show_preview(console: Console, command_line: CommandLine, study: "Study") -
         console.result(preview_report(preview))
 
 
-def _show_result(console: Console, command_line: CommandLine, study: "Study", run: "Callable[[], StudyResult]") -> None:
+def _show_result(
+    console: Console, command_line: CommandLine, study: "Study", run: "Callable[[Study], StudyResult]"
+) -> None:
     from mjrun.cli.sweep_report import study_report
+    from mjrun.study.results import FILES
 
+    def show(result: "StudyResult") -> None:
+        report = study_report(result, study.simulation)
+        if as_csv:
+            console.say(report)
+            console.result(Path(result.path, FILES[1]).read_text("utf-8").rstrip("\n"))
+        elif console.verbosity >= 0:
+            console.result(report)
+
+    as_csv = command_line.make(StudyCommandOptions).csv
     as_json = command_line.make(MessageOptions).json
     try:
         with failures_in_json(console, command_line, lambda results: asdict(results[0])):
-            result = run()
+            result = run(study)
     except MjrunError as error:
         if error.results and not as_json:
-            console.result(study_report(error.results[0], study.simulation))
+            show(error.results[0])
         raise
     if as_json:
         console.document(asdict(result))
     else:
-        console.result(study_report(result, study.simulation))
+        show(result)

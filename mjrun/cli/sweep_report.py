@@ -33,7 +33,8 @@ def study_report(result: "StudyResult", simulation: "Simulation") -> str:
         verdicts = [("holds" if verdict.passed else "FAILS", clean(verdict.message)) for verdict in result.assertions]
         page.lines("required", verdicts)
     counts = ", ".join(f"{count:,} {status}" for status, count in result.statuses.items())
-    known = f", {result.points - result.simulated:,} of them known before" if result.simulated < result.points else ""
+    before = result.points - result.simulated - result.statuses.get("missing", 0)
+    known = f", {before:,} of them known before" if before else ""
     page.note(f"{clean(result.path)}: {result.points:,} points ({counts}){known}; {result.wall:.1f} s")
     return page.text()
 

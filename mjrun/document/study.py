@@ -27,6 +27,7 @@ from mjrun.document.reader import SUFFIXES, document_error, read_placed
 from mjrun.document.tree import MappingNode
 from mjrun.document.tree import Path as Place
 from mjrun.errors import DocumentError, UsageError
+from mjrun.job.simulation import Simulation
 from mjrun.options.option import Options
 from mjrun.options.simulation import ControllerOptions, SimulationOptions
 from mjrun.study.study import Study
@@ -70,7 +71,7 @@ class StudyRequest:
         except UsageError as error:
             if not error.path:
                 raise
-            raise document_error([fault_at(self._tree, (), error, _declared_at)]) from error
+            raise document_error([fault_at(self._tree, (), error, declared_at)]) from error
 
 
 class _AllOptions(Study, SimulationOptions):
@@ -107,16 +108,25 @@ def read_study(
     """
     document, tree = read_placed(path, StudyDocument, assignments, variables=True, named=NAMED)
     folders = Folders(Path(path).parent, OutputFolder(Path()))
-    builder = DocumentBuilder(tree, folders, _declared_at)
+    builder = DocumentBuilder(tree, folders, declared_at)
     simulation = builder.simulation(document, code or ControllerOptions())
     values = {"output": Path(path).stem, **builder.values(Study, document, ()), **(given or {})}
+    return StudyRequest(tree, made_study(builder, simulation, {**values, "command": command}))
+
+
+def made_study(builder: DocumentBuilder, simulation: Simulation, values: Mapping[str, object]) -> Study:
+    """The study of a simulation with these values, unless something is wrong with any.
+
+    Raises:
+      DocumentError: with all that is.
+    """
     builder.raise_faults()
-    make = cast("Callable[..., Study]", Study)
-    study = builder.attempt((), lambda: make(simulation, **values, command=command))
+    study = builder.attempt((), lambda: cast("Callable[..., Study]", Study)(simulation, **values))
     builder.raise_faults()
     assert study
-    return StudyRequest(tree, study)
+    return study
 
 
-def _declared_at(place: Place) -> type[Options]:
+def declared_at(place: Place) -> type[Options]:
+    """The options that stand at a place of a study document."""
     return _AllOptions

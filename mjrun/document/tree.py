@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import cast
 
 from mjrun.errors import clean, quoted
 
@@ -97,6 +98,20 @@ def plain(node: Node) -> object:
             return {key: plain(inner) for key, inner in node.entries.items()}
         case InvalidNode():
             return INVALID
+
+
+def node_of(value: object, mark: Mark) -> Node:
+    """Python's own values as a document in which all stands at one place."""
+    match value:
+        case dict():
+            entries = {str(key): node_of(inner, mark) for key, inner in cast("dict[object, object]", value).items()}
+            return MappingNode(mark, entries, dict.fromkeys(entries, mark))
+        case list():
+            return ListNode(mark, [node_of(item, mark) for item in cast("list[object]", value)])
+        case None | bool() | int() | float() | str():
+            return ScalarNode(mark, value, "" if value is None else str(value))
+        case _:
+            return InvalidNode(mark)
 
 
 def find(node: Node, path: Path) -> Node:

@@ -1,15 +1,19 @@
 """Options of the command `sweep`: a study of many simulations."""
 
+from collections.abc import Sequence
 from dataclasses import field
 from fractions import Fraction
+from itertools import combinations
 from typing import ClassVar
 
 from mjrun.options.kinds import (
     Choice,
     ExactNumber,
+    ExpectedError,
     File,
     Flag,
     Integer,
+    Kind,
     Optional,
     Processes,
     Settings,
@@ -26,7 +30,23 @@ EXTRAS = {
     "slurm": ("submitit", "mjrun sweep on Slurm"),
 }
 DESIGNS = ("grid", "zip")
+STOPPING = ("dry_run", "print_document", "plan", "task", "collect")  # instead of a run
 SAMPLERS = ("sobol", "lhs", "random")
+
+
+class TaskNumber(Kind[Sequence[int], tuple[int, int]]):
+    """One of several tasks, counted from 1: `3/16`."""
+
+    metavar = "I/N"
+
+    def __call__(self, value: Sequence[int]) -> tuple[int, int]:
+        if len(value) != 2 or not 1 <= value[0] <= value[1]:
+            raise ExpectedError("one of N tasks; write it as in 1/16")
+        return value[0], value[1]
+
+    def parse(self, text: str) -> tuple[int, int]:
+        task, _, tasks = text.partition("/")
+        return self((int(task), int(tasks)) if task.isdecimal() and tasks.isdecimal() else ())
 
 
 @options
@@ -141,6 +161,9 @@ class StudyCommandOptions(Options):
     """What the command can do besides."""
 
     section: ClassVar[str] = "Execution"
+    exclusions: ClassVar[tuple[Exclusion, ...]] = tuple(
+        Exclusion(pair, "each is all that is done") for pair in combinations(STOPPING, 2)
+    )
 
     dry_run: bool = option(
         converter=Flag(),
@@ -150,4 +173,25 @@ class StudyCommandOptions(Options):
     )
     print_document: bool = option(
         converter=Flag(), default=False, places=FrontEnd.COMMAND, help="Print this command as a document, and stop."
+    )
+    plan: str | None = option(
+        converter=Optional(File(written=True)),
+        default=None,
+        places=FrontEnd.COMMAND,
+        help="Write what is to be simulated to this .jsonl file, a line for each chunk of points, and stop.",
+    )
+    task: tuple[int, int] | None = option(
+        converter=Optional(TaskNumber()),
+        default=None,
+        places=FrontEnd.COMMAND,
+        help="Simulate every N-th chunk of a plan from number I on, and stop: for job arrays, xargs and make.",
+    )
+    collect: bool = option(
+        converter=Flag(),
+        default=False,
+        places=FrontEnd.COMMAND,
+        help="Simulate nothing; make the table of the results that are there.",
+    )
+    csv: bool = option(
+        converter=Flag(), default=False, places=FrontEnd.COMMAND, help="The table of all points on stdout."
     )

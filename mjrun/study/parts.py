@@ -8,9 +8,10 @@ import contextlib
 import hashlib
 import json
 import time
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from functools import cache
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, cast
 
 import mujoco
 import numpy as np
@@ -19,6 +20,7 @@ from mjrun.errors import FileError
 from mjrun.formats.atomic_output import OutputWriter, StagedFile
 from mjrun.job.manifest import plain
 from mjrun.model.fingerprint import model_fingerprint
+from mjrun.model.sources import source_of
 from mjrun.study.simulate import PointResult, StudySpec
 from mjrun.version import __version__
 
@@ -30,6 +32,7 @@ SUFFIX = ".parquet"
 METRIC = "metric:"  # before the name of each
 LAST = ("steps", "exit_code", "message", "wall")
 COLUMNS = {"key", "status", *LAST}
+PATHS = ("model", "ctrl_from", "replay")  # options of a simulation that are files
 STALE = 3600  # [s] after which nobody writes a part any more
 
 
@@ -39,19 +42,16 @@ def study_identity(spec: StudySpec, model: mujoco.MjModel) -> dict[str, object]:
     Args:
       model: the base model, compiled.
     """
-    files = {}
-    for path in spec.base.source.files:
-        files[str(path)] = hashlib.sha256(path.read_bytes()).hexdigest() if path.is_file() else ""
-    for _, path in spec.base.inputs:
-        if path.is_file():
-            files[str(path)] = hashlib.sha256(path.read_bytes()).hexdigest()
+    simulation = cast("dict[str, object]", plain(spec.base))
+    simulation |= dict.fromkeys(PATHS)  # what is in the files counts, not where they are
+    simulation["map"] = [text for text in spec.base.map if not text.startswith("@")]
     return {
         "mjrun": __version__,
         "mujoco": mujoco.mj_versionString(),
         "numpy": np.__version__,
         "model": model_fingerprint(model),
-        "files": files,
-        "simulation": plain(spec.base),
+        "files": [_file_hash(path) for _, path in spec.base.inputs],
+        "simulation": {**simulation, "overrides": plain(spec.base.source.overrides)},
         "metrics": dict(spec.metrics),
         "every": spec.every,
     }
@@ -61,11 +61,30 @@ def point_keys(identity: Mapping[str, object], names: Sequence[str], points: Ite
     """The key of each point: 32 hexadecimal digits."""
     base = hashlib.sha256(json.dumps(identity, sort_keys=True).encode())
     keys = []
+    files = {index: _file_hashes(name) for index, name in enumerate(names) if name in PATHS}
     for values in points:
+        if files:
+            values = [files[i](text) if i in files else text for i, text in enumerate(values)]
         digest = base.copy()
         digest.update(json.dumps(sorted(zip(names, values, strict=True))).encode())
         keys.append(digest.hexdigest()[:32])
     return keys
+
+
+def _file_hash(path: Path) -> str:
+    """The hash of what is in a file; empty if there is none."""
+    return hashlib.sha256(path.read_bytes()).hexdigest() if path.is_file() else ""
+
+
+def _file_hashes(name: str) -> Callable[[str], str]:
+    """What gives the hash of the files behind a value of the option `name`; the value itself where there are none."""
+
+    @cache
+    def hashed(text: str) -> str:
+        paths = source_of(text).files if name == "model" else [Path(text)]
+        return "".join(map(_file_hash, paths)) or text
+
+    return hashed
 
 
 class PartFiles:
@@ -93,6 +112,10 @@ class PartFiles:
             with contextlib.suppress(OSError):
                 if time.time() - path.stat().st_mtime > STALE:
                     path.unlink()
+
+    def exist(self) -> bool:
+        """Whether there is a folder for them."""
+        return self._folder.is_dir()
 
     def size(self) -> int:
         """How large the parts are [bytes]."""

@@ -11,7 +11,7 @@ from pathlib import Path
 import mujoco
 import numpy as np
 
-from mjrun.errors import FailedAssertionError, FailedPointsError
+from mjrun.errors import FailedAssertionError, FailedPointsError, FileError
 from mjrun.formats.atomic_output import OutputWriter, StagedFile
 from mjrun.job.simulation import Simulation
 from mjrun.model.column import Column
@@ -33,10 +33,16 @@ QUANTILES = (0, 0.05, 0.25, 0.5, 0.75, 0.95, 1)
 
 @options
 class Study(StudyOptions, ExecutionOptions):
-    """Many simulations: `simulation` with the values of each point. Its options are keywords."""
+    """Many simulations: `simulation` with the values of each point. Its options are keywords.
+
+    Args:
+      command: the command line, for the manifest.
+      document: the study as a document holds it, for the manifest; paths are relative to the folder of the study.
+    """
 
     simulation: Simulation = field(kw_only=False)
     command: str = ""
+    document: Mapping[str, object] | None = None
 
     @property
     def spec(self) -> StudySpec:
@@ -52,6 +58,27 @@ class Study(StudyOptions, ExecutionOptions):
           MjrunError: nothing could be simulated.
         """
         return _Run(self, reporter or WarningReporter()).all()
+
+    def write_manifest(self, facts: Mapping[str, object]) -> None:
+        """Writes the manifest, which holds the study and `facts`, into the folder.
+
+        Raises:
+          FileError: it cannot be written.
+        """
+        document = {"command": self.command, **({"study": self.document} if self.document else {}), **facts}
+        with OutputWriter(StagedFile(Path(self.output) / MANIFEST)) as output:
+            output.write_file(f"{json.dumps(document, indent=2, default=str)}\n".encode())
+            output.publish()
+
+    def collect(self, reporter: Reporter | None = None) -> "StudyResult":
+        """Writes the table of all points from the results that are there, and simulates nothing.
+
+        Raises:
+          FileError: there are no results.
+          FailedAssertionError: what is required of the points does not hold.
+          FailedPointsError: points failed, or are not simulated yet.
+        """
+        return _Run(self, reporter or WarningReporter()).collected()
 
     def preview(self) -> StudyPreview:
         """What `run` would do, and how long it would take; one point is simulated to know, and nothing is written.
@@ -73,7 +100,7 @@ class StudyResult:
       statuses: how many points ended in which way.
       metrics: a summary of each.
       failures: of each message, how many points failed with it, and the first of them.
-      assertions: what was required, and whether it holds.
+      assertions: what was required, and whether it holds; nothing while points are missing.
       files: what was written.
       wall: wall time [s].
       names: what varies.
@@ -153,6 +180,12 @@ class _Run:
                 self.reporter.progress(f"points{f', {failed} failed' if failed else ''}", done, len(missing))
         return self._conclude(prepared, len(missing))
 
+    def collected(self) -> StudyResult:
+        prepared = PreparedStudy.of(self.study, self.study.spec)
+        if not prepared.files.exist():
+            raise FileError(self.folder, "there are no results of a study")
+        return self._conclude(prepared, 0)
+
     def _conclude(self, prepared: PreparedStudy, simulated: int) -> StudyResult:
         study, points, results = self.study, prepared.points, prepared.results()
         names = [name for name, _ in study.metric]
@@ -160,7 +193,8 @@ class _Run:
         facts = {"mjrun": __version__, "mujoco": mujoco.mj_versionString(), "metrics": dict(study.metric)}
         files = write_results(self.folder, columns, rows, facts)  # the same for all runs, unlike the manifest
 
-        verdicts = [_judge(text, columns, rows, results) for text in study.require]
+        complete = all(result.status != "missing" for result in results)
+        verdicts = [_judge(text, columns, rows, results) for text in study.require] if complete else []
         statuses = {status: sum(r.status == status for r in results) for status in STATUSES}
         result = StudyResult(
             path=str(self.folder),
@@ -174,7 +208,7 @@ class _Run:
             wall=time.perf_counter() - self.start,
             names=points.names,
         )
-        self._write_manifest(result)
+        study.write_manifest(dataclasses.asdict(result))
         failed = [verdict.message for verdict in verdicts if not verdict.passed]
         error = FailedAssertionError(failed) if failed else None
         if error is None and any(r.status != "ok" for r in results):
@@ -183,12 +217,6 @@ class _Run:
             error.results = [result]
             raise error
         return result
-
-    def _write_manifest(self, result: StudyResult) -> None:
-        document = {"command": self.study.command, **dataclasses.asdict(result)}
-        with OutputWriter(StagedFile(self.folder / MANIFEST)) as output:
-            output.write_file(f"{json.dumps(document, indent=2, default=str)}\n".encode())
-            output.publish()
 
 
 def _judge(text: str, columns: Sequence[Column], rows: np.ndarray, results: Sequence[PointResult]) -> Verdict:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from concurrent.futures import ThreadPoolExecutor
 from typing import TYPE_CHECKING
 
 import pandas as pd
@@ -95,3 +96,67 @@ def test_a_dry_run_says_what_would_be_done_and_writes_nothing(mjrun: Command, ba
     assert (report["points"], report["missing"], report["names"]) == (9, 9, ["qpos/ball/z"])
     assert [each["point"] for each in report["sample"]] == [0, 1, 2, 6, 7, 8]
     assert sorted(path.name for path in mjrun.folder.iterdir()) == ["ball.xml"]
+
+
+def test_four_shells_make_the_table_of_one(mjrun: Command, ball: str) -> None:
+    options = (ball, "--steps", "30", "--vary", "qpos/ball/z=uniform(0.2,1)", "--samples", "8", *METRIC, "--chunk", "1")
+    assert mjrun("sweep", *options, "-o", "alone", "-q").returncode == 0
+    planned = mjrun("sweep", *options, "-o", "study", "--plan", "plan.jsonl")
+    assert (planned.returncode, planned.stdout) == (0, b"plan.jsonl: 8 points in 8 chunks\n")
+    missing = mjrun("sweep", "plan.jsonl", "--collect")
+    assert (missing.returncode, missing.stderr.splitlines()[0]) == (
+        8,
+        b"mjrun: error: 8 missing, of 8 points; the others are in the table",
+    )
+
+    with ThreadPoolExecutor(4) as pool:
+        tasks = [*pool.map(lambda i: mjrun("sweep", "plan.jsonl", "--task", f"{i}/4", "--jobs", "1"), range(1, 5))]
+    for number, done in enumerate(tasks, 1):
+        expected = f"study: task {number} of 4: 2 chunks, 2 points simulated (2 ok); "
+        assert (done.returncode, done.stdout.decode()[: len(expected)]) == (0, expected)
+    assert mjrun("sweep", "study", "--collect", "-q").returncode == 0
+    alone, study = (mjrun.folder / name / "results.parquet" for name in ("alone", "study"))
+    assert study.read_bytes() == alone.read_bytes()
+
+
+def test_the_table_goes_to_stdout_on_request(mjrun: Command, ball: str) -> None:
+    options = (ball, "--steps", "5", "--vary", "seed=1,2", *METRIC, "-o", "study", "--csv")
+    done = mjrun("sweep", *options)
+    assert done.stdout == (mjrun.folder / "study" / "results.csv").read_bytes()
+    assert b"study: 2 points (2 ok)" in done.stderr
+    assert mjrun("sweep", "study", "--csv", "-q").stdout == done.stdout
+    assert mjrun("sweep", *options, "--json").returncode == 2
+
+
+def test_a_document_and_what_belongs_into_it(mjrun: Command, ball: str) -> None:
+    text = f"model: {ball}\nsteps: 5\nvary: {{seed: [1, 2]}}\nmetrics: {{end: last(time)}}\n"
+    (mjrun.folder / "kicks.yaml").write_text(text)
+    assert mjrun("sweep", "kicks.yaml", "vary.seed=1..3:3").returncode == 0
+    assert pd.read_csv(mjrun.folder / "kicks" / "results.csv")["seed"].tolist() == [1, 2, 3]
+
+
+@pytest.mark.parametrize(
+    ("words", "expected"),
+    [
+        (("k.yaml", "--samples", "3"), "--samples: k.yaml says that; change it as in samples=VALUE"),
+        (("k.yaml", "--metric", "x=1"), "--metric: k.yaml says that; change it as in metrics.NAME=VALUE"),
+        (("k.yaml", "--qpos", "x=1"), "--qpos: k.yaml says that; change it as in qpos.NAME=VALUE"),
+        (("k.yaml", "sampels=3"), "sampels=3: unknown key 'sampels' (did you mean 'samples' or 'sampler'?)"),
+        (("ball.xml", "samples=3"), "samples=3: ball.xml is no document whose values could be changed"),
+        (("ball.xml", "--task", "1/2"), "--task: ball.xml is no plan (.jsonl); --plan FILE writes one"),
+        (("p.jsonl",), "p.jsonl is a plan: give --task I/N, or --collect"),
+        (("p.jsonl", "--task", "1/2"), "p.jsonl has no chunks: nothing was missing when it was made"),
+        (("p.jsonl", "--task", "3/2"), "'3/2' is not one of N tasks; write it as in 1/16"),
+        (
+            ("ball.xml", "--task", "1/2", "--collect"),
+            "--task and --collect exclude each other: each is all that is done",
+        ),
+        (("ball.xml", "--csv", "--json"), "--csv and --json both want standard output"),
+    ],
+)
+def test_what_does_not_go_together_is_told(mjrun: Command, ball: str, words: tuple[str, ...], expected: str) -> None:
+    (mjrun.folder / "k.yaml").write_text(f"model: {ball}\nsteps: 5\n")
+    (mjrun.folder / "p.jsonl").write_text("")
+    done = mjrun("sweep", *words)
+    assert done.returncode == 2
+    assert expected in done.stderr.decode()

@@ -99,15 +99,22 @@ def test_points_that_fail_are_rows_and_the_rest_is_done(simulation: Simulation, 
 
 
 def test_failed_points_are_tried_again_on_request(simulation: Simulation, tmp_path: Path) -> None:
-    made = tmp_path / "made.xml"
-    options: dict[str, object] = {"vary": {"model": f"{simulation.model},{made}"}}
+    options: dict[str, object] = {"vary": {"seed": "1..4:4"}, "chunk": 1}
     with pytest.raises(FailedPointsError):
-        study(simulation, tmp_path / "study", **options).run()
-    made.write_text(BALL)
+        study(simulation, tmp_path / "study", engine="tests.study.factories:Forgetful", **options).run()
     with pytest.raises(FailedPointsError):
         study(simulation, tmp_path / "study", **options).run()
     result = study(simulation, tmp_path / "study", retry_failed=True, **options).run()
-    assert (result.simulated, result.statuses) == (1, {"ok": 2})
+    assert (result.simulated, result.statuses) == (2, {"ok": 4})
+
+
+def test_a_model_that_varies_and_has_changed_is_simulated_again(simulation: Simulation, tmp_path: Path) -> None:
+    other = tmp_path / "other.xml"
+    other.write_text(BALL)
+    options: dict[str, object] = {"vary": {"model": f"{simulation.model},{other}"}}
+    assert study(simulation, tmp_path / "study", **options).run().simulated == 2
+    other.write_text(BALL.replace(".3", ".4"))
+    assert study(simulation, tmp_path / "study", **options).run().simulated == 1
 
 
 def test_what_an_engine_loses_is_a_failed_point(simulation: Simulation, tmp_path: Path) -> None:

@@ -1,0 +1,184 @@
+"""Plans and manifests of studies as files: lines of JSON that say all that there is to simulate, and hold no code."""
+
+import json
+import os
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Annotated, Literal, cast
+
+from pydantic import Field, ValidationError
+
+from mjrun.document.builder import DocumentBuilder
+from mjrun.document.document_model import DocumentModel, Name
+from mjrun.document.error_messages import validation_faults
+from mjrun.document.option_models import Folders
+from mjrun.document.output_folder import OutputFolder
+from mjrun.document.reader import document_error
+from mjrun.document.run_writer import study_document
+from mjrun.document.study import StudyDocument, declared_at, made_study
+from mjrun.document.tree import Fault, Mapped, MappingNode, Mark, Plain, node_of
+from mjrun.errors import FileError, UsageError, clean
+from mjrun.formats.atomic_output import OutputWriter, StagedFile
+from mjrun.formats.input_file import opened
+from mjrun.options.simulation import ControllerOptions
+from mjrun.options.variations import with_paths
+from mjrun.study.plan import SCHEMA, StudyPlan
+from mjrun.study.simulate import StudyPoint
+from mjrun.study.study import MANIFEST, Study
+
+SUFFIXES = (".jsonl",)
+FILES = ("ctrl_from", "replay", "points")
+LARGEST = 2**26  # bytes of a line
+
+
+class PlanLine(DocumentModel):
+    """A chunk of points, and the study that it belongs to."""
+
+    schema_: Annotated[Literal["mjrun-plan-1"], Field(alias="schema")]
+    folder: Name
+    study: Annotated[object, Field()]
+    identity: dict[str, str]
+    names: list[Name]
+    points: list[int]
+    values: list[list[str]]
+
+
+def is_plan(path: str) -> bool:
+    """Whether what stands where a model stands is a plan."""
+    return Path(path).suffix.lower() in SUFFIXES
+
+
+def is_study_folder(path: str) -> bool:
+    """Whether what stands where a model stands is the folder of a study."""
+    return (Path(path) / MANIFEST).is_file()
+
+
+def portable_document(study: Study, folder: Path) -> Mapped:
+    """The study as a document in `folder`, without its output.
+
+    Raises:
+      UsageError: no document can hold it.
+    """
+    document = study_document(replace(study, output="study"))
+    if document["model"] == "-":
+        raise UsageError("a model from standard input is gone when its study is read again; give a file")
+    folders = Folders(Path(os.path.relpath(Path.cwd(), folder)), OutputFolder(folder))
+    ways = {"model": folders.model, **dict.fromkeys(FILES, folders.input), "map": _map_way(folders)}
+    moved = {key: _moved(value, ways[key]) if key in ways else value for key, value in document.items()}
+    if isinstance(vary := moved.get("vary"), dict):
+        moved["vary"] = {name: _varied(value, ways.get(name)) for name, value in vary.items()}
+    return {key: value for key, value in moved.items() if key != "output"}
+
+
+def _moved(value: Plain, convert: Callable[[str], str]) -> Plain:
+    if isinstance(value, list):
+        return [_moved(part, convert) for part in value]
+    return convert(value) if isinstance(value, str) else value
+
+
+def _map_way(folders: Folders) -> Callable[[str], str]:
+    return lambda text: f"@{folders.input(text[1:])}" if text.startswith("@") else text
+
+
+def _varied(value: Plain, convert: Callable[[str], str] | None) -> Plain:
+    return with_paths(value, convert) if convert and isinstance(value, str) else value
+
+
+def write_plan(path: str, plan: StudyPlan) -> None:
+    """Writes a plan, in one step: a line for each chunk.
+
+    Raises:
+      FileError: it cannot be written.
+    """
+    folder = Path(path).parent
+    study = portable_document(plan.study, folder)
+    home = os.path.relpath(plan.study.output, folder)
+    about = {"schema": SCHEMA, "folder": home, "study": study, "identity": plan.identity, "names": plan.names}
+    with OutputWriter(StagedFile(Path(path))) as output:
+        chunks = (
+            {**about, "points": [point.index for point in chunk], "values": [point.values for point in chunk]}
+            for chunk in plan.chunks
+        )
+        output.write_file("".join(f"{json.dumps(chunk)}\n" for chunk in chunks).encode())
+        output.publish()
+
+
+def read_plan(path: str, given: Mapping[str, object] | None = None) -> StudyPlan | None:
+    """The plan in a file; None if it has no chunks.
+
+    Args:
+      given: options of the study that count instead of the plan's, such as how it runs.
+
+    Raises:
+      DocumentError: it is no plan.
+      FileError: it cannot be read.
+    """
+    with opened(Path(path), "plan", SUFFIXES) as file:
+        lines = [_line(path, number, text) for number, text in enumerate(file, 1) if text.strip()]
+    if not lines:
+        return None
+    first, of_chunk = lines[0], {"points", "values"}
+    about = first.model_dump(exclude=of_chunk)
+    for number, line in enumerate(lines, 1):
+        if line.model_dump(exclude=of_chunk) != about:
+            raise document_error([Fault(Mark(0, number, 1, path), "", "this chunk is of another study than the first")])
+    chunks = [
+        tuple(StudyPoint(index, tuple(values)) for index, values in zip(line.points, line.values, strict=True))
+        for line in lines
+    ]
+    folder = Path(path).parent
+    values = {"output": str(_resolved(folder, first.folder)), **(given or {})}
+    study = _study(path, cast("Mapping[str, object]", first.study), folder, values)
+    return StudyPlan(study, first.names, first.identity, chunks)
+
+
+def read_folder(path: str, given: Mapping[str, object] | None = None) -> Study:
+    """The study whose folder this is, as its manifest says.
+
+    Raises:
+      DocumentError: the manifest says no study.
+      FileError: it cannot be read.
+    """
+    manifest = Path(path) / MANIFEST
+    with opened(manifest, "manifest of a study", [".json"]) as file:
+        text = file.read(LARGEST)
+    try:
+        facts = json.loads(text)
+        study = facts["study"]
+    except (ValueError, KeyError, TypeError):
+        raise FileError(manifest, "it does not say what the study is", "give the study's document instead") from None
+    return _study(str(manifest), study, Path(path), {"output": path, **(given or {})})
+
+
+def _resolved(folder: Path, path: str) -> Path:
+    return Path(os.path.normpath(folder / path))
+
+
+def _line(path: str, number: int, text: bytes) -> PlanLine:
+    mark = Mark(0, number, 1, path)
+    try:
+        value = json.loads(text[:LARGEST])
+    except ValueError as error:
+        raise document_error([Fault(mark, "", f"not JSON: {clean(str(error))}")]) from None
+    tree = node_of(value, mark)
+    try:
+        line = PlanLine.model_validate(value)
+    except ValidationError as error:
+        raise document_error(validation_faults(error, tree)) from None
+    if len(line.points) != len(line.values) or any(len(values) != len(line.names) for values in line.values):
+        raise document_error([Fault(mark, "values", "a list for each point, with a value for each of the names")])
+    return line
+
+
+def _study(path: str, value: object, folder: Path, given: Mapping[str, object]) -> Study:
+    """The study in `value`, a document in `folder`."""
+    tree = node_of(value, Mark(0, 1, 1, path))
+    try:
+        document = StudyDocument.model_validate(value)
+    except ValidationError as error:
+        raise document_error(validation_faults(error, tree)) from None
+    assert isinstance(tree, MappingNode)
+    builder = DocumentBuilder(tree, Folders(folder, OutputFolder(Path())), declared_at)
+    simulation = builder.simulation(document, ControllerOptions())
+    return made_study(builder, simulation, {**builder.values(Study, document, ()), **given})

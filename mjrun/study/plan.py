@@ -1,0 +1,121 @@
+"""The plan of a study: its missing points in chunks, for tasks that know nothing of each other."""
+
+import hashlib
+import json
+import time
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+from mjrun.errors import UsageError, clean
+from mjrun.reporter import Reporter
+from mjrun.study.design import Design
+from mjrun.study.prepared import PreparedStudy
+from mjrun.study.simulate import StudyPoint
+from mjrun.study.study import Study
+
+SCHEMA = "mjrun-plan-1"
+VERSIONS = ("mjrun", "mujoco", "numpy")
+
+
+@dataclass(frozen=True)
+class StudyPlan:
+    """What is to be simulated of a study.
+
+    Attributes:
+      study: as it is to be collected.
+      names: what varies.
+      identity: hashes of all that decides the results, but for the values of the points.
+      chunks: points that are simulated in one go.
+    """
+
+    study: Study
+    names: Sequence[str]
+    identity: Mapping[str, str]
+    chunks: Sequence[Sequence[StudyPoint]]
+
+
+@dataclass(frozen=True)
+class TaskResult:
+    """What a task has done.
+
+    Attributes:
+      path: the folder of the study.
+      task, tasks: its number, from 1, of how many.
+      chunks: that were its share.
+      points: in these chunks.
+      simulated: how many of them were simulated now; the others were known.
+      statuses: how many of these ended in which way.
+      wall: wall time [s].
+    """
+
+    path: str
+    task: int
+    tasks: int
+    chunks: int
+    points: int
+    simulated: int
+    statuses: Mapping[str, int]
+    wall: float
+
+
+def plan(study: Study) -> StudyPlan:
+    """The plan of what is missing of a study; its folder is made, so that it can be collected.
+
+    Raises:
+      UsageError: a name that nothing has, or a value that cannot be.
+      FileError: the folder cannot be made, or a file cannot be read.
+    """
+    prepared = PreparedStudy.of(study, study.spec)
+    missing = prepared.missing(study.retry_failed)
+    chunks = [chunk.points for chunk in prepared.chunks(missing, study)]
+    prepared.files.create()
+    study.write_manifest({})
+    return StudyPlan(study, prepared.points.names, _hashes(prepared.identity), chunks)
+
+
+def run_task(plan: StudyPlan, task: int, tasks: int, reporter: Reporter) -> TaskResult:
+    """Simulates every `tasks`-th chunk of a plan, from number `task` on, and publishes each as it is done.
+
+    Raises:
+      UsageError: what decides the results is not as it was when the plan was made.
+      FileError: results cannot be written.
+    """
+    start = time.perf_counter()
+    study, chunks = plan.study, plan.chunks[task - 1 :: tasks]
+    points = [point.values for chunk in chunks for point in chunk]
+    statuses = Counter[str]()
+    if points:
+        prepared = _prepared(plan, points)
+        prepared.files.create()
+        execution = replace(study, chunk=study.chunk or max(map(len, chunks)))
+        missing = prepared.missing(study.retry_failed)
+        for results in prepared.simulate(prepared.chunks(missing, execution), execution):
+            statuses.update(result.status for result in results)
+            reporter.progress("points", statuses.total(), len(missing))
+    wall = time.perf_counter() - start
+    return TaskResult(study.output, task, tasks, len(chunks), len(points), statuses.total(), dict(statuses), wall)
+
+
+def _prepared(plan: StudyPlan, points: Sequence[tuple[str, ...]]) -> PreparedStudy:
+    """These points of the study, if their results are those that the plan is about."""
+    study, names = plan.study, tuple(plan.names)
+    spec = study.spec.varying(names)
+    prepared = PreparedStudy(study, spec, Design(names, points), spec.base.load())
+    here, there = _hashes(prepared.identity), plan.identity
+    differing = [name for name in here if here[name] != there.get(name)]
+    if differing:
+        other = {name: f"{name} {clean(there.get(name, ''))}, here {here[name]}" for name in VERSIONS}
+        facts = [other.get(name, name) for name in differing]
+        raise UsageError(
+            f"the plan was made with other {'; '.join(facts)}\n"
+            "its results would not belong to those that are there; make the plan again, here"
+        )
+    return prepared
+
+
+def _hashes(identity: Mapping[str, object]) -> dict[str, str]:
+    """Each part of an identity in few characters."""
+    texts = {name: json.dumps(value, sort_keys=True).encode() for name, value in identity.items()}
+    hashes = {name: hashlib.sha256(text).hexdigest()[:32] for name, text in texts.items()}
+    return hashes | {name: str(identity[name]) for name in VERSIONS}

@@ -1,0 +1,112 @@
+"""A plan is read as it was written, from wherever it lies, and no other file is taken for one."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from mjrun.document.plan import portable_document, read_folder, read_plan, write_plan
+from mjrun.errors import DocumentError, FileError, UsageError
+from mjrun.job.simulation import Simulation
+from mjrun.study.plan import StudyPlan, plan
+from mjrun.study.study import Study
+from tests.study.models import BALL
+
+
+@pytest.fixture(autouse=True)
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.chdir(tmp_path)
+    Path("ball.xml").write_text(BALL)
+    return tmp_path
+
+
+@pytest.fixture
+def made() -> StudyPlan:
+    vary = {"seed": "1..5:5", "model": "ball.xml,ball.xml;"}
+    metric = {"low": "min(qpos/ball/z)"}
+    study = Study(Simulation("ball.xml", steps=20), "study", vary={"seed": "1..5:5"}, metric=metric, chunk=2)
+    return plan(replace(study, vary={**vary, "model": "ball.xml"}))
+
+
+def lines(path: str) -> list[dict[str, Any]]:
+    return [json.loads(line) for line in Path(path).read_text().splitlines()]
+
+
+def test_what_is_written_is_read(made: StudyPlan) -> None:
+    write_plan("plan.jsonl", made)
+    assert [line["points"] for line in lines("plan.jsonl")] == [[0, 1], [2, 3], [4]]
+    again = read_plan("plan.jsonl", {"chunk": 2})
+    assert again
+    assert again == replace(made, names=list(made.names))
+
+
+def test_a_plan_elsewhere_leads_to_the_same_files(
+    made: StudyPlan, folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (folder / "plans").mkdir()
+    write_plan("plans/plan.jsonl", made)
+    assert lines("plans/plan.jsonl")[0]["study"]["model"] == "../ball.xml"
+    (folder / "elsewhere").mkdir()
+    monkeypatch.chdir(folder / "elsewhere")
+    again = read_plan("../plans/plan.jsonl")
+    assert again
+    assert Path(again.study.output).resolve() == folder / "study"
+    assert Path(str(again.study.simulation.model)).resolve() == folder / "ball.xml"
+    assert dict(again.study.vary)["model"].endswith("ball.xml")
+    assert plan(again.study).identity == made.identity
+
+
+def test_a_plan_of_nothing_is_empty(made: StudyPlan) -> None:
+    write_plan("plan.jsonl", replace(made, chunks=[]))
+    assert read_plan("plan.jsonl") is None
+
+
+@pytest.mark.parametrize(
+    ("change", "expected"),
+    [
+        ("nonsense", "plan.jsonl:1:1: not JSON: Expecting value"),
+        ("[]", "plan.jsonl:1:1: expected a mapping"),
+        ({"schema": "mjrun-plan-9"}, "plan.jsonl:1:1: schema: expected 'mjrun-plan-1', got 'mjrun-plan-9'"),
+        ({"pickle": "x"}, "plan.jsonl:1:1: unknown key 'pickle'; keys: schema, folder, study, "),
+        ({"points": ["0"]}, "plan.jsonl:1:1: points[0]: expected a whole number, got '0'"),
+        ({"values": [["1", "ball.xml"]]}, "plan.jsonl:1:1: values: a list for each point, with a value for each"),
+        ({"study": {"model": "ball.xml", "durration": 1}}, "plan.jsonl:1:1: unknown key 'durration' (did"),
+        ({"study": {"model": "ball.xml", "controller": "a:b"}}, "plan.jsonl:1:1: unknown key 'controller'"),
+    ],
+)
+def test_what_is_no_plan_is_refused(made: StudyPlan, change: Any, expected: str) -> None:
+    write_plan("plan.jsonl", replace(made, chunks=made.chunks[:1]))
+    text = change if isinstance(change, str) else json.dumps({**lines("plan.jsonl")[0], **change})
+    Path("plan.jsonl").write_text(text)
+    with pytest.raises(DocumentError) as caught:
+        read_plan("plan.jsonl")
+    assert str(caught.value).startswith(expected)
+
+
+def test_chunks_of_two_studies_are_refused(made: StudyPlan) -> None:
+    write_plan("plan.jsonl", made)
+    first, second, _ = lines("plan.jsonl")
+    Path("plan.jsonl").write_text(f"{json.dumps(first)}\n{json.dumps({**second, 'folder': 'other'})}\n")
+    with pytest.raises(DocumentError, match=r"^plan\.jsonl:2:1: this chunk is of another study than the first$"):
+        read_plan("plan.jsonl")
+
+
+def test_a_folder_knows_its_study(made: StudyPlan) -> None:
+    study = replace(made.study, document=portable_document(made.study, Path("study")))
+    study.write_manifest({})
+    again = read_folder("study", {"chunk": 2})
+    assert replace(again, simulation=study.simulation, vary=study.vary) == replace(study, document=None)
+    Path("study/study.json").write_text("{}")
+    with pytest.raises(FileError, match="it does not say what the study is"):
+        read_folder("study")
+
+
+def test_what_no_document_can_hold_is_in_no_plan(made: StudyPlan) -> None:
+    stdin = replace(made, study=replace(made.study, simulation=Simulation("-")))
+    with pytest.raises(UsageError, match="a model from standard input is gone"):
+        write_plan("plan.jsonl", stdin)
+    code = replace(made, study=replace(made.study, simulation=Simulation("ball.xml", controller=print)))
+    with pytest.raises(UsageError, match="code stays on the command line"):
+        write_plan("plan.jsonl", code)
