@@ -3,13 +3,15 @@
 A map is a list of texts `COLUMN=EXPRESSION`, or `@FILE` for a file of such lines. On the left stands a column of ours,
 `time` or `qpos/knee`; on the right an expression over the table's columns, one value per row. Where the left is a
 joint of several numbers (`qpos/root`) or a whole field (`qpos`), the right is the name of the table's columns that are
-numbered or named by component, or several such names, whose numbers stand side by side: `qpos=root_pos,root_quat,dof`.
+numbered or named by component, or several names or expressions, whose numbers stand side by side:
+`qpos=root_mm/1000,root_quat,dof*pi/180`. The name of numbered columns stands for each of them there.
 In `qpos/{}={}_deg*pi/180`, `{}` stands for any text with which both sides have a meaning.
 """
 
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
 
 import mujoco
@@ -18,13 +20,14 @@ from mjrun.errors import UnknownNameError, UsageError, clean, concerning, listin
 from mjrun.formats.input_file import opened
 from mjrun.probe.fields import field_probe, offered
 from mjrun.probe.row_expression import RowExpression, parse_row_expression
-from mjrun.probe.scanner import spelled
+from mjrun.probe.scanner import Vocabulary, spelled
 from mjrun.sim.motion_samples import FIELDS, quaternions
 
 TIME = "time"
 FILE = "@"  # begins the name of a file of lines
 PLACEHOLDER = "{}"
 NUMBERED = ("{}/{}", "{}_{}", "{}.{}", "{}[{}]", "{}{}")  # how tables call the parts of a column
+_LAST = re.compile(r"(.+?)(?:[/_.\[]?)[01]\]?")  # a column that is the first part of another
 POSITIONS = ("qpos", "mocap_pos", "mocap_quat")
 TIMES = ("time", "t", "timestamp", "time_s", "sec", "seconds", "stamp", "elapsed")
 LARGEST = 2**20  # characters of a file of lines
@@ -145,8 +148,9 @@ class _Resolver:
                         raise UsageError(f"{option('map')} says twice what {clean(left)} is")
                     entries.append((index, left, right))
 
+        grouped = [entry for entry in entries if entry[1] in self._groups]
         ranked: dict[Callable[[str, str], None], list[tuple[int, str, str]]] = {
-            self._map_group: [entry for entry in entries if entry[1] in self._groups],
+            self._map_group: sorted(grouped, key=lambda entry: -len(self._groups[entry[1]][1])),
             self._map_pattern: [entry for entry in entries if PLACEHOLDER in entry[1]],
             self._map_column: [
                 entry for entry in entries if entry[1] not in self._groups and PLACEHOLDER not in entry[1]
@@ -169,7 +173,7 @@ class _Resolver:
             except UnknownNameError as error:
                 unknown.append(error)
         if len(unknown) == len(matches):
-            raise unknown[0]
+            raise next((error for error in unknown if near(error.name, self._names)), unknown[0])
 
     def _map_column(self, left: str, right: str) -> None:
         if left != TIME and left not in self._places:
@@ -183,17 +187,17 @@ class _Resolver:
 
     def _map_group(self, left: str, right: str) -> None:
         f, indices = self._groups[left]
-        prefixes = [part.strip().strip("'`") for part in right.split(",")]
-        if len(prefixes) == 1 and (parts := self._with_components(prefixes[0], f, indices)):
-            for index, name in zip(indices, parts, strict=True):
+        parts = list(_side_by_side(right))
+        if len(parts) == 1 and (names := self._with_components(parts[0].strip("'`"), f, indices)):
+            for index, name in zip(indices, names, strict=True):
                 self._set(f, index, name)
             return
-        parts = [name for prefix in prefixes for name in self._expanded(prefix)]
-        if len(parts) != len(indices):
+        expressions = [expression for part in parts for expression in self._expanded(part)]
+        if len(expressions) != len(indices):
             raise UsageError(
-                f"{option('map')}: {clean(left)} has {len(indices)} numbers, and {clean(right)} has {len(parts)}"
+                f"{option('map')}: {clean(left)} has {len(indices)} numbers, and {clean(right)} has {len(expressions)}"
             )
-        self._set_all(f, indices, parts)
+        self._found.sources.setdefault(f, {}).update(self._ordered(f, indices, expressions))
 
     def _with_components(self, prefix: str, f: str, indices: Sequence[int]) -> list[str]:
         """The table's columns that are called `prefix` and our components; none if one is missing."""
@@ -204,12 +208,29 @@ class _Resolver:
                 return [self._by_clean[name] for name in wanted]
         return []
 
-    def _expanded(self, prefix: str) -> list[str]:
+    def _expanded(self, part: str) -> list[RowExpression]:
+        """What stands for a part of a map: a column, columns that are numbered, or an expression over either."""
+        prefix = part.strip("'`")
         if clean(prefix) in self._by_clean:
-            return [self._by_clean[clean(prefix)]]
-        if parts := self._numbered(prefix):
-            return parts
-        raise UnknownNameError("column", prefix, self._names, where=f"{option('map')} of {clean(self._source)}")
+            return [self._column(self._by_clean[clean(prefix)])]
+        if names := self._numbered(prefix):
+            return [self._column(name) for name in names]
+
+        label, own = option("map"), {name: name for name in self._names}
+        read = parse_row_expression(part, Vocabulary({**{name: name for name in self._arrays}, **own}), label).columns
+        widths = {name: len(self._arrays[name]) for name in read if name not in own}
+        if len(set(widths.values())) > 1:
+            counts = listing([f"{name} {width}" for name, width in widths.items()])
+            raise UsageError(f"{label}: arrays of different widths in {quoted(part)}: {counts}")
+        width = max(widths.values(), default=1)
+        rows = [{name: self._arrays[name][index] for name in widths} for index in range(width)]
+        return [parse_row_expression(part, Vocabulary({**row, **own}), label) for row in rows]
+
+    @cached_property
+    def _arrays(self) -> dict[str, list[str]]:
+        """The table's columns that are numbered, by the name that they share."""
+        prefixes = dict.fromkeys(match[1] for name in self._by_clean if (match := _LAST.fullmatch(name)))
+        return {prefix: self._numbered(prefix) for prefix in prefixes if prefix not in self._by_clean}
 
     def _valid(self, left: str) -> list[str]:
         """The columns that a map may name, those of the same field first."""
@@ -222,13 +243,17 @@ class _Resolver:
         self._found.sources.setdefault(f, {})[index] = self._column(name)
 
     def _set_all(self, f: str, indices: Sequence[int], names: Sequence[str]) -> None:
-        """Takes the numbers of a joint or field from columns without names of components."""
-        ordered = list(names)
+        """Takes the numbers of a joint or field from columns without names of components, where nothing else gives."""
+        taken = self._ordered(f, indices, [self._column(name) for name in names])
+        self._found.sources[f] = {**taken, **self._found.sources.get(f, {})}
+
+    def _ordered(self, f: str, indices: Sequence[int], given: Sequence[RowExpression]) -> dict[int, RowExpression]:
+        """By index what gives each number of a joint or field, quaternions in our order."""
+        ordered = list(given)
         starts = [indices.index(start) for start in quaternions(self._model, f) if start in indices]
         for at in starts:
-            ordered[at : at + 4] = [names[at + offset] for offset in self._order]
-        for index, name in zip(indices, ordered, strict=True):
-            self._found.sources.setdefault(f, {}).setdefault(index, self._column(name))
+            ordered[at : at + 4] = [given[at + offset] for offset in self._order]
+        return dict(zip(indices, ordered, strict=True))
 
     def _column(self, name: str) -> RowExpression:
         return parse_row_expression(spelled(name), self._names, option("map"))
@@ -279,6 +304,20 @@ def time_hint(names: Sequence[str]) -> str:
     likely = [name for name in names if name.casefold() in TIMES] or near(TIME, names)
     example = f", as in time={clean(spelled(likely[0]))}" if likely else ""
     return f"{option('map')} says which column it is{example}, or {option('replay_rate')} how many rows a second has"
+
+
+def _side_by_side(text: str) -> Iterator[str]:
+    """The parts of a text between commas, but for those in quotes and parentheses."""
+    start, depth, quote = 0, 0, ""
+    for position, character in enumerate(text):
+        if quote or character in "'`":
+            quote = "" if character == quote else quote or character
+        elif character == "," and depth == 0:
+            yield text[start:position].strip()
+            start = position + 1
+        else:
+            depth += (character == "(") - (character == ")")
+    yield text[start:].strip()
 
 
 def _assignments(text: str) -> Iterator[tuple[str, str]]:

@@ -102,6 +102,34 @@ def test_arrays_side_by_side_are_a_joint_or_a_field() -> None:
     assert found.sources["qpos"][12].text == "2*lift"
 
 
+def test_expressions_side_by_side_are_computed_number_by_number() -> None:
+    names = ["x (mm)", "y", "z", *numbered("rot[{}]", 4), *numbered("rest/{}", 6), *numbered("rest_zero/{}", 6)]
+    rng = np.random.default_rng(1)
+    table = {name: rng.normal(size=5) for name in names}
+    rest = np.array([table[name] for name in names[7:13]])
+    zero = np.array([table[name] for name in names[13:]])
+
+    found = resolved(names, "qpos='x (mm)'/1000, cos(y), -z, rot, (rest - rest_zero)*pi/180", quat="xyzw")
+    values = [found.sources["qpos"][index].values(table) for index in range(13)]
+    assert np.array_equal(values[:3], [table["x (mm)"] / 1000, np.cos(table["y"]), -table["z"]])
+    assert np.array_equal(values[3:7], [table[f"rot[{index}]"] for index in (3, 0, 1, 2)])
+    order = [0, 4, 1, 2, 3, 5]  # the neck's quaternion is turned round like the root's
+    assert np.array_equal(values[7:], ((rest - zero) * np.pi / 180)[order])
+
+    with pytest.raises(UsageError, match=r"arrays of different widths in 'rot \+ rest': rot 4, rest 6"):
+        resolved(names, "qpos=y,y,y,rot + rest")
+    found = resolved([*numbered("turn/{}", 4)], "qpos/neck=-turn")  # the other cover of the same attitude
+    assert [source.text for source in found.sources["qpos"].values()] == ["-turn"] * 4
+    assert found.read == numbered("turn/{}", 4)
+
+
+def test_what_says_more_precedes_whatever_the_order() -> None:
+    names = [*QPOS, *numbered("all/{}", 13), *numbered("neck_{}", 4)]
+    for texts in (("qpos=all", "qpos/neck=neck"), ("qpos/neck=neck", "qpos=all")):
+        given = list(read(resolved(names, *texts)).values())
+        assert sorted(given) == sorted([*(f"all/{i}" for i in (*range(8), 12)), *numbered("neck_{}", 4)])
+
+
 def test_a_pattern_stands_for_all_columns_that_both_sides_have() -> None:
     names = ["hip_deg", "lift_deg", "other_deg", "hip_vel", "neck_qw"]
     found = resolved(names, "qpos/lift=hip_deg", "qpos/{}={}_deg*pi/180", "qvel/{}={}_vel")
@@ -112,8 +140,10 @@ def test_a_pattern_stands_for_all_columns_that_both_sides_have() -> None:
     assert [source.text for source in found.sources["qvel"].values()] == ["hip_vel"]
     with pytest.raises(UnknownNameError, match=r"no column 'qpas/\{\}' in map of this model"):
         resolved(names, "qpas/{}={}_deg")
-    with pytest.raises(UnknownNameError, match=r"no column 'root/x_dog'"):
+    with pytest.raises(UnknownNameError, match=r"no column 'hip_dog' .* \(did you mean 'hip_deg'\?\)"):
         resolved(names, "qpos/{}={}_dog")
+    with pytest.raises(UnknownNameError, match=r"no column 'root/x_the_angle_of_this_joint'"):
+        resolved(names, "qpos/{}={}_the_angle_of_this_joint")
 
 
 def test_a_file_of_lines_is_a_map(tmp_path: Path) -> None:
@@ -141,7 +171,9 @@ def test_a_file_of_lines_is_a_map(tmp_path: Path) -> None:
         (["qpos/hip=hip_deg*"], UsageError, r"^map qpos/hip, character 9: found"),
         (["qpos/hip=mean(hip_deg)"], UsageError, r"^map qpos/hip, character 1"),
         (["qpos/hip=hip_deg", "qpos/hip=a"], UsageError, r"^map says twice what qpos/hip is"),
-        (["qpos/root=pelvs"], UnknownNameError, r"no column 'pelvs' in map of t\.csv"),
+        (["qpos/root=pelvs"], UnknownNameError, r"no column 'pelvs' in 'pelvs', character 1"),
+        (["qpos/root=hip_deg,pelvs*2"], UnknownNameError, r"no column 'pelvs' in 'pelvs\*2', character 1"),
+        (["qpos/root=hip_deg,,a"], UsageError, r"^map, character 1: found the end"),
         (["qpos/root=hip_deg"], UsageError, r"^map: qpos/root has 7 numbers, and hip_deg has 1"),
     ],
 )
