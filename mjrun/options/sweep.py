@@ -135,8 +135,8 @@ class ExecutionOptions(Options):
         converter=Text("ENGINE"),
         default="local",
         places=FrontEnd.COMMAND | FrontEnd.PYTHON,
-        help="What runs them: local, dask, dask://HOST:PORT, slurm, or module:factory, which returns an Executor of "
-        "concurrent.futures.",
+        help="What runs them: local, warp (MuJoCo Warp, in single precision), dask, dask://HOST:PORT, slurm, or "
+        "module:factory, which returns an Executor of concurrent.futures.",
     )
     chunk: int | None = option(
         converter=Optional(Integer(1)),

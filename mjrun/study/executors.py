@@ -18,7 +18,8 @@ from mjrun.options.sweep import EXTRAS
 from mjrun.study.isolation import Chunk, run_chunk
 from mjrun.study.simulate import PointResult
 
-ENGINES = ("local", "dask", "dask://HOST:PORT", "slurm", "module:factory")
+ENGINES = ("local", "warp", "dask", "dask://HOST:PORT", "slurm", "module:factory")
+WARP = "warp"
 PATIENCE = 20  # [s] for a scheduler to answer
 POLL = 0.2  # [s] between two looks at jobs of slurm
 QUEUED = 3  # chunks that wait for each process, beside the one that runs
@@ -35,7 +36,8 @@ def open_executor(engine: str, jobs: int | str, folder: Path, stack: ExitStack) 
       MissingExtraError: its library is not installed.
     """
     count = _count(jobs)
-    if engine == "local":
+    if engine in ("local", WARP):
+        count = count if engine == "local" else 1  # all of a GPU
         pool = ThreadPoolExecutor(count, thread_name_prefix="study")  # threads that wait for processes
         stack.callback(pool.shutdown, wait=False, cancel_futures=True)
         return pool, count * QUEUED

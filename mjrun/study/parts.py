@@ -54,6 +54,7 @@ def study_identity(spec: StudySpec, model: mujoco.MjModel) -> dict[str, object]:
         "simulation": {**simulation, "overrides": plain(spec.base.source.overrides)},
         "metrics": dict(spec.metrics),
         "every": spec.every,
+        "engine": spec.engine,
     }
 
 

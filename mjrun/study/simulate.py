@@ -13,9 +13,9 @@ from typing import Literal
 import mujoco
 import numpy as np
 
-from mjrun.errors import MjrunError, SimulationError, concerning, option
+from mjrun.errors import MjrunError, SimulationError, UsageError, concerning, option
 from mjrun.job.simulation import Simulation
-from mjrun.job.trace_rows import ProbeSampler
+from mjrun.job.trace_rows import ProbeSampler, RowBuffer
 from mjrun.model import state
 from mjrun.model.mujoco_globals import collected_warnings, without_timers
 from mjrun.model.variants import ModelVariants
@@ -23,11 +23,21 @@ from mjrun.probe.available import AvailableProbes
 from mjrun.probe.fields import FieldProbe
 from mjrun.probe.metric import Metric, MetricEvaluator, parse_metric
 from mjrun.sim.c_engine import AUTORESET, ENERGY, SLEEP, CEngine
+from mjrun.sim.engine import Engine
+from mjrun.sim.observe import Tap, observe
+from mjrun.sim.stepper import PhysicsStepper
+from mjrun.sim.warp_device import WarpDevice
+from mjrun.sim.warp_engine import WarpEngine
 from mjrun.study.parameters import simulation_at
 from mjrun.timeline import Timeline
 
 Status = Literal["ok", "unstable", "failed", "timeout", "crashed", "missing"]
 
+WORLDS = 8192  # the same of Warp
+NOT_IN_WARP = (
+    f"{option('engine')} warp: controllers, replays, tables of controls, noise, pushes and sleep are not for it, nor "
+    f"are metrics that no recorded field holds\n{option('engine')} local simulates them"
+)
 SIDE_BY_SIDE = 64  # simulations of a batch, at most: more only take memory
 BUG = 70
 
@@ -41,12 +51,14 @@ class StudySpec:
       names: what varies.
       metrics: the name and the text of each.
       every: steps from one row that metrics look at to the next.
+      engine: what steps: `c`, or `warp`, in single precision.
     """
 
     base: Simulation
     names: tuple[str, ...]
     metrics: tuple[tuple[str, str], ...]
     every: int = 1
+    engine: Literal["c", "warp"] = "c"
 
     def varying(self, names: tuple[str, ...]) -> "StudySpec":
         """The same, with what varies."""
@@ -96,7 +108,8 @@ class PointSimulator:
         self._variants = ModelVariants(self._prepare)
         self._last: tuple[mujoco.MjModel, Timeline, ProbeSampler] | None = None
         self._metrics = dict[object, list[Metric]]()
-        self._engine = CEngine(threads=1)
+        self._engine: Engine = CEngine(threads=1) if spec.engine == "c" else WarpEngine(WarpDevice())
+        self._most = SIDE_BY_SIDE if spec.engine == "c" else WORLDS
 
     def run(self, points: Sequence[StudyPoint]) -> Iterator[PointResult]:
         """The result of each point, not in their order, each as soon as it is known."""
@@ -112,7 +125,7 @@ class PointSimulator:
                 if prepared.kind is None:
                     yield self._alone(prepared)
                     continue
-                if batch and (prepared.kind != batch[0].kind or len(batch) == SIDE_BY_SIDE):
+                if batch and (prepared.kind != batch[0].kind or len(batch) == self._most):
                     yield from self._side_by_side(batch)
                     batch = []
                 batch.append(prepared)
@@ -123,7 +136,12 @@ class PointSimulator:
         model = self._variants.load(simulation.source)
         timeline = simulation.timeline(model)
         metrics = self._metrics_of(model)
-        return _Prepared(point, simulation, timeline, self._sampler(model, timeline, metrics), metrics)
+        prepared = _Prepared(point, simulation, timeline, self._sampler(model, timeline, metrics), metrics)
+        if self._spec.engine == "warp":
+            if prepared.kind is None:
+                raise UsageError(NOT_IN_WARP)
+            prepared.kind = (*prepared.kind, id(model))  # it simulates one model at a time
+        return prepared
 
     def _prepare(self, model: mujoco.MjModel) -> None:
         """Sets the flags that simulations need, so that nobody has to copy the model for them."""
@@ -156,8 +174,13 @@ class PointSimulator:
         try:
             stepper = prepared.simulation.stepper(prepared.sampler.model)
             rows = prepared.timeline.rows(every=self._spec.every)
-            for part in prepared.sampler.blocks(stepper, rows):  # type: ignore[arg-type]
-                prepared.feed(part().values)
+            if isinstance(stepper, PhysicsStepper):
+                for part in prepared.sampler.blocks(stepper, rows):
+                    prepared.feed(part().values)
+            else:
+                buffer = RowBuffer(prepared.sampler, rows, lambda block: prepared.feed(block.values))
+                observe(stepper, [Tap(rows, prepared.sampler.read, buffer.add)], rows[-1])
+                buffer.flush()
         except Exception as error:
             steps = error.step if isinstance(error, SimulationError) else 0
             return self._failed(prepared.point, error, steps, time.perf_counter() - start)
@@ -179,12 +202,26 @@ class PointSimulator:
         if not ready:
             return
 
+        try:
+            failures = self._roll_out(ready, np.array(starts))
+        except Exception as error:  # of them all, such as a model that the engine refuses
+            yield from (self._failed(prepared.point, error, 0, 0.0) for prepared in ready)
+            return
+
+        wall = (time.perf_counter() - begin) / len(ready)
+        for index, prepared in enumerate(ready):
+            if failure := failures.get(index):
+                yield self._failed(prepared.point, failure, failure.step, wall)
+            else:
+                yield prepared.result(wall)
+
+    def _roll_out(self, ready: Sequence["_Prepared"], starts: np.ndarray) -> dict[int, SimulationError]:
+        """Feeds every simulation its rows, and returns what became of those that failed, by index."""
         first = ready[0]
         models = [prepared.sampler.model for prepared in ready]
         steps, every = first.timeline.steps, self._spec.every
         failures = dict[int, SimulationError]()
-        blocks = self._engine.rollout(models, np.array(starts), None, steps, first.sampler.fields, every)
-        for block in blocks:
+        for block in self._engine.rollout(models, starts, None, steps, first.sampler.fields, every):
             failures |= block.failures
             wanted = len(block.steps) - (block.steps[-1] % every != 0)  # the last step is no row of every N-th
             for index, prepared in enumerate(ready):
@@ -193,13 +230,7 @@ class PointSimulator:
                     fields = {name: values[index, :count] for name, values in block.fields.items()}
                     initial = {name: values[index] for name, values in block.initial.items()}
                     prepared.feed(prepared.sampler.rows(block.steps[:count], fields, initial))
-
-        wall = (time.perf_counter() - begin) / len(ready)
-        for index, prepared in enumerate(ready):
-            if error := failures.get(index):
-                yield self._failed(prepared.point, error, error.step, wall)
-            else:
-                yield prepared.result(wall)
+        return failures
 
     def _failed(self, point: StudyPoint, error: Exception, steps: int, wall: float) -> PointResult:
         status: Status = "unstable" if isinstance(error, SimulationError) else "failed"
@@ -227,7 +258,9 @@ class _Prepared:
         self.point, self.simulation, self.timeline, self.sampler = point, simulation, timeline, sampler
         names = [column.name for column in sampler.columns]
         self._evaluators: list[MetricEvaluator] = [metric.evaluator(names) for metric in metrics]
-        self.kind = (structure(sampler.model), timeline.steps) if self._can_share() else None
+        self.kind: tuple[object, ...] | None = None
+        if self._can_share():
+            self.kind = (*structure(sampler.model), timeline.steps)
 
     def feed(self, block: np.ndarray) -> None:
         """Takes the next rows."""

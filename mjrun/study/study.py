@@ -20,6 +20,7 @@ from mjrun.options.sweep import ExecutionOptions, StudyOptions
 from mjrun.probe.assertion import Verdict, parse
 from mjrun.reporter import Reporter, WarningReporter
 from mjrun.study.design import Design
+from mjrun.study.executors import WARP
 from mjrun.study.prepared import PreparedStudy, RequirementNames
 from mjrun.study.preview import StudyPreview, preview
 from mjrun.study.results import STATUSES, result_columns, write_results
@@ -47,7 +48,7 @@ class Study(StudyOptions, ExecutionOptions):
     @property
     def spec(self) -> StudySpec:
         """What its points have in common, but for what varies."""
-        return StudySpec(self.simulation, (), self.metric, self.every)
+        return StudySpec(self.simulation, (), self.metric, self.every, "warp" if self.engine == WARP else "c")
 
     def run(self, reporter: Reporter | None = None) -> "StudyResult":
         """Simulates what is not known yet, and writes the table of all points.

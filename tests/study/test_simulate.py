@@ -2,6 +2,7 @@
 
 import math
 import pickle
+from dataclasses import replace
 from fractions import Fraction
 from pathlib import Path
 
@@ -10,6 +11,7 @@ import numpy as np
 import pytest
 
 from mjrun.errors import UnstableError
+from mjrun.job.recording import Recording
 from mjrun.job.simulation import Simulation
 from mjrun.study.simulate import PointResult, PointSimulator, StudyPoint, StudySpec
 from tests.study.models import BALL, PENDULUM
@@ -117,3 +119,25 @@ def test_a_metric_that_a_model_does_not_have_fails_this_point(tmp_path: Path) ->
 def test_a_study_can_be_sent_to_another_machine(tmp_path: Path) -> None:
     spec = spec_of(tmp_path, ("seed",))
     assert pickle.loads(pickle.dumps(spec)) == spec
+
+
+def test_warp_simulates_the_same_in_single_precision(tmp_path: Path) -> None:
+    names = ("qpos/ball/z", "qvel/ball/vx", "geom/ball.size[0]", "ctrl_noise")
+    spec = spec_of(tmp_path, names, every=10, steps=60)
+    points = [("0.3", "0", "0.1", "0"), ("0.5", "1", "0.1", "0"), ("0.5", "1", "0.2", "0"), ("0.3", "0", "0.1", "0.1")]
+    exact, warped = simulated(spec, points), simulated(replace(spec, engine="warp"), points)
+    assert [result.status for result in warped] == ["ok", "ok", "ok", "failed"]
+    assert "engine warp: controllers, replays, tables of controls, noise" in warped[3].message
+    for one, other in zip(exact[:3], warped[:3], strict=True):
+        np.testing.assert_allclose(other.metrics, one.metrics, rtol=1e-4, atol=1e-4)
+        assert other.metrics != one.metrics
+
+
+def test_a_replay_is_measured_as_it_was_recorded(tmp_path: Path) -> None:
+    path = tmp_path / "ball.xml"
+    path.write_text(BALL)
+    recorded = Simulation(str(path), steps=50, qpos={"ball/z": 0.7})
+    Recording(recorded, str(tmp_path / "r.npz")).run()
+    spec = StudySpec(Simulation(str(path), replay=str(tmp_path / "r.npz")), ("steps",), METRICS)
+    for result, steps in zip(simulated(spec, [("50",), ("20",)]), (50, 20), strict=True):
+        np.testing.assert_array_equal(result.metrics, bare(0.7, steps=steps))
