@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 
+from mjrun.document.study import read_study
 from mjrun.job.simulation import Simulation
 from mjrun.job.trace import Trace
 from tests.viewer.studio_client import LIMIT, browser, payloads
@@ -37,6 +38,7 @@ PIPED = [line for line in COMMANDS if line.startswith("cat ")]
 ANSWERS = [line for line in COMMANDS if line.startswith(("mjrun info", "mjrun check", "mjrun bench"))]
 
 
+STUDIES = [block for block in SHELL if block.startswith("mjrun sweep")]
 DIFFERENCES = [line for line in COMMANDS if line.startswith(("mjrun diff", "sed "))]
 
 
@@ -137,6 +139,22 @@ def test_a_comparison_of_the_readme_has_a_verdict(command: str, shell: dict[str,
         assert " agree: " in done.stdout
 
 
+@pytest.mark.parametrize("commands", STUDIES, ids=range(len(STUDIES)))
+def test_studies_of_the_readme_make_their_tables(commands: str, shell: dict[str, str], tmp_path: Path) -> None:
+    done = subprocess.run(["sh", "-ec", commands], cwd=tmp_path, env=shell, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    for folder in re.findall(r" -o (\w+)", commands):
+        assert (tmp_path / folder / "results.parquet").exists()
+
+
+def test_the_study_document_of_the_readme_is_one(tmp_path: Path) -> None:
+    (text,) = (block for block in re.findall(r"```yaml\n(.*?)```", README, re.DOTALL) if "vary:" in block)
+    (tmp_path / "study.yaml").write_text(text.replace("../humanoid.xml", str(ROOT / "scenes/humanoid.xml")))
+    request = read_study(tmp_path / "study.yaml", ["samples=2", "duration=0.01"])
+    with request.located():
+        assert request.study.preview().points == 2 * 8 * 2
+
+
 @pytest.mark.gl
 @pytest.mark.parametrize("command", VIEWS)
 def test_a_view_of_the_readme_opens_and_ends(
@@ -208,6 +226,8 @@ def test_every_other_command_of_the_readme_is_known() -> None:
         "mjrun bench ",
         "mjrun diff ",
         "mjrun view ",
+        "mjrun sweep ",
+        "seq ",
         "sed ",
     )
     assert all(command.startswith(known) for command in COMMANDS)
