@@ -84,8 +84,16 @@ def listing(names: Sequence[str]) -> str:
     return shown + (f", … ({len(names)} in all)" if len(names) > LISTED else "")
 
 
+def counted(count: int, noun: str) -> str:
+    """`1 row`, `2 rows`."""
+    return f"{count} {noun}{'' if count == 1 else 's'}"
+
+
 def suggestion(name: str, valid: Iterable[str]) -> str:
-    """` (did you mean 'x'?)`, or nothing when no valid name is near."""
+    """` (did you mean 'x'?)`, or nothing when no valid name is near; for `qpso/*` groups are valid too."""
+    valid = list(valid)
+    if name.endswith("/*"):
+        valid = list(dict.fromkeys(f"{each.rpartition('/')[0]}/*" for each in valid if "/" in each))
     close = near(name, valid)
     return f" (did you mean {' or '.join(map(quoted, close))}?)" if close else ""
 

@@ -170,6 +170,7 @@ def test_at_most_three_near_names_are_given() -> None:
 
 def test_a_suggestion_is_a_question_in_brackets_or_nothing() -> None:
     assert suggestion("flor", ["floor", "ball"]) == " (did you mean 'floor'?)"
+    assert suggestion("qpso/*", ["time", "qpos/knee", "qpos/hip", "energy/total"]) == " (did you mean 'qpos/*'?)"
     assert suggestion("knee", ["knee_12", "knee1"]) == " (did you mean 'knee1' or 'knee_12'?)"
     assert suggestion("xyz", ["floor"]) == ""
 

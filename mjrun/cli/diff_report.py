@@ -10,7 +10,7 @@ from mjrun.cli.result_summary import golden_summary
 from mjrun.diff.model_lines import model_lines
 from mjrun.diff.picture_sentences import frame_facts, frame_place, percent
 from mjrun.diff.sentences import golden_versions, place, unmatched_place
-from mjrun.errors import clean, listing
+from mjrun.errors import clean, counted, listing
 
 if TYPE_CHECKING:
     from mjrun.diff.result import (
@@ -64,7 +64,7 @@ def annotations(result: "DiffResult") -> Iterator[str]:
 
 def _agreement(result: "DiffResult") -> str:
     if result.model:
-        places = f"; their XML differs in {_counted(len(result.model.xml), 'place')}" if result.model.xml else ""
+        places = f"; their XML differs in {counted(len(result.model.xml), 'place')}" if result.model.xml else ""
         return f": they compile to the same model{places}"
     if result.picture:
         return _picture_agreement(result.picture)
@@ -72,7 +72,7 @@ def _agreement(result: "DiffResult") -> str:
         return ""
     table = result.table
     exact = all(column.atol == column.rtol == 0 for column in table.columns)
-    size = f": {_counted(table.rows, _row_word(result))}, {_counted(len(table.columns), 'column')}"
+    size = f": {counted(table.rows, _row_word(result))}, {counted(len(table.columns), 'column')}"
     if exact:
         return f"{size}, bit for bit"
     worst = max(table.columns, key=lambda column: column.maximum or 0)
@@ -81,7 +81,7 @@ def _agreement(result: "DiffResult") -> str:
 
 
 def _picture_agreement(picture: "PictureDifference") -> str:
-    size = f": {_counted(picture.frames, 'frame')}" if picture.frames > 1 else ":"
+    size = f": {counted(picture.frames, 'frame')}" if picture.frames > 1 else ":"
     if picture.worst is None:
         return f"{size} pixel for pixel" if picture.frames == 1 else f"{size}, pixel for pixel"
     joint = "" if picture.frames == 1 else ", the worst"
@@ -92,7 +92,7 @@ def _table(page: PageLayout, result: "DiffResult", table: "TableDifference", eve
     what = _row_word(result)
     differing = [column for column in table.columns if column.first]
     facts = [
-        ("compared", f"{_counted(table.rows, what)} of the same {_aligned_by(table)}"),
+        ("compared", f"{counted(table.rows, what)} of the same {_aligned_by(table)}"),
         ("first difference", _first_difference(differing, table)),
         ("only in A", _unmatched(table.only_a, table.aligned)),
         ("only in B", _unmatched(table.only_b, table.aligned)),
@@ -106,7 +106,7 @@ def _table(page: PageLayout, result: "DiffResult", table: "TableDifference", eve
         page.table("columns that differ", _columns(differing, table), len(differing), shown, "--verbose lists them")
     if agreeing := len(table.columns) - len(differing):
         more = "more " if differing else ""
-        page.note(f"and {_counted(agreeing, f'{more}column')} agree{'s' if agreeing == 1 else ''}")
+        page.note(f"and {counted(agreeing, f'{more}column')} agree{'s' if agreeing == 1 else ''}")
 
 
 def _picture(page: PageLayout, picture: "PictureDifference", differences: Sequence[str]) -> None:
@@ -170,7 +170,3 @@ def _unmatched(rows: "UnmatchedRows", aligned: str) -> str:
 
 def _number(value: float | None) -> str:
     return "not finite" if value is None else f"{value:.3g}"
-
-
-def _counted(number: int, what: str) -> str:
-    return f"{number} {what}{'' if number == 1 else 's'}"

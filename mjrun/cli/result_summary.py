@@ -3,7 +3,7 @@
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
-from mjrun.errors import clean
+from mjrun.errors import clean, counted
 
 if TYPE_CHECKING:
     from mjrun.diff.result import DiffResult
@@ -21,7 +21,7 @@ LISTED = 10  # changes of a golden table that are shown
 
 def video(result: "VideoResult") -> str:
     width, height = result.size
-    frames = f"{result.frames} frame{'' if result.frames == 1 else 's'}"
+    frames = counted(result.frames, "frame")
     shown = f"{width}x{height}, {frames}, {result.duration:.4g} s at {_figure(result.fps, 4)} fps, {result.codec}"
     pace = f"made in {result.wall:.1f} s, {_figure(result.frames / result.draw_wall, 3)} frames/s"
     by = f"by {clean(result.renderer)} ({result.gl})" + (f" in {result.jobs} processes" if result.jobs > 1 else "")
@@ -40,7 +40,7 @@ def image(result: "ImageResult") -> str:
 
 
 def trace(result: "TraceResult") -> str:
-    size = f"{result.rows} rows, {result.columns} columns"
+    size = f"{counted(result.rows, 'row')}, {counted(result.columns, 'column')}"
     pace = f"{result.simulated:.6g} s in {result.steps} steps; made in {result.wall:.2f} s"
     golden = f"\n{golden_summary(result.golden)}" if result.golden else ""
     return f"{clean(result.path)}: {size}, {pace}{golden}"
@@ -69,10 +69,9 @@ def plot(result: "PlotResult") -> str:
 
 def table_plot(result: "TablePlotResult") -> str:
     width, height = result.size
-    panels, curves = len(result.panels), f"{result.curves} curve{'' if result.curves == 1 else 's'}"
-    size = f"{width}x{height}, {curves} in {panels} panel{'' if panels == 1 else 's'}"
+    size = f"{width}x{height}, {counted(result.curves, 'curve')} in {counted(len(result.panels), 'panel')}"
     paths: list[str] = [result.path, *([result.html] if result.html else [])]
-    return f"{', '.join(map(clean, dict.fromkeys(paths)))}: {size}, {sum(result.rows)} rows"
+    return f"{', '.join(map(clean, dict.fromkeys(paths)))}: {size}, {counted(sum(result.rows), 'row')}"
 
 
 def recording(result: "RecordingResult") -> str:

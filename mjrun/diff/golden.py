@@ -13,7 +13,7 @@ from mjrun.diff.tables import compare_rows
 from mjrun.diff.tolerances import Tolerances
 from mjrun.errors import UsageError, clean, listing
 from mjrun.formats.sidecar import read_sidecar
-from mjrun.formats.table_reader import Missing, open_table
+from mjrun.formats.table_reader import open_table
 from mjrun.model.column import Column
 
 TIME = "time"
@@ -46,8 +46,7 @@ class GoldenComparison:
             golden_names.append(name)
             return name in names
 
-        missing: Missing = "nan" if path.lower().endswith(".jsonl") else "error"  # where what is not finite is null
-        self._table = open_table(path, is_common, missing=missing)
+        self._table = open_table(path, is_common, missing="nan")
         try:
             self.manifest = self._table.manifest or read_sidecar(Path(path))
             self._rows = _ComingRows(columns, golden_names)

@@ -12,7 +12,7 @@ from mjrun.diff.model_differences import (
     Value,
     XmlChange,
 )
-from mjrun.errors import clean
+from mjrun.errors import clean, counted
 from mjrun.model.names import PLURALS
 
 LISTED = 10  # objects of a field, names of a kind and changes of the XML that are listed before a list is cut
@@ -58,10 +58,6 @@ def _cut(lines: Sequence[str], most: int | None) -> Iterator[str]:
         yield f"… and {len(lines) - most} more like this"
 
 
-def _counted(count: int, what: str) -> str:
-    return f"{count} {what}{'' if count == 1 else 's'}"
-
-
 def _field_line(difference: FieldDifference) -> str:
     name = _named(difference.field, difference.object)
     if len(difference.a) > NUMBERS:
@@ -84,7 +80,7 @@ def _array_line(difference: ArrayDifference) -> str:
     if difference.count is None:
         return f"{name} {_shape(difference.shape_a)} → {_shape(difference.shape_b)}, {hashes}"
     largest = f"by {difference.largest:.{DIGITS}g} at most" if difference.largest is not None else ""
-    return f"{name} {_shape(difference.shape_a)} differs in {_counted(difference.count, 'value')}, {largest}, {hashes}"
+    return f"{name} {_shape(difference.shape_a)} differs in {counted(difference.count, 'value')}, {largest}, {hashes}"
 
 
 def _shape(shape: Sequence[int]) -> str:

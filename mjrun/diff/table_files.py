@@ -57,8 +57,8 @@ def _open_both(a: str, b: str, options: TableDiffOptions, stack: ExitStack) -> l
         first_names.append(name)
         return name in others and (name == TIME or _is_chosen(name, options))
 
-    reader = stack.enter_context(open_table(first, is_common))
-    other = stack.enter_context(open_table(second, reader.names))
+    reader = stack.enter_context(open_table(first, is_common, missing="nan"))
+    other = stack.enter_context(open_table(second, reader.names, missing="nan"))
     both = [(reader, first_names), (other, second_names)]
     return both[::-1] if b == STDIN else both
 

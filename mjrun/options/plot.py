@@ -39,7 +39,7 @@ class FigureOptions(Options):
         help="Axes that are logarithmic: y for all panels, 2:y for the second alone.",
     )
     mark: tuple[str, ...] = option(
-        converter=Several(Text("[PANEL:|x:]LABEL=VALUE")),
+        converter=Several(Text("[PANEL:|x:][LABEL=]VALUE")),
         default=(),
         help="A horizontal line in all panels, m·g=87.356, or in the second alone, 2:m·g=87.356; or a vertical one, "
         "x:impact=0.52.",
@@ -59,7 +59,7 @@ class FigureOptions(Options):
     size: tuple[int, int] | None = option(
         converter=Optional(Size()),
         default=None,
-        usual="1280 wide, and as high as the panels need",
+        usual="1280 to 1920 wide, and as high as the panels need",
         help="Width and height [pixels]; in an svg or pdf, of 1/96 inch.",
     )
     columns: int | None = option(

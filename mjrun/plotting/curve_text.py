@@ -100,7 +100,7 @@ def parse_curves(text: str, columns: Sequence[str], label: str) -> list[CurveTex
 
 
 def parse_mark(text: str) -> Mark:
-    """The mark that `text` describes: `m·g=87.356`, `2:m·g=87.356`, `x:impact=0.52`.
+    """The mark that `text` describes: `m·g=87.356`, `2:m·g=87.356`, `x:impact=0.52`, or `0.5`, its own label.
 
     Raises:
       BadValueError: it describes none.
@@ -116,8 +116,8 @@ def parse_mark(text: str) -> Mark:
     except ValueError:
         number = math.nan
     if not math.isfinite(number):
-        raise BadValueError(option("mark"), text, "LABEL=NUMBER; x: before it makes a vertical line")
-    return Mark(label.strip(), number, vertical, panel)
+        raise BadValueError(option("mark"), text, "a NUMBER or LABEL=NUMBER; x: before it makes a vertical line")
+    return Mark(label.strip() or value.strip(), number, vertical, panel)
 
 
 def parse_log(texts: Sequence[str], panels: int) -> tuple[bool, frozenset[int]]:

@@ -19,7 +19,7 @@ from mjrun.plotting.panel_grid import PanelGrid
 from mjrun.plotting.theme import Theme
 from mjrun.plotting.ticks import Ticks, linear_ticks, log_ticks
 
-LEGEND = 0.36  # the most of a panel's room that its legend takes
+LEGEND, WIDE_LEGEND = 0.36, 0.5  # the most of a panel's room that its legend takes; more where all names fit then
 NAMED = 8  # marks of one name that are all named
 MANY = 40  # marks that are drawn faintly
 # Room above a panel for the label of its y axis, between rows, and for the x axis [em].
@@ -106,10 +106,14 @@ class _Painter:
         most = (bottom - top) / (2.3 * self._em)
         ticks = log_ticks(low, high, most) if drawn.log else linear_ticks(low, high, min(8, most), drawn.is_whole())
         _set_ticks(axes.yaxis, ticks, shown=True)
-        room = LEGEND * share * self.canvas.width
         overhang = 0.2 * self._em
         entries = self._entries(drawn, (low, high), top, bottom)
-        legend = Legend(self.canvas, entries, (top - overhang, bottom + overhang), room, self._em)
+        edges = top - overhang, bottom + overhang
+        legend, wide = (
+            Legend(self.canvas, entries, edges, part * share * self.canvas.width, self._em)
+            for part in (LEGEND, WIDE_LEGEND)
+        )
+        legend = wide if legend.is_cut and not wide.is_cut else legend
         return _Panel(drawn, axes, top, bottom, ticks, legend)
 
     def _columns(self, panels: Sequence[_Panel]) -> tuple[list[_Column], float]:

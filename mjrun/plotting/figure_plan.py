@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mjrun.errors import BadValueError, UsageError, concerning, listing, option
+from mjrun.errors import BadValueError, UsageError, concerning, counted, listing, option, quoted
 from mjrun.options.plot import FigureOptions
 from mjrun.plotting.column_units import with_units
 from mjrun.plotting.curve_text import CurveText, Mark, panel_index, parse_curves, parse_log, parse_mark, split_unit
@@ -121,7 +121,8 @@ class FigurePlan:
             return found[0]
         times = {time_column(table.units) for table in self.tables}
         if len(times) > 1:
-            raise UsageError(f"the tables have different times; name the x axis with {option('x')}")
+            known = ", ".join("none" if time is None else quoted(time) for time in sorted(times, key=str))
+            raise UsageError(f"the tables have different columns of time: {known}; name the x axis with {option('x')}")
         (time,) = times
         if time is None:
             self.notes.append(f"no column is called time: x is the number of the row, from 0 on; see {option('x')}")
@@ -204,7 +205,7 @@ class TableCollector:
         self._edges = [RisingEdgeDetector() for _ in self._events]
         self._seen = [0 for _ in self._events]
         self.rows, self.marks = 0, list[Mark]()
-        self._lost = {"rows without x": 0, "rows with x at or below zero": 0}
+        self._lost = {"without x": 0, "with x at or below zero": 0}
         self._negative = np.zeros(len(self._curves), int)
 
     @property
@@ -230,9 +231,9 @@ class TableCollector:
             self._negative += below.sum(axis=0)
             y[below] = np.nan
         usable = np.isfinite(x)
-        self._lost["rows without x"] += int(count - usable.sum())
+        self._lost["without x"] += int(count - usable.sum())
         if self._plan.log_x:
-            self._lost["rows with x at or below zero"] += int((usable & ~(x > 0)).sum())
+            self._lost["with x at or below zero"] += int((usable & ~(x > 0)).sum())
             usable &= x > 0
         if not usable.all():
             x, y = x[usable], y[usable]
@@ -246,10 +247,11 @@ class TableCollector:
         """What the user may want to know, after the last row."""
         where = f"{self._name}: " if len(self._plan.tables) > 1 else ""
         notes = [f"{where}there is no {listing(self._missing)}"] if self._missing and self._curves else []
-        notes += [f"{where}{count} {what} are left out" for what, count in self._lost.items() if count]
+        notes += [f"{where}{_are(count, 'row', what)} left out" for what, count in self._lost.items() if count]
         for curve, count in zip(self._curves.values(), self._negative.tolist(), strict=True):
             if count:
-                notes.append(f"{where}{curve.text.name}: {count} values at or below zero are not on a logarithmic axis")
+                values = _are(count, "value", "at or below zero")
+                notes.append(f"{where}{curve.text.name}: {values} not on a logarithmic axis")
         drawn = zip(self._curves.values(), self._envelope.curves(), strict=True)
         empty = [curve.text.name for curve, points in drawn if not np.isfinite(points.y).any()]
         notes += [f"{where}{listing(empty)}: no value can be drawn"] if empty and self.rows else []
@@ -270,6 +272,11 @@ class TableCollector:
             room = max(0, EVENTS - self._seen[index])
             self._seen[index] += len(places)
             self.marks += [Mark(event.label, float(place), vertical=True) for place in places[:room]]
+
+
+def _are(count: int, noun: str, which: str) -> str:
+    """The beginning of a sentence about some of many: `1 row without x is`."""
+    return f"{counted(count, noun)} {which} {'is' if count == 1 else 'are'}"
 
 
 def _named_condition(text: str) -> tuple[str, str]:

@@ -77,13 +77,14 @@ class Legend:
 
     Attributes:
       width: of all [pixels]; 0 without any.
+      is_cut: whether some name has no room as it is.
     """
 
     def __init__(
         self, canvas: Canvas, entries: Sequence[Entry], edges: tuple[float, float], room: float, em: float
     ) -> None:
         self.entries, self._canvas, self._margin = entries, canvas, 0.5 * em
-        self.width = 0.0
+        self.width, self.is_cut = 0.0, False
         if not entries:
             return
         rows = legend_rows(entries, *edges, LINE * em)
@@ -91,6 +92,8 @@ class Legend:
         before, after = (SAMPLE + GAP) * self._size, 0.7 * self._size
         most = room / len(rows.columns) - before - after
         self._texts = [[canvas.fitted(e.name, most, self._size) for e in column] for column in rows.columns]
+        names = [[canvas.shown(e.name) for e in column] for column in rows.columns]
+        self.is_cut = self._texts != names
         self._widths = [
             max(canvas.measure(text, self._size) for text in texts) + before + after for texts in self._texts
         ]

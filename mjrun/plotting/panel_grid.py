@@ -7,6 +7,7 @@ from mjrun.errors import BadValueError, option
 WIDTHS = (1280, 1600, 1920)  # of a figure whose size nobody gave, by panels side by side [pixels]
 LEAST_WIDTH, LEAST_HEIGHT = 140, 56  # of a panel with all that belongs to it [pixels]
 LEAST_BELOW = 40  # for the x axis [pixels]
+MOST_SIDE, MOST_PIXELS = 2**16 - 1, 10**8  # that are drawn in some 400 MB
 ABOVE, BELOW = 2.6, 5.0  # what else has to be above the panels, if there is a title, and below them [em]
 
 
@@ -39,7 +40,7 @@ def panel_grid(count: PanelCount, size: tuple[int, int] | None, columns: int | N
     """The grid of so many panels, in `size` pixels and so many `columns` if they are given.
 
     Raises:
-      BadValueError: they have no room.
+      BadValueError: they have no room, or the figure has too many pixels.
     """
     side = min(count.panels, columns or _columns(count.panels, size[0] if size else None))
     rows = -(-count.panels // side)
@@ -53,6 +54,9 @@ def panel_grid(count: PanelCount, size: tuple[int, int] | None, columns: int | N
     if size[0] < least[0] or size[1] < least[1]:
         panels = f"{count.panels} panel{'s' if count.panels > 1 else ''}"
         raise BadValueError(option("size"), f"{size[0]}x{size[1]}", f"at least {least[0]}x{least[1]} for {panels}")
+    if max(size) > MOST_SIDE or size[0] * size[1] > MOST_PIXELS:
+        most = f"at most {MOST_SIDE} a side and {MOST_PIXELS // 10**6} megapixels"
+        raise BadValueError(option("size"), f"{size[0]}x{size[1]}", most)
     em = min(em, max(8.0, (size[1] - 20) / rows / 7))
     return PanelGrid(size, side, rows, em)
 

@@ -5,7 +5,7 @@ from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 
-from mjrun.errors import FailedAssertionError, UsageError, listing, option
+from mjrun.errors import FailedAssertionError, UsageError, clean, listing, option
 from mjrun.formats.figure_format import figure_format
 from mjrun.formats.table_reader import STDIN
 from mjrun.options.option import options
@@ -42,6 +42,8 @@ class TablePlot(TablePlotOptions):
         require_matplotlib()
         if self.output is None and self.html is None:
             raise UsageError(f"there is nothing to make: give {option('output')}, {option('html')} or both")
+        if self.output and self.format is None and Path(self.output).suffix.lower() in (".html", ".htm"):
+            raise UsageError(f"{clean(self.output)} is a page, not a picture: {option('html')} makes pages")
         if self.include and self.html is None:
             raise UsageError(f"{option('include')} is of what {option('html')} shows, and there is none")
         with ExitStack() as stack:

@@ -141,6 +141,17 @@ def test_what_cannot_be_compared_is_told(
         compare(str(tmp_path / "a.csv"), str(tmp_path / "b.csv"), TableDiffOptions(**options))  # type: ignore[arg-type]
 
 
+def test_an_empty_cell_is_nan(tmp_path: Path) -> None:
+    frame = pd.DataFrame({"time": [0.0, 1, 2], "x": [1, np.nan, 3]})
+    frame.to_csv(tmp_path / "a.csv", index=False)
+    frame.fillna(2).to_csv(tmp_path / "b.csv", index=False)
+    a = str(tmp_path / "a.csv")
+    assert differing(compare(a, a, TableDiffOptions())) == []
+    first = compare(a, str(tmp_path / "b.csv"), TableDiffOptions()).columns[0].first
+    assert first
+    assert (first.row, first.a, first.b) == (1, "nan", "2.0")
+
+
 def test_columns_of_text_may_be_there_if_they_are_not_compared(tmp_path: Path) -> None:
     for name in ("a.csv", "b.csv"):
         (tmp_path / name).write_text("time,note,x\n0,begin,1\n1,end,2\n")

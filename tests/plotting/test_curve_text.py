@@ -50,7 +50,7 @@ def test_a_panel_may_have_a_title_and_a_unit() -> None:
 @pytest.mark.parametrize(
     ("text", "kind", "message"),
     [
-        ("qpoz/*", UnknownNameError, "no column 'qpoz/\\*' in y"),
+        ("qpoz/*", UnknownNameError, "no column 'qpoz/\\*' in y .did you mean 'qpos/"),
         ("qpos/kne", UnknownNameError, "did you mean 'qpos/knee'"),
         ("both=qpos/*", UsageError, "'qpos/\\*' is 2 columns, and has one name"),
         ("qpos/knee +", UsageError, "found the end"),
@@ -72,10 +72,11 @@ def test_x_is_written_as_a_curve() -> None:
     ("text", "mark"),
     [
         ("m·g=87.356", Mark("m·g", 87.356)),
+        ("2:0.50", Mark("0.50", 0.5, panel=2)),
         ("2:m·g = -1e3", Mark("m·g", -1000, panel=2)),
         ("x:impact=0.52", Mark("impact", 0.52, vertical=True)),
         ("a=b=3", Mark("a=b", 3)),
-        ("7", Mark("", 7)),
+        ("7", Mark("7", 7)),
     ],
 )
 def test_a_mark_is_a_label_and_a_number(text: str, mark: Mark) -> None:
@@ -84,7 +85,7 @@ def test_a_mark_is_a_label_and_a_number(text: str, mark: Mark) -> None:
 
 @pytest.mark.parametrize("text", ["m·g", "a=", "a=nan", "x:a=b", "=inf"])
 def test_a_mark_without_a_number_is_refused(text: str) -> None:
-    with pytest.raises(BadValueError, match=r"mark: .* is not LABEL=NUMBER"):
+    with pytest.raises(BadValueError, match=r"mark: .* is not a NUMBER or LABEL=NUMBER"):
         parse_mark(text)
 
 

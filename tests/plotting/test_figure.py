@@ -114,6 +114,14 @@ def test_many_names_are_all_there(count: int) -> None:
     assert set(names) <= set(words(made))
 
 
+@pytest.mark.parametrize(("length", "least", "most"), [(20, 0, 0.36), (42, 0.36, 0.5), (60, 0.3, 0.36)])
+def test_a_legend_takes_half_of_a_panel_only_to_show_all_names_whole(length: int, least: float, most: float) -> None:
+    names = [f"joint_{i:_>{length}}" for i in range(8)]
+    made = figure(panel(*names), size=(640, 200))
+    assert set(names).issubset(words(made)) is (length < 60)
+    assert least < 1 - made.axes[0].get_position().x1 <= most
+
+
 def test_curves_are_the_points_and_the_first_is_on_top() -> None:
     made = figure(panel("a", "b", "c"))
     lines = [line for line in made.axes[0].lines if np.size(line.get_xdata()) == len(TIME)]

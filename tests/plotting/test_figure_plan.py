@@ -70,7 +70,7 @@ def test_what_a_logarithmic_axis_cannot_show_is_counted() -> None:
     assert np.isnan(drawing.panels[0].curves[0].points.y).sum() == 2  # the gap at the beginning needs no point
     assert notes == ["contact/ncon: 3 values at or below zero are not on a logarithmic axis"]
     _, notes = drawn(FigureOptions(y=["qpos/b"], log=["x"]), rows())
-    assert notes == ["1 rows with x at or below zero are left out"]
+    assert notes == ["1 row with x at or below zero is left out"]
 
 
 def test_rows_without_x_are_left_out_and_infinite_values_are_gaps() -> None:
@@ -78,7 +78,7 @@ def test_rows_without_x_are_left_out_and_infinite_values_are_gaps() -> None:
     values["time"][3] = np.nan
     values["qpos/a"][5] = np.inf
     drawing, notes = drawn(FigureOptions(y=["qpos/a"]), values)
-    assert notes == ["1 rows without x are left out"]
+    assert notes == ["1 row without x is left out"]
     points = drawing.panels[0].curves[0].points
     assert len(points.x) == 9
     assert np.isnan(points.y).tolist() == [False] * 4 + [True] + [False] * 4
@@ -169,7 +169,7 @@ def test_what_cannot_be_is_refused_before_the_first_row(options: dict[str, objec
 
 
 def test_tables_with_different_times_and_tables_of_time_alone_are_refused() -> None:
-    with pytest.raises(MjrunError, match="different times"):
+    with pytest.raises(MjrunError, match="different columns of time: 't', 'time'"):
         FigurePlan(FigureOptions(), [TABLE, TableColumns("other", {"t": "s", "a": ""})])
     with pytest.raises(UsageError, match="nothing to plot"):
         FigurePlan(FigureOptions(), [TableColumns("run", {"time": "s"})])

@@ -30,3 +30,9 @@ def test_panels_without_room_are_refused() -> None:
         panel_grid(PanelCount(5, 1, False), (640, 200), None)
     with pytest.raises(BadValueError, match=r"at least 420x96 for 3 panels"):
         panel_grid(PanelCount(3, 1, False), (300, 300), 3)
+
+
+@pytest.mark.parametrize("size", [(100_000, 1000), (20_000, 20_000)])
+def test_more_pixels_than_memory_may_hold_are_refused(size: tuple[int, int]) -> None:
+    with pytest.raises(BadValueError, match=r"is not at most 65535 a side and 100 megapixels"):
+        panel_grid(PanelCount(1, 1, False), size, None)

@@ -125,7 +125,7 @@ def test_notes_are_told_and_reported(tmp_path: Path) -> None:
     result = TablePlot(path, tmp_path / "a.png", log="y").run(Reporter())
     assert heard == result.notes
     assert "row" in heard[0]
-    assert "v: 1 values at or below zero" in heard[1]
+    assert "v: 1 value at or below zero is" in heard[1]
 
 
 def test_a_page_holds_the_plot_the_columns_assertions_and_what_is_included(tmp_path: Path) -> None:
