@@ -136,7 +136,7 @@ class PartFiles:
         results: dict[str, PointResult] = {}
         for path in sorted(self._folder.glob(f"*{SUFFIX}")):
             try:
-                rows = pyarrow.parquet.read_table(path).to_pylist()
+                rows = pyarrow.parquet.ParquetFile(path).read().to_pylist()  # read_table imports pandas
             except (OSError, pyarrow.ArrowException) as error:
                 raise FileError(path, f"cannot be read as a part of a study: {error}", "remove it") from None
             for row in rows:
