@@ -226,7 +226,7 @@ class InvalidJobsError(UsageError):
 
     def __init__(self, faults: Sequence[tuple[int | None, UsageError]]) -> None:
         self.faults = tuple(faults)
-        super().__init__("\n".join(dict.fromkeys(str(error) for _, error in faults)))
+        super().__init__("\n".join(dict.fromkeys(error.spelled(option) for _, error in faults)))
 
 
 class MissingExtraError(UsageError):

@@ -21,7 +21,7 @@ from mjrun.model.override import overrides_of
 from mjrun.model.source import Source
 from mjrun.model.sources import ModelLike, source_of
 from mjrun.options.option import Exclusion, is_given, options
-from mjrun.options.simulation import CONTROLS, START, SimulationOptions
+from mjrun.options.simulation import CONTROLS, START, TABLE_READING, SimulationOptions
 from mjrun.sim.control import ControlSignal
 from mjrun.sim.control_noise import ControlNoise
 from mjrun.sim.control_table import PREFIX, ControlTable
@@ -119,8 +119,11 @@ class Simulation(SimulationOptions):
         """
         if self.replay is not None:
             return self._replay_controls(model) if self.replay_mode == CONTROLS else self._replay_states(model)
-        if self.map and not self._motions:  # no ghost has taken it either
-            raise UsageError(f"{option('map')} says what a table means; there is none to {option('replay')}")
+        if not self._motions:  # no ghost has read a table either
+            for name in filter(lambda name: is_given(self, name), TABLE_READING):
+                raise UsageError(f"{option(name)} says how a table is read; there is none to {option('replay')}")
+        if is_given(self, "replay_mode"):
+            raise UsageError(f"{option('replay_mode')} says what is done with a {option('replay')}; there is none")
         data = self.start.data(model)
         timestep = rational(model.opt.timestep)
         table = controller = None
@@ -225,15 +228,24 @@ class Simulation(SimulationOptions):
         if self.replay is None:
             return []
         states = self.replayed(model)
+        again = self.replay_mode == CONTROLS
+        held = self._held_inputs(model, int(states.steps[-1])) if again else []
         if not isinstance(states, RecordingReader):
             derived = "forces and energies are what this model makes of the positions in the table"
-            return [*states.remarks, *([derived] if self.replay_mode != CONTROLS else [])]
+            return [*states.remarks, *(held if again else [derived])]
         if states.facts.get("physics", physics := physics_fingerprint(model)) == physics:
+            return held
+        shown = "positions are as recorded, forces and energies are what this model makes of them"
+        meaning = "the motion is what its inputs make of this model" if again else shown
+        return [f"the recording was made with other physics: {meaning}", *held]
+
+    def _held_inputs(self, model: mujoco.MjModel, last: int) -> list[str]:
+        """What to know where physics goes on after the `last` recorded step."""
+        timeline = self.timeline(model)
+        if timeline.steps <= last:
             return []
-        return [
-            "the recording was made with other physics: positions are as recorded, "
-            "forces and energies are what this model makes of them"
-        ]
+        end = f"{clean(str(self.replay))} ends at {float(timeline.time(last)):g} s"
+        return [f"{end}: from then on its last controls, applied forces and mocap poses hold"]
 
     def _noise(self, model: mujoco.MjModel) -> ControlNoise | None:
         if not self.ctrl_noise:

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any, cast
 
 import mujoco
@@ -9,7 +10,7 @@ import numpy as np
 
 from mjrun.errors import UsageError, clean, concerning, listing, option
 from mjrun.formats.input_file import cut
-from mjrun.formats.recording_reader import RecordingReader
+from mjrun.formats.recording_reader import RecordingReader, is_recording
 from mjrun.job.manifest import origin
 from mjrun.job.simulation import Simulation
 from mjrun.model import state
@@ -87,6 +88,11 @@ def verify(simulation: Simulation, reporter: Reporter | None = None) -> Verifica
     reporter = reporter or WarningReporter()
     if simulation.replay is None:
         raise UsageError(f"{option('verify')} compares a recording with its physics: name it by {option('replay')}")
+    if not is_recording(Path(simulation.replay)):
+        raise UsageError(
+            f"{option('verify')} steps a recording again, and {clean(simulation.replay)} is none\n"
+            f"{option('recording')} FILE.npz makes one"
+        )
     with collected_warnings(), without_timers(), RecordingReader(simulation.replay) as recording:
         model = simulation.load()
         timeline = simulation.timeline(model)

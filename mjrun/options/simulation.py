@@ -32,6 +32,7 @@ QUATERNION_ORDERS = ("wxyz", "xyzw")
 DRIVERS = ("ctrl_from", "controller", "perturb")
 PHYSICS = ("ctrl_noise", "push")
 START = ("key", "qpos", "qvel", "ctrl")
+TABLE_READING = ("map", "quat", "replay_rate", "replay_interpolation", "replay_unwrap")  # by --replay or by a ghost
 
 
 @options

@@ -164,6 +164,11 @@ class CompleteSamples:
         bad = np.flatnonzero(np.isinf(rows).any(axis=1))
         if len(bad):
             raise UsageError(f"{self._row(bad[0])}: {clean(name)} is infinite")
+        if not present.any():
+            raise UsageError(
+                f"{clean(self._samples.source)} has no value of {clean(name)} in any row\n"
+                "leave the column out, or map another"
+            )
         if not present[0]:
             raise UsageError(
                 f"{self._row(0)}: {clean(name)} is missing (empty or nan), and a motion begins with all of its "

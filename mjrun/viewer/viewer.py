@@ -50,7 +50,7 @@ class Viewer(ViewerOptions):
     def __post_init__(self) -> None:
         super().__post_init__()
         if self.port is not None and self.browser is False:
-            raise UsageError(f"{option('port')} is that of a page in a browser, which {option('browser')} excludes")
+            raise UsageError(f"{option('port')} is that of a page in a browser, and this view is to be in a window")
 
     def run(self, reporter: Reporter | None = None) -> "ViewerResult":
         """Shows it until it ends; the recording is published however it ends.

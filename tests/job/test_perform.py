@@ -27,6 +27,7 @@ from mjrun.formats.manifest import ManifestWriter
 from mjrun.formats.table_writer import TableWriter
 from mjrun.formats.video_writer import VideoWriter
 from mjrun.job.image import Image
+from mjrun.job.keyframe import Keyframe
 from mjrun.job.perform import perform, preview
 from mjrun.job.plot import Plot
 from mjrun.job.recording import Recording
@@ -140,6 +141,9 @@ def test_all_that_is_wrong_with_jobs_is_told_at_once(swing: Path, tmp_path: Path
         "no probe 'enrgy' (did you mean 'energy'?)",
         "no joint 'hing' (did you mean 'hinge'?)",
     ]
+    with pytest.raises(InvalidJobsError) as caught:  # each front end spells options in its own way
+        preview([film, Keyframe(simulation, f"{tmp_path}/key.txt")])
+    assert "--save-key" in caught.value.spelled(lambda name: f"--{name.replace('_', '-')}")
     with pytest.raises(UnknownNameError, match="no probe 'enrgy'"):
         preview([replace(plot, simulation=replace(simulation, qpos={}))])
     assert [*tmp_path.iterdir()] == [swing]

@@ -189,6 +189,14 @@ def test_recorded_controls_run_the_physics_again_bit_for_bit(path: Path, tmp_pat
     assert (tmp_path / "a.csv").read_bytes() == (tmp_path / "b.csv").read_bytes()
     longer = Simulation(path, steps=300, **replay)  # states end, physics does not
     assert longer.stepper(MODEL).step == 0
+    assert longer.remarks(MODEL)[-1].endswith(
+        "r.npz ends at 0.4 s: from then on its last controls, applied forces and mocap poses hold"
+    )
+    assert Simulation(path, **replay).remarks(MODEL) == []
+    heavier = mujoco.MjModel.from_xml_string(XML)
+    heavier.body_mass[1] *= 2
+    (text,) = Simulation(path, **replay).remarks(heavier)
+    assert text == "the recording was made with other physics: the motion is what its inputs make of this model"
     noisy = Simulation(path, ctrl_noise=0.5, **replay).stepper(MODEL)
     noisy.advance(200)
     calm = Simulation(path, **replay).stepper(MODEL)
@@ -239,3 +247,19 @@ def test_faults_of_a_table_are_told_at_replay_and_those_of_a_map_at_the_map(path
         with pytest.raises(UsageError) as caught:
             Simulation(path, replay=f"{tmp_path}/t.csv", map=texts).timeline(MODEL)
         assert caught.value.path == place
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        {"quat": "xyzw"},
+        {"replay_rate": 50},
+        {"replay_interpolation": "hold"},
+        {"replay_unwrap": True},
+        {"replay_mode": "controls"},
+    ],
+)
+def test_how_a_table_is_read_is_not_said_where_there_is_none(path: Path, options: dict[str, Any]) -> None:
+    with pytest.raises(UsageError, match=rf"^{next(iter(options))} says .*; there is none"):
+        Simulation(path, **options).stepper(MODEL)
+    Simulation(path, quat="wxyz", replay_mode="states").stepper(MODEL)  # as if nothing were said

@@ -148,6 +148,11 @@ def test_without_a_recording_of_this_model_there_is_nothing_to_verify(
 ) -> None:
     with pytest.raises(UsageError, match="verify compares a recording with its physics: name it by replay"):
         verify(Simulation(model))
+    (tmp_path / "table.csv").write_text("time,qpos/hinge\n0,1\n")
+    with pytest.raises(
+        UsageError, match=r"steps a recording again, and .*table\.csv is none\nrecording FILE\.npz makes"
+    ):
+        verify(Simulation(model, replay=tmp_path / "table.csv"))
     with pytest.raises(FileError, match="is not a recording"):
         verify(Simulation(model, replay=model.rename(tmp_path / "m.npz")))
     other = tmp_path / "other.xml"
