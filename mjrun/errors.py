@@ -438,6 +438,23 @@ class FailedPointsError(MjrunError):
         super().__init__(f"{counts}, of {sum(statuses.values())} points; the others are in the table")
 
 
+class LostFilesError(MjrunError):
+    """Some files of the points of a study could not be made.
+
+    Args:
+      failures: why, of each point by its number.
+    """
+
+    exit_code = 8
+
+    def __init__(self, failures: Mapping[int, str]) -> None:
+        reasons: dict[str, list[int]] = {}
+        for point, message in failures.items():
+            reasons.setdefault(message.partition("\n")[0], []).append(point)
+        lines = [f"files of point{'s' * (len(p) > 1)} {listing([str(i) for i in p])}: {m}" for m, p in reasons.items()]
+        super().__init__("\n".join([*lines, "the results of all points are in the table"]))
+
+
 # --- ended from outside ----------------------------------------------------------------------------
 
 

@@ -6,6 +6,7 @@ from fractions import Fraction
 from itertools import combinations
 from typing import ClassVar
 
+from mjrun.options.keep import KeepOptions
 from mjrun.options.kinds import (
     Choice,
     ExactNumber,
@@ -88,7 +89,7 @@ class VariationOptions(Options):
 
 
 @options
-class StudyOptions(VariationOptions):
+class StudyOptions(KeepOptions, VariationOptions):
     """A study.
 
     Args:

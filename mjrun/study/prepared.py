@@ -93,7 +93,7 @@ class PreparedStudy:
 
     def chunk_size(self, count: int) -> int:
         """How many of `count` points make a chunk."""
-        first = self._first
+        first = self.first
         steps = max(1, first.timeline(first.load()).steps)
         return max(1, min(CHUNK_STEPS // steps, CHUNK_POINTS, -(-count // 8)))
 
@@ -129,7 +129,7 @@ class PreparedStudy:
             with concerning("require", index):
                 parse(text, RequirementNames([*self.points.names, *names]), "require")
         try:
-            self._first.stepper(self._first.load())
+            self.first.stepper(self.first.load())
         except UsageError as error:
             match error.path:
                 case ("set", name, *rest) if name in self.points.names:
@@ -139,7 +139,7 @@ class PreparedStudy:
             raise
 
     @property
-    def _first(self) -> Simulation:
+    def first(self) -> Simulation:
         """The simulation of the first point; with the base model, since any other might crash this process."""
         return replace(self.spec.simulation(self.points.points[0]), model=self.spec.base.model)
 

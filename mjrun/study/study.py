@@ -11,7 +11,7 @@ from pathlib import Path
 import mujoco
 import numpy as np
 
-from mjrun.errors import FailedAssertionError, FailedPointsError, FileError
+from mjrun.errors import FailedAssertionError, FailedPointsError, FileError, LostFilesError
 from mjrun.formats.atomic_output import OutputWriter, StagedFile
 from mjrun.job.simulation import Simulation
 from mjrun.model.column import Column
@@ -21,6 +21,7 @@ from mjrun.probe.assertion import Verdict, parse
 from mjrun.reporter import Reporter, WarningReporter
 from mjrun.study.design import Design
 from mjrun.study.executors import WARP
+from mjrun.study.keep import KeptFiles, PointKeeper
 from mjrun.study.prepared import PreparedStudy, RequirementNames
 from mjrun.study.preview import StudyPreview, preview
 from mjrun.study.results import STATUSES, result_columns, write_results
@@ -105,6 +106,7 @@ class StudyResult:
       files: what was written.
       wall: wall time [s].
       names: what varies.
+      kept: the files of single points.
       schema: of this document.
     """
 
@@ -118,6 +120,7 @@ class StudyResult:
     files: Sequence[str]
     wall: float
     names: Sequence[str]
+    kept: KeptFiles = field(default_factory=KeptFiles)
     schema: str = SCHEMA
 
 
@@ -170,6 +173,7 @@ class _Run:
     def all(self) -> StudyResult:
         study = self.study
         prepared = PreparedStudy.of(study, study.spec)
+        keeper = PointKeeper(study, prepared)
         prepared.files.create()
         missing = prepared.missing(study.retry_failed)
         if len(missing) < len(prepared.keys):
@@ -179,15 +183,15 @@ class _Run:
             for results in prepared.simulate(prepared.chunks(missing, study), study):
                 done, failed = done + len(results), failed + sum(result.status != "ok" for result in results)
                 self.reporter.progress(f"points{f', {failed} failed' if failed else ''}", done, len(missing))
-        return self._conclude(prepared, len(missing))
+        return self._conclude(prepared, keeper, len(missing))
 
     def collected(self) -> StudyResult:
         prepared = PreparedStudy.of(self.study, self.study.spec)
         if not prepared.files.exist():
             raise FileError(self.folder, "there are no results of a study")
-        return self._conclude(prepared, 0)
+        return self._conclude(prepared, PointKeeper(self.study, prepared), 0)
 
-    def _conclude(self, prepared: PreparedStudy, simulated: int) -> StudyResult:
+    def _conclude(self, prepared: PreparedStudy, keeper: PointKeeper, simulated: int) -> StudyResult:
         study, points, results = self.study, prepared.points, prepared.results()
         names = [name for name, _ in study.metric]
         columns, rows = result_columns(points, names, results)
@@ -196,6 +200,8 @@ class _Run:
 
         complete = all(result.status != "missing" for result in results)
         verdicts = [_judge(text, columns, rows, results) for text in study.require] if complete else []
+        numbers = {column.name: rows[:, i] for i, column in enumerate(columns) if not column.labels}
+        kept = keeper.keep(numbers, results, study.jobs, self.reporter) if complete else KeptFiles()
         statuses = {status: sum(r.status == status for r in results) for status in STATUSES}
         result = StudyResult(
             path=str(self.folder),
@@ -208,12 +214,15 @@ class _Run:
             files=[*map(str, files), str(self.folder / MANIFEST)],
             wall=time.perf_counter() - self.start,
             names=points.names,
+            kept=kept,
         )
         study.write_manifest(dataclasses.asdict(result))
         failed = [verdict.message for verdict in verdicts if not verdict.passed]
         error = FailedAssertionError(failed) if failed else None
         if error is None and any(r.status != "ok" for r in results):
             error = FailedPointsError(result.statuses)
+        if error is None and kept.failures:
+            error = LostFilesError(kept.failures)
         if error:
             error.results = [result]
             raise error

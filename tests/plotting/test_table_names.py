@@ -1,5 +1,8 @@
 """Tables are called by what differs in their names."""
 
+import json
+from pathlib import Path
+
 import pytest
 
 from mjrun.plotting.table_names import table_names
@@ -21,3 +24,14 @@ from mjrun.plotting.table_names import table_names
 )
 def test_names_are_short_and_tell_tables_apart(paths: list[str], names: list[str]) -> None:
     assert table_names(paths) == names
+
+
+def test_files_of_points_are_called_by_the_values_in_which_they_differ(tmp_path: Path) -> None:
+    paths = []
+    for index, step in enumerate(["0.01", "0.02"]):
+        folder = tmp_path / f"{index:06}"
+        folder.mkdir()
+        (folder / "point.json").write_text(json.dumps({"values": {"opt.timestep": step, "seed": "1"}}))
+        paths.append(str(folder / "trace.parquet"))
+    assert table_names(paths) == ["timestep 0.01", "timestep 0.02"]
+    assert table_names([*paths, "other/trace.parquet"])[2] == "other"

@@ -1,0 +1,147 @@
+"""Files of single points of a study: traces, recordings and videos of those that options choose."""
+
+import os
+from collections.abc import Iterator, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, field
+from dataclasses import replace as replaced
+
+import numpy as np
+
+from mjrun.errors import clean, concerning
+from mjrun.formats.codecs import encoding
+from mjrun.formats.point_manifest import values_in_words
+from mjrun.job.perform import preview
+from mjrun.options.keep import KeepOptions
+from mjrun.options.kinds import AUTO
+from mjrun.reporter import Reporter, WarningReporter
+from mjrun.study.contact_sheet import MOST, SheetCell, write_contact_sheet
+from mjrun.study.point_choice import PointChoice
+from mjrun.study.point_files import FOLDER, NAMES, PointOutputs, keep_options, make_isolated, up_to
+from mjrun.study.prepared import PreparedStudy
+from mjrun.study.simulate import PointResult
+
+
+@dataclass(frozen=True)
+class KeptFiles:
+    """What is kept of points.
+
+    Attributes:
+      points: of which files are kept, by their numbers.
+      made: how many of them had files that were missing.
+      files: all that are there.
+      failures: of points whose files could not be made, why.
+    """
+
+    points: Sequence[int] = ()
+    made: int = 0
+    files: Sequence[str] = ()
+    failures: Mapping[int, str] = field(default_factory=dict[int, str])
+
+
+class PointKeeper:
+    """Makes the files of points, checked before there are any results.
+
+    Raises:
+      UsageError: a name that is not there, or a value that cannot be.
+    """
+
+    def __init__(self, options: KeepOptions, prepared: PreparedStudy) -> None:
+        self._options, self._prepared = keep_options(options), prepared
+        metrics = [name for name, _ in prepared.spec.metrics]
+        self._choice = PointChoice(options, prepared.points.names, metrics)
+        kinds = {*options.keep, *(["video"] if options.contact_sheet is not None else [])}
+        self.kinds = tuple(kind for kind in NAMES if kind in kinds)
+        if options.contact_sheet is not None:
+            with concerning("contact_sheet"):
+                encoding(options.contact_sheet).check_fps(options.fps)
+        if self.kinds:
+            first = self._outputs(0, PointResult(0, "ok", (), 0))
+            preview(replaced(first, simulation=prepared.first).jobs(self.kinds), WarningReporter())
+
+    def keep(
+        self, columns: Mapping[str, np.ndarray], results: Sequence[PointResult], jobs: int | str, reporter: Reporter
+    ) -> KeptFiles:
+        """Makes what is missing of the files of the points that are chosen.
+
+        Args:
+          columns: what varies and metrics, as numbers `(n,)`.
+          jobs: processes at a time.
+        """
+        if not self.kinds:
+            return KeptFiles()
+        able = np.array([_can_be_seen(result) for result in results])
+        if lost := int((~able).sum()):
+            reporter.note(f"{lost} point{'s' * (lost > 1)} without a single step, or that cost the process: no files")
+        chosen = self._choice.points(columns, [result.status for result in results], able)
+        outputs = {index: self._outputs(index, results[index]) for index in chosen}
+        missing = [index for index, each in outputs.items() if each.missing()]
+        failures: dict[int, str] = {}
+        for done, (index, message) in enumerate(_made({i: outputs[i] for i in missing}, jobs), 1):
+            if message:
+                failures[index] = clean(message)
+            reporter.progress(f"files of points{f', {len(failures)} failed' if failures else ''}", done, len(missing))
+        sheet = self._contact_sheet([i for i in chosen if i not in failures], outputs, results, reporter)
+        paths = [each.folder / NAMES[kind] for each in outputs.values() for kind in self.kinds]
+        return KeptFiles(chosen, len(missing), [*(str(path) for path in paths if path.is_file()), *sheet], failures)
+
+    def _contact_sheet(
+        self,
+        points: Sequence[int],
+        outputs: Mapping[int, PointOutputs],
+        results: Sequence[PointResult],
+        reporter: Reporter,
+    ) -> list[str]:
+        """The video of all videos, if it is asked for."""
+        path, options = self._options.contact_sheet, self._options
+        if path is None:
+            return []
+        if not points:
+            reporter.warn(f"{clean(path)} is not made: no point has a video")
+            return []
+        if len(points) > MOST:
+            reporter.note(f"{clean(path)} shows {MOST} of {len(points)} points, evenly chosen")
+            points = [points[i] for i in np.linspace(0, len(points) - 1, MOST).round().astype(int)]
+        reporter.note(f"{clean(path)}: points {', '.join(map(str, points))}")
+        names = self._prepared.points.names
+        cells = [
+            SheetCell(
+                outputs[index].folder / NAMES["video"],
+                "\n".join(values_in_words(dict(zip(names, self._prepared.points.points[index], strict=True)))),
+                f"unstable at step {results[index].steps}" if results[index].status == "unstable" else "",
+            )
+            for index in points
+        ]
+        return [str(file) for file in write_contact_sheet(path, cells, options.fps, options.speed)]
+
+    def _outputs(self, index: int, result: PointResult) -> PointOutputs:
+        prepared, values = self._prepared, self._prepared.points.points[index]
+        simulation = prepared.spec.simulation(values)
+        if result.status == "unstable":
+            simulation = up_to(simulation, result.steps - 1)
+        metrics = {name: value for (name, _), value in zip(prepared.spec.metrics, result.metrics, strict=False)}
+        facts = {
+            "point": index,
+            "values": dict(zip(prepared.points.names, values, strict=True)),
+            "status": result.status,
+            "steps": result.steps,
+            "metrics": {name: value if np.isfinite(value) else None for name, value in metrics.items()},
+        }
+        folder = prepared.folder / FOLDER / f"{index:06}"
+        key, every = prepared.keys[index], prepared.spec.every
+        return PointOutputs(folder, simulation, key, self.kinds, self._options, every, facts)
+
+
+def _can_be_seen(result: PointResult) -> bool:
+    """Whether a point can be simulated once more without losing the process, for a step at least."""
+    return result.status == "ok" or (result.status == "unstable" and result.steps > 1)
+
+
+def _made(outputs: Mapping[int, PointOutputs], jobs: int | str) -> Iterator[tuple[int, str]]:
+    """Why the files of each point could not be made, or nothing, in their order."""
+    with ThreadPoolExecutor(_cores() if jobs == AUTO else int(jobs)) as pool:
+        yield from zip(outputs, pool.map(make_isolated, outputs.values()), strict=True)
+
+
+def _cores() -> int:
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1

@@ -1,0 +1,161 @@
+"""The files that are kept of a point, each made by the ordinary job of its kind, in a process of their own."""
+
+import contextlib
+import hashlib
+import json
+import os
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from multiprocessing.connection import Connection, Pipe
+from pathlib import Path
+
+from mjrun.child_process import ChildProcess, limit_this_process, python_call
+from mjrun.errors import MjrunError
+from mjrun.formats.atomic_output import OutputWriter, StagedFile
+from mjrun.formats.point_manifest import NAME, read_point
+from mjrun.job.manifest import plain
+from mjrun.job.simulation import Simulation
+from mjrun.job.task import Job, OutputResult
+from mjrun.options.keep import KeepOptions
+from mjrun.options.option import options_of
+
+FOLDER = "points"
+NAMES = {"trace": "trace.parquet", "recording": "recording.npz", "video": "video.mp4"}
+
+
+@dataclass(frozen=True)
+class PointOutputs:
+    """What is kept of a point: a picklable value.
+
+    Attributes:
+      folder: of the point.
+      simulation: of the point; up to the last good step where it became unstable.
+      key: of the point, and of all that decides its results.
+      kinds: of the files, as `NAMES` has them.
+      options: of the files.
+      every: steps from one row of a trace to the next.
+      facts: what else the manifest says.
+    """
+
+    folder: Path
+    simulation: Simulation
+    key: str
+    kinds: tuple[str, ...]
+    options: KeepOptions
+    every: int
+    facts: Mapping[str, object]
+
+    def jobs(self, kinds: Sequence[str]) -> list[Job[OutputResult]]:
+        """The jobs that make files of some kinds."""
+        return [self._job(kind, str(self.folder / NAMES[kind])) for kind in kinds]
+
+    def missing(self) -> list[str]:
+        """The kinds whose files are not there, or of another simulation or other options."""
+        known = read_point(self.folder)
+        same = known.get("key") == self.key
+        files = known.get("files") if same else {}
+        files = files if isinstance(files, dict) else {}
+        return [
+            kind
+            for kind in self.kinds
+            if files.get(NAMES[kind]) != self._digest(kind) or not (self.folder / NAMES[kind]).is_file()
+        ]
+
+    def make(self) -> None:
+        """Makes the files that are missing, and the manifest; what an older simulation has left is removed.
+
+        Raises:
+          MjrunError: one could not be made; none of them is there then, unless it was before.
+        """
+        from mjrun.job.perform import perform
+
+        kinds, known = self.missing(), read_point(self.folder)
+        files = known.get("files") if known.get("key") == self.key else None
+        files = dict(files) if isinstance(files, dict) else {}
+        if kinds:
+            self.folder.mkdir(parents=True, exist_ok=True)
+            perform(self.jobs(kinds))
+        files |= {NAMES[kind]: self._digest(kind) for kind in kinds}
+        for name in NAMES.values():
+            if name not in files:
+                (self.folder / name).unlink(missing_ok=True)
+        document = {"key": self.key, **self.facts, "files": files}
+        with OutputWriter(StagedFile(self.folder / NAME)) as output:
+            output.write_file(f"{json.dumps(document, indent=2)}\n".encode())
+            output.publish()
+
+    def _job(self, kind: str, path: str) -> Job[OutputResult]:
+        options = self.options
+        match kind:
+            case "trace":
+                from mjrun.job.trace import Trace
+
+                return Trace(self.simulation, path, probe=options.probe, every=self.every)
+            case "recording":
+                from mjrun.job.recording import Recording
+
+                return Recording(self.simulation, path)
+            case _:
+                from mjrun.job.video import Video
+
+                return Video(
+                    self.simulation,
+                    path,
+                    camera=options.camera,
+                    size=options.size,
+                    quality=options.quality,
+                    fps=options.fps,
+                    speed=options.speed,
+                    jobs=1,
+                )
+
+    def _digest(self, kind: str) -> str:
+        """What decides the content of a file, besides the simulation."""
+        job = plain(self._job(kind, NAMES[kind]))
+        assert isinstance(job, dict)
+        del job["simulation"]
+        return hashlib.sha256(json.dumps(job, sort_keys=True).encode()).hexdigest()[:16]
+
+
+def make_isolated(outputs: PointOutputs) -> str:
+    """Makes the files of a point in a process of its own, and returns why it failed: nothing if it did not."""
+    ours, theirs = Pipe()
+    with contextlib.closing(ours):
+        with contextlib.closing(theirs):
+            child = ChildProcess(
+                python_call("mjrun.study.point_files:main"), descriptors=[theirs.fileno()], stderr="capture"
+            )
+        with child:
+            try:
+                ours.send(outputs)
+                return ours.recv()
+            except (EOFError, OSError):
+                words = f": {child.last_words}" if child.last_words else ""
+                return f"the process that simulated it {child.wait()}{words}"
+
+
+def main(connection: str) -> None:
+    """Makes what the other end of this descriptor sends, and answers why it failed."""
+    os.dup2(2, 1)  # MuJoCo's plugins print
+    limit_this_process(core=0)
+    with contextlib.suppress(EOFError, ConnectionError), Connection(int(connection)) as parent:
+        outputs: PointOutputs = parent.recv()
+        message = ""
+        try:
+            outputs.make()
+        except MjrunError as error:
+            message = str(error)
+        except Exception as error:
+            message = f"{type(error).__name__}: {error}"
+        parent.send(message)
+
+
+def up_to(simulation: Simulation, steps: int) -> Simulation:
+    """The same simulation, which ends after so many steps."""
+    return replace(simulation, steps=steps, duration=None)
+
+
+def keep_options(options: KeepOptions) -> KeepOptions:
+    """These options alone, of whatever class they are part of."""
+    values = {each.attribute: getattr(options, each.attribute) for each in options_of(KeepOptions)}
+    return KeepOptions(**values)

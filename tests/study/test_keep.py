@@ -1,0 +1,87 @@
+"""Files of the points of a study."""
+
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from mjrun.errors import FailedPointsError, LostFilesError, UnknownNameError
+from mjrun.formats.video_reader import read_video
+from mjrun.job.simulation import Simulation
+from mjrun.job.trace import Trace
+from mjrun.study.study import Study
+from tests.study.models import BALL
+
+
+@pytest.fixture
+def study(tmp_path: Path) -> dict[str, object]:
+    (tmp_path / "ball.xml").write_text(BALL)
+    return {
+        "simulation": Simulation(str(tmp_path / "ball.xml"), steps=60),
+        "output": str(tmp_path / "study"),
+        "vary": {"qpos/ball/z": "0.2..0.5:4"},
+        "metric": {"low": "min(qpos/ball/z)"},
+        "jobs": 1,
+    }
+
+
+def test_traces_of_chosen_points_are_those_of_their_simulations(study: dict[str, object], tmp_path: Path) -> None:
+    kept = Study(**study, keep=("trace",), keep_where=("z > 0.25",), keep_lowest=("2:low",), probe=("qpos",)).run().kept  # type: ignore[arg-type]
+    lows = pd.read_parquet(tmp_path / "study" / "results.parquet")
+    expected = lows[lows["qpos/ball/z"] > 0.25].nsmallest(2, "low")
+    assert list(kept.points) == sorted(expected.index)
+    for index, row in expected.iterrows():
+        alone = Simulation(str(tmp_path / "ball.xml"), steps=60, qpos={"ball/z": row["qpos/ball/z"]})
+        Trace(alone, str(tmp_path / "alone.parquet"), probe=("qpos",)).run()
+        trace = pd.read_parquet(tmp_path / "study" / "points" / f"{index:06}" / "trace.parquet")
+        pd.testing.assert_frame_equal(trace, pd.read_parquet(tmp_path / "alone.parquet"), check_exact=True)
+
+
+def test_what_is_kept_is_made_once(study: dict[str, object]) -> None:
+    runs = [Study(**study, keep=("recording",)).run().kept.made for _ in range(2)]  # type: ignore[arg-type]
+    assert runs == [4, 0]
+
+
+def test_an_unstable_point_is_kept_up_to_its_last_good_step(study: dict[str, object], tmp_path: Path) -> None:
+    study["vary"] = {"opt.gravity[2]": "-9.81,9e9"}
+    study["simulation"] = Simulation(str(tmp_path / "ball.xml"), steps=60, timestep="0.05")
+    with pytest.raises(FailedPointsError) as failure:
+        Study(**study, keep=("trace",), keep_where=("unstable",), probe=("qpos",)).run()  # type: ignore[arg-type]
+    (result,) = failure.value.results
+    rows = pd.read_parquet(tmp_path / "study" / "results.parquet")
+    assert list(result.kept.points) == [1]
+    for index in result.kept.points:
+        trace = pd.read_parquet(tmp_path / "study" / "points" / f"{index:06}" / "trace.parquet")
+        assert len(trace) == rows["steps"][index]
+        assert np.isfinite(trace.to_numpy()).all()
+
+
+def test_names_are_checked_before_the_first_point(study: dict[str, object]) -> None:
+    for options in ({"probe": ("nothing",)}, {"keep_where": ("nothing > 1",)}, {"keep_lowest": ("1:nothing",)}):
+        with pytest.raises(UnknownNameError):
+            Study(**study, keep=("trace",), **options).run()  # type: ignore[arg-type]
+    assert not Path(str(study["output"])).exists()
+
+
+def test_a_file_that_cannot_be_made_is_told_and_costs_nothing_else(study: dict[str, object], tmp_path: Path) -> None:
+    (tmp_path / "study" / "points").mkdir(parents=True)
+    (tmp_path / "study" / "points" / "000002").write_text("in the way")
+    with pytest.raises(LostFilesError, match="files of point 2") as failure:
+        Study(**study, keep=("trace",)).run()  # type: ignore[arg-type]
+    assert failure.value.exit_code == 8
+    assert len(failure.value.results[0].kept.files) == 3
+
+
+@pytest.mark.gl
+@pytest.mark.filterwarnings("ignore::mjrun.errors.MjrunWarning")
+def test_a_contact_sheet_shows_the_frames_of_the_videos(study: dict[str, object], tmp_path: Path) -> None:
+    study["simulation"] = Simulation(str(tmp_path / "ball.xml"), duration="0.2")
+    sheet = str(tmp_path / "sheet.mkv")
+    kept = Study(**study, contact_sheet=sheet, size=(160, 120), fps=10, quality="draft").run().kept  # type: ignore[arg-type]
+    assert sheet in kept.files
+    frames = read_video(sheet).frames
+    assert frames.shape == (2, 244, 324, 3)
+    single = read_video(tmp_path / "study" / "points" / "000003" / "video.mp4").frames
+    middle = np.s_[40:90, 40:110]
+    np.testing.assert_allclose(frames[:, 124:, 164:][:, *middle], single[:, *middle], atol=12)
