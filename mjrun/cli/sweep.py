@@ -138,7 +138,7 @@ def _write_plan(console: Console, study: "Study", path: str) -> None:
     made = plan(study)
     write_plan(path, made)
     points, chunks = sum(map(len, made.chunks)), len(made.chunks)
-    console.result(f"{clean(path)}: {points:,} points in {chunks:,} chunk{'' if chunks == 1 else 's'}")
+    _tell(console, f"{clean(path)}: {points:,} points in {chunks:,} chunk{'' if chunks == 1 else 's'}")
 
 
 def _simulate_task(console: Console, command_line: CommandLine, task: int, tasks: int) -> None:
@@ -155,7 +155,13 @@ def _simulate_task(console: Console, command_line: CommandLine, task: int, tasks
         f"{result.simulated:,} points simulated{f' ({counts})' if counts else ''}",
         *([f"{known:,} known already"] if known else []),
     ]
-    console.result(f"{clean(result.path)}: {', '.join(facts)}; {result.wall:.1f} s")
+    _tell(console, f"{clean(result.path)}: {', '.join(facts)}; {result.wall:.1f} s")
+
+
+def _tell(console: Console, text: str) -> None:
+    """The answer, unless only errors are asked for."""
+    if console.verbosity >= 0:
+        console.result(text)
 
 
 def _require_said_there(command_line: CommandLine, document: str) -> None:
@@ -191,8 +197,8 @@ def _show_result(
         if as_csv:
             console.say(report)
             console.result(Path(result.path, FILES[1]).read_text("utf-8").rstrip("\n"))
-        elif console.verbosity >= 0:
-            console.result(report)
+        else:
+            _tell(console, report)
 
     as_csv = command_line.make(StudyCommandOptions).csv
     as_json = command_line.make(MessageOptions).json

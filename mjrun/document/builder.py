@@ -86,14 +86,11 @@ def _entry_path(tree: MappingNode, place: Place, path: Place, declared: type[Opt
     each = next((each for each in document_options(declared) if path and each.name == path[0]), None)
     if each is None:
         return path
-    entries = find(tree, (*place, each.key))
+    kind, entries = each.kind, find(tree, (*place, each.key))
     match path:
-        case (_, int() as index, *rest) if isinstance(entries, ListNode):
-            if isinstance(each.kind, Several) and each.kind.commas:
-                parse = each.kind.parse
-                counts = [len(cast("tuple[object, ...]", parse(str(plain(entry))))) for entry in entries.items]
-                owners = [i for i, count in enumerate(counts) for _ in range(count)]
-                return (each.key, owners[index], *rest)
+        case (_, int() as index, *rest) if isinstance(entries, ListNode) and isinstance(kind, Several) and kind.commas:
+            counts = [len(cast("tuple[object, ...]", kind.parse(str(plain(entry))))) for entry in entries.items]
+            owners = [i for i, count in enumerate(counts) for _ in range(count)]
+            return (each.key, owners[index], *rest)
         case _:
-            pass
-    return (each.key, *path[1:])
+            return (each.key, *path[1:])

@@ -1,5 +1,6 @@
 """From declared options to the models of run documents, and from what a document holds to the options' values."""
 
+import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
@@ -244,10 +245,15 @@ FIELD_TYPES: dict[type[AnyKind], object] = {
 
 @dataclass(frozen=True)
 class Folders:
-    """Where relative paths lead: inputs from the folder of the document, outputs into that of all outputs."""
+    """Where relative paths lead: inputs from the folder of the document, outputs into that of all outputs.
+
+    Attributes:
+      lexical: whether `a/../b` is `b`, whatever links there are, so that a path made relative becomes what it was.
+    """
 
     inputs: Path
     outputs: OutputFolder
+    lexical: bool = False
 
     def model(self, text: str) -> str:
         """A model, as it is from here; sources that are no files stand as they are."""
@@ -255,7 +261,8 @@ class Folders:
 
     def input(self, path: str) -> str:
         """An input, as it is from here."""
-        return path if self.inputs == Path() else str(self.inputs / path)
+        joined = path if self.inputs == Path() else str(self.inputs / path)
+        return os.path.normpath(joined) if self.lexical else joined
 
 
 def option_value(each: Option, value: object, folders: Folders) -> object:

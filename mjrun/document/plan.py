@@ -63,7 +63,7 @@ def portable_document(study: Study, folder: Path) -> Mapped:
     document = study_document(replace(study, output="study"))
     if document["model"] == "-":
         raise UsageError("a model from standard input is gone when its study is read again; give a file")
-    folders = Folders(Path(os.path.relpath(Path.cwd(), folder)), OutputFolder(folder))
+    folders = Folders(Path(os.path.relpath(Path.cwd(), folder)), OutputFolder(folder), lexical=True)
     ways = {"model": folders.model, **dict.fromkeys(FILES, folders.input), "map": _map_way(folders)}
     moved = {key: _moved(value, ways[key]) if key in ways else value for key, value in document.items()}
     if isinstance(vary := moved.get("vary"), dict):
@@ -179,6 +179,6 @@ def _study(path: str, value: object, folder: Path, given: Mapping[str, object]) 
     except ValidationError as error:
         raise document_error(validation_faults(error, tree)) from None
     assert isinstance(tree, MappingNode)
-    builder = DocumentBuilder(tree, Folders(folder, OutputFolder(Path())), declared_at)
+    builder = DocumentBuilder(tree, Folders(folder, OutputFolder(Path()), lexical=True), declared_at)
     simulation = builder.simulation(document, ControllerOptions())
     return made_study(builder, simulation, {**builder.values(Study, document, ()), **given})

@@ -44,11 +44,10 @@ def _mapping_text(mapping: Mapping[str, object]) -> str:
     if set(mapping) - {LOG} == SPAN and isinstance(mapping.get(LOG, False), bool):
         first, last, count = (setting_text(mapping[key]) for key in ("from", "to", "count"))
         return f"{'log:' if mapping.get(LOG) else ''}{first}..{last}:{count}"
-    match [*mapping.items()]:
-        case [(name, list() | tuple() as arguments)] if name in DISTRIBUTIONS:
-            return f"{name}({', '.join(map(setting_text, cast('Sequence[object]', arguments)))})"
-        case _:
-            raise ExpectedError(EXPECTED)
+    name, arguments = next(iter(mapping.items()), ("", None))
+    if len(mapping) == 1 and name in DISTRIBUTIONS and isinstance(arguments, list | tuple):
+        return f"{name}({', '.join(map(setting_text, cast('Sequence[object]', arguments)))})"
+    raise ExpectedError(EXPECTED)
 
 
 def with_paths(text: str, convert: Callable[[str], str]) -> str:

@@ -3,6 +3,10 @@
 from __future__ import annotations
 
 import json
+import os
+import subprocess
+import sys
+import time
 from concurrent.futures import ThreadPoolExecutor
 from typing import TYPE_CHECKING
 
@@ -115,6 +119,34 @@ def test_four_shells_make_the_table_of_one(mjrun: Command, ball: str) -> None:
         expected = f"study: task {number} of 4: 2 chunks, 2 points simulated (2 ok); "
         assert (done.returncode, done.stdout.decode()[: len(expected)]) == (0, expected)
     assert mjrun("sweep", "study", "--collect", "-q").returncode == 0
+    alone, study = (mjrun.folder / name / "results.parquet" for name in ("alone", "study"))
+    assert study.read_bytes() == alone.read_bytes()
+
+
+def test_a_task_that_was_killed_is_run_again(mjrun: Command, ball: str) -> None:
+    options = (
+        ball,
+        "--steps",
+        "200",
+        "--vary",
+        "perturb=uniform(0,1)",
+        "--samples",
+        "40",
+        *METRIC,
+        "--chunk",
+        "1",
+        "-q",
+    )
+    assert mjrun("sweep", *options, "-o", "alone").returncode == 0
+    assert mjrun("sweep", *options, "-o", "study", "--plan", "plan.jsonl").returncode == 0
+    command = [sys.executable, "-m", "mjrun", "sweep", "plan.jsonl", "--task", "1/1", "--jobs", "1"]
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}
+    with subprocess.Popen(command, cwd=mjrun.folder, env=environment, stdout=subprocess.DEVNULL) as task:
+        while not [*mjrun.folder.glob("study/parts/*.parquet")]:
+            time.sleep(0.01)
+        task.kill()
+    assert mjrun("sweep", "plan.jsonl", "--task", "1/1", "-q").returncode == 0
+    assert mjrun("sweep", "plan.jsonl", "--collect", "-q").returncode == 0
     alone, study = (mjrun.folder / name / "results.parquet" for name in ("alone", "study"))
     assert study.read_bytes() == alone.read_bytes()
 

@@ -53,8 +53,7 @@ def test_a_plan_elsewhere_leads_to_the_same_files(
     again = read_plan("../plans/plan.jsonl")
     assert again
     assert Path(again.study.output).resolve() == folder / "study"
-    assert Path(str(again.study.simulation.model)).resolve() == folder / "ball.xml"
-    assert dict(again.study.vary)["model"].endswith("ball.xml")
+    assert (again.study.simulation.model, dict(again.study.vary)["model"]) == ("../ball.xml", "../ball.xml")
     assert plan(again.study).identity == made.identity
 
 
@@ -97,7 +96,7 @@ def test_a_folder_knows_its_study(made: StudyPlan) -> None:
     study = replace(made.study, document=portable_document(made.study, Path("study")))
     study.write_manifest({})
     again = read_folder("study", {"chunk": 2})
-    assert replace(again, simulation=study.simulation, vary=study.vary) == replace(study, document=None)
+    assert again == replace(study, document=None)
     Path("study/study.json").write_text("{}")
     with pytest.raises(FileError, match="it does not say what the study is"):
         read_folder("study")
