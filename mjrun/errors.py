@@ -80,7 +80,7 @@ def _beginnings(one: str, other: str) -> tuple[str, str]:
 
 def listing(names: Sequence[str]) -> str:
     """`names` as a comma-separated list, cut after `LISTED`."""
-    shown = ", ".join(clean(n) for n in names[:LISTED])
+    shown = ", ".join(clean(n) or "''" for n in names[:LISTED])
     return shown + (f", … ({len(names)} in all)" if len(names) > LISTED else "")
 
 
@@ -397,6 +397,10 @@ class FileError(MjrunError):
 
     def __init__(self, path: Path | str, reason: str, hint: str = "") -> None:
         super().__init__(f"{clean(str(path))}: {reason}" + (f"\n{hint}" if hint else ""))
+
+
+class CellError(FileError):
+    """A cell of a table is not a number, which only matters in a column that is read."""
 
 
 # --- 8: partly done --------------------------------------------------------------------------------

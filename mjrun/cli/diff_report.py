@@ -41,7 +41,7 @@ def text(result: "DiffResult", *, every: bool = False) -> str:
     else:
         page.lines("differences", [("", sentence) for sentence in result.differences])
     if result.notes:
-        page.lines("what may be the reason", [("", note) for note in result.notes])
+        page.lines("possible reasons", [("", note) for note in result.notes])
     return f"{verdict(result)}\n\n{page.text()}"
 
 

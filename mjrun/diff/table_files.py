@@ -8,7 +8,7 @@ from mjrun.diff.origins import origin_notes
 from mjrun.diff.result import TableDifference
 from mjrun.diff.tables import compare_rows
 from mjrun.diff.tolerances import Tolerance, Tolerances, matches, require_matches
-from mjrun.errors import UsageError, clean, listing, option
+from mjrun.errors import CellError, UsageError, clean, listing, option
 from mjrun.formats.table_reader import STDIN, TableReader, open_table
 from mjrun.options.diff import TableDiffOptions
 
@@ -43,7 +43,11 @@ def compare_tables(a: str, b: str, options: TableDiffOptions) -> tuple[TableDiff
         tolerances.require([*columns, *([key] if key else [])])
         chosen_a, chosen_b = ([name for name in names if _is_chosen(name, options)] for names in (names_a, names_b))
         skip = partial(reader_a.skip_equal_rows, reader_b)
-        table = compare_rows(reader_a, reader_b, columns, key, tolerances, chosen_a, chosen_b, skip)
+        try:
+            table = compare_rows(reader_a, reader_b, columns, key, tolerances, chosen_a, chosen_b, skip)
+        except CellError as error:
+            error.add_note(f"{option('columns')} chooses columns; others may hold anything")
+            raise
         return table, origin_notes(reader_a.manifest, reader_b.manifest)
 
 

@@ -69,7 +69,7 @@ class TableReader:
 
         Raises:
           FileError: the file is not complete, columns differ in length, or a cell is not a number; the message says
-            at which line or row, counted from 1.
+            at which line, counted from 1, or row, counted from 0.
         """
         while True:
             with self._failing():
@@ -172,7 +172,7 @@ def read_table(
 
     Raises:
       FileError: there is no such file, it is not complete, two of the columns have the same name or differ in
-        length, or a cell is not a number; the message says at which line or row, counted from 1.
+        length, or a cell is not a number; the message says at which line, counted from 1, or row, counted from 0.
       UnknownNameError: no format has this suffix, or a column that is named is missing.
       UsageError: the format can be written, but not read.
       MissingExtraError: the library of the format is not installed.

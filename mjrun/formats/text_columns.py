@@ -8,7 +8,7 @@ from typing import Any, BinaryIO
 import numpy as np
 import orjson
 
-from mjrun.errors import FileError
+from mjrun.errors import CellError, FileError
 from mjrun.formats.column_checks import shown
 from mjrun.model.column import Column
 
@@ -149,7 +149,7 @@ def number_blocks(
       convert: turns cells into float64, or raises ValueError.
 
     Raises:
-      FileError: a cell is not a number; the message says on which line.
+      CellError: a cell is not a number; the message says on which line.
     """
     while chunk := list(itertools.islice(rows, ROWS)):
         columns = np.empty((len(keys), len(chunk)))
@@ -159,7 +159,7 @@ def number_blocks(
         except ValueError:
             cells = ((line, name, row[key]) for line, row in chunk for name, key in keys.items())
             line, name, cell = next(cell for cell in cells if not is_number(cell[2], convert))
-            raise FileError(f"{path}:{line}", f"column {shown(name)}: {_described(cell)} is not a number") from None
+            raise CellError(f"{path}:{line}", f"column {shown(name)}: {_described(cell)} is not a number") from None
         yield columns.T
 
 

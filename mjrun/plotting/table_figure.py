@@ -3,7 +3,7 @@
 from collections.abc import Collection, Sequence
 from contextlib import ExitStack
 
-from mjrun.errors import FileError, UsageError, listing, option
+from mjrun.errors import CellError, FileError, UsageError, listing, option
 from mjrun.formats.table_reader import STDIN, TableReader, open_table
 from mjrun.options.plot import FigureOptions
 from mjrun.plotting.column_units import with_units
@@ -68,7 +68,7 @@ class TableFigure:
                     collector.feed(columns)
                     if summary:
                         summary.feed(columns)
-            except FileError as error:
+            except CellError as error:
                 error.add_note(f"{option('y')} chooses columns; others may hold anything")
                 raise
             if not collector.rows:

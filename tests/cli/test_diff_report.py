@@ -32,7 +32,7 @@ def test_many_columns_are_cut_unless_all_are_asked_for() -> None:
     assert len(shown) < 45
     assert "… 16 more: --verbose lists them" in text(many)
     assert "and 37 more columns agree" in shown
-    assert [line.strip() for line in shown[-2:]] == ["what may be the reason", "MuJoCo is 4 and 5"]
+    assert [line.strip() for line in shown[-2:]] == ["possible reasons", "MuJoCo is 4 and 5"]
     assert "first difference  row 1, time 0.5 s: x0" in text(many)
     assert "x39" in text(many, every=True)
     assert len(list(annotations(many))) == 10

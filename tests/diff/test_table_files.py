@@ -13,8 +13,9 @@ from hypothesis import strategies as st
 
 from mjrun.diff import alignment
 from mjrun.diff.result import TableDifference
+from mjrun.diff.sentences import table_sentences
 from mjrun.diff.table_files import compare_tables
-from mjrun.errors import FileError, UnknownNameError, UsageError
+from mjrun.errors import CellError, FileError, UnknownNameError, UsageError
 from mjrun.formats import text_columns
 from mjrun.formats.table_writer import TableWriter
 from mjrun.formats.tables import csv as csv_format
@@ -157,6 +158,17 @@ def test_columns_of_text_may_be_there_if_they_are_not_compared(tmp_path: Path) -
         (tmp_path / name).write_text("time,note,x\n0,begin,1\n1,end,2\n")
     pair = str(tmp_path / "a.csv"), str(tmp_path / "b.csv")
     assert differing(compare(*pair, TableDiffOptions(columns="x"))) == []
+    with pytest.raises(CellError) as refused:
+        compare(*pair, TableDiffOptions())
+    assert refused.value.spelled(str).endswith("columns chooses columns; others may hold anything")
+
+
+def test_a_column_without_a_name_is_told(tmp_path: Path) -> None:
+    frame = pd.DataFrame({"time": [0.0, 1], "x": [1, 2]})
+    frame.to_csv(tmp_path / "a.csv", index=False)
+    frame.to_csv(tmp_path / "b.csv")  # with an index, as pandas does
+    table = compare(str(tmp_path / "a.csv"), str(tmp_path / "b.csv"), TableDiffOptions())
+    assert table_sentences(table, "A", "B") == ["1 column is in B only: ''"]
 
 
 def test_what_made_the_tables_is_compared_too(tmp_path: Path) -> None:

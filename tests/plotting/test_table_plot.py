@@ -79,6 +79,9 @@ def test_columns_that_are_not_shown_may_hold_anything(tmp_path: Path) -> None:
         TablePlot([path], tmp_path / "b.png").run()
     assert refused.value.spelled(str).endswith("y chooses columns; others may hold anything")
     assert not (tmp_path / "b.png").exists()
+    path.write_text("time,v\n0,1\n1\n")
+    with pytest.raises(FileError, match=r"expected 2 cells, as in the header, got 1$"):
+        TablePlot([path], tmp_path / "b.png").run()
 
 
 @pytest.mark.parametrize(
