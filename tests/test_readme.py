@@ -19,7 +19,7 @@ SHELL = re.findall(r"```sh\n(.*?)```", README, re.DOTALL)
 PYTHON = re.findall(r"```python\n(.*?)```", README, re.DOTALL)
 COMMANDS = [line for block in SHELL for line in block.replace("\\\n", " ").splitlines() if line.strip()]
 DRAWN = [line for line in COMMANDS if line.startswith(("mjrun video", "mjrun image")) or " mjrun video" in line]
-PLOTS = [line for line in COMMANDS if "mjrun plot" in line]
+PLOTS = [line for line in COMMANDS if "mjrun plot" in line and " slides" not in line]  # a study is run first
 TABLES = [line for line in COMMANDS if line.startswith(("mjrun trace", "for ")) and line not in (*DRAWN, *PLOTS)]
 IMAGE, SHORT = "--size 64x48 --quality draft", "--duration 0.1"
 SMALL = f"{IMAGE} {SHORT} --fps 20"
@@ -143,7 +143,7 @@ def test_a_comparison_of_the_readme_has_a_verdict(command: str, shell: dict[str,
 def test_studies_of_the_readme_make_their_tables(commands: str, shell: dict[str, str], tmp_path: Path) -> None:
     done = subprocess.run(["sh", "-ec", commands], cwd=tmp_path, env=shell, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
-    for folder in re.findall(r" -o (\w+)", commands):
+    for folder in re.findall(r" -o (\w+)(?![\w.])", commands):
         assert (tmp_path / folder / "results.parquet").exists()
 
 

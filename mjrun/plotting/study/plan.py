@@ -120,6 +120,9 @@ class StudyPlan:
             return self._over(x)
         if len(main) == 1:
             return self._over(main[0])
+        numbers = [each for each in main if not each.categories or len(each.levels) > LINES]
+        if len(main) == 2 and len(numbers) == 1 and _is_grid(*main):
+            return self._over(numbers[0])  # a curve for each text
         if len(main) == 2 and _is_grid(*main):
             return self._heat_maps(*main)
         listed = [each for each in main if each.is_listed]
