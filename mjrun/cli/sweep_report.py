@@ -32,6 +32,8 @@ def study_report(result: "StudyResult", simulation: "Simulation") -> str:
     if result.assertions:
         verdicts = [("holds" if verdict.passed else "FAILS", clean(verdict.message)) for verdict in result.assertions]
         page.lines("required", verdicts)
+    if result.kept.points:
+        page.note(_kept(result))
     counts = ", ".join(f"{count:,} {status}" for status, count in result.statuses.items())
     before = result.points - result.simulated - result.statuses.get("missing", 0)
     known = f", {before:,} of them known before" if before else ""
@@ -79,6 +81,13 @@ def span_of_time(seconds: float) -> str:
         if seconds >= least:
             return f"{seconds / size:.2g} {unit}" if seconds / size < 100 else f"{seconds / size:.0f} {unit}"
     return f"{seconds * 1e6:.2g} us" if seconds else "0 s"
+
+
+def _kept(result: "StudyResult") -> str:
+    """How many points have files of their own, and how many of these were made now."""
+    count, made = len(result.kept.points), result.kept.made
+    known = "" if made == count else f", {count - made:,} of them known before"
+    return f"{clean(result.path)}/points: files of {count:,} point{'' if count == 1 else 's'}{known}"
 
 
 def _metrics(result: "StudyResult") -> list[Column]:
