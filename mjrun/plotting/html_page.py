@@ -141,8 +141,10 @@ def inline_svg(svg: str, label: str) -> str:
     svg = re.sub(r'\sid="([^"]*)"', lambda found: f' id="{label}-{found[1]}"' if found[1] in used else "", svg)
     svg = re.sub(r'(href="|url\()#', rf"\1#{label}-", svg)
     opening, rest = svg.split(">", 1)
+    drawn = re.search(r'\swidth="([\d.]+(?:pt|px)?)"', opening)
+    style = f' style="--drawn: {drawn[1]}"' if drawn else ""  # how wide its letters have their size
     opening = re.sub(r'\s(width|height|version|role)="[^"]*"', "", opening)
-    return f'{opening} role="img" aria-labelledby="{label}">{rest}'
+    return f'{opening}{style} role="img" aria-labelledby="{label}">{rest}'
 
 
 def _gallery(files: Sequence[PageFile]) -> Iterator[Markup]:

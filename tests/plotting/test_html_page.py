@@ -136,7 +136,7 @@ def test_what_there_is_none_of_has_no_section() -> None:
 
 def test_a_figure_is_as_wide_as_there_is_room_and_has_no_metadata() -> None:
     svg = inline_svg(SVG, "plot-0")
-    assert svg.startswith('<svg viewBox="0 0 8 4" role="img" aria-labelledby="plot-0"><defs>')
+    assert svg.startswith('<svg viewBox="0 0 8 4" style="--drawn: 8pt" role="img" aria-labelledby="plot-0"><defs>')
     assert '<path id="plot-0-p"' in svg
     assert '<use href="#plot-0-p"' in svg
 
