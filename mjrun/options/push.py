@@ -12,7 +12,10 @@ from mjrun.timeline import rational
 
 Force = tuple[float, float, float]
 KEYS = ("body", "site", "force", "at", "duration")
-EXPECTED = "BODY=FX/FY/FZ@T+DURATION: a force [N], when it begins and how long it lasts [s], as in torso=0/100/0@1+0.2"
+EXPECTED = (
+    "BODY=FX/FY/FZ@T+DURATION: a force [N], when it begins, 0 or later, and how long it lasts [s], "
+    "as in torso=0/100/0@1+0.2"
+)
 # Exponents have signs of their own, and exact times may be fractions: 1e-3, 1/3.
 _TIME = r"[0-9.]+(?:[eE][-+]?[0-9]+|/[0-9]+)?"
 _PUSH = re.compile(rf"(?P<target>.+)=(?P<force>[^=@]+)@(?P<at>{_TIME})\+(?P<duration>{_TIME})", re.DOTALL)

@@ -315,5 +315,5 @@ class Parser:
         for name in self.vocabulary.names:
             start = self.text.find(name, max(0, self.token.start - len(name)))
             if not is_bare(name) and 0 <= start <= self.token.start < start + len(name):
-                return self.source.fault(start, f"column {quoted(name)} without quotes", clean(spelled(name)))
+                return self.source.fault(start, f"the column {clean(name)} without quotes", clean(spelled(name)))
         return None

@@ -113,7 +113,8 @@ def _find(model: mujoco.MjModel, target: str) -> tuple[int, int | None]:
     else:
         movable = [site for site, body in zip(sites, model.site_bodyid, strict=True) if body != WORLD]
         named = [*bodies[1:], *movable]
-        raise UnknownNameError("object", target, list(dict.fromkeys(named)), plural="bodies and sites")
+        valid = list(dict.fromkeys(named))
+        raise UnknownNameError("body or site", target, valid, option("push"), plural="bodies and sites")
     body = int(model.site_bodyid[index]) if kind == "site" else index
     if body == WORLD:
         what = f"the site {clean(target)} is fixed to the world" if kind == "site" else "the world is not a body"

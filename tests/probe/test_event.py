@@ -293,7 +293,7 @@ WRONG = [
     ("speed(box,) > 1", 11, "')'", "the name of an object"),
     ("speed(q[0]) > 1", 8, "'['", CLOSED),
     ("speed('box) > 1", 7, "a quote that is not closed", "another '"),
-    ("speed/q[0] > 1", 1, "column 'speed/q[0]' without quotes", "'speed/q[0]'"),
+    ("speed/q[0] > 1", 1, "the column speed/q[0] without quotes", "'speed/q[0]'"),
     ("1 < speed(box, ball)", 5, "speed of 2 objects", "speed of one"),
     ("contact(ball)", 1, "contact of one object", "contact of two"),
     ("contact(ball, box, floor)", 1, "contact of 3 objects", "contact of two"),

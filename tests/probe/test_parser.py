@@ -71,7 +71,7 @@ WRONG = [
     ("2 ^ not x < 1", 5, "'not'", f"{OPERAND} or '('"),
     ("and x < 1", 1, "'and'", f"{OPERAND}, '(' or 'not'"),
     ("x < 1 or", 9, "the end", f"{OPERAND}, '(' or 'not'"),
-    ("q[0] < 1", 1, "column 'q[0]' without quotes", "'q[0]'"),
+    ("q[0] < 1", 1, "the column q[0] without quotes", "'q[0]'"),
     (
         "(x < 1 and max(y) < 1) or x > 2",
         1,
