@@ -19,7 +19,7 @@ class RedirectedController:
     """A function whose prints go to standard error, as standard output carries the payload; so do its `reset`'s."""
 
     def __init__(self, function: Callable[..., object]) -> None:
-        self._function = function
+        self._function = self.__wrapped__ = function
         self.__qualname__ = getattr(function, "__qualname__", type(function).__qualname__)
         with contextlib.suppress(ValueError):
             self.__signature__ = inspect.signature(function)
@@ -64,10 +64,13 @@ def _load(place: str, name: str) -> object:
 
 
 def _file(path: Path) -> ModuleType:
+    known = sys.modules.get(path.stem)
+    if known and getattr(known, "__file__", None) == str(path.resolve()):
+        return known  # or what it defines could not be pickled
     if not path.is_file():
         raise FileError(path, "there is no such file" if not path.exists() else "is not a file", FORM)
     sys.path.insert(0, str(path.parent.resolve()))  # as `python FILE.py` does
-    spec = importlib.util.spec_from_file_location(path.stem, path)
+    spec = importlib.util.spec_from_file_location(path.stem, path.resolve())
     assert spec
     assert spec.loader
     module = importlib.util.module_from_spec(spec)

@@ -16,7 +16,15 @@ from mjrun.errors import MjrunError, UsageError, clean, option
 from mjrun.options.kinds import Settings, Values
 from mjrun.options.messages import MessageOptions
 from mjrun.options.simulation import ControllerOptions, SimulationOptions
-from mjrun.options.sweep import ExecutionOptions, StudyCommandOptions, StudyOptions
+from mjrun.options.sweep import (
+    DOCUMENTS,
+    MANIFEST,
+    PLANS,
+    ExecutionOptions,
+    StudyCommandOptions,
+    StudyOptions,
+    VariationOptions,
+)
 
 if TYPE_CHECKING:
     from mjrun.study.plan import StudyPlan
@@ -78,35 +86,44 @@ def sweep(console: Console, command_line: CommandLine) -> None:
 
 def _study(console: Console, command_line: CommandLine) -> "tuple[Study, Located]":
     """The study of a command line, or of the file that it names; and what locates its errors there."""
-    from mjrun.document.plan import is_plan, is_study_folder, read_folder
-    from mjrun.document.study import is_document, read_study
+    from mjrun.sim.parameter_grid import scan_values
     from mjrun.study.study import Study
 
     model, assignments = command_line.argument("model"), command_line.arguments("assignments")
-    if is_document(model):
+    if Path(model).suffix.lower() in DOCUMENTS:
+        from mjrun.document.study import read_study
+
         given = _given(command_line, model)
         code = command_line.with_converted("controller", load_controller).make(ControllerOptions)
         request = read_study(model, assignments, given=given, code=code, command=console.command)
         return request.study, request.located
     if assignments:
         raise UsageError(f"{clean(assignments[0])}: {clean(model)} is no document whose values could be changed")
-    if is_plan(model):
+    if _is_plan(model):
         if not command_line.make(StudyCommandOptions).collect:
             raise UsageError(f"{clean(model)} is a plan: give {option('task')} I/N, or {option('collect')}")
         return replace(_plan(command_line).study, command=console.command), nullcontext
-    if is_study_folder(model):
+    if (Path(model) / MANIFEST).is_file():
+        from mjrun.document.plan import read_folder
+
         return replace(read_folder(model, _given(command_line, model)), command=console.command), nullcontext
     if command_line.value("output") is None:
         command_line = command_line.with_defaults(output=f"{stem(command_line)}_study")
-    study = command_line.make(Study, simulation=simulation(command_line), command=console.command)
-    return study, nullcontext
+    varied = [text for path, text in command_line.make(VariationOptions).vary if path == "controller"]
+    code = {name: load_controller(name) for text in varied for name in scan_values("controller", text, "vary")}
+    facts = {"simulation": simulation(command_line), "command": console.command, "controllers": code}
+    return command_line.make(Study, **facts), nullcontext
+
+
+def _is_plan(path: str) -> bool:
+    return Path(path).suffix.lower() in PLANS
 
 
 def _plan(command_line: CommandLine) -> "StudyPlan":
-    from mjrun.document.plan import is_plan, read_plan
+    from mjrun.document.plan import read_plan
 
     path = command_line.argument("model")
-    if not is_plan(path):
+    if not _is_plan(path):
         raise UsageError(f"{option('task')}: {clean(path)} is no plan (.jsonl); {option('plan')} FILE writes one")
     plan = read_plan(path, _given(command_line, path))
     if plan is None:

@@ -22,12 +22,12 @@ from mjrun.errors import FileError, UsageError, clean
 from mjrun.formats.atomic_output import OutputWriter, StagedFile
 from mjrun.formats.input_file import opened
 from mjrun.options.simulation import ControllerOptions
+from mjrun.options.sweep import MANIFEST, PLANS
 from mjrun.options.variations import with_paths
 from mjrun.study.plan import SCHEMA, StudyPlan
 from mjrun.study.simulate import StudyPoint
-from mjrun.study.study import MANIFEST, Study
+from mjrun.study.study import Study
 
-SUFFIXES = (".jsonl",)
 FILES = ("ctrl_from", "replay", "points")
 LARGEST = 2**26  # bytes of a line
 
@@ -42,16 +42,6 @@ class PlanLine(DocumentModel):
     names: list[Name]
     points: list[int]
     values: list[list[str]]
-
-
-def is_plan(path: str) -> bool:
-    """Whether what stands where a model stands is a plan."""
-    return Path(path).suffix.lower() in SUFFIXES
-
-
-def is_study_folder(path: str) -> bool:
-    """Whether what stands where a model stands is the folder of a study."""
-    return (Path(path) / MANIFEST).is_file()
 
 
 def portable_document(study: Study, folder: Path) -> Mapped:
@@ -114,7 +104,7 @@ def read_plan(path: str, given: Mapping[str, object] | None = None) -> StudyPlan
       DocumentError: it is no plan.
       FileError: it cannot be read.
     """
-    with opened(Path(path), "plan", SUFFIXES) as file:
+    with opened(Path(path), "plan", PLANS) as file:
         lines = [_line(path, number, text) for number, text in enumerate(file, 1) if text.strip()]
     if not lines:
         return None

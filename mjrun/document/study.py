@@ -23,7 +23,7 @@ from mjrun.document.builder import NAMED, DocumentBuilder, fault_at
 from mjrun.document.document_model import Name
 from mjrun.document.option_models import Folders, OptionsModel, option_keys, options_model
 from mjrun.document.output_folder import OutputFolder
-from mjrun.document.reader import SUFFIXES, document_error, read_placed
+from mjrun.document.reader import document_error, read_placed
 from mjrun.document.tree import MappingNode
 from mjrun.document.tree import Path as Place
 from mjrun.errors import DocumentError, UsageError
@@ -76,11 +76,6 @@ class StudyRequest:
 
 class _AllOptions(Study, SimulationOptions):
     """The options of a study document."""
-
-
-def is_document(path: str) -> bool:
-    """Whether what stands where a model stands is a document."""
-    return Path(path).suffix.lower() in SUFFIXES
 
 
 def read_study(

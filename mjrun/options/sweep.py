@@ -30,6 +30,8 @@ EXTRAS = {
     "dask": ("distributed", "mjrun sweep on Dask"),
     "slurm": ("submitit", "mjrun sweep on Slurm"),
 }
+DOCUMENTS, PLANS = (".yaml", ".yml"), (".jsonl",)  # suffixes of files that stand where a model stands
+MANIFEST = "study.json"  # of the folder of a study
 DESIGNS = ("grid", "zip")
 STOPPING = ("dry_run", "print_document", "plan", "task", "collect")  # instead of a run
 SAMPLERS = ("sobol", "lhs", "random")
@@ -61,7 +63,8 @@ class VariationOptions(Options):
         default=(),
         help="What varies, and over which values: geom/floor.friction[0]=0.3,0.6,1, opt.timestep=log:1e-4..1e-2:5, "
         "seed=1..40:40, qpos/hip=-1..1:21, scale:body/torso.mass=uniform(.8,1.2). Any path of --set, each:PATH for "
-        "the objects that match a wildcard one by one, or an option of the simulation.",
+        "the objects that match a wildcard one by one, or an option of the simulation, such as "
+        "controller=a.py:act,b.py:act.",
     )
     points: str | None = option(
         converter=Optional(File()),

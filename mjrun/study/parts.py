@@ -6,6 +6,7 @@ changed and continued, by any number of processes at once.
 
 import contextlib
 import hashlib
+import inspect
 import json
 import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -51,6 +52,8 @@ def study_identity(spec: StudySpec, model: mujoco.MjModel) -> dict[str, object]:
         "numpy": np.__version__,
         "model": model_fingerprint(model),
         "files": [_file_hash(path) for _, path in spec.base.inputs],
+        "code": _code_hash(spec.base.controller),
+        "controllers": {text: _code_hash(controller) for text, controller in spec.controllers},
         "simulation": {**simulation, "overrides": plain(spec.base.source.overrides)},
         "metrics": dict(spec.metrics),
         "every": spec.every,
@@ -70,6 +73,17 @@ def point_keys(identity: Mapping[str, object], names: Sequence[str], points: Ite
         digest.update(json.dumps(sorted(zip(names, values, strict=True))).encode())
         keys.append(digest.hexdigest()[:32])
     return keys
+
+
+def _code_hash(controller: object) -> str:
+    """The hash of the file that a controller is written in; empty where there is none."""
+    function = inspect.unwrap(controller) if callable(controller) else None
+    owner = function if inspect.isroutine(function) or function is None else type(function)
+    try:
+        file = inspect.getsourcefile(owner) if owner else None
+    except TypeError:  # it is not written in Python
+        file = None
+    return _file_hash(Path(file)) if file else ""
 
 
 def _file_hash(path: Path) -> str:

@@ -6,7 +6,7 @@ alone.
 
 import math
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -52,6 +52,7 @@ class StudySpec:
       metrics: the name and the text of each.
       every: steps from one row that metrics look at to the next.
       engine: what steps: `c`, or `warp`, in single precision.
+      controllers: where the controller varies, what each of its values stands for.
     """
 
     base: Simulation
@@ -59,6 +60,7 @@ class StudySpec:
     metrics: tuple[tuple[str, str], ...]
     every: int = 1
     engine: Literal["c", "warp"] = "c"
+    controllers: tuple[tuple[str, Callable[..., object]], ...] = ()
 
     def varying(self, names: tuple[str, ...]) -> "StudySpec":
         """The same, with what varies."""
@@ -66,7 +68,7 @@ class StudySpec:
 
     def simulation(self, values: tuple[str, ...]) -> Simulation:
         """The simulation of the point with these values."""
-        return simulation_at(self.base, self.names, values)
+        return simulation_at(self.base, self.names, values, dict(self.controllers))
 
 
 @dataclass(frozen=True)

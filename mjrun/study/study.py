@@ -4,7 +4,7 @@ import dataclasses
 import json
 import math
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -16,7 +16,7 @@ from mjrun.formats.atomic_output import OutputWriter, StagedFile
 from mjrun.job.simulation import Simulation
 from mjrun.model.column import Column
 from mjrun.options.option import options
-from mjrun.options.sweep import ExecutionOptions, StudyOptions
+from mjrun.options.sweep import MANIFEST, ExecutionOptions, StudyOptions
 from mjrun.probe.assertion import Verdict, parse
 from mjrun.reporter import Reporter, WarningReporter
 from mjrun.study.design import Design
@@ -29,7 +29,6 @@ from mjrun.study.simulate import PointResult, StudySpec
 from mjrun.version import __version__
 
 SCHEMA = "mjrun-sweep-1"
-MANIFEST = "study.json"
 QUANTILES = (0, 0.05, 0.25, 0.5, 0.75, 0.95, 1)
 
 
@@ -39,17 +38,20 @@ class Study(StudyOptions, ExecutionOptions):
 
     Args:
       command: the command line, for the manifest.
+      controllers: where the controller varies, what each of its values stands for.
       document: the study as a document holds it, for the manifest; paths are relative to the folder of the study.
     """
 
     simulation: Simulation = field(kw_only=False)
     command: str = ""
+    controllers: Mapping[str, Callable[..., object]] = field(default_factory=dict[str, Callable[..., object]])
     document: Mapping[str, object] | None = None
 
     @property
     def spec(self) -> StudySpec:
         """What its points have in common, but for what varies."""
-        return StudySpec(self.simulation, (), self.metric, self.every, "warp" if self.engine == WARP else "c")
+        engine = "warp" if self.engine == WARP else "c"
+        return StudySpec(self.simulation, (), self.metric, self.every, engine, tuple(self.controllers.items()))
 
     def run(self, reporter: Reporter | None = None) -> "StudyResult":
         """Simulates what is not known yet, and writes the table of all points.

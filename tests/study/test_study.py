@@ -180,3 +180,46 @@ def test_a_study_that_is_killed_is_continued_to_the_same_table(simulation: Simul
         left.unlink()
     assert table(killed) == table(undisturbed)
     assert np.isfinite(pd.read_parquet(killed / "results.parquet")["low"]).all()
+
+
+CODE = """
+def push(model, data):
+    data.qfrc_applied[2] = 5
+
+class Count:
+    def __init__(self):
+        self.calls = 0
+
+    def reset(self, model, data):
+        self.calls = 0
+
+    def __call__(self, model, data):
+        self.calls += 1
+        data.qfrc_applied[2] = self.calls
+"""
+
+
+def test_controllers_vary_and_their_code_is_part_of_what_a_point_is(tmp_path: Path) -> None:
+    (tmp_path / "ball.xml").write_text(BALL)
+    (tmp_path / "code.py").write_text(CODE)
+    command = [sys.executable, "-m", "mjrun", "sweep", "ball.xml", "--steps", "40", "--json"]
+    command += ["--vary", "controller=code.py:push,code.py:Count", "--repeats", "2", "--metric", "z=last(qpos/ball/z)"]
+
+    def simulated() -> int:
+        done = subprocess.run(command, cwd=tmp_path, check=True, capture_output=True)
+        return json.loads(done.stdout)["simulated"]
+
+    assert (simulated(), simulated()) == (4, 0)
+    rows = pd.read_csv(tmp_path / "ball_study" / "results.csv")
+    for index, name in ((0, "push"), (2, "Count")):
+        trace = [sys.executable, "-m", "mjrun", "trace", "ball.xml", "--steps", "40", "-o", "alone.csv"]
+        subprocess.run([*trace, "--controller", f"code.py:{name}"], cwd=tmp_path, check=True, capture_output=True)
+        alone = pd.read_csv(tmp_path / "alone.csv")["qpos/ball/z"].tolist()[-1]
+        assert rows["z"].tolist()[index : index + 2] == [alone] * 2
+    (tmp_path / "code.py").write_text(CODE.replace("= 5", "= 6"))
+    assert simulated() == 4
+
+
+def test_a_document_may_not_vary_code(simulation: Simulation, tmp_path: Path) -> None:
+    with pytest.raises(UsageError, match="only the command line and Python may name code"):
+        study(simulation, tmp_path / "study", vary={"controller": "os:getcwd"}).run()
