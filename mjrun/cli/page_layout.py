@@ -56,6 +56,11 @@ class PageLayout:
         width = min(self._terminal.width, READABLE)
         self._print(Padding(table, (0, 0, 0, INDENT)), width)
 
+    def verbatim(self, title: str, lines: Iterable[str]) -> None:
+        """Lines under a title as they are, however long: a command that was folded could not be copied."""
+        self._title(title, "")
+        self._text += "".join(f"{' ' * INDENT}{line}\n" for line in lines)
+
     def note(self, text: str) -> None:
         """A line on its own."""
         self._print(Text(""))

@@ -12,7 +12,7 @@ from mjrun.cli.click_command import CommandLine, command
 from mjrun.cli.console import Console
 from mjrun.cli.controller_loader import load_controller
 from mjrun.cli.simulation_command import failures_in_json, import_mujoco, simulation, stem
-from mjrun.errors import MjrunError, UsageError, clean, option
+from mjrun.errors import FileError, MjrunError, UsageError, clean, option
 from mjrun.options.kinds import Settings, Values
 from mjrun.options.messages import MessageOptions
 from mjrun.options.simulation import ControllerOptions, SimulationOptions
@@ -107,6 +107,8 @@ def _study(console: Console, command_line: CommandLine) -> "tuple[Study, Located
         from mjrun.document.plan import read_folder
 
         return replace(read_folder(model, _given(command_line, model)), command=console.command), nullcontext
+    if Path(model).is_dir() and not any(Path(model).glob("*.xml")):
+        raise FileError(model, "has no study.json", "a study is a folder that mjrun sweep has written")
     if command_line.value("output") is None:
         command_line = command_line.with_defaults(output=f"{stem(command_line)}_study")
     varied = [text for path, text in command_line.make(VariationOptions).vary if path == "controller"]

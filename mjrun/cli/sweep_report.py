@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from mjrun.study.study import StudyResult
 
 SHOWN = 10  # reasons of failures
+FEW = 4  # values of a point that are shown
 HEADINGS = ("min", "5 %", "25 %", "median", "75 %", "95 %", "max")
 MAPPINGS = ("qpos", "qvel", "ctrl")
 
@@ -26,9 +27,14 @@ def study_report(result: "StudyResult", simulation: "Simulation") -> str:
     page = PageLayout()
     if result.metrics:
         page.table("metrics", _metrics(result), len(result.metrics))
+        extremes = _extremes(result)
+        if extremes:
+            page.table("extremes", extremes, 2 * len(result.metrics))
     if result.failures:
         hint = f"{result.path}/results.csv has all"
-        page.table("failures", _failures(result, simulation), len(result.failures), SHOWN, hint)
+        page.table("failures", _failures(result), len(result.failures), SHOWN, hint)
+        shown = result.failures[:SHOWN]
+        page.verbatim("to see the first of each", [point_command(simulation, failure.values) for failure in shown])
     if result.assertions:
         verdicts = [("holds" if verdict.passed else "FAILS", clean(verdict.message)) for verdict in result.assertions]
         page.lines("required", verdicts)
@@ -37,7 +43,8 @@ def study_report(result: "StudyResult", simulation: "Simulation") -> str:
     counts = ", ".join(f"{count:,} {status}" for status, count in result.statuses.items())
     before = result.points - result.simulated - result.statuses.get("missing", 0)
     known = f", {before:,} of them known before" if before else ""
-    page.note(f"{clean(result.path)}: {result.points:,} points ({counts}){known}; {result.wall:.1f} s")
+    points = f"{result.points:,} point{'' if result.points == 1 else 's'}"
+    page.note(f"{clean(result.path)}: {points} ({counts}){known}; {result.wall:.1f} s")
     return page.text()
 
 
@@ -99,25 +106,56 @@ def _metrics(result: "StudyResult") -> list[Column]:
     ]
     columns += [
         Column("mean", [number(summary.mean) for summary in summaries], right=True),
-        Column("lowest at", [_point(summary.lowest) for summary in summaries], right=True, extra=True),
-        Column("highest at", [_point(summary.highest) for summary in summaries], right=True, extra=True),
     ]
     if any(summary.count < result.points for summary in summaries):
         columns.insert(1, Column("points", [str(summary.count) for summary in summaries], right=True))
     return columns
 
 
-def _point(index: int | None) -> str:
-    return "" if index is None else f"point {index}"
+def _extremes(result: "StudyResult") -> list[Column]:
+    """The points with the lowest and highest values of each metric, and what varied there; nothing of a constant."""
+    rows = [
+        (name, word, number(value), str(point), _where(values))
+        for name, summary in result.metrics.items()
+        if summary.quantiles[0] != summary.quantiles[-1]
+        for word, value, point, values in (
+            ("lowest", summary.quantiles[0], summary.lowest, summary.lowest_values),
+            ("highest", summary.quantiles[-1], summary.highest, summary.highest_values),
+        )
+        if point is not None
+    ]
+    if not rows:
+        return []
+    names, words, values, points, where = (list(cells) for cells in zip(*rows, strict=True))
+    return [
+        Column("metric", names),
+        Column("", words),
+        Column("value", values, right=True),
+        Column("point", points, right=True),
+        Column("where", where),
+    ]
 
 
-def _failures(result: "StudyResult", simulation: "Simulation") -> list[Column]:
+def _where(values: Mapping[str, str]) -> str:
+    """The values of a point, the first few of them, in a few digits."""
+    texts = [f"{name}={_short(text)}" for name, text in values.items()]
+    more = [f"… {len(texts) - FEW} more"] if len(texts) > FEW else []
+    return clean(", ".join([*texts[:FEW], *more]))
+
+
+def _short(text: str) -> str:
+    try:
+        return number(float(text))
+    except ValueError:
+        return text
+
+
+def _failures(result: "StudyResult") -> list[Column]:
     failures = result.failures
     return [
         Column("points", [str(failure.count) for failure in failures], right=True),
         Column("status", [failure.status for failure in failures]),
         Column("reason", [clean(spelled(failure.message, flag).partition("\n")[0]) for failure in failures]),
-        Column("to see the first", [point_command(simulation, failure.values) for failure in failures]),
     ]
 
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from mjrun.errors import FileError
+from mjrun.errors import FileError, clean
 from mjrun.formats.input_file import decoding
 
 if TYPE_CHECKING:
@@ -59,7 +59,10 @@ def read_study(folder: str | Path) -> StudyResults:
     path = folder / RESULTS
     input_format(path)  # its library is installed
     if not path.is_file():
-        raise FileError(folder, f"has no {RESULTS}", _HINT)
+        is_begun = (folder / "parts").is_dir()
+        collect = f"mjrun sweep {clean(str(folder))} --collect"
+        unfinished = f"the study is not finished: `{collect}` makes a table of what there is"
+        raise FileError(folder, f"has no {RESULTS}", unfinished if is_begun else _HINT)
     import pyarrow.parquet
 
     with decoding(path, "cannot be read as results of a study"):

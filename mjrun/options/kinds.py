@@ -405,6 +405,11 @@ class Settings(Kind[Mapping[str, object] | Sequence[tuple[str, object]], tuple[t
     """Texts by path: `opt.gravity=0,0,10`. Later ones count where a path stands twice."""
 
     metavar = "PATH=VALUE"
+    example = "opt.gravity=0,0,10"
+
+    def __init__(self, metavar: str = "", example: str = "") -> None:
+        super().__init__(metavar)
+        self.example = example or self.example
 
     def __call__(self, value: Mapping[str, object] | Sequence[tuple[str, object]]) -> tuple[tuple[str, str], ...]:
         pairs = value.items() if isinstance(value, Mapping) else value
@@ -418,7 +423,7 @@ class Settings(Kind[Mapping[str, object] | Sequence[tuple[str, object]], tuple[t
         """One path and its text."""
         path, equals, setting = text.partition("=")
         if not (equals and path and setting):
-            raise ExpectedError("PATH=VALUE, as in opt.gravity=0,0,10")
+            raise ExpectedError(f"{self.metavar}, as in {self.example}")
         return path, setting
 
     def plain(self, value: tuple[tuple[str, str], ...]) -> dict[str, str]:
@@ -466,6 +471,8 @@ class ColumnMap(Kind[str | PathLike[str] | Mapping[str, object] | Sequence[str],
 
 class ScanValues(Settings):
     """The values that settings take, in one text each: separated by commas, or semicolons where values have commas."""
+
+    example = "opt.timestep=.001,.002"
 
     def text(self, setting: object) -> str:
         if isinstance(setting, str):

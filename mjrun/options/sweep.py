@@ -108,7 +108,7 @@ class StudyOptions(KeepOptions, VariationOptions):
         help="The folder of the study, which a second run continues.",
     )
     metric: tuple[tuple[str, str], ...] = option(
-        converter=Settings("NAME=EXPR"),
+        converter=Settings("NAME=EXPR", "drift=max(abs(energy/drift))"),
         default=(),
         plural="metrics",
         help="A number of each simulation: drift=max(abs(energy/drift)), fell=first(time, xpos/torso/z < 0.8). "

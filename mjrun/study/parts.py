@@ -112,6 +112,7 @@ class PartFiles:
 
     def __init__(self, folder: Path, metrics: Sequence[str]) -> None:
         self._folder, self._metrics = folder / FOLDER, tuple(metrics)
+        self.damaged: list[Path] = []  # of those that were read
 
     def create(self) -> None:
         """Makes the folder, if it is not there yet.
@@ -139,20 +140,25 @@ class PartFiles:
     def read(self) -> dict[str, PointResult]:
         """The results that are there, by the key of their points; where there are several of one, a good one.
 
-        A result's `index` means nothing yet. Files that are not parts of this study are passed over.
+        A result's `index` means nothing yet. Files that are not parts of this study are passed over, and so are
+        `damaged` ones, such as a power cut leaves: their points are simulated once more.
 
         Raises:
-          FileError: a part is damaged.
+          FileError: a part may not be read.
         """
         import pyarrow
         import pyarrow.parquet
 
+        self.damaged = []
         results: dict[str, PointResult] = {}
         for path in sorted(self._folder.glob(f"*{SUFFIX}")):
             try:
                 rows = pyarrow.parquet.ParquetFile(path).read().to_pylist()  # read_table imports pandas
-            except (OSError, pyarrow.ArrowException) as error:
-                raise FileError(path, f"cannot be read as a part of a study: {error}", "remove it") from None
+            except PermissionError as error:
+                raise FileError(path, f"cannot be read: {error.strerror}") from None
+            except (OSError, pyarrow.ArrowException):
+                self.damaged.append(path)
+                continue
             for row in rows:
                 result = self._result(row)
                 if result and (row["key"] not in results or results[row["key"]].status not in ("ok", "unstable")):

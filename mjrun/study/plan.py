@@ -88,6 +88,7 @@ def run_task(plan: StudyPlan, task: int, tasks: int, reporter: Reporter) -> Task
     if points:
         prepared = _prepared(plan, points)
         prepared.files.create()
+        prepared.warn_of_damaged(reporter)
         execution = replace(study, chunk=study.chunk or max(map(len, chunks)))
         missing = prepared.missing(study.retry_failed)
         for results in prepared.simulate(prepared.chunks(missing, execution), execution):

@@ -10,13 +10,14 @@ from pathlib import Path
 
 import mujoco
 
-from mjrun.errors import UsageError, concerning, option
+from mjrun.errors import UsageError, clean, concerning, option
 from mjrun.job.simulation import Simulation
 from mjrun.options.sweep import ExecutionOptions, StudyOptions
 from mjrun.probe.assertion import parse
 from mjrun.probe.available import AvailableProbes
 from mjrun.probe.metric import parse_metric
 from mjrun.probe.scanner import Vocabulary
+from mjrun.reporter import Reporter
 from mjrun.study.design import Design, design
 from mjrun.study.executors import completed, open_executor, require_extra
 from mjrun.study.isolation import Chunk
@@ -75,6 +76,11 @@ class PreparedStudy:
         """The key of each point."""
         return point_keys(self.identity, self.points.names, self.points.points)
 
+    def warn_of_damaged(self, reporter: Reporter) -> None:
+        """Names the parts that cannot be read, whose points count as not simulated."""
+        for path in self.files.damaged:
+            reporter.warn(f"{clean(str(path))} is damaged: its points count as not simulated; it can be removed")
+
     def missing(self, retry_failed: bool = False) -> list[int]:
         """The points without a result, or with one that should be tried again."""
 
@@ -120,7 +126,8 @@ class PreparedStudy:
         for name, text in self.spec.metrics:
             with concerning("metric", name):
                 if not name.isidentifier() or name in (*self.points.names, *STATUSES, *TABLE_COLUMNS):
-                    raise UsageError(f"{option('metric')}: {name!r} cannot be the name of a metric")
+                    reason = "it takes letters, digits and _, and no other column may have it"
+                    raise UsageError(f"{option('metric')}: {name!r} cannot be the name of a metric: {reason}")
                 if names.count(name) > 1:
                     raise UsageError(f"{option('metric')}: {name} is given twice")
                 assert available

@@ -11,7 +11,7 @@ from pathlib import Path
 import mujoco
 import numpy as np
 
-from mjrun.errors import FailedAssertionError, FailedPointsError, FileError, LostFilesError
+from mjrun.errors import FailedAssertionError, FailedPointsError, FileError, LostFilesError, clean
 from mjrun.formats.atomic_output import OutputWriter, StagedFile
 from mjrun.job.simulation import Simulation
 from mjrun.model.column import Column
@@ -135,6 +135,7 @@ class MetricSummary:
       mean, std: over them.
       quantiles: 0, 5, 25, 50, 75, 95 and 100 % of the values, interpolated linearly.
       lowest, highest: the points with the extreme values; None without any.
+      lowest_values, highest_values: what varies, at these points.
     """
 
     count: int
@@ -143,6 +144,8 @@ class MetricSummary:
     quantiles: Sequence[float]
     lowest: int | None
     highest: int | None
+    lowest_values: Mapping[str, str] = field(default_factory=dict)
+    highest_values: Mapping[str, str] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -177,6 +180,9 @@ class _Run:
         prepared = PreparedStudy.of(study, study.spec)
         keeper = PointKeeper(study, prepared)
         prepared.files.create()
+        prepared.warn_of_damaged(self.reporter)
+        self._tell_what_changed()
+        study.write_manifest({"points": len(prepared.keys), "schema": SCHEMA})  # by which an interrupted one continues
         missing = prepared.missing(study.retry_failed)
         if len(missing) < len(prepared.keys):
             self.reporter.note(f"{len(prepared.keys) - len(missing)} of {len(prepared.keys)} points are known already")
@@ -187,10 +193,23 @@ class _Run:
                 self.reporter.progress(f"points{f', {failed} failed' if failed else ''}", done, len(missing))
         return self._conclude(prepared, keeper, len(missing))
 
+    def _tell_what_changed(self) -> None:
+        """Names the keys of the document that are not what they were in the last run."""
+        try:
+            before = json.loads((self.folder / MANIFEST).read_text("utf-8"))["study"]
+        except (OSError, ValueError, KeyError, TypeError):
+            return
+        now = json.loads(json.dumps(self.study.document, default=str))
+        if isinstance(before, dict) and isinstance(now, dict):
+            changed = [key for key in dict.fromkeys([*before, *now]) if before.get(key) != now.get(key)]
+            if changed:
+                self.reporter.note(f"changed since the last run: {clean(', '.join(changed))}")
+
     def collected(self) -> StudyResult:
         prepared = PreparedStudy.of(self.study, self.study.spec)
         if not prepared.files.exist():
             raise FileError(self.folder, "there are no results of a study")
+        prepared.warn_of_damaged(self.reporter)
         return self._conclude(prepared, PointKeeper(self.study, prepared), 0)
 
     def _conclude(self, prepared: PreparedStudy, keeper: PointKeeper, simulated: int) -> StudyResult:
@@ -210,7 +229,7 @@ class _Run:
             points=len(results),
             simulated=simulated,
             statuses={status: count for status, count in statuses.items() if count},
-            metrics={name: _summary([r.metrics[i] for r in results]) for i, name in enumerate(names)},
+            metrics={name: _summary(points, [r.metrics[i] for r in results]) for i, name in enumerate(names)},
             failures=_failures(points, results),
             assertions=verdicts,
             files=[*map(str, files), str(self.folder / MANIFEST)],
@@ -241,7 +260,7 @@ def _judge(text: str, columns: Sequence[Column], rows: np.ndarray, results: Sequ
     return checker.verdict()
 
 
-def _summary(values: Sequence[float]) -> MetricSummary:
+def _summary(points: Design, values: Sequence[float]) -> MetricSummary:
     numbers = np.array(values)
     having = np.flatnonzero(np.isfinite(numbers))
     if not len(having):
@@ -249,7 +268,12 @@ def _summary(values: Sequence[float]) -> MetricSummary:
     good = numbers[having]
     quantiles = np.quantile(good, QUANTILES).tolist()
     extremes = int(having[good.argmin()]), int(having[good.argmax()])
-    return MetricSummary(len(good), float(good.mean()), float(good.std()), quantiles, *extremes)
+    where = (_values(points, index) for index in extremes)
+    return MetricSummary(len(good), float(good.mean()), float(good.std()), quantiles, *extremes, *where)
+
+
+def _values(points: Design, index: int) -> dict[str, str]:
+    return dict(zip(points.names, points.points[index], strict=True))
 
 
 def _failures(points: Design, results: Sequence[PointResult]) -> list[PointFailure]:
@@ -266,7 +290,7 @@ def _failures(points: Design, results: Sequence[PointResult]) -> list[PointFailu
             results[found[0]].message,
             len(found),
             found[0],
-            dict(zip(points.names, points.points[found[0]], strict=True)),
+            _values(points, found[0]),
         )
         for (status, _), found in ordered
     ]

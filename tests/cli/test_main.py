@@ -62,6 +62,7 @@ def test_every_option_of_every_command_has_help(name: str) -> None:
         (["video", "swing.xml", "--timestep", "nan"], 2, "'nan' is not a positive number"),
         (["video", "swing.xml", "--qpos", "hinge"], 2, "'hinge' is not NAME=VALUE"),
         (["video", "swing.xml", "--qpos", "hinge=nan"], 2, "with finite numbers"),
+        (["sweep", "swing.xml", "--metric", "x="], 2, "'x=' is not NAME=EXPR, as in drift=max(abs(energy/drift))"),
         (["video", "swing.xml", "--set", "opt"], 2, "'opt' is not PATH=VALUE, as in opt.gravity=0,0,10"),
         (
             ["video", "swing.xml", "--geomgroup", "7"],

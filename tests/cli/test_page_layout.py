@@ -106,3 +106,9 @@ def test_whatever_the_columns_no_line_is_wider_than_the_terminal(
     written.table("title", [NAMED, *made], 2)
     lines = written.text().splitlines()
     assert all(cell_len(line) <= width for line in lines if "no room for" not in line)
+
+
+def test_verbatim_lines_are_never_folded(monkeypatch: pytest.MonkeyPatch) -> None:
+    written = page(monkeypatch, 40)
+    written.verbatim("title", ["word " * 30 + "end"])
+    assert written.text() == f"title\n  {'word ' * 30}end"

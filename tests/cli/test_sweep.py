@@ -33,6 +33,8 @@ def test_the_report_and_the_table_say_what_has_come_of_the_points(mjrun: Command
     text = done.stdout.decode()
     assert "median" in text
     assert "study: 5 points (5 ok)" in text
+    assert text.count("where") == 1
+    assert "qpos/ball/z=0.2" in text
     rows = pd.read_csv(mjrun.folder / "study" / "results.csv")
     assert rows["qpos/ball/z"].tolist() == [0.2, 0.4, 0.6, 0.8, 1]
 
@@ -47,13 +49,45 @@ def test_failures_are_told_by_reason_with_a_command_that_shows_them(mjrun: Comma
     done = mjrun("sweep", ball, *options, "-o", "study")
     assert done.returncode == 8
     assert done.stderr == b"mjrun: error: 1 unstable, of 2 points; the others are in the table\n"
-    line = next(line for line in done.stdout.decode().splitlines() if "unstable at step" in line)
-    alone = line[line.index("mjrun trace") :].split()
+    assert b"unstable at step" in done.stdout
+    line = next(line for line in done.stdout.decode().splitlines() if "mjrun trace" in line)
+    alone = line.split()
     assert mjrun(*alone[1:]).returncode == 4
 
     done = mjrun("sweep", ball, *options, "-o", "study", "--json")
     report = json.loads(done.stdout)
     assert (done.returncode, report["statuses"], report["error"]["exit_code"]) == (8, {"ok": 1, "unstable": 1}, 8)
+
+
+def test_a_study_that_was_interrupted_is_continued_by_its_folder(mjrun: Command, ball: str) -> None:
+    assert mjrun("sweep", ball, "--steps", "5", "--vary", "seed=1..8:8", *METRIC, "--chunk", "1").returncode == 0
+    folder = mjrun.folder / "ball_study"
+    for name in ("results.csv", "results.parquet"):
+        (folder / name).unlink()
+    parts = sorted((folder / "parts").iterdir())
+    parts[0].unlink()
+    parts[1].write_bytes(parts[1].read_bytes()[:99])
+
+    plot = mjrun("plot", "ball_study", "-o", "x.png")
+    assert b"mjrun sweep ball_study --collect" in plot.stderr
+    done = mjrun("sweep", "ball_study")
+    assert b"6 of 8 points are known" in done.stderr
+    assert f"{parts[1].name} is damaged" in done.stderr.decode()
+    assert done.returncode == 0
+    assert len(pd.read_csv(folder / "results.csv").dropna(subset="low")) == 8
+
+
+def test_a_study_that_changed_says_what_has(mjrun: Command, ball: str) -> None:
+    options = ("--vary", "seed=1,2", *METRIC)
+    assert b"changed" not in mjrun("sweep", ball, "--steps", "5", *options).stderr
+    assert b"changed" not in mjrun("sweep", ball, "--steps", "5", *options).stderr
+    assert b"changed since the last run: steps\n" in mjrun("sweep", ball, "--steps", "6", *options).stderr
+
+
+def test_a_folder_that_is_no_study_is_refused(mjrun: Command) -> None:
+    (mjrun.folder / "empty").mkdir()
+    refused = mjrun("sweep", "empty")
+    assert (refused.returncode, b"empty: has no study.json" in refused.stderr) == (7, True)
 
 
 def test_the_folder_is_called_by_the_model(mjrun: Command, ball: str) -> None:
@@ -77,7 +111,7 @@ def test_the_folder_is_called_by_the_model(mjrun: Command, ball: str) -> None:
             "cannot be made",
         ),
         (("-o", "study", "--require", "max(seed) <", "--vary", "seed=1"), 2, "--require, character"),
-        (("-o", "study", "--engine", "ray", "--vary", "seed=1"), 2, "engines: local, dask"),
+        (("-o", "study", "--engine", "ray", "--vary", "seed=1"), 2, "engines: local, "),
     ],
 )
 def test_mistakes_are_told_and_nothing_is_simulated(

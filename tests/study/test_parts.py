@@ -6,9 +6,7 @@ from pathlib import Path
 
 import pyarrow
 import pyarrow.parquet
-import pytest
 
-from mjrun.errors import FileError
 from mjrun.job.simulation import Simulation
 from mjrun.study.parts import PartFiles, point_keys, study_identity
 from mjrun.study.simulate import PointResult, StudySpec
@@ -40,14 +38,16 @@ def test_a_good_result_wins_over_a_failed_one(tmp_path: Path) -> None:
     assert files.read()["y"].status == "crashed"
 
 
-def test_a_damaged_part_is_told_and_other_files_are_passed_over(tmp_path: Path) -> None:
+def test_a_damaged_part_is_named_and_other_files_are_passed_over(tmp_path: Path) -> None:
     files = PartFiles(tmp_path, ["a", "b"])
     files.create()
     pyarrow.parquet.write_table(pyarrow.table({"x": [1]}), tmp_path / "parts" / "mine.parquet")
     assert files.read() == {}
+    files.write(["k"], RESULTS[:1], "host")
     (tmp_path / "parts" / "broken.parquet").write_text("x")
-    with pytest.raises(FileError, match="broken"):
-        files.read()
+    (tmp_path / "parts" / "empty.parquet").touch()
+    assert list(files.read()) == ["k"]
+    assert [path.name for path in files.damaged] == ["broken.parquet", "empty.parquet"]
 
 
 def identity(spec: StudySpec) -> dict[str, object]:
