@@ -11,7 +11,7 @@ from mjrun.probe.expression import BooleanExpression, ColumnReference, evaluate_
 from mjrun.probe.parser import Parser
 from mjrun.probe.scanner import SourceText, Vocabulary
 from mjrun.study.design import ParameterNames
-from mjrun.study.results import STATUSES
+from mjrun.study.results import STATUSES, with_flags
 
 _RANKED = re.compile(r"\s*([1-9]\d*)\s*:(.+)", re.DOTALL)
 
@@ -71,7 +71,7 @@ class PointChoice:
 
     def _condition(self, index: int, text: str, names: "PointNames") -> tuple[str, BooleanExpression]:
         with concerning("keep_where", index):
-            return text, Parser(SourceText(text, option("keep_where")), names, aggregates=False).truth()
+            return text, Parser(SourceText(with_flags(text), option("keep_where")), names, aggregates=False).truth()
 
 
 class PointNames(Vocabulary):

@@ -22,7 +22,7 @@ from mjrun.study.design import Design, design
 from mjrun.study.executors import completed, open_executor, require_extra
 from mjrun.study.isolation import Chunk
 from mjrun.study.parts import PartFiles, point_keys, study_identity
-from mjrun.study.results import STATUSES, TABLE_COLUMNS
+from mjrun.study.results import STATUSES, TABLE_COLUMNS, with_flags
 from mjrun.study.simulate import PointResult, StudyPoint, StudySpec
 
 CHUNK_STEPS = 50_000  # steps in a chunk: seconds, as a rule
@@ -134,7 +134,7 @@ class PreparedStudy:
                 parse_metric(text, available, f"{option('metric')} {name}")
         for index, text in enumerate(requirements):
             with concerning("require", index):
-                parse(text, RequirementNames([*self.points.names, *names]), "require")
+                parse(with_flags(text), RequirementNames([*self.points.names, *names]), "require")
         try:
             self.first.stepper(self.first.load())
         except UsageError as error:

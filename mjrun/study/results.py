@@ -1,5 +1,6 @@
 """The table of a study: a row for each point, in the order of the points, the same whatever simulated them."""
 
+import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
@@ -14,6 +15,7 @@ from mjrun.study.simulate import PointResult
 FILES = ("results.parquet", "results.csv")
 STATUSES = ("ok", "unstable", "failed", "timeout", "crashed", "missing")
 FRAME = 8_000  # bytes of a table without rows
+_COMPARED = re.compile(r"""\bstatus\s*(==|!=)\s*(["'])(\w+)\2""")
 TABLE_COLUMNS = ("point", "status", "steps", "exit_code", "message")  # besides what varies and the metrics
 
 
@@ -42,6 +44,21 @@ def result_columns(
     add(Column("exit_code", meaning="of this point alone"), np.array([result.exit_code for result in results], float))
     add(*_labelled("message", [result.message for result in results]))
     return columns, np.stack(values, axis=1)
+
+
+def with_flags(text: str) -> str:
+    """An expression in which `status == "ok"` is `ok == 1`: each status is a column of ones and zeros.
+
+    No character moves, so that positions in it are those in `text`.
+    """
+
+    def flag(compared: re.Match[str]) -> str:
+        operator, status = compared[1], compared[3]
+        if status not in STATUSES:
+            return compared[0]
+        return f"{status} == {int(operator == '==')}".ljust(len(compared[0]))
+
+    return _COMPARED.sub(flag, text)
 
 
 def write_results(

@@ -24,7 +24,7 @@ from mjrun.study.executors import WARP
 from mjrun.study.keep import KeptFiles, PointKeeper
 from mjrun.study.prepared import PreparedStudy, RequirementNames
 from mjrun.study.preview import StudyPreview, preview
-from mjrun.study.results import STATUSES, result_columns, write_results
+from mjrun.study.results import STATUSES, result_columns, with_flags, write_results
 from mjrun.study.simulate import PointResult, StudySpec
 from mjrun.version import __version__
 
@@ -255,7 +255,8 @@ def _judge(text: str, columns: Sequence[Column], rows: np.ndarray, results: Sequ
     usable = [(column.name, rows[:, i]) for i, column in enumerate(columns) if not column.labels]
     flags = [(status, np.array([r.status == status for r in results], float)) for status in STATUSES]
     table = dict([*usable, *flags])
-    checker = parse(text, RequirementNames([name for name, _ in usable]), "require").checker()
+    assertion = parse(with_flags(text), RequirementNames([name for name, _ in usable]), "require")
+    checker = dataclasses.replace(assertion, text=text).checker()  # messages show it as it was written
     checker.feed(np.stack(list(table.values()), axis=1), 0)
     return checker.verdict()
 

@@ -125,15 +125,23 @@ def test_what_an_engine_loses_is_a_failed_point(simulation: Simulation, tmp_path
     assert "the machine is gone" in caught.value.results[0].failures[0].message
 
 
+REQUIRED = [
+    "share(unstable) < 0.5",
+    "max(drift, ok > 0) < 1e9",
+    "count(status == 'ok') == count(status=='unstable') + 1",
+    'share(status != "unstable" and drift < 1e9) > 0.5',
+]
+
+
 def test_a_requirement_is_checked_over_all_points(simulation: Simulation, tmp_path: Path) -> None:
     options: dict[str, object] = {"vary": {"qvel/ball/vz": "0,1,-1e9"}}
     with pytest.raises(FailedAssertionError, match=r"share\(ok\)"):
         study(simulation, tmp_path / "study", require=["share(ok) > 0.9"], **options).run()
     with pytest.raises(FailedPointsError) as caught:
-        study(
-            simulation, tmp_path / "study", require=["share(unstable) < 0.5", "max(drift, ok > 0) < 1e9"], **options
-        ).run()
-    assert [verdict.passed for verdict in caught.value.results[0].assertions] == [True, True]
+        study(simulation, tmp_path / "study", require=REQUIRED, **options).run()
+    assert [verdict.passed for verdict in caught.value.results[0].assertions] == [True] * len(REQUIRED)
+    with pytest.raises(FailedAssertionError, match=r'share\(status == "ok"\) > 0\.9: it is 0\.6'):
+        study(simulation, tmp_path / "study", require=['share(status == "ok") > 0.9'], **options).run()
 
 
 @pytest.mark.parametrize(
