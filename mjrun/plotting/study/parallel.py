@@ -1,5 +1,8 @@
 """Draws parallel coordinates: a line for each point, coloured by a metric, whose axis is the colour bar."""
 
+import re
+from collections.abc import Sequence
+
 import matplotlib
 import numpy as np
 from matplotlib.axes import Axes
@@ -37,20 +40,32 @@ def draw_parallel(sheet: Sheet, panel: ParallelPanel, box: Box) -> None:
     colours = matplotlib.colormaps[COLOUR_MAP](colour_norm(panel.scales[-1])(panel.values[good, -1]))
     axes.add_collection(LineCollection(list(lines[good]), colors=colours, linewidths=0.8 * sheet.weight, alpha=opacity))
 
-    for index, (scale, x, labels) in enumerate(zip(panel.scales, places, ticks, strict=True)):
+    names = [scale.name for scale in panel.scales]
+    if any(sheet.canvas.measure(sheet.canvas.shown(name), em) > span - 0.6 * em for name in names[:-1]):
+        names = [*_distinct(names[:-1]), names[-1]]
+    for index, (scale, name, x, labels) in enumerate(zip(panel.scales, names, places, ticks, strict=True)):
         is_last = index == len(places) - 1
         if is_last:
             draw_colour_bar(sheet, _bar(sheet, Box(x, box.top, x + BAR * em, box.bottom)), scale)
         else:
             axes.plot([x, x], [0, 1], color=rgb(theme.grey), linewidth=1.5 * sheet.hair, zorder=3)
         room = (box.right - x + em if is_last else span) - 0.6 * em
-        name = sheet.canvas.fitted(scale.name, room, em)
-        sheet.canvas.text(name, x, box.top - 0.95 * em, em, theme.ink)
+        sheet.canvas.text(sheet.canvas.fitted(name, room, em), x, box.top - 0.95 * em, em, theme.ink)
         heights = box.bottom - scale.shares(np.array(labels.values, float)) * box.height
         for text, height in zip(labels.labels, heights.tolist(), strict=True):
             place = x + (BAR + 0.35 if is_last else 0.35) * em
             short = sheet.canvas.fitted(text, room - 0.3 * em, SMALL * em)
             sheet.canvas.text(short, place, height, SMALL * em, theme.grey, plate=not is_last)
+
+
+def _distinct(names: Sequence[str]) -> list[str]:
+    """The names without the kind and the field that all have in common: `torso` of `geom/torso.friction[0]`."""
+    parts = [re.fullmatch(r"(.*?/)?(.*?)(\.[^/]*)?", name, re.DOTALL) for name in names]
+    found = [part.groups("") for part in parts if part]
+    kinds, objects, fields = ({part[i] for part in found} for i in range(3))
+    if len(names) < 2 or "" in objects or len(objects) < len(names) or len(kinds) > 1 or len(fields) > 1:
+        return [*names]
+    return [part[1] for part in found]
 
 
 def _bar(sheet: Sheet, box: Box) -> Axes:

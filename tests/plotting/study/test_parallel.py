@@ -20,3 +20,15 @@ def test_a_line_is_at_the_share_of_each_axis_and_failed_ones_end_before_the_metr
     np.testing.assert_allclose([y for _, y in line], [0.25, 0.25, 0.5])
     texts = [text.get_text() for text in sheet.canvas.figure.texts]
     assert {"mass", "model", "z", "a", "b"} <= set(texts)
+
+
+def test_names_without_room_lose_what_all_of_them_share(sheet: Sheet) -> None:
+    def shown(*names: str) -> list[str]:
+        scales = [*(Scale(name, 0, 1) for name in names), SCALES[-1]]
+        values = np.full((1, len(scales)), 0.5)
+        draw_parallel(sheet, ParallelPanel(scales, values, np.array([False])), Box(20, 50, 300, 300))
+        return [text.get_text() for text in sheet.canvas.figure.texts]
+
+    assert {"foot", "hand"} <= set(shown("geom/foot.friction[0]", "geom/hand.friction[0]"))
+    assert not {"wrist", "ankle"} & set(shown("geom/wrist.friction[0]", "joint/ankle.damping"))
+    assert {"geom/a.x", "geom/b.x"} <= set(shown("geom/a.x", "geom/b.x"))
