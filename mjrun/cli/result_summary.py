@@ -69,7 +69,8 @@ def plot(result: "PlotResult") -> str:
 
 def table_plot(result: "TablePlotResult") -> str:
     width, height = result.size
-    size = f"{width}x{height}, {counted(result.curves, 'curve')} in {counted(len(result.panels), 'panel')}"
+    curves = f"{counted(result.curves, 'curve')} in " if result.curves else ""  # heat maps have none
+    size = f"{width}x{height}, {curves}{counted(len(result.panels), 'panel')}"
     paths: list[str] = [result.path, *([result.html] if result.html else [])]
     return f"{', '.join(map(clean, dict.fromkeys(paths)))}: {size}, {counted(sum(result.rows), 'row')}"
 

@@ -122,3 +122,8 @@ def test_names_from_files_and_drivers_are_cleaned() -> None:
 
 def test_an_image_on_standard_output_has_a_dash_for_a_path() -> None:
     assert summary(replace(IMAGE, path="-", paths=[])).startswith("-: 64x48")
+
+
+def test_a_plot_without_curves_does_not_count_them() -> None:
+    heat_map = TablePlotResult("a.png", "png", (640, 480), ["study"], [9], ["x"], 0, [])
+    assert summary(heat_map) == "a.png: 640x480, 1 panel, 9 rows"
