@@ -7,6 +7,7 @@ import io
 import logging
 import sys
 import threading
+import time
 import warnings
 from http import HTTPStatus
 from typing import Any
@@ -28,6 +29,8 @@ HOST = "127.0.0.1"
 TITLE = "mjrun view"
 OWN_NAMES = (HOST, "localhost", "::1")  # of this machine, also at the end of a tunnel
 STATES = "/state"  # where a page that has loaded the model asks for states
+# ImGui crashes on a page that comes before its first frames, as that of a tab that is still open may.
+FRAMES_BEFORE_A_PAGE = 30
 START = 30.0  # [s] for the server to start
 FIRST = messages.Priority.CRITICAL + 10  # before what Studio does by itself
 
@@ -157,6 +160,14 @@ class LocalViewer(web_viewer.WebViewer):
             self.close()
             raise RuntimeError(f"MuJoCo Studio would listen to {address}, not to this machine alone")
 
+    _frames = 0
+
+    def prepare_next_frame(self) -> bool:
+        self._frames += 1
+        if self._frames == FRAMES_BEFORE_A_PAGE:
+            _ports_ready.add(self._http_port)
+        return super().prepare_next_frame()
+
     @messages.handler(priority=messages.Priority.INTERNAL)
     def _on_post_model(self, _: messages.PostModelEvent) -> None:
         self._update_model()
@@ -184,6 +195,7 @@ class StudioPage:
         self._hooks = sys.excepthook, threading.excepthook, warnings.showwarning
         logging.getLogger("WebServer").setLevel(logging.WARNING)
         _ports_seen.discard(port)
+        _ports_ready.discard(port)
         self._port, page, started = port, Page(speed), threading.Event()
         self._messages = StudioMessages(model, page.step_control_state.get_speed())
         config = viewer_protocol.ViewerConfig(title=TITLE, gfx="web", http_port=port)
@@ -197,6 +209,7 @@ class StudioPage:
         try:
             self._wait(started)
             self._handle.set_model(model, data=data)
+            self._wait_for_frames()
         except BaseException:
             self.close()
             raise
@@ -208,6 +221,12 @@ class StudioPage:
             if not self._handle.is_running():  # which raises what has gone wrong
                 break
         raise RuntimeError("MuJoCo Studio did not start")
+
+    def _wait_for_frames(self) -> None:
+        """Waits until a page may come."""
+        end = time.monotonic() + START
+        while self._port not in _ports_ready and time.monotonic() < end and self._handle.is_running():
+            time.sleep(0.01)
 
     @property
     def is_open(self) -> bool:
@@ -232,6 +251,7 @@ class StudioPage:
         sys.excepthook, threading.excepthook, warnings.showwarning = self._hooks
 
 
+_ports_ready: set[int] = set()  # where pages may come
 _ports_seen: set[int] = set()  # whose pages a browser has loaded, with the model
 
 
@@ -247,6 +267,8 @@ def _serve_own_page(handler: Any, *, process_request: Any, **settings: Any) -> A
     def process(connection: Any, request: Any) -> Any:
         if not _is_own_page(request.headers):
             return connection.respond(HTTPStatus.FORBIDDEN, "this page is for the machine that it runs on\n")
+        if settings["sock"].getsockname()[1] not in _ports_ready:
+            return connection.respond(HTTPStatus.SERVICE_UNAVAILABLE, "the simulation is starting\n")
         if request.path.partition("?")[0] == STATES:
             _ports_seen.add(settings["sock"].getsockname()[1])
         return process_request(connection, request)

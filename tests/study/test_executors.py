@@ -52,7 +52,7 @@ def test_a_dask_worker_that_is_killed_costs_nothing(tmp_path: Path, chunks: list
 @pytest.mark.parametrize(
     ("engine", "expected"),
     [
-        ("ray", "no engine ray\nengines: local, dask, "),
+        ("ray", "no engine ray\nengines: local, warp, dask, "),
         ("nothing:here", "No module named 'nothing'"),
         ("tests.study.factories:none", "no attribute 'none'"),
         ("tests.study.factories:nothing", "returns a str, not a concurrent.futures.Executor"),

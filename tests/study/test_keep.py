@@ -1,6 +1,7 @@
 """Files of the points of a study."""
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -28,7 +29,7 @@ def study(tmp_path: Path) -> dict[str, object]:
 
 def test_traces_of_chosen_points_are_those_of_their_simulations(study: dict[str, object], tmp_path: Path) -> None:
     kept = Study(**study, keep=("trace",), keep_where=("z > 0.25",), keep_lowest=("2:low",), probe=("qpos",)).run().kept  # type: ignore[arg-type]
-    lows = pd.read_parquet(tmp_path / "study" / "results.parquet")
+    lows: Any = pd.read_parquet(tmp_path / "study" / "results.parquet")
     expected = lows[lows["qpos/ball/z"] > 0.25].nsmallest(2, "low")
     assert list(kept.points) == sorted(expected.index)
     for index, row in expected.iterrows():

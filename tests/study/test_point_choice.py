@@ -1,5 +1,7 @@
 """Which points are kept, against pandas."""
 
+from typing import Any
+
 import numpy as np
 import pandas as pd
 import pytest
@@ -13,7 +15,7 @@ COLUMNS = {"geom/box.mass": RNG.random(40), "drift": RNG.permutation(40).astype(
 COLUMNS["drift"][:3] = np.nan
 STATUS = ["unstable"] * 3 + ["ok"] * 37
 ABLE = np.arange(40) != 1
-FRAME = pd.DataFrame(COLUMNS).assign(status=STATUS)[ABLE]
+FRAME: Any = pd.DataFrame(COLUMNS).assign(status=STATUS)[ABLE]
 
 
 def points(**options: object) -> list[int]:

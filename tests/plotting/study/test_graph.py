@@ -1,5 +1,7 @@
 """Curves, bands and marks, read back from matplotlib."""
 
+from typing import Any
+
 import numpy as np
 
 from mjrun.plotting.study.axes import Box, Sheet
@@ -17,10 +19,11 @@ def test_a_curve_its_bands_and_failures_are_where_they_should_be(sheet: Sheet) -
     draw_graph(sheet, panel, Box(50, 50, 600, 400), lowest=True)
     (axes,) = sheet.canvas.figure.axes
     assert any(np.array_equal(line.get_xydata(), np.column_stack([X, Y])) for line in axes.lines)
-    bands, rugs = axes.collections[:2], axes.collections[2:]
+    collections: list[Any] = [*axes.collections]
+    bands, rugs = collections[:2], collections[2:]
     for band, drawn in zip(BANDS, bands, strict=True):
         (path,) = drawn.get_paths()
-        corners = {tuple(vertex) for vertex in path.vertices.tolist()}
+        corners = {tuple(vertex) for vertex in np.asarray(path.vertices).tolist()}
         assert {*zip(X, band.low, strict=True), *zip(X, band.high, strict=True)} <= corners
     assert [[s[0][0] for s in rug.get_segments()] for rug in rugs] == [[2, 2], [1]]
     assert all(segment[0][1] == 0 for rug in rugs for segment in rug.get_segments())

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -121,7 +122,7 @@ def test_many_parameters_are_parallel_coordinates_and_rank_correlations() -> Non
     assert drawing.above.failed.tolist() == [True] + [False] * 49
     (panel,) = drawing.panels
     assert isinstance(panel, RankPanel)
-    frame = pd.DataFrame({**parameters, "w": -z})
+    frame: Any = pd.DataFrame({**parameters, "w": -z})
     expected = frame.corr(method="spearman")["w"].drop("w").sort_values(key=np.abs, ascending=False)
     assert list(panel.parameters) == expected.index.tolist()
     np.testing.assert_allclose(panel.correlations, expected, rtol=1e-12)

@@ -1,5 +1,7 @@
 """Bars of rank correlations, read back from matplotlib."""
 
+from typing import Any
+
 import numpy as np
 
 from mjrun.plotting.study.axes import Box, Sheet
@@ -11,7 +13,8 @@ PANEL = RankPanel("z", ["mass", "friction", "none"], np.array([-0.75, 0.5, np.na
 
 def test_bars_are_as_long_as_correlations_and_say_so(sheet: Sheet) -> None:
     draw_rank_bars(sheet, PANEL, Box(120, 50, 600, 300), 100, lowest=True)
-    assert [bar.get_width() for bar in sheet.canvas.figure.axes[0].patches] == [-0.75, 0.5, 0]
+    bars: list[Any] = [*sheet.canvas.figure.axes[0].patches]
+    assert [bar.get_width() for bar in bars] == [-0.75, 0.5, 0]
     texts = [text.get_text() for text in sheet.canvas.figure.texts]
     assert texts == ["mass", "−0.75", "friction", "+0.50", "none", "–", "rank correlation"]
 
