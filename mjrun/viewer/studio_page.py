@@ -227,6 +227,8 @@ class StudioPage:
         end = time.monotonic() + START
         while self._port not in _ports_ready and time.monotonic() < end and self._handle.is_running():
             time.sleep(0.01)
+        self._handle.sync()
+        self._messages.actions = []  # nobody has been there yet
 
     @property
     def is_open(self) -> bool:
