@@ -104,8 +104,11 @@ def _may_be_copied(override: Override) -> bool:
     kind, slash, _ = override.target.partition("/")
     field = _field(override)
     known = f"{kind}.{field}" in COPIED if slash else override.target == f"opt.{field}" and field in OPTIONS
-    sign = field in ("gravity", "wind", "magnetic", "biasprm") or override.operation == "add"
-    return known and all(math.isfinite(number) and (number > 0 or sign) for number in numbers)
+    if field == "biasprm" and override.index not in (0, 1):
+        return False  # the third is a damping ratio if it is positive
+    any_sign = field in ("gravity", "wind", "magnetic", "biasprm")
+    is_positive = override.operation != "add" and all(number > 0 for number in numbers)
+    return known and all(map(math.isfinite, numbers)) and (any_sign or is_positive)
 
 
 def _is_copied(shared: _Compilation, override: Override) -> bool:

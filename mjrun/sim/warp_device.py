@@ -60,10 +60,15 @@ class WarpDevice:
             ) from error
 
 
-def _imported() -> tuple[Any, Any]:
-    """Warp, told not to report what it compiles, and mujoco_warp."""
+def require_library() -> None:
+    """Raises MissingExtraError if mujoco_warp is not installed."""
     if importlib.util.find_spec(LIBRARY) is None:
         raise MissingExtraError(f"{option('engine')} warp", PACKAGE, EXTRA)
+
+
+def _imported() -> tuple[Any, Any]:
+    """Warp, told not to report what it compiles, and mujoco_warp."""
+    require_library()
     import warp  # pyright: ignore[reportMissingImports]
 
     warp.config.log_level = max(warp.config.log_level, warp.LOG_WARNING)

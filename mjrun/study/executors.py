@@ -15,6 +15,7 @@ from typing import Any, Protocol
 from mjrun.errors import MissingExtraError, MjrunError, UsageError, clean, option
 from mjrun.options.kinds import AUTO
 from mjrun.options.sweep import EXTRAS
+from mjrun.sim.warp_device import require_library
 from mjrun.study.isolation import Chunk, run_chunk
 from mjrun.study.simulate import PointResult
 
@@ -35,9 +36,10 @@ def open_executor(engine: str, jobs: int | str, folder: Path, stack: ExitStack) 
       UsageError: there is no such engine.
       MissingExtraError: its library is not installed.
     """
-    count = _count(jobs)
+    count = _count(jobs) if engine != WARP else 1  # which has all of a GPU
+    if engine == WARP:
+        require_library()
     if engine in ("local", WARP):
-        count = count if engine == "local" else 1  # all of a GPU
         pool = ThreadPoolExecutor(count, thread_name_prefix="study")  # threads that wait for processes
         stack.callback(pool.shutdown, wait=False, cancel_futures=True)
         return pool, count * QUEUED
@@ -54,6 +56,8 @@ def process_count(engine: str, jobs: int | str) -> int | None:
     Raises:
       UsageError: there is no such engine.
     """
+    if engine == WARP:
+        return 1
     if engine in ("local", "dask", "slurm"):
         return _count(jobs)
     if not engine.startswith("dask://"):

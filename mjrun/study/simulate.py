@@ -142,7 +142,7 @@ class PointSimulator:
         if self._spec.engine == "warp":
             if prepared.kind is None:
                 raise UsageError(NOT_IN_WARP)
-            prepared.kind = (*prepared.kind, id(model))  # it simulates one model at a time
+            prepared.kind = (*prepared.kind, id(prepared.sampler.model))  # it simulates one model at a time
         return prepared
 
     def _prepare(self, model: mujoco.MjModel) -> None:
@@ -287,4 +287,5 @@ def structure(model: mujoco.MjModel) -> tuple[object, ...]:
     """What models have in common whose simulations have the same columns, and can run side by side."""
     sizes = (model.nq, model.nv, model.nu, model.na, model.nbody, model.njnt, model.ngeom, model.nsite, model.ntendon)
     memory = (model.nsensordata, model.nM, model.nD, model.narena, model.nbuffer)
-    return (*sizes, *memory, int(model.opt.integrator), model.names)
+    kinds = (model.jnt_type.tobytes(), model.sensor_type.tobytes(), model.sensor_dim.tobytes())
+    return (*sizes, *memory, *kinds, int(model.opt.integrator), model.names)

@@ -30,7 +30,8 @@ PATHS += [
 ]
 PATHS += ["scale:actuator/plain.gainprm[0]", "actuator/*.gainprm[0]"]
 PATHS += ["actuator/plain.biasprm[1]", "add:actuator/plain.biasprm[1]", "actuator/motor.gainprm[0]"]
-COMPILED = [
+COMPILED = ["actuator/plain.biasprm[2]", "actuator/plain.biasprm", "add:opt.timestep", "add:geom/tip.friction[0]"]
+COMPILED += [
     "geom/tip.margin",
     "geom/toe.gap",
     "geom/tip.size[0]",

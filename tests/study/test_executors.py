@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from mjrun.errors import MjrunError, UsageError
+from mjrun.errors import MissingExtraError, MjrunError, UsageError
 from mjrun.job.simulation import Simulation
-from mjrun.study.executors import open_executor
+from mjrun.study.executors import open_executor, process_count
 from mjrun.study.isolation import Chunk, run_chunk
 from mjrun.study.simulate import PointSimulator, StudyPoint, StudySpec
 from tests.study.models import BALL
@@ -67,3 +67,13 @@ def test_a_cluster_that_does_not_answer_is_told(tmp_path: Path, monkeypatch: pyt
     monkeypatch.setattr("mjrun.study.executors.PATIENCE", 1)
     with ExitStack() as stack, pytest.raises(MjrunError, match=r"no Dask scheduler answers at 127\.0\.0\.1:1"):
         open_executor("dask://127.0.0.1:1", 1, tmp_path, stack)
+
+
+def test_one_process_has_all_of_a_gpu() -> None:
+    assert process_count("warp", 8) == 1
+
+
+def test_warp_without_its_library_is_told_before_any_point(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("mjrun.sim.warp_device.LIBRARY", "not_installed")
+    with ExitStack() as stack, pytest.raises(MissingExtraError, match="mjrun\\[warp\\]"):
+        open_executor("warp", 1, tmp_path, stack)
