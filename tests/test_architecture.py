@@ -19,7 +19,8 @@ HOUSE = (
     ("document",),
     ("doctor", "check", "bench", "study", "viewer"),
     ("job",),
-    ("rendering", "plotting", "diff"),
+    ("rendering", "plotting", "diff", "policy"),
+    ("task",),
     ("sim", "probe", "camera", "formats"),
     ("model",),
     ("options", "child_process"),
@@ -56,11 +57,11 @@ LIBRARIES = {
     "mujoco_warp": ("sim.warp_device",),
     "mujoco": (
         *("cli", "doctor", "check", "bench", "study", "viewer", "job", "rendering", "plotting", "diff"),
-        *("sim", "probe", "camera", "formats", "model"),
+        *("policy", "task", "sim", "probe", "camera", "formats", "model"),
     ),
     "numpy": (
         *("cli", "doctor", "check", "bench", "study", "viewer", "job", "rendering", "plotting", "diff"),
-        *("sim", "probe", "camera", "formats", "model"),
+        *("policy", "task", "sim", "probe", "camera", "formats", "model"),
     ),
 }
 

@@ -1,0 +1,98 @@
+"""What is known of an episode while it runs, whoever steps it: a task of mjrun's, or somebody else's environment."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal, Protocol, runtime_checkable
+
+import numpy as np
+
+from mjrun.sim.stepper import Stepper
+
+EndingKind = Literal["success", "failure", "timeout"]
+
+
+@dataclass(frozen=True)
+class Ending:
+    """How an episode ended.
+
+    Attributes:
+      name: of the termination, such as `fallen`, `timeout` or `unstable`.
+      kind: a timeout truncates an episode; anything else terminates it.
+    """
+
+    name: str
+    kind: EndingKind
+
+    @property
+    def terminated(self) -> bool:
+        """Whether the task itself ended here, so that nothing would have followed."""
+        return self.kind != "timeout"
+
+
+@dataclass(frozen=True)
+class EpisodeNames:
+    """What the numbers of an episode are called.
+
+    Attributes:
+      observations: of each number that the policy observes: `position/x`.
+      actions: of each number that it answers: actuators or joints.
+      rewards: of the terms of the reward.
+    """
+
+    observations: Sequence[str]
+    actions: Sequence[str]
+    rewards: Sequence[str]
+
+
+@dataclass(frozen=True)
+class ControlInstant:
+    """What holds from a control instant until the next; arrays are not written to.
+
+    Attributes:
+      observation: `(nobs,)`, as the policy saw it.
+      action: `(nact,)`, what the policy answered, before scale and clip; it is in force until the next instant. Where
+        the episode has ended nobody was asked: the action that led here.
+      reward: for the control period that ended here; 0 at the start.
+      reward_terms: `(nterms,)`, weighted, so that their sum is the reward; zeros at the start.
+      total: of all rewards so far, which is the return once the episode has ended.
+      ending: how the episode ended here, if it did.
+    """
+
+    observation: np.ndarray
+    action: np.ndarray
+    reward: float
+    reward_terms: np.ndarray
+    total: float
+    ending: Ending | None = None
+
+
+@runtime_checkable
+class EpisodeStepper(Stepper, Protocol):
+    """Steps through an episode: it resets, asks the policy at every control instant, and rewards.
+
+    At every step the controls in force are those of the action in force; at a control instant, of the one that the
+    policy answers there.
+
+    Attributes:
+      names: of observations, actions and terms of the reward.
+      control_steps: physics steps in a control period.
+    """
+
+    names: EpisodeNames
+    control_steps: int
+
+    def now(self) -> ControlInstant:
+        """The last control instant, which is at or before `self.step`."""
+        ...
+
+
+class EpisodeOver(Exception):  # noqa: N818 - not an error: a stepper cannot go beyond the end
+    """An episode ended before the step that was asked for; the stepper stands at its end.
+
+    Attributes:
+      step: the last one.
+    """
+
+    def __init__(self, step: int, ending: Ending) -> None:
+        self.step, self.ending = step, ending
+        super().__init__(f"the episode ended at step {step}: {ending.name}")
