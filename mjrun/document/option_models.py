@@ -7,7 +7,7 @@ from fractions import Fraction
 from pathlib import Path
 from typing import Annotated, ClassVar, Literal, cast
 
-from pydantic import BeforeValidator, Field, PlainValidator, Strict, Tag
+from pydantic import AfterValidator, BeforeValidator, Field, PlainValidator, Strict, Tag
 
 from mjrun.document.camera import Event, read_camera
 from mjrun.document.document_model import (
@@ -46,6 +46,7 @@ from mjrun.options import kinds as option_kinds
 from mjrun.options.diff import ColumnTolerances
 from mjrun.options.kinds import AnyKind, ExpectedError, setting_text
 from mjrun.options.option import Exclusion, FrontEnd, Option, Options, exclusions_of, options_of
+from mjrun.options.policy import NONE, NormalizationKind, PolicyKind, is_code, is_policy_file
 from mjrun.options.push import PushKind
 from mjrun.options.variations import Variations, with_paths
 from mjrun.rendering.segmentation import groupings
@@ -78,6 +79,12 @@ def _variation(value: object) -> str:
         return Variations().text(value)
     except ExpectedError as error:
         raise InvalidValueError("expected", expected=error.expected) from None
+
+
+def _no_code(text: str) -> str:
+    if is_code(text):
+        raise InvalidValueError.with_message("code stays on the command line; a document cannot name it")
+    return text
 
 
 VariationText = Annotated[
@@ -228,6 +235,8 @@ FIELD_TYPES: dict[type[AnyKind], object] = {
         Annotated[Instant, Tag(NUMBER)] | Annotated[Instant, Tag(TEXT)] | Annotated[Event, Tag(MAPPING)],
         by_type("a time [s] or {when, nth, offset, else}", NUMBER, TEXT, MAPPING),
     ],
+    PolicyKind: Annotated[Name, AfterValidator(_no_code)],
+    NormalizationKind: Name,
     option_kinds.Camera: Annotated[
         Annotated[Name, Tag(TEXT)] | Annotated[NonNegativeInteger, Tag(NUMBER)] | Annotated[InlineCamera, Tag(MAPPING)],
         by_type("a camera as text, by index, or as {name, speed, shots}", TEXT, NUMBER, MAPPING),
@@ -288,6 +297,10 @@ def _converted(kind: AnyKind, value: object, folders: Folders) -> object:
             return tuple(parts)
         case option_kinds.File(written=written), str(path):
             return folders.outputs.path(path) if written else folders.input(path)
+        case PolicyKind(), str(text):
+            return folders.input(text) if is_policy_file(text) else text
+        case NormalizationKind(), str(text):
+            return text if text == NONE else folders.input(text)
         case option_kinds.Ghost(), str() | InlineGhost() as ghost:
             return ghost_text(ghost, folders.input)
         case PushKind(), InlinePush() as push:

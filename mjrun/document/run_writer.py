@@ -18,6 +18,7 @@ from mjrun.job.task import Job, OutputResult
 from mjrun.model.sources import source_of
 from mjrun.options.kinds import AnyKind, ExpectedError, File, Optional, Settings, setting_text
 from mjrun.options.option import Option, Options
+from mjrun.options.policy import PolicyKind, is_code
 from mjrun.study.study import Study
 
 
@@ -88,8 +89,10 @@ def _options(values: Options) -> Mapped:
 
 
 def _refused(each: Option, value: object) -> bool:
-    """Raises where an option is an output that no document may write."""
+    """Raises where an option is code, or an output, that no document may write."""
     kind = each.kind.each if isinstance(each.kind, Optional) else each.kind
+    if isinstance(kind, PolicyKind) and not (isinstance(value, str) and not is_code(value)):
+        raise UsageError(f"{option(each.name)}: code stays on the command line; a document cannot hold it")
     if isinstance(kind, File) and kind.written and (reason := refusal(str(value))):
         raise UsageError(f"{reason}; give a path relative to a folder", path=(each.name,))
     return False

@@ -17,6 +17,7 @@ from mjrun.options.messages import MessageOptions
 from mjrun.options.option import Option, Options, options_of
 from mjrun.options.output import CommandOptions
 from mjrun.options.plot import PlotOptions, TablePlotOptions
+from mjrun.options.policy import PolicyOptions
 from mjrun.options.run import RunOptions
 from mjrun.options.simulation import SimulationOptions
 from mjrun.options.sweep import ExecutionOptions, StudyCommandOptions, StudyOptions
@@ -30,6 +31,7 @@ ALL: tuple[type[Options], ...] = (
     TraceCommandLineOptions,
     PlotOptions,
     TablePlotOptions,
+    PolicyOptions,
     RecordingOptions,
     KeyframeOptions,
     RunOptions,

@@ -1,0 +1,68 @@
+"""Options of policies: which one acts, what normalizes its observations, and whether code in its file may run."""
+
+import re
+from os import PathLike, fspath
+from typing import ClassVar, cast
+
+from mjrun.options.kinds import ExpectedError, Flag, Kind, Optional
+from mjrun.options.option import FrontEnd, Options, option, options
+
+RANDOM, ZERO = BUILT_IN = ("random", "zero")
+NONE = "none"
+_CODE = re.compile(r"(.+\.py|[^\W\d]\w*(\.[^\W\d]\w*)*):[^\W\d]\w*(\.[^\W\d]\w*)*")
+
+
+class PolicyKind(Kind[object, object]):
+    """A policy as text: a file, `random`, `zero`, or code; in Python a policy itself too."""
+
+    metavar = "POLICY"
+
+    def __call__(self, value: object) -> object:
+        if value == "":
+            raise ExpectedError("a policy")
+        return fspath(cast("PathLike[str]", value)) if isinstance(value, PathLike) else value
+
+
+class NormalizationKind(Kind[str | PathLike[str], str]):
+    """A file of normalization statistics, or `none`."""
+
+    metavar = "FILE|none"
+
+    def __call__(self, value: str | PathLike[str]) -> str:
+        return fspath(value)
+
+
+@options
+class PolicyOptions(Options):
+    """A policy that acts on a task."""
+
+    section: ClassVar[str] = "Policy"
+
+    policy: object | None = option(
+        converter=Optional(PolicyKind()),
+        default=None,
+        help="What acts on the task: an ONNX file; a LEAPP package, by its folder or its .yaml; a Stable-Baselines3 "
+        ".zip or a TorchScript .pt, which must be trusted; policy.py:act or package.module:Policy; random or zero.",
+    )
+    normalize: str | None = option(
+        converter=Optional(NormalizationKind()),
+        default=None,
+        help="The statistics that observations are normalized with: those of VecNormalize (.pkl), or an .npz with "
+        "mean, var, epsilon and clip; none for a Stable-Baselines3 policy that was trained without.",
+    )
+    trust: bool = option(
+        converter=Flag(),
+        default=False,
+        places=FrontEnd.COMMAND | FrontEnd.PYTHON,
+        help="Open policy files that can run code as they are opened: Stable-Baselines3 archives and torch files.",
+    )
+
+
+def is_code(text: str) -> bool:
+    """Whether a policy is Python that the user names, `FILE.py:NAME` or `PACKAGE.MODULE:NAME`."""
+    return bool(_CODE.fullmatch(text))
+
+
+def is_policy_file(text: str) -> bool:
+    """Whether a policy is a file or a folder."""
+    return text not in BUILT_IN and not is_code(text)
