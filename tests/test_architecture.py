@@ -15,9 +15,9 @@ from mjrun.cli.main import COMMANDS
 # Imports run downward. Rooms on one line are siblings and never import each other.
 HOUSE = (
     ("__main__",),
-    ("cli",),
+    ("cli", "gym"),
     ("document",),
-    ("doctor", "check", "bench", "study", "viewer"),
+    ("doctor", "check", "bench", "study", "evaluation", "viewer"),
     ("job",),
     ("rendering", "plotting", "diff", "policy"),
     ("task",),
@@ -51,17 +51,22 @@ LIBRARIES = {
     "pyarrow": ("formats.arrow_columns", "formats.tables", "formats.study_results", "study.parts"),
     "distributed": ("study.executors",),
     "submitit": ("study.executors",),
-    "scipy": ("formats.tables.mat", "study.distribution", "study.design", "plotting.study.correlations"),
+    "scipy": ("formats.tables.mat", "sim.distribution", "study.design", "plotting.study.correlations"),
+    "onnx": ("policy",),
+    "onnxruntime": ("policy",),
+    "stable_baselines3": ("policy",),
+    "torch": ("policy",),
+    "gymnasium": ("gym", "model.sources.gym", "task.gymnasium"),
     "OpenGL": ("rendering",),
     "warp": ("sim.warp_device",),
     "mujoco_warp": ("sim.warp_device",),
     "mujoco": (
-        *("cli", "doctor", "check", "bench", "study", "viewer", "job", "rendering", "plotting", "diff"),
-        *("policy", "task", "sim", "probe", "camera", "formats", "model"),
+        *("cli", "gym", "doctor", "check", "bench", "study", "evaluation", "viewer", "job"),
+        *("rendering", "plotting", "diff", "policy", "task", "sim", "probe", "camera", "formats", "model"),
     ),
     "numpy": (
-        *("cli", "doctor", "check", "bench", "study", "viewer", "job", "rendering", "plotting", "diff"),
-        *("policy", "task", "sim", "probe", "camera", "formats", "model"),
+        *("cli", "gym", "doctor", "check", "bench", "study", "evaluation", "viewer", "job"),
+        *("rendering", "plotting", "diff", "policy", "task", "sim", "probe", "camera", "formats", "model"),
     ),
 }
 

@@ -48,6 +48,7 @@ from mjrun.options.kinds import AnyKind, ExpectedError, setting_text
 from mjrun.options.option import Exclusion, FrontEnd, Option, Options, exclusions_of, options_of
 from mjrun.options.policy import NONE, NormalizationKind, PolicyKind, is_code, is_policy_file
 from mjrun.options.push import PushKind
+from mjrun.options.task import Limits, RandomValue, Schedule, VectorOrKey
 from mjrun.options.variations import Variations, with_paths
 from mjrun.rendering.segmentation import groupings
 from mjrun.rendering.visual import Visual, flags, frames, labels
@@ -100,6 +101,16 @@ VariationText = Annotated[
     ),
 ]
 SettingText = Annotated[str, PlainValidator(_setting, json_schema_input_type=float | Name | bool | list[float])]
+
+
+def _random_text(value: object) -> str:
+    try:
+        return RandomValue()(cast("str", value))
+    except ExpectedError as error:
+        raise InvalidValueError("expected", expected=error.expected) from None
+
+
+RandomText = Annotated[str, PlainValidator(_random_text, json_schema_input_type=float | Name | InlineDistribution)]
 
 
 class OptionsModel(DocumentModel):
@@ -216,6 +227,16 @@ FIELD_TYPES: dict[type[AnyKind], object] = {
     ColumnTolerances: dict[str, Numbers],
     option_kinds.Settings: dict[str, SettingText],
     Variations: dict[str, VariationText],
+    option_kinds.NumberVector: Numbers,
+    RandomValue: RandomText,
+    Limits: Annotated[list[Numbers], Field(min_length=2, max_length=2)],
+    VectorOrKey: Annotated[
+        Annotated[float, Tag(NUMBER)]
+        | Annotated[list[float], Field(min_length=1), Tag(LIST)]
+        | Annotated[Name, Tag(TEXT)],
+        by_type("a number, a list of numbers, or the name of a keyframe", NUMBER, LIST, TEXT),
+    ],
+    Schedule: list[tuple[Instant, Numbers]],
     option_kinds.ColumnMap: Annotated[
         Annotated[Name, Tag(TEXT)]
         | Annotated[list[Name], Tag(LIST)]

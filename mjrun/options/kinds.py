@@ -401,6 +401,24 @@ class Values(Kind[Mapping[str, float | Sequence[float]], Mapping[str, Numbers]])
         return {name: numbers[0] if len(numbers) == 1 else [*numbers] for name, numbers in value.items()}
 
 
+class NumberVector(Kind["float | Sequence[float]", Numbers]):
+    """One finite number, or one for each component."""
+
+    metavar = "NUMBERS"
+
+    def __call__(self, value: "float | Sequence[float]") -> Numbers:
+        parts: Sequence[float] = [value] if isinstance(value, (int, float)) else value
+        if isinstance(parts, str) or not all(isinstance(part, (int, float)) and math.isfinite(part) for part in parts):
+            raise ExpectedError("a finite number, or a list of them")
+        numbers = tuple(map(float, parts))
+        if not numbers:
+            raise ExpectedError("a finite number, or a list of them")
+        return numbers
+
+    def plain(self, value: Numbers) -> object:
+        return value[0] if len(value) == 1 else [*value]
+
+
 class Settings(Kind[Mapping[str, object] | Sequence[tuple[str, object]], tuple[tuple[str, str], ...]]):
     """Texts by path: `opt.gravity=0,0,10`. Later ones count where a path stands twice."""
 

@@ -50,6 +50,21 @@ def _mapping_text(mapping: Mapping[str, object]) -> str:
     raise ExpectedError(EXPECTED)
 
 
+def distribution_text(value: object) -> str:
+    """A distribution or a number as text, where a document may write `{uniform: [-1, 1]}`.
+
+    Raises:
+      ExpectedError: it is neither.
+    """
+    match value:
+        case Mapping() if not {"from", "to"} & set(cast("Mapping[str, object]", value)):
+            return _mapping_text(cast("Mapping[str, object]", value))
+        case str() | int() | float():
+            return setting_text(value)
+        case _:
+            raise ExpectedError("a distribution as in uniform(-0.1, 0.1), or a number")
+
+
 def with_paths(text: str, convert: Callable[[str], str]) -> str:
     """`text`, a list or a choice of paths, with every path converted."""
     inner, is_choice = text.strip(), text.strip().startswith(CHOICE)

@@ -16,8 +16,8 @@ from mjrun.options.sweep import VariationOptions
 from mjrun.probe.expression import BooleanExpression, evaluate_truth
 from mjrun.probe.parser import Parser
 from mjrun.probe.scanner import SourceText, Vocabulary
+from mjrun.sim.distribution import Distribution, parse_distribution
 from mjrun.sim.parameter_grid import scan_values
-from mjrun.study.distribution import Distribution, parse_distribution
 
 EACH = "each:"
 MOST = 10_000_000  # points of a study

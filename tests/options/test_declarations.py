@@ -21,6 +21,17 @@ from mjrun.options.policy import PolicyOptions
 from mjrun.options.run import RunOptions
 from mjrun.options.simulation import SimulationOptions
 from mjrun.options.sweep import ExecutionOptions, StudyCommandOptions, StudyOptions
+from mjrun.options.task import (
+    ActionOptions,
+    ObservationOptions,
+    ResetOptions,
+    RewardOptions,
+    TaskOptions,
+    TerminationOptions,
+)
+from mjrun.options.task import (
+    CommandOptions as TaskCommandOptions,
+)
 from mjrun.options.trace import RecordingOptions, TraceCommandLineOptions, TraceOptions
 from mjrun.options.video import VideoOptions
 from mjrun.options.viewer import ViewerOptions
@@ -32,6 +43,13 @@ ALL: tuple[type[Options], ...] = (
     PlotOptions,
     TablePlotOptions,
     PolicyOptions,
+    TaskOptions,
+    ResetOptions,
+    ObservationOptions,
+    ActionOptions,
+    TaskCommandOptions,
+    RewardOptions,
+    TerminationOptions,
     RecordingOptions,
     KeyframeOptions,
     RunOptions,

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from mjrun.errors import UsageError
-from mjrun.study.distribution import parse_distribution
+from mjrun.sim.distribution import parse_distribution
 
 FRACTIONS = np.array([0.001, 0.1, 0.25, 0.5, 0.75, 0.999])
 
