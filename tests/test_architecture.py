@@ -58,6 +58,7 @@ LIBRARIES = {
     "torch": ("policy",),
     "gymnasium": ("gym", "model.sources.gym", "task.gymnasium"),
     "OpenGL": ("rendering",),
+    "gymnasium": ("gym", "model.sources.gym", "task.gymnasium"),
     "warp": ("sim.warp_device",),
     "mujoco_warp": ("sim.warp_device",),
     "mujoco": (

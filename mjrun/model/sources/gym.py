@@ -1,0 +1,217 @@
+"""The models of Gymnasium's environments as model sources, written `gym:NAME`."""
+
+import importlib
+import importlib.metadata
+import importlib.util
+import warnings
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, Protocol, cast
+
+import mujoco
+
+from mjrun.errors import BrokenModelError, CompiledOverrideError, MissingExtraError, ModelNotFoundError, clean
+from mjrun.model.fingerprint import physics_fingerprint
+from mjrun.model.mujoco_globals import collected_warnings
+from mjrun.model.source import CollectionSource
+from mjrun.model.sources.file import FileSource
+
+if TYPE_CHECKING:
+    import gymnasium
+
+LIBRARY = "gymnasium"
+EXTRA = "gym"
+OWN = "gymnasium.envs.mujoco."  # where the MuJoCo environments are that come with Gymnasium
+REMOVED = "it needs mujoco-py, which Gymnasium has given up; use a later version"
+
+
+class MujocoEnvironment(Protocol):
+    """What environments on MuJoCo have in common, Gymnasium's own and those of others."""
+
+    model: mujoco.MjModel
+    data: mujoco.MjData
+
+
+@dataclass(frozen=True)
+class GymSource(CollectionSource):
+    """The model of a registered environment whose simulation is MuJoCo's.
+
+    It starts where the model does, as an environment without reset noise. The noise, the control period and the
+    rewards are the environment's: a policy plays them.
+    """
+
+    PREFIX: ClassVar[str] = "gym"
+
+    @classmethod
+    def descriptions(cls) -> Mapping[str, str]:
+        descriptions = {}
+        for name in _own_names():
+            try:
+                descriptions[name] = environment_model(name).description
+            except BrokenModelError:  # Pusher-v4 runs on MuJoCo 2 only
+                continue
+        return descriptions
+
+    @property
+    def main_file(self) -> Path | None:
+        return environment_model(self.name).file
+
+    @property
+    def files(self) -> tuple[Path, ...]:
+        return FileSource(file).files if (file := self.main_file) else ()
+
+    def compile(self) -> tuple[mujoco.MjSpec | None, mujoco.MjModel]:
+        environment = environment_model(self.name)
+        if environment.file:
+            return FileSource(environment.file, overrides=self.overrides).compile()
+        if self.overrides:
+            raise CompiledOverrideError(self.text, [(s.option, s.option_value) for s in self.overrides])
+        return None, environment.model
+
+
+class EnvironmentModel(NamedTuple):
+    """The model of an environment.
+
+    Attributes:
+      file: that it is compiled from; None where Python makes the model, or changes it.
+      model: compiled.
+      control_steps: physics steps per action.
+      episode_steps: actions in an episode, if the registration limits them.
+    """
+
+    file: Path | None
+    model: mujoco.MjModel
+    control_steps: int
+    episode_steps: int | None
+
+    @property
+    def description(self) -> str:
+        """A line about it."""
+        file = self.file.name if self.file else "a model made in Python"
+        steps = f"{self.control_steps} steps of {self.model.opt.timestep:g} s per action"
+        return ", ".join([file, steps, *([f"{self.episode_steps} actions"] if self.episode_steps else [])])
+
+
+@cache
+def environment_model(name: str) -> EnvironmentModel:
+    """The model of the environment `name`, which is made, and closed again, but neither reset nor drawn.
+
+    Raises:
+      MissingExtraError: Gymnasium is not installed.
+      ModelNotFoundError: there is no such environment, or it is not one on MuJoCo.
+      BrokenModelError: it cannot be made.
+    """
+    environment = make_environment(name)
+    unwrapped = mujoco_environment(environment, name)
+    try:
+        model = unwrapped.model
+        file = _file_of(environment.unwrapped, model)
+        limit = environment.spec.max_episode_steps if environment.spec else None
+        return EnvironmentModel(file, model, control_steps(environment.unwrapped), limit)
+    finally:
+        environment.close()
+
+
+def make_environment(name: str) -> "gymnasium.Env[Any, Any]":
+    """The environment `name` as `gymnasium.make` gives it; raises what `environment_model` does."""
+    import gymnasium
+
+    _check_registered(name)
+    with quiet(), collected_warnings():
+        try:
+            return gymnasium.make(name)
+        except Exception as error:
+            raise BrokenModelError(Path(f"gym:{name}"), f"{type(error).__name__}: {error}") from error
+
+
+def mujoco_environment(environment: "gymnasium.Env[Any, Any]", name: str) -> MujocoEnvironment:
+    """The innermost environment; raises ModelNotFoundError if its simulation is not MuJoCo's."""
+    innermost = environment.unwrapped
+    members = vars(innermost)
+    model, data = members.get("model"), members.get("data")
+    if isinstance(model, mujoco.MjModel) and isinstance(data, mujoco.MjData):
+        return cast(MujocoEnvironment, innermost)
+    environment.close()
+    raise _not_mujoco(name)
+
+
+def control_steps(environment: object) -> int:
+    """Physics steps per action: `frame_skip` in Gymnasium, `n_substeps` in Gymnasium-Robotics."""
+    members = vars(environment)
+    return int(members.get("frame_skip") or members.get("n_substeps") or 1)
+
+
+@contextmanager
+def quiet() -> Iterator[None]:
+    """Keeps environments from warning that there are newer versions, and of what they wrap."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        yield
+
+
+def _file_of(environment: object, model: mujoco.MjModel) -> Path | None:
+    """The file that `model` is compiled from, if there is one that gives this model."""
+    path = vars(environment).get("fullpath")
+    if not isinstance(path, str) or not Path(path).is_file():
+        return None
+    own = type(environment).__module__.startswith(OWN)
+    file = FileSource(Path(path))
+    with collected_warnings():
+        return file.path if own or physics_fingerprint(file.load()) == physics_fingerprint(model) else None
+
+
+def _check_registered(name: str) -> None:
+    """Raises unless `name` is that of an environment that may be one on MuJoCo; imports what `module:NAME` names."""
+    if not importlib.util.find_spec(LIBRARY):
+        raise MissingExtraError(f"gym:{clean(name)}", LIBRARY, EXTRA)
+    import gymnasium
+
+    module, _, registered = name.rpartition(":")
+    namespace = registered.partition("/")[0]
+    if not registered:
+        raise _not_found(name, "name the environment")
+    if module:
+        _import_installed(module, name)
+    try:
+        with quiet():
+            entry_point = gymnasium.spec(registered).entry_point
+    except gymnasium.error.NamespaceNotFound:
+        raise _not_found(name, f"no installed package registers environments under {clean(namespace)}/") from None
+    except gymnasium.error.Error:
+        raise _not_found(name, "no such environment") from None
+    if callable(entry_point) and entry_point.__module__ == "gymnasium.envs":  # stands for environments that moved
+        raise _not_found(name, REMOVED)
+    if isinstance(entry_point, str) and entry_point.startswith("gymnasium.envs.") and not entry_point.startswith(OWN):
+        raise _not_mujoco(name)
+
+
+def _import_installed(module: str, name: str) -> None:
+    """Imports `module`, which registers environments, if a package that is installed has it."""
+    if module.partition(".")[0] not in importlib.metadata.packages_distributions():
+        raise _not_found(name, f"no installed package has the module {clean(module)}")
+    try:
+        importlib.import_module(module)
+    except Exception as error:
+        raise BrokenModelError(Path(f"gym:{name}"), f"importing {module}: {type(error).__name__}: {error}") from error
+
+
+@cache
+def _own_names() -> tuple[str, ...]:
+    """The MuJoCo environments that come with Gymnasium, as it registers them; none where it is not installed."""
+    if not importlib.util.find_spec(LIBRARY):
+        return ()
+    import gymnasium
+
+    own = {name for name, spec in gymnasium.registry.items() if str(spec.entry_point).startswith(OWN)}
+    return tuple(sorted(own))
+
+
+def _not_found(name: str, reason: str) -> ModelNotFoundError:
+    return ModelNotFoundError(f"gym:{name}", reason, _own_names(), "environments of Gymnasium on MuJoCo", name)
+
+
+def _not_mujoco(name: str) -> ModelNotFoundError:
+    return _not_found(name, "its simulation is not MuJoCo's")
