@@ -58,7 +58,6 @@ LIBRARIES = {
     "torch": ("policy",),
     "gymnasium": ("gym", "model.sources.gym", "task.gymnasium"),
     "OpenGL": ("rendering",),
-    "gymnasium": ("gym", "model.sources.gym", "task.gymnasium"),
     "warp": ("sim.warp_device",),
     "mujoco_warp": ("sim.warp_device",),
     "mujoco": (
