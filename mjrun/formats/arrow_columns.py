@@ -1,7 +1,8 @@
 """Columns as Apache Arrow holds them, for the formats that pyarrow writes and reads: Parquet and Feather.
 
-A text column is a dictionary of strings, null for no text. The metadata of a field has `unit`, `meaning`, `kind` and
-`id`; that of the schema has the manifest under `mjrun`. pyarrow is imported inside functions: it is an extra.
+A text column is a dictionary of strings, null for no text; one of integers has 64 bits, null for NaN. The metadata of a
+field has `unit`, `meaning`, `kind` and `id`; that of the schema has the manifest under `mjrun`. pyarrow is imported
+inside functions: it is an extra.
 """
 
 from collections.abc import Iterable, Iterator, Sequence
@@ -27,9 +28,11 @@ def schema(columns: Sequence[Column]) -> "pyarrow.Schema":
     """The Arrow schema of `columns`."""
     import pyarrow
 
-    number, text = pyarrow.float64(), pyarrow.dictionary(pyarrow.int32(), pyarrow.string())
-    fields = [pyarrow.field(c.name, text if c.labels else number, metadata=_metadata(c)) for c in columns]
-    return pyarrow.schema(fields)
+    number, integer = pyarrow.float64(), pyarrow.int64()
+    text = pyarrow.dictionary(pyarrow.int32(), pyarrow.string())
+    kinds = [text if c.labels else integer if c.integer else number for c in columns]
+    pairs = zip(columns, kinds, strict=True)
+    return pyarrow.schema([pyarrow.field(column.name, kind, metadata=_metadata(column)) for column, kind in pairs])
 
 
 def record_batch(group: np.ndarray, columns: Sequence[Column], schema: "pyarrow.Schema") -> "pyarrow.RecordBatch":
@@ -94,6 +97,9 @@ def _metadata(column: Column) -> dict[str, str]:
 def _array(values: np.ndarray, column: Column) -> "pyarrow.Array":
     import pyarrow
 
+    if column.integer:
+        gaps = np.isnan(values)
+        return pyarrow.array(np.where(gaps, 0, values).astype(np.int64), mask=gaps)
     if not column.labels:
         return pyarrow.array(values, from_pandas=False)
     indices = pyarrow.array(values.astype(np.int32), mask=values < 0)

@@ -1,6 +1,7 @@
 """Numbers as text, for the formats with a row on each line."""
 
 import itertools
+import math
 from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, BinaryIO
@@ -35,6 +36,11 @@ def number_text(piece: np.ndarray) -> bytes:
 def label_text(columns: Sequence[Column], encode: Callable[[str], bytes], empty: bytes) -> dict[int, np.ndarray]:
     """The encoded labels of each text column, by its index; `empty` comes last, for −1."""
     return {i: np.array([*map(encode, c.labels), empty], object) for i, c in enumerate(columns) if c.labels}
+
+
+def integer_text(values: np.ndarray, nan: bytes) -> list[bytes]:
+    """Whole numbers `(n,)` without a decimal point; `nan` where there is none."""
+    return [nan if math.isnan(value) else b"%d" % value for value in values.tolist()]
 
 
 def lines(path: Path, file: BinaryIO, before: int = 0) -> Iterator[bytes]:

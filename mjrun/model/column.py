@@ -13,6 +13,7 @@ class Column:
       meaning: a short description.
       kind, id: the kind of object it belongs to (`joint`, `body`, …) and its MuJoCo id; −1 for none.
       labels: for a column of texts, the texts that the numbers are indices into, −1 for none; tables show the texts.
+      integer: whether all its numbers are whole, so that formats that know integers write them as such.
     """
 
     name: str
@@ -21,3 +22,4 @@ class Column:
     kind: str = ""
     id: int = -1
     labels: tuple[str, ...] = ()
+    integer: bool = False

@@ -23,7 +23,8 @@ def result_columns(
     design: Design, metrics: Sequence[str], results: Sequence[PointResult]
 ) -> tuple[list[Column], np.ndarray]:
     """The columns of the table, and its rows `(n, columns)`; texts are indices into the labels of their columns."""
-    columns, values = [Column("point", meaning="number of the point")], [np.arange(len(results), dtype=float)]
+    columns = [Column("point", meaning="number of the point", integer=True)]
+    values = [np.arange(len(results), dtype=float)]
 
     def add(column: Column, numbers: np.ndarray) -> None:
         columns.append(column)
@@ -40,8 +41,9 @@ def result_columns(
         add(Column(name, meaning="metric"), np.array([result.metrics[index] for result in results], float))
 
     add(*_labelled("status", [result.status for result in results]))
-    add(Column("steps", meaning="steps taken"), np.array([result.steps for result in results], float))
-    add(Column("exit_code", meaning="of this point alone"), np.array([result.exit_code for result in results], float))
+    add(Column("steps", meaning="steps taken", integer=True), np.array([result.steps for result in results], float))
+    codes = np.array([result.exit_code for result in results], float)
+    add(Column("exit_code", meaning="of this point alone", integer=True), codes)
     add(*_labelled("message", [result.message for result in results]))
     return columns, np.stack(values, axis=1)
 

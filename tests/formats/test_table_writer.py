@@ -363,6 +363,24 @@ def manifest_of(path: Path) -> dict[str, Any]:
     return json.loads(text)
 
 
+def test_integers_are_integers_where_a_format_knows_them(tmp_path: Path) -> None:
+    some = [Column("seed", integer=True), Column("x"), Column("how", labels=("ok",)), Column("steps", integer=True)]
+    rows = np.array([[2**53, 1.0, 0, 3], [-7, 0.5, -1, np.nan]])
+    for form in ("csv", "jsonl", "parquet", "feather"):
+        with TableWriter(str(tmp_path / f"t.{form}"), form, some) as writer:
+            writer.write(rows)
+            writer.publish()
+
+    assert (tmp_path / "t.csv").read_text() == f"seed,x,how,steps\n{2**53},1.0,ok,3\n-7,0.5,,nan\n"
+    lines = (tmp_path / "t.jsonl").read_text().splitlines()
+    assert lines[0] == f'{{"seed":{2**53},"x":1.0,"how":"ok","steps":3}}'
+    assert json.loads(lines[1]) == {"seed": -7, "x": 0.5, "how": None, "steps": None}
+    for table in (pq.read_table(tmp_path / "t.parquet"), pyarrow.feather.read_table(tmp_path / "t.feather")):
+        assert table.schema.field("seed").type == pa.int64()
+        assert table.column("seed").to_pylist() == [2**53, -7]
+        assert table.column("steps").to_pylist() == [3, None]
+
+
 @pytest.mark.parametrize("form", EMBEDDING)
 def test_the_manifest_is_embedded_and_the_last_word_counts_where_the_format_allows(tmp_path: Path, form: str) -> None:
     path = tmp_path / f"t.{form}"

@@ -18,7 +18,7 @@ import csv
 import io
 import itertools
 import re
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence, Set
 from pathlib import Path
 from typing import TYPE_CHECKING, BinaryIO
 
@@ -50,13 +50,15 @@ class CsvWriter:
         self._file = file
         self._header = b",".join(_cell(column.name) for column in columns) + b"\n"
         self._labels = label_text(columns, _label_cell, b"")
+        self._integers = {i for i, column in enumerate(columns) if column.integer}
 
     def write(self, block: np.ndarray) -> None:
         from mjrun.formats.text_columns import pieces
 
         self._write_header()
         for piece in pieces(block):
-            self._file.write(_mixed_lines(piece, self._labels) if self._labels else _lines(piece))
+            mixed = self._labels or self._integers
+            self._file.write(_mixed_lines(piece, self._labels, self._integers) if mixed else _lines(piece))
 
     def finish(self, manifest: str) -> None:
         self._write_header()
@@ -97,14 +99,22 @@ def _lines(piece: np.ndarray) -> bytes:
     return b"".join(parts)
 
 
-def _mixed_lines(piece: np.ndarray, labels: Mapping[int, np.ndarray]) -> bytes:
-    """The lines of a piece with text columns: the numbers between those are printed together."""
+def _mixed_lines(piece: np.ndarray, labels: Mapping[int, np.ndarray], integers: Set[int]) -> bytes:
+    """The lines of a piece with texts and integers: the numbers between those are printed together."""
     import numpy as np
 
-    cells = []
-    for index, run in itertools.groupby(range(piece.shape[1]), key=lambda i: i if i in labels else -1):
+    from mjrun.formats.text_columns import integer_text
+
+    cells: list[list[bytes]] = []
+    alone = {*labels, *integers}
+    for index, run in itertools.groupby(range(piece.shape[1]), key=lambda i: i if i in alone else -1):
         values = np.ascontiguousarray(piece[:, list(run)])
-        cells.append(_lines(values).splitlines() if index < 0 else labels[index][values[:, 0].astype(int)].tolist())
+        if index in labels:
+            cells.append(labels[index][values[:, 0].astype(int)].tolist())
+        elif index in integers:
+            cells.append(integer_text(values[:, 0], b"nan"))
+        else:
+            cells.append(_lines(values).splitlines())
     return b"\n".join(map(b",".join, zip(*cells, strict=True))) + b"\n"
 
 

@@ -34,9 +34,10 @@ class JsonlWriter:
         first, *others = (_string(column.name) + b":" for column in columns)
         self._before = [b"}\n{" + first, *(b"," + key for key in others)]
         self._labels = label_text(columns, _string, b"null")
+        self._integers = [i for i, column in enumerate(columns) if column.integer]
 
     def write(self, block: np.ndarray) -> None:
-        from mjrun.formats.text_columns import number_text, pieces
+        from mjrun.formats.text_columns import integer_text, number_text, pieces
 
         for piece in pieces(block):
             parts = [b""] * (2 * piece.size)
@@ -44,6 +45,8 @@ class JsonlWriter:
             parts[1::2] = number_text(piece).replace(b"],[", b",").split(b",")
             for index, labels in self._labels.items():
                 parts[2 * index + 1 :: 2 * piece.shape[1]] = labels[piece[:, index].astype(int)].tolist()
+            for index in self._integers:
+                parts[2 * index + 1 :: 2 * piece.shape[1]] = integer_text(piece[:, index], b"null")
             parts[0] = parts[0].removeprefix(b"}\n")
             self._file.write(b"".join(parts) + b"}\n")
 

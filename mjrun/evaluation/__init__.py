@@ -1,0 +1,1 @@
+"""How good a policy is on a task: seeded episodes, their returns and endings, intervals, comparisons, films."""

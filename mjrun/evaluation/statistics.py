@@ -1,0 +1,170 @@
+"""Means, medians, shares and their differences, each with a confidence interval; no random numbers anywhere.
+
+Sources: E. B. Wilson, JASA 22 (1927) 209, for a share; Student's t for a mean and for the mean of paired differences;
+order statistics for a median; R. G. Newcombe, Statistics in Medicine 17 (1998) 2635, method 10, for the difference of
+paired shares.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+CONFIDENCE = 0.95
+
+
+@dataclass(frozen=True)
+class Interval:
+    """A confidence interval; both ends are None where there is too little to have one."""
+
+    low: float | None
+    high: float | None
+
+    @property
+    def excludes_zero(self) -> bool:
+        """Whether it tells from 0."""
+        return self.low is not None and self.high is not None and (self.low > 0 or self.high < 0)
+
+
+NO_INTERVAL = Interval(None, None)
+
+
+@dataclass(frozen=True)
+class NumberSummary:
+    """A number of each episode.
+
+    Attributes:
+      count: of the episodes that have it: it is finite in them.
+      mean, std: over them; `std` is the estimate for the population, with n − 1. None where there are too few.
+      mean_interval: Student's t interval of the mean.
+      median: over them.
+      median_interval: of order statistics, so that its coverage is at least the confidence whatever the distribution;
+        none for fewer than 6 episodes at 95 %.
+      min, max: over them.
+    """
+
+    count: int
+    mean: float | None
+    std: float | None
+    mean_interval: Interval
+    median: float | None
+    median_interval: Interval
+    min: float | None
+    max: float | None
+
+
+@dataclass(frozen=True)
+class Share:
+    """On how many of all something is so.
+
+    Attributes:
+      count: on how many.
+      of: of how many.
+      share: `count / of`.
+      interval: Wilson's score interval.
+    """
+
+    count: int
+    of: int
+    share: float
+    interval: Interval
+
+
+def summarized(values: Sequence[float] | np.ndarray, confidence: float = CONFIDENCE) -> NumberSummary:
+    """The summary of `values` `(n,)`; those that are not finite are left out."""
+    numbers = np.asarray(values, float)
+    good = numbers[np.isfinite(numbers)]
+    if not len(good):
+        return NumberSummary(0, None, None, NO_INTERVAL, None, NO_INTERVAL, None, None)
+    return NumberSummary(
+        count=len(good),
+        mean=float(good.mean()),
+        std=float(good.std(ddof=1)) if len(good) > 1 else None,
+        mean_interval=mean_interval(good, confidence),
+        median=float(np.median(good)),
+        median_interval=median_interval(good, confidence),
+        min=float(good.min()),
+        max=float(good.max()),
+    )
+
+
+def mean_interval(values: np.ndarray, confidence: float = CONFIDENCE) -> Interval:
+    """Student's t interval of the mean of `values` `(n,)`; none for fewer than two."""
+    from scipy.special import stdtrit
+
+    count = len(values)
+    if count < 2:
+        return NO_INTERVAL
+    mean = float(values.mean())
+    half = float(stdtrit(count - 1, (1 + confidence) / 2)) * float(values.std(ddof=1)) / math.sqrt(count)
+    return Interval(mean - half, mean + half)
+
+
+def median_interval(values: np.ndarray, confidence: float = CONFIDENCE) -> Interval:
+    """The narrowest symmetric pair of order statistics of `values` `(n,)` that covers the median with `confidence`."""
+    from scipy.special import bdtr
+
+    count = len(values)
+    ranks = np.arange(count // 2)
+    tails = bdtr(ranks.astype(float), count, 0.5)  # the probability that at most `rank` values are below the median
+    fitting = ranks[tails <= (1 - confidence) / 2]
+    if not len(fitting):
+        return NO_INTERVAL
+    ordered, rank = np.sort(values), int(fitting[-1])
+    return Interval(float(ordered[rank]), float(ordered[count - 1 - rank]))
+
+
+def share(holds: Sequence[bool] | np.ndarray, confidence: float = CONFIDENCE) -> Share:
+    """On how many of `holds` `(n,)`, n > 0, something is so."""
+    count, of = int(np.count_nonzero(holds)), len(holds)
+    return Share(count, of, count / of, wilson_interval(count, of, confidence))
+
+
+def wilson_interval(count: int, of: int, confidence: float = CONFIDENCE) -> Interval:
+    """Wilson's score interval of the share `count / of`."""
+    z = _normal_quantile((1 + confidence) / 2)
+    share, weight = count / of, z * z / of
+    centre = (share + weight / 2) / (1 + weight)
+    half = z / (1 + weight) * math.sqrt(share * (1 - share) / of + weight / (4 * of))
+    low = 0.0 if count == 0 else max(0.0, centre - half)
+    return Interval(low, 1.0 if count == of else min(1.0, centre + half))
+
+
+def paired_share_interval(ours: np.ndarray, theirs: np.ndarray, confidence: float = CONFIDENCE) -> Interval:
+    """The interval of the difference of two shares over the same cases: of `ours` − of `theirs`, bool `(n,)` each.
+
+    Newcombe's method 10: the distances of both Wilson intervals from their shares, put together as those of correlated
+    estimates are. It stays within −1 and 1, and is there for any number of cases.
+    """
+    both, neither = np.count_nonzero(ours & theirs), np.count_nonzero(~ours & ~theirs)
+    only_ours, only_theirs = np.count_nonzero(ours & ~theirs), np.count_nonzero(~ours & theirs)
+    of = len(ours)
+    first, second = (both + only_ours) / of, (both + only_theirs) / of
+    wilson = [wilson_interval(int(np.count_nonzero(each)), of, confidence) for each in (ours, theirs)]
+    correlation = _correlation(both, only_ours, only_theirs, neither)
+
+    def distance(a: float, b: float) -> float:
+        return math.sqrt(max(0.0, a * a - 2 * correlation * a * b + b * b))
+
+    (low1, high1), (low2, high2) = ((each.low or 0.0, each.high or 0.0) for each in wilson)
+    difference = first - second
+    below = distance(first - low1, high2 - second)
+    above = distance(high1 - first, second - low2)
+    return Interval(max(-1.0, difference - below), min(1.0, difference + above))
+
+
+def _correlation(both: int, only_ours: int, only_theirs: int, neither: int) -> float:
+    """The correlation of the pairs, corrected for continuity where it is positive, as in Newcombe's method 10."""
+    margins = (both + only_ours) * (only_theirs + neither) * (both + only_theirs) * (only_ours + neither)
+    if margins == 0:
+        return 0.0
+    excess, half = both * neither - only_ours * only_theirs, (both + only_ours + only_theirs + neither) / 2
+    corrected = max(excess - half, 0.0) if excess > 0 else float(excess)
+    return corrected / math.sqrt(float(margins))
+
+
+def _normal_quantile(probability: float) -> float:
+    from statistics import NormalDist
+
+    return NormalDist().inv_cdf(probability)

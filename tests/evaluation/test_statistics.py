@@ -1,0 +1,137 @@
+"""Intervals against scipy, published examples, and their coverage."""
+
+import numpy as np
+import pytest
+import scipy.stats
+from hypothesis import given
+from hypothesis import strategies as st
+
+from mjrun.evaluation.statistics import (
+    Interval,
+    mean_interval,
+    median_interval,
+    paired_share_interval,
+    share,
+    summarized,
+    wilson_interval,
+)
+
+LEVELS = st.sampled_from([0.8, 0.9, 0.95, 0.99])
+
+
+@given(st.integers(1, 400).flatmap(lambda of: st.tuples(st.integers(0, of), st.just(of))), LEVELS)
+def test_the_interval_of_a_share_is_wilsons(counts: tuple[int, int], confidence: float) -> None:
+    count, of = counts
+    expected = scipy.stats.binomtest(count, of).proportion_ci(confidence, method="wilson")
+    found = wilson_interval(count, of, confidence)
+    assert (found.low, found.high) == pytest.approx((expected.low, expected.high), abs=1e-12)
+    assert share([True] * count + [False] * (of - count), confidence).interval == found
+
+
+def test_a_share_of_all_or_none_reaches_the_end() -> None:
+    assert wilson_interval(0, 7).low == 0
+    assert wilson_interval(7, 7).high == 1
+
+
+@given(st.lists(st.floats(-1e6, 1e6), min_size=2, max_size=60), LEVELS)
+def test_the_interval_of_a_mean_is_students(values: list[float], confidence: float) -> None:
+    numbers = np.array(values)
+    spread = scipy.stats.sem(numbers)
+    found = mean_interval(numbers, confidence)
+    if spread == 0:
+        assert found == Interval(numbers.mean(), numbers.mean())
+        return
+    expected = scipy.stats.t.interval(confidence, len(numbers) - 1, numbers.mean(), spread)
+    assert (found.low, found.high) == pytest.approx(expected, rel=1e-9, abs=1e-9)
+
+
+@given(st.lists(st.floats(-1e6, 1e6), min_size=1, max_size=80, unique=True), LEVELS)
+def test_the_interval_of_a_median_is_that_of_the_quantile_test(values: list[float], confidence: float) -> None:
+    expected = scipy.stats.quantile_test(values, p=0.5).confidence_interval(confidence)
+    found = median_interval(np.array(values), confidence)
+    if np.isnan(expected.low) or np.isnan(expected.high):
+        assert found == Interval(None, None)
+    else:
+        assert (found.low, found.high) == (expected.low, expected.high)
+
+
+def paired(both: int, first: int, second: int, neither: int) -> tuple[np.ndarray, np.ndarray]:
+    counts = [both, first, second, neither]
+    return np.repeat([True, True, False, False], counts), np.repeat([True, False, True, False], counts)
+
+
+@pytest.mark.parametrize(
+    ("table", "expected"),
+    [
+        # Fagerland, Lydersen, Laake, Statistics in Medicine 33 (2014) 2850: Newcombe's square-and-add interval.
+        ((1, 1, 7, 12), (-0.507, -0.026)),
+        # Newcombe 1998, table II, method 10.
+        ((36, 12, 2, 0), (0.0569, 0.3404)),
+        ((36, 14, 0, 0), (0.1528, 0.4167)),
+    ],
+)
+def test_the_interval_of_a_difference_of_paired_shares_is_that_of_the_literature(
+    table: tuple[int, int, int, int], expected: tuple[float, float]
+) -> None:
+    found = paired_share_interval(*paired(*table))
+    digits = 3 if table[0] == 1 else 4
+    assert found.low is not None
+    assert found.high is not None
+    assert (round(found.low, digits), round(found.high, digits)) == expected
+
+
+@given(*[st.integers(0, 40)] * 4)
+def test_a_difference_lies_in_its_interval_which_turns_around_with_the_sides(a: int, b: int, c: int, d: int) -> None:
+    if a + b + c + d == 0:
+        return
+    ours, theirs = paired(a, b, c, d)
+    found, other = paired_share_interval(ours, theirs), paired_share_interval(theirs, ours)
+    assert found.low is not None
+    assert found.high is not None
+    assert -1 <= found.low <= (b - c) / (a + b + c + d) <= found.high <= 1
+    assert (other.low, other.high) == pytest.approx((-found.high, -found.low), abs=1e-12)
+
+
+def test_intervals_cover_what_they_are_to_cover() -> None:
+    generator, tries = np.random.default_rng(5), 400
+    covered = {"mean": 0, "median": 0, "difference": 0}
+    for _ in range(tries):
+        values = generator.normal(3, 2, 25)
+        covered["mean"] += _contains(mean_interval(values), 3)
+        covered["median"] += _contains(median_interval(values), 3)
+        cases = generator.choice(4, 60, p=[0.5, 0.2, 0.1, 0.2])
+        ours, theirs = cases < 2, (cases == 0) | (cases == 2)
+        covered["difference"] += _contains(paired_share_interval(ours, theirs), 0.1)
+    shares = {name: count / tries for name, count in covered.items()}
+    assert all(0.92 < each <= 0.99 for each in shares.values()), shares
+
+
+def _contains(interval: Interval, value: float) -> bool:
+    assert interval.low is not None
+    assert interval.high is not None
+    return interval.low <= value <= interval.high
+
+
+def test_a_summary_leaves_out_what_is_not_finite() -> None:
+    found = summarized([1.0, np.nan, 3.0, np.inf, 8.0])
+    assert (found.count, found.mean, found.median, found.min, found.max) == (3, 4.0, 3.0, 1.0, 8.0)
+    assert found.std == pytest.approx(np.std([1, 3, 8], ddof=1))
+    assert found.median_interval == Interval(None, None)
+
+
+@pytest.mark.parametrize("values", [[], [np.nan]])
+def test_a_summary_of_nothing_says_nothing(values: list[float]) -> None:
+    found = summarized(values)
+    assert (found.count, found.mean, found.mean_interval) == (0, None, Interval(None, None))
+
+
+def test_one_value_has_a_mean_without_an_interval() -> None:
+    found = summarized([2.5])
+    assert (found.mean, found.std, found.mean_interval) == (2.5, None, Interval(None, None))
+
+
+def test_only_an_interval_on_one_side_excludes_zero() -> None:
+    assert Interval(0.1, 2).excludes_zero
+    assert Interval(-2, -0.1).excludes_zero
+    assert not Interval(-1, 1).excludes_zero
+    assert not Interval(None, None).excludes_zero
