@@ -16,8 +16,11 @@ Grammar, from what binds loosest to what binds tightest::
 
 Operands are numbers (`1e-3`, `.5`), `pi`, `inf`, columns, calls and parentheses.
 
-    abs sqrt exp log sin cos tan (x)                one value per row from one per row
-    min max (x, y, …)                               of several values: elementwise
+    abs sqrt exp log sin cos tan tanh (x)           one value per row from one per row
+    min max sum norm (x, y, …)                      of several values, row by row; norm is √(x² + y² + …)
+    clip (x, low, high)                             x, but at least low and at most high
+    where (condition, x, y)                         x on rows where the condition holds, else y
+    isfinite (x)                                    a comparison: x is neither infinite nor NaN
     min max mean rms std sum first last count median (x)     of one value: an aggregate over all rows
     quantile (x, fraction)                          the value below which a fraction of all rows lies
     mean (x, condition), …                          any of them over the rows on which a condition holds
@@ -29,12 +32,16 @@ cannot be mixed with values per row in one comparison, nor stand inside another 
 
 A column is called by its name. The longest known name at a place is taken: `a/b` is the column `a/b` where there is
 one, and else `a` divided by `b`; `a / b` is a division always. A name with characters other than letters, digits,
-`_ / : . -` and single inner spaces, or that is also a number or a keyword, is quoted, 'so' or `so`; a quote within is
-doubled. Where it is known what model the table measures, `speed(box)` is the column `speed/box`, as in an event
-(`mjrun.probe.event`).
+`_ / : . -` and single inner spaces, or that is also a number or a keyword, is quoted, 'so' or `so` or "so"; a quote
+within is doubled. Where it is known what model the table measures, `speed(box)` is the column `speed/box`, as in an
+event (`mjrun.probe.event`).
+
+A quoted name with wildcards, "cfrc_ext/*", is a vector: all columns that match, in the order of the table. What is
+elementwise applies to its numbers one by one, together with single values and with vectors of the same length; `norm`,
+`sum`, `min` and `max` make one value per row of it: `max(norm("qvel/*"))` is the largest norm on any row.
 
 NaN: no comparison with NaN holds, not even `!=`, nor under `not`; an aggregate of values among which is a NaN is NaN.
-`abs(x) < inf` therefore says that x is finite.
+`abs(x) < inf` therefore says that x is finite, as `isfinite(x)` does; `not isfinite(x)` holds for NaN.
 
 `first(time, x > 1)` is the time at which x exceeds 1 for the first time, NaN if it never does. A quantile is
 interpolated linearly, as numpy does it.
@@ -55,13 +62,13 @@ from mjrun.errors import clean, option
 from mjrun.probe.aggregate import RowChunk, shown
 from mjrun.probe.expression import (
     AggregateCall,
-    AggregateValues,
     AllRows,
     BooleanExpression,
     BooleanOperation,
-    ColumnReference,
+    KnownValues,
     Node,
     NumericExpression,
+    columns_read,
     evaluate,
     evaluate_truth,
     sides,
@@ -80,7 +87,7 @@ class RowCheck:
         self.truth, self.failures, self.place = truth, 0, ""
         self.found: dict[NumericExpression, float] = {}
 
-    def add(self, chunk: RowChunk, known: AggregateValues) -> None:
+    def add(self, chunk: RowChunk, known: KnownValues) -> None:
         """Takes one chunk."""
         holds = evaluate_truth(self.truth, chunk.columns, known)
         failures = chunk.count - int(np.count_nonzero(holds))
@@ -123,7 +130,7 @@ def parse(text: str, columns: Sequence[str] | Vocabulary, name: str = "assert") 
     """
     vocabulary = columns if isinstance(columns, Vocabulary) else Vocabulary(columns)
     truth = Parser(SourceText(text, option(name)), vocabulary).whole()
-    read = {node.name for node in walk(truth) if isinstance(node, ColumnReference)}
+    read = {*columns_read(truth)}
     table = vocabulary.names
     return Assertion(text, tuple(name for name in dict.fromkeys(table) if name in read), table, truth)
 
@@ -137,7 +144,7 @@ class AssertionChecker:
         nodes = list(walk(self._truth))
         self._aggregates = Aggregates(nodes)
         self._row_checks = {node: RowCheck(node.truth) for node in nodes if isinstance(node, AllRows)}
-        self._values: AggregateValues = {}  # known after the last row
+        self._values: KnownValues = {}  # known after the last row
         self._is_one_subject = len({self._text(side) for side in sides(self._truth)}) == 1
 
     def feed(self, block: np.ndarray, first_row: int) -> None:

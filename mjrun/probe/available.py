@@ -1,7 +1,7 @@
 """The names that a model offers to an expression, and what `xpos(top).z` and `contact(ball, floor)` stand for."""
 
 import shlex
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from functools import cached_property
 
 import mujoco
@@ -13,12 +13,12 @@ from mjrun.probe.select import PAIRS, aliases, available_columns, object_of
 
 
 class AvailableProbes(Vocabulary):
-    """Every column that can be measured of `model`, by each of its names, and `time`."""
+    """Every column that can be measured of `model`, by each of its names, `time`, and `others`."""
 
     beginnings = (f"{PAIRS}/",)
 
-    def __init__(self, model: mujoco.MjModel) -> None:
-        own = {column.name: column.name for column in available_columns(model)}
+    def __init__(self, model: mujoco.MjModel, others: Iterable[str] = ()) -> None:
+        own = {column.name: column.name for column in available_columns(model)} | {name: name for name in others}
         # A column's own name comes first in lists, and is never another's alias.
         super().__init__({"time": "time", **own, **aliases(model), **own})
         self._groups = frozenset(name.partition("/")[0] for name in self.names) - {"time"}

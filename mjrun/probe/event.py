@@ -18,7 +18,7 @@ import mujoco
 import numpy as np
 
 from mjrun.probe.available import AvailableProbes
-from mjrun.probe.expression import BooleanExpression, ColumnReference, evaluate_truth, walk
+from mjrun.probe.expression import BooleanExpression, columns_read, evaluate_truth
 from mjrun.probe.parser import Parser
 from mjrun.probe.scanner import SourceText
 
@@ -63,7 +63,7 @@ def condition(text: str, model: mujoco.MjModel, label: str = "when") -> Conditio
       UsageError: the text is none of the language; the message says where, what was found and what is valid.
     """
     truth = Parser(SourceText(text, label), AvailableProbes(model), aggregates=False).truth()
-    read = dict.fromkeys(node.name for node in walk(truth) if isinstance(node, ColumnReference))
+    read = columns_read(truth)
     return Condition(text, tuple(name for name in read if name != "time"), truth)
 
 

@@ -1,7 +1,7 @@
 """The tree of an assertion, and its value on rows: see `mjrun.probe.assertion` for the language."""
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -10,10 +10,12 @@ import numpy as np
 LEVELS = {"or": 1, "and": 2, "<": 4, "<=": 4, ">": 4, ">=": 4, "==": 4, "!=": 4}
 LEVELS |= {"+": 5, "-": 5, "*": 6, "/": 6, "^": 8, "**": 8}
 NOT, COMPARISON, SIGN = 3, 4, 7
+FINITE, NOT_FINITE = "finite", "not finite"  # comparisons with infinity, of which a NaN is on the second's side
 COMPLEMENT = {"<": ">=", "<=": ">", ">": "<=", ">=": "<", "==": "!=", "!=": "=="}
+COMPLEMENT |= {FINITE: NOT_FINITE, NOT_FINITE: FINITE}
 CONSTANTS = {"pi": math.pi, "inf": math.inf}
 KEYWORDS = ("and", "or", "not")
-MEANT = {"=": "==", "&": "and", "|": "or", "!": "not", "≤": "<=", "≥": ">=", "≠": "!=", "×": "*", "−": "-", '"': "'"}
+MEANT = {"=": "==", "&": "and", "|": "or", "!": "not", "≤": "<=", "≥": ">=", "≠": "!=", "×": "*", "−": "-"}
 
 
 def _power(base: Any, exponent: Any) -> Any:
@@ -24,17 +26,25 @@ def _unequal(left: Any, right: Any) -> Any:
     return np.less(left, right) | np.greater(left, right)  # not so for NaN
 
 
+def _norm(vector: np.ndarray, axis: int) -> np.ndarray:
+    return np.sqrt(np.add.reduce(vector * vector, axis=axis))
+
+
 Function = Callable[..., Any]
 ARITHMETIC: dict[str, Function] = {"+": np.add, "-": np.subtract, "*": np.multiply, "/": np.divide}
 ARITHMETIC |= {"^": _power, "**": _power}
 COMPARE: dict[str, Function] = {"<": np.less, "<=": np.less_equal, ">": np.greater, ">=": np.greater_equal}
 COMPARE |= {"==": np.equal, "!=": _unequal}
+COMPARE |= {FINITE: lambda value, limit: np.isfinite(value), NOT_FINITE: lambda value, limit: ~np.isfinite(value)}
 ELEMENTWISE: dict[str, Function] = {"abs": np.abs, "sqrt": np.sqrt, "exp": np.exp, "log": np.log}
-ELEMENTWISE |= {"sin": np.sin, "cos": np.cos, "tan": np.tan}
-FOLDED: dict[str, Function] = {"min": np.minimum, "max": np.maximum}
+ELEMENTWISE |= {"sin": np.sin, "cos": np.cos, "tan": np.tan, "tanh": np.tanh}
+FOLDED: dict[str, Function] = {"min": np.minimum, "max": np.maximum, "sum": np.add}
+REDUCED: dict[str, Function] = {name: function.reduce for name, function in FOLDED.items()} | {"norm": _norm}
+OTHERS = ("norm", "clip", "where", "isfinite")  # functions of values at one instant that are neither of the above
+SUCCESSIVE = ("previous", "rate")  # functions of values at control instants that follow each other
 AGGREGATES = ("min", "max", "mean", "rms", "std", "sum", "first", "last", "count", "share", "median", "quantile")
 OF_CONDITIONS = ("count", "share")  # which need no value besides the condition
-FUNCTIONS = (*ELEMENTWISE, *AGGREGATES)
+FUNCTIONS = (*ELEMENTWISE, *OTHERS, *AGGREGATES)
 
 # When the value of an expression is known: at once, from the first row on, on each row, after all rows.
 FIXED, START, ROW, TABLE = "fixed", "start", "row", "table"
@@ -45,11 +55,16 @@ FIXED, START, ROW, TABLE = "fixed", "start", "row", "table"
 
 @dataclass(frozen=True, eq=False)
 class NumericExpression:
-    """Something that has a number for its value; it is written from character `start` to `end`."""
+    """Something that has a number for its value, or a vector; it is written from character `start` to `end`."""
 
     start: int
     end: int
     kind: str
+
+    @property
+    def width(self) -> int:
+        """How many numbers a vector has; 0 for a single number."""
+        return 0
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,11 +82,57 @@ class ColumnReference(NumericExpression):
 
 
 @dataclass(frozen=True, eq=False)
+class ColumnVector(NumericExpression):
+    """The columns `names` of the table, side by side."""
+
+    names: tuple[str, ...]
+
+    @property
+    def width(self) -> int:
+        return len(self.names)
+
+
+@dataclass(frozen=True, eq=False)
 class FunctionCall(NumericExpression):
-    """One function of one operand, or several that fold operands from the left."""
+    """One function of one operand, or several that fold operands from the left; elementwise."""
 
     functions: tuple[Function, ...]
     operands: tuple[NumericExpression, ...]
+
+    @property
+    def width(self) -> int:
+        return max(operand.width for operand in self.operands)
+
+
+@dataclass(frozen=True, eq=False)
+class Reduction(NumericExpression):
+    """One number from all numbers in the operands, such as their norm."""
+
+    name: str
+    operands: tuple[NumericExpression, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class Choice(NumericExpression):
+    """The first operand where the condition holds, else the second."""
+
+    condition: "BooleanExpression"
+    operands: tuple[NumericExpression, NumericExpression]
+
+    @property
+    def width(self) -> int:
+        return max(operand.width for operand in self.operands)
+
+
+@dataclass(frozen=True, eq=False)
+class PreviousValue(NumericExpression):
+    """The value of the operand at the control instant before."""
+
+    operand: NumericExpression
+
+    @property
+    def width(self) -> int:
+        return self.operand.width
 
 
 @dataclass(frozen=True, eq=False)
@@ -126,8 +187,14 @@ Node = NumericExpression | BooleanExpression
 def parts(node: Node) -> tuple[Node, ...]:
     """The expressions that `node` consists of."""
     match node:
-        case FunctionCall(operands=nodes) | Comparison(sides=nodes) | BooleanOperation(parts=nodes):
+        case FunctionCall(operands=nodes) | Reduction(operands=nodes) | Comparison(sides=nodes):
             return nodes
+        case BooleanOperation(parts=nodes):
+            return nodes
+        case Choice(condition=condition, operands=nodes):
+            return (condition, *nodes)
+        case PreviousValue(operand=node):
+            return (node,)
         case AggregateCall(operand=node, condition=condition):
             return (node,) if condition is None else (node, condition)
         case AllRows(truth=node):
@@ -140,6 +207,17 @@ def walk(node: Node) -> Iterator[Node]:
     for part in parts(node):
         yield from walk(part)
     yield node
+
+
+def columns_read(node: Node) -> tuple[str, ...]:
+    """The names of the columns that `node` reads, in the order in which it first mentions them."""
+    names: dict[str, None] = {}
+    for part in walk(node):
+        if isinstance(part, ColumnReference):
+            names[part.name] = None
+        elif isinstance(part, ColumnVector):
+            names |= dict.fromkeys(part.names)
+    return tuple(names)
 
 
 def comparisons(truth: BooleanExpression) -> Iterator[Comparison]:
@@ -178,29 +256,66 @@ def negated(truth: BooleanExpression) -> BooleanExpression:
 
 # --- evaluation ------------------------------------------------------------------------------------
 
-AggregateValues = dict["AggregateCall", float]
+KnownValues = dict[NumericExpression, Any]  # of aggregates and of previous values, by their calls
 
 
-def evaluate(value: NumericExpression, columns: dict[str, np.ndarray], known: AggregateValues) -> Any:
-    """The value on each row of `columns`, or on all of them alike; `known` has the aggregates'."""
+def evaluate(value: NumericExpression, columns: Mapping[str, np.ndarray], known: KnownValues) -> Any:
+    """The value on each row of `columns`, or on all of them alike; `known` has what other rows decide.
+
+    Returns:
+      A number, or one for each of n rows, `(n,)`; of a vector `(n, width)` in C order.
+    """
     match value:
         case NumberLiteral(value=number):
             return number
         case ColumnReference(name=name):
             return columns[name]
-        case AggregateCall():
+        case ColumnVector(names=names):
+            return np.stack([columns[name] for name in names], axis=-1)
+        case AggregateCall() | PreviousValue():
             return known[value]
-        case FunctionCall(functions=functions, operands=(first, *rest)):
-            result = evaluate(first, columns, known)
+        case FunctionCall(functions=functions, operands=operands):
+            first, *rest = _aligned(operands, columns, known)
             if not rest:
-                return functions[0](result)
+                return functions[0](first)
             for function, operand in zip(functions, rest, strict=True):
-                result = function(result, evaluate(operand, columns, known))
-            return result
+                first = function(first, operand)
+            return first
+        case Reduction(name=name, operands=operands):
+            return REDUCED[name](_side_by_side(operands, columns, known), axis=-1)
+        case Choice(condition=condition, operands=operands):
+            holds = evaluate_truth(condition, columns, known)
+            first, second = _aligned(operands, columns, known)
+            return np.where(_beside_vector(holds) if value.width else holds, first, second)
     raise TypeError(value)
 
 
-def evaluate_truth(truth: BooleanExpression, columns: dict[str, np.ndarray], known: AggregateValues) -> Any:
+def _aligned(operands: Sequence[NumericExpression], columns: Mapping[str, np.ndarray], known: KnownValues) -> list[Any]:
+    """The values of `operands`; if one is a vector, all are such that numpy combines them row by row."""
+    values = [evaluate(operand, columns, known) for operand in operands]
+    if not any(operand.width for operand in operands):
+        return values
+    return [v if operand.width else _beside_vector(v) for v, operand in zip(values, operands, strict=True)]
+
+
+def _beside_vector(values: Any) -> Any:
+    """One value per row as a vector of one."""
+    return values[..., None] if np.ndim(values) else values
+
+
+def _side_by_side(
+    operands: Sequence[NumericExpression], columns: Mapping[str, np.ndarray], known: KnownValues
+) -> np.ndarray:
+    """All numbers of `operands` on each row: `(n, k)` in C order, so that a sum over them is the same for every n."""
+    vectors = [np.asarray(evaluate(operand, columns, known)) for operand in operands]
+    if len(vectors) == 1:
+        return np.ascontiguousarray(vectors[0])
+    vectors = [v if operand.width else v[..., None] for v, operand in zip(vectors, operands, strict=True)]
+    rows = np.broadcast_shapes(*(v.shape[:-1] for v in vectors))
+    return np.concatenate([np.broadcast_to(v, (*rows, v.shape[-1])) for v in vectors], axis=-1)
+
+
+def evaluate_truth(truth: BooleanExpression, columns: Mapping[str, np.ndarray], known: KnownValues) -> Any:
     """Whether `truth` holds, row by row where it has rows."""
     match truth:
         case Comparison(operator=operator, sides=(left, right)):

@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from mjrun.probe.expression import ColumnReference, NumericExpression, evaluate, walk
+from mjrun.probe.expression import NumericExpression, columns_read, evaluate, walk
 from mjrun.probe.parser import Parser
 from mjrun.probe.row_chunks import Aggregates, ChunkBuffer
 from mjrun.probe.scanner import SourceText, Vocabulary
@@ -68,5 +68,5 @@ def parse_metric(text: str, columns: Sequence[str] | Vocabulary, label: str) -> 
     """
     vocabulary = columns if isinstance(columns, Vocabulary) else Vocabulary(columns)
     value = Parser(SourceText(text, label), vocabulary).table_value()
-    read = dict.fromkeys(node.name for node in walk(value) if isinstance(node, ColumnReference))
-    return Metric(text, tuple(read), value)
+    read = columns_read(value)
+    return Metric(text, read, value)

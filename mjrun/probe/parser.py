@@ -5,36 +5,44 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from mjrun.errors import UsageError, clean, quoted
+from mjrun.errors import UsageError, clean, counted, quoted
 from mjrun.probe.expression import (
     AGGREGATES,
     ARITHMETIC,
     COMPARISON,
-    CONSTANTS,
     ELEMENTWISE,
+    FINITE,
     FIXED,
     FOLDED,
     LEVELS,
     MEANT,
     NOT,
     OF_CONDITIONS,
+    OTHERS,
     ROW,
     SIGN,
     START,
+    SUCCESSIVE,
     TABLE,
     AggregateCall,
     AllRows,
     BooleanExpression,
     BooleanOperation,
+    Choice,
     ColumnReference,
+    ColumnVector,
     Comparison,
+    Function,
     FunctionCall,
     Node,
     NumberLiteral,
     NumericExpression,
+    PreviousValue,
+    Reduction,
     is_mixed,
     is_row,
     negated,
+    sides,
     walk,
 )
 from mjrun.probe.scanner import SHOWN, Scanner, SourceText, Token, Vocabulary, is_bare, is_name, is_word, spelled
@@ -48,12 +56,20 @@ class Parser:
 
     Args:
       aggregates: whether there are any; without them all values are per row.
+      control_dt: the time between two rows [s], where a row may refer to the one before it as `previous` and `rate` do.
     """
 
-    def __init__(self, source: SourceText, vocabulary: Vocabulary, aggregates: bool = True) -> None:
+    def __init__(
+        self,
+        source: SourceText,
+        vocabulary: Vocabulary,
+        aggregates: bool = True,
+        control_dt: float | None = None,
+    ) -> None:
         if len(source.text) > LONGEST:
             raise UsageError(f"{source.label}: {len(source.text)} characters, expected at most {LONGEST}")
         self.source, self.text, self.vocabulary, self.aggregates = source, source.text, vocabulary, aggregates
+        self.control_dt = control_dt
         self.scanner, self.depth = Scanner(source, vocabulary), 0
         self.token, self.end = self.scanner.token(0), 0
 
@@ -67,7 +83,7 @@ class Parser:
 
     def row_value(self) -> NumericExpression:
         """The whole text as one number per row."""
-        value = self._value(self._to_end())
+        value = self._scalar(self._to_end())
         for node in walk(value):
             if isinstance(node, AggregateCall) and node.kind != START:
                 raise self.source.fault(node.start, f"{node.name} over all rows", "values per row, or first(…)")
@@ -75,7 +91,7 @@ class Parser:
 
     def table_value(self) -> NumericExpression:
         """The whole text as one number of the table."""
-        value = self._value(self._to_end())
+        value = self._scalar(self._to_end())
         if value.kind == ROW:
             raise self.source.fault(value.start, "values per row", f"one number, such as max({self.text.strip()})")
         if value.kind == FIXED:
@@ -116,11 +132,10 @@ class Parser:
         if level < NOT:
             truths = tuple(self._truth(node) for node in operands)
             return BooleanOperation(start, self.end, operators[0].text == "and", truths)
-        values = tuple(self._value(node) for node in operands)
         if level == COMPARISON:
-            return self._compared(start, operators, values)
-        functions = tuple(ARITHMETIC[token.text] for token in operators)
-        return FunctionCall(start, self.end, self._kind(values), functions, values)
+            return self._compared(start, operators, tuple(self._scalar(node) for node in operands))
+        values = [self._value(node) for node in operands]
+        return self._elementwise(start, [ARITHMETIC[token.text] for token in operators], values)
 
     def _operand(self, floor: int) -> Node:
         token = self.token
@@ -130,6 +145,9 @@ class Parser:
             case "column", _:
                 self._take()
                 return ColumnReference(token.start, token.end, ROW, token.text)
+            case "wildcard", _:
+                self._take()
+                return ColumnVector(token.start, token.end, ROW, self.vocabulary.matching(token.text))
             case "word", _:
                 return self._named(self._take())
             case "operator", "(":
@@ -149,15 +167,15 @@ class Parser:
             raise self.source.fault(token.start, f"a number beyond all floats ({token.text[:SHOWN]})", "less, or inf")
         return NumberLiteral(token.start, token.end, FIXED, value)
 
-    def _named(self, token: Token) -> NumericExpression:
-        if token.text in CONSTANTS:
-            return NumberLiteral(token.start, token.end, FIXED, CONSTANTS[token.text])
+    def _named(self, token: Token) -> Node:
+        if token.text in self.vocabulary.constants:
+            return NumberLiteral(token.start, token.end, FIXED, self.vocabulary.constants[token.text])
         if not self._is("("):
             raise self._unexpected(f"'(' after {token.text}")
         arguments: list[Node] = []
         while not arguments or self._is(","):
             self._take()
-            arguments.append(self._expression(0 if token.text in AGGREGATES else COMPARISON))
+            arguments.append(self._expression(0 if token.text in (*AGGREGATES, "where") else COMPARISON))
         self._close("+ - * / ^, ',' or ')'")
         return self._call(token, arguments)
 
@@ -174,32 +192,93 @@ class Parser:
 
     def _signed(self, sign: Token) -> NumericExpression:
         value = self._value(self._expression(SIGN))
-        function = np.negative if sign.text == "-" else np.positive
-        return FunctionCall(sign.start, self.end, value.kind, (function,), (value,))
+        return self._elementwise(sign.start, [np.negative if sign.text == "-" else np.positive], [value])
 
-    def _call(self, name: Token, arguments: list[Node]) -> NumericExpression:
+    def _call(self, name: Token, arguments: list[Node]) -> Node:
         conditional = any(isinstance(argument, BooleanExpression) for argument in arguments)
-        if name.text in AGGREGATES and (conditional or len(arguments) == 1 or name.text not in FOLDED):
-            if not self.aggregates:
-                meant = f"{name.text} of several" if name.text in FOLDED else "values of one instant"
-                raise self.source.fault(name.start, f"{name.text} over all instants", meant)
+        wide = any(isinstance(argument, NumericExpression) and argument.width for argument in arguments)
+        several = name.text in FOLDED and not conditional and (wide or len(arguments) > 1)
+        if name.text in AGGREGATES and not several:
             return self._aggregate(name, arguments)
+        if name.text == "where":
+            return self._choice(name, arguments)
+
         values = [self._value(argument) for argument in arguments]
-        if name.text in FOLDED:
-            functions = (FOLDED[name.text],) * (len(values) - 1)
-            return FunctionCall(name.start, self.end, self._kind(values), functions, tuple(values))
-        if len(values) > 1:
-            raise self.source.fault(name.start, f"{name.text} of {len(values)} values", f"{name.text} of one")
-        return FunctionCall(name.start, self.end, values[0].kind, (ELEMENTWISE[name.text],), tuple(values))
+        if name.text == "norm" or (several and wide):
+            return Reduction(name.start, self.end, self._kind(values), name.text, tuple(values))
+        if several:
+            return self._elementwise(name.start, [FOLDED[name.text]] * (len(values) - 1), values)
+        if name.text == "clip":
+            self._expect(name, values, 3, "clip(x, low, high)")
+            return self._elementwise(name.start, [np.maximum, np.minimum], values)
+
+        self._expect(name, values, 1, f"{name.text} of one")
+        if name.text == "isfinite":
+            return self._finiteness(name, values[0])
+        if name.text in SUCCESSIVE:
+            return self._successive(name, values[0])
+        return self._elementwise(name.start, [ELEMENTWISE[name.text]], values)
+
+    def _expect(self, name: Token, arguments: Sequence[Node], count: int, meant: str) -> None:
+        if len(arguments) != count:
+            written = "one value" if len(arguments) == 1 else f"{len(arguments)} values"
+            raise self.source.fault(name.start, f"{name.text} of {written}", meant)
+
+    def _elementwise(
+        self, start: int, functions: Sequence[Function], values: Sequence[NumericExpression]
+    ) -> FunctionCall:
+        call = FunctionCall(start, self.end, self._kind(values), tuple(functions), tuple(values))
+        self._check_widths(values)
+        return call
+
+    def _check_widths(self, values: Sequence[NumericExpression]) -> None:
+        """Vectors that are combined have one width."""
+        vectors = [value for value in values if value.width]
+        for other in vectors[1:]:
+            if other.width != vectors[0].width:
+                shown = f"a vector of {counted(other.width, 'number')} next to one of {vectors[0].width}"
+                raise self.source.fault(other.start, shown, "vectors of the same length")
+
+    def _choice(self, name: Token, arguments: list[Node]) -> NumericExpression:
+        """`where(condition, x, y)`."""
+        self._expect(name, arguments, 3, "where(condition, x, y)")
+        condition, first, second = self._truth(arguments[0]), self._value(arguments[1]), self._value(arguments[2])
+        self._check_widths((first, second))
+        kind = self._kind([*sides(condition), first, second])
+        return Choice(name.start, self.end, kind, condition, (first, second))
+
+    def _finiteness(self, name: Token, value: NumericExpression) -> BooleanExpression:
+        """`isfinite(x)`; a vector is finite if all its numbers are."""
+        if value.kind == FIXED:
+            raise self.source.fault(value.start, "a number only", "a column in it")
+        if value.width:
+            magnitude = FunctionCall(value.start, value.end, value.kind, (np.abs,), (value,))
+            value = Reduction(value.start, value.end, value.kind, "max", (magnitude,))
+        return Comparison(name.start, self.end, FINITE, (value, NumberLiteral(self.end, self.end, FIXED, math.inf)))
+
+    def _successive(self, name: Token, value: NumericExpression) -> NumericExpression:
+        """`previous(x)` or `rate(x)`."""
+        if self.control_dt is None:
+            raise self.source.fault(name.start, f"{name.text}, which only tasks have", "values of one instant")
+        if value.kind != ROW:
+            raise self.source.fault(value.start, f"{name.text} of what never changes", "a column in it")
+        previous = PreviousValue(name.start, self.end, ROW, value)
+        if name.text == "previous":
+            return previous
+        step = NumberLiteral(self.end, self.end, FIXED, self.control_dt)
+        return FunctionCall(name.start, self.end, ROW, (np.subtract, np.divide), (value, previous, step))
 
     def _aggregate(self, name: Token, arguments: list[Node]) -> NumericExpression:
         """`mean(x)`, `mean(x, when)`, `quantile(x, 0.9)`, `quantile(x, 0.9, when)`, `share(when)`."""
+        if not self.aggregates:
+            meant = f"{name.text} of several, or of a vector" if name.text in FOLDED else "values of one instant"
+            raise self.source.fault(name.start, f"{name.text} over all instants", meant)
         first, *others = arguments
         if name.text == "share":
             first = self._truth(first)
         if isinstance(first, BooleanExpression) and name.text in OF_CONDITIONS:
             first, others = NumberLiteral(first.start, first.start, ROW, 1.0), [first, *others]
-        value = self._value(first)
+        value = self._scalar(first)
         fraction = self._fraction(name, others) if name.text == "quantile" else 0.5
 
         condition = self._row_condition(name, others.pop(0)) if others else None
@@ -254,6 +333,13 @@ class Parser:
             return node
         raise self.source.fault(node.start, "a comparison", "a number")
 
+    def _scalar(self, node: Node) -> NumericExpression:
+        value = self._value(node)
+        if value.width:
+            shown = f"a vector of {counted(value.width, 'number')}"
+            raise self.source.fault(value.start, shown, "one number: norm(…), sum(…), min(…) or max(…) of it")
+        return value
+
     def _truth(self, node: Node) -> BooleanExpression:
         if isinstance(node, BooleanExpression):
             return node
@@ -294,7 +380,8 @@ class Parser:
         return self._unquoted() or self.vocabulary.missing(token.text, token.start, self.source)
 
     def _no_function(self, name: Token) -> UsageError:
-        valid = [*ELEMENTWISE, *(AGGREGATES if self.aggregates else FOLDED)]
+        valid = [*ELEMENTWISE, *OTHERS, *(AGGREGATES if self.aggregates else FOLDED)]
+        valid += SUCCESSIVE if self.control_dt is not None else ()
         groups = sorted(self.vocabulary.groups)
         if not groups:
             return self.source.unknown(name.start, "function", name.text, valid)

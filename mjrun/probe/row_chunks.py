@@ -9,7 +9,7 @@ from mjrun.probe.aggregate import CHUNK, RowChunk, ShareAccumulator, accumulator
 from mjrun.probe.expression import (
     START,
     AggregateCall,
-    AggregateValues,
+    KnownValues,
     Node,
     NumericExpression,
     evaluate,
@@ -17,7 +17,7 @@ from mjrun.probe.expression import (
 )
 
 
-def evaluate_rows(value: NumericExpression, chunk: RowChunk, known: AggregateValues) -> np.ndarray:
+def evaluate_rows(value: NumericExpression, chunk: RowChunk, known: KnownValues) -> np.ndarray:
     """The value on each row of `chunk`: `(n,)`."""
     return np.broadcast_to(evaluate(value, chunk.columns, known), chunk.count)
 
@@ -85,7 +85,7 @@ class Aggregates:
     def __init__(self, nodes: Iterable[Node]) -> None:
         calls = [node for node in nodes if isinstance(node, AggregateCall)]
         self._accumulators = {call: accumulator(call.name, call.fraction) for call in calls}
-        self.known: AggregateValues = {}
+        self.known: KnownValues = {}
 
     def add(self, chunk: RowChunk) -> None:
         """Takes the next rows."""
@@ -100,7 +100,7 @@ class Aggregates:
                 accumulated.add(evaluate_rows(call.operand, rows, self.known), rows)
             self.known[call] = accumulated.value if call.kind == START else math.nan
 
-    def values(self) -> AggregateValues:
+    def values(self) -> KnownValues:
         """The values over all rows."""
         return {call: accumulated.value for call, accumulated in self._accumulators.items()}
 

@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from mjrun.errors import UsageError
-from mjrun.probe.expression import BooleanExpression, ColumnReference, evaluate_truth, walk
+from mjrun.probe.expression import BooleanExpression, columns_read, evaluate_truth
 from mjrun.probe.parser import Parser
 from mjrun.probe.scanner import ProbeReference, SourceText, Vocabulary
 from mjrun.probe.select import PAIRS
@@ -64,7 +64,7 @@ def parse_row_condition(text: str, columns: Sequence[str], label: str) -> RowCon
       UsageError: the text is none of the language; the message says where, what was found and what is valid.
     """
     truth = Parser(SourceText(text, label), TableColumns(columns), aggregates=False).truth()
-    read = dict.fromkeys(node.name for node in walk(truth) if isinstance(node, ColumnReference))
+    read = columns_read(truth)
     if not read:
         raise UsageError(f"{label}: a condition reads columns")
-    return RowCondition(text, tuple(read), truth)
+    return RowCondition(text, read, truth)

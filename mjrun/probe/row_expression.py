@@ -12,9 +12,9 @@ import numpy as np
 from mjrun.probe.expression import (
     START,
     AggregateCall,
-    AggregateValues,
-    ColumnReference,
+    KnownValues,
     NumericExpression,
+    columns_read,
     evaluate,
     walk,
 )
@@ -49,7 +49,7 @@ class RowEvaluator:
 
     def __init__(self, value: NumericExpression) -> None:
         self._value = value
-        self._first: AggregateValues | None = None
+        self._first: KnownValues | None = None
 
     def feed(self, columns: Mapping[str, np.ndarray]) -> np.ndarray:
         """The values `(n,)` float64 on the next rows; `columns` are `(n,)` each, by name."""
@@ -64,8 +64,8 @@ class RowEvaluator:
             value = evaluate(self._value, block, self._first)
         return np.array(np.broadcast_to(value, count), np.float64)
 
-    def _first_values(self, row: dict[str, np.ndarray]) -> AggregateValues:
-        known: AggregateValues = {}
+    def _first_values(self, row: dict[str, np.ndarray]) -> KnownValues:
+        known: KnownValues = {}
         for node in walk(self._value):
             if isinstance(node, AggregateCall) and node.kind == START:
                 with np.errstate(all="ignore"):
@@ -85,5 +85,5 @@ def parse_row_expression(text: str, columns: Sequence[str] | Vocabulary, label: 
     """
     vocabulary = columns if isinstance(columns, Vocabulary) else Vocabulary(columns)
     value = Parser(SourceText(text, label), vocabulary).row_value()
-    read = dict.fromkeys(node.name for node in walk(value) if isinstance(node, ColumnReference))
-    return RowExpression(text, tuple(read), value)
+    read = columns_read(value)
+    return RowExpression(text, read, value)

@@ -3,19 +3,23 @@
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from fnmatch import fnmatchcase
 
 from mjrun.errors import UnknownNameError, UsageError, clean, quoted
-from mjrun.probe.expression import CONSTANTS, FUNCTIONS, KEYWORDS
+from mjrun.probe.expression import CONSTANTS, FUNCTIONS, KEYWORDS, SUCCESSIVE
 
 SHOWN = 72  # characters of an expression that a message shows
+WILDCARDS = "*?"  # in a quoted name that is no column's
 
+_CALLED = {*FUNCTIONS, *SUCCESSIVE}
 _SPACE = re.compile(r"\s*")
 _DIGITS = re.compile(r"(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?")
 _WORD = re.compile(r"[^\W\d]\w*")
 _NAME = re.compile(r"\w+(?:[/:.\-]\w+)*")
 _GOES_ON = re.compile(r"\w|[:.]+\w")  # so a name does not end here
 _OPERATOR = re.compile(r"\*\*|<=|>=|==|!=|[-+*/^<>(),]")
-_QUOTED = re.compile(r"'((?:[^']|'')*)'|`((?:[^`]|``)*)`", re.DOTALL)
+_QUOTED = re.compile(r"""'((?:[^']|'')*)'|`((?:[^`]|``)*)`|"((?:[^"]|"")*)\"""", re.DOTALL)
+_QUOTES = "'`\""
 _BARE = re.compile(r"\w(?:[\w/:.\-]*\w)?(?: \w(?:[\w/:.\-]*\w)?)*")
 _OPENING = re.compile(r"([^\W\d]\w*)\s*\(")
 _COMPONENT = re.compile(r"(?:\.\w+)*")
@@ -45,7 +49,7 @@ def spelled(name: str) -> str:
 class Token:
     """A piece of the text, from `start` to `end`; the text of a column is its name in the table."""
 
-    kind: str  # number, column, word, operator, unknown, end; within an accessor also object, component
+    kind: str  # number, column, wildcard, word, operator, unknown, end; within an accessor also object, component
     text: str
     start: int
     end: int
@@ -93,9 +97,11 @@ class Vocabulary:
       names: of columns, as messages list them.
       groups: names that may be called with objects, `speed(box)`.
       beginnings: of names that may be columns without being listed, `contact/`.
+      constants: numbers by name.
     """
 
     beginnings: tuple[str, ...] = ()
+    constants: Mapping[str, float] = CONSTANTS
 
     def __init__(self, columns: Mapping[str, str] | Sequence[str]) -> None:
         self.names = tuple(columns)
@@ -108,6 +114,12 @@ class Vocabulary:
     def column(self, name: str) -> str | None:
         """The name in the table of what is called `name`; None if nothing is."""
         return self._columns.get(name)
+
+    def matching(self, pattern: str) -> tuple[str, ...]:
+        """The columns that a name with wildcards stands for, by their names in the table; by other names if need be."""
+        matches = {name: self._columns[name] for name in self.names if fnmatchcase(name, pattern)}
+        own = [column for name, column in matches.items() if name == column]
+        return tuple(dict.fromkeys(own or matches.values()))
 
     def is_count(self, column: str) -> bool:
         """Whether `column` is a number that alone says something: that there is any."""
@@ -144,7 +156,7 @@ class Scanner:
             return max(tokens, key=lambda token: token.end)  # the first of the longest
         if start == len(self.text):
             return Token("end", "", start, start)
-        if self.text[start] in "'`":
+        if self.text[start] in _QUOTES:
             return self._quoted_column(start)
         if operator := _OPERATOR.match(self.text, start):
             return Token("operator", operator[0], start, operator.end())
@@ -164,7 +176,7 @@ class Scanner:
             name = self.text[start:end]
             column = None if _GOES_ON.match(self.text, end) else self.vocabulary.column(name)
             if column is not None:
-                called = name in FUNCTIONS and self.text[end:].lstrip().startswith("(")
+                called = name in _CALLED and self.text[end:].lstrip().startswith("(")
                 return None if called else Token("column", column, start, end)
         return None
 
@@ -184,13 +196,15 @@ class Scanner:
             return None
         if word[0] in KEYWORDS:
             return Token("operator", word[0], start, word.end())
-        known = word[0] in CONSTANTS or word[0] in FUNCTIONS
+        known = word[0] in self.vocabulary.constants or word[0] in _CALLED
         ends = word.end() == name.end() or self.text[word.end()] in "/-"
         return Token("word", word[0], start, word.end()) if known and ends else None
 
     def _quoted_column(self, start: int) -> Token:
         name, end = self._quoted(start)
         column = self.vocabulary.column(name)
+        if column is None and set(name) & {*WILDCARDS} and self.vocabulary.matching(name):
+            return Token("wildcard", name, start, end)
         if column is None:
             raise self.vocabulary.missing(name, start, self.source)
         return Token("column", column, start, end)
@@ -207,7 +221,7 @@ class Scanner:
     def _opening(self, start: int) -> Token | None:
         """The name of a group that is called at `start`, up to its parenthesis."""
         opening = _OPENING.match(self.text, start)
-        if not opening or opening[1] in (*FUNCTIONS, *KEYWORDS) or opening[1] not in self.vocabulary.groups:
+        if not opening or opening[1] in (*_CALLED, *KEYWORDS) or opening[1] not in self.vocabulary.groups:
             return None
         return Token("group", opening[1], start, opening.end())
 
@@ -224,7 +238,7 @@ class Scanner:
 
     def _object(self, position: int) -> Token:
         start = self._after_space(position)
-        if self.text[start : start + 1] in ("'", "`"):
+        if self.text[start : start + 1] in (*_QUOTES,):
             return Token("object", *self._with_start(start))
         name = _BARE.match(self.text, start)
         if not name:

@@ -7,7 +7,7 @@ import numpy as np
 
 from mjrun.errors import BadValueError, UnknownNameError, UsageError, clean, concerning, option
 from mjrun.options.keep import KeepOptions
-from mjrun.probe.expression import BooleanExpression, ColumnReference, evaluate_truth, walk
+from mjrun.probe.expression import BooleanExpression, columns_read, evaluate_truth
 from mjrun.probe.parser import Parser
 from mjrun.probe.scanner import SourceText, Vocabulary
 from mjrun.study.design import ParameterNames
@@ -55,8 +55,7 @@ class PointChoice:
         chosen = able.copy()
         table = {**columns, **{name: (states == name).astype(float) for name in STATUSES}}
         for text, truth in self._conditions:
-            read = [node.name for node in walk(truth) if isinstance(node, ColumnReference)]
-            if texts := [name for name in read if name not in table]:
+            if texts := [name for name in columns_read(truth) if name not in table]:
                 raise UsageError(f"{option('keep_where')} {text}: {clean(texts[0])} has values that are not numbers")
             with np.errstate(all="ignore"):
                 chosen &= np.broadcast_to(evaluate_truth(truth, table, {}), len(states))

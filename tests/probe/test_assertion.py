@@ -191,4 +191,6 @@ def test_an_expression_never_reaches_pythons_own_evaluation(module: str) -> None
     imported = {a.name for node in ast.walk(tree) if isinstance(node, ast.Import) for a in node.names}
     imported |= {str(node.module) for node in ast.walk(tree) if isinstance(node, ast.ImportFrom)}
     ours = {"mjrun.errors"} | {f"mjrun.probe.{name}" for name in MODULES}
-    assert imported <= {"math", "re", "numpy", "collections.abc", "dataclasses", "fractions", "typing"} | ours
+    assert (
+        imported <= {"math", "re", "fnmatch", "numpy", "collections.abc", "dataclasses", "fractions", "typing"} | ours
+    )

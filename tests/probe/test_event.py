@@ -301,7 +301,7 @@ WRONG = [
     ("speed(box).x > 1", 11, "component .x", "none, speed/box is one number"),
     ("2 < xpos(box)", 5, "xpos(box), which has several components", "one of .x, .y, .z"),
     ("qpos(ball) > 1", 1, "qpos(ball), which has several components", "one of .x, .y, .z, .qw, .qx, .qy, .qz"),
-    ("max(speed(box)) > 1", 1, "max over all instants", "max of several"),
+    ("max(speed(box)) > 1", 1, "max over all instants", "max of several, or of a vector"),
     ("mean(speed(box)) > 1", 1, "mean over all instants", "values of one instant"),
     ("mean(time, 2) > 1", 1, "mean over all instants", "values of one instant"),
     ("time > first(time)", 8, "first over all instants", "values of one instant"),

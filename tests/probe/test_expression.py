@@ -1,13 +1,18 @@
 """The value of an expression, against an independent reading of it."""
 
+import math
 import random
 from typing import Any
 
 import numpy as np
+import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
+from mjrun.probe.assertion import parse
+from mjrun.probe.metric import parse_metric
 from mjrun.probe.parser import LONGEST
+from mjrun.probe.row_expression import parse_row_expression
 from tests.probe.expression_oracle import COLUMNS, TABLES, TRUTHS, judged, truth, written
 
 
@@ -36,3 +41,38 @@ def test_the_oracles_own_precedence_is_pythons() -> None:
         text = written(tree, 0, dice)
         python = eval(text.replace("^", "**"), {"__builtins__": {}})
         assert judged(f"x == {text}", ["x"], [python]).passed
+
+
+WIDE = np.random.default_rng(5).normal(size=(600, 9))
+WIDE_NAMES = ["time", *(f"force/{i}" for i in range(8))]
+FORCE = WIDE[:, 1:]
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ("norm('force/*')", np.sqrt((FORCE * FORCE).sum(axis=1))),
+        ('sum(clip("force/*", -1, 1)^2)', np.sum(np.square(np.clip(FORCE, -1, 1)), axis=1)),
+        ("max(abs('force/*'), 1)", np.maximum(np.abs(FORCE).max(axis=1), 1)),
+        ("min(time, sum(force/0, force/1))", np.minimum(WIDE[:, 0], FORCE[:, 0] + FORCE[:, 1])),
+        ("norm(time * 'force/*' - first(time))", np.linalg.norm(WIDE[:, :1] * FORCE - WIDE[0, 0], axis=1)),
+        ("sum(where(time < 0, 'force/*', time))", np.where(WIDE[:, 0] < 0, FORCE.sum(axis=1), 8 * WIDE[:, 0])),
+        ("clip(time, force/0, force/1)", np.clip(WIDE[:, 0], FORCE[:, 0], FORCE[:, 1])),
+        ("tanh(time)", np.tanh(WIDE[:, 0])),
+    ],
+)
+def test_functions_of_vectors_and_choices_are_numpys(text: str, expected: np.ndarray) -> None:
+    values = parse_row_expression(text, WIDE_NAMES, "y").values(dict(zip(WIDE_NAMES, WIDE.T, strict=True)))
+    np.testing.assert_allclose(values, expected, rtol=1e-15, atol=1e-15)
+    total = parse_metric(f"sum({text})", WIDE_NAMES, "metric").evaluator(WIDE_NAMES)
+    total.feed(WIDE)
+    assert total.value() == math.fsum(values)
+
+
+def test_an_assertion_that_all_is_finite() -> None:
+    assert judged("isfinite('force/*') and isfinite(max(time))", WIDE_NAMES, WIDE).passed
+    spoiled = WIDE.copy()
+    spoiled[7, 3] = math.nan
+    assert "row 7" in judged("isfinite('force/*')", WIDE_NAMES, spoiled).message
+    assert judged("not isfinite(force/2)", WIDE_NAMES, spoiled[7:8]).passed
+    assert parse("sum('force/[12]?', 'f*/0') < 1", [*WIDE_NAMES, "force/10"]).columns == ("force/0", "force/10")

@@ -12,6 +12,7 @@ from mjrun.probe.parser import DEEPEST, LONGEST
 from tests.probe.expression_oracle import judged
 
 OPERAND = "a number, a column, a function"
+ONE_NUMBER = "one number: norm(…), sum(…), min(…) or max(…) of it"
 COMPARISONS = "a comparison (< <= > >= == !=)"
 LATE = "an aggregate next to values per row, and it is known after the last row only"
 EARLY = "aggregates only, values per row only, or first(…) among them"
@@ -39,11 +40,24 @@ WRONG = [
     ("!x < 1", 1, "'!' (did you mean not?)", f"{OPERAND}, '(' or 'not'"),
     ("x ≤ 1", 3, "'≤' (did you mean <=?)", "an operator or the end"),
     ("x % 2 < 1", 3, "'%'", "an operator or the end"),
-    ('"x" < 1', 1, "'\"' (did you mean '?)", f"{OPERAND}, '(' or 'not'"),
     ("x.real < 1", 1, None, None),
     ("x < 1; y < 1", 6, "';'", "an operator or the end"),
     ("'x < 1", 1, "a quote that is not closed", "another '"),
     ("`x < 1", 1, "a quote that is not closed", "another `"),
+    ('"x < 1', 1, "a quote that is not closed", 'another "'),
+    ("'?' < 1", 1, "a vector of 2 numbers", ONE_NUMBER),
+    ("max(mean('?')) < 1", 10, "a vector of 2 numbers", ONE_NUMBER),
+    ("max('?' + 1, x < 1) < 1", 5, "a vector of 2 numbers", ONE_NUMBER),
+    ("sum('?' * '*') < 1", 11, "a vector of 4 numbers next to one of 2", "vectors of the same length"),
+    ("where(x, 1, 2) < 1", 7, "a number", COMPARISONS),
+    ("where(x < 1, y) < 1", 1, "where of 2 values", "where(condition, x, y)"),
+    ("where(x < 1, max(x), y) < 1", 14, LATE, EARLY),
+    ("clip(x, 0) < 1", 1, "clip of 2 values", "clip(x, low, high)"),
+    ("tanh(x, y) < 1", 1, "tanh of 2 values", "tanh of one"),
+    ("isfinite(3)", 10, "a number only", "a column in it"),
+    ("isfinite(x) + 1 < 1", 1, "a comparison", "a number"),
+    ("previous(x) < 1", 1, "previous, which only tasks have", "values of one instant"),
+    ("max(rate(x)) < 1", 5, "rate, which only tasks have", "values of one instant"),
     ("x < 1e999", 5, "a number beyond all floats (1e999)", "less, or inf"),
     ("max < 1", 5, "'<'", "'(' after max"),
     ("max() < 1", 5, "')'", f"{OPERAND}, '(' or 'not'"),

@@ -1,0 +1,126 @@
+"""Expressions over the control instants of a task, such as `exp(-norm(goal/x, goal/y)) - 0.1*rate(qpos/hip)`.
+
+The language is that of `mjrun.probe.assertion`, with the values of one instant as in an event (`mjrun.probe.event`):
+there are no aggregates. What is more:
+
+    previous(x)         the value of x at the control instant before; at the first instant of an episode, x itself
+    rate(x)             (x − previous(x)) / control_dt
+    control_dt          the control period [s]
+
+`previous(previous(x))` is the value two control instants ago. Any number of worlds are evaluated at once, and none of
+them changes what another gets, to the last bit.
+"""
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+
+import mujoco
+import numpy as np
+
+from mjrun.probe.available import AvailableProbes
+from mjrun.probe.expression import (
+    CONSTANTS,
+    BooleanExpression,
+    KnownValues,
+    NumericExpression,
+    PreviousValue,
+    columns_read,
+    evaluate,
+    evaluate_truth,
+    walk,
+)
+from mjrun.probe.parser import Parser
+from mjrun.probe.scanner import SourceText
+
+
+class TaskColumns(AvailableProbes):
+    """Every column that can be measured of a model, and those of a task besides: `action/left`, `command/goal/0`."""
+
+    def __init__(self, model: mujoco.MjModel, others: Iterable[str], control_dt: float) -> None:
+        super().__init__(model, others)
+        self.control_dt = control_dt
+        self.constants = CONSTANTS | {"control_dt": control_dt}
+
+
+@dataclass(frozen=True, eq=False)
+class TaskExpression:
+    """An expression that is well formed.
+
+    Attributes:
+      text: as it was written.
+      columns: the names of the columns that it reads, in the order in which it first mentions them.
+    """
+
+    text: str
+    columns: tuple[str, ...]
+    _root: NumericExpression | BooleanExpression = field(repr=False)
+
+    def evaluator(self, count: int) -> "TaskEvaluator":
+        """A new evaluation for `count` worlds, none of which has begun."""
+        return TaskEvaluator(self._root, count)
+
+
+class TaskEvaluator:
+    """The values of an expression in several worlds, from one control instant to the next."""
+
+    def __init__(self, root: NumericExpression | BooleanExpression, count: int) -> None:
+        self._root, self._count = root, count
+        previous = [node for node in walk(root) if isinstance(node, PreviousValue)]
+        self._previous = {  # inner ones first, each once
+            node: np.full((count, node.width) if node.width else count, np.nan) for node in dict.fromkeys(previous)
+        }
+
+    def begin(self, columns: Mapping[str, np.ndarray], ids: Sequence[int] | np.ndarray | None = None) -> np.ndarray:
+        """The values at the first control instant of the worlds `ids`, which forget what was before.
+
+        Args:
+          columns: `(k,)` each, by name: those of the k worlds `ids`, or of all of them.
+
+        Returns:
+          `(k,)` float64, or bool of a condition.
+        """
+        return self._evaluate(columns, ids, first=True)
+
+    def advance(self, columns: Mapping[str, np.ndarray], ids: Sequence[int] | np.ndarray | None = None) -> np.ndarray:
+        """The values at the next control instant of the worlds `ids`; see `begin`."""
+        return self._evaluate(columns, ids, first=False)
+
+    def _evaluate(
+        self, columns: Mapping[str, np.ndarray], ids: Sequence[int] | np.ndarray | None, first: bool
+    ) -> np.ndarray:
+        worlds = slice(None) if ids is None else np.asarray(ids, int)
+        count = self._count if ids is None else len(ids)
+        known: KnownValues = {}
+
+        with np.errstate(all="ignore"):  # 1/0 is inf, as in assertions
+            for node, before in self._previous.items():
+                now = evaluate(node.operand, columns, known)
+                known[node] = now if first else np.array(before[worlds])  # of its own: `before` changes now
+                before[worlds] = now
+            if isinstance(self._root, BooleanExpression):
+                return np.array(np.broadcast_to(evaluate_truth(self._root, columns, known), count), bool)
+            return np.array(np.broadcast_to(evaluate(self._root, columns, known), count), np.float64)
+
+
+def parse_task_value(text: str, columns: TaskColumns, label: str) -> TaskExpression:
+    """The number per control instant that `text` is.
+
+    Args:
+      label: what messages call the text: `rewards.distance`.
+
+    Raises:
+      UnknownNameError: a name is that of no column or function; the message lists near and valid ones.
+      UsageError: the text is none of the language; the message says where, what was found and what is valid.
+    """
+    root = _parser(text, columns, label).row_value()
+    return TaskExpression(text, columns_read(root), root)
+
+
+def parse_task_condition(text: str, columns: TaskColumns, label: str) -> TaskExpression:
+    """The condition at each control instant that `text` is, see `parse_task_value`."""
+    root = _parser(text, columns, label).truth()
+    return TaskExpression(text, columns_read(root), root)
+
+
+def _parser(text: str, columns: TaskColumns, label: str) -> Parser:
+    return Parser(SourceText(text, label), columns, aggregates=False, control_dt=columns.control_dt)
