@@ -53,7 +53,8 @@ class ControlInstant:
       action: `(nact,)`, what the policy answered, before scale and clip; it is in force until the next instant. Where
         the episode has ended nobody was asked: the action that led here.
       reward: for the control period that ended here; 0 at the start.
-      reward_terms: `(nterms,)`, weighted, so that their sum is the reward; zeros at the start.
+      reward_terms: `(nterms,)`, weighted; zeros at the start. Their sum is the reward, except where an environment of
+        others does not tell all.
       total: of all rewards so far, which is the return once the episode has ended.
       ending: how the episode ended here, if it did.
     """
@@ -64,6 +65,14 @@ class ControlInstant:
     reward_terms: np.ndarray
     total: float
     ending: Ending | None = None
+
+
+class Actor(Protocol):
+    """A policy in one episode."""
+
+    def act(self, observation: np.ndarray) -> np.ndarray:
+        """The action `(nact,)` on an observation `(nobs,)`."""
+        ...
 
 
 @runtime_checkable

@@ -122,7 +122,7 @@ def make_environment(name: str) -> "gymnasium.Env[Any, Any]":
     _check_registered(name)
     with quiet(), collected_warnings():
         try:
-            return gymnasium.make(name)
+            return gymnasium.make(name, disable_env_checker=True)
         except Exception as error:
             raise BrokenModelError(Path(f"gym:{name}"), f"{type(error).__name__}: {error}") from error
 

@@ -6,6 +6,7 @@ import sys
 import warnings
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import gymnasium
 import mujoco
@@ -48,7 +49,7 @@ CART = """<mujoco><worldbody><body><joint name="x" type="slide" axis="1 0 0"/><g
 </worldbody><actuator><motor joint="x" ctrlrange="-1 1" ctrllimited="true"/></actuator></mujoco>"""
 
 
-def made(name: str) -> gymnasium.Env:
+def made(name: str) -> Any:
     with collected_warnings(), warnings.catch_warnings():
         warnings.simplefilter("ignore")
         return gymnasium.make(name)
@@ -72,7 +73,9 @@ def test_the_model_is_that_of_the_environment(name: str) -> None:
     assert np.array_equal(model.qpos0, theirs.init_qpos)  # it starts where they do without noise
     assert not theirs.init_qvel.any()
     steps, seconds = f"{theirs.frame_skip} steps", f"of {theirs.model.opt.timestep:g} s"
-    assert f"{steps} {seconds} per action, {environment.spec.max_episode_steps} actions" in source.descriptions()[name]
+    assert (
+        f"{steps} {seconds} per action, {environment.spec.max_episode_steps} actions" in GymSource.descriptions()[name]
+    )
 
 
 def test_overrides_are_applied_and_travel_with_it() -> None:
@@ -134,7 +137,8 @@ def test_environments_of_others_are_imported_by_their_module(tmp_path: Path) -> 
     source = parse_source("gym:acme_cart:acme/Cart-v0", [Override("opt.gravity", "0 0 -1")])
     assert source.main_file == tmp_path / "cart.xml"
     assert source.load().opt.gravity[2] == -1
-    assert (environment_model(source.name).control_steps, environment_model(source.name).episode_steps) == (3, 7)
+    environment = environment_model("acme_cart:acme/Cart-v0")
+    assert (environment.control_steps, environment.episode_steps) == (3, 7)
 
 
 @pytest.mark.usefixtures("third_party")

@@ -1,0 +1,200 @@
+"""Gymnasium's environments on MuJoCo as tasks: they reset, step and reward themselves."""
+
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass
+from functools import partial
+from typing import Any
+
+import mujoco
+import numpy as np
+
+from mjrun.errors import ControllerError, FailedStepError, MjrunError, UsageError, clean, option
+from mjrun.model import state
+from mjrun.model.names import control_names
+from mjrun.model.sources.gym import GymSource, control_steps, make_environment, mujoco_environment
+from mjrun.probe.fields import extents, field_probe
+from mjrun.sim.stepper import BAD
+from mjrun.task.episode import Ending, EpisodeNames
+from mjrun.task.terms import TIMED_OUT
+from mjrun.timeline import rational
+
+REWARD = "reward_"  # how the terms of the reward begin in what an environment tells of a step
+SUCCESS = ("is_success", "success")  # what environments of others call it
+NO_AUTORESET = int(mujoco.mjtDisableBit.mjDSBL_AUTORESET)
+
+
+@dataclass(frozen=True)
+class EnvironmentStep:
+    """What an environment made of an action.
+
+    Attributes:
+      observation: `(nobs,)` float64, flattened as Gymnasium does.
+      reward: of this step.
+      reward_terms: what the environment tells of it, by name without `reward_`; they need not sum up to it.
+      ending: how the episode ended here, if it did.
+    """
+
+    observation: np.ndarray
+    reward: float
+    reward_terms: Mapping[str, float]
+    ending: Ending | None
+
+
+class Environment:
+    """An environment of Gymnasium's, or of anyone's that registers it there, whose simulation is MuJoCo's.
+
+    Automatic resets of unstable simulations are off.
+
+    Args:
+      source: with overrides, its model takes the place of the environment's own; the control period stays.
+
+    Attributes:
+      model, data: those that the environment steps.
+      control_steps: physics steps per action.
+      control_dt: the control period [s].
+      action_low, action_high: `(nact,)`, the bounds of an action; infinite where there are none.
+      observation_size: numbers in an observation.
+      observation_names, action_names: of each number.
+
+    Raises:
+      ModelNotFoundError, BrokenModelError, MissingExtraError: there is no such environment, or it cannot be made.
+      UsageError: its actions are no vectors of numbers, or the overridden model does not fit it.
+    """
+
+    def __init__(self, source: GymSource) -> None:
+        from gymnasium import spaces
+
+        self.text = source.text
+        self._environment = make_environment(source.name)
+        self._mujoco = mujoco_environment(self._environment, source.name)
+        action, observation = self._environment.action_space, self._environment.observation_space
+        if not isinstance(action, spaces.Box):
+            raise UsageError(f"{clean(self.text)} takes actions of the kind {action}; policies give vectors of numbers")
+        if not observation.is_np_flattenable:
+            raise UsageError(f"{clean(self.text)} gives observations of the kind {observation}, which are no vector")
+        self._flatten = _one_vector if isinstance(observation, spaces.Box) else partial(spaces.flatten, observation)
+        self._action_shape, self._action_type = action.shape, action.dtype
+
+        self.control_steps = control_steps(self._environment.unwrapped)
+        self.control_dt = self.control_steps * rational(self._mujoco.model.opt.timestep)
+        if source.overrides:
+            self._replace_model(source)
+        self.model, self.data = self._mujoco.model, self._mujoco.data
+        self.model.opt.disableflags |= NO_AUTORESET
+
+        self.action_low, self.action_high = (bound.astype(float).ravel() for bound in (action.low, action.high))
+        self.observation_size = int(spaces.flatdim(observation))
+        self.action_names = self._action_names()
+        self.observation_names = self._observation_names()
+
+    @property
+    def episode_steps(self) -> int | None:
+        """How many actions an episode has at most, if its registration limits them."""
+        spec = self._environment.spec
+        return spec.max_episode_steps if spec else None
+
+    def reset(self, seed: int) -> np.ndarray:
+        """The observation `(nobs,)` at the start of the episode of this seed."""
+        with self._watched("reset"):
+            observation, _ = self._environment.reset(seed=seed)
+        return _one_vector(self._flatten(observation))
+
+    def step(self, action: np.ndarray) -> EnvironmentStep:
+        """Applies an action `(nact,)` for one control period, as the type of number that the environment asks for.
+
+        Raises:
+          UsageError: the action has another size.
+        """
+        if action.size != len(self.action_names):
+            message = f"{clean(self.text)} takes actions of {len(self.action_names)} numbers, not of {action.size}"
+            raise UsageError(f"{option('policy')}: {message}")
+        with self._watched("step"):
+            given = action.reshape(self._action_shape).astype(self._action_type)
+            observation, reward, terminated, truncated, told = self._environment.step(given)
+        seen = _one_vector(self._flatten(observation))
+        terms = {key.removeprefix(REWARD): float(value) for key, value in told.items() if key.startswith(REWARD)}
+        return EnvironmentStep(seen, float(reward), terms, _ending(terminated, truncated, told))
+
+    def state(self) -> np.ndarray:
+        """The integration state `(nstate,)` of its simulation."""
+        return state.save(self.model, self.data)
+
+    @property
+    def is_unstable(self) -> bool:
+        """Whether its simulation has gone beyond all numbers."""
+        moving = np.concatenate([self.data.qpos, self.data.qvel])
+        return any(self.data.warning[kind].number for kind in BAD) or not (abs(moving) < mujoco.mjMAXVAL).all()
+
+    def names(self, first: EnvironmentStep) -> EpisodeNames:
+        """The names of all numbers of an episode; those of rewards are known after the `first` step only."""
+        return EpisodeNames(self.observation_names, self.action_names, [*first.reward_terms])
+
+    def close(self) -> None:
+        """Ends it."""
+        self._environment.close()
+
+    def _action_names(self) -> list[str]:
+        """Those of the controls, if the action has as many numbers; else numbers."""
+        size = int(np.prod(self._action_shape))
+        return control_names(self.model) if size == self.model.nu else [str(i) for i in range(size)]
+
+    def _observation_names(self) -> list[str]:
+        """The columns that the environment says its observation consists of, where it does; else numbers.
+
+        Version 5 of Gymnasium's own tell the fields of MjData in order, and how many numbers each has: the last of
+        its columns, since what they leave out comes first: the place of the root, or the world.
+        """
+        structure = vars(self._environment.unwrapped).get("observation_structure")
+        names: list[str] = []
+        for part, size in structure.items() if isinstance(structure, dict) else ():
+            if part.startswith("skipped") or not size:
+                continue
+            columns = [column.name for column in field_probe(self.model, part).columns] if part in extents() else []
+            names += columns[-size:] if len(columns) >= size else [f"{part}/{i}" for i in range(size)]
+        if len(names) != self.observation_size:
+            return [str(i) for i in range(self.observation_size)]
+        return names
+
+    def _replace_model(self, source: GymSource) -> None:
+        """Puts the model with its overrides in the place of the environment's own; the control period stays."""
+        model, own = source.load(), self._mujoco.model
+        steps = self.control_dt / rational(model.opt.timestep)
+        if state.sizes(model) != state.sizes(own):
+            raise UsageError(f"{clean(source.text)}: its environment is made for a model of other sizes")
+        if steps.denominator != 1:
+            message = f"acts every {float(self.control_dt):g} s, which must be a whole number of timesteps"
+            raise UsageError(f"{option('timestep')} {model.opt.timestep:g}: {clean(source.text)} {message}")
+
+        environment = vars(self._environment.unwrapped)
+        for name in ("frame_skip", "n_substeps"):
+            if name in environment:
+                environment[name] = int(steps)
+        if np.array_equal(environment.get("init_qpos", ()), own.qpos0):
+            environment["init_qpos"] = model.qpos0.copy()
+        environment["model"], environment["data"] = model, mujoco.MjData(model)
+        self.control_steps = int(steps)
+
+    @contextmanager
+    def _watched(self, what: str) -> Iterator[None]:
+        """Tells what the environment raises as what it is: its own, or MuJoCo giving up."""
+        try:
+            yield
+        except MjrunError:
+            raise
+        except mujoco.FatalError as error:
+            step = round(self.data.time / self.model.opt.timestep)
+            raise FailedStepError(step, self.data.time, str(error)) from None
+        except Exception as error:
+            raise ControllerError.of(f"{what} of {clean(self.text)}", error) from error
+
+
+def _one_vector(values: Any) -> np.ndarray:
+    return np.array(values, float).ravel()
+
+
+def _ending(terminated: bool, truncated: bool, told: Mapping[str, Any]) -> Ending | None:
+    """How an episode ended, which an environment says in two truths, and whether it was a success in a third."""
+    if terminated:
+        return Ending("terminated", "success" if any(told.get(name) for name in SUCCESS) else "failure")
+    return TIMED_OUT if truncated else None
