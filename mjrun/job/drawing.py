@@ -101,7 +101,7 @@ def plan_drawing(options: ViewOptions, context: Context, plots: Sequence[str] = 
         context=context,
         motions=motions,
         decorations=scene_decorations(options, model, context.simulation),
-        probes=overlay_probes(model, context.timeline, options.text, plots),
+        probes=overlay_probes(model, context.timeline, options.text, plots, context.episode),
         overlay=empty_overlay(frame_size(options), corner, plots, side),
     )
 

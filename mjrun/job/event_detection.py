@@ -9,6 +9,7 @@ import numpy as np
 
 from mjrun.errors import OptionPath, UsageError, concerning, quoted
 from mjrun.job.trace_rows import ProbeSampler
+from mjrun.probe.episode import EpisodeColumns
 from mjrun.probe.event import RisingEdgeDetector, condition
 from mjrun.sim.observe import AnyTap, Tap
 from mjrun.sim.replay import ReplayStepper
@@ -27,9 +28,12 @@ class EventDetector:
       texts: conditions such as `speed(box) > 0.02`.
     """
 
-    def __init__(self, model: mujoco.MjModel, timeline: Timeline, texts: Collection[str]) -> None:
-        self._conditions = [(condition(text, model), RisingEdgeDetector()) for text in sorted(texts)]
-        self._tables = [ProbeSampler(model, watched.columns, timeline) for watched, _ in self._conditions]
+    def __init__(
+        self, model: mujoco.MjModel, timeline: Timeline, texts: Collection[str], episode: EpisodeColumns | None = None
+    ) -> None:
+        watched = [condition(text, model, episode=episode) for text in sorted(texts)]
+        self._conditions = [(each, RisingEdgeDetector()) for each in watched]
+        self._tables = [ProbeSampler(model, each.columns, timeline, episode) for each in watched]
         self._timeline = timeline
         self._states = StateBuffer(model)
 
@@ -64,20 +68,22 @@ class EventDetector:
             onsets.feed(watched.holds(row))
 
 
-def conditions(events: Mapping[OptionPath, "Event"], model: mujoco.MjModel) -> list[str]:
+def conditions(
+    events: Mapping[OptionPath, "Event"], model: mujoco.MjModel, episode: EpisodeColumns | None = None
+) -> list[str]:
     """The conditions of `events`, each once.
 
     Args:
       events: by where their conditions stand.
 
     Raises:
-      UsageError: one of them cannot be measured in this model.
+      UsageError: one of them cannot be measured in this simulation.
     """
     texts: list[str] = []
     for path, event in events.items():
         try:
             with concerning(*path):
-                texts.append(condition(event.when, model).text)
+                texts.append(condition(event.when, model, episode=episode).text)
         except UsageError as error:
             error.add_note(f"in {quoted(event.when)}")
             raise

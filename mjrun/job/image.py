@@ -125,7 +125,7 @@ class ImageTask:
         events = shot_events(drawing.scripts)
         if isinstance(self.job.time, Event):
             events["time", "when"] = self.job.time
-        unscheduled = ImagePlan(self, drawing, conditions(events, context.model))
+        unscheduled = ImagePlan(self, drawing, conditions(events, context.model, context.episode))
         if unscheduled.conditions:
             return unscheduled
         return replace(unscheduled, schedule=unscheduled.scheduled({}))

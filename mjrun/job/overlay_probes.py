@@ -9,6 +9,7 @@ import numpy as np
 from mjrun.errors import UsageError, concerning, option, quoted
 from mjrun.job.text_template import Template, parse_template
 from mjrun.job.trace_rows import ProbeSampler
+from mjrun.probe.episode import EpisodeColumns
 from mjrun.probe.select import available_columns, split
 from mjrun.rendering.compositor import Overlay
 from mjrun.rendering.graph import Graph, aligned, graph_size
@@ -77,7 +78,11 @@ class OverlayProbes:
 
 
 def overlay_probes(
-    model: mujoco.MjModel, timeline: Timeline, text: str | None, plots: Sequence[str] = ()
+    model: mujoco.MjModel,
+    timeline: Timeline,
+    text: str | None,
+    plots: Sequence[str] = (),
+    episode: EpisodeColumns | None = None,
 ) -> OverlayProbes:
     """What measures the values in `text` and those of each of `plots`.
 
@@ -86,11 +91,12 @@ def overlay_probes(
       UsageError: a plot of nothing.
     """
     with concerning("text"):
-        template = parse_template(text, [column.name for column in available_columns(model)]) if text else Template([])
-        tables = [ProbeSampler(model, template.columns, timeline)]
+        columns = [column.name for column in available_columns(model, episode)] if text else []
+        template = parse_template(text, columns) if text else Template([])
+        tables = [ProbeSampler(model, template.columns, timeline, episode)]
     for index, plot in enumerate(plots):
         with concerning("plot", index):
-            tables.append(ProbeSampler(tables[-1].model, split(plot), timeline))
+            tables.append(ProbeSampler(tables[-1].model, split(plot), timeline, episode))
             if len(tables[-1].columns) == 1:
                 raise UsageError(f"{option('plot')} {quoted(plot)}: this model has none of it")
     return OverlayProbes(template, tables, tables[-1].model)

@@ -217,8 +217,9 @@ class _Pass(Generic[R]):
             return
         from mjrun.job.event_detection import EventDetector
 
+        context = self._context
         conditions = {text for output in self._waiting.values() for text in output.conditions}
-        detector = EventDetector(self._context.model, self._context.timeline, conditions)
+        detector = EventDetector(context.model, context.timeline, conditions, context.episode)
         stack.callback(detector.close)
         taps += self._guarded(detector.taps(self._until), list(self._waiting))
         observe(self._stepper, taps, self._until)

@@ -93,13 +93,13 @@ class PlotTask:
         job, panels = self.job, list[Panel]()
         for index, text in enumerate(job.probe):
             with concerning("probe", index):
-                found = ProbeSampler(context.model, split(text), context.timeline).columns[1:]
+                found = ProbeSampler(context.model, split(text), context.timeline, context.episode).columns[1:]
                 if not found:
                     raise UsageError(f"plot {quoted(text)}: this model has none of it")
                 panels += panels_by_unit([c.name for c in found], {c.name: c.unit for c in found})
         # One table of all, so that each instant is computed once.
         probes = [part for text in job.probe for part in split(text)]
-        table = ProbeSampler(context.model, list(dict.fromkeys(probes)), context.timeline)
+        table = ProbeSampler(context.model, list(dict.fromkeys(probes)), context.timeline, context.episode)
         columns = TableColumns(Path(job.output).stem, {column.name: column.unit for column in table.columns})
         figure = FigurePlan(job, [columns], panels)
         return PlotPlan(self, context, row_steps(context.timeline, job.every, job.rate), table, figure)

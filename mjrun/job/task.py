@@ -19,6 +19,7 @@ from mjrun.job.shared_rendering import RendererRequest, SharedRendering
 from mjrun.job.simulation import Simulation
 from mjrun.options.option import options
 from mjrun.options.output import OutputOptions
+from mjrun.probe.episode import EpisodeColumns
 from mjrun.reporter import Reporter
 from mjrun.sim.observe import AnyTap, observe
 from mjrun.sim.stepper import Stepper
@@ -44,12 +45,17 @@ R_co = TypeVar("R_co", bound=OutputResult, covariant=True)
 
 @dataclass(frozen=True)
 class Context:
-    """What the outputs of one pass have in common."""
+    """What the outputs of one pass have in common.
+
+    Attributes:
+      episode: what can be measured besides, where a policy acts.
+    """
 
     simulation: Simulation
     model: mujoco.MjModel
     timeline: Timeline
     reporter: Reporter
+    episode: EpisodeColumns | None = None
 
 
 @dataclass(frozen=True)

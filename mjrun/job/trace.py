@@ -25,6 +25,7 @@ from mjrun.model.column import Column
 from mjrun.model.mujoco_globals import collected_warnings
 from mjrun.options.option import options
 from mjrun.options.trace import TraceOptions
+from mjrun.probe.episode import EpisodeColumns
 from mjrun.probe.select import available_columns, select, selected_columns
 from mjrun.probe.verdict import Verdict
 from mjrun.sim.observe import Tap
@@ -129,11 +130,11 @@ class TraceTask:
         steps = row_steps(context.timeline, job.every, job.rate)
         for index, name in enumerate(job.probe):
             with concerning("probe", index):  # one by one, so that an error says which
-                select(context.model, [name])
-        table = ProbeSampler(context.model, job.probe, context.timeline, with_contacts=job.contacts is not None)
+                select(context.model, [name], context.episode)
+        table = ProbeSampler(context.model, job.probe, context.timeline, context.episode, job.contacts is not None)
         if text := rate_warning(context.timeline, job.rate):
             context.reporter.warn(text)
-        return TracePlan(self, context, steps, table, _assertions(job.assert_, table))
+        return TracePlan(self, context, steps, table, _assertions(job.assert_, table, context.episode))
 
 
 @dataclass(frozen=True)
@@ -277,14 +278,14 @@ def _stream(parts: Iterator[Callable[[], Rows]], write: Callable[[Rows], object]
             raise failures[0]
 
 
-def _assertions(texts: Sequence[str], table: ProbeSampler) -> "list[Assertion]":
+def _assertions(texts: Sequence[str], table: ProbeSampler, episode: EpisodeColumns | None) -> "list[Assertion]":
     """The assertions about a table; without any, nothing of their language is imported."""
     if not texts:
         return []
     from mjrun.probe.assertion import parse
     from mjrun.probe.available import SelectedProbes
 
-    available = SelectedProbes([column.name for column in table.columns], table.model)
+    available = SelectedProbes([column.name for column in table.columns], table.model, episode.names if episode else ())
     assertions: list[Assertion] = []
     for index, text in enumerate(texts):
         with concerning("assert", index):

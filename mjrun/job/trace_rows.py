@@ -12,11 +12,13 @@ import numpy as np
 from mjrun.errors import SimulationError, option
 from mjrun.model.column import Column
 from mjrun.probe.contacts import contact_columns, contacts
+from mjrun.probe.episode import EpisodeColumns, EpisodeProbe
 from mjrun.probe.fields import FieldProbe, Fields, InstantProbe
 from mjrun.probe.select import select
 from mjrun.sim.native_rollout import blocks
 from mjrun.sim.observe import Tap, observe
 from mjrun.sim.stepper import PhysicsStepper, Stepper
+from mjrun.task.episode import EpisodeStepper
 from mjrun.timeline import Timeline, rational, seconds
 
 TIME = Column("time", "s", "simulated time, exact")
@@ -39,6 +41,7 @@ class ProbeSampler:
 
     Args:
       names: of the probes.
+      episode: what a policy that acts adds to what can be measured.
       with_contacts: whether the contacts of every row are recorded too.
 
     Attributes:
@@ -47,9 +50,14 @@ class ProbeSampler:
     """
 
     def __init__(
-        self, model: mujoco.MjModel, names: Sequence[str], timeline: Timeline, with_contacts: bool = False
+        self,
+        model: mujoco.MjModel,
+        names: Sequence[str],
+        timeline: Timeline,
+        episode: EpisodeColumns | None = None,
+        with_contacts: bool = False,
     ) -> None:
-        self.probes = select(model, names)
+        self.probes = select(model, names, episode)
         self.columns = [TIME, *(column for probe in self.probes for column in probe.columns)]
         self.contact_columns = contact_columns(model) if with_contacts else []
         self._timeline = timeline
@@ -113,10 +121,16 @@ class ProbeSampler:
         """The row of the instant where `stepper` stands, without its time."""
         data, initial = stepper.instant(), self._initial(stepper)
         fields = _fields(stepper.model, data, self._fields)
-        values = [
-            probe.measure(stepper.model, data) if isinstance(probe, InstantProbe) else probe.compute(fields, initial)
-            for probe in self.probes
-        ]
+        values: list[np.ndarray] = []
+        for probe in self.probes:
+            match probe:
+                case FieldProbe():
+                    values.append(probe.compute(fields, initial))
+                case InstantProbe():
+                    values.append(probe.measure(stepper.model, data))
+                case EpisodeProbe():
+                    assert isinstance(stepper, EpisodeStepper)
+                    values.append(probe.read(stepper.now()))
         time = float(self._timeline.time(stepper.step))
         touching = contacts(stepper.model, data, time) if self.contact_columns else None
         return Rows(np.concatenate([np.empty(0), *values]), touching)

@@ -125,7 +125,7 @@ class VideoTask:
     def plan(self, context: Context) -> "VideoPlan":
         """Finds every name in the model and schedules the frames, unless events decide."""
         drawing = plan_drawing(self.job, context, self.job.plot, self.job.plot_side)
-        unscheduled = VideoPlan(self, drawing, conditions(shot_events(drawing.scripts), context.model))
+        unscheduled = VideoPlan(self, drawing, conditions(shot_events(drawing.scripts), context.model, context.episode))
         if unscheduled.conditions:
             return unscheduled
         return replace(unscheduled, schedule=unscheduled.scheduled({}))

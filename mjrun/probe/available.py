@@ -8,12 +8,13 @@ import mujoco
 
 from mjrun.errors import UnknownNameError, UsageError, clean, listing, option, quoted
 from mjrun.probe.contacts import identify_party, pair
+from mjrun.probe.episode import EPISODE_GROUPS, no_episode
 from mjrun.probe.scanner import ProbeReference, SourceText, Token, Vocabulary, spelled
 from mjrun.probe.select import PAIRS, aliases, available_columns, object_of
 
 
 class AvailableProbes(Vocabulary):
-    """Every column that can be measured of `model`, by each of its names, `time`, and `others`."""
+    """Every column that can be measured of `model`, by each of its names, `time`, and `others` besides."""
 
     beginnings = (f"{PAIRS}/",)
 
@@ -38,6 +39,8 @@ class AvailableProbes(Vocabulary):
         return column.startswith(self.beginnings)
 
     def missing(self, name: str, position: int, source: SourceText) -> UsageError:
+        if name.partition("/")[0] in {*EPISODE_GROUPS} - self.groups:
+            return no_episode(name)
         error = self._unpaired(name) if name.startswith(self.beginnings) and name.count("/") > 1 else None
         if error:
             return source.unknown(position, "object", error.name, error.valid)
@@ -96,11 +99,13 @@ class AvailableProbes(Vocabulary):
 
 
 class SelectedProbes(Vocabulary):
-    """The columns of a table that measures `model`. Of others that the model offers, messages say how to have them."""
+    """The columns of a table that measures `model`, and `others` besides. Of those that are not in the table, messages
+    say how to have them.
+    """
 
-    def __init__(self, columns: Sequence[str], model: mujoco.MjModel) -> None:
+    def __init__(self, columns: Sequence[str], model: mujoco.MjModel, others: Iterable[str] = ()) -> None:
         super().__init__(columns)
-        self._model = model
+        self._model, self._others = model, others
 
     @property
     def groups(self) -> frozenset[str]:
@@ -123,7 +128,7 @@ class SelectedProbes(Vocabulary):
 
     @cached_property
     def _offer(self) -> AvailableProbes:
-        return AvailableProbes(self._model)  # every column of a large model takes a while
+        return AvailableProbes(self._model, self._others)  # every column of a large model takes a while
 
 
 def _plain(name: str, component: Token, source: SourceText) -> UsageError:

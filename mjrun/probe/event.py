@@ -18,6 +18,7 @@ import mujoco
 import numpy as np
 
 from mjrun.probe.available import AvailableProbes
+from mjrun.probe.episode import EpisodeColumns
 from mjrun.probe.expression import BooleanExpression, columns_read, evaluate_truth
 from mjrun.probe.parser import Parser
 from mjrun.probe.scanner import SourceText
@@ -52,17 +53,21 @@ class Condition:
             return evaluate_truth(self._truth, dict(zip(names, np.ascontiguousarray(values.T), strict=True)), {})
 
 
-def condition(text: str, model: mujoco.MjModel, label: str = "when") -> Condition:
+def condition(
+    text: str, model: mujoco.MjModel, label: str = "when", episode: EpisodeColumns | None = None
+) -> Condition:
     """The condition that `text` says of a simulation of `model`.
 
     Args:
       label: what messages call it.
+      episode: what a policy that acts adds to what can be measured.
 
     Raises:
       UnknownNameError: a name is that of no column, object or function; the message lists near and valid ones.
       UsageError: the text is none of the language; the message says where, what was found and what is valid.
     """
-    truth = Parser(SourceText(text, label), AvailableProbes(model), aggregates=False).truth()
+    available = AvailableProbes(model, episode.names if episode else ())
+    truth = Parser(SourceText(text, label), available, aggregates=False).truth()
     read = columns_read(truth)
     return Condition(text, tuple(name for name in read if name != "time"), truth)
 

@@ -11,7 +11,17 @@ from mjrun.model.column import Column
 from mjrun.options.trace import PROBES
 from mjrun.probe.contacts import pair
 from mjrun.probe.derived import DERIVED
-from mjrun.probe.fields import COMPONENTS, SPATIAL, UNMEASURABLE, Probe, extents, field_probe, offered
+from mjrun.probe.episode import EPISODE_GROUPS, EpisodeColumns, EpisodeProbe, no_episode
+from mjrun.probe.fields import (
+    COMPONENTS,
+    SPATIAL,
+    UNMEASURABLE,
+    FieldProbe,
+    InstantProbe,
+    extents,
+    field_probe,
+    offered,
+)
 
 ALIASES = {"sensor": "sensordata"}
 # A bare object may be of another kind than the first that a name stands for.
@@ -22,10 +32,13 @@ FALLBACKS = {
 }
 PAIRS = "contact"  # has columns for any two objects too: `contact/ball/floor`
 PARTS = {part for parts in (*COMPONENTS.values(), *SPATIAL.values()) for part in parts}
+Probe = FieldProbe | InstantProbe | EpisodeProbe
 TIME = "time"  # the first column of every table, whether or not it is asked for
 
 
-def select(model: mujoco.MjModel, probe_names: Iterable[str] = PROBES) -> list[Probe]:
+def select(
+    model: mujoco.MjModel, probe_names: Iterable[str] = PROBES, episode: EpisodeColumns | None = None
+) -> list[Probe]:
     """The probes of these names: `qpos`, `qpos[left_*]`, `sensor[imu]`, or a column such as `xpos/hand/z`.
 
     `contact/ball/floor` is the number of contacts between two objects, see `mjrun.probe.contacts.pair`.
@@ -33,12 +46,15 @@ def select(model: mujoco.MjModel, probe_names: Iterable[str] = PROBES) -> list[P
     A name without columns in this model (`act` without activations) is passed over when it is asked for
     as a whole, and so is `time`, which every table has.
 
+    Args:
+      episode: what a policy that acts adds to what can be measured.
+
     Raises:
       UnknownNameError: a name, object or column that is not there; near and valid names are listed.
-      UsageError: two names give the same column, or a field of MjData belongs to no instant.
+      UsageError: two names give the same column, a field of MjData belongs to no instant, or there is no policy.
     """
     texts = [text.strip() for text in probe_names if text.strip() != TIME]
-    probes = [_select_one(model, text) for text in texts]
+    probes = [_select_one(model, episode, text) for text in texts]
     seen: dict[str, str] = {}
     for probe, text in zip(probes, texts, strict=True):
         for column in probe.columns:
@@ -55,18 +71,20 @@ def split(text: str) -> list[str]:
     return [part for part in re.split(r",(?![^\[]*\])", text) if part.strip()]
 
 
-def available_columns(model: mujoco.MjModel) -> list[Column]:
-    """Every column that `model` offers, but for the contacts between two objects: there are too many pairs."""
+def available_columns(model: mujoco.MjModel, episode: EpisodeColumns | None = None) -> list[Column]:
+    """Every column that can be measured, but for the contacts between two objects: there are too many pairs."""
     groups = [name for name in DERIVED if name != "energy"]
     fields = [name for name in offered(model) if name != "sensordata"]
-    everything = [_whole(model, name) for name in (*PROBES, *groups, *fields) if name not in ("contact",)]
+    everything = [_whole(model, None, name) for name in (*PROBES, *groups, *fields) if name not in ("contact",)]
     by_name = {column.name: column for probe in [*everything, DERIVED["contact"](model)] for column in probe.columns}
-    return list(by_name.values())
+    return [*by_name.values(), *(episode.columns if episode else ())]
 
 
-def selected_columns(model: mujoco.MjModel, probe_names: Iterable[str]) -> list[Column]:
+def selected_columns(
+    model: mujoco.MjModel, probe_names: Iterable[str], episode: EpisodeColumns | None = None
+) -> list[Column]:
     """The columns that `probe_names` stand for, see `select`."""
-    return [column for probe in select(model, probe_names) for column in probe.columns]
+    return [column for probe in select(model, probe_names, episode) for column in probe.columns]
 
 
 def aliases(model: mujoco.MjModel) -> dict[str, str]:
@@ -74,7 +92,7 @@ def aliases(model: mujoco.MjModel) -> dict[str, str]:
     others = {**FALLBACKS, **{field: (name,) for name, field in ALIASES.items()}}
     aliases_by_name: dict[str, str] = {}
     for group, candidates in others.items():
-        columns = [column.name for candidate in candidates for column in _whole(model, candidate).columns]
+        columns = [column.name for candidate in candidates for column in _whole(model, None, candidate).columns]
         for column in columns:  # the first of a name is meant
             aliases_by_name.setdefault(f"{group}/{column.partition('/')[2]}", column)
     return aliases_by_name
@@ -87,17 +105,21 @@ def object_of(name: str) -> str:
     return found if found and (part in PARTS or part.isdigit()) else rest
 
 
-def _select_one(model: mujoco.MjModel, text: str) -> Probe:
+def _select_one(model: mujoco.MjModel, episode: EpisodeColumns | None, text: str) -> Probe:
     bracketed = re.fullmatch(r"([^\[\]/]+)\[([^\[\]]*)\]", text)
     if bracketed:
-        return _objects(model, bracketed[1].strip(), [part.strip() for part in bracketed[2].split(",")])
+        return _objects(model, episode, bracketed[1].strip(), [part.strip() for part in bracketed[2].split(",")])
     group, slash, _ = text.partition("/")
     if not slash:
-        return _whole(model, text)
-    return _named(model, group, text.removeprefix(f"{group}/"))
+        return _whole(model, episode, text)
+    return _named(model, episode, group, text.removeprefix(f"{group}/"))
 
 
-def _whole(model: mujoco.MjModel, name: str) -> Probe:
+def _whole(model: mujoco.MjModel, episode: EpisodeColumns | None, name: str) -> Probe:
+    if name in EPISODE_GROUPS:
+        if episode is None:
+            raise no_episode(name)
+        return episode.probes[name]
     if name in DERIVED:
         return DERIVED[name](model)
     field = ALIASES.get(name, name)
@@ -108,31 +130,33 @@ def _whole(model: mujoco.MjModel, name: str) -> Probe:
     return field_probe(model, field, name)
 
 
-def _objects(model: mujoco.MjModel, name: str, patterns: Sequence[str]) -> Probe:
+def _objects(model: mujoco.MjModel, episode: EpisodeColumns | None, name: str, patterns: Sequence[str]) -> Probe:
     """The columns of the objects that match any of `patterns`."""
     for candidate in (name, *FALLBACKS.get(name, ())):
-        probe = _whole(model, candidate)
+        probe = _whole(model, episode, candidate)
         indices = [i for i, column in enumerate(probe.columns) if any(_matches(column, p) for p in patterns)]
         if indices:
             missing = [p for p in patterns if not any(_matches(probe.columns[i], p) for i in indices)]
             if not missing:
                 return probe.only(indices)
             patterns = [missing[0]]
-    objects = list(dict.fromkeys(object_of(column.name) for column in _whole(model, name).columns))
+    objects = list(dict.fromkeys(object_of(column.name) for column in _whole(model, episode, name).columns))
     raise UnknownNameError("object", patterns[0], objects, where=f"probe {name}")
 
 
-def _named(model: mujoco.MjModel, group: str, rest: str) -> Probe:
+def _named(model: mujoco.MjModel, episode: EpisodeColumns | None, group: str, rest: str) -> Probe:
     """The column `group/rest`, else all whose name begins so; a geom's or site's where no body is called that."""
     for candidate in (group, *FALLBACKS.get(group, ())):
-        probe, text = _whole(model, candidate), f"{candidate}/{rest}"
+        probe, text = _whole(model, episode, candidate), f"{candidate}/{rest}"
         names = [column.name for column in probe.columns]
         indices = [names.index(text)] if text in names else [i for i, n in enumerate(names) if n.startswith(f"{text}/")]
         if indices:
             return probe.only(indices)
     if group == PAIRS:
         return pair(rest, model)
-    raise UnknownNameError("column", f"{group}/{rest}", [column.name for column in _whole(model, group).columns])
+    raise UnknownNameError(
+        "column", f"{group}/{rest}", [column.name for column in _whole(model, episode, group).columns]
+    )
 
 
 def _matches(column: Column, pattern: str) -> bool:

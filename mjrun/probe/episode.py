@@ -1,0 +1,95 @@
+"""What can be measured where a policy acts: `obs/…`, `action/…`, `reward/…` and `return`."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+
+from mjrun.errors import UsageError, option, quoted
+from mjrun.model.column import Column
+
+OBSERVATION, ACTION, REWARD, RETURN = EPISODE_GROUPS = ("obs", "action", "reward", "return")
+TOTAL = f"{REWARD}/total"
+
+
+class EpisodeValues(Protocol):
+    """What holds from one control instant until the next; see `mjrun.task.episode.ControlInstant`."""
+
+    @property
+    def observation(self) -> np.ndarray: ...
+
+    @property
+    def action(self) -> np.ndarray: ...
+
+    @property
+    def reward(self) -> float: ...
+
+    @property
+    def reward_terms(self) -> np.ndarray: ...
+
+    @property
+    def total(self) -> float: ...
+
+
+@dataclass(frozen=True)
+class EpisodeProbe:
+    """Columns that belong to an episode, and not to the model.
+
+    Attributes:
+      columns: in order.
+      read: from what holds at a control instant to `(len(columns),)`.
+    """
+
+    columns: Sequence[Column]
+    read: Callable[[EpisodeValues], np.ndarray]
+
+    def only(self, indices: Sequence[int]) -> "EpisodeProbe":
+        """The probe with only these of its columns."""
+        index, read = np.array(indices, int), self.read
+        return EpisodeProbe([self.columns[i] for i in indices], lambda values: read(values)[index])
+
+
+class EpisodeColumns:
+    """The columns of an episode.
+
+    Args:
+      observations: names of the numbers that the policy observes, with their units.
+      actions: names of those that it answers.
+      rewards: names of the terms of the reward.
+
+    Attributes:
+      probes: by name.
+    """
+
+    def __init__(self, observations: Mapping[str, str], actions: Sequence[str], rewards: Sequence[str]) -> None:
+        seen = [Column(f"{OBSERVATION}/{name}", unit, "observed by the policy") for name, unit in observations.items()]
+        acted = [Column(f"{ACTION}/{name}", "", "what the policy answers, before scale and clip") for name in actions]
+        terms = [Column(f"{REWARD}/{name}", "", "weighted term of the reward") for name in rewards]
+        total = [Column(TOTAL, "", "reward of the control period that ended last")] if "total" not in rewards else []
+        count = len(terms) + len(total)
+        self.probes: Mapping[str, EpisodeProbe] = {
+            OBSERVATION: EpisodeProbe(seen, lambda values: values.observation),
+            ACTION: EpisodeProbe(acted, lambda values: values.action),
+            REWARD: EpisodeProbe(
+                [*terms, *total], lambda values: np.append(values.reward_terms, values.reward)[:count]
+            ),
+            RETURN: EpisodeProbe(
+                [Column(RETURN, "", "sum of all rewards so far")], lambda values: np.array([values.total])
+            ),
+        }
+
+    @property
+    def columns(self) -> list[Column]:
+        """All of them."""
+        return [column for probe in self.probes.values() for column in probe.columns]
+
+    @property
+    def names(self) -> list[str]:
+        """Their names."""
+        return [column.name for column in self.columns]
+
+
+def no_episode(name: str) -> UsageError:
+    """The error that `name`, of an episode, is asked for where no policy acts."""
+    return UsageError(f"{quoted(name)} can be measured where a policy acts only: give a {option('policy')}")
