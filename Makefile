@@ -21,7 +21,7 @@ demo: setup ## render a video: out/dominos.mp4
 	@echo "The video is $(CURDIR)/out/dominos.mp4"
 
 gallery: setup ## make the videos, images, tables and plots of all scenes at full size: out/
-	for scene in scenes/*.yaml; do .venv/bin/mjrun run "$$scene" -o "out/$$(basename "$$scene" .yaml)" || exit; done
+	for scene in scenes/*.xml; do .venv/bin/mjrun run "$${scene%.xml}.yaml" -o "out/$$(basename "$$scene" .xml)" || exit; done
 
 test: setup ## run the tests
 	.venv/bin/pytest -n auto --maxprocesses 4 --dist worksteal $(ARGS)

@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from mjrun.check.check import CheckResult as CheckResult
     from mjrun.diff.result import DiffResult as DiffResult
     from mjrun.document.camera import read_camera as read_camera
+    from mjrun.document.task import read_task as read_task
     from mjrun.formats.table import Table as Table
     from mjrun.formats.table_reader import read_table as read_table
     from mjrun.formats.video_reader import read_video as read_video
@@ -55,36 +56,49 @@ if TYPE_CHECKING:
     from mjrun.rendering.visual import Visual as Visual
     from mjrun.study.study import Study as Study
     from mjrun.study.study import StudyResult as StudyResult
+    from mjrun.task.task import Task as Task
+    from mjrun.task.terms import Action as Action
+    from mjrun.task.terms import Command as Command
+    from mjrun.task.terms import Observation as Observation
+    from mjrun.task.terms import Reset as Reset
+    from mjrun.task.terms import Reward as Reward
+    from mjrun.task.terms import Termination as Termination
     from mjrun.viewer.viewer import Viewer as Viewer
     from mjrun.viewer.viewer import ViewerResult as ViewerResult
 
 _HOMES = {
-    "Image": "mjrun.job.image",
-    "ImageResult": "mjrun.job.image",
+    "Action": "mjrun.task.terms",
     "Bench": "mjrun.bench.bench",
     "BenchResult": "mjrun.bench.results",
     "Check": "mjrun.check.check",
     "CheckResult": "mjrun.check.check",
+    "Command": "mjrun.task.terms",
     "Diff": "mjrun.job.diff",
     "DiffResult": "mjrun.diff.result",
+    "Image": "mjrun.job.image",
+    "ImageResult": "mjrun.job.image",
     "Info": "mjrun.model.info",
     "InfoResult": "mjrun.model.info",
     "Keyframe": "mjrun.job.keyframe",
     "KeyframeResult": "mjrun.job.keyframe",
+    "Observation": "mjrun.task.terms",
     "Plot": "mjrun.job.plot",
     "PlotResult": "mjrun.job.plot",
     "Recording": "mjrun.job.recording",
     "RecordingResult": "mjrun.job.recording",
+    "Reset": "mjrun.task.terms",
+    "Reward": "mjrun.task.terms",
     "Simulation": "mjrun.job.simulation",
     "Study": "mjrun.study.study",
     "StudyResult": "mjrun.study.study",
     "Table": "mjrun.formats.table",
     "TablePlot": "mjrun.plotting.table_plot",
     "TablePlotResult": "mjrun.plotting.table_plot",
+    "Task": "mjrun.task.task",
+    "Termination": "mjrun.task.terms",
     "Trace": "mjrun.job.trace",
     "TraceResult": "mjrun.job.trace",
     "VerificationResult": "mjrun.job.verification",
-    "verify": "mjrun.job.verification",
     "Video": "mjrun.job.video",
     "VideoResult": "mjrun.job.video",
     "Viewer": "mjrun.viewer.viewer",
@@ -93,17 +107,21 @@ _HOMES = {
     "load": "mjrun.model.load",
     "perform": "mjrun.job.perform",
     "read_camera": "mjrun.document.camera",
-    "render": "mjrun.rendering.render",
     "read_table": "mjrun.formats.table_reader",
+    "read_task": "mjrun.document.task",
     "read_video": "mjrun.formats.video_reader",
+    "render": "mjrun.rendering.render",
+    "verify": "mjrun.job.verification",
     "write_video": "mjrun.formats.video_writer",
 }
 
 __all__ = [
+    "Action",
     "Bench",
     "BenchResult",
     "Check",
     "CheckResult",
+    "Command",
     "Diff",
     "DiffResult",
     "Image",
@@ -112,16 +130,21 @@ __all__ = [
     "InfoResult",
     "Keyframe",
     "KeyframeResult",
+    "Observation",
     "Plot",
     "PlotResult",
     "Recording",
     "RecordingResult",
+    "Reset",
+    "Reward",
     "Simulation",
     "Study",
     "StudyResult",
     "Table",
     "TablePlot",
     "TablePlotResult",
+    "Task",
+    "Termination",
     "Trace",
     "TraceResult",
     "VerificationResult",
@@ -135,6 +158,7 @@ __all__ = [
     "perform",
     "read_camera",
     "read_table",
+    "read_task",
     "read_video",
     "render",
     "verify",

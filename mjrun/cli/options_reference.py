@@ -12,6 +12,7 @@ from mjrun.options.keyframe import KeyframeOptions
 from mjrun.options.kinds import Flag
 from mjrun.options.option import FrontEnd, Option, options_of
 from mjrun.options.plot import PlotOptions
+from mjrun.options.task import PARTS, TaskOptions
 from mjrun.options.trace import RecordingOptions
 
 SIMULATING = ("video", "image", "trace", "sweep", "view")  # commands whose options include those of a simulation
@@ -27,6 +28,7 @@ CLASSES = {
     "view": "Viewer",
 }  # which run documents do not know
 TOP_LEVEL = "."
+RUN, TASK = "Run documents", "Task documents"
 INTRODUCTION = """\
 # Options of mjrun
 
@@ -41,18 +43,20 @@ class Owner:
 
     Attributes:
       command: such as `video`; empty for what no command makes.
-      key: the list in run documents whose entries take them, or `TOP_LEVEL`; empty for none.
+      key: the list in documents whose entries take them, or `TOP_LEVEL`; empty for none.
       python: the class; empty for none.
+      documents: the kind of documents that has this key.
     """
 
     command: str
     key: str = ""
     python: str = ""
+    documents: str = RUN
 
     @property
     def document(self) -> str:
-        """Where in a run document its options stand."""
-        return "the top level" if self.key == TOP_LEVEL else f"`{self.key}[]`"
+        """Where in a document its options stand."""
+        return "the top level" if self.key == TOP_LEVEL else f"`{self.key}{'[]' if self.documents == RUN else ''}`"
 
     def __str__(self) -> str:
         return f"`mjrun {self.command}`" if self.command else f"`{self.key}`"
@@ -110,6 +114,9 @@ def _sections() -> Iterator[tuple[str, Owner, list[Option]]]:
     yield from _by_section(Owner("", "plots", "Plot"), options_of(PlotOptions))
     yield from _by_section(Owner("", "recordings", "Recording"), options_of(RecordingOptions))
     yield from _by_section(Owner("", "keyframes", "Keyframe"), options_of(KeyframeOptions))
+    yield from _by_section(Owner("", TOP_LEVEL, "", TASK), options_of(TaskOptions))
+    for key, (entry, declared) in PARTS.items():
+        yield from _by_section(Owner("", key + entry, declared.section, TASK), options_of(declared))
 
 
 def _by_section(owner: Owner, options: Sequence[Option]) -> Iterator[tuple[str, Owner, list[Option]]]:
@@ -127,7 +134,11 @@ def _section_lines(section: Section) -> Iterator[str]:
         places |= each.places
     homes = {
         "Command line": [f"`mjrun {owner.command}`" for owner in owners if owner.command],
-        "Run documents": [owner.document for owner in owners if owner.key and FrontEnd.DOCUMENT in places],
+        **{
+            kind: [each.document for each in owners if each.documents == kind and each.key]
+            for kind in (RUN, TASK)
+            if FrontEnd.DOCUMENT in places
+        },
         "Python": [f"`mjrun.{owner.python}`" for owner in owners if owner.python and FrontEnd.PYTHON in places],
     }
     yield f"## {section.title}\n"

@@ -38,7 +38,7 @@ def assign(
     Args:
       order: of the first of them among the sources of the document.
       fixed: keys of the top that cannot be set.
-      named: keys of the top below which everything up to = is one name, which may hold dots: `set.opt.cone`.
+      named: places below which everything up to = is one name, which may hold dots: `set.opt.cone` below `set`.
     """  # fmt: skip
     faults: list[Fault] = []
     for i, assignment in enumerate(assignments):
@@ -60,9 +60,9 @@ def assign(
 
 
 def _path(text: str, named: Sequence[str]) -> Path:
-    first, _, name = text.partition(".")
-    if first in named and name:
-        return (first, name)
+    owner = next((f"{place}." for place in named if text.startswith(f"{place}.")), "")
+    if owner and text != owner:
+        return (*owner.split(".")[:-1], text.removeprefix(owner))
     steps: list[str | int] = []
     position = 0
     while match := _STEP.match(text, position):

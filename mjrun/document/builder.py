@@ -14,7 +14,11 @@ from mjrun.options.kinds import Several
 from mjrun.options.option import Options
 from mjrun.options.simulation import ControllerOptions, SimulationOptions
 
-NAMED = ("set", "qpos", "qvel", "ctrl", "vary", "metrics")  # keys below which names stand that may hold dots
+# Places below which names stand that may hold dots.
+NAMED = (
+    *("set", "qpos", "qvel", "ctrl", "vary", "metrics"),
+    *("reset.qpos", "reset.qvel", "reset.ctrl", "reset.noise", "reset.set", "reset.vary"),
+)
 DeclaredAt = Callable[[Place], type[Options]]
 T = TypeVar("T")
 
@@ -76,7 +80,8 @@ class DocumentBuilder:
 def fault_at(tree: MappingNode, place: Place, error: UsageError, declared_at: DeclaredAt) -> Fault:
     """`error` at the option below `place` that it is about."""
     path = written_path(tree, (*place, *_entry_path(tree, place, error.path, declared_at(place))))
-    named = path[:1] in [(key,) for key in NAMED] and len(path) > 1
+    owners = [tuple(owner.split(".")) for owner in NAMED]
+    named = any(path[: len(owner)] == owner and len(path) > len(owner) for owner in owners)
     mark = key_mark(tree, path) if named else find(tree, path).mark
     return Fault(mark, path_text(path), error.one_line(error.path))
 

@@ -10,6 +10,7 @@ from mjrun.document.camera import CameraDocument
 from mjrun.document.report_schema import REPORTS, report_schema
 from mjrun.document.run import RunDocument
 from mjrun.document.study import StudyDocument
+from mjrun.document.task import TaskDocument
 from mjrun.document.variables import DEFAULTS, VARS
 from mjrun.errors import UnknownNameError
 
@@ -18,6 +19,7 @@ DOCUMENTS: dict[str, tuple[type[BaseModel], str, bool]] = {
     "camera": (CameraDocument, "mjrun camera document", False),
     "run": (RunDocument, "mjrun run document", True),
     "study": (StudyDocument, "mjrun study document", True),
+    "task": (TaskDocument, "mjrun task document", True),
 }
 VARIABLE_KEYS = {
     VARS: {

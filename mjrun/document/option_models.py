@@ -236,7 +236,9 @@ FIELD_TYPES: dict[type[AnyKind], object] = {
         | Annotated[Name, Tag(TEXT)],
         by_type("a number, a list of numbers, or the name of a keyframe", NUMBER, LIST, TEXT),
     ],
-    Schedule: list[tuple[Instant, Numbers]],
+    Schedule: list[
+        Annotated[tuple[Instant, Numbers], Strict(False), BeforeValidator(of_length(2, "entries: a time and values"))]
+    ],
     option_kinds.ColumnMap: Annotated[
         Annotated[Name, Tag(TEXT)]
         | Annotated[list[Name], Tag(LIST)]

@@ -100,7 +100,7 @@ class Schedule(Kind[Sequence[Sequence[object]], "tuple[tuple[Fraction, Numbers],
             raise ExpectedError(self.expected) from None
         times, sizes = [time for time, _ in entries], {len(values) for _, values in entries}
         if len(sizes) != 1 or times[0] != 0 or times != sorted(set(times)):
-            raise ExpectedError(self.expected)
+            raise ExpectedError(self.expected, ", ".join(f"[{', '.join(map(str, entry))}]" for entry in value))
         return tuple(entries)
 
     def plain(self, value: "tuple[tuple[Fraction, Numbers], ...]") -> object:
@@ -331,3 +331,14 @@ class TerminationOptions(Options):
 
     when: str = required(converter=Text("EXPR"), help="A condition on columns after a period: qpos/root/z < 0.8.")
     as_: str = required(converter=Choice(ENDINGS), help="What such an end is.")
+
+
+# The parts of a task by their keys in documents: how an entry of one is found there, and its options.
+PARTS: dict[str, tuple[str, type[Options]]] = {
+    "reset": ("", ResetOptions),
+    "observations": ("[]", ObservationOptions),
+    "actions": ("[]", ActionOptions),
+    "commands": (".NAME", CommandOptions),
+    "rewards": (".NAME", RewardOptions),
+    "terminations": (".NAME", TerminationOptions),
+}

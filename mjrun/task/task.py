@@ -1,9 +1,11 @@
 """A task as a value: a model, its episodes, and what a policy observes, does and is rewarded for in them."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Generator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from fractions import Fraction
 from pathlib import Path
+from typing import Protocol
 
 import mujoco
 
@@ -20,6 +22,14 @@ NO_REWARDS: Mapping[str, Reward] = {}
 NO_TERMINATIONS: Mapping[str, Termination] = {}
 
 
+class Places(Protocol):
+    """Where something says what a task is, such as a document."""
+
+    def located(self, error: UsageError) -> UsageError:
+        """`error` at the place that it is about."""
+        ...
+
+
 @dataclass(frozen=True)
 class Task(Source):
     """A task: what stands where a model stands, and its model, and how episodes of it go.
@@ -33,6 +43,7 @@ class Task(Source):
       reset: how episodes start.
       derived: `current` or `lagged`: what is observed of quantities that MuJoCo derives from the state.
       path: of the document that says all this; None if there is none.
+      places: where it says that.
 
     Raises:
       UsageError: values that cannot be, or names that stand twice.
@@ -49,6 +60,7 @@ class Task(Source):
     reset: Reset = field(default_factory=Reset)
     derived: str = CURRENT
     path: Path | None = None
+    places: Places | None = field(default=None, compare=False, repr=False)
 
     def __init__(
         self,
@@ -64,6 +76,7 @@ class Task(Source):
         reset: Reset | None = None,
         derived: str = CURRENT,
         path: Path | None = None,
+        places: Places | None = None,
         overrides: Sequence[object] = (),
     ) -> None:
         values: dict[str, object] = {
@@ -78,6 +91,7 @@ class Task(Source):
             "reset": reset or Reset(),
             "derived": derived,
             "path": path,
+            "places": places,
             "overrides": tuple(overrides),
         }
         for name, value in values.items():
@@ -112,6 +126,21 @@ class Task(Source):
     def model_source(self) -> Source:
         """The source of the model alone, with all overrides."""
         return replace(self.model, overrides=(*self.model.overrides, *self.overrides))
+
+    @contextmanager
+    def located(self) -> Generator[None]:
+        """Tells of mistakes in the task where they are written: what looks closer at it does so within.
+
+        Raises:
+          UsageError: the one raised within, at its line of the document if there is one.
+        """
+        try:
+            yield
+        except UsageError as error:
+            located = self.places.located(error) if self.places else error
+            if located is error:
+                raise
+            raise located from error
 
     def control_steps(self, model: mujoco.MjModel) -> int:
         """How many steps of the physics a control period has.

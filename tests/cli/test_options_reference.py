@@ -2,15 +2,17 @@
 
 import re
 from pathlib import Path
+from typing import Any
 
 import click
 import pytest
 
 import mjrun
 from mjrun.cli.main import COMMANDS, group
-from mjrun.cli.options_reference import TOP_LEVEL, options_reference, reference_sections
+from mjrun.cli.options_reference import RUN, TASK, TOP_LEVEL, options_reference, reference_sections
 from mjrun.document.json_schema import json_schema
 from mjrun.options.option import FrontEnd, Options, options_of
+from mjrun.options.task import PARTS
 
 ROOT = Path(__file__).parents[2]
 SECTIONS = reference_sections()
@@ -34,7 +36,7 @@ def test_every_option_of_every_command_is_there(name: str) -> None:
 def test_keys_are_those_of_the_schema_of_run_documents() -> None:
     definitions = json_schema("run")
     for section, each, owners in ROWS:
-        for key in {owner.key for owner in owners} - {""}:
+        for key in {owner.key for owner in owners if owner.documents == RUN} - {""}:
             keys = _keys(definitions, key)
             assert (each.name in keys) == (FrontEnd.DOCUMENT in each.places), (section.title, key, each.name)
 
@@ -45,6 +47,20 @@ def test_every_key_of_run_documents_is_there() -> None:
     for key in (TOP_LEVEL, *outputs):
         listed = {each.name for _, each, owners in ROWS if key in {owner.key for owner in owners}}
         assert _keys(definitions, key) - {"model", "vars", "defaults", *outputs} <= listed
+
+
+def test_the_keys_of_task_documents_are_those_of_their_schema() -> None:
+    definitions = json_schema("task")
+    properties: dict[str, Any] = definitions["properties"]
+    listed: dict[str, set[str]] = {}
+    for _, each, owners in ROWS:
+        for owner in owners:
+            if owner.documents == TASK:
+                listed.setdefault(owner.key, set()).add(each.key)
+    assert listed.pop(TOP_LEVEL) == {*properties} - {"model", "vars", "defaults", *PARTS}
+    assert listed == {
+        key + entry: {*definitions["$defs"][declared.section]["properties"]} for key, (entry, declared) in PARTS.items()
+    }
 
 
 def test_python_arguments_are_those_of_the_classes() -> None:

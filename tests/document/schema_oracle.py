@@ -45,9 +45,9 @@ def _fits(key: str, value: Any, rule: dict[str, Any], whole: dict[str, Any]) -> 
             return not isinstance(value, list) or all(fits(item, wanted, whole) for item in value)
         case "prefixItems":
             return not isinstance(value, list) or all(fits(*pair, whole) for pair in zip(value, wanted, strict=False))
-        case "minItems" | "maxItems" | "minLength":
-            sized = isinstance(value, str if key == "minLength" else list)
-            return not sized or (len(value) <= wanted if key == "maxItems" else len(value) >= wanted)
+        case "minItems" | "maxItems" | "minLength" | "minProperties" | "maxProperties":
+            sized = isinstance(value, {"Length": str, "Items": list}.get(key[3:], dict))
+            return not sized or (len(value) <= wanted if key.startswith("max") else len(value) >= wanted)
         case "minimum" | "exclusiveMinimum":
             return not number or (value >= wanted if key == "minimum" else value > wanted)
         case "maximum":

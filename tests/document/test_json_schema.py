@@ -129,7 +129,8 @@ def test_what_is_no_run_document_does_not_fit_the_schema(text: str) -> None:
 def test_a_kind_that_there_is_not_is_told() -> None:
     with pytest.raises(
         UnknownNameError,
-        match=r"^no schema 'camra' \(did you mean 'camera'\?\)\nschemas: camera, run, study, bench, diff, plot, sweep$",
+        match=r"^no schema 'camra' \(did you mean 'camera'\?\)\n"
+        r"schemas: camera, run, study, task, bench, diff, plot, sweep$",
     ):
         json_schema("camra")
 

@@ -1,0 +1,394 @@
+"""A task document is the task that it says, exactly, or a list of what is wrong with it, line by line."""
+
+import pickle
+from fractions import Fraction
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+
+import mjrun
+from mjrun.document import task as task_module
+from mjrun.document.json_schema import json_schema
+from mjrun.document.task import read_task
+from mjrun.errors import DocumentError, FileError, UsageError, concerning
+from mjrun.task.task import Task
+from mjrun.task.terms import Action, Command, Observation, Reset, Reward, Termination
+from tests.document.schema_oracle import fits
+
+EXAMPLE = (task_module.__doc__ or "").split("```yaml")[1].split("```")[0]
+HEAD = "model: scene:car\ncontrol_dt: 0.02\nduration: 5\n"
+OBSERVES = "observations: [{name: position, probe: xpos/car}]\n"
+ACTS = "actions: [{actuators: [forward, turn]}]\n"
+WHOLE = HEAD + OBSERVES + ACTS
+
+
+@pytest.fixture(autouse=True)
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def read(text: str, *assignments: str) -> Task:
+    Path("t.yaml").write_text(text)
+    return read_task("t.yaml", assignments)
+
+
+def task(**values: Any) -> Task:
+    standard: dict[str, Any] = {
+        "control_dt": 0.02,
+        "duration": 5,
+        "observations": [Observation(name="position", probe="xpos/car")],
+        "actions": [Action(actuators=["forward", "turn"])],
+        "path": Path("t.yaml"),
+    }
+    return Task(values.pop("model", "scene:car"), **{**standard, **values})
+
+
+# --- what is said -------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("", {}),
+        ("derived: lagged", {"derived": "lagged"}),
+        (
+            "reset: {key: 0, qpos: {car/z: 0.1}, noise: {'qvel/*': {normal: [0, 0.1]}}, "
+            "vary: {opt.gravity: 'choice(1, 2)'}}",
+            {
+                "reset": Reset(
+                    key=0,
+                    qpos={"car/z": (0.1,)},
+                    noise={"qvel/*": "normal(0, 0.1)"},
+                    vary={"opt.gravity": "choice(1, 2)"},
+                )
+            },
+        ),
+        (
+            "commands: {goal: {constant: [-1, 4]}, run: {random: 'uniform(-1, 1)', size: 2, every: 1/2}}",
+            {
+                "commands": {
+                    "goal": Command(constant=(-1.0, 4.0)),
+                    "run": Command(random=["uniform(-1, 1)"], size=2, every="1/2"),
+                }
+            },
+        ),
+        (
+            "commands: {go: {schedule: [[0, [1, 0]], [2.5, [0, 1]]]}}",
+            {"commands": {"go": Command(schedule=[[0, [1, 0]], [2.5, [0, 1]]])}},
+        ),
+        (
+            "rewards: {alive: 1, near: exp(-time), slow: {value: time, weight: -0.5}}",
+            {
+                "rewards": {
+                    "alive": Reward(value="1"),
+                    "near": Reward(value="exp(-time)"),
+                    "slow": Reward(value="time", weight=-0.5),
+                }
+            },
+        ),
+        (
+            "terminations: {far: {when: xpos/car/x > 9, as: failure}}",
+            {"terminations": {"far": Termination(when="xpos/car/x > 9", as_="failure")}},
+        ),
+    ],
+)
+def test_the_task_is_what_the_document_says(text: str, said: dict[str, Any]) -> None:
+    assert read(WHOLE + text) == task(**said)
+
+
+def test_every_key_of_a_term_arrives() -> None:
+    text = """observations:
+- {name: a, joints: [left, 'r*'], of: qvel, frame: car, noise: 0.5,
+   offset: [1, 2], scale: 0.1, clip: [[-1, -2], 3], delay: 2, history: 3}
+- {name: b, probe: [xpos/car, qvel], noise: {uniform: [0, 1]}}
+- {name: c, action: previous}
+- {name: d, phase: 1/3}
+- {name: e, value: qpos/car/z - 1}
+actions:
+- {joints: '*', target: position, kp: [1, 2], kd: 0.5, squash: tanh, clip: [-1, 1], scale: 2, offset: home}
+- {actuators: turn, offset: [0.5]}
+"""
+    made = read(HEAD + text)
+    assert made.observations == (
+        Observation(
+            name="a", joints=["left", "r*"], of="qvel", frame="car", noise=0.5, offset=[1, 2], scale=0.1,
+            clip=[[-1, -2], 3], delay=2, history=3,
+        ),
+        Observation(name="b", probe=["xpos/car", "qvel"], noise="uniform(0, 1)"),
+        Observation(name="c", action="previous"),
+        Observation(name="d", phase=Fraction(1, 3)),
+        Observation(name="e", value="qpos/car/z - 1"),
+    )  # fmt: skip
+    assert made.actions == (
+        Action(
+            joints="*", target="position", kp=[1, 2], kd=0.5, squash="tanh", clip=[-1, 1], scale=2, offset="home"
+        ),
+        Action(actuators="turn", offset=0.5),
+    )  # fmt: skip
+
+
+def test_what_a_document_overrides_in_its_model_is_overridden() -> None:
+    made = read(WHOLE + "timestep: 0.004\nintegrator: implicitfast\nset: {joint/left.damping: 0.5}")
+    model = made.load()
+    assert (model.opt.timestep, model.opt.integrator, model.joint("left").damping[0]) == (0.004, 3, 0.5)
+
+
+def test_files_are_relative_to_the_document(folder: Path) -> None:
+    (folder / "sub").mkdir()
+    text = WHOLE.replace("scene:car", "../car.xml") + "commands: {goal: {table: goals.csv}}"
+    (folder / "sub/drive.yaml").write_text(text)
+    made = read_task("sub/drive.yaml")
+    assert made.commands["goal"].table == "sub/goals.csv"
+    assert [str(file) for file in made.files] == ["sub/../car.xml", "sub/drive.yaml", "sub/goals.csv"]
+    assert (made.text, made.stem) == ("sub/drive.yaml", "drive")
+
+
+def test_assignments_and_variables_count() -> None:
+    made = read(
+        WHOLE + "vars: {push: 0.3}\nreset: {noise: {qvel/car/x: 'uniform(-${push}, ${push})'}}",
+        "duration=2",
+        "vars.push=0.7",
+        "reset.vary.geom/floor.friction[0]=uniform(0.3, 1)",
+        "observations[0].scale=2",
+        "rewards.alive=1",
+    )
+    assert made == task(
+        duration=2,
+        observations=[Observation(name="position", probe="xpos/car", scale=2)],
+        rewards={"alive": "1"},
+        reset=Reset(
+            noise={"qvel/car/x": "uniform(-0.7, 0.7)"}, vary={"geom/floor.friction[0]": "uniform(0.3, 1)"}
+        ),
+    )  # fmt: skip
+
+
+def test_a_document_may_build_on_another() -> None:
+    Path("base.yaml").write_text(WHOLE)
+    made = read("defaults: base.yaml\nduration: 1\nrewards: {alive: 1}")
+    assert made == task(duration=1, rewards={"alive": "1"})
+
+
+def test_a_task_can_be_pickled_with_the_places_of_its_faults() -> None:
+    copy = pickle.loads(pickle.dumps(read(WHOLE)))
+    assert copy == task()
+    with pytest.raises(DocumentError, match=r"t\.yaml:4:40: observations\[0\]\.probe: lost"), copy.located():
+        raise UsageError("lost", ("observations", 0, "probe"))
+
+
+def test_the_name_in_python_is_the_function() -> None:
+    assert mjrun.read_task is read_task
+
+
+# --- what is wrong ------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ("reward: {}", "6:1: unknown key 'reward' (did you mean 'rewards'?); keys: model, "),
+        ("derived: late", "6:10: derived: expected 'current' or 'lagged', got 'late'"),
+        ("reset: {noise: {qpos/car/x: 'gauss(0, 1)'}}", "6:17: reset.noise.qpos/car/x: no distribution gauss; "),
+        ("reset: {noise: {qpos/car/x: big}}", "6:17: reset.noise.qpos/car/x: big is neither a number nor"),
+        ("reset: {set: {qpos/car/x: {uniform: [1, 0]}}}", "6:15: reset.set.qpos/car/x: uniform(1, 0): write uniform("),
+        ("commands: {goal: }", "6:17: commands.goal: expected a mapping, got nothing"),
+        (
+            "commands: {goal: {}}",
+            "6:18: commands.goal.constant: a command comes from one of constant, table, schedule, random",
+        ),
+        (
+            "commands: {goal: {constant: 1, table: a.csv}}",
+            "6:39: commands.goal.table: a command comes from one of constant, table, schedule, random, "
+            "not constant and table",
+        ),
+        ("commands: {goal: {constant: 1, every: 2}}", "6:39: commands.goal.every: every goes with random"),
+        ("commands: {goal: {schedule: [[1, 2]]}}", "6:29: commands.goal.schedule: '[1, 2.0]' is not a list of [time,"),
+        ("commands: {goal: {random: [a]}}", "6:28: commands.goal.random[0]: a is neither a number nor a distribution"),
+        ("rewards: {far: {weight: 2}}", "6:16: rewards.far: 'value' is missing"),
+        ("rewards: {far: }", "6:15: rewards.far: expected an expression, or a mapping with value and weight, got noth"),
+        ("rewards: [far]", "6:10: rewards: expected a mapping, got a list"),
+        ("terminations: {far: {when: a > 1}}", "6:21: terminations.far: 'as' is missing"),
+        (
+            "terminations: {far: {when: a, as: lost}}",
+            "6:35: terminations.far.as: expected 'success', 'failure' or 'timeout', got 'lost'",
+        ),
+        (
+            "terminations: {timeout: {when: a > 1, as: success}}",
+            "6:25: terminations.timeout: timeout is a termination that every task has; call this one otherwise",
+        ),
+    ],
+)
+def test_what_is_wrong_is_told_where_it_is(text: str, expected: str) -> None:
+    with pytest.raises(DocumentError) as caught:
+        read(WHOLE + text)
+    assert str(caught.value).startswith(f"t.yaml:{expected}")
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ("observations: []", "5:15: observations: expected at least 1 item, got none"),
+        ("observations: [{probe: qpos}]", "5:16: observations[0]: 'name' is missing"),
+        (
+            "observations: [{name: a}]",
+            "5:16: observations[0].probe: an observation is taken from one of probe, joints, action, command, ",
+        ),
+        (
+            "observations: [{name: a, phase: 1, value: time}]",
+            "5:43: observations[0].value: an observation is taken from one of probe, joints, action, command, phase, "
+            "value, not phase and value",
+        ),
+        ("observations: [{name: a, probe: qpos, of: qvel}]", "5:43: observations[0].of: of goes with joints"),
+        ("observations: [{name: a, probe: b, delay: -1}]", "5:43: observations[0].delay: expected a number of at"),
+        (
+            "observations: [{name: a, probe: qpos, history: 0}]",
+            "5:48: observations[0].history: expected a positive num",
+        ),
+        ("observations: [{name: a, probe: qpos, clip: [1, 0]}]", "5:45: observations[0].clip: '1, 0' is not two num"),
+        ("observations: [{name: a, probe: qpos, clip: 1}]", "5:45: observations[0].clip: expected a list, got 1"),
+        ("observations: [{name: a, probe: qpos, scale: []}]", "5:46: observations[0].scale: expected"),
+        ("observations: [{name: a, phase: 0}]", "5:33: observations[0].phase: expected a positive number, got 0"),
+        (
+            "observations: [{name: a, command: goal}]",
+            "5:35: observations[0].command: no command 'goal'; there are no c",
+        ),
+        (
+            "observations: [{name: a, probe: qpos}, {name: a, probe: qvel}]",
+            "5:47: observations[1].name: two observations are called 'a'",
+        ),
+        ("observations: {name: a}", "5:15: observations: expected a list, got a mapping"),
+    ],
+)
+def test_what_is_wrong_with_an_observation_is_told_where_it_is(text: str, expected: str) -> None:
+    with pytest.raises(DocumentError) as caught:
+        read(HEAD + ACTS + text)
+    assert str(caught.value).startswith(f"t.yaml:{expected}")
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ("", "1:1: 'actions' is missing"),
+        ("actions: [{}]", "5:11: actions[0].actuators: an action drives one of actuators, joints"),
+        (
+            "actions: [{actuators: a, joints: b}]",
+            "5:34: actions[0].joints: actuators and joints exclude each other: an action drives one of the two",
+        ),
+        ("actions: [{joints: a}]", "5:11: actions[0].target: say the target of joints: control, position, velocity or"),
+        (
+            "actions: [{joints: a, target: force}]",
+            "5:31: actions[0].target: expected 'control', 'position', 'velocity'",
+        ),
+        (
+            "actions: [{actuators: a, target: torque}]",
+            "5:34: actions[0].target: a target torque is one of joints",
+        ),
+        ("actions: [{joints: a, target: position, kd: 1}]", "5:31: actions[0].target: the target position takes kp"),
+        ("actions: [{joints: a, target: torque, kp: 1}]", "5:43: actions[0].kp: kp is no gain of the target torque"),
+        (
+            "actions: [{actuators: a, squash: tan}]",
+            "5:34: actions[0].squash: expected 'none' or 'tanh', got 'tan' (did",
+        ),
+        (
+            "actions: [{actuators: a, offset: true}]",
+            "5:34: actions[0].offset: expected a number, a list of numbers, or",
+        ),
+    ],
+)
+def test_what_is_wrong_with_an_action_is_told_where_it_is(text: str, expected: str) -> None:
+    with pytest.raises(DocumentError) as caught:
+        read(HEAD + OBSERVES + text)
+    assert str(caught.value).startswith(f"t.yaml:{expected}")
+
+
+def test_all_mistakes_are_told_at_once_in_their_order() -> None:
+    text = """control_dt: 0
+observations:
+- {name: a}
+- {name: b, probe: qpos, noise: wide}
+actions:
+- {joints: a}
+set: {opt.x: }
+"""
+    with pytest.raises(DocumentError) as caught:
+        read(text)
+    assert str(caught.value).splitlines() == [
+        "t.yaml:1:1: 'duration' is missing",
+        "t.yaml:1:1: 'model' is missing",
+        "t.yaml:1:13: control_dt: expected a positive number, got 0",
+        "t.yaml:7:13: set.opt.x: expected a finite number, text, true or false, or a list of finite numbers, "
+        "got nothing",
+    ]
+    with pytest.raises(DocumentError) as caught:
+        read("model: scene:car\nduration: 1\n" + text.replace(": 0\n", ": 0.1\n").partition("set")[0])
+    assert [line.partition(": ")[0] for line in str(caught.value).splitlines()] == [
+        "t.yaml:5:3",
+        "t.yaml:6:33",
+        "t.yaml:8:3",
+    ]
+
+
+def test_what_only_the_model_brings_to_light_is_told_at_its_line() -> None:
+    made = read(WHOLE + "rewards: {near: exp(-1)}\nreset:\n  vary: {geom/flor.friction: 'uniform(0, 1)'}")
+    places = [
+        (("rewards", "near", "value"), "6:17: rewards.near: lost"),
+        (("reset", "vary", "geom/flor.friction"), "8:10: reset.vary.geom/flor.friction: lost"),
+        (("actions", 0, "actuators", 1), "5:33: actions[0].actuators[1]: lost"),
+        (("control_dt",), "2:13: control_dt: lost"),
+    ]
+    for path, expected in places:
+        with pytest.raises(DocumentError) as caught, made.located(), concerning(*path):
+            raise UsageError("lost")
+        assert str(caught.value) == f"t.yaml:{expected}"
+
+
+def test_what_the_document_does_not_say_is_no_fault_of_it() -> None:
+    with pytest.raises(UsageError, match=r"^lost$") as caught, read(WHOLE).located():
+        raise UsageError("lost", ("policy",))
+    assert not isinstance(caught.value, DocumentError)
+
+
+def test_a_document_that_is_not_there_is_told() -> None:
+    with pytest.raises(FileError, match=r"^nothing\.yaml: no such file"):
+        read_task("nothing.yaml")
+
+
+# --- the schema ---------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        EXAMPLE,
+        WHOLE,
+        WHOLE + "rewards: {a: 1, b: text, c: {value: x, weight: '${w}'}}\nvars: {w: 2}",
+        WHOLE + "reset: {noise: {a: 0.1, b: 'normal(0, 1)', c: {normal: [0, 1]}}}",
+        WHOLE + "commands: {a: {schedule: [[0, 1], [0.5, 2]]}, b: {random: ['uniform(0, 1)', 2]}}",
+        HEAD + OBSERVES + "actions: [{joints: a, target: position, kp: 1, kd: [1, 2], offset: home, clip: [[0], 2]}]",
+    ],
+)
+def test_task_documents_are_read_and_fit_the_schema(text: str) -> None:
+    read(text)
+    assert fits(yaml.safe_load(text), json_schema("task"), json_schema("task"))
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        HEAD,
+        HEAD + OBSERVES,
+        WHOLE + "derived: late",
+        WHOLE + "rewards: {a: }",
+        WHOLE + "rewards: {a: {weight: 1}}",
+        WHOLE + "terminations: {a: x > 1}",
+        WHOLE + "reset: {noise: 1}",
+        HEAD + ACTS + "observations: []",
+        HEAD + ACTS + "observations: [{name: a, probe: b, clip: [1]}]",
+    ],
+)
+def test_what_is_no_task_document_does_not_fit_the_schema(text: str) -> None:
+    with pytest.raises(DocumentError):
+        read(text)
+    assert not fits(yaml.safe_load(text), json_schema("task"), json_schema("task"))
