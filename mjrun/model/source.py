@@ -62,6 +62,7 @@ class CollectionSource(Source):
     """A model out of a collection, written `PREFIX:NAME`. A module in `mjrun.model.sources` holds each collection."""
 
     PREFIX: ClassVar[str]
+    KIND: ClassVar[str] = "model"  # what each of them is called
 
     name: str
 
@@ -78,9 +79,10 @@ class CollectionSource(Source):
     def stem(self) -> str:
         return re.sub(r"\W+", "_", self.name)
 
-    def check_name(self) -> None:
-        """Raises ModelNotFoundError, which lists the collection, if it has no model of this name."""
-        if self.name in (valid := self.descriptions()):
+    def check_name(self, name: str | None = None) -> None:
+        """Raises ModelNotFoundError, which lists the collection, if it has no model of this name, or of `name`."""
+        name = self.name if name is None else name
+        if name in (valid := self.descriptions()):
             return
-        path, reason = (self.text, "no such") if self.name else (self.PREFIX, "name the")
-        raise ModelNotFoundError(path, f"{reason} {self.PREFIX}", [*valid], f"{self.PREFIX}s", self.name)
+        path, reason = (self.text, "no such") if name else (self.PREFIX, "name the")
+        raise ModelNotFoundError(path, f"{reason} {self.KIND}", [*valid], f"{self.KIND}s", name)

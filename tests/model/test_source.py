@@ -14,6 +14,7 @@ from mjrun.model.source import CollectionSource
 @dataclass(frozen=True)
 class TaskSource(CollectionSource):
     PREFIX: ClassVar[str] = "task"
+    KIND: ClassVar[str] = "task"
 
     @classmethod
     def descriptions(cls) -> Mapping[str, str]:

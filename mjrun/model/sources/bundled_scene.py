@@ -18,6 +18,7 @@ class BundledScene(CollectionSource):
     """A scene of mjrun's gallery."""
 
     PREFIX: ClassVar[str] = "scene"
+    KIND: ClassVar[str] = "scene"
 
     @classmethod
     def descriptions(cls) -> Mapping[str, str]:

@@ -48,6 +48,7 @@ class GymSource(CollectionSource):
     @classmethod
     def descriptions(cls) -> Mapping[str, str]:
         descriptions = {}
+        _require_gymnasium(f"{cls.PREFIX}:")
         for name in _own_names():
             try:
                 descriptions[name] = environment_model(name).description
@@ -165,8 +166,7 @@ def _file_of(environment: object, model: mujoco.MjModel) -> Path | None:
 
 def _check_registered(name: str) -> None:
     """Raises unless `name` is that of an environment that may be one on MuJoCo; imports what `module:NAME` names."""
-    if not importlib.util.find_spec(LIBRARY):
-        raise MissingExtraError(f"gym:{clean(name)}", LIBRARY, EXTRA)
+    _require_gymnasium(f"gym:{clean(name)}")
     import gymnasium
 
     module, _, registered = name.rpartition(":")
@@ -186,6 +186,11 @@ def _check_registered(name: str) -> None:
         raise _not_found(name, REMOVED)
     if isinstance(entry_point, str) and entry_point.startswith("gymnasium.envs.") and not entry_point.startswith(OWN):
         raise _not_mujoco(name)
+
+
+def _require_gymnasium(text: str) -> None:
+    if not importlib.util.find_spec(LIBRARY):
+        raise MissingExtraError(text, LIBRARY, EXTRA)
 
 
 def _import_installed(module: str, name: str) -> None:

@@ -1,0 +1,102 @@
+"""The models of the DeepMind Control Suite as model sources, written `dm:DOMAIN` or `dm:DOMAIN/TASK`."""
+
+import ast
+import importlib.util
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from typing import ClassVar
+
+import mujoco
+
+from mjrun.errors import ModelNotFoundError
+from mjrun.model.source import CollectionSource
+from mjrun.model.sources.file import FileSource
+
+PACKAGE, SUITE = "dm_control", "suite"
+HOW = "pip install dm_control; its models are read from its files, it is not imported"
+# Domains whose tasks change the XML in Python before it is compiled: all of them, or those that are listed.
+CHANGED: Mapping[str, tuple[str, ...]] = {
+    "cartpole": ("two_poles", "three_poles"),
+    "dog": (),
+    "lqr": (),
+    "manipulator": (),
+    "quadruped": (),
+    "stacker": (),
+    "swimmer": (),
+}
+
+
+@dataclass(frozen=True)
+class ControlSuiteSource(CollectionSource):
+    """A model of the DeepMind Control Suite, from the XML in the installed package, which is not imported.
+
+    A task whose model dm_control makes from that XML in Python is refused; the XML itself is `dm:DOMAIN`.
+    """
+
+    PREFIX: ClassVar[str] = "dm"
+    KIND: ClassVar[str] = "domain"
+
+    @classmethod
+    def descriptions(cls) -> Mapping[str, str]:
+        lines: dict[str, str] = {}
+        for domain, tasks in _installed_domains(f"{cls.PREFIX}:").items():
+            changed = _changed(domain, tasks)
+            plain = [task for task in tasks if task not in changed]
+            parts = [f"{domain}.xml", *([f"for {', '.join(plain)}"] if plain else [])]
+            lines[domain] = " ".join(parts) + (f"; Python changes it for {', '.join(changed)}" if changed else "")
+        return lines
+
+    @property
+    def main_file(self) -> Path:
+        domain, slash, task = self.name.partition("/")
+        domains = _installed_domains(self.text)
+        if domain not in domains:
+            self.check_name(domain)
+        if slash and task not in domains[domain]:
+            place = f"tasks of {domain}"
+            raise ModelNotFoundError(self.text, f"{domain} has no such task", list(domains[domain]), place, task)
+        if task in _changed(domain, domains[domain]):
+            reason = f"its model is made by Python code of {PACKAGE}, which is not run"
+            raise ModelNotFoundError(self.text, f"{reason}\ndm:{domain} is the XML that it is made from")
+        return _folder() / f"{domain}.xml"
+
+    @property
+    def files(self) -> tuple[Path, ...]:
+        return FileSource(self.main_file).files
+
+    def compile(self) -> tuple[mujoco.MjSpec | None, mujoco.MjModel]:
+        return FileSource(self.main_file, overrides=self.overrides).compile()
+
+
+def _folder() -> Path:
+    """The folder of the suite, which need not exist."""
+    package = importlib.util.find_spec(PACKAGE)
+    folders = package.submodule_search_locations if package else None
+    return Path(next(iter(folders or [""])), SUITE)
+
+
+def _installed_domains(text: str) -> Mapping[str, tuple[str, ...]]:
+    """The tasks of each domain; raises ModelNotFoundError about the source `text` if dm_control is not installed."""
+    if domains := _domains():
+        return domains
+    raise ModelNotFoundError(text, f"{PACKAGE} is not installed\n{HOW}")
+
+
+@cache
+def _domains() -> Mapping[str, tuple[str, ...]]:
+    """The tasks of each domain, as their Python code registers them; empty where dm_control is not installed."""
+    code = sorted(path.with_suffix(".py") for path in _folder().glob("*.xml"))
+    return {path.stem: _tasks(path) for path in code if path.is_file()}
+
+
+def _tasks(path: Path) -> tuple[str, ...]:
+    """The functions of a module that are decorated with `@SUITE.add(…)`."""
+    functions = [node for node in ast.parse(path.read_text("utf-8")).body if isinstance(node, ast.FunctionDef)]
+    return tuple(node.name for node in functions if any("SUITE.add" in ast.unparse(d) for d in node.decorator_list))
+
+
+def _changed(domain: str, tasks: tuple[str, ...]) -> tuple[str, ...]:
+    """The tasks of a domain whose model is not its XML."""
+    return tuple(task for task in tasks if domain in CHANGED and task in (CHANGED[domain] or tasks))

