@@ -230,10 +230,11 @@ class InvalidJobsError(UsageError):
 
 
 class MissingExtraError(UsageError):
-    """What was asked needs a library that only an extra of mjrun installs."""
+    """What was asked needs a library that only an extra of mjrun installs; or, without an extra, the user alone."""
 
-    def __init__(self, what: str, library: str, extra: str) -> None:
-        super().__init__(f"{what} needs {library}, which is not installed\npip install 'mjrun[{extra}]'")
+    def __init__(self, what: str, library: str, extra: str = "") -> None:
+        install = f"'mjrun[{extra}]'" if extra else library
+        super().__init__(f"{what} needs {library}, which is not installed\npip install {install}")
 
 
 class ControllerError(UsageError):
@@ -327,6 +328,23 @@ class UnstableError(SimulationError):
             f"{quantity} of {clean(joint)} is not finite or too large\n"
             f"a smaller {option('timestep')} than {timestep:g} s may cure it, or another {option('integrator')}: "
             "implicitfast where damping or contacts are stiff, rk4 for fast free motion",
+        )
+
+
+class InvalidActionError(SimulationError):
+    """A policy answered with numbers that are not finite.
+
+    Args:
+      policy: its name.
+      values: the actions that are not finite, by name.
+    """
+
+    def __init__(self, step: int, time: float, policy: str, values: Mapping[str, float]) -> None:
+        shown = listing([f"{name} = {value:g}" for name, value in values.items()])
+        super().__init__(
+            step,
+            time,
+            f"the policy {clean(policy)} answered at step {step}, time {time:.9g} s, what is not finite: {shown}",
         )
 
 

@@ -25,6 +25,7 @@ HOUSE = (
     ("sim", "probe", "camera", "formats"),
     ("model",),
     ("options", "child_process"),
+    ("python_code",),
     ("reporter",),
     ("timeline", "errors", "palette", "closable", "version"),
 )

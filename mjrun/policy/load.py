@@ -1,0 +1,63 @@
+"""From what the user wrote to a policy."""
+
+from pathlib import Path
+
+from mjrun.errors import UsageError, clean, option
+from mjrun.options.policy import NONE, RANDOM, ZERO, is_code
+from mjrun.policy.built_in import RandomPolicy, ZeroPolicy
+from mjrun.policy.normalization import normalized
+from mjrun.policy.policy import Policy
+from mjrun.policy.python_policy import PythonPolicy, load_python
+
+ARCHIVES, TORCH, LEAPP = (".zip",), (".pt", ".pth", ".jit", ".torchscript"), (".yaml", ".yml")
+
+
+def load_policy(text: object, *, trust: bool = False, normalize: str | None = None) -> Policy:
+    """The policy that `text` names: a file, `random`, `zero` or code; in Python also a policy, a function or an object.
+
+    Args:
+      trust: whether files that can run code as they are opened may be opened.
+      normalize: a file of statistics that observations are normalized with, `none`, or nothing said.
+
+    Raises:
+      UsageError: it cannot be a policy, is not trusted, or its normalization is not said.
+      FileError: a file cannot be read, or is damaged.
+      ControllerError: its code failed.
+      MissingExtraError: a library that it needs is not installed.
+    """
+    policy = _load(text, trust, normalize)
+    return policy if normalize in (None, NONE) else normalized(policy, Path(normalize))
+
+
+def _load(text: object, trust: bool, normalize: str | None) -> Policy:
+    if isinstance(text, Policy):
+        return text
+    if not isinstance(text, str):
+        return PythonPolicy(text, type(text).__name__)
+    if text == RANDOM:
+        return RandomPolicy()
+    if text == ZERO:
+        return ZeroPolicy()
+    return load_python(text) if is_code(text) else _read(Path(text), text, trust, normalize)
+
+
+def _read(path: Path, name: str, trust: bool, normalize: str | None) -> Policy:
+    # Each kind is imported where it is read, as its library may not be installed.
+    suffix = path.suffix.lower()
+    if suffix == ".onnx":
+        from mjrun.policy.onnx_policy import OnnxPolicy
+
+        return OnnxPolicy(path, name)
+    if suffix in ARCHIVES:
+        from mjrun.policy.stable_baselines import StableBaselinesPolicy
+
+        return StableBaselinesPolicy(path, name, trust=trust, normalize=normalize)
+    if suffix in TORCH:
+        from mjrun.policy.torchscript import TorchScriptPolicy
+
+        return TorchScriptPolicy(path, name, trust=trust)
+    raise UsageError(
+        f"{option('policy')} {clean(name)} is of no kind that is known\n"
+        ".onnx, a LEAPP package (.yaml or its folder), .zip of Stable-Baselines3, .pt (TorchScript), "
+        "FILE.py:NAME, random, zero"
+    )

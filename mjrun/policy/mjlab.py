@@ -1,0 +1,119 @@
+"""What mjlab writes into the metadata of an ONNX file: lists separated by commas, numbers rounded to three decimals.
+
+Source: `mjlab/rl/exporter_utils.py` of mjlab 1.6. Older versions wrote ranges as `[-1.0, 1.0]`, newer ones as `-1;1`.
+"""
+
+import re
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import NoReturn, TypeVar
+
+from mjrun.errors import FileError, counted, quoted
+from mjrun.policy.policy import Numbers, ObservationFacts, PolicyFacts
+
+KEYS = ("joint_names", "observation_names", "action_scale")  # that tell such metadata from others
+ROUNDING = 5.1e-4  # of the numbers of these files
+T = TypeVar("T")
+
+
+def is_mjlab(metadata: Mapping[str, str]) -> bool:
+    """Whether this is metadata of mjlab's."""
+    return all(key in metadata for key in KEYS)
+
+
+def mjlab_facts(metadata: Mapping[str, str], path: Path) -> PolicyFacts:
+    """What the metadata say.
+
+    Raises:
+      FileError: they are not as mjlab writes them.
+    """
+    lists = _Lists(metadata, path)
+    joints = lists.names("joint_names")
+    stiffness, damping = lists.numbers("joint_stiffness"), lists.numbers("joint_damping")
+    scale = lists.numbers("action_scale")
+    if stiffness is not None and damping is not None and len(stiffness) != len(damping):
+        lists.refuse("joint_damping", f"has {counted(len(damping), 'number')}, and joint_stiffness {len(stiffness)}")
+    default = lists.numbers("default_joint_pos")
+    if joints and default is not None and len(default) != len(joints):
+        lists.refuse("default_joint_pos", f"has {counted(len(default), 'number')}, and joint_names {len(joints)}")
+    # Actions move the joints that have actuators; which these are, the file says only where all have.
+    all_move = joints is not None and stiffness is not None and len(stiffness) == len(joints)
+    return PolicyFacts(
+        observations=_observations(lists),
+        joints=joints,
+        default_position=default,
+        action_joints=joints if all_move else None,
+        action_size=None if stiffness is None else len(stiffness),
+        action_scale=scale,
+        stiffness=stiffness,
+        damping=damping,
+        commands=lists.names("command_names") or (),
+        quaternion_order="wxyz",  # MuJoCo's own
+    )
+
+
+def _observations(lists: "_Lists") -> tuple[ObservationFacts, ...]:
+    names = lists.names("observation_names") or ()
+    scales = lists.entries("observation_terms_scale", len(names), _vector)
+    clips = lists.entries("observation_terms_clip", len(names), _range)
+    histories = lists.entries("observation_terms_history_length", len(names), int)
+    return tuple(
+        ObservationFacts(
+            name, scale=scale, clip=_scaled(clip, scale), history=None if history is None else max(1, history)
+        )
+        for name, scale, clip, history in zip(names, scales, clips, histories, strict=True)
+    )
+
+
+def _scaled(clip: tuple[float, float] | None, scale: Numbers | None) -> tuple[float, float] | None:
+    """The clip after the scale; mjlab clips before. None if it cannot be said by two numbers."""
+    factors = set(scale or (1.0,))
+    if clip is None or len(factors) != 1:
+        return None
+    low, high = sorted(bound * next(iter(factors)) for bound in clip)
+    return low, high
+
+
+class _Lists:
+    """The lists in metadata."""
+
+    def __init__(self, metadata: Mapping[str, str], path: Path) -> None:
+        self._metadata, self._path = metadata, path
+
+    def names(self, key: str) -> tuple[str, ...] | None:
+        text = self._metadata.get(key)
+        return None if text is None else tuple(name for name in text.split(",") if name)
+
+    def numbers(self, key: str) -> Numbers | None:
+        text = self._metadata.get(key)
+        if text is None:
+            return None
+        try:
+            return tuple(map(float, text.split(","))) if text else ()
+        except ValueError:
+            self.refuse(key, f"is {quoted(text[:60])}, and no list of numbers")
+
+    def entries(self, key: str, count: int, parse: Callable[[str], T]) -> list[T | None]:
+        """An entry for each term of the observation; None where the file is silent."""
+        text = self._metadata.get(key)
+        if text is None:
+            return [None] * count
+        entries = re.findall(r"\[[^\]]*\]|[^,]+", text)
+        if len(entries) != count:
+            self.refuse(key, f"has {len(entries)} entries, and there are {count} observations")
+        try:
+            return [parse(entry) for entry in entries]
+        except ValueError:
+            self.refuse(key, f"is {quoted(text[:60])}, which cannot be read")
+
+    def refuse(self, key: str, message: str) -> NoReturn:
+        raise FileError(self._path, f"the metadata {key} {message}")
+
+
+def _vector(text: str) -> Numbers:
+    return tuple(float(part) for part in re.split("[;,]", text.strip("[]() ")))
+
+
+def _range(text: str) -> tuple[float, float]:
+    low, high = _vector(text)
+    return low, high

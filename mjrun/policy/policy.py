@@ -1,0 +1,149 @@
+"""What a policy is: it answers observations with actions, and its file says something of itself."""
+
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from fractions import Fraction
+from typing import Protocol
+
+import numpy as np
+
+from mjrun.errors import ControllerError, MjrunError, UsageError, clean, counted, listing, option
+
+Numbers = tuple[float, ...]
+
+
+@dataclass(frozen=True)
+class ObservationFacts:
+    """What a file says of a part of the observation; None where it is silent.
+
+    Attributes:
+      name: of the part, in the words of the file.
+      size: how many numbers it has, history included.
+      elements: names of these numbers: joints, or x, y, z.
+      scale, clip, history: as in the observations of a task; the clip follows the scale.
+    """
+
+    name: str
+    size: int | None = None
+    elements: tuple[str, ...] | None = None
+    scale: Numbers | None = None
+    clip: tuple[float, float] | None = None
+    history: int | None = None
+
+
+@dataclass(frozen=True)
+class PolicyFacts:
+    """What the file of a policy says of itself; None where it is silent.
+
+    Attributes:
+      observation_size, action_size: how many numbers it takes and gives.
+      observations: the parts of the observation, in order.
+      joints: all joints of the robot but a free one, in the order in which observations hold them.
+      default_position: of these joints [m, rad].
+      action_joints: those that actions move, in their order.
+      action_scale: what actions are multiplied by; one number, or one for each.
+      stiffness, damping: gains of the joints that actions move [N m/rad, N m s/rad].
+      commands: their names.
+      control_dt: time between two actions [s].
+      quaternion_order: `wxyz` or `xyzw`, of quaternions in observations.
+    """
+
+    observation_size: int | None = None
+    action_size: int | None = None
+    observations: tuple[ObservationFacts, ...] | None = None
+    joints: tuple[str, ...] | None = None
+    default_position: Numbers | None = None
+    action_joints: tuple[str, ...] | None = None
+    action_scale: Numbers | None = None
+    stiffness: Numbers | None = None
+    damping: Numbers | None = None
+    commands: tuple[str, ...] | None = None
+    control_dt: Fraction | None = None
+    quaternion_order: str | None = None
+
+
+@dataclass(frozen=True)
+class ActionSpace:
+    """The actions that a task takes.
+
+    Attributes:
+      names: of each number: an actuator or a joint.
+      low, high: `(nact,)`, the clip of the task; infinite where it has none.
+    """
+
+    names: Sequence[str]
+    low: np.ndarray = field(compare=False)
+    high: np.ndarray = field(compare=False)
+
+    @classmethod
+    def unbounded(cls, names: Sequence[str]) -> "ActionSpace":
+        """Actions without a clip."""
+        return cls(names, np.full(len(names), -np.inf), np.full(len(names), np.inf))
+
+
+class Actor(Protocol):
+    """A policy within one episode, whose recurrent state it holds."""
+
+    def act(self, observation: np.ndarray) -> np.ndarray:
+        """The action `(nact,)` after `observation` `(nobs,)`, at the next control instant of the episode."""
+        ...
+
+
+class Policy(ABC):
+    """A policy.
+
+    Attributes:
+      name: as the user wrote it.
+      facts: what its file says of itself.
+    """
+
+    name: str
+    facts: PolicyFacts
+
+    def __init__(self, name: str, facts: PolicyFacts | None = None) -> None:
+        self.name, self.facts = name, facts or PolicyFacts()
+
+    def episode(self, seed: int, actions: ActionSpace) -> Actor:
+        """The policy at the start of an episode.
+
+        Args:
+          seed: of what is random in it; equal seeds give equal answers, whatever other episodes run beside.
+          actions: those that the task takes.
+        """
+        return _CheckedActor(self.name, self.start(seed, actions), actions)
+
+    @abstractmethod
+    def start(self, seed: int, actions: ActionSpace) -> Actor:
+        """The same, without checks of its answers."""
+
+
+class _CheckedActor:
+    """Asks an actor, and refuses answers that are no actions of the task."""
+
+    def __init__(self, name: str, actor: Actor, actions: ActionSpace) -> None:
+        self._name, self._actor, self._actions = name, actor, actions
+
+    def act(self, observation: np.ndarray) -> np.ndarray:
+        """The action `(nact,)`, float64.
+
+        Raises:
+          UsageError: what the policy answers is no list of numbers, or has another size.
+          ControllerError: the policy failed.
+        """
+        try:
+            answer: object = self._actor.act(observation)
+            if answer is None:  # which NumPy takes for NaN
+                raise TypeError("it answers nothing")
+            action = np.asarray(answer, np.float64).reshape(-1)
+        except MjrunError:
+            raise
+        except (TypeError, ValueError) as error:
+            raise ControllerError.of(f"{option('policy')} {clean(self._name)}", error) from error
+        names = self._actions.names
+        if len(action) != len(names):
+            raise UsageError(
+                f"{option('policy')} {clean(self._name)} answers {counted(len(action), 'number')}, "
+                f"and the task takes {counted(len(names), 'action')}: {listing(names)}"
+            )
+        return action

@@ -1,0 +1,86 @@
+"""Policies of Stable-Baselines3, from the archives that its models save."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from mjrun.errors import FileError, MissingExtraError, UsageError, clean, option
+from mjrun.policy.policy import ActionSpace, Actor, Policy, PolicyFacts
+from mjrun.policy.trust import require_trusted_file
+
+if TYPE_CHECKING:
+    from stable_baselines3.common.policies import BasePolicy
+
+
+class StableBaselinesPolicy(Policy):
+    """The policy of an archive, which answers without noise, and clips and scales its actions as in training."""
+
+    def __init__(self, path: Path, name: str, *, trust: bool, normalize: str | None) -> None:
+        """Opens an archive.
+
+        Raises:
+          UsageError: it is not trusted, its normalization is not said, or it is no policy of numbers.
+          FileError: it cannot be read.
+          MissingExtraError: Stable-Baselines3 is not installed.
+        """
+        require_trusted_file(path, trust)
+        if normalize is None:
+            raise UsageError(
+                f"{clean(str(path))}: Stable-Baselines3 keeps the statistics of VecNormalize in a file of their own\n"
+                f"give that file by {option('normalize')}, or none if the policy was trained without",
+                ("normalize",),
+            )
+        self._policy = _read(path)
+        spaces = {"observation": self._policy.observation_space.shape, "action": self._policy.action_space.shape}
+        sizes: dict[str, int] = {}
+        for what, shape in spaces.items():
+            if shape is None or len(shape) != 1 or (what == "action" and not _is_continuous(self._policy)):
+                raise UsageError(f"{clean(str(path))}: its {what} is no vector of numbers", ("policy",))
+            sizes[what] = shape[0]
+        facts = PolicyFacts(observation_size=sizes["observation"], action_size=sizes["action"])
+        super().__init__(name, facts)
+
+    def start(self, seed: int, actions: ActionSpace) -> Actor:
+        return _StableBaselinesActor(self._policy)
+
+
+class _StableBaselinesActor:
+    def __init__(self, policy: "BasePolicy") -> None:
+        self._policy = policy
+        self._state: tuple[np.ndarray, ...] | None = None
+        self._is_start = True
+
+    def act(self, observation: np.ndarray) -> np.ndarray:
+        start = np.array([self._is_start])
+        action, self._state = self._policy.predict(observation, self._state, start, deterministic=True)
+        self._is_start = False
+        return action
+
+
+def _is_continuous(policy: "BasePolicy") -> bool:
+    return np.issubdtype(policy.action_space.dtype or np.object_, np.floating)
+
+
+def _read(path: Path) -> "BasePolicy":
+    try:
+        import torch
+        from stable_baselines3.common.save_util import load_from_zip_file
+    except ImportError:
+        raise MissingExtraError("a policy of Stable-Baselines3", "stable-baselines3") from None
+
+    torch.set_num_threads(1)  # so that sums have one order
+    try:
+        data, parameters, _ = load_from_zip_file(str(path), device="cpu")
+        assert data is not None
+        sde = {"use_sde": True} if data.get("use_sde") else {}
+        make, spaces = data["policy_class"], (data["observation_space"], data["action_space"])
+        policy = make(*spaces, lambda _: 0.0, **{**data["policy_kwargs"], **sde})  # the schedule is for training
+        policy.load_state_dict(parameters["policy"])
+        policy.set_training_mode(False)
+    except Exception as error:  # unpickling may raise anything
+        kind = type(error).__name__
+        raise FileError(
+            path, f"is no archive of Stable-Baselines3 that can be read: {kind}: {clean(str(error))}"
+        ) from error
+    return policy

@@ -1,0 +1,67 @@
+"""Policies in TorchScript, as Isaac Lab and rsl_rl export them beside ONNX."""
+
+import io
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from mjrun.errors import FileError, MissingExtraError, UsageError, clean, option
+from mjrun.policy.policy import ActionSpace, Actor, Policy
+from mjrun.policy.trust import require_trusted_file
+
+if TYPE_CHECKING:
+    from torch.jit import ScriptModule
+
+
+class TorchScriptPolicy(Policy):
+    """A network with its weights. It may hold recurrent state, so every episode gets a copy of its own."""
+
+    def __init__(self, path: Path, name: str, *, trust: bool) -> None:
+        """Opens a network.
+
+        Raises:
+          UsageError: it is not trusted.
+          FileError: it cannot be read, or holds weights alone.
+          MissingExtraError: torch is not installed.
+        """
+        require_trusted_file(path, trust)
+        super().__init__(name)
+        self._path, self._content = path, path.read_bytes()
+        self._network = self._read()
+
+    def start(self, seed: int, actions: ActionSpace) -> Actor:
+        return _TorchScriptActor(self._read() if hasattr(self._network, "reset") else self._network, self.name)
+
+    def _read(self) -> "ScriptModule":
+        try:
+            import torch
+        except ImportError:
+            raise MissingExtraError("a policy in TorchScript", "torch") from None
+
+        torch.set_num_threads(1)  # so that sums have one order
+        try:
+            return torch.jit.load(io.BytesIO(self._content), map_location="cpu").eval()
+        except (RuntimeError, ValueError) as error:
+            advice = "a checkpoint holds weights without the network; export the policy as ONNX or TorchScript"
+            raise FileError(
+                self._path, "is no TorchScript", f"{advice}\n{clean(str(error)).partition(chr(10))[0][:200]}"
+            ) from error
+
+
+class _TorchScriptActor:
+    def __init__(self, network: "ScriptModule", name: str) -> None:
+        self._network, self._name = network, name
+        if hasattr(network, "reset"):
+            network.reset()
+
+    def act(self, observation: np.ndarray) -> np.ndarray:
+        import torch
+
+        with torch.inference_mode():
+            try:
+                action = self._network(torch.from_numpy(observation.astype(np.float32))[None])
+            except RuntimeError as error:
+                reason = clean(str(error).strip().splitlines()[-1])
+                raise UsageError(f"{option('policy')} {clean(self._name)} cannot be computed: {reason}") from error
+        return action.numpy().astype(np.float64).reshape(-1)

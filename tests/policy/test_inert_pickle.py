@@ -1,0 +1,59 @@
+"""Pickles are read, and not run."""
+
+import os
+import pickle
+from collections import OrderedDict
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from mjrun.errors import FileError
+from mjrun.policy.inert_pickle import Inert, read_inert
+
+
+class Plain:
+    def __init__(self) -> None:
+        self.array, self.number, self.inner = np.arange(6.0).reshape(2, 3), np.float64(2.5), OrderedDict(a=np.ones(2))
+
+
+class Calling:
+    def __init__(self, path: Path) -> None:
+        self.path = path
+
+    def __reduce__(self) -> tuple[object, tuple[str]]:
+        return os.mkdir, (str(self.path),)
+
+
+@pytest.mark.parametrize("protocol", range(pickle.HIGHEST_PROTOCOL + 1))
+def test_arrays_are_arrays_and_objects_their_values(tmp_path: Path, protocol: int) -> None:
+    path = tmp_path / "a.pkl"
+    path.write_bytes(pickle.dumps({"thing": Plain()}, protocol))
+    root = read_inert(path)
+    assert isinstance(root, dict)
+    thing = root["thing"]
+    if protocol < 2:  # which makes objects by calling a function: one more that does nothing
+        assert isinstance(thing, Inert)
+        return
+    assert thing.name.endswith("test_inert_pickle.Plain")
+    assert np.array_equal(thing.values["array"], Plain().array)
+    assert thing.values["number"] == 2.5
+    assert thing.values["inner"]["a"].tolist() == [1, 1]
+
+
+def test_no_code_runs(tmp_path: Path) -> None:
+    path = tmp_path / "a.pkl"
+    path.write_bytes(pickle.dumps([Calling(tmp_path / "made"), np.ones(3)]))
+    inert, array = read_inert(path)  # type: ignore[misc]
+    assert (inert.name, array.tolist()) == ("posix.mkdir", [1, 1, 1])
+    assert not (tmp_path / "made").exists()
+
+
+@pytest.mark.parametrize(
+    "content", [b"", b"no pickle", pickle.dumps(np.ones(9))[:-20], b"\x80\x04\x95\xff\xff\xff\xff\xff\xff\xff\x7f"]
+)
+def test_what_is_damaged_is_refused(tmp_path: Path, content: bytes) -> None:
+    path = tmp_path / "a.pkl"
+    path.write_bytes(content)
+    with pytest.raises(FileError, match=r"a.pkl: is no pickle, or a damaged one"):
+        read_inert(path)

@@ -1,0 +1,115 @@
+"""Statistics of observations: read from what VecNormalize saves, and applied as it does."""
+
+import pickle
+import sys
+import types
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from mjrun.errors import FileError, UsageError
+from mjrun.policy.normalization import NormalizedPolicy, normalized, read_statistics
+from mjrun.policy.onnx_policy import OnnxPolicy
+from mjrun.policy.python_policy import PythonPolicy
+from tests.policy.networks import LEFT_RIGHT, linear
+
+MEAN, VAR = np.array([1.0, -2.0]), np.array([4.0, 0.0])
+
+
+def vec_normalize(path: Path, monkeypatch: pytest.MonkeyPatch, **state: object) -> Path:
+    """A pickle of classes with the names that Stable-Baselines3 2.9 gives them; the library need not be installed."""
+    for package in ("", ".common", ".common.vec_env"):
+        monkeypatch.setitem(sys.modules, f"stable_baselines3{package}", types.ModuleType("stable_baselines3"))
+    for module, name in (("vec_env.vec_normalize", "VecNormalize"), ("running_mean_std", "RunningMeanStd")):
+        full = f"stable_baselines3.common.{module}"
+        fake = types.ModuleType(full)
+        vars(fake)[name] = type(name, (), {"__module__": full})
+        monkeypatch.setitem(sys.modules, full, fake)
+    running = vars(sys.modules["stable_baselines3.common.running_mean_std"])["RunningMeanStd"]()
+    running.__dict__.update(mean=MEAN, var=VAR, count=99.0)
+    saved = vars(sys.modules["stable_baselines3.common.vec_env.vec_normalize"])["VecNormalize"]()
+    saved.__dict__.update({"obs_rms": running, "epsilon": 1e-8, "clip_obs": 10.0, "norm_obs": True, **state})
+    path.write_bytes(pickle.dumps(saved))
+    return path
+
+
+def test_statistics_of_vec_normalize_need_neither_library_nor_trust(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    statistics = read_statistics(vec_normalize(tmp_path / "a.pkl", monkeypatch))
+    assert statistics is not None
+    assert (statistics.mean.tolist(), statistics.var.tolist()) == (MEAN.tolist(), VAR.tolist())
+    assert (statistics.epsilon, statistics.clip) == (1e-8, 10)
+    # (3 - 1)/2, and a spread of 1e-4 whose value is clipped
+    assert statistics.normalize(np.array([3.0, -1.0])).tolist() == [1, 10]
+    assert statistics.normalize(np.array([3.0, -1.0])).dtype == np.float32
+
+
+def test_rewards_alone_may_have_been_normalized(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = vec_normalize(tmp_path / "a.pkl", monkeypatch, norm_obs=False)
+    policy = PythonPolicy(lambda observation: observation, "it")
+    assert normalized(policy, path) is policy
+
+
+def test_an_archive_of_arrays_says_the_same(tmp_path: Path) -> None:
+    path = tmp_path / "a.npz"
+    np.savez(path, mean=MEAN, var=VAR, epsilon=1e-8, clip=10)
+    policy = normalized(PythonPolicy(lambda observation: observation, "it"), path)
+    assert policy.episode(0, LEFT_RIGHT).act(np.array([3.0, -1.0])).tolist() == [1, 10]
+    np.savez(path, mean=MEAN, var=VAR)
+    statistics = read_statistics(path)
+    assert statistics is not None
+    assert (statistics.epsilon, statistics.clip) == (1e-8, np.inf)
+
+
+def test_a_lost_normalization_is_visible(tmp_path: Path) -> None:
+    np.savez(tmp_path / "a.npz", mean=MEAN, var=VAR + 1)
+    policy = OnnxPolicy(linear(tmp_path / "a.onnx", np.eye(2, dtype=np.float32)), "a.onnx")
+    observation = np.array([3.0, -1.0])
+    plain, other = (each.episode(0, LEFT_RIGHT) for each in (policy, normalized(policy, tmp_path / "a.npz")))
+    assert plain.act(observation).tolist() != other.act(observation).tolist()
+
+
+def test_sizes_that_do_not_fit_show_both_sides(tmp_path: Path) -> None:
+    np.savez(tmp_path / "s.npz", mean=MEAN, var=VAR)
+    policy = OnnxPolicy(linear(tmp_path / "a.onnx", np.ones((2, 3), np.float32)), "a.onnx")
+    with pytest.raises(UsageError, match=r"^normalize .*s.npz is of 2 numbers, and policy a.onnx observes 3"):
+        normalized(policy, tmp_path / "s.npz")
+    unknown = normalized(PythonPolicy(lambda observation: observation, "it"), tmp_path / "s.npz")
+    assert isinstance(unknown, NormalizedPolicy)
+    with pytest.raises(UsageError, match=r"s.npz is of 2 numbers, and the task gives 3"):
+        unknown.episode(0, LEFT_RIGHT).act(np.ones(3))
+
+
+@pytest.mark.parametrize(
+    ("values", "message"),
+    [
+        ({"mean": MEAN}, "holds no statistics: mean, var, epsilon and clip"),
+        ({"mean": MEAN, "var": np.ones(3)}, "two lists of as many finite numbers"),
+        ({"mean": MEAN, "var": -VAR}, "var from 0 on"),
+        ({"mean": [np.nan, 0], "var": VAR}, "finite"),
+        ({"mean": np.ones((2, 2)), "var": np.ones((2, 2))}, "two lists"),
+        ({"mean": ["a", "b"], "var": VAR}, "holds no statistics"),
+        ({"mean": MEAN, "var": VAR, "clip": 0}, "two lists"),
+    ],
+)
+def test_what_is_no_statistics_is_refused(tmp_path: Path, values: dict[str, object], message: str) -> None:
+    np.savez(tmp_path / "a.npz", **values)  # type: ignore[arg-type]
+    with pytest.raises(FileError, match=message):
+        read_statistics(tmp_path / "a.npz")
+
+
+def test_files_of_other_kinds_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    with pytest.raises(UsageError, match=r"^normalize: .*a.csv is none of .pkl, .pickle, .npz, and not none"):
+        read_statistics(tmp_path / "a.csv")
+    with pytest.raises(FileError, match="no such file"):
+        read_statistics(tmp_path / "a.pkl")
+    (tmp_path / "a.npz").write_bytes(b"PK\3\4damaged")
+    with pytest.raises(FileError, match="cannot be read as"):
+        read_statistics(tmp_path / "a.npz")
+    (tmp_path / "a.pkl").write_bytes(pickle.dumps({"obs_rms": 3}))
+    with pytest.raises(FileError, match="holds no VecNormalize of Stable-Baselines3"):
+        read_statistics(tmp_path / "a.pkl")
+    with pytest.raises(FileError, match="several observations by name"):
+        read_statistics(vec_normalize(tmp_path / "a.pkl", monkeypatch, obs_rms={"a": 1}))

@@ -1,0 +1,58 @@
+"""Archives of Stable-Baselines3: refused until their normalization is said; played as its own `predict` plays them."""
+
+import importlib.util
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from mjrun.errors import FileError, MissingExtraError, UsageError
+from mjrun.policy.load import load_policy
+from mjrun.policy.policy import ActionSpace
+from mjrun.policy.stable_baselines import StableBaselinesPolicy
+
+INSTALLED = importlib.util.find_spec("stable_baselines3") is not None
+
+
+def test_trust_and_normalization_are_asked_for_before_anything_is_opened(tmp_path: Path) -> None:
+    path = tmp_path / "walk.zip"
+    path.write_bytes(b"PK\3\4")
+    with pytest.raises(UsageError, match="can run any code as it is opened"):
+        load_policy(str(path), normalize="none")
+    with pytest.raises(UsageError, match=r"keeps the statistics of VecNormalize in a file of their own\n") as error:
+        load_policy(str(path), trust=True)
+    assert error.value.path == ("normalize",)
+
+
+@pytest.mark.skipif(INSTALLED, reason="Stable-Baselines3 is installed")
+def test_without_the_library_the_error_says_what_to_install(tmp_path: Path) -> None:
+    (tmp_path / "walk.zip").write_bytes(b"PK\3\4")
+    with pytest.raises(MissingExtraError, match=r"needs stable-baselines3, .*\npip install stable-baselines3"):
+        load_policy(str(tmp_path / "walk.zip"), trust=True, normalize="none")
+
+
+@pytest.mark.skipif(not INSTALLED, reason="Stable-Baselines3 is large, and not installed")
+@pytest.mark.parametrize("algorithm", ["PPO", "SAC", "TD3"])
+def test_it_answers_as_predict_does(tmp_path: Path, algorithm: str) -> None:
+    import stable_baselines3  # type: ignore[import-not-found]
+
+    model = getattr(stable_baselines3, algorithm)("MlpPolicy", "Pendulum-v1", seed=0)
+    model.save(tmp_path / "swing.zip")
+    policy = StableBaselinesPolicy(tmp_path / "swing.zip", "swing.zip", trust=True, normalize="none")
+    assert (policy.facts.observation_size, policy.facts.action_size) == (3, 1)
+    actor = policy.episode(0, ActionSpace.unbounded(["torque"]))
+    for observation in np.random.default_rng(0).normal(size=(5, 3)):
+        expected, _ = model.predict(observation, deterministic=True)
+        assert actor.act(observation).tolist() == expected.tolist()
+
+
+@pytest.mark.skipif(not INSTALLED, reason="Stable-Baselines3 is large, and not installed")
+def test_other_archives_and_discrete_actions_are_refused(tmp_path: Path) -> None:
+    from stable_baselines3 import DQN  # type: ignore[import-not-found]
+
+    (tmp_path / "walk.zip").write_bytes(b"PK\3\4")
+    with pytest.raises(FileError, match="is no archive of Stable-Baselines3 that can be read"):
+        load_policy(str(tmp_path / "walk.zip"), trust=True, normalize="none")
+    DQN("MlpPolicy", "CartPole-v1").save(tmp_path / "walk.zip")
+    with pytest.raises(UsageError, match="its action is no vector of numbers"):
+        load_policy(str(tmp_path / "walk.zip"), trust=True, normalize="none")

@@ -1,0 +1,54 @@
+"""Code that the user names: found where Python finds it, and never in the way of the payload."""
+
+import sys
+from pathlib import Path
+
+import pytest
+
+from mjrun.errors import ControllerError, FileError, UsageError
+from mjrun.python_code import RedirectedFunction, load_code, made
+
+
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.setattr(sys, "path", [*sys.path])
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "some_code_in_test.py").write_text(
+        "class A:\n    b = 7\n    def __init__(self, needed): pass\nprint('hello')\n"
+    )
+    monkeypatch.delitem(sys.modules, "some_code_in_test", raising=False)
+    return tmp_path
+
+
+@pytest.mark.parametrize("place", ["some_code_in_test.py", "some_code_in_test"])
+def test_names_are_found_in_files_and_modules(folder: Path, place: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert load_code(f"{place}:A.b", "policy", "") == 7
+    assert capsys.readouterr() == ("", "hello\n")
+
+
+@pytest.mark.parametrize(
+    ("code", "error", "message"),
+    [
+        ("a.py", UsageError, "^policy 'a.py' names no code\nFORM"),
+        (":a", UsageError, "names no code"),
+        ("none.py:a", FileError, "none.py: there is no such file\nFORM"),
+        ("some_code_in_test.py:B", UsageError, "no policy 'B'"),
+        ("some_code_in_test.py:A.c", ControllerError, "raised AttributeError"),
+        ("no_such_module_in_test:a", ControllerError, "raised ModuleNotFoundError"),
+    ],
+)
+def test_what_is_not_there_is_told(folder: Path, code: str, error: type[Exception], message: str) -> None:
+    with pytest.raises(error, match=message):
+        load_code(code, "policy", "FORM")
+
+
+def test_a_class_that_cannot_be_made_is_an_error_of_its_own(folder: Path) -> None:
+    thing = load_code("some_code_in_test.py:A", "policy", "")
+    with pytest.raises(ControllerError, match="raised TypeError"):
+        made(thing, "code", "policy")
+    assert made(3, "code", "policy") == 3
+
+
+def test_prints_go_to_standard_error(capsys: pytest.CaptureFixture[str]) -> None:
+    assert RedirectedFunction(lambda x: print(x) or x)(4) == 4  # noqa: T201
+    assert capsys.readouterr() == ("", "4\n")
