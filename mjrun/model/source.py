@@ -2,10 +2,10 @@
 
 import re
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import ClassVar
+from typing import ClassVar, Self
 
 import mujoco
 
@@ -42,6 +42,10 @@ class Source(ABC):
     def files(self) -> tuple[Path, ...]:
         """The files that loading reads, the model file first, as far as they are known without compiling."""
         return ()
+
+    def with_overrides(self, overrides: Sequence[Override]) -> Self:
+        """The same source with more overrides, after its own."""
+        return replace(self, overrides=(*self.overrides, *overrides))
 
     def load(self) -> mujoco.MjModel:
         """Compiles the model.

@@ -130,9 +130,14 @@ def offered(model: mujoco.MjModel) -> list[str]:
 
 def field_probe(model: mujoco.MjModel, field: str, group: str = "") -> Probe:
     """The probe of a field; its columns are called `group/…`, or by the field's own name."""
-    columns = tuple(_columns(model, field, group or field))
     if field in LAZY:
-        return InstantProbe(columns, _completed(model, field))
+        return InstantProbe(tuple(_columns(model, field, group or field)), _completed(model, field))
+    return recorded_probe(model, field, group)
+
+
+def recorded_probe(model: mujoco.MjModel, field: str, group: str = "") -> FieldProbe:
+    """The probe of a field as a step leaves it: of those in `LAZY`, that is something only if a sensor needs them."""
+    columns = tuple(_columns(model, field, group or field))
     axes = len(extents()[field][0])
 
     def compute(fields: Fields, initial: Fields) -> np.ndarray:

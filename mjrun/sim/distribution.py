@@ -3,6 +3,7 @@
 import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 
@@ -61,6 +62,44 @@ def parse_distribution(text: str, place: str) -> Distribution | None:
     if not _is_valid(name, arguments):
         raise UsageError(f"{place}: {clean(text)}: write {DISTRIBUTIONS[name]}, {_condition(name)}")
     return Distribution(text.strip(), name, arguments)
+
+
+@cache
+def _parsed(text: str) -> Distribution | None:
+    return parse_distribution(text, text)
+
+
+def draw_numbers(text: str, generator: np.random.Generator, count: int) -> np.ndarray:
+    """`count` numbers `(count,)` of the distribution, or the number, that `text` is; its values must be numbers."""
+    distribution = _parsed(text)
+    if distribution is None:
+        return np.full(count, float(text))
+    numbers = [float(argument) for argument in distribution.arguments]
+    match distribution.name, numbers:
+        case "uniform", (low, high):
+            return generator.uniform(low, high, count)
+        case "loguniform", (low, high):
+            return np.exp(generator.uniform(np.log(low), np.log(high), count))
+        case "normal", (mean, std):
+            return generator.normal(mean, std, count)
+        case "integers", (first, last):
+            return generator.integers(int(first), int(last) + 1, count).astype(float)
+        case "choice", _:
+            return np.array(numbers)[generator.integers(len(numbers), size=count)]
+    return _quantiles(distribution.name, numbers)(generator.random(count))
+
+
+def draw_text(text: str, generator: np.random.Generator) -> str:
+    """One value of the distribution that `text` is, as text; `text` itself if it is none."""
+    distribution = _parsed(text)
+    match distribution:
+        case None:
+            return text
+        case Distribution(name="choice", arguments=arguments):
+            return arguments[int(generator.integers(len(arguments)))]
+        case Distribution(name="integers"):
+            return str(int(draw_numbers(text, generator, 1)[0]))
+    return repr(float(draw_numbers(text, generator, 1)[0]))
 
 
 def _is_valid(name: str, arguments: Sequence[str]) -> bool:

@@ -1,0 +1,221 @@
+"""Columns of many worlds at one instant: what is read of `mujoco.batch`, and how, decided once."""
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from functools import cache
+from itertools import groupby
+
+import mujoco
+import numpy as np
+from mujoco.batch import Batch
+
+from mjrun.model import state
+from mjrun.model.column import Column
+from mjrun.probe.fields import LAZY, FieldProbe, InstantProbe, Probe, extents, field_probe, recorded_probe
+from mjrun.probe.select import ALIASES, PAIRS, select
+from mjrun.task.hidden_sensors import SENSED
+
+NONE, POSITION, VELOCITY, ACCELERATION = range(4)  # MuJoCo's stages of computation, `mjtStage`
+# Derived fields that a stage before the last gives; all others take the last.
+STAGES = dict.fromkeys(("cvel", "cdof_dot", "qfrc_bias", "qfrc_passive", "ten_velocity", "actuator_velocity"), VELOCITY)
+STAGES |= dict.fromkeys(("energy", "subtree_linvel", "subtree_angmom"), VELOCITY)
+STAGES |= dict.fromkeys(("xpos", "xquat", "xmat", "xipos", "ximat", "xanchor", "xaxis", "subtree_com"), POSITION)
+STAGES |= dict.fromkeys(("geom_xpos", "geom_xmat", "site_xpos", "site_xmat", "cam_xpos", "cam_xmat"), POSITION)
+STAGES |= dict.fromkeys(("light_xpos", "light_xdir", "cdof", "cinert", "ten_length", "actuator_length"), POSITION)
+STAGES |= dict.fromkeys(("ncon", "crb"), POSITION)
+STAGES |= dict.fromkeys(state.FIELDS, NONE)
+
+Rows = slice | np.ndarray
+ALL = slice(None)
+Read = Callable[[Rows, np.ndarray], None]  # of some worlds, into `(k, columns)`
+
+
+@dataclass(frozen=True)
+class _Gathered:
+    """Numbers of a field, by their places in it."""
+
+    field: str
+    places: tuple[int, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class _Computed:
+    """Numbers that a probe computes."""
+
+    probe: Probe
+    count: int
+
+
+_Piece = _Gathered | _Computed
+
+
+class MeasurementPlan:
+    """How columns are measured.
+
+    Args:
+      model: which has them.
+      names: of columns, in the order in which they are wanted; any may stand twice.
+      can_sense: whether the model can get sensors that make MuJoCo compute what a step leaves out.
+
+    Attributes:
+      columns: in that order.
+      sensed: the fields for which it must get such sensors.
+      stage: up to which MuJoCo must compute, `mjtStage`.
+      is_whole: whether some columns need a whole MjData for each world.
+      needs_energy: whether some are of an energy, which MuJoCo computes on demand.
+    """
+
+    def __init__(self, model: mujoco.MjModel, names: Sequence[str], can_sense: bool) -> None:
+        self._model = model
+        self._can_sense = can_sense
+        self._group = cache(self._group_of)
+        self.columns = [self._column(name) for name in names]
+        self._pieces = list(self._merged(names))
+
+        self.sensed = tuple(
+            dict.fromkeys(p.field for p in self._pieces if isinstance(p, _Gathered) and p.field in LAZY)
+        )
+        self.is_whole = any(isinstance(p, _Computed) and isinstance(p.probe, InstantProbe) for p in self._pieces)
+        fields = [field for piece in self._pieces for field in _fields(piece)]
+        self.stage = max((self._stage(field) for field in fields), default=NONE)
+        self.stage = ACCELERATION if self.is_whole else self.stage
+        self.needs_energy = "energy" in fields
+
+    def measurement(self, batch: Batch, model_of: Callable[[int], mujoco.MjModel]) -> "Measurement":
+        """The columns of the worlds of `batch`.
+
+        Args:
+          model_of: the model of a world.
+        """
+        return Measurement(batch, self._pieces, self.columns, model_of)
+
+    def _column(self, name: str) -> Column:
+        columns, _ = self._group(_group_name(name))
+        return next(column for column in columns if column.name == name)
+
+    def _group_of(self, group: str) -> tuple[Sequence[Column], Probe]:
+        """The columns of a group, and the probe that has them."""
+        field = ALIASES.get(group, group)
+        if field in SENSED and self._can_sense:
+            probe: Probe = recorded_probe(self._model, field, group)
+        elif field in extents() or field == "time":
+            probe = field_probe(self._model, field, group)
+        else:
+            (probe,) = select(self._model, [group])
+        return probe.columns, probe
+
+    def _merged(self, names: Sequence[str]) -> Iterator[_Piece]:
+        """The pieces that `names` are of, as few as there can be."""
+        for group, members in groupby(names, _group_name):
+            columns, probe = self._group(group)
+            places = {column.name: index for index, column in enumerate(columns)}
+            indices = tuple(places[name] for name in members)
+            field = ALIASES.get(group, group)
+            if isinstance(probe, FieldProbe) and field in extents():
+                yield _Gathered(field, indices)
+            else:
+                yield _Computed(probe.only(indices), len(indices))
+
+    def _stage(self, field: str) -> int:
+        if field == "sensordata":
+            return int(self._model.sensor_needstage.max(initial=NONE))
+        return STAGES.get(field, ACCELERATION)
+
+
+class Measurement:
+    """Columns of the worlds of a batch at the instant that its last call has left.
+
+    Attributes:
+      count: how many columns.
+    """
+
+    def __init__(
+        self,
+        batch: Batch,
+        pieces: Sequence[_Piece],
+        columns: Sequence[Column],
+        model_of: Callable[[int], mujoco.MjModel],
+    ) -> None:
+        self._batch, self._model_of = batch, model_of
+        self.count = len(columns)
+        self._state_fields = state.fields(state.sizes(batch.model))
+        self._first: dict[str, np.ndarray] = {}  # fields at the start of each episode, for probes that look at them
+        self._reads: list[tuple[slice, Read]] = []
+        start = 0
+        for piece in pieces:
+            count = len(piece.places) if isinstance(piece, _Gathered) else piece.count
+            self._reads.append((slice(start, start + count), self._read_of(piece)))
+            start += count
+
+    def begin(self, rows: Rows) -> None:
+        """Takes the instant for the first of an episode of each of these worlds."""
+        for field, first in self._first.items():
+            first[rows] = self._batch.bind(field)[rows]
+
+    def read(self, rows: Rows, out: np.ndarray) -> None:
+        """Writes the columns of the worlds `rows` into `out` `(k, columns)`."""
+        for place, read in self._reads:
+            read(rows, out[:, place])
+
+    def _read_of(self, piece: _Piece) -> Read:
+        if isinstance(piece, _Gathered):
+            return self._gather(piece)
+        if isinstance(piece.probe, FieldProbe):
+            return self._compute(piece.probe)
+        return self._measure(piece.probe)
+
+    def _gather(self, piece: _Gathered) -> Read:
+        if piece.field in state.FIELDS:  # views of the states: gathered from there
+            start = self._state_fields[piece.field].start
+            values, places = self._batch.state, np.array(piece.places) + start
+        else:
+            values, places = self._batch.bind(piece.field), np.array(piece.places)
+            values = values.reshape(self._batch.nsim, -1)
+        first, last = int(places[0]), int(places[-1])
+        if np.array_equal(places, np.arange(first, last + 1)):
+            values = values[:, first : last + 1]
+
+            def copy(rows: Rows, out: np.ndarray) -> None:
+                out[:] = values[rows]
+
+            return copy
+
+        def gather(rows: Rows, out: np.ndarray) -> None:
+            out[:] = values[:, places] if isinstance(rows, slice) else values[rows[:, None], places]
+
+        return gather
+
+    def _compute(self, probe: FieldProbe) -> Read:
+        fields = {name: self._batch.bind(name) for name in probe.fields}
+        if probe.needs_initial:
+            self._first |= {name: np.zeros_like(values) for name, values in fields.items()}
+        first = self._first
+
+        def compute(rows: Rows, out: np.ndarray) -> None:
+            now = {name: values[rows] for name, values in fields.items()}
+            then = {name: first[name][rows] for name in fields} if probe.needs_initial else now
+            out[:] = probe.compute(now, then)
+
+        return compute
+
+    def _measure(self, probe: InstantProbe) -> Read:
+        batch, model_of, scratch = self._batch, self._model_of, mujoco.MjData(self._batch.model)
+
+        def measure(rows: Rows, out: np.ndarray) -> None:
+            for row, world in enumerate(np.arange(batch.nsim)[rows].tolist()):
+                batch.get_data(world, scratch)
+                out[row] = probe.measure(model_of(world), scratch)
+
+        return measure
+
+
+def _group_name(name: str) -> str:
+    """The group of a column: what it may be asked for with all its like; a pair's contacts are their own."""
+    is_pair = name.startswith(f"{PAIRS}/") and name.count("/") > 1
+    return name if is_pair else name.partition("/")[0]
+
+
+def _fields(piece: _Piece) -> Sequence[str]:
+    if isinstance(piece, _Gathered):
+        return (piece.field,)
+    return piece.probe.fields if isinstance(piece.probe, FieldProbe) else ()

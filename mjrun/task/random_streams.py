@@ -1,0 +1,48 @@
+"""The random numbers of an episode: a stream for each purpose, so that none of them moves another."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from mjrun.sim.distribution import draw_numbers
+
+MODEL, START, COMMANDS, OBSERVATIONS = range(4)
+BLOCK = 16  # control periods whose noise is drawn at once
+
+
+def stream(seed: int, purpose: int) -> np.random.Generator:
+    """The random numbers for one purpose in the episode of `seed`: `default_rng(seed).spawn(4)[purpose]`."""
+    return np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(purpose,)))
+
+
+class ObservationNoise:
+    """Noise on some columns of the observations of n worlds, drawn world by world and in blocks of instants.
+
+    Args:
+      distributions: of each column `(columns,)`, as text; None without noise.
+    """
+
+    def __init__(self, distributions: Sequence[str | None], count: int) -> None:
+        noisy = [(column, text) for column, text in enumerate(distributions) if text is not None]
+        self.columns = np.array([column for column, _ in noisy], int)
+        self._texts = [text for _, text in noisy]
+        self._streams: list[np.random.Generator | None] = [None] * count
+        self._block = np.zeros((count, BLOCK, len(noisy)))
+        self._used = np.full(count, BLOCK)
+
+    def begin(self, world: int, seed: int) -> None:
+        """Begins the episode of `seed` in a world."""
+        self._streams[world] = stream(seed, OBSERVATIONS)
+        self._used[world] = BLOCK
+
+    def next(self, rows: np.ndarray) -> np.ndarray:
+        """What is added to the columns of the worlds `rows` `(k,)` at their next instant: `(k, noisy columns)`."""
+        for world in rows[self._used[rows] == BLOCK].tolist():
+            generator = self._streams[world]
+            assert generator
+            for column, text in enumerate(self._texts):
+                self._block[world, :, column] = draw_numbers(text, generator, BLOCK)
+            self._used[world] = 0
+        noise = self._block[rows, self._used[rows]]
+        self._used[rows] += 1
+        return noise

@@ -1,0 +1,343 @@
+"""Worlds of a task side by side: any number of episodes at once, stepped in C on all cores.
+
+An episode is a function of the task, its seed and the actions: neither the number of worlds nor that of threads changes
+a bit of it. At control instant k a policy observes and acts; the action is held for a control period; at instant k+1
+rewards and terminations follow from what holds there, with the action and the commands that were in force.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import mujoco
+import numpy as np
+from mujoco.batch import Batch
+from mujoco.batch import SimulationError as BatchError
+
+from mjrun.model.source import Source
+from mjrun.model.variants import ModelVariants
+from mjrun.options.task import CURRENT
+from mjrun.probe.task_expression import TaskColumns
+from mjrun.sim.c_engine import AUTORESET, ENERGY, SLEEP
+from mjrun.sim.stepper import BAD
+from mjrun.task.action_map import ActionMap, TargetTorques
+from mjrun.task.command_signals import CommandSignals
+from mjrun.task.episode import Ending
+from mjrun.task.episode_start import EpisodeModels, EpisodeStarts
+from mjrun.task.expressions import ACTION, COMMAND, RUNNING, Inputs, TaskExpressions
+from mjrun.task.hidden_sensors import SensingSource, can_sense
+from mjrun.task.measurement import ACCELERATION, ALL, NONE, POSITION, MeasurementPlan, Rows
+from mjrun.task.observation_vector import ObservationPlan, ObservationVector, ObservedNumber
+from mjrun.task.task import Task
+
+Ids = Sequence[int] | np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class TaskStep:
+    """What has come of a control period in k worlds.
+
+    Attributes:
+      observations: at its end `(k, nobs)`. Those of a world that has become unstable are of its start.
+      rewards: for it `(k,)`, the sums of the terms; 0 where the world has become unstable.
+      reward_terms: weighted `(k, nterms)`.
+      codes: which of `endings` ended each episode `(k,)`; −1 where it goes on.
+      endings: all that there can be.
+    """
+
+    observations: np.ndarray
+    rewards: np.ndarray
+    reward_terms: np.ndarray
+    codes: np.ndarray
+    endings: Sequence[Ending]
+
+    @property
+    def ended(self) -> tuple[Ending | None, ...]:
+        """How the episode ended in each world; None where it goes on."""
+        if not self.over.any():
+            return (None,) * len(self.codes)
+        return tuple(None if code == RUNNING else self.endings[code] for code in self.codes.tolist())
+
+    @property
+    def over(self) -> np.ndarray:
+        """Where the episode has ended `(k,)` bool."""
+        return self.codes != RUNNING
+
+    @property
+    def terminated(self) -> np.ndarray:
+        """Where it ended by what happened in it `(k,)` bool."""
+        return np.array([*(ending.terminated for ending in self.endings), False])[self.codes]
+
+    @property
+    def truncated(self) -> np.ndarray:
+        """Where it was cut short `(k,)` bool."""
+        return self.over & ~self.terminated
+
+
+class TaskWorlds:
+    """`count` worlds of a task.
+
+    Args:
+      task: with its model.
+      count: how many.
+      threads: as many as there are cores when 0.
+
+    Attributes:
+      observation_names, action_names, reward_names: of the numbers that go in and out.
+      observed: all about each number of the observations.
+      actions: what each number of the action drives.
+      endings: how episodes can end.
+      control_steps: physics steps in a control period.
+
+    Raises:
+      UsageError: something in the task does not fit its model; the path says where it is written.
+      ModelError: the model cannot be had.
+      FileError: a table of commands cannot be read.
+    """
+
+    def __init__(self, task: Task, count: int, threads: int = 0) -> None:
+        if count < 1:
+            raise ValueError("there must be a world")
+        self.task, self.count = task, count
+        with task.located():
+            self._prepare(threads)
+        self._seeds = np.zeros(count, np.int64)
+        self._instants = np.zeros(count, int)  # control instants since the reset
+        self._actions = np.zeros((count, len(self.action_names)))  # in force, as the policy gave them
+        self._targets = np.zeros_like(self._actions)
+        self._observed = np.zeros((count, len(self.observed)))
+        self._over = np.ones(count, bool)  # not yet reset
+        self._failed = np.zeros(count, bool)
+
+    @property
+    def observation_names(self) -> list[str]:
+        """Of the numbers of an observation."""
+        return [number.name for number in self.observed]
+
+    @property
+    def action_names(self) -> list[str]:
+        """Of the numbers of an action: actuators or joints."""
+        return self.actions.names
+
+    @property
+    def reward_names(self) -> list[str]:
+        """Of the terms of the reward."""
+        return [*self.task.rewards]
+
+    @property
+    def endings(self) -> Sequence[Ending]:
+        """How episodes can end."""
+        return self._expressions.endings
+
+    def model(self, world: int) -> mujoco.MjModel:
+        """The model of a world's episode; not to be changed."""
+        if self._own is self._models:
+            return self._model_of(world)
+        return self._own.model(int(self._seeds[world]))
+
+    def state(self, world: int) -> np.ndarray:
+        """The integration state `(nstate,)` of a world, as a new array."""
+        return self._batch.state[world].copy()
+
+    # --- episodes ----------------------------------------------------------------------------------
+
+    def reset(self, seeds: Sequence[int] | np.ndarray, ids: Ids | None = None) -> np.ndarray:
+        """Begins an episode in each of the worlds `ids`, or of all.
+
+        Args:
+          seeds: of the episodes `(k,)`, whole numbers from 0 on.
+
+        Returns:
+          The first observations `(k, nobs)`.
+        """
+        worlds = self._all if ids is None else np.asarray(ids, int)
+        if len(seeds) != len(worlds):
+            raise ValueError(f"{len(seeds)} seeds for {len(worlds)} worlds")
+        with self.task.located():
+            self._load([int(seed) for seed in seeds], worlds)
+        rows, some = (ALL, None) if ids is None else (worlds, worlds)
+        self._instants[worlds], self._actions[worlds] = 0, 0
+        self._over[worlds] = self._failed[worlds] = False
+        self._batch.warning[worlds] = 0
+        self._call(lambda: self._batch.forward(some, max(self._reset_stage, POSITION)))
+        self._measurement.begin(rows)
+
+        measured, inputs = self._measure(rows), self._inputs(worlds)
+        columns = self._expressions.columns(measured[:, self._of_terms :], inputs)
+        self._expressions.begin(columns, some)
+        values = self._expressions.values(columns, some, first=True)
+        observed = self._observations.observe(measured[:, : self._of_terms], inputs, values, worlds, first=True)
+        self._observed[worlds] = observed
+        return observed
+
+    def step(self, actions: np.ndarray, ids: Ids | None = None) -> TaskStep:
+        """A control period of the worlds `ids`, or of all: `begin`, `advance` and `finish`.
+
+        Raises:
+          ValueError: actions are not finite or do not fit, or an episode is over or has not begun.
+        """
+        self.begin(actions, ids)
+        self._advance(self.control_steps, ids, self._stage)
+        return self._finish(ids)
+
+    def begin(self, actions: np.ndarray, ids: Ids | None = None) -> None:
+        """Puts actions `(k, nact)` in force; raises what `step` does."""
+        rows = ALL if ids is None else np.asarray(ids, int)
+        actions = np.asarray(actions, float)
+        expected = (self.count if ids is None else len(ids), self._actions.shape[1])
+        if actions.shape != expected:
+            raise ValueError(f"actions are {expected[0]} x {expected[1]} numbers, not {actions.shape}")
+        if self._over[rows].any():
+            raise ValueError("an episode is over, or has not begun: reset it")
+        self._require_finite(actions, rows)
+        self._actions[rows] = actions
+        targets = self._targets[rows] = self.actions.targets(actions)
+        self._torques.apply(targets, self._ctrl, rows)
+
+    def advance(self, steps: int, ids: Ids | None = None) -> None:
+        """Takes steps of the physics, under the actions in force."""
+        self._advance(steps, ids, NONE)
+
+    def finish(self, ids: Ids | None = None) -> TaskStep:
+        """What has come of the control period, whose `control_steps` steps are taken."""
+        if self._stage != NONE:
+            some = None if ids is None else np.asarray(ids, int)
+            self._call(lambda: self._batch.forward(some, self._stage))
+        return self._finish(ids)
+
+    # --- within ------------------------------------------------------------------------------------
+
+    def _prepare(self, threads: int) -> None:
+        """Looks up every name of the task, and makes the worlds."""
+        task, count = self.task, self.count
+        spec, model = task.compile()
+        self.control_steps = task.control_steps(model)
+        self.actions = ActionMap(task.actions, model)
+        self._commands = CommandSignals(task.commands, task.control_dt, task.periods, count)
+        names = self.actions.names, self._commands.names
+        others = [*(f"{ACTION}{name}" for name in names[0]), *(f"{COMMAND}{name}" for name in names[1])]
+        columns = TaskColumns(model, others, float(task.control_dt))
+        plan = ObservationPlan(task.observations, model, columns, names[0], self._commands)
+        self.observed: Sequence[ObservedNumber] = plan.numbers
+        self._expressions = TaskExpressions(task, columns, plan.expressions, names, count)
+        self._starts = EpisodeStarts(task.reset, model)
+
+        self._of_terms = len(plan.measured)
+        measured = MeasurementPlan(model, [*plan.measured, *self._expressions.measured], can_sense(spec, model))
+        self._batch = self._open(model, measured, threads)
+        self._measurement = measured.measurement(self._batch, self._model_of)
+        self._ctrl, self._qpos, self._qvel = (self._batch.bind(name) for name in ("ctrl", "qpos", "qvel"))
+        rotations = self._batch.bind("xmat") if plan.frames else None
+        stage = max(measured.stage, POSITION if plan.frames else NONE)
+        self._stage, self._reset_stage = (stage, stage) if task.derived == CURRENT else (NONE, ACCELERATION)
+        self._observations = ObservationVector(plan, count, task.control_dt, rotations)
+        self._torques = TargetTorques(self.actions, model, count)
+        self._all = np.arange(count)
+
+    def _open(self, model: mujoco.MjModel, plan: MeasurementPlan, threads: int) -> Batch:
+        """The worlds, on models that compute all that is measured."""
+
+        def prepare(model: mujoco.MjModel) -> None:
+            model.opt.disableflags |= AUTORESET  # an unstable world ends instead
+            model.opt.enableflags |= ENERGY if plan.needs_energy else 0
+
+        task, source = self.task, self.task.model_source
+        sensing: Source = SensingSource(source, plan.sensed) if plan.sensed else source
+        self._models = EpisodeModels(sensing, task.reset.vary, ModelVariants(prepare))
+        self._own = EpisodeModels(source, task.reset.vary, ModelVariants(prepare)) if plan.sensed else self._models
+        self._first = self._models.model(0)
+        self._each: list[mujoco.MjModel] = [self._first] * self.count
+        is_persistent = plan.is_whole or bool(model.opt.enableflags & SLEEP)
+        return Batch(self._first, self.count, threads if self.count > 1 else 1, is_persistent)
+
+    def _model_of(self, world: int) -> mujoco.MjModel:
+        return self._each[world]
+
+    def _load(self, seeds: Sequence[int], worlds: np.ndarray) -> None:
+        """Puts the models and states at the start of episodes into their worlds."""
+        for seed, world in zip(seeds, worlds.tolist(), strict=True):
+            model = self._models.model(seed)
+            self._each[world] = model
+            self._seeds[world] = seed
+            self._batch.state[world] = self._starts.state(model, seed)
+            self._torques.begin(world, model)
+            self._commands.begin(world, seed)
+            self._observations.begin_episode(world, seed)
+        if not self._models.is_one:
+            self._batch.set_models(self._each)
+
+    def _advance(self, steps: int, ids: Ids | None, stage: int) -> None:
+        """Takes steps, and computes what is derived of the state up to `stage`."""
+        rows, some = (ALL, None) if ids is None else (np.asarray(ids, int), np.asarray(ids, int))
+        if not self._torques.is_needed:
+            self._call(lambda: self._batch.step(some, steps, stage))
+            return
+        targets = self._targets[rows]
+        for step in range(steps):
+            self._torques.hold(targets, self._qpos, self._qvel, self._ctrl, rows)
+            last = step == steps - 1
+            self._call(lambda last=last: self._batch.step(some, 1, stage if last else NONE))
+
+    def _call(self, call: Callable[[], None]) -> None:
+        """Makes a call of the batch; worlds in which MuJoCo gives up have failed."""
+        try:
+            call()
+        except BatchError as error:
+            self._failed[error.ids] = True
+
+    def _finish(self, ids: Ids | None) -> TaskStep:
+        rows, some = (ALL, None) if ids is None else (np.asarray(ids, int), np.asarray(ids, int))
+        worlds = self._all[rows]
+        measured = self._measure(rows)
+        before = self._inputs(worlds)
+        self._instants[rows] += 1
+        after = self._inputs(worlds)
+        columns = self._expressions.columns(measured[:, self._of_terms :], replace(after, commands=before.commands))
+        terms = self._expressions.rewards(columns, some, len(worlds))
+        codes = self._expressions.codes(columns, some, len(worlds))
+        codes[(codes == RUNNING) & (after.instants >= self.task.periods)] = len(self.endings) - 2
+
+        columns = self._expressions.columns(measured[:, self._of_terms :], after)
+        values = self._expressions.values(columns, some, first=False)
+        observed = self._observations.observe(measured[:, : self._of_terms], after, values, worlds, first=False)
+        unstable = self._unstable(rows)
+        if unstable.any():
+            codes[unstable], terms[:, unstable] = len(self.endings) - 1, 0
+            observed[unstable] = self._observed[worlds[unstable]]
+        self._observed[rows] = observed
+        self._over[rows] = codes != RUNNING
+        return TaskStep(observed, _sum(terms, len(worlds)), terms.T, codes, self.endings)
+
+    def _unstable(self, rows: Rows) -> np.ndarray:
+        """Which worlds MuJoCo has given up on, or should have `(k,)` bool."""
+        numbers = self._batch.warning[rows, :, 1][:, BAD]
+        positions, velocities = self._qpos[rows], self._qvel[rows]
+        limit = mujoco.mjMAXVAL
+        stable = (np.abs(positions) < limit).all(axis=1) & (np.abs(velocities) < limit).all(axis=1)
+        return self._failed[rows] | numbers.any(axis=1) | ~stable
+
+    def _measure(self, rows: Rows) -> np.ndarray:
+        """All columns of the model that are needed `(k, …)`."""
+        measured = np.empty((len(self._all[rows]), self._measurement.count))
+        self._measurement.read(rows, measured)
+        return measured
+
+    def _inputs(self, worlds: np.ndarray) -> Inputs:
+        instants = self._instants[worlds]
+        return Inputs(instants, self._actions[worlds], self._commands.at(worlds, instants))
+
+    def _require_finite(self, actions: np.ndarray, rows: Rows) -> None:
+        finite = np.isfinite(actions)
+        if finite.all():
+            return
+        row = int(np.argmin(finite.all(axis=1)))
+        name = next(name for name, good in zip(self.action_names, finite[row], strict=True) if not good)
+        value = actions[row, self.action_names.index(name)]
+        raise ValueError(f"actions must be finite: {name} is {value} in world {self._all[rows][row]}")
+
+
+def _sum(terms: np.ndarray, count: int) -> np.ndarray:
+    """The sum of `(nterms, k)`, term by term, so that it is the same for every k."""
+    total = np.zeros(count)
+    for term in terms:
+        total += term
+    return total
