@@ -160,14 +160,16 @@ def _driven(action: Action, model: mujoco.MjModel) -> list[Driven]:
     driven = []
     for index, pattern in enumerate(action.joints):
         with concerning("joints", index):
-            for joint in matching(model, "joint", pattern):
-                is_pattern = pattern not in names(model, "joint")
-                actuators = _actuators(model, joint)
-                if is_pattern and len(actuators) != 1:
-                    continue  # `*` means those that can be driven
-                driven.append(_driven_joint(model, joint, actuators, action.target))
-            if not driven:
+            pairs = [(joint, _actuators(model, joint)) for joint in matching(model, "joint", pattern)]
+            if len(pairs) > 1:  # `*` means those that can be driven
+                pairs = [(joint, actuators) for joint, actuators in pairs if len(actuators) == 1]
+            if not pairs:
                 raise UsageError(f"no joint {quoted(pattern)} has an actuator of its own")
+            made = [_driven_joint(model, joint, actuators, action.target) for joint, actuators in pairs]
+        if action.target != CONTROL:
+            for each in made:
+                _require_motor(model, each)
+        driven += made
     return _unique(driven)
 
 
@@ -189,20 +191,25 @@ def _driven_joint(model: mujoco.MjModel, joint: int, actuators: Sequence[int], t
     (actuator,) = actuators
     if int(model.jnt_type[joint]) not in SCALAR:
         raise UsageError(f"joint {quoted(name)} is no hinge or slide")
+    return Driven(name, target, int(model.actuator_ctrladr[actuator]), joint)
+
+
+def _require_motor(model: mujoco.MjModel, driven: Driven) -> None:
+    """Checks that the actuator of a joint turns a control into a torque, and nothing else."""
+    actuator = driven.actuator(model)
     is_motor = (
         int(model.actuator_gaintype[actuator]) == int(mujoco.mjtGain.mjGAIN_FIXED)
         and int(model.actuator_biastype[actuator]) == int(mujoco.mjtBias.mjBIAS_NONE)
         and int(model.actuator_dyntype[actuator]) == int(mujoco.mjtDyn.mjDYN_NONE)
         and model.actuator_gainprm[actuator, 0] * model.actuator_gear[actuator, 0] != 0
     )
-    if target != CONTROL and not is_motor:
+    if not is_motor:
         motor = quoted(names(model, "actuator")[actuator])
         raise UsageError(
-            f"the actuator {motor} of joint {quoted(name)} is no motor: it does not turn a control into a torque\n"
+            f"the actuator {motor} of joint {quoted(driven.name)} is no motor, whose control is a torque\n"
             f"a {option('target')} control is what its own control means",
             ("target",),
         )
-    return Driven(name, target, int(model.actuator_ctrladr[actuator]), joint)
 
 
 def _numbers(action: Action, driven: Sequence[Driven], model: mujoco.MjModel) -> np.ndarray:

@@ -82,8 +82,8 @@ class EpisodeModels:
         self._source, self._vary, self._variants = source, vary, variants
         for path, _ in vary:
             if path == "opt.timestep":
-                with concerning("reset", "vary", path):
-                    raise UsageError(f"{option('vary')} {path}: the timestep of a task is the same in all episodes")
+                message = f"{option('vary')} {path}: the timestep of a task is the same in all episodes"
+                raise UsageError(message, ("reset", "vary", path))
 
     @property
     def is_one(self) -> bool:

@@ -69,13 +69,17 @@ class MeasurementPlan:
         self._model = model
         self._can_sense = can_sense
         self._group = cache(self._group_of)
-        self.columns = [self._column(name) for name in names]
         self._pieces = list(self._merged(names))
+        self.is_whole = any(isinstance(p, _Computed) and isinstance(p.probe, InstantProbe) for p in self._pieces)
+        if self.is_whole and can_sense:  # what needs an MjData anyhow needs no sensors, and has none of its own
+            self._can_sense = False
+            self._group = cache(self._group_of)
+            self._pieces = list(self._merged(names))
+        self.columns = [self._column(name) for name in names]
 
         self.sensed = tuple(
             dict.fromkeys(p.field for p in self._pieces if isinstance(p, _Gathered) and p.field in LAZY)
         )
-        self.is_whole = any(isinstance(p, _Computed) and isinstance(p.probe, InstantProbe) for p in self._pieces)
         fields = [field for piece in self._pieces for field in _fields(piece)]
         self.stage = max((self._stage(field) for field in fields), default=NONE)
         self.stage = ACCELERATION if self.is_whole else self.stage

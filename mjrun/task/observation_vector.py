@@ -165,7 +165,7 @@ class ObservationPlan:
         """The numbers of all terms, one for each number that is measured."""
         parts = []
         for index, (each, numbers) in enumerate(zip(self.terms, values, strict=True)):
-            with concerning("observations", index, name):
+            with concerning("observations", index):
                 parts.append(spread(name, numbers, len(each.columns)))
         return np.concatenate(parts)
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from mjrun.errors import UsageError
-from mjrun.sim.distribution import parse_distribution
+from mjrun.sim.distribution import draw_numbers, draw_text, parse_distribution
 
 FRACTIONS = np.array([0.001, 0.1, 0.25, 0.5, 0.75, 0.999])
 
@@ -64,3 +64,27 @@ def test_what_is_not_written_like_a_distribution_is_none(text: str) -> None:
 def test_what_cannot_be_is_refused(text: str, expected: str) -> None:
     with pytest.raises(UsageError, match=expected):
         parse_distribution(text, "vary x")
+
+
+@pytest.mark.parametrize(
+    ("text", "mean", "std"),
+    [
+        ("uniform(2, 4)", 3, 2 / 12**0.5),
+        ("normal(1, 2)", 1, 2),
+        ("integers(-1, 1)", 0, (2 / 3) ** 0.5),
+        ("choice(1, 5)", 3, 2),
+        ("truncnormal(0, 1, -1, 1)", 0, 0.539560),
+        ("loguniform(1, 10)", 9 / np.log(10), (99 / 2 / np.log(10) - (9 / np.log(10)) ** 2) ** 0.5),
+        ("0.5", 0.5, 0),
+    ],
+)
+def test_what_is_drawn_has_the_moments_of_the_closed_forms(text: str, mean: float, std: float) -> None:
+    drawn = draw_numbers(text, np.random.default_rng(1), 20_000)
+    assert drawn.mean() == pytest.approx(mean, abs=0.05)
+    assert drawn.std() == pytest.approx(std, abs=0.05)
+    assert float(draw_text(text, np.random.default_rng(1))) == drawn[0]
+
+
+def test_a_text_that_is_no_distribution_is_drawn_as_it_is() -> None:
+    assert draw_text("elliptic", np.random.default_rng(0)) == "elliptic"
+    assert draw_text("choice(a, a)", np.random.default_rng(0)) == "a"

@@ -1,0 +1,76 @@
+"""Columns of many worlds are those of `select` on one MjData each."""
+
+import mujoco
+import numpy as np
+import pytest
+from mujoco.batch import Batch
+
+from mjrun.model.sources import parse_source
+from mjrun.probe.fields import FieldProbe
+from mjrun.probe.select import select, selected_columns
+from mjrun.task.hidden_sensors import SensingSource
+from mjrun.task.measurement import ALL, MeasurementPlan
+
+SOURCE = parse_source("scene:dominos")
+MODEL = SOURCE.load()
+
+
+def names(*probes: str) -> list[str]:
+    return [column.name for column in selected_columns(MODEL, probes)]
+
+
+def expected(data: mujoco.MjData, columns: list[str]) -> np.ndarray:
+    """The columns, one by one, measured on an MjData."""
+    values = []
+    for name in columns:
+        (probe,) = select(MODEL, [name])
+        if isinstance(probe, FieldProbe):
+            fields = {field: np.asarray(getattr(data, field)) for field in probe.fields}
+            values.append(probe.compute(fields, fields)[0])
+        else:
+            values.append(probe.measure(MODEL, data)[0])
+    return np.array(values)
+
+
+@pytest.mark.parametrize("can_sense", [True, False])
+def test_columns_are_those_of_one_mjdata_in_any_order(can_sense: bool) -> None:
+    body = mujoco.mj_id2name(MODEL, mujoco.mjtObj.mjOBJ_BODY, 1)
+    columns = [*names("qvel", "xpos", "energy", "com"), *names(f"cfrc_ext/{body}", "contact"), names("qpos")[2]]
+    columns += [*names("speed", "qpos")[-2::-1], *names("cvel")]
+    plan = MeasurementPlan(MODEL, columns, can_sense)
+    assert plan.needs_energy
+    assert plan.sensed == (("cfrc_ext",) if can_sense else ())
+    assert plan.is_whole == (not can_sense)
+    assert plan.stage == 3
+
+    model = SensingSource(SOURCE, plan.sensed).load()
+    model.opt.enableflags |= mujoco.mjtEnableBit.mjENBL_ENERGY
+    plain = SOURCE.load()
+    plain.opt.enableflags = model.opt.enableflags
+    batch = Batch(model, 3, 2, plan.is_whole)
+    measurement = plan.measurement(batch, lambda world: model)
+    batch.qvel = np.random.default_rng(0).normal(size=(3, MODEL.nv))
+    batch.forward()
+    measurement.begin(ALL)
+    batch.step(nstep=40)
+    batch.forward()
+
+    values = np.empty((3, len(columns)))
+    measurement.read(ALL, values)
+    some = np.empty((2, len(columns)))
+    measurement.read(np.array([2, 0]), some)
+    np.testing.assert_array_equal(some, values[[2, 0]])
+    drift = columns.index("energy/drift")
+    for world in range(3):
+        data = mujoco.MjData(plain)
+        mujoco.mj_setState(plain, data, batch.state[world], mujoco.mjtState.mjSTATE_INTEGRATION)
+        mujoco.mj_forward(plain, data)
+        reference = expected(data, columns)
+        assert values[world, drift] < 0  # friction; a single instant has no drift
+        reference[drift] = values[world, drift]
+        np.testing.assert_array_equal(values[world], reference)
+
+
+@pytest.mark.parametrize(("columns", "stage"), [(["qpos"], 0), (["xpos", "qpos"], 1), (["cvel"], 2), (["qacc"], 3)])
+def test_no_more_is_computed_than_is_measured(columns: list[str], stage: int) -> None:
+    assert MeasurementPlan(MODEL, names(*columns), True).stage == stage
