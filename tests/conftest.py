@@ -8,6 +8,8 @@ import sys
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from typing import cast
+from unittest import mock
 
 os.environ.setdefault("MUJOCO_GL", "egl")  # for mujoco.Renderer, the oracle of drawing
 
@@ -196,9 +198,11 @@ class CommandInProcess(Command):
     capture: pytest.CaptureFixture[bytes]
 
     def __call__(self, *arguments: str | Path, **settings: object) -> subprocess.CompletedProcess[bytes]:
-        assert not settings, "only a process of its own has settings"
+        environment = cast(dict[str, str], settings.pop("env", {}))
+        assert not settings, "only a process of its own has them"
         self.capture.readouterr()
-        code = cli.run([*map(str, arguments)])
+        with mock.patch.dict(os.environ, environment):
+            code = cli.run([*map(str, arguments)])
         return subprocess.CompletedProcess(arguments, code, *self.capture.readouterr())
 
 

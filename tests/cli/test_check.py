@@ -30,11 +30,11 @@ TOLD = "joint 'j': its range 2 1 is reversed, and limits nothing"
 
 
 @pytest.fixture
-def models(mjrun: Command) -> Command:
+def models(mjrun_here: Command) -> Command:
     """The command, in a folder with models."""
     for name, text in {"fine": FINE, "warned": WARNED, "noted": NOTED, "broken": BROKEN}.items():
-        (mjrun.folder / f"{name}.xml").write_text(text)
-    return mjrun
+        (mjrun_here.folder / f"{name}.xml").write_text(text)
+    return mjrun_here
 
 
 @pytest.mark.parametrize(
@@ -200,8 +200,10 @@ def running(pid: int) -> set[int]:
     return {int(child) for file in files for child in file.read_text().split()}
 
 
-def test_models_of_mjrun_and_of_others_are_checked_without_a_traceback(mjrun: Command, shared_models: Path) -> None:
-    done = mjrun("check", ROOT / "scenes", shared_models, "--json", "--steps", "20")
+def test_models_of_mjrun_and_of_others_are_checked_without_a_traceback(
+    mjrun_here: Command, shared_models: Path
+) -> None:
+    done = mjrun_here("check", ROOT / "scenes", shared_models, "--json", "--steps", "20")
     found = json.loads(done.stdout)
     assert done.returncode == 3
     assert b"Traceback" not in done.stderr

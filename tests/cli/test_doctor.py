@@ -16,8 +16,8 @@ if TYPE_CHECKING:
     from tests.conftest import Command
 
 
-def test_the_doctor_names_what_works(mjrun: Command, backend: Backend) -> None:
-    done = mjrun("doctor", "--json")
+def test_the_doctor_names_what_works(mjrun_here: Command, backend: Backend) -> None:
+    done = mjrun_here("doctor", "--json")
     assert done.returncode == 0
     found = json.loads(done.stdout)
     by_name = {(finding["group"], finding["name"]): finding for finding in found["findings"]}
@@ -32,16 +32,16 @@ def test_the_doctor_names_what_works(mjrun: Command, backend: Backend) -> None:
     assert (device["status"], "(MUJOCO_EGL_DEVICE_ID=" in device["value"]) == ("ok", True)
 
 
-def test_the_doctor_says_who_draws_with_filament(mjrun: Command, vulkan: Backend) -> None:
-    found = json.loads(mjrun("doctor", "--json").stdout)["findings"]
+def test_the_doctor_says_who_draws_with_filament(mjrun_here: Command, vulkan: Backend) -> None:
+    found = json.loads(mjrun_here("doctor", "--json").stdout)["findings"]
     filament = next(finding for finding in found if finding["name"] == "filament")
     assert filament["status"] == "ok"
     assert vulkan.renderer in filament["value"]
 
 
-def test_the_page_and_the_document_say_the_same(mjrun: Command) -> None:
-    page = mjrun("doctor").stdout.decode()
-    for finding in json.loads(mjrun("doctor", "--json").stdout)["findings"]:
+def test_the_page_and_the_document_say_the_same(mjrun_here: Command) -> None:
+    page = mjrun_here("doctor").stdout.decode()
+    for finding in json.loads(mjrun_here("doctor", "--json").stdout)["findings"]:
         assert finding["value"] in page
         assert finding["remedy"] in page
 
@@ -61,10 +61,10 @@ def of(mjrun: Command, env: dict[str, str]) -> tuple[int, dict[str, dict[str, st
 
 @pytest.mark.parametrize(("vulkan_is_there", "code"), [(True, 0), (False, 5)])
 def test_where_no_opengl_draws_the_doctor_says_what_to_install_and_ends_with_five_unless_filament_does(
-    mjrun: Command, vulkan: Backend, vulkan_is_there: bool, code: int
+    mjrun_here: Command, vulkan: Backend, vulkan_is_there: bool, code: int
 ) -> None:
     given = {"MUJOCO_GL": "auto", **NO_EGL, **NO_DISPLAY, **({} if vulkan_is_there else NO_VULKAN)}
-    ended, found = of(mjrun, given)
+    ended, found = of(mjrun_here, given)
     if found["osmesa"]["status"] == "ok":
         pytest.skip("osmesa cannot be hidden")
     assert ended == code
@@ -85,13 +85,13 @@ def test_where_no_opengl_draws_the_doctor_says_what_to_install_and_ends_with_fiv
 )
 @pytest.mark.gl
 def test_the_doctor_agrees_with_a_picture_about_what_the_environment_asks_for(
-    mjrun: Command, swing: Path, backend: Backend, given: dict[str, str], value: str
+    mjrun_here: Command, swing: Path, backend: Backend, given: dict[str, str], value: str
 ) -> None:
     if backend.name != "egl":
         pytest.skip("another backend draws")
-    code, found = of(mjrun, {**NO_DISPLAY, **given})
+    code, found = of(mjrun_here, {**NO_DISPLAY, **given})
     assert code == 5
-    assert mjrun("image", swing, "-o", "a.png", env={**NO_DISPLAY, **given}).returncode in (2, 5)
+    assert mjrun_here("image", swing, "-o", "a.png", env={**NO_DISPLAY, **given}).returncode in (2, 5)
     assert found["used"]["value"].startswith(value)
     assert "unset MUJOCO_" in found["used"]["remedy"]
     assert "used" not in found["egl"]["value"]
@@ -99,15 +99,15 @@ def test_the_doctor_agrees_with_a_picture_about_what_the_environment_asks_for(
         assert found["egl"]["remedy"] == "unset MUJOCO_EGL_DEVICE_ID: egl draws on another device"
 
 
-def test_the_backend_that_the_environment_asks_for_is_the_one_used(mjrun: Command, backend: Backend) -> None:
+def test_the_backend_that_the_environment_asks_for_is_the_one_used(mjrun_here: Command, backend: Backend) -> None:
     for asked, mark in ((backend.name, "used by MUJOCO_GL)"), ("auto", "used by default)")):
-        code, found = of(mjrun, {"MUJOCO_GL": asked})
+        code, found = of(mjrun_here, {"MUJOCO_GL": asked})
         assert code == 0
         assert mark in found[backend.name]["value"]
 
 
-def test_where_filament_cannot_draw_the_doctor_says_what_to_install_and_all_else_is_well(mjrun: Command) -> None:
-    done = mjrun("doctor", "--json", env=NO_VULKAN)
+def test_where_filament_cannot_draw_the_doctor_says_what_to_install_and_all_else_is_well(mjrun_here: Command) -> None:
+    done = mjrun_here("doctor", "--json", env=NO_VULKAN)
     found = json.loads(done.stdout)
     filament = next(finding for finding in found["findings"] if finding["name"] == "filament")
     assert done.returncode == 0

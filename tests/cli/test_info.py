@@ -36,10 +36,10 @@ def lines(done: subprocess.CompletedProcess[bytes]) -> list[str]:
 
 
 @pytest.mark.parametrize("scene", SCENES, ids=lambda path: path.stem)
-def test_the_page_names_what_the_document_names(mjrun: Command, scene: Path) -> None:
-    document = json.loads(mjrun("info", scene, "--json").stdout)
+def test_the_page_names_what_the_document_names(mjrun_here: Command, scene: Path) -> None:
+    document = json.loads(mjrun_here("info", scene, "--json").stdout)
     assert [*document] == [*SECTIONS, "warnings"]
-    page = mjrun("info", scene, *SECTIONS).stdout.decode()
+    page = mjrun_here("info", scene, *SECTIONS).stdout.decode()
     for section in SECTIONS:
         rows = document[section] if isinstance(document[section], list) else []
         assert f"\n{section}  {len(rows) or 'none'}\n" in page or section in ("summary", "statistics")
@@ -54,31 +54,31 @@ def test_the_page_names_what_the_document_names(mjrun: Command, scene: Path) -> 
     [*((scene, 80) for scene in SCENES), (HUMANOID, 40), (HUMANOID, 160)],
     ids=lambda v: getattr(v, "stem", v),
 )
-def test_no_line_is_wider_than_the_terminal(mjrun: Command, scene: Path, width: int) -> None:
-    told = lines(mjrun("info", scene, *SECTIONS, env={"COLUMNS": str(width)}))
+def test_no_line_is_wider_than_the_terminal(mjrun_here: Command, scene: Path, width: int) -> None:
+    told = lines(mjrun_here("info", scene, *SECTIONS, env={"COLUMNS": str(width)}))
     assert max(map(len, told)) <= width
 
 
 @pytest.mark.parametrize("width", [45, 60, 80, 120])
 @pytest.mark.parametrize("scene", ["humanoid", "car", "pinata"])
-def test_names_and_types_stay_whole_and_what_has_no_room_is_named(mjrun: Command, scene: str, width: int) -> None:
+def test_names_and_types_stay_whole_and_what_has_no_room_is_named(mjrun_here: Command, scene: str, width: int) -> None:
     path = ROOT / f"scenes/{scene}.xml"
-    document = json.loads(mjrun("info", path, "--json").stdout)
+    document = json.loads(mjrun_here("info", path, "--json").stdout)
     for section, field in (("joints", "type"), ("geoms", "type"), ("actuators", "kind"), ("sensors", "type")):
-        told = lines(mjrun("info", path, section, env={"COLUMNS": str(width)}))
+        told = lines(mjrun_here("info", path, section, env={"COLUMNS": str(width)}))
         assert max(map(len, told)) <= width
         rows = [line.split() for line in told if line.startswith("  ")]
         pairs = [[row["name"], row[field]] for row in document[section] if len(row["name"]) <= 20]
         assert all(pair in [row[:2] for row in rows] for pair in pairs)
-        whole = lines(mjrun("info", path, section))
+        whole = lines(mjrun_here("info", path, section))
         _, _, left_out = " ".join(line.strip() for line in told).partition("no room for ")
         assert left_out or max(map(len, whole)) <= width
         assert all(heading in whole[1] for heading in left_out.partition(";")[0].split(", "))
 
 
-def test_in_a_pipe_every_object_is_one_line_without_escapes_or_spaces_at_the_end(mjrun: Command) -> None:
-    told = lines(mjrun("info", HUMANOID, "joints"))
-    joints = json.loads(mjrun("info", HUMANOID, "joints", "--json").stdout)["joints"]
+def test_in_a_pipe_every_object_is_one_line_without_escapes_or_spaces_at_the_end(mjrun_here: Command) -> None:
+    told = lines(mjrun_here("info", HUMANOID, "joints"))
+    joints = json.loads(mjrun_here("info", HUMANOID, "joints", "--json").stdout)["joints"]
     assert [line.split()[0] for line in told[-len(joints) :]] == [joint["name"] for joint in joints]
     assert all(line == line.rstrip() and "\x1b" not in line for line in told)
 
@@ -95,14 +95,14 @@ def test_on_a_terminal_headings_stand_out_without_colours(mjrun: Command, more: 
     assert b"\x1b[3" not in told
 
 
-def test_a_folded_tree_keeps_its_branches(mjrun: Command, tmp_path: Path) -> None:
+def test_a_folded_tree_keeps_its_branches(mjrun_here: Command, tmp_path: Path) -> None:
     joints = "".join(f'<joint name="joint_number_{i}" type="slide" axis="1 0 {i}"/>' for i in range(5))
     path = tmp_path / "tree.xml"
     path.write_text(
         f'<mujoco><worldbody><body name="a">{joints}<geom size="1"/><body name="b"><geom size="1"/></body></body>'
         '<body name="c"/></worldbody></mujoco>'
     )
-    told = lines(mjrun("info", path, "bodies", env={"COLUMNS": "60"}))
+    told = lines(mjrun_here("info", path, "bodies", env={"COLUMNS": "60"}))
     stems = [line[2:10].rstrip() for line in told[3:]]
     assert stems[:2] == ["world", "├─ a"]
     end = stems.index("│  └─ b")
@@ -111,84 +111,86 @@ def test_a_folded_tree_keeps_its_branches(mjrun: Command, tmp_path: Path) -> Non
     assert stems[end + 1] == "└─ c"
 
 
-def test_a_long_section_is_cut_unless_it_is_asked_for(mjrun: Command, tmp_path: Path) -> None:
+def test_a_long_section_is_cut_unless_it_is_asked_for(mjrun_here: Command, tmp_path: Path) -> None:
     path = tmp_path / "many models.xml"
     bodies = "".join(f'<body name="b{i}"><freejoint name="j{i}"/><geom size="1"/></body>' for i in range(40))
     path.write_text(f"<mujoco><worldbody>{bodies}</worldbody></mujoco>")
-    page = "\n".join(lines(mjrun("info", path)))
+    page = "\n".join(lines(mjrun_here("info", path)))
     assert f"… 17 more: mjrun info '{path}' bodies\n" in page
     assert "j23" in page
     assert "j24" not in page
-    assert "more" not in (whole := "\n".join(lines(mjrun("info", path, "bodies", "joints"))))
+    assert "more" not in (whole := "\n".join(lines(mjrun_here("info", path, "bodies", "joints"))))
     assert "j39" in whole
     assert "also geoms (40), statistics: mjrun info " in page
 
 
-def test_sections_come_in_the_order_asked_for_and_may_be_empty(mjrun: Command) -> None:
-    told = lines(mjrun("info", ROOT / "scenes/pendulum.xml", "plugins", "joints"))
+def test_sections_come_in_the_order_asked_for_and_may_be_empty(mjrun_here: Command) -> None:
+    told = lines(mjrun_here("info", ROOT / "scenes/pendulum.xml", "plugins", "joints"))
     assert told[0] == "plugins  none"
     assert told[2].startswith("joints  ")
 
 
-def test_a_wrong_section_names_the_nearest(mjrun: Command) -> None:
-    done = mjrun("info", HUMANOID, "actuator")
+def test_a_wrong_section_names_the_nearest(mjrun_here: Command) -> None:
+    done = mjrun_here("info", HUMANOID, "actuator")
     assert (done.returncode, done.stdout) == (2, b"")
     assert done.stderr.startswith(b"mjrun: error: no section 'actuator' (did you mean 'actuators'?)\n")
 
 
-def test_columns_are_those_that_trace_lists(mjrun: Command) -> None:
+def test_columns_are_those_that_trace_lists(mjrun_here: Command) -> None:
     scene = ROOT / "scenes/pinata.xml"
-    assert mjrun("info", scene, "--columns", "--json").stdout == mjrun("trace", scene, "--list", "--json").stdout
-    listed = [line.split()[0] for line in lines(mjrun("trace", scene, "--list"))]
-    assert [line.split()[0] for line in lines(mjrun("info", scene, "--columns"))] == listed
-    assert mjrun("info", scene, "joints", "--columns").returncode == 2
+    assert (
+        mjrun_here("info", scene, "--columns", "--json").stdout == mjrun_here("trace", scene, "--list", "--json").stdout
+    )
+    listed = [line.split()[0] for line in lines(mjrun_here("trace", scene, "--list"))]
+    assert [line.split()[0] for line in lines(mjrun_here("info", scene, "--columns"))] == listed
+    assert mjrun_here("info", scene, "joints", "--columns").returncode == 2
 
 
-def test_overrides_apply(mjrun: Command) -> None:
+def test_overrides_apply(mjrun_here: Command) -> None:
     overrides = ["--timestep", "0.0005", "--integrator", "rk4", "--set", "opt.gravity=0,0,-1.62"]
-    found = json.loads(mjrun("info", ROOT / "scenes/pendulum.xml", "options", *overrides, "--json").stdout)
+    found = json.loads(mjrun_here("info", ROOT / "scenes/pendulum.xml", "options", *overrides, "--json").stdout)
     values = {setting["path"]: setting["value"] for setting in found["options"]}
     assert values["opt.gravity"] == [0, 0, -1.62]
     assert (values["opt.timestep"], values["opt.integrator"]) == (0.0005, "rk4")
 
 
-def test_names_are_cleaned_and_are_no_markup(mjrun: Command, tmp_path: Path) -> None:
+def test_names_are_cleaned_and_are_no_markup(mjrun_here: Command, tmp_path: Path) -> None:
     path = tmp_path / "hostile.xml"
     path.write_text(HOSTILE, "utf-8")
-    page = "\n".join(lines(mjrun("info", path, *SECTIONS)))
+    page = "\n".join(lines(mjrun_here("info", path, *SECTIONS)))
     assert "\x1b" not in page
     assert "\x07" not in page
     for name in (r"a\x1b[31m", "[bold]j[/bold]", r"x\ny", r"\x1b]0;owned\x07", "字幕"):
         assert name in page
-    document = json.loads(mjrun("info", path, "--json").stdout)
+    document = json.loads(mjrun_here("info", path, "--json").stdout)
     assert document["bodies"][1]["name"] == "a\x1b[31m"
 
 
-def test_stderr_is_silent_where_there_is_nothing_to_say_and_no_log_is_left(mjrun: Command) -> None:
-    done = mjrun("info", ROOT / "scenes/pendulum.xml")
+def test_stderr_is_silent_where_there_is_nothing_to_say_and_no_log_is_left(mjrun_here: Command) -> None:
+    done = mjrun_here("info", ROOT / "scenes/pendulum.xml")
     assert (done.returncode, done.stderr) == (0, b"")
-    assert mjrun.files() == []
+    assert mjrun_here.files() == []
 
 
-def test_a_model_that_is_not_there_ends_with_three(mjrun: Command) -> None:
-    done = mjrun("info", ROOT / "scenes/pendulm.xml", "--json")
+def test_a_model_that_is_not_there_ends_with_three(mjrun_here: Command) -> None:
+    done = mjrun_here("info", ROOT / "scenes/pendulm.xml", "--json")
     assert (done.returncode, done.stdout) == (3, b"")
     assert b"did you mean 'pendulum.xml'" in done.stderr
 
 
 @pytest.mark.parametrize("command", ["info", "bench", "trace"])
 def test_a_model_that_mujoco_refuses_is_sent_to_check_which_says_more(
-    mjrun: Command, tmp_path: Path, command: str
+    mjrun_here: Command, tmp_path: Path, command: str
 ) -> None:
     path = tmp_path / "a b.xml"
     path.write_text('<mujoco><worldbody><geom szie="1"/></worldbody></mujoco>')
-    done = mjrun(command, path)
+    done = mjrun_here(command, path)
     assert done.returncode == 3
     *_, last = done.stderr.decode().splitlines()
     assert last == f"  mjrun check '{path}' says where and what to do"
-    assert "write size" in (checked := mjrun("check", path).stdout.decode())
+    assert "write size" in (checked := mjrun_here("check", path).stdout.decode())
     assert "says where" not in checked
-    assert b"says where" not in mjrun(command, HUMANOID, "--set", "geom/floor.material=none").stderr
+    assert b"says where" not in mjrun_here(command, HUMANOID, "--set", "geom/floor.material=none").stderr
 
 
 def test_every_real_model_has_a_page(shared_models: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -213,24 +215,24 @@ def test_every_real_model_has_a_page(shared_models: Path, monkeypatch: pytest.Mo
 
 @pytest.mark.parametrize("pattern", ["malformed/*.xml", "humanoid/22_humanoids.xml", "plugin/*/*.xml"])
 def test_real_models_are_shown_or_refused_without_a_traceback(
-    mjrun: Command, shared_models: Path, pattern: str
+    mjrun_here: Command, shared_models: Path, pattern: str
 ) -> None:
     for path in sorted(shared_models.glob(pattern)):
-        done = mjrun("info", path)
+        done = mjrun_here("info", path)
         assert done.returncode in ((0, 3) if "malformed" in pattern else (0,)), done.stderr.decode()
         assert b"Traceback" not in done.stderr
         assert bool(done.stdout) == (done.returncode == 0)
 
 
-def test_a_collection_is_listed_a_line_each(mjrun: Command) -> None:
-    models = json.loads(mjrun("info", "scene:", "--json").stdout)["models"]
+def test_a_collection_is_listed_a_line_each(mjrun_here: Command) -> None:
+    models = json.loads(mjrun_here("info", "scene:", "--json").stdout)["models"]
     assert [model["name"] for model in models] == [f"scene:{scene.stem}" for scene in SCENES]
-    page = lines(mjrun("info", "scene:"))
+    page = lines(mjrun_here("info", "scene:"))
     assert [line.split(maxsplit=1) for line in page] == [[model["name"], model["description"]] for model in models]
 
 
-def test_a_collection_has_neither_sections_nor_columns(mjrun: Command) -> None:
+def test_a_collection_has_neither_sections_nor_columns(mjrun_here: Command) -> None:
     for arguments in (["joints"], ["--columns"]):
-        done = mjrun("info", "scene:", *arguments)
+        done = mjrun_here("info", "scene:", *arguments)
         assert done.returncode == 3
         assert done.stderr.decode().startswith("mjrun: error: scene: name the scene\n")

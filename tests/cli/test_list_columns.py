@@ -12,18 +12,20 @@ if TYPE_CHECKING:
     from tests.conftest import Command
 
 
-def test_the_names_are_those_that_a_trace_can_write(mjrun: Command, swing: Path) -> None:
-    names = [line.split()[0] for line in mjrun("trace", swing, "--list").stdout.decode().splitlines()]
+def test_the_names_are_those_that_a_trace_can_write(mjrun_here: Command, swing: Path) -> None:
+    names = [line.split()[0] for line in mjrun_here("trace", swing, "--list").stdout.decode().splitlines()]
     assert names[0] == "time"
-    written = mjrun("trace", swing, "--duration", "0.01", *(f"--probe={name}" for name in names[1:])).stdout.decode()
+    written = mjrun_here(
+        "trace", swing, "--duration", "0.01", *(f"--probe={name}" for name in names[1:])
+    ).stdout.decode()
     assert next(csv.reader(io.StringIO(written))) == names
 
 
-def test_every_line_and_every_object_has_the_unit_and_the_owner(mjrun: Command, swing: Path) -> None:
-    columns = json.loads(mjrun("trace", swing, "--list", "--json").stdout)["columns"]
+def test_every_line_and_every_object_has_the_unit_and_the_owner(mjrun_here: Command, swing: Path) -> None:
+    columns = json.loads(mjrun_here("trace", swing, "--list", "--json").stdout)["columns"]
     by_name = {column["name"]: column for column in columns}
     assert (by_name["qpos/hinge"]["unit"], by_name["qpos/hinge"]["kind"]) == ("rad", "joint")
-    lines = mjrun("info", swing, "--columns").stdout.decode().splitlines()
+    lines = mjrun_here("info", swing, "--columns").stdout.decode().splitlines()
     assert len(lines) == len(columns)
     for line, column in zip(lines, columns, strict=True):
         assert line.split()[0] == column["name"]
@@ -32,6 +34,6 @@ def test_every_line_and_every_object_has_the_unit_and_the_owner(mjrun: Command, 
         assert line == line.rstrip()
 
 
-def test_the_list_may_be_that_of_some_probes(mjrun: Command, swing: Path) -> None:
-    lines = mjrun("trace", swing, "--list", "--probe", "qvel/hinge").stdout.decode().splitlines()
+def test_the_list_may_be_that_of_some_probes(mjrun_here: Command, swing: Path) -> None:
+    lines = mjrun_here("trace", swing, "--list", "--probe", "qvel/hinge").stdout.decode().splitlines()
     assert [line.split()[0] for line in lines] == ["time", "qvel/hinge"]

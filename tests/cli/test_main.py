@@ -84,16 +84,16 @@ def test_every_option_of_every_command_has_help(name: str) -> None:
     ],
 )
 def test_a_mistake_is_explained_on_stderr_and_leaves_nothing(
-    mjrun: Command, swing: Path, arguments: list[str], code: int, message: str
+    mjrun_here: Command, swing: Path, arguments: list[str], code: int, message: str
 ) -> None:
-    swing.rename(mjrun.folder / "swing.xml")
-    done = mjrun(*arguments)
+    swing.rename(mjrun_here.folder / "swing.xml")
+    done = mjrun_here(*arguments)
     error = done.stderr.decode()
     assert (done.returncode, done.stdout) == (code, b"")
     assert error.startswith("mjrun: error: ")
     assert message.removeprefix("make it first: mkdir -p no") in error
     assert "Traceback" not in error
-    assert mjrun.files() == ["swing.xml"]
+    assert mjrun_here.files() == ["swing.xml"]
 
 
 def test_a_bad_environment_is_a_wrong_option(mjrun: Command, swing: Path) -> None:
@@ -111,11 +111,13 @@ def test_without_any_renderer_the_packages_are_named(mjrun: Command, swing: Path
     assert mjrun.files() == []
 
 
-def test_an_unstable_simulation_ends_with_four_and_names_step_time_and_joint(mjrun: Command, exploding: Path) -> None:
-    done = mjrun("video", exploding, "--key", "fast", *SMALL)
+def test_an_unstable_simulation_ends_with_four_and_names_step_time_and_joint(
+    mjrun_here: Command, exploding: Path
+) -> None:
+    done = mjrun_here("video", exploding, "--key", "fast", *SMALL)
     assert done.returncode == 4
     assert b"became unstable at step 6, time 0.18 s: the acceleration of joint 'a'" in done.stderr
-    assert mjrun.files() == []
+    assert mjrun_here.files() == []
 
 
 def test_a_bug_is_reported_in_one_line_and_its_traceback_on_request(mjrun: Command, swing: Path) -> None:
@@ -185,8 +187,8 @@ def test_suffixes_of_models_are_those_of_the_layers_below() -> None:
     assert set(MODELS) == set(SUFFIXES)
 
 
-def test_a_document_goes_to_stdout_as_json(mjrun: Command, swing: Path) -> None:
-    done = mjrun("video", swing, "--json", "--duration", "0.1", "--fps", "20", *SMALL)
+def test_a_document_goes_to_stdout_as_json(mjrun_here: Command, swing: Path) -> None:
+    done = mjrun_here("video", swing, "--json", "--duration", "0.1", "--fps", "20", *SMALL)
     assert done.returncode == 0
     found = json.loads(done.stdout)
     assert (found["path"], found["frames"], found["size"], found["codec"]) == ("swing.mp4", 2, [64, 48], "h264")

@@ -22,77 +22,79 @@ METRIC = ("--metric", "low=min(qpos/ball/z)")
 
 
 @pytest.fixture
-def ball(mjrun: Command) -> str:
-    (mjrun.folder / "ball.xml").write_text(BALL)
+def ball(mjrun_here: Command) -> str:
+    (mjrun_here.folder / "ball.xml").write_text(BALL)
     return "ball.xml"
 
 
-def test_the_report_and_the_table_say_what_has_come_of_the_points(mjrun: Command, ball: str) -> None:
-    done = mjrun("sweep", ball, "--steps", "30", "--vary", "qpos/ball/z=0.2..1:5", *METRIC, "-o", "study")
+def test_the_report_and_the_table_say_what_has_come_of_the_points(mjrun_here: Command, ball: str) -> None:
+    done = mjrun_here("sweep", ball, "--steps", "30", "--vary", "qpos/ball/z=0.2..1:5", *METRIC, "-o", "study")
     assert (done.returncode, done.stderr) == (0, b"")
     text = done.stdout.decode()
     assert "median" in text
     assert "study: 5 points (5 ok)" in text
     assert text.count("where") == 1
     assert "qpos/ball/z=0.2" in text
-    rows = pd.read_csv(mjrun.folder / "study" / "results.csv")
+    rows = pd.read_csv(mjrun_here.folder / "study" / "results.csv")
     assert rows["qpos/ball/z"].tolist() == [0.2, 0.4, 0.6, 0.8, 1]
 
-    again = mjrun("sweep", ball, "--steps", "30", "--vary", "qpos/ball/z=0.2..1:5", *METRIC, "-o", "study", "--json")
+    again = mjrun_here(
+        "sweep", ball, "--steps", "30", "--vary", "qpos/ball/z=0.2..1:5", *METRIC, "-o", "study", "--json"
+    )
     report = json.loads(again.stdout)
     assert (again.returncode, report["simulated"], report["metrics"]["low"]["count"]) == (0, 0, 5)
     assert b"5 of 5 points are known already" in again.stderr
 
 
-def test_failures_are_told_by_reason_with_a_command_that_shows_them(mjrun: Command, ball: str) -> None:
+def test_failures_are_told_by_reason_with_a_command_that_shows_them(mjrun_here: Command, ball: str) -> None:
     options = ("--steps", "30", "--vary", "qvel/ball/vz=0,-1e9", *METRIC)
-    done = mjrun("sweep", ball, *options, "-o", "study")
+    done = mjrun_here("sweep", ball, *options, "-o", "study")
     assert done.returncode == 8
     assert done.stderr == b"mjrun: error: 1 unstable, of 2 points; the others are in the table\n"
     assert b"unstable at step" in done.stdout
     line = next(line for line in done.stdout.decode().splitlines() if "mjrun trace" in line)
     alone = line.split()
-    assert mjrun(*alone[1:]).returncode == 4
+    assert mjrun_here(*alone[1:]).returncode == 4
 
-    done = mjrun("sweep", ball, *options, "-o", "study", "--json")
+    done = mjrun_here("sweep", ball, *options, "-o", "study", "--json")
     report = json.loads(done.stdout)
     assert (done.returncode, report["statuses"], report["error"]["exit_code"]) == (8, {"ok": 1, "unstable": 1}, 8)
 
 
-def test_a_study_that_was_interrupted_is_continued_by_its_folder(mjrun: Command, ball: str) -> None:
-    assert mjrun("sweep", ball, "--steps", "5", "--vary", "seed=1..8:8", *METRIC, "--chunk", "1").returncode == 0
-    folder = mjrun.folder / "ball_study"
+def test_a_study_that_was_interrupted_is_continued_by_its_folder(mjrun_here: Command, ball: str) -> None:
+    assert mjrun_here("sweep", ball, "--steps", "5", "--vary", "seed=1..8:8", *METRIC, "--chunk", "1").returncode == 0
+    folder = mjrun_here.folder / "ball_study"
     for name in ("results.csv", "results.parquet"):
         (folder / name).unlink()
     parts = sorted((folder / "parts").iterdir())
     parts[0].unlink()
     parts[1].write_bytes(parts[1].read_bytes()[:99])
 
-    plot = mjrun("plot", "ball_study", "-o", "x.png")
+    plot = mjrun_here("plot", "ball_study", "-o", "x.png")
     assert b"mjrun sweep ball_study --collect" in plot.stderr
-    done = mjrun("sweep", "ball_study")
+    done = mjrun_here("sweep", "ball_study")
     assert b"6 of 8 points are known" in done.stderr
     assert f"{parts[1].name} is damaged" in done.stderr.decode()
     assert done.returncode == 0
     assert len(pd.read_csv(folder / "results.csv").dropna(subset="low")) == 8
 
 
-def test_a_study_that_changed_says_what_has(mjrun: Command, ball: str) -> None:
+def test_a_study_that_changed_says_what_has(mjrun_here: Command, ball: str) -> None:
     options = ("--vary", "seed=1,2", *METRIC)
-    assert b"changed" not in mjrun("sweep", ball, "--steps", "5", *options).stderr
-    assert b"changed" not in mjrun("sweep", ball, "--steps", "5", *options).stderr
-    assert b"changed since the last run: steps\n" in mjrun("sweep", ball, "--steps", "6", *options).stderr
+    assert b"changed" not in mjrun_here("sweep", ball, "--steps", "5", *options).stderr
+    assert b"changed" not in mjrun_here("sweep", ball, "--steps", "5", *options).stderr
+    assert b"changed since the last run: steps\n" in mjrun_here("sweep", ball, "--steps", "6", *options).stderr
 
 
-def test_a_folder_that_is_no_study_is_refused(mjrun: Command) -> None:
-    (mjrun.folder / "empty").mkdir()
-    refused = mjrun("sweep", "empty")
+def test_a_folder_that_is_no_study_is_refused(mjrun_here: Command) -> None:
+    (mjrun_here.folder / "empty").mkdir()
+    refused = mjrun_here("sweep", "empty")
     assert (refused.returncode, b"empty: has no study.json" in refused.stderr) == (7, True)
 
 
-def test_the_folder_is_called_by_the_model(mjrun: Command, ball: str) -> None:
-    assert mjrun("sweep", ball, "--steps", "5", "--vary", "seed=1,2").returncode == 0
-    assert (mjrun.folder / "ball_study" / "results.csv").exists()
+def test_the_folder_is_called_by_the_model(mjrun_here: Command, ball: str) -> None:
+    assert mjrun_here("sweep", ball, "--steps", "5", "--vary", "seed=1,2").returncode == 0
+    assert (mjrun_here.folder / "ball_study" / "results.csv").exists()
 
 
 @pytest.mark.parametrize(
@@ -115,31 +117,31 @@ def test_the_folder_is_called_by_the_model(mjrun: Command, ball: str) -> None:
     ],
 )
 def test_mistakes_are_told_and_nothing_is_simulated(
-    mjrun: Command, ball: str, options: tuple[str, ...], code: int, expected: str
+    mjrun_here: Command, ball: str, options: tuple[str, ...], code: int, expected: str
 ) -> None:
-    done = mjrun("sweep", ball, "--steps", "5", *options)
+    done = mjrun_here("sweep", ball, "--steps", "5", *options)
     assert done.returncode == code
     assert expected in done.stderr.decode()
-    assert not list(mjrun.folder.rglob("results.*"))
+    assert not list(mjrun_here.folder.rglob("results.*"))
 
 
-def test_a_dry_run_says_what_would_be_done_and_writes_nothing(mjrun: Command, ball: str) -> None:
+def test_a_dry_run_says_what_would_be_done_and_writes_nothing(mjrun_here: Command, ball: str) -> None:
     options = (ball, "--steps", "30", "--vary", "qpos/ball/z=0.2..1:9", *METRIC, "-o", "study", "--dry-run")
-    done = mjrun("sweep", *options)
+    done = mjrun_here("sweep", *options)
     assert (done.returncode, done.stderr) == (0, b"")
     text = done.stdout.decode()
     assert "to simulate  9 in 5 chunks, 270 steps" in text
     assert ["…", "…"] in [line.split() for line in text.splitlines()]
-    report = json.loads(mjrun("sweep", *options, "--json").stdout)
+    report = json.loads(mjrun_here("sweep", *options, "--json").stdout)
     assert (report["points"], report["missing"], report["names"]) == (9, 9, ["qpos/ball/z"])
     assert [each["point"] for each in report["sample"]] == [0, 1, 2, 6, 7, 8]
-    assert sorted(path.name for path in mjrun.folder.iterdir()) == ["ball.xml"]
+    assert sorted(path.name for path in mjrun_here.folder.iterdir()) == ["ball.xml"]
 
 
-def test_four_shells_make_the_table_of_one(mjrun: Command, ball: str) -> None:
+def test_four_shells_make_the_table_of_one(mjrun: Command, mjrun_here: Command, ball: str) -> None:
     options = (ball, "--steps", "30", "--vary", "qpos/ball/z=uniform(0.2,1)", "--samples", "8", *METRIC, "--chunk", "1")
-    assert mjrun("sweep", *options, "-o", "alone", "-q").returncode == 0
-    planned = mjrun("sweep", *options, "-o", "study", "--plan", "plan.jsonl")
+    assert mjrun_here("sweep", *options, "-o", "alone", "-q").returncode == 0
+    planned = mjrun_here("sweep", *options, "-o", "study", "--plan", "plan.jsonl")
     assert (planned.returncode, planned.stdout) == (0, b"plan.jsonl: 8 points in 8 chunks\n")
 
     with ThreadPoolExecutor(4) as pool:
@@ -147,12 +149,12 @@ def test_four_shells_make_the_table_of_one(mjrun: Command, ball: str) -> None:
     for number, done in enumerate(tasks, 1):
         expected = f"study: task {number} of 4: 2 chunks, 2 points simulated (2 ok); "
         assert (done.returncode, done.stdout.decode()[: len(expected)]) == (0, expected)
-    assert mjrun("sweep", "study", "--collect", "-q").returncode == 0
-    alone, study = (mjrun.folder / name / "results.parquet" for name in ("alone", "study"))
+    assert mjrun_here("sweep", "study", "--collect", "-q").returncode == 0
+    alone, study = (mjrun_here.folder / name / "results.parquet" for name in ("alone", "study"))
     assert study.read_bytes() == alone.read_bytes()
 
 
-def test_a_task_that_was_killed_is_run_again(mjrun: Command, ball: str) -> None:
+def test_a_task_that_was_killed_is_run_again(mjrun_here: Command, ball: str) -> None:
     options = (
         ball,
         "--steps",
@@ -166,36 +168,36 @@ def test_a_task_that_was_killed_is_run_again(mjrun: Command, ball: str) -> None:
         "1",
         "-q",
     )
-    assert mjrun("sweep", *options, "-o", "alone").returncode == 0
-    assert mjrun("sweep", *options, "-o", "study", "--plan", "plan.jsonl").returncode == 0
+    assert mjrun_here("sweep", *options, "-o", "alone").returncode == 0
+    assert mjrun_here("sweep", *options, "-o", "study", "--plan", "plan.jsonl").returncode == 0
     command = [sys.executable, "-m", "mjrun", "sweep", "plan.jsonl", "--task", "1/1", "--jobs", "1"]
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}
-    with subprocess.Popen(command, cwd=mjrun.folder, env=environment, stdout=subprocess.DEVNULL) as task:
-        while not [*mjrun.folder.glob("study/parts/*.parquet")]:
+    with subprocess.Popen(command, cwd=mjrun_here.folder, env=environment, stdout=subprocess.DEVNULL) as task:
+        while not [*mjrun_here.folder.glob("study/parts/*.parquet")]:
             time.sleep(0.01)
         task.kill()
-    for left in mjrun.folder.rglob(".*.part"):  # which another process might still write, as far as anybody knows
+    for left in mjrun_here.folder.rglob(".*.part"):  # which another process might still write, as far as anybody knows
         left.unlink()
-    assert mjrun("sweep", "plan.jsonl", "--task", "1/1", "-q").returncode == 0
-    assert mjrun("sweep", "plan.jsonl", "--collect", "-q").returncode == 0
-    alone, study = (mjrun.folder / name / "results.parquet" for name in ("alone", "study"))
+    assert mjrun_here("sweep", "plan.jsonl", "--task", "1/1", "-q").returncode == 0
+    assert mjrun_here("sweep", "plan.jsonl", "--collect", "-q").returncode == 0
+    alone, study = (mjrun_here.folder / name / "results.parquet" for name in ("alone", "study"))
     assert study.read_bytes() == alone.read_bytes()
 
 
-def test_the_table_goes_to_stdout_on_request(mjrun: Command, ball: str) -> None:
+def test_the_table_goes_to_stdout_on_request(mjrun_here: Command, ball: str) -> None:
     options = (ball, "--steps", "5", "--vary", "seed=1,2", *METRIC, "-o", "study", "--csv")
-    done = mjrun("sweep", *options)
-    assert done.stdout == (mjrun.folder / "study" / "results.csv").read_bytes()
+    done = mjrun_here("sweep", *options)
+    assert done.stdout == (mjrun_here.folder / "study" / "results.csv").read_bytes()
     assert b"study: 2 points (2 ok)" in done.stderr
-    assert mjrun("sweep", "study", "--csv", "-q").stdout == done.stdout
-    assert mjrun("sweep", *options, "--json").returncode == 2
+    assert mjrun_here("sweep", "study", "--csv", "-q").stdout == done.stdout
+    assert mjrun_here("sweep", *options, "--json").returncode == 2
 
 
-def test_a_document_and_what_belongs_into_it(mjrun: Command, ball: str) -> None:
+def test_a_document_and_what_belongs_into_it(mjrun_here: Command, ball: str) -> None:
     text = f"model: {ball}\nsteps: 5\nvary: {{seed: [1, 2]}}\nmetrics: {{end: last(time)}}\n"
-    (mjrun.folder / "kicks.yaml").write_text(text)
-    assert mjrun("sweep", "kicks.yaml", "vary.seed=1..3:3").returncode == 0
-    assert pd.read_csv(mjrun.folder / "kicks" / "results.csv")["seed"].tolist() == [1, 2, 3]
+    (mjrun_here.folder / "kicks.yaml").write_text(text)
+    assert mjrun_here("sweep", "kicks.yaml", "vary.seed=1..3:3").returncode == 0
+    assert pd.read_csv(mjrun_here.folder / "kicks" / "results.csv")["seed"].tolist() == [1, 2, 3]
 
 
 @pytest.mark.parametrize(
@@ -217,9 +219,11 @@ def test_a_document_and_what_belongs_into_it(mjrun: Command, ball: str) -> None:
         (("ball.xml", "--csv", "--json"), "--csv and --json both want standard output"),
     ],
 )
-def test_what_does_not_go_together_is_told(mjrun: Command, ball: str, words: tuple[str, ...], expected: str) -> None:
-    (mjrun.folder / "k.yaml").write_text(f"model: {ball}\nsteps: 5\n")
-    (mjrun.folder / "p.jsonl").write_text("")
-    done = mjrun("sweep", *words)
+def test_what_does_not_go_together_is_told(
+    mjrun_here: Command, ball: str, words: tuple[str, ...], expected: str
+) -> None:
+    (mjrun_here.folder / "k.yaml").write_text(f"model: {ball}\nsteps: 5\n")
+    (mjrun_here.folder / "p.jsonl").write_text("")
+    done = mjrun_here("sweep", *words)
     assert done.returncode == 2
     assert expected in done.stderr.decode()

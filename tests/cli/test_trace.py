@@ -31,79 +31,79 @@ def test_the_head_of_a_trace_is_a_header_and_rows_and_nothing_else() -> None:
     assert (float(first[0]), float(second[0])) == (0, mujoco.MjModel.from_xml_path(str(PENDULUM)).opt.timestep)
 
 
-def test_a_table_on_stdout_is_silent_on_stderr(mjrun: Command) -> None:
-    done = mjrun("trace", PENDULUM, "--duration", "0.1")
+def test_a_table_on_stdout_is_silent_on_stderr(mjrun_here: Command) -> None:
+    done = mjrun_here("trace", PENDULUM, "--duration", "0.1")
     assert (done.returncode, done.stderr) == (0, b"")
     assert len(done.stdout.splitlines()) == 1 + 1 + round(0.1 / 0.001) or done.stdout.startswith(b"time,")
 
 
-def test_a_table_in_a_file_is_told_in_a_sentence(mjrun: Command) -> None:
-    done = mjrun("trace", PENDULUM, "--steps", "10", "-o", "run.csv")
+def test_a_table_in_a_file_is_told_in_a_sentence(mjrun_here: Command) -> None:
+    done = mjrun_here("trace", PENDULUM, "--steps", "10", "-o", "run.csv")
     assert done.returncode == 0
     assert done.stdout.decode().startswith("run.csv: 11 rows, ")
-    assert mjrun.files() == ["run.csv"]
+    assert mjrun_here.files() == ["run.csv"]
 
 
-def test_every_format_holds_the_same_numbers(mjrun: Command) -> None:
+def test_every_format_holds_the_same_numbers(mjrun_here: Command) -> None:
     import numpy as np
     import pyarrow.feather
     import pyarrow.parquet
     import scipy.io
 
     for suffix in ("csv", "jsonl", "parquet", "feather", "npz", "mat", "h5"):
-        assert mjrun("trace", PENDULUM, "--key", "level", "--steps", "50", "-o", f"t.{suffix}").returncode == 0
-    lines = (mjrun.folder / "t.csv").read_text().splitlines()
+        assert mjrun_here("trace", PENDULUM, "--key", "level", "--steps", "50", "-o", f"t.{suffix}").returncode == 0
+    lines = (mjrun_here.folder / "t.csv").read_text().splitlines()
     names = lines[0].split(",")
     table = np.array([line.split(",") for line in lines[1:]], float)
-    rows = [json.loads(line) for line in (mjrun.folder / "t.jsonl").read_text().splitlines()]
+    rows = [json.loads(line) for line in (mjrun_here.folder / "t.jsonl").read_text().splitlines()]
     assert [list(row) for row in rows] == [names] * 51
     assert np.array_equal([list(row.values()) for row in rows], table)
-    parquet = pyarrow.parquet.read_table(mjrun.folder / "t.parquet")
-    feather = pyarrow.feather.read_table(mjrun.folder / "t.feather")
-    npz = np.load(mjrun.folder / "t.npz")
-    scipy.io.loadmat(mjrun.folder / "t.mat")
+    parquet = pyarrow.parquet.read_table(mjrun_here.folder / "t.parquet")
+    feather = pyarrow.feather.read_table(mjrun_here.folder / "t.feather")
+    npz = np.load(mjrun_here.folder / "t.npz")
+    scipy.io.loadmat(mjrun_here.folder / "t.mat")
     for i, name in enumerate(names):
         assert np.array_equal(parquet[name].to_numpy(), table[:, i])
         assert np.array_equal(feather[name].to_numpy(), table[:, i])
         assert np.array_equal(npz[name], table[:, i])
 
 
-def test_the_list_names_columns_units_and_objects(mjrun: Command) -> None:
-    lines = mjrun("trace", ROOT / "scenes/pinata.xml", "--list").stdout.decode().splitlines()
+def test_the_list_names_columns_units_and_objects(mjrun_here: Command) -> None:
+    lines = mjrun_here("trace", ROOT / "scenes/pinata.xml", "--list").stdout.decode().splitlines()
     assert lines[0].split() == ["time", "s", "simulated", "time,", "exact"]
     swing = next(line for line in lines if line.startswith("qpos/swing "))
     assert swing.split() == ["qpos/swing", "rad", "joint", "0", "position"]
-    document = json.loads(mjrun("trace", ROOT / "scenes/pinata.xml", "--list", "--json").stdout)
+    document = json.loads(mjrun_here("trace", ROOT / "scenes/pinata.xml", "--list", "--json").stdout)
     assert [column["name"] for column in document["columns"]] == [line.split()[0] for line in lines]
 
 
-def test_an_assertion_that_fails_ends_with_one_and_says_where(mjrun: Command) -> None:
-    done = mjrun("trace", PENDULUM, "--steps", "10", "-o", "t.csv", "--assert", "max(time) < 0")
+def test_an_assertion_that_fails_ends_with_one_and_says_where(mjrun_here: Command) -> None:
+    done = mjrun_here("trace", PENDULUM, "--steps", "10", "-o", "t.csv", "--assert", "max(time) < 0")
     assert done.returncode == 1
     assert b"max(time) < 0" in done.stderr
-    assert mjrun.files() == ["t.csv"]
-    assert mjrun("trace", PENDULUM, "--steps", "10", "-o", "t.csv", "--assert", "max(time) > 0").returncode == 0
+    assert mjrun_here.files() == ["t.csv"]
+    assert mjrun_here("trace", PENDULUM, "--steps", "10", "-o", "t.csv", "--assert", "max(time) > 0").returncode == 0
 
 
-def test_json_and_a_table_do_not_share_stdout(mjrun: Command) -> None:
-    assert mjrun("trace", PENDULUM, "--json").returncode == 2
-    found = json.loads(mjrun("trace", PENDULUM, "--json", "-o", "t.csv", "--steps", "3").stdout)
+def test_json_and_a_table_do_not_share_stdout(mjrun_here: Command) -> None:
+    assert mjrun_here("trace", PENDULUM, "--json").returncode == 2
+    found = json.loads(mjrun_here("trace", PENDULUM, "--json", "-o", "t.csv", "--steps", "3").stdout)
     assert (found["rows"], found["format"], found["steps"]) == (4, "csv", 3)
 
 
-def test_a_wrong_probe_lists_near_names(mjrun: Command) -> None:
-    done = mjrun("trace", PENDULUM, "--probe", "qpos,enrgy")
+def test_a_wrong_probe_lists_near_names(mjrun_here: Command) -> None:
+    done = mjrun_here("trace", PENDULUM, "--probe", "qpos,enrgy")
     assert done.returncode == 2
     assert b"no probe 'enrgy' (did you mean 'energy'?)" in done.stderr
     assert done.stdout == b""
 
 
-def test_the_list_is_of_the_probes_that_are_given(mjrun: Command) -> None:
-    lines = mjrun("trace", PENDULUM, "--list", "--probe", "energy/drift,time,qpos").stdout.decode().splitlines()
+def test_the_list_is_of_the_probes_that_are_given(mjrun_here: Command) -> None:
+    lines = mjrun_here("trace", PENDULUM, "--list", "--probe", "energy/drift,time,qpos").stdout.decode().splitlines()
     assert [line.split()[0] for line in lines] == ["time", "energy/drift", "qpos/hinge"]
-    every = mjrun("trace", PENDULUM, "--list").stdout.decode().splitlines()
+    every = mjrun_here("trace", PENDULUM, "--list").stdout.decode().splitlines()
     assert {" ".join(line.split()) for line in lines} < {" ".join(line.split()) for line in every}
-    done = mjrun("trace", PENDULUM, "--list", "--probe", "qpos,bogus")
+    done = mjrun_here("trace", PENDULUM, "--list", "--probe", "qpos,bogus")
     assert (done.returncode, done.stdout) == (2, b"")
     assert b"no probe 'bogus'" in done.stderr
 
@@ -124,63 +124,65 @@ def test_the_list_is_of_the_probes_that_are_given(mjrun: Command) -> None:
         (["--assert", "max(speed/bob) < 1"], "the model offers it: add --probe speed/bob"),
     ],
 )
-def test_what_cannot_be_meant_is_refused_and_nothing_is_written(mjrun: Command, options: list[str], said: str) -> None:
-    done = mjrun("trace", PENDULUM, "--steps", "3", *options)
+def test_what_cannot_be_meant_is_refused_and_nothing_is_written(
+    mjrun_here: Command, options: list[str], said: str
+) -> None:
+    done = mjrun_here("trace", PENDULUM, "--steps", "3", *options)
     assert (done.returncode, done.stdout) == (2, b"")
     assert said in done.stderr.decode()
-    assert mjrun.files() == []
+    assert mjrun_here.files() == []
 
 
-def test_csv_is_the_format_said_shortly(mjrun: Command) -> None:
+def test_csv_is_the_format_said_shortly(mjrun_here: Command) -> None:
     tables = [
-        mjrun("trace", PENDULUM, "--steps", "3", *options)
+        mjrun_here("trace", PENDULUM, "--steps", "3", *options)
         for options in ([], ["--csv"], ["--format", "csv"], ["--csv", "--format", "csv"])
     ]
     assert {done.returncode for done in tables} == {0}
     assert len({done.stdout for done in tables}) == 1
-    assert mjrun("trace", PENDULUM, "--steps", "3", "--csv", "-o", "t.dat").returncode == 0
-    assert (mjrun.folder / "t.dat").read_bytes() == tables[0].stdout
+    assert mjrun_here("trace", PENDULUM, "--steps", "3", "--csv", "-o", "t.dat").returncode == 0
+    assert (mjrun_here.folder / "t.dat").read_bytes() == tables[0].stdout
 
 
-def test_a_rate_above_that_of_the_steps_is_a_warning(mjrun: Command) -> None:
-    done = mjrun("trace", PENDULUM, "--steps", "3", "--rate", "30000")
+def test_a_rate_above_that_of_the_steps_is_a_warning(mjrun_here: Command) -> None:
+    done = mjrun_here("trace", PENDULUM, "--steps", "3", "--rate", "30000")
     assert done.returncode == 0
     assert b"warning: --rate 30000 is more than the 500 steps of a simulated second" in done.stderr
     assert len(done.stdout.splitlines()) == 5
 
 
-def test_the_last_instant_is_saved_as_a_keyframe_that_the_next_run_starts_from(mjrun: Command) -> None:
+def test_the_last_instant_is_saved_as_a_keyframe_that_the_next_run_starts_from(mjrun_here: Command) -> None:
     arguments = ("--steps", "50", "--push", "pendulum=0.1/0/0@0.01+0.02")
-    assert mjrun("trace", PENDULUM, *arguments, "-o", "a.csv", "--save-key", "p.xml:later").returncode == 0
-    assert mjrun("trace", "p.xml", "--key", "later", "--steps", "1", "-o", "b.csv").returncode == 0
-    before, after = ((mjrun.folder / name).read_text().splitlines() for name in ("a.csv", "b.csv"))
+    assert mjrun_here("trace", PENDULUM, *arguments, "-o", "a.csv", "--save-key", "p.xml:later").returncode == 0
+    assert mjrun_here("trace", "p.xml", "--key", "later", "--steps", "1", "-o", "b.csv").returncode == 0
+    before, after = ((mjrun_here.folder / name).read_text().splitlines() for name in ("a.csv", "b.csv"))
     assert before[-1].split(",")[1:3] == after[1].split(",")[1:3]
 
-    assert mjrun("trace", PENDULUM, "--steps", "1", "-o", "a.csv", "--save-key", "q.xml").returncode == 0
-    assert '<key name="end" ' in (mjrun.folder / "q.xml").read_text()
-    printed = mjrun("trace", PENDULUM, *arguments, "--save-key", "p.xml:later", "--print-document").stdout.decode()
+    assert mjrun_here("trace", PENDULUM, "--steps", "1", "-o", "a.csv", "--save-key", "q.xml").returncode == 0
+    assert '<key name="end" ' in (mjrun_here.folder / "q.xml").read_text()
+    printed = mjrun_here("trace", PENDULUM, *arguments, "--save-key", "p.xml:later", "--print-document").stdout.decode()
     assert "push: pendulum=0.1/0/0@0.01+0.02\n" in printed
     assert printed.endswith("keyframes:\n- {output: p.xml, name: later}\n")
 
 
-def test_a_recording_is_verified_and_the_exit_code_is_the_verdict(mjrun: Command) -> None:
-    assert mjrun("trace", PENDULUM, "--key", "level", "--steps", "100", "--recording", "r.npz").returncode == 0
-    same = mjrun("trace", PENDULUM, "--replay", "r.npz", "--verify")
+def test_a_recording_is_verified_and_the_exit_code_is_the_verdict(mjrun_here: Command) -> None:
+    assert mjrun_here("trace", PENDULUM, "--key", "level", "--steps", "100", "--recording", "r.npz").returncode == 0
+    same = mjrun_here("trace", PENDULUM, "--replay", "r.npz", "--verify")
     assert (same.returncode, same.stderr) == (0, b"")
     assert same.stdout == b"r.npz: stepped again, and the same: 100 steps, bit for bit\n"
 
-    other = mjrun("trace", PENDULUM, "--replay", "r.npz", "--verify", "--set", "opt.gravity=0,0,-9.80", "--json")
+    other = mjrun_here("trace", PENDULUM, "--replay", "r.npz", "--verify", "--set", "opt.gravity=0,0,-9.80", "--json")
     assert other.returncode == 1
     document = json.loads(other.stdout)
     assert (document["agrees"], document["steps"]) == (False, 1)
     assert document["origins"][-1] == "overrides: recorded with none, verified with opt.gravity=0,0,-9.80"
 
-    without = mjrun("trace", PENDULUM, "--verify")
+    without = mjrun_here("trace", PENDULUM, "--verify")
     assert (without.returncode, without.stderr.decode()) == (
         2,
         "mjrun: error: --verify compares a recording with its physics: name it by --replay\n",
     )
-    written = mjrun("trace", PENDULUM, "--replay", "r.npz", "--verify", "-o", "a.csv")
+    written = mjrun_here("trace", PENDULUM, "--replay", "r.npz", "--verify", "-o", "a.csv")
     assert written.returncode == 2
     assert b"--verify compares states and measures nothing: leave out --output" in written.stderr
-    assert mjrun.files() == ["r.npz"]
+    assert mjrun_here.files() == ["r.npz"]

@@ -17,56 +17,58 @@ if TYPE_CHECKING:
 FAST = ("--size", "64x48", "--quality", "draft", "--duration", "0.2", "--fps", "20")
 
 
-def test_a_model_is_enough(mjrun: Command, swing: Path, decode: Callable[[Path], Film]) -> None:
-    done = mjrun("video", swing, "--size", "64x36", "--quality", "draft")
+def test_a_model_is_enough(mjrun_here: Command, swing: Path, decode: Callable[[Path], Film]) -> None:
+    done = mjrun_here("video", swing, "--size", "64x36", "--quality", "draft")
     assert done.returncode == 0
-    assert mjrun.files() == ["swing.mp4"]
+    assert mjrun_here.files() == ["swing.mp4"]
     sentence = done.stdout.decode()
     assert sentence.startswith("swing.mp4: 64x36, 150 frames, 5 s at 30 fps, h264; made in ")
     assert sentence.count("\n") == 1
-    assert len(decode(mjrun.folder / "swing.mp4").frames) == 150
+    assert len(decode(mjrun_here.folder / "swing.mp4").frames) == 150
 
 
-def test_a_film_in_a_pipe_is_whole_and_alone_there(mjrun: Command, swing: Path, decode: Callable[[Path], Film]) -> None:
+def test_a_film_in_a_pipe_is_whole_and_alone_there(
+    mjrun_here: Command, swing: Path, decode: Callable[[Path], Film]
+) -> None:
     for container in ("mp4", "mkv", "webm", "gif", "apng", "mov"):
-        done = mjrun("video", swing, "-o", "-", "--format", container, *FAST)
+        done = mjrun_here("video", swing, "-o", "-", "--format", container, *FAST)
         assert done.returncode == 0
-        path = mjrun.folder / f"piped.{container}"
+        path = mjrun_here.folder / f"piped.{container}"
         path.write_bytes(done.stdout)
         film = decode(path)
         assert len(film.frames) == 4
         assert film.start == 0
         assert done.stderr.decode().splitlines()[-1].startswith("-: 64x48, 4 frames")
-    assert len(mjrun("video", swing, "-o", "-", "--format", "rgb", *FAST).stdout) == 4 * 64 * 48 * 3
+    assert len(mjrun_here("video", swing, "-o", "-", "--format", "rgb", *FAST).stdout) == 4 * 64 * 48 * 3
 
 
-def test_a_piped_mp4_is_fragmented(mjrun: Command, swing: Path) -> None:
-    assert b"moof" in mjrun("video", swing, "-o", "-", *FAST).stdout
+def test_a_piped_mp4_is_fragmented(mjrun_here: Command, swing: Path) -> None:
+    assert b"moof" in mjrun_here("video", swing, "-o", "-", *FAST).stdout
 
 
-def test_quiet_says_nothing_and_verbose_says_more(mjrun: Command, swing: Path) -> None:
-    quiet = mjrun("video", swing, "-q", *FAST)
+def test_quiet_says_nothing_and_verbose_says_more(mjrun_here: Command, swing: Path) -> None:
+    quiet = mjrun_here("video", swing, "-q", *FAST)
     assert (quiet.returncode, quiet.stdout, quiet.stderr) == (0, b"", b"")
-    assert b"simulated in " in mjrun("video", swing, "-v", *FAST).stderr
+    assert b"simulated in " in mjrun_here("video", swing, "-v", *FAST).stderr
 
 
-def test_a_film_may_be_a_folder_or_a_pattern(mjrun: Command, swing: Path) -> None:
-    assert mjrun("video", swing, "-o", "frames/", *FAST).returncode == 0
-    assert len(list((mjrun.folder / "frames").iterdir())) == 4
-    assert mjrun("video", swing, "-o", "f_%d.png", *FAST).returncode == 0
-    assert mjrun.files() == ["f_0.png", "f_1.png", "f_2.png", "f_3.png", "frames"]
+def test_a_film_may_be_a_folder_or_a_pattern(mjrun_here: Command, swing: Path) -> None:
+    assert mjrun_here("video", swing, "-o", "frames/", *FAST).returncode == 0
+    assert len(list((mjrun_here.folder / "frames").iterdir())) == 4
+    assert mjrun_here("video", swing, "-o", "f_%d.png", *FAST).returncode == 0
+    assert mjrun_here.files() == ["f_0.png", "f_1.png", "f_2.png", "f_3.png", "frames"]
 
 
-def test_the_same_command_gives_the_same_pixels(mjrun: Command, swing: Path) -> None:
+def test_the_same_command_gives_the_same_pixels(mjrun_here: Command, swing: Path) -> None:
     command = ("video", swing, "-o", "-", "--format", "rgb", "-q", "--perturb", "1", "--seed", "7", *FAST)
-    first, second = mjrun(*command), mjrun(*command, env={"LC_ALL": "de_DE.UTF-8", "LP_NUM_THREADS": "1"})
-    other = mjrun(*command, "--seed", "8")
+    first, second = mjrun_here(*command), mjrun_here(*command, env={"LC_ALL": "de_DE.UTF-8", "LP_NUM_THREADS": "1"})
+    other = mjrun_here(*command, "--seed", "8")
     assert first.stdout == second.stdout != other.stdout
 
 
-def test_every_shared_option_reaches_the_simulation(mjrun: Command, swing: Path) -> None:
+def test_every_shared_option_reaches_the_simulation(mjrun_here: Command, swing: Path) -> None:
     command = ("video", swing, "-o", "-", "--format", "rgb", "-q", *FAST)
-    plain = mjrun(*command).stdout
+    plain = mjrun_here(*command).stdout
     changes = (
         ("--qpos", "hinge=1"),
         ("--qvel", "hinge=5"),
@@ -82,13 +84,13 @@ def test_every_shared_option_reaches_the_simulation(mjrun: Command, swing: Path)
         ("--quality", "model"),
     )
     for change in changes:
-        done = mjrun(*command, *change)
+        done = mjrun_here(*command, *change)
         assert done.returncode == 0, done.stderr
         assert done.stdout != plain, change
 
 
 @pytest.mark.parametrize("suffix", ["xml", "mjb", "zip"])
-def test_a_model_loads_whatever_its_container(mjrun: Command, swing: Path, suffix: str) -> None:
+def test_a_model_loads_whatever_its_container(mjrun_here: Command, swing: Path, suffix: str) -> None:
     import mujoco
 
     path = swing.with_suffix(f".{suffix}")
@@ -97,8 +99,8 @@ def test_a_model_loads_whatever_its_container(mjrun: Command, swing: Path, suffi
     elif suffix == "zip":
         with path.open("wb") as file:
             mujoco.MjSpec.from_file(str(swing)).to_zip(file)
-    assert mjrun("video", path, "-q", *FAST).returncode == 0
-    assert mjrun.files() == ["swing.mp4"]
+    assert mjrun_here("video", path, "-q", *FAST).returncode == 0
+    assert mjrun_here.files() == ["swing.mp4"]
 
 
 def children(parent: int, word: bytes) -> list[int]:
@@ -126,12 +128,12 @@ def test_a_killed_encoder_ends_with_six(mjrun: Command, swing: Path) -> None:
     assert mjrun.files() == ["swing.mp4"]
 
 
-def test_a_hostile_name_reaches_the_terminal_harmless(mjrun: Command, tmp_path: Path) -> None:
+def test_a_hostile_name_reaches_the_terminal_harmless(mjrun_here: Command, tmp_path: Path) -> None:
     model = tmp_path / "hostile.xml"
     model.write_text(
         '<mujoco><worldbody><body><joint name="&#27;]0;owned&#7;"/><geom size=".1"/></body></worldbody></mujoco>'
     )
-    done = mjrun("video", model, "--qpos", "x=1")
+    done = mjrun_here("video", model, "--qpos", "x=1")
     assert done.returncode == 2
     assert b"\x1b" not in done.stderr
     assert b"\\x1b]0;owned\\x07" in done.stderr

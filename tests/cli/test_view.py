@@ -138,10 +138,10 @@ def test_a_port_in_use_is_told(mjrun: Command, swing: Path) -> None:
     assert f"--port: {port} cannot be had: Address already in use".encode() in done.stderr
 
 
-def test_what_is_wrong_is_told_before_anything_opens(mjrun: Command, swing: Path) -> None:
-    assert mjrun("view", swing, "--no-browser", "--port", "8080").returncode == 2
-    assert mjrun("view", swing, "--speed", "0").returncode == 2
-    assert mjrun("view", swing, "--recording", "seen.csv").returncode == 2
-    assert mjrun("view", "nowhere.xml").returncode == 3
-    assert mjrun("view", swing, "--recording", "nowhere/seen.npz").returncode == 7
-    assert mjrun.files() == []
+def test_what_is_wrong_is_told_before_anything_opens(mjrun_here: Command, swing: Path) -> None:
+    assert mjrun_here("view", swing, "--no-browser", "--port", "8080").returncode == 2
+    assert mjrun_here("view", swing, "--speed", "0").returncode == 2
+    assert mjrun_here("view", swing, "--recording", "seen.csv").returncode == 2
+    assert mjrun_here("view", "nowhere.xml").returncode == 3
+    assert mjrun_here("view", swing, "--recording", "nowhere/seen.npz").returncode == 7
+    assert mjrun_here.files() == []
