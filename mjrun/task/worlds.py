@@ -15,9 +15,9 @@ from mujoco.batch import SimulationError as BatchError
 
 from mjrun.model.source import Source
 from mjrun.model.variants import ModelVariants
-from mjrun.options.task import CURRENT
+from mjrun.options.task import CURRENT, LAGGED
 from mjrun.probe.task_expression import TaskColumns
-from mjrun.sim.c_engine import AUTORESET, ENERGY, SLEEP
+from mjrun.sim.c_engine import AUTORESET, ENERGY, RK4, SLEEP
 from mjrun.sim.stepper import BAD
 from mjrun.task.action_map import ActionMap, TargetTorques
 from mjrun.task.command_signals import CommandSignals
@@ -222,7 +222,10 @@ class TaskWorlds:
         self._starts = EpisodeStarts(task.reset, model)
 
         self._of_terms = len(plan.measured)
-        measured = MeasurementPlan(model, [*plan.measured, *self._expressions.measured], can_sense(spec, model))
+        # A sensor's share of a step comes before the stages of RK4, behind which a step leaves everything else.
+        is_rk4 = model.opt.integrator == RK4 or any(path == "opt.integrator" for path, _ in task.reset.vary)
+        sensible = can_sense(spec, model) and not (is_rk4 and task.derived == LAGGED)
+        measured = MeasurementPlan(model, [*plan.measured, *self._expressions.measured], sensible)
         self._batch = self._open(model, measured, threads)
         self._measurement = measured.measurement(self._batch, self._model_of)
         self._ctrl, self._qpos, self._qvel = (self._batch.bind(name) for name in ("ctrl", "qpos", "qvel"))
