@@ -155,10 +155,11 @@ class TaskWorlds:
         with self.task.located():
             self._load([int(seed) for seed in seeds], worlds)
         rows, some = (ALL, None) if ids is None else (worlds, worlds)
+        chosen = _sorted(ids)
         self._instants[worlds], self._actions[worlds] = 0, 0
         self._over[worlds] = self._failed[worlds] = False
         self._batch.warning[worlds] = 0
-        self._call(lambda: self._batch.forward(some, max(self._reset_stage, POSITION)))
+        self._call(lambda: self._batch.forward(chosen, max(self._reset_stage, POSITION)))
         self._measurement.begin(rows)
 
         measured, inputs = self._measure(rows), self._inputs(worlds)
@@ -200,7 +201,7 @@ class TaskWorlds:
     def finish(self, ids: Ids | None = None) -> TaskStep:
         """What has come of the control period, whose `control_steps` steps are taken."""
         if self._stage != NONE:
-            some = None if ids is None else np.asarray(ids, int)
+            some = _sorted(ids)
             self._call(lambda: self._batch.forward(some, self._stage))
         return self._finish(ids)
 
@@ -270,7 +271,7 @@ class TaskWorlds:
 
     def _advance(self, steps: int, ids: Ids | None, stage: int) -> None:
         """Takes steps, and computes what is derived of the state up to `stage`."""
-        rows, some = (ALL, None) if ids is None else (np.asarray(ids, int), np.asarray(ids, int))
+        rows, some = ALL if ids is None else np.asarray(ids, int), _sorted(ids)
         if not self._torques.is_needed:
             self._call(lambda: self._batch.step(some, steps, stage))
             return
@@ -336,6 +337,11 @@ class TaskWorlds:
         name = next(name for name, good in zip(self.action_names, finite[row], strict=True) if not good)
         value = actions[row, self.action_names.index(name)]
         raise ValueError(f"actions must be finite: {name} is {value} in world {self._all[rows][row]}")
+
+
+def _sorted(ids: Ids | None) -> np.ndarray | None:
+    """The ids as a batch takes them."""
+    return None if ids is None else np.sort(np.asarray(ids, int))
 
 
 def _sum(terms: np.ndarray, count: int) -> np.ndarray:
