@@ -182,9 +182,14 @@ def exclusions_of(cls: type[Options]) -> tuple[Exclusion, ...]:
     return tuple(dict.fromkeys(each for home in cls.__mro__ for each in vars(home).get("exclusions", ())))
 
 
+@cache
+def _by_name(cls: type[Options]) -> dict[str, Option]:
+    return {each.name: each for each in options_of(cls)}
+
+
 def is_given(values: Options, name: str) -> bool:
     """Whether an option is other than its default."""
-    each = next(each for each in options_of(type(values)) if each.name == name)
+    each = _by_name(type(values))[name]
     value = getattr(values, each.attribute)
     return value is not None and value != each.default
 
