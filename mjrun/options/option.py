@@ -176,6 +176,16 @@ def options_of(cls: type[Options]) -> tuple[Option, ...]:
     return tuple(declared.values())
 
 
+def document_options(declared: type[Options]) -> list[Option]:
+    """Those options that documents know."""
+    return [each for each in options_of(declared) if FrontEnd.DOCUMENT in each.places]
+
+
+def is_always_written(each: Option) -> bool:
+    """Whether a document must say something: it has no standard output."""
+    return each.is_required or each.name == "output"
+
+
 @cache
 def exclusions_of(cls: type[Options]) -> tuple[Exclusion, ...]:
     """The exclusions that `cls` declares and inherits."""

@@ -23,13 +23,13 @@ from mjrun.formats.atomic_output import OutputWriter, StagedFile
 from mjrun.job.manifest import plain
 from mjrun.model.fingerprint import model_fingerprint
 from mjrun.model.sources import source_of
+from mjrun.options.sweep import PARTS
 from mjrun.study.simulate import PointResult, StudySpec
 from mjrun.version import __version__
 
 if TYPE_CHECKING:
     import pyarrow
 
-FOLDER = "parts"
 SUFFIX = ".parquet"
 METRIC = "metric:"  # before the name of each
 LAST = ("steps", "exit_code", "message", "wall")
@@ -112,7 +112,7 @@ class PartFiles:
     """
 
     def __init__(self, folder: Path, metrics: Sequence[str]) -> None:
-        self._folder, self._metrics = folder / FOLDER, tuple(metrics)
+        self._folder, self._metrics = folder / PARTS, tuple(metrics)
         self.damaged: list[Path] = []  # of those that were read
 
     def create(self) -> None:
