@@ -125,7 +125,7 @@ def _array(values: np.ndarray, column: Column) -> "pyarrow.Array":
 
     if column.integer:
         gaps = np.isnan(values)
-        return pyarrow.array(np.where(gaps, 0, values).astype(np.int64), mask=gaps)
+        return number_array(np.where(gaps, 0, values).astype(np.int64), ~gaps)
     if not column.labels:
         return number_array(values)
     indices = number_array(values.astype(np.int32), values >= 0)
