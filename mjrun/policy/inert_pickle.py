@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import cast
 
 import numpy as np
+from numpy._core import multiarray, numeric  # pyright: ignore
 
 from mjrun.formats.input_file import decoding, opened
 
@@ -25,10 +26,11 @@ class Inert:
     """
 
     name = ""
+    values: dict[str, object]
 
     def __new__(cls, *arguments: object, **keywords: object) -> "Inert":
         self = super().__new__(cls)
-        self.values: dict[str, object] = {}
+        self.values = {}
         return self
 
     def __init__(self, *arguments: object, **keywords: object) -> None:
@@ -60,9 +62,12 @@ MAKERS = {
     **{
         (f"numpy.{core}.multiarray", name): make
         for core in ("core", "_core")
-        for name, make in (("_reconstruct", _empty_array), ("scalar", np._core.multiarray.scalar))
+        for name, make in (("_reconstruct", _empty_array), ("scalar", multiarray.scalar))
     },
-    **{(f"numpy.{core}.numeric", "_frombuffer"): np._core.numeric._frombuffer for core in ("core", "_core")},
+    **{
+        (f"numpy.{core}.numeric", "_frombuffer"): numeric._frombuffer  # pyright: ignore[reportAttributeAccessIssue]
+        for core in ("core", "_core")
+    },
     ("numpy", "ndarray"): np.ndarray,
     ("numpy", "dtype"): np.dtype,
     ("_codecs", "encode"): _latin,

@@ -49,6 +49,7 @@ def mjlab_facts(metadata: Mapping[str, str], path: Path) -> PolicyFacts:
         damping=damping,
         commands=lists.names("command_names") or (),
         quaternion_order="wxyz",  # MuJoCo's own
+        rounding=ROUNDING,
     )
 
 

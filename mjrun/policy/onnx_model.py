@@ -4,7 +4,7 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
@@ -12,7 +12,7 @@ from mjrun.errors import FileError, MissingExtraError, UsageError, clean, listin
 from mjrun.formats.input_file import require_file
 
 if TYPE_CHECKING:
-    from onnxruntime import InferenceSession, NodeArg
+    from onnxruntime import InferenceSession
 
 SUFFIXES = (".onnx",)
 FLOATS = {"tensor(float)": np.float32, "tensor(double)": np.float64, "tensor(float16)": np.float16}
@@ -27,6 +27,14 @@ CAUSES = (
     (r"only \*guarantees\* support|Unsupported model IR version", "it is written for a newer onnxruntime"),
     (r"Protobuf parsing failed|No graph was found", "is no ONNX model, or a damaged one"),
 )
+
+
+class _Node(Protocol):
+    """What onnxruntime says of an input or output."""
+
+    name: str
+    type: str
+    shape: Sequence[int | str | None]
 
 
 @dataclass(frozen=True)
@@ -86,7 +94,7 @@ class OnnxModel:
           UsageError: the model cannot be computed with these inputs.
         """
         try:
-            return self._session.run(list(outputs), dict(inputs))
+            return [np.asarray(value) for value in self._session.run(list(outputs), dict(inputs))]
         except Exception as error:  # onnxruntime's have no base of their own
             reason = _reason(str(error))
             raise UsageError(f"{clean(str(self.path))} cannot be computed: {reason}", ("policy",)) from error
@@ -138,7 +146,7 @@ def _reason(message: str) -> str:
     return clean(" ".join(text.split()))
 
 
-def _tensor(node: "NodeArg") -> Tensor:
+def _tensor(node: "_Node") -> Tensor:
     return Tensor(node.name, node.type, tuple(each if isinstance(each, int) else None for each in node.shape))
 
 

@@ -20,12 +20,14 @@ class ObservationFacts:
     Attributes:
       name: of the part, in the words of the file.
       size: how many numbers it has, history included.
+      kind: in the words of the file: `state/joint/position`.
       elements: names of these numbers: joints, or x, y, z.
       scale, clip, history: as in the observations of a task; the clip follows the scale.
     """
 
     name: str
     size: int | None = None
+    kind: str | None = None
     elements: tuple[str, ...] | None = None
     scale: Numbers | None = None
     clip: tuple[float, float] | None = None
@@ -47,6 +49,7 @@ class PolicyFacts:
       commands: their names.
       control_dt: time between two actions [s].
       quaternion_order: `wxyz` or `xyzw`, of quaternions in observations.
+      rounding: by how much numbers may be off as the file writes them.
     """
 
     observation_size: int | None = None
@@ -61,6 +64,7 @@ class PolicyFacts:
     commands: tuple[str, ...] | None = None
     control_dt: Fraction | None = None
     quaternion_order: str | None = None
+    rounding: float = 0.0
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,7 @@ from mjrun.policy.policy import ActionSpace, Actor, Policy, PolicyFacts
 from mjrun.policy.trust import require_trusted_file
 
 if TYPE_CHECKING:
-    from stable_baselines3.common.policies import BasePolicy
+    from stable_baselines3.common.policies import BasePolicy  # pyright: ignore[reportMissingImports]
 
 
 class StableBaselinesPolicy(Policy):
@@ -64,8 +64,8 @@ def _is_continuous(policy: "BasePolicy") -> bool:
 
 def _read(path: Path) -> "BasePolicy":
     try:
-        import torch
-        from stable_baselines3.common.save_util import load_from_zip_file
+        import torch  # pyright: ignore[reportMissingImports]
+        from stable_baselines3.common.save_util import load_from_zip_file  # pyright: ignore[reportMissingImports]
     except ImportError:
         raise MissingExtraError("a policy of Stable-Baselines3", "stable-baselines3") from None
 

@@ -1,6 +1,7 @@
 """Policies in TorchScript, as Isaac Lab and rsl_rl export them beside ONNX."""
 
 import io
+import warnings
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -11,7 +12,7 @@ from mjrun.policy.policy import ActionSpace, Actor, Policy
 from mjrun.policy.trust import require_trusted_file
 
 if TYPE_CHECKING:
-    from torch.jit import ScriptModule
+    from torch.jit import ScriptModule  # pyright: ignore[reportMissingImports]
 
 
 class TorchScriptPolicy(Policy):
@@ -35,13 +36,15 @@ class TorchScriptPolicy(Policy):
 
     def _read(self) -> "ScriptModule":
         try:
-            import torch
+            import torch  # pyright: ignore[reportMissingImports]
         except ImportError:
             raise MissingExtraError("a policy in TorchScript", "torch") from None
 
         torch.set_num_threads(1)  # so that sums have one order
         try:
-            return torch.jit.load(io.BytesIO(self._content), map_location="cpu").eval()
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore")  # torch deprecates what Isaac Lab and rsl_rl export
+                return torch.jit.load(io.BytesIO(self._content), map_location="cpu").eval()
         except (RuntimeError, ValueError) as error:
             advice = "a checkpoint holds weights without the network; export the policy as ONNX or TorchScript"
             raise FileError(
@@ -56,7 +59,7 @@ class _TorchScriptActor:
             network.reset()
 
     def act(self, observation: np.ndarray) -> np.ndarray:
-        import torch
+        import torch  # pyright: ignore[reportMissingImports]
 
         with torch.inference_mode():
             try:

@@ -6,19 +6,19 @@ import numpy as np
 import pytest
 
 from mjrun.errors import UnknownNameError, UsageError
-from mjrun.probe.metric import MetricEvaluation, parse_metric
+from mjrun.probe.metric import parse_metric
 
 RNG = np.random.default_rng(4)
 X, Y = RNG.normal(size=1500), RNG.normal(size=1500)
 
 
 def value(text: str, sizes: tuple[int, ...] = (1500,)) -> float:
-    evaluation = MetricEvaluation([parse_metric(text, ["x", "y"], "metric")], ["y", "x"])
+    evaluator = parse_metric(text, ["x", "y"], "metric").evaluator(["y", "x"])
     start = 0
     for size in sizes:
-        evaluation.feed(np.stack([Y, X], axis=1)[start : start + size])
+        evaluator.feed(np.stack([Y, X], axis=1)[start : start + size])
         start += size
-    return evaluation.values()[0]
+    return evaluator.value()
 
 
 @pytest.mark.parametrize(

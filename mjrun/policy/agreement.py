@@ -1,0 +1,214 @@
+"""Whether a policy and a task fit: what the file of the policy says of itself, beside what the task says."""
+
+from collections.abc import Iterator, Sequence
+from functools import cached_property
+
+import mujoco
+import numpy as np
+
+from mjrun.errors import UsageError, clean, counted, listing, option
+from mjrun.model.names import names
+from mjrun.options.task import CONTROL, POSITION
+from mjrun.policy.policy import ObservationFacts, Policy, PolicyFacts
+from mjrun.task.action_map import TRANSMISSIONS
+from mjrun.task.observation_vector import ObservedNumber
+from mjrun.task.task import Task
+from mjrun.task.worlds import TaskWorlds
+
+QUATERNIONS = {"wxyz": ["qw", "qx", "qy", "qz"], "xyzw": ["qx", "qy", "qz", "qw"]}
+EQUAL = 1e-6  # relative: numbers of files are often float32
+JOINT_POSITION = "joint_pos"  # what mjlab calls positions relative to the default pose
+
+
+def check_agreement(task: Task, policy: Policy) -> None:
+    """Checks that nothing in the file of `policy` contradicts `task`; where the file is silent, the task counts.
+
+    Raises:
+      UsageError: something does; the message shows both sides of all that does. Or the task does not fit its model.
+      ModelError: the model cannot be had.
+    """
+    if policy.facts == PolicyFacts():
+        return
+    contradictions = [*_Comparison(task, policy.facts).contradictions()]
+    if contradictions:
+        first = f"{option('policy')} {clean(policy.name)} contradicts {clean(task.text) or 'the task'}:"
+        raise UsageError("\n".join([first, *(f"  {each}" for each in contradictions)]), ("policy",))
+
+
+class _Comparison:
+    """A task beside the facts of a policy; names are compared without what a scene puts before them: `robot/knee`."""
+
+    def __init__(self, task: Task, facts: PolicyFacts) -> None:
+        self._task, self._facts = task, facts
+        self._worlds = TaskWorlds(task, 1, threads=1)
+        self._model = self._worlds.model(0)
+        self._terms: dict[str, list[ObservedNumber]] = {}
+        for number in self._worlds.observed:
+            self._terms.setdefault(number.term, []).append(number)
+
+    def contradictions(self) -> Iterator[str]:
+        """A sentence for each."""
+        facts, observed, driven = self._facts, self._worlds.observed, self._worlds.action_names
+        if facts.control_dt not in (None, self._task.control_dt):
+            periods = [f"{float(period):g} s" for period in (facts.control_dt, self._task.control_dt) if period]
+            yield f"{option('control_dt')}: {_both(*periods)}"
+        yield from self._parts()
+        if facts.observation_size not in (None, len(observed)):
+            terms = ", ".join(f"{clean(name)} ({len(numbers)})" for name, numbers in self._terms.items())
+            yield f"observations: {_both(counted(facts.observation_size, 'number'), f'{len(observed)}: {terms}')}"
+        for name, numbers in self._terms.items():
+            yield from self._term_order(name, numbers)
+        if facts.action_size not in (None, len(driven)):
+            yield f"actions: {_both(counted(facts.action_size, 'number'), f'{len(driven)}: {listing(driven)}')}"
+        else:
+            yield from self._actions()
+
+    # --- observations ------------------------------------------------------------------------------
+
+    def _parts(self) -> Iterator[str]:
+        """Of the parts of the observation that the file names."""
+        parts = self._facts.observations or ()
+        shared = [part.name for part in parts if part.name in self._terms]
+        in_task = [name for name in self._terms if name in shared]
+        if shared != in_task:
+            yield f"order of observations: {_both(listing(shared), listing(in_task))}"
+        elif parts and all(part.size is not None for part in parts) and not self._is_divided_alike(parts):
+            in_file = ", ".join(f"{clean(part.name)} ({part.size})" for part in parts)
+            in_task_sized = ", ".join(f"{clean(name)} ({len(numbers)})" for name, numbers in self._terms.items())
+            yield (
+                f"parts of the observation: {_both(in_file, in_task_sized)}; "
+                "call the observations of the task as the policy does, NAME, or NAME/… where a part has several"
+            )
+        for part in parts:
+            if part.name in self._terms:
+                yield from self._part(part, self._terms[part.name])
+
+    def _is_divided_alike(self, parts: Sequence[ObservationFacts]) -> bool:
+        """Whether each part is one term of its name, or several whose names begin with it."""
+        terms = list(self._terms.items())
+        for part in parts:
+            size = 0
+            while terms and (terms[0][0] == part.name or terms[0][0].startswith(f"{part.name}/")):
+                size += len(terms.pop(0)[1])
+            if size != part.size:
+                return False
+        return not terms
+
+    def _part(self, part: ObservationFacts, numbers: Sequence[ObservedNumber]) -> Iterator[str]:
+        """Of a part and the term of its name."""
+        label = clean(part.name)
+        term = next(term for term in self._task.observations if term.name == part.name)
+        if part.history not in (None, term.history):
+            yield f"history of {label}: {_both(str(part.history), str(term.history))}"
+        latest = [number for number in numbers if number.delay == term.delay]
+        elements = [_last(number.source) for number in latest]
+        for name, said, values in (
+            ("scale", part.scale, [number.scale for number in latest]),
+            ("lower clip", part.clip and part.clip[:1], [number.low for number in latest]),
+            ("upper clip", part.clip and part.clip[1:], [number.high for number in latest]),
+        ):
+            yield from self._numbers(f"{name} of {label}", said, values, elements)
+        if label == JOINT_POSITION and self._defaults:
+            defaults = [self._defaults.get(element) for element in elements]
+            if None not in defaults:
+                offsets = [number.offset for number in latest]
+                yield from self._numbers(f"default pose in {label}", defaults, offsets, elements)
+        if part.elements and len(part.elements) == len(elements):
+            in_file = [_last(element) for element in part.elements]
+            if in_file != elements and (sorted(in_file) == sorted(elements) or term.joints is not None):
+                yield f"order of {label}: {_both(listing(in_file), listing(elements))}"
+
+    def _term_order(self, name: str, numbers: Sequence[ObservedNumber]) -> Iterator[str]:
+        """Of the order of joints and of quaternions in a term, whatever it is called."""
+        elements = [_last(number.source) for number in numbers if number.delay == numbers[-1].delay]
+        in_task = [element for element in elements if element in (self._facts.joints or ())]
+        in_file = [joint for joint in self._facts.joints or () if joint in in_task]
+        is_told = any(part.name == name and part.elements for part in self._facts.observations or ())
+        if in_task != in_file and sorted(in_task) == sorted(in_file) and not is_told:
+            yield f"order of joints in {clean(name)}: {_both(listing(in_file), listing(in_task))}"
+        order = self._facts.quaternion_order
+        for written, components in QUATERNIONS.items():
+            if order not in (None, written) and elements[-4:] == components and not is_told:
+                yield f"quaternion in {clean(name)}: {_both(str(order), written)}"
+
+    # --- actions -----------------------------------------------------------------------------------
+
+    def _actions(self) -> Iterator[str]:
+        facts, actions = self._facts, self._worlds.actions
+        joints = self._driven_joints
+        known = facts.action_joints or tuple(joint for joint in facts.joints or () if joint in joints)
+        if len(known) == len(joints) and [*known] != joints:
+            yield f"order of actions: {_both(listing(known), listing(joints))}"
+            return
+        yield from self._numbers("scale of actions", facts.action_scale, actions.scale.tolist(), joints)
+        is_of_pose = facts.action_scale is not None and {each.target for each in actions.driven} <= {CONTROL, POSITION}
+        if is_of_pose and all(joint in self._defaults for joint in joints):
+            defaults = [self._defaults[joint] for joint in joints]
+            yield from self._numbers("default pose in actions", defaults, actions.offset.tolist(), joints)
+        kp, kd = self._gains
+        yield from self._numbers("kp", facts.stiffness, kp, joints)
+        yield from self._numbers("kd", facts.damping, kd, joints)
+
+    @cached_property
+    def _driven_joints(self) -> list[str]:
+        """The joints that the action moves; the names of actuators that move something else."""
+        joints, found = names(self._model, "joint"), []
+        for each in self._worlds.actions.driven:
+            actuator = each.actuator(self._model)
+            is_of_joint = each.joint < 0 and self._model.actuator_trntype[actuator] in TRANSMISSIONS
+            joint = int(self._model.actuator_trnid[actuator, 0]) if is_of_joint else each.joint
+            found.append(_last(each.name if joint < 0 else joints[joint]))
+        return found
+
+    @property
+    def _gains(self) -> tuple[list[float], list[float]]:
+        """Of the position targets of all joints, in the task or in the model; 0 where a control is a torque."""
+        actions, model = self._worlds.actions, self._model
+        kp, kd = actions.kp.tolist(), actions.kd.tolist()
+        for index, each in enumerate(actions.driven):
+            actuator = each.actuator(model)
+            is_servo = model.actuator_biastype[actuator] == mujoco.mjtBias.mjBIAS_AFFINE
+            if each.target == CONTROL and is_servo:
+                kp[index] = float(model.actuator_gainprm[actuator, 0])
+                kd[index] = -float(model.actuator_biasprm[actuator, 2])
+        return kp, kd
+
+    @cached_property
+    def _defaults(self) -> dict[str, float]:
+        """The default pose, by joint."""
+        facts = self._facts
+        if facts.joints is None or facts.default_position is None:
+            return {}
+        return dict(zip(facts.joints, facts.default_position, strict=True))
+
+    def _numbers(
+        self, label: str, said: Sequence[float | None] | None, values: Sequence[float], elements: Sequence[str]
+    ) -> Iterator[str]:
+        """Of numbers, one for each element, or one for all."""
+        if not said or len(said) not in (1, len(values)):
+            return
+        wanted = np.broadcast_to(np.array(said, float), len(values))
+        differs = ~np.isclose(wanted, values, rtol=EQUAL, atol=self._facts.rounding)
+        if differs.any():
+            sides = [_listed(numbers, elements, differs) for numbers in (wanted, values)]
+            yield f"{label}: {_both(*sides)}"
+
+
+def _listed(numbers: Sequence[float] | np.ndarray, elements: Sequence[str], chosen: np.ndarray) -> str:
+    """The chosen numbers; one alone if all are equal."""
+    shown = [
+        (element, float(number))
+        for element, number, is_chosen in zip(elements, numbers, chosen, strict=True)
+        if is_chosen
+    ]
+    if chosen.all() and len({number for _, number in shown}) == 1:
+        return f"{shown[0][1]:g}"
+    return listing([f"{element} {number:g}" for element, number in shown])
+
+
+def _both(policy: str, task: str) -> str:
+    return f"the policy has {policy}; the task has {task}"
+
+
+def _last(name: str) -> str:
+    return name.rpartition("/")[2]

@@ -1,0 +1,176 @@
+"""What contradicts: each thing that a file says of itself, beside a task that says otherwise; both sides are shown."""
+
+from collections.abc import Mapping
+from dataclasses import replace
+from fractions import Fraction
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import pytest
+
+from mjrun.errors import UsageError
+from mjrun.policy.agreement import check_agreement
+from mjrun.policy.built_in import ZeroPolicy
+from mjrun.policy.onnx_policy import OnnxPolicy
+from mjrun.policy.policy import ObservationFacts, Policy, PolicyFacts
+from mjrun.task.task import Task
+from mjrun.task.terms import Action, Observation
+from tests.policy.networks import linear
+
+MODEL = """
+<mujoco>
+  <option timestep=".005"/>
+  <worldbody>
+    <body name="base" pos="0 0 1">
+      <freejoint name="root"/><geom size=".1"/>
+      <body><joint name="{0}hip" axis="0 1 0"/><geom size=".05" pos=".1 0 0"/>
+        <body><joint name="{0}knee" axis="0 1 0"/><geom size=".05" pos=".2 0 0"/></body>
+      </body>
+    </body>
+  </worldbody>
+  <actuator>{1}</actuator>
+  <keyframe><key name="home" qpos="0 0 1 1 0 0 0 .1 -.2"/></keyframe>
+</mujoco>
+"""
+MOTORS = '<motor name="h" joint="{0}hip"/><motor name="k" joint="{0}knee"/>'
+SERVOS = '<position name="h" joint="{0}hip" kp="20" kv="1"/><position name="k" joint="{0}knee" kp="30" kv="1.5"/>'
+METADATA = {
+    "joint_names": "hip,knee",
+    "joint_stiffness": "20.000,30.000",
+    "joint_damping": "1.000,1.500",
+    "default_joint_pos": "0.100,-0.200",
+    "observation_names": "joint_pos,joint_vel,actions",
+    "observation_terms_scale": "1.000,0.050,1.000",
+    "observation_terms_clip": "-inf;inf,-inf;inf,-inf;inf",
+    "observation_terms_history_length": "0,0,0",
+    "action_scale": "0.250,0.500",
+}
+DEFAULT = (0.1, -0.2)
+JOINT_POS = Observation(name="joint_pos", joints=["hip", "knee"], offset=DEFAULT)
+JOINT_VEL = Observation(name="joint_vel", joints=["hip", "knee"], of="qvel", scale=0.05)
+LAST = Observation(name="actions", action="previous")
+ACTION = Action(joints=["hip", "knee"], target="position", kp=[20, 30], kd=[1, 1.5], scale=[0.25, 0.5], offset=DEFAULT)
+TERMS = (JOINT_POS, JOINT_VEL, LAST)
+
+
+def model(prefix: str = "", actuators: str = MOTORS) -> mujoco.MjModel:
+    return mujoco.MjModel.from_xml_string(MODEL.format(prefix, actuators.format(prefix)))
+
+
+def task(terms: tuple[Observation, ...] = TERMS, action: Action = ACTION, of: mujoco.MjModel | None = None) -> Task:
+    return Task(of or model(), control_dt="0.02", duration=1, observations=terms, actions=[action])
+
+
+@pytest.fixture
+def policy(tmp_path: Path) -> OnnxPolicy:
+    return OnnxPolicy(linear(tmp_path / "walk.onnx", np.ones((2, 6), np.float32), metadata=METADATA), "walk.onnx")
+
+
+def contradictions(task: Task, policy: Policy) -> str:
+    with pytest.raises(UsageError, match=r"^policy .* contradicts") as error:
+        check_agreement(task, policy)
+    assert error.value.path == ("policy",)
+    return str(error.value).partition("\n")[2]
+
+
+def changed(term: Observation | Action, **values: object) -> tuple[Observation, ...] | Action:
+    """The task's term of this name with other values, among the other terms."""
+    new = replace(term, **values)  # type: ignore[arg-type]
+    return new if isinstance(new, Action) else tuple(new if each is term else each for each in TERMS)
+
+
+def test_what_agrees_passes(policy: OnnxPolicy) -> None:
+    check_agreement(task(), policy)
+    servo = Action(actuators=["h", "k"], scale=[0.25, 0.5], offset="home")
+    by_actuator = replace(servo, offset=DEFAULT)
+    check_agreement(task(action=by_actuator, of=model(actuators=SERVOS)), policy)
+    in_scene = [replace(term, joints=["robot/*"]) if term.joints else term for term in TERMS]
+    robot = replace(ACTION, joints=["robot/hip", "robot/knee"])
+    check_agreement(task(tuple(in_scene), robot, model("robot/")), policy)
+    check_agreement(task(), ZeroPolicy())
+
+
+@pytest.mark.parametrize(
+    ("change", "expected"),
+    [
+        ({"terms": changed(JOINT_POS, joints=("knee", "hip"), offset=(-0.2, 0.1))},
+         "order of joints in joint_pos: the policy has hip, knee; the task has knee, hip"),
+        ({"terms": (JOINT_VEL, JOINT_POS, LAST)},
+         "order of observations: the policy has joint_pos, joint_vel, actions; "
+         "the task has joint_vel, joint_pos, actions"),
+        ({"terms": changed(JOINT_VEL, scale=(1.0,))}, "scale of joint_vel: the policy has 0.05; the task has 1"),
+        ({"terms": changed(JOINT_VEL, clip=((-1.0,), (1.0,)))},
+         "lower clip of joint_vel: the policy has -inf; the task has -1\n"
+         "  upper clip of joint_vel: the policy has inf; the task has 1"),
+        ({"terms": changed(JOINT_POS, offset=(0.0,))},
+         "default pose in joint_pos: the policy has hip 0.1, knee -0.2; the task has 0"),
+        ({"terms": changed(LAST, history=2)},
+         "history of actions: the policy has 1; the task has 2\n"
+         "  observations: the policy has 6 numbers; the task has 8: joint_pos (2), joint_vel (2), actions (4)"),
+        ({"terms": TERMS[:2]}, "observations: the policy has 6 numbers; the task has 4: joint_pos (2), joint_vel (2)"),
+        ({"action": replace(ACTION, joints=("hip",), kp=(20.0,), kd=(1.0,), scale=(0.25,), offset=(0.1,))},
+         "actions: the policy has 2 numbers; the task has 1: hip"),
+        ({"action": replace(ACTION, joints=("knee", "hip"))},
+         "order of actions: the policy has hip, knee; the task has knee, hip"),
+        ({"action": replace(ACTION, scale=(0.25,))},
+         "scale of actions: the policy has knee 0.5; the task has knee 0.25"),
+        ({"action": replace(ACTION, offset=(0.1, 0.2))},
+         "default pose in actions: the policy has knee -0.2; the task has knee 0.2"),
+        ({"action": replace(ACTION, kp=(20.0, 31.0))}, "kp: the policy has knee 30; the task has knee 31"),
+        ({"action": Action(joints=["hip", "knee"], target="control", scale=[0.25, 0.5], offset=DEFAULT)},
+         "kp: the policy has hip 20, knee 30; the task has 0\n"
+         "  kd: the policy has hip 1, knee 1.5; the task has 0"),
+    ],
+)  # fmt: skip
+def test_what_contradicts_shows_both_sides(policy: OnnxPolicy, change: Mapping[str, object], expected: str) -> None:
+    message = contradictions(task(**change), policy)  # type: ignore[arg-type]
+    assert f"  {expected}\n" in f"{message}\n"
+
+
+def test_numbers_that_the_file_rounds_agree(policy: OnnxPolicy) -> None:
+    third = replace(ACTION, scale=(0.2503, 0.4998))
+    check_agreement(task(action=third), policy)
+
+
+class Said(ZeroPolicy):
+    """Says of itself what a test says."""
+
+    def __init__(self, **facts: object) -> None:
+        super().__init__()
+        self.facts = PolicyFacts(**facts)  # type: ignore[arg-type]
+
+
+def test_a_control_period_that_is_off_by_four() -> None:
+    check_agreement(task(), Said(control_dt=Fraction(1, 50)))
+    assert contradictions(task(), Said(control_dt=Fraction(1, 200))) == (
+        "  control_dt: the policy has 0.005 s; the task has 0.02 s"
+    )
+
+
+def test_the_order_of_quaternions() -> None:
+    wxyz = Observation(name="attitude", probe="xquat/base")
+    xyzw = Observation(name="attitude", probe=[f"xquat/base/q{axis}" for axis in "xyzw"])
+    for terms, order in ((wxyz, "wxyz"), (xyzw, "xyzw")):
+        check_agreement(task((terms,)), Said(quaternion_order=order))
+    assert contradictions(task((wxyz,)), Said(quaternion_order="xyzw")) == (
+        "  quaternion in attitude: the policy has xyzw; the task has wxyz"
+    )
+
+
+def test_parts_of_the_observation_are_named_by_the_task() -> None:
+    parts = (ObservationFacts("state", 4), ObservationFacts("actions", 2))
+    named = (replace(JOINT_POS, name="state/position"), replace(JOINT_VEL, name="state/velocity"), LAST)
+    check_agreement(task(named), Said(observations=parts))
+    assert contradictions(task(), Said(observations=parts)).startswith(
+        "  parts of the observation: the policy has state (4), actions (2); "
+        "the task has joint_pos (2), joint_vel (2), actions (2); call the observations of the task as the policy does"
+    )
+
+
+def test_elements_of_a_part_are_in_the_order_of_the_file() -> None:
+    part = ObservationFacts("joint_pos", 2, elements=("knee", "hip"))
+    assert contradictions(task((JOINT_POS,)), Said(observations=(part,))) == (
+        "  order of joint_pos: the policy has knee, hip; the task has hip, knee"
+    )
+    check_agreement(task((JOINT_POS,)), Said(observations=(replace(part, elements=("a/hip", "a/knee")),)))
