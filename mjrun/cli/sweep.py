@@ -19,7 +19,9 @@ from mjrun.options.simulation import ControllerOptions, SimulationOptions
 from mjrun.options.sweep import (
     DOCUMENTS,
     MANIFEST,
+    PARTS,
     PLANS,
+    STOPPING,
     ExecutionOptions,
     StudyCommandOptions,
     StudyOptions,
@@ -60,9 +62,9 @@ def sweep(console: Console, command_line: CommandLine) -> None:
     mjrun sweep plan.jsonl --collect
     """
     console.guard_stdout()
-    import_mujoco()
-
     options = command_line.make(StudyCommandOptions)
+    _start_early(command_line)
+    import_mujoco()
     if options.csv and command_line.make(MessageOptions).json:
         raise UsageError(f"{option('csv')} and {option('json')} both want standard output")
     if options.task is not None:
@@ -71,7 +73,7 @@ def sweep(console: Console, command_line: CommandLine) -> None:
     study, located = _study(console, command_line)
     with located():
         if options.print_document:
-            from mjrun.document.run_writer import study_text
+            from mjrun.document.study_writer import study_text
 
             console.result(study_text(study, console.command).rstrip("\n"))
         elif options.dry_run:
@@ -82,6 +84,17 @@ def sweep(console: Console, command_line: CommandLine) -> None:
             _show_result(console, command_line, _with_document(study), lambda study: study.collect(console))
         else:
             _show_result(console, command_line, _with_document(study), lambda study: study.run(console))
+
+
+def _start_early(command_line: CommandLine) -> None:
+    """Starts a process that simulates, which takes as long as all that is to be done before, if one will be needed."""
+    other_task = any(command_line.given(StudyCommandOptions).get(name) for name in STOPPING)
+    folder = Path(command_line.value("output") or f"{stem(command_line)}_study")
+    is_new = not (folder / PARTS).exists() and not (Path(command_line.argument("model")) / PARTS).exists()
+    if not other_task and is_new and command_line.make(ExecutionOptions).engine == "local":
+        from mjrun.study.worker_process import start_early
+
+        start_early()
 
 
 def _study(console: Console, command_line: CommandLine) -> "tuple[Study, Located]":
@@ -143,7 +156,7 @@ def _given(command_line: CommandLine, file: str) -> dict[str, object]:
 
 def _with_document(study: "Study", *, required: bool = False) -> "Study":
     """The study with its document for the manifest, if one can hold it."""
-    from mjrun.document.plan import portable_document
+    from mjrun.document.study_writer import portable_document
 
     with nullcontext() if required else suppress(UsageError):
         return replace(study, document=portable_document(study, Path(study.output)))

@@ -4,14 +4,15 @@ from collections.abc import Callable
 from functools import partial
 from typing import TypeVar, cast
 
-from mjrun.document.option_models import Folders, OptionsModel, document_options, option_value
+from mjrun.document.option_models import OptionsModel, option_value
+from mjrun.document.output_folder import Folders
 from mjrun.document.reader import document_error
 from mjrun.document.tree import Fault, ListNode, MappingNode, find, key_mark, path_text, plain, written_path
 from mjrun.document.tree import Path as Place
 from mjrun.errors import DocumentError, Problem, UsageError
 from mjrun.job.simulation import Simulation
 from mjrun.options.kinds import Several
-from mjrun.options.option import Options
+from mjrun.options.option import Options, document_options
 from mjrun.options.simulation import ControllerOptions, SimulationOptions
 
 # Places below which names stand that may hold dots.

@@ -8,7 +8,8 @@ from typing import Annotated, TypeVar, cast
 from pydantic import AfterValidator, Discriminator, Field, PlainValidator, Tag, WithJsonSchema
 from pydantic.fields import FieldInfo
 
-from mjrun.document.document_model import LIST, NUMBER, InvalidValueError, by_type
+from mjrun.document.document_model import LIST, NUMBER, InvalidValueError, Name, by_type
+from mjrun.document.output_folder import refusal
 from mjrun.errors import UsageError
 from mjrun.options import kinds as option_kinds
 from mjrun.options.kinds import ExpectedError
@@ -97,3 +98,12 @@ def checked_by(check: Callable[[str], object]) -> AfterValidator:
 def suggested(names: Sequence[str]) -> WithJsonSchema:
     """Tells editors the names that a text may have."""
     return WithJsonSchema({"type": "string", "enum": list(names)})
+
+
+def _inside(text: str) -> str:
+    if reason := refusal(text):
+        raise InvalidValueError.with_message(reason)
+    return text
+
+
+OutputPath = Annotated[Name, AfterValidator(_inside)]  # a path that a document may write to, judged by its text

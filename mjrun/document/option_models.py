@@ -1,8 +1,6 @@
 """From declared options to the models of run documents, and from what a document holds to the options' values."""
 
-import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from fractions import Fraction
 from pathlib import Path
 from typing import Annotated, ClassVar, Literal, cast
@@ -26,7 +24,17 @@ from mjrun.document.document_model import (
     model_with_keys,
     of_length,
 )
-from mjrun.document.field_types import Exact, Instant, Numbers, Several, Size, as_tuple, checked_by, suggested
+from mjrun.document.field_types import (
+    Exact,
+    Instant,
+    Numbers,
+    OutputPath,
+    Several,
+    Size,
+    as_tuple,
+    checked_by,
+    suggested,
+)
 from mjrun.document.inline_values import (
     InlineCamera,
     InlineDistribution,
@@ -36,16 +44,23 @@ from mjrun.document.inline_values import (
     PushText,
     ghost_text,
 )
-from mjrun.document.output_folder import OutputFolder, OutputPath
+from mjrun.document.output_folder import Folders
 from mjrun.document.reader import SUFFIXES
 from mjrun.errors import BadValueError, concerning, option
 from mjrun.formats.format_lists import with_formats
 from mjrun.job.view import check_segmentation_name
-from mjrun.model.sources import is_file
 from mjrun.options import kinds as option_kinds
 from mjrun.options.diff import ColumnTolerances
 from mjrun.options.kinds import AnyKind, ExpectedError, setting_text
-from mjrun.options.option import Exclusion, FrontEnd, Option, Options, exclusions_of, options_of
+from mjrun.options.option import (
+    Exclusion,
+    Option,
+    Options,
+    document_options,
+    exclusions_of,
+    is_always_written,
+    options_of,
+)
 from mjrun.options.policy import NONE, NormalizationKind, PolicyKind, is_code, is_policy_file
 from mjrun.options.push import PushKind
 from mjrun.options.task import Limits, RandomValue, Schedule, VectorOrKey
@@ -149,16 +164,6 @@ def options_model(
 def option_keys(declared: type[Options], may_lack: Sequence[str] = ()) -> dict[str, Key]:
     """A key for each of the options that documents know; those in `may_lack` may be left out though they are needed."""
     return {each.attribute: _field(each, each.name in may_lack) for each in document_options(declared)}
-
-
-def document_options(declared: type[Options]) -> list[Option]:
-    """Those options that documents know."""
-    return [each for each in options_of(declared) if FrontEnd.DOCUMENT in each.places]
-
-
-def is_always_written(each: Option) -> bool:
-    """Whether a document must say something: it has no standard output."""
-    return each.is_required or each.name == "output"
 
 
 def _condition(declared: type[Options], exclusion: Exclusion, values: Mapping[str, object]) -> object:
@@ -273,28 +278,6 @@ FIELD_TYPES: dict[type[AnyKind], object] = {
         by_type("text as in torso=0/100/0@1+0.2 or {body or site, force, at, duration}", TEXT, MAPPING),
     ],
 }
-
-
-@dataclass(frozen=True)
-class Folders:
-    """Where relative paths lead: inputs from the folder of the document, outputs into that of all outputs.
-
-    Attributes:
-      lexical: whether `a/../b` is `b`, whatever links there are, so that a path made relative becomes what it was.
-    """
-
-    inputs: Path
-    outputs: OutputFolder
-    lexical: bool = False
-
-    def model(self, text: str) -> str:
-        """A model, as it is from here; sources that are no files stand as they are."""
-        return self.input(text) if is_file(text) else text
-
-    def input(self, path: str) -> str:
-        """An input, as it is from here."""
-        joined = path if self.inputs == Path() else str(self.inputs / path)
-        return os.path.normpath(joined) if self.lexical else joined
 
 
 def option_value(each: Option, value: object, folders: Folders) -> object:

@@ -1,13 +1,12 @@
-"""The files that a run document asks for: all inside one folder, no two the same."""
+"""Where the paths in a document lead; the files that it asks for are all inside one folder, no two the same."""
 
+import os
+from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
-from typing import Annotated
 
-from pydantic import AfterValidator
-
-from mjrun.document.document_model import InvalidValueError, Name
 from mjrun.errors import UsageError, clean, quoted
 from mjrun.job.output_files import ReservedFiles
+from mjrun.model.sources import is_file
 
 
 def refusal(text: str) -> str:
@@ -23,15 +22,6 @@ def refusal(text: str) -> str:
     if min(depths, default=0) < 0:
         return f"{quoted(text)} leaves the folder of outputs"
     return "" if depths and depths[-1] > 0 else f"{quoted(text)} is the folder of outputs itself"
-
-
-def _inside(text: str) -> str:
-    if reason := refusal(text):
-        raise InvalidValueError.with_message(reason)
-    return text
-
-
-OutputPath = Annotated[Name, AfterValidator(_inside)]  # a path that a document may write to, judged by its text
 
 
 class OutputFolder:
@@ -66,3 +56,25 @@ class OutputFolder:
             raise UsageError(f"{clean(str(path))} cannot be reached: {clean(str(error))}") from None
         if folder not in file.parents:
             raise UsageError(f"{clean(str(path))} leads out of {self._name}, by a link")
+
+
+@dataclass(frozen=True)
+class Folders:
+    """Where relative paths lead: inputs from the folder of the document, outputs into that of all outputs.
+
+    Attributes:
+      lexical: whether `a/../b` is `b`, whatever links there are, so that a path made relative becomes what it was.
+    """
+
+    inputs: Path
+    outputs: OutputFolder
+    lexical: bool = False
+
+    def model(self, text: str) -> str:
+        """A model, as it is from here; sources that are no files stand as they are."""
+        return self.input(text) if is_file(text) else text
+
+    def input(self, path: str) -> str:
+        """An input, as it is from here."""
+        joined = path if self.inputs == Path() else str(self.inputs / path)
+        return os.path.normpath(joined) if self.lexical else joined

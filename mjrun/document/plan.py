@@ -2,8 +2,7 @@
 
 import json
 import os
-from collections.abc import Callable, Mapping
-from dataclasses import replace
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Literal, cast
 
@@ -12,23 +11,20 @@ from pydantic import Field, ValidationError
 from mjrun.document.builder import DocumentBuilder
 from mjrun.document.document_model import DocumentModel, Name
 from mjrun.document.error_messages import validation_faults
-from mjrun.document.option_models import Folders
-from mjrun.document.output_folder import OutputFolder
+from mjrun.document.output_folder import Folders, OutputFolder
 from mjrun.document.reader import document_error
-from mjrun.document.run_writer import study_document
 from mjrun.document.study import StudyDocument, declared_at, made_study
-from mjrun.document.tree import Fault, Mapped, MappingNode, Mark, Plain, node_of
-from mjrun.errors import FileError, UsageError, clean
+from mjrun.document.study_writer import portable_document
+from mjrun.document.tree import Fault, MappingNode, Mark, node_of
+from mjrun.errors import FileError, clean
 from mjrun.formats.atomic_output import OutputWriter, StagedFile
 from mjrun.formats.input_file import opened
 from mjrun.options.simulation import ControllerOptions
 from mjrun.options.sweep import MANIFEST, PLANS
-from mjrun.options.variations import with_paths
 from mjrun.study.plan import SCHEMA, StudyPlan
 from mjrun.study.simulate import StudyPoint
 from mjrun.study.study import Study
 
-FILES = ("ctrl_from", "replay", "points")
 LARGEST = 2**26  # bytes of a line
 
 
@@ -42,37 +38,6 @@ class PlanLine(DocumentModel):
     names: list[Name]
     points: list[int]
     values: list[list[str]]
-
-
-def portable_document(study: Study, folder: Path) -> Mapped:
-    """The study as a document in `folder`, without its output.
-
-    Raises:
-      UsageError: no document can hold it.
-    """
-    document = study_document(replace(study, output="study"))
-    if document["model"] == "-":
-        raise UsageError("a model from standard input is gone when its study is read again; give a file")
-    folders = Folders(Path(os.path.relpath(Path.cwd(), folder)), OutputFolder(folder), lexical=True)
-    ways = {"model": folders.model, **dict.fromkeys(FILES, folders.input), "map": _map_way(folders)}
-    moved = {key: _moved(value, ways[key]) if key in ways else value for key, value in document.items()}
-    if isinstance(vary := moved.get("vary"), dict):
-        moved["vary"] = {name: _varied(value, ways.get(name)) for name, value in vary.items()}
-    return {key: value for key, value in moved.items() if key != "output"}
-
-
-def _moved(value: Plain, convert: Callable[[str], str]) -> Plain:
-    if isinstance(value, list):
-        return [_moved(part, convert) for part in value]
-    return convert(value) if isinstance(value, str) else value
-
-
-def _map_way(folders: Folders) -> Callable[[str], str]:
-    return lambda text: f"@{folders.input(text[1:])}" if text.startswith("@") else text
-
-
-def _varied(value: Plain, convert: Callable[[str], str] | None) -> Plain:
-    return with_paths(value, convert) if convert and isinstance(value, str) else value
 
 
 def write_plan(path: str, plan: StudyPlan) -> None:

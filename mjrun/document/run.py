@@ -28,8 +28,9 @@ from pydantic import ConfigDict, Field, Tag
 from mjrun.document.builder import NAMED, DocumentBuilder, fault_at
 from mjrun.document.document_model import MAPPING, TEXT, Key, Location, Name, by_type
 from mjrun.document.error_messages import RENAMED
-from mjrun.document.option_models import Folders, OptionsModel, options_model
-from mjrun.document.output_folder import OutputFolder, OutputPath
+from mjrun.document.field_types import OutputPath
+from mjrun.document.option_models import OptionsModel, options_model
+from mjrun.document.output_folder import Folders, OutputFolder
 from mjrun.document.reader import document_error, read_placed
 from mjrun.document.tree import Fault, MappingNode, find, path_text, written_path
 from mjrun.document.tree import Path as Place

@@ -1,4 +1,4 @@
-"""From jobs and studies back to the documents that make them."""
+"""From jobs back to the documents that make them."""
 
 from collections.abc import Sequence
 from fractions import Fraction
@@ -6,9 +6,7 @@ from typing import cast
 
 from mjrun.camera.script import CameraScript, Event
 from mjrun.document.camera_writer import camera_document, event_document
-from mjrun.document.option_models import document_options, is_always_written
 from mjrun.document.output_folder import refusal
-from mjrun.document.run import OUTPUTS
 from mjrun.document.tree import Mapped, Plain
 from mjrun.document.yaml_scalars import meaning
 from mjrun.document.yaml_writer import exact, number, yaml_text
@@ -17,9 +15,8 @@ from mjrun.job.simulation import Simulation
 from mjrun.job.task import Job, OutputResult
 from mjrun.model.sources import source_of
 from mjrun.options.kinds import AnyKind, ExpectedError, File, Optional, Settings, setting_text
-from mjrun.options.option import Option, Options
+from mjrun.options.option import Option, Options, document_options, is_always_written
 from mjrun.options.policy import PolicyKind, is_code
-from mjrun.study.study import Study
 
 
 def document_text(jobs: Sequence[Job[OutputResult]], command: str = "") -> str:
@@ -33,31 +30,16 @@ def document_text(jobs: Sequence[Job[OutputResult]], command: str = "") -> str:
     Raises:
       UsageError: a document cannot hold this: code, a compiled model, an output outside of a folder.
     """
+    from mjrun.document.run import OUTPUTS  # and with it the models of all documents
+
     if not jobs or any(job.simulation is not jobs[0].simulation for job in jobs):
         raise UsageError("a run document is of the outputs of one simulation")
     outputs: dict[str, list[Plain]] = {}
     for job in jobs:
         key = next(key for key, output in OUTPUTS.items() if isinstance(job, output))
-        options = _options(job)
+        options = plain_options(job)
         outputs.setdefault(key, []).append(job.output if [*options] == ["output"] else options)
     return text_of({**simulation_document(jobs[0].simulation), **outputs}, command)
-
-
-def study_text(study: Study, command: str = "") -> str:
-    """The study document of `study`; it holds what is not the default, and not how this machine runs it.
-
-    Args:
-      command: what made the study, for a comment.
-
-    Raises:
-      UsageError: a document cannot hold this: code, a compiled model, a folder outside of the current one.
-    """
-    return text_of(study_document(study), command)
-
-
-def study_document(study: Study) -> Mapped:
-    """The same as plain values."""
-    return {**simulation_document(study.simulation), **_options(study)}
 
 
 def text_of(document: Mapped, command: str) -> str:
@@ -74,10 +56,10 @@ def simulation_document(simulation: Simulation) -> Mapped:
         raise UsageError("a compiled model has no file that a document could name")
     overrides = [*((override.path, override.value) for override in source.overrides), *simulation.set]
     settings = {"set": _settings(overrides)} if overrides else {}
-    return {"model": source.text, **_options(simulation), **settings}
+    return {"model": source.text, **plain_options(simulation), **settings}
 
 
-def _options(values: Options) -> Mapped:
+def plain_options(values: Options) -> Mapped:
     """The keys of a document for `values`: all that are not the default."""
     written = [(each, getattr(values, each.attribute)) for each in document_options(type(values))]
     return {

@@ -21,8 +21,8 @@ from pydantic import Field
 
 from mjrun.document.builder import NAMED, DocumentBuilder, fault_at
 from mjrun.document.document_model import Name
-from mjrun.document.option_models import Folders, OptionsModel, option_keys, options_model
-from mjrun.document.output_folder import OutputFolder
+from mjrun.document.option_models import OptionsModel, option_keys, options_model
+from mjrun.document.output_folder import Folders, OutputFolder
 from mjrun.document.reader import document_error, read_placed
 from mjrun.document.tree import MappingNode
 from mjrun.document.tree import Path as Place

@@ -28,8 +28,8 @@ from pydantic import Field, Tag
 
 from mjrun.document.builder import NAMED, DocumentBuilder, fault_at
 from mjrun.document.document_model import MAPPING, NUMBER, TEXT, Key, Name, Omittable, by_type
-from mjrun.document.option_models import Folders, OptionsModel, options_model
-from mjrun.document.output_folder import OutputFolder
+from mjrun.document.option_models import OptionsModel, options_model
+from mjrun.document.output_folder import Folders, OutputFolder
 from mjrun.document.reader import document_error, read_placed
 from mjrun.document.tree import MappingNode
 from mjrun.document.tree import Path as Place

@@ -94,16 +94,42 @@ def _metadata(column: Column) -> dict[str, str]:
     return {"unit": column.unit, "meaning": column.meaning, "kind": column.kind, "id": str(column.id)}
 
 
+def number_array(values: np.ndarray, valid: np.ndarray | None = None) -> "pyarrow.Array":
+    """An Arrow array of `values` `(n,)`; those that are not `valid` are null.
+
+    `pyarrow.array` does the same, and imports pandas where it is installed, to see whether it is given any of that.
+    """
+    import pyarrow
+
+    mask = None
+    if valid is not None and not valid.all():
+        mask = pyarrow.py_buffer(np.packbits(valid, bitorder="little"))
+    data = pyarrow.py_buffer(np.ascontiguousarray(values))
+    return pyarrow.Array.from_buffers(pyarrow.from_numpy_dtype(values.dtype), len(values), [mask, data])
+
+
+def text_array(texts: Sequence[str]) -> "pyarrow.Array":
+    """An Arrow array of texts."""
+    import pyarrow
+
+    encoded = [text.encode() for text in texts]
+    offsets = np.zeros(len(encoded) + 1, np.int32)
+    np.cumsum([len(text) for text in encoded], out=offsets[1:])
+    return pyarrow.StringArray.from_buffers(
+        len(encoded), pyarrow.py_buffer(offsets), pyarrow.py_buffer(b"".join(encoded))
+    )
+
+
 def _array(values: np.ndarray, column: Column) -> "pyarrow.Array":
     import pyarrow
 
     if column.integer:
         gaps = np.isnan(values)
-        return pyarrow.array(np.where(gaps, 0, values).astype(np.int64), mask=gaps)
+        return number_array(np.where(gaps, 0, values).astype(np.int64), ~gaps)
     if not column.labels:
-        return pyarrow.array(values, from_pandas=False)
-    indices = pyarrow.array(values.astype(np.int32), mask=values < 0)
-    return pyarrow.DictionaryArray.from_arrays(indices, pyarrow.array(column.labels, pyarrow.string()))
+        return number_array(values)
+    indices = number_array(values.astype(np.int32), values >= 0)
+    return pyarrow.DictionaryArray.from_arrays(indices, text_array(column.labels))
 
 
 def _floats(path: Path, name: str, array: "pyarrow.Array", before: int, gaps: bool) -> np.ndarray:

@@ -10,6 +10,7 @@ import re
 from collections.abc import Callable
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
+from functools import lru_cache
 from typing import Any
 
 import mujoco
@@ -95,20 +96,17 @@ class Override:
     @property
     def operation(self) -> str:
         """`scale` or `add`; empty where the value replaces the one in the source."""
-        operation, colon, _ = self.path.partition(":")
-        return operation if colon and operation in RELATIVE else ""
+        return _path_parts(self.path)[0]
 
     @property
     def index(self) -> int | None:
         """The place of the number within the field; None for all of the field."""
-        match = re.fullmatch(r".*\[(\d+)\]", self.path, re.DOTALL)
-        return int(match[1]) if match else None
+        return _path_parts(self.path)[2]
 
     @property
     def target(self) -> str:
         """The path of the field."""
-        path = self.path.removeprefix(f"{self.operation}:")
-        return path if self.index is None else path[: path.rindex("[")]
+        return _path_parts(self.path)[1]
 
     @property
     def option_value(self) -> str:
@@ -124,6 +122,16 @@ class Override:
     def option_path(self) -> OptionPath:
         """The place within the options that errors are about."""
         return ("set", self.path) if self.option == "set" else (self.option,)
+
+
+@lru_cache(1024)
+def _path_parts(path: str) -> tuple[str, str, int | None]:
+    """The operation, the target and the index in the path of an override."""
+    operation, colon, rest = path.partition(":")
+    if not colon or operation not in RELATIVE:
+        operation, rest = "", path
+    match = re.fullmatch(r"(.*)\[(\d+)\]", rest, re.DOTALL)
+    return (operation, match[1], int(match[2])) if match else (operation, rest, None)
 
 
 def overrides_of(options: ModelOptions) -> tuple[Override, ...]:

@@ -10,41 +10,34 @@ import math
 from collections import OrderedDict
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property, lru_cache
 from typing import Any
 
 import mujoco
 import numpy as np
 
-from mjrun.errors import concerning
-from mjrun.model.override import Override, apply, elements_at
+from mjrun.errors import MjrunError
+from mjrun.model.override import PARTIAL, RELATIVE, Override, elements_at
 from mjrun.model.source import Source
 
-OPTIONS = ("timestep", "gravity", "wind", "magnetic", "density", "viscosity", "impratio", "tolerance", "ls_tolerance")
-OPTIONS += ("noslip_tolerance", "ccd_tolerance")
+VECTORS = ("gravity", "wind", "magnetic")
+OPTIONS = ("timestep", "density", "viscosity", "impratio", "tolerance", "ls_tolerance", "noslip_tolerance")
+OPTIONS += ("ccd_tolerance", *VECTORS)
 # Fields of elements, and the array of the compiled model that holds them.
 COPIED = {f"geom.{name}": f"geom_{name}" for name in ("friction", "solref", "solimp")}
 COPIED |= {f"actuator.{name}": f"actuator_{name}" for name in ("gainprm", "biasprm")}
+COPIED |= {f"opt.{name}": f"opt.{name}" for name in OPTIONS}
 REMEMBERED = 8  # compilations
 
 AFFINE = (int(mujoco.mjtBias.mjBIAS_NONE), int(mujoco.mjtBias.mjBIAS_AFFINE))
 
 
-@dataclass(frozen=True)
-class _Compilation:
-    """A specification, and the model compiled from it; None where only compiled models are shared."""
+@dataclass(frozen=True, eq=False)
+class ModelVariant:
+    """A model, and the compiled one that it differs from in nothing but copied numbers; they may be the same."""
 
-    spec: mujoco.MjSpec | None
     model: mujoco.MjModel
-
-    @property
-    def has_simple_contacts(self) -> bool:
-        """Whether the contact parameters of geoms go nowhere but into their own arrays."""
-        return self.model.npair == 0 and self.model.nplugin == 0
-
-    @property
-    def has_free_timestep(self) -> bool:
-        """Whether the timestep goes nowhere but into the options."""
-        return self.model.nplugin == 0 and self.model.nhistory == 0
+    compiled: mujoco.MjModel
 
 
 class ModelVariants:
@@ -58,32 +51,37 @@ class ModelVariants:
         self._prepare = prepare
         self._compilations = OrderedDict[Source, _Compilation]()
 
-    def load(self, source: Source) -> mujoco.MjModel:
+    def load(self, source: Source) -> ModelVariant:
         """The model of `source`; not to be changed: others may have the same.
 
         Raises:
           ModelError: it cannot be found or read, or MuJoCo refuses it.
           UsageError: an override names nothing, or its value does not fit.
         """
-        copied = [override for override in source.overrides if _may_be_copied(override)]
-        rest = tuple(override for override in source.overrides if override not in copied)
-        if {_field(override) for override in copied} & {_field(override) for override in rest}:
-            return self._compilation(source).model  # the last one of a field counts
-        shared = self._compilation(replace(source, overrides=rest))
-        if not copied:
-            return shared.model
-        if shared.spec is None or not all(_is_copied(shared, override) for override in copied):
-            return self._compilation(source).model
-        return _with_values(shared.spec, shared.model, copied)
+        copied = [_may_be_copied(override) for override in source.overrides]
+        to_copy = [override for override, is_copied in zip(source.overrides, copied, strict=True) if is_copied]
+        rest = tuple(override for override, is_copied in zip(source.overrides, copied, strict=True) if not is_copied)
+        if to_copy and {_field(override) for override in to_copy}.isdisjoint(map(_field, rest)):
+            # Otherwise the last one of a field counts.
+            shared = self._compilation(replace(source, overrides=rest))
+            if variant := shared.with_values(to_copy):
+                return variant
+        model = self._compilation(source).model
+        return ModelVariant(model, model)
 
-    def _compilation(self, source: Source) -> _Compilation:
+    def reuse(self, variant: ModelVariant) -> None:
+        """Takes a variant that nobody looks at any more: a later one of the same compilation may be written over it."""
+        if isinstance(variant, _CopiedModel):
+            variant.home.unused.append(variant)
+
+    def _compilation(self, source: Source) -> "_Compilation":
         compilation = self._compilations.pop(source, None) or self._compile(source)
         self._compilations[source] = compilation
         if len(self._compilations) > REMEMBERED:
             self._compilations.popitem(last=False)
         return compilation
 
-    def _compile(self, source: Source) -> _Compilation:
+    def _compile(self, source: Source) -> "_Compilation":
         spec, model = source.compile()
         if self._prepare:
             model = copy.copy(model) if spec is None else model  # which may be the user's own
@@ -91,36 +89,136 @@ class ModelVariants:
         return _Compilation(spec, model)
 
 
+@dataclass(frozen=True, eq=False)
+class _CopiedModel(ModelVariant):
+    """A copy of a compiled model, in which some arrays have other numbers."""
+
+    home: "_Compilation"
+    arrays: frozenset[str]
+
+
+@dataclass(frozen=True)
+class _Place:
+    """An array of the compiled model, and the rows of it that a path means."""
+
+    array: str
+    rows: list[int]
+
+
+class _Compilation:
+    """A specification, and the model compiled from it; without the former, only compiled models are shared."""
+
+    def __init__(self, spec: mujoco.MjSpec | None, model: mujoco.MjModel) -> None:
+        self.spec, self.model = spec, model
+        self.unused: list[_CopiedModel] = []
+        self._places: dict[str, _Place | None] = {}
+        self._source_values: dict[str, np.ndarray] = {}
+
+    def with_values(self, overrides: Sequence[Override]) -> ModelVariant | None:
+        """The model with overrides of what may be copied; None if the compiler has to see them."""
+        if self.spec is None:
+            return None
+        changed: dict[str, np.ndarray] = {}
+        rows: dict[str, list[int]] = {}
+        for override in overrides:
+            place = self._place(override)
+            if place is None:
+                return None
+            values = changed.setdefault(place.array, self._in_source(place.array).copy())
+            new = _new_values(values[place.rows], override)
+            if new is None:
+                return None
+            values[place.rows] = new
+            rows.setdefault(place.array, []).extend(place.rows)
+
+        unused = self.unused.pop() if self.unused else None
+        model = unused.model if unused else copy.copy(self.model)
+        for array in unused.arrays - changed.keys() if unused else ():
+            _write(model, array, _read(self.model, array))
+        for array, values in changed.items():
+            merged = _read(self.model, array)
+            merged[rows[array]] = values[rows[array]]
+            _write(model, array, merged)
+        return _CopiedModel(model, self.model, self, frozenset(changed))
+
+    def _place(self, override: Override) -> _Place | None:
+        """Where an override goes, if nothing else in this model follows from it."""
+        if override.target not in self._places:
+            self._places[override.target] = self._found_place(override)
+        return self._places[override.target]
+
+    def _found_place(self, override: Override) -> _Place | None:
+        assert self.spec
+        array, field = COPIED[_name(override)], _field(override)
+        if array.startswith("opt."):
+            return _Place(array, [0]) if field != "timestep" or self._has_free_timestep else None
+        try:
+            elements, fields = elements_at(self.spec, override)
+        except MjrunError:  # which the compilation tells
+            return None
+        if array.startswith("geom"):
+            is_copied = self._has_simple_contacts
+        else:
+            is_copied = all(_has_plain_gains(element) for element in elements)
+        return _Place(array, [element.id for element in elements]) if is_copied and fields == [field] else None
+
+    def _in_source(self, array: str) -> np.ndarray:
+        """The values in the specification, `(rows, size)`; one row of options."""
+        if array not in self._source_values:
+            assert self.spec
+            kind, field = array.replace(".", "_").split("_", 1)
+            owners: Any = {"geom": self.spec.geoms, "actuator": self.spec.actuators, "opt": [self.spec.option]}[kind]
+            values = np.array([np.atleast_1d(getattr(owner, field)) for owner in owners], float)
+            order = [0] if kind == "opt" else [owner.id for owner in owners]
+            self._source_values[array] = values[np.argsort(order)]
+        return self._source_values[array]
+
+    @cached_property
+    def _has_simple_contacts(self) -> bool:
+        """Whether the contact parameters of geoms go nowhere but into their own arrays."""
+        return self.model.npair == 0 and self.model.nplugin == 0
+
+    @cached_property
+    def _has_free_timestep(self) -> bool:
+        """Whether the timestep goes nowhere but into the options."""
+        return self.model.nplugin == 0 and self.model.nhistory == 0
+
+
 def _field(override: Override) -> str:
     return override.target.rpartition(".")[2]
 
 
+@lru_cache(1024)
+def _name_of(target: str) -> str:
+    """The kind and the field of a target, `geom.friction`, for elements and options alike; empty for other targets."""
+    kind, slash, _ = target.partition("/")
+    if slash:
+        return f"{kind}.{target.rpartition('.')[2]}" if kind != "opt" else ""
+    return target if target.startswith("opt.") else ""
+
+
+def _name(override: Override) -> str:
+    return _name_of(override.target)
+
+
+def _numbers(override: Override) -> list[float]:
+    return [float(part) for part in override.value.replace(",", " ").split()]
+
+
 def _may_be_copied(override: Override) -> bool:
     """Whether an override is of a field that the compiler copies, as far as its path and value tell."""
-    try:
-        numbers = [float(part) for part in override.value.replace(",", " ").split()]
-    except ValueError:
+    if _name(override) not in COPIED:
         return False
-    kind, slash, _ = override.target.partition("/")
     field = _field(override)
-    known = f"{kind}.{field}" in COPIED if slash else override.target == f"opt.{field}" and field in OPTIONS
     if field == "biasprm" and override.index not in (0, 1):
         return False  # the third is a damping ratio if it is positive
-    any_sign = field in ("gravity", "wind", "magnetic", "biasprm")
+    try:
+        numbers = _numbers(override)
+    except ValueError:
+        return False
+    any_sign = field in VECTORS or field == "biasprm"
     is_positive = override.operation != "add" and all(number > 0 for number in numbers)
-    return known and all(map(math.isfinite, numbers)) and (any_sign or is_positive)
-
-
-def _is_copied(shared: _Compilation, override: Override) -> bool:
-    """Whether nothing else in this model follows from the field."""
-    assert shared.spec
-    kind = override.target.partition("/")[0]
-    if kind == "geom":
-        return shared.has_simple_contacts
-    if kind == "actuator":
-        elements, _ = elements_at(shared.spec, override)
-        return all(_has_plain_gains(element) for element in elements)
-    return override.target != "opt.timestep" or shared.has_free_timestep
+    return all(map(math.isfinite, numbers)) and (any_sign or is_positive)
 
 
 def _has_plain_gains(actuator: Any) -> bool:
@@ -129,42 +227,40 @@ def _has_plain_gains(actuator: Any) -> bool:
     return is_fixed and not actuator.biasprm[2] > 0 and int(actuator.dyntype) != int(mujoco.mjtDyn.mjDYN_MUSCLE)
 
 
-def _with_values(spec: mujoco.MjSpec, compiled: mujoco.MjModel, overrides: Sequence[Override]) -> mujoco.MjModel:
-    """A copy of a compiled model with overrides that the compiler would only copy."""
-    model = copy.copy(compiled)
-    restore: list[Callable[[], None]] = []
-    try:
-        for override in overrides:
-            with concerning(*override.option_path):
-                restore.append(_written(spec, model, override))
-    finally:
-        for each in reversed(restore):
-            each()
-    return model
+def _new_values(values: np.ndarray, override: Override) -> np.ndarray | None:
+    """What `values` `(rows, size)` become by an override, as `mjrun.model.override` has it; None if it does not fit."""
+    numbers, size = _numbers(override), values.shape[1]
+    field, index, operation = _field(override), override.index, override.operation
+    is_single = field in OPTIONS and field not in VECTORS
+    if index is None and not operation:
+        fits = 0 < len(numbers) <= size if field in PARTIAL else len(numbers) == size
+        if not fits or (is_single and "," in override.value):
+            return None
+        values[:, : len(numbers)] = numbers
+        return values
+
+    chosen = slice(None) if index is None else slice(index, index + 1)
+    old = values[:, chosen]
+    fits = len(numbers) == 1 or (operation and len(numbers) == old.shape[1])
+    if not old.size or not fits or (index is not None and is_single) or np.isnan(old).any():
+        return None
+    values[:, chosen] = RELATIVE[operation](old, np.array(numbers)) if operation else numbers[0]
+    return values
 
 
-def _written(spec: mujoco.MjSpec, model: mujoco.MjModel, override: Override) -> Callable[[], None]:
-    """Writes one override into `model`, by way of `spec`, and returns what undoes it there."""
-    kind, slash, _ = override.target.partition("/")
-    field = _field(override)
-    elements = elements_at(spec, override)[0] if slash else [spec.option]
-    before = [np.array(getattr(element, field)) for element in elements]
+def _read(model: mujoco.MjModel, array: str) -> np.ndarray:
+    """A copy of an array, `(rows, size)`."""
+    if array.startswith("opt."):
+        return np.array(getattr(model.opt, array.removeprefix("opt.")), float).reshape(1, -1)
+    return getattr(model, array).copy()
 
-    def undo() -> None:
-        for element, value in zip(elements, before, strict=True):
-            setattr(element, field, value if value.ndim else float(value))
 
-    try:
-        apply(spec, override)
-    except BaseException:
-        undo()
-        raise
-    for element in elements:
-        if slash:
-            array = getattr(model, COPIED[f"{kind}.{field}"])
-            array[element.id] = getattr(element, field)
-        elif field in ("gravity", "wind", "magnetic"):
-            getattr(model.opt, field)[:] = getattr(element, field)
-        else:
-            setattr(model.opt, field, getattr(element, field))
-    return undo
+def _write(model: mujoco.MjModel, array: str, values: np.ndarray) -> None:
+    """The reverse of `_read`."""
+    field = array.removeprefix("opt.")
+    if array == field:
+        getattr(model, field)[...] = values
+    elif field in VECTORS:
+        getattr(model.opt, field)[:] = values[0]
+    else:
+        setattr(model.opt, field, float(values[0, 0]))

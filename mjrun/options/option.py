@@ -176,15 +176,30 @@ def options_of(cls: type[Options]) -> tuple[Option, ...]:
     return tuple(declared.values())
 
 
+def document_options(declared: type[Options]) -> list[Option]:
+    """Those options that documents know."""
+    return [each for each in options_of(declared) if FrontEnd.DOCUMENT in each.places]
+
+
+def is_always_written(each: Option) -> bool:
+    """Whether a document must say something: it has no standard output."""
+    return each.is_required or each.name == "output"
+
+
 @cache
 def exclusions_of(cls: type[Options]) -> tuple[Exclusion, ...]:
     """The exclusions that `cls` declares and inherits."""
     return tuple(dict.fromkeys(each for home in cls.__mro__ for each in vars(home).get("exclusions", ())))
 
 
+@cache
+def _by_name(cls: type[Options]) -> dict[str, Option]:
+    return {each.name: each for each in options_of(cls)}
+
+
 def is_given(values: Options, name: str) -> bool:
     """Whether an option is other than its default."""
-    each = next(each for each in options_of(type(values)) if each.name == name)
+    each = _by_name(type(values))[name]
     value = getattr(values, each.attribute)
     return value is not None and value != each.default
 

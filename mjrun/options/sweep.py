@@ -32,6 +32,7 @@ EXTRAS = {
 }
 DOCUMENTS, PLANS = (".yaml", ".yml"), (".jsonl",)  # suffixes of files that stand where a model stands
 MANIFEST = "study.json"  # of the folder of a study
+PARTS = "parts"  # in that folder, with the results
 DESIGNS = ("grid", "zip")
 STOPPING = ("dry_run", "print_document", "plan", "task", "collect")  # instead of a run
 SAMPLERS = ("sobol", "lhs", "random")

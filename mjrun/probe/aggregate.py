@@ -30,12 +30,20 @@ class RowChunk:
 
     def place(self, index: int) -> str:
         """Where the row at `index` is, for the end of a message."""
+        return _place_text(*self.row(index))
+
+    def row(self, index: int) -> tuple[int, float | None]:
+        """The number of the row at `index`, and its time, if there is one."""
         times = self.columns.get("time")
-        return f", at row {self.rows[index]}" + ("" if times is None else f", time {shown(times[index])}")
+        return int(self.rows[index]), None if times is None else float(times[index])
 
     def only(self, chosen: np.ndarray) -> "RowChunk":
         """The rows that `chosen`, `(count,)` booleans, picks out."""
         return RowChunk({name: values[chosen] for name, values in self.columns.items()}, self.rows[chosen])
+
+
+def _place_text(row: int, time: float | None) -> str:
+    return f", at row {row}" + ("" if time is None else f", time {shown(time)}")
 
 
 def shown(value: float) -> str:
@@ -90,25 +98,29 @@ class SingleRowAccumulator:
       find: the index of that row in a chunk.
       replaces: whether a chunk's value, given first, replaces the one of earlier chunks.
 
-    Attributes:
-      place: where the row is.
     """
 
     def __init__(self, find: Callable[[np.ndarray], Any], replaces: Callable[[float, float], bool]) -> None:
-        self._find, self._replaces, self.place = find, replaces, ""
+        self._find, self._replaces = find, replaces
         self._value: float | None = None
+        self._row: tuple[int, float | None] = (0, None)
 
     def add(self, values: np.ndarray, chunk: RowChunk) -> None:
         """Takes the operand's values on the rows of the next chunk."""
         index = int(self._find(values))
         value = float(values[index])
         if self._value is None or self._replaces(value, self._value):
-            self._value, self.place = value, chunk.place(index)
+            self._value, self._row = value, chunk.row(index)
 
     @property
     def value(self) -> float:
         """The value; NaN before the first row."""
         return math.nan if self._value is None else self._value
+
+    @property
+    def place(self) -> str:
+        """Where the row is."""
+        return "" if self._value is None else _place_text(*self._row)
 
 
 class SumAccumulator:

@@ -5,12 +5,13 @@ a model offers may be used, as in an event (`mjrun.probe.event`).
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 
-from mjrun.probe.expression import NumericExpression, columns_read, evaluate, walk
+from mjrun.probe.aggregate import RowChunk
+from mjrun.probe.expression import AggregateCall, NumericExpression, columns_read, evaluate, walk
 from mjrun.probe.parser import Parser
 from mjrun.probe.row_chunks import Aggregates, ChunkBuffer
 from mjrun.probe.scanner import SourceText, Vocabulary
@@ -28,32 +29,39 @@ class Metric:
     text: str
     columns: tuple[str, ...]
     _value: NumericExpression = field(repr=False)
-
-    def evaluator(self, table: Sequence[str]) -> "MetricEvaluator":
-        """A new evaluation over a table with these columns, which has seen no row."""
-        return MetricEvaluator(self, table)
+    _calls: tuple[AggregateCall, ...] = field(repr=False)
 
 
-class MetricEvaluator:
-    """One pass of a metric over a table, block by block."""
+class MetricEvaluation:
+    """One pass of metrics over a table, block by block.
 
-    def __init__(self, metric: Metric, table: Sequence[str]) -> None:
-        self._expression = metric._value
-        self._rows = ChunkBuffer(table, metric.columns)
-        self._aggregates = Aggregates(walk(self._expression))
+    Args:
+      table: the names of its columns.
+    """
+
+    def __init__(self, metrics: Sequence[Metric], table: Sequence[str]) -> None:
+        self._metrics = metrics
+        self._rows = ChunkBuffer(table, {name for metric in metrics for name in metric.columns})
+        self._aggregates = [Aggregates(metric._calls) for metric in metrics]
 
     def feed(self, block: np.ndarray) -> None:
         """Takes the next rows `(n, columns)`, one column for each of the table's."""
-        with np.errstate(all="ignore"):
-            for chunk in self._rows.feed(block, self._rows.seen):
-                self._aggregates.add(chunk)
+        self._take(self._rows.feed(block, self._rows.seen))
 
-    def value(self) -> float:
-        """The metric, after the last block; NaN without rows."""
+    def values(self) -> tuple[float, ...]:
+        """The metrics, after the last block; NaN without rows."""
+        self._take(self._rows.rest())
+        if not self._rows.seen:
+            return (math.nan,) * len(self._metrics)
         with np.errstate(all="ignore"):
-            for chunk in self._rows.rest():
-                self._aggregates.add(chunk)
-            return float(evaluate(self._expression, {}, self._aggregates.values())) if self._rows.seen else math.nan
+            pairs = zip(self._metrics, self._aggregates, strict=True)
+            return tuple(float(evaluate(metric._value, {}, aggregates.values())) for metric, aggregates in pairs)
+
+    def _take(self, chunks: Iterable[RowChunk]) -> None:
+        with np.errstate(all="ignore"):
+            for chunk in chunks:
+                for aggregates in self._aggregates:
+                    aggregates.add(chunk)
 
 
 def parse_metric(text: str, columns: Sequence[str] | Vocabulary, label: str) -> Metric:
@@ -68,5 +76,5 @@ def parse_metric(text: str, columns: Sequence[str] | Vocabulary, label: str) -> 
     """
     vocabulary = columns if isinstance(columns, Vocabulary) else Vocabulary(columns)
     value = Parser(SourceText(text, label), vocabulary).table_value()
-    read = columns_read(value)
-    return Metric(text, read, value)
+    calls = tuple(node for node in walk(value) if isinstance(node, AggregateCall))
+    return Metric(text, columns_read(value), value, calls)

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Iterable, Iterator, Sequence
+from typing import Any
 
 import numpy as np
 
@@ -19,7 +20,12 @@ from mjrun.probe.expression import (
 
 def evaluate_rows(value: NumericExpression, chunk: RowChunk, known: KnownValues) -> np.ndarray:
     """The value on each row of `chunk`: `(n,)`."""
-    return np.broadcast_to(evaluate(value, chunk.columns, known), chunk.count)
+    return _on_each_row(evaluate(value, chunk.columns, known), chunk.count)
+
+
+def _on_each_row(values: Any, count: int) -> np.ndarray:
+    has_rows = isinstance(values, np.ndarray) and values.shape == (count,)
+    return values if has_rows else np.broadcast_to(values, count)  # which takes its time
 
 
 class ChunkBuffer:
@@ -92,7 +98,7 @@ class Aggregates:
         for call, accumulated in self._accumulators.items():
             rows = chunk
             if call.condition is not None:
-                holds = np.broadcast_to(evaluate_truth(call.condition, chunk.columns, self.known), chunk.count)
+                holds = _on_each_row(evaluate_truth(call.condition, chunk.columns, self.known), chunk.count)
                 rows = chunk.only(holds)
             if isinstance(accumulated, ShareAccumulator):
                 accumulated.rows += chunk.count

@@ -1,6 +1,6 @@
 """What an engine is: something that steps n simulations at once and records them as blocks of rows."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Protocol
 
@@ -68,6 +68,24 @@ class Engine(Protocol):
           UsageError: the engine cannot simulate these models.
         """
         ...
+
+
+def joined(blocks: Iterable[RolloutBlock], rows: int) -> Iterator[RolloutBlock]:
+    """The same rows, in which blocks of fewer than `rows` are one with those that follow, up to so many."""
+    waiting: RolloutBlock | None = None
+    for block in blocks:
+        if waiting and len(waiting.steps) + len(block.steps) > rows:
+            yield waiting
+            waiting = None
+        waiting = _joined(waiting, block) if waiting else block
+    if waiting:
+        yield waiting
+
+
+def _joined(one: RolloutBlock, other: RolloutBlock) -> RolloutBlock:
+    steps = np.concatenate([one.steps, other.steps])
+    fields = {name: np.concatenate([values, other.fields[name]], axis=1) for name, values in one.fields.items()}
+    return RolloutBlock(steps, fields, one.initial, one.counts + other.counts, {**one.failures, **other.failures})
 
 
 def models_of(models: mujoco.MjModel | Sequence[mujoco.MjModel], count: int) -> Sequence[mujoco.MjModel]:

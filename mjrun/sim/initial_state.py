@@ -134,6 +134,8 @@ def _joints_named(model: mujoco.MjModel, name: str) -> list[int]:
 
 def _check_finite(model: mujoco.MjModel, data: mujoco.MjData) -> None:
     for name, vector in (("qpos", data.qpos), ("qvel", data.qvel), ("act", data.act), ("ctrl", data.ctrl)):
+        if abs(vector).max(initial=0) <= mujoco.mjMAXVAL:
+            continue
         bad = np.flatnonzero(~np.isfinite(vector))
         if bad.size:
             raise UsageError(f"the initial {name}[{bad[0]}] is {vector[bad[0]]}, and must be finite")

@@ -6,15 +6,14 @@ import threading
 import time
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from multiprocessing.connection import Pipe
 
-from mjrun.child_process import ChildProcess, ExitStatus, python_call
+from mjrun.child_process import ExitStatus
 from mjrun.study.simulate import PointResult, Status, StudyPoint, StudySpec
+from mjrun.study.worker_process import new_process
 
 TIMEOUT_CODE = 124  # as timeout(1) has it
 SIGNALLED = 128  # plus the number of the signal, as shells have it
 START = 120.0  # [s] that a process may take to start
-ENVIRONMENT = {"MUJOCO_GL": "disable", "OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}
 
 
 @dataclass(frozen=True)
@@ -115,14 +114,7 @@ class _Worker:
     """A process, as its parent sees it."""
 
     def __init__(self, spec: StudySpec) -> None:
-        self._connection, theirs = Pipe()
-        with contextlib.closing(theirs):
-            self._process = ChildProcess(
-                python_call("mjrun.study.worker:main"),
-                environment=ENVIRONMENT,
-                descriptors=[theirs.fileno()],
-                stderr="capture",
-            )
+        self._connection, self._process = new_process()
         self._is_new = True
         self._send(spec)
 

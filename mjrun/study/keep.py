@@ -9,13 +9,10 @@ from dataclasses import replace as replaced
 import numpy as np
 
 from mjrun.errors import clean, concerning
-from mjrun.formats.codecs import encoding
 from mjrun.formats.point_manifest import values_in_words
-from mjrun.job.perform import preview
 from mjrun.options.keep import KeepOptions
 from mjrun.options.kinds import AUTO
 from mjrun.reporter import Reporter, WarningReporter
-from mjrun.study.contact_sheet import MOST, SheetCell, write_contact_sheet
 from mjrun.study.point_choice import PointChoice
 from mjrun.study.point_files import FOLDER, NAMES, PointOutputs, keep_options, make_isolated, up_to
 from mjrun.study.prepared import PreparedStudy
@@ -53,9 +50,13 @@ class PointKeeper:
         kinds = {*options.keep, *(["video"] if options.contact_sheet is not None else [])}
         self.kinds = tuple(kind for kind in NAMES if kind in kinds)
         if options.contact_sheet is not None:
+            from mjrun.formats.codecs import encoding  # which takes its time, and few studies keep files
+
             with concerning("contact_sheet"):
                 encoding(options.contact_sheet).check_fps(options.fps)
         if self.kinds:
+            from mjrun.job.perform import preview
+
             first = self._outputs(0, PointResult(0, "ok", (), 0))
             preview(replaced(first, simulation=prepared.first).jobs(self.kinds), WarningReporter())
 
@@ -93,6 +94,8 @@ class PointKeeper:
         reporter: Reporter,
     ) -> list[str]:
         """The video of all videos, if it is asked for."""
+        from mjrun.study.contact_sheet import MOST, SheetCell, write_contact_sheet
+
         path, options = self._options.contact_sheet, self._options
         if path is None:
             return []

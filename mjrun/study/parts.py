@@ -18,17 +18,18 @@ import mujoco
 import numpy as np
 
 from mjrun.errors import FileError
+from mjrun.formats.arrow_columns import number_array, text_array
 from mjrun.formats.atomic_output import OutputWriter, StagedFile
 from mjrun.job.manifest import plain
 from mjrun.model.fingerprint import model_fingerprint
 from mjrun.model.sources import source_of
+from mjrun.options.sweep import PARTS
 from mjrun.study.simulate import PointResult, StudySpec
 from mjrun.version import __version__
 
 if TYPE_CHECKING:
     import pyarrow
 
-FOLDER = "parts"
 SUFFIX = ".parquet"
 METRIC = "metric:"  # before the name of each
 LAST = ("steps", "exit_code", "message", "wall")
@@ -111,7 +112,7 @@ class PartFiles:
     """
 
     def __init__(self, folder: Path, metrics: Sequence[str]) -> None:
-        self._folder, self._metrics = folder / FOLDER, tuple(metrics)
+        self._folder, self._metrics = folder / PARTS, tuple(metrics)
         self.damaged: list[Path] = []  # of those that were read
 
     def create(self) -> None:
@@ -205,14 +206,15 @@ def _part(keys: Sequence[str], results: Sequence[PointResult], host: str, metric
     """The table of a part."""
     import pyarrow
 
-    columns: dict[str, object] = {
-        "key": list(keys),
-        "status": [result.status for result in results],
-        "steps": [result.steps for result in results],
-        "exit_code": [result.exit_code for result in results],
-        "message": [result.message for result in results],
-        "host": [host] * len(results),
-        "wall": [result.wall for result in results],
-        **{METRIC + name: [result.metrics[i] for result in results] for i, name in enumerate(metrics)},
+    columns = {
+        "key": text_array(keys),
+        "status": text_array([result.status for result in results]),
+        "steps": number_array(np.array([result.steps for result in results], np.int64)),
+        "exit_code": number_array(np.array([result.exit_code for result in results], np.int64)),
+        "message": text_array([result.message for result in results]),
+        "host": text_array([host] * len(results)),
+        "wall": number_array(np.array([result.wall for result in results], float)),
     }
-    return pyarrow.table(columns)
+    for index, name in enumerate(metrics):
+        columns[METRIC + name] = number_array(np.array([result.metrics[index] for result in results], float))
+    return pyarrow.Table.from_arrays(list(columns.values()), names=list(columns))

@@ -122,7 +122,7 @@ def _steps(prepared: PreparedStudy, indices: Sequence[int]) -> np.ndarray:
         if key not in known:
             try:
                 simulation = prepared.spec.varying(tuple(names[i] for i in deciding)).simulation(key)
-                known[key] = simulation.timeline(variants.load(simulation.source)).steps
+                known[key] = simulation.timeline(variants.load(simulation.source).model).steps
             except MjrunError:
                 known[key] = 0
         counts.append(known[key])

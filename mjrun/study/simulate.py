@@ -6,6 +6,7 @@ alone.
 
 import math
 import time
+from collections import OrderedDict
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
@@ -18,12 +19,12 @@ from mjrun.job.simulation import Simulation
 from mjrun.job.trace_rows import ProbeSampler, RowBuffer
 from mjrun.model import state
 from mjrun.model.mujoco_globals import collected_warnings, without_timers
-from mjrun.model.variants import ModelVariants
+from mjrun.model.variants import ModelVariant, ModelVariants
 from mjrun.probe.available import AvailableProbes
 from mjrun.probe.fields import FieldProbe
-from mjrun.probe.metric import Metric, MetricEvaluator, parse_metric
+from mjrun.probe.metric import Metric, MetricEvaluation, parse_metric
 from mjrun.sim.c_engine import AUTORESET, ENERGY, SLEEP, CEngine
-from mjrun.sim.engine import Engine
+from mjrun.sim.engine import Engine, joined
 from mjrun.sim.observe import Tap, observe
 from mjrun.sim.stepper import PhysicsStepper
 from mjrun.sim.warp_device import WarpDevice
@@ -38,6 +39,8 @@ NOT_IN_WARP = (
     f"{option('engine')} warp: controllers, replays, tables of controls, noise, pushes and sleep are not for it, nor "
     f"are metrics that no recorded field holds\n{option('engine')} local simulates them"
 )
+REMEMBERED = 8  # compiled models
+ENOUGH = 512  # rows that are worth measuring at once
 SIDE_BY_SIDE = 64  # simulations of a batch, at most: more only take memory
 BUG = 70
 
@@ -108,7 +111,7 @@ class PointSimulator:
     def __init__(self, spec: StudySpec) -> None:
         self._spec = spec
         self._variants = ModelVariants(self._prepare)
-        self._last: tuple[mujoco.MjModel, Timeline, ProbeSampler] | None = None
+        self._compiled = OrderedDict[int, _CompiledModel]()  # by the id of the model that it holds
         self._metrics = dict[object, list[Metric]]()
         self._engine: Engine = CEngine(threads=1) if spec.engine == "c" else WarpEngine(WarpDevice())
         self._most = SIDE_BY_SIDE if spec.engine == "c" else WORLDS
@@ -126,6 +129,7 @@ class PointSimulator:
                     continue
                 if prepared.kind is None:
                     yield self._alone(prepared)
+                    self._variants.reuse(prepared.variant)
                     continue
                 if batch and (prepared.kind != batch[0].kind or len(batch) == self._most):
                     yield from self._side_by_side(batch)
@@ -135,14 +139,14 @@ class PointSimulator:
 
     def _ready(self, point: StudyPoint) -> "_Prepared":
         simulation = self._spec.simulation(point.values)
-        model = self._variants.load(simulation.source)
-        timeline = simulation.timeline(model)
-        metrics = self._metrics_of(model)
-        prepared = _Prepared(point, simulation, timeline, self._sampler(model, timeline, metrics), metrics)
+        variant = self._variants.load(simulation.source)
+        compiled = self._compiled.get(id(variant.compiled)) or self._found_out(variant.compiled)
+        timeline = simulation.timeline(variant.model)
+        prepared = _Prepared(point, simulation, variant, timeline, compiled.sampler(timeline), compiled)
         if self._spec.engine == "warp":
             if prepared.kind is None:
                 raise UsageError(NOT_IN_WARP)
-            prepared.kind = (*prepared.kind, id(prepared.sampler.model))  # it simulates one model at a time
+            prepared.kind = (*prepared.kind, id(variant.model))  # it simulates one model at a time
         return prepared
 
     def _prepare(self, model: mujoco.MjModel) -> None:
@@ -151,17 +155,8 @@ class PointSimulator:
         if any("energy" in text for _, text in self._spec.metrics):
             model.opt.enableflags |= ENERGY
 
-    def _sampler(self, model: mujoco.MjModel, timeline: Timeline, metrics: Sequence[Metric]) -> ProbeSampler:
-        """What measures the columns of all metrics; the one of the point before, where the model is the same."""
-        if self._last and self._last[0] is model and self._last[1] == timeline:
-            return self._last[2]
-        columns = dict.fromkeys(name for metric in metrics for name in metric.columns if name != "time")
-        sampler = ProbeSampler(model, list(columns), timeline)
-        self._last = (model, timeline, sampler)
-        return sampler
-
-    def _metrics_of(self, model: mujoco.MjModel) -> list[Metric]:
-        """The metrics in the names of `model`, which models of one structure share."""
+    def _found_out(self, model: mujoco.MjModel) -> "_CompiledModel":
+        """What is to be known of a compiled model, and remembered."""
         key = structure(model)
         if key not in self._metrics:
             available = AvailableProbes(model)
@@ -169,12 +164,15 @@ class PointSimulator:
             for name, text in self._spec.metrics:
                 with concerning("metric", name):
                     self._metrics[key].append(parse_metric(text, available, f"{option('metric')} {name}"))
-        return self._metrics[key]
+        compiled = self._compiled[id(model)] = _CompiledModel(model, key, self._metrics[key])
+        if len(self._compiled) > REMEMBERED:
+            self._compiled.popitem(last=False)
+        return compiled
 
     def _alone(self, prepared: "_Prepared") -> PointResult:
         start = time.perf_counter()
         try:
-            stepper = prepared.simulation.stepper(prepared.sampler.model)
+            stepper = prepared.simulation.stepper(prepared.variant.model)
             rows = prepared.timeline.rows(every=self._spec.every)
             if isinstance(stepper, PhysicsStepper):
                 for part in prepared.sampler.blocks(stepper, rows):
@@ -192,10 +190,10 @@ class PointSimulator:
         begin = time.perf_counter()
         ready: list[_Prepared] = []
         starts: list[np.ndarray] = []
-        data = mujoco.MjData(batch[0].sampler.model) if batch else None  # they are all of one size
+        data = mujoco.MjData(batch[0].variant.model) if batch else None  # they are all of one size
         for prepared in batch:
             try:
-                model = prepared.sampler.model
+                model = prepared.variant.model
                 prepared.simulation.start.reset(model, data)
                 starts.append(state.save(model, data))
                 ready.append(prepared)
@@ -216,14 +214,16 @@ class PointSimulator:
                 yield self._failed(prepared.point, failure, failure.step, wall)
             else:
                 yield prepared.result(wall)
+        for prepared in batch:
+            self._variants.reuse(prepared.variant)
 
     def _roll_out(self, ready: Sequence["_Prepared"], starts: np.ndarray) -> dict[int, SimulationError]:
         """Feeds every simulation its rows, and returns what became of those that failed, by index."""
         first = ready[0]
-        models = [prepared.sampler.model for prepared in ready]
+        models = [prepared.variant.model for prepared in ready]
         steps, every = first.timeline.steps, self._spec.every
         failures = dict[int, SimulationError]()
-        for block in self._engine.rollout(models, starts, None, steps, first.sampler.fields, every):
+        for block in joined(self._engine.rollout(models, starts, None, steps, first.sampler.fields, every), ENOUGH):
             failures |= block.failures
             wanted = len(block.steps) - (block.steps[-1] % every != 0)  # the last step is no row of every N-th
             for index, prepared in enumerate(ready):
@@ -242,6 +242,26 @@ class PointSimulator:
         return PointResult(point.index, status, metrics, steps, code, text, wall)
 
 
+class _CompiledModel:
+    """What the variants of a compiled model have in common.
+
+    Attributes:
+      structure: see `structure`.
+      metrics: in the names of this model.
+    """
+
+    def __init__(self, model: mujoco.MjModel, structure: tuple[object, ...], metrics: Sequence[Metric]) -> None:
+        self.structure, self.metrics = structure, metrics
+        self._model, self._sampler = model, dict[Timeline, ProbeSampler]()
+        self._columns = [*dict.fromkeys(name for each in metrics for name in each.columns if name != "time")]
+
+    def sampler(self, timeline: Timeline) -> ProbeSampler:
+        """What measures the columns of all metrics, of whatever variant: nothing that variants differ in decides it."""
+        if timeline not in self._sampler:
+            self._sampler = {timeline: ProbeSampler(self._model, self._columns, timeline)}
+        return self._sampler[timeline]
+
+
 class _Prepared:
     """A point that is ready to be simulated.
 
@@ -253,26 +273,26 @@ class _Prepared:
         self,
         point: StudyPoint,
         simulation: Simulation,
+        variant: ModelVariant,
         timeline: Timeline,
         sampler: ProbeSampler,
-        metrics: Sequence[Metric],
+        compiled: _CompiledModel,
     ) -> None:
-        self.point, self.simulation, self.timeline, self.sampler = point, simulation, timeline, sampler
+        self.point, self.simulation, self.variant = point, simulation, variant
+        self.timeline, self.sampler = timeline, sampler
         names = [column.name for column in sampler.columns]
-        self._evaluators: list[MetricEvaluator] = [metric.evaluator(names) for metric in metrics]
+        self._metrics = MetricEvaluation(compiled.metrics, names)
         self.kind: tuple[object, ...] | None = None
         if self._can_share():
-            self.kind = (*structure(sampler.model), timeline.steps)
+            self.kind = (compiled.structure, timeline.steps)
 
     def feed(self, block: np.ndarray) -> None:
         """Takes the next rows."""
-        for evaluator in self._evaluators:
-            evaluator.feed(block)
+        self._metrics.feed(block)
 
     def result(self, wall: float) -> PointResult:
         """The result of a simulation that has reached its end."""
-        metrics = tuple(evaluator.value() for evaluator in self._evaluators)
-        return PointResult(self.point.index, "ok", metrics, self.timeline.steps, wall=wall)
+        return PointResult(self.point.index, "ok", self._metrics.values(), self.timeline.steps, wall=wall)
 
     def _can_share(self) -> bool:
         simulation = self.simulation

@@ -5,18 +5,27 @@ each point, and with None when it is ready: at the start, and after the last of 
 """
 
 import contextlib
+import gc
 import os
 from collections.abc import Sequence
 from multiprocessing.connection import Connection
+from typing import TYPE_CHECKING
 
 from mjrun.child_process import limit_this_process
-from mjrun.study.simulate import PointSimulator, StudyPoint, StudySpec
+
+if TYPE_CHECKING:
+    from mjrun.study.simulate import StudyPoint, StudySpec
 
 
 def main(connection: str) -> None:
     """Serves the connection with this descriptor until the other end hangs up."""
     os.dup2(2, 1)  # MuJoCo's plugins print
     limit_this_process(core=0)
+    gc.disable()  # modules are no garbage
+    from mjrun.study.simulate import PointSimulator
+
+    gc.freeze()
+    gc.enable()
     with contextlib.suppress(EOFError, ConnectionError), Connection(int(connection)) as parent:
         spec: StudySpec = parent.recv()
         simulator = PointSimulator(spec)

@@ -97,11 +97,11 @@ class EpisodeModels:
           UsageError: a path of what varies names nothing, or a value does not fit.
         """
         if self.is_one:
-            return self._variants.load(self._source)
+            return self._variants.load(self._source).model
         generator = stream(seed, MODEL)
         overrides = [Override(path, draw_text(text, generator)) for path, text in self._vary]
         try:
-            return self._variants.load(self._source.with_overrides(overrides))
+            return self._variants.load(self._source.with_overrides(overrides)).model
         except UsageError as error:
             if error.path[:1] == ("set",):  # as overrides are called otherwise
                 error.path = ("reset", "vary", *error.path[1:])

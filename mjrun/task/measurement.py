@@ -11,7 +11,7 @@ from mujoco.batch import Batch
 
 from mjrun.model import state
 from mjrun.model.column import Column
-from mjrun.probe.fields import LAZY, FieldProbe, InstantProbe, Probe, extents, field_probe, recorded_probe
+from mjrun.probe.fields import LAZY, FieldProbe, InstantProbe, Probe, extents, recorded_probe
 from mjrun.probe.select import ALIASES, PAIRS, select
 from mjrun.task.hidden_sensors import SENSED
 
@@ -42,11 +42,27 @@ class _Gathered:
 class _Computed:
     """Numbers that a probe computes."""
 
-    probe: Probe
+    probe: FieldProbe
     count: int
 
 
-_Piece = _Gathered | _Computed
+@dataclass(frozen=True)
+class _Completed:
+    """Numbers of a field that a step leaves out, by their places in it."""
+
+    field: str
+    places: tuple[int, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class _Measured:
+    """Numbers that a probe measures on an MjData."""
+
+    probe: InstantProbe
+    count: int
+
+
+_Piece = _Gathered | _Computed | _Completed | _Measured
 
 
 class MeasurementPlan:
@@ -67,15 +83,13 @@ class MeasurementPlan:
 
     def __init__(self, model: mujoco.MjModel, names: Sequence[str], can_sense: bool) -> None:
         self._model = model
-        self._can_sense = can_sense
         self._group = cache(self._group_of)
-        self._pieces = list(self._merged(names))
-        self.is_whole = any(isinstance(p, _Computed) and isinstance(p.probe, InstantProbe) for p in self._pieces)
-        if self.is_whole and can_sense:  # what needs an MjData anyhow needs no sensors, and has none of its own
-            self._can_sense = False
-            self._group = cache(self._group_of)
-            self._pieces = list(self._merged(names))
         self.columns = [self._column(name) for name in names]
+        pieces = list(self._merged(names, can_sense))
+        if any(isinstance(piece, _Completed | _Measured) for piece in pieces):
+            pieces = list(self._merged(names, can_sense=False))  # where an MjData is needed anyhow, sensors are not
+        self._pieces = pieces
+        self.is_whole = any(isinstance(piece, _Completed | _Measured) for piece in pieces)
 
         self.sensed = tuple(
             dict.fromkeys(p.field for p in self._pieces if isinstance(p, _Gathered) and p.field in LAZY)
@@ -100,25 +114,26 @@ class MeasurementPlan:
     def _group_of(self, group: str) -> tuple[Sequence[Column], Probe]:
         """The columns of a group, and the probe that has them."""
         field = ALIASES.get(group, group)
-        if field in SENSED and self._can_sense:
+        if field in extents():
             probe: Probe = recorded_probe(self._model, field, group)
-        elif field in extents() or field == "time":
-            probe = field_probe(self._model, field, group)
         else:
             (probe,) = select(self._model, [group])
         return probe.columns, probe
 
-    def _merged(self, names: Sequence[str]) -> Iterator[_Piece]:
+    def _merged(self, names: Sequence[str], can_sense: bool) -> Iterator[_Piece]:
         """The pieces that `names` are of, as few as there can be."""
         for group, members in groupby(names, _group_name):
             columns, probe = self._group(group)
             places = {column.name: index for index, column in enumerate(columns)}
             indices = tuple(places[name] for name in members)
             field = ALIASES.get(group, group)
-            if isinstance(probe, FieldProbe) and field in extents():
-                yield _Gathered(field, indices)
-            else:
+            if field in extents():
+                is_left_out = field in LAZY and not (can_sense and field in SENSED)
+                yield _Completed(field, indices) if is_left_out else _Gathered(field, indices)
+            elif isinstance(probe, FieldProbe):
                 yield _Computed(probe.only(indices), len(indices))
+            else:
+                yield _Measured(probe.only(indices), len(indices))
 
     def _stage(self, field: str) -> int:
         if field == "sensordata":
@@ -145,11 +160,18 @@ class Measurement:
         self._state_fields = state.fields(state.sizes(batch.model))
         self._first: dict[str, np.ndarray] = {}  # fields at the start of each episode, for probes that look at them
         self._reads: list[tuple[slice, Read]] = []
+        self._whole: list[tuple[slice, _Completed | _Measured]] = []
         start = 0
         for piece in pieces:
-            count = len(piece.places) if isinstance(piece, _Gathered) else piece.count
-            self._reads.append((slice(start, start + count), self._read_of(piece)))
-            start += count
+            count = piece.count if isinstance(piece, _Computed | _Measured) else len(piece.places)
+            place = slice(start, start := start + count)
+            if isinstance(piece, _Completed | _Measured):
+                self._whole.append((place, piece))
+            else:
+                self._reads.append(
+                    (place, self._gather(piece) if isinstance(piece, _Gathered) else self._compute(piece))
+                )
+        self._scratch = mujoco.MjData(batch.model) if self._whole else None
 
     def begin(self, rows: Rows) -> None:
         """Takes the instant for the first of an episode of each of these worlds."""
@@ -160,13 +182,22 @@ class Measurement:
         """Writes the columns of the worlds `rows` into `out` `(k, columns)`."""
         for place, read in self._reads:
             read(rows, out[:, place])
+        if self._scratch:
+            for row, world in enumerate(np.arange(self._batch.nsim)[rows].tolist()):
+                self._batch.get_data(world, self._scratch)
+                self._examine(self._model_of(world), self._scratch, out[row])
 
-    def _read_of(self, piece: _Piece) -> Read:
-        if isinstance(piece, _Gathered):
-            return self._gather(piece)
-        if isinstance(piece.probe, FieldProbe):
-            return self._compute(piece.probe)
-        return self._measure(piece.probe)
+    def _examine(self, model: mujoco.MjModel, data: mujoco.MjData, out: np.ndarray) -> None:
+        """Writes what an MjData is needed for into `out` `(columns,)`; `data` is ours."""
+        computed: set[object] = set()
+        for place, piece in self._whole:
+            if isinstance(piece, _Measured):
+                out[place] = piece.probe.measure(model, data)
+            else:
+                if LAZY[piece.field] not in computed:
+                    LAZY[piece.field](model, data)
+                    computed.add(LAZY[piece.field])
+                out[place] = getattr(data, piece.field).ravel()[list(piece.places)]
 
     def _gather(self, piece: _Gathered) -> Read:
         if piece.field in state.FIELDS:  # views of the states: gathered from there
@@ -189,7 +220,8 @@ class Measurement:
 
         return gather
 
-    def _compute(self, probe: FieldProbe) -> Read:
+    def _compute(self, piece: _Computed) -> Read:
+        probe = piece.probe
         fields = {name: self._batch.bind(name) for name in probe.fields}
         if probe.needs_initial:
             self._first |= {name: np.zeros_like(values) for name, values in fields.items()}
@@ -202,16 +234,6 @@ class Measurement:
 
         return compute
 
-    def _measure(self, probe: InstantProbe) -> Read:
-        batch, model_of, scratch = self._batch, self._model_of, mujoco.MjData(self._batch.model)
-
-        def measure(rows: Rows, out: np.ndarray) -> None:
-            for row, world in enumerate(np.arange(batch.nsim)[rows].tolist()):
-                batch.get_data(world, scratch)
-                out[row] = probe.measure(model_of(world), scratch)
-
-        return measure
-
 
 def _group_name(name: str) -> str:
     """The group of a column: what it may be asked for with all its like; a pair's contacts are their own."""
@@ -220,6 +242,7 @@ def _group_name(name: str) -> str:
 
 
 def _fields(piece: _Piece) -> Sequence[str]:
+    """The fields that a piece reads; none of those that an MjData is needed for."""
     if isinstance(piece, _Gathered):
         return (piece.field,)
-    return piece.probe.fields if isinstance(piece.probe, FieldProbe) else ()
+    return piece.probe.fields if isinstance(piece, _Computed) else ()

@@ -15,9 +15,9 @@ from mujoco.batch import SimulationError as BatchError
 
 from mjrun.model.source import Source
 from mjrun.model.variants import ModelVariants
-from mjrun.options.task import CURRENT
+from mjrun.options.task import CURRENT, LAGGED
 from mjrun.probe.task_expression import TaskColumns
-from mjrun.sim.c_engine import AUTORESET, ENERGY, SLEEP
+from mjrun.sim.c_engine import AUTORESET, ENERGY, RK4, SLEEP
 from mjrun.sim.stepper import BAD
 from mjrun.task.action_map import ActionMap, TargetTorques
 from mjrun.task.command_signals import CommandSignals
@@ -155,10 +155,11 @@ class TaskWorlds:
         with self.task.located():
             self._load([int(seed) for seed in seeds], worlds)
         rows, some = (ALL, None) if ids is None else (worlds, worlds)
+        chosen = _sorted(ids)
         self._instants[worlds], self._actions[worlds] = 0, 0
         self._over[worlds] = self._failed[worlds] = False
         self._batch.warning[worlds] = 0
-        self._call(lambda: self._batch.forward(some, max(self._reset_stage, POSITION)))
+        self._call(lambda: self._batch.forward(chosen, max(self._reset_stage, POSITION)))
         self._measurement.begin(rows)
 
         measured, inputs = self._measure(rows), self._inputs(worlds)
@@ -200,7 +201,7 @@ class TaskWorlds:
     def finish(self, ids: Ids | None = None) -> TaskStep:
         """What has come of the control period, whose `control_steps` steps are taken."""
         if self._stage != NONE:
-            some = None if ids is None else np.asarray(ids, int)
+            some = _sorted(ids)
             self._call(lambda: self._batch.forward(some, self._stage))
         return self._finish(ids)
 
@@ -222,7 +223,10 @@ class TaskWorlds:
         self._starts = EpisodeStarts(task.reset, model)
 
         self._of_terms = len(plan.measured)
-        measured = MeasurementPlan(model, [*plan.measured, *self._expressions.measured], can_sense(spec, model))
+        # A sensor's share of a step comes before the stages of RK4, behind which a step leaves everything else.
+        is_rk4 = model.opt.integrator == RK4 or any(path == "opt.integrator" for path, _ in task.reset.vary)
+        sensible = can_sense(spec, model) and not (is_rk4 and task.derived == LAGGED)
+        measured = MeasurementPlan(model, [*plan.measured, *self._expressions.measured], sensible)
         self._batch = self._open(model, measured, threads)
         self._measurement = measured.measurement(self._batch, self._model_of)
         self._ctrl, self._qpos, self._qvel = (self._batch.bind(name) for name in ("ctrl", "qpos", "qvel"))
@@ -267,7 +271,7 @@ class TaskWorlds:
 
     def _advance(self, steps: int, ids: Ids | None, stage: int) -> None:
         """Takes steps, and computes what is derived of the state up to `stage`."""
-        rows, some = (ALL, None) if ids is None else (np.asarray(ids, int), np.asarray(ids, int))
+        rows, some = ALL if ids is None else np.asarray(ids, int), _sorted(ids)
         if not self._torques.is_needed:
             self._call(lambda: self._batch.step(some, steps, stage))
             return
@@ -333,6 +337,11 @@ class TaskWorlds:
         name = next(name for name, good in zip(self.action_names, finite[row], strict=True) if not good)
         value = actions[row, self.action_names.index(name)]
         raise ValueError(f"actions must be finite: {name} is {value} in world {self._all[rows][row]}")
+
+
+def _sorted(ids: Ids | None) -> np.ndarray | None:
+    """The ids as a batch takes them."""
+    return None if ids is None else np.sort(np.asarray(ids, int))
 
 
 def _sum(terms: np.ndarray, count: int) -> np.ndarray:

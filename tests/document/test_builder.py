@@ -5,8 +5,7 @@ from pathlib import Path
 import pytest
 
 from mjrun.document.builder import DocumentBuilder, fault_at
-from mjrun.document.option_models import Folders
-from mjrun.document.output_folder import OutputFolder
+from mjrun.document.output_folder import Folders, OutputFolder
 from mjrun.document.tree import MappingNode, Mark
 from mjrun.document.yaml_parser import LineIndex, compose
 from mjrun.errors import DocumentError, UsageError

@@ -11,14 +11,14 @@ from hypothesis import strategies as st
 from pydantic import ValidationError
 
 from mjrun.document.json_schema import json_schema
-from mjrun.document.option_models import Folders, document_options, option_value, options_model
-from mjrun.document.output_folder import OutputFolder
+from mjrun.document.option_models import option_value, options_model
+from mjrun.document.output_folder import Folders, OutputFolder
 from mjrun.document.run import OUTPUTS, RunDocument
 from mjrun.document.run_writer import plain_value
 from mjrun.options import kinds
 from mjrun.options.diff import ColumnTolerances
 from mjrun.options.kinds import Kind
-from mjrun.options.option import Exclusion, Option, Options, option, options, required
+from mjrun.options.option import Exclusion, Option, Options, document_options, option, options, required
 from mjrun.options.push import PushKind
 from mjrun.options.simulation import SimulationOptions
 from mjrun.rendering.segmentation import groupings

@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 
 from mjrun.cli.console import Console
 from mjrun.cli.main import group
-from mjrun.document.run_writer import study_text
 from mjrun.document.study import read_study
+from mjrun.document.study_writer import study_text
 from mjrun.errors import DocumentError, UsageError
 from mjrun.job.simulation import Simulation
 from mjrun.study.study import Study

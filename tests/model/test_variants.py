@@ -68,8 +68,8 @@ def test_a_variant_is_the_compiled_model(
         with pytest.raises(type(error)):
             shared.load(varied)
     else:
-        assert content(shared.load(varied)) == expected
-    assert content(shared.load(parse_source(path))) == content(parse_source(path).load())  # nothing stays behind
+        assert content(shared.load(varied).model) == expected
+    assert content(shared.load(parse_source(path)).model) == content(parse_source(path).load())  # nothing stays behind
 
 
 def test_what_the_compiler_copies_is_compiled_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -100,6 +100,6 @@ def test_compiled_models_are_shared_as_they_are(tmp_path: Path) -> None:
     path = tmp_path / "model.mjb"
     mujoco.mj_saveModel(parse_source(source(tmp_path)).load(), str(path))
     shared = ModelVariants()
-    assert shared.load(parse_source(str(path))) is shared.load(parse_source(str(path)))
+    assert shared.load(parse_source(str(path))).model is shared.load(parse_source(str(path))).model
     with pytest.raises(MjrunError):
         shared.load(parse_source(str(path), [Override("opt.timestep", "1")]))

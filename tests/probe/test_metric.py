@@ -6,19 +6,19 @@ import numpy as np
 import pytest
 
 from mjrun.errors import UnknownNameError, UsageError
-from mjrun.probe.metric import parse_metric
+from mjrun.probe.metric import MetricEvaluation, parse_metric
 
 RNG = np.random.default_rng(4)
 X, Y = RNG.normal(size=1500), RNG.normal(size=1500)
 
 
 def value(text: str, sizes: tuple[int, ...] = (1500,)) -> float:
-    evaluator = parse_metric(text, ["x", "y"], "metric").evaluator(["y", "x"])
+    evaluation = MetricEvaluation([parse_metric(text, ["x", "y"], "metric")], ["y", "x"])
     start = 0
     for size in sizes:
-        evaluator.feed(np.stack([Y, X], axis=1)[start : start + size])
+        evaluation.feed(np.stack([Y, X], axis=1)[start : start + size])
         start += size
-    return evaluator.value()
+    return evaluation.values()[0]
 
 
 @pytest.mark.parametrize(

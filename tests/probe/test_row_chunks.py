@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from mjrun.errors import UsageError
 from mjrun.probe.aggregate import CHUNK
-from mjrun.probe.metric import parse_metric
+from mjrun.probe.metric import MetricEvaluation, parse_metric
 from mjrun.probe.row_chunks import ChunkBuffer
 
 ROWS = 2 * CHUNK + 100
@@ -32,9 +32,9 @@ def test_the_chunks_do_not_depend_on_the_blocks(sizes: list[int]) -> None:
 
 
 def value(text: str) -> float:
-    evaluator = parse_metric(text, list(TABLE), "metric").evaluator(list(TABLE))
-    evaluator.feed(np.stack(list(TABLE.values()), axis=1))
-    return evaluator.value()
+    evaluation = MetricEvaluation([parse_metric(text, list(TABLE), "metric")], list(TABLE))
+    evaluation.feed(np.stack(list(TABLE.values()), axis=1))
+    return evaluation.values()[0]
 
 
 @pytest.mark.parametrize(

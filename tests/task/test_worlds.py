@@ -1,19 +1,23 @@
 """Worlds of a task: Gymnasium's environments to 1e-12, a bare loop of mj_step to the bit, and nothing of each other."""
 
 import warnings
+from dataclasses import replace
+from pathlib import Path
 
 import gymnasium
 import mujoco
 import numpy as np
 import pytest
 
+from mjrun.errors import UsageError
+from mjrun.model.sources import parse_source
 from mjrun.task.task import Task
-from mjrun.task.terms import Action, Observation, Reset, Termination
+from mjrun.task.terms import Action, Command, Observation, Reset, Termination
 from mjrun.task.worlds import TaskWorlds
 from tests.task import gymnasium_tasks
 
 CART = """<mujoco><option timestep="0.01"/>
-  <worldbody><geom type="plane" size="5 5 .1"/>
+  <worldbody><geom name="floor" type="plane" size="5 5 .1"/>
     <body name="cart" pos="0 0 .2"><joint name="slide" type="slide" axis="1 0 0" damping=".1"/><geom size=".1"/>
       <body name="pole"><joint name="hinge" axis="0 1 0"/><geom type="capsule" size=".03" fromto="0 0 0 0 0 .6"/></body>
     </body>
@@ -40,6 +44,11 @@ def cart(**values: object) -> Task:
         **values,
     }
     return Task(MODEL, **given)  # type: ignore[arg-type]
+
+
+def replace_model(task: Task, path: Path) -> Task:
+    """The same task, with a model that can vary."""
+    return replace(task, model=parse_source(str(path)))
 
 
 def random_actions(*shape: int) -> np.ndarray:
@@ -81,6 +90,121 @@ def test_observations_rewards_and_states_are_those_of_a_bare_loop() -> None:
     assert [ending and ending.name for ending in step.ended] == ["timeout"] * 3
 
 
+EVERYTHING = {
+    "observations": [
+        Observation(name="joints", joints=["*"], noise="normal(0, 0.01)", delay=2, history=3),
+        Observation(name="ball", probe="cvel/ball", frame="pole", clip=[-5, 5]),
+        Observation(name="goal", command="goal"),
+        Observation(name="gait", phase=0.7),
+        Observation(name="contact", probe=["contact/ncon", "cfrc_ext/ball", "contact_force"]),
+        Observation(name="change", value="rate(norm('qvel/*')) + exp(-qpos/slide^2) * command/goal/0"),
+    ],
+    "actions": [
+        Action(joints="hinge", target="position", kp=20, kd=[0.5], scale=0.25, offset="home"),
+        Action(actuators="push", clip=[-1, 1]),
+    ],
+    "commands": {"goal": Command(random="uniform(-1, 1)", size=2, every=0.15)},
+    "rewards": {"a": "tanh(rate(xpos/ball/z)) - sum('action/*'^2)", "b": "exp(-norm('qpos/*', command/goal/1))"},
+    "terminations": {"away": Termination(when="abs(qpos/slide - command/goal/0) > 1.5", as_="failure")},
+    "reset": Reset(
+        noise={"qpos/ball": "uniform(-.1, .1)"},
+        vary={"geom/floor.friction[0]": "uniform(0.1, 1)", "opt.gravity[2]": "uniform(-12, -8)"},
+    ),
+}
+
+
+@pytest.mark.parametrize("derived", ["current", "lagged"])
+def test_an_episode_is_the_same_alone_and_among_others(tmp_path: Path, derived: str) -> None:
+    (tmp_path / "cart.xml").write_text(CART)
+    task = replace_model(cart(**EVERYTHING, derived=derived), tmp_path / "cart.xml")
+    actions = random_actions(20, 5, 2)
+    several, alone = TaskWorlds(task, 5, threads=2), TaskWorlds(task, 1)
+    first = several.reset([1, 2, 3, 4, 5])
+    together = [several.step(action) for action in actions[:7]]
+    several.reset([9], ids=[1])  # in the middle of the others
+    ids = np.array([4, 3, 0])
+    together += [several.step(action[ids], ids) for action in actions[7:12]]
+
+    np.testing.assert_array_equal(alone.reset([4]), first[[3]])
+    assert alone.model(0).opt.gravity[2] == several.model(3).opt.gravity[2] != several.model(4).opt.gravity[2]
+    for k, step in enumerate(together):
+        row = 3 if k < 7 else 1
+        expected = alone.step(actions[k, [3]])
+        np.testing.assert_array_equal(step.observations[row], expected.observations[0])
+        np.testing.assert_array_equal(step.reward_terms[row], expected.reward_terms[0])
+        assert step.ended[row] == expected.ended[0]
+    np.testing.assert_array_equal(several.state(3), alone.state(0))
+
+
+def test_a_control_period_may_be_stepped_bit_by_bit() -> None:
+    whole, parts = TaskWorlds(cart(), 2), TaskWorlds(cart(), 2)
+    np.testing.assert_array_equal(whole.reset([1, 2]), parts.reset([1, 2]))
+    for action in random_actions(5, 2, 2):
+        step = whole.step(action)
+        parts.begin(action)
+        for _ in range(3):
+            parts.advance(1)
+        other = parts.finish()
+        np.testing.assert_array_equal(step.observations, other.observations)
+        np.testing.assert_array_equal(step.rewards, other.rewards)
+
+
+def test_position_targets_are_held_by_torques_at_every_step() -> None:
+    hold = Action(joints="hinge", target="position", kp=20, kd=0.5, scale=0.25, offset="home")
+    worlds = TaskWorlds(cart(actions=[hold]), 2)
+    worlds.reset([1, 2])
+    data = mujoco.MjData(MODEL)
+    mujoco.mj_setState(MODEL, data, worlds.state(1), mujoco.mjtState.mjSTATE_INTEGRATION)
+    for action in random_actions(10, 2, 1):
+        worlds.step(action)
+        for _ in range(3):
+            data.ctrl[1] = 20 * (action[1, 0] * 0.25 + 0.3 - data.qpos[1]) - 0.5 * data.qvel[1]
+            mujoco.mj_step(MODEL, data)
+        np.testing.assert_array_equal(worlds.state(1)[1 : 1 + MODEL.nq], data.qpos)
+
+
+def test_an_unstable_world_ends_as_a_failure_and_the_others_go_on() -> None:
+    task = cart(actions=[Action(actuators="push", scale=1e9)], terminations={}, duration=6)
+    worlds = TaskWorlds(task, 2)
+    before = worlds.reset([1, 2])
+    for _ in range(200):
+        step = worlds.step(np.array([[0.0], [1.0]]))
+        if step.over.any():
+            break
+        before = step.observations
+    assert [ending and (ending.name, ending.kind) for ending in step.ended] == [None, ("unstable", "failure")]
+    assert np.isfinite(step.rewards).all()
+    assert step.terminated.tolist() == [False, True]
+    np.testing.assert_array_equal(step.observations[1], before[1])
+    with pytest.raises(ValueError, match="reset it"):
+        worlds.step(np.zeros((2, 1)))
+    worlds.reset([3], ids=[1])
+    assert worlds.step(np.zeros((2, 1))).ended == (None, None)
+
+
+def test_actions_that_cannot_be_are_refused() -> None:
+    worlds = TaskWorlds(cart(), 2)
+    with pytest.raises(ValueError, match="reset it"):
+        worlds.step(np.zeros((2, 2)))
+    worlds.reset([1, 2])
+    with pytest.raises(ValueError, match="2 x 2 numbers"):
+        worlds.step(np.zeros((2, 3)))
+    with pytest.raises(ValueError, match="push is nan in world 1"):
+        worlds.step(np.array([[0, 0], [0, np.nan]]))
+
+
+def test_mistakes_are_told_where_they_stand() -> None:
+    for values, path in (
+        ({"rewards": {"x": "qpos/slid"}}, ("rewards", "x", "value")),
+        ({"terminations": {"x": Termination(when="1 + 1", as_="failure")}}, ("terminations", "x", "when")),
+        ({"control_dt": 0.025}, ("control_dt",)),
+        ({"reset": Reset(key="hom")}, ("reset", "key")),
+    ):
+        with pytest.raises(UsageError) as caught:
+            TaskWorlds(cart(**values), 1).reset([0])
+        assert caught.value.path == path
+
+
 def test_names_say_what_the_numbers_are() -> None:
     worlds = TaskWorlds(cart(), 1)
     assert worlds.observation_names == [
@@ -98,23 +222,24 @@ def test_tasks_equal_gymnasiums_environments(environment: str) -> None:
     with warnings.catch_warnings(action="ignore"):
         worlds = TaskWorlds(task, 2)
         env = gymnasium.make(environment).unwrapped
-    env.reset(seed=0)
-    seeds = iter(range(1000, 3000, 2))
+    seeds = iter(range(1000, 9000, 2))
+    ours, theirs = [], []
 
     def begin() -> None:
         observations = worlds.reset([seed := next(seeds), seed + 1])
         state, nq, nv = worlds.state(1), env.model.nq, env.model.nv
+        env.reset()
         env.set_state(state[1 : 1 + nq], state[1 + nq : 1 + nq + nv])
-        np.testing.assert_allclose(observations[1], env._get_obs(), rtol=0, atol=1e-12)
+        ours.append([*observations[1], 0, 0])
+        theirs.append([*env._get_obs(), 0, 0])
 
     begin()
     space = env.action_space
-    actions = np.random.default_rng(1).uniform(space.low, space.high, (1000, 2, *space.shape))
-    for action in actions:
+    for action in np.random.default_rng(1).uniform(space.low, space.high, (1000, 2, *space.shape)):
         step = worlds.step(action)
         observation, reward, terminated, _, _ = env.step(action[1])
-        np.testing.assert_allclose(step.observations[1], observation, rtol=0, atol=1e-12)
-        assert abs(step.rewards[1] - reward) < 1e-12
-        assert bool(step.terminated[1]) == terminated
+        ours.append([*step.observations[1], step.rewards[1], step.terminated[1]])
+        theirs.append([*observation, reward, terminated])
         if step.over.any():
             begin()
+    np.testing.assert_allclose(ours, theirs, rtol=1e-12, atol=1e-12)
