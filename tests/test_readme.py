@@ -53,9 +53,23 @@ def shell(tmp_path: Path) -> dict[str, str]:
     smaller = f'case $1 in video) set -- "$@" {SMALL};; image) set -- "$@" {IMAGE};; trace) set -- "$@" {SHORT};;'
     # Tests run side by side: how fast anything is must not decide one.
     smaller += f' run) set -- "$@" {RUN};; view) set -- "$@" {SHORT};; bench) set -- "$@" --budget 0.2 {PATIENT};; esac'
-    program.write_text(f'#!/bin/sh\n{smaller}\nPYTHONPATH="{ROOT}" exec "{sys.executable}" -m mjrun "$@"\n')
+    path = f"{ROOT}:{models_of_others(tmp_path / 'others')}"
+    program.write_text(f'#!/bin/sh\n{smaller}\nPYTHONPATH="{path}" exec "{sys.executable}" -m mjrun "$@"\n')
     program.chmod(0o755)
-    return {**os.environ, "PATH": f"{program.parent}:{os.environ['PATH']}"}
+    paths = {"PATH": f"{program.parent}:{os.environ['PATH']}", "MJRUN_MENAGERIE": str(tmp_path / "others/menagerie")}
+    return {**os.environ, **paths}
+
+
+def models_of_others(folder: Path) -> Path:
+    """A folder of packages with dm_control's layout, which is not installed for tests, beside a small menagerie."""
+    suite, robot = folder / "dm_control/suite", folder / "menagerie/unitree_go2"
+    for each in (suite, robot):
+        each.mkdir(parents=True)
+    (folder / "dm_control/__init__.py").touch()
+    (suite / "humanoid.py").write_text("@SUITE.add()\ndef walk(): ...\n")
+    (suite / "humanoid.xml").write_text('<mujoco><worldbody><camera name="side"/></worldbody></mujoco>')
+    (robot / "scene.xml").write_text('<mujoco><keyframe><key name="home"/></keyframe></mujoco>')
+    return folder
 
 
 def test_the_readme_has_the_commands_that_it_is_for() -> None:

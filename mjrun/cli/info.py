@@ -32,6 +32,7 @@ def info(console: Console, command_line: CommandLine) -> None:
     mjrun info scene.xml joints actuators
     mjrun info scene.xml --json | jq .summary.mass
     mjrun info scene:
+    mjrun info gym:
 
     Sections: summary, bodies, joints, geoms, sites, actuators, sensors, cameras, lights, keyframes, tendons,
     equalities, pairs, excludes, flexes, plugins, options, visual, statistics, assets.

@@ -19,7 +19,8 @@ def load(
     """Compiles a model.
 
     Args:
-      model: a file (.xml, .urdf, .mjz, .zip or .mjb), `scene:NAME`, or `-` for standard input.
+      model: a file (.xml, .urdf, .mjz, .zip or .mjb), `scene:NAME`, `gym:NAME`, `dm:DOMAIN`, `menagerie:ROBOT/MODEL`,
+        or `-` for standard input.
       timestep: [s], instead of the model's own.
       integrator: `euler`, `rk4`, `implicit`, `implicitfast` or `discrete`, instead of the model's own.
       overrides: values by MuJoCo's own names, `{"opt.gravity": "0,0,10", "geom/floor.friction": ".1,.005,.0001"}`.

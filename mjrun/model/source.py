@@ -83,10 +83,15 @@ class CollectionSource(Source):
     def stem(self) -> str:
         return re.sub(r"\W+", "_", self.name)
 
+    @property
+    def label(self) -> str:
+        """What errors call it: the prefix alone where no model is named."""
+        return self.text if self.name else self.PREFIX
+
     def check_name(self, name: str | None = None) -> None:
         """Raises ModelNotFoundError, which lists the collection, if it has no model of this name, or of `name`."""
         name = self.name if name is None else name
         if name in (valid := self.descriptions()):
             return
-        path, reason = (self.text, "no such") if name else (self.PREFIX, "name the")
-        raise ModelNotFoundError(path, f"{reason} {self.KIND}", [*valid], f"{self.KIND}s", name)
+        reason = "no such" if name else "name the"
+        raise ModelNotFoundError(self.label, f"{reason} {self.KIND}", [*valid], f"{self.KIND}s", name)

@@ -41,7 +41,7 @@ class ControlSuiteSource(CollectionSource):
     @classmethod
     def descriptions(cls) -> Mapping[str, str]:
         lines: dict[str, str] = {}
-        for domain, tasks in _installed_domains(f"{cls.PREFIX}:").items():
+        for domain, tasks in _installed_domains(cls.PREFIX).items():
             changed = _changed(domain, tasks)
             plain = [task for task in tasks if task not in changed]
             parts = [f"{domain}.xml", *([f"for {', '.join(plain)}"] if plain else [])]
@@ -51,7 +51,7 @@ class ControlSuiteSource(CollectionSource):
     @property
     def main_file(self) -> Path:
         domain, slash, task = self.name.partition("/")
-        domains = _installed_domains(self.text)
+        domains = _installed_domains(self.label)
         if domain not in domains:
             self.check_name(domain)
         if slash and task not in domains[domain]:

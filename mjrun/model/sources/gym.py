@@ -215,7 +215,9 @@ def _own_names() -> tuple[str, ...]:
 
 
 def _not_found(name: str, reason: str) -> ModelNotFoundError:
-    return ModelNotFoundError(f"gym:{name}", reason, _own_names(), "environments of Gymnasium on MuJoCo", name)
+    return ModelNotFoundError(
+        f"gym:{name}" if name else "gym", reason, _own_names(), "environments of Gymnasium on MuJoCo", name
+    )
 
 
 def _not_mujoco(name: str) -> ModelNotFoundError:

@@ -43,11 +43,11 @@ class MenagerieSource(CollectionSource):
 
     @classmethod
     def descriptions(cls) -> Mapping[str, str]:
-        return {name: str(path) for name, path in _models(f"{cls.PREFIX}:").items()}
+        return {name: str(path) for name, path in _models(cls.PREFIX).items()}
 
     @property
     def main_file(self) -> Path:
-        models, name = _models(self.text), self.name.removesuffix(".xml")
+        models, name = _models(self.label), self.name.removesuffix(".xml")
         of_robot = [model for model in models if model.startswith(f"{name}/")]
         scene = f"{name}/{SCENE}"
         if len(of_robot) == 1 or scene in of_robot:
@@ -56,7 +56,7 @@ class MenagerieSource(CollectionSource):
             return models[name]
 
         reason = "name one of its models" if of_robot else "no such model" if name else "name the model"
-        error = ModelNotFoundError(self.text, reason, of_robot or list(models), "models", name)
+        error = ModelNotFoundError(self.label, reason, of_robot or list(models), "models", name)
         if not of_robot and not _clones():
             error.add_note(HOW)
         raise error
