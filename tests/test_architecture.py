@@ -34,7 +34,7 @@ HOUSE = (
 LIBRARIES = {
     "click": ("cli",),
     "rich": ("cli",),
-    "yaml": ("document",),
+    "yaml": ("document", "policy.leapp_package"),  # the latter of files that others write
     "pydantic": ("document",),
     "pydantic_core": ("document",),  # the types of its schemas and errors
     "imageio": ("formats.video_reader",),

@@ -48,6 +48,10 @@ def _read(path: Path, name: str, trust: bool, normalize: str | None) -> Policy:
         from mjrun.policy.onnx_policy import OnnxPolicy
 
         return OnnxPolicy(path, name)
+    if suffix in LEAPP or path.is_dir():
+        from mjrun.policy.leapp import LeappPolicy
+
+        return LeappPolicy(path, name)
     if suffix in ARCHIVES:
         from mjrun.policy.stable_baselines import StableBaselinesPolicy
 

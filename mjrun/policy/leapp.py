@@ -1,0 +1,150 @@
+"""Policies out of LEAPP packages: networks that run one after the other, with what flows between them and back."""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from mjrun.errors import FileError, UsageError, clean, counted, listing, option
+from mjrun.policy.leapp_package import LeappNetwork, LeappTensor, find_package, read_package
+from mjrun.policy.onnx_model import OnnxModel
+from mjrun.policy.policy import ActionSpace, Actor, Numbers, ObservationFacts, Policy, PolicyFacts
+
+JOINT_POSITION, JOINT_VELOCITY = JOINT_STATES = ("state/joint/position", "state/joint/velocity")
+ROTATION = "state/body/rotation"
+GAINS = ("kp", "kd")
+QUATERNIONS: dict[tuple[str, ...], str] = {("qw", "qx", "qy", "qz"): "wxyz", ("qx", "qy", "qz", "qw"): "xyzw"}
+
+Values = Mapping[str, np.ndarray]
+
+
+class LeappPolicy(Policy):
+    """A package. The observation is its inputs, one after the other; the action its outputs, but for gains."""
+
+    def __init__(self, path: Path, name: str) -> None:
+        """Opens a package.
+
+        Raises:
+          FileError: it cannot be read, or onnxruntime refuses one of its networks.
+          UsageError: it is no policy of numbers, or its gains change from call to call.
+          MissingExtraError: onnxruntime is not installed.
+        """
+        self.package = read_package(find_package(path))
+        self._models = [_Network(network) for network in self.package.networks]
+        self.targets = [tensor for tensor in self.package.outputs if tensor.kind not in GAINS]
+        if not self.package.inputs or not self.targets:
+            raise UsageError(
+                f"{clean(str(self.package.path))} cannot be played: it has no inputs or outputs", ("policy",)
+            )
+        for tensor in (*self.package.inputs, *self.targets):
+            if not np.issubdtype(tensor.type, np.floating):
+                message = f"{clean(tensor.place)} holds no floating-point numbers"
+                raise UsageError(f"{clean(str(self.package.path))} cannot be played: {message}", ("policy",))
+        super().__init__(name, self._facts())
+
+    def start(self, seed: int, actions: ActionSpace) -> Actor:
+        return _LeappActor(self)
+
+    def values_at_start(self) -> dict[str, np.ndarray]:
+        """The inputs of all networks as an episode begins, by place."""
+        tensors = [tensor for network in self.package.networks for tensor in network.inputs]
+        return {each.place: self.package.initial.get(each.place, np.zeros(each.shape, each.type)) for each in tensors}
+
+    def run(self, values: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+        """Runs all networks on `values`, in which the inputs of the next call are then; returns all outputs."""
+        outputs: dict[str, np.ndarray] = {}
+        for model in self._models:
+            results = model.run(values)
+            outputs.update(results)
+            for place, result in results.items():
+                values.update(dict.fromkeys(self.package.flows.get(place, ()), result))
+        return outputs
+
+    def parts(self, observation: np.ndarray) -> dict[str, np.ndarray]:
+        """`observation` as the inputs of the package, by place.
+
+        Raises:
+          UsageError: it is of another size.
+        """
+        inputs = self.package.inputs
+        sizes = [tensor.size for tensor in inputs]
+        if sum(sizes) != len(observation):
+            what = f"{option('policy')} {clean(self.name)} observes {counted(sum(sizes), 'number')}"
+            parts = listing([f"{tensor.name} ({tensor.size})" for tensor in inputs])
+            raise UsageError(f"{what}, and the task gives {len(observation)}: {parts}")
+        pieces = np.split(observation, np.cumsum(sizes)[:-1])
+        return {
+            tensor.place: piece.astype(tensor.type).reshape(tensor.shape)
+            for tensor, piece in zip(inputs, pieces, strict=True)
+        }
+
+    def _facts(self) -> PolicyFacts:
+        inputs = self.package.inputs
+        parts = tuple(ObservationFacts(tensor.name, tensor.size, tensor.kind, tensor.elements) for tensor in inputs)
+        orders = {QUATERNIONS.get(each.elements or ()) for each in inputs if each.kind == ROTATION} - {None}
+        named = [tensor.elements for tensor in self.targets]
+        joints = tuple(name for names in named for name in names or ())
+        kp, kd = (self._gains(kind) for kind in GAINS)
+        return PolicyFacts(
+            observation_size=sum(tensor.size for tensor in inputs),
+            action_size=sum(tensor.size for tensor in self.targets),
+            observations=parts,
+            action_joints=None if None in named else joints,
+            stiffness=kp,
+            damping=kd,
+            control_dt=self.package.period,
+            quaternion_order=orders.pop() if len(orders) == 1 else None,
+        )
+
+    def _gains(self, kind: str) -> Numbers | None:
+        """The gains that the package puts out, which must be the same whatever is observed."""
+        outputs = [tensor for tensor in self.package.outputs if tensor.kind == kind]
+        if not outputs:
+            return None
+        answers: list[Numbers] = []
+        for observation in (np.zeros, np.ones):
+            values = self.values_at_start()
+            values.update(self.parts(observation(sum(tensor.size for tensor in self.package.inputs))))
+            results = self.run(values)
+            answers.append(tuple(float(x) for tensor in outputs for x in results[tensor.place].reshape(-1)))
+        if answers[0] != answers[1]:
+            message = f"its gains {kind} change with what is observed"
+            raise UsageError(f"{clean(str(self.package.path))} cannot be played: {message}", ("policy",))
+        return answers[0]
+
+
+class _Network:
+    """A network of a package, whose tensors are known by their places."""
+
+    def __init__(self, network: LeappNetwork) -> None:
+        self._model = OnnxModel(network.path)
+        self._inputs = self._named(network, network.inputs, [tensor.name for tensor in self._model.inputs])
+        self._outputs = self._named(network, network.outputs, [tensor.name for tensor in self._model.outputs])
+
+    def run(self, values: Values) -> dict[str, np.ndarray]:
+        results = self._model.run(
+            {name: values[place] for place, name in self._inputs.items()}, [*self._outputs.values()]
+        )
+        return dict(zip(self._outputs, results, strict=True))
+
+    def _named(self, network: LeappNetwork, tensors: Sequence[LeappTensor], names: Sequence[str]) -> dict[str, str]:
+        """The names of tensors in the file of the network, by their places."""
+        by_name = {tensor.place: tensor.name for tensor in tensors}
+        if sorted(by_name.values()) == sorted(names):
+            return by_name
+        if len(tensors) != len(names):
+            described = listing([tensor.name for tensor in tensors])
+            raise FileError(network.path, f"its tensors are {listing(names)}, and the package describes {described}")
+        return dict(zip(by_name, names, strict=True))
+
+
+class _LeappActor:
+    """A package within an episode."""
+
+    def __init__(self, policy: LeappPolicy) -> None:
+        self._policy, self._values = policy, policy.values_at_start()
+
+    def act(self, observation: np.ndarray) -> np.ndarray:
+        self._values.update(self._policy.parts(observation))
+        outputs = self._policy.run(self._values)
+        return np.concatenate([outputs[each.place].astype(np.float64).reshape(-1) for each in self._policy.targets])

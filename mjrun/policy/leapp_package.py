@@ -1,0 +1,251 @@
+"""LEAPP packages, as Isaac Lab 3 exports policies: a YAML file that describes networks and what flows between them.
+
+Source: `leapp/leapp.py`, `leapp/inference_manager.py` and `leapp/utils/tensor_description.py` of leapp 0.7.
+"""
+
+import hashlib
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from fractions import Fraction
+from itertools import product
+from pathlib import Path
+from typing import NoReturn, cast
+
+import numpy as np
+import yaml
+
+from mjrun.errors import FileError, UsageError, clean, listing, quoted
+from mjrun.formats.input_file import cut, decoding, opened
+from mjrun.policy.safetensors_file import read_safetensors
+
+SUFFIXES = (".yaml", ".yml")
+TYPES = {
+    "float16": np.float16,
+    "float32": np.float32,
+    "float64": np.float64,
+    "int64": np.int64,
+    "int32": np.int32,
+    "bool": np.bool_,
+}
+TEMPORAL = "__temporal_axis__"
+ONNX = "onnx"
+
+
+@dataclass(frozen=True)
+class LeappTensor:
+    """An input or output of a network.
+
+    Attributes:
+      place: `network/tensor`.
+      kind: what it is, `state/joint/position`; None where the file is silent.
+      elements: a name of each of its numbers, `knee` or `foot/x`; None where the file is silent.
+    """
+
+    place: str
+    shape: tuple[int, ...]
+    type: type[np.generic]
+    kind: str | None
+    elements: tuple[str, ...] | None
+
+    @property
+    def name(self) -> str:
+        """Without the network."""
+        return self.place.partition("/")[2]
+
+    @property
+    def size(self) -> int:
+        """How many numbers it holds."""
+        return int(np.prod(self.shape))
+
+
+@dataclass(frozen=True)
+class LeappNetwork:
+    """A network of a package."""
+
+    name: str
+    path: Path
+    inputs: tuple[LeappTensor, ...]
+    outputs: tuple[LeappTensor, ...]
+
+
+@dataclass(frozen=True)
+class LeappPackage:
+    """A package.
+
+    Attributes:
+      networks: in the order in which they run.
+      flows: inputs that get an output, by the place of the output; an input that ran before gets it in the next call.
+      inputs, outputs: of the package.
+      initial: values of inputs at the start of an episode; zeros for others.
+      period: time between two calls [s]; None where the file is silent.
+    """
+
+    path: Path
+    networks: tuple[LeappNetwork, ...]
+    flows: Mapping[str, tuple[str, ...]]
+    inputs: tuple[LeappTensor, ...]
+    outputs: tuple[LeappTensor, ...]
+    initial: Mapping[str, np.ndarray]
+    period: Fraction | None
+
+
+def find_package(path: Path) -> Path:
+    """The YAML file of a package that is named by it or by its folder.
+
+    Raises:
+      UsageError: the folder holds none, or several.
+    """
+    if not path.is_dir():
+        return path
+    found = sorted(each for each in path.iterdir() if each.suffix.lower() in SUFFIXES)
+    if len(found) != 1:
+        what = "several .yaml files" if found else "no .yaml file"
+        names = f": {listing([each.name for each in found])}" if found else ""
+        raise UsageError(f"{clean(str(path))} is no LEAPP package: it holds {what}{names}", ("policy",))
+    return found[0]
+
+
+def read_package(path: Path) -> LeappPackage:
+    """The package that the YAML file at `path` describes.
+
+    Raises:
+      FileError: it cannot be read, is no package, or its files are missing, changed or outside of its folder.
+      UsageError: its networks are of another kind than ONNX.
+    """
+    with opened(path, "LEAPP package", SUFFIXES) as file, decoding(path, "cannot be read as YAML"):
+        document: object = yaml.safe_load(file)
+    return _Reader(path).package(document)
+
+
+class _Reader:
+    """Turns a document into a package, and refuses what does not fit."""
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+
+    def package(self, document: object) -> LeappPackage:
+        root = self._mapping(document, "the document")
+        models, pipeline = (self._mapping(root.get(key), key) for key in ("models", "pipeline"))
+        networks = tuple(self._network(name, value) for name, value in models.items())
+        inputs = {tensor.place: tensor for network in networks for tensor in network.inputs}
+        outputs = {tensor.place: tensor for network in networks for tensor in network.outputs}
+        flows = self._flows(pipeline, inputs, outputs)
+        frequency = self._mapping(pipeline.get("configs") or {}, "configs").get("frequency")
+        return LeappPackage(
+            self._path,
+            networks,
+            flows,
+            self._ports(pipeline, "inputs", inputs),
+            self._ports(pipeline, "outputs", outputs),
+            self._initial(pipeline.get("initial_values"), inputs),
+            self._period(frequency),
+        )
+
+    def _network(self, name: str, value: object) -> LeappNetwork:
+        description = self._mapping(value, name)
+        parameters = self._mapping(description.get("parameters"), f"parameters of {name}")
+        backend = parameters.get("backend")
+        if backend != ONNX:
+            message = f"its network {clean(name)} is of the kind {quoted(str(backend))}; export it with onnx"
+            raise UsageError(f"{clean(str(self._path))} cannot be played: {message}", ("policy",))
+        path = self._file(parameters.get("model_path"), f"model_path of {name}")
+        expected = parameters.get("sha256sum")
+        if isinstance(expected, str) and path.is_file() and hashlib.sha256(path.read_bytes()).hexdigest() != expected:
+            raise FileError(path, f"is not the file that {clean(self._path.name)} describes: its SHA-256 differs")
+        tensors = {
+            key: tuple(self._tensor(name, each, key) for each in self._list(description.get(key), f"{key} of {name}"))
+            for key in ("inputs", "outputs")
+        }
+        return LeappNetwork(name, path, tensors["inputs"], tensors["outputs"])
+
+    def _tensor(self, network: str, value: object, where: str) -> LeappTensor:
+        description = self._mapping(value, f"{where} of {network}")
+        name, kind = description.get("name"), description.get("kind")
+        if not isinstance(name, str):
+            self._refuse(f"a tensor in {where} of {network} has no name")
+        shape = self._list(description.get("shape"), f"the shape of {name}")
+        if not all(isinstance(size, int) and size > 0 for size in shape):
+            self._refuse(f"the shape of {name} is no list of sizes")
+        if description.get("dtype") not in TYPES:
+            self._refuse(f"the dtype of {name} is none of {', '.join(TYPES)}")
+        sizes = cast("tuple[int, ...]", tuple(shape))
+        elements = self._elements(description.get("element_names"), int(np.prod(sizes)))
+        type_ = TYPES[str(description["dtype"])]
+        return LeappTensor(f"{network}/{name}", sizes, type_, str(kind) if kind is not None else None, elements)
+
+    def _elements(self, value: object, size: int) -> tuple[str, ...] | None:
+        """A name for each number, `foot/x` where several axes have names; None unless there are as many."""
+        axes = value if isinstance(value, list) else []
+        named = [cast("list[object]", axis) for axis in cast("list[object]", axes) if isinstance(axis, list)]
+        if not named or TEMPORAL in axes:
+            return None
+        names = tuple("/".join(map(str, combination)) for combination in product(*named))
+        return names if len(names) == size else None
+
+    def _flows(
+        self, pipeline: Mapping[str, object], inputs: Mapping[str, LeappTensor], outputs: Mapping[str, LeappTensor]
+    ) -> dict[str, tuple[str, ...]]:
+        flows: dict[str, tuple[str, ...]] = {}
+        for key in ("data_flow", "feedback_flow"):
+            for source, value in self._mapping(pipeline.get(key) or {}, key).items():
+                targets = [str(target) for target in self._list(value, f"{key} of {source}")]
+                for place, known in [(source, outputs), *((target, inputs) for target in targets)]:
+                    if place not in known:
+                        self._refuse(f"{key} names {quoted(place)}, and there is no such tensor")
+                for target in targets:
+                    if (inputs[target].shape, inputs[target].type) != (outputs[source].shape, outputs[source].type):
+                        self._refuse(f"{key}: {source} and {target} differ in shape or type")
+                flows[source] = (*flows.get(source, ()), *targets)
+        return flows
+
+    def _ports(
+        self, pipeline: Mapping[str, object], key: str, tensors: Mapping[str, LeappTensor]
+    ) -> tuple[LeappTensor, ...]:
+        ports: list[LeappTensor] = []
+        for network, value in self._mapping(pipeline.get(key), key).items():
+            for name in self._list(value, f"{key} of {network}"):
+                place = f"{network}/{name}"
+                if place not in tensors:
+                    self._refuse(f"{key} of the pipeline name {quoted(place)}, and there is no such tensor")
+                ports.append(tensors[place])
+        return tuple(ports)
+
+    def _initial(self, value: object, inputs: Mapping[str, LeappTensor]) -> dict[str, np.ndarray]:
+        if value is None:
+            return {}
+        path = self._file(value, "initial_values")
+        values = read_safetensors(path)
+        for place, array in values.items():
+            if place not in inputs or array.shape != inputs[place].shape:
+                raise FileError(path, f"{quoted(place)} is no input of a network, or of another shape")
+        return {place: array.astype(inputs[place].type) for place, array in values.items()}
+
+    def _period(self, frequency: object) -> Fraction | None:
+        if frequency is None:
+            return None
+        if not isinstance(frequency, int | float) or not 0 < frequency < float("inf"):
+            self._refuse(f"the frequency is {quoted(cut(str(frequency)))}, and no positive number")
+        return 1 / Fraction(str(frequency))
+
+    def _file(self, value: object, what: str) -> Path:
+        """A file beside the document."""
+        if not isinstance(value, str) or not value:
+            self._refuse(f"{what} is no path")
+        folder = self._path.parent.resolve()
+        path = (folder / value).resolve()
+        if not path.is_relative_to(folder):
+            self._refuse(f"{what} is {quoted(cut(value))}, which is outside of its folder")
+        return path
+
+    def _mapping(self, value: object, what: str) -> dict[str, object]:
+        if not isinstance(value, dict):
+            self._refuse(f"{what} is no mapping")
+        return {str(key): entry for key, entry in cast("dict[object, object]", value).items()}
+
+    def _list(self, value: object, what: str) -> Sequence[object]:
+        if not isinstance(value, list):
+            self._refuse(f"{what} is no list")
+        return cast("list[object]", value)
+
+    def _refuse(self, message: str) -> NoReturn:
+        raise FileError(self._path, f"is no LEAPP package: {clean(message)}")
