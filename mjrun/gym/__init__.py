@@ -1,0 +1,25 @@
+"""Tasks as environments of Gymnasium: `mjrun.gym.make("task.yaml")`, and many side by side by `make_vec`.
+
+Importing this registers `mjrun/Task-v0`, which takes `task`; `gymnasium.make("mjrun.gym:mjrun/Task-v0", task=…)` does
+so by itself. The numbers are those of `mjrun eval`, to the bit.
+"""
+
+from mjrun.errors import MissingExtraError
+
+try:
+    import gymnasium
+except ModuleNotFoundError as error:
+    if error.name != "gymnasium":
+        raise
+    raise MissingExtraError("mjrun.gym", "gymnasium", "gym") from None
+
+from mjrun.gym.environment import TaskEnv, make
+from mjrun.gym.vector import TaskVectorEnv, make_vec
+
+__all__ = ["TaskEnv", "TaskVectorEnv", "make", "make_vec"]
+
+gymnasium.register(
+    "mjrun/Task-v0",
+    entry_point="mjrun.gym.environment:TaskEnv",
+    vector_entry_point="mjrun.gym.vector:TaskVectorEnv",
+)

@@ -1,0 +1,100 @@
+"""One episode of a task at a time, as an environment of Gymnasium."""
+
+from typing import Any
+
+import gymnasium
+import mujoco
+import numpy as np
+
+from mjrun.gym.spaces import TaskLike, action_space, observation_space, task_of
+from mjrun.model import state
+from mjrun.rendering.render import render
+from mjrun.task.worlds import TaskStep, TaskWorlds
+
+ID = "mjrun/Task-v0"
+SEEDS = 2**31  # of episodes whose seed nobody gives
+
+
+class TaskEnv(gymnasium.Env[np.ndarray, np.ndarray]):
+    """A task as an environment.
+
+    Args:
+      task: it, or the file of its document.
+      render_mode: `rgb_array`, or None.
+      camera: what `render` shows, as on the command line.
+      width, height: of its images [pixels].
+
+    `reset(seed=S)` begins the episode of seed S; without a seed, one that Gymnasium's generator draws. The info of a
+    step holds the weighted terms of the reward, `reward/NAME`; that of the last one also how the episode ended,
+    `ending`, and whether it was a success, `is_success`.
+    """
+
+    metadata = {"render_modes": ["rgb_array"]}  # noqa: RUF012 - as Gymnasium has it
+
+    def __init__(
+        self,
+        task: TaskLike,
+        render_mode: str | None = None,
+        camera: str = "free",
+        width: int = 640,
+        height: int = 480,
+    ) -> None:
+        if render_mode is not None and render_mode not in self.metadata["render_modes"]:
+            raise ValueError(f"render_mode is rgb_array or None, not {render_mode!r}")
+        self.task = task_of(task)
+        self.worlds = TaskWorlds(self.task, 1)
+        self.observation_space, self.action_space = observation_space(self.worlds), action_space(self.worlds)
+        self.render_mode = render_mode
+        self.metadata = {**self.metadata, "render_fps": round(1 / self.task.control_dt)}
+        self._camera, self._size = camera, (width, height)
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[np.ndarray, dict[str, Any]]:
+        super().reset(seed=seed)
+        episode = draw_seed(self.np_random) if seed is None else seed
+        return self.worlds.reset([episode])[0], {}
+
+    def step(self, action: np.ndarray) -> tuple[np.ndarray, float, bool, bool, dict[str, Any]]:
+        step = self.worlds.step(np.asarray(action, float)[None])
+        info = world_info(step, self.worlds.reward_names, 0)
+        return step.observations[0], float(step.rewards[0]), bool(step.terminated[0]), bool(step.truncated[0]), info
+
+    def render(self) -> np.ndarray | None:  # type: ignore[override]
+        """The state as an image `(height, width, 3)` uint8; None without a render mode."""
+        if self.render_mode is None:
+            return None
+        model = self.worlds.model(0)
+        data = mujoco.MjData(model)
+        state.restore(model, data, self.worlds.state(0))
+        return render(model, data, self._camera, self._size)
+
+
+def make(task: TaskLike, **options: Any) -> gymnasium.Env[np.ndarray, np.ndarray]:
+    """`gymnasium.make("mjrun/Task-v0", task=task, …)`: with Gymnasium's checks of order and types.
+
+    Args:
+      task: it, or the file of its document.
+      options: those of `TaskEnv` and of `gymnasium.make`.
+
+    Raises:
+      UsageError: the task does not fit its model.
+      DocumentError: with everything that is wrong in the document.
+    """
+    return gymnasium.make(ID, task=task, **options)
+
+
+def draw_seed(generator: np.random.Generator) -> int:
+    """The seed of an episode that was not given one."""
+    return int(generator.integers(SEEDS))
+
+
+def world_info(step: TaskStep, reward_names: list[str], row: int) -> dict[str, Any]:
+    """What is told of a step in one world besides the reward."""
+    info: dict[str, Any] = {
+        f"reward/{name}": float(value) for name, value in zip(reward_names, step.reward_terms[row], strict=True)
+    }
+    ending = step.ended[row]
+    if ending:
+        info |= {"ending": ending.name, "is_success": ending.kind == "success"}
+    return info

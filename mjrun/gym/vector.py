@@ -1,0 +1,168 @@
+"""Many episodes of a task at once, as a vector environment of Gymnasium, stepped in C on all cores."""
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from gymnasium.utils import seeding
+from gymnasium.vector import AutoresetMode, VectorEnv
+from gymnasium.vector.utils import batch_space
+
+from mjrun.gym.environment import draw_seed, world_info
+from mjrun.gym.spaces import TaskLike, action_space, observation_space, task_of
+from mjrun.task.worlds import TaskStep, TaskWorlds
+
+MASK = "reset_mask"
+
+
+class TaskVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
+    """`num_envs` worlds of a task: to the bit what Gymnasium's SyncVectorEnv makes of as many `TaskEnv`, but faster.
+
+    Args:
+      task: it, or the file of its document.
+      num_envs: how many.
+      autoreset_mode: when a world whose episode has ended begins the next: with the next step, as Gymnasium does,
+        whatever the action; with the same step, with `final_obs` and `final_info` in the infos; or not by itself, but
+        by `reset(options={"reset_mask": …})`.
+      threads: as many as there are cores when 0.
+
+    `reset(seed=S)` gives world i the seed S + i; a list gives each its own. The infos of a step hold the weighted
+    terms of the reward, `reward/NAME` `(num_envs,)`; and for worlds whose episode has ended `ending` and `is_success`.
+    """
+
+    def __init__(
+        self,
+        task: TaskLike,
+        num_envs: int = 1,
+        autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
+        threads: int = 0,
+    ) -> None:
+        self.task = task_of(task)
+        self.num_envs = num_envs
+        self.worlds = TaskWorlds(self.task, num_envs, threads)
+        self.single_observation_space = observation_space(self.worlds)
+        self.single_action_space = action_space(self.worlds)
+        self.observation_space = batch_space(self.single_observation_space, num_envs)
+        self.action_space = batch_space(self.single_action_space, num_envs)
+        self.autoreset_mode = AutoresetMode(autoreset_mode)
+        self.metadata = {"autoreset_mode": self.autoreset_mode, "render_modes": []}
+        self._generators: list[np.random.Generator | None] = [None] * num_envs
+        self._observations = np.zeros((num_envs, len(self.worlds.observed)))
+        self._over = np.zeros(num_envs, bool)
+        self._rewards = [f"reward/{name}" for name in self.worlds.reward_names]
+
+    def reset(
+        self, *, seed: int | Sequence[int | None] | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[np.ndarray, dict[str, Any]]:
+        """Begins an episode in every world, or in those of the option `reset_mask` `(num_envs,)` bool."""
+        seeds = self._seeds(seed)
+        mask = self._mask(options or {})
+        worlds = np.arange(self.num_envs) if mask is None else np.flatnonzero(mask)
+        for world in worlds.tolist():
+            if seeds[world] is not None:
+                self._generators[world] = seeding.np_random(seeds[world])[0]
+        given = [self._draw(world) if seeds[world] is None else seeds[world] for world in worlds.tolist()]
+        self._observations[worlds] = self.worlds.reset([int(each or 0) for each in given], worlds)
+        self._over[worlds] = False
+        return self._observations.copy(), {}
+
+    def step(self, actions: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
+        """A control period of every world; see `VectorEnv`."""
+        if self._over.any():
+            if self.autoreset_mode == AutoresetMode.DISABLED:
+                raise ValueError("an episode is over: reset its world with the option reset_mask")
+            return self._step_after_end(np.asarray(actions, float))
+        step = self.worlds.step(actions)
+        infos = self._infos(step)
+        terminated, truncated = step.terminated, step.truncated
+        observations = self._observations = step.observations
+        over = step.over
+        if over.any():
+            if self.autoreset_mode == AutoresetMode.SAME_STEP:
+                infos = self._begin_next(step, infos)
+                observations = self._observations
+            else:
+                self._over = over
+        return observations.copy(), step.rewards, terminated, truncated, infos
+
+    def _step_after_end(
+        self, actions: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
+        """A step in which some worlds begin their next episode instead."""
+        begin, go_on = np.flatnonzero(self._over), np.flatnonzero(~self._over)
+        rewards, terminated, truncated = np.zeros(self.num_envs), np.zeros((2, self.num_envs), bool)
+        rewards, (terminated, truncated) = np.zeros(self.num_envs), np.zeros((2, self.num_envs), bool)
+        self._observations[begin] = self.worlds.reset([self._draw(world) for world in begin.tolist()], begin)
+        infos: dict[str, Any] = {}
+        if len(go_on):
+            step = self.worlds.step(actions[go_on], go_on)
+            self._observations[go_on], rewards[go_on] = step.observations, step.rewards
+            terminated[go_on], truncated[go_on] = step.terminated, step.truncated
+            for row, world in enumerate(go_on.tolist()):
+                infos = self._add_info(infos, world_info(step, self.worlds.reward_names, row), world)
+        self._over = terminated | truncated
+        return self._observations.copy(), rewards, terminated, truncated, infos
+
+    def _begin_next(self, step: TaskStep, infos: dict[str, Any]) -> dict[str, Any]:
+        """Begins the next episode in worlds whose last one has ended with this step."""
+        over = np.flatnonzero(step.over)
+        for world in over.tolist():
+            final = {"final_obs": step.observations[world].copy()}
+            final |= {"final_info": world_info(step, self.worlds.reward_names, world)}
+            infos = self._add_info(infos, final, world)
+        self._observations[over] = self.worlds.reset([self._draw(world) for world in over.tolist()], over)
+        return infos
+
+    def _infos(self, step: TaskStep) -> dict[str, Any]:
+        """The infos of a step of all worlds."""
+        everywhere = np.ones(self.num_envs, bool)
+        infos: dict[str, Any] = {}
+        for name, values in zip(self._rewards, step.reward_terms.T, strict=True):
+            infos[name], infos[f"_{name}"] = values, everywhere
+        if step.over.any() and self.autoreset_mode != AutoresetMode.SAME_STEP:
+            for world in np.flatnonzero(step.over).tolist():
+                ending = step.ended[world]
+                assert ending
+                told = {"ending": ending.name, "is_success": ending.kind == "success"}
+                infos = self._add_info(infos, told, world)
+        return infos
+
+    def _seeds(self, seed: int | Sequence[int | None] | None) -> Sequence[int | None]:
+        if seed is None:
+            return [None] * self.num_envs
+        if isinstance(seed, int | np.integer):
+            return [int(seed) + world for world in range(self.num_envs)]
+        if len(seed) != self.num_envs:
+            raise ValueError(f"{len(seed)} seeds for {self.num_envs} worlds")
+        return seed
+
+    def _mask(self, options: dict[str, Any]) -> np.ndarray | None:
+        """Which worlds are to be reset; None for all."""
+        if MASK not in options:
+            return None
+        mask = options[MASK]
+        if not isinstance(mask, np.ndarray) or mask.dtype != np.bool_ or mask.shape != (self.num_envs,):
+            raise ValueError(f"{MASK} is an array of bool of shape ({self.num_envs},)")
+        if not mask.any():
+            raise ValueError(f"{MASK} names no world")
+        return mask
+
+    def _draw(self, world: int) -> int:
+        """The seed of the next episode of a world, which was not given one."""
+        generator = self._generators[world] or seeding.np_random(None)[0]
+        self._generators[world] = generator
+        return draw_seed(generator)
+
+
+def make_vec(task: TaskLike, num_envs: int = 1, **options: Any) -> TaskVectorEnv:
+    """`num_envs` worlds of a task as a vector environment.
+
+    Args:
+      task: it, or the file of its document.
+      options: those of `TaskVectorEnv`.
+
+    Raises:
+      UsageError: the task does not fit its model.
+      DocumentError: with everything that is wrong in the document.
+    """
+    return TaskVectorEnv(task, num_envs, **options)
