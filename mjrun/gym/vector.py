@@ -90,7 +90,6 @@ class TaskVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
         """A step in which some worlds begin their next episode instead."""
         begin, go_on = np.flatnonzero(self._over), np.flatnonzero(~self._over)
-        rewards, terminated, truncated = np.zeros(self.num_envs), np.zeros((2, self.num_envs), bool)
         rewards, (terminated, truncated) = np.zeros(self.num_envs), np.zeros((2, self.num_envs), bool)
         self._observations[begin] = self.worlds.reset([self._draw(world) for world in begin.tolist()], begin)
         infos: dict[str, Any] = {}
@@ -115,16 +114,20 @@ class TaskVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
 
     def _infos(self, step: TaskStep) -> dict[str, Any]:
         """The infos of a step of all worlds."""
-        everywhere = np.ones(self.num_envs, bool)
         infos: dict[str, Any] = {}
+        told = np.ones(self.num_envs, bool)
+        if self.autoreset_mode == AutoresetMode.SAME_STEP:
+            told = ~step.over  # the others are told of their next episode
+        if not told.any():
+            return infos
         for name, values in zip(self._rewards, step.reward_terms.T, strict=True):
-            infos[name], infos[f"_{name}"] = values, everywhere
+            infos[name], infos[f"_{name}"] = values, told
         if step.over.any() and self.autoreset_mode != AutoresetMode.SAME_STEP:
             for world in np.flatnonzero(step.over).tolist():
                 ending = step.ended[world]
                 assert ending
-                told = {"ending": ending.name, "is_success": ending.kind == "success"}
-                infos = self._add_info(infos, told, world)
+                how = {"ending": ending.name, "is_success": ending.kind == "success"}
+                infos = self._add_info(infos, how, world)
         return infos
 
     def _seeds(self, seed: int | Sequence[int | None] | None) -> Sequence[int | None]:

@@ -19,6 +19,9 @@ def assert_same(ours: dict[str, Any], theirs: dict[str, Any]) -> None:
     names = [name for name in theirs if not name.startswith("_")]
     assert {name for name in ours if not name.startswith("_")} == set(names)
     for name in names:
+        if isinstance(theirs[name], dict):
+            assert_same(ours[name], theirs[name])
+            continue
         there = theirs[f"_{name}"]
         np.testing.assert_array_equal(ours[f"_{name}"], there)
         for ours_, theirs_ in zip(ours[name][there], theirs[name][there], strict=True):
