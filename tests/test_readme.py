@@ -2,9 +2,12 @@
 
 import os
 import re
+import shlex
 import subprocess
 import sys
+from collections.abc import Callable
 from contextlib import suppress
+from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
@@ -13,19 +16,31 @@ from websockets.exceptions import ConnectionClosed
 from mjrun.document.study import read_study
 from mjrun.job.simulation import Simulation
 from mjrun.job.trace import Trace
+from tests.conftest import Command
 from tests.viewer.studio_client import LIMIT, browser, payloads
+
+Execute = Callable[[str], "Done"]
 
 ROOT = Path(__file__).parents[1]
 README = (ROOT / "README.md").read_text(encoding="utf-8")
-SHELL = re.findall(r"```sh\n(.*?)```", README, re.DOTALL)
+TUTORIAL = re.search(r"## The tutorial's numbers\n.*?(?=\n## )", README, re.DOTALL)
+assert TUTORIAL  # whose commands tests/test_tutorial.py runs, at full size
+SHELL = re.findall(r"```sh\n(.*?)```", README.replace(TUTORIAL[0], ""), re.DOTALL)
 PYTHON = re.findall(r"```python\n(.*?)```", README, re.DOTALL)
 COMMANDS = [line for block in SHELL for line in block.replace("\\\n", " ").splitlines() if line.strip()]
 DRAWN = [line for line in COMMANDS if line.startswith(("mjrun video", "mjrun image")) or " mjrun video" in line]
 PLOTS = [line for line in COMMANDS if "mjrun plot" in line and " slides" not in line]  # a study is run first
 TABLES = [line for line in COMMANDS if line.startswith(("mjrun trace", "for ")) and line not in (*DRAWN, *PLOTS)]
 IMAGE, SHORT = "--size 64x48 --quality draft", "--duration 0.1"
-SMALL = f"{IMAGE} {SHORT} --fps 20"
-RUN = "videos[0].size=64x48 videos[0].fps=3 images[0].size=64x48 --quality draft"
+SMALLER = {
+    "video": f"{IMAGE} {SHORT} --fps 20",
+    "image": IMAGE,
+    "trace": SHORT,
+    "run": "videos[0].size=64x48 videos[0].fps=3 images[0].size=64x48 --quality draft",
+    "view": SHORT,
+    "bench": "--budget 0.2",
+}
+# Tests run side by side: how fast anything is must not decide one.
 PATIENT = '$(case "$*" in *--fail-above*) echo "--fail-above 100000%";; esac)'
 DOCUMENTS = [line for line in COMMANDS if line.startswith(("mjrun run", "mjrun schema"))]
 PLOTTED = {
@@ -50,9 +65,8 @@ def shell(tmp_path: Path) -> dict[str, str]:
     (tmp_path / "bin").mkdir()
     (tmp_path / "scenes").symlink_to(ROOT / "scenes")
     program = tmp_path / "bin/mjrun"
-    smaller = f'case $1 in video) set -- "$@" {SMALL};; image) set -- "$@" {IMAGE};; trace) set -- "$@" {SHORT};;'
-    # Tests run side by side: how fast anything is must not decide one.
-    smaller += f' run) set -- "$@" {RUN};; view) set -- "$@" {SHORT};; bench) set -- "$@" --budget 0.2 {PATIENT};; esac'
+    smaller = " ".join(f'{name}) set -- "$@" {words};;' for name, words in SMALLER.items())
+    smaller = f'case $1 in {smaller} esac; case $1 in bench) set -- "$@" {PATIENT};; esac'
     path = f"{ROOT}:{models_of_others(tmp_path / 'others')}"
     program.write_text(f'#!/bin/sh\n{smaller}\nPYTHONPATH="{path}" exec "{sys.executable}" -m mjrun "$@"\n')
     program.chmod(0o755)
@@ -72,6 +86,31 @@ def models_of_others(folder: Path) -> Path:
     return folder
 
 
+@dataclass(frozen=True)
+class Done:
+    """What has come of a command."""
+
+    returncode: int
+    stdout: str
+    stderr: str
+
+
+@pytest.fixture
+def execute(shell: dict[str, str], mjrun_here: Command, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Execute:
+    """Runs a command in that folder: in this process, or by the shell where it has something to do."""
+
+    def executed(command: str) -> Done:
+        if re.search(r"[|&;<>*?$\n]|--fail-above|dm:|menagerie:", command) or not command.startswith("mjrun"):
+            done = subprocess.run(["sh", "-ec", command], cwd=tmp_path, env=shell, capture_output=True, text=True)
+            return Done(done.returncode, done.stdout, done.stderr)
+        monkeypatch.chdir(tmp_path)
+        _, *words = shlex.split(command)
+        here = mjrun_here(*words, *SMALLER.get(words[0], "").split())
+        return Done(here.returncode, here.stdout.decode(), here.stderr.decode())
+
+    return executed
+
+
 def test_the_readme_has_the_commands_that_it_is_for() -> None:
     assert len(DRAWN) >= 20
     assert {"make demo", "make test", "mjrun doctor"} <= set(COMMANDS)
@@ -80,21 +119,21 @@ def test_the_readme_has_the_commands_that_it_is_for() -> None:
 
 @pytest.mark.parametrize("command", DRAWN)
 def test_a_video_or_image_of_the_readme_is_made(
-    command: str, shell: dict[str, str], tmp_path: Path, request: pytest.FixtureRequest
+    command: str, execute: Execute, tmp_path: Path, request: pytest.FixtureRequest
 ) -> None:
     if "filament" in command:
         request.getfixturevalue("vulkan")
     before = set(tmp_path.iterdir())
-    done = subprocess.run(["sh", "-ec", command], cwd=tmp_path, env=shell, capture_output=True, text=True)
+    done = execute(command)
     assert done.returncode == 0, done.stderr
     assert "error" not in done.stderr
     assert set(tmp_path.iterdir()) != before or done.stdout.strip().isdigit()
 
 
 @pytest.mark.parametrize("command", TABLES)
-def test_a_table_of_the_readme_is_made(command: str, shell: dict[str, str], tmp_path: Path) -> None:
+def test_a_table_of_the_readme_is_made(command: str, execute: Execute, tmp_path: Path) -> None:
     before = set(tmp_path.iterdir())
-    done = subprocess.run(["sh", "-ec", command], cwd=tmp_path, env=shell, capture_output=True, text=True)
+    done = execute(command)
     assert (done.returncode, done.stderr) == (0, "")
     assert set(tmp_path.iterdir()) != before or done.stdout.startswith("time")
 
@@ -110,10 +149,10 @@ def tables(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.mark.parametrize("command", PLOTS)
-def test_a_plot_of_the_readme_is_made(command: str, shell: dict[str, str], tables: Path, tmp_path: Path) -> None:
+def test_a_plot_of_the_readme_is_made(command: str, execute: Execute, tables: Path, tmp_path: Path) -> None:
     for table in tables.iterdir():
         (tmp_path / table.name).symlink_to(table)
-    done = subprocess.run(["sh", "-ec", command], cwd=tmp_path, env=shell, capture_output=True, text=True)
+    done = execute(command)
     (output,) = re.findall(r" plot .*?(?:-o|--html) (\S+)", command)
     assert done.returncode == 0, done.stderr
     assert (tmp_path / output).stat().st_size > 1000
@@ -123,31 +162,31 @@ def test_a_plot_of_the_readme_is_made(command: str, shell: dict[str, str], table
 
 
 @pytest.mark.parametrize("command", DOCUMENTS)
-def test_a_document_of_the_readme_is_run(command: str, shell: dict[str, str], tmp_path: Path) -> None:
+def test_a_document_of_the_readme_is_run(command: str, execute: Execute, tmp_path: Path) -> None:
     before = set(tmp_path.iterdir())
-    done = subprocess.run(["sh", "-ec", command], cwd=tmp_path, env=shell, capture_output=True, text=True)
+    done = execute(command)
     assert done.returncode == 0, done.stderr
     assert "error" not in done.stderr
     assert set(tmp_path.iterdir()) != before or "--dry-run" in command
 
 
 @pytest.mark.parametrize("command", PIPED)
-def test_a_model_of_the_readme_comes_from_standard_input(command: str, shell: dict[str, str], tmp_path: Path) -> None:
+def test_a_model_of_the_readme_comes_from_standard_input(command: str, execute: Execute, tmp_path: Path) -> None:
     before = set(tmp_path.iterdir())
-    done = subprocess.run(["sh", "-ec", command], cwd=tmp_path, env=shell, capture_output=True, text=True)
+    done = execute(command)
     assert done.returncode == 0, done.stderr
     assert set(tmp_path.iterdir()) != before
 
 
 @pytest.mark.parametrize("command", ANSWERS)
-def test_a_question_of_the_readme_is_answered(command: str, shell: dict[str, str], tmp_path: Path) -> None:
-    done = subprocess.run(["sh", "-ec", command], cwd=tmp_path, env=shell, capture_output=True, text=True)
+def test_a_question_of_the_readme_is_answered(command: str, execute: Execute, tmp_path: Path) -> None:
+    done = execute(command)
     assert (done.returncode, bool(done.stdout)) == (0, True), done.stderr
 
 
 @pytest.mark.parametrize("command", DIFFERENCES)
-def test_a_comparison_of_the_readme_has_a_verdict(command: str, shell: dict[str, str], tmp_path: Path) -> None:
-    done = subprocess.run(["sh", "-ec", command], cwd=tmp_path, env=shell, capture_output=True, text=True)
+def test_a_comparison_of_the_readme_has_a_verdict(command: str, execute: Execute, tmp_path: Path) -> None:
+    done = execute(command)
     assert (done.returncode, done.stderr) == (int(command.startswith("sed ")), "")
     if command.startswith("sed "):
         assert done.stdout in README
@@ -156,8 +195,8 @@ def test_a_comparison_of_the_readme_has_a_verdict(command: str, shell: dict[str,
 
 
 @pytest.mark.parametrize("commands", STUDIES, ids=range(len(STUDIES)))
-def test_studies_of_the_readme_make_their_tables(commands: str, shell: dict[str, str], tmp_path: Path) -> None:
-    done = subprocess.run(["sh", "-ec", commands], cwd=tmp_path, env=shell, capture_output=True, text=True)
+def test_studies_of_the_readme_make_their_tables(commands: str, execute: Execute, tmp_path: Path) -> None:
+    done = execute(commands)
     assert done.returncode == 0, done.stderr
     for folder in re.findall(r" -o (\w+)(?![\w.])", commands):
         assert (tmp_path / folder / "results.parquet").exists()

@@ -210,15 +210,14 @@ def frames_of(folder: Path) -> np.ndarray:
 
 def test_pixels_are_the_same_for_any_number_of_processes(swing: Path, tmp_path: Path) -> None:
     found = []
-    for jobs in (1, 2, 3):
+    for jobs in (1, 3):
         output = tmp_path / f"{jobs}/"
         views = {"view": ["rgb", "depth", "seg"], "camera": ["side", "orbit:azimuth=0..90"], "text": "{time:.2f} s"}
         result = Video(Simulation(swing, duration=0.25), f"{output}/", size=SIZE, jobs=jobs, **views).run()  # type: ignore[arg-type]
         assert result.jobs == jobs
         found.append(frames_of(output))
     assert len(found[0]) == 8
-    assert np.array_equal(found[0], found[1])
-    assert np.array_equal(found[0], found[2])
+    assert np.array_equal(*found)
 
 
 def test_separate_views_are_films_of_the_same_instants(swing: Path, tmp_path: Path, decode: Callable) -> None:
