@@ -19,7 +19,7 @@ Body = Callable[[Console, "CommandLine"], None]
 
 
 # Sections that several commands have. What a command has for itself comes before them.
-SHARED_SECTIONS = ("View", "Renderer", "Simulation", "Model", "Output", "Messages")
+SHARED_SECTIONS = ("View", "Renderer", "Simulation", "Policy", "Model", "Output", "Messages")
 TERM_WIDTH = 26  # columns of help for an option's spelling, with the gap before its text
 # What options are called in earlier versions and in other tools, where their spellings do not suggest it.
 OTHER_NAMES = {

@@ -6,17 +6,24 @@ from typing import TYPE_CHECKING
 
 from mjrun.cli.console import Console
 from mjrun.errors import clean
+from mjrun.options.policy import ZERO
 
 if TYPE_CHECKING:
     from mjrun.model.source import Source
 
 
-def show_columns(console: Console, source: "Source", as_json: bool, probes: Sequence[str] = ()) -> None:
-    """Lists them, or those of `probes`, a line each, or as one document."""
+def show_columns(
+    console: Console, source: "Source", as_json: bool, probes: Sequence[str] = (), policy: object = None
+) -> None:
+    """Lists them, or those of `probes`, a line each, or as one document.
+
+    Those of a task do not depend on the policy.
+    """
     from mjrun.job.simulation import Simulation
     from mjrun.job.trace import columns
+    from mjrun.task.task import Task
 
-    listed = columns(Simulation(source), probes)
+    listed = columns(Simulation(source, policy=ZERO if isinstance(source, Task) else policy), probes)
     if as_json:
         console.document({"columns": [asdict(column) for column in listed]})
         return

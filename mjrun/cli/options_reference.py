@@ -16,7 +16,7 @@ from mjrun.options.task import PARTS, TaskOptions
 from mjrun.options.trace import RecordingOptions
 
 SIMULATING = ("video", "image", "trace", "sweep", "view")  # commands whose options include those of a simulation
-SIMULATION_SECTIONS = ("Simulation", "Model")  # the rest of a command that simulates is about its output
+SIMULATION_SECTIONS = ("Simulation", "Policy", "Model")  # the rest of a command that simulates is about its output
 # Command → the key of run documents and the class in Python that have its options.
 OUTPUTS = {"video": ("videos", "Video"), "image": ("images", "Image"), "trace": ("traces", "Trace")}
 CLASSES = {

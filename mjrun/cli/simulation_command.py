@@ -4,7 +4,7 @@ import gc
 import os
 from collections.abc import Callable, Generator, Sequence
 from contextlib import contextmanager
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from fractions import Fraction
 from importlib import import_module
 from pathlib import Path
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from mjrun.model.source import Source
 
 R = TypeVar("R", bound="OutputResult")
-SCRIPTS = (".yaml", ".yml")  # suffixes of camera scripts
+DOCUMENTS = (".yaml", ".yml")  # suffixes of camera scripts and of tasks
 
 
 def import_mujoco() -> None:
@@ -48,11 +48,11 @@ def import_mujoco() -> None:
 
 
 def source(command_line: CommandLine) -> "Source":
-    """What stands where the model stands, with its overrides."""
+    """What stands where the model stands, a task in a document too, with its overrides."""
     from mjrun.model.override import overrides_of
-    from mjrun.model.sources import parse_source
 
-    return parse_source(command_line.argument("model"), overrides_of(command_line.make(ModelOptions)))
+    whole = _source(command_line)
+    return replace(whole, overrides=(*whole.overrides, *overrides_of(command_line.make(ModelOptions))))
 
 
 def stem(command_line: CommandLine) -> str:
@@ -64,8 +64,24 @@ def simulation(command_line: CommandLine) -> "Simulation":
     """The simulation that a command line describes."""
     from mjrun.job.simulation import Simulation
 
-    model = command_line.argument("model")
+    model = _source(command_line) if is_document(command_line.argument("model")) else command_line.argument("model")
     return command_line.with_converted("controller", load_controller).make(Simulation, model=model)
+
+
+def _source(command_line: CommandLine) -> "Source":
+    from mjrun.model.sources import parse_source
+
+    text = command_line.argument("model")
+    if not is_document(text):
+        return parse_source(text)
+    from mjrun.document.task import read_task
+
+    return read_task(text)
+
+
+def is_document(text: str) -> bool:
+    """Whether `text` names a document."""
+    return Path(text).suffix.lower() in DOCUMENTS
 
 
 def with_camera_scripts(command_line: CommandLine) -> CommandLine:
@@ -74,7 +90,7 @@ def with_camera_scripts(command_line: CommandLine) -> CommandLine:
 
 
 def _camera(spec: str) -> object:
-    if Path(spec).suffix.lower() not in SCRIPTS:
+    if not is_document(spec):
         return spec
     from mjrun.document.camera import read_camera
 

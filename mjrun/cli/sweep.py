@@ -15,7 +15,7 @@ from mjrun.cli.simulation_command import failures_in_json, import_mujoco, simula
 from mjrun.errors import FileError, MjrunError, UsageError, clean, option
 from mjrun.options.kinds import Settings, Values
 from mjrun.options.messages import MessageOptions
-from mjrun.options.simulation import ControllerOptions, SimulationOptions
+from mjrun.options.simulation import CodeOptions, SimulationOptions
 from mjrun.options.sweep import (
     DOCUMENTS,
     MANIFEST,
@@ -107,7 +107,7 @@ def _study(console: Console, command_line: CommandLine) -> "tuple[Study, Located
         from mjrun.document.study import read_study
 
         given = _given(command_line, model)
-        code = command_line.with_converted("controller", load_controller).make(ControllerOptions)
+        code = command_line.with_converted("controller", load_controller).make(CodeOptions)
         request = read_study(model, assignments, given=given, code=code, command=console.command)
         return request.study, request.located
     if assignments:
@@ -200,7 +200,7 @@ def _require_said_there(command_line: CommandLine, document: str) -> None:
     """Raises UsageError for options that the document has to say."""
     from mjrun.options.option import options_of
 
-    ours = {"output", *(each.name for cls in (ControllerOptions, ExecutionOptions) for each in options_of(cls))}
+    ours = {"output", *(each.name for cls in (CodeOptions, ExecutionOptions) for each in options_of(cls))}
     given = command_line.given(StudyOptions, SimulationOptions)
     for each in (*options_of(StudyOptions), *options_of(SimulationOptions)):
         if each.attribute in given and each.name not in ours:

@@ -51,7 +51,8 @@ def _list(console: Console, command_line: CommandLine) -> None:
 
     _require_no_output(command_line, f"{option('list')} shows columns on standard output and measures nothing")
     probes = command_line.make(Trace, simulation=simulation(command_line)).probe if command_line.value("probe") else ()
-    show_columns(console, source(command_line), command_line.make(MessageOptions).json, probes)
+    as_json, policy = command_line.make(MessageOptions).json, command_line.value("policy")
+    show_columns(console, source(command_line), as_json, probes, policy)
 
 
 def _verify(console: Console, command_line: CommandLine) -> None:

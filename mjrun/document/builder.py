@@ -13,7 +13,7 @@ from mjrun.errors import DocumentError, Problem, UsageError
 from mjrun.job.simulation import Simulation
 from mjrun.options.kinds import Several
 from mjrun.options.option import Options, document_options
-from mjrun.options.simulation import ControllerOptions, SimulationOptions
+from mjrun.options.simulation import CodeOptions, SimulationOptions
 
 # Places below which names stand that may hold dots.
 NAMED = (
@@ -48,13 +48,15 @@ class DocumentBuilder:
         if self.fault_count:
             raise document_error(self._faults, self._others)
 
-    def simulation(self, document: OptionsModel, code: ControllerOptions) -> Simulation:
+    def simulation(self, document: OptionsModel, code: CodeOptions) -> Simulation:
         """The simulation at the top of a document, driven by `code`, which no document holds."""
         values = self.values(SimulationOptions, document, ())
-        values |= {"controller": code.controller, "control_dt": code.control_dt}
-        model = self.folders.model(document.model_dump(include={"model"})["model"])
+        values |= {"controller": code.controller, "control_dt": code.control_dt, "trust": code.trust}
+        from mjrun.document.task import task_or_source  # which builds a task
+
+        text = self.folders.model(document.model_dump(include={"model"})["model"])
         simulation = cast("Callable[..., Simulation]", Simulation)
-        return self.attempt((), lambda: simulation(model, **values)) or Simulation("")
+        return self.attempt((), lambda: simulation(task_or_source(text), **values)) or Simulation("")
 
     def values(self, declared: type[Options], entry: OptionsModel, place: Place) -> dict[str, object]:
         """What the options are given for what the document says of them."""

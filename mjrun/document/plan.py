@@ -19,7 +19,7 @@ from mjrun.document.tree import Fault, MappingNode, Mark, node_of
 from mjrun.errors import FileError, clean
 from mjrun.formats.atomic_output import OutputWriter, StagedFile
 from mjrun.formats.input_file import opened
-from mjrun.options.simulation import ControllerOptions
+from mjrun.options.simulation import CodeOptions
 from mjrun.options.sweep import MANIFEST, PLANS
 from mjrun.study.plan import SCHEMA, StudyPlan
 from mjrun.study.simulate import StudyPoint
@@ -135,5 +135,5 @@ def _study(path: str, value: object, folder: Path, given: Mapping[str, object]) 
         raise document_error(validation_faults(error, tree)) from None
     assert isinstance(tree, MappingNode)
     builder = DocumentBuilder(tree, Folders(folder, OutputFolder(Path()), lexical=True), declared_at)
-    simulation = builder.simulation(document, ControllerOptions())
+    simulation = builder.simulation(document, CodeOptions())
     return made_study(builder, simulation, {**builder.values(Study, document, ()), **given})

@@ -17,6 +17,7 @@ from mjrun.model.sources import source_of
 from mjrun.options.kinds import AnyKind, ExpectedError, File, Optional, Settings, setting_text
 from mjrun.options.option import Option, Options, document_options, is_always_written
 from mjrun.options.policy import PolicyKind, is_code
+from mjrun.task.task import Task
 
 
 def document_text(jobs: Sequence[Job[OutputResult]], command: str = "") -> str:
@@ -54,7 +55,8 @@ def simulation_document(simulation: Simulation) -> Mapped:
     source = source_of(simulation.model)
     if not source.text:
         raise UsageError("a compiled model has no file that a document could name")
-    overrides = [*((override.path, override.value) for override in source.overrides), *simulation.set]
+    own = () if isinstance(source, Task) else source.overrides  # those of a task are in its document
+    overrides = [*((override.path, override.value) for override in own), *simulation.set]
     settings = {"set": _settings(overrides)} if overrides else {}
     return {"model": source.text, **plain_options(simulation), **settings}
 

@@ -29,7 +29,7 @@ from mjrun.document.tree import Path as Place
 from mjrun.errors import DocumentError, UsageError
 from mjrun.job.simulation import Simulation
 from mjrun.options.option import Options
-from mjrun.options.simulation import ControllerOptions, SimulationOptions
+from mjrun.options.simulation import CodeOptions, SimulationOptions
 from mjrun.study.study import Study
 
 
@@ -83,7 +83,7 @@ def read_study(
     assignments: Sequence[str] = (),
     *,
     given: Mapping[str, object] | None = None,
-    code: ControllerOptions | None = None,
+    code: CodeOptions | None = None,
     command: str = "",
 ) -> StudyRequest:
     """The study that the document at `path` asks for.
@@ -104,7 +104,7 @@ def read_study(
     document, tree = read_placed(path, StudyDocument, assignments, variables=True, named=NAMED)
     folders = Folders(Path(path).parent, OutputFolder(Path()))
     builder = DocumentBuilder(tree, folders, declared_at)
-    simulation = builder.simulation(document, code or ControllerOptions())
+    simulation = builder.simulation(document, code or CodeOptions())
     values = {"output": Path(path).stem, **builder.values(Study, document, ()), **(given or {})}
     return StudyRequest(tree, made_study(builder, simulation, {**values, "command": command}))
 

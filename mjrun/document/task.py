@@ -30,13 +30,14 @@ from mjrun.document.builder import NAMED, DocumentBuilder, fault_at
 from mjrun.document.document_model import MAPPING, NUMBER, TEXT, Key, Name, Omittable, by_type
 from mjrun.document.option_models import OptionsModel, options_model
 from mjrun.document.output_folder import Folders, OutputFolder
-from mjrun.document.reader import document_error, read_placed
+from mjrun.document.reader import SUFFIXES, document_error, read_placed
 from mjrun.document.tree import MappingNode
 from mjrun.document.tree import Path as Place
 from mjrun.document.yaml_writer import number
 from mjrun.errors import UsageError
 from mjrun.model.override import overrides_of
-from mjrun.model.sources import parse_source
+from mjrun.model.source import Source
+from mjrun.model.sources import is_file, parse_source
 from mjrun.options.model import ModelOptions
 from mjrun.options.option import Options, options, options_of
 from mjrun.options.task import PARTS, TaskOptions
@@ -123,6 +124,13 @@ def read_task(path: Path | str, assignments: Sequence[str] = ()) -> Task:
     document, tree = read_placed(path, TaskDocument, assignments, variables=True, named=NAMED)
     folders = Folders(Path(path).parent, OutputFolder(Path()))
     return _Builder(tree, folders, declared_at).task(document, Path(path))
+
+
+def task_or_source(text: str) -> Source:
+    """What stands where a model stands: the task in a document, which its suffix tells, or another source."""
+    if is_file(text) and Path(text).suffix.lower() in SUFFIXES:
+        return read_task(text)
+    return parse_source(text)
 
 
 class _Builder(DocumentBuilder):

@@ -15,6 +15,7 @@ from mjrun.sim.observe import AnyTap, Tap
 from mjrun.sim.replay import ReplayStepper
 from mjrun.sim.state_buffer import StateBuffer
 from mjrun.sim.stepper import Stepper
+from mjrun.task.replayed_episode import ControlInstants
 from mjrun.timeline import Timeline
 
 if TYPE_CHECKING:
@@ -35,7 +36,7 @@ class EventDetector:
         self._conditions = [(each, RisingEdgeDetector()) for each in watched]
         self._tables = [ProbeSampler(model, each.columns, timeline, episode) for each in watched]
         self._timeline = timeline
-        self._states = StateBuffer(model)
+        self._states, self._instants = StateBuffer(model), ControlInstants()
 
     def taps(self, until: int) -> list[AnyTap]:
         """What it takes from the simulation up to step `until`."""
@@ -43,6 +44,7 @@ class EventDetector:
         return [
             Tap(every, lambda stepper: stepper.state(), self._states.append),
             Tap(every, self._rows, self._evaluate),
+            Tap(every, self._instants.take, lambda _: None),
         ]
 
     @property
@@ -52,7 +54,7 @@ class EventDetector:
 
     def replay(self, model: mujoco.MjModel) -> ReplayStepper:
         """Goes through the recorded steps once more."""
-        return ReplayStepper(model, self._states)
+        return self._instants.replay(model, self._states)
 
     def close(self) -> None:
         """Frees the recording."""

@@ -11,6 +11,7 @@ import numpy as np
 
 from mjrun.job.simulation import Simulation
 from mjrun.model.fingerprint import model_fingerprint
+from mjrun.task.task import Task
 from mjrun.timeline import Timeline
 from mjrun.version import __version__
 
@@ -65,6 +66,8 @@ def plain(value: object) -> object:
     """`value` as JSON holds it: dataclasses by field, exact numbers as they print, code by its name."""
     if isinstance(value, mujoco.MjModel):
         return "a compiled model"
+    if isinstance(value, Task):
+        return value.text
     if dataclasses.is_dataclass(value) and not isinstance(value, type):
         return {field.name: plain(getattr(value, field.name)) for field in dataclasses.fields(value)}
     if isinstance(value, Mapping):

@@ -5,7 +5,7 @@ import os
 import time
 from collections.abc import Callable, Generator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Generic, TypeVar
@@ -26,6 +26,7 @@ from mjrun.errors import (
     option,
 )
 from mjrun.formats.manifest import ManifestWriter
+from mjrun.job.episode import EpisodeResult
 from mjrun.job.output_files import ReservedFiles
 from mjrun.job.shared_rendering import SharedRendering
 from mjrun.job.task import (
@@ -44,6 +45,7 @@ from mjrun.model.mujoco_globals import collected_warnings, without_timers
 from mjrun.reporter import Reporter, WarningReporter, pass_on
 from mjrun.sim.observe import AnyTap, Tap, observe
 from mjrun.sim.stepper import Stepper
+from mjrun.task.episode import EpisodeOver, EpisodeStepper
 
 T = TypeVar("T")
 R = TypeVar("R", bound=OutputResult)
@@ -77,6 +79,9 @@ def perform(jobs: Sequence[Job[R]], reporter: Reporter | None = None, published:
             artifacts = simulated.finish()
         if simulated.instability is None:  # which says it better
             pass_on(warnings, reporter)
+        episode = simulated.episode
+        if episode:
+            reporter.note(episode.sentence)
 
         results: list[R] = []
         failure = None if simulated.instability is None else str(simulated.instability)
@@ -84,7 +89,7 @@ def perform(jobs: Sequence[Job[R]], reporter: Reporter | None = None, published:
             with simulated.failing(index):
                 files = artifact.publish()
                 summary = PassSummary(time.perf_counter() - start, simulated.wall, tuple(warnings))
-                results.append(artifact.result(files, summary))
+                results.append(replace(artifact.result(files, summary), episode=episode))
                 facts = {**artifact.facts, "result": asdict(results[-1]), "failure": failure}
                 if manifest := manifests[index]:
                     with simulated.failing(index, jobs[index].manifest):
@@ -155,10 +160,18 @@ class _Pass(Generic[R]):
                 self._run_together(stack)
         except SimulationError as error:
             self.instability = error
+        except EpisodeOver as error:
+            raise UsageError(f"{error}, earlier than when it was simulated before: the policy acts at random") from None
         except MjrunError as error:
             if error not in [failure for _, failure in self.failures.values()]:  # a controller's, which concerns all
                 raise
         self.wall = time.perf_counter() - start
+
+    @property
+    def episode(self) -> EpisodeResult | None:
+        """What came of the policy's episode, as far as it was simulated; None without a policy."""
+        episode, stepper = self._context.simulation.episode, self._stepper
+        return episode.result(stepper) if episode and isinstance(stepper, EpisodeStepper) else None
 
     def finish(self) -> dict[int, Artifact[R]]:
         """The artifacts of the outputs that can be completed, by index."""
@@ -295,7 +308,7 @@ def _plan(
     with _UsageErrors(jobs) as errors:
         timeline = errors.collect(None, lambda: simulation.timeline(model))
     assert timeline
-    context = Context(simulation, model, timeline, reporter)
+    context = Context(simulation, model, timeline, reporter, simulation.episode.columns if simulation.episode else None)
     with _UsageErrors(jobs) as errors:
         plans = [plan for i, task in enumerate(tasks) if (plan := errors.collect(i, partial(task.plan, context)))]
         stepper = errors.collect(None, lambda: simulation.stepper(_measured(model, plans)))

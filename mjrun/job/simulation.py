@@ -31,9 +31,11 @@ from mjrun.sim.push_forces import PushForces
 from mjrun.sim.recorded_inputs import RecordedInputs
 from mjrun.sim.replay import ReplayStepper, require_model, require_timestep
 from mjrun.sim.stepper import PhysicsStepper, Stepper
+from mjrun.task.task import Task
 from mjrun.timeline import Timeline, rational
 
 if TYPE_CHECKING:
+    from mjrun.job.episode import Episode
     from mjrun.sim.motion import Motion
 
 DURATION = Fraction(5)  # [s], when nothing is said
@@ -59,6 +61,8 @@ class Simulation(SimulationOptions):
         super().__post_init__()
         if self.control_dt is not None and self.controller is None:
             raise UsageError(f"{option('control_dt')} says how often a {option('controller')} is called; there is none")
+        if self.normalize is not None and self.policy is None:
+            raise UsageError(f"{option('normalize')} is about what a {option('policy')} observes; there is none")
 
     @property
     def start(self) -> InitialState:
@@ -71,6 +75,27 @@ class Simulation(SimulationOptions):
         source = source_of(self.model)
         return replace(source, overrides=(*source.overrides, *overrides_of(self)))
 
+    @cached_property
+    def episode(self) -> "Episode | None":
+        """What its policy does; None without a policy.
+
+        Raises:
+          UsageError: the policy does not fit, or is not trusted.
+          FileError: a file of the policy cannot be read.
+        """
+        if self.policy is None:
+            return None
+        from mjrun.job.episode import episode_of
+        from mjrun.policy.load import load_policy
+
+        policy = load_policy(self.policy, trust=self.trust, normalize=self.normalize)
+        return episode_of(self.source, policy, self.seed, self.push)
+
+    @property
+    def has_end(self) -> bool:
+        """Whether it ends by itself, without a usual duration."""
+        return not (self.duration is self.steps is self.replay is self.policy is None)
+
     @property
     def inputs(self) -> list[tuple[str, Path]]:
         """The files that it reads, with what they are, as far as that is known without reading them."""
@@ -82,7 +107,16 @@ class Simulation(SimulationOptions):
         """The files that it reads besides the model, with what they are."""
         replay = "table" if self.replay is not None and not is_recording(Path(self.replay)) else "recording"
         tables = (("table of controls", self.ctrl_from), (replay, self.replay))
-        return [*((what, Path(file)) for what, file in tables if file is not None), *self._map_files]
+        named = [(what, Path(file)) for what, file in tables if file is not None]
+        return [*named, *self._map_files, *self._policy_files]
+
+    @property
+    def _policy_files(self) -> list[tuple[str, Path]]:
+        if self.policy is None:
+            return []
+        from mjrun.job.episode import policy_files
+
+        return [("policy", file) for file in policy_files(self.policy, self.normalize)]
 
     @property
     def _map_files(self) -> list[tuple[str, Path]]:
@@ -98,17 +132,24 @@ class Simulation(SimulationOptions):
         return [fingerprint(path) for _, path in self.tables]
 
     def load(self) -> mujoco.MjModel:
-        """The compiled model."""
-        return self.source.load()
+        """The compiled model; with a policy, that of its episode."""
+        return self.source.load() if self.episode is None else self.episode.model()
 
     def timeline(self, model: mujoco.MjModel) -> Timeline:
         """How this simulation falls on the timesteps of `model`."""
+        timestep, said = rational(model.opt.timestep), self._said(model)
+        if self.episode is not None:
+            return self.episode.timeline(timestep, said)
+        if said is None and self.replay is not None:
+            return Timeline.of_steps(timestep, int(self.replayed(model).steps[-1]))
+        return said or Timeline.lasting(timestep, DURATION)
+
+    def _said(self, model: mujoco.MjModel) -> Timeline | None:
+        """The same, if it is said how long it lasts."""
         timestep = rational(model.opt.timestep)
         if self.steps is not None:
             return Timeline.of_steps(timestep, self.steps)
-        if self.duration is None and self.replay is not None:
-            return Timeline.of_steps(timestep, int(self.replayed(model).steps[-1]))
-        return Timeline.lasting(timestep, self.duration or DURATION)
+        return None if self.duration is None else Timeline.lasting(timestep, self.duration)
 
     def stepper(self, model: mujoco.MjModel) -> Stepper:
         """`model` at time 0, ready to step.
@@ -117,6 +158,11 @@ class Simulation(SimulationOptions):
           UsageError: the recording to go through is of another model, or not as long.
           FileError: a recording or a table cannot be read.
         """
+        if self.episode is not None:
+            return self.episode.stepper()
+        if self.replay is None and isinstance(self.source, Task):
+            text = clean(self.source.text)
+            raise UsageError(f"{text} is a task: say which {option('policy')} acts on it, a file, zero or random")
         if self.replay is not None:
             return self._replay_controls(model) if self.replay_mode == CONTROLS else self._replay_states(model)
         if not self._motions:  # no ghost has read a table either
@@ -140,7 +186,8 @@ class Simulation(SimulationOptions):
         """What the user should know of this simulation before it runs."""
         pushes = PushForces(model, self.push, rational(model.opt.timestep)).remarks(self.timeline(model).steps)
         replay = self.replay_remarks(model)
-        return [*known_bugs.bugs_of_model(model), *self.start.remarks(model), *pushes, *replay]
+        episode = self.episode.remarks(self._said(model)) if self.episode else []
+        return [*known_bugs.bugs_of_model(model), *self.start.remarks(model), *pushes, *replay, *episode]
 
     def replayed(self, model: mujoco.MjModel) -> "RecordingReader | Motion":
         """What is replayed: a recording, or a table as a motion of `model`; opened once, and all of it checked then.

@@ -15,6 +15,7 @@ from typing import Generic, Protocol, TypeVar
 import mujoco
 
 from mjrun.formats.atomic_output import OutputWriter
+from mjrun.job.episode import EpisodeResult
 from mjrun.job.shared_rendering import RendererRequest, SharedRendering
 from mjrun.job.simulation import Simulation
 from mjrun.options.option import options
@@ -35,9 +36,11 @@ class OutputResult:
 
     Attributes:
       path: where it is; `-` is standard output.
+      episode: what came of the policy's episode; None without a policy.
     """
 
     path: str
+    episode: EpisodeResult | None = field(default=None, kw_only=True)
 
 
 R_co = TypeVar("R_co", bound=OutputResult, covariant=True)

@@ -101,10 +101,10 @@ class TraceResult(OutputResult):
 
 
 def columns(simulation: Simulation, probes: Sequence[str] = ()) -> list[Column]:
-    """Every column that the model of `simulation` offers, or those of `probes`; `time` first."""
+    """Every column that `simulation` offers, or those of `probes`; `time` first."""
     with collected_warnings():
-        model = simulation.load()
-        return [TIME, *(selected_columns(model, probes) if probes else available_columns(model))]
+        model, episode = simulation.load(), simulation.episode.columns if simulation.episode else None
+        return [TIME, *(selected_columns(model, probes, episode) if probes else available_columns(model, episode))]
 
 
 @dataclass(frozen=True)

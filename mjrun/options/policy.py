@@ -33,7 +33,21 @@ class NormalizationKind(Kind[str | PathLike[str], str]):
 
 
 @options
-class PolicyOptions(Options):
+class TrustOptions(Options):
+    """Whether files may run code; no document says so."""
+
+    section: ClassVar[str] = "Policy"
+
+    trust: bool = option(
+        converter=Flag(),
+        default=False,
+        places=FrontEnd.COMMAND | FrontEnd.PYTHON,
+        help="Open policy files that can run code as they are opened: Stable-Baselines3 archives and torch files.",
+    )
+
+
+@options
+class PolicyOptions(TrustOptions):
     """A policy that acts on a task."""
 
     section: ClassVar[str] = "Policy"
@@ -49,12 +63,6 @@ class PolicyOptions(Options):
         default=None,
         help="The statistics that observations are normalized with: those of VecNormalize (.pkl), or an .npz with "
         "mean, var, epsilon and clip; none for a Stable-Baselines3 policy that was trained without.",
-    )
-    trust: bool = option(
-        converter=Flag(),
-        default=False,
-        places=FrontEnd.COMMAND | FrontEnd.PYTHON,
-        help="Open policy files that can run code as they are opened: Stable-Baselines3 archives and torch files.",
     )
 
 

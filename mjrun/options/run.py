@@ -5,12 +5,12 @@ from typing import ClassVar
 from mjrun.options.kinds import Choice, File, Flag, Optional, Processes
 from mjrun.options.option import FrontEnd, option, options
 from mjrun.options.plot import PageOptions
-from mjrun.options.simulation import ControllerOptions
+from mjrun.options.simulation import CodeOptions
 from mjrun.options.view import QUALITIES, BackendOptions
 
 
 @options
-class RunOptions(PageOptions, BackendOptions, ControllerOptions):
+class RunOptions(PageOptions, BackendOptions, CodeOptions):
     """What only the command line says of a run."""
 
     section: ClassVar[str] = "Run"

@@ -21,6 +21,7 @@ from mjrun.options.kinds import (
 )
 from mjrun.options.model import ModelOptions
 from mjrun.options.option import Exclusion, FrontEnd, Options, option, options
+from mjrun.options.policy import PolicyOptions, TrustOptions
 from mjrun.options.push import Push, PushKind
 
 INTERPOLATIONS = ("hold", "linear")
@@ -32,6 +33,7 @@ QUATERNION_ORDERS = ("wxyz", "xyzw")
 DRIVERS = ("ctrl_from", "controller", "perturb")
 PHYSICS = ("ctrl_noise", "push")
 START = ("key", "qpos", "qvel", "ctrl")
+TASK_START = ("key", "qpos", "qvel", "perturb")
 TABLE_READING = ("map", "quat", "replay_rate", "replay_interpolation", "replay_unwrap")  # by --replay or by a ghost
 
 
@@ -58,13 +60,22 @@ class ControllerOptions(Options):
 
 
 @options
-class SimulationOptions(ControllerOptions, ModelOptions):
+class CodeOptions(ControllerOptions, TrustOptions):
+    """Code that drives a simulation, and code in files; no document holds either."""
+
+
+@options
+class SimulationOptions(PolicyOptions, ControllerOptions, ModelOptions):
     """A simulation, but for its model."""
 
     section: ClassVar[str] = "Simulation"
     exclusions: ClassVar[tuple[Exclusion, ...]] = (
         Exclusion(("duration", "steps"), "both say how long"),
         Exclusion(("controller", "ctrl_from"), "both drive the actuators"),
+        Exclusion(("policy", "replay"), "a replay is driven by what is replayed"),
+        *(Exclusion(("policy", name), "both drive the actuators") for name in ("controller", "ctrl_from", "ctrl")),
+        *(Exclusion(("policy", name), "the task of a policy says how an episode starts") for name in TASK_START),
+        Exclusion(("policy", "ctrl_noise"), "the task of a policy says what noise there is"),
         *(Exclusion(("replay", name), "a replay is driven by what is replayed") for name in DRIVERS),
         *(
             Exclusion(("replay", name), "a replay of states goes without physics", when=("replay_mode", STATES))
@@ -156,11 +167,11 @@ class SimulationOptions(ControllerOptions, ModelOptions):
         default=0.0,
         help="Standard deviation of Gaussian noise on the initial velocities [m/s, rad/s].",
     )
-    seed: int = option(converter=Integer(), default=0, help="Seed of all noise.")
+    seed: int = option(converter=Integer(), default=0, help="Seed of all noise; with a policy, of the episode.")
     duration: Fraction | None = option(
         converter=Optional(ExactNumber("SECONDS")),
         default=None,
-        usual="5, or that of the recording; a view has no end",
+        usual="5, or that of the recording or of the policy's episode; a view has no end",
         help="Simulated time [s].",
     )
     steps: int | None = option(

@@ -65,7 +65,11 @@ class CommandSignals:
                 drawn[world, :, column] = draw_numbers(text, generator, drawn.shape[1])
 
     def at(self, worlds: np.ndarray, instants: np.ndarray) -> np.ndarray:
-        """The values in the worlds `(k,)` at these control instants `(k,)` of theirs: `(k, len(names))`."""
+        """The values in the worlds `(k,)` at these control instants `(k,)` of theirs: `(k, len(names))`.
+
+        Beyond the end of an episode its last values hold.
+        """
+        instants = np.minimum(instants, len(self._known) - 1)
         values = self._known[instants]
         for drawn, place, _, every in self._random:
             values[:, place] = drawn[worlds, instants // every]

@@ -3,7 +3,7 @@
 import mujoco
 import numpy as np
 
-from mjrun.errors import SimulationError, UsageError, clean
+from mjrun.errors import InvalidActionError, UsageError, clean
 from mjrun.model import state
 from mjrun.sim.stepper import PhysicsStepper
 from mjrun.task.episode import Actor, ControlInstant, EpisodeOver
@@ -19,18 +19,23 @@ class EnvironmentStepper:
     The action of a control instant is asked for, and the environment steps, on arriving there, so that the controls
     which act from there on are known at that instant.
 
+    Args:
+      policy: its name, for messages.
+
     Attributes:
       model: a copy of the environment's.
       step: where it stands.
       names: of observations, actions and terms of the reward.
       control_steps: physics steps in a control period.
+      periods: control periods that were completed, up to the end of the episode.
 
     Raises:
       UsageError: actions of the wrong size.
       SimulationError: an action is no number, or the simulation fails.
     """
 
-    def __init__(self, environment: Environment, actor: Actor, seed: int) -> None:
+    def __init__(self, environment: Environment, actor: Actor, seed: int, policy: str = "") -> None:
+        self._policy = policy
         self.environment, self.control_steps = environment, environment.control_steps
         self._actor, self._begin = actor, 0  # the step of the last control instant
         self._timestep = environment.model.opt.timestep
@@ -48,6 +53,10 @@ class EnvironmentStepper:
     @property
     def step(self) -> int:
         return self._physics.step
+
+    @property
+    def periods(self) -> int:
+        return self._begin // self.control_steps
 
     def advance(self, step: int) -> None:
         """Moves forward to `step`.
@@ -97,10 +106,8 @@ class EnvironmentStepper:
         """The action of the policy on `observation`, and what the environment makes of it."""
         action = np.asarray(self._actor.act(observation), float).ravel()
         if not np.isfinite(action).all():
-            index = int(np.flatnonzero(~np.isfinite(action))[0])
-            time = self._begin * self._timestep
-            message = f"the policy's action[{index}] is {action[index]} at step {self._begin}, time {time:.9g} s"
-            raise SimulationError(self._begin, time, message)
+            wrong = {n: v for n, v in zip(self.environment.action_names, action, strict=False) if not np.isfinite(v)}
+            raise InvalidActionError(self._begin, self._begin * self._timestep, self._policy, wrong)
         return self.environment.step(action), action
 
     def _driven(self) -> np.ndarray:

@@ -85,10 +85,14 @@ class EpisodeStepper(Stepper, Protocol):
     Attributes:
       names: of observations, actions and terms of the reward.
       control_steps: physics steps in a control period.
+      periods: control periods that were completed, up to the end of the episode.
     """
 
     names: EpisodeNames
     control_steps: int
+
+    @property
+    def periods(self) -> int: ...
 
     def now(self) -> ControlInstant:
         """The last control instant, which is at or before `self.step`."""

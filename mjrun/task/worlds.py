@@ -13,6 +13,7 @@ import numpy as np
 from mujoco.batch import Batch
 from mujoco.batch import SimulationError as BatchError
 
+from mjrun.model import state
 from mjrun.model.source import Source
 from mjrun.model.variants import ModelVariants
 from mjrun.options.task import CURRENT, LAGGED
@@ -204,6 +205,26 @@ class TaskWorlds:
             some = _sorted(ids)
             self._call(lambda: self._batch.forward(some, self._stage))
         return self._finish(ids)
+
+    # --- step by step ------------------------------------------------------------------------------
+
+    def hold(self) -> None:
+        """Puts the controls in force that the next step takes: those that hold targets follow the state."""
+        if self._torques.is_needed:
+            self._torques.hold(self._targets, self._qpos, self._qvel, self._ctrl, ALL)
+
+    def apply_forces(self, world: int, forces: np.ndarray) -> None:
+        """Sets the forces and torques `(nbody, 6)` on bodies, as `xfrc_applied` has them, from here on."""
+        applied = state.fields(state.sizes(self._first))["xfrc_applied"]
+        self._batch.state[world, applied] = forces.ravel()
+
+    def is_unstable(self, world: int) -> bool:
+        """Whether MuJoCo has given up on a world, or should have."""
+        return bool(self._unstable(np.array([world]))[0])
+
+    def resume(self) -> None:
+        """Lets episodes go on that are over, unless they are unstable: without a reset, as if they were not."""
+        self._over[:] = False
 
     # --- within ------------------------------------------------------------------------------------
 

@@ -1,0 +1,254 @@
+"""An episode of a policy: which task it acts on, how long it lasts, and how it ends."""
+
+import copy
+import math
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from dataclasses import dataclass
+from fractions import Fraction
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import mujoco
+
+from mjrun.errors import SimulationError, UsageError, clean, option
+from mjrun.model.source import Source
+from mjrun.model.variants import ModelVariants
+from mjrun.options.policy import NONE, is_policy_file
+from mjrun.options.push import Push
+from mjrun.probe.episode import EpisodeColumns
+from mjrun.sim.push_forces import PushForces
+from mjrun.task.episode import Ending, EpisodeStepper
+from mjrun.timeline import Timeline, rational
+
+if TYPE_CHECKING:
+    from mjrun.model.sources.gym import GymSource
+    from mjrun.policy.policy import Policy
+    from mjrun.task.task import Task
+    from mjrun.task.worlds import TaskWorlds
+
+UNLIMITED = 5  # [s] that are simulated of an episode that nothing ends
+
+
+@dataclass(frozen=True)
+class EpisodeResult:
+    """What came of an episode, as far as it was simulated.
+
+    Attributes:
+      policy: its name.
+      seed: of the episode.
+      periods: control periods that were completed, up to the end.
+      time: when it ended, or how long it was simulated [s].
+      total: the sum of all rewards, which is the return if the episode has ended.
+      ending: the name of the termination; None if it has not ended.
+      kind: `success`, `failure` or `timeout`; None if it has not ended.
+    """
+
+    policy: str
+    seed: int
+    periods: int
+    time: float
+    total: float
+    ending: str | None
+    kind: str | None
+
+    @property
+    def sentence(self) -> str:
+        """What is told of it."""
+        reached = f"return {self.total:.6g}"
+        if self.ending is None:
+            return f"the episode of seed {self.seed} has not ended after {self.time:g} s: {reached} so far"
+        how = self.ending if self.ending == self.kind else f"{clean(self.ending)} ({self.kind})"
+        return f"the episode of seed {self.seed} ended after {self.time:g} s: {how}, {reached}"
+
+
+@dataclass(frozen=True)
+class EpisodeLength:
+    """How long an episode lasts: physics steps up to where it ends, or, if it does not, up to where one looked."""
+
+    steps: int
+    ending: Ending | None
+
+
+class Episode(ABC):
+    """The episode of a seed.
+
+    Attributes:
+      goes_on: whether the simulation can go on, without a reset, when the episode has ended.
+    """
+
+    goes_on = True
+
+    def __init__(self, policy: "Policy", seed: int) -> None:
+        self.policy, self.seed = policy, seed
+
+    @abstractmethod
+    def model(self) -> mujoco.MjModel:
+        """The model of this episode, which may vary with the seed."""
+
+    def timeline(self, timestep: Fraction, said: Timeline | None) -> Timeline:
+        """How the simulation falls on timesteps [s]: until the episode ends, if nothing is said of how long it lasts.
+
+        Args:
+          said: what is said.
+        """
+        if said is not None and (self.goes_on or said.steps <= self.length.steps):
+            return said
+        return Timeline.of_steps(timestep, self.length.steps)
+
+    def remarks(self, said: Timeline | None) -> list[str]:
+        """What the user should know of the episode before it is simulated; see `timeline`."""
+        if said is None or self.goes_on or said.steps <= self.length.steps:
+            return []
+        end = float(said.time(self.length.steps))
+        return [f"the episode ends at {end:g} s, and an environment does not go on without a reset: so does the rest"]
+
+    def result(self, stepper: EpisodeStepper) -> EpisodeResult:
+        """What came of the episode that `stepper` has gone through."""
+        now, timestep = stepper.now(), rational(stepper.model.opt.timestep)
+        return EpisodeResult(
+            policy=self.policy.name,
+            seed=self.seed,
+            periods=stepper.periods,
+            time=float((stepper.step if now.ending is None else stepper.periods * stepper.control_steps) * timestep),
+            total=now.total,
+            ending=now.ending.name if now.ending else None,
+            kind=now.ending.kind if now.ending else None,
+        )
+
+    @abstractmethod
+    def stepper(self) -> EpisodeStepper:
+        """The episode from its start."""
+
+    @property
+    @abstractmethod
+    def longest(self) -> int:
+        """Physics steps after which an episode ends at the latest, or nobody looks any further."""
+
+    @cached_property
+    def _first(self) -> EpisodeStepper:
+        """A stepper that nobody else has."""
+        return self.stepper()
+
+    @cached_property
+    def columns(self) -> EpisodeColumns:
+        """What can be measured besides the model."""
+        names = self._first.names
+        return EpisodeColumns(dict.fromkeys(names.observations, ""), names.actions, names.rewards)
+
+    @cached_property
+    def length(self) -> EpisodeLength:
+        """How long it lasts. The episode is simulated for it; one that fails is taken to last as long as it can."""
+        stepper = self._first
+        try:
+            while stepper.now().ending is None and stepper.step < self.longest:
+                stepper.advance(stepper.step + stepper.control_steps)
+        except SimulationError:  # whoever simulates it again is told
+            return EpisodeLength(self.longest, None)
+        return EpisodeLength(stepper.step, stepper.now().ending)
+
+
+class TaskEpisode(Episode):
+    """An episode of a task."""
+
+    def __init__(self, task: "Task", policy: "Policy", seed: int, pushes: Sequence[Push]) -> None:
+        super().__init__(policy, seed)
+        from mjrun.policy.agreement import check_agreement
+
+        check_agreement(task, policy)
+        self._task, self._pushes = task, pushes
+
+    @cached_property
+    def _worlds(self) -> "TaskWorlds":
+        from mjrun.task.worlds import TaskWorlds
+
+        return TaskWorlds(self._task, 1)
+
+    def model(self) -> mujoco.MjModel:
+        from mjrun.task.episode_start import EpisodeModels
+
+        with self._task.located():
+            return EpisodeModels(self._task.model_source, self._task.reset.vary, ModelVariants()).model(self.seed)
+
+    @cached_property
+    def columns(self) -> EpisodeColumns:
+        worlds = self._worlds
+        units = {number.name: number.unit if number.scale == 1 else "" for number in worlds.observed}
+        return EpisodeColumns(units, worlds.action_names, worlds.reward_names)
+
+    def stepper(self) -> EpisodeStepper:
+        from mjrun.policy.policy import ActionSpace
+        from mjrun.task.task_stepper import TaskStepper
+
+        worlds = self._worlds
+        space = ActionSpace(worlds.action_names, worlds.actions.low, worlds.actions.high)
+        actor = self.policy.episode(self.seed, space)
+        model = self.model()
+        pushes = PushForces(model, self._pushes, rational(model.opt.timestep))
+        return TaskStepper(worlds, actor, self.seed, self.policy.name, pushes)
+
+    @property
+    def longest(self) -> int:
+        return self._task.periods * self._worlds.control_steps
+
+
+class EnvironmentEpisode(Episode):
+    """An episode of an environment of Gymnasium's, which resets, steps and rewards itself."""
+
+    goes_on = False
+
+    def __init__(self, source: "GymSource", policy: "Policy", seed: int) -> None:
+        super().__init__(policy, seed)
+        from mjrun.task.gymnasium import Environment
+
+        self._environment = Environment(source)
+
+    def model(self) -> mujoco.MjModel:
+        return copy.copy(self._environment.model)
+
+    def stepper(self) -> EpisodeStepper:
+        from mjrun.policy.policy import ActionSpace
+        from mjrun.task.environment_stepper import EnvironmentStepper
+
+        environment = self._environment
+        actions = ActionSpace(environment.action_names, environment.action_low, environment.action_high)
+        return EnvironmentStepper(environment, self.policy.episode(self.seed, actions), self.seed, self.policy.name)
+
+    @property
+    def longest(self) -> int:
+        environment = self._environment
+        actions = environment.episode_steps or math.ceil(UNLIMITED / environment.control_dt)
+        return actions * environment.control_steps
+
+
+def episode_of(source: Source, policy: "Policy", seed: int, pushes: Sequence[Push] = ()) -> Episode:
+    """The episode of `seed` of what `source` is: an environment, a task, or a model of which the policy says the rest.
+
+    Args:
+      pushes: forces on bodies besides those of the task.
+
+    Raises:
+      UsageError: the policy does not fit, or does not say enough.
+    """
+    from mjrun.model.sources.gym import GymSource
+    from mjrun.task.task import Task
+
+    if isinstance(source, Task):
+        return TaskEpisode(source, policy, seed, pushes)
+    if isinstance(source, GymSource):
+        if pushes:
+            raise UsageError(f"{option('push')}: an environment steps itself, and nothing else can push its bodies")
+        return EnvironmentEpisode(source, policy, seed)
+    raise UsageError(f"{option('policy')} needs a task, and {clean(source.text)} is a model alone")
+
+
+def policy_files(policy: object, normalize: str | None) -> list[Path]:
+    """The files that a policy is read from, as far as they are known without reading them."""
+    files: list[Path] = []
+    if isinstance(policy, str) and is_policy_file(policy):
+        path = Path(policy)
+        files += sorted(file for file in path.rglob("*") if file.is_file()) if path.is_dir() else [path]
+    if normalize not in (None, NONE):
+        files.append(Path(normalize))
+    return files

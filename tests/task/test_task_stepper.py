@@ -1,0 +1,158 @@
+"""An episode of a task step by step: bit for bit that of the worlds, and of bare loops of mj_step."""
+
+from fractions import Fraction
+
+import mujoco
+import numpy as np
+import pytest
+
+from mjrun.errors import InvalidActionError, UnstableError
+from mjrun.model import state
+from mjrun.options.push import Push
+from mjrun.sim.observe import Tap, observe
+from mjrun.sim.push_forces import PushForces
+from mjrun.task.task import Task
+from mjrun.task.task_stepper import TaskStepper
+from mjrun.task.terms import Action, Command, Observation, Reset, Termination
+from mjrun.task.worlds import TaskWorlds
+
+ARM = """<mujoco><option timestep="0.01"/>
+  <worldbody><body name="upper" pos="0 0 1"><joint name="shoulder" axis="0 1 0" damping=".1"/>
+    <geom type="capsule" size=".03" fromto="0 0 0 0 0 -.4"/>
+    <body name="lower" pos="0 0 -.4"><joint name="elbow" axis="0 1 0" damping=".1"/>
+      <geom type="capsule" size=".03" fromto="0 0 0 0 0 -.4"/></body></body></worldbody>
+  <actuator><motor name="m1" joint="shoulder" gear="2"/><motor name="m2" joint="elbow"/></actuator></mujoco>"""
+MODEL = mujoco.MjModel.from_xml_string(ARM)
+MOTORS = [Action(actuators=["m1", "m2"], scale=0.5)]
+POSITIONS = [Action(joints=["elbow", "shoulder"], target="position", kp=20, kd=[1, 2], scale=0.3)]
+
+
+def arm(**values: object) -> Task:
+    given = {
+        "control_dt": 0.04,
+        "duration": 0.4,
+        "observations": [
+            Observation(name="joints", joints=["*"]),
+            Observation(name="last", action="previous"),
+            Observation(name="goal", command="goal"),
+        ],
+        "actions": MOTORS,
+        "commands": {"goal": Command(schedule=[[0, 1], [0.2, 2]])},
+        "rewards": {"up": "xpos/lower/z", "calm": "-norm(rate('qpos/*'))"},
+        "reset": Reset(noise={"qpos/*": "normal(0, 0.5)"}),
+        **values,
+    }
+    return Task(MODEL, **given)  # type: ignore[arg-type]
+
+
+class Wave:
+    """Answers with a wave, and with what it sees."""
+
+    def __init__(self) -> None:
+        self.calls = 0
+
+    def act(self, observation: np.ndarray) -> np.ndarray:
+        self.calls += 1
+        return np.sin(self.calls + observation[:2])
+
+
+@pytest.mark.parametrize("actions", [MOTORS, POSITIONS])
+def test_it_is_the_episode_of_the_worlds_however_one_looks_at_it(actions: list[Action]) -> None:
+    task = arm(actions=actions)
+    worlds, wave = TaskWorlds(task, 2), Wave()
+    observation = worlds.reset([3, 5])[1]
+    every, sometimes = (TaskStepper(TaskWorlds(task, 1), Wave(), 5) for _ in range(2))
+    total = 0.0
+    for k in range(10):
+        action = wave.act(observation)
+        for stepper in (every, sometimes):
+            now = stepper.now()
+            np.testing.assert_array_equal(now.observation, observation)
+            np.testing.assert_array_equal(now.action, action)
+            assert (now.total, now.ending, stepper.step, stepper.periods) == (total, None, 4 * k, k)
+        result = worlds.step(np.stack([action, action]))
+        observation, total = result.observations[1], total + result.rewards[1]
+
+        sometimes.advance(4 * k + 4)
+        for step in range(4 * k + 1, 4 * k + 5):
+            every.advance(step)
+            every.instant()
+        np.testing.assert_array_equal(sometimes.now().reward_terms, result.reward_terms[1])
+        physics = state.part(MODEL, mujoco.mjtState.mjSTATE_PHYSICS)
+        np.testing.assert_array_equal(every.state()[physics], worlds.state(1)[physics])
+        np.testing.assert_array_equal(every.state(), sometimes.state())
+    assert every.now().ending is not None
+    assert (every.now().ending.name, every.periods) == ("timeout", 10)
+
+
+@pytest.mark.parametrize("actions", [MOTORS, POSITIONS])
+def test_the_controls_in_force_at_an_instant_are_those_of_the_next_step(actions: list[Action]) -> None:
+    stepper = TaskStepper(TaskWorlds(arm(actions=actions), 1), Wave(), 1)
+    data = mujoco.MjData(MODEL)
+    for step in range(1, 13):
+        state.restore(MODEL, data, stepper.state())
+        np.testing.assert_array_equal(stepper.instant().ctrl, data.ctrl)
+        if actions is POSITIONS:
+            wanted = stepper.now().action[[1, 0]] * 0.3
+            torque = 20 * (wanted - data.qpos) - [2, 1] * data.qvel
+            np.testing.assert_allclose(data.ctrl, torque / [2, 1], rtol=1e-12)
+        else:
+            np.testing.assert_array_equal(data.ctrl, stepper.now().action * 0.5)
+        mujoco.mj_step(MODEL, data)
+        stepper.advance(step)
+        np.testing.assert_array_equal(stepper.state()[1:5], [*data.qpos, *data.qvel])
+
+
+def test_beyond_the_end_it_goes_on_without_a_reset_and_the_return_stays() -> None:
+    ended = {"low": Termination(when="time > 0.15", as_="success")}
+    stepper = TaskStepper(TaskWorlds(arm(terminations=ended), 1), Wave(), 2)
+    free = TaskStepper(TaskWorlds(arm(duration=5), 1), Wave(), 2)
+    for step in range(4, 81, 4):
+        stepper.advance(step)
+        free.advance(step)
+        np.testing.assert_array_equal(stepper.state(), free.state())
+        if step == 16:
+            total = free.now().total
+    now = stepper.now()
+    assert (now.ending.name, now.ending.kind, stepper.periods, now.total) == ("low", "success", 4, total)  # type: ignore[union-attr]
+    assert now.reward == free.now().reward
+
+
+def test_pushes_act_as_in_a_bare_loop() -> None:
+    push = Push("lower", (5.0, 0.0, 0.0), Fraction("0.05"), Fraction("0.07"))
+    pushes = PushForces(MODEL, [push], Fraction(1, 100))
+    stepper = TaskStepper(TaskWorlds(arm(), 1), Wave(), 4, pushes=pushes)
+    data, wave = mujoco.MjData(MODEL), Wave()
+    state.restore(MODEL, data, stepper.state())
+    for step in range(16):
+        if step % 4 == 0:
+            data.ctrl[:] = wave.act(np.array([*data.qpos])) * 0.5
+        data.xfrc_applied[2, 0] = 5 if 5 <= step < 12 else 0
+        stepper.advance(step)
+        np.testing.assert_array_equal(stepper.state()[1:5], [*data.qpos, *data.qvel])
+        mujoco.mj_step(MODEL, data)
+
+
+class Answers:
+    """Gives what it is told to."""
+
+    def __init__(self, *answers: list[float]) -> None:
+        self.answers = iter(answers)
+
+    def act(self, observation: np.ndarray) -> np.ndarray:
+        return np.array(next(self.answers))
+
+
+def test_an_action_that_is_not_finite_is_told_with_its_step() -> None:
+    stepper = TaskStepper(TaskWorlds(arm(), 1), Answers([0, 0], [0, np.nan]), 0, "p.onnx")
+    with pytest.raises(InvalidActionError, match=r"p\.onnx answered at step 4, time 0.04 s, .*: m2 = nan") as caught:
+        stepper.advance(6)
+    assert caught.value.step == 4
+
+
+@pytest.mark.parametrize("every", [1, 8])
+def test_an_unstable_simulation_is_told_with_its_first_bad_step(every: int) -> None:
+    stepper = TaskStepper(TaskWorlds(arm(), 1), Answers([0, 0], *[[1e10, 0]] * 10), 0)
+    steps = [Tap(range(0, 41, every), lambda _: None, id)]
+    with pytest.raises(UnstableError, match=r"the simulation became unstable at step 4, .*joint 'shoulder'"):
+        observe(stepper, steps, 40)
