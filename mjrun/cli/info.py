@@ -9,13 +9,15 @@ from mjrun.cli.click_command import MODEL, CommandLine, command
 from mjrun.cli.console import Console
 from mjrun.cli.info_sections import SECTIONS, LineSection
 from mjrun.cli.list_columns import show_columns
-from mjrun.cli.simulation_command import import_mujoco, source
+from mjrun.cli.simulation_command import import_mujoco, is_document, source
 from mjrun.errors import UsageError, clean, option
 from mjrun.options.info import InfoOptions
 from mjrun.options.messages import MessageOptions
 from mjrun.options.model import ModelOptions
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from mjrun.model.info import InfoResult
     from mjrun.model.source import CollectionSource
 
@@ -27,15 +29,19 @@ SECTION_ARGUMENT = click.Argument(["sections"], metavar="[SECTION]...", nargs=-1
 def info(console: Console, command_line: CommandLine) -> None:
     """Show what MODEL is: sizes, bodies, joints, actuators, sensors and all else, or only each SECTION, whole.
 
+    Of a task document it shows what a policy observes and does, number by number, and how episodes go.
+
     \b
     mjrun info scene.xml
     mjrun info scene.xml joints actuators
     mjrun info scene.xml --json | jq .summary.mass
     mjrun info scene:
     mjrun info gym:
+    mjrun info task.yaml observations
 
     Sections: summary, bodies, joints, geoms, sites, actuators, sensors, cameras, lights, keyframes, tendons,
-    equalities, pairs, excludes, flexes, plugins, options, visual, statistics, assets.
+    equalities, pairs, excludes, flexes, plugins, options, visual, statistics, assets. Sections of a task: task,
+    observations, actions, commands, rewards, terminations, reset.
     """
     console.guard_stdout()
     import_mujoco()
@@ -45,10 +51,13 @@ def info(console: Console, command_line: CommandLine) -> None:
             raise UsageError(f"{option('columns')} lists the columns of a trace, and has no sections")
         show_columns(console, source(command_line), as_json)
         return
+    model = command_line.argument("model")
+    if is_document(model):
+        _show_task(console, command_line, sections, as_json)
+        return
     from mjrun.model.info import Info
     from mjrun.model.sources import listed_collection
 
-    model = command_line.argument("model")
     if not sections and (collection := listed_collection(model)):
         _show_collection(console, collection, as_json)
         return
@@ -57,6 +66,23 @@ def info(console: Console, command_line: CommandLine) -> None:
         console.document(result.document())
     else:
         console.result(_page(result, bool(sections), model))
+
+
+def _show_task(console: Console, command_line: CommandLine, sections: "Sequence[str]", as_json: bool) -> None:
+    """Shows a task, or sections of it."""
+    from mjrun.cli.task_page import task_page
+    from mjrun.task.description import describe_task
+    from mjrun.task.task import Task
+
+    task = source(command_line)
+    assert isinstance(task, Task)
+    description = describe_task(task)
+    document = description.document(*sections)
+    if as_json:
+        console.document(document)
+    else:
+        again = f"mjrun info {clean(shlex.quote(task.text))}"
+        console.result(task_page(description, list(document) if sections else (), again))
 
 
 def _show_collection(console: Console, collection: "type[CollectionSource]", as_json: bool) -> None:

@@ -86,6 +86,7 @@ class TaskWorlds:
       observation_names, action_names, reward_names: of the numbers that go in and out.
       observed: all about each number of the observations.
       actions: what each number of the action drives.
+      commands: their names and values.
       endings: how episodes can end.
       control_steps: physics steps in a control period.
 
@@ -234,11 +235,11 @@ class TaskWorlds:
         spec, model = task.compile()
         self.control_steps = task.control_steps(model)
         self.actions = ActionMap(task.actions, model)
-        self._commands = CommandSignals(task.commands, task.control_dt, task.periods, count)
-        names = self.actions.names, self._commands.names
+        self.commands = CommandSignals(task.commands, task.control_dt, task.periods, count)
+        names = self.actions.names, self.commands.names
         others = [*(f"{ACTION}{name}" for name in names[0]), *(f"{COMMAND}{name}" for name in names[1])]
         columns = TaskColumns(model, others, float(task.control_dt))
-        plan = ObservationPlan(task.observations, model, columns, names[0], self._commands)
+        plan = ObservationPlan(task.observations, model, columns, names[0], self.commands)
         self.observed: Sequence[ObservedNumber] = plan.numbers
         self._expressions = TaskExpressions(task, columns, plan.expressions, names, count)
         self._starts = EpisodeStarts(task.reset, model)
@@ -285,7 +286,7 @@ class TaskWorlds:
             self._seeds[world] = seed
             self._batch.state[world] = self._starts.state(model, seed)
             self._torques.begin(world, model)
-            self._commands.begin(world, seed)
+            self.commands.begin(world, seed)
             self._observations.begin_episode(world, seed)
         if not self._models.is_one:
             self._batch.set_models(self._each)
@@ -348,7 +349,7 @@ class TaskWorlds:
 
     def _inputs(self, worlds: np.ndarray) -> Inputs:
         instants = self._instants[worlds]
-        return Inputs(instants, self._actions[worlds], self._commands.at(worlds, instants))
+        return Inputs(instants, self._actions[worlds], self.commands.at(worlds, instants))
 
     def _require_finite(self, actions: np.ndarray, rows: Rows) -> None:
         finite = np.isfinite(actions)

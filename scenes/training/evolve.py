@@ -13,7 +13,9 @@ Needs the package onnx: pip install onnx
 
 import argparse
 import csv
+import sys
 import time
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -32,7 +34,7 @@ class Network:
     """Dense layers with tanh between them, for many sets of weights at once."""
 
     def __init__(self, sizes: list[int]) -> None:
-        self.layers = list(zip(sizes[:-1], sizes[1:], strict=True))
+        self.layers = list(pairwise(sizes))
         self.count = sum((inputs + 1) * outputs for inputs, outputs in self.layers)
 
     def initial(self, rng: np.random.Generator) -> np.ndarray:
@@ -141,7 +143,7 @@ def evolve(task: mjrun.Task, options: argparse.Namespace) -> tuple[Network, np.n
                 best = weights
             curve.append(row)
             seconds = time.perf_counter() - start
-            print(f"generation {generation}: return {row[2]:.2f}, success {row[3]:.0%}, {seconds:.0f} s", flush=True)
+            sys.stderr.write(f"generation {generation}: return {row[2]:.2f}, success {row[3]:.0%}, {seconds:.0f} s\n")
     return network, best, statistics, curve
 
 

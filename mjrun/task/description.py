@@ -1,0 +1,287 @@
+"""What a task is, number by number: what its policy observes and does, and what comes of it."""
+
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import asdict, dataclass
+
+import mujoco
+
+from mjrun.errors import UnknownNameError
+from mjrun.model.names import names
+from mjrun.options.kinds import Numbers
+from mjrun.options.task import CONTROL, POSITION, TORQUE, VELOCITY, WORLD
+from mjrun.probe.fields import field_probe
+from mjrun.task.action_map import ActionMap, Driven
+from mjrun.task.task import Task
+from mjrun.task.terms import Command, Observation
+from mjrun.task.worlds import TaskWorlds
+from mjrun.timeline import rational
+
+SECTIONS = ("task", "observations", "actions", "commands", "rewards", "terminations", "reset")
+FORCES = {"rad": "N·m", "m": "N"}  # what moves a joint, by the unit of its position
+
+
+@dataclass(frozen=True)
+class TaskSummary:
+    """The task as a whole.
+
+    Attributes:
+      model: its source.
+      timestep, control_dt, duration: [s].
+      control_steps: physics steps in a control period.
+      periods: control periods in an episode that nothing ends before its time.
+      derived: `current` or `lagged`.
+      observations, actions: numbers that the policy gets and gives.
+    """
+
+    model: str
+    timestep: float
+    control_dt: float
+    control_steps: int
+    duration: float
+    periods: int
+    derived: str
+    observations: int
+    actions: int
+
+
+@dataclass(frozen=True)
+class ObservationRow:
+    """One number that the policy observes: `clip((source + noise − offset)·scale, low, high)`.
+
+    Attributes:
+      index: in the observation vector.
+      name: of the term, and of the number within it.
+      source: a column, an expression or a phase.
+      unit: of the source, SI.
+      frame: the body into whose axes it is turned first.
+      noise: that is added; empty for none.
+      low, high: None without a limit.
+      delay: control periods, those of a history included.
+    """
+
+    index: int
+    name: str
+    source: str
+    unit: str
+    frame: str
+    noise: str
+    offset: float
+    scale: float
+    low: float | None
+    high: float | None
+    delay: int
+
+
+@dataclass(frozen=True)
+class ActionRow:
+    """One number that the policy gives: `target = clip(squash(action), low, high)·scale + offset`.
+
+    Attributes:
+      index: in the action vector.
+      name: of the actuator or the joint.
+      target: `control`, `position`, `velocity` or `torque`.
+      unit: of the target, SI.
+      squash: `tanh` or `none`.
+      low, high: None without a limit.
+      kp, kd: gains of a position or velocity target; None for others.
+      actuator: that drives it.
+      range: of its control; None without limits.
+    """
+
+    index: int
+    name: str
+    target: str
+    unit: str
+    squash: str
+    low: float | None
+    high: float | None
+    scale: float
+    offset: float
+    kp: float | None
+    kd: float | None
+    actuator: str
+    range: Numbers | None
+
+
+@dataclass(frozen=True)
+class CommandRow:
+    """A command: how many numbers, and where they come from."""
+
+    name: str
+    size: int
+    source: str
+
+
+@dataclass(frozen=True)
+class RewardRow:
+    """A term of the reward of a control period."""
+
+    name: str
+    weight: float
+    value: str
+
+
+@dataclass(frozen=True)
+class TerminationRow:
+    """What ends an episode, and what such an end is."""
+
+    name: str
+    kind: str
+    when: str
+
+
+@dataclass(frozen=True)
+class ResetRow:
+    """What an episode starts from: `key`, `qpos`, `qvel` and `ctrl`, or what is random in `noise`, `set` and `vary`."""
+
+    what: str
+    name: str
+    value: str
+
+
+@dataclass(frozen=True)
+class TaskDescription:
+    """A task, section by section."""
+
+    task: TaskSummary
+    observations: tuple[ObservationRow, ...]
+    actions: tuple[ActionRow, ...]
+    commands: tuple[CommandRow, ...]
+    rewards: tuple[RewardRow, ...]
+    terminations: tuple[TerminationRow, ...]
+    reset: tuple[ResetRow, ...]
+
+    def document(self, *sections: str) -> dict[str, object]:
+        """Some sections, or all, as JSON holds them.
+
+        Raises:
+          UnknownNameError: there is no such section.
+        """
+        for name in sections:
+            if name not in SECTIONS:
+                raise UnknownNameError("section", name, SECTIONS)
+        whole = asdict(self)
+        return {name: whole[name] for name in sections or SECTIONS}
+
+
+def describe_task(task: Task) -> TaskDescription:
+    """What `task` is, looked up in its model.
+
+    Raises:
+      UsageError: something in it does not fit its model.
+      ModelError: the model cannot be had.
+    """
+    worlds = TaskWorlds(task, 1)
+    model = worlds.model(0)
+    summary = TaskSummary(
+        model=task.model.text,
+        timestep=float(rational(model.opt.timestep)),
+        control_dt=float(task.control_dt),
+        control_steps=worlds.control_steps,
+        duration=float(task.duration),
+        periods=task.periods,
+        derived=task.derived,
+        observations=len(worlds.observed),
+        actions=len(worlds.action_names),
+    )
+    return TaskDescription(
+        summary,
+        tuple(_observations(worlds)),
+        tuple(_actions(worlds.actions, model)),
+        tuple(
+            CommandRow(name, place.stop - place.start, _origin(task.commands[name]))
+            for name, place in worlds.commands.slices.items()
+        ),
+        tuple(RewardRow(name, reward.weight, reward.value) for name, reward in task.rewards.items()),
+        tuple(TerminationRow(name, each.as_, each.when) for name, each in task.terminations.items()),
+        tuple(_reset(task)),
+    )
+
+
+def _observations(worlds: TaskWorlds) -> Iterator[ObservationRow]:
+    terms: Mapping[str, Observation] = {term.name: term for term in worlds.task.observations}
+    for index, number in enumerate(worlds.observed):
+        term = terms[number.term]
+        yield ObservationRow(
+            index=index,
+            name=number.name,
+            source=number.source,
+            unit=number.unit,
+            frame="" if term.frame == WORLD else term.frame,
+            noise=term.noise or "",
+            offset=number.offset,
+            scale=number.scale,
+            low=_limit(number.low),
+            high=_limit(number.high),
+            delay=number.delay,
+        )
+
+
+def _actions(actions: ActionMap, model: mujoco.MjModel) -> Iterator[ActionRow]:
+    actuators = names(model, "actuator")
+    for index, driven in enumerate(actions.driven):
+        actuator = driven.actuator(model)
+        has_gains = driven.target in (POSITION, VELOCITY)
+        yield ActionRow(
+            index=index,
+            name=driven.name,
+            target=driven.target,
+            unit=_unit(driven, model),
+            squash="tanh" if actions.squashed[index] else "none",
+            low=_limit(actions.low[index]),
+            high=_limit(actions.high[index]),
+            scale=float(actions.scale[index]),
+            offset=float(actions.offset[index]),
+            kp=float(actions.kp[index]) if driven.target == POSITION else None,
+            kd=float(actions.kd[index]) if has_gains else None,
+            actuator=actuators[actuator],
+            range=control_range(model, actuator),
+        )
+
+
+def control_range(model: mujoco.MjModel, actuator: int) -> Numbers | None:
+    """The limits of the control of an actuator; None if it has none."""
+    if not model.actuator_ctrllimited[actuator]:
+        return None
+    low, high = map(float, model.actuator_ctrlrange[actuator])
+    return low, high
+
+
+def _unit(driven: Driven, model: mujoco.MjModel) -> str:
+    if driven.target == CONTROL:
+        return field_probe(model, "ctrl").columns[driven.control].unit
+    field = "qvel" if driven.target == VELOCITY else "qpos"
+    unit = next(column.unit for column in field_probe(model, field).columns if column.id == driven.joint)
+    return FORCES.get(unit, "") if driven.target == TORQUE else unit
+
+
+def _limit(value: float) -> float | None:
+    return float(value) if math.isfinite(value) else None
+
+
+def _origin(command: Command) -> str:
+    """Where the values of a command come from."""
+    if command.constant is not None:
+        return _shown(command.constant)
+    if command.schedule is not None:
+        return ", ".join(f"{_shown(values)} from {float(time):g} s" for time, values in command.schedule)
+    if command.random is not None:
+        how_often = "in each episode" if command.every is None else f"every {float(command.every):g} s"
+        return f"{', '.join(command.random)} {how_often}"
+    assert command.table is not None
+    return f"{command.table} ({command.interpolation})"
+
+
+def _shown(values: Numbers) -> str:
+    return " ".join(f"{value:g}" for value in values)
+
+
+def _reset(task: Task) -> Iterator[ResetRow]:
+    reset = task.reset
+    if reset.key is not None:
+        yield ResetRow("key", str(reset.key), "")
+    for what, numbers in (("qpos", reset.qpos), ("qvel", reset.qvel), ("ctrl", reset.ctrl)):
+        yield from (ResetRow(what, name, _shown(values)) for name, values in numbers.items())
+    for what, drawn in (("noise", reset.noise), ("set", reset.set), ("vary", reset.vary)):
+        yield from (ResetRow(what, path, text) for path, text in drawn)
