@@ -3,6 +3,9 @@
 import importlib
 import importlib.metadata
 import importlib.util
+import inspect
+import json
+import re
 import warnings
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
@@ -10,10 +13,19 @@ from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, Protocol, cast
+from urllib.parse import parse_qsl
 
 import mujoco
 
-from mjrun.errors import BrokenModelError, CompiledOverrideError, MissingExtraError, ModelNotFoundError, clean
+from mjrun.errors import (
+    BrokenModelError,
+    CompiledOverrideError,
+    MissingExtraError,
+    ModelNotFoundError,
+    UnknownNameError,
+    UsageError,
+    clean,
+)
 from mjrun.model.fingerprint import physics_fingerprint
 from mjrun.model.mujoco_globals import collected_warnings
 from mjrun.model.source import CollectionSource
@@ -21,10 +33,13 @@ from mjrun.model.sources.file import FileSource
 
 if TYPE_CHECKING:
     import gymnasium
+    from gymnasium.envs.registration import EnvSpec
 
 LIBRARY = "gymnasium"
 EXTRA = "gym"
 OWN = "gymnasium.envs.mujoco."  # where the MuJoCo environments are that come with Gymnasium
+NAMED = (inspect.Parameter.POSITIONAL_OR_KEYWORD, inspect.Parameter.KEYWORD_ONLY)
+RENDER_MODE, EPISODE_STEPS = "render_mode", "max_episode_steps"  # the one is ours, the other `gymnasium.make`'s
 REMOVED = "it needs mujoco-py, which Gymnasium has given up; use a later version"
 
 
@@ -38,6 +53,8 @@ class MujocoEnvironment(Protocol):
 @dataclass(frozen=True)
 class GymSource(CollectionSource):
     """The model of a registered environment whose simulation is MuJoCo's.
+
+    Its name may end in settings of the environment: `Ant-v5?include_cfrc_ext_in_observation=false&healthy_reward=0`.
 
     It starts where the model does, as an environment without reset noise. The noise, the control period and the
     rewards are the environment's: a policy plays them.
@@ -55,6 +72,10 @@ class GymSource(CollectionSource):
             except BrokenModelError:  # Pusher-v4 runs on MuJoCo 2 only
                 continue
         return descriptions
+
+    @property
+    def stem(self) -> str:
+        return re.sub(r"\W+", "_", self.name.partition("?")[0])
 
     @property
     def main_file(self) -> Path | None:
@@ -117,13 +138,19 @@ def environment_model(name: str) -> EnvironmentModel:
 
 
 def make_environment(name: str) -> "gymnasium.Env[Any, Any]":
-    """The environment `name` as `gymnasium.make` gives it; raises what `environment_model` does."""
+    """The environment `name` as `gymnasium.make` gives it, with the settings that the name has after a `?`.
+
+    Raises:
+      UsageError: it does not take these settings; besides, what `environment_model` raises.
+    """
+    registered, _, query = name.partition("?")
+    spec = _registered(registered)
     import gymnasium
 
-    _check_registered(name)
+    settings = _settings(query, name, spec)
     with quiet(), collected_warnings():
         try:
-            return gymnasium.make(name, disable_env_checker=True)
+            return gymnasium.make(registered, disable_env_checker=True, **settings)
         except Exception as error:
             raise BrokenModelError(Path(f"gym:{name}"), f"{type(error).__name__}: {error}") from error
 
@@ -164,8 +191,8 @@ def _file_of(environment: object, model: mujoco.MjModel) -> Path | None:
         return file.path if own or physics_fingerprint(file.load()) == physics_fingerprint(model) else None
 
 
-def _check_registered(name: str) -> None:
-    """Raises unless `name` is that of an environment that may be one on MuJoCo; imports what `module:NAME` names."""
+def _registered(name: str) -> "EnvSpec":
+    """The registration of an environment that may be one on MuJoCo; imports the module of `module:NAME`."""
     _require_gymnasium(f"gym:{clean(name)}")
     import gymnasium
 
@@ -177,15 +204,49 @@ def _check_registered(name: str) -> None:
         _import_installed(module, name)
     try:
         with quiet():
-            entry_point = gymnasium.spec(registered).entry_point
+            spec = gymnasium.spec(registered)
     except gymnasium.error.NamespaceNotFound:
         raise _not_found(name, f"no installed package registers environments under {clean(namespace)}/") from None
     except gymnasium.error.Error:
         raise _not_found(name, "no such environment") from None
+    entry_point = spec.entry_point
     if callable(entry_point) and entry_point.__module__ == "gymnasium.envs":  # stands for environments that moved
         raise _not_found(name, REMOVED)
     if isinstance(entry_point, str) and entry_point.startswith("gymnasium.envs.") and not entry_point.startswith(OWN):
         raise _not_mujoco(name)
+    return spec
+
+
+def _settings(query: str, name: str, spec: "EnvSpec") -> dict[str, Any]:
+    """The settings of `name?query`: `a=1&b=false`; values are JSON, or else text.
+
+    Raises:
+      UsageError: the query is none, or the constructor of the environment does not take them.
+    """
+    if not query:
+        return {}
+    from gymnasium.envs.registration import load_env_creator
+
+    try:
+        texts = dict(parse_qsl(query, keep_blank_values=True, strict_parsing=True))
+    except ValueError:
+        raise UsageError(f"gym:{clean(name)}: settings are written ?NAME=VALUE&NAME=VALUE") from None
+    point = spec.entry_point
+    signature = inspect.signature(load_env_creator(point) if isinstance(point, str) else cast(Any, point))
+    named = [parameter.name for parameter in signature.parameters.values() if parameter.kind in NAMED]
+    valid = [*(setting for setting in named if setting != RENDER_MODE), EPISODE_STEPS]
+    for setting in texts:
+        if setting not in valid:
+            raise UnknownNameError("setting", setting, valid, where=f"gym:{spec.id}")
+    return {setting: _value(text) for setting, text in texts.items()}
+
+
+def _value(text: str) -> Any:
+    """A setting: JSON, or else the text itself."""
+    try:
+        return json.loads(text)
+    except ValueError:
+        return text
 
 
 def _require_gymnasium(text: str) -> None:

@@ -13,12 +13,12 @@ import mujoco
 import numpy as np
 import pytest
 
-from mjrun.errors import BrokenModelError, CompiledOverrideError, MissingExtraError, ModelNotFoundError
+from mjrun.errors import BrokenModelError, CompiledOverrideError, MissingExtraError, ModelNotFoundError, UsageError
 from mjrun.model.fingerprint import physics_fingerprint
 from mjrun.model.mujoco_globals import collected_warnings
 from mjrun.model.override import Override
 from mjrun.model.sources import gym, parse_source
-from mjrun.model.sources.gym import GymSource, environment_model
+from mjrun.model.sources.gym import GymSource, environment_model, make_environment
 
 NAMES = sorted(GymSource.descriptions())
 THIRD_PARTY = '''
@@ -149,3 +149,26 @@ def test_a_model_that_python_changes_is_the_compiled_one_and_takes_no_overrides(
     assert heavy.main_file is None
     with pytest.raises(CompiledOverrideError):
         heavy.load()
+
+
+def test_settings_of_an_environment_are_part_of_its_name(tmp_path: Path) -> None:
+    (tmp_path / "cart.xml").write_text(CART)
+    source = parse_source(f"gym:Hopper-v5?xml_file={tmp_path / 'cart.xml'}&frame_skip=8&max_episode_steps=9")
+    assert (source.main_file, source.stem) == (tmp_path / "cart.xml", "Hopper_v5")
+    short = environment_model("Hopper-v5?frame_skip=8&max_episode_steps=9")
+    assert (short.control_steps, short.episode_steps) == (8, 9)
+    assert make_environment("Ant-v5?include_cfrc_ext_in_observation=false").observation_space.shape == (27,)
+
+
+@pytest.mark.parametrize(
+    ("query", "message"),
+    [
+        ("frame_skp=8", r"no setting 'frame_skp'.*\(did you mean 'frame_skip'\?\)"),
+        ("render_mode=human", r"no setting 'render_mode'"),
+        ("id=Ant-v5", r"no setting 'id'"),
+        ("frame_skip", r"settings are written \?NAME=VALUE"),
+    ],
+)
+def test_settings_that_an_environment_does_not_take_are_refused(query: str, message: str) -> None:
+    with pytest.raises(UsageError, match=message):
+        parse_source(f"gym:Hopper-v5?{query}").load()
