@@ -32,6 +32,11 @@ def option(name: str) -> str:
     return f"\x02{name}\x03"
 
 
+def flag(name: str) -> str:
+    """The option `name` as the command line spells it: `--trail-span`."""
+    return f"--{name.replace('_', '-')}"
+
+
 def spelled(text: str, spelling: Spelling = str) -> str:
     """`text` with its options as `spelling` writes their names; as Python does if nothing is said."""
     return _OPTION.sub(lambda found: spelling(found[1]), text)

@@ -12,15 +12,10 @@ from typing import TYPE_CHECKING, TextIO
 if TYPE_CHECKING:
     from rich.progress import Progress, TaskID
 
-from mjrun.errors import spelled
+from mjrun.errors import flag, spelled
 
 STDOUT, STDERR = 1, 2
 EVERY = 10.0  # [s] between two lines of progress when stderr is no terminal
-
-
-def flag(name: str) -> str:
-    """The option `name` as the command line spells it: `--trail-span`."""
-    return f"--{name.replace('_', '-')}"
 
 
 class Console:

@@ -1,6 +1,6 @@
 """`mjrun sweep`."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager, nullcontext, suppress
 from dataclasses import asdict, replace
 from pathlib import Path
@@ -13,8 +13,10 @@ from mjrun.cli.console import Console
 from mjrun.cli.controller_loader import load_controller
 from mjrun.cli.simulation_command import failures_in_json, import_mujoco, simulation, stem
 from mjrun.errors import FileError, MjrunError, UsageError, clean, option
+from mjrun.options.keep import KeepOptions
 from mjrun.options.kinds import Settings, Values
 from mjrun.options.messages import MessageOptions
+from mjrun.options.option import options_of
 from mjrun.options.simulation import CodeOptions, SimulationOptions
 from mjrun.options.sweep import (
     DOCUMENTS,
@@ -34,6 +36,8 @@ if TYPE_CHECKING:
 
     Located = Callable[[], AbstractContextManager[None]]
 
+# Options of a study that change none of its results: a command line may give them beside its folder or its plan.
+WITH_RESULTS = ("require", *(each.attribute for each in options_of(KeepOptions)))
 ARGUMENTS = (
     click.Argument(["model"], metavar="MODEL|STUDY.yaml|PLAN.jsonl|FOLDER", type=click.Path()),
     click.Argument(["assignments"], metavar="[KEY=VALUE]...", nargs=-1),
@@ -50,7 +54,8 @@ def sweep(console: Console, command_line: CommandLine) -> None:
     mjrun sweep study.yaml samples=512 vary.seed=1..8:8 --dry-run
 
     STUDY.yaml is a document that says all of it; KEY=VALUE changes a value of it. FOLDER is that of a study that was
-    run before.
+    run before: it is continued, and may be asked for more files of points (--keep …) or for other requirements
+    (--require …).
 
     The folder keeps what is known: the same command again continues it. Exits with 8 when points failed.
 
@@ -148,8 +153,10 @@ def _plan(command_line: CommandLine) -> "StudyPlan":
 
 def _given(command_line: CommandLine, file: str) -> dict[str, object]:
     """What the command line says beside a file that says the study: its folder, and how it runs."""
-    _require_said_there(command_line, file)
+    own = () if Path(file).suffix.lower() in DOCUMENTS else WITH_RESULTS
+    _require_said_there(command_line, file, own)
     given = command_line.given(ExecutionOptions)
+    given |= {name: value for name, value in command_line.given(StudyOptions).items() if name in own}
     output = command_line.value("output")
     return given if output is None else {**given, "output": output}
 
@@ -196,16 +203,17 @@ def _tell(console: Console, text: str) -> None:
         console.result(text)
 
 
-def _require_said_there(command_line: CommandLine, document: str) -> None:
-    """Raises UsageError for options that the document has to say."""
-    from mjrun.options.option import options_of
-
-    ours = {"output", *(each.name for cls in (CodeOptions, ExecutionOptions) for each in options_of(cls))}
+def _require_said_there(command_line: CommandLine, file: str, own: Sequence[str]) -> None:
+    """Raises UsageError for options that the file has to say, and not the command line; those in `own` it may."""
+    ours = {"output", *own, *(each.name for cls in (CodeOptions, ExecutionOptions) for each in options_of(cls))}
     given = command_line.given(StudyOptions, SimulationOptions)
     for each in (*options_of(StudyOptions), *options_of(SimulationOptions)):
         if each.attribute in given and each.name not in ours:
+            says = f"{option(each.name)}: {clean(file)} says that"
+            if own:
+                raise UsageError(f"{says}; for another study, give its model or its document, and another folder")
             assignment = f"{each.key}.NAME=VALUE" if isinstance(each.kind, Settings | Values) else f"{each.key}=VALUE"
-            raise UsageError(f"{option(each.name)}: {clean(document)} says that; change it as in {assignment}")
+            raise UsageError(f"{says}; change it as in {assignment}")
 
 
 def _show_preview(console: Console, command_line: CommandLine, study: "Study") -> None:

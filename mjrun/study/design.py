@@ -37,6 +37,10 @@ class Design:
     names: tuple[str, ...]
     points: Sequence[Values]
 
+    def values(self, index: int) -> dict[str, str]:
+        """What a point has, by what varies."""
+        return dict(zip(self.names, self.points[index], strict=True))
+
 
 def design(options: VariationOptions, model: mujoco.MjModel, seed: int) -> Design:
     """The points that `options` describe.

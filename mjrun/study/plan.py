@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 from mjrun.errors import UsageError, clean
 from mjrun.reporter import Reporter
 from mjrun.study.design import Design
+from mjrun.study.failures import FailureNotes
 from mjrun.study.prepared import PreparedStudy
 from mjrun.study.simulate import StudyPoint
 from mjrun.study.study import Study
@@ -91,7 +92,9 @@ def run_task(plan: StudyPlan, task: int, tasks: int, reporter: Reporter) -> Task
         prepared.warn_of_damaged(reporter)
         execution = replace(study, chunk=study.chunk or max(map(len, chunks)))
         missing = prepared.missing(study.retry_failed)
+        notes = FailureNotes(prepared.points, reporter, [point.index for chunk in chunks for point in chunk])
         for results in prepared.simulate(prepared.chunks(missing, execution), execution):
+            notes.add(results)
             statuses.update(result.status for result in results)
             reporter.progress("points", statuses.total(), len(missing))
     wall = time.perf_counter() - start

@@ -21,6 +21,7 @@ from mjrun.reporter import Reporter
 from mjrun.study.design import Design, design
 from mjrun.study.executors import completed, open_executor, require_extra
 from mjrun.study.isolation import Chunk
+from mjrun.study.parameters import MODEL, require_values
 from mjrun.study.parts import PartFiles, point_keys, study_identity
 from mjrun.study.results import STATUSES, TABLE_COLUMNS, with_flags
 from mjrun.study.simulate import PointResult, StudyPoint, StudySpec
@@ -62,8 +63,9 @@ class PreparedStudy:
           spec: of its simulations; what varies is not known yet.
         """
         require_extra("sweep")
-        model = spec.base.load()
+        source, model = spec.base.source.compile()
         points = design(options, model, spec.base.seed)
+        require_values(points.names, points.points, dict(spec.controllers), None if MODEL in points.names else source)
         return cls(options, spec.varying(points.names), points, model)
 
     @cached_property

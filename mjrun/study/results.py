@@ -10,6 +10,7 @@ from mjrun.formats.table_writer import TableWriter
 from mjrun.formats.tables import output_format
 from mjrun.model.column import Column
 from mjrun.study.design import Design, numbers
+from mjrun.study.parameters import is_whole
 from mjrun.study.simulate import PointResult
 
 FILES = ("results.parquet", "results.csv")
@@ -36,7 +37,7 @@ def result_columns(
         if as_numbers is None:
             add(*_labelled(name, texts))
         else:
-            add(Column(name, meaning="what varies"), as_numbers)
+            add(Column(name, meaning="what varies", integer=is_whole(name)), as_numbers)
     for index, name in enumerate(metrics):
         add(Column(name, meaning="metric"), np.array([result.metrics[index] for result in results], float))
 

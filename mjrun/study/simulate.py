@@ -14,7 +14,7 @@ from typing import Literal
 import mujoco
 import numpy as np
 
-from mjrun.errors import MjrunError, SimulationError, UsageError, concerning, option
+from mjrun.errors import MjrunError, SimulationError, UsageError, concerning, flag, option
 from mjrun.job.simulation import Simulation
 from mjrun.job.trace_rows import ProbeSampler, RowBuffer
 from mjrun.model import state
@@ -237,7 +237,7 @@ class PointSimulator:
     def _failed(self, point: StudyPoint, error: Exception, steps: int, wall: float) -> PointResult:
         status: Status = "unstable" if isinstance(error, SimulationError) else "failed"
         code = error.exit_code if isinstance(error, MjrunError) else BUG
-        text = str(error) if isinstance(error, MjrunError) else f"{type(error).__name__}: {error}"
+        text = error.spelled(flag) if isinstance(error, MjrunError) else f"{type(error).__name__}: {error}"
         metrics = (math.nan,) * len(self._spec.metrics)
         return PointResult(point.index, status, metrics, steps, code, text, wall)
 

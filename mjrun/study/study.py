@@ -21,6 +21,7 @@ from mjrun.probe.assertion import Verdict, parse
 from mjrun.reporter import Reporter, WarningReporter
 from mjrun.study.design import Design
 from mjrun.study.executors import WARP
+from mjrun.study.failures import FailureNotes, PointFailure, point_failures
 from mjrun.study.keep import KeptFiles, PointKeeper
 from mjrun.study.prepared import PreparedStudy, RequirementNames
 from mjrun.study.preview import StudyPreview, preview
@@ -117,7 +118,7 @@ class StudyResult:
     simulated: int
     statuses: Mapping[str, int]
     metrics: Mapping[str, "MetricSummary"]
-    failures: Sequence["PointFailure"]
+    failures: Sequence[PointFailure]
     assertions: Sequence[Verdict]
     files: Sequence[str]
     wall: float
@@ -148,25 +149,6 @@ class MetricSummary:
     highest_values: Mapping[str, str] = field(default_factory=dict)
 
 
-@dataclass(frozen=True)
-class PointFailure:
-    """Why points failed.
-
-    Attributes:
-      status: how they ended.
-      message: the first line that MuJoCo or mjrun has to say.
-      count: how many.
-      point: the first of them.
-      values: its values.
-    """
-
-    status: str
-    message: str
-    count: int
-    point: int
-    values: Mapping[str, str]
-
-
 class _Run:
     """One run of a study."""
 
@@ -188,8 +170,10 @@ class _Run:
             self.reporter.note(f"{len(prepared.keys) - len(missing)} of {len(prepared.keys)} points are known already")
         if missing:
             done = failed = 0
+            notes = FailureNotes(prepared.points, self.reporter)
             for results in prepared.simulate(prepared.chunks(missing, study), study):
                 done, failed = done + len(results), failed + sum(result.status != "ok" for result in results)
+                notes.add(results)
                 self.reporter.progress(f"points{f', {failed} failed' if failed else ''}", done, len(missing))
         return self._conclude(prepared, keeper, len(missing))
 
@@ -230,7 +214,7 @@ class _Run:
             simulated=simulated,
             statuses={status: count for status, count in statuses.items() if count},
             metrics={name: _summary(points, [r.metrics[i] for r in results]) for i, name in enumerate(names)},
-            failures=_failures(points, results),
+            failures=point_failures(points, results),
             assertions=verdicts,
             files=[*map(str, files), str(self.folder / MANIFEST)],
             wall=time.perf_counter() - self.start,
@@ -269,29 +253,5 @@ def _summary(points: Design, values: Sequence[float]) -> MetricSummary:
     good = numbers[having]
     quantiles = np.quantile(good, QUANTILES).tolist()
     extremes = int(having[good.argmin()]), int(having[good.argmax()])
-    where = (_values(points, index) for index in extremes)
+    where = (points.values(index) for index in extremes)
     return MetricSummary(len(good), float(good.mean()), float(good.std()), quantiles, *extremes, *where)
-
-
-def _values(points: Design, index: int) -> dict[str, str]:
-    return dict(zip(points.names, points.points[index], strict=True))
-
-
-def _failures(points: Design, results: Sequence[PointResult]) -> list[PointFailure]:
-    """The reasons of failures, the most frequent first."""
-    groups: dict[tuple[str, str], list[int]] = {}
-    for index, result in enumerate(results):
-        if result.status != "ok":
-            reason = "" if result.status == "unstable" else result.message.partition("\n")[0]
-            groups.setdefault((result.status, reason), []).append(index)
-    ordered = sorted(groups.items(), key=lambda item: -len(item[1]))
-    return [
-        PointFailure(
-            status,
-            results[found[0]].message,
-            len(found),
-            found[0],
-            _values(points, found[0]),
-        )
-        for (status, _), found in ordered
-    ]

@@ -50,7 +50,9 @@ def test_failures_are_told_by_reason_with_a_command_that_shows_them(mjrun_here: 
     options = ("--steps", "30", "--vary", "qvel/ball/vz=0,-1e9", *METRIC)
     done = mjrun_here("sweep", ball, *options, "-o", "study")
     assert done.returncode == 8
-    assert done.stderr == b"mjrun: error: 1 unstable, of 2 points; the others are in the table\n"
+    told, error = done.stderr.decode().splitlines()
+    assert told.startswith("mjrun: point 1 (qvel/ball/vz=-1e9): the simulation became unstable at step 1, ")
+    assert error == "mjrun: error: 1 unstable, of 2 points; the others are in the table"
     assert b"unstable at step" in done.stdout
     line = next(line for line in done.stdout.decode().splitlines() if "mjrun trace" in line)
     alone = line.split()
@@ -79,6 +81,17 @@ def test_a_study_that_was_interrupted_is_continued_by_its_folder(mjrun_here: Com
     assert len(pd.read_csv(folder / "results.csv").dropna(subset="low")) == 8
 
 
+def test_of_a_study_that_was_run_more_may_be_required(mjrun_here: Command, ball: str) -> None:
+    assert mjrun_here("sweep", ball, "--steps", "5", "--vary", "seed=1..3:3", *METRIC, "-o", "study").returncode == 0
+    table = (mjrun_here.folder / "study" / "results.csv").read_text()
+    assert table.splitlines()[1].startswith("0,1,")  # seeds are whole numbers
+    held = mjrun_here("sweep", "study", "--require", "max(low) < 99")
+    assert (held.returncode, b"3 of 3 points are known already" in held.stderr) == (0, True)
+    assert mjrun_here("sweep", "study", "--require", "max(low) < 0.01", "-q").returncode == 1
+    refused = mjrun_here("sweep", "study", "--samples", "9")
+    assert b"--samples: study says that; for another study, give its model or its document" in refused.stderr
+
+
 def test_a_study_that_changed_says_what_has(mjrun_here: Command, ball: str) -> None:
     options = ("--vary", "seed=1,2", *METRIC)
     assert b"changed" not in mjrun_here("sweep", ball, "--steps", "5", *options).stderr
@@ -102,6 +115,9 @@ def test_the_folder_is_called_by_the_model(mjrun_here: Command, ball: str) -> No
     [
         (("-o", "study", "--vary", "seed"), 2, "--vary"),
         (("-o", "study", "--vary", "sed=1"), 2, "did you mean 'seed'"),
+        (("-o", "study", "--vary", "seed=1..4:7"), 2, "--vary seed: '1.5' is not a whole number from 0 on"),
+        (("-o", "study", "--vary", "opt.iterations=1,2.5"), 2, "opt.iterations: '2.5' is not a whole number"),
+        (("-o", "study", "--vary", "opt.timestep=1e-3,x"), 2, "opt.timestep: 'x' is not a number"),
         (("-o", "study", "--metric", "x=max(qpos/bal/z)"), 2, "qpos/ball/z"),
         (("-o", "study", "--vary", "seed=gauss(0,1)"), 2, "distributions: uniform(LOW, HIGH)"),
         (
@@ -138,14 +154,18 @@ def test_a_dry_run_says_what_would_be_done_and_writes_nothing(mjrun_here: Comman
     assert sorted(path.name for path in mjrun_here.folder.iterdir()) == ["ball.xml"]
 
 
-def test_four_shells_make_the_table_of_one(mjrun: Command, mjrun_here: Command, ball: str) -> None:
+def test_four_tasks_make_the_table_of_one(mjrun: Command, mjrun_here: Command, ball: str) -> None:
     options = (ball, "--steps", "30", "--vary", "qpos/ball/z=uniform(0.2,1)", "--samples", "8", *METRIC, "--chunk", "1")
     assert mjrun_here("sweep", *options, "-o", "alone", "-q").returncode == 0
     planned = mjrun_here("sweep", *options, "-o", "study", "--plan", "plan.jsonl")
     assert (planned.returncode, planned.stdout) == (0, b"plan.jsonl: 8 points in 8 chunks\n")
 
-    with ThreadPoolExecutor(4) as pool:
-        tasks = [*pool.map(lambda i: mjrun("sweep", "plan.jsonl", "--task", f"{i}/4", "--jobs", "1"), range(1, 5))]
+    def task(i: int) -> subprocess.CompletedProcess[bytes]:
+        """Two of them at once in processes of their own."""
+        return (mjrun if i <= 2 else mjrun_here)("sweep", "plan.jsonl", "--task", f"{i}/4", "--jobs", "1")
+
+    with ThreadPoolExecutor(2) as pool:
+        tasks = [*pool.map(task, (1, 2)), task(3), task(4)]
     for number, done in enumerate(tasks, 1):
         expected = f"study: task {number} of 4: 2 chunks, 2 points simulated (2 ok); "
         assert (done.returncode, done.stdout.decode()[: len(expected)]) == (0, expected)
