@@ -1,7 +1,7 @@
 """Moving a model to a step, exactly, and noticing when it cannot be moved any further."""
 
 import copy
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import mujoco
 import numpy as np
@@ -43,6 +43,19 @@ class Stepper(Protocol):
 
     def initial(self) -> mujoco.MjData:
         """An MjData in which every field belongs to step 0, wherever the stepper stands; not to be written to."""
+        ...
+
+
+@runtime_checkable
+class EditableStepper(Stepper, Protocol):
+    """A stepper whose state can be changed from outside."""
+
+    def edit(self, values: np.ndarray, spec: int) -> None:
+        """Changes parts of the state at this step.
+
+        Args:
+          values: the parts `(size,)` that `spec` names by `mjtState` bits.
+        """
         ...
 
 

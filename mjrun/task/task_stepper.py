@@ -69,6 +69,17 @@ class TaskStepper:
                 until = min(until, self._pushes.next_change(self.step))
             self._take(until - self.step)
 
+    def edit(self, values: np.ndarray, spec: int) -> None:
+        """Changes parts of the state at this step; controls are the policy's again at the next control instant.
+
+        Args:
+          values: the parts `(size,)` that `spec` names by `mjtState` bits.
+        """
+        state.restore(self.model, self._data, self.state())
+        state.restore(self.model, self._data, values, spec)
+        self._worlds.put(0, state.save(self.model, self._data))
+        self._instant_step = -1
+
     def now(self) -> ControlInstant:
         return self._now
 
@@ -123,11 +134,11 @@ class TaskStepper:
     def _arrive(self) -> None:
         """Puts the inputs that belong to this step in force."""
         self._worlds.hold()
+        self._instant_step = -1
         if self._pushes:
             state.restore(self.model, self._data, self.state())
             forces = self._unpushed + self._pushes.on_bodies(self._data, self.step)
-            self._worlds.apply_forces(0, forces)
-        self._instant_step = -1
+            self.edit(forces.ravel(), state.APPLIED_FORCES)
 
     def _failure(self, before: np.ndarray, count: int) -> SimulationError:
         """What went wrong in `count` steps from the state `before`."""

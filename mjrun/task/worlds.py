@@ -13,7 +13,6 @@ import numpy as np
 from mujoco.batch import Batch
 from mujoco.batch import SimulationError as BatchError
 
-from mjrun.model import state
 from mjrun.model.source import Source
 from mjrun.model.variants import ModelVariants
 from mjrun.options.task import CURRENT, LAGGED
@@ -214,10 +213,9 @@ class TaskWorlds:
         if self._torques.is_needed:
             self._torques.hold(self._targets, self._qpos, self._qvel, self._ctrl, ALL)
 
-    def apply_forces(self, world: int, forces: np.ndarray) -> None:
-        """Sets the forces and torques `(nbody, 6)` on bodies, as `xfrc_applied` has them, from here on."""
-        applied = state.fields(state.sizes(self._first))["xfrc_applied"]
-        self._batch.state[world, applied] = forces.ravel()
+    def put(self, world: int, whole: np.ndarray) -> None:
+        """Puts a world into the integration state `whole` `(nstate,)`, whatever it has come from."""
+        self._batch.state[world] = whole
 
     def is_unstable(self, world: int) -> bool:
         """Whether MuJoCo has given up on a world, or should have."""

@@ -6,11 +6,13 @@ import mujoco
 import numpy as np
 
 from mjrun.errors import SimulationError
+from mjrun.job.episode import EpisodeResult
 from mjrun.job.simulation import Simulation
 from mjrun.model import state
 from mjrun.reporter import Reporter
 from mjrun.sim.replay import ReplayStepper
-from mjrun.sim.stepper import PhysicsStepper, Stepper
+from mjrun.sim.stepper import EditableStepper, Stepper
+from mjrun.task.episode import Ending, EpisodeStepper
 from mjrun.viewer.live_recording import LiveRecording
 from mjrun.viewer.window import Edit, Pull, Refuse
 
@@ -44,14 +46,16 @@ class LiveSimulation:
             self._is_state[self._layout[field]] = False
         self._told: set[str] = set()
         self.ends_by_itself = simulation.duration is not None or simulation.steps is not None
-        has_end = self.ends_by_itself or simulation.replay is not None
+        has_end = self.ends_by_itself or simulation.replay is not None  # an episode ends when it does
         self.last = simulation.timeline(model).steps if has_end else None
         self.reset()
 
     def reset(self, key: int | None = None) -> None:
         """Starts again from time 0, at the simulation's own start or at the keyframe with this index."""
         simulation = self._simulation
-        if key is not None and simulation.replay is None:
+        if key is not None and simulation.policy is not None:
+            self.refuse(EPISODE)
+        elif key is not None and simulation.replay is None:
             simulation = replace(simulation, key=self._model.key(key).name or str(key))
         self._stepper: Stepper = simulation.stepper(self._model)
         if isinstance(self._stepper, ReplayStepper) and self.last is not None:
@@ -74,7 +78,18 @@ class LiveSimulation:
     @property
     def is_over(self) -> bool:
         """Whether there is no next step."""
-        return self.failure is not None or self.step == self.last
+        return self.failure is not None or self.step == self.last or (self.ending is not None and self.last is None)
+
+    @property
+    def ending(self) -> Ending | None:
+        """How the episode of a policy has ended, if it has."""
+        return self._stepper.now().ending if isinstance(self._stepper, EpisodeStepper) else None
+
+    @property
+    def episode(self) -> EpisodeResult | None:
+        """What came of the episode of a policy up to here; None without a policy."""
+        episode, stepper = self._simulation.episode, self._stepper
+        return episode.result(stepper) if episode and isinstance(stepper, EpisodeStepper) else None
 
     def instant(self) -> mujoco.MjData:
         """An MjData in which every field belongs to the step; not to be kept or written to."""
@@ -85,7 +100,7 @@ class LiveSimulation:
         if self.is_over:
             return
         try:
-            if isinstance(self._stepper, PhysicsStepper) and self._pull is not None:
+            if isinstance(self._stepper, EditableStepper) and self._pull is not None:
                 self._take_step_under(self._stepper, self._pull)
             else:
                 self._keep_state()
@@ -95,15 +110,15 @@ class LiveSimulation:
 
     def pull(self, action: Pull) -> None:
         """Lets the mouse pull at bodies from this step on."""
-        if action.forces.any() and not isinstance(self._stepper, PhysicsStepper):
-            self.refuse(REPLAY)
+        if action.forces.any() and not isinstance(self._stepper, EditableStepper):
+            self._refuse_hands()
             return
         self._pull = action.forces if action.forces.any() else None
 
     def edit(self, action: Edit) -> None:
         """Takes over what somebody has set, if that can be."""
-        if not isinstance(self._stepper, PhysicsStepper):
-            self.refuse(REPLAY)
+        if not isinstance(self._stepper, EditableStepper):
+            self._refuse_hands()
         elif self._recording and (action.changed & self._is_state).any():
             self.refuse(RECORDED)
         else:
@@ -117,6 +132,9 @@ class LiveSimulation:
             self._told.add(action.what)
             self._reporter.note(action.what)
 
+    def _refuse_hands(self) -> None:
+        self.refuse(REPLAY if isinstance(self._stepper, ReplayStepper) else ENVIRONMENT)
+
     def finish(self) -> None:
         """Records the last state."""
         self._keep_state()
@@ -125,7 +143,7 @@ class LiveSimulation:
         if self._recording:
             self._recording.write(self.step, self._stepper.state())
 
-    def _take_step_under(self, stepper: PhysicsStepper, pull: np.ndarray) -> None:
+    def _take_step_under(self, stepper: EditableStepper, pull: np.ndarray) -> None:
         """Takes a step with the forces of the mouse on top of those that act anyway, which act alone after it."""
         spec, where = state.APPLIED_FORCES, self._layout["xfrc_applied"]
         own = stepper.state()[where]
@@ -142,6 +160,8 @@ class LiveSimulation:
 # Fields of MjData that are set from outside, and move the state.
 INPUTS = {"ctrl", "qfrc_applied", "xfrc_applied", "eq_active", "mocap_pos", "mocap_quat", "userdata"}
 REPLAY = Refuse("a replay goes through recorded states: nothing in it can be pulled at or set")
+ENVIRONMENT = Refuse("an environment steps itself: nothing in it can be pulled at or set")
+EPISODE = Refuse("an episode of a policy starts as its task says, and not at a keyframe")
 RECORDED = Refuse(
     "positions and velocities cannot be set by hand while a recording is made, which holds physics alone: "
     "pull at bodies, or set controls"

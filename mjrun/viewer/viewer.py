@@ -9,6 +9,7 @@ from fractions import Fraction
 import mujoco
 
 from mjrun.errors import NoWindowError, UsageError, concerning, option
+from mjrun.job.episode import EpisodeResult
 from mjrun.job.manifest import origin
 from mjrun.job.output_files import ReservedFiles
 from mjrun.job.simulation import Simulation
@@ -88,14 +89,14 @@ class Viewer(ViewerOptions):
             recording=self.recording if files else None,
             states=recording.count if recording else None,
             warnings=tuple(warnings),
+            episode=live.episode,
         )
 
     @property
     def _endless(self) -> Simulation:
         """The simulation, without an end unless it has one of its own."""
         simulation = self.simulation
-        has_end = simulation.duration or simulation.steps or simulation.replay
-        return simulation if has_end else replace(simulation, duration=FOREVER)
+        return simulation if simulation.has_end else replace(simulation, duration=FOREVER)
 
     def _open_recording(self, model: mujoco.MjModel) -> LiveRecording:
         assert self.recording is not None
@@ -141,6 +142,7 @@ class ViewerResult:
       recording: the path of the recording; None without one.
       states: how many it holds; None without one.
       warnings: MuJoCo's.
+      episode: what came of the policy's episode since the last reset; None without a policy.
     """
 
     kind: str
@@ -150,6 +152,7 @@ class ViewerResult:
     recording: str | None
     states: int | None
     warnings: Sequence[str]
+    episode: EpisodeResult | None = None
 
 
 class _Session:
@@ -179,7 +182,7 @@ class _Session:
         live, pace = self._live, self._pace
         now = time.perf_counter()
         achieved = 0.0 if self._paused else pace.achieved(live.step, now)
-        message = "unstable" if live.failure else ""
+        message = "unstable" if live.failure else "ended" if live.ending else ""
         instant = live.instant()
         status = Status(instant.time, self._paused, pace.speed, achieved, message)
         for action in self._window.show(instant, status):
@@ -230,6 +233,8 @@ class _Session:
         if self._live.failure and not self._ends:
             first, *_ = str(self._live.failure).splitlines()
             self._reporter.warn(f"{first}; the view shows the state before it, until it is closed or reset")
+        elif (episode := self._live.episode) and episode.ending is not None:
+            self._reporter.note(f"{episode.sentence}; a reset begins it again")
 
     def _tell_if_slow(self, now: float) -> None:
         if not self._told_slow and self._pace.is_too_slow(now):

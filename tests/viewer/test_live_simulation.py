@@ -11,6 +11,8 @@ from mjrun.errors import UsageError
 from mjrun.job.recording import Recording
 from mjrun.job.simulation import Simulation
 from mjrun.model import state
+from mjrun.task.task import Task
+from mjrun.task.terms import Action, Observation
 from mjrun.viewer.live_recording import LiveRecording
 from mjrun.viewer.live_simulation import RECORDED, REPLAY, LiveSimulation
 from mjrun.viewer.window import Edit, Pull
@@ -227,3 +229,56 @@ def test_a_replay_with_gaps_is_refused(arm: mujoco.MjModel, tmp_path: Path) -> N
     np.savez(path, states=whole["states"][::2], steps=whole["steps"][::2], facts=whole["facts"])
     with pytest.raises(UsageError, match=r"step 1, time 0\.002 s is not in the recording"):
         live_of(arm, replay=str(path))
+
+
+def task_of(model: mujoco.MjModel, **values: object) -> Task:
+    given = {
+        "control_dt": 0.01,
+        "duration": 0.1,
+        "observations": [Observation(name="joints", joints=["*"])],
+        "actions": [Action(actuators=["hip", "elbow"])],
+        **values,
+    }
+    return Task(model, **given)  # type: ignore[arg-type]
+
+
+def against(observation: np.ndarray) -> np.ndarray:
+    return -0.1 * observation
+
+
+def test_a_policy_drives_and_the_episode_ends_and_begins_again(arm: mujoco.MjModel) -> None:
+    simulation = Simulation(task_of(arm), policy=against)
+    live = LiveSimulation(simulation, simulation.load(), Notes())
+    stepper = simulation.stepper(arm)
+    for step in range(1, 51):
+        live.take_step()
+        assert live.is_over == (step == 50)
+    stepper.advance(50)
+    assert position(live) == stepper.instant().qpos.tobytes()
+    take(live, 3)
+    assert live.step == 50
+    assert live.episode is not None
+    assert (live.episode.ending, live.episode.time) == ("timeout", 0.1)
+    live.reset(key=0)  # which an episode does not start at
+    assert (live.step, live.instant().qpos.tolist(), live.is_over) == (0, [0, 0], False)
+
+
+def test_a_policy_goes_on_for_as_long_as_is_said(arm: mujoco.MjModel) -> None:
+    simulation = Simulation(task_of(arm), policy=against, duration=0.15)
+    live = LiveSimulation(simulation, simulation.load(), Notes())
+    take(live, 100)
+    assert (live.step, live.is_over) == (75, True)
+
+
+def test_the_mouse_pulls_against_a_policy(arm: mujoco.MjModel) -> None:
+    simulation = Simulation(task_of(arm), policy=against)
+    live = LiveSimulation(simulation, simulation.load(), Notes())
+    data, pull = mujoco.MjData(arm), forces(arm, "hand", 0, 0, 3, 0, 0, 0)
+    for step in range(30):
+        if step % 5 == 0:
+            data.ctrl[:] = against(data.qpos)
+        data.xfrc_applied[:] = pull if 7 <= step < 19 else 0
+        live.pull(Pull(data.xfrc_applied.copy()))
+        live.take_step()
+        mujoco.mj_step(arm, data)
+        assert position(live) == data.qpos.tobytes()
