@@ -102,8 +102,11 @@ class _Comparison:
             yield f"history of {label}: {_both(str(part.history), str(term.history))}"
         latest = [number for number in numbers if number.delay == term.delay]
         elements = [_last(number.source) for number in latest]
+        scales = [number.scale for number in latest]
+        if term.joints is None and part.scale is not None:  # what is taken from elsewhere may have the other sign there
+            scales = (np.abs(scales) * np.sign(np.broadcast_to(part.scale, len(scales)))).tolist()
         for name, said, values in (
-            ("scale", part.scale, [number.scale for number in latest]),
+            ("scale", part.scale, scales),
             ("lower clip", part.clip and part.clip[:1], [number.low for number in latest]),
             ("upper clip", part.clip and part.clip[1:], [number.high for number in latest]),
         ):

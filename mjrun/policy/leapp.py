@@ -6,11 +6,17 @@ from pathlib import Path
 import numpy as np
 
 from mjrun.errors import FileError, UsageError, clean, counted, listing, option
+from mjrun.options.task import POSITION, TORQUE, VELOCITY
 from mjrun.policy.leapp_package import LeappNetwork, LeappTensor, find_package, read_package
 from mjrun.policy.onnx_model import OnnxModel
 from mjrun.policy.policy import ActionSpace, Actor, Numbers, ObservationFacts, Policy, PolicyFacts
 
-JOINT_POSITION, JOINT_VELOCITY = JOINT_STATES = ("state/joint/position", "state/joint/velocity")
+TARGETS = {
+    "target/joint/position": POSITION,
+    "target/joint/velocity": VELOCITY,
+    "target/joint/torques": TORQUE,
+    "target/joint/effort": TORQUE,
+}
 ROTATION = "state/body/rotation"
 GAINS = ("kp", "kd")
 QUATERNIONS: dict[tuple[str, ...], str] = {("qw", "qx", "qy", "qz"): "wxyz", ("qx", "qy", "qz", "qw"): "xyzw"}
@@ -84,12 +90,14 @@ class LeappPolicy(Policy):
         orders = {QUATERNIONS.get(each.elements or ()) for each in inputs if each.kind == ROTATION} - {None}
         named = [tensor.elements for tensor in self.targets]
         joints = tuple(name for names in named for name in names or ())
+        targets = {TARGETS.get(tensor.kind or "") for tensor in self.targets}
         kp, kd = (self._gains(kind) for kind in GAINS)
         return PolicyFacts(
             observation_size=sum(tensor.size for tensor in inputs),
             action_size=sum(tensor.size for tensor in self.targets),
             observations=parts,
             action_joints=None if None in named else joints,
+            action_target=targets.pop() if len(targets) == 1 else None,
             stiffness=kp,
             damping=kd,
             control_dt=self.package.period,

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import NoReturn, TypeVar
 
 from mjrun.errors import FileError, counted, quoted
+from mjrun.options.task import POSITION
 from mjrun.policy.policy import Numbers, ObservationFacts, PolicyFacts
 
 KEYS = ("joint_names", "observation_names", "action_scale")  # that tell such metadata from others
@@ -44,6 +45,7 @@ def mjlab_facts(metadata: Mapping[str, str], path: Path) -> PolicyFacts:
         default_position=default,
         action_joints=joints if all_move else None,
         action_size=None if stiffness is None else len(stiffness),
+        action_target=POSITION,  # mjlab writes metadata of no other actions
         action_scale=scale,
         stiffness=stiffness,
         damping=damping,

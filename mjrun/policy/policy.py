@@ -44,6 +44,7 @@ class PolicyFacts:
       joints: all joints of the robot but a free one, in the order in which observations hold them.
       default_position: of these joints [m, rad].
       action_joints: those that actions move, in their order.
+      action_target: what they mean once scaled: `position`, `velocity` or `torque`.
       action_scale: what actions are multiplied by; one number, or one for each.
       stiffness, damping: gains of the joints that actions move [N m/rad, N m s/rad].
       commands: their names.
@@ -58,6 +59,7 @@ class PolicyFacts:
     joints: tuple[str, ...] | None = None
     default_position: Numbers | None = None
     action_joints: tuple[str, ...] | None = None
+    action_target: str | None = None
     action_scale: Numbers | None = None
     stiffness: Numbers | None = None
     damping: Numbers | None = None

@@ -43,14 +43,19 @@ def linear(
     *,
     names: tuple[str, str] = ("obs", "actions"),
     shape: Shape | None = None,
+    bias: float = 0.0,
     metadata: Mapping[str, str] = {},
 ) -> Path:
-    """A network whose action is `weights @ observation`; `weights` is `(nact, nobs)`, of the type of its tensors."""
+    """A network whose action is `weights @ observation + bias`; `weights` is `(nact, nobs)`, of its tensors' type."""
     kind = TYPES[weights.dtype.type]
     count, size = weights.shape
     inputs = [value(names[0], [1, size] if shape is None else shape, kind)]
-    nodes = [helper.make_node("MatMul", [names[0], "w"], [names[1]])]
-    return write(path, nodes, inputs, [value(names[1], [1, count], kind)], {"w": weights.T.copy()}, metadata)
+    nodes = [
+        helper.make_node("MatMul", [names[0], "w"], ["product"]),
+        helper.make_node("Add", ["product", "b"], [names[1]]),
+    ]
+    tensors = {"w": weights.T.copy(), "b": np.full(count, bias, weights.dtype)}
+    return write(path, nodes, inputs, [value(names[1], [1, count], kind)], tensors, metadata)
 
 
 def integrator(path: Path, *, ends: tuple[str, str] = ("h_in", "h_out"), size: int = 2) -> Path:

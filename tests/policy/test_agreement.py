@@ -24,8 +24,8 @@ MODEL = """
   <worldbody>
     <body name="base" pos="0 0 1">
       <freejoint name="root"/><geom size=".1"/>
-      <body><joint name="{0}hip" axis="0 1 0"/><geom size=".05" pos=".1 0 0"/>
-        <body><joint name="{0}knee" axis="0 1 0"/><geom size=".05" pos=".2 0 0"/></body>
+      <body><joint name="{0}hip" axis="0 1 0" armature=".1"/><geom size=".05" pos=".1 0 0"/>
+        <body><joint name="{0}knee" axis="0 1 0" armature=".1"/><geom size=".05" pos=".2 0 0"/></body>
       </body>
     </body>
   </worldbody>

@@ -1,0 +1,192 @@
+"""The task of a policy whose file says all that a task needs; what it does not say is listed, and never guessed."""
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from fractions import Fraction
+
+import mujoco
+
+from mjrun.errors import UnknownNameError, UsageError, clean, option
+from mjrun.model.names import names
+from mjrun.model.source import Source
+from mjrun.options.option import is_given, options_of
+from mjrun.options.task import CONTROL, POSITION, TORQUE, VELOCITY, ActionOptions, ObservationOptions
+from mjrun.policy.policy import Numbers, ObservationFacts, Policy, PolicyFacts
+from mjrun.task.action_map import TRANSMISSIONS
+from mjrun.task.task import Task
+from mjrun.task.terms import Action, Observation, Reset
+
+DURATION = Fraction(5)  # [s], as of simulations
+# What files name that needs nothing else to be known: mjlab's names, and the kinds of LEAPP.
+JOINTS = {"joint_pos": "qpos", "joint_vel": "qvel", "state/joint/position": "qpos", "state/joint/velocity": "qvel"}
+LAST_ACTION = ("actions", "last_action")
+BODIES = {"state/body/rotation": "xquat", "state/body/position": "xpos"}
+
+
+def task_of_policy(
+    policy: Policy, source: Source, control_dt: Fraction | None = None, duration: Fraction | None = None
+) -> Task:
+    """The task that `policy` was made for, on the model of `source`.
+
+    Args:
+      control_dt: the control period [s], where the file does not say it.
+      duration: of an episode [s]; 5 if nothing is said.
+
+    Raises:
+      UsageError: the file does not say enough; the message says what a task document must add, and drafts it.
+      ModelError: the model cannot be had.
+    """
+    draft = _Draft(policy.facts, source.load(), policy.facts.control_dt or control_dt)
+    if draft.missing:
+        raise UsageError(
+            "\n".join(
+                [
+                    f"{option('policy')} {clean(policy.name)} does not say {', '.join(draft.missing)}",
+                    f"write a task document, and play the policy on that instead of on {clean(source.text)}:",
+                    *draft.lines(source.text),
+                ]
+            ),
+            ("policy",),
+        )
+    assert draft.control_dt is not None
+    return Task(
+        source,
+        control_dt=draft.control_dt,
+        duration=duration or DURATION,
+        observations=[each for each in draft.observations if isinstance(each, Observation)],
+        actions=[each for each in (draft.action,) if each],
+        reset=Reset(qpos=draft.start),
+    )
+
+
+@dataclass(frozen=True)
+class _Unknown:
+    """A part of the observation of which the file has no more than the name."""
+
+    name: str
+
+
+class _Draft:
+    """What can be said of a task.
+
+    Attributes:
+      missing: what cannot, in words.
+    """
+
+    def __init__(self, facts: PolicyFacts, model: mujoco.MjModel, control_dt: Fraction | None) -> None:
+        self._facts, self._model, self.control_dt = facts, model, control_dt
+        self._names = {_last(name): name for name in names(model, "joint") if name}
+        self.missing: list[str] = [] if control_dt else [option("control_dt")]
+        self.observations = [self._observation(part) or _Unknown(part.name) for part in facts.observations or ()]
+        unknown = [clean(each.name) for each in self.observations if isinstance(each, _Unknown)]
+        if unknown:
+            self.missing.append(f"where these observations are taken from: {', '.join(unknown)}")
+        if not self.observations:
+            self.missing.append("what it observes")
+        self.action = self._action()
+        if not self.action:
+            self.missing.append("what its actions move")
+
+    @property
+    def start(self) -> Mapping[str, Numbers]:
+        """The default pose, by joint."""
+        joints, pose = self._facts.joints or (), self._facts.default_position or ()
+        return {self._joint(joint): (position,) for joint, position in zip(joints, pose, strict=False)}
+
+    def lines(self, model: str) -> list[str]:
+        """A task document as far as it is known."""
+        period = "# is not said" if self.control_dt is None else f"{float(self.control_dt):g}"
+        return [
+            f"  model: {clean(model)}",
+            f"  control_dt: {period}",
+            f"  duration: {float(DURATION):g}",
+            "  observations:" + ("" if self.observations else "  # are not said"),
+            *(
+                f"    - {{name: {json.dumps(each.name)}}}  # from where?" if isinstance(each, _Unknown) else _line(each)
+                for each in self.observations
+            ),
+            "  actions:" + ("" if self.action else "  # are not said"),
+            *([_line(self.action)] if self.action else []),
+        ]
+
+    def _observation(self, part: ObservationFacts) -> Observation | None:
+        """The term that a part is."""
+        changes = {
+            "scale": part.scale or (1.0,),
+            "clip": None if part.clip in (None, (float("-inf"), float("inf"))) else part.clip,
+            "history": part.history or 1,
+        }
+        of = JOINTS.get(part.kind or part.name)
+        joints = part.elements if part.kind else self._facts.joints
+        if of and joints:
+            offset = self._defaults(joints) if part.kind is None and of == "qpos" else (0.0,)
+            chosen = [self._joint(joint) for joint in joints]
+            return Observation(name=part.name, joints=chosen, of=of, offset=offset, **changes)  # type: ignore[arg-type]
+        if part.kind is None and part.name in LAST_ACTION:
+            return Observation(name=part.name, action="previous", **changes)  # type: ignore[arg-type]
+        probe = BODIES.get(part.kind or "")
+        if probe and part.elements and all("/" in element for element in part.elements):
+            columns = [f"{probe}/{element}" for element in part.elements]
+            return Observation(name=part.name, probe=columns, **changes)  # type: ignore[arg-type]
+        return None
+
+    def _action(self) -> Action | None:
+        facts = self._facts
+        joints = facts.action_joints or self._with_actuators()
+        if joints is None or facts.action_target is None:
+            return None
+        values = {"joints": [self._joint(joint) for joint in joints], "scale": facts.action_scale or (1.0,)}
+        offset = self._defaults(joints) if facts.action_target == POSITION and facts.default_position else (0.0,)
+        if facts.action_target == TORQUE:
+            return Action(target=TORQUE, **values)  # type: ignore[arg-type]
+        if facts.action_target == POSITION and self._has_servos(joints):
+            return Action(target=CONTROL, offset=offset, **values)  # type: ignore[arg-type]
+        if facts.damping is None or (facts.stiffness is None and facts.action_target != VELOCITY):
+            return None
+        kp = {"kp": facts.stiffness} if facts.action_target == POSITION else {}
+        return Action(target=facts.action_target, offset=offset, kd=facts.damping, **kp, **values)  # type: ignore[arg-type]
+
+    def _with_actuators(self) -> tuple[str, ...] | None:
+        """The joints of the file that the model has actuators for, if there are as many as actions."""
+        driven = [joint for joint in self._facts.joints or () if self._actuator(joint) is not None]
+        return tuple(driven) if driven and len(driven) == self._facts.action_size else None
+
+    def _has_servos(self, joints: Sequence[str]) -> bool:
+        """Whether the actuators of all joints hold positions by themselves."""
+        actuators = [self._actuator(joint) for joint in joints]
+        affine = mujoco.mjtBias.mjBIAS_AFFINE
+        return all(each is not None and self._model.actuator_biastype[each] == affine for each in actuators)
+
+    def _actuator(self, joint: str) -> int | None:
+        """The actuator of a joint; None if it has none, or several."""
+        model, number = self._model, names(self._model, "joint").index(self._joint(joint))
+        found = [
+            i
+            for i in range(len(model.actuator_trntype))
+            if model.actuator_trntype[i] in TRANSMISSIONS and model.actuator_trnid[i, 0] == number
+        ]
+        return found[0] if len(found) == 1 else None
+
+    def _defaults(self, joints: Sequence[str]) -> Numbers:
+        facts = self._facts
+        pose = dict(zip(facts.joints or (), facts.default_position or (), strict=False))
+        return tuple(pose.get(joint, 0.0) for joint in joints)
+
+    def _joint(self, name: str) -> str:
+        """The name in the model."""
+        if _last(name) not in self._names:
+            raise UnknownNameError("joint", name, [*self._names], where="the model, which the policy names")
+        return self._names[_last(name)]
+
+
+def _line(term: Observation | Action) -> str:
+    """A term as a document may write it."""
+    declared = ObservationOptions if isinstance(term, Observation) else ActionOptions
+    given = [each for each in options_of(declared) if each.is_required or is_given(term, each.name)]
+    pairs = [f"{each.key}: {json.dumps(each.kind.plain(vars(term)[each.attribute]))}" for each in given]
+    return f"    - {{{', '.join(pairs)}}}"
+
+
+def _last(name: str) -> str:
+    return name.rpartition("/")[2]
