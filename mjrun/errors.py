@@ -148,6 +148,23 @@ class GoldenDifferenceError(MjrunError):
         super().__init__("\n".join([*messages, f"{option('update')} makes what is now the golden table"]))
 
 
+class UnidentifiableError(MjrunError):
+    """Measurements do not tell what is looked for; `messages` say of which parameters."""
+
+    exit_code = 1
+
+    def __init__(self, messages: Sequence[str]) -> None:
+        self.messages = tuple(messages)
+        advice = "leave them out, give a prior, or measure other signals or motions"
+        super().__init__("\n".join([*messages, f"{advice}; {option('allow_unidentifiable')} goes on all the same"]))
+
+
+class UnimprovedFitError(MjrunError):
+    """A fitted model predicts what it has not seen no better than the model before; `message` says by how much."""
+
+    exit_code = 1
+
+
 # --- 2: wrong usage --------------------------------------------------------------------------------
 
 

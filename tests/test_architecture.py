@@ -17,7 +17,7 @@ HOUSE = (
     ("__main__",),
     ("cli", "gym"),
     ("document",),
-    ("doctor", "check", "bench", "evaluation", "viewer"),
+    ("doctor", "check", "bench", "fit", "evaluation", "viewer"),
     ("study",),
     ("job",),
     ("rendering", "plotting", "diff", "policy"),

@@ -34,6 +34,7 @@ COMMANDS = {
     "plot": "Plot tables: png, svg or pdf.",
     "diff": "Tell whether two results agree: tables, recordings, videos, images, models.",
     "sweep": "Simulate for many values: grids, samples, randomization; resumable.",
+    "fit": "Find parameters of a model from measurements.",
     "bench": "Time a simulation: steps, phases, threads, drawing, accuracy.",
     "info": "Show what a model is: sizes, bodies, joints, actuators, sensors, assets.",
     "check": "Find what is wrong with models; for CI.",

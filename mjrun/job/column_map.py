@@ -143,7 +143,7 @@ class _Resolver:
         entries: list[tuple[int, str, str]] = []
         for index, text in enumerate(texts):
             with concerning("map", index):
-                for left, right in _assignments(text):
+                for left, right in map_entries(text):
                     if any(left == other for _, other, _ in entries):
                         raise UsageError(f"{option('map')} says twice what {clean(left)} is")
                     entries.append((index, left, right))
@@ -320,7 +320,7 @@ def _side_by_side(text: str) -> Iterator[str]:
     yield text[start:].strip()
 
 
-def _assignments(text: str) -> Iterator[tuple[str, str]]:
+def map_entries(text: str) -> Iterator[tuple[str, str]]:
     """Left and right of a text, or of every line of the file that it names."""
     if not text.startswith(FILE):
         yield _assignment(text, text)

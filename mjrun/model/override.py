@@ -174,23 +174,60 @@ def elements_at(spec: mujoco.MjSpec, override: Override) -> tuple[list[Any], lis
     Raises:
       UnknownNameError: it names none.
     """
+    indices, fields = indices_at(spec, override)
+    elements = getattr(spec, ELEMENTS[override.target.partition("/")[0]])
+    return [elements[index] for index in indices], fields
+
+
+def indices_at(spec: mujoco.MjSpec, override: Override) -> tuple[list[int], list[str]]:
+    """The same, with the places of the elements among all of their kind."""
     kind, _, rest = override.target.partition("/")
-    elements = getattr(spec, ELEMENTS[kind])
-    named = {element.name or f"{kind}:{i}": element for i, element in enumerate(elements)}
+    named = {element.name or f"{kind}:{i}": i for i, element in enumerate(getattr(spec, ELEMENTS[kind]))}
     parts = rest.split(".")
     for cut in range(len(parts) - 1, 0, -1):
         pattern, fields = ".".join(parts[:cut]), parts[cut:]
         if pattern in named:
             return [named[pattern]], fields
-        matches = [element for name, element in named.items() if fnmatchcase(name, pattern)]
+        matches = [index for name, index in named.items() if fnmatchcase(name, pattern)]
         index = pattern.removeprefix(f"{kind}:")
-        if not matches and is_index(index, len(elements)):
-            matches = [elements[int(index)]]
+        if not matches and is_index(index, len(named)):
+            matches = [int(index)]
         if matches:
             return matches, fields
     if len(parts) == 1:
         raise UsageError(f"{kind}/{clean(rest)}: which field? write {kind}/{clean(rest)}.FIELD=VALUE")
     raise UnknownNameError(kind, parts[0], list(named), plural=ELEMENTS[kind])
+
+
+def source_values(spec: mujoco.MjSpec, override: Override) -> np.ndarray:
+    """The number that `override` changes of each object that its path names, as the source has it: `(n,)`.
+
+    Raises:
+      UnknownNameError: the path names nothing.
+      UsageError: it is no number, or several.
+    """
+    kind, slash, _ = override.target.partition("/")
+    if slash and kind in ELEMENTS:
+        owners, fields = elements_at(spec, override)
+    else:
+        root, *fields = override.target.split(".")
+        if root not in ROOTS:
+            raise UnknownNameError("setting", root, [*ROOTS, *(f"{kind}/NAME" for kind in ELEMENTS)])
+        owners = [ROOTS[root](spec)]
+    return np.array([_number_of(owner, fields, override) for owner in owners])
+
+
+def _number_of(owner: Any, fields: list[str], override: Override) -> float:
+    for field in fields:
+        if field not in (valid := _fields(owner)):
+            raise UnknownNameError("setting", field, valid, where=override.target.rpartition(".")[0])
+        owner = getattr(owner, field)
+    if isinstance(owner, bool | str) or is_enum(owner) or not _is_leaf(owner):
+        raise UsageError(f"{clean(override.path)} is not a number")
+    values = np.ravel(np.array(list(owner) if _is_vector(owner) else owner, float))
+    if override.index is None and values.size > 1 and fields[-1] not in PARTIAL:
+        raise UsageError(f"{clean(override.path)} has {values.size} numbers: write {clean(override.path)}[0] for one")
+    return float(values[_chosen(fields[-1], values.size, override)][0])
 
 
 def _check_effect(element: Any, kind: str, fields: list[str], override: Override) -> None:

@@ -20,7 +20,10 @@ LFS_REMEDY = "fetch the file itself: git lfs pull"
 
 @dataclass(eq=False)
 class Element:
-    """One element, with the place of its start tag; `text` is its own text, stripped, which begins at `text_line`."""
+    """One element, with the place of its start tag; `text` is its own text, stripped, which begins at `text_line`.
+
+    `offset` is the byte of its file at which the start tag begins.
+    """
 
     tag: str
     attributes: dict[str, str]
@@ -30,6 +33,7 @@ class Element:
     children: "list[Element]" = field(default_factory=list)
     text: str = ""
     text_line: int = 0
+    offset: int = 0
 
     def walk(self) -> "Iterator[Element]":
         """This element and all elements below it, in the order of the file."""
@@ -197,7 +201,8 @@ class _Parser:
 
     def _start(self, tag: str, attributes: dict[str, str]) -> None:
         parent = self.open[-1] if self.open else None
-        element = Element(tag, attributes, self.path, self.expat.CurrentLineNumber, parent)
+        place = {"line": self.expat.CurrentLineNumber, "offset": self.expat.CurrentByteIndex}
+        element = Element(tag, attributes, self.path, parent=parent, **place)
         if parent is not None:
             parent.children.append(element)
         self.root = self.root or element

@@ -1,0 +1,70 @@
+"""What `mjrun fit` says of a fit, for people."""
+
+from typing import TYPE_CHECKING
+
+from mjrun.cli.info_columns import Column, number
+from mjrun.cli.page_layout import PageLayout
+from mjrun.errors import clean
+
+if TYPE_CHECKING:
+    from mjrun.fit.fit import FitResult
+
+CORRELATED = 0.95  # parameters beyond are told
+SHOWN = 40
+
+
+def fit_report(result: "FitResult") -> str:
+    """The parameters with their intervals, how well the signals are predicted, and what was written."""
+    page = PageLayout()
+    page.table("parameters", _parameters(result), len(result.parameters), SHOWN)
+    page.table("errors", _signals(result), len(result.signals), SHOWN)
+    if alike := _correlated(result):
+        page.lines("correlated", alike)
+    if result.changes:
+        page.verbatim("changed", result.changes)
+    for file in result.files:
+        page.note(clean(file))
+    segments = f"{result.segments} segment{'' if result.segments == 1 else 's'}"
+    page.note(f"{result.rows:,} rows in {segments} fitted; {result.rollouts:,} rollouts; {result.wall:.1f} s")
+    return page.text()
+
+
+def _parameters(result: "FitResult") -> list[Column]:
+    parameters = result.parameters
+    share = f"{100 * result.confidence:g} % interval"
+    return [
+        Column("parameter", [clean(each.path) for each in parameters]),
+        Column("before", [number(each.start) for each in parameters], right=True),
+        Column("fitted", [number(each.value) for each in parameters], right=True),
+        Column(share, [f"{number(each.low)} … {number(each.high)}" for each in parameters]),
+        Column("", [f"at its {each.bound} bound" if each.bound else "" for each in parameters]),
+    ]
+
+
+def _signals(result: "FitResult") -> list[Column]:
+    signals = result.signals
+    columns = [
+        Column("signal", [clean(each.name) for each in signals]),
+        Column("noise", [f"{number(each.noise)} {each.unit}".strip() for each in signals], right=True),
+        Column("before", [_share(each.nominal) for each in signals], right=True),
+        Column("fitted", [_share(each.fitted) for each in signals], right=True),
+    ]
+    if any(each.holdout_fitted is not None for each in signals):
+        columns += [
+            Column("held out, before", [_share(each.holdout_nominal) for each in signals], right=True),
+            Column("fitted", [_share(each.holdout_fitted) for each in signals], right=True),
+        ]
+    return columns
+
+
+def _correlated(result: "FitResult") -> list[tuple[str, str]]:
+    found: list[tuple[str, str]] = []
+    for i, one in enumerate(result.parameters):
+        for j, other in enumerate(result.parameters[:i]):
+            if abs(result.correlation[i][j]) > CORRELATED:
+                found.append((f"{result.correlation[i][j]:.3f}", f"{clean(other.path)}, {clean(one.path)}"))
+    return found
+
+
+def _share(value: float | None) -> str:
+    return "" if value is None else f"{100 * value:.3g} %"

@@ -1,0 +1,1 @@
+"""Parameters of a model from measurements, and how well they are known."""

@@ -1,0 +1,81 @@
+"""The user's model with what was found: its own text, with nothing but these attributes changed."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from mjrun.errors import FileError, UsageError, clean, listing, option
+from mjrun.formats.atomic_output import OutputWriter, StagedFile
+from mjrun.model.attribute_text import Change, changes, with_changes
+from mjrun.model.fingerprint import physics_fingerprint
+from mjrun.model.override import Override
+from mjrun.model.source import Source
+from mjrun.model.sources.file import FileSource
+
+SUFFIX = ".xml"
+
+
+@dataclass(frozen=True)
+class FittedModel:
+    """Where a fitted model goes.
+
+    Attributes:
+      path: an .xml file.
+      source: the model that is fitted, with its overrides, which are not written.
+    """
+
+    path: Path
+    source: Source
+
+    def check(self, overrides: Sequence[Override]) -> None:
+        """Proves with any values that the text can hold what is looked for.
+
+        Raises:
+          UsageError: it is no .xml file, or its text cannot hold them.
+        """
+        main = self._main
+        if self.path.suffix != SUFFIX:
+            raise UsageError(f"{option('output')} {clean(str(self.path))}: a fitted model is an {SUFFIX} file")
+        elsewhere = [each.element.file.name for each in changes(main, overrides) if each.element.file != main]
+        if elsewhere:
+            raise UsageError(
+                f"{option('output')}: what is looked for stands in {listing(list(dict.fromkeys(elsewhere)))}, which "
+                f"{clean(str(main))} includes; one file is written\nleave {option('output')} out, and change the "
+                "values there, or fit the included file's values where they are"
+            )
+
+    def write(self, overrides: Sequence[Override]) -> list[Change]:
+        """Writes the text, and proves that it compiles to the model with `overrides`.
+
+        Raises:
+          FileError: it cannot be written, or would be another model there.
+        """
+        made = changes(self._main, overrides)
+        text = with_changes(self._main.read_bytes(), made)
+        with OutputWriter(StagedFile(self.path)) as output:
+            output.write_file(text)
+            self._require_same(output, text, overrides)
+            output.publish()
+        return made
+
+    @property
+    def _main(self) -> Path:
+        main = self.source.main_file
+        if main is None or main.suffix != SUFFIX:
+            raise UsageError(f"{option('output')}: {clean(self.source.text)} has no {SUFFIX} file of its own to change")
+        return main
+
+    def _require_same(self, output: OutputWriter, text: bytes, overrides: Sequence[Override]) -> None:
+        plain = replace(self.source, overrides=tuple(overrides))
+        beside = self.path.with_name(f".{self.path.stem}.fitted{SUFFIX}")
+        try:
+            beside.write_bytes(text)
+            same = physics_fingerprint(FileSource(beside).load()) == physics_fingerprint(plain.load())
+        except OSError as error:
+            raise FileError(self.path, f"cannot be written: {error.strerror or error}") from None
+        finally:
+            beside.unlink(missing_ok=True)
+        if not same:
+            raise FileError(
+                self.path, "would not be the fitted model", "an attribute of its text stands for several numbers"
+            )

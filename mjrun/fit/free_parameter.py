@@ -1,0 +1,167 @@
+"""What a fit may change: paths in the model and delays of signals, each within bounds."""
+
+import math
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import mujoco
+import numpy as np
+
+from mjrun.errors import BadValueError, UnknownNameError, UsageError, clean, concerning, option
+from mjrun.model.fingerprint import physics_fingerprint
+from mjrun.model.override import Override, source_values
+from mjrun.model.source import Source
+
+DELAY = "delay:"  # begins the name of a delay: `delay:ctrl/motor`
+EXPECTED = "LOW..HIGH, log:LOW..HIGH, or either with a prior as in 0.1..2~normal(1, 0.2)"
+# Gains of position servos by the names of their attributes, and the numbers of the model that each stands for.
+GAINS = {".kp": (("gainprm[0]", 1.0), ("biasprm[1]", -1.0)), ".kv": (("biasprm[2]", -1.0),)}
+MARGIN = 0.02  # of the range: a start at a bound is moved this far from it
+
+_NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
+_BOUNDS = re.compile(
+    rf"(?P<log>log:)?(?P<low>{_NUMBER})\.\.(?P<high>{_NUMBER})"
+    rf"(?:\s*~\s*normal\(\s*(?P<mean>{_NUMBER})\s*,\s*(?P<std>{_NUMBER})\s*\))?"
+)
+
+
+@dataclass(frozen=True)
+class FreeParameter:
+    """One number that a fit looks for. Optimizers see it as a coordinate from 0 to 1 between its bounds.
+
+    Attributes:
+      path: in the model, as overrides have it, or `delay:COLUMN` [s].
+      low, high: its bounds.
+      start: what the model has, or 0 s.
+      is_log: whether the coordinate goes with the logarithm.
+      prior: mean and standard deviation of a normal distribution that is known beforehand; None without one.
+    """
+
+    path: str
+    low: float
+    high: float
+    start: float
+    is_log: bool = False
+    prior: tuple[float, float] | None = None
+
+    @property
+    def is_delay(self) -> bool:
+        """Whether it is the delay of a signal rather than a number of the model."""
+        return self.path.startswith(DELAY)
+
+    def value(self, coordinate: float) -> float:
+        """The number at a coordinate."""
+        low, high = self._scaled(self.low), self._scaled(self.high)
+        scaled = low + (high - low) * coordinate
+        return math.exp(scaled) if self.is_log else scaled
+
+    def coordinate(self, value: float) -> float:
+        """The coordinate of a number; that of the nearer bound for one beyond both."""
+        low, high = self._scaled(self.low), self._scaled(self.high)
+        return (self._scaled(min(max(value, self.low), self.high)) - low) / (high - low)
+
+    def overrides(self, value: float) -> list[Override]:
+        """What gives the model this value; nothing for a delay."""
+        return [] if self.is_delay else _overrides(self.path, value)
+
+    @property
+    def first_coordinate(self) -> float:
+        """Where to begin: at the value that the model has, off the bounds."""
+        return min(max(self.coordinate(self.start), MARGIN), 1 - MARGIN)
+
+    def _scaled(self, value: float) -> float:
+        return math.log(value) if self.is_log else value
+
+
+def _overrides(path: str, value: float) -> list[Override]:
+    gains = GAINS.get(path[-3:]) if path.startswith("actuator/") else None
+    if gains is None:
+        return [Override(path, repr(float(value)))]
+    return [Override(f"{path[:-2]}{field}", repr(float(sign * value))) for field, sign in gains]
+
+
+def free_parameters(texts: Sequence[tuple[str, str]], source: Source, delayed: Sequence[str]) -> list[FreeParameter]:
+    """The parameters that `texts` name, as path and bounds.
+
+    Args:
+      source: the model, with its overrides.
+      delayed: the columns that can have a delay: those measured, and the controls.
+
+    Raises:
+      UsageError: nothing is free; a path that names nothing, or bounds that cannot be.
+    """
+    if not texts:
+        raise UsageError(f"{option('free')} says what is looked for, as in joint/hinge.damping=0.001..1; nothing is")
+    spec, _ = source.compile()
+    parameters: list[FreeParameter] = []
+    for path, text in texts:
+        with concerning("free", path):
+            if any(path == each.path for each in parameters):
+                raise UsageError(f"{option('free')} {clean(path)} is given twice")
+            start = _delay_start(path, delayed) if path.startswith(DELAY) else _model_start(path, spec)
+            parameters.append(_parameter(path, text, start))
+    return parameters
+
+
+def require_effect(parameter: FreeParameter, source: Source) -> None:
+    """Compiles the model at both bounds of a parameter of the model.
+
+    Raises:
+      UsageError: it compiles at one of them only, or the bounds make no difference.
+    """
+    if parameter.is_delay:
+        return
+    with concerning("free", parameter.path):
+        prints = {physics_fingerprint(_compiled(parameter, bound, source)) for bound in (parameter.low, parameter.high)}
+        if len(prints) == 1:
+            raise UsageError(f"{option('free')} {clean(parameter.path)} changes nothing in the physics of this model")
+
+
+def _compiled(parameter: FreeParameter, bound: float, source: Source) -> mujoco.MjModel:
+    try:
+        return replace(source, overrides=(*source.overrides, *parameter.overrides(bound))).load()
+    except UsageError:
+        raise
+    except Exception as error:
+        reason = str(error).splitlines()[0]
+        raise UsageError(f"{option('free')} {clean(parameter.path)}={bound:g} does not compile: {reason}") from None
+
+
+def _parameter(path: str, text: str, start: float) -> FreeParameter:
+    name = f"{option('free')} {clean(path)}"
+    match = _BOUNDS.fullmatch(text.strip())
+    if match is None:
+        raise BadValueError(name, text, EXPECTED)
+    low, high, is_log = float(match["low"]), float(match["high"]), match["log"] is not None
+    if not low < high or (is_log and low <= 0):
+        raise BadValueError(name, text, "LOW..HIGH with LOW below HIGH" + (" and above 0" if is_log else ""))
+    if path.startswith(DELAY) and low < 0:
+        raise BadValueError(name, text, "a delay [s]: 0 or more")
+    prior = None
+    if match["mean"] is not None:
+        prior = float(match["mean"]), float(match["std"])
+        if prior[1] <= 0:
+            raise BadValueError(name, text, "a prior with a standard deviation above 0")
+        start = prior[0]
+    return FreeParameter(path, low, high, start, is_log, prior)
+
+
+def _delay_start(path: str, delayed: Sequence[str]) -> float:
+    column = path.removeprefix(DELAY)
+    if column not in delayed:
+        raise UnknownNameError("signal", column, delayed, where=f"{option('free')} delay:")
+    return 0.0
+
+
+def _model_start(path: str, spec: mujoco.MjSpec | None) -> float:
+    """The number at `path` in the source: of several objects, their mean."""
+    if spec is None:
+        raise UsageError(f"{option('free')} {clean(path)}: a compiled model has no source that could be changed")
+    override = _overrides(path, 1.0)[-1]
+    values = source_values(spec, override) * float(override.value)  # a gain may be the negative of its bias
+    if override.operation:
+        return {"scale": 1.0, "add": 0.0}[override.operation]
+    if not np.isfinite(values).all():
+        raise UsageError(f"{option('free')} {clean(path)} is not in the source: the compiler works it out")
+    return float(np.mean(values))

@@ -1,0 +1,85 @@
+"""How well fitted parameters are known: a bootstrap over blocks of time.
+
+The fit is linearized around its solution, and refitted with blocks of rows drawn with replacement. Rows that are near in
+time share what the model does not explain, so that blocks are drawn, not rows (H. R. Künsch, "The jackknife and the
+bootstrap for general stationary observations", 1989).
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mjrun.fit.free_parameter import FreeParameter
+from mjrun.fit.projection import ProjectedRows, projected
+from mjrun.fit.shooting import Solution
+
+BLOCKS = 20  # at least
+DRAWS = 2000
+AT_BOUND = 1e-3  # of the range
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Intervals:
+    """Confidence intervals.
+
+    Attributes:
+      low, high: of each parameter.
+      correlation: between the parameters, `(p, p)`.
+    """
+
+    low: tuple[float, ...]
+    high: tuple[float, ...]
+    correlation: Floats
+
+
+def intervals(solution: Solution, parameters: Sequence[FreeParameter], confidence: float, seed: int) -> Intervals:
+    """Confidence intervals of a solution whose noise is that of its residuals.
+
+    Percentiles are widened as Student's t widens a normal distribution: there are few blocks.
+    """
+    from scipy import stats
+
+    parts = projected(solution)
+    blocks = [rows for part in parts for rows in _blocks(part, -(-BLOCKS // len(parts)))]
+    count = len(blocks)
+    informations = np.array([a.T @ a for a, _ in blocks])
+    scores = np.array([a.T @ r for a, r in blocks])
+    priors = np.diag(_prior_information(solution, parameters))
+
+    weights = np.random.default_rng(seed).multinomial(count, np.full(count, 1 / count), DRAWS)
+    matrices = np.einsum("wb,bij->wij", weights, informations) + priors
+    matrices += 1e-12 * np.trace(informations.sum(axis=0)) * np.eye(len(parameters))
+    centred = scores - scores.mean(axis=0)  # at a bound they do not add up to nothing
+    moves = -np.linalg.solve(matrices, (weights @ centred)[..., None])[..., 0]
+
+    level = (1 - confidence) / 2
+    widened = stats.t.ppf(1 - level, count - 1) / stats.norm.ppf(1 - level) * np.sqrt(count / (count - 1))
+    low, high = solution.coordinates + widened * np.quantile(moves, [level, 1 - level], axis=0)
+    low, high = np.clip(low, 0, 1), np.clip(high, 0, 1)
+    spread = np.cov(moves, rowvar=False).reshape(len(parameters), -1)
+    scale = np.sqrt(np.maximum(np.diag(spread), 1e-300))
+    ends = [tuple(p.value(c) for p, c in zip(parameters, end, strict=True)) for end in (low, high)]
+    return Intervals(*ends, spread / scale / scale[:, None])
+
+
+def _blocks(part: ProjectedRows, count: int) -> list[tuple[Floats, Floats]]:
+    """The rows of a chunk in `count` blocks of time."""
+    places = np.minimum((part.times * count).astype(int), count - 1)
+    return [(part.slopes[places == i], part.residuals[places == i]) for i in range(count) if (places == i).any()]
+
+
+def _prior_information(solution: Solution, parameters: Sequence[FreeParameter]) -> Floats:
+    widths = [
+        p.value(min(1.0, c + 0.01)) - p.value(min(1.0, c + 0.01) - 0.01)
+        for p, c in zip(parameters, solution.coordinates, strict=True)
+    ]
+    return np.array([(w / 0.01 / p.prior[1]) ** 2 if p.prior else 0.0 for p, w in zip(parameters, widths, strict=True)])
+
+
+def bound_reached(coordinate: float) -> str:
+    """`low`, `high`, or nothing where a fitted coordinate is inside its bounds."""
+    return "low" if coordinate < AT_BOUND else "high" if coordinate > 1 - AT_BOUND else ""

@@ -1,0 +1,266 @@
+"""Logs of a system: what was measured and what was commanded, in time, by the names of a model's columns."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+
+from mjrun.errors import FileError, UnknownNameError, UsageError, clean, listing, option
+from mjrun.formats.table_reader import open_table, read_table
+from mjrun.job.column_map import map_entries
+from mjrun.model.names import control_names
+from mjrun.probe.available import AvailableProbes
+from mjrun.probe.fields import FieldProbe
+from mjrun.probe.row_expression import RowExpression, parse_row_expression
+from mjrun.probe.scanner import spelled
+from mjrun.probe.select import select
+from mjrun.sim.table_times import SLACK, require_times
+
+TIME, CONTROLS = "time", "ctrl/"
+GAP = 5  # usual times between rows; a longer one ends a segment
+FEWEST = 16  # rows of a segment
+
+
+@dataclass(frozen=True, eq=False)
+class Segment:
+    """A stretch of a log without gaps.
+
+    Attributes:
+      source: the file.
+      times: of its rows [s], `(n,)`.
+      values: measured, `(n, signals)`; NaN where a sample is missing.
+      controls: commanded, `(n, nu)`, each from its time on.
+    """
+
+    source: str
+    times: np.ndarray
+    values: np.ndarray
+    controls: np.ndarray
+
+    def part(self, rows: slice) -> "Segment":
+        """Consecutive rows as a segment of their own."""
+        return Segment(self.source, self.times[rows], self.values[rows], self.controls[rows])
+
+    def steps(self, timestep: float) -> np.ndarray:
+        """The times of the rows in timesteps after the first, `(n,)`."""
+        return (self.times - self.times[0]) / timestep
+
+
+@dataclass(frozen=True, eq=False)
+class Measurements:
+    """All segments of all logs, and the signals that they measure.
+
+    Attributes:
+      signals: names of columns of the model.
+      segments: in the order of the files and of time.
+      remarks: what the user should know of them.
+    """
+
+    signals: Sequence[str]
+    segments: Sequence[Segment]
+    remarks: Sequence[str] = ()
+
+    @property
+    def rows(self) -> int:
+        """How many rows there are in all."""
+        return sum(len(segment.times) for segment in self.segments)
+
+    def split(self, share: float) -> tuple["Measurements", "Measurements"]:
+        """The first part of every file's time, and the last `share` of it, which is held out."""
+        first: list[Segment] = []
+        last: list[Segment] = []
+        for source in dict.fromkeys(segment.source for segment in self.segments):
+            own = [segment for segment in self.segments if segment.source == source]
+            begin, end = own[0].times[0], own[-1].times[-1]
+            limit = end - share * (end - begin)
+            for segment in own:
+                row = int(np.searchsorted(segment.times, limit))
+                first += [segment.part(slice(0, row))] if row >= FEWEST else []
+                last += [segment.part(slice(row, None))] if len(segment.times) - row >= FEWEST else []
+        return Measurements(self.signals, first), Measurements(self.signals, last)
+
+
+def read_measurements(
+    paths: Sequence[str], model: mujoco.MjModel, texts: Sequence[str], constant: np.ndarray
+) -> Measurements:
+    """What the tables at `paths` say of `model`.
+
+    Columns count by their names, those of a trace of the model: `time`, `qpos/knee`, `sensor/gyro/x`, and `ctrl/motor`
+    for what was commanded. A map, `COLUMN=EXPRESSION`, gives others.
+
+    Args:
+      constant: `(nu,)`, the controls of actuators that no table commands.
+
+    Raises:
+      UsageError: no columns in common, times that do not grow, numbers that are none; a map that cannot be meant.
+      FileError: a table cannot be read.
+    """
+    tables = [_Table(path, model, texts) for path in paths]
+    signals = list(dict.fromkeys(name for table in tables for name in table.signals))
+    segments: list[Segment] = []
+    remarks: list[str] = []
+    for table in tables:
+        segments += table.segments(signals, constant, remarks)
+    measured = [name for i, name in enumerate(signals) if _varies([segment.values[:, i] for segment in segments])]
+    if not measured:
+        raise UsageError(f"nothing varies in the measurements: {listing(signals)}")
+    if still := [name for name in signals if name not in measured]:
+        remarks.append(f"constant, so left out: {listing(still)}")
+    kept = [signals.index(name) for name in measured]
+    parts = [Segment(each.source, each.times, each.values[:, kept], each.controls) for each in segments]
+    return Measurements(measured, parts, remarks)
+
+
+def _varies(parts: Sequence[np.ndarray]) -> bool:
+    values = np.concatenate(parts)
+    values = values[np.isfinite(values)]
+    return bool(len(values)) and float(np.ptp(values)) > 0
+
+
+class _Table:
+    """One log, and what its columns mean."""
+
+    def __init__(self, path: str, model: mujoco.MjModel, texts: Sequence[str]) -> None:
+        self._path, self._model = path, model
+        self._controls = control_names(model)
+        with open_table(path, _note(names := list[str]())):
+            pass
+        self._expressions = self._by_name(names) | self._by_map(texts, names)
+        if TIME not in self._expressions:
+            likely = next((name for name in names if name.casefold() in ("t", "timestamp", "sec", "seconds")), "COLUMN")
+            raise UsageError(
+                f"{clean(path)} has no column 'time'\n{option('map')} says which column it is, as in time={likely}"
+            )
+        self.signals = [name for name in self._expressions if name != TIME and not name.startswith(CONTROLS)]
+        if not self.signals:
+            valid = ", ".join(f"qpos/{name}" for name in ("…",))
+            raise UsageError(
+                f"{clean(path)} measures nothing of this model\nit has {listing(names)}\n"
+                f"the model has columns such as {valid}; {option('map')} says what is what: qpos/knee=knee_deg*pi/180"
+            )
+        for probe in select(model, self.signals):
+            if not isinstance(probe, FieldProbe):
+                raise UsageError(f"{listing([c.name for c in probe.columns])} cannot be fitted: no engine records it")
+
+    def segments(self, signals: Sequence[str], constant: np.ndarray, remarks: list[str]) -> list[Segment]:
+        """Its stretches without gaps, with a column for each of `signals`."""
+        columns = self._columns()
+        times = columns[TIME]
+        require_times(times, self._path)
+        missing = np.full(len(times), np.nan)
+        values = np.column_stack([columns.get(name, missing) for name in signals])
+        if np.isinf(values).any():
+            row, column = np.argwhere(np.isinf(values))[0]
+            raise UsageError(f"{clean(self._path)}, row {row}: {clean(signals[column])} is infinite")
+        if holes := int(np.isnan(values[:, [i for i, name in enumerate(signals) if name in columns]]).sum()):
+            remarks.append(f"{clean(self._path)}: {holes} samples are missing, and passed over")
+        _make_continuous(values, signals)
+        controls = self._commands(columns, constant, len(times))
+
+        usual = float(np.median(np.diff(times))) if len(times) > 1 else 0.0
+        starts = [0, *(np.flatnonzero(np.diff(times) > GAP * usual) + 1).tolist(), len(times)]
+        parts = [slice(a, b) for a, b in zip(starts, starts[1:], strict=False)]
+        long = [part for part in parts if part.stop - part.start >= FEWEST]
+        if not long:
+            raise FileError(self._path, f"has no stretch of {FEWEST} rows without a gap")
+        if len(parts) > 1:
+            short = len(parts) - len(long)
+            left_out = f"; {short} of fewer than {FEWEST} rows are left out" if short else ""
+            remarks.append(f"{clean(self._path)}: gaps in time split it into {len(parts)} segments{left_out}")
+        return [Segment(self._path, times[part], values[part], controls[part]) for part in long]
+
+    def _columns(self) -> dict[str, np.ndarray]:
+        wanted = dict.fromkeys(name for expression in self._expressions.values() for name in expression.columns)
+        table = read_table(self._path, list(wanted), missing="nan").columns
+        return {name: expression.values(table) for name, expression in self._expressions.items()}
+
+    def _commands(self, columns: Mapping[str, np.ndarray], constant: np.ndarray, count: int) -> np.ndarray:
+        controls = np.tile(constant, (count, 1))
+        for index, actuator in enumerate(self._controls):
+            if (commanded := columns.get(f"{CONTROLS}{actuator}")) is not None:
+                bad = np.flatnonzero(~np.isfinite(commanded))
+                if len(bad):
+                    place = f"{clean(self._path)}, row {bad[0]}"
+                    raise UsageError(f"{place}: {CONTROLS}{clean(actuator)} is {commanded[bad[0]]}, not a command")
+                controls[:, index] = commanded
+        return controls
+
+    def _by_name(self, names: Sequence[str]) -> dict[str, RowExpression]:
+        available = AvailableProbes(self._model)
+        controls = {f"{CONTROLS}{name}" for name in self._controls}
+        known = [n for n in names if n == TIME or n in controls or _is_measured(n, available)]
+        return {name: parse_row_expression(spelled(name), names, option("map")) for name in known}
+
+    def _by_map(self, texts: Sequence[str], names: Sequence[str]) -> dict[str, RowExpression]:
+        available = AvailableProbes(self._model)
+        valid = [TIME, *(f"{CONTROLS}{name}" for name in self._controls), *available.names]
+        expressions: dict[str, RowExpression] = {}
+        for text in texts:
+            for left, right in map_entries(text):
+                if left not in valid:
+                    raise UnknownNameError("column", left, valid, where=f"{option('map')} of this model")
+                expressions[left] = parse_row_expression(right, names, f"{option('map')} {clean(left)}")
+        return expressions
+
+
+def _note(names: list[str]):
+    """A filter of columns that takes none, and notes all."""
+
+    def note(name: str) -> bool:
+        names.append(name)
+        return False
+
+    return note
+
+
+def _is_measured(name: str, available: AvailableProbes) -> bool:
+    return not name.startswith(CONTROLS) and available.column(name) == name and name != TIME
+
+
+def _make_continuous(values: np.ndarray, signals: Sequence[str]) -> None:
+    """Turns quaternions that jump to their other sign, which is the same rotation."""
+    for first, name in enumerate(signals):
+        whole = [f"{name.removesuffix('/qw')}/{part}" for part in ("qw", "qx", "qy", "qz")]
+        if not name.endswith("/qw") or list(signals[first : first + 4]) != whole:
+            continue
+        quaternions = values[:, first : first + 4]
+        dots = np.nansum(quaternions[1:] * quaternions[:-1], axis=1)
+        quaternions[1:] *= np.cumprod(np.where(dots < 0, -1.0, 1.0))[:, None]
+
+
+def commands(
+    segment: Segment, first: int, count: int, timestep: float, linear: bool, delays: Mapping[int, float]
+) -> np.ndarray:
+    """The controls `(count, nu)` of the steps from `first` on, counted from the beginning of `segment`.
+
+    A command holds until the next one, or goes there in a straight line; before the first one it is the first.
+
+    Args:
+      delays: by actuator, how much later than commanded it acts [s]. What acts during a step is then the mean over it,
+        which changes smoothly with the delay.
+    """
+    times = (segment.times - segment.times[0]) / timestep
+    steps = np.arange(first, first + count)
+    if linear:
+        controls = np.column_stack([np.interp(steps, times, column) for column in segment.controls.T])
+    else:
+        rows = np.searchsorted(times, steps + SLACK, side="right") - 1
+        controls = segment.controls[np.maximum(rows, 0)]
+    controls = np.array(controls.reshape(count, -1))
+    for actuator, delay in delays.items():
+        edges = np.arange(first, first + count + 1) - delay / timestep
+        controls[:, actuator] = np.diff(_integral(times, segment.controls[:, actuator], edges, linear))
+    return controls
+
+
+def _integral(times: np.ndarray, values: np.ndarray, at: np.ndarray, linear: bool) -> np.ndarray:
+    """The integral of a signal from its first time to each of `at`."""
+    if linear:
+        fine = np.union1d(times, at)
+        inner = np.interp(fine, times, values)
+        sums = np.concatenate([[0.0], np.cumsum(np.diff(fine) * (inner[1:] + inner[:-1]) / 2)])
+        return np.interp(at, fine, sums)
+    knots = np.concatenate([[min(at[0], times[0])], times[1:], [max(at[-1], times[-1]) + 1]])
+    sums = np.concatenate([[0.0], np.cumsum(np.diff(knots) * values)])
+    return np.interp(at, knots, sums)

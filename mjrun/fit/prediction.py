@@ -1,0 +1,185 @@
+"""What a model would have measured: rollouts of stretches of a log, from any state, with any parameters."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import mujoco
+import numpy as np
+
+from mjrun.fit.free_parameter import DELAY, FreeParameter
+from mjrun.fit.measurements import CONTROLS, Segment, commands
+from mjrun.job.simulation import Simulation
+from mjrun.model import state
+from mjrun.model.names import control_names
+from mjrun.model.variants import ModelVariants
+from mjrun.probe.fields import FieldProbe
+from mjrun.probe.select import select
+from mjrun.sim.c_engine import AUTORESET, CEngine
+
+
+@dataclass(frozen=True, eq=False)
+class Chunk:
+    """A stretch of a segment that is simulated from a state of its own.
+
+    Attributes:
+      segment: of which it is a part.
+      rows: which rows of it.
+      first_step: where it begins, in timesteps after the first row of the segment.
+      positions: of its rows, in timesteps after that, `(n,)`.
+    """
+
+    segment: Segment
+    rows: slice
+    first_step: int
+    positions: np.ndarray
+
+    @property
+    def values(self) -> np.ndarray:
+        """What was measured, `(n, signals)`."""
+        return self.segment.values[self.rows]
+
+    @property
+    def steps(self) -> int:
+        """How many timesteps it takes to reach the last row."""
+        return max(math.ceil(self.positions[-1]), 1)
+
+
+def chunks(segments: Sequence[Segment], rows: int, timestep: float, lead: int = 0) -> list[Chunk]:
+    """Segments cut into chunks of about `rows` rows; the last row of one is the first of the next.
+
+    Args:
+      lead: steps that a chunk begins before its first row, where the segment has them.
+    """
+    parts: list[Chunk] = []
+    for segment in segments:
+        steps = segment.steps(timestep)
+        count = max(1, round((len(steps) - 1) / rows))
+        edges = np.round(np.linspace(0, len(steps) - 1, count + 1)).astype(int)
+        for begin, end in zip(edges[:-1].tolist(), edges[1:].tolist(), strict=True):
+            first = max(0, math.floor(steps[begin] + 1e-9) - lead)
+            parts.append(Chunk(segment, slice(begin, end + 1), first, steps[begin : end + 1] - first))
+    return parts
+
+
+@dataclass(frozen=True, eq=False)
+class Rollout:
+    """A chunk, from a start, with parameters.
+
+    Attributes:
+      values: of the parameters, in order.
+      start: integration state at the first step of the chunk, `(nstate,)`.
+    """
+
+    chunk: Chunk
+    values: tuple[float, ...]
+    start: np.ndarray
+
+
+class Predictor:
+    """Predicts the signals of chunks.
+
+    Args:
+      simulation: the model, and what holds it where no log says anything.
+      signals: names of its columns.
+      parameters: what is free.
+
+    Attributes:
+      model: as the source has it.
+      columns: of the signals.
+      lead: the longest delay, in timesteps.
+    """
+
+    def __init__(self, simulation: Simulation, signals: Sequence[str], parameters: Sequence[FreeParameter]) -> None:
+        self._source, self._parameters = simulation.source, parameters
+        self._linear = simulation.ctrl_interpolation == "linear"
+        self._variants = ModelVariants(_without_resets)
+        self._engine = CEngine()
+        self.model = self._variants.load(self._source)
+        self.timestep = float(self.model.opt.timestep)
+        probes = select(self.model, signals)
+        self._probes = [probe for probe in probes if isinstance(probe, FieldProbe)]
+        columns = [column for probe in self._probes for column in probe.columns]
+        self._order = [[column.name for column in columns].index(name) for name in signals]
+        self.columns = [columns[i] for i in self._order]
+        self._fields = sorted({name for probe in self._probes for name in probe.fields})
+        self._signals = list(signals)
+        controls = control_names(self.model)
+        delays = [(i, each.path.removeprefix(DELAY)) for i, each in enumerate(parameters) if each.is_delay]
+        self._late_controls = {
+            controls.index(name.removeprefix(CONTROLS)): i for i, name in delays if name.startswith(CONTROLS)
+        }
+        self._late_signals = {self._signals.index(name): i for i, name in delays if not name.startswith(CONTROLS)}
+        longest = max([parameters[i].high for i in self._late_signals.values()], default=0.0)
+        self.lead = math.ceil(longest / self.timestep)
+
+    def model_with(self, values: Sequence[float]) -> mujoco.MjModel:
+        """The model with these values of the parameters; not to be changed."""
+        pairs = zip(self._parameters, values, strict=True)
+        overrides = [override for each, value in pairs for override in each.overrides(value)]
+        source = replace(self._source, overrides=(*self._source.overrides, *overrides))
+        return self._variants.load(source)
+
+    def predict(self, rollouts: Sequence[Rollout]) -> list[np.ndarray]:
+        """What each would measure, `(n, signals)` of its chunk; NaN where the simulation fails."""
+        if not rollouts:
+            return []
+        steps = max(each.chunk.steps for each in rollouts)
+        models = [self.model_with(each.values) for each in rollouts]
+        controls = np.stack([self._controls(each, steps) for each in rollouts])
+        starts = np.stack([each.start for each in rollouts])
+        recorded = np.full((len(rollouts), steps + 1, len(self._signals)), np.nan)
+        row = 0
+        for block in self._engine.rollout(models, starts, controls, steps, self._fields):
+            parts = [probe.compute(block.fields, block.initial) for probe in self._probes]
+            columns = np.concatenate(parts, axis=-1)[..., self._order]
+            for index, count in enumerate(block.counts.tolist()):
+                recorded[index, row : row + count] = columns[index, :count]
+            row += len(block.steps)
+        return [self._sampled(each, rows) for each, rows in zip(rollouts, recorded, strict=True)]
+
+    def _controls(self, rollout: Rollout, steps: int) -> np.ndarray:
+        delays = {actuator: rollout.values[i] for actuator, i in self._late_controls.items()}
+        chunk = rollout.chunk
+        return commands(chunk.segment, chunk.first_step, steps, self.timestep, self._linear, delays)
+
+    def _sampled(self, rollout: Rollout, rows: np.ndarray) -> np.ndarray:
+        """`rows` of all steps, interpolated at the positions of the chunk's rows, as late as they are measured."""
+        positions = rollout.chunk.positions
+        values = _interpolated(rows, positions, slice(None))
+        for signal, i in self._late_signals.items():
+            late = positions - rollout.values[i] / self.timestep
+            values[:, signal] = _interpolated(rows, late, signal)
+        return values
+
+
+def _interpolated(rows: np.ndarray, positions: np.ndarray, columns: slice | int) -> np.ndarray:
+    """Values between rows in a straight line, which goes on before the first one."""
+    low = np.clip(np.floor(positions).astype(int), 0, len(rows) - 2)
+    share = positions - low
+    share = share if isinstance(columns, int) else share[:, None]
+    return rows[low, columns] * (1 - share) + rows[low + 1, columns] * share
+
+
+def _without_resets(model: mujoco.MjModel) -> None:
+    model.opt.disableflags |= AUTORESET
+
+
+class States:
+    """The states that chunks begin in, as small deviations from a guess.
+
+    A deviation is of positions in the tangent space, `nv` numbers, of velocities, `nv`, and of activations, `na`.
+    """
+
+    def __init__(self, model: mujoco.MjModel) -> None:
+        self._model, self._data = model, mujoco.MjData(model)
+        self.size = 2 * model.nv + model.na
+
+    def moved(self, guess: np.ndarray, deviation: np.ndarray) -> np.ndarray:
+        """The integration state `(nstate,)` that deviates from `guess` by `deviation` `(size,)`."""
+        model, data, nv = self._model, self._data, self._model.nv
+        state.restore(model, data, guess)
+        mujoco.mj_integratePos(model, data.qpos, deviation[:nv], 1.0)
+        data.qvel += deviation[nv : 2 * nv]
+        data.act += deviation[2 * nv :]
+        return state.save(model, data)

@@ -1,0 +1,55 @@
+"""What measurements say of the parameters once the unknown states of the chunks have taken their share."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mjrun.fit.shooting import STATE_SCALE, Solution
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class ProjectedRows:
+    """Rows of a linear least-squares problem in the coordinates of the parameters alone.
+
+    Attributes:
+      slopes: `(n, p)`, orthogonal to what the states can explain.
+      residuals: `(n,)`.
+      times: of each row, the place of its sample in its chunk from 0 to 1, `(n,)`.
+    """
+
+    slopes: Floats
+    residuals: Floats
+    times: Floats
+
+
+def projected(solution: Solution) -> list[ProjectedRows]:
+    """The rows of each chunk of a solution.
+
+    Eliminating the states of a chunk is projecting on the complement of their slopes B: with a QR factorization of B,
+    A − Q Qᵀ A (G. H. Golub, V. Pereyra, "The differentiation of pseudo-inverses and nonlinear least squares problems
+    whose variables separate", 1973).
+    """
+    return [
+        _projected(residuals, *slopes)
+        for residuals, slopes in zip(solution.residuals, solution.sensitivities, strict=True)
+    ]
+
+
+def _projected(residuals: Floats, of_coordinates: Floats, of_states: Floats) -> ProjectedRows:
+    known = np.isfinite(residuals)
+    rows = np.broadcast_to(np.linspace(0, 1, len(residuals))[:, None], residuals.shape)[known]
+    a, b, r = of_coordinates[known], of_states[known], residuals[known]
+    size, count = b.shape[1], len(r)
+    q, _ = np.linalg.qr(np.concatenate([b, np.eye(size) / STATE_SCALE]))
+    a = np.concatenate([a, np.zeros((size, a.shape[1]))])
+    r = np.concatenate([r, np.zeros(size)])
+    return ProjectedRows((a - q @ (q.T @ a))[:count], (r - q @ (q.T @ r))[:count], rows)
+
+
+def information(parts: Sequence[ProjectedRows]) -> Floats:
+    """The information matrix of the coordinates, `(p, p)`."""
+    return np.sum([part.slopes.T @ part.slopes for part in parts], axis=0)

@@ -1,0 +1,46 @@
+"""What a fit knows of parameters as distributions that a study varies."""
+
+import json
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from mjrun.errors import UsageError, clean, option
+from mjrun.fit.free_parameter import FreeParameter
+from mjrun.formats.atomic_output import OutputWriter, StagedFile
+
+if TYPE_CHECKING:
+    from mjrun.fit.fit import FittedParameter
+
+SUFFIXES = (".yaml", ".yml")
+
+
+def write_ranges(
+    path: str, free: Sequence[FreeParameter], fitted: "Sequence[FittedParameter]", confidence: float
+) -> list[str]:
+    """Writes the section `vary` of a study document, and returns its file.
+
+    Each parameter has the normal distribution whose interval is that of the fit, within the bounds of the fit.
+
+    Raises:
+      UsageError: the file does not end in .yaml.
+      FileError: it cannot be written.
+    """
+    from scipy import stats
+
+    if Path(path).suffix not in SUFFIXES:
+        raise UsageError(f"{option('ranges')} {clean(path)}: ranges are written as .yaml")
+    width = 2 * float(stats.norm.ppf((1 + confidence) / 2))
+    lines = ["vary:"]
+    for parameter, result in zip(free, fitted, strict=True):
+        spread = max((result.high - result.low) / width, 1e-12 * abs(result.value), 1e-300)
+        numbers = ", ".join(repr(float(n)) for n in (result.value, spread, parameter.low, parameter.high))
+        lines += (
+            [f"  {json.dumps(path_of)}: {{truncnormal: [{numbers}]}}" for path_of in [parameter.path]]
+            if not parameter.is_delay
+            else []
+        )
+    with OutputWriter(StagedFile(Path(path))) as output:
+        output.write_file(("\n".join(lines) + "\n").encode())
+        output.publish()
+    return [path]

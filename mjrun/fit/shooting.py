@@ -1,0 +1,308 @@
+"""Multiple shooting: parameters and the states in which chunks begin, found together by least squares.
+
+Chunks are short at first, where every rollout is almost linear in what is looked for, and grow to whole segments,
+which tell most of slow effects. H. G. Bock, "Recent advances in parameter identification techniques for O.D.E."
+(1983), is the source of shooting from several states.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mjrun.fit.free_parameter import FreeParameter
+from mjrun.fit.measurements import Segment
+from mjrun.fit.prediction import Chunk, Predictor, Rollout, States, chunks
+from mjrun.fit.starting_states import StartingStates
+
+NUDGE = 1e-5  # of a coordinate from 0 to 1, for finite differences
+STATE_NUDGE = 1e-6  # of positions, velocities and activations
+STATE_SCALE = 10.0  # standard deviation that keeps in place what no signal tells of a state
+PENALTY = 1e3  # residual, in standard deviations of the noise, where a simulation fails
+EVALUATIONS = 40  # of one stage, at most
+FEW_EVALUATIONS = 12  # of each of several starts
+SHORTEST = 24  # rows of the first chunks
+GROWTH = 2
+DENSE = 40  # unknowns up to which a Jacobian is factored as a whole
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Solution:
+    """What least squares has found.
+
+    Attributes:
+      chunks: the stretches that were simulated.
+      coordinates: of the parameters, `(p,)`.
+      states: integration states at the beginning of each chunk, `(chunks, nstate)`.
+      residuals: of the rows of each chunk, in standard deviations of the noise, `(n, signals)`; NaN where nothing was
+        measured.
+      sensitivities: of these to the coordinates, `(n, signals, p)`, and to the states, `(n, signals, size)`.
+      noise: standard deviation of each signal that was assumed, `(signals,)`.
+      rollouts: how many were simulated.
+    """
+
+    chunks: Sequence[Chunk]
+    coordinates: Floats
+    states: Floats
+    residuals: Sequence[Floats]
+    sensitivities: Sequence[tuple[Floats, Floats]]
+    noise: Floats
+    rollouts: int
+
+    @property
+    def cost(self) -> float:
+        """Root mean square of the residuals; 1 where the model explains all but the noise."""
+        squares = np.concatenate([each[np.isfinite(each)] for each in self.residuals]) ** 2
+        return float(np.sqrt(squares.mean()))
+
+    @property
+    def observed_noise(self) -> Floats:
+        """Root mean square of what is left of each signal, `(signals,)`."""
+        squares = np.concatenate(list(self.residuals)) ** 2
+        return np.sqrt(np.nanmean(squares, axis=0)) * self.noise
+
+
+class Shooting:
+    """Fits parameters to segments.
+
+    Args:
+      loss: of scipy's `least_squares`: `linear`, or one that outliers weigh less in.
+    """
+
+    def __init__(
+        self, predictor: Predictor, parameters: Sequence[FreeParameter], starting: StartingStates, loss: str = "linear"
+    ) -> None:
+        self._predictor, self._parameters, self._starting, self._loss = predictor, parameters, starting, loss
+        self._states = States(predictor.model)
+
+    def cut(self, segments: Sequence[Segment], rows: int) -> list[Chunk]:
+        """The chunks of about `rows` rows."""
+        return chunks(segments, rows, self._predictor.timestep, self._predictor.lead)
+
+    def guessed(self, parts: Sequence[Chunk]) -> Floats:
+        """States to begin with, from what was measured."""
+        return np.stack([self._starting.guess(part, self._predictor.timestep) for part in parts])
+
+    def solve(
+        self,
+        parts: Sequence[Chunk],
+        coordinates: Floats,
+        states: Floats,
+        noise: Floats,
+        *,
+        fixed: bool = False,
+        evaluations: int = EVALUATIONS,
+    ) -> Solution:
+        """Minimizes the residuals of `parts`.
+
+        Args:
+          coordinates, states: where to begin.
+          noise: standard deviation of each signal.
+          fixed: whether the parameters stay, and the states alone are looked for.
+          evaluations: of the residuals, at most.
+        """
+        from scipy.optimize import least_squares
+
+        problem = _Problem(self._predictor, self._parameters, self._states, parts, coordinates, states, noise, fixed)
+        low, high = problem.bounds
+        dense = len(low) <= DENSE
+        found = least_squares(
+            problem.residuals,
+            problem.start,
+            lambda x: problem.jacobian(x).toarray() if dense else problem.jacobian(x),
+            bounds=(low, high),
+            method="trf",
+            x_scale="jac",
+            loss=self._loss,
+            tr_solver="exact" if dense else "lsmr",
+            max_nfev=evaluations,
+            xtol=1e-7,
+            ftol=1e-8,
+        )
+        return problem.solution(np.asarray(found.x, float))
+
+    def look(self, parts: Sequence[Chunk], coordinates: Floats, states: Floats, noise: Floats) -> Solution:
+        """Residuals and sensitivities at a start, where nothing is minimized."""
+        problem = _Problem(self._predictor, self._parameters, self._states, parts, coordinates, states, noise, False)
+        return problem.solution(problem.start)
+
+    def best_start(self, segments: Sequence[Segment], starts: Sequence[Floats], noise: Floats) -> Floats:
+        """Where the shortest chunks lead from several starts: the coordinates with the least residuals."""
+        parts = self.cut(segments, SHORTEST)
+        states = self.guessed(parts)
+        found = [self.solve(parts, start, states, noise, evaluations=FEW_EVALUATIONS) for start in starts]
+        return min(found, key=lambda solution: solution.cost).coordinates
+
+    def grown(self, segments: Sequence[Segment], start: Floats, noise: Floats) -> list[Solution]:
+        """Solutions with longer and longer chunks, to whole segments; each stage begins at the one before."""
+        solutions: list[Solution] = []
+        rows, coordinates = SHORTEST, start
+        while True:
+            parts = self.cut(segments, rows)
+            states = self._taken_over(parts, solutions[-1]) if solutions else self.guessed(parts)
+            solution = self.solve(parts, coordinates, states, noise)
+            noise = self._noise(solution)
+            solutions.append(solution)
+            coordinates = solution.coordinates
+            if len(parts) == len(segments):
+                return solutions
+            rows *= GROWTH
+
+    def _noise(self, solution: Solution) -> Floats:
+        """The noise that the residuals show, at least what numbers of this size can have."""
+        values = np.concatenate([part.values for part in solution.chunks])
+        least = 1e-9 * np.nanmax(np.abs(values), axis=0)
+        return np.maximum(solution.observed_noise, np.maximum(least, 1e-12))
+
+    def _taken_over(self, parts: Sequence[Chunk], before: Solution) -> Floats:
+        """States for `parts` from chunks that began at the same step; guesses elsewhere."""
+        known = {(id(c.segment), c.first_step): s for c, s in zip(before.chunks, before.states, strict=True)}
+        guess = self._starting.guess
+        states = [known.get((id(part.segment), part.first_step)) for part in parts]
+        return np.stack(
+            [guess(p, self._predictor.timestep) if s is None else s for p, s in zip(parts, states, strict=True)]
+        )
+
+
+def first_noise(segments: Sequence[Segment]) -> Floats:
+    """The noise of each signal from third differences, in which smooth motion hardly shows: `(signals,)`.
+
+    White noise of standard deviation s has third differences of √20·s.
+    """
+    differences = np.concatenate([np.diff(segment.values, 3, axis=0) for segment in segments])
+    spread = np.nanmedian(np.abs(differences), axis=0) * 1.4826 / np.sqrt(20)
+    values = np.concatenate([segment.values for segment in segments])
+    return np.maximum(spread, 1e-6 * np.nanstd(values, axis=0) + 1e-12)
+
+
+class _Problem:
+    """Least squares of one stage: unknowns are the coordinates, unless fixed, then the deviations of each chunk."""
+
+    def __init__(
+        self,
+        predictor: Predictor,
+        parameters: Sequence[FreeParameter],
+        states: States,
+        parts: Sequence[Chunk],
+        coordinates: Floats,
+        guesses: Floats,
+        noise: Floats,
+        fixed: bool,
+    ) -> None:
+        self._predictor, self._parameters, self._states, self._parts = predictor, parameters, states, parts
+        self._coordinates, self._guesses, self._noise, self._fixed = coordinates, guesses, noise, fixed
+        self._free = 0 if fixed else len(parameters)
+        self._known = [np.isfinite(part.values) for part in parts]
+        self._rollouts = 0
+        self.size = sum(int(known.sum()) for known in self._known)
+
+    @property
+    def start(self) -> Floats:
+        first = self._coordinates[: self._free]
+        return np.concatenate([first, np.zeros(len(self._parts) * self._states.size)])
+
+    @property
+    def bounds(self) -> tuple[Floats, Floats]:
+        free = np.full(len(self._parts) * self._states.size, np.inf)
+        return np.concatenate([np.zeros(self._free), -free]), np.concatenate([np.ones(self._free), free])
+
+    def residuals(self, x: Floats) -> Floats:
+        """In standard deviations of the noise, then of what is known of the states and parameters beforehand."""
+        coordinates, deviations = self._split(x)
+        left = self._left(coordinates, deviations)
+        parts = [each[known] for each, known in zip(left, self._known, strict=True)]
+        return np.concatenate([*parts, deviations.ravel() / STATE_SCALE, self._priors(coordinates)])
+
+    def jacobian(self, x: Floats):
+        """A sparse matrix: chunks know of the parameters and of their own state."""
+        from scipy import sparse
+
+        coordinates, deviations = self._split(x)
+        of_coordinates, of_states = self._differences(coordinates, deviations)
+        size, count = self._states.size, len(self._parts)
+        top = sparse.block_diag([d[known] for d, known in zip(of_states, self._known, strict=True)])
+        middle = sparse.identity(count * size) / STATE_SCALE
+        right = sparse.vstack([top, middle])
+        if not self._free:
+            return right.tocsr()
+        left = np.concatenate([d[known] for d, known in zip(of_coordinates, self._known, strict=True)])
+        left = np.concatenate([left, np.zeros((count * size, self._free))])
+        priors = self._prior_slopes(coordinates)
+        below = sparse.csr_matrix((len(priors), count * size))
+        return sparse.hstack([sparse.csr_matrix(np.concatenate([left, priors])), sparse.vstack([right, below])]).tocsr()
+
+    def solution(self, x: Floats) -> Solution:
+        coordinates, deviations = self._split(x)
+        left = self._left(coordinates, deviations)
+        shown = [np.where(known, each, np.nan) for each, known in zip(left, self._known, strict=True)]
+        slopes = list(zip(*self._differences(coordinates, deviations), strict=True))
+        states = np.stack([self._states.moved(g, d) for g, d in zip(self._guesses, deviations, strict=True)])
+        return Solution(self._parts, coordinates, states, shown, slopes, self._noise, self._rollouts)
+
+    def _split(self, x: Floats) -> tuple[Floats, Floats]:
+        coordinates = self._coordinates if self._fixed else x[: self._free]
+        return coordinates, x[self._free :].reshape(len(self._parts), self._states.size)
+
+    def _left(self, coordinates: Floats, deviations: Floats) -> list[Floats]:
+        rollouts = [self._rollout(i, coordinates, deviations[i]) for i in range(len(self._parts))]
+        return self._residuals_of(rollouts)
+
+    def _residuals_of(self, rollouts: Sequence[Rollout]) -> list[Floats]:
+        self._rollouts += len(rollouts)
+        predicted = self._predictor.predict(rollouts)
+        left = [(p - each.chunk.values) / self._noise for each, p in zip(rollouts, predicted, strict=True)]
+        return [np.where(np.isfinite(p), each, PENALTY) for each, p in zip(left, predicted, strict=True)]
+
+    def _rollout(self, index: int, coordinates: Floats, deviation: Floats) -> Rollout:
+        values = tuple(each.value(c) for each, c in zip(self._parameters, coordinates, strict=True))
+        return Rollout(self._parts[index], values, self._states.moved(self._guesses[index], deviation))
+
+    def _differences(self, coordinates: Floats, deviations: Floats) -> tuple[list[Floats], list[Floats]]:
+        """Slopes of the residuals of each chunk, by finite differences: `(n, signals, p)` and `(n, signals, size)`."""
+        count, size, free = len(self._parts), self._states.size, len(self._parameters)
+        rollouts = [self._rollout(i, coordinates, deviations[i]) for i in range(count)]
+        nudges = [NUDGE if c < 0.5 else -NUDGE for c in coordinates]  # away from the nearer bound
+        for j, nudge in enumerate(nudges):
+            moved = coordinates.copy()
+            moved[j] += nudge
+            rollouts += [self._rollout(i, moved, deviations[i]) for i in range(count)]
+        for j in range(size):
+            for i in range(count):
+                moved = deviations[i].copy()
+                moved[j] += STATE_NUDGE
+                rollouts.append(self._rollout(i, coordinates, moved))
+        left = self._residuals_of(rollouts)
+        steps = [*nudges, *[STATE_NUDGE] * size]
+        of_coordinates: list[Floats] = []
+        of_states: list[Floats] = []
+        for i in range(count):
+            base = left[i]
+            slopes = np.stack([(left[(k + 1) * count + i] - base) / s for k, s in enumerate(steps)], axis=-1)
+            of_coordinates.append(slopes[..., :free])
+            of_states.append(slopes[..., free:])
+        return of_coordinates, of_states
+
+    def _priors(self, coordinates: Floats) -> Floats:
+        pairs = zip(self._parameters, coordinates, strict=True)
+        return np.array([(p.value(c) - p.prior[0]) / p.prior[1] for p, c in pairs if p.prior and not self._fixed])
+
+    def _prior_slopes(self, coordinates: Floats) -> Floats:
+        rows: list[Floats] = []
+        for j, each in enumerate(self._parameters):
+            if each.prior:
+                row = np.zeros(len(self._parameters))
+                c = coordinates[j]
+                row[j] = (each.value(c + NUDGE) - each.value(c - NUDGE)) / (2 * NUDGE * each.prior[1])
+                rows.append(row)
+        return np.array(rows).reshape(len(rows), len(self._parameters))
+
+
+def with_noise(solution: Solution, noise: Floats) -> Solution:
+    """The same, with residuals in other standard deviations."""
+    factor = solution.noise / noise
+    residuals = [each * factor for each in solution.residuals]
+    slopes = [(a * factor[:, None], b * factor[:, None]) for a, b in solution.sensitivities]
+    return replace(solution, residuals=residuals, sensitivities=slopes, noise=noise)

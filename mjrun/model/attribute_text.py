@@ -1,0 +1,226 @@
+"""Numbers in the text of an MJCF file: attributes with other values; every other byte stays as it was.
+
+An override that names an element changes the attribute that holds the value: that of the element, or that of the class
+default that it comes from, if everything that takes it from there is to have the same value; else the element gets an
+attribute of its own.
+"""
+
+import re
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import mujoco
+import numpy as np
+
+from mjrun.errors import UsageError, clean
+from mjrun.model.override import ELEMENTS, ROOTS, Override, apply, indices_at
+from mjrun.model.xml_source import Element, XmlSource, read_xml
+
+# Attributes whose name is not that of the field of MjSpec, by kind of element or for all.
+NAMES = {"solref_limit": "solreflimit", "solimp_limit": "solimplimit"}
+NAMES |= {"solref_friction": "solreffriction", "solimp_friction": "solimpfriction"}
+INERTIAL = {"mass": "mass", "ipos": "pos", "inertia": "diaginertia"}  # of a body, in the element below it
+SECTIONS = {"opt": "option", "stat": "statistic", "compiler": "compiler"}
+# Of actuators that MJCF has shortcuts for, what the first numbers of gain and bias are called.
+SHORTCUTS = {
+    ("position", "gainprm", 0): "kp",
+    ("position", "biasprm", 1): "kp",
+    ("position", "biasprm", 2): "kv",
+    ("velocity", "gainprm", 0): "kv",
+    ("velocity", "biasprm", 2): "kv",
+    ("damper", "gainprm", 2): "kv",
+    ("adhesion", "gainprm", 0): "gain",
+}
+_TAG = re.compile(rb"<(?:[^\"'>]|\"[^\"]*\"|'[^']*')*>")
+
+
+@dataclass(frozen=True)
+class Change:
+    """An attribute with a new value.
+
+    Attributes:
+      element: whose it is.
+      attribute: its name.
+      value: what is to be written.
+      is_default: whether the element is a class default.
+    """
+
+    element: Element
+    attribute: str
+    value: str
+    is_default: bool = False
+
+    @property
+    def sentence(self) -> str:
+        """Where it is, and what is written."""
+        where = " of a class default" if self.is_default else ""
+        place = f"{self.element.file.name}:{self.element.line}"
+        return f"{clean(place)}: {self.attribute}{where} = {self.value}"
+
+
+def changes(path: Path, overrides: Sequence[Override]) -> list[Change]:
+    """What in the file at `path`, and those that it includes, `overrides` of numbers change.
+
+    Raises:
+      UsageError: an override changes what is no attribute of the text, such as the gain of a muscle.
+    """
+    text, changed = read_xml(path), mujoco.MjSpec.from_file(str(path))
+    for override in overrides:
+        apply(changed, override)
+    found: dict[tuple[int, str], Change] = {}
+    for override in overrides:
+        for each in _of_override(text, changed, override):
+            found[id(each.element), each.attribute] = each
+    return list(found.values())
+
+
+def with_changes(xml: bytes, made: Sequence[Change]) -> bytes:
+    """The text of one file with its attributes changed."""
+    for each in sorted(made, key=lambda change: -change.element.offset):
+        tag = _TAG.match(xml, each.element.offset)
+        assert tag, "an element begins where its parser said"
+        xml = xml[: tag.start()] + _with_attribute(tag[0], each.attribute, each.value) + xml[tag.end() :]
+    return xml
+
+
+def _with_attribute(tag: bytes, name: str, value: str) -> bytes:
+    found = re.search(rb"(\s" + re.escape(name.encode()) + rb"\s*=\s*)(\"[^\"]*\"|'[^']*')", tag)
+    if found:
+        quote = found[2][:1]
+        return tag[: found.start(2)] + quote + value.encode() + quote + tag[found.end(2) :]
+    end = re.search(rb"\s*/?>\Z", tag)
+    assert end
+    return tag[: end.start()] + f' {name}="{value}"'.encode() + tag[end.start() :]
+
+
+def _of_override(text: XmlSource, changed: mujoco.MjSpec, override: Override) -> Iterator[Change]:
+    kind, slash, _ = override.target.partition("/")
+    if not (slash and kind in ELEMENTS):
+        yield _of_section(text, changed, override)
+        return
+    indices, fields = indices_at(changed, override)
+    everyone = getattr(changed, ELEMENTS[kind])
+    written = _written(text, kind)
+    if len(written) != len(everyone) or len(fields) != 1:
+        raise _refusal(override, "it is not written out in this file: attached or replicated models are not")
+    chosen = {id(written[index]): everyone[index] for index in indices}
+    for element in written:
+        if id(element) in chosen:
+            yield _of_element(text, element, written, chosen, fields[0], override)
+
+
+def _of_element(
+    text: XmlSource,
+    element: Element,
+    written: Sequence[Element],
+    chosen: "dict[int, object]",
+    field: str,
+    override: Override,
+) -> Change:
+    owner = chosen[id(element)]
+    holder, attribute = _holder(element, field, override)
+    values = np.ravel(np.array(list(np.ravel(getattr(owner, field))), float))
+    if attribute in holder.attributes:
+        return Change(holder, attribute, _text(values, holder.attributes[attribute], override))
+    default = _default_with(text, element, attribute)
+    if default is not None:
+        others = [each for each in written if each.tag == element.tag and attribute not in each.attributes]
+        sharing = [each for each in others if _default_with(text, each, attribute) is default]
+        new = _text(values, default.attributes[attribute], override)
+        same = all(
+            id(each) in chosen and np.array_equal(np.ravel(getattr(chosen[id(each)], field)), np.ravel(values))
+            for each in sharing
+        )
+        if same:
+            return Change(default, attribute, new, is_default=True)
+        return Change(holder, attribute, new)
+    return Change(holder, attribute, _text(values, "", override))
+
+
+def _holder(element: Element, field: str, override: Override) -> tuple[Element, str]:
+    """The element and its attribute that hold a field."""
+    if element.tag == "body" and field in INERTIAL:
+        inner = next((child for child in element.children if child.tag == "inertial"), None)
+        if inner is None:
+            raise _refusal(override, "this body has no <inertial>")
+        return inner, INERTIAL[field]
+    if element.tag == "freejoint":
+        raise _refusal(override, "a <freejoint> has no attributes of joints")
+    if field in ("gainprm", "biasprm") and element.tag != "general":
+        name = SHORTCUTS.get((element.tag, field, override.index or 0))
+        if name is None:
+            raise _refusal(override, f"<{element.tag}> has no attribute for it; <general> has")
+        return element, name
+    return element, NAMES.get(field, field)
+
+
+def _text(values: np.ndarray, old: str, override: Override) -> str:
+    """The value of the attribute: as many numbers as were there, and those that changed."""
+    if override.target.endswith(("gainprm", "biasprm")) and len(old.split()) <= 1:
+        number = values[override.index or 0]
+        return repr(float(abs(number)))  # kp and kv are gains; the bias is their negative
+    count = max(len(old.split()), (override.index or 0) + 1)
+    return " ".join(repr(float(value)) for value in values[:count])
+
+
+def _of_section(text: XmlSource, changed: mujoco.MjSpec, override: Override) -> Change:
+    root, *fields = override.target.split(".")
+    element = next((e for e in text.elements() if e.tag == SECTIONS.get(root) and e.parent is text.root), None)
+    if element is None or len(fields) != 1:
+        raise _refusal(override, f"the file has no <{SECTIONS.get(root, root)}>")
+    values = np.ravel(np.array(getattr(ROOTS[root](changed), fields[0]), float))
+    old = element.attributes.get(fields[0], "")
+    return Change(element, fields[0], " ".join(repr(float(v)) for v in values[: max(len(old.split()), values.size)]))
+
+
+def _written(text: XmlSource, kind: str) -> list[Element]:
+    """The elements of a kind, in the order in which MjSpec has them."""
+    found: list[Element] = []
+    for element in text.elements():
+        parent = element.parent.tag if element.parent else ""
+        if element.within("default"):
+            continue
+        match kind:
+            case "joint":
+                fits = element.tag in ("joint", "freejoint") and (parent == "body" or parent == "worldbody")
+            case "actuator":
+                fits = parent == "actuator"
+            case "tendon":
+                fits = parent == "tendon"
+            case "equality":
+                fits = parent == "equality"
+            case "sensor":
+                fits = parent == "sensor"
+            case "body":
+                fits = element.tag in ("body", "worldbody")
+            case _:
+                fits = element.tag == kind
+        found += [element] if fits else []
+    return found
+
+
+def _default_with(text: XmlSource, element: Element, attribute: str) -> Element | None:
+    """The class default that gives `element` its `attribute`; None if the value is MuJoCo's own."""
+    default = _default_class(text, element)
+    while default is not None and default.tag == "default":
+        for child in default.children:
+            if child.tag == element.tag and attribute in child.attributes:
+                return child
+        default = default.parent
+    return None
+
+
+def _default_class(text: XmlSource, element: Element) -> Element | None:
+    name = element.attributes.get("class")
+    above = element.parent
+    while name is None and above is not None:
+        name, above = above.attributes.get("childclass"), above.parent
+    classes = [each for each in text.elements() if each.tag == "default"]
+    if name is None:
+        return next((each for each in classes if each.parent is text.root), None)
+    return next((each for each in classes if each.attributes.get("class") == name), None)
+
+
+def _refusal(override: Override, reason: str) -> UsageError:
+    return UsageError(f"{clean(override.path)} cannot be written into the model's text: {reason}")

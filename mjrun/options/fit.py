@@ -1,0 +1,63 @@
+"""Options of the command `fit`: parameters of a model from measurements."""
+
+from typing import ClassVar
+
+from mjrun.options.kinds import Choice, File, Flag, Integer, Optional, Real, Settings
+from mjrun.options.option import Options, option, options
+
+LOSSES = ("linear", "soft_l1", "huber", "cauchy")
+
+
+@options
+class FitOptions(Options):
+    """A fit."""
+
+    section: ClassVar[str] = "Fit"
+
+    free: tuple[tuple[str, str], ...] = option(
+        converter=Settings("PATH=LOW..HIGH", "joint/hinge.damping=0.001..1"),
+        default=(),
+        help="A number to find, and its bounds: joint/hinge.damping=0.001..1, log:1e-4..1 where it may lie orders of "
+        "magnitude apart. Any path of --set, tied by a wildcard or scale:; actuator/NAME.kp and .kv of position "
+        "servos; delay:ctrl/motor or delay:qpos/knee [s]. ~normal(MEAN, STD) behind the bounds is a prior.",
+    )
+    output: str | None = option(
+        converter=Optional(File(written=True)),
+        default=None,
+        short="-o",
+        help="The model with what was found: its own text, with nothing but these attributes changed (.xml).",
+    )
+    comparison: str | None = option(
+        converter=Optional(File(written=True)),
+        default=None,
+        help="A table of what was measured, and of what the model says before (/nominal) and after (/fitted); mjrun "
+        "plot draws it.",
+    )
+    ranges: str | None = option(
+        converter=Optional(File(written=True)),
+        default=None,
+        help="What is known of the parameters as distributions, for `vary:` in documents of mjrun sweep (.yaml).",
+    )
+    holdout: float = option(
+        converter=Real(0, most=0.9, metavar="SHARE"),
+        default=0.2,
+        help="The last part of each log's time, which is not fitted but predicted to see whether the fit is better.",
+    )
+    starts: int = option(
+        converter=Integer(1), default=3, help="How many starts: the model's own values, then others spread evenly."
+    )
+    confidence: float = option(
+        converter=Real(0.5, most=0.999),
+        default=0.95,
+        help="Of the intervals: a share of repeated fits that contain the truth.",
+    )
+    loss: str = option(
+        converter=Choice(LOSSES),
+        default="linear",
+        help="How residuals count; all but linear are robust: outliers weigh less.",
+    )
+    allow_unidentifiable: bool = option(
+        converter=Flag(),
+        default=False,
+        help="Go on although the measurements say nothing of a parameter, or cannot tell several apart.",
+    )
