@@ -26,6 +26,7 @@ from mjrun.options.option import options
 from mjrun.reporter import Reporter, WarningReporter
 
 SCHEMA = "mjrun-fit-1"
+ENOUGH = 4  # measured numbers for each unknown
 HORIZON = 8 * SHORTEST  # rows that are predicted from one state, where predictions are compared
 
 
@@ -58,7 +59,6 @@ class FittedParameter:
 
     Attributes:
       path: in the model, or the delay of a signal.
-      unit: of the number, if it is known.
       start: what the model had.
       value: what was found.
       low, high: ends of its confidence interval.
@@ -176,10 +176,10 @@ class _Run:
     def _require_enough(self) -> None:
         numbers = sum(int(np.isfinite(segment.values).sum()) for segment in self._fitted.segments)
         unknown = len(self._parameters) + len(self._fitted.segments) * 2 * self._predictor.model.nv
-        if numbers <= 2 * unknown:
+        if numbers <= ENOUGH * unknown:
             raise UsageError(
-                f"{numbers} measured numbers are too few for {len(self._parameters)} parameters and the states in which "
-                f"{len(self._fitted.segments)} segments begin: {unknown} unknowns"
+                f"{numbers} measured numbers are too few for {len(self._parameters)} parameters and the states in "
+                f"which {len(self._fitted.segments)} segments begin: {unknown} unknowns"
             )
 
     def _starts(self) -> list[np.ndarray]:

@@ -54,7 +54,7 @@ class FreeParameter:
         """The number at a coordinate."""
         low, high = self._scaled(self.low), self._scaled(self.high)
         scaled = low + (high - low) * coordinate
-        return math.exp(scaled) if self.is_log else scaled
+        return math.exp(scaled) if self.is_log else float(scaled)
 
     def coordinate(self, value: float) -> float:
         """The coordinate of a number; that of the nearer bound for one beyond both."""

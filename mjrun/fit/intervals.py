@@ -1,8 +1,8 @@
 """How well fitted parameters are known: a bootstrap over blocks of time.
 
-The fit is linearized around its solution, and refitted with blocks of rows drawn with replacement. Rows that are near in
-time share what the model does not explain, so that blocks are drawn, not rows (H. R. Künsch, "The jackknife and the
-bootstrap for general stationary observations", 1989).
+The fit is linearized around its solution, and refitted with blocks of rows drawn with replacement. Rows that are near
+in time share what the model does not explain, so that blocks are drawn, not rows (H. R. Künsch, "The jackknife and
+the bootstrap for general stationary observations", 1989).
 """
 
 from collections.abc import Sequence

@@ -1,5 +1,6 @@
 """Logs of a system: what was measured and what was commanded, in time, by the names of a model's columns."""
 
+import itertools
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
@@ -160,7 +161,7 @@ class _Table:
 
         usual = float(np.median(np.diff(times))) if len(times) > 1 else 0.0
         starts = [0, *(np.flatnonzero(np.diff(times) > GAP * usual) + 1).tolist(), len(times)]
-        parts = [slice(a, b) for a, b in zip(starts, starts[1:], strict=False)]
+        parts = [slice(a, b) for a, b in itertools.pairwise(starts)]
         long = [part for part in parts if part.stop - part.start >= FEWEST]
         if not long:
             raise FileError(self._path, f"has no stretch of {FEWEST} rows without a gap")

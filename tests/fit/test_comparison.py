@@ -1,0 +1,32 @@
+"""The table of measurements beside predictions."""
+
+from pathlib import Path
+
+import numpy as np
+
+from mjrun.fit.comparison import write_comparison
+from mjrun.formats.table_reader import read_table
+from mjrun.model.column import Column
+from tests.fit.logs import NOISE
+from tests.fit.problems import THREE, segments, shooting
+
+
+def test_each_sample_has_a_row_with_what_both_models_say(tmp_path: Path) -> None:
+    shoot, _ = shooting(THREE)
+    (log,) = segments()
+    parts = {"fitted": log.part(slice(0, 200)), "held": log.part(slice(200, 300))}
+    solutions = {}
+    for part, segment in parts.items():
+        chunks = shoot.cut([segment], 60)
+        for which, coordinate in (("nominal", 0.9), ("fitted", 0.5)):
+            states = shoot.guessed(chunks)
+            solutions[part, which] = shoot.look(chunks, np.full(3, coordinate), states, np.array([NOISE]))
+    files = write_comparison(str(tmp_path / "fit.csv"), [Column("qpos/hinge", "rad")], solutions)
+    table = read_table(files[0]).columns
+    np.testing.assert_array_equal(table["time"], log.times)
+    np.testing.assert_allclose(table["qpos/hinge"], log.values[:, 0], atol=1e-12)
+    assert table["holdout"].tolist() == [0] * 200 + [1] * 100
+    errors = table["qpos/hinge/fitted"] - table["qpos/hinge"]
+    expected = solutions["fitted", "fitted"].residuals[0][:, 0] * NOISE
+    np.testing.assert_allclose(errors[: len(expected) - 1], expected[:-1], atol=1e-12)
+    assert not np.allclose(table["qpos/hinge/nominal"], table["qpos/hinge/fitted"], atol=1e-3)

@@ -1,0 +1,96 @@
+"""Whole fits, from tables to files."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from mjrun.errors import UnidentifiableError, UnimprovedFitError, UsageError
+from mjrun.fit.fit import Fit
+from mjrun.job.simulation import Simulation
+from mjrun.model.sources.file import FileSource
+from tests.fit.logs import NOISE, TRUTH, noisy, simulate, write_log, write_model
+from tests.fit.problems import THREE
+
+
+@pytest.fixture
+def pendulum(tmp_path: Path) -> Simulation:
+    return Simulation(str(write_model(tmp_path)))
+
+
+def log(folder: Path, **columns: np.ndarray) -> list[str]:
+    times, angles = simulate(3.0)
+    return [str(write_log(folder / "log.csv", {"time": times + 17, "qpos/hinge": noisy(angles), **columns}))]
+
+
+def test_a_fit_finds_what_the_log_was_made_with(tmp_path: Path, pendulum: Simulation) -> None:
+    files = {name: str(tmp_path / f"{name}{suffix}") for name, suffix in (("comparison", ".csv"), ("ranges", ".yaml"))}
+    output = tmp_path / "fitted.xml"
+    result = Fit(pendulum, data=log(tmp_path), free=THREE, starts=1, output=str(output), **files).run()
+    found = {each.path.rpartition(".")[2]: each for each in result.parameters}
+    for name, truth in TRUTH.items():
+        assert found[name].value == pytest.approx(truth, rel=0.15)
+        assert found[name].low < found[name].value < found[name].high
+    (signal,) = result.signals
+    assert signal.noise == pytest.approx(NOISE, rel=0.1)
+    assert signal.fitted < 0.01 < signal.nominal
+    assert signal.holdout_fitted is not None
+    assert signal.holdout_nominal is not None
+    assert signal.holdout_fitted < 0.05 < signal.holdout_nominal
+    assert sorted(result.files) == sorted([*files.values(), str(output)])
+    model = FileSource(output).load()
+    assert [model.dof_damping[0], model.dof_armature[0], model.dof_frictionloss[0]] == [
+        each.value for each in result.parameters
+    ]
+
+
+def test_the_same_seed_gives_the_same_fit(tmp_path: Path, pendulum: Simulation) -> None:
+    times, angles = simulate(1.0)
+    data = [str(write_log(tmp_path / "log.csv", {"time": times, "qpos/hinge": noisy(angles)}))]
+    one, other = (Fit(pendulum, data=data, free=THREE[:2], starts=2).run() for _ in range(2))
+    assert one.parameters == other.parameters
+
+
+def test_what_the_log_does_not_tell_is_refused_and_nothing_is_written(tmp_path: Path, pendulum: Simulation) -> None:
+    free = (*THREE[:1], ("actuator/motor.gear[0]", "0.5..2"))
+    output = tmp_path / "fitted.xml"
+    with pytest.raises(UnidentifiableError, match=r"say nothing of actuator/motor\.gear\[0\]"):
+        Fit(pendulum, data=log(tmp_path), free=free, starts=1, output=str(output)).run()
+    assert not output.exists()
+
+
+def test_a_fit_that_predicts_no_better_is_refused(tmp_path: Path) -> None:
+    """The model is right as it is, and the log has noise: what is fitted to that predicts worse."""
+    truth = Simulation(str(write_model(tmp_path, **TRUTH)))
+    data = log(tmp_path)
+    with pytest.raises(UnimprovedFitError, match="predicted no better"):
+        Fit(truth, data=data, free=(("joint/hinge.stiffness", "0.3..2"),), starts=1, holdout=0.5).run()
+
+
+def test_a_delay_is_found(tmp_path: Path, pendulum: Simulation) -> None:
+    steps = 1500
+    commanded = np.repeat(0.8 * np.sin(np.arange(steps // 5) * 0.05) * (np.sin(np.arange(steps // 5) / 18) > 0), 5)
+    times, angles = simulate(3.0, start=0.0, controls=np.concatenate([np.zeros(12), commanded])[:steps])
+    columns = {"time": times, "qpos/hinge": noisy(angles), "ctrl/motor": commanded[::5]}
+    data = [str(write_log(tmp_path / "log.csv", columns))]
+    free = (("delay:ctrl/motor", "0..0.1"), *THREE)
+    result = Fit(pendulum, data=data, free=free, starts=1).run()
+    assert result.parameters[0].value == pytest.approx(0.024, abs=0.002)
+
+
+def test_too_little_is_told_before_anything_is_fitted(tmp_path: Path, pendulum: Simulation) -> None:
+    times = np.arange(17) * 0.01
+    data = [str(write_log(tmp_path / "log.csv", {"time": times, "qpos/hinge": np.sin(times)}))]
+    with pytest.raises(UsageError, match="too few for 3 parameters"):
+        Fit(pendulum, data=data, free=THREE, holdout=0).run()
+
+
+def test_regions_where_the_model_explodes_are_avoided(tmp_path: Path) -> None:
+    """With stiffness far beyond what the timestep allows, the explicit spring diverges."""
+    path = write_model(tmp_path)
+    path.write_text(path.read_text().replace("implicitfast", "Euler"))
+    free = (("joint/hinge.stiffness", "log:1e-2..1e9"), THREE[0], THREE[1])
+    times, angles = simulate(1.0)
+    data = [str(write_log(tmp_path / "log.csv", {"time": times, "qpos/hinge": noisy(angles)}))]
+    result = Fit(Simulation(str(path)), data=data, free=free, starts=1, holdout=0).run()
+    assert np.isfinite([each.value for each in result.parameters]).all()

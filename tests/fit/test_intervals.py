@@ -1,0 +1,63 @@
+"""Intervals against theory, where it is exact: linear models with white noise."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from mjrun.fit.free_parameter import FreeParameter
+from mjrun.fit.intervals import bound_reached, intervals
+from mjrun.fit.shooting import Solution
+from tests.fit.problems import solved
+
+LINE = FreeParameter("x", -1.0, 1.0, 0.0)
+
+
+def line(seed: int, correlated: bool = False) -> Solution:
+    """A linear model of one parameter whose coordinate is 0.5, with noise; nothing is known of a state."""
+    base, _ = solved()
+    generator = np.random.default_rng(seed)
+    slopes = np.sin(np.arange(400) / 7)[:, None, None] * 100
+    noise = generator.normal(size=(400, 1))
+    if correlated:  # over about five rows
+        noise = np.convolve(generator.normal(size=404), np.ones(5), "valid")[:, None] / np.sqrt(5)
+    estimate = float(slopes[:, 0, 0] @ noise[:, 0] / (slopes**2).sum())
+    residuals = noise - slopes[:, :, 0] * estimate
+    chunks = base.chunks[:1]
+    states = np.zeros((400, 1, 2))
+    coordinates = np.array([0.5 - estimate])
+    return replace(
+        base, chunks=chunks, coordinates=coordinates, residuals=[residuals], sensitivities=[(slopes, states)]
+    )
+
+
+@pytest.mark.parametrize("correlated", [False, True])
+def test_intervals_contain_the_truth_as_often_as_they_say(correlated: bool) -> None:
+    """Of 200 intervals of 90 %, between 80 and 97 % contain the truth: chance alone leaves that about never."""
+    found = [intervals(line(seed, correlated), [LINE], 0.9, seed) for seed in range(200)]
+    hits = np.mean([each.low[0] < 0.0 < each.high[0] for each in found])
+    assert 0.8 < hits < 0.97
+
+
+def test_they_widen_with_confidence() -> None:
+    wide, narrow = (intervals(line(0), [LINE], confidence, 0) for confidence in (0.99, 0.5))
+    assert wide.low[0] < narrow.low[0] < narrow.high[0] < wide.high[0]
+
+
+def test_they_stay_within_bounds_and_say_which_is_reached() -> None:
+    solution = replace(line(0), coordinates=np.array([0.9999]))
+    assert intervals(solution, [LINE], 0.95, 0).high[0] <= 1.0
+    assert [bound_reached(c) for c in (0.0, 0.5, 0.9999)] == ["low", "", "high"]
+
+
+def test_parameters_that_stand_in_for_each_other_are_correlated() -> None:
+    solution, parameters = solved()
+    found = intervals(solution, parameters, 0.95, 0)
+    assert found.correlation.shape == (3, 3)
+    np.testing.assert_allclose(np.diag(found.correlation), 1)
+    assert found.correlation[0, 2] < -0.9  # damping and friction both brake
+
+
+def test_the_same_seed_gives_the_same_intervals() -> None:
+    solution, parameters = solved()
+    assert intervals(solution, parameters, 0.95, 3).low == intervals(solution, parameters, 0.95, 3).low

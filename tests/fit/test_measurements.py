@@ -1,0 +1,112 @@
+"""What tables say of a model, and the controls that a log commands."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from mjrun.errors import MjrunError, UsageError
+from mjrun.fit.measurements import Measurements, Segment, commands, read_measurements
+from mjrun.model.sources import parse_source
+from tests.fit.logs import write_log, write_model
+
+TIMES = np.arange(40) * 0.01
+
+
+def read(folder: Path, columns: dict[str, np.ndarray], texts: tuple[str, ...] = ()) -> Measurements:
+    model = parse_source(str(write_model(folder))).load()
+    return read_measurements([str(write_log(folder / "log.csv", columns))], model, texts, np.zeros(1))
+
+
+def test_columns_count_by_name_or_by_a_map(tmp_path: Path) -> None:
+    angles = np.sin(TIMES)
+    named = read(tmp_path, {"time": TIMES, "qpos/hinge": angles, "ctrl/motor": TIMES, "else": angles})
+    mapped = read(tmp_path, {"t": TIMES, "deg": np.degrees(angles)}, ("time=t", "qpos/hinge=deg*pi/180"))
+    assert named.signals == mapped.signals == ["qpos/hinge"]
+    np.testing.assert_allclose(mapped.segments[0].values, named.segments[0].values, rtol=1e-15)
+    assert named.segments[0].controls[:, 0].tolist() == TIMES.tolist()
+    assert not mapped.segments[0].controls.any()
+
+
+def test_gaps_split_a_log(tmp_path: Path) -> None:
+    times = np.concatenate([TIMES, TIMES + 1, TIMES[:5] + 2])
+    found = read(tmp_path, {"time": times, "qpos/hinge": np.sin(times)})
+    assert [len(segment.times) for segment in found.segments] == [40, 40]
+    assert "split it into 3 segments; 1 of fewer than 16 rows are left out" in found.remarks[0]
+
+
+def test_missing_samples_are_passed_over_and_told(tmp_path: Path) -> None:
+    angles = np.sin(TIMES)
+    angles[7] = np.nan
+    found = read(tmp_path, {"time": TIMES, "qpos/hinge": angles})
+    assert np.flatnonzero(np.isnan(found.segments[0].values[:, 0])).tolist() == [7]
+    assert "1 samples are missing" in found.remarks[0]
+
+
+def test_signals_that_never_change_are_left_out(tmp_path: Path) -> None:
+    found = read(tmp_path, {"time": TIMES, "qpos/hinge": np.sin(TIMES), "qvel/hinge": 0 * TIMES})
+    assert found.signals == ["qpos/hinge"]
+    assert found.remarks == ["constant, so left out: qvel/hinge"]
+    with pytest.raises(UsageError, match="nothing varies"):
+        read(tmp_path, {"time": TIMES, "qpos/hinge": 0 * TIMES})
+
+
+def test_the_last_part_of_the_time_is_held_out(tmp_path: Path) -> None:
+    times = np.arange(100) * 0.01
+    first, last = read(tmp_path, {"time": times, "qpos/hinge": np.sin(times)}).split(0.2)
+    assert first.segments[0].times[-1] < last.segments[0].times[0]
+    assert (first.rows, last.rows) == (80, 20)
+
+
+@pytest.mark.parametrize(
+    ("columns", "message"),
+    [
+        ({"t": TIMES, "qpos/hinge": TIMES}, "no column 'time'\n.*time=t"),
+        ({"time": TIMES, "knee": TIMES}, "measures nothing of this model"),
+        ({"time": np.append(TIMES[:-1], TIMES[-2]), "qpos/hinge": TIMES}, "must grow"),
+        ({"time": TIMES[:10], "qpos/hinge": TIMES[:10]}, "no stretch of 16 rows"),
+        ({"time": TIMES, "qpos/hinge": np.append(TIMES[:-1], np.inf)}, "row 39: qpos/hinge is infinite"),
+        (
+            {"time": TIMES, "qpos/hinge": TIMES, "ctrl/motor": np.append(TIMES[:-1], np.nan)},
+            "row 39: ctrl/motor is nan",
+        ),
+    ],
+)
+def test_bad_tables_are_refused(tmp_path: Path, columns: dict[str, np.ndarray], message: str) -> None:
+    with pytest.raises(MjrunError, match=message):
+        read(tmp_path, columns)
+
+
+def test_a_map_that_names_nothing_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(UsageError, match=r"no column 'qpos/hing'.*did you mean 'qpos/hinge'"):
+        read(tmp_path, {"time": TIMES, "deg": TIMES}, ("qpos/hing=deg",))
+
+
+def segment() -> Segment:
+    """Commands at odd times: 1 from 0 s, 3 from 0.011 s, 2 from 0.02 s on."""
+    times = np.array([0.0, 0.011, 0.02])
+    return Segment("log", times, np.zeros((3, 1)), np.array([[1.0], [3.0], [2.0]]))
+
+
+def test_commands_hold_until_the_next(tmp_path: Path) -> None:
+    held = commands(segment(), 0, 12, 0.002, False, {})[:, 0]
+    assert held.tolist() == [1] * 6 + [3] * 4 + [2] * 2
+
+
+def test_commands_go_in_straight_lines_where_asked(tmp_path: Path) -> None:
+    linear = commands(segment(), 0, 12, 0.002, True, {})[:, 0]
+    np.testing.assert_allclose(linear, np.interp(np.arange(12) * 0.002, [0, 0.011, 0.02], [1, 3, 2]), rtol=1e-12)
+
+
+@pytest.mark.parametrize("linear", [False, True])
+def test_a_delay_of_whole_steps_moves_commands(linear: bool) -> None:
+    """What acts during a step is the mean of the delayed signal over it, here by a fine sum."""
+    delay, timestep, fine = 0.0043, 0.002, 2000
+    late = commands(segment(), 0, 12, timestep, linear, {0: delay})[:, 0]
+    times = (np.arange(12 * fine) + 0.5) / fine * timestep - delay
+    each = segment()
+    if linear:
+        values = np.interp(times, each.times, each.controls[:, 0])
+    else:
+        values = each.controls[np.maximum(np.searchsorted(each.times, times, side="right") - 1, 0), 0]
+    np.testing.assert_allclose(late, values.reshape(12, fine).mean(axis=1), atol=2e-3)

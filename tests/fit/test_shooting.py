@@ -1,0 +1,76 @@
+"""Multiple shooting finds what a bare loop was simulated with."""
+
+import numpy as np
+import pytest
+
+from mjrun.fit.shooting import SHORTEST, first_noise, with_noise
+from tests.fit.logs import NOISE, TRUTH
+from tests.fit.problems import THREE, segments, shooting, solved
+
+
+def test_without_noise_it_finds_the_truth() -> None:
+    shoot, parameters = shooting(THREE)
+    start = np.array([each.first_coordinate for each in parameters])
+    stages = shoot.grown(segments(exact=True), start, np.array([1e-4]))
+    values = [each.value(c) for each, c in zip(parameters, stages[-1].coordinates, strict=True)]
+    assert values == pytest.approx(list(TRUTH.values()), rel=2e-4)
+    assert len(stages[0].chunks) > len(stages[1].chunks) > 1
+    assert len(stages[-1].chunks) == 1
+
+
+def test_with_noise_it_finds_the_truth_and_the_noise() -> None:
+    solution, parameters = solved()
+    values = [each.value(c) for each, c in zip(parameters, solution.coordinates, strict=True)]
+    assert values == pytest.approx(list(TRUTH.values()), rel=0.1)
+    assert solution.noise[0] == pytest.approx(NOISE, rel=0.1)
+    assert solution.cost == pytest.approx(1)
+
+
+def test_sensitivities_are_slopes_of_the_residuals() -> None:
+    shoot, parameters = shooting(THREE)
+    log = segments()
+    parts = shoot.cut(log, SHORTEST)
+    states, noise = shoot.guessed(parts), np.array([NOISE])
+    middle = np.full(len(parameters), 0.5)
+    base = shoot.look(parts, middle, states, noise)
+    step = 1e-4
+    for j in range(len(parameters)):
+        ends = [shoot.look(parts, middle + sign * step * np.eye(3)[j], states, noise).residuals for sign in (1, -1)]
+        for chunk in range(3):
+            slope = (ends[0][chunk] - ends[1][chunk]) / (2 * step)
+            np.testing.assert_allclose(base.sensitivities[chunk][0][..., j], slope, rtol=1e-2, atol=0.05)
+
+
+def test_the_better_of_two_starts_is_taken() -> None:
+    shoot, parameters = shooting(THREE)
+    truth = np.array([each.coordinate(value) for each, value in zip(parameters, TRUTH.values(), strict=True)])
+    found = shoot.best_start(segments(), [np.array([0.99, 0.99, 0.99]), truth], np.array([NOISE]))
+    assert found == pytest.approx(truth, abs=0.2)
+
+
+def test_parameters_that_are_fixed_stay() -> None:
+    shoot, _ = shooting(THREE)
+    parts = shoot.cut(segments(), 100)
+    fixed = np.array([0.2, 0.3, 0.4])
+    solution = shoot.solve(parts, fixed, shoot.guessed(parts), np.array([NOISE]), fixed=True)
+    assert solution.coordinates.tolist() == fixed.tolist()
+
+
+def test_a_prior_holds_what_the_data_do_not_say() -> None:
+    texts = (("actuator/motor.gear[0]", "0.5..2~normal(1.3, 0.1)"), THREE[0])
+    shoot, parameters = shooting(texts)
+    parts = shoot.cut(segments(1.0), SHORTEST)
+    solution = shoot.solve(parts, np.array([0.1, 0.5]), shoot.guessed(parts), np.array([NOISE]))
+    assert parameters[0].value(solution.coordinates[0]) == pytest.approx(1.3, abs=1e-3)
+
+
+def test_noise_shows_in_third_differences() -> None:
+    assert first_noise(segments())[0] == pytest.approx(NOISE, rel=0.2)
+
+
+def test_other_noise_scales_residuals_and_slopes() -> None:
+    solution, _ = solved()
+    scaled = with_noise(solution, 2 * solution.noise)
+    np.testing.assert_allclose(2 * scaled.residuals[0], solution.residuals[0])
+    np.testing.assert_allclose(2 * scaled.sensitivities[0][0], solution.sensitivities[0][0])
+    np.testing.assert_allclose(scaled.observed_noise, solution.observed_noise)
