@@ -17,7 +17,7 @@ from mjrun.errors import EncoderError, NoRendererError, Spelling, UnknownNameErr
 from mjrun.formats.ffmpeg import encoder_version, working_codecs
 from mjrun.formats.tables import formats
 from mjrun.model import known_bugs
-from mjrun.options import sweep, task
+from mjrun.options import fit, sweep, task
 from mjrun.plotting import figure_writer
 from mjrun.rendering.backend import DEVICE, GL, Backend, candidates, requested_backends
 from mjrun.rendering.backend_detection import BackendTrialProcess, alternative, repair_advice
@@ -111,7 +111,7 @@ def extras() -> dict[str, tuple[str, list[str]]]:
     extras[figure_writer.EXTRA] = (figure_writer.LIBRARY, ["plots"])
     return {
         **extras,
-        **{extra: (library, [use]) for extra, (library, use) in (sweep.EXTRAS | task.EXTRAS).items()},
+        **{extra: (library, [use]) for extra, (library, use) in (sweep.EXTRAS | fit.EXTRAS | task.EXTRAS).items()},
         frames.EXTRA: (frames.LIBRARY, [option("min_ssim")]),
         warp_device.EXTRA: (warp_device.LIBRARY, [f"{option('engine')} warp"]),
     }

@@ -1,5 +1,6 @@
 """A fit: parameters of a model from measurements, and an honest word on how well they are known."""
 
+import importlib.util
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -7,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from mjrun.errors import UnidentifiableError, UnimprovedFitError, UsageError, option
+from mjrun.errors import MissingExtraError, UnidentifiableError, UnimprovedFitError, UsageError, option
 from mjrun.fit.comparison import write_comparison
 from mjrun.fit.fitted_model import FittedModel
 from mjrun.fit.free_parameter import free_parameters, require_effect
@@ -21,11 +22,12 @@ from mjrun.fit.starting_states import StartingStates
 from mjrun.job.simulation import Simulation
 from mjrun.model import state
 from mjrun.model.names import control_names
-from mjrun.options.fit import FitOptions
+from mjrun.options.fit import EXTRAS, FitOptions
 from mjrun.options.option import options
 from mjrun.reporter import Reporter, WarningReporter
 
 SCHEMA = "mjrun-fit-1"
+((EXTRA, (LIBRARY, _)),) = EXTRAS.items()
 ENOUGH = 4  # measured numbers for each unknown
 HORIZON = 8 * SHORTEST  # rows that are predicted from one state, where predictions are compared
 
@@ -133,6 +135,8 @@ class FitResult:
 class _Run:
     def __init__(self, fit: Fit, reporter: Reporter) -> None:
         self._fit, self._reporter, self._begin = fit, reporter, time.perf_counter()
+        if importlib.util.find_spec(LIBRARY) is None:
+            raise MissingExtraError("mjrun fit", LIBRARY, EXTRA)
         simulation = fit.simulation
         if not fit.data:
             raise UsageError("a fit needs a table of measurements")
@@ -169,7 +173,7 @@ class _Run:
         found = sensitivity([last], self._parameters)
         if found.unidentifiable and not self._fit.allow_unidentifiable:
             raise UnidentifiableError([each.message for each in found.unidentifiable])
-        comparisons = self._compared(last)
+        comparisons = self._compared(last.coordinates, stages[-1].noise)
         self._require_better(comparisons)
         return self._published(last, found, comparisons, sum(stage.rollouts for stage in stages))
 
@@ -203,7 +207,7 @@ class _Run:
             for each in found.unidentifiable:
                 self._reporter.warn(each.message)
 
-    def _compared(self, last: Solution) -> "dict[tuple[str, str], Solution]":
+    def _compared(self, fitted: np.ndarray, noise: np.ndarray) -> "dict[tuple[str, str], Solution]":
         """Predictions of the fitted and the held-out part, with the model before and after."""
         nominal = np.array([each.coordinate(each.start) for each in self._parameters])
         solved: dict[tuple[str, str], Solution] = {}
@@ -212,8 +216,8 @@ class _Run:
                 continue
             parts = self._shooting.cut(measurements.segments, HORIZON)
             states = self._shooting.guessed(parts)
-            for which, coordinates in (("nominal", nominal), ("fitted", last.coordinates)):
-                solved[part, which] = self._shooting.solve(parts, coordinates, states, last.noise, fixed=True)
+            for which, coordinates in (("nominal", nominal), ("fitted", fitted)):
+                solved[part, which] = self._shooting.solve(parts, coordinates, states, noise, fixed=True)
         return solved
 
     def _require_better(self, comparisons: "dict[tuple[str, str], Solution]") -> None:

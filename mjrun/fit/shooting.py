@@ -18,6 +18,7 @@ from mjrun.fit.starting_states import StartingStates
 
 NUDGE = 1e-5  # of a coordinate from 0 to 1, for finite differences
 STATE_NUDGE = 1e-6  # of positions, velocities and activations
+LEAST_NOISE = 1e-7  # of the standard deviation of a signal: what simulated data are taken for
 STATE_SCALE = 10.0  # standard deviation that keeps in place what no signal tells of a state
 PENALTY = 1e3  # residual, in standard deviations of the noise, where a simulation fails
 EVALUATIONS = 40  # of one stage, at most
@@ -115,7 +116,7 @@ class Shooting:
             lambda x: problem.jacobian(x).toarray() if dense else problem.jacobian(x),
             bounds=(low, high),
             method="trf",
-            x_scale="jac",
+            x_scale=1.0 if fixed else "jac",  # by slopes, the first steps from no deviation would be tiny
             loss=self._loss,
             tr_solver="exact" if dense else "lsmr",
             max_nfev=evaluations,
@@ -152,10 +153,9 @@ class Shooting:
             rows *= GROWTH
 
     def _noise(self, solution: Solution) -> Floats:
-        """The noise that the residuals show, at least what numbers of this size can have."""
+        """The noise that the residuals show."""
         values = np.concatenate([part.values for part in solution.chunks])
-        least = 1e-9 * np.nanmax(np.abs(values), axis=0)
-        return np.maximum(solution.observed_noise, np.maximum(least, 1e-12))
+        return np.maximum(solution.observed_noise, LEAST_NOISE * np.nanstd(values, axis=0))
 
     def _taken_over(self, parts: Sequence[Chunk], before: Solution) -> Floats:
         """States for `parts` from chunks that began at the same step; guesses elsewhere."""
@@ -175,7 +175,7 @@ def first_noise(segments: Sequence[Segment]) -> Floats:
     differences = np.concatenate([np.diff(segment.values, 3, axis=0) for segment in segments])
     spread = np.nanmedian(np.abs(differences), axis=0) * 1.4826 / np.sqrt(20)
     values = np.concatenate([segment.values for segment in segments])
-    return np.maximum(spread, 1e-6 * np.nanstd(values, axis=0) + 1e-12)
+    return np.maximum(spread, LEAST_NOISE * np.nanstd(values, axis=0))
 
 
 class _Problem:

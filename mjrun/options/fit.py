@@ -5,6 +5,7 @@ from typing import ClassVar
 from mjrun.options.kinds import Choice, File, Flag, Integer, Optional, Real, Settings
 from mjrun.options.option import Options, option, options
 
+EXTRAS = {"fit": ("scipy", "mjrun fit")}  # the library that the extra installs, and what needs it
 LOSSES = ("linear", "soft_l1", "huber", "cauchy")
 
 

@@ -1,0 +1,41 @@
+"""What people read of a fit."""
+
+from mjrun.cli.fit_report import fit_report
+from mjrun.fit.fit import FitResult, FittedParameter, FittedSignal
+
+PARAMETERS = [
+    FittedParameter("joint/a.damping", 0.1, 0.25, 0.2, 0.3, 900.0, ""),
+    FittedParameter("joint/a.armature", 0.1, 0.5, 0.4, 0.5, 900.0, "high"),
+]
+SIGNALS = [FittedSignal("qpos/a", "rad", 0.002, 0.5, 0.01, None, None)]
+
+
+def report(**changes: object) -> str:
+    values = {
+        "parameters": PARAMETERS,
+        "signals": SIGNALS,
+        "correlation": [[1.0, -0.97], [-0.97, 1.0]],
+        "confidence": 0.95,
+        "condition": 10.0,
+        "rows": 1200,
+        "segments": 1,
+        "rollouts": 5000,
+        "changes": ["a.xml:3: damping = 0.25"],
+        "remarks": [],
+        "files": ["fitted.xml"],
+        "wall": 1.5,
+    }
+    return fit_report(FitResult(**{**values, **changes}))  # type: ignore[arg-type]
+
+
+def test_it_says_what_was_found_and_how_well_it_is_known() -> None:
+    text = report()
+    for part in ("95 % interval", "0.2 … 0.3", "at its high bound", "-0.970", "a.xml:3: damping = 0.25", "1,200 rows"):
+        assert part in text
+    assert "held out" not in text
+
+
+def test_errors_on_what_was_held_out_are_shown_if_something_was() -> None:
+    text = report(signals=[FittedSignal("qpos/a", "rad", 0.002, 0.5, 0.01, 0.6, 0.0123)])
+    assert "held out, before" in text
+    assert "1.23 %" in text
