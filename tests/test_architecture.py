@@ -59,6 +59,7 @@ LIBRARIES = {
         "sim.distribution",
         "study.design",
         "plotting.study.correlations",
+        "fit",
     ),
     "onnx": ("policy",),
     "onnxruntime": ("policy",),
@@ -69,11 +70,11 @@ LIBRARIES = {
     "warp": ("sim.warp_device",),
     "mujoco_warp": ("sim.warp_device",),
     "mujoco": (
-        *("cli", "gym", "doctor", "check", "bench", "study", "evaluation", "viewer", "job"),
+        *("cli", "gym", "doctor", "check", "bench", "fit", "study", "evaluation", "viewer", "job"),
         *("rendering", "plotting", "diff", "policy", "task", "sim", "probe", "camera", "formats", "model"),
     ),
     "numpy": (
-        *("cli", "gym", "doctor", "check", "bench", "study", "evaluation", "viewer", "job"),
+        *("cli", "gym", "doctor", "check", "bench", "fit", "study", "evaluation", "viewer", "job"),
         *("rendering", "plotting", "diff", "policy", "task", "sim", "probe", "camera", "formats", "model"),
     ),
 }

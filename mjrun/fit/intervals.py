@@ -62,8 +62,8 @@ def intervals(solution: Solution, parameters: Sequence[FreeParameter], confidenc
     low, high = np.clip(low, 0, 1), np.clip(high, 0, 1)
     spread = np.cov(moves, rowvar=False).reshape(len(parameters), -1)
     scale = np.sqrt(np.maximum(np.diag(spread), 1e-300))
-    ends = [tuple(p.value(c) for p, c in zip(parameters, end, strict=True)) for end in (low, high)]
-    return Intervals(*ends, spread / scale / scale[:, None])
+    lowest, highest = (tuple(p.value(c) for p, c in zip(parameters, end, strict=True)) for end in (low, high))
+    return Intervals(lowest, highest, spread / scale / scale[:, None])
 
 
 def _blocks(part: ProjectedRows, count: int) -> list[tuple[Floats, Floats]]:

@@ -135,7 +135,7 @@ class _Table:
             )
         self.signals = [name for name in self._expressions if name != TIME and not name.startswith(CONTROLS)]
         if not self.signals:
-            valid = ", ".join(f"qpos/{name}" for name in ("…",))
+            valid = listing([*AvailableProbes(model).names][1:4])
             raise UsageError(
                 f"{clean(path)} measures nothing of this model\nit has {listing(names)}\n"
                 f"the model has columns such as {valid}; {option('map')} says what is what: qpos/knee=knee_deg*pi/180"
@@ -183,7 +183,7 @@ class _Table:
                 bad = np.flatnonzero(~np.isfinite(commanded))
                 if len(bad):
                     place = f"{clean(self._path)}, row {bad[0]}"
-                    raise UsageError(f"{place}: {CONTROLS}{clean(actuator)} is {commanded[bad[0]]}, not a command")
+                    raise UsageError(f"{place}: {CONTROLS}{clean(str(actuator))} is {commanded[bad[0]]}, not a command")
                 controls[:, index] = commanded
         return controls
 

@@ -95,7 +95,7 @@ class Predictor:
         self._linear = simulation.ctrl_interpolation == "linear"
         self._variants = ModelVariants(_without_resets)
         self._engine = CEngine()
-        self.model = self._variants.load(self._source)
+        self.model = self._variants.load(self._source).model
         self.timestep = float(self.model.opt.timestep)
         probes = select(self.model, signals)
         self._probes = [probe for probe in probes if isinstance(probe, FieldProbe)]
@@ -118,7 +118,7 @@ class Predictor:
         pairs = zip(self._parameters, values, strict=True)
         overrides = [override for each, value in pairs for override in each.overrides(value)]
         source = replace(self._source, overrides=(*self._source.overrides, *overrides))
-        return self._variants.load(source)
+        return self._variants.load(source).model
 
     def predict(self, rollouts: Sequence[Rollout]) -> list[np.ndarray]:
         """What each would measure, `(n, signals)` of its chunk; NaN where the simulation fails."""

@@ -73,8 +73,7 @@ def test_a_prior_is_where_a_fit_begins(tmp_path: Path) -> None:
 def test_what_cannot_be_free_is_refused(tmp_path: Path, path: str, text: str, message: str) -> None:
     source = parse_source(str(write_model(tmp_path)))
     with pytest.raises(UsageError, match=message):
-        for parameter in free_parameters([(path, text)], source, ["ctrl/motor"]):
-            require_effect(parameter, source)
+        require_effect(free_parameters([(path, text)], source, ["ctrl/motor"])[0], source)
 
 
 def test_what_makes_no_difference_or_does_not_compile_is_refused(tmp_path: Path) -> None:

@@ -10,6 +10,7 @@ import mjrun.options
 from mjrun.options.bench import BenchOptions, ReportOptions
 from mjrun.options.check import CheckOptions, CheckReportOptions
 from mjrun.options.diff import DiffOptions, DiffReportOptions
+from mjrun.options.fit import FitOptions
 from mjrun.options.image import ImageOptions
 from mjrun.options.info import InfoOptions
 from mjrun.options.keyframe import KeyframeOptions
@@ -58,6 +59,7 @@ ALL: tuple[type[Options], ...] = (
     CheckOptions,
     CheckReportOptions,
     DiffOptions,
+    FitOptions,
     DiffReportOptions,
     InfoOptions,
     StudyOptions,
