@@ -94,7 +94,7 @@ def world_info(step: TaskStep, reward_names: list[str], row: int) -> dict[str, A
     info: dict[str, Any] = {
         f"reward/{name}": float(value) for name, value in zip(reward_names, step.reward_terms[row], strict=True)
     }
-    ending = step.ended[row]
-    if ending:
+    if step.over[row]:
+        ending = step.endings[step.codes[row]]
         info |= {"ending": ending.name, "is_success": ending.kind == "success"}
     return info

@@ -49,6 +49,7 @@ class TaskVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         self._generators: list[np.random.Generator | None] = [None] * num_envs
         self._observations = np.zeros((num_envs, len(self.worlds.observed)))
         self._over = np.zeros(num_envs, bool)
+        self._all = np.arange(num_envs)
         self._rewards = [f"reward/{name}" for name in self.worlds.reward_names]
 
     def reset(
@@ -57,7 +58,7 @@ class TaskVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         """Begins an episode in every world, or in those of the option `reset_mask` `(num_envs,)` bool."""
         seeds = self._seeds(seed)
         mask = self._mask(options or {})
-        worlds = np.arange(self.num_envs) if mask is None else np.flatnonzero(mask)
+        worlds = self._all if mask is None else np.flatnonzero(mask)
         for world in worlds.tolist():
             if seeds[world] is not None:
                 self._generators[world] = seeding.np_random(seeds[world])[0]
@@ -73,7 +74,7 @@ class TaskVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
                 raise ValueError("an episode is over: reset its world with the option reset_mask")
             return self._step_after_end(np.asarray(actions, float))
         step = self.worlds.step(actions)
-        infos = self._infos(step)
+        infos = self._infos(step, self._all)
         terminated, truncated = step.terminated, step.truncated
         observations = self._observations = step.observations
         over = step.over
@@ -97,8 +98,7 @@ class TaskVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
             step = self.worlds.step(actions[go_on], go_on)
             self._observations[go_on], rewards[go_on] = step.observations, step.rewards
             terminated[go_on], truncated[go_on] = step.terminated, step.truncated
-            for row, world in enumerate(go_on.tolist()):
-                infos = self._add_info(infos, world_info(step, self.worlds.reward_names, row), world)
+            infos = self._infos(step, go_on)
         self._over = terminated | truncated
         return self._observations.copy(), rewards, terminated, truncated, infos
 
@@ -112,22 +112,21 @@ class TaskVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         self._observations[over] = self.worlds.reset([self._draw(world) for world in over.tolist()], over)
         return infos
 
-    def _infos(self, step: TaskStep) -> dict[str, Any]:
-        """The infos of a step of all worlds."""
+    def _infos(self, step: TaskStep, worlds: np.ndarray) -> dict[str, Any]:
+        """The infos of a step of `worlds` `(k,)`; in other worlds, and those that begin anew, there are none."""
         infos: dict[str, Any] = {}
-        told = np.ones(self.num_envs, bool)
-        if self.autoreset_mode == AutoresetMode.SAME_STEP:
-            told = ~step.over  # the others are told of their next episode
-        if not told.any():
+        is_told = ~step.over if self.autoreset_mode == AutoresetMode.SAME_STEP else np.ones(len(worlds), bool)
+        if not is_told.any():
             return infos
-        for name, values in zip(self._rewards, step.reward_terms.T, strict=True):
-            infos[name], infos[f"_{name}"] = values, told
-        if step.over.any() and self.autoreset_mode != AutoresetMode.SAME_STEP:
-            for world in np.flatnonzero(step.over).tolist():
-                ending = step.ended[world]
-                assert ending
-                how = {"ending": ending.name, "is_success": ending.kind == "success"}
-                infos = self._add_info(infos, how, world)
+        told = np.zeros(self.num_envs, bool)
+        told[worlds[is_told]] = True
+        for name, terms in zip(self._rewards, step.reward_terms.T, strict=True):
+            infos[name], infos[f"_{name}"] = np.zeros(self.num_envs), told
+            infos[name][worlds] = terms
+        for row in np.flatnonzero(step.over & is_told).tolist():
+            ending = step.endings[step.codes[row]]
+            how = {"ending": ending.name, "is_success": ending.kind == "success"}
+            infos = self._add_info(infos, how, int(worlds[row]))
         return infos
 
     def _seeds(self, seed: int | Sequence[int | None] | None) -> Sequence[int | None]:

@@ -7,6 +7,8 @@ from typing import Any
 
 import numpy as np
 
+from mjrun.probe.column_matrix import ColumnMatrix
+
 LEVELS = {"or": 1, "and": 2, "<": 4, "<=": 4, ">": 4, ">=": 4, "==": 4, "!=": 4}
 LEVELS |= {"+": 5, "-": 5, "*": 6, "/": 6, "^": 8, "**": 8}
 NOT, COMPARISON, SIGN = 3, 4, 7
@@ -271,6 +273,8 @@ def evaluate(value: NumericExpression, columns: Mapping[str, np.ndarray], known:
         case ColumnReference(name=name):
             return columns[name]
         case ColumnVector(names=names):
+            if isinstance(columns, ColumnMatrix):
+                return columns.vector(names)
             return np.stack([columns[name] for name in names], axis=-1)
         case AggregateCall() | PreviousValue():
             return known[value]

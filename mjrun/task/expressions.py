@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from mjrun.errors import concerning
+from mjrun.probe.column_matrix import ColumnLayout, ColumnMatrix
 from mjrun.probe.task_expression import (
     TaskColumns,
     TaskEvaluator,
@@ -16,7 +17,6 @@ from mjrun.probe.task_expression import (
 from mjrun.task.episode import Ending
 from mjrun.task.task import Task
 from mjrun.task.terms import TIMED_OUT, UNSTABLE
-from mjrun.timeline import seconds
 
 ACTION, COMMAND, TIME = "action/", "command/", "time"  # columns of a task besides those of its model
 RUNNING = -1  # instead of an ending
@@ -64,8 +64,8 @@ class TaskExpressions:
         names: tuple[Sequence[str], Sequence[str]],
         count: int,
     ) -> None:
-        self._control_dt = task.control_dt
-        self._names = [f"{ACTION}{name}" for name in names[0]], [f"{COMMAND}{name}" for name in names[1]]
+        self._times = np.array([float(task.control_dt * instant) for instant in range(task.periods + 1)])
+        own_columns = [f"{ACTION}{name}" for name in names[0]], [f"{COMMAND}{name}" for name in names[1]]
         rewards = dict(_rewards(task, columns))
         conditions = dict(_conditions(task, columns))
         self._weights = [reward.weight for reward in task.rewards.values()]
@@ -80,20 +80,23 @@ class TaskExpressions:
         read = [
             column for each in (*rewards.values(), *conditions.values(), *values.values()) for column in each.columns
         ]
-        own = {TIME, *self._names[0], *self._names[1]}
+        own = {TIME, *own_columns[0], *own_columns[1]}
         self.measured = [column for column in dict.fromkeys(read) if column not in own]
         self._reads_time = TIME in read
-        self._reads_inputs = tuple(bool({*names} & {*read}) for names in self._names)
+        self._reads_actions, self._reads_commands = (not {*read}.isdisjoint(own_names) for own_names in own_columns)
+        columns_of = [self.measured]
+        columns_of += [own_columns[0]] if self._reads_actions else []
+        columns_of += [own_columns[1]] if self._reads_commands else []
+        self._layout = ColumnLayout([name for part in columns_of for name in part])
 
-    def columns(self, measured: np.ndarray, inputs: Inputs) -> dict[str, np.ndarray]:
+    def columns(self, measured: np.ndarray, inputs: Inputs) -> ColumnMatrix:
         """The columns that expressions read, `(k,)` each, from those of the model `(k, len(self.measured))`."""
-        columns = dict(zip(self.measured, np.ascontiguousarray(measured.T), strict=True))
-        if self._reads_time:
-            columns[TIME] = np.asarray(seconds(inputs.instants, self._control_dt), float)
-        for read, names, values in zip(self._reads_inputs, self._names, (inputs.actions, inputs.commands), strict=True):
-            if read:
-                columns |= zip(names, np.ascontiguousarray(values.T), strict=True)
-        return columns
+        read = [measured]
+        read += [inputs.actions] if self._reads_actions else []
+        read += [inputs.commands] if self._reads_commands else []
+        matrix = np.concatenate(read, axis=1) if len(read) > 1 else measured
+        others = {TIME: self._times[inputs.instants]} if self._reads_time else {}
+        return ColumnMatrix(self._layout, matrix, others)
 
     def begin(self, columns: Mapping[str, np.ndarray], ids: np.ndarray | None) -> None:
         """Takes note of the first instant of episodes, for what looks back at it."""
@@ -115,9 +118,12 @@ class TaskExpressions:
         return codes
 
     def values(
-        self, columns: Mapping[str, np.ndarray], ids: np.ndarray | None, first: bool
+        self, measured: np.ndarray, inputs: Inputs, ids: np.ndarray | None, first: bool
     ) -> Mapping[str, np.ndarray]:
-        """The values that are observed, `(k,)` by the name of their term."""
+        """The values that are observed, `(k,)` by the name of their term; see `columns`."""
+        if not self._values:
+            return {}
+        columns = self.columns(measured, inputs)
         return {name: _next(each, columns, ids, first) for name, each in self._values.items()}
 
 

@@ -30,12 +30,12 @@ ALL = slice(None)
 Read = Callable[[Rows, np.ndarray], None]  # of some worlds, into `(k, columns)`
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class _Gathered:
     """Numbers of a field, by their places in it."""
 
     field: str
-    places: tuple[int, ...]
+    places: np.ndarray
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,12 +46,12 @@ class _Computed:
     count: int
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class _Completed:
     """Numbers of a field that a step leaves out, by their places in it."""
 
     field: str
-    places: tuple[int, ...]
+    places: np.ndarray
 
 
 @dataclass(frozen=True, eq=False)
@@ -125,15 +125,15 @@ class MeasurementPlan:
         for group, members in groupby(names, _group_name):
             columns, probe = self._group(group)
             places = {column.name: index for index, column in enumerate(columns)}
-            indices = tuple(places[name] for name in members)
+            indices = np.array([places[name] for name in members])
             field = ALIASES.get(group, group)
             if field in extents():
                 is_left_out = field in LAZY and not (can_sense and field in SENSED)
                 yield _Completed(field, indices) if is_left_out else _Gathered(field, indices)
             elif isinstance(probe, FieldProbe):
-                yield _Computed(probe.only(indices), len(indices))
+                yield _Computed(probe.only(indices.tolist()), len(indices))
             else:
-                yield _Measured(probe.only(indices), len(indices))
+                yield _Measured(probe.only(indices.tolist()), len(indices))
 
     def _stage(self, field: str) -> int:
         if field == "sensordata":
@@ -197,14 +197,14 @@ class Measurement:
                 if LAZY[piece.field] not in computed:
                     LAZY[piece.field](model, data)
                     computed.add(LAZY[piece.field])
-                out[place] = getattr(data, piece.field).ravel()[list(piece.places)]
+                out[place] = getattr(data, piece.field).ravel()[piece.places]
 
     def _gather(self, piece: _Gathered) -> Read:
         if piece.field in state.FIELDS:  # views of the states: gathered from there
             start = self._state_fields[piece.field].start
-            values, places = self._batch.state, np.array(piece.places) + start
+            values, places = self._batch.state, piece.places + start
         else:
-            values, places = self._batch.bind(piece.field), np.array(piece.places)
+            values, places = self._batch.bind(piece.field), piece.places
             values = values.reshape(self._batch.nsim, -1)
         first, last = int(places[0]), int(places[-1])
         if np.array_equal(places, np.arange(first, last + 1)):

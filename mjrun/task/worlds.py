@@ -13,6 +13,7 @@ import numpy as np
 from mujoco.batch import Batch
 from mujoco.batch import SimulationError as BatchError
 
+from mjrun.model.mujoco_globals import without_timers
 from mjrun.model.source import Source
 from mjrun.model.variants import ModelVariants
 from mjrun.options.task import CURRENT, LAGGED
@@ -166,7 +167,7 @@ class TaskWorlds:
         measured, inputs = self._measure(rows), self._inputs(worlds)
         columns = self._expressions.columns(measured[:, self._of_terms :], inputs)
         self._expressions.begin(columns, some)
-        values = self._expressions.values(columns, some, first=True)
+        values = self._expressions.values(measured[:, self._of_terms :], inputs, some, first=True)
         observed = self._observations.observe(measured[:, : self._of_terms], inputs, values, worlds, first=True)
         self._observed[worlds] = observed
         return observed
@@ -304,7 +305,8 @@ class TaskWorlds:
     def _call(self, call: Callable[[], None]) -> None:
         """Makes a call of the batch; worlds in which MuJoCo gives up have failed."""
         try:
-            call()
+            with without_timers():
+                call()
         except BatchError as error:
             self._failed[error.ids] = True
 
@@ -312,16 +314,15 @@ class TaskWorlds:
         rows, some = (ALL, None) if ids is None else (np.asarray(ids, int), np.asarray(ids, int))
         worlds = self._all[rows]
         measured = self._measure(rows)
-        before = self._inputs(worlds)
+        in_force = self._commands.at(worlds, self._instants[rows])
         self._instants[rows] += 1
         after = self._inputs(worlds)
-        columns = self._expressions.columns(measured[:, self._of_terms :], replace(after, commands=before.commands))
+        columns = self._expressions.columns(measured[:, self._of_terms :], replace(after, commands=in_force))
         terms = self._expressions.rewards(columns, some, len(worlds))
         codes = self._expressions.codes(columns, some, len(worlds))
         codes[(codes == RUNNING) & (after.instants >= self.task.periods)] = len(self.endings) - 2
 
-        columns = self._expressions.columns(measured[:, self._of_terms :], after)
-        values = self._expressions.values(columns, some, first=False)
+        values = self._expressions.values(measured[:, self._of_terms :], after, some, first=False)
         observed = self._observations.observe(measured[:, : self._of_terms], after, values, worlds, first=False)
         unstable = self._unstable(rows)
         if unstable.any():
