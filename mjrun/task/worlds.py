@@ -314,7 +314,7 @@ class TaskWorlds:
         rows, some = (ALL, None) if ids is None else (np.asarray(ids, int), np.asarray(ids, int))
         worlds = self._all[rows]
         measured = self._measure(rows)
-        in_force = self._commands.at(worlds, self._instants[rows])
+        in_force = self.commands.at(worlds, self._instants[rows])
         self._instants[rows] += 1
         after = self._inputs(worlds)
         columns = self._expressions.columns(measured[:, self._of_terms :], replace(after, commands=in_force))
