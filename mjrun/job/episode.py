@@ -222,11 +222,19 @@ class EnvironmentEpisode(Episode):
         return actions * environment.control_steps
 
 
-def episode_of(source: Source, policy: "Policy", seed: int, pushes: Sequence[Push] = ()) -> Episode:
+def episode_of(
+    source: Source,
+    policy: "Policy",
+    seed: int,
+    pushes: Sequence[Push] = (),
+    control_dt: Fraction | None = None,
+    duration: Fraction | None = None,
+) -> Episode:
     """The episode of `seed` of what `source` is: an environment, a task, or a model of which the policy says the rest.
 
     Args:
       pushes: forces on bodies besides those of the task.
+      control_dt, duration: the control period and the length [s], of a model alone.
 
     Raises:
       UsageError: the policy does not fit, or does not say enough.
@@ -234,13 +242,17 @@ def episode_of(source: Source, policy: "Policy", seed: int, pushes: Sequence[Pus
     from mjrun.model.sources.gym import GymSource
     from mjrun.task.task import Task
 
+    if control_dt is not None and isinstance(source, Task | GymSource):
+        raise UsageError(f"{option('control_dt')}: {clean(source.text)} says its control period")
     if isinstance(source, Task):
         return TaskEpisode(source, policy, seed, pushes)
     if isinstance(source, GymSource):
         if pushes:
             raise UsageError(f"{option('push')}: an environment steps itself, and nothing else can push its bodies")
         return EnvironmentEpisode(source, policy, seed)
-    raise UsageError(f"{option('policy')} needs a task, and {clean(source.text)} is a model alone")
+    from mjrun.policy.task_of_policy import task_of_policy
+
+    return TaskEpisode(task_of_policy(policy, source, control_dt, duration), policy, seed, pushes)
 
 
 def policy_files(policy: object, normalize: str | None) -> list[Path]:

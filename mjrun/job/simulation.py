@@ -59,7 +59,7 @@ class Simulation(SimulationOptions):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if self.control_dt is not None and self.controller is None:
+        if self.control_dt is not None and self.controller is self.policy is None:
             raise UsageError(f"{option('control_dt')} says how often a {option('controller')} is called; there is none")
         if self.normalize is not None and self.policy is None:
             raise UsageError(f"{option('normalize')} is about what a {option('policy')} observes; there is none")
@@ -89,7 +89,7 @@ class Simulation(SimulationOptions):
         from mjrun.policy.load import load_policy
 
         policy = load_policy(self.policy, trust=self.trust, normalize=self.normalize)
-        return episode_of(self.source, policy, self.seed, self.push)
+        return episode_of(self.source, policy, self.seed, self.push, self.control_dt, self.duration)
 
     @property
     def has_end(self) -> bool:

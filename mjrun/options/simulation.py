@@ -55,7 +55,7 @@ class ControllerOptions(Options):
         default=None,
         usual="every step",
         places=FrontEnd.COMMAND | FrontEnd.PYTHON,
-        help="Time between two calls of the controller [s].",
+        help="Time between two calls of the controller, or of a policy that plays on a model alone [s].",
     )
 
 

@@ -22,6 +22,7 @@ DURATION = Fraction(5)  # [s], as of simulations
 JOINTS = {"joint_pos": "qpos", "joint_vel": "qvel", "state/joint/position": "qpos", "state/joint/velocity": "qvel"}
 LAST_ACTION = ("actions", "last_action")
 BODIES = {"state/body/rotation": "xquat", "state/body/position": "xpos"}
+PERIOD = "its control period"
 
 
 def task_of_policy(
@@ -39,16 +40,14 @@ def task_of_policy(
     """
     draft = _Draft(policy.facts, source.load(), policy.facts.control_dt or control_dt)
     if draft.missing:
-        raise UsageError(
-            "\n".join(
-                [
-                    f"{option('policy')} {clean(policy.name)} does not say {', '.join(draft.missing)}",
-                    f"write a task document, and play the policy on that instead of on {clean(source.text)}:",
-                    *draft.lines(source.text),
-                ]
-            ),
-            ("policy",),
-        )
+        is_period_alone = draft.missing == [PERIOD]
+        advice = f"say it by {option('control_dt')}, or" if is_period_alone else "such things are never guessed:"
+        lines = [
+            f"{option('policy')} {clean(policy.name)} does not say {', '.join(draft.missing)}",
+            f"{advice} write a task document, and play the policy on that instead of on {clean(source.text)}:",
+            *draft.lines(source.text),
+        ]
+        raise UsageError("\n".join(lines), ("policy",))
     assert draft.control_dt is not None
     return Task(
         source,
@@ -77,7 +76,7 @@ class _Draft:
     def __init__(self, facts: PolicyFacts, model: mujoco.MjModel, control_dt: Fraction | None) -> None:
         self._facts, self._model, self.control_dt = facts, model, control_dt
         self._names = {_last(name): name for name in names(model, "joint") if name}
-        self.missing: list[str] = [] if control_dt else [option("control_dt")]
+        self.missing: list[str] = [] if control_dt else [PERIOD]
         self.observations = [self._observation(part) or _Unknown(part.name) for part in facts.observations or ()]
         unknown = [clean(each.name) for each in self.observations if isinstance(each, _Unknown)]
         if unknown:
@@ -96,11 +95,13 @@ class _Draft:
 
     def lines(self, model: str) -> list[str]:
         """A task document as far as it is known."""
+        pose = {joint: position for joint, (position,) in self.start.items()}
         period = "# is not said" if self.control_dt is None else f"{float(self.control_dt):g}"
         return [
             f"  model: {clean(model)}",
             f"  control_dt: {period}",
             f"  duration: {float(DURATION):g}",
+            *([f"  reset: {json.dumps({'qpos': pose})}"] if pose else []),
             "  observations:" + ("" if self.observations else "  # are not said"),
             *(
                 f"    - {{name: {json.dumps(each.name)}}}  # from where?" if isinstance(each, _Unknown) else _line(each)

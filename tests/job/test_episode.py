@@ -9,6 +9,7 @@ import mujoco
 import numpy as np
 import pytest
 
+from mjrun.document.task import read_task
 from mjrun.errors import InvalidActionError, UsageError
 from mjrun.formats.recording_reader import RecordingReader
 from mjrun.formats.table_reader import read_table
@@ -17,6 +18,9 @@ from mjrun.job.recording import Recording
 from mjrun.job.simulation import Simulation
 from mjrun.job.trace import Trace
 from mjrun.model import state
+from tests.policy.networks import linear
+from tests.policy.test_agreement import METADATA, MODEL, MOTORS
+from tests.policy.test_task_of_policy import DOCUMENT
 from tests.task.environments import registered
 
 
@@ -117,3 +121,20 @@ def test_actions_that_are_not_finite_end_it_with_the_step(tmp_path: Path) -> Non
 def test_what_does_not_go_with_a_policy_is_refused(options: dict[str, Any], message: str) -> None:
     with pytest.raises(UsageError, match=message):
         Simulation("gym:Ant-v5", **options)
+
+
+def test_a_model_alone_is_played_where_the_file_of_the_policy_says_the_rest(tmp_path: Path) -> None:
+    (tmp_path / "robot.xml").write_text(MODEL.format("", MOTORS.format("")))
+    (tmp_path / "task.yaml").write_text(DOCUMENT)
+    policy = str(linear(tmp_path / "walk.onnx", np.full((2, 6), 0.5, np.float32), bias=1, metadata=METADATA))
+    alone = Simulation(str(tmp_path / "robot.xml"), policy=policy, control_dt="0.02", duration="0.1")
+    task = read_task(tmp_path / "task.yaml")
+    tables = []
+    for simulation in (alone, Simulation(task, policy=policy, duration="0.1")):
+        Trace(simulation, str(tmp_path / "t.csv"), probe=["qpos", "action"]).run()
+        tables.append((tmp_path / "t.csv").read_bytes())
+    assert tables[0] == tables[1]
+    with pytest.raises(UsageError, match=r"does not say its control period\nsay it by control_dt"):
+        Trace(Simulation(str(tmp_path / "robot.xml"), policy=policy), str(tmp_path / "t.csv")).run()
+    with pytest.raises(UsageError, match=r"^control_dt: .*task.yaml says its control period"):
+        Trace(Simulation(task, policy=policy, control_dt="0.01"), str(tmp_path / "t.csv")).run()

@@ -105,7 +105,9 @@ def test_servos_of_the_model_are_used_as_they_are(tmp_path: Path) -> None:
 
 def test_what_a_file_does_not_say_is_asked_for_and_not_guessed(tmp_path: Path, robot: Path) -> None:
     policy = exported(tmp_path, observation_names="base_lin_vel,joint_vel,actions", action_scale="0.25")
-    with pytest.raises(UsageError, match=r"^policy walk.onnx does not say control_dt, where these obs") as error:
+    with pytest.raises(
+        UsageError, match=r"^policy walk.onnx does not say its control period, where these obs"
+    ) as error:
         task_of_policy(policy, source_of(robot))
     lines = str(error.value).splitlines()
     assert lines[0].endswith("where these observations are taken from: base_lin_vel")
@@ -114,7 +116,7 @@ def test_what_a_file_does_not_say_is_asked_for_and_not_guessed(tmp_path: Path, r
     assert '    - {name: "joint_vel", joints: ["hip", "knee"], of: "qvel", scale: 0.05}' in lines
     assert '    - {name: "actions", action: "previous"}' in lines
     silent = OnnxPolicy(linear(tmp_path / "silent.onnx", WEIGHTS), "silent.onnx")
-    with pytest.raises(UsageError, match="does not say control_dt, what it observes, what its actions move"):
+    with pytest.raises(UsageError, match="does not say its control period, what it observes, what its actions move"):
         task_of_policy(silent, source_of(robot))
 
 
@@ -122,10 +124,15 @@ def test_the_lines_of_the_draft_are_a_task_document(tmp_path: Path, robot: Path)
     policy = exported(tmp_path)
     with pytest.raises(UsageError) as error:
         task_of_policy(policy, source_of(robot))
+    assert str(error.value).splitlines()[:2] == [
+        "policy walk.onnx does not say its control period",
+        f"say it by control_dt, or write a task document, and play the policy on that instead of on {robot}:",
+    ]
     text = "\n".join(line[2:] for line in str(error.value).splitlines()[2:])
     path = tmp_path / "draft.yaml"
     path.write_text(text.replace("control_dt: # is not said", "control_dt: 0.02"))
-    check_agreement(read_task(path), policy)
+    made = task_of_policy(policy, source_of(robot), control_dt=DT)
+    assert np.array_equal(played(read_task(path), policy), played(made, policy))
 
 
 def test_a_joint_that_the_model_lacks_is_named(tmp_path: Path, robot: Path) -> None:
