@@ -64,7 +64,7 @@ class TaskExpressions:
         names: tuple[Sequence[str], Sequence[str]],
         count: int,
     ) -> None:
-        self._times = np.array([float(task.control_dt * instant) for instant in range(task.periods + 1)])
+        self._control_dt = task.control_dt
         own_columns = [f"{ACTION}{name}" for name in names[0]], [f"{COMMAND}{name}" for name in names[1]]
         rewards = dict(_rewards(task, columns))
         conditions = dict(_conditions(task, columns))
@@ -95,8 +95,12 @@ class TaskExpressions:
         read += [inputs.actions] if self._reads_actions else []
         read += [inputs.commands] if self._reads_commands else []
         matrix = np.concatenate(read, axis=1) if len(read) > 1 else measured
-        others = {TIME: self._times[inputs.instants]} if self._reads_time else {}
+        others = {TIME: self._time(inputs.instants)} if self._reads_time else {}
         return ColumnMatrix(self._layout, matrix, others)
+
+    def _time(self, instants: np.ndarray) -> np.ndarray:
+        """The time of control instants [s], exact and rounded once."""
+        return instants * self._control_dt.numerator / self._control_dt.denominator
 
     def begin(self, columns: Mapping[str, np.ndarray], ids: np.ndarray | None) -> None:
         """Takes note of the first instant of episodes, for what looks back at it."""
