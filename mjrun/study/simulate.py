@@ -118,7 +118,7 @@ class PointSimulator:
 
     def run(self, points: Sequence[StudyPoint]) -> Iterator[PointResult]:
         """The result of each point, not in their order, each as soon as it is known."""
-        batch: list[_Prepared] = []
+        batches: dict[object, list[_Prepared]] = {}
         with collected_warnings(), without_timers():
             for point in points:
                 start = time.perf_counter()
@@ -131,11 +131,12 @@ class PointSimulator:
                     yield self._alone(prepared)
                     self._variants.reuse(prepared.variant)
                     continue
-                if batch and (prepared.kind != batch[0].kind or len(batch) == self._most):
-                    yield from self._side_by_side(batch)
-                    batch = []
-                batch.append(prepared)
-            yield from self._side_by_side(batch)
+                batches.setdefault(prepared.kind, []).append(prepared)
+                if sum(map(len, batches.values())) == self._most:  # all of them are models in memory
+                    largest = max(batches, key=lambda kind: len(batches[kind]))
+                    yield from self._side_by_side(batches.pop(largest))
+            for batch in batches.values():
+                yield from self._side_by_side(batch)
 
     def _ready(self, point: StudyPoint) -> "_Prepared":
         simulation = self._spec.simulation(point.values)
@@ -190,7 +191,7 @@ class PointSimulator:
         begin = time.perf_counter()
         ready: list[_Prepared] = []
         starts: list[np.ndarray] = []
-        data = mujoco.MjData(batch[0].variant.model) if batch else None  # they are all of one size
+        data = mujoco.MjData(batch[0].variant.model)  # they are all of one size
         for prepared in batch:
             try:
                 model = prepared.variant.model
@@ -306,6 +307,7 @@ class _Prepared:
 def structure(model: mujoco.MjModel) -> tuple[object, ...]:
     """What models have in common whose simulations have the same columns, and can run side by side."""
     sizes = (model.nq, model.nv, model.nu, model.na, model.nbody, model.njnt, model.ngeom, model.nsite, model.ntendon)
-    memory = (model.nsensordata, model.nM, model.nD, model.narena, model.nbuffer)
+    memory = (model.nsensordata, model.nM, model.nD, model.narena, model.nbuffer, model.nhistory)
     kinds = (model.jnt_type.tobytes(), model.sensor_type.tobytes(), model.sensor_dim.tobytes())
-    return (*sizes, *memory, *kinds, int(model.opt.integrator), model.names)
+    delays = (model.actuator_history.tobytes(), model.sensor_history.tobytes())  # samples that are kept
+    return (*sizes, *memory, *kinds, *delays, int(model.opt.integrator), model.names)

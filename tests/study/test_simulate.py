@@ -141,3 +141,15 @@ def test_a_replay_is_measured_as_it_was_recorded(tmp_path: Path) -> None:
     spec = StudySpec(Simulation(str(path), replay=str(tmp_path / "r.npz")), ("steps",), METRICS)
     for result, steps in zip(simulated(spec, [("50",), ("20",)]), (50, 20), strict=True):
         np.testing.assert_array_equal(result.metrics, bare(0.7, steps=steps))
+
+
+def test_controls_may_be_late_or_noisy(tmp_path: Path) -> None:
+    path = tmp_path / "pendulum.xml"
+    path.write_text(PENDULUM)
+    metrics = (("acts", "first(time, abs(actuator_force/motor) > 0)"), ("noise", "std(ctrl/motor)"))
+    names = ("actuator/motor.delay", "ctrl_noise", "seed")
+    points = [("0.03", "0", "1"), ("0", "0", "1"), ("0.05", "0", "1"), ("0.03", "0", "2"), ("0", "0.5", "1")]
+    results = simulated(StudySpec(Simulation(str(path), ctrl={"motor": 1}, steps=400), names, metrics), points)
+    assert [result.metrics[0] for result in results[:4]] == [0.03, 0, 0.05, 0.03]
+    assert [result.metrics[1] for result in results[:4]] == [0, 0, 0, 0]
+    assert results[4].metrics[1] == pytest.approx(0.5, rel=0.2)
