@@ -14,7 +14,7 @@ from typing import Literal
 import mujoco
 import numpy as np
 
-from mjrun.errors import MjrunError, SimulationError, UsageError, concerning, flag, option
+from mjrun.errors import MjrunError, SimulationError, UnstableError, UsageError, concerning, flag, option
 from mjrun.job.simulation import Simulation
 from mjrun.job.trace_rows import ProbeSampler, RowBuffer
 from mjrun.model import state
@@ -91,7 +91,7 @@ class PointResult:
       status: how it ended.
       metrics: in order; NaN where the simulation did not reach its end.
       steps: taken.
-      exit_code: what `mjrun trace` of this point alone would exit with.
+      exit_code: what `mjrun trace` of this point alone would exit with; 4, too, where that would go on with a warning.
       message: why it failed; empty if it did not.
       wall: wall time [s]; of points that ran side by side, its share.
     """
@@ -182,6 +182,8 @@ class PointSimulator:
                 buffer = RowBuffer(prepared.sampler, rows, lambda block: prepared.feed(block.values))
                 observe(stepper, [Tap(rows, prepared.sampler.read, buffer.add)], rows[-1])
                 buffer.flush()
+            if isinstance(stepper, PhysicsStepper) and stepper.lacks_memory:
+                raise out_of_memory(stepper.step, prepared.timeline)
         except Exception as error:
             steps = error.step if isinstance(error, SimulationError) else 0
             return self._failed(prepared.point, error, steps, time.perf_counter() - start)
@@ -226,6 +228,8 @@ class PointSimulator:
         failures = dict[int, SimulationError]()
         for block in joined(self._engine.rollout(models, starts, None, steps, first.sampler.fields, every), ENOUGH):
             failures |= block.failures
+            for index, step in block.shortages.items():
+                failures.setdefault(index, out_of_memory(step, first.timeline))
             wanted = len(block.steps) - (block.steps[-1] % every != 0)  # the last step is no row of every N-th
             for index, prepared in enumerate(ready):
                 count = min(int(block.counts[index]), wanted)
@@ -236,7 +240,7 @@ class PointSimulator:
         return failures
 
     def _failed(self, point: StudyPoint, error: Exception, steps: int, wall: float) -> PointResult:
-        status: Status = "unstable" if isinstance(error, SimulationError) else "failed"
+        status: Status = "unstable" if isinstance(error, UnstableError) else "failed"
         code = error.exit_code if isinstance(error, MjrunError) else BUG
         text = error.spelled(flag) if isinstance(error, MjrunError) else f"{type(error).__name__}: {error}"
         metrics = (math.nan,) * len(self._spec.metrics)
@@ -302,6 +306,12 @@ class _Prepared:
             return False
         model = self.sampler.model
         return not model.opt.enableflags & SLEEP and all(isinstance(p, FieldProbe) for p in self.sampler.probes)
+
+
+def out_of_memory(step: int, timeline: Timeline) -> SimulationError:
+    """Why a simulation fails in which MuJoCo has left out contacts; it goes on, but what follows is wrong."""
+    text = f"MuJoCo left out contacts or constraints by step {step}: the model has too little memory for them"
+    return SimulationError(step, float(timeline.time(step)), f'{text}; give it more as in <size memory="10M"/>')
 
 
 def structure(model: mujoco.MjModel) -> tuple[object, ...]:

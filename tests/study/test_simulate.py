@@ -14,7 +14,7 @@ from mjrun.errors import UnstableError
 from mjrun.job.recording import Recording
 from mjrun.job.simulation import Simulation
 from mjrun.study.simulate import PointResult, PointSimulator, StudyPoint, StudySpec
-from tests.study.models import BALL, PENDULUM
+from tests.study.models import BALL, BALL_WITH_MEMORY, PENDULUM
 
 METRICS = (
     ("lowest", "min(qpos/ball/z)"),
@@ -153,3 +153,20 @@ def test_controls_may_be_late_or_noisy(tmp_path: Path) -> None:
     assert [result.metrics[0] for result in results[:4]] == [0.03, 0, 0.05, 0.03]
     assert [result.metrics[1] for result in results[:4]] == [0, 0, 0, 0]
     assert results[4].metrics[1] == pytest.approx(0.5, rel=0.2)
+
+
+@pytest.mark.parametrize("noise", ["0", "1e-9"])  # side by side, and alone
+def test_points_without_enough_memory_fail_one_by_one(tmp_path: Path, noise: str) -> None:
+    memory = ("1M", "3K", "1K", "800T", "2M")
+    for size in memory:
+        (tmp_path / f"{size}.xml").write_text(BALL_WITH_MEMORY.replace("MEMORY", size))
+    spec = replace(
+        spec_of(tmp_path, ("model",)), base=Simulation(str(tmp_path / "1M.xml"), steps=300, ctrl_noise=float(noise))
+    )
+    results = simulated(spec, [(str(tmp_path / f"{size}.xml"),) for size in memory])
+    assert [result.status for result in results] == ["ok", "failed", "failed", "failed", "ok"]
+    assert "out of memory, stack overflow" in results[1].message
+    assert "left out contacts or constraints by step" in results[2].message
+    assert "Could not allocate memory" in results[3].message
+    for result in (results[0], results[4]):
+        np.testing.assert_array_equal(result.metrics, bare())
