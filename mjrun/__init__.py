@@ -26,6 +26,8 @@ if TYPE_CHECKING:
     from mjrun.diff.result import DiffResult as DiffResult
     from mjrun.document.camera import read_camera as read_camera
     from mjrun.document.task import read_task as read_task
+    from mjrun.evaluation.evaluation import Evaluation as Evaluation
+    from mjrun.evaluation.result import EvaluationResult as EvaluationResult
     from mjrun.formats.table import Table as Table
     from mjrun.formats.table_reader import read_table as read_table
     from mjrun.formats.video_reader import read_video as read_video
@@ -75,6 +77,8 @@ _HOMES = {
     "Command": "mjrun.task.terms",
     "Diff": "mjrun.job.diff",
     "DiffResult": "mjrun.diff.result",
+    "Evaluation": "mjrun.evaluation.evaluation",
+    "EvaluationResult": "mjrun.evaluation.result",
     "Image": "mjrun.job.image",
     "ImageResult": "mjrun.job.image",
     "Info": "mjrun.model.info",
@@ -124,6 +128,8 @@ __all__ = [
     "Command",
     "Diff",
     "DiffResult",
+    "Evaluation",
+    "EvaluationResult",
     "Image",
     "ImageResult",
     "Info",

@@ -17,7 +17,7 @@ from mjrun.errors import EncoderError, NoRendererError, Spelling, UnknownNameErr
 from mjrun.formats.ffmpeg import encoder_version, working_codecs
 from mjrun.formats.tables import formats
 from mjrun.model import known_bugs
-from mjrun.options import fit, sweep, task
+from mjrun.options import evaluation, fit, sweep, task
 from mjrun.plotting import figure_writer
 from mjrun.rendering.backend import DEVICE, GL, Backend, candidates, requested_backends
 from mjrun.rendering.backend_detection import BackendTrialProcess, alternative, repair_advice
@@ -109,9 +109,10 @@ def extras() -> dict[str, tuple[str, list[str]]]:
         if table.extra:
             extras.setdefault(table.extra, (table.library, []))[1].extend(table.suffixes)
     extras[figure_writer.EXTRA] = (figure_writer.LIBRARY, ["plots"])
+    declared = sweep.EXTRAS | fit.EXTRAS | evaluation.EXTRAS | task.EXTRAS
     return {
         **extras,
-        **{extra: (library, [use]) for extra, (library, use) in (sweep.EXTRAS | fit.EXTRAS | task.EXTRAS).items()},
+        **{extra: (library, [use]) for extra, (library, use) in declared.items()},
         frames.EXTRA: (frames.LIBRARY, [option("min_ssim")]),
         warp_device.EXTRA: (warp_device.LIBRARY, [f"{option('engine')} warp"]),
     }

@@ -499,6 +499,20 @@ class LostFilesError(MjrunError):
         super().__init__("\n".join([*lines, "the results of all points are in the table"]))
 
 
+class LostEpisodesError(MjrunError):
+    """A process that played episodes ended in the middle of them.
+
+    Args:
+      seeds: of the episodes that it was to play.
+      ending: how it ended, as the end of a sentence.
+    """
+
+    exit_code = 8
+
+    def __init__(self, seeds: Sequence[int], ending: str) -> None:
+        super().__init__(f"the process that played the episodes of seeds {seeds[0]} to {seeds[-1]} {clean(ending)}")
+
+
 # --- ended from outside ----------------------------------------------------------------------------
 
 

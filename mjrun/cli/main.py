@@ -33,6 +33,7 @@ COMMANDS = {
     "run": "Make everything that a document asks for, in one pass.",
     "plot": "Plot tables: png, svg or pdf.",
     "diff": "Tell whether two results agree: tables, recordings, videos, images, models.",
+    "eval": "Play episodes of a task under a policy: returns, successes, films, comparisons.",
     "sweep": "Simulate for many values: grids, samples, randomization; resumable.",
     "fit": "Find parameters of a model from measurements.",
     "bench": "Time a simulation: steps, phases, threads, drawing, accuracy.",

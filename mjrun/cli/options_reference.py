@@ -23,6 +23,7 @@ CLASSES = {
     "bench": "Bench",
     "check": "Check",
     "diff": "Diff",
+    "eval": "Evaluation",
     "plot": "TablePlot",
     "sweep": "Study",
     "view": "Viewer",

@@ -6,14 +6,14 @@ from mjrun.cli.click_command import CommandLine, command
 from mjrun.cli.console import Console
 from mjrun.cli.simulation_command import import_mujoco
 
-KINDS = ("camera", "run", "study", "task", "bench", "diff", "fit", "plot", "sweep", "options")
+KINDS = ("camera", "run", "study", "task", "bench", "diff", "eval", "fit", "plot", "sweep", "options")
 
 
 @command("schema", arguments=[click.Argument(["kind"], type=click.Choice(KINDS))])
 def schema(console: Console, command_line: CommandLine) -> None:
     """Print the JSON Schema of a kind of document, for editors and validators, or of the reports of a command.
 
-    bench, diff, fit, plot and sweep are what these commands report with --json.
+    bench, diff, eval, fit, plot and sweep are what these commands report with --json.
 
     options prints a reference of all options of all commands instead, as Markdown.
 

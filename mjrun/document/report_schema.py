@@ -9,14 +9,18 @@ from pydantic_core.core_schema import DataclassField, DataclassSchema, ModelFiel
 
 from mjrun.bench.results import BenchResult
 from mjrun.diff.result import DiffResult
+from mjrun.evaluation.result import EvaluationResult
 from mjrun.fit.fit import FitResult
 from mjrun.plotting.table_plot import TablePlotResult
 from mjrun.study.study import StudyResult
 
 # Kind of report → its dataclass, whose field `schema` names it, and its title.
-REPORTS: dict[str, tuple[type[BenchResult | DiffResult | FitResult | StudyResult | TablePlotResult], str]] = {
+REPORTS: dict[
+    str, tuple[type[BenchResult | DiffResult | EvaluationResult | FitResult | StudyResult | TablePlotResult], str]
+] = {
     "bench": (BenchResult, "mjrun bench report"),
     "diff": (DiffResult, "mjrun diff report"),
+    "eval": (EvaluationResult, "mjrun eval report"),
     "fit": (FitResult, "mjrun fit report"),
     "plot": (TablePlotResult, "mjrun plot report"),
     "sweep": (StudyResult, "mjrun sweep report"),

@@ -115,9 +115,8 @@ def median_interval(values: np.ndarray, confidence: float = CONFIDENCE) -> Inter
     return Interval(float(ordered[rank]), float(ordered[count - 1 - rank]))
 
 
-def share(holds: Sequence[bool] | np.ndarray, confidence: float = CONFIDENCE) -> Share:
-    """On how many of `holds` `(n,)`, n > 0, something is so."""
-    count, of = int(np.count_nonzero(holds)), len(holds)
+def share(count: int, of: int, confidence: float = CONFIDENCE) -> Share:
+    """That something is so in `count` cases of `of`, which are more than none."""
     return Share(count, of, count / of, wilson_interval(count, of, confidence))
 
 

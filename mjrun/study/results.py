@@ -65,15 +65,19 @@ def with_flags(text: str) -> str:
 
 
 def write_results(
-    folder: Path, columns: Sequence[Column], rows: np.ndarray, manifest: Mapping[str, object]
+    folder: Path,
+    columns: Sequence[Column],
+    rows: np.ndarray,
+    manifest: Mapping[str, object],
+    files: Sequence[str] = FILES,
 ) -> list[Path]:
-    """Writes the table in the formats of `FILES`, and returns the files.
+    """Writes the table to `files` of the folder, each in the format of its suffix, and returns them.
 
     Raises:
       FileError: it cannot be written.
     """
     written: list[Path] = []
-    for name in FILES:
+    for name in files:
         path = str(folder / name)
         with TableWriter(path, output_format(path).name, columns, manifest) as writer:
             writer.write(rows)

@@ -25,7 +25,7 @@ def test_the_interval_of_a_share_is_wilsons(counts: tuple[int, int], confidence:
     expected = scipy.stats.binomtest(count, of).proportion_ci(confidence, method="wilson")
     found = wilson_interval(count, of, confidence)
     assert (found.low, found.high) == pytest.approx((expected.low, expected.high), abs=1e-12)
-    assert share([True] * count + [False] * (of - count), confidence).interval == found
+    assert share(count, of, confidence).interval == found
 
 
 def test_a_share_of_all_or_none_reaches_the_end() -> None:

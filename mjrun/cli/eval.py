@@ -1,0 +1,105 @@
+"""`mjrun eval`."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from mjrun.cli.click_command import CommandLine, command
+from mjrun.cli.console import Console
+from mjrun.cli.simulation_command import failures_in_json, import_mujoco, with_camera_scripts
+from mjrun.errors import MjrunError, UsageError, clean, option
+from mjrun.options.evaluation import EvaluationCommandOptions, EvaluationExecutionOptions, EvaluationOptions
+from mjrun.options.messages import MessageOptions
+from mjrun.options.sweep import DOCUMENTS
+
+if TYPE_CHECKING:
+    from mjrun.evaluation.evaluation import Evaluation
+    from mjrun.evaluation.result import EvaluationResult
+    from mjrun.task.task import Task
+
+NO_CHANGES: Mapping[str, str] = {}
+ARGUMENTS = (
+    click.Argument(["task"], metavar="TASK", type=click.Path()),
+    click.Argument(["assignments"], metavar="[KEY=VALUE]...", nargs=-1),
+)
+
+
+@command(
+    "eval",
+    EvaluationOptions,
+    EvaluationExecutionOptions,
+    EvaluationCommandOptions,
+    arguments=ARGUMENTS,
+    without=["repeats"],
+)
+def eval(console: Console, command_line: CommandLine) -> None:  # noqa: A001 - the command's name
+    """Play seeded episodes of TASK under a policy, and tell how good it is: returns, successes, films.
+
+    \b
+    mjrun eval scene:car_drive --policy drive.onnx --episodes 200 -o results
+    mjrun eval task.yaml --policy walk.onnx --films 3 --metric 'effort=mean(abs(ctrl/hip))'
+    mjrun eval task.yaml --policy new.onnx --compare old.onnx --fail-below success=90%
+    mjrun eval task.yaml --policy walk.onnx --vary 'geom/floor.friction[0]=0.2,0.6,1'
+    mjrun eval gym:Walker2d-v5 --policy random --episodes 20
+
+    TASK is a task document, whose values KEY=VALUE changes, or an environment of Gymnasium's. Episode i has the seed
+    of the first plus i, and mjrun video TASK --policy P --seed S shows the episode of seed S. The same seeds give the
+    same table, bit for bit. Exits with 1 where what is required does not hold.
+    """
+    console.guard_stdout()
+    import_mujoco()
+    options = command_line.make(EvaluationCommandOptions)
+    if options.csv and command_line.make(MessageOptions).json:
+        raise UsageError(f"{option('csv')} and {option('json')} both want standard output")
+    evaluation = _evaluation(console, command_line)
+    _show(console, command_line, lambda: evaluation.run(console), as_csv=options.csv)
+
+
+def _evaluation(console: Console, command_line: CommandLine) -> "Evaluation":
+    from mjrun.evaluation.evaluation import Evaluation
+    from mjrun.model.sources import parse_source
+
+    path, assignments = command_line.argument("task"), command_line.arguments("assignments")
+    is_document = Path(path).suffix.lower() in DOCUMENTS
+    if assignments and not is_document:
+        raise UsageError(f"{clean(assignments[0])}: {clean(path)} is no document whose values could be changed")
+    task = _read(path, assignments) if is_document else parse_source(path)
+    command_line = with_camera_scripts(command_line.with_defaults(output=f"{task.stem}_eval"))
+    rewritten = partial(_read, path, assignments) if is_document else None
+    return command_line.make(Evaluation, task=task, rewritten=rewritten, command=console.command)
+
+
+def _read(path: str, assignments: Sequence[str], changes: Mapping[str, str] = NO_CHANGES) -> "Task":
+    from mjrun.document.task import read_task
+
+    return read_task(path, [*assignments, *(f"{name}={text}" for name, text in changes.items())])
+
+
+def _show(console: Console, command_line: CommandLine, run: "Callable[[], EvaluationResult]", *, as_csv: bool) -> None:
+    from mjrun.cli.eval_report import evaluation_report
+    from mjrun.evaluation.table import FILES
+
+    def show(result: "EvaluationResult") -> None:
+        report = evaluation_report(result)
+        if as_csv:
+            console.say(report)
+            console.result(Path(result.path, FILES[1]).read_text("utf-8").rstrip("\n"))
+        elif console.verbosity >= 0:
+            console.result(report)
+
+    as_json = command_line.make(MessageOptions).json
+    try:
+        with failures_in_json(console, command_line, lambda results: asdict(results[0])):
+            result = run()
+    except MjrunError as error:
+        if error.results and not as_json:
+            show(error.results[0])
+        raise
+    if as_json:
+        console.document(asdict(result))
+    else:
+        show(result)

@@ -1,0 +1,66 @@
+"""Episodes that are to be played, and what has come of them; all of it picklable values."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+from mjrun.model.source import Source
+
+
+@dataclass(frozen=True)
+class PolicyChoice:
+    """A policy, as a user names it.
+
+    Attributes:
+      policy: its text, or, in Python, the policy itself.
+      normalize: the statistics that its observations are normalized with.
+      trust: whether its file may run code.
+    """
+
+    policy: object
+    normalize: str | None = None
+    trust: bool = False
+
+    @property
+    def name(self) -> str:
+        """What tables call it."""
+        return self.policy if isinstance(self.policy, str) else type(self.policy).__name__
+
+
+@dataclass(frozen=True)
+class EpisodeSpec:
+    """What episodes have in common but for their seeds.
+
+    Attributes:
+      task: what is played.
+      chosen: who plays.
+      metrics: the name and the text of each.
+    """
+
+    task: Source
+    chosen: PolicyChoice
+    metrics: tuple[tuple[str, str], ...] = ()
+
+
+@dataclass(frozen=True)
+class Episode:
+    """What has come of an episode.
+
+    Attributes:
+      seed: of all that is random in it.
+      total: the return: the sum of all rewards.
+      steps: control periods.
+      length: simulated time [s].
+      ending: the name of the termination.
+      outcome: its kind: `success`, `failure` or `timeout`.
+      rewards: the sum of each term of the reward, by name.
+      metrics: in the order of the specification; NaN where there is none.
+    """
+
+    seed: int
+    total: float
+    steps: int
+    length: float
+    ending: str
+    outcome: str
+    rewards: Mapping[str, float]
+    metrics: Sequence[float] = ()

@@ -1,0 +1,106 @@
+"""An evaluation: seeded episodes of a task under one policy or two, and a folder that holds what comes of them."""
+
+import dataclasses
+import time
+from dataclasses import field
+from pathlib import Path
+
+import mujoco
+
+from mjrun.errors import FailedAssertionError, MjrunError, PartlyDoneError
+from mjrun.evaluation.film_maker import Failures, FilmMaker
+from mjrun.evaluation.findings import findings, map_columns
+from mjrun.evaluation.folder import ResultsFolder
+from mjrun.evaluation.points import Rewritten
+from mjrun.evaluation.prepared import PreparedEvaluation
+from mjrun.evaluation.result import EvaluationResult
+from mjrun.evaluation.schedule import play_all
+from mjrun.evaluation.table import FILES, episode_columns
+from mjrun.model.source import Source
+from mjrun.options.evaluation import MANIFEST, EvaluationExecutionOptions, EvaluationOptions
+from mjrun.options.option import options
+from mjrun.reporter import Reporter, WarningReporter
+from mjrun.study.results import write_results
+from mjrun.version import __version__
+
+
+@options
+class Evaluation(EvaluationOptions, EvaluationExecutionOptions):
+    """Seeded episodes of `task` under a policy. Its options are keywords.
+
+    Args:
+      command: the command line, for the manifest.
+      rewritten: makes the task of other values of its document, where something of that varies.
+    """
+
+    task: Source = field(kw_only=False)
+    command: str = ""
+    rewritten: Rewritten | None = None
+
+    def run(self, reporter: Reporter | None = None) -> EvaluationResult:
+        """Plays the episodes, and writes their table and all that is asked for.
+
+        Raises:
+          FailedAssertionError: what is required of the episodes does not hold; everything is written all the same.
+          PartlyDoneError: films could not be made; the tables are written all the same.
+          SimulationError: a policy answered what is not a number; nothing is written.
+          MjrunError: nothing could be played.
+        """
+        start, reporter = time.perf_counter(), reporter or WarningReporter()
+        prepared = PreparedEvaluation(self, self.task, self.rewritten)
+        maker = FilmMaker(self, prepared, self.seed)
+        folder = ResultsFolder(Path(self.output))
+        try:
+            seeds = range(self.seed, self.seed + self.episodes)
+            groups = play_all(prepared.groups, seeds, self.jobs, reporter)
+        except BaseException:
+            folder.abandon()
+            raise
+
+        count = len(prepared.points.points)
+        policies = [groups[first : first + count] for first in range(0, len(groups), count)]
+        found = findings(prepared, policies, self.confidence)
+        columns, rows = episode_columns(
+            groups, prepared.points, prepared.player.rewards, prepared.metrics, compared=len(policies) > 1
+        )
+        own = rows[: self.episodes * count]
+        verdicts = prepared.criteria.verdicts(columns, own, found.policies[0], found.comparison)
+
+        facts = {"command": self.command, "mjrun": __version__, "mujoco": mujoco.mj_versionString()}
+        files = write_results(folder.path, columns, rows, facts, FILES)
+        if found.points:
+            point_columns, point_rows, metrics = map_columns(prepared.points, found.points)
+            files += write_results(folder.path, point_columns, point_rows, {**facts, "metrics": metrics})
+        films, failures = maker.make(policies[0], folder, reporter)
+        result = EvaluationResult(
+            path=self.output,
+            task=self.task.text,
+            episodes=self.episodes,
+            seed=self.seed,
+            confidence=self.confidence,
+            policies=found.policies,
+            comparison=found.comparison,
+            names=prepared.points.names,
+            points=found.points,
+            films=films,
+            assertions=verdicts,
+            files=[*map(str, files), *(film.path for film in films), str(folder.path / MANIFEST)],
+            steps=sum(episode.steps for group in groups for episode in group.episodes),
+            wall=time.perf_counter() - start,
+        )
+        folder.write_manifest({**facts, **dataclasses.asdict(result)})
+        _raise_failures(result, failures)
+        return result
+
+
+def _raise_failures(result: EvaluationResult, failures: Failures) -> None:
+    """Raises what is wrong with a result that is written, if anything is."""
+    failed = [verdict.message for verdict in result.assertions if not verdict.passed]
+    error: MjrunError | None = None
+    if failed:
+        error = FailedAssertionError(failed)
+    elif failures:
+        error = PartlyDoneError(result.files, failures)
+    if error:
+        error.results = [result]
+        raise error

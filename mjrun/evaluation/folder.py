@@ -1,0 +1,64 @@
+"""The folder of an evaluation: what is in it, and what it may replace."""
+
+import contextlib
+import json
+import re
+from collections.abc import Mapping
+from pathlib import Path
+
+from mjrun.errors import FileError, clean, option
+from mjrun.formats.atomic_output import OutputWriter, StagedFile
+from mjrun.options.evaluation import MANIFEST
+
+FILMS = re.compile(r"(worst|median|best|rank\d+)(_point\d+)?_seed\d+\.mp4")
+
+
+class ResultsFolder:
+    """The folder at `path`, made if need be. Only what an evaluation has written is ever replaced or removed.
+
+    Raises:
+      FileError: it cannot be made or written, or holds something else.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self._require_ours()
+        self._is_new = not path.exists()
+        try:
+            path.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise FileError(path, f"cannot be made: {error.strerror}") from None
+        try:
+            with OutputWriter(StagedFile(path / MANIFEST)):
+                pass  # which proves that it can be written
+        except FileError:
+            self.abandon()
+            raise
+
+    def abandon(self) -> None:
+        """Removes the folder, if it was made for nothing."""
+        if self._is_new:
+            with contextlib.suppress(OSError):  # it is not empty
+                self.path.rmdir()
+
+    def remove_old_films(self) -> None:
+        """Removes films of an evaluation before, which would be taken for those of the new one."""
+        for path in self.path.iterdir():
+            if FILMS.fullmatch(path.name):
+                path.unlink(missing_ok=True)
+
+    def write_manifest(self, facts: Mapping[str, object]) -> None:
+        """Writes what made the results, and what they are."""
+        with OutputWriter(StagedFile(self.path / MANIFEST)) as output:
+            output.write_file(f"{json.dumps(facts, indent=2, default=str)}\n".encode())
+            output.publish()
+
+    def _require_ours(self) -> None:
+        path = self.path
+        if not path.exists():
+            return
+        if not path.is_dir():
+            raise FileError(path, "is no folder", f"{option('output')} names the folder of the results")
+        if any(path.iterdir()) and not (path / MANIFEST).is_file():
+            hint = f"{option('output')} names a folder that is new, empty, or of an evaluation before"
+            raise FileError(path, f"holds other things than an evaluation: it has no {clean(MANIFEST)}", hint)

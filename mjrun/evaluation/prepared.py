@@ -1,0 +1,132 @@
+"""An evaluation that can run: every policy loaded, every name found and every number checked; nothing is written."""
+
+from dataclasses import dataclass, replace
+from importlib.util import find_spec
+
+from mjrun.errors import MissingExtraError, UsageError, concerning, option
+from mjrun.evaluation.criteria import Criteria
+from mjrun.evaluation.episode import EpisodeSpec, PolicyChoice
+from mjrun.evaluation.player import EpisodePlayer, player_of
+from mjrun.evaluation.points import POLICY, Rewritten, points_of, policy_at, task_at
+from mjrun.evaluation.table import OUTCOMES, OWN, REWARD
+from mjrun.model.override import overrides_of
+from mjrun.model.source import Source
+from mjrun.options.evaluation import EXTRAS, EvaluationOptions
+from mjrun.options.option import is_given
+from mjrun.study.design import Design, numbers
+
+
+@dataclass(frozen=True)
+class EpisodeGroup:
+    """The episodes of one policy at one point, which are to be played.
+
+    Attributes:
+      policy: its place: 0 for the one that is asked about, 1 for the other.
+      name: of the policy.
+      point: the number of the point.
+      spec: what the episodes have in common.
+    """
+
+    policy: int
+    name: str
+    point: int
+    spec: EpisodeSpec
+
+
+class PreparedEvaluation:
+    """What `options` describe, checked.
+
+    Args:
+      task: what is played.
+      rewritten: makes the task of other values of its document.
+
+    Attributes:
+      points: what varies; one point without values where nothing does.
+      groups: by policies, and then by points.
+      metrics: their names.
+      player: of the first group.
+      criteria: what is required.
+
+    Raises:
+      MissingExtraError: a library is not installed.
+      UsageError: a name that nothing has, or a value that cannot be; a policy that does not fit.
+      FileError: a policy cannot be read.
+    """
+
+    def __init__(self, options: EvaluationOptions, task: Source, rewritten: Rewritten | None) -> None:
+        _require_library()
+        task = replace(task, overrides=(*task.overrides, *overrides_of(options)))
+        self.points = points_of(options, task)
+        tasks = [task_at(task, self.values(point), rewritten) for point in range(len(self.points.points))]
+        self.groups = [
+            EpisodeGroup(place, name, point, EpisodeSpec(each, policy_at(chosen, self.values(point)), options.metric))
+            for place, (name, chosen) in enumerate(_policies(options, self.points))
+            for point, each in enumerate(tasks)
+        ]
+        self.metrics = [name for name, _ in options.metric]
+        self.player = self._checked_players()
+        self._check_metrics()
+        varying = [
+            name
+            for index, name in enumerate(self.points.names)
+            if numbers(name, [values[index] for values in self.points.points]) is not None
+        ]
+        rewards = [f"{REWARD}{name}" for name in self.player.rewards]
+        columns = [*varying, "seed", "return", "length", "steps", *rewards, *self.metrics]
+        self.criteria = Criteria(
+            options,
+            columns,
+            self.player.endings,
+            can_succeed=self.player.can_succeed,
+            compared=options.compare is not None,
+        )
+
+    def values(self, point: int) -> dict[str, str]:
+        """What varies, and its values at a point."""
+        return dict(zip(self.points.names, self.points.points[point], strict=True))
+
+    def _checked_players(self) -> EpisodePlayer:
+        """The player of the first group; those of other policies are made too, to see that each fits the task."""
+        first = player_of(self.groups[0].spec)
+        known = {self.groups[0].spec.chosen}
+        for group in self.groups:
+            if group.spec.chosen not in known:
+                known.add(group.spec.chosen)
+                with concerning("compare" if group.policy else "policy"):
+                    player_of(group.spec)
+        return first
+
+    def _check_metrics(self) -> None:
+        taken = {*OWN, *OUTCOMES, *self.player.endings, *self.points.names}
+        for name in self.metrics:
+            with concerning("metric", name):
+                if not name.isidentifier() or name in taken:
+                    reason = "it takes letters, digits and _, and no other column may have it"
+                    raise UsageError(f"{option('metric')}: {name!r} cannot be the name of a metric: {reason}")
+                if self.metrics.count(name) > 1:
+                    raise UsageError(f"{option('metric')}: {name} is given twice")
+
+
+def _policies(options: EvaluationOptions, points: Design) -> list[tuple[str, PolicyChoice]]:
+    """The policies and their names."""
+    if POLICY in points.names:
+        for name in ("policy", "compare"):
+            if is_given(options, name):
+                raise UsageError(f"{option(name)} and {option('vary')} {POLICY} both say who plays", (name,))
+    elif options.policy is None:
+        raise UsageError(f"say with {option('policy')} who plays: a file, FILE.py:NAME, random or zero", ("policy",))
+    if options.compare_normalize is not None and options.compare is None:
+        raise UsageError(f"{option('compare_normalize')} goes with {option('compare')}", ("compare_normalize",))
+    own = PolicyChoice(options.policy, options.normalize, options.trust)
+    if options.compare is None:
+        return [(own.name, own)]
+    other = PolicyChoice(options.compare, options.compare_normalize, options.trust)
+    if own.name != other.name:
+        return [(own.name, own), (other.name, other)]
+    return [(f"{own.name} (1)", own), (f"{other.name} (2)", other)]
+
+
+def _require_library() -> None:
+    for extra, (library, use) in EXTRAS.items():
+        if find_spec(library) is None:
+            raise MissingExtraError(use, library, extra)

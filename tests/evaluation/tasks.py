@@ -1,0 +1,81 @@
+"""A small task, and a policy for it in Python, for tests."""
+
+from pathlib import Path
+
+from mjrun.task.task import Task
+from mjrun.task.terms import Action, Observation, Reset, Termination
+
+XML = """
+<mujoco>
+  <option timestep="0.01"/>
+  <worldbody>
+    <geom name="floor" type="plane" size="5 5 .1"/>
+    <body name="cart" pos="0 0 .2">
+      <joint name="slider" type="slide" axis="1 0 0" damping="0.1"/>
+      <geom name="box" size=".1 .1 .1" mass="1"/>
+    </body>
+  </worldbody>
+  <actuator><motor name="push" joint="slider" gear="5" ctrlrange="-1 1" ctrllimited="true"/></actuator>
+</mujoco>
+"""
+POLICY = """
+import numpy as np
+
+def act(observation):
+    return np.array([-2.0 * observation[0] - 1.2 * observation[1]])
+
+def weak(observation):
+    return np.array([-0.1 * observation[0]])
+
+class Broken:
+    def __init__(self):
+        self.calls = 0
+
+    def act(self, observation):
+        self.calls += 1
+        return np.array([np.nan if self.calls > 7 else 0.0])
+
+class Crashing:
+    def act(self, observation):
+        import os, sys
+        print("out of luck", file=sys.stderr, flush=True)
+        os.abort()
+
+    def reset(self):
+        pass
+
+def raising(observation):
+    raise KeyError("nothing here")
+
+def wide(observation):
+    return np.zeros(3)
+"""
+
+
+def cart_task(folder: Path, *, duration: float = 1.5, rewards: bool = True) -> Task:
+    """A cart that should come to the middle and must not leave the road; in steps of two timesteps."""
+    path = folder / "cart.xml"
+    path.write_text(XML)
+    return Task(
+        path,
+        control_dt="0.02",
+        duration=duration,
+        observations=[
+            Observation(name="x", joints=["slider"]),
+            Observation(name="v", joints=["slider"], of="qvel"),
+        ],
+        actions=[Action(actuators=["push"])],
+        rewards={"near": "-abs(qpos/slider)", "effort": "-0.01 * ctrl/push^2"} if rewards else {},
+        terminations={
+            "home": Termination(when="abs(qpos/slider) < 0.02 and abs(qvel/slider) < 0.1", as_="success"),
+            "lost": Termination(when="abs(qpos/slider) > 1", as_="failure"),
+        },
+        reset=Reset(set={"qpos/slider": "uniform(-0.9, 0.9)"}, noise={"qvel/slider": "normal(0, 1.5)"}),
+    )
+
+
+def write_policies(folder: Path) -> Path:
+    """A file of policies in Python."""
+    path = folder / "policies.py"
+    path.write_text(POLICY)
+    return path

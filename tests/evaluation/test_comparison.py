@@ -1,0 +1,56 @@
+"""Two policies on the same episodes, against scipy."""
+
+import numpy as np
+import pytest
+import scipy.stats
+
+from mjrun.evaluation.comparison import compared
+from mjrun.evaluation.statistics import paired_share_interval
+from tests.evaluation.episodes import played
+
+
+def test_the_difference_of_returns_has_the_interval_of_the_paired_t_test() -> None:
+    generator = np.random.default_rng(3)
+    theirs = generator.normal(0, 5, 40)
+    ours = theirs + generator.normal(0.6, 1, 40)
+    found = compared([played(*ours, policy="a")], [played(*theirs, policy="b")], 0.9, can_succeed=True)
+    test = scipy.stats.ttest_rel(ours, theirs)
+    interval = test.confidence_interval(0.9)
+    assert found.returns.difference == pytest.approx(np.mean(ours - theirs))
+    assert (found.returns.interval.low, found.returns.interval.high) == pytest.approx((interval.low, interval.high))
+    assert found.returns.better == "a"
+    assert test.pvalue < 0.1
+    assert found.returns.first_wins == np.sum(ours > theirs)
+    assert found.returns.second_wins == np.sum(ours < theirs)
+
+
+def test_the_difference_of_successes_is_that_of_paired_shares() -> None:
+    ours, theirs = [1, 1, 1, 1, -1, 1], [1, -1, -1, 1, -1, -1]
+    found = compared([played(*ours, policy="a")], [played(*theirs, policy="b")], 0.95, can_succeed=True).success
+    assert found
+    assert found.difference == pytest.approx(3 / 6)
+    assert (found.first_wins, found.second_wins, found.ties) == (3, 0, 3)
+    assert found.interval == paired_share_interval(np.array(ours) > 0, np.array(theirs) > 0)
+
+
+def test_points_are_paired_with_their_own() -> None:
+    ours = [played(1, 2, policy="a"), played(5, 6, policy="a", point=1)]
+    theirs = [played(0, 1, policy="b"), played(4, 5, policy="b", point=1)]
+    found = compared(ours, theirs, 0.95, can_succeed=False)
+    assert found.success is None
+    assert found.pairs == 4
+    assert found.returns.difference == 1
+
+
+def test_the_same_episodes_cannot_be_told_apart() -> None:
+    one = played(1, 2, -3, policy="a")
+    found = compared([one], [one], 0.95, can_succeed=True)
+    assert found.returns.better is None
+    assert found.success
+    assert found.success.better is None
+    assert found.returns.ties == 3
+
+
+def test_a_policy_that_is_worse_is_told_as_the_other_being_better() -> None:
+    found = compared([played(1, 2, 3, policy="a")], [played(5, 6.1, 7, policy="b")], 0.95, can_succeed=False)
+    assert found.returns.better == "b"

@@ -1,0 +1,80 @@
+"""An evaluation in Python: the same table every time, and what is there when something fails."""
+
+import json
+from pathlib import Path
+
+import pandas as pd
+import pytest
+
+import mjrun
+from mjrun.errors import FailedAssertionError, FileError, InvalidActionError
+from mjrun.evaluation.evaluation import Evaluation
+from mjrun.evaluation.table import FILES
+from tests.evaluation.tasks import cart_task, write_policies
+
+
+def evaluation(folder: Path, out: str = "out", name: str = "act", **options: object) -> Evaluation:
+    task, policies = cart_task(folder), write_policies(folder)
+    given = {"policy": f"{policies}:{name}", "episodes": 9, "seed": 3, "jobs": 1, **options}
+    return Evaluation(task, str(folder / out), **given)  # type: ignore[arg-type]
+
+
+def test_the_table_is_the_same_bytes_whatever_the_number_of_processes(tmp_path: Path) -> None:
+    varied = {"vary": {"geom/box.mass": "1,2"}, "compare": "random"}
+    evaluation(tmp_path, "a", **varied).run()
+    evaluation(tmp_path, "b", **varied, jobs=3).run()
+    for name in (*FILES, "results.parquet", "results.csv"):
+        assert (tmp_path / "a" / name).read_bytes() == (tmp_path / "b" / name).read_bytes()
+
+
+def test_the_result_is_that_of_the_table(tmp_path: Path) -> None:
+    result = evaluation(tmp_path).run()
+    rows = pd.read_csv(tmp_path / "out" / FILES[1])
+    (summary,) = result.policies
+    assert summary.returns.mean == pytest.approx(rows["return"].mean())
+    assert summary.success
+    assert summary.success.count == (rows["outcome"] == "success").sum()
+    assert result.steps == rows["steps"].sum()
+    assert sorted(result.files) == sorted(str(path) for path in (tmp_path / "out").iterdir())
+    manifest = json.loads((tmp_path / "out" / "evaluation.json").read_text())
+    assert manifest["policies"][0]["returns"]["mean"] == summary.returns.mean
+    assert manifest["mjrun"] == mjrun.__version__
+
+
+def test_more_episodes_begin_with_those_of_fewer(tmp_path: Path) -> None:
+    evaluation(tmp_path, "few", episodes=4).run()
+    evaluation(tmp_path, "more", episodes=7).run()
+    few, more = (pd.read_csv(tmp_path / name / FILES[1]) for name in ("few", "more"))
+    pd.testing.assert_frame_equal(few, more[:4])
+
+
+def test_a_second_evaluation_replaces_the_first_and_nothing_else(tmp_path: Path) -> None:
+    evaluation(tmp_path).run()
+    (tmp_path / "out" / "notes.txt").write_text("mine")
+    evaluation(tmp_path, episodes=2).run()
+    assert len(pd.read_csv(tmp_path / "out" / FILES[1])) == 2
+    assert (tmp_path / "out" / "notes.txt").read_text() == "mine"
+
+
+def test_a_failure_leaves_the_folder_as_it_was(tmp_path: Path) -> None:
+    with pytest.raises(InvalidActionError):
+        evaluation(tmp_path, name="Broken").run()
+    assert not (tmp_path / "out").exists()
+    evaluation(tmp_path).run()
+    before = {path: path.read_bytes() for path in (tmp_path / "out").iterdir()}
+    with pytest.raises(InvalidActionError):
+        evaluation(tmp_path, name="Broken").run()
+    assert {path: path.read_bytes() for path in (tmp_path / "out").iterdir()} == before
+
+
+def test_what_does_not_hold_is_raised_with_what_was_found(tmp_path: Path) -> None:
+    with pytest.raises(FailedAssertionError, match="return >= 5") as found:
+        evaluation(tmp_path, fail_below={"return": 5}, require=["steps > 0"]).run()
+    (result,) = found.value.results
+    assert [verdict.passed for verdict in result.assertions] == [True, False]
+    assert (tmp_path / "out" / FILES[0]).is_file()
+
+
+def test_a_folder_of_something_else_is_left_alone(tmp_path: Path) -> None:
+    with pytest.raises(FileError, match="holds other things"):
+        evaluation(tmp_path, ".").run()

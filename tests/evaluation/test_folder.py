@@ -1,0 +1,49 @@
+"""What a folder of results may replace."""
+
+import json
+from pathlib import Path
+
+import pytest
+
+from mjrun.errors import FileError
+from mjrun.evaluation.folder import ResultsFolder
+from mjrun.options.evaluation import MANIFEST
+
+
+def test_a_new_folder_is_made_with_those_above_it_and_goes_if_nothing_comes_of_it(tmp_path: Path) -> None:
+    path = tmp_path / "a" / "b"
+    folder = ResultsFolder(path)
+    assert path.is_dir()
+    assert not any(path.iterdir())
+    folder.abandon()
+    assert not path.exists()
+
+
+def test_what_an_evaluation_wrote_may_be_written_again_and_its_films_go(tmp_path: Path) -> None:
+    ResultsFolder(tmp_path).write_manifest({"seed": 3})
+    for name in ("worst_seed1.mp4", "rank3_point2_seed7.mp4", "mine.mp4", "worst_seed1.mp4.txt"):
+        (tmp_path / name).touch()
+    folder = ResultsFolder(tmp_path)
+    folder.remove_old_films()
+    folder.abandon()
+    assert {path.name for path in tmp_path.iterdir()} == {MANIFEST, "mine.mp4", "worst_seed1.mp4.txt"}
+    assert json.loads((tmp_path / MANIFEST).read_text()) == {"seed": 3}
+
+
+def test_a_folder_of_something_else_is_left_alone(tmp_path: Path) -> None:
+    (tmp_path / "thesis.txt").write_text("x")
+    with pytest.raises(FileError, match="holds other things than an evaluation"):
+        ResultsFolder(tmp_path)
+    assert [path.name for path in tmp_path.iterdir()] == ["thesis.txt"]
+
+
+def test_a_file_is_no_folder(tmp_path: Path) -> None:
+    (tmp_path / "f").touch()
+    with pytest.raises(FileError, match="is no folder"):
+        ResultsFolder(tmp_path / "f")
+
+
+def test_a_folder_that_cannot_be_made_is_told(tmp_path: Path) -> None:
+    (tmp_path / "f").touch()
+    with pytest.raises(FileError, match="cannot be made"):
+        ResultsFolder(tmp_path / "f" / "a")

@@ -1,0 +1,109 @@
+"""Episodes against a bare loop of MuJoCo, and against each other in other company."""
+
+import math
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import pytest
+
+from mjrun.errors import InvalidActionError, UsageError
+from mjrun.evaluation.episode import EpisodeSpec, PolicyChoice
+from mjrun.evaluation.player import player_of
+from mjrun.model.sources import parse_source
+from mjrun.task.task import Task
+from mjrun.task.worlds import TaskWorlds
+from tests.evaluation.tasks import cart_task, write_policies
+
+SEEDS = range(40)
+
+
+def policy(observation: np.ndarray) -> np.ndarray:
+    return np.array([-2.0 * observation[0] - 1.2 * observation[1]])
+
+
+def bare_episode(task: Task, seed: int) -> tuple[float, int, str]:
+    """The return, the control periods and the ending of an episode, by mj_step alone."""
+    worlds = TaskWorlds(task, 1, threads=1)
+    worlds.reset([seed])
+    model = task.load()
+    data = mujoco.MjData(model)
+    mujoco.mj_setState(model, data, worlds.state(0), mujoco.mjtState.mjSTATE_INTEGRATION)
+    total = 0.0
+    for period in range(1, 76):
+        data.ctrl[:] = policy(np.array([data.qpos[0], data.qvel[0]]))
+        mujoco.mj_step(model, data, 2)
+        total += -abs(data.qpos[0]) + -0.01 * data.ctrl[0] ** 2
+        if abs(data.qpos[0]) < 0.02 and abs(data.qvel[0]) < 0.1:
+            return total, period, "home"
+        if abs(data.qpos[0]) > 1:
+            return total, period, "lost"
+    return total, 75, "timeout"
+
+
+def spec(folder: Path, name: str = "act", **options: object) -> EpisodeSpec:
+    return EpisodeSpec(cart_task(folder), PolicyChoice(f"{write_policies(folder)}:{name}"), **options)  # type: ignore[arg-type]
+
+
+def test_episodes_are_those_of_a_bare_loop(tmp_path: Path) -> None:
+    task = cart_task(tmp_path)
+    episodes = player_of(spec(tmp_path)).play(SEEDS)
+    assert [each.seed for each in episodes] == [*SEEDS]
+    for each in episodes:
+        total, periods, ending = bare_episode(task, each.seed)
+        assert (each.steps, each.ending) == (periods, ending)
+        assert each.total == pytest.approx(total, rel=1e-12)
+        assert each.total == pytest.approx(math.fsum(each.rewards.values()), rel=1e-12)
+        assert each.length == pytest.approx(periods * 0.02)
+        assert each.outcome == {"home": "success", "lost": "failure", "timeout": "timeout"}[ending]
+    assert {each.ending for each in episodes} == {"home", "lost", "timeout"}
+
+
+def test_company_changes_no_bit(tmp_path: Path) -> None:
+    player = player_of(spec(tmp_path))
+    together = player.play(SEEDS)
+    assert [episode for seed in SEEDS for episode in player.play([seed])] == together
+    assert player.play([7, 3, 5]) == [together[7], together[3], together[5]]
+    assert player_of(spec(tmp_path)).play(SEEDS[30:]) == together[30:]
+
+
+def test_an_action_that_is_no_number_is_told_with_its_step_and_seed(tmp_path: Path) -> None:
+    with pytest.raises(InvalidActionError, match=r"push = nan[\s\S]*seed 3") as found:
+        player_of(spec(tmp_path, "Broken")).play([3])
+    assert found.value.exit_code == 4
+    assert found.value.step == 14
+    assert found.value.time == pytest.approx(0.14)
+
+
+def test_a_policy_of_another_size_is_told(tmp_path: Path) -> None:
+    with pytest.raises(UsageError, match="3 numbers"):
+        player_of(spec(tmp_path, "wide")).play([0])
+
+
+def test_a_task_without_rewards_has_lengths_and_endings(tmp_path: Path) -> None:
+    plain = EpisodeSpec(cart_task(tmp_path, rewards=False), PolicyChoice(f"{write_policies(tmp_path)}:act"))
+    rewarded = player_of(spec(tmp_path)).play(SEEDS[:5])
+    for episode, other in zip(player_of(plain).play(SEEDS[:5]), rewarded, strict=True):
+        assert (episode.total, episode.rewards) == (0.0, {})
+        assert (episode.steps, episode.ending) == (other.steps, other.ending)
+
+
+def test_a_model_alone_is_no_task() -> None:
+    with pytest.raises(UsageError, match="write a task document"):
+        player_of(EpisodeSpec(parse_source("scene:car"), PolicyChoice("zero")))
+
+
+def test_an_environment_is_played_as_gymnasium_plays_it() -> None:
+    import gymnasium
+
+    episodes = player_of(EpisodeSpec(parse_source("gym:InvertedPendulum-v5"), PolicyChoice("zero"))).play([4, 9])
+    environment = gymnasium.make("InvertedPendulum-v5")
+    for each in episodes:
+        environment.reset(seed=each.seed)
+        total, periods, over = 0.0, 0, False
+        while not over:
+            _, reward, terminated, truncated, _ = environment.step(np.zeros(1, np.float32))
+            total, periods, over = total + float(reward), periods + 1, terminated or truncated
+        assert (each.total, each.steps) == (total, periods)
+        assert (each.ending, each.outcome) == ("terminated", "failure")
+    environment.close()

@@ -1,0 +1,54 @@
+"""The same table whatever plays it."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from mjrun.evaluation import player
+from mjrun.evaluation.episode import EpisodeSpec, PolicyChoice
+from mjrun.evaluation.player import player_of
+from mjrun.evaluation.prepared import EpisodeGroup
+from mjrun.evaluation.schedule import play_all
+from mjrun.reporter import WarningReporter
+from tests.evaluation.tasks import cart_task, write_policies
+
+
+class Progress(WarningReporter):
+    def __init__(self) -> None:
+        self.told: list[tuple[int, int]] = []
+
+    def progress(self, what: str, done: int, total: int) -> None:
+        assert what == "episodes"
+        self.told.append((done, total))
+
+
+def groups(folder: Path, policy: object, *others: object) -> list[EpisodeGroup]:
+    specs = [EpisodeSpec(cart_task(folder), PolicyChoice(each)) for each in (policy, *others)]
+    return [EpisodeGroup(place, f"p{place}", 0, spec) for place, spec in enumerate(specs)]
+
+
+def test_episodes_are_the_same_whatever_the_number_of_processes_and_worlds(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = write_policies(tmp_path)
+    some = groups(tmp_path, f"{path}:act", "random")
+    expected = [player_of(group.spec).play(range(5, 16)) for group in some]
+    for jobs in (1, 3):
+        progress = Progress()
+        found = play_all(some, range(5, 16), jobs, progress)
+        assert [list(each.episodes) for each in found] == expected
+        assert [each.policy for each in found] == ["p0", "p1"]
+        assert progress.told[-1] == (22, 22)
+        assert progress.told == sorted(progress.told)
+    monkeypatch.setattr(player, "SIDE_BY_SIDE", 2)
+    assert [player_of(group.spec).play(range(5, 16)) for group in some] == expected
+
+
+def test_a_policy_that_is_no_text_plays_in_this_process(tmp_path: Path) -> None:
+    def act(observation: np.ndarray) -> np.ndarray:  # nobody else could find it
+        return np.array([-2.0 * observation[0] - 1.2 * observation[1]])
+
+    path = write_policies(tmp_path)
+    own, other = play_all(groups(tmp_path, act, f"{path}:act"), range(4), 1, WarningReporter())
+    assert own.episodes == other.episodes
