@@ -64,8 +64,11 @@ class Mark:
     panel: int | None = None
 
 
-def parse_panel(text: str, columns: Sequence[str]) -> PanelText:
+def parse_panel(text: str, columns: Sequence[str], x: str | None = None) -> PanelText:
     """The panel that `text` describes, of a table with `columns`.
+
+    Args:
+      x: the column of the x axis, which wildcards leave out.
 
     Raises:
       UnknownNameError, UsageError: there is no such column, or an expression is not well formed.
@@ -73,24 +76,25 @@ def parse_panel(text: str, columns: Sequence[str]) -> PanelText:
     title = unit = None
     if text not in columns and (titled := _TITLE.fullmatch(text)):
         (title, unit), text = split_unit(titled[1]), titled[2]
-    curves = [curve for part in _split(text, columns) for curve in parse_curves(part, columns, option("y"))]
+    curves = [curve for part in _split(text, columns) for curve in parse_curves(part, columns, option("y"), x)]
     if not curves:
         raise BadValueError(option("y"), text, "a column, a wildcard or an expression")
     return PanelText(title, unit, tuple(curves))
 
 
-def parse_curves(text: str, columns: Sequence[str], label: str) -> list[CurveText]:
-    """The curves that one part of a panel's text describes: several where it is a wildcard or a group."""
+def parse_curves(text: str, columns: Sequence[str], label: str, x: str | None = None) -> list[CurveText]:
+    """The curves that one part of a panel's text describes: several where it is a wildcard or a group, without x."""
     text = text.strip()
     if text in columns:
         return [_of_column(text)]
     if named := _LABEL.fullmatch(text):
         name, unit = split_unit(named[1])
-        inner = parse_curves(named[2], columns, label)
+        inner = parse_curves(named[2], columns, label, x)
         if len(inner) != 1:
             raise UsageError(f"{label}: {quoted(named[2].strip())} is {len(inner)} columns, and has one name")
         return [CurveText(name, unit if unit is not None else inner[0].unit, inner[0].expression, inner[0].column)]
     matching = [name for name in columns if fnmatchcase(name, text) or name.startswith(f"{text}/")]
+    matching = [name for name in matching if name != x] or matching
     if matching:
         return [_of_column(name) for name in matching]
     if _WILDCARD.fullmatch(text):

@@ -142,11 +142,11 @@ class FigurePlan:
         name = split_unit(self.x.name)[0] if self.x.column else self.x.name
         return f"{name} [{unit}]" if unit else name
 
-    def _panels(self, given: Sequence[Panel] | None) -> list[Panel]:
+    def _panels(self, panels: Sequence[Panel] | None) -> list[Panel]:
         if self.options.y:
-            return chosen_panels(self.options.y, self._units)
-        if given is not None:
-            return list(given)
+            return chosen_panels(self.options.y, self._units, self.x.column if self.x else None)
+        if panels is not None:
+            return list(panels)
         names = [name for name in self._units if not (self.x and name == self.x.column)]
         if not names:
             raise UsageError(f"there is nothing to plot: the only column is {listing(list(self._units))}")

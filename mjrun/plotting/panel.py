@@ -43,12 +43,12 @@ def time_column(names: Iterable[str]) -> str | None:
     return next((name for name in known if split_unit(name)[0].strip().casefold() in _TIMES), None)
 
 
-def chosen_panels(texts: Sequence[str], units: Mapping[str, str]) -> list[Panel]:
-    """The panels that texts of the option y describe, over columns with `units`."""
+def chosen_panels(texts: Sequence[str], units: Mapping[str, str], x: str | None = None) -> list[Panel]:
+    """The panels that texts of the option y describe, over columns with `units`; wildcards leave out the column x."""
     panels: list[Panel] = []
     for index, text in enumerate(texts):
         with concerning("y", index):
-            panels.append(_chosen(parse_panel(text, list(units)), units))
+            panels.append(_chosen(parse_panel(text, list(units), x), units))
     return panels
 
 

@@ -42,6 +42,14 @@ def test_a_panel_has_the_curves_that_its_text_names(text: str, expected: list[ob
     assert curves(text) == expected
 
 
+def test_a_wildcard_leaves_out_the_column_of_the_x_axis_unless_that_is_all_it_names() -> None:
+    def names(text: str) -> list[str]:
+        return [curve.name for curve in parse_panel(text, ["time", "a", "b"], "time").curves]
+
+    assert names("*") == ["a", "b"]
+    assert names("t*") == names("time") == ["time"]
+
+
 def test_a_panel_may_have_a_title_and_a_unit() -> None:
     panel = parse_panel("contact force [N]: qpos/knee, up=qvel/knee", COLUMNS)
     assert (panel.title, panel.unit, [c.name for c in panel.curves]) == ("contact force", "N", ["qpos/knee", "up"])
