@@ -6,6 +6,7 @@ import mujoco
 
 from mjrun.bench.rollout_timing import Clock
 from mjrun.bench.statistics import SampleStatistics, summarized
+from mjrun.model.delays import lengthen_buffers
 from mjrun.model.override import apply
 from mjrun.model.source import Source
 
@@ -48,6 +49,7 @@ def timed_load(source: Source, clock: Clock) -> tuple[mujoco.MjModel, LoadTiming
         parsed = clock()
         for override in source.overrides:
             apply(spec, override)
+        lengthen_buffers(spec, source.overrides)
         ready = clock()
         spec.compile()
         compiles.append(clock() - ready)

@@ -1,6 +1,5 @@
 """An episode of a policy: which task it acts on, how long it lasts, and how it ends."""
 
-import copy
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
@@ -13,7 +12,7 @@ from typing import TYPE_CHECKING
 import mujoco
 
 from mjrun.errors import SimulationError, UsageError, clean, option
-from mjrun.model.source import Source
+from mjrun.model.source import CollectionSource, Source
 from mjrun.model.variants import ModelVariants
 from mjrun.options.policy import NONE, is_policy_file
 from mjrun.options.push import Push
@@ -25,6 +24,7 @@ from mjrun.timeline import Timeline, rational
 if TYPE_CHECKING:
     from mjrun.model.sources.gym import GymSource
     from mjrun.policy.policy import Policy
+    from mjrun.task.gymnasium import Environment
     from mjrun.task.task import Task
     from mjrun.task.worlds import TaskWorlds
 
@@ -102,7 +102,7 @@ class Episode(ABC):
         if said is None or self.goes_on or said.steps <= self.length.steps:
             return []
         end = float(said.time(self.length.steps))
-        return [f"the episode ends at {end:g} s, and an environment does not go on without a reset: so does the rest"]
+        return [f"the episode ends at {end:g} s; an environment does not go on without a reset, so all ends there"]
 
     def result(self, stepper: EpisodeStepper) -> EpisodeResult:
         """What came of the episode that `stepper` has gone through."""
@@ -200,18 +200,16 @@ class EnvironmentEpisode(Episode):
 
     def __init__(self, source: "GymSource", policy: "Policy", seed: int) -> None:
         super().__init__(policy, seed)
-        from mjrun.task.gymnasium import Environment
-
-        self._environment = Environment(source)
+        self._source, self._environment = source, _environment(source)
 
     def model(self) -> mujoco.MjModel:
-        return copy.copy(self._environment.model)
+        return self._environment.compiled_model()
 
     def stepper(self) -> EpisodeStepper:
         from mjrun.policy.policy import ActionSpace
         from mjrun.task.environment_stepper import EnvironmentStepper
 
-        environment = self._environment
+        environment = _environment(self._source)  # nobody else may reset it
         actions = ActionSpace(environment.action_names, environment.action_low, environment.action_high)
         return EnvironmentStepper(environment, self.policy.episode(self.seed, actions), self.seed, self.policy.name)
 
@@ -220,6 +218,12 @@ class EnvironmentEpisode(Episode):
         environment = self._environment
         actions = environment.episode_steps or math.ceil(UNLIMITED / environment.control_dt)
         return actions * environment.control_steps
+
+
+def _environment(source: "GymSource") -> "Environment":
+    from mjrun.task.gymnasium import Environment
+
+    return Environment(source)
 
 
 def episode_of(
@@ -252,7 +256,12 @@ def episode_of(
         return EnvironmentEpisode(source, policy, seed)
     from mjrun.policy.task_of_policy import task_of_policy
 
-    return TaskEpisode(task_of_policy(policy, source, control_dt, duration), policy, seed, pushes)
+    try:
+        return TaskEpisode(task_of_policy(policy, source, control_dt, duration), policy, seed, pushes)
+    except UsageError as error:
+        if isinstance(source, CollectionSource) and source.NO_TASK:
+            error.add_note(source.NO_TASK)
+        raise
 
 
 def policy_files(policy: object, normalize: str | None) -> list[Path]:

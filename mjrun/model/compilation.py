@@ -9,6 +9,7 @@ from pathlib import Path
 import mujoco
 
 from mjrun.errors import BadValueError, BrokenModelError, clean, concerning, option
+from mjrun.model.delays import lengthen_buffers
 from mjrun.model.mujoco_globals import without_log
 from mjrun.model.override import Override, apply
 
@@ -43,6 +44,7 @@ def compile_model(
             for override in overrides:
                 with concerning(*override.option_path):
                     apply(spec, override)
+            lengthen_buffers(spec, overrides)
         except UnicodeDecodeError:  # a name that an override was compared with
             raise BrokenModelError(path, NOT_UTF8) from None
         try:

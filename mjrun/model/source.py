@@ -67,6 +67,7 @@ class CollectionSource(Source):
 
     PREFIX: ClassVar[str]
     KIND: ClassVar[str] = "model"  # what each of them is called
+    NO_TASK: ClassVar[str] = ""  # why a policy cannot play what is a task elsewhere
 
     name: str
 

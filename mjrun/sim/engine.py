@@ -30,6 +30,8 @@ class RolloutBlock:
       counts: how many of the rows each simulation has, `(n,)`. A simulation that has failed has fewer than the block;
         what is beyond them means nothing.
       failures: the simulations that failed since the previous block, by index.
+      shortages: those that went on without some of their contacts or constraints, for want of memory, and the first
+        row's step at which they had; of this block. Engines that cannot tell have none.
     """
 
     steps: np.ndarray
@@ -37,6 +39,7 @@ class RolloutBlock:
     initial: Fields
     counts: np.ndarray
     failures: Mapping[int, SimulationError] = field(default_factory=dict)
+    shortages: Mapping[int, int] = field(default_factory=dict)
 
 
 class Engine(Protocol):
@@ -85,7 +88,8 @@ def joined(blocks: Iterable[RolloutBlock], rows: int) -> Iterator[RolloutBlock]:
 def _joined(one: RolloutBlock, other: RolloutBlock) -> RolloutBlock:
     steps = np.concatenate([one.steps, other.steps])
     fields = {name: np.concatenate([values, other.fields[name]], axis=1) for name, values in one.fields.items()}
-    return RolloutBlock(steps, fields, one.initial, one.counts + other.counts, {**one.failures, **other.failures})
+    failures, shortages = {**one.failures, **other.failures}, {**other.shortages, **one.shortages}
+    return RolloutBlock(steps, fields, one.initial, one.counts + other.counts, failures, shortages)
 
 
 def models_of(models: mujoco.MjModel | Sequence[mujoco.MjModel], count: int) -> Sequence[mujoco.MjModel]:

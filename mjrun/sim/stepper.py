@@ -15,6 +15,7 @@ from mjrun.sim.push_forces import PushForces
 from mjrun.timeline import rational
 
 CHUNK = 50  # steps between two looks at the warning counters; a look per step costs about 10 %
+SHORTAGES = (int(mujoco.mjtWarning.mjWARN_CONTACTFULL), int(mujoco.mjtWarning.mjWARN_CNSTRFULL))
 BAD = [
     int(mujoco.mjtWarning.mjWARN_BADQPOS),
     int(mujoco.mjtWarning.mjWARN_BADQVEL),
@@ -131,6 +132,11 @@ class PhysicsStepper:
                 raise self._first_failure(count)
             self.step += count
             self._arrive()
+
+    @property
+    def lacks_memory(self) -> bool:
+        """Whether MuJoCo has left out contacts or constraints for want of memory; it warns, and goes on."""
+        return any(self._data.warning[kind].number for kind in SHORTAGES)
 
     def steps_alike(self) -> int:
         """How many steps can be taken before a controller is called or other inputs than controls change."""

@@ -14,7 +14,7 @@ from typing import Literal
 import mujoco
 import numpy as np
 
-from mjrun.errors import MjrunError, SimulationError, UsageError, concerning, flag, option
+from mjrun.errors import MjrunError, SimulationError, UnstableError, UsageError, concerning, flag, option
 from mjrun.job.simulation import Simulation
 from mjrun.job.trace_rows import ProbeSampler, RowBuffer
 from mjrun.model import state
@@ -91,7 +91,7 @@ class PointResult:
       status: how it ended.
       metrics: in order; NaN where the simulation did not reach its end.
       steps: taken.
-      exit_code: what `mjrun trace` of this point alone would exit with.
+      exit_code: what `mjrun trace` of this point alone would exit with; 4, too, where that would go on with a warning.
       message: why it failed; empty if it did not.
       wall: wall time [s]; of points that ran side by side, its share.
     """
@@ -118,7 +118,7 @@ class PointSimulator:
 
     def run(self, points: Sequence[StudyPoint]) -> Iterator[PointResult]:
         """The result of each point, not in their order, each as soon as it is known."""
-        batch: list[_Prepared] = []
+        batches: dict[object, list[_Prepared]] = {}
         with collected_warnings(), without_timers():
             for point in points:
                 start = time.perf_counter()
@@ -131,11 +131,12 @@ class PointSimulator:
                     yield self._alone(prepared)
                     self._variants.reuse(prepared.variant)
                     continue
-                if batch and (prepared.kind != batch[0].kind or len(batch) == self._most):
-                    yield from self._side_by_side(batch)
-                    batch = []
-                batch.append(prepared)
-            yield from self._side_by_side(batch)
+                batches.setdefault(prepared.kind, []).append(prepared)
+                if sum(map(len, batches.values())) == self._most:  # all of them are models in memory
+                    largest = max(batches, key=lambda kind: len(batches[kind]))
+                    yield from self._side_by_side(batches.pop(largest))
+            for batch in batches.values():
+                yield from self._side_by_side(batch)
 
     def _ready(self, point: StudyPoint) -> "_Prepared":
         simulation = self._spec.simulation(point.values)
@@ -181,6 +182,8 @@ class PointSimulator:
                 buffer = RowBuffer(prepared.sampler, rows, lambda block: prepared.feed(block.values))
                 observe(stepper, [Tap(rows, prepared.sampler.read, buffer.add)], rows[-1])
                 buffer.flush()
+            if isinstance(stepper, PhysicsStepper) and stepper.lacks_memory:
+                raise out_of_memory(stepper.step, prepared.timeline)
         except Exception as error:
             steps = error.step if isinstance(error, SimulationError) else 0
             return self._failed(prepared.point, error, steps, time.perf_counter() - start)
@@ -190,7 +193,7 @@ class PointSimulator:
         begin = time.perf_counter()
         ready: list[_Prepared] = []
         starts: list[np.ndarray] = []
-        data = mujoco.MjData(batch[0].variant.model) if batch else None  # they are all of one size
+        data = mujoco.MjData(batch[0].variant.model)  # they are all of one size
         for prepared in batch:
             try:
                 model = prepared.variant.model
@@ -225,6 +228,8 @@ class PointSimulator:
         failures = dict[int, SimulationError]()
         for block in joined(self._engine.rollout(models, starts, None, steps, first.sampler.fields, every), ENOUGH):
             failures |= block.failures
+            for index, step in block.shortages.items():
+                failures.setdefault(index, out_of_memory(step, first.timeline))
             wanted = len(block.steps) - (block.steps[-1] % every != 0)  # the last step is no row of every N-th
             for index, prepared in enumerate(ready):
                 count = min(int(block.counts[index]), wanted)
@@ -235,7 +240,7 @@ class PointSimulator:
         return failures
 
     def _failed(self, point: StudyPoint, error: Exception, steps: int, wall: float) -> PointResult:
-        status: Status = "unstable" if isinstance(error, SimulationError) else "failed"
+        status: Status = "unstable" if isinstance(error, UnstableError) else "failed"
         code = error.exit_code if isinstance(error, MjrunError) else BUG
         text = error.spelled(flag) if isinstance(error, MjrunError) else f"{type(error).__name__}: {error}"
         metrics = (math.nan,) * len(self._spec.metrics)
@@ -303,9 +308,16 @@ class _Prepared:
         return not model.opt.enableflags & SLEEP and all(isinstance(p, FieldProbe) for p in self.sampler.probes)
 
 
+def out_of_memory(step: int, timeline: Timeline) -> SimulationError:
+    """Why a simulation fails in which MuJoCo has left out contacts; it goes on, but what follows is wrong."""
+    text = f"MuJoCo left out contacts or constraints by step {step}: the model has too little memory for them"
+    return SimulationError(step, float(timeline.time(step)), f'{text}; give it more as in <size memory="10M"/>')
+
+
 def structure(model: mujoco.MjModel) -> tuple[object, ...]:
     """What models have in common whose simulations have the same columns, and can run side by side."""
     sizes = (model.nq, model.nv, model.nu, model.na, model.nbody, model.njnt, model.ngeom, model.nsite, model.ntendon)
-    memory = (model.nsensordata, model.nM, model.nD, model.narena, model.nbuffer)
+    memory = (model.nsensordata, model.nM, model.nD, model.narena, model.nbuffer, model.nhistory)
     kinds = (model.jnt_type.tobytes(), model.sensor_type.tobytes(), model.sensor_dim.tobytes())
-    return (*sizes, *memory, *kinds, int(model.opt.integrator), model.names)
+    delays = (model.actuator_history.tobytes(), model.sensor_history.tobytes())  # samples that are kept
+    return (*sizes, *memory, *kinds, *delays, int(model.opt.integrator), model.names)

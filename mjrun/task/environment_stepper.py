@@ -48,11 +48,7 @@ class EnvironmentStepper:
         start = mujoco.MjData(environment.model)
         state.restore(environment.model, start, self._driven())
         self._physics = PhysicsStepper(environment.model, start)
-        self.model = self._physics.model
-
-    @property
-    def step(self) -> int:
-        return self._physics.step
+        self.model, self.step = self._physics.model, 0
 
     @property
     def periods(self) -> int:
@@ -68,11 +64,14 @@ class EnvironmentStepper:
         """
         if step < self.step:
             raise ValueError(f"cannot go back from step {self.step} to step {step}")
-        while self._now.ending is None and step >= self._begin + self.control_steps:
-            self._finish_period()
-        if self._now.ending is not None and step > self.step:
-            raise EpisodeOver(self.step, self._now.ending)
-        self._physics.advance(step)
+        try:
+            while self._now.ending is None and step >= self._begin + self.control_steps:
+                self._finish_period()
+            if self._now.ending is not None and step > self._begin:
+                raise EpisodeOver(self._begin, self._now.ending)
+            self._physics.advance(step)
+        finally:
+            self.step = self._physics.step  # after a failure, the last good one
 
     def now(self) -> ControlInstant:
         return self._now
@@ -90,7 +89,7 @@ class EnvironmentStepper:
         """Goes to the next control instant, which the environment has reached already, and asks for its action."""
         result, end = self._next, self._begin + self.control_steps
         after = self.environment.state()
-        if self.environment.is_unstable or self.step > self._begin:
+        if self.environment.is_unstable or self._physics.step > self._begin:
             self._compare(end, after)
         terms = np.array([result.reward_terms.get(name, np.nan) for name in self.names.rewards])
         total = self._now.total + result.reward

@@ -1,5 +1,6 @@
 """Gymnasium's environments on MuJoCo as tasks: they reset, step and reward themselves."""
 
+import copy
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -81,6 +82,7 @@ class Environment:
         if source.overrides:
             self._replace_model(source)
         self.model, self.data = self._mujoco.model, self._mujoco.data
+        self._own_flags = self.model.opt.disableflags
         self.model.opt.disableflags |= NO_AUTORESET
 
         self.action_low, self.action_high = (bound.astype(float).ravel() for bound in (action.low, action.high))
@@ -93,6 +95,12 @@ class Environment:
         """How many actions an episode has at most, if its registration limits them."""
         spec = self._environment.spec
         return spec.max_episode_steps if spec else None
+
+    def compiled_model(self) -> mujoco.MjModel:
+        """A copy of its model as it is compiled, with automatic resets if it has them."""
+        model = copy.copy(self.model)
+        model.opt.disableflags = self._own_flags
+        return model
 
     def reset(self, seed: int) -> np.ndarray:
         """The observation `(nobs,)` at the start of the episode of this seed."""

@@ -13,11 +13,15 @@ from mjrun.document.task import read_task
 from mjrun.errors import InvalidActionError, UsageError
 from mjrun.formats.recording_reader import RecordingReader
 from mjrun.formats.table_reader import read_table
+from mjrun.job.episode import episode_of
 from mjrun.job.image import Image
 from mjrun.job.recording import Recording
 from mjrun.job.simulation import Simulation
 from mjrun.job.trace import Trace
 from mjrun.model import state
+from mjrun.model.sources import parse_source
+from mjrun.model.sources.dm import ControlSuiteSource
+from mjrun.policy.load import load_policy
 from tests.policy.networks import linear
 from tests.policy.test_agreement import METADATA, MODEL, MOTORS
 from tests.policy.test_task_of_policy import DOCUMENT
@@ -40,7 +44,8 @@ class Spring:
 
 def bare_episode(name: str, seed: int, periods: int) -> list[dict[str, Any]]:
     """What Gymnasium's own loop gives at each control instant."""
-    environment, policy = gymnasium.make(name, disable_env_checker=True), Spring()
+    environment: Any = gymnasium.make(name, disable_env_checker=True)
+    policy = Spring()
     policy.reset(seed)
     observation, _ = environment.reset(seed=seed)
     data, model, total, rows = environment.unwrapped.data, environment.unwrapped.model, 0.0, []
@@ -88,6 +93,30 @@ def test_a_recording_holds_the_states_of_the_environment_and_says_how_it_ended(t
         qpos = state.fields(state.sizes(model))["qpos"]
         for index, row in enumerate(expected):
             np.testing.assert_array_equal(recording.state(4 * index)[qpos], row["state"][qpos])
+
+
+def test_a_recording_of_an_environment_replays_as_the_same_physics(tmp_path: Path) -> None:
+    with registered(tmp_path, max_episode_steps=3) as name:
+        Recording(Simulation(f"gym:{name}", policy="random"), str(tmp_path / "run.npz")).run()
+        replay = Simulation(f"gym:{name}", replay=str(tmp_path / "run.npz"))
+        assert replay.replay_remarks(replay.load()) == []
+
+
+def test_a_second_look_at_an_episode_does_not_disturb_the_first(tmp_path: Path) -> None:
+    with registered(tmp_path, max_episode_steps=9) as name:
+        episode = episode_of(parse_source(f"gym:{name}"), load_policy("random"), 4)
+        first, second = episode.stepper(), episode.stepper()
+        for step in (5, 12, 13):
+            for stepper in (first, second):
+                stepper.advance(step)
+            np.testing.assert_array_equal(first.state(), second.state())
+
+
+def test_tasks_of_dm_control_are_told_to_be_out_of_reach(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(ControlSuiteSource, "load", lambda _: mujoco.MjModel.from_xml_string("<mujoco/>"))
+    with pytest.raises(UsageError) as caught:
+        episode_of(ControlSuiteSource("humanoid/walk"), load_policy("zero"), 0)
+    assert "tasks of dm_control are out of reach" in caught.value.spelled(str)
 
 
 def test_a_duration_beyond_the_end_of_an_environment_is_cut_with_a_remark(tmp_path: Path) -> None:

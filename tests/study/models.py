@@ -8,3 +8,6 @@ PENDULUM = """<mujoco><option timestep="0.01"/><worldbody><body name="arm"><join
 # MuJoCo ends the process that loads it: a model that attaches itself.
 SUICIDAL = """<mujoco><asset><model name="m" file="suicidal.xml"/></asset><worldbody><body><attach model="m" body="b"
 prefix="x"/></body><body name="b"><freejoint/><geom size=".1"/></body></worldbody></mujoco>"""
+# The ball with so much memory for contacts: 1M is enough; with 3K MuJoCo gives up in a step, with 1K it goes on
+# without them, and 800T it cannot have at all.
+BALL_WITH_MEMORY = BALL.replace("<mujoco>", '<mujoco><size memory="MEMORY"/>')

@@ -14,7 +14,7 @@ from mjrun.errors import UnstableError
 from mjrun.job.recording import Recording
 from mjrun.job.simulation import Simulation
 from mjrun.study.simulate import PointResult, PointSimulator, StudyPoint, StudySpec
-from tests.study.models import BALL, PENDULUM
+from tests.study.models import BALL, BALL_WITH_MEMORY, PENDULUM
 
 METRICS = (
     ("lowest", "min(qpos/ball/z)"),
@@ -141,3 +141,32 @@ def test_a_replay_is_measured_as_it_was_recorded(tmp_path: Path) -> None:
     spec = StudySpec(Simulation(str(path), replay=str(tmp_path / "r.npz")), ("steps",), METRICS)
     for result, steps in zip(simulated(spec, [("50",), ("20",)]), (50, 20), strict=True):
         np.testing.assert_array_equal(result.metrics, bare(0.7, steps=steps))
+
+
+def test_controls_may_be_late_or_noisy(tmp_path: Path) -> None:
+    path = tmp_path / "pendulum.xml"
+    path.write_text(PENDULUM)
+    metrics = (("acts", "first(time, abs(actuator_force/motor) > 0)"), ("noise", "std(ctrl/motor)"))
+    names = ("actuator/motor.delay", "ctrl_noise", "seed")
+    points = [("0.03", "0", "1"), ("0", "0", "1"), ("0.05", "0", "1"), ("0.03", "0", "2"), ("0", "0.5", "1")]
+    results = simulated(StudySpec(Simulation(str(path), ctrl={"motor": 1}, steps=400), names, metrics), points)
+    assert [result.metrics[0] for result in results[:4]] == [0.03, 0, 0.05, 0.03]
+    assert [result.metrics[1] for result in results[:4]] == [0, 0, 0, 0]
+    assert results[4].metrics[1] == pytest.approx(0.5, rel=0.2)
+
+
+@pytest.mark.parametrize("noise", ["0", "1e-9"])  # side by side, and alone
+def test_points_without_enough_memory_fail_one_by_one(tmp_path: Path, noise: str) -> None:
+    memory = ("1M", "3K", "1K", "800T", "2M")
+    for size in memory:
+        (tmp_path / f"{size}.xml").write_text(BALL_WITH_MEMORY.replace("MEMORY", size))
+    spec = replace(
+        spec_of(tmp_path, ("model",)), base=Simulation(str(tmp_path / "1M.xml"), steps=300, ctrl_noise=float(noise))
+    )
+    results = simulated(spec, [(str(tmp_path / f"{size}.xml"),) for size in memory])
+    assert [result.status for result in results] == ["ok", "failed", "failed", "failed", "ok"]
+    assert "out of memory, stack overflow" in results[1].message
+    assert "left out contacts or constraints by step" in results[2].message
+    assert "Could not allocate memory" in results[3].message
+    for result in (results[0], results[4]):
+        np.testing.assert_array_equal(result.metrics, bare())

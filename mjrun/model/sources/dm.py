@@ -37,6 +37,10 @@ class ControlSuiteSource(CollectionSource):
 
     PREFIX: ClassVar[str] = "dm"
     KIND: ClassVar[str] = "domain"
+    NO_TASK: ClassVar[str] = (
+        f"tasks of {PACKAGE} are out of reach: its simulations do not run on MuJoCo 4, up to its version 1.0.50\n"
+        "a task document can say what it observes and rewards, with this model"
+    )
 
     @classmethod
     def descriptions(cls) -> Mapping[str, str]:
