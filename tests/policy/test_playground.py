@@ -1,0 +1,105 @@
+"""MuJoCo Playground's conventions as a task document, against a loop that is written as its joystick environments are.
+
+Source: `mujoco_playground/_src/mjx_env.py` and `_src/locomotion/go1/joystick.py`: `ctrl = default + action * scale`,
+held for `n_substeps`; observations are read as `mj_step` leaves them; the gait's phase is turned into cosines and sines.
+"""
+
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import onnxruntime
+import pytest
+from onnx import helper
+
+from mjrun.document.task import read_task
+from mjrun.formats.table_reader import read_table
+from mjrun.job.simulation import Simulation
+from mjrun.job.trace import Trace
+from tests.policy.networks import value, write
+
+MODEL = """
+<mujoco>
+  <option timestep=".004"/>
+  <worldbody>
+    <geom type="plane" size="5 5 .1"/>
+    <body name="trunk" pos="0 0 .5">
+      <freejoint name="root"/><geom type="box" size=".2 .1 .05" mass="5"/><site name="imu"/>
+      <body pos=".15 0 0"><joint name="front" axis="0 1 0" damping=".5" armature=".01"/>
+        <geom type="capsule" size=".03" fromto="0 0 0 .1 0 -.3" mass=".5"/></body>
+      <body pos="-.15 0 0"><joint name="rear" axis="0 1 0" damping=".5" armature=".01"/>
+        <geom type="capsule" size=".03" fromto="0 0 0 -.1 0 -.3" mass=".5"/></body>
+    </body>
+  </worldbody>
+  <actuator><position name="front" joint="front" kp="35"/><position name="rear" joint="rear" kp="35"/></actuator>
+  <sensor><gyro name="gyro" site="imu"/><velocimeter name="local_linvel" site="imu"/></sensor>
+  <keyframe><key name="home" qpos="0 0 .4 1 0 0 0 .3 -.2" ctrl=".3 -.2"/></keyframe>
+</mujoco>
+"""
+TASK = """
+model: robot.xml
+control_dt: 0.02
+duration: 2
+derived: lagged                    # observed as mj_step leaves it
+reset: {key: home}
+commands:
+  joystick: {schedule: [[0, [0.5, 0, 0]], [1, [0, 0, 1]]]}
+observations:
+  - {name: linvel, probe: sensor/local_linvel}
+  - {name: gyro, probe: sensor/gyro}
+  - {name: gravity, probe: [xmat/trunk/zx, xmat/trunk/zy, xmat/trunk/zz], scale: -1}
+  - {name: angles, joints: [front, rear], offset: [0.3, -0.2]}
+  - {name: velocities, joints: [front, rear], of: qvel}
+  - {name: last_act, action: previous}
+  - {name: command, command: joystick}
+  - {name: phase, phase: 0.8}
+actions:
+  - {actuators: [front, rear], scale: 0.5, offset: home}    # ctrl = action*scale + default
+"""
+SIZE, PERIODS, SUBSTEPS, DT = 20, 100, 5, 0.02
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    (tmp_path / "robot.xml").write_text(MODEL)
+    (tmp_path / "task.yaml").write_text(TASK)
+    weights = np.random.default_rng(1).normal(scale=0.3, size=(SIZE, 2)).astype(np.float32)
+    nodes = [helper.make_node("MatMul", ["obs", "w"], ["x"]), helper.make_node("Tanh", ["x"], ["continuous_actions"])]
+    outputs = [value("continuous_actions", [1, 2])]
+    write(tmp_path / "joystick.onnx", nodes, [value("obs", [1, SIZE])], outputs, {"w": weights})
+    return tmp_path
+
+
+def bare_episode(folder: Path) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Observations, actions and positions at each control instant, by MuJoCo and onnxruntime alone."""
+    model = mujoco.MjModel.from_xml_path(str(folder / "robot.xml"))
+    data, session = mujoco.MjData(model), onnxruntime.InferenceSession(str(folder / "joystick.onnx"))
+    mujoco.mj_resetDataKeyframe(model, data, 0)
+    mujoco.mj_forward(model, data)
+    default, last, rows = model.key_qpos[0, 7:], np.zeros(2), []
+    for period in range(PERIODS):
+        command = [0.5, 0, 0] if period * DT < 1 else [0, 0, 1]
+        phase = 2 * np.pi * period * DT / 0.8
+        observation = np.concatenate([
+            data.sensor("local_linvel").data, data.sensor("gyro").data,
+            data.body("trunk").xmat.reshape(3, 3).T @ [0, 0, -1],
+            data.qpos[7:] - default, data.qvel[6:], last, command, [np.sin(phase), np.cos(phase)],
+        ])  # fmt: skip
+        (action,) = session.run(["continuous_actions"], {"obs": observation.astype(np.float32)[None]})
+        last = action[0].astype(float)
+        rows.append((observation, last, data.qpos.copy()))
+        data.ctrl = last * 0.5 + default
+        for _ in range(SUBSTEPS):
+            mujoco.mj_step(model, data)
+    return tuple(np.array(column) for column in zip(*rows, strict=True))  # type: ignore[return-value]
+
+
+def test_the_task_document_plays_as_playgrounds_loop(folder: Path) -> None:
+    simulation = Simulation(read_task(folder / "task.yaml"), policy=str(folder / "joystick.onnx"))
+    Trace(simulation, str(folder / "t.csv"), every=SUBSTEPS, probe=["obs", "action", "qpos"]).run()
+    table = np.column_stack([*read_table(folder / "t.csv").columns.values()])[:PERIODS]
+    observations, actions, positions = bare_episode(folder)
+    assert np.ptp(positions[:, 7:]) > 0.1
+    np.testing.assert_allclose(table[:, 1 : 1 + SIZE], observations, atol=1e-9)
+    np.testing.assert_allclose(table[:, 1 + SIZE : 3 + SIZE], actions, atol=1e-6)  # float32
+    np.testing.assert_allclose(table[:, 3 + SIZE :], positions, atol=1e-9)
