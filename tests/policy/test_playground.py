@@ -1,9 +1,10 @@
 """MuJoCo Playground's conventions as a task document, against a loop that is written as its joystick environments are.
 
-Source: `mujoco_playground/_src/mjx_env.py` and `_src/locomotion/go1/joystick.py`: `ctrl = default + action * scale`,
-held for `n_substeps`; observations are read as `mj_step` leaves them; the gait's phase is turned into cosines and sines.
+Source: `mujoco_playground/_src/mjx_env.py` and `_src/locomotion/go1/joystick.py`: `ctrl = default + action * scale`
+is held for `n_substeps`; observations are read as `mj_step` leaves them; the phase of the gait as sines and cosines.
 """
 
+import re
 from pathlib import Path
 
 import mujoco
@@ -36,26 +37,8 @@ MODEL = """
   <keyframe><key name="home" qpos="0 0 .4 1 0 0 0 .3 -.2" ctrl=".3 -.2"/></keyframe>
 </mujoco>
 """
-TASK = """
-model: robot.xml
-control_dt: 0.02
-duration: 2
-derived: lagged                    # observed as mj_step leaves it
-reset: {key: home}
-commands:
-  joystick: {schedule: [[0, [0.5, 0, 0]], [1, [0, 0, 1]]]}
-observations:
-  - {name: linvel, probe: sensor/local_linvel}
-  - {name: gyro, probe: sensor/gyro}
-  - {name: gravity, probe: [xmat/trunk/zx, xmat/trunk/zy, xmat/trunk/zz], scale: -1}
-  - {name: angles, joints: [front, rear], offset: [0.3, -0.2]}
-  - {name: velocities, joints: [front, rear], of: qvel}
-  - {name: last_act, action: previous}
-  - {name: command, command: joystick}
-  - {name: phase, phase: 0.8}
-actions:
-  - {actuators: [front, rear], scale: 0.5, offset: home}    # ctrl = action*scale + default
-"""
+README = (Path(__file__).parents[2] / "README.md").read_text(encoding="utf-8")
+(TASK,) = re.findall(r"Its conventions as a task:\n\n```yaml\n(.*?)```", README, re.DOTALL)
 SIZE, PERIODS, SUBSTEPS, DT = 20, 100, 5, 0.02
 
 
