@@ -134,7 +134,8 @@ def test_a_video_or_image_of_the_readme_is_made(
 def test_a_table_of_the_readme_is_made(command: str, execute: Execute, tmp_path: Path) -> None:
     before = set(tmp_path.iterdir())
     done = execute(command)
-    assert (done.returncode, done.stderr) == (0, "")
+    remarks = [line for line in done.stderr.splitlines() if not line.startswith("mjrun: the episode of seed 0 has not")]
+    assert (done.returncode, remarks) == (0, [])
     assert set(tmp_path.iterdir()) != before or done.stdout.startswith("time")
 
 
