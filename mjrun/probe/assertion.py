@@ -60,17 +60,15 @@ import numpy as np
 
 from mjrun.errors import clean, option
 from mjrun.probe.aggregate import RowChunk, shown
+from mjrun.probe.evaluation import KnownValues, evaluate, evaluate_truth
 from mjrun.probe.expression import (
     AggregateCall,
     AllRows,
     BooleanExpression,
     BooleanOperation,
-    KnownValues,
     Node,
     NumericExpression,
     columns_read,
-    evaluate,
-    evaluate_truth,
     sides,
     walk,
 )

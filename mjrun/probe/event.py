@@ -19,7 +19,8 @@ import numpy as np
 
 from mjrun.probe.available import AvailableProbes
 from mjrun.probe.episode import EpisodeColumns
-from mjrun.probe.expression import BooleanExpression, columns_read, evaluate_truth
+from mjrun.probe.evaluation import evaluate_truth
+from mjrun.probe.expression import BooleanExpression, columns_read
 from mjrun.probe.parser import Parser
 from mjrun.probe.scanner import SourceText
 

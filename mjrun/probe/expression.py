@@ -1,13 +1,11 @@
-"""The tree of an assertion, and its value on rows: see `mjrun.probe.assertion` for the language."""
+"""The tree of an assertion: see `mjrun.probe.assertion` for the language."""
 
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-
-from mjrun.probe.column_matrix import ColumnMatrix
 
 LEVELS = {"or": 1, "and": 2, "<": 4, "<=": 4, ">": 4, ">=": 4, "==": 4, "!=": 4}
 LEVELS |= {"+": 5, "-": 5, "*": 6, "/": 6, "^": 8, "**": 8}
@@ -253,81 +251,4 @@ def negated(truth: BooleanExpression) -> BooleanExpression:
             return Comparison(start, end, COMPLEMENT[operator], sides)
         case BooleanOperation(start, end, every, parts):
             return BooleanOperation(start, end, not every, tuple(map(negated, parts)))
-    raise TypeError(truth)
-
-
-# --- evaluation ------------------------------------------------------------------------------------
-
-KnownValues = dict[NumericExpression, Any]  # of aggregates and of previous values, by their calls
-
-
-def evaluate(value: NumericExpression, columns: Mapping[str, np.ndarray], known: KnownValues) -> Any:
-    """The value on each row of `columns`, or on all of them alike; `known` has what other rows decide.
-
-    Returns:
-      A number, or one for each of n rows, `(n,)`; of a vector `(n, width)` in C order.
-    """
-    match value:
-        case NumberLiteral(value=number):
-            return number
-        case ColumnReference(name=name):
-            return columns[name]
-        case ColumnVector(names=names):
-            if isinstance(columns, ColumnMatrix):
-                return columns.vector(names)
-            return np.stack([columns[name] for name in names], axis=-1)
-        case AggregateCall() | PreviousValue():
-            return known[value]
-        case FunctionCall(functions=functions, operands=operands):
-            first, *rest = _aligned(operands, columns, known)
-            if not rest:
-                return functions[0](first)
-            for function, operand in zip(functions, rest, strict=True):
-                first = function(first, operand)
-            return first
-        case Reduction(name=name, operands=operands):
-            return REDUCED[name](_side_by_side(operands, columns, known), axis=-1)
-        case Choice(condition=condition, operands=operands):
-            holds = evaluate_truth(condition, columns, known)
-            first, second = _aligned(operands, columns, known)
-            return np.where(_beside_vector(holds) if value.width else holds, first, second)
-    raise TypeError(value)
-
-
-def _aligned(operands: Sequence[NumericExpression], columns: Mapping[str, np.ndarray], known: KnownValues) -> list[Any]:
-    """The values of `operands`; if one is a vector, all are such that numpy combines them row by row."""
-    values = [evaluate(operand, columns, known) for operand in operands]
-    if not any(operand.width for operand in operands):
-        return values
-    return [v if operand.width else _beside_vector(v) for v, operand in zip(values, operands, strict=True)]
-
-
-def _beside_vector(values: Any) -> Any:
-    """One value per row as a vector of one."""
-    return values[..., None] if np.ndim(values) else values
-
-
-def _side_by_side(
-    operands: Sequence[NumericExpression], columns: Mapping[str, np.ndarray], known: KnownValues
-) -> np.ndarray:
-    """All numbers of `operands` on each row: `(n, k)` in C order, so that a sum over them is the same for every n."""
-    vectors = [np.asarray(evaluate(operand, columns, known)) for operand in operands]
-    if len(vectors) == 1:
-        return np.ascontiguousarray(vectors[0])
-    vectors = [v if operand.width else v[..., None] for v, operand in zip(vectors, operands, strict=True)]
-    rows = np.broadcast_shapes(*(v.shape[:-1] for v in vectors))
-    return np.concatenate([np.broadcast_to(v, (*rows, v.shape[-1])) for v in vectors], axis=-1)
-
-
-def evaluate_truth(truth: BooleanExpression, columns: Mapping[str, np.ndarray], known: KnownValues) -> Any:
-    """Whether `truth` holds, row by row where it has rows."""
-    match truth:
-        case Comparison(operator=operator, sides=(left, right)):
-            return COMPARE[operator](evaluate(left, columns, known), evaluate(right, columns, known))
-        case BooleanOperation(every=every, parts=(first, *rest)):
-            result = evaluate_truth(first, columns, known)
-            for part in rest:
-                other = evaluate_truth(part, columns, known)
-                result = result & other if every else result | other
-            return result
     raise TypeError(truth)

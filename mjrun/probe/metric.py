@@ -11,7 +11,8 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from mjrun.probe.aggregate import RowChunk
-from mjrun.probe.expression import AggregateCall, NumericExpression, columns_read, evaluate, walk
+from mjrun.probe.evaluation import evaluate
+from mjrun.probe.expression import AggregateCall, NumericExpression, columns_read, walk
 from mjrun.probe.parser import Parser
 from mjrun.probe.row_chunks import Aggregates, ChunkBuffer
 from mjrun.probe.scanner import SourceText, Vocabulary

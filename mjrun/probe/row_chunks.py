@@ -7,15 +7,8 @@ from typing import Any
 import numpy as np
 
 from mjrun.probe.aggregate import CHUNK, RowChunk, ShareAccumulator, accumulator
-from mjrun.probe.expression import (
-    START,
-    AggregateCall,
-    KnownValues,
-    Node,
-    NumericExpression,
-    evaluate,
-    evaluate_truth,
-)
+from mjrun.probe.evaluation import KnownValues, evaluate, evaluate_truth
+from mjrun.probe.expression import START, AggregateCall, Node, NumericExpression
 
 
 def evaluate_rows(value: NumericExpression, chunk: RowChunk, known: KnownValues) -> np.ndarray:

@@ -10,7 +10,8 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from mjrun.errors import UsageError
-from mjrun.probe.expression import BooleanExpression, columns_read, evaluate_truth
+from mjrun.probe.evaluation import evaluate_truth
+from mjrun.probe.expression import BooleanExpression, columns_read
 from mjrun.probe.parser import Parser
 from mjrun.probe.scanner import ProbeReference, SourceText, Vocabulary
 from mjrun.probe.select import PAIRS

@@ -9,15 +9,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from mjrun.probe.expression import (
-    START,
-    AggregateCall,
-    KnownValues,
-    NumericExpression,
-    columns_read,
-    evaluate,
-    walk,
-)
+from mjrun.probe.evaluation import KnownValues, evaluate
+from mjrun.probe.expression import START, AggregateCall, NumericExpression, columns_read, walk
 from mjrun.probe.parser import Parser
 from mjrun.probe.scanner import SourceText, Vocabulary
 

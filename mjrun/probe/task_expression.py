@@ -18,17 +18,8 @@ import mujoco
 import numpy as np
 
 from mjrun.probe.available import AvailableProbes
-from mjrun.probe.expression import (
-    CONSTANTS,
-    BooleanExpression,
-    KnownValues,
-    NumericExpression,
-    PreviousValue,
-    columns_read,
-    evaluate,
-    evaluate_truth,
-    walk,
-)
+from mjrun.probe.evaluation import KnownValues, evaluation, truth_evaluation
+from mjrun.probe.expression import CONSTANTS, BooleanExpression, NumericExpression, PreviousValue, columns_read, walk
 from mjrun.probe.parser import Parser
 from mjrun.probe.scanner import SourceText
 
@@ -64,8 +55,12 @@ class TaskEvaluator:
     """The values of an expression in several worlds, from one control instant to the next."""
 
     def __init__(self, root: NumericExpression | BooleanExpression, count: int) -> None:
-        self._root, self._count = root, count
+        self._count = count
+        is_truth = isinstance(root, BooleanExpression)
+        self._type = np.dtype(bool if is_truth else np.float64)
+        self._evaluation = truth_evaluation(root) if is_truth else evaluation(root)
         previous = [node for node in walk(root) if isinstance(node, PreviousValue)]
+        self._operands = {node: evaluation(node.operand) for node in previous}
         self._previous = {  # inner ones first, each once
             node: np.full((count, node.width) if node.width else count, np.nan) for node in dict.fromkeys(previous)
         }
@@ -94,12 +89,11 @@ class TaskEvaluator:
 
         with np.errstate(all="ignore"):  # 1/0 is inf, as in assertions
             for node, before in self._previous.items():
-                now = evaluate(node.operand, columns, known)
+                now = self._operands[node](columns, known)
                 known[node] = now if first else np.array(before[worlds])  # of its own: `before` changes now
                 before[worlds] = now
-            if isinstance(self._root, BooleanExpression):
-                return np.array(np.broadcast_to(evaluate_truth(self._root, columns, known), count), bool)
-            return np.array(np.broadcast_to(evaluate(self._root, columns, known), count), np.float64)
+            values = np.asarray(self._evaluation(columns, known), self._type)
+            return values if values.shape == (count,) else np.array(np.broadcast_to(values, count))
 
 
 def parse_task_value(text: str, columns: TaskColumns, label: str) -> TaskExpression:

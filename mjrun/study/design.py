@@ -13,7 +13,8 @@ from mjrun.errors import FileError, UnknownNameError, UsageError, clean, concern
 from mjrun.formats.input_file import opened
 from mjrun.model.names import names
 from mjrun.options.sweep import VariationOptions
-from mjrun.probe.expression import BooleanExpression, evaluate_truth
+from mjrun.probe.evaluation import evaluate_truth
+from mjrun.probe.expression import BooleanExpression
 from mjrun.probe.parser import Parser
 from mjrun.probe.scanner import SourceText, Vocabulary
 from mjrun.sim.distribution import Distribution, parse_distribution

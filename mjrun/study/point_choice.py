@@ -7,7 +7,8 @@ import numpy as np
 
 from mjrun.errors import BadValueError, UnknownNameError, UsageError, clean, concerning, option
 from mjrun.options.keep import KeepOptions
-from mjrun.probe.expression import BooleanExpression, columns_read, evaluate_truth
+from mjrun.probe.evaluation import evaluate_truth
+from mjrun.probe.expression import BooleanExpression, columns_read
 from mjrun.probe.parser import Parser
 from mjrun.probe.scanner import SourceText, Vocabulary
 from mjrun.study.design import ParameterNames

@@ -10,7 +10,7 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from mjrun.probe.assertion import parse
-from mjrun.probe.metric import parse_metric
+from mjrun.probe.metric import MetricEvaluation, parse_metric
 from mjrun.probe.parser import LONGEST
 from mjrun.probe.row_expression import parse_row_expression
 from tests.probe.expression_oracle import COLUMNS, TABLES, TRUTHS, judged, truth, written
@@ -64,9 +64,9 @@ FORCE = WIDE[:, 1:]
 def test_functions_of_vectors_and_choices_are_numpys(text: str, expected: np.ndarray) -> None:
     values = parse_row_expression(text, WIDE_NAMES, "y").values(dict(zip(WIDE_NAMES, WIDE.T, strict=True)))
     np.testing.assert_allclose(values, expected, rtol=1e-15, atol=1e-15)
-    total = parse_metric(f"sum({text})", WIDE_NAMES, "metric").evaluator(WIDE_NAMES)
+    total = MetricEvaluation([parse_metric(f"sum({text})", WIDE_NAMES, "metric")], WIDE_NAMES)
     total.feed(WIDE)
-    assert total.value() == math.fsum(values)
+    assert total.values() == (math.fsum(values),)
 
 
 def test_an_assertion_that_all_is_finite() -> None:

@@ -1,0 +1,151 @@
+"""The values of expressions on rows: a tree becomes a function once, and that is called on each block of rows."""
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from mjrun.probe.column_matrix import ColumnMatrix
+from mjrun.probe.expression import (
+    COMPARE,
+    REDUCED,
+    AggregateCall,
+    BooleanExpression,
+    BooleanOperation,
+    Choice,
+    ColumnReference,
+    ColumnVector,
+    Comparison,
+    FunctionCall,
+    NumberLiteral,
+    NumericExpression,
+    PreviousValue,
+    Reduction,
+)
+
+Columns = Mapping[str, np.ndarray]
+KnownValues = dict[NumericExpression, Any]  # of aggregates and of previous values, by their calls
+Evaluation = Callable[[Columns, KnownValues], Any]
+
+
+def evaluate(value: NumericExpression, columns: Columns, known: KnownValues) -> Any:
+    """The value on each row of `columns`, or on all of them alike; `known` has what other rows decide.
+
+    Returns:
+      A number, or one for each of n rows, `(n,)`; of a vector `(n, width)` in C order.
+    """
+    return evaluation(value)(columns, known)
+
+
+def evaluate_truth(truth: BooleanExpression, columns: Columns, known: KnownValues) -> Any:
+    """Whether `truth` holds, row by row where it has rows."""
+    return truth_evaluation(truth)(columns, known)
+
+
+def evaluation(value: NumericExpression) -> Evaluation:
+    """`evaluate` of one expression, for those who call it often."""
+    match value:
+        case NumberLiteral(value=number):
+            return lambda columns, known: number
+        case ColumnReference(name=name):
+            return lambda columns, known: columns[name]
+        case ColumnVector(names=names):
+            return lambda columns, known: _vector(columns, names)
+        case AggregateCall() | PreviousValue():
+            return lambda columns, known: known[value]
+        case FunctionCall():
+            return _call(value)
+        case Reduction(name=name, operands=operands):
+            reduced, numbers = REDUCED[name], _side_by_side(operands)
+            return lambda columns, known: reduced(numbers(columns, known), axis=-1)
+        case Choice(condition=condition, operands=operands):
+            holds = truth_evaluation(condition)
+            holds = _beside_vector(holds) if value.width else holds
+            first, second = _aligned(operands)
+            return lambda columns, known: np.where(holds(columns, known), first(columns, known), second(columns, known))
+    raise TypeError(value)
+
+
+def truth_evaluation(truth: BooleanExpression) -> Evaluation:
+    """`evaluate_truth` of one condition, for those who call it often."""
+    match truth:
+        case Comparison(operator=operator, sides=sides):
+            compare = COMPARE[operator]
+            left, right = map(evaluation, sides)
+            return lambda columns, known: compare(left(columns, known), right(columns, known))
+        case BooleanOperation(every=every, parts=parts):
+            first, *rest = map(truth_evaluation, parts)
+
+            def operation(columns: Columns, known: KnownValues) -> Any:
+                result = first(columns, known)
+                for part in rest:
+                    other = part(columns, known)
+                    result = result & other if every else result | other
+                return result
+
+            return operation
+    raise TypeError(truth)
+
+
+def _call(call: FunctionCall) -> Evaluation:
+    first, *rest = _aligned(call.operands)
+    function = call.functions[0]
+    if not rest:
+        return lambda columns, known: function(first(columns, known))
+    if len(rest) == 1:
+        (second,) = rest
+        return lambda columns, known: function(first(columns, known), second(columns, known))
+    steps = list(zip(call.functions, rest, strict=True))
+
+    def folded(columns: Columns, known: KnownValues) -> Any:
+        result = first(columns, known)
+        for function, operand in steps:
+            result = function(result, operand(columns, known))
+        return result
+
+    return folded
+
+
+def _vector(columns: Columns, names: tuple[str, ...]) -> np.ndarray:
+    if isinstance(columns, ColumnMatrix):
+        return columns.vector(names)
+    return np.stack([columns[name] for name in names], axis=-1)
+
+
+def _aligned(operands: Sequence[NumericExpression]) -> list[Evaluation]:
+    """The evaluations of `operands`; if one is a vector, all are such that numpy combines them row by row."""
+    evaluations = list(map(evaluation, operands))
+    if not any(operand.width for operand in operands):
+        return evaluations
+    return [e if operand.width else _beside_vector(e) for e, operand in zip(evaluations, operands, strict=True)]
+
+
+def _beside_vector(values_of: Evaluation) -> Evaluation:
+    """One value per row as a vector of one."""
+
+    def beside(columns: Columns, known: KnownValues) -> Any:
+        values = values_of(columns, known)
+        return values[..., None] if np.ndim(values) else values
+
+    return beside
+
+
+def _side_by_side(operands: Sequence[NumericExpression]) -> Evaluation:
+    """All numbers of `operands` on each row: `(n, k)` in C order, so that a sum over them is the same for every n."""
+    evaluations = list(map(evaluation, operands))
+    if len(operands) == 1:
+        (only,) = evaluations
+        return lambda columns, known: np.ascontiguousarray(only(columns, known))
+    widths = [operand.width for operand in operands]
+    ends = np.cumsum([max(width, 1) for width in widths]).tolist()
+    places = [end - 1 if not width else slice(end - width, end) for end, width in zip(ends, widths, strict=True)]
+
+    def side_by_side(columns: Columns, known: KnownValues) -> np.ndarray:
+        values = [each(columns, known) for each in evaluations]
+        rows = next((np.shape(v)[:1] for v, width in zip(values, widths, strict=True) if np.ndim(v) > bool(width)), ())
+        numbers = np.empty((*rows, ends[-1]))
+        for place, value in zip(places, values, strict=True):
+            numbers[..., place] = value
+        return numbers
+
+    return side_by_side

@@ -1,0 +1,48 @@
+"""Expressions on rows are numpy's own, and one row gets the same bits as many."""
+
+import numpy as np
+import pytest
+
+from mjrun.probe.column_matrix import ColumnLayout, ColumnMatrix
+from mjrun.probe.evaluation import evaluate, evaluate_truth, evaluation
+from mjrun.probe.parser import Parser
+from mjrun.probe.scanner import SourceText, Vocabulary
+
+NAMES = ["a", "b", "v/0", "v/1", "v/2"]
+TABLE = np.random.default_rng(3).normal(size=(40, 5))
+COLUMNS = dict(zip(NAMES, np.ascontiguousarray(TABLE.T), strict=True))
+A, B, V = COLUMNS["a"], COLUMNS["b"], TABLE[:, 2:]
+
+
+def parser(text: str) -> Parser:
+    return Parser(SourceText(text, "text"), Vocabulary(NAMES), aggregates=False)
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ("2", 2.0),
+        ("a - b - 3", A - B - 3),
+        ("exp(-norm(a, b, 2))", np.exp(-np.sqrt(A * A + B * B + 4))),
+        ("sum('v/*' * a)", (V * A[:, None]).sum(axis=1)),
+        ("norm('v/*', a, 1)", np.sqrt((V * V).sum(axis=1) + A * A + 1)),
+        ("max(clip('v/*', -b, 1))", np.minimum(np.maximum(V, -B[:, None]), 1).max(axis=1)),
+        ("sum(where(a > 0 and b < 1, 'v/*', 0))", np.where(((A > 0) & (B < 1))[:, None], V, 0).sum(axis=1)),
+        ("norm(3, 4)", 5.0),
+    ],
+)
+def test_values_are_numpys_whatever_holds_the_columns(text: str, expected: np.ndarray | float) -> None:
+    value = parser(text).row_value()
+    matrix = ColumnMatrix(ColumnLayout(NAMES), TABLE, {})
+    np.testing.assert_allclose(evaluate(value, COLUMNS, {}), expected, rtol=1e-14)
+    np.testing.assert_array_equal(evaluate(value, matrix, {}), evaluate(value, COLUMNS, {}))
+    ready = evaluation(value)
+    whole = np.broadcast_to(ready(COLUMNS, {}), 40)
+    for row in (0, 7, 39):
+        one = {name: values[row : row + 1] for name, values in COLUMNS.items()}
+        np.testing.assert_array_equal(np.broadcast_to(ready(one, {}), 1), whole[row : row + 1])
+
+
+def test_conditions_are_numpys() -> None:
+    truth = parser("not (a > 0 or b < 0) and isfinite('v/*')").truth()
+    np.testing.assert_array_equal(evaluate_truth(truth, COLUMNS, {}), ~((A > 0) | (B < 0)))
