@@ -56,8 +56,9 @@ def source(command_line: CommandLine) -> "Source":
 
 
 def stem(command_line: CommandLine) -> str:
-    """The name of the model, for outputs without one of their own."""
-    return source(command_line).stem
+    """The name of the model, or of the document, for outputs without one of their own."""
+    text = command_line.argument("model")
+    return Path(text).stem if is_document(text) else source(command_line).stem
 
 
 def simulation(command_line: CommandLine) -> "Simulation":

@@ -108,7 +108,7 @@ def _study(console: Console, command_line: CommandLine) -> "tuple[Study, Located
     from mjrun.study.study import Study
 
     model, assignments = command_line.argument("model"), command_line.arguments("assignments")
-    if Path(model).suffix.lower() in DOCUMENTS:
+    if _is_study(model):
         from mjrun.document.study import read_study
 
         given = _given(command_line, model)
@@ -133,6 +133,15 @@ def _study(console: Console, command_line: CommandLine) -> "tuple[Study, Located
     code = {name: load_controller(name) for text in varied for name in scan_values("controller", text, "vary")}
     facts = {"simulation": simulation(command_line), "command": console.command, "controllers": code}
     return command_line.make(Study, **facts), nullcontext
+
+
+def _is_study(path: str) -> bool:
+    """Whether it is a document, and not that of a task, which stands where a model does."""
+    if Path(path).suffix.lower() not in DOCUMENTS:
+        return False
+    from mjrun.document.task import is_task
+
+    return not is_task(path)
 
 
 def _is_plan(path: str) -> bool:

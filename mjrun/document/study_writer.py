@@ -9,6 +9,7 @@ from mjrun.document.output_folder import Folders, OutputFolder
 from mjrun.document.run_writer import plain_options, simulation_document, text_of
 from mjrun.document.tree import Mapped, Plain
 from mjrun.errors import UsageError
+from mjrun.options.policy import NONE, is_policy_file
 from mjrun.options.variations import with_paths
 from mjrun.study.study import Study
 
@@ -43,6 +44,10 @@ def portable_document(study: Study, folder: Path) -> Mapped:
         raise UsageError("a model from standard input is gone when its study is read again; give a file")
     folders = Folders(Path(os.path.relpath(Path.cwd(), folder)), OutputFolder(folder), lexical=True)
     ways = {"model": folders.model, **dict.fromkeys(FILES, folders.input), "map": _map_way(folders)}
+    ways |= {
+        "policy": lambda text: folders.input(text) if is_policy_file(text) else text,
+        "normalize": lambda text: text if text == NONE else folders.input(text),
+    }
     moved = {key: _moved(value, ways[key]) if key in ways else value for key, value in document.items()}
     if isinstance(vary := moved.get("vary"), dict):
         moved["vary"] = {name: _varied(value, ways.get(name)) for name, value in vary.items()}

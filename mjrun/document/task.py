@@ -31,8 +31,9 @@ from mjrun.document.document_model import MAPPING, NUMBER, TEXT, Key, Name, Omit
 from mjrun.document.option_models import OptionsModel, options_model
 from mjrun.document.output_folder import Folders, OutputFolder
 from mjrun.document.reader import SUFFIXES, document_error, read_placed
-from mjrun.document.tree import MappingNode
+from mjrun.document.tree import MappingNode, Mark
 from mjrun.document.tree import Path as Place
+from mjrun.document.yaml_parser import compose
 from mjrun.document.yaml_writer import number
 from mjrun.errors import UsageError
 from mjrun.model.override import overrides_of
@@ -131,6 +132,15 @@ def task_or_source(text: str) -> Source:
     if is_file(text) and Path(text).suffix.lower() in SUFFIXES:
         return read_task(text)
     return parse_source(text)
+
+
+def is_task(path: Path | str) -> bool:
+    """Whether the document at `path` is one of a task: it says what is observed."""
+    try:
+        node, _ = compose(Path(path).read_text("utf-8-sig"), lambda index: Mark(0, 0, 0, str(path)))
+    except (OSError, UnicodeDecodeError):
+        return False  # whoever reads it is told why
+    return isinstance(node, MappingNode) and "observations" in node.entries
 
 
 class _Builder(DocumentBuilder):

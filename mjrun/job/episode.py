@@ -5,7 +5,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
 from fractions import Fraction
-from functools import cached_property
+from functools import cached_property, lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -14,7 +14,7 @@ import mujoco
 from mjrun.errors import SimulationError, UsageError, clean, option
 from mjrun.model.source import CollectionSource, Source
 from mjrun.model.variants import ModelVariants
-from mjrun.options.policy import NONE, is_policy_file
+from mjrun.options.policy import NONE, is_code, is_policy_file
 from mjrun.options.push import Push
 from mjrun.probe.episode import EpisodeColumns
 from mjrun.sim.push_forces import PushForces
@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from mjrun.task.task import Task
     from mjrun.task.worlds import TaskWorlds
 
+REMEMBERED = 8  # policies
 UNLIMITED = 5  # [s] that are simulated of an episode that nothing ends
 
 
@@ -238,7 +239,7 @@ def episode_of(
 
     Args:
       pushes: forces on bodies besides those of the task.
-      control_dt, duration: the control period and the length [s], of a model alone.
+      control_dt, duration: of the task [s], where only the policy could say them, and does not.
 
     Raises:
       UsageError: the policy does not fit, or does not say enough.
@@ -247,7 +248,7 @@ def episode_of(
     from mjrun.task.task import Task
 
     if control_dt is not None and isinstance(source, Task | GymSource):
-        raise UsageError(f"{option('control_dt')}: {clean(source.text)} says its control period")
+        raise UsageError(f"{option('control_dt')}: {clean(source.text)} says how often a {option('policy')} acts")
     if isinstance(source, Task):
         return TaskEpisode(source, policy, seed, pushes)
     if isinstance(source, GymSource):
@@ -264,12 +265,32 @@ def episode_of(
         raise
 
 
-def policy_files(policy: object, normalize: str | None) -> list[Path]:
+def load_policy(policy: object, trust: bool, normalize: str | None) -> "Policy":
+    """The policy that `policy` stands for; one that was read is remembered until its files change."""
+    from mjrun.policy import load
+
+    if not isinstance(policy, str) or is_code(policy):
+        return load.load_policy(policy, trust=trust, normalize=normalize)
+    files = [file for file in policy_files(policy, normalize) if file.is_file()]
+    versions = tuple((str(file.resolve()), file.stat().st_mtime_ns, file.stat().st_size) for file in files)
+    return _read_policy(policy, trust, normalize, versions)
+
+
+@lru_cache(maxsize=REMEMBERED)
+def _read_policy(policy: str, trust: bool, normalize: str | None, versions: object) -> "Policy":
+    from mjrun.policy import load
+
+    return load.load_policy(policy, trust=trust, normalize=normalize)
+
+
+def policy_files(policy: object, normalize: str | None = None) -> list[Path]:
     """The files that a policy is read from, as far as they are known without reading them."""
     files: list[Path] = []
     if isinstance(policy, str) and is_policy_file(policy):
         path = Path(policy)
         files += sorted(file for file in path.rglob("*") if file.is_file()) if path.is_dir() else [path]
+    elif isinstance(policy, str) and is_code(policy) and (code := Path(policy.rpartition(":")[0])).suffix == ".py":
+        files.append(code)
     if normalize not in (None, NONE):
         files.append(Path(normalize))
     return files

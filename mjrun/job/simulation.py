@@ -1,7 +1,7 @@
 """A simulation as a value: which model, from where, with what, for how long."""
 
 from collections.abc import Sequence
-from dataclasses import field, replace
+from dataclasses import field, fields, replace
 from fractions import Fraction
 from functools import cached_property
 from itertools import chain, repeat
@@ -85,11 +85,14 @@ class Simulation(SimulationOptions):
         """
         if self.policy is None:
             return None
-        from mjrun.job.episode import episode_of
-        from mjrun.policy.load import load_policy
+        from mjrun.job.episode import episode_of, load_policy
 
-        policy = load_policy(self.policy, trust=self.trust, normalize=self.normalize)
+        policy = load_policy(self.policy, self.trust, self.normalize)
         return episode_of(self.source, policy, self.seed, self.push, self.control_dt, self.duration)
+
+    def __getstate__(self) -> dict[str, object]:
+        """What is pickled: what it is made of, and nothing that follows from that."""
+        return {each.name: vars(self)[each.name] for each in fields(self)}
 
     @property
     def has_end(self) -> bool:

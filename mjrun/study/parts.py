@@ -20,6 +20,7 @@ import numpy as np
 from mjrun.errors import FileError
 from mjrun.formats.arrow_columns import number_array, text_array
 from mjrun.formats.atomic_output import OutputWriter, StagedFile
+from mjrun.job.episode import policy_files
 from mjrun.job.manifest import plain
 from mjrun.model.fingerprint import model_fingerprint
 from mjrun.model.sources import source_of
@@ -35,6 +36,7 @@ METRIC = "metric:"  # before the name of each
 LAST = ("steps", "exit_code", "message", "wall")
 COLUMNS = {"key", "status", *LAST}
 PATHS = ("model", "ctrl_from", "replay")  # options of a simulation that are files
+POLICY = ("policy", "normalize")  # options that may be
 STALE = 3600  # [s] after which nobody writes a part any more
 
 
@@ -66,7 +68,7 @@ def point_keys(identity: Mapping[str, object], names: Sequence[str], points: Ite
     """The key of each point: 32 hexadecimal digits."""
     base = hashlib.sha256(json.dumps(identity, sort_keys=True).encode())
     keys = []
-    files = {index: _file_hashes(name) for index, name in enumerate(names) if name in PATHS}
+    files = {index: _file_hashes(name) for index, name in enumerate(names) if name in (*PATHS, *POLICY)}
     for values in points:
         if files:
             values = [files[i](text) if i in files else text for i, text in enumerate(values)]
@@ -97,7 +99,7 @@ def _file_hashes(name: str) -> Callable[[str], str]:
 
     @cache
     def hashed(text: str) -> str:
-        paths = source_of(text).files if name == "model" else [Path(text)]
+        paths = source_of(text).files if name == "model" else policy_files(text) if name == "policy" else [Path(text)]
         return "".join(map(_file_hash, paths)) or text
 
     return hashed

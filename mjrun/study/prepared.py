@@ -123,7 +123,9 @@ class PreparedStudy:
 
     def _check(self, requirements: Sequence[str]) -> None:
         """Finds what is wrong with all points before the first is simulated."""
-        available = AvailableProbes(self.model) if self.spec.metrics else None
+        episode = self.first.episode
+        others = episode.columns.names if episode else ()
+        available = AvailableProbes(self.model, others) if self.spec.metrics else None
         names = [name for name, _ in self.spec.metrics]
         for name, text in self.spec.metrics:
             with concerning("metric", name):
@@ -147,7 +149,7 @@ class PreparedStudy:
                     pass
             raise
 
-    @property
+    @cached_property
     def first(self) -> Simulation:
         """The simulation of the first point; with the base model, since any other might crash this process."""
         return replace(self.spec.simulation(self.points.points[0]), model=self.spec.base.model)

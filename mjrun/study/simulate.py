@@ -15,12 +15,14 @@ import mujoco
 import numpy as np
 
 from mjrun.errors import MjrunError, SimulationError, UnstableError, UsageError, concerning, flag, option
+from mjrun.job.episode import Episode
 from mjrun.job.simulation import Simulation
 from mjrun.job.trace_rows import ProbeSampler, RowBuffer
 from mjrun.model import state
 from mjrun.model.mujoco_globals import collected_warnings, without_timers
 from mjrun.model.variants import ModelVariant, ModelVariants
 from mjrun.probe.available import AvailableProbes
+from mjrun.probe.episode import EpisodeColumns
 from mjrun.probe.fields import FieldProbe
 from mjrun.probe.metric import Metric, MetricEvaluation, parse_metric
 from mjrun.sim.c_engine import AUTORESET, ENERGY, SLEEP, CEngine
@@ -36,8 +38,8 @@ Status = Literal["ok", "unstable", "failed", "timeout", "crashed", "missing"]
 
 WORLDS = 8192  # the same of Warp
 NOT_IN_WARP = (
-    f"{option('engine')} warp: controllers, replays, tables of controls, noise, pushes and sleep are not for it, nor "
-    f"are metrics that no recorded field holds\n{option('engine')} local simulates them"
+    f"{option('engine')} warp: policies, controllers, replays, tables of controls, noise, pushes and sleep are not for "
+    f"it, nor are metrics that no recorded field holds\n{option('engine')} local simulates them"
 )
 REMEMBERED = 8  # compiled models
 ENOUGH = 512  # rows that are worth measuring at once
@@ -140,6 +142,8 @@ class PointSimulator:
 
     def _ready(self, point: StudyPoint) -> "_Prepared":
         simulation = self._spec.simulation(point.values)
+        if simulation.episode is not None:
+            return self._acting(point, simulation, simulation.episode)
         variant = self._variants.load(simulation.source)
         compiled = self._compiled.get(id(variant.compiled)) or self._found_out(variant.compiled)
         timeline = simulation.timeline(variant.model)
@@ -150,6 +154,15 @@ class PointSimulator:
             prepared.kind = (*prepared.kind, id(variant.model))  # it simulates one model at a time
         return prepared
 
+    def _acting(self, point: StudyPoint, simulation: Simulation, episode: Episode) -> "_Prepared":
+        """A point at which a policy acts: its episode has a model and columns of its own."""
+        if self._spec.engine == "warp":
+            raise UsageError(NOT_IN_WARP)
+        model = episode.model()
+        timeline, key = simulation.timeline(model), (*structure(model), *episode.columns.names)
+        compiled = _CompiledModel(model, key, self._metrics_of(model, key, episode.columns), episode.columns)
+        return _Prepared(point, simulation, ModelVariant(model, model), timeline, compiled.sampler(timeline), compiled)
+
     def _prepare(self, model: mujoco.MjModel) -> None:
         """Sets the flags that simulations need, so that nobody has to copy the model for them."""
         model.opt.disableflags |= AUTORESET
@@ -159,16 +172,22 @@ class PointSimulator:
     def _found_out(self, model: mujoco.MjModel) -> "_CompiledModel":
         """What is to be known of a compiled model, and remembered."""
         key = structure(model)
+        compiled = self._compiled[id(model)] = _CompiledModel(model, key, self._metrics_of(model, key))
+        if len(self._compiled) > REMEMBERED:
+            self._compiled.popitem(last=False)
+        return compiled
+
+    def _metrics_of(
+        self, model: mujoco.MjModel, key: tuple[object, ...], episode: EpisodeColumns | None = None
+    ) -> Sequence[Metric]:
+        """The metrics in the names of `model` and of an episode, which all have in common that have this `key`."""
         if key not in self._metrics:
-            available = AvailableProbes(model)
+            available = AvailableProbes(model, episode.names if episode else ())
             self._metrics[key] = []
             for name, text in self._spec.metrics:
                 with concerning("metric", name):
                     self._metrics[key].append(parse_metric(text, available, f"{option('metric')} {name}"))
-        compiled = self._compiled[id(model)] = _CompiledModel(model, key, self._metrics[key])
-        if len(self._compiled) > REMEMBERED:
-            self._compiled.popitem(last=False)
-        return compiled
+        return self._metrics[key]
 
     def _alone(self, prepared: "_Prepared") -> PointResult:
         start = time.perf_counter()
@@ -255,15 +274,21 @@ class _CompiledModel:
       metrics: in the names of this model.
     """
 
-    def __init__(self, model: mujoco.MjModel, structure: tuple[object, ...], metrics: Sequence[Metric]) -> None:
-        self.structure, self.metrics = structure, metrics
+    def __init__(
+        self,
+        model: mujoco.MjModel,
+        structure: tuple[object, ...],
+        metrics: Sequence[Metric],
+        episode: EpisodeColumns | None = None,
+    ) -> None:
+        self.structure, self.metrics, self._episode = structure, metrics, episode
         self._model, self._sampler = model, dict[Timeline, ProbeSampler]()
         self._columns = [*dict.fromkeys(name for each in metrics for name in each.columns if name != "time")]
 
     def sampler(self, timeline: Timeline) -> ProbeSampler:
         """What measures the columns of all metrics, of whatever variant: nothing that variants differ in decides it."""
         if timeline not in self._sampler:
-            self._sampler = {timeline: ProbeSampler(self._model, self._columns, timeline)}
+            self._sampler = {timeline: ProbeSampler(self._model, self._columns, timeline, self._episode)}
         return self._sampler[timeline]
 
 
@@ -301,7 +326,7 @@ class _Prepared:
 
     def _can_share(self) -> bool:
         simulation = self.simulation
-        alone = (simulation.controller, simulation.replay, simulation.ctrl_from)
+        alone = (simulation.controller, simulation.replay, simulation.ctrl_from, simulation.policy)
         if any(each is not None for each in alone) or simulation.push or simulation.ctrl_noise:
             return False
         model = self.sampler.model

@@ -1,6 +1,8 @@
 """Simulations that a policy drives, against bare loops."""
 
 import json
+import pickle
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +16,9 @@ from mjrun.errors import InvalidActionError, UsageError
 from mjrun.formats.recording_reader import RecordingReader
 from mjrun.formats.table_reader import read_table
 from mjrun.job.episode import episode_of
+from mjrun.job.episode import remembered_policy
 from mjrun.job.image import Image
+from mjrun.job.perform import perform
 from mjrun.job.recording import Recording
 from mjrun.job.simulation import Simulation
 from mjrun.job.trace import Trace
@@ -22,6 +26,8 @@ from mjrun.model import state
 from mjrun.model.sources import parse_source
 from mjrun.model.sources.dm import ControlSuiteSource
 from mjrun.policy.load import load_policy
+from mjrun.options.run import RunOptions
+from mjrun.study.simulate import PointSimulator, StudyPoint, StudySpec
 from tests.policy.networks import linear
 from tests.policy.test_agreement import METADATA, MODEL, MOTORS
 from tests.policy.test_task_of_policy import DOCUMENT
@@ -167,3 +173,161 @@ def test_a_model_alone_is_played_where_the_file_of_the_policy_says_the_rest(tmp_
         Trace(Simulation(str(tmp_path / "robot.xml"), policy=policy), str(tmp_path / "t.csv")).run()
     with pytest.raises(UsageError, match=r"^control_dt: .*task.yaml says its control period"):
         Trace(Simulation(task, policy=policy, control_dt="0.01"), str(tmp_path / "t.csv")).run()
+
+
+ARM = """<mujoco><option timestep="0.005"/>
+  <worldbody><body name="upper" pos="0 0 1"><joint name="shoulder" axis="0 1 0" damping=".1"/>
+    <geom name="upper" type="capsule" size=".03" fromto="0 0 0 0 0 -.4"/>
+    <body name="lower" pos="0 0 -.4"><joint name="elbow" axis="0 1 0" damping=".1"/>
+      <geom name="lower" type="capsule" size=".03" fromto="0 0 0 0 0 -.4"/></body></body></worldbody>
+  <actuator><motor name="m1" joint="shoulder"/><motor name="m2" joint="elbow"/></actuator></mujoco>"""
+DOCUMENT = """
+model: arm.xml
+control_dt: 0.02
+duration: 1
+reset: {noise: {"qpos/*": "uniform(-0.5, 0.5)"}}
+observations:
+  - {name: angles, joints: [elbow, shoulder], scale: 2}
+  - {name: speeds, joints: [elbow, shoulder], of: qvel}
+  - {name: last, action: previous}
+actions: [{actuators: [m2, m1], squash: tanh, scale: 0.5}]
+rewards: {calm: "exp(-norm('qvel/*'))", effort: {value: "sum('action/*'^2)", weight: -0.1}}
+terminations: {fast: {when: "norm('qvel/*') > 3", as: failure}}
+"""
+WEIGHTS = np.array([[3, 1, -0.2, 0.1, 0.3, 0], [-1, 2, 0.1, -0.1, 0, 0.2]], np.float32)
+
+
+@pytest.fixture
+def task(tmp_path: Path) -> Path:
+    """A task in a document, and a policy in `arm.onnx` beside it."""
+    (tmp_path / "arm.xml").write_text(ARM)
+    (tmp_path / "arm.yaml").write_text(DOCUMENT)
+    linear(tmp_path / "arm.onnx", WEIGHTS)
+    return tmp_path / "arm.yaml"
+
+
+def bare_arm(path: Path, start: np.ndarray, periods: int) -> Iterator[dict[str, Any]]:
+    """What a loop of mj_step and onnxruntime gives at each control instant."""
+    model = mujoco.MjModel.from_xml_string(ARM)
+    data = mujoco.MjData(model)
+    data.qpos[:] = start
+    session = onnxruntime.InferenceSession(str(path), providers=["CPUExecutionProvider"])
+    action, terms, total = np.zeros(2), np.zeros(2), 0.0
+    for _ in range(periods + 1):
+        observation = np.concatenate([data.qpos[::-1] * 2, data.qvel[::-1], action])
+        row = {"obs": observation, "qpos": data.qpos.copy(), "terms": terms, "return": total}
+        action = session.run(None, {"obs": observation[None].astype(np.float32)})[0][0].astype(float)
+        data.ctrl[::-1] = np.tanh(action) * 0.5
+        yield {**row, "action": action, "ctrl": data.ctrl.copy()}
+        for _ in range(4):
+            mujoco.mj_step(model, data)
+        terms = np.array([np.exp(-np.linalg.norm(data.qvel)), -0.1 * np.sum(action**2)])
+        total += terms.sum()
+
+
+def test_a_trace_of_a_task_is_a_bare_loop_of_physics_and_inference(task: Path, tmp_path: Path) -> None:
+    simulation = Simulation(read_task(task), policy=str(task.with_suffix(".onnx")), seed=3)
+    path = tmp_path / "t.csv"
+    probes = ["qpos", "ctrl", "obs", "action", "reward", "return"]
+    result = Trace(simulation, str(path), every=4, probe=probes, assert_=["last(return) > first(return)"]).run()
+    columns = read_table(path).columns
+    assert [*columns][5:] == [
+        *("obs/angles/elbow", "obs/angles/shoulder", "obs/speeds/elbow", "obs/speeds/shoulder"),
+        *("obs/last/m2", "obs/last/m1", "action/m2", "action/m1"),
+        *("reward/calm", "reward/effort", "reward/total", "return"),
+    ]
+    table = np.column_stack([*columns.values()])
+    loop = [*bare_arm(task.with_suffix(".onnx"), table[0, 1:3], len(table) - 1)]
+    np.testing.assert_array_equal(table[:, 1:3], [row["qpos"] for row in loop])
+    np.testing.assert_array_equal(table[:-1, 3:5], [row["ctrl"] for row in loop[:-1]])
+    np.testing.assert_array_equal(table[:, 5:11], [row["obs"] for row in loop])
+    np.testing.assert_array_equal(table[:, 11:13], [row["action"] for row in loop])
+    np.testing.assert_allclose(table[:, 13:15], [row["terms"] for row in loop], rtol=1e-14)
+    np.testing.assert_allclose(table[:, -1], [row["return"] for row in loop], rtol=1e-14)
+    assert result.episode is not None
+    assert result.episode.ending == ("timeout" if len(table) == 51 else "fast")
+    assert result.episode.total == table[-1, -1]
+
+
+def test_a_task_lasts_until_it_ends_or_as_long_as_is_said(task: Path, tmp_path: Path) -> None:
+    policy, text = str(task.with_suffix(".onnx")), task.read_text().replace("> 3", "> 1.5")
+    task.write_text(text)
+    ended = Trace(Simulation(read_task(task), policy=policy, seed=1), str(tmp_path / "a.csv"), probe=["qvel"]).run()
+    beyond = Trace(
+        Simulation(read_task(task), policy=policy, seed=1, duration=2), str(tmp_path / "b.csv"), probe=["qvel"]
+    ).run()
+    assert ended.episode is not None
+    assert ended.episode == beyond.episode
+    assert (ended.episode.ending, ended.episode.kind) == ("fast", "failure")
+    assert (ended.simulated, beyond.simulated) == (ended.episode.time, 2.0)
+    shorter, longer = ((tmp_path / name).read_bytes() for name in ("a.csv", "b.csv"))
+    assert longer.startswith(shorter)
+    last = np.array([*read_table(tmp_path / "a.csv").columns.values()])[1:]
+    assert np.linalg.norm(last[:, -1]) > 1.5 >= np.linalg.norm(last[:, -5])
+
+
+def test_a_run_document_makes_all_outputs_of_an_episode(task: Path, tmp_path: Path) -> None:
+    (tmp_path / "run.yaml").write_text(
+        "model: arm.yaml\npolicy: arm.onnx\nseed: 3\n"
+        "traces: [{output: a.csv, probes: [return]}, {output: b.csv, probes: [obs]}]\nrecordings: [c.npz]\n"
+    )
+    requests = read_run(tmp_path / "run.yaml", [], RunOptions(output=str(tmp_path / "out")), "")
+    results = perform(requests.jobs)
+    assert len({str(result.episode) for result in results}) == 1
+    alone = Trace(
+        Simulation(read_task(task), policy=str(task.with_suffix(".onnx")), seed=3),
+        str(tmp_path / "d.csv"),
+        probe=["return"],
+    ).run()
+    assert alone.episode == results[0].episode
+    assert (tmp_path / "d.csv").read_bytes() == (tmp_path / "out" / "a.csv").read_bytes()
+    (tmp_path / "run.yaml").write_text("model: arm.yaml\npolicy: policy.py:act\ntraces: [a.csv]\n")
+    with pytest.raises(DocumentError, match=r"run.yaml:2:9: policy: code stays on the command line"):
+        read_run(tmp_path / "run.yaml", [], RunOptions(), "")
+
+
+def test_an_event_of_the_episode_decides_when_an_image_is_taken(task: Path, tmp_path: Path) -> None:
+    simulation = Simulation(read_task(task), policy=str(task.with_suffix(".onnx")), seed=3)
+    Trace(simulation, str(tmp_path / "t.csv"), probe=["return"]).run()
+    columns = read_table(tmp_path / "t.csv").columns
+    begins = columns["time"][columns["return"] > 0.5][0]
+    result = Image(
+        simulation, str(tmp_path / "i.png"), time=Event("return > 0.5"), size=(64, 48), text="{return:.3f}"
+    ).run()
+    assert result.time == begins
+    assert result.episode is not None
+
+
+def test_a_task_needs_a_policy_unless_it_is_replayed(task: Path, tmp_path: Path) -> None:
+    with pytest.raises(UsageError, match="is a task: say which policy acts on it"):
+        Trace(Simulation(read_task(task)), str(tmp_path / "t.csv")).run()
+    Recording(Simulation(read_task(task), policy="random", seed=1), str(tmp_path / "r.npz")).run()
+    again = Simulation(read_task(task), replay=str(tmp_path / "r.npz"), replay_mode="controls")
+    for name, simulation in (("a", Simulation(read_task(task), policy="random", seed=1)), ("b", again)):
+        Trace(simulation, str(tmp_path / f"{name}.csv")).run()
+    assert (tmp_path / "a.csv").read_bytes() == (tmp_path / "b.csv").read_bytes()
+
+
+def test_a_study_varies_seeds_and_the_model_under_a_policy(task: Path, tmp_path: Path) -> None:
+    policy, metrics = str(task.with_suffix(".onnx")), (("r", "last(return)"), ("calm", "mean(reward/calm)"))
+    spec = StudySpec(Simulation(read_task(task), policy=policy), ("seed", "geom/lower.density"), metrics)
+    spec.base.load()  # which leaves nothing behind that cannot be sent to another process
+    spec = pickle.loads(pickle.dumps(spec))
+    points = [("1", "500"), ("2", "500"), ("2", "2000")]
+    results = {r.index: r for r in PointSimulator(spec).run([StudyPoint(i, p) for i, p in enumerate(points)])}
+    for index, (seed, density) in enumerate(points):
+        simulation = Simulation(read_task(task), policy=policy, seed=int(seed), set=[f"geom/lower.density={density}"])
+        alone = Trace(simulation, str(tmp_path / "t.csv"), probe=["reward", "return"]).run()
+        columns = read_table(tmp_path / "t.csv").columns
+        assert alone.episode is not None
+        assert (results[index].status, results[index].metrics[0]) == ("ok", alone.episode.total)
+        assert results[index].metrics[1] == pytest.approx(columns["reward/calm"].mean(), rel=1e-14)
+    assert len({result.metrics for result in results.values()}) == 3
+
+
+def test_a_policy_is_read_again_when_its_file_has_changed(task: Path) -> None:
+    path = str(task.with_suffix(".onnx"))
+    before = load_policy(path, False, None)
+    assert load_policy(path, False, None) is before
+    linear(Path(path), np.ones((2, 3), np.float32))
+    assert load_policy(path, False, None).facts.observation_size == 3
