@@ -239,7 +239,7 @@ def episode_of(
 
     Args:
       pushes: forces on bodies besides those of the task.
-      control_dt, duration: of the task [s], where only the policy could say them, and does not.
+      control_dt, duration: the control period and the length [s], of a model alone.
 
     Raises:
       UsageError: the policy does not fit, or does not say enough.
@@ -248,7 +248,7 @@ def episode_of(
     from mjrun.task.task import Task
 
     if control_dt is not None and isinstance(source, Task | GymSource):
-        raise UsageError(f"{option('control_dt')}: {clean(source.text)} says how often a {option('policy')} acts")
+        raise UsageError(f"{option('control_dt')}: {clean(source.text)} says its control period")
     if isinstance(source, Task):
         return TaskEpisode(source, policy, seed, pushes)
     if isinstance(source, GymSource):
