@@ -127,7 +127,7 @@ def test_warp_simulates_the_same_in_single_precision(tmp_path: Path) -> None:
     points = [("0.3", "0", "0.1", "0"), ("0.5", "1", "0.1", "0"), ("0.5", "1", "0.2", "0"), ("0.3", "0", "0.1", "0.1")]
     exact, warped = simulated(spec, points), simulated(replace(spec, engine="warp"), points)
     assert [result.status for result in warped] == ["ok", "ok", "ok", "failed"]
-    assert "engine warp: controllers, replays, tables of controls, noise" in warped[3].message
+    assert "engine warp: policies, controllers, replays, tables of controls, noise" in warped[3].message
     for one, other in zip(exact[:3], warped[:3], strict=True):
         np.testing.assert_allclose(other.metrics, one.metrics, rtol=1e-4, atol=1e-4)
         assert other.metrics != one.metrics
