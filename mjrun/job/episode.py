@@ -265,7 +265,7 @@ def episode_of(
         raise
 
 
-def load_policy(policy: object, trust: bool, normalize: str | None) -> "Policy":
+def remembered_policy(policy: object, trust: bool, normalize: str | None) -> "Policy":
     """The policy that `policy` stands for; one that was read is remembered until its files change."""
     from mjrun.policy import load
 

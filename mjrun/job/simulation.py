@@ -85,9 +85,9 @@ class Simulation(SimulationOptions):
         """
         if self.policy is None:
             return None
-        from mjrun.job.episode import episode_of, load_policy
+        from mjrun.job.episode import episode_of, remembered_policy
 
-        policy = load_policy(self.policy, self.trust, self.normalize)
+        policy = remembered_policy(self.policy, self.trust, self.normalize)
         return episode_of(self.source, policy, self.seed, self.push, self.control_dt, self.duration)
 
     def __getstate__(self) -> dict[str, object]:

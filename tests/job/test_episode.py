@@ -18,8 +18,7 @@ from mjrun.document.task import read_task
 from mjrun.errors import DocumentError, InvalidActionError, UsageError
 from mjrun.formats.recording_reader import RecordingReader
 from mjrun.formats.table_reader import read_table
-from mjrun.job.episode import episode_of
-from mjrun.job.episode import remembered_policy
+from mjrun.job.episode import episode_of, remembered_policy
 from mjrun.job.image import Image
 from mjrun.job.perform import perform
 from mjrun.job.recording import Recording
@@ -28,8 +27,8 @@ from mjrun.job.trace import Trace
 from mjrun.model import state
 from mjrun.model.sources import parse_source
 from mjrun.model.sources.dm import ControlSuiteSource
-from mjrun.policy.load import load_policy
 from mjrun.options.run import RunOptions
+from mjrun.policy.load import load_policy
 from mjrun.study.simulate import PointSimulator, StudyPoint, StudySpec
 from tests.policy.networks import linear
 from tests.policy.test_agreement import METADATA, MODEL, MOTORS
@@ -331,7 +330,7 @@ def test_a_study_varies_seeds_and_the_model_under_a_policy(task: Path, tmp_path:
 
 def test_a_policy_is_read_again_when_its_file_has_changed(task: Path) -> None:
     path = str(task.with_suffix(".onnx"))
-    before = load_policy(path, False, None)
-    assert load_policy(path, False, None) is before
+    before = remembered_policy(path, False, None)
+    assert remembered_policy(path, False, None) is before
     linear(Path(path), np.ones((2, 3), np.float32))
-    assert load_policy(path, False, None).facts.observation_size == 3
+    assert remembered_policy(path, False, None).facts.observation_size == 3
