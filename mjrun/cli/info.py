@@ -21,6 +21,8 @@ if TYPE_CHECKING:
     from mjrun.model.info import InfoResult
     from mjrun.model.source import CollectionSource
 
+ENVIRONMENT = "gym:"  # of what is a task beside its model
+TASK_SECTIONS = ("task", "observations", "actions", "rewards", "terminations")  # of an environment
 ROWS = 24  # of a section, unless it is asked for
 SECTION_ARGUMENT = click.Argument(["sections"], metavar="[SECTION]...", nargs=-1)
 
@@ -29,7 +31,8 @@ SECTION_ARGUMENT = click.Argument(["sections"], metavar="[SECTION]...", nargs=-1
 def info(console: Console, command_line: CommandLine) -> None:
     """Show what MODEL is: sizes, bodies, joints, actuators, sensors and all else, or only each SECTION, whole.
 
-    Of a task document it shows what a policy observes and does, number by number, and how episodes go.
+    Of a task document it shows what a policy observes and does, number by number, and how episodes go; of an
+    environment, such as gym:Ant-v5, if one of the sections of a task is asked for.
 
     \b
     mjrun info scene.xml
@@ -38,6 +41,7 @@ def info(console: Console, command_line: CommandLine) -> None:
     mjrun info scene:
     mjrun info gym:
     mjrun info task.yaml observations
+    mjrun info gym:Ant-v5 observations
 
     Sections: summary, bodies, joints, geoms, sites, actuators, sensors, cameras, lights, keyframes, tendons,
     equalities, pairs, excludes, flexes, plugins, options, visual, statistics, assets. Sections of a task: task,
@@ -52,7 +56,7 @@ def info(console: Console, command_line: CommandLine) -> None:
         show_columns(console, source(command_line), as_json)
         return
     model = command_line.argument("model")
-    if is_document(model):
+    if is_document(model) or (sections and model.startswith(ENVIRONMENT) and set(sections) <= {*TASK_SECTIONS}):
         _show_task(console, command_line, sections, as_json)
         return
     from mjrun.model.info import Info
@@ -71,12 +75,14 @@ def info(console: Console, command_line: CommandLine) -> None:
 def _show_task(console: Console, command_line: CommandLine, sections: "Sequence[str]", as_json: bool) -> None:
     """Shows a task, or sections of it."""
     from mjrun.cli.task_page import task_page
+    from mjrun.model.sources.gym import GymSource
     from mjrun.task.description import describe_task
+    from mjrun.task.environment_description import describe_environment
     from mjrun.task.task import Task
 
     task = source(command_line)
-    assert isinstance(task, Task)
-    description = describe_task(task)
+    assert isinstance(task, Task | GymSource)
+    description = describe_environment(task) if isinstance(task, GymSource) else describe_task(task)
     document = description.document(*sections)
     if as_json:
         console.document(document)
@@ -121,4 +127,6 @@ def _page(result: "InfoResult", asked: bool, model: str) -> str:
 
     if details:
         page.note(f"also {', '.join(details)}: {command_line} {details[0].partition(' ')[0]}")
+    if model.startswith(ENVIRONMENT) and not asked:
+        page.note(f"as a task: {command_line} {' '.join(TASK_SECTIONS)}")
     return page.text()

@@ -33,10 +33,16 @@ def _summary(task: "TaskSummary") -> list[tuple[str, str]]:
     return [
         ("model", clean(task.model)),
         ("control period", f"{number(task.control_dt)} s, {steps}"),
-        ("episode", f"{number(task.duration)} s, {counted(task.periods, 'control period')}"),
+        ("episode", _length(task)),
         ("derived quantities", task.derived),
         ("policy", f"{task.observations} numbers in, {task.actions} out"),
     ]
+
+
+def _length(task: "TaskSummary") -> str:
+    if task.duration is None or task.periods is None:
+        return "no limit"
+    return f"{number(task.duration)} s, {counted(task.periods, 'control period')}"
 
 
 def _observations(task: "TaskDescription") -> list[Column]:

@@ -27,9 +27,9 @@ class TaskSummary:
 
     Attributes:
       model: its source.
-      timestep, control_dt, duration: [s].
+      timestep, control_dt: [s].
       control_steps: physics steps in a control period.
-      periods: control periods in an episode that nothing ends before its time.
+      duration, periods: of an episode that nothing ends before its time [s], [control periods]; None without a limit.
       derived: `current` or `lagged`.
       observations, actions: numbers that the policy gets and gives.
     """
@@ -38,8 +38,8 @@ class TaskSummary:
     timestep: float
     control_dt: float
     control_steps: int
-    duration: float
-    periods: int
+    duration: float | None
+    periods: int | None
     derived: str
     observations: int
     actions: int

@@ -21,6 +21,7 @@ from mjrun.task.terms import TIMED_OUT
 from mjrun.timeline import rational
 
 REWARD = "reward_"  # how the terms of the reward begin in what an environment tells of a step
+TERMINATED = "terminated"  # what an environment ends by itself
 SUCCESS = ("is_success", "success")  # what environments of others call it
 NO_AUTORESET = int(mujoco.mjtDisableBit.mjDSBL_AUTORESET)
 
@@ -57,6 +58,7 @@ class Environment:
       action_low, action_high: `(nact,)`, the bounds of an action; infinite where there are none.
       observation_size: numbers in an observation.
       observation_names, action_names: of each number.
+      observation_units: of each number, SI; empty where nothing is known of it.
 
     Raises:
       ModelNotFoundError, BrokenModelError, MissingExtraError: there is no such environment, or it cannot be made.
@@ -88,7 +90,8 @@ class Environment:
         self.action_low, self.action_high = (bound.astype(float).ravel() for bound in (action.low, action.high))
         self.observation_size = int(spaces.flatdim(observation))
         self.action_names = self._action_names()
-        self.observation_names = self._observation_names()
+        observed = self._observed()
+        self.observation_names, self.observation_units = ([each[i] for each in observed] for i in range(2))
 
     @property
     def episode_steps(self) -> int | None:
@@ -147,22 +150,23 @@ class Environment:
         size = int(np.prod(self._action_shape))
         return control_names(self.model) if size == self.model.nu else [str(i) for i in range(size)]
 
-    def _observation_names(self) -> list[str]:
-        """The columns that the environment says its observation consists of, where it does; else numbers.
+    def _observed(self) -> list[tuple[str, str]]:
+        """The columns, with their units, that the environment says its observation consists of; else numbers.
 
         Version 5 of Gymnasium's own tell the fields of MjData in order, and how many numbers each has: the last of
         its columns, since what they leave out comes first: the place of the root, or the world.
         """
         structure = vars(self._environment.unwrapped).get("observation_structure")
-        names: list[str] = []
+        observed: list[tuple[str, str]] = []
         for part, size in structure.items() if isinstance(structure, dict) else ():
             if part.startswith("skipped") or not size:
                 continue
-            columns = [column.name for column in field_probe(self.model, part).columns] if part in extents() else []
-            names += columns[-size:] if len(columns) >= size else [f"{part}/{i}" for i in range(size)]
-        if len(names) != self.observation_size:
-            return [str(i) for i in range(self.observation_size)]
-        return names
+            columns = field_probe(self.model, part).columns if part in extents() else ()
+            known = [(column.name, column.unit) for column in columns[-size:]]
+            observed += known if len(known) == size else [(f"{part}/{i}", "") for i in range(size)]
+        if len(observed) != self.observation_size:
+            return [(str(i), "") for i in range(self.observation_size)]
+        return observed
 
     def _replace_model(self, source: GymSource) -> None:
         """Puts the model with its overrides in the place of the environment's own; the control period stays."""
@@ -204,5 +208,5 @@ def _one_vector(values: Any) -> np.ndarray:
 def _ending(terminated: bool, truncated: bool, told: Mapping[str, Any]) -> Ending | None:
     """How an episode ended, which an environment says in two truths, and whether it was a success in a third."""
     if terminated:
-        return Ending("terminated", "success" if any(told.get(name) for name in SUCCESS) else "failure")
+        return Ending(TERMINATED, "success" if any(told.get(name) for name in SUCCESS) else "failure")
     return TIMED_OUT if truncated else None

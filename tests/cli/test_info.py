@@ -224,6 +224,15 @@ def test_real_models_are_shown_or_refused_without_a_traceback(
         assert bool(done.stdout) == (done.returncode == 0)
 
 
+def test_an_environment_is_a_model_and_with_sections_of_a_task_one(mjrun_here: Command) -> None:
+    assert lines(mjrun_here("info", "gym:Hopper-v5"))[-1].endswith("task observations actions rewards terminations")
+    page = lines(mjrun_here("info", "gym:Hopper-v5", "task", "actions"))
+    assert "  control period      0.008 s, 4 steps of 0.002 s" in page
+    document = json.loads(mjrun_here("info", "gym:Hopper-v5", "observations", "--json").stdout)
+    assert [row["name"] for row in document["observations"]][:2] == ["qpos/rootz", "qpos/rooty"]
+    assert b"no section 'actions'" in mjrun_here("info", "gym:Hopper-v5", "actions", "bodies").stderr
+
+
 def test_a_collection_is_listed_a_line_each(mjrun_here: Command) -> None:
     models = json.loads(mjrun_here("info", "scene:", "--json").stdout)["models"]
     assert [model["name"] for model in models] == [f"scene:{scene.stem}" for scene in SCENES]
