@@ -2,7 +2,7 @@
 
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -14,7 +14,7 @@ from mjrun.formats.input_file import decoding
 if TYPE_CHECKING:
     import pyarrow
 
-RESULTS = "results.parquet"
+RESULTS, TRACE = "results.parquet", "trace.parquet"  # of the study, and of a point
 FIRST, STATUS = "point", "status"  # the columns around what varies and the metrics
 _HINT = "a study is a folder that mjrun sweep has written"
 
@@ -27,6 +27,7 @@ class StudyResults:
       folder: of the study.
       parameters: what varies.
       metrics: their names.
+      metric_texts: what they are, by name.
       numbers: the columns of numbers `(n,)`, by name: metrics, and most parameters; NaN where there is none.
       texts: the columns of texts, by name: `status`, `message`, and parameters such as models.
     """
@@ -36,11 +37,19 @@ class StudyResults:
     metrics: Sequence[str]
     numbers: Mapping[str, np.ndarray]
     texts: Mapping[str, Sequence[str]]
+    metric_texts: Mapping[str, str] = field(default_factory=dict[str, str])
 
     @property
     def status(self) -> np.ndarray:
         """How each point ended `(n,)`: `ok`, `unstable`, …"""
         return np.array(self.texts[STATUS])
+
+    @property
+    def traces(self) -> Mapping[int, Path]:
+        """The traces that are kept, by the number of their point."""
+        folders = sorted(self.folder.glob("points/*"))
+        traces = {int(folder.name): folder / TRACE for folder in folders if folder.name.isdecimal()}
+        return {point: path for point, path in traces.items() if path.is_file() and point < len(self)}
 
     def __len__(self) -> int:
         return len(self.texts[STATUS])
@@ -82,7 +91,7 @@ def read_study(folder: str | Path) -> StudyResults:
             texts[name] = [text or "" for text in column.to_pylist()]
         else:
             numbers[name] = column.to_numpy().astype(float)
-    return StudyResults(folder, parameters, metrics, numbers, texts)
+    return StudyResults(folder, parameters, metrics, numbers, texts, manifest["metrics"])
 
 
 def _is_text(kind: "pyarrow.DataType") -> bool:

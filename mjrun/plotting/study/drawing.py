@@ -68,6 +68,7 @@ class Series:
       joined: whether a line goes through them.
       dots: whether each is marked.
       colour: its index in the palette.
+      opacity: of the line.
     """
 
     name: str
@@ -77,6 +78,7 @@ class Series:
     joined: bool = True
     dots: bool = True
     colour: int = 0
+    opacity: float = 1.0
 
 
 @dataclass(frozen=True)
@@ -151,7 +153,7 @@ class ParallelPanel:
 
 @dataclass(frozen=True)
 class RankPanel:
-    """Rank correlations of parameters with a metric, the strongest first."""
+    """Rank correlations of parameters with a metric; those of one figure have the same parameters, in one order."""
 
     name: str
     parameters: Sequence[str]
@@ -173,7 +175,7 @@ class StudyDrawing:
     """A figure of a study.
 
     Attributes:
-      panels: of one kind.
+      panels: of one kind, and after them trajectories over time.
       columns: of panels; None for as many as suit.
       above: what stands above all panels, if anything does.
     """
@@ -210,7 +212,7 @@ def spans_decades(values: np.ndarray) -> bool:
     finite = values[np.isfinite(values)]
     if len(finite) < 3 or finite.min() <= 0:
         return False
-    low, high = np.quantile(finite, [0.05, 0.95])
+    low, high = np.quantile(finite, 0.05, method="lower"), np.quantile(finite, 0.95, method="higher")
     return bool(high > 100 * low)
 
 

@@ -69,7 +69,7 @@ class _Figure:
         spent = self._rows * ABOVE + BELOW + inner * BELOW + (self._rows - 1 - inner) * BETWEEN
         height = (canvas.height - top - spent * em) / self._rows
         width = canvas.width / self._side
-        margins = [self._margins(panels[column :: self._side], width) for column in range(self._side)]
+        margins = [self._margins(panels[column :: self._side], width, column) for column in range(self._side)]
         span = (canvas.width - sum(m.left + m.right for m in margins)) / self._side
         lefts = [sum(m.left + m.right for m in margins[:c]) + c * span + margins[c].left for c in range(self._side)]
         for row in range(self._rows):
@@ -87,7 +87,9 @@ class _Figure:
         if below >= len(panels):
             return True
         mine, other = panels[index], panels[below]
-        return isinstance(mine, GraphPanel) and isinstance(other, GraphPanel) and mine.x != other.x
+        if isinstance(mine, GraphPanel) and isinstance(other, GraphPanel):
+            return mine.x != other.x
+        return type(mine) is not type(other)
 
     def _panel(self, index: int, box: Box, margins: _Margins, lowest: bool) -> None:
         panel, sheet = self._drawing.panels[index], self._sheet
@@ -97,25 +99,28 @@ class _Figure:
             case HeatPanel():
                 draw_heat_map(sheet, panel, box, lowest=lowest)
             case RankPanel():
-                draw_rank_bars(sheet, panel, box, margins.left, lowest=lowest)
+                names = margins.left if index % self._side == 0 else 0.0
+                draw_rank_bars(sheet, panel, box, names, lowest=lowest)
         axis = panel.rows.name if isinstance(panel, HeatPanel) else ""
         sheet.title(panel.label, box, box.width + margins.right - 0.5 * self._em, axis)
 
-    def _margins(self, panels: Sequence[object], width: float) -> _Margins:
-        """The room beside the panels of a column that is so wide."""
+    def _margins(self, panels: Sequence[object], width: float, column: int) -> _Margins:
+        """The room beside the panels of a column that is so wide; names of parameters stand before the first."""
         sheet, em = self._sheet, self._em
         graphs = [panel for panel in panels if isinstance(panel, GraphPanel)]
+        left, right = 1.2 * em, 1.2 * em
         if graphs:
-            labels = max(sheet.tick_width(sheet.y_ticks(panel.y, 20 * em)) for panel in graphs)
-            return _Margins(labels + 1.5 * em, 1.2 * em)
+            left = max(sheet.tick_width(sheet.y_ticks(panel.y, 20 * em)) for panel in graphs) + 1.5 * em
         maps = [panel for panel in panels if isinstance(panel, HeatPanel)]
         if maps:
-            return _Margins(*heat_margins(sheet, maps))
+            left, right = map(max, heat_margins(sheet, maps), (left, right))
         ranks = [panel for panel in panels if isinstance(panel, RankPanel)]
-        return _Margins(rank_margin(sheet, ranks, width), 1.2 * em)
+        if ranks and column == 0:
+            left = max(left, rank_margin(sheet, ranks, width * self._side))
+        return _Margins(left, right)
 
     def _key(self) -> list[KeyEntry]:
         panels = self._drawing.panels
         graphs = [panel for panel in panels if isinstance(panel, GraphPanel)]
         maps = [panel for panel in panels if isinstance(panel, HeatPanel)]
-        return graph_key(self._sheet, graphs) if graphs else heat_key(self._sheet, maps)
+        return [*(heat_key(self._sheet, maps) if maps else []), *(graph_key(self._sheet, graphs) if graphs else [])]

@@ -13,16 +13,18 @@ from mjrun.plotting.study.key import KeyEntry
 OPACITIES = (0.16, 0.26)  # of the bands, from wide to narrow; they add up
 BANDS = ("5–95 %", "25–75 %")
 RUG = 0.55  # height of a mark at the bottom [em]
+FEW, LARGE = 50, 4.0  # dots, up to which each is large, and how large
 MANY = 400  # dots that are drawn faintly
 
 
 def graph_key(sheet: Sheet, panels: Sequence[GraphPanel]) -> list[KeyEntry]:
     """What the lines, bands and marks of panels mean, once for all of them."""
     theme, first = sheet.canvas.theme, panels[0]
-    entries = [KeyEntry(s.name, _line(sheet, s)) for s in first.series if s.name]
+    named = {series.name: series for panel in panels for series in panel.series if series.name}
+    entries = [KeyEntry(name, _line(sheet, series)) for name, series in named.items()]
     banded = next((s for s in first.series if s.bands), None)
     if banded:
-        colour = rgb(theme.grey) if entries else rgb(theme.colour(banded.colour))
+        colour = rgb(theme.grey) if banded.name else rgb(theme.colour(banded.colour))
         entries.append(KeyEntry("median", Line2D([], [], color=colour, linewidth=sheet.weight)))
         for name, opacity in zip(BANDS, (OPACITIES[0], sum(OPACITIES)), strict=True):
             shade = _mixed(rgb(theme.ground), colour, opacity)
@@ -71,7 +73,7 @@ def _series(sheet: Sheet, axes: Axes, series: Series) -> None:
             axes.vlines(series.x, band.low, band.high, color=colour, alpha=0.45, linewidth=width * sheet.weight)
     if series.dots:
         alone = not series.joined and not series.bands
-        size = (2.4 if alone else 2.8) * sheet.weight
+        size = (LARGE if alone and len(series.x) <= FEW else 2.4 if alone else 2.8) * sheet.weight
         axes.plot(
             series.x,
             series.y,
@@ -87,7 +89,7 @@ def _series(sheet: Sheet, axes: Axes, series: Series) -> None:
 def _line(sheet: Sheet, series: Series) -> Line2D:
     """A line that looks like that of a series."""
     theme = sheet.canvas.theme
-    line = Line2D([], [], color=rgb(theme.colour(series.colour)), linewidth=sheet.weight)
+    line = Line2D([], [], color=rgb(theme.colour(series.colour)), linewidth=sheet.weight, alpha=series.opacity)
     if pattern := theme.pattern(series.colour):
         line.set_linestyle((0, pattern))
     line.set_solid_joinstyle("round")

@@ -1,7 +1,7 @@
 """From the results of a study to what is drawn of them: which kind of figure fits, and its numbers."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -31,6 +31,7 @@ from mjrun.plotting.study.drawing import (
     spans_decades,
     y_scale,
 )
+from mjrun.plotting.study.trajectories import Trajectories
 from mjrun.plotting.ticks import value_labels
 
 SEED = "seed"  # whose values are repeats where anything else varies
@@ -40,7 +41,7 @@ DOTS = 40  # values of x that are marked
 FEW = 3  # parameters that have a scatter plot each
 GRAPHS = 24  # panels, at most
 DRAWN = 4000  # lines of parallel coordinates
-RANKED = 16  # parameters in a panel of rank correlations
+RANKED = 40  # parameters in a panel of rank correlations
 
 
 @dataclass(frozen=True)
@@ -108,12 +109,23 @@ class StudyPlan:
         self.notes: list[str] = []
         varying = [_parameter(results, name) for name in results.parameters]
         self._parameters = [each for each in varying if len(each.levels) > 1]
+        self._trajectories, self._columns = Trajectories(results), list[str]()
         self._metrics = self._chosen_metrics()
         self._log_x, _ = parse_log(options.log, len(self._metrics))
 
     @cached_property
     def drawing(self) -> StudyDrawing:
         """What is drawn."""
+        columns = self._columns if self._options.y else self._trajectories.usual
+        over_time = self._trajectories.panels(columns)
+        self.notes += self._trajectories.notes
+        if not self._metrics:
+            return self._drawn(over_time)
+        summary = self._summary()
+        return replace(summary, panels=[*summary.panels, *over_time])
+
+    def _summary(self) -> StudyDrawing:
+        """The metrics of all points."""
         x = self._x()
         main = [each for each in self._parameters if each.name != SEED] or self._parameters
         if x is not None:
@@ -137,6 +149,8 @@ class StudyPlan:
     def _chosen_metrics(self) -> list[MetricValues]:
         known = {name: values for name, values in self._results.numbers.items() if name in self._results.metrics}
         texts = self._options.y or tuple(known)
+        if not texts and self._trajectories.usual:
+            return []
         if not texts:
             raise UsageError(f"{self._results.folder}: the study has no metrics to plot; see {option('metric')}")
         found: list[tuple[str, np.ndarray]] = []
@@ -145,6 +159,9 @@ class StudyPlan:
             with concerning("y", index):
                 if text in known:
                     found.append((text, known[text]))
+                    continue
+                if columns_over_time := self._trajectories.matching(text):
+                    self._columns += columns_over_time
                     continue
                 for curve in parse_panel(text, list(columns)).curves:
                     found.append((curve.name, curve.expression.values(columns)))
@@ -246,14 +263,21 @@ class StudyPlan:
         left = [each.name for each in parameters if each not in ordinal]
         if left:
             self.notes.append(f"{listing(left)}: texts without an order have no rank correlation")
-        panels = [self._ranks_panel(ordinal, metric) for metric in self._shown(self._metrics)]
+        panels = self._rank_panels(ordinal)
         return self._drawn(panels, min(3, len(panels)), above)
 
-    def _ranks_panel(self, parameters: Sequence[Parameter], metric: MetricValues) -> RankPanel:
-        found = rank_correlations([each.values for each in parameters], metric.values)
-        order = np.argsort(-np.nan_to_num(np.abs(found), nan=-1.0), kind="stable")[:RANKED]
+    def _rank_panels(self, parameters: Sequence[Parameter]) -> list[RankPanel]:
+        """A panel for each metric, the parameters in one order: by the strongest correlation with any of them."""
+        metrics, values = self._shown(self._metrics), [each.values for each in parameters]
+        found = np.array([rank_correlations(values, metric.values) for metric in metrics])
+        strength = np.nan_to_num(np.abs(found), nan=-1.0).max(axis=0)
+        order = np.argsort(-strength, kind="stable")[:RANKED]
+        if len(order) < len(parameters):
+            self.notes.append(
+                f"of {len(parameters)} parameters, the {RANKED} with the strongest correlations have bars"
+            )
         names = [_told(parameters[i]) for i in order]
-        return RankPanel(metric.name, names, found[order])
+        return [RankPanel(metric.name, names, row[order]) for metric, row in zip(metrics, found, strict=True)]
 
     # --- parts ---------------------------------------------------------------------------------------
 
@@ -309,7 +333,8 @@ def _summary(name: str, x: Parameter, values: np.ndarray, chosen: np.ndarray, co
         Band(*(np.array([np.quantile(inside, share) for _, inside in groups]) for share in shares))
         for shares in (QUANTILES if any(len(inside) > 1 for _, inside in groups) else ())
     ]
-    return Series(name, places, medians, bands, not x.categories, len(groups) <= DOTS, colour)
+    joined = not x.categories and x.name != SEED  # neither has an order
+    return Series(name, places, medians, bands, joined, len(groups) <= DOTS, colour)
 
 
 def _grouped(keys: np.ndarray, values: np.ndarray) -> list[tuple[int | float, np.ndarray]]:

@@ -1,0 +1,69 @@
+"""Trajectories are the traces that a study has kept, as they are read by anybody else."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from mjrun.errors import UnknownNameError
+from mjrun.formats.study_results import StudyResults
+from mjrun.options.plot import FigureOptions
+from mjrun.plotting.study import trajectories
+from mjrun.plotting.study.drawing import GraphPanel, StudyDrawing
+from mjrun.plotting.study.plan import StudyPlan
+
+TIMES = np.arange(50) * 0.1
+
+
+def results(folder: Path, count: int) -> StudyResults:
+    """A study of some seeds, every other one with a trace."""
+    for point in range(0, count, 2):
+        home = folder / "points" / f"{point:06}"
+        home.mkdir(parents=True)
+        (home / "point.json").write_text(json.dumps({"values": {"seed": str(point)}}))
+        trace = pd.DataFrame({"time": TIMES, "qpos/hip": np.sin(TIMES + point), "qpos/knee": TIMES, "ctrl/m": TIMES})
+        trace.to_parquet(home / "trace.parquet")
+    seeds, texts = np.arange(count, dtype=float), {"status": ["ok"] * count}
+    return StudyResults(
+        folder, ["seed"], ["far"], {"seed": seeds, "far": seeds**2}, texts, {"far": "max(abs(qpos/knee))"}
+    )
+
+
+def drawing(study: StudyResults, **options: object) -> StudyDrawing:
+    return StudyPlan(study, FigureOptions(**options)).drawing  # type: ignore[arg-type]
+
+
+def test_what_the_metrics_read_is_shown_over_time(tmp_path: Path) -> None:
+    panels = drawing(results(tmp_path, 6)).panels
+    assert [panel.label for panel in panels] == ["far", "qpos/knee"]
+    over_time = panels[1]
+    assert isinstance(over_time, GraphPanel)
+    assert over_time.x.name == "time [s]"
+    assert [series.name for series in over_time.series] == ["seed 0", "seed 2", "seed 4"]
+    assert len({series.colour for series in over_time.series}) == 3
+
+
+def test_columns_and_metrics_are_chosen_alike(tmp_path: Path) -> None:
+    study = results(tmp_path, 6)
+    assert [panel.label for panel in drawing(study, y="qpos/*").panels] == ["qpos/hip", "qpos/knee"]
+    assert [panel.label for panel in drawing(study, y=["ctrl/m", "far"]).panels] == ["far", "ctrl/m"]
+    (hip,) = drawing(study, y="qpos/hip").panels
+    assert isinstance(hip, GraphPanel)
+    for point, series in zip((0, 2, 4), hip.series, strict=True):
+        np.testing.assert_array_equal(series.x, TIMES)
+        np.testing.assert_array_equal(series.y, np.sin(TIMES + point))
+    with pytest.raises(UnknownNameError, match="qpos/hop"):
+        drawing(study, y="qpos/hop")
+
+
+def test_many_lines_are_faint_and_have_no_names(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(trajectories, "POINTS", 10)
+    monkeypatch.setattr(trajectories, "ROWS", 20)
+    plan = StudyPlan(results(tmp_path, 30), FigureOptions(y="qpos/knee"))
+    (knee,) = plan.drawing.panels
+    assert isinstance(knee, GraphPanel)
+    assert plan.notes == ["10 of 15 points that have traces have a line, evenly chosen"]
+    assert {(series.name, series.colour, series.opacity < 1) for series in knee.series} == {("", 0, True)}
+    assert all(20 <= len(series.x) <= 40 and series.x[-1] == TIMES[-1] for series in knee.series)
