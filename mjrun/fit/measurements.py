@@ -153,7 +153,7 @@ class _Table:
         values = np.column_stack([columns.get(name, missing) for name in signals])
         if np.isinf(values).any():
             row, column = np.argwhere(np.isinf(values))[0]
-            raise UsageError(f"{clean(self._path)}, row {row}: {clean(signals[column])} is infinite")
+            raise UsageError(f"{clean(self._path)}, row {row}: {clean(signals[int(column)])} is infinite")
         if holes := int(np.isnan(values[:, [i for i, name in enumerate(signals) if name in columns]]).sum()):
             remarks.append(f"{clean(self._path)}: {holes} samples are missing, and passed over")
         _make_continuous(values, signals)
