@@ -19,7 +19,7 @@ SCENES = Path(__file__).parents[1] / "scenes"
 DOCUMENTS = sorted(path.with_suffix(".yaml") for path in SCENES.glob("*.xml"))
 TASKS = sorted(set(SCENES.glob("*.yaml")) - set(DOCUMENTS))
 STUDIES = sorted(SCENES.glob("studies/*.yaml"))
-KINDS = {"cameras": "camera", "studies": "study"}
+KINDS = {"cameras": "camera", "studies": "study", "fits": "fit-document"}
 SMALL = ["videos[0].size=64x48", "videos[0].fps=2", "images[0].size=64x48", "plots[0].size=320x240"]
 
 
@@ -34,7 +34,7 @@ def test_every_scene_has_a_document_and_an_image_of_it_is_shown() -> None:
         assert 5_000 < (SCENES / picture).stat().st_size < 200_000
 
 
-@pytest.mark.parametrize("kind", ["camera", "run", "study", "task"])
+@pytest.mark.parametrize("kind", ["camera", "run", "study", "task", "fit-document"])
 def test_the_schemas_beside_the_scenes_are_those_that_mjrun_prints(kind: str) -> None:
     assert json.loads((SCENES / f"schema/{kind}.json").read_text("utf-8")) == json.loads(json.dumps(json_schema(kind)))
 
@@ -74,3 +74,13 @@ def test_a_study_measures_every_point(mjrun: Command, path: Path) -> None:
     assert done.returncode in ((0, 8) if path.stem == "divergence_by_timestep" else (0,))
     assert report["statuses"]["ok"] >= report["points"] / 2
     assert all(metric["count"] for name, metric in report["metrics"].items() if name != "fell")
+
+
+def test_the_fit_of_the_gallery_finds_what_its_measurements_were_made_with(mjrun: Command) -> None:
+    """By a pendulum of damping 0.08, armature 0.03 and friction 0.05, whose motor is 12 ms late."""
+    done = mjrun("fit", SCENES / "fits/pendulum.yaml", "starts=1", "--json")
+    assert (done.returncode, done.stderr) == (0, b"")
+    found = {each["path"]: each for each in json.loads(done.stdout)["parameters"]}
+    truth = {"joint/hinge.damping": 0.08, "joint/hinge.armature": 0.03, "joint/hinge.frictionloss": 0.05}
+    for path, value in {**truth, "delay:ctrl/motor": 0.012}.items():
+        assert found[path]["low"] <= value <= found[path]["high"]

@@ -1,19 +1,27 @@
 """`mjrun fit`."""
 
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
 from mjrun.cli.click_command import CommandLine, command
 from mjrun.cli.console import Console
 from mjrun.cli.simulation_command import import_mujoco, simulation
-from mjrun.options.fit import FitOptions
+from mjrun.errors import UsageError, clean, option
+from mjrun.options.fit import DOCUMENTS, FitOptions
 from mjrun.options.messages import MessageOptions
+from mjrun.options.option import options_of
 from mjrun.options.simulation import SimulationOptions
 
+if TYPE_CHECKING:
+    from mjrun.fit.fit import Fit
+
 ARGUMENTS = (
-    click.Argument(["model"], metavar="MODEL"),
-    click.Argument(["data"], nargs=-1, required=True, type=click.Path(), metavar="DATA..."),
+    click.Argument(["model"], metavar="MODEL|FIT.yaml"),
+    click.Argument(["tables"], nargs=-1, type=click.Path(), metavar="DATA...|[KEY=VALUE]..."),
 )
 
 
@@ -25,6 +33,9 @@ def fit(console: Console, command_line: CommandLine) -> None:
     mjrun fit arm.xml log.csv --free 'joint/elbow.damping=log:0.01..10' -o fitted.xml
     mjrun fit arm.xml log.csv --free 'scale:joint/*.armature=0.2..5' --map 'qpos/elbow=elbow_deg*pi/180' --json
     mjrun fit arm.xml log.csv --free delay:ctrl/motor=0..0.05 --comparison fit.csv && mjrun plot fit.csv -o fit.png
+    mjrun fit arm_fit.yaml starts=8 -o fitted.xml
+
+    FIT.yaml is a document that says all of it; KEY=VALUE changes a value of it.
 
     The last fifth of the measurements is held out: a fit that does not predict it better than MODEL exits with 1, and
     so does one whose parameters the measurements do not tell.
@@ -32,11 +43,29 @@ def fit(console: Console, command_line: CommandLine) -> None:
     console.guard_stdout()
     import_mujoco()
     from mjrun.cli.fit_report import fit_report
-    from mjrun.fit.fit import Fit
 
-    job = command_line.make(Fit, simulation=simulation(command_line), data=command_line.arguments("data"))
-    result = job.run(console)
+    job, located = _fit(command_line)
+    with located:
+        result = job.run(console)
     if command_line.make(MessageOptions).json:
         console.document(asdict(result))
     elif console.verbosity >= 0:
         console.result(fit_report(result))
+
+
+def _fit(command_line: CommandLine) -> "tuple[Fit, AbstractContextManager[None]]":
+    """The fit of a command line, or of the document that it names; and what locates its errors there."""
+    from mjrun.fit.fit import Fit
+
+    model, data = command_line.argument("model"), command_line.arguments("tables")
+    if Path(model).suffix.lower() not in DOCUMENTS:
+        if not data:
+            raise click.UsageError("Missing argument 'DATA...'.", click.get_current_context())
+        return command_line.make(Fit, simulation=simulation(command_line), data=data), nullcontext()
+    from mjrun.document.fit import read_fit
+
+    for each in options_of(SimulationOptions):
+        if each.attribute in command_line.given(SimulationOptions):
+            raise UsageError(f"{option(each.name)}: {clean(model)} says that; change it as in {each.key}=VALUE")
+    request = read_fit(model, data, given=command_line.given(FitOptions))
+    return request.fit, request.located()

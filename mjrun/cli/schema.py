@@ -6,7 +6,7 @@ from mjrun.cli.click_command import CommandLine, command
 from mjrun.cli.console import Console
 from mjrun.cli.simulation_command import import_mujoco
 
-KINDS = ("camera", "run", "study", "task", "bench", "diff", "eval", "fit", "plot", "sweep", "options")
+KINDS = ("camera", "run", "study", "task", "fit-document", "bench", "diff", "eval", "fit", "plot", "sweep", "options")
 
 
 @command("schema", arguments=[click.Argument(["kind"], type=click.Choice(KINDS))])

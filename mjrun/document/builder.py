@@ -1,6 +1,7 @@
 """Builds typed values from what a document holds, and tells what is wrong with them where it is written."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Generator
+from contextlib import contextmanager
 from functools import partial
 from typing import TypeVar, cast
 
@@ -78,6 +79,23 @@ class DocumentBuilder:
         except UsageError as error:
             self._faults.append(fault_at(self.tree, place, error, self._declared_at))
         return None
+
+
+@contextmanager
+def located_errors(tree: MappingNode, declared_at: DeclaredAt) -> Generator[None]:
+    """Turns errors about options into those of the document, at its lines.
+
+    Raises:
+      DocumentError: with the error.
+    """
+    try:
+        yield
+    except DocumentError:
+        raise
+    except UsageError as error:
+        if not error.path:
+            raise
+        raise document_error([fault_at(tree, (), error, declared_at)]) from error
 
 
 def fault_at(tree: MappingNode, place: Place, error: UsageError, declared_at: DeclaredAt) -> Fault:

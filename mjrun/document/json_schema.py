@@ -7,6 +7,7 @@ from pydantic.json_schema import GenerateJsonSchema, JsonSchemaValue
 from pydantic_core.core_schema import WithDefaultSchema
 
 from mjrun.document.camera import CameraDocument
+from mjrun.document.fit import FitDocument
 from mjrun.document.report_schema import REPORTS, report_schema
 from mjrun.document.run import RunDocument
 from mjrun.document.study import StudyDocument
@@ -19,6 +20,7 @@ DOCUMENTS: dict[str, tuple[type[BaseModel], str, bool]] = {
     "camera": (CameraDocument, "mjrun camera document", False),
     "run": (RunDocument, "mjrun run document", True),
     "study": (StudyDocument, "mjrun study document", True),
+    "fit-document": (FitDocument, "mjrun fit document", True),
     "task": (TaskDocument, "mjrun task document", True),
 }
 VARIABLE_KEYS = {

@@ -12,14 +12,14 @@ require: max(drift) < 0.5
 ```
 """
 
-from collections.abc import Callable, Generator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import cast
 
 from pydantic import Field
 
-from mjrun.document.builder import NAMED, DocumentBuilder, fault_at
+from mjrun.document.builder import NAMED, DocumentBuilder, located_errors
 from mjrun.document.document_model import Name
 from mjrun.document.option_models import OptionsModel, option_keys, options_model
 from mjrun.document.output_folder import Folders, OutputFolder
@@ -57,21 +57,9 @@ class StudyRequest:
     def __init__(self, tree: MappingNode, study: Study) -> None:
         self._tree, self.study = tree, study
 
-    @contextmanager
-    def located(self) -> Generator[None]:
-        """Turns errors of the study into those of the document, at its lines.
-
-        Raises:
-          DocumentError: with the error.
-        """
-        try:
-            yield
-        except DocumentError:
-            raise
-        except UsageError as error:
-            if not error.path:
-                raise
-            raise document_error([fault_at(self._tree, (), error, declared_at)]) from error
+    def located(self) -> AbstractContextManager[None]:
+        """Turns errors of the study into those of the document, at its lines."""
+        return located_errors(self._tree, declared_at)
 
 
 class _AllOptions(Study, SimulationOptions):

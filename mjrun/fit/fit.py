@@ -38,11 +38,9 @@ class Fit(FitOptions):
 
     Args:
       simulation: the model, and what holds it where no log says anything; its seed is that of the fit.
-      data: tables of what was measured and commanded.
     """
 
     simulation: Simulation = field(kw_only=False)
-    data: Sequence[str] = field(default=())
 
     def run(self, reporter: Reporter | None = None) -> "FitResult":
         """Fits the parameters, and writes what was asked for.
@@ -139,7 +137,7 @@ class _Run:
             raise MissingExtraError("mjrun fit", LIBRARY, EXTRA)
         simulation = fit.simulation
         if not fit.data:
-            raise UsageError("a fit needs a table of measurements")
+            raise UsageError(f"{option('data')}: a fit needs a table of measurements")
         model = simulation.load()
         data = simulation.start.data(model)
         self._measurements = read_measurements(fit.data, model, simulation.map, data.ctrl)

@@ -2,10 +2,11 @@
 
 from typing import ClassVar
 
-from mjrun.options.kinds import Choice, File, Flag, Integer, Optional, Real, Settings
-from mjrun.options.option import Options, option, options
+from mjrun.options.kinds import Choice, File, Flag, Integer, Optional, Real, Settings, Several
+from mjrun.options.option import FrontEnd, Options, option, options
 
 EXTRAS = {"fit": ("scipy", "mjrun fit")}  # the library that the extra installs, and what needs it
+DOCUMENTS = (".yaml", ".yml")  # suffixes of files that stand where a model stands
 LOSSES = ("linear", "soft_l1", "huber", "cauchy")
 
 
@@ -15,6 +16,12 @@ class FitOptions(Options):
 
     section: ClassVar[str] = "Fit"
 
+    data: tuple[str, ...] = option(
+        converter=Several(File()),
+        default=(),
+        places=FrontEnd.DOCUMENT | FrontEnd.PYTHON,
+        help="Tables of what was measured, with columns such as time, qpos/knee and ctrl/motor.",
+    )
     free: tuple[tuple[str, str], ...] = option(
         converter=Settings("PATH=LOW..HIGH", "joint/hinge.damping=0.001..1"),
         default=(),
