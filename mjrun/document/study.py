@@ -23,10 +23,9 @@ from mjrun.document.builder import NAMED, DocumentBuilder, located_errors
 from mjrun.document.document_model import Name
 from mjrun.document.option_models import OptionsModel, option_keys, options_model
 from mjrun.document.output_folder import Folders, OutputFolder
-from mjrun.document.reader import document_error, read_placed
+from mjrun.document.reader import read_placed
 from mjrun.document.tree import MappingNode
 from mjrun.document.tree import Path as Place
-from mjrun.errors import DocumentError, UsageError
 from mjrun.job.simulation import Simulation
 from mjrun.options.option import Options
 from mjrun.options.simulation import CodeOptions, SimulationOptions
