@@ -18,7 +18,7 @@ from mjrun.options.simulation import CodeOptions, SimulationOptions
 
 # Places below which names stand that may hold dots.
 NAMED = (
-    *("set", "qpos", "qvel", "ctrl", "vary", "metrics"),
+    *("set", "qpos", "qvel", "ctrl", "vary", "metrics", "free"),
     *("reset.qpos", "reset.qvel", "reset.ctrl", "reset.noise", "reset.set", "reset.vary"),
 )
 DeclaredAt = Callable[[Place], type[Options]]
@@ -53,11 +53,11 @@ class DocumentBuilder:
         """The simulation at the top of a document, driven by `code`, which no document holds."""
         values = self.values(SimulationOptions, document, ())
         values |= {"controller": code.controller, "control_dt": code.control_dt, "trust": code.trust}
-        from mjrun.document.task import task_or_source  # which builds a task
+        from mjrun.document.task import task_or_model  # which builds a task
 
         text = self.folders.model(document.model_dump(include={"model"})["model"])
         simulation = cast("Callable[..., Simulation]", Simulation)
-        return self.attempt((), lambda: simulation(task_or_source(text), **values)) or Simulation("")
+        return self.attempt((), lambda: simulation(task_or_model(text), **values)) or Simulation("")
 
     def values(self, declared: type[Options], entry: OptionsModel, place: Place) -> dict[str, object]:
         """What the options are given for what the document says of them."""

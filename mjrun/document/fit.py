@@ -80,7 +80,7 @@ def read_fit(
       DocumentError: with everything that is wrong in the document, and the assignments.
       FileError: it is not there, or cannot be read.
     """
-    document, tree = read_placed(path, FitDocument, assignments, variables=True, named=(*NAMED, "free"))
+    document, tree = read_placed(path, FitDocument, assignments, variables=True, named=NAMED)
     builder = DocumentBuilder(tree, Folders(Path(path).parent, OutputFolder(Path())), declared_at)
     simulation = builder.simulation(document, CodeOptions())
     values = {**builder.values(FitOptions, document, ()), **(given or {})}

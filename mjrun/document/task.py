@@ -37,7 +37,6 @@ from mjrun.document.yaml_parser import compose
 from mjrun.document.yaml_writer import number
 from mjrun.errors import UsageError
 from mjrun.model.override import overrides_of
-from mjrun.model.source import Source
 from mjrun.model.sources import is_file, parse_source
 from mjrun.options.model import ModelOptions
 from mjrun.options.option import Options, options, options_of
@@ -127,11 +126,9 @@ def read_task(path: Path | str, assignments: Sequence[str] = ()) -> Task:
     return _Builder(tree, folders, declared_at).task(document, Path(path))
 
 
-def task_or_source(text: str) -> Source:
-    """What stands where a model stands: the task in a document, which its suffix tells, or another source."""
-    if is_file(text) and Path(text).suffix.lower() in SUFFIXES:
-        return read_task(text)
-    return parse_source(text)
+def task_or_model(text: str) -> Task | str:
+    """What stands where a model stands: the task in a document, which its suffix tells, or `text` itself."""
+    return read_task(text) if is_file(text) and Path(text).suffix.lower() in SUFFIXES else text
 
 
 def is_task(path: Path | str) -> bool:

@@ -62,9 +62,9 @@ def test_values_of_the_command_line_count_instead() -> None:
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("holdout: 2", "d.yaml:3:10: holdout: .*0 to 0.9"),
+        ("holdout: 2", "d.yaml:3:10: holdout: expected a number of at most 0.9"),
         ("fre: {}", "d.yaml:3:1: .*did you mean 'free'"),
-        ("loss: l2", "d.yaml:3:7: loss: 'l2' is not one of linear"),
+        ("loss: l2", "d.yaml:3:7: loss: expected 'linear', 'soft_l1', 'huber' or 'cauchy'"),
         ("controller: a.py:act", "d.yaml:3:1: "),
     ],
 )

@@ -54,7 +54,7 @@ def test_what_is_refused_does_not_fit_the_schema(text: str) -> None:
 def test_a_schema_says_its_dialect_and_title_and_has_no_place_in_the_world(kind: str) -> None:
     made = json_schema(kind)
     assert made["$schema"] == "https://json-schema.org/draft/2020-12/schema"
-    assert made["title"] == f"mjrun {kind} document"
+    assert made["title"] == f"mjrun {kind.removesuffix('-document')} document"
     assert not any("$id" in rule for rule in rules(made))
 
 
@@ -130,7 +130,7 @@ def test_a_kind_that_there_is_not_is_told() -> None:
     with pytest.raises(
         UnknownNameError,
         match=r"^no schema 'camra' \(did you mean 'camera'\?\)\n"
-        r"schemas: camera, run, study, task, bench, diff, eval, fit, plot, sweep$",
+        r"schemas: camera, run, study, fit-document, task, bench, diff, eval, fit, plot, sweep$",
     ):
         json_schema("camra")
 
