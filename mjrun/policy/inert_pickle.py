@@ -1,20 +1,23 @@
-"""Pickles read without running them: arrays become arrays, and every other object only its name and its values.
+"""Pickles read without running them: every object is only its name and its values, and arrays can be had of them.
 
 A pickle names functions and calls them as it is read. Here each name stands for a class that does nothing, but for the
-few of NumPy's that make arrays.
+few by which NumPy writes arrays, whose numbers are kept as bytes until they are asked for.
 """
 
+import math
 import pickle
-from collections import OrderedDict
+import re
+from collections.abc import Sequence
 from pathlib import Path
 from typing import cast
 
 import numpy as np
-from numpy._core import multiarray, numeric  # pyright: ignore
 
+from mjrun.errors import FileError
 from mjrun.formats.input_file import decoding, opened
 
 SUFFIXES = (".pkl", ".pickle")
+FAULT = "is no pickle, or a damaged one"
 
 
 class Inert:
@@ -41,15 +44,65 @@ class Inert:
             self.values = cast("dict[str, object]", state)
 
     def __setitem__(self, key: object, value: object) -> None:
-        pass
+        if isinstance(key, str):  # of a mapping
+            self.values[key] = value
 
     def append(self, value: object) -> None:
-        pass
+        """Takes an item of a list, and forgets it."""
 
 
-def _empty_array(*_: object) -> np.ndarray:
-    """An array whose shape and values are set next."""
-    return np.ndarray((0,), np.int8)
+class PickledType:
+    """The type of an array's numbers, as `numpy.dtype` is pickled."""
+
+    def __init__(self, code: object = "", *_: object) -> None:
+        self._code, self._order = code, "="
+
+    def __setstate__(self, state: Sequence[object]) -> None:
+        self._order = state[1]
+
+    def dtype(self) -> np.dtype:
+        """The type; raises ValueError if it is none of numbers."""
+        if not re.fullmatch(r"[fiub][1248]", str(self._code)) or self._order not in ("<", ">", "=", "|"):
+            raise ValueError(f"its numbers are of the type {self._code}")
+        return np.dtype(str(self._code)).newbyteorder(cast("str", self._order))
+
+
+class PickledArray:
+    """An array, which `numpy.asarray` turns into one of NumPy's; ValueError if it is none of numbers."""
+
+    def __init__(self, *_: object) -> None:
+        self._state: Sequence[object] = ()
+
+    def __setstate__(self, state: Sequence[object]) -> None:
+        self._state = state
+
+    def __array__(self, dtype: object = None, copy: object = None) -> np.ndarray:
+        if len(self._state) != 5:
+            raise ValueError("an array lacks its numbers")
+        _, shape, of, is_fortran, content = self._state
+        if (
+            not isinstance(of, PickledType)
+            or not isinstance(content, bytes | bytearray)
+            or not isinstance(shape, tuple)
+        ):
+            raise ValueError("an array does not hold numbers")
+        numbers = np.frombuffer(content, of.dtype())
+        sizes = cast("tuple[int, ...]", shape)
+        if not all(isinstance(size, int) and size >= 0 for size in sizes) or math.prod(sizes) != len(numbers):
+            raise ValueError("an array has another shape than numbers")
+        return numbers.reshape(sizes, order="F" if is_fortran else "C").astype(cast("np.dtype", dtype or of.dtype()))
+
+
+def _array(content: object, of: object, shape: object, order: object) -> PickledArray:
+    """As the newest protocol writes arrays."""
+    array = PickledArray()
+    array.__setstate__((1, shape, of, order == "F", content))
+    return array
+
+
+def _number(of: object, content: object) -> PickledArray:
+    """A single number of NumPy's."""
+    return _array(content, of, (), "C")
 
 
 def _latin(text: str, encoding: str) -> bytes:
@@ -58,26 +111,19 @@ def _latin(text: str, encoding: str) -> bytes:
 
 
 # The names that mean something: those by which NumPy writes arrays and numbers.
-MAKERS = {
-    **{
-        (f"numpy.{core}.multiarray", name): make
-        for core in ("core", "_core")
-        for name, make in (("_reconstruct", _empty_array), ("scalar", multiarray.scalar))
-    },
-    **{
-        (f"numpy.{core}.numeric", "_frombuffer"): numeric._frombuffer  # pyright: ignore[reportAttributeAccessIssue]
-        for core in ("core", "_core")
-    },
-    ("numpy", "ndarray"): np.ndarray,
-    ("numpy", "dtype"): np.dtype,
+CORES = ("numpy.core", "numpy._core")
+MAKERS: dict[tuple[str, str], object] = {
+    **{(f"{core}.multiarray", "_reconstruct"): PickledArray for core in CORES},
+    **{(f"{core}.multiarray", "scalar"): _number for core in CORES},
+    **{(f"{core}.numeric", "_frombuffer"): _array for core in CORES},
+    ("numpy", "dtype"): PickledType,
     ("_codecs", "encode"): _latin,
-    ("collections", "OrderedDict"): OrderedDict,
 }
 
 
 class _Reader(pickle.Unpickler):
     def find_class(self, module: str, name: str) -> object:
-        return MAKERS.get((module, name)) or type(name, (Inert,), {"name": f"{module}.{name}"})
+        return MAKERS.get((module, name)) or type("Inert", (Inert,), {"name": f"{module}.{name}"})
 
 
 def read_inert(path: Path) -> object:
@@ -86,5 +132,8 @@ def read_inert(path: Path) -> object:
     Raises:
       FileError: it cannot be read, or is none.
     """
-    with opened(path, "pickle", SUFFIXES) as file, decoding(path, "is no pickle, or a damaged one"):
-        return _Reader(file).load()
+    with opened(path, "pickle", SUFFIXES) as file, decoding(path, FAULT):
+        try:
+            return _Reader(file).load()
+        except MemoryError:  # from the length of something that is not there
+            raise FileError(path, f"{FAULT}: it is shorter than it says") from None

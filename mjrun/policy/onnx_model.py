@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Protocol
 import numpy as np
 
 from mjrun.errors import FileError, MissingExtraError, UsageError, clean, listing, quoted
-from mjrun.formats.input_file import require_file
+from mjrun.formats.input_file import decoding, require_file
 
 if TYPE_CHECKING:
     from onnxruntime import InferenceSession
@@ -25,7 +25,7 @@ CAUSES = (
     (r"External data path.*does not exist", "the file with its weights is missing"),
     (UNKNOWN, "it uses an operator that onnxruntime lacks"),
     (r"only \*guarantees\* support|Unsupported model IR version", "it is written for a newer onnxruntime"),
-    (r"Protobuf parsing failed|No graph was found", "is no ONNX model, or a damaged one"),
+    (r"Protobuf parsing failed|codec can't decode|No graph was found", "is no ONNX model, or a damaged one"),
 )
 
 
@@ -83,9 +83,10 @@ class OnnxModel:
         """
         self.path = path
         self._session = _session(path)
-        self.inputs = [_tensor(each) for each in self._session.get_inputs()]
-        self.outputs = [_tensor(each) for each in self._session.get_outputs()]
-        self.metadata: Mapping[str, str] = self._session.get_modelmeta().custom_metadata_map
+        with decoding(path, "is no ONNX model, or a damaged one"):  # a name may be no text
+            self.inputs = [_tensor(each) for each in self._session.get_inputs()]
+            self.outputs = [_tensor(each) for each in self._session.get_outputs()]
+            self.metadata: Mapping[str, str] = self._session.get_modelmeta().custom_metadata_map
 
     def run(self, inputs: Mapping[str, np.ndarray], outputs: Sequence[str]) -> list[np.ndarray]:
         """The values of `outputs`.
@@ -123,7 +124,8 @@ def _session(path: Path) -> "InferenceSession":
     options.log_severity_level = QUIET
     options.use_deterministic_compute = True
     try:
-        return onnxruntime.InferenceSession(str(path), options, providers=["CPUExecutionProvider"])
+        providers = ["CPUExecutionProvider"]
+        return onnxruntime.InferenceSession(str(path), options, providers, enable_fallback=0)  # which prints
     except Exception as error:  # onnxruntime's have no base of their own
         raise _refusal(path, str(error), onnxruntime.__version__) from error
 

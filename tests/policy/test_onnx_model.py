@@ -29,12 +29,21 @@ def damaged(content: bytes) -> bytes:
     return content[: len(content) // 2]
 
 
-@pytest.mark.parametrize("make", [damaged, lambda _: b"", lambda _: b"no network" * 20, lambda c: b"PK\3\4" + c])
-def test_what_is_no_model_or_a_damaged_one_is_refused(tmp_path: Path, make: Callable[[bytes], bytes]) -> None:
+def misnamed(content: bytes) -> bytes:
+    return content.replace(b"obs", b"\xff\xfe\xfd")  # no UTF-8
+
+
+@pytest.mark.parametrize(
+    "make", [damaged, misnamed, lambda _: b"", lambda _: b"no network" * 20, lambda c: b"PK\3\4" + c]
+)
+def test_what_is_no_model_or_a_damaged_one_is_refused(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str], make: Callable[[bytes], bytes]
+) -> None:
     path = linear(tmp_path / "a.onnx", WEIGHTS)
     path.write_bytes(make(path.read_bytes()))
     with pytest.raises(FileError, match="is no ONNX model, or a damaged one"):
         OnnxModel(path)
+    assert capfd.readouterr() == ("", "")
 
 
 def operator(model: onnx.ModelProto) -> None:
