@@ -1,0 +1,130 @@
+"""Throughput of `mjrun.gym.make_vec` against the vector environments of Gymnasium, on the same tasks.
+
+The tasks are Gymnasium's Humanoid-v5 and Ant-v5, written as tasks of mjrun, whose numbers equal theirs to 1e-12
+(`lagged`); and the same with quantities that belong to the state that is observed (`current`), as tasks of mjrun have
+them unless they say otherwise. `bare` is `mujoco.batch` alone on all cores: the same models, actions and lengths of
+episodes, and nothing measured, which no environment can beat. All are stepped by turns in one run, with uniformly
+random actions; ratios are medians of those of runs side by side, and above 1 is faster.
+
+    python benchmarks/eval.py
+    python benchmarks/eval.py --environments Hopper-v5 --worlds 256 --steps 200
+"""
+
+import argparse
+import os
+import statistics
+import sys
+import time
+import warnings
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import gymnasium
+import numpy as np
+from gymnasium.vector import AutoresetMode, VectorEnv
+from mujoco.batch import Batch
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))  # for the tests' tasks
+
+import mjrun.gym
+from tests.task.gymnasium_tasks import TASKS
+
+CORES = len(os.sched_getaffinity(0))
+SEED = 1
+
+
+def stepped(env: VectorEnv, actions: np.ndarray) -> float:
+    """Steps of a world per second, resets included."""
+    env.reset(seed=SEED)
+    start = time.perf_counter()
+    for action in actions:
+        env.step(action)
+    return actions.shape[0] * actions.shape[1] / (time.perf_counter() - start)
+
+
+def bare(worlds: mjrun.gym.TaskVectorEnv, actions: np.ndarray) -> Callable[[], float]:
+    """What steps the same episodes with `mujoco.batch` alone."""
+    env = worlds.worlds
+    model, steps = env.model(0), env.control_steps
+    ends = [np.flatnonzero(over) for over in _ends(worlds, actions)]
+    env.reset(np.arange(env.count))
+    starts = np.stack([env.state(world) for world in range(env.count)])
+    batch = Batch(model, env.count)
+
+    def run() -> float:
+        batch.state[:] = starts
+        start = time.perf_counter()
+        for action, over in zip(actions, ends, strict=True):
+            batch.ctrl[:] = action
+            batch.step(nstep=steps)
+            batch.state[over] = starts[over]
+        return actions.shape[0] * actions.shape[1] / (time.perf_counter() - start)
+
+    return run
+
+
+def _ends(worlds: mjrun.gym.TaskVectorEnv, actions: np.ndarray) -> list[np.ndarray]:
+    """In which worlds an episode ends at each step."""
+    worlds.reset(seed=SEED)
+    return [np.logical_or(*worlds.step(action)[2:4]) for action in actions]
+
+
+def compare(name: str, count: int, steps: int, repeats: int) -> None:
+    """One row of the table."""
+    task = TASKS[name]()
+    space = gymnasium.make(name).action_space
+    assert isinstance(space, gymnasium.spaces.Box)
+    actions = np.random.default_rng(SEED).uniform(space.low, space.high, (steps, count, *space.shape))
+    makers: list[Callable[[], gymnasium.Env]] = [lambda: gymnasium.make(name)] * count
+    same_step = AutoresetMode.SAME_STEP
+    environments = {
+        "sync": gymnasium.vector.SyncVectorEnv(makers, autoreset_mode=same_step),
+        "async": gymnasium.vector.AsyncVectorEnv(makers, autoreset_mode=same_step),
+        "lagged": mjrun.gym.make_vec(task, count, autoreset_mode=same_step),
+        "current": mjrun.gym.make_vec(replace_derived(task), count, autoreset_mode=same_step),
+    }
+    ours = environments["lagged"]
+    assert isinstance(ours, mjrun.gym.TaskVectorEnv)
+    runs: dict[str, Callable[[], float]] = {
+        kind: lambda env=env: stepped(env, actions) for kind, env in environments.items()
+    }
+    runs["bare"] = bare(ours, actions)
+    for run in runs.values():
+        run()  # warms up
+    speeds: dict[str, list[float]] = {kind: [] for kind in runs}
+    for _ in range(repeats):
+        for kind, run in runs.items():
+            speeds[kind].append(run())
+    for env in environments.values():
+        env.close()
+
+    print(f"{name}, {count} worlds, {steps} steps, {CORES} cores")
+    for kind, values in speeds.items():
+        ratios = " ".join(f"{_ratio(values, speeds[other]):5.2f} x {other}" for other in ("sync", "async", "bare"))
+        print(f"  {kind:8} {statistics.median(values):9.0f} steps/s   {ratios}")
+
+
+def replace_derived(task: "mjrun.Task") -> "mjrun.Task":
+    """The same task, with quantities that belong to the state that is observed."""
+    return replace(task, derived="current")
+
+
+def _ratio(values: list[float], others: list[float]) -> float:
+    return statistics.median(value / other for value, other in zip(values, others, strict=True))
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--environments", nargs="+", choices=sorted(TASKS), default=["Humanoid-v5", "Ant-v5"])
+    parser.add_argument("--worlds", type=int, default=64)
+    parser.add_argument("--steps", type=int, default=100)
+    parser.add_argument("--repeats", type=int, default=5)
+    given = parser.parse_args()
+    warnings.simplefilter("ignore")  # of the models' deprecated attributes
+    for name in given.environments:
+        compare(name, given.worlds, given.steps, given.repeats)
+
+
+if __name__ == "__main__":
+    main()
