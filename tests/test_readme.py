@@ -114,7 +114,7 @@ def execute(shell: dict[str, str], mjrun_here: Command, tmp_path: Path, monkeypa
 def test_the_readme_has_the_commands_that_it_is_for() -> None:
     assert len(DRAWN) >= 20
     assert {"make demo", "make test", "mjrun doctor"} <= set(COMMANDS)
-    assert len(PYTHON) == 2
+    assert len(PYTHON) == 3
 
 
 @pytest.mark.parametrize("command", DRAWN)
