@@ -118,8 +118,18 @@ class Episode(ABC):
             kind=now.ending.kind if now.ending else None,
         )
 
+    def stepper(self, enable_flags: int = 0) -> EpisodeStepper:
+        """The episode from its start.
+
+        Args:
+          enable_flags: of MuJoCo's, for what is measured; they must not change the motion.
+        """
+        stepper = self._start()
+        stepper.model.opt.enableflags |= enable_flags
+        return stepper
+
     @abstractmethod
-    def stepper(self) -> EpisodeStepper:
+    def _start(self) -> EpisodeStepper:
         """The episode from its start."""
 
     @property
@@ -178,7 +188,7 @@ class TaskEpisode(Episode):
         units = {number.name: number.unit if number.scale == 1 else "" for number in worlds.observed}
         return EpisodeColumns(units, worlds.action_names, worlds.reward_names)
 
-    def stepper(self) -> EpisodeStepper:
+    def _start(self) -> EpisodeStepper:
         from mjrun.policy.policy import ActionSpace
         from mjrun.task.task_stepper import TaskStepper
 
@@ -206,7 +216,7 @@ class EnvironmentEpisode(Episode):
     def model(self) -> mujoco.MjModel:
         return self._environment.compiled_model()
 
-    def stepper(self) -> EpisodeStepper:
+    def _start(self) -> EpisodeStepper:
         from mjrun.policy.policy import ActionSpace
         from mjrun.task.environment_stepper import EnvironmentStepper
 

@@ -162,7 +162,7 @@ class Simulation(SimulationOptions):
           FileError: a recording or a table cannot be read.
         """
         if self.episode is not None:
-            return self.episode.stepper()
+            return self.episode.stepper(model.opt.enableflags)
         if self.replay is None and isinstance(self.source, Task):
             text = clean(self.source.text)
             raise UsageError(f"{text} is a task: say which {option('policy')} acts on it, a file, zero or random")
