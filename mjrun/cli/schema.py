@@ -6,14 +6,17 @@ from mjrun.cli.click_command import CommandLine, command
 from mjrun.cli.console import Console
 from mjrun.cli.simulation_command import import_mujoco
 
-KINDS = ("camera", "run", "study", "task", "fit-document", "bench", "diff", "eval", "fit", "plot", "sweep", "options")
+DOCUMENTS = ("camera", "run", "study", "task", "fit-document")
+REPORTS = ("bench", "diff", "eval", "fit", "plot", "sweep", "verify", "view")
+KINDS = (*DOCUMENTS, *REPORTS, "options")
 
 
 @command("schema", arguments=[click.Argument(["kind"], type=click.Choice(KINDS))])
 def schema(console: Console, command_line: CommandLine) -> None:
     """Print the JSON Schema of a kind of document, for editors and validators, or of the reports of a command.
 
-    bench, diff, eval, fit, plot and sweep are what these commands report with --json.
+    bench, diff, eval, fit, plot, sweep and view are what these commands report with --json; verify is what mjrun trace
+    --verify does.
 
     options prints a reference of all options of all commands instead, as Markdown.
 

@@ -11,19 +11,32 @@ from mjrun.bench.results import BenchResult
 from mjrun.diff.result import DiffResult
 from mjrun.evaluation.result import EvaluationResult
 from mjrun.fit.fit import FitResult
+from mjrun.job.verification import VerificationResult
 from mjrun.plotting.table_plot import TablePlotResult
 from mjrun.study.study import StudyResult
+from mjrun.viewer.viewer import ViewerResult
+
+_Report = (
+    BenchResult
+    | DiffResult
+    | EvaluationResult
+    | FitResult
+    | StudyResult
+    | TablePlotResult
+    | VerificationResult
+    | ViewerResult
+)
 
 # Kind of report → its dataclass, whose field `schema` names it, and its title.
-REPORTS: dict[
-    str, tuple[type[BenchResult | DiffResult | EvaluationResult | FitResult | StudyResult | TablePlotResult], str]
-] = {
+REPORTS: dict[str, tuple[type[_Report], str]] = {
     "bench": (BenchResult, "mjrun bench report"),
     "diff": (DiffResult, "mjrun diff report"),
     "eval": (EvaluationResult, "mjrun eval report"),
     "fit": (FitResult, "mjrun fit report"),
     "plot": (TablePlotResult, "mjrun plot report"),
     "sweep": (StudyResult, "mjrun sweep report"),
+    "verify": (VerificationResult, "report of mjrun trace --verify"),
+    "view": (ViewerResult, "mjrun view report"),
 }
 _FIELDS = re.compile(r"^  (\w+(?:, \w+)*): (.*(?:\n    .*)*)", re.MULTILINE)
 

@@ -16,7 +16,11 @@ CONFIDENCE = 0.95
 
 @dataclass(frozen=True)
 class Interval:
-    """A confidence interval; both ends are None where there is too little to have one."""
+    """A confidence interval.
+
+    Attributes:
+      low, high: its ends; None where there is too little to have one.
+    """
 
     low: float | None
     high: float | None

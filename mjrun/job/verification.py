@@ -21,6 +21,7 @@ from mjrun.reporter import Reporter, WarningReporter
 from mjrun.sim.replay import ReplayStepper
 from mjrun.sim.verification import FirstDifference, first_difference
 
+SCHEMA = "mjrun-verify-1"
 VERSIONS = {"mjrun": "mjrun", "mujoco": "MuJoCo", "machine": "machine"}  # what decides the bits
 OVERRIDES = ("set", "timestep", "integrator")
 THINNED = (
@@ -63,6 +64,7 @@ class VerificationResult:
       time: simulated time [s] there.
       differences: of that state, where it differs, in the order of the state.
       origins: what is not as it was when the recording was made, in sentences; what is not known is left out.
+      schema: of this document.
     """
 
     path: str
@@ -72,6 +74,7 @@ class VerificationResult:
     time: float
     differences: Sequence[FieldDifference]
     origins: Sequence[str]
+    schema: str = SCHEMA
 
 
 def verify(simulation: Simulation, reporter: Reporter | None = None) -> VerificationResult:

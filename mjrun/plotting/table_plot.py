@@ -18,7 +18,7 @@ from mjrun.plotting.table_summary import TableSummary
 from mjrun.probe.verdict import Verdict
 from mjrun.reporter import Reporter, WarningReporter
 
-SCHEMA = "mjrun.plot/1"  # of the report
+SCHEMA = "mjrun-plot-1"  # of the report
 
 
 @options

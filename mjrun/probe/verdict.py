@@ -5,7 +5,13 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Verdict:
-    """Whether the assertion `text` holds, and a `message` that says with which values and where."""
+    """Whether an assertion holds.
+
+    Attributes:
+      text: the assertion, as it is written.
+      passed: whether it holds.
+      message: with which values, and where.
+    """
 
     text: str
     passed: bool

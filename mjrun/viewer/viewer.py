@@ -26,6 +26,7 @@ from mjrun.viewer.live_simulation import LiveSimulation
 from mjrun.viewer.pace import Pace
 from mjrun.viewer.window import Action, Edit, Pull, Refuse, Reset, SetPaused, SetSpeed, Status, TakeStep, Window
 
+SCHEMA = "mjrun-view-1"
 FRAME = 1 / 60  # [s] of wall time from one image to the next
 PATIENCE = 1 / 15  # [s] of wall time for the steps between two images
 FOREVER = Fraction(10**9)  # [s]
@@ -143,6 +144,7 @@ class ViewerResult:
       states: how many it holds; None without one.
       warnings: MuJoCo's.
       episode: what came of the policy's episode since the last reset; None without a policy.
+      schema: of this document.
     """
 
     kind: str
@@ -153,6 +155,7 @@ class ViewerResult:
     states: int | None
     warnings: Sequence[str]
     episode: EpisodeResult | None = None
+    schema: str = SCHEMA
 
 
 class _Session:
