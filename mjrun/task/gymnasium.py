@@ -1,8 +1,9 @@
 """Gymnasium's environments on MuJoCo as tasks: they reset, step and reward themselves."""
 
 import copy
+import sys
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, redirect_stdout
 from dataclasses import dataclass
 from functools import partial
 from typing import Any
@@ -79,7 +80,7 @@ class Environment:
         self._flatten = _one_vector if isinstance(observation, spaces.Box) else partial(spaces.flatten, observation)
         self._action_shape, self._action_type = action.shape, action.dtype
 
-        self.control_steps = control_steps(self._environment.unwrapped)
+        self.control_steps = control_steps(self._mujoco)
         self.control_dt = self.control_steps * rational(self._mujoco.model.opt.timestep)
         if source.overrides:
             self._replace_model(source)
@@ -165,7 +166,7 @@ class Environment:
             known = [(column.name, column.unit) for column in columns[-size:]]
             observed += known if len(known) == size else [(f"{part}/{i}", "") for i in range(size)]
         if len(observed) != self.observation_size:
-            return [(str(i), "") for i in range(self.observation_size)]
+            return [(name, "") for name in _numbered(self._environment.observation_space)]
         return observed
 
     def _replace_model(self, source: GymSource) -> None:
@@ -178,7 +179,7 @@ class Environment:
             message = f"acts every {float(self.control_dt):g} s, which must be a whole number of timesteps"
             raise UsageError(f"{option('timestep')} {model.opt.timestep:g}: {clean(source.text)} {message}")
 
-        environment = vars(self._environment.unwrapped)
+        environment = vars(self._mujoco)
         for name in ("frame_skip", "n_substeps"):
             if name in environment:
                 environment[name] = int(steps)
@@ -191,7 +192,8 @@ class Environment:
     def _watched(self, what: str) -> Iterator[None]:
         """Tells what the environment raises as what it is: its own, or MuJoCo giving up."""
         try:
-            yield
+            with redirect_stdout(sys.stderr):  # what it prints is no payload
+                yield
         except MjrunError:
             raise
         except mujoco.FatalError as error:
@@ -199,6 +201,15 @@ class Environment:
             raise FailedStepError(step, self.data.time, str(error)) from None
         except Exception as error:
             raise ControllerError.of(f"{what} of {clean(self.text)}", error) from error
+
+
+def _numbered(space: Any, prefix: str = "") -> list[str]:
+    """Names for the numbers of a flattened space: their places, in the parts of a dictionary."""
+    from gymnasium import spaces
+
+    if isinstance(space, spaces.Dict):
+        return [name for key, part in space.spaces.items() for name in _numbered(part, f"{prefix}{key}/")]
+    return [f"{prefix}{i}" for i in range(int(spaces.flatdim(space)))]
 
 
 def _one_vector(values: Any) -> np.ndarray:

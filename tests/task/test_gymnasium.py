@@ -14,6 +14,7 @@ from mjrun.task.gymnasium import Environment
 from tests.task.environments import registered
 
 ACTION = np.array([0.25])
+DENSE = (Override("geom/cart.density", "2000"),)
 
 
 @pytest.mark.parametrize("name", ["Ant-v5", "Humanoid-v5", "Swimmer-v5"])
@@ -65,7 +66,18 @@ def test_observations_of_several_parts_are_flattened_as_gymnasium_does(tmp_path:
         environment.reset(1)
         seen = environment.step(ACTION).observation
         assert seen.tolist() == [*environment.data.qpos, *environment.data.qvel]
-        assert environment.observation_names == ["0", "1"]
+        assert environment.observation_names == ["position/0", "velocity/0"]
+
+
+def test_an_environment_may_hold_the_one_that_simulates(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    with registered(tmp_path, "held") as name:
+        held, plain = Environment(GymSource(name)), Environment(GymSource(name, overrides=DENSE))
+    assert held.control_steps == plain.control_steps == 4
+    assert plain.model.body_mass[1] == 2 * held.model.body_mass[1]
+    held.reset(3)
+    held.step(ACTION)
+    assert held.data.time == pytest.approx(0.04)
+    assert "payload" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(

@@ -37,10 +37,7 @@ class ControlSuiteSource(CollectionSource):
 
     PREFIX: ClassVar[str] = "dm"
     KIND: ClassVar[str] = "domain"
-    NO_TASK: ClassVar[str] = (
-        f"tasks of {PACKAGE} are out of reach: its simulations do not run on MuJoCo 4, up to its version 1.0.50\n"
-        "a task document can say what it observes and rewards, with this model"
-    )
+    NO_TASK: ClassVar[str] = f"tasks of {PACKAGE} are out of reach: up to 1.0.50 it does not run on MuJoCo 4"
 
     @classmethod
     def descriptions(cls) -> Mapping[str, str]:

@@ -6,9 +6,11 @@ import importlib.util
 import inspect
 import json
 import re
+import sys
+import traceback
 import warnings
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, redirect_stdout
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -130,9 +132,9 @@ def environment_model(name: str) -> EnvironmentModel:
     unwrapped = mujoco_environment(environment, name)
     try:
         model = unwrapped.model
-        file = _file_of(environment.unwrapped, model)
+        file = _file_of(unwrapped, model)
         limit = environment.spec.max_episode_steps if environment.spec else None
-        return EnvironmentModel(file, model, control_steps(environment.unwrapped), limit)
+        return EnvironmentModel(file, model, control_steps(unwrapped), limit)
     finally:
         environment.close()
 
@@ -152,16 +154,19 @@ def make_environment(name: str) -> "gymnasium.Env[Any, Any]":
         try:
             return gymnasium.make(registered, disable_env_checker=True, **settings)
         except Exception as error:
-            raise BrokenModelError(Path(f"gym:{name}"), f"{type(error).__name__}: {error}") from error
+            raise _broken(name, error) from error
 
 
 def mujoco_environment(environment: "gymnasium.Env[Any, Any]", name: str) -> MujocoEnvironment:
-    """The innermost environment; raises ModelNotFoundError if its simulation is not MuJoCo's."""
+    """The innermost environment or one that it holds, on MuJoCo; raises ModelNotFoundError if there is none."""
+    from gymnasium import Env
+
     innermost = environment.unwrapped
-    members = vars(innermost)
-    model, data = members.get("model"), members.get("data")
-    if isinstance(model, mujoco.MjModel) and isinstance(data, mujoco.MjData):
-        return cast(MujocoEnvironment, innermost)
+    held = [member.unwrapped for member in vars(innermost).values() if isinstance(member, Env)]
+    for candidate in (innermost, *held):
+        model, data = (vars(candidate).get(each) for each in ("model", "data"))
+        if isinstance(model, mujoco.MjModel) and isinstance(data, mujoco.MjData):
+            return cast(MujocoEnvironment, candidate)
     environment.close()
     raise _not_mujoco(name)
 
@@ -174,8 +179,8 @@ def control_steps(environment: object) -> int:
 
 @contextmanager
 def quiet() -> Iterator[None]:
-    """Keeps environments from warning that there are newer versions, and of what they wrap."""
-    with warnings.catch_warnings():
+    """Keeps environments from warning that there are newer versions; what they print goes to stderr."""
+    with warnings.catch_warnings(), redirect_stdout(sys.stderr):
         warnings.simplefilter("ignore")
         yield
 
@@ -259,9 +264,10 @@ def _import_installed(module: str, name: str) -> None:
     if module.partition(".")[0] not in importlib.metadata.packages_distributions():
         raise _not_found(name, f"no installed package has the module {clean(module)}")
     try:
-        importlib.import_module(module)
+        with quiet():
+            importlib.import_module(module)
     except Exception as error:
-        raise BrokenModelError(Path(f"gym:{name}"), f"importing {module}: {type(error).__name__}: {error}") from error
+        raise _broken(name, error) from error
 
 
 @cache
@@ -273,6 +279,13 @@ def _own_names() -> tuple[str, ...]:
 
     own = {name for name, spec in gymnasium.registry.items() if str(spec.entry_point).startswith(OWN)}
     return tuple(sorted(own))
+
+
+def _broken(name: str, error: Exception) -> BrokenModelError:
+    """What an environment, or its package, raised before it could be played, and where."""
+    place = traceback.extract_tb(error.__traceback__)[-1]
+    where = f"in {place.filename}, line {place.lineno}"
+    return BrokenModelError(Path(f"gym:{name}"), f"{type(error).__name__}: {str(error) or place.line}", hint=where)
 
 
 def _not_found(name: str, reason: str) -> ModelNotFoundError:
