@@ -55,7 +55,8 @@ class PickledType:
     """The type of an array's numbers, as `numpy.dtype` is pickled."""
 
     def __init__(self, code: object = "", *_: object) -> None:
-        self._code, self._order = code, "="
+        self._code = code
+        self._order: object = "="
 
     def __setstate__(self, state: Sequence[object]) -> None:
         self._order = state[1]
@@ -64,7 +65,7 @@ class PickledType:
         """The type; raises ValueError if it is none of numbers."""
         if not re.fullmatch(r"[fiub][1248]", str(self._code)) or self._order not in ("<", ">", "=", "|"):
             raise ValueError(f"its numbers are of the type {self._code}")
-        return np.dtype(str(self._code)).newbyteorder(cast("str", self._order))
+        return np.dtype(f"{self._order}{self._code}")
 
 
 class PickledArray:

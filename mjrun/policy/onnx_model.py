@@ -4,7 +4,7 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING, Protocol, cast
 
 import numpy as np
 
@@ -95,7 +95,7 @@ class OnnxModel:
           UsageError: the model cannot be computed with these inputs.
         """
         try:
-            return [np.asarray(value) for value in self._session.run(list(outputs), dict(inputs))]
+            return cast("list[np.ndarray]", self._session.run(outputs, inputs))
         except Exception as error:  # onnxruntime's have no base of their own
             reason = _reason(str(error))
             raise UsageError(f"{clean(str(self.path))} cannot be computed: {reason}", ("policy",)) from error

@@ -31,6 +31,13 @@ class OnnxPolicy(Policy):
         self.action = self._action_of([tensor for tensor in self.model.outputs if tensor.name not in ends])
         self._check_inputs()
         super().__init__(name, self._facts())
+        ends_of_parts = [int(end) for end in np.cumsum([tensor.size or 0 for tensor in self.inputs])]
+        # Where each input stands in the observation; one alone may be of any size, which the network will tell.
+        self._places = [
+            (tensor.name, slice(end - size, end) if size else slice(None), self.model.float_type(tensor), shape)
+            for tensor, end in zip(self.inputs, ends_of_parts, strict=True)
+            for size, shape in [(tensor.size or 0, (*tensor.one[:-1], -1))]
+        ]
 
     def start(self, seed: int, actions: ActionSpace) -> Actor:
         return _OnnxActor(self)
@@ -41,18 +48,11 @@ class OnnxPolicy(Policy):
         Raises:
           UsageError: it is of another size.
         """
-        if len(self.inputs) == 1 and self.inputs[0].size is None:
-            sizes = [len(observation)]
-        else:
-            sizes = [tensor.size or 0 for tensor in self.inputs]
-        if sum(sizes) != len(observation):
-            what = f"{option('policy')} {clean(self.name)} observes {counted(sum(sizes), 'number')}"
+        size = self.facts.observation_size
+        if size is not None and size != len(observation):
+            what = f"{option('policy')} {clean(self.name)} observes {counted(size, 'number')}"
             raise UsageError(f"{what}, and the task gives {len(observation)}: {names_of(self.inputs)}")
-        pieces = np.split(observation, np.cumsum(sizes)[:-1])
-        return {
-            tensor.name: piece.astype(self.model.float_type(tensor)).reshape((*tensor.one[:-1], len(piece)))
-            for tensor, piece in zip(self.inputs, pieces, strict=True)
-        }
+        return {name: observation[at].astype(kind).reshape(shape) for name, at, kind, shape in self._places}
 
     def _action_of(self, outputs: Sequence[Tensor]) -> Tensor:
         """The output that is the action."""

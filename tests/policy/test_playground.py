@@ -69,7 +69,7 @@ def bare_episode(folder: Path) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
             data.qpos[7:] - default, data.qvel[6:], last, command, [np.sin(phase), np.cos(phase)],
         ])  # fmt: skip
         (action,) = session.run(["continuous_actions"], {"obs": observation.astype(np.float32)[None]})
-        last = action[0].astype(float)
+        last = np.asarray(action)[0].astype(float)
         rows.append((observation, last, data.qpos.copy()))
         data.ctrl = last * 0.5 + default
         for _ in range(SUBSTEPS):
