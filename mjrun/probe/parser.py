@@ -1,50 +1,41 @@
 """From the text of an expression to its tree: precedence, what may stand where, and errors that say so."""
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 
 import numpy as np
 
-from mjrun.errors import UsageError, clean, counted, quoted
+from mjrun.errors import UsageError, clean, quoted
 from mjrun.probe.expression import (
     AGGREGATES,
     ARITHMETIC,
     COMPARISON,
     ELEMENTWISE,
-    FINITE,
     FIXED,
     FOLDED,
     LEVELS,
     MEANT,
     NOT,
-    OF_CONDITIONS,
     OTHERS,
     ROW,
     SIGN,
     START,
     SUCCESSIVE,
-    TABLE,
     AggregateCall,
     AllRows,
     BooleanExpression,
     BooleanOperation,
-    Choice,
     ColumnReference,
     ColumnVector,
-    Comparison,
-    Function,
-    FunctionCall,
     Node,
     NumberLiteral,
     NumericExpression,
-    PreviousValue,
-    Reduction,
     is_mixed,
     is_row,
     negated,
-    sides,
     walk,
 )
+from mjrun.probe.node_builder import NodeBuilder
 from mjrun.probe.scanner import SHOWN, Scanner, SourceText, Token, Vocabulary, is_bare, is_name, is_word, spelled
 
 LONGEST = 10_000  # characters of an expression
@@ -69,7 +60,7 @@ class Parser:
         if len(source.text) > LONGEST:
             raise UsageError(f"{source.label}: {len(source.text)} characters, expected at most {LONGEST}")
         self.source, self.text, self.vocabulary, self.aggregates = source, source.text, vocabulary, aggregates
-        self.control_dt = control_dt
+        self.control_dt, self.nodes = control_dt, NodeBuilder(source, vocabulary, aggregates, control_dt)
         self.scanner, self.depth = Scanner(source, vocabulary), 0
         self.token, self.end = self.scanner.token(0), 0
 
@@ -79,11 +70,11 @@ class Parser:
 
     def truth(self) -> BooleanExpression:
         """The whole text as one truth."""
-        return self._truth(self._to_end())
+        return self.nodes.truth(self._to_end())
 
     def row_value(self) -> NumericExpression:
         """The whole text as one number per row."""
-        value = self._scalar(self._to_end())
+        value = self.nodes.scalar(self._to_end())
         for node in walk(value):
             if isinstance(node, AggregateCall) and node.kind != START:
                 raise self.source.fault(node.start, f"{node.name} over all rows", "values per row, or first(…)")
@@ -91,7 +82,7 @@ class Parser:
 
     def table_value(self) -> NumericExpression:
         """The whole text as one number of the table."""
-        value = self._scalar(self._to_end())
+        value = self.nodes.scalar(self._to_end())
         if value.kind == ROW:
             raise self.source.fault(value.start, "values per row", f"one number, such as max({self.text.strip()})")
         if value.kind == FIXED:
@@ -130,12 +121,12 @@ class Parser:
             operators.append(self._take())
             operands.append(self._expression(min(level, SIGN)))
         if level < NOT:
-            truths = tuple(self._truth(node) for node in operands)
+            truths = tuple(self.nodes.truth(node) for node in operands)
             return BooleanOperation(start, self.end, operators[0].text == "and", truths)
         if level == COMPARISON:
-            return self._compared(start, operators, tuple(self._scalar(node) for node in operands))
-        values = [self._value(node) for node in operands]
-        return self._elementwise(start, [ARITHMETIC[token.text] for token in operators], values)
+            return self.nodes.compared(start, self.end, operators, tuple(self.nodes.scalar(node) for node in operands))
+        values = [self.nodes.value(node) for node in operands]
+        return self.nodes.elementwise(start, self.end, [ARITHMETIC[token.text] for token in operators], values)
 
     def _operand(self, floor: int) -> Node:
         token = self.token
@@ -156,7 +147,7 @@ class Parser:
                 return self._signed(self._take())
             case "operator", "not" if floor <= NOT:
                 self._take()
-                return negated(self._truth(self._expression(NOT)))
+                return negated(self.nodes.truth(self._expression(NOT)))
             case "unknown", text if is_name(text):
                 raise self._unknown(token)
         raise self._unexpected("a number, a column, a function" + (", '(' or 'not'" if floor <= NOT else " or '('"))
@@ -177,7 +168,7 @@ class Parser:
             self._take()
             arguments.append(self._expression(0 if token.text in (*AGGREGATES, "where") else COMPARISON))
         self._close("+ - * / ^, ',' or ')'")
-        return self._call(token, arguments)
+        return self.nodes.call(token, arguments, self.end)
 
     def _group(self) -> Node:
         self._take()
@@ -191,161 +182,8 @@ class Parser:
         self._take()
 
     def _signed(self, sign: Token) -> NumericExpression:
-        value = self._value(self._expression(SIGN))
-        return self._elementwise(sign.start, [np.negative if sign.text == "-" else np.positive], [value])
-
-    def _call(self, name: Token, arguments: list[Node]) -> Node:
-        conditional = any(isinstance(argument, BooleanExpression) for argument in arguments)
-        wide = any(isinstance(argument, NumericExpression) and argument.width for argument in arguments)
-        several = name.text in FOLDED and not conditional and (wide or len(arguments) > 1)
-        if name.text in AGGREGATES and not several:
-            return self._aggregate(name, arguments)
-        if name.text == "where":
-            return self._choice(name, arguments)
-
-        values = [self._value(argument) for argument in arguments]
-        if name.text == "norm" or (several and wide):
-            return Reduction(name.start, self.end, self._kind(values), name.text, tuple(values))
-        if several:
-            return self._elementwise(name.start, [FOLDED[name.text]] * (len(values) - 1), values)
-        if name.text == "clip":
-            self._expect(name, values, 3, "clip(x, low, high)")
-            return self._elementwise(name.start, [np.maximum, np.minimum], values)
-
-        self._expect(name, values, 1, f"{name.text} of one")
-        if name.text == "isfinite":
-            return self._finiteness(name, values[0])
-        if name.text in SUCCESSIVE:
-            return self._successive(name, values[0])
-        return self._elementwise(name.start, [ELEMENTWISE[name.text]], values)
-
-    def _expect(self, name: Token, arguments: Sequence[Node], count: int, meant: str) -> None:
-        if len(arguments) != count:
-            written = "one value" if len(arguments) == 1 else f"{len(arguments)} values"
-            raise self.source.fault(name.start, f"{name.text} of {written}", meant)
-
-    def _elementwise(
-        self, start: int, functions: Sequence[Function], values: Sequence[NumericExpression]
-    ) -> FunctionCall:
-        call = FunctionCall(start, self.end, self._kind(values), tuple(functions), tuple(values))
-        self._check_widths(values)
-        return call
-
-    def _check_widths(self, values: Sequence[NumericExpression]) -> None:
-        """Vectors that are combined have one width."""
-        vectors = [value for value in values if value.width]
-        for other in vectors[1:]:
-            if other.width != vectors[0].width:
-                shown = f"a vector of {counted(other.width, 'number')} next to one of {vectors[0].width}"
-                raise self.source.fault(other.start, shown, "vectors of the same length")
-
-    def _choice(self, name: Token, arguments: list[Node]) -> NumericExpression:
-        """`where(condition, x, y)`."""
-        self._expect(name, arguments, 3, "where(condition, x, y)")
-        condition, first, second = self._truth(arguments[0]), self._value(arguments[1]), self._value(arguments[2])
-        self._check_widths((first, second))
-        kind = self._kind([*sides(condition), first, second])
-        return Choice(name.start, self.end, kind, condition, (first, second))
-
-    def _finiteness(self, name: Token, value: NumericExpression) -> BooleanExpression:
-        """`isfinite(x)`; a vector is finite if all its numbers are."""
-        if value.kind == FIXED:
-            raise self.source.fault(value.start, "a number only", "a column in it")
-        if value.width:
-            magnitude = FunctionCall(value.start, value.end, value.kind, (np.abs,), (value,))
-            value = Reduction(value.start, value.end, value.kind, "max", (magnitude,))
-        return Comparison(name.start, self.end, FINITE, (value, NumberLiteral(self.end, self.end, FIXED, math.inf)))
-
-    def _successive(self, name: Token, value: NumericExpression) -> NumericExpression:
-        """`previous(x)` or `rate(x)`."""
-        if self.control_dt is None:
-            raise self.source.fault(name.start, f"{name.text}, which only tasks have", "values of one instant")
-        if value.kind != ROW:
-            raise self.source.fault(value.start, f"{name.text} of what never changes", "a column in it")
-        previous = PreviousValue(name.start, self.end, ROW, value)
-        if name.text == "previous":
-            return previous
-        step = NumberLiteral(self.end, self.end, FIXED, self.control_dt)
-        return FunctionCall(name.start, self.end, ROW, (np.subtract, np.divide), (value, previous, step))
-
-    def _aggregate(self, name: Token, arguments: list[Node]) -> NumericExpression:
-        """`mean(x)`, `mean(x, when)`, `quantile(x, 0.9)`, `quantile(x, 0.9, when)`, `share(when)`."""
-        if not self.aggregates:
-            meant = f"{name.text} of several, or of a vector" if name.text in FOLDED else "values of one instant"
-            raise self.source.fault(name.start, f"{name.text} over all instants", meant)
-        first, *others = arguments
-        if name.text == "share":
-            first = self._truth(first)
-        if isinstance(first, BooleanExpression) and name.text in OF_CONDITIONS:
-            first, others = NumberLiteral(first.start, first.start, ROW, 1.0), [first, *others]
-        value = self._scalar(first)
-        fraction = self._fraction(name, others) if name.text == "quantile" else 0.5
-
-        condition = self._row_condition(name, others.pop(0)) if others else None
-        if others:
-            raise self.source.fault(others[0].start, "one value more", f"the end of {name.text}(…)")
-        if value.kind == FIXED:
-            raise self.source.fault(value.start, f"{name.text} of what is the same on all rows", "a column in it")
-        if value.kind != ROW:
-            raise self.source.fault(value.start, f"an aggregate within {name.text}", "values per row in it")
-
-        kind = START if name.text == "first" and condition is None else TABLE
-        return AggregateCall(name.start, self.end, kind, name.text, value, condition, fraction)
-
-    def _fraction(self, name: Token, arguments: list[Node]) -> float:
-        """Takes the second argument of `quantile`."""
-        if not arguments:
-            raise self.source.fault(name.start, "quantile of one value", "quantile(x, 0.9)")
-        node = arguments.pop(0)
-        if not isinstance(node, NumberLiteral) or not 0 <= node.value <= 1:
-            raise self.source.fault(node.start, "no fraction of the values", "a number from 0 to 1")
-        return node.value
-
-    def _row_condition(self, name: Token, node: Node) -> BooleanExpression:
-        """`node` as what chooses among the rows."""
-        condition = self._truth(node)
-        if not is_row(condition) or is_mixed(condition):
-            raise self.source.fault(node.start, f"an aggregate as the condition of {name.text}", "values per row")
-        return condition
-
-    def _compared(self, start: int, operators: list[Token], values: tuple[NumericExpression, ...]) -> BooleanExpression:
-        pairs = []
-        for token, left, right in zip(operators, values, values[1:], strict=False):
-            if self._kind([left, right]) == FIXED:
-                raise self.source.fault(left.start, "a comparison of numbers only", "a column on one side")
-            pairs.append(Comparison(left.start, right.end, token.text, (left, right)))
-        return pairs[0] if len(pairs) == 1 else BooleanOperation(start, self.end, True, tuple(pairs))
-
-    def _kind(self, values: Sequence[NumericExpression]) -> str:
-        """By what a combination of `values` is known."""
-        kinds = {value.kind for value in values}
-        if kinds >= {ROW, TABLE}:
-            late = next(value for value in values if value.kind == TABLE)
-            raise self.source.fault(
-                late.start,
-                "an aggregate next to values per row, and it is known after the last row only",
-                "aggregates only, values per row only, or first(…) among them",
-            )
-        return next(kind for kind in (TABLE, ROW, START, FIXED) if kind in kinds)
-
-    def _value(self, node: Node) -> NumericExpression:
-        if isinstance(node, NumericExpression):
-            return node
-        raise self.source.fault(node.start, "a comparison", "a number")
-
-    def _scalar(self, node: Node) -> NumericExpression:
-        value = self._value(node)
-        if value.width:
-            shown = f"a vector of {counted(value.width, 'number')}"
-            raise self.source.fault(value.start, shown, "one number: norm(…), sum(…), min(…) or max(…) of it")
-        return value
-
-    def _truth(self, node: Node) -> BooleanExpression:
-        if isinstance(node, BooleanExpression):
-            return node
-        if isinstance(node, ColumnReference) and self.vocabulary.is_count(node.name):
-            return Comparison(node.start, node.end, ">", (node, NumberLiteral(node.end, node.end, FIXED, 0.0)))
-        raise self.source.fault(node.start, "a number", "a comparison (< <= > >= == !=)")
+        value = self.nodes.value(self._expression(SIGN))
+        return self.nodes.elementwise(sign.start, self.end, [np.negative if sign.text == "-" else np.positive], [value])
 
     def _planned(self, truth: BooleanExpression) -> BooleanExpression:
         """`truth` with what is checked row by row marked; all aggregates are outside of the marks."""

@@ -180,6 +180,7 @@ MODULES = (
     "expression",
     "evaluation",
     "column_matrix",
+    "node_builder",
     "parser",
     "scanner",
 )
