@@ -51,7 +51,8 @@ def action_space(worlds: TaskWorlds) -> Box:
 def _within(actions: ActionMap, low: np.ndarray, high: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Bounds before squash and clip, from those behind them."""
     low, high = np.where(actions.squashed, -SQUASHED, low), np.where(actions.squashed, SQUASHED, high)
-    is_clipped = ~actions.squashed & np.isfinite(actions.low) & np.isfinite(actions.high)
+    squashed = np.asarray(actions.squashed, bool)
+    is_clipped = ~squashed & np.isfinite(actions.low) & np.isfinite(actions.high)
     return np.where(is_clipped, actions.low, low), np.where(is_clipped, actions.high, high)
 
 

@@ -52,7 +52,7 @@ class TaskVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         self._all = np.arange(num_envs)
         self._rewards = [f"reward/{name}" for name in self.worlds.reward_names]
 
-    def reset(
+    def reset(  # type: ignore[override]
         self, *, seed: int | Sequence[int | None] | None = None, options: dict[str, Any] | None = None
     ) -> tuple[np.ndarray, dict[str, Any]]:
         """Begins an episode in every world, or in those of the option `reset_mask` `(num_envs,)` bool."""

@@ -90,6 +90,14 @@ class EpisodeColumns:
         return [column.name for column in self.columns]
 
 
+def within_task(name: str) -> UsageError:
+    """The error that a task itself asks for `name`, which follows from it."""
+    return UsageError(
+        f"{quoted(name)} follows from the task, which therefore cannot use it\n"
+        "what a task can use: the columns of the model, and in expressions action/NAME and command/NAME"
+    )
+
+
 def no_episode(name: str) -> UsageError:
     """The error that `name`, of an episode, is asked for where no policy acts."""
     return UsageError(f"{quoted(name)} can be measured where a policy acts only: give a {option('policy')}")

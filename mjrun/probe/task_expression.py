@@ -17,7 +17,9 @@ from dataclasses import dataclass, field
 import mujoco
 import numpy as np
 
+from mjrun.errors import UsageError
 from mjrun.probe.available import AvailableProbes
+from mjrun.probe.episode import EPISODE_GROUPS, within_task
 from mjrun.probe.evaluation import KnownValues, evaluation, truth_evaluation
 from mjrun.probe.expression import CONSTANTS, BooleanExpression, NumericExpression, PreviousValue, columns_read, walk
 from mjrun.probe.parser import Parser
@@ -31,6 +33,11 @@ class TaskColumns(AvailableProbes):
         super().__init__(model, others)
         self.control_dt = control_dt
         self.constants = CONSTANTS | {"control_dt": control_dt}
+
+    def missing(self, name: str, position: int, source: SourceText) -> UsageError:
+        if name.partition("/")[0] in {*EPISODE_GROUPS} - self.groups:
+            return within_task(name)
+        return super().missing(name, position, source)
 
 
 @dataclass(frozen=True, eq=False)

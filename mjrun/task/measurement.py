@@ -11,19 +11,22 @@ from mujoco.batch import Batch
 
 from mjrun.model import state
 from mjrun.model.column import Column
+from mjrun.probe.episode import EpisodeProbe
 from mjrun.probe.fields import LAZY, FieldProbe, InstantProbe, Probe, extents, recorded_probe
 from mjrun.probe.select import ALIASES, PAIRS, select
 from mjrun.task.hidden_sensors import SENSED
 
 NONE, POSITION, VELOCITY, ACCELERATION = range(4)  # MuJoCo's stages of computation, `mjtStage`
 # Derived fields that a stage before the last gives; all others take the last.
-STAGES = dict.fromkeys(("cvel", "cdof_dot", "qfrc_bias", "qfrc_passive", "ten_velocity", "actuator_velocity"), VELOCITY)
-STAGES |= dict.fromkeys(("energy", "subtree_linvel", "subtree_angmom"), VELOCITY)
-STAGES |= dict.fromkeys(("xpos", "xquat", "xmat", "xipos", "ximat", "xanchor", "xaxis", "subtree_com"), POSITION)
-STAGES |= dict.fromkeys(("geom_xpos", "geom_xmat", "site_xpos", "site_xmat", "cam_xpos", "cam_xmat"), POSITION)
-STAGES |= dict.fromkeys(("light_xpos", "light_xdir", "cdof", "cinert", "ten_length", "actuator_length"), POSITION)
-STAGES |= dict.fromkeys(("ncon", "crb"), POSITION)
-STAGES |= dict.fromkeys(state.FIELDS, NONE)
+STAGES: dict[str, int] = {
+    **dict.fromkeys(("cvel", "cdof_dot", "qfrc_bias", "qfrc_passive", "ten_velocity", "actuator_velocity"), VELOCITY),
+    **dict.fromkeys(("energy", "subtree_linvel", "subtree_angmom"), VELOCITY),
+    **dict.fromkeys(("xpos", "xquat", "xmat", "xipos", "ximat", "xanchor", "xaxis", "subtree_com"), POSITION),
+    **dict.fromkeys(("geom_xpos", "geom_xmat", "site_xpos", "site_xmat", "cam_xpos", "cam_xmat"), POSITION),
+    **dict.fromkeys(("light_xpos", "light_xdir", "cdof", "cinert", "ten_length", "actuator_length"), POSITION),
+    **dict.fromkeys(("ncon", "crb"), POSITION),
+    **dict.fromkeys(state.FIELDS, NONE),
+}
 
 Rows = slice | np.ndarray
 ALL = slice(None)
@@ -117,7 +120,9 @@ class MeasurementPlan:
         if field in extents():
             probe: Probe = recorded_probe(self._model, field, group)
         else:
-            (probe,) = select(self._model, [group])
+            (selected,) = select(self._model, [group])
+            assert not isinstance(selected, EpisodeProbe)  # which a task cannot name
+            probe = selected
         return probe.columns, probe
 
     def _merged(self, names: Sequence[str], can_sense: bool) -> Iterator[_Piece]:

@@ -12,6 +12,7 @@ from mjrun.errors import UnknownNameError, UsageError, clean, concerning, option
 from mjrun.model.names import matching
 from mjrun.options.kinds import Numbers
 from mjrun.options.task import WORLD
+from mjrun.probe.episode import EPISODE_GROUPS, within_task
 from mjrun.probe.fields import MATRIX, VECTOR, field_probe
 from mjrun.probe.select import select
 from mjrun.probe.task_expression import TaskColumns, TaskExpression, parse_task_value
@@ -177,9 +178,17 @@ class ObservationPlan:
                 for i, part in enumerate(parts):
                     name = "/".join(filter(None, (term.name, part))) + (f"@-{age}" if age else "")
                     at = each.place.start + i
-                    changes = (self.offset[at], self.scale[at], self.low[at], self.high[at])
-                    unit = each.units[i]
-                    yield ObservedNumber(name, term.name, each.columns[i], unit, *map(float, changes), age + term.delay)
+                    yield ObservedNumber(
+                        name=name,
+                        term=term.name,
+                        source=each.columns[i],
+                        unit=each.units[i],
+                        offset=float(self.offset[at]),
+                        scale=float(self.scale[at]),
+                        low=float(self.low[at]),
+                        high=float(self.high[at]),
+                        delay=age + term.delay,
+                    )
 
 
 class ObservationVector:
@@ -321,6 +330,8 @@ def _probed(model: mujoco.MjModel, names: Sequence[str]) -> tuple[list[str], lis
     for index, name in enumerate(names):
         with concerning("probe", index):
             group, slash, _ = name.partition("/")
+            if group.partition("[")[0] in EPISODE_GROUPS:
+                raise within_task(name)
             is_wild = slash and "[" not in name and any(sign in name for sign in "*?")
             probes = select(model, [f"{group}[{name.removeprefix(f'{group}/')}]" if is_wild else name])
             columns = [column for probe in probes for column in probe.columns]

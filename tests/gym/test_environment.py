@@ -28,15 +28,15 @@ def test_it_is_registered_and_has_the_numbers_of_worlds(tmp_path: Path) -> None:
         observation, info = env.reset(seed=seed)
         np.testing.assert_array_equal(observation, worlds.reset([seed])[0])
         assert info == {}
-        over = False
-        while not over:
+        step, terminated, truncated = None, False, False
+        while not (terminated or truncated):
             action = env.action_space.sample()
             observation, reward, terminated, truncated, info = env.step(action)
             step = worlds.step(action[None].astype(float))
             np.testing.assert_array_equal(observation, step.observations[0])
             assert reward == step.rewards[0]
             assert info["reward/near"] + info["reward/effort"] == reward
-            over = terminated or truncated
+        assert step
         ending = step.ended[0]
         assert ending
         assert (info["ending"], terminated) == (ending.name, ending.terminated)

@@ -62,7 +62,7 @@ def test_gymnasium_makes_it_by_its_name(tmp_path: Path) -> None:
     task = str(write_cart(tmp_path))
     made = gymnasium.make_vec("mjrun/Task-v0", 3, vectorization_mode="vector_entry_point", task=task)
     assert isinstance(made.unwrapped, mjrun.gym.TaskVectorEnv)
-    observations, _ = made.reset(seed=[4, 5, 6])
+    observations, _ = made.reset(seed=[4, 5, 6])  # type: ignore[arg-type]
     np.testing.assert_array_equal(observations, mjrun.gym.make_vec(task, 3).reset(seed=4)[0])
 
 

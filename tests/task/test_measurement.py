@@ -6,6 +6,7 @@ import pytest
 from mujoco.batch import Batch
 
 from mjrun.model.sources import parse_source
+from mjrun.probe.episode import EpisodeProbe
 from mjrun.probe.fields import FieldProbe
 from mjrun.probe.select import select, selected_columns
 from mjrun.task.hidden_sensors import SensingSource
@@ -24,6 +25,7 @@ def expected(data: mujoco.MjData, columns: list[str]) -> np.ndarray:
     values = []
     for name in columns:
         (probe,) = select(MODEL, [name])
+        assert not isinstance(probe, EpisodeProbe)
         if isinstance(probe, FieldProbe):
             fields = {field: np.asarray(getattr(data, field)) for field in probe.fields}
             values.append(probe.compute(fields, fields)[0])

@@ -108,6 +108,8 @@ def test_the_order_is_frame_noise_offset_scale_clip_delay_history() -> None:
         (Observation(name="x", probe="xquat/leg", frame="base"), "no vector of three", ("frame",)),
         (Observation(name="x", probe="xpos/leg", frame="bas"), "no body 'bas'", ("frame",)),
         (Observation(name="x", probe="act"), "has no columns", ("probe", 0)),
+        (Observation(name="x", probe="reward/total"), "cannot use it", ("probe", 0)),
+        (Observation(name="x", value="2 * return"), "cannot use it", ("value",)),
     ],
 )
 def test_what_does_not_fit_is_told_where_it_stands(

@@ -8,6 +8,8 @@ import gymnasium
 import mujoco
 import numpy as np
 import pytest
+from gymnasium.envs.mujoco import MujocoEnv
+from gymnasium.spaces import Box
 
 from mjrun.errors import UsageError
 from mjrun.model.sources import parse_source
@@ -73,6 +75,7 @@ def test_observations_rewards_and_states_are_those_of_a_bare_loop() -> None:
 
     np.testing.assert_array_equal(first[1], observed(np.zeros(2)))
     actions = random_actions(20, 3, 2)
+    step = None
     for k in range(20):
         before = data.qpos[1]
         data.ctrl[[1, 0]] = np.tanh(actions[k, 1]) * [0.5, 2] + [0.2, 0.1]
@@ -87,6 +90,7 @@ def test_observations_rewards_and_states_are_those_of_a_bare_loop() -> None:
         mujoco.mj_getState(MODEL, data, state, mujoco.mjtState.mjSTATE_INTEGRATION)
         np.testing.assert_array_equal(worlds.state(1), state)
         assert step.truncated.all() == (k == 19)
+    assert step
     assert [ending and ending.name for ending in step.ended] == ["timeout"] * 3
 
 
@@ -167,11 +171,10 @@ def test_an_unstable_world_ends_as_a_failure_and_the_others_go_on() -> None:
     task = cart(actions=[Action(actuators="push", scale=1e9)], terminations={}, duration=6)
     worlds = TaskWorlds(task, 2)
     before = worlds.reset([1, 2])
-    for _ in range(200):
-        step = worlds.step(np.array([[0.0], [1.0]]))
-        if step.over.any():
-            break
+    step = worlds.step(np.array([[0.0], [1.0]]))
+    while not step.over.any():
         before = step.observations
+        step = worlds.step(np.array([[0.0], [1.0]]))
     assert [ending and (ending.name, ending.kind) for ending in step.ended] == [None, ("unstable", "failure")]
     assert np.isfinite(step.rewards).all()
     assert step.terminated.tolist() == [False, True]
@@ -222,6 +225,9 @@ def test_tasks_equal_gymnasiums_environments(environment: str) -> None:
     with warnings.catch_warnings(action="ignore"):
         worlds = TaskWorlds(task, 2)
         env = gymnasium.make(environment).unwrapped
+    assert isinstance(env, MujocoEnv)
+    space = env.action_space
+    assert isinstance(space, Box)
     seeds = iter(range(1000, 9000, 2))
     ours, theirs = [], []
 
@@ -231,10 +237,9 @@ def test_tasks_equal_gymnasiums_environments(environment: str) -> None:
         env.reset()
         env.set_state(state[1 : 1 + nq], state[1 + nq : 1 + nq + nv])
         ours.append([*observations[1], 0, 0])
-        theirs.append([*env._get_obs(), 0, 0])
+        theirs.append([*env._get_obs(), 0, 0])  # type: ignore[attr-defined]
 
     begin()
-    space = env.action_space
     for action in np.random.default_rng(1).uniform(space.low, space.high, (1000, 2, *space.shape)):
         step = worlds.step(action)
         observation, reward, terminated, _, _ = env.step(action[1])
