@@ -2,8 +2,10 @@
 
 A study is timed as a whole process, metrics included; a study of one point, which is start-up, is taken off, since the
 loops are timed without theirs. The loop in C is a script that takes MODEL NSTEP and prints one line of JSON with
-`us_per_step`, given by --baseline; as many as there are cores run at once. Ratios above 1 are better. The start-up of a
-study of one point stands beside that of a trace.
+`us_per_step`, given by --baseline; as many as there are cores run at once. They go over models with the frictions of
+the study, from the same start and for as many steps, since a step on a slippery floor is not the same work as one on a
+rough floor; of each model the fastest run counts. Ratios above 1 are better. The start-up of a study of one point
+stands beside that of a trace.
 
     python benchmarks/sweep.py
     python benchmarks/sweep.py --models scenes/pendulum.xml --points 400
@@ -20,10 +22,14 @@ import time
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
+import mujoco
+import numpy as np
+
 ROOT = Path(__file__).resolve().parents[1]
 BASELINE = ROOT / "../shared/bench/steploop.sh"
 MODELS = [ROOT / "../shared/models/humanoid/humanoid.xml", ROOT / "../shared/models/car/car.xml"]
 METRICS = ("drift=max(abs(energy/drift))", "height=last(com/z)", "touching=share(contact/ncon > 0)")
+VARIED = 16  # models that the loops in C go over
 CORES = len(os.sched_getaffinity(0))
 # The same study as people write it by hand; prints seconds.
 PYTHON_LOOP = """
@@ -61,17 +67,28 @@ def trace(model: Path, steps: int) -> float:
     return _wall([sys.executable, "-m", "mjrun", "trace", str(model), "--steps", str(steps), "-q"])
 
 
-def c_loops(script: Path, model: Path, steps: int, count: int) -> float:
-    """Steps per second of `count` loops in C that run at once."""
+def varied_models(model: Path, folder: Path) -> list[Path]:
+    """Models with frictions of the study, evenly chosen, as files."""
+    paths = [folder / f"{model.stem}{index}.xml" for index in range(VARIED)]
+    for path, friction in zip(paths, np.linspace(0.3, 1, VARIED), strict=True):
+        spec = mujoco.MjSpec.from_file(str(model))
+        for geom in spec.geoms:
+            geom.friction[0] = friction
+        path.write_text(spec.to_xml(), encoding="utf-8")
+    return paths
 
-    def loop(_: int) -> float:
+
+def c_loops(script: Path, models: list[Path], steps: int) -> float:
+    """Steps per second of loops in C over each of the models, on all cores at once."""
+
+    def loop(model: Path) -> float:
         environment = {**os.environ, "PYTHON": sys.executable}
         command = [str(script), str(model), str(steps)]
-        done = subprocess.run(command, env=environment, capture_output=True, text=True, check=True)
-        return 1e6 / json.loads(done.stdout)["us_per_step"]
+        runs = [subprocess.run(command, env=environment, capture_output=True, text=True, check=True) for _ in range(3)]
+        return min(json.loads(done.stdout)["us_per_step"] for done in runs)
 
-    with ThreadPoolExecutor(count) as pool:
-        return sum(pool.map(loop, range(count)))
+    with ThreadPoolExecutor(CORES) as pool:
+        return CORES * 1e6 / statistics.mean(pool.map(loop, models))
 
 
 def python_loop(model: Path, points: int, steps: int) -> float:
@@ -84,10 +101,11 @@ def python_loop(model: Path, points: int, steps: int) -> float:
 def compare(script: Path, model: Path, total: int, steps: int, repeats: int, folder: Path) -> None:
     """One row of the table: medians, and the median of the ratios of runs that stood side by side."""
     points = max(2, total // steps)
-    c_loops(script, model, 10, 1)  # builds it
+    models = varied_models(model, folder)
+    c_loops(script, models[:1], 10)  # builds it
     in_c, in_python, studies = [], [], []
     for _ in range(repeats):
-        in_c.append(c_loops(script, model, total // CORES, CORES))
+        in_c.append(c_loops(script, models, steps))
         in_python.append(python_loop(model, max(1, points // 10), steps))
         start_up = study(model, 1, steps, folder)
         studies.append(points * steps / max(1e-9, study(model, points, steps, folder) - start_up))
