@@ -1,12 +1,14 @@
 """Studies as a whole: the table is the same however it came about, and nothing that is known is lost."""
 
+from __future__ import annotations
+
 import json
 import random
-import signal
 import subprocess
 import sys
 import time
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pandas as pd
@@ -17,6 +19,9 @@ from mjrun.job.simulation import Simulation
 from mjrun.job.trace import Trace
 from mjrun.study.study import Study, StudyResult
 from tests.study.models import BALL, SUICIDAL
+
+if TYPE_CHECKING:
+    from tests.conftest import Command
 
 METRICS = {"low": "min(qpos/ball/z)", "drift": "max(abs(energy/drift))"}
 
@@ -172,18 +177,24 @@ def test_the_manifest_says_what_the_study_is(simulation: Simulation, tmp_path: P
 
 
 def test_a_study_that_is_killed_is_continued_to_the_same_table(simulation: Simulation, tmp_path: Path) -> None:
-    command = [sys.executable, "-m", "mjrun", "sweep", str(simulation.model), "--steps", "100", "--jobs", "2"]
-    command += ["--vary", "perturb=uniform(0,2)", "--samples", "64", "--chunk", "2", "--metric", "low=min(qpos/ball/z)"]
+    options = {"vary": {"perturb": "uniform(0,2)"}, "samples": 64, "metric": {"low": "min(qpos/ball/z)"}, "jobs": 2}
     undisturbed, killed = tmp_path / "undisturbed", tmp_path / "killed"
-    subprocess.run([*command, "-o", undisturbed], check=True, capture_output=True)
+    study(simulation, undisturbed, **options).run()
 
+    command = [sys.executable, "-m", "mjrun", "sweep", str(simulation.model), "--steps", "100", "--jobs", "2"]
+    command += ["--vary", "perturb=uniform(0,2)", "--samples", "64", "--chunk", "1", "--metric", "low=min(qpos/ball/z)"]
     moments = random.Random(3)
-    for _ in range(4):
-        process = subprocess.Popen([*command, "-o", killed], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
-        time.sleep(moments.uniform(0.3, 2.5))
-        process.send_signal(signal.SIGKILL)
-        process.wait()
-    subprocess.run([*command, "-o", killed], check=True, capture_output=True)
+    for _ in range(2):
+        before = len([*killed.glob("parts/*.parquet")])
+        with subprocess.Popen(
+            [*command, "-o", killed], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
+        ) as process:
+            while len([*killed.glob("parts/*.parquet")]) <= before and process.poll() is None:
+                time.sleep(0.002)
+            time.sleep(moments.uniform(0, 0.05))
+            process.kill()
+    result = study(simulation, killed, **options).run()
+    assert 0 < result.simulated < 64  # the others are known
     for left in killed.rglob(".*.part"):  # which another process might still write, as far as anybody knows
         left.unlink()
     assert table(killed) == table(undisturbed)
@@ -207,24 +218,23 @@ class Count:
 """
 
 
-def test_controllers_vary_and_their_code_is_part_of_what_a_point_is(tmp_path: Path) -> None:
-    (tmp_path / "ball.xml").write_text(BALL)
-    (tmp_path / "code.py").write_text(CODE)
-    command = [sys.executable, "-m", "mjrun", "sweep", "ball.xml", "--steps", "40", "--json"]
-    command += ["--vary", "controller=code.py:push,code.py:Count", "--repeats", "2", "--metric", "z=last(qpos/ball/z)"]
+def test_controllers_vary_and_their_code_is_part_of_what_a_point_is(mjrun_here: Command) -> None:
+    (mjrun_here.folder / "ball.xml").write_text(BALL)
+    code = mjrun_here.folder / "pushes.py"
+    code.write_text(CODE)
+    vary = ("--vary", "controller=pushes.py:push,pushes.py:Count", "--repeats", "2", "--metric", "z=last(qpos/ball/z)")
 
     def simulated() -> int:
-        done = subprocess.run(command, cwd=tmp_path, check=True, capture_output=True)
-        return json.loads(done.stdout)["simulated"]
+        return json.loads(mjrun_here("sweep", "ball.xml", "--steps", "40", "--json", *vary).stdout)["simulated"]
 
     assert (simulated(), simulated()) == (4, 0)
-    rows = pd.read_csv(tmp_path / "ball_study" / "results.csv")
+    rows = pd.read_csv(mjrun_here.folder / "ball_study" / "results.csv")
     for index, name in ((0, "push"), (2, "Count")):
-        trace = [sys.executable, "-m", "mjrun", "trace", "ball.xml", "--steps", "40", "-o", "alone.csv"]
-        subprocess.run([*trace, "--controller", f"code.py:{name}"], cwd=tmp_path, check=True, capture_output=True)
-        alone = pd.read_csv(tmp_path / "alone.csv")["qpos/ball/z"].tolist()[-1]
+        options = ("--steps", "40", "--controller", f"pushes.py:{name}", "-o", "alone.csv")
+        assert mjrun_here("trace", "ball.xml", *options).returncode == 0
+        alone = pd.read_csv(mjrun_here.folder / "alone.csv")["qpos/ball/z"].tolist()[-1]
         assert rows["z"].tolist()[index : index + 2] == [alone] * 2
-    (tmp_path / "code.py").write_text(CODE.replace("= 5", "= 6"))
+    code.write_text(CODE.replace("= 5", "= 6"))
     assert simulated() == 4
 
 
