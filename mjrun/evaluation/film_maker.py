@@ -38,12 +38,13 @@ class FilmMaker:
     ) -> tuple[list[Film], Failures]:
         """The films of episodes of `groups`, which are the first of those prepared; and which could not be made."""
         folder.remove_old_films()
-        films, failures = list[Film](), Failures()
+        films, failures, heard = list[Film](), Failures(), _Warnings(reporter)
         chosen = chosen_films(groups, self._options.films) if self._options.films else []
         for done, choice in enumerate(chosen, 1):
             path = str(folder.path / choice.name(groups, varies=bool(self._prepared.points.names)))
             try:
-                perform([self._video(self._prepared.groups[choice.group].spec, self._seed(groups, choice), path)])
+                video = self._video(self._prepared.groups[choice.group].spec, self._seed(groups, choice), path)
+                perform([video], heard)
                 films.append(self._film(groups, choice, path))
             except MjrunError as error:
                 failures.append((path, error))
@@ -71,3 +72,16 @@ class FilmMaker:
             fps=options.fps,
             speed=options.speed,
         )
+
+
+class _Warnings(WarningReporter):
+    """Passes on each warning once, and nothing else: films are told of together."""
+
+    def __init__(self, reporter: Reporter) -> None:
+        self._reporter, self._told = reporter, set[str]()
+
+    def warn(self, text: str) -> None:
+        kind = text.partition(":")[0]
+        if kind not in self._told:
+            self._told.add(kind)
+            self._reporter.warn(text)

@@ -1,5 +1,6 @@
 """Plays episodes: a policy on a task in many worlds side by side, or in an environment of somebody else's."""
 
+import math
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Sequence
 
@@ -7,6 +8,7 @@ import numpy as np
 
 from mjrun.errors import InvalidActionError
 from mjrun.evaluation.episode import Episode, EpisodeSpec
+from mjrun.job.episode import UNLIMITED
 from mjrun.model.source import Source
 from mjrun.model.sources.gym import GymSource
 from mjrun.policy.agreement import check_agreement
@@ -68,7 +70,6 @@ def _plain_player(task: Source, policy: Policy) -> EpisodePlayer:
     if isinstance(task, GymSource):
         return EnvironmentPlayer(task, policy)
     if isinstance(task, Task):
-        check_agreement(task, policy)
         return TaskPlayer(task, policy)
     from mjrun.policy.task_of_policy import task_of_policy
 
@@ -104,7 +105,9 @@ class TaskPlayer(EpisodePlayer):
 
     def __init__(self, task: Task, policy: Policy) -> None:
         self._task, self._policy = task, policy
-        self._worlds = TaskWorlds(task, 1, threads=1)
+        with task.located():
+            check_agreement(task, policy)
+            self._worlds = TaskWorlds(task, 1, threads=1)
         self._actions = ActionSpace(self._worlds.action_names, self._worlds.actions.low, self._worlds.actions.high)
         self.rewards = self._worlds.reward_names
         self.endings = list(dict.fromkeys(ending.name for ending in self._worlds.endings))
@@ -114,7 +117,8 @@ class TaskPlayer(EpisodePlayer):
         count = min(len(seeds), SIDE_BY_SIDE)
         if self._worlds.count < count:
             self._worlds = TaskWorlds(self._task, count, threads=1)
-        episodes = {episode.seed: episode for episode in self._played(seeds, count)}
+        with self._task.located():
+            episodes = {episode.seed: episode for episode in self._played(seeds, count)}
         return [episodes[seed] for seed in seeds]
 
     def _played(self, seeds: Sequence[int], count: int) -> Iterator[Episode]:
@@ -161,12 +165,16 @@ class TaskPlayer(EpisodePlayer):
 
 
 class EnvironmentPlayer(EpisodePlayer):
-    """Plays an environment of Gymnasium's, one episode after the other: it resets, steps and rewards itself."""
+    """Plays an environment of Gymnasium's, one episode after the other: it resets, steps and rewards itself.
+
+    What never ends is cut short where its video would be.
+    """
 
     def __init__(self, source: GymSource, policy: Policy) -> None:
         self._policy, self._environment = policy, Environment(source)
         environment = self._environment
         self._actions = ActionSpace(environment.action_names, environment.action_low, environment.action_high)
+        self._periods = environment.episode_steps or math.ceil(UNLIMITED / environment.control_dt)
         environment.reset(0)
         self.rewards = environment.names(environment.step(np.zeros(len(self._actions.names)))).rewards
         self.endings = [TERMINATED, TIMED_OUT.name]
@@ -187,8 +195,9 @@ class EnvironmentPlayer(EpisodePlayer):
             result = environment.step(action)
             terms = [result.reward_terms.get(name, np.nan) for name in self.rewards]
             episode.add(result.reward, np.array(terms))
-            if result.ending:
-                return episode.ended(result.ending, self.rewards, control_dt)
+            ending = result.ending or (TIMED_OUT if episode.steps == self._periods else None)
+            if ending:
+                return episode.ended(ending, self.rewards, control_dt)
             observation = result.observation
 
 
