@@ -55,7 +55,7 @@ def compared(
     returns = [np.concatenate([group.returns for group in groups]) for groups in (ours, theirs)]
     successes = [np.concatenate([group.successes for group in groups]) for groups in (ours, theirs)]
     differences = returns[0] - returns[1]
-    share_interval = paired_share_interval(*successes, confidence)
+    share_interval = paired_share_interval(successes[0], successes[1], confidence)
     success = _difference(names, successes[0].astype(float) - successes[1], share_interval)
     return Comparison(
         *names,

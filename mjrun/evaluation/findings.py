@@ -43,7 +43,7 @@ def findings(prepared: PreparedEvaluation, policies: Sequence[Sequence[PlayedEpi
         return summary_of(groups[0].policy, episodes, rewards, metrics, confidence, can_succeed=can_succeed)
 
     def comparison(groups: Sequence[Sequence[PlayedEpisodes]]) -> Comparison | None:
-        return compared(*groups, confidence, can_succeed=can_succeed) if len(groups) == 2 else None
+        return compared(groups[0], groups[1], confidence, can_succeed=can_succeed) if len(groups) == 2 else None
 
     points: list[PointSummary] = []
     if prepared.points.names:

@@ -140,8 +140,8 @@ def paired_share_interval(ours: np.ndarray, theirs: np.ndarray, confidence: floa
     Newcombe's method 10: the distances of both Wilson intervals from their shares, put together as those of correlated
     estimates are. It stays within −1 and 1, and is there for any number of cases.
     """
-    both, neither = np.count_nonzero(ours & theirs), np.count_nonzero(~ours & ~theirs)
-    only_ours, only_theirs = np.count_nonzero(ours & ~theirs), np.count_nonzero(~ours & theirs)
+    cases = (ours & theirs, ours & ~theirs, ~ours & theirs, ~ours & ~theirs)
+    both, only_ours, only_theirs, neither = (int(np.count_nonzero(case)) for case in cases)
     of = len(ours)
     first, second = (both + only_ours) / of, (both + only_theirs) / of
     wilson = [wilson_interval(int(np.count_nonzero(each)), of, confidence) for each in (ours, theirs)]

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import pandas as pd
 import pytest
 
-from tests.evaluation.tasks import XML, write_policies
+from tests.evaluation.tasks import XML, play_here, write_policies
 
 if TYPE_CHECKING:
     from tests.conftest import Command
@@ -29,7 +29,8 @@ ACT = ("--policy", "policies.py:act", "--jobs", "1")
 
 
 @pytest.fixture
-def cart(mjrun_here: Command) -> str:
+def cart(mjrun_here: Command, monkeypatch: pytest.MonkeyPatch) -> str:
+    play_here(monkeypatch)
     (mjrun_here.folder / "cart.xml").write_text(XML)
     (mjrun_here.folder / "cart.yaml").write_text(TASK)
     write_policies(mjrun_here.folder)
@@ -99,9 +100,10 @@ def test_what_varies_makes_a_map_that_can_be_plotted(mjrun_here: Command, cart: 
     points = pd.read_csv(mjrun_here.folder / "out" / "results.csv")
     rows = pd.read_csv(mjrun_here.folder / "out" / "episodes.csv")
     assert points["point"].tolist() == [0, 1, 2, 3]
-    assert points["return"].tolist() == pytest.approx(rows.groupby("point")["return"].mean().tolist())
+    means = [rows["return"][rows["point"] == point].mean() for point in range(4)]
+    assert points["return"].tolist() == pytest.approx(means)
     assert rows["observations[0].scale"].tolist() == [1] * 3 + [2] * 3 + [1] * 3 + [2] * 3
-    assert rows["return"].nunique() > 9  # some are lost at once
+    assert len({*rows["return"]}) > 9  # some are lost at once
     plotted = mjrun_here("plot", "out", "-o", "map.png")
     assert plotted.returncode == 0, plotted.stderr
 

@@ -1,7 +1,14 @@
 """A small task, and a policy for it in Python, for tests."""
 
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
+import pytest
+
+from mjrun.evaluation import schedule
+from mjrun.evaluation.episode import Episode
+from mjrun.evaluation.player import player_of
+from mjrun.evaluation.processes import Chunk
 from mjrun.task.task import Task
 from mjrun.task.terms import Action, Observation, Reset, Termination
 
@@ -79,3 +86,13 @@ def write_policies(folder: Path) -> Path:
     path = folder / "policies.py"
     path.write_text(POLICY)
     return path
+
+
+def play_here(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Episodes are played in the process of the test: a process of their own shows nothing more, and takes a second."""
+
+    def played(chunks: Sequence[Chunk], processes: int) -> Iterator[tuple[Chunk, list[Episode]]]:
+        for chunk in chunks:
+            yield chunk, player_of(chunk.spec).play(chunk.seeds)
+
+    monkeypatch.setattr(schedule, "played", played)

@@ -1,6 +1,7 @@
 """What is required of episodes."""
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 import pytest
@@ -21,8 +22,8 @@ SOME = episodes(40, np.random.default_rng(4))
 NAMES = [name for name, _ in ENDINGS]
 
 
-def criteria(*, can_succeed: bool = True, is_compared: bool = False, **options: object) -> Criteria:
-    made = EvaluationOptions(None, "out", metric={"m": "mean(time)"}, **options)  # type: ignore[arg-type]
+def criteria(*, can_succeed: bool = True, is_compared: bool = False, **options: Any) -> Criteria:
+    made = EvaluationOptions(None, "out", metric={"m": "mean(time)"}, **options)
     return Criteria(made, NUMBERS, NAMES, can_succeed=can_succeed, compared=is_compared)
 
 
@@ -31,7 +32,7 @@ def table_of(some: Sequence[Episode]) -> tuple[list[Column], np.ndarray]:
     return episode_columns([group], Design((), [()]), ["near", "cost"], ["m"], compared=False)
 
 
-def verdicts(**options: object) -> Sequence[bool]:
+def verdicts(**options: Any) -> Sequence[bool]:
     columns, rows = table_of(SOME)
     summary = summary_of("p", SOME, ["near", "cost"], ["m"], 0.95, can_succeed=True)
     return [each.passed for each in criteria(**options).verdicts(columns, rows, summary, None)]

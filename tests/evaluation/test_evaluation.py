@@ -10,7 +10,13 @@ import mjrun
 from mjrun.errors import FailedAssertionError, FileError, InvalidActionError
 from mjrun.evaluation.evaluation import Evaluation
 from mjrun.evaluation.table import FILES
-from tests.evaluation.tasks import cart_task, write_policies
+from tests.evaluation.tasks import cart_task, play_here, write_policies
+
+
+@pytest.fixture(autouse=True)
+def _here(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
+    if "processes" not in request.node.name:
+        play_here(monkeypatch)
 
 
 def evaluation(folder: Path, out: str = "out", name: str = "act", **options: object) -> Evaluation:
@@ -45,7 +51,7 @@ def test_more_episodes_begin_with_those_of_fewer(tmp_path: Path) -> None:
     evaluation(tmp_path, "few", episodes=4).run()
     evaluation(tmp_path, "more", episodes=7).run()
     few, more = (pd.read_csv(tmp_path / name / FILES[1]) for name in ("few", "more"))
-    pd.testing.assert_frame_equal(few, more[:4])
+    pd.testing.assert_frame_equal(few, more.head(4))
 
 
 def test_a_second_evaluation_replaces_the_first_and_nothing_else(tmp_path: Path) -> None:

@@ -10,13 +10,14 @@ from mjrun.evaluation.evaluation import Evaluation
 from mjrun.formats.video_reader import read_video
 from mjrun.job.simulation import Simulation
 from mjrun.job.video import Video
-from tests.evaluation.tasks import cart_task, write_policies
+from tests.evaluation.tasks import cart_task, play_here, write_policies
 
 SMALL = {"size": (64, 48), "fps": 20, "quality": "draft"}
 
 
 @pytest.mark.gl
-def test_a_film_is_the_video_of_that_episode(tmp_path: Path) -> None:
+def test_a_film_is_the_video_of_that_episode(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    play_here(monkeypatch)
     task, policy = cart_task(tmp_path, duration=0.3), f"{write_policies(tmp_path)}:act"
     out = tmp_path / "out"
     some = Evaluation(task, str(out), policy=policy, episodes=3, films=2, jobs=1, **SMALL)  # type: ignore[arg-type]

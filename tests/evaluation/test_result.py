@@ -10,13 +10,16 @@ from mjrun.document.json_schema import json_schema
 from mjrun.evaluation.evaluation import Evaluation
 from mjrun.evaluation.result import SCHEMA
 from tests.document.schema_oracle import fits
-from tests.evaluation.tasks import cart_task
+from tests.evaluation.tasks import cart_task, play_here
 
 
 @pytest.mark.parametrize(
     "options", [{}, {"compare": "random", "vary": {"control_dt": "0.02,0.04"}, "fail_below": {"length": 0}}]
 )
-def test_a_report_is_what_its_schema_says(tmp_path: Path, options: dict[str, object]) -> None:
+def test_a_report_is_what_its_schema_says(
+    tmp_path: Path, options: dict[str, object], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    play_here(monkeypatch)
     task, schema = cart_task(tmp_path, duration=0.2), json_schema("eval")
     result = Evaluation(task, str(tmp_path / "out"), policy="zero", episodes=2, jobs=1, **options).run()  # type: ignore[arg-type]
     report = json.loads(json.dumps(asdict(result)))

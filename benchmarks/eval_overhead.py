@@ -1,0 +1,128 @@
+"""Overhead of `mjrun eval` over bare stepping and inference: the same episodes, the same actions, on one core.
+
+Episodes are played as `mjrun eval` plays them, in worlds side by side. Beside them stand what cannot be spared: the
+same models under the same controls in `mujoco.batch`, with nothing measured, and the policy on the same observations.
+All are timed by turns in one run; `overhead` is the median of the ratios of the first to the sum of the others.
+Terminations are left out, so that all worlds step to the end.
+
+    python benchmarks/eval_overhead.py
+    python benchmarks/eval_overhead.py --episodes 128 --policies random zero
+"""
+
+import argparse
+import statistics
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from mujoco.batch import Batch
+
+from mjrun.document.task import read_task
+from mjrun.evaluation.player import SIDE_BY_SIDE, TaskPlayer
+from mjrun.policy.load import load_policy
+from mjrun.policy.policy import ActionSpace, Policy
+from mjrun.task.task import Task
+from mjrun.task.worlds import TaskWorlds
+
+SCENES = Path(__file__).resolve().parents[1] / "scenes"
+TASKS = ("car_drive", "humanoid_stand", "pendulum_swing_up")
+
+
+@dataclass(frozen=True)
+class Played:
+    """Episodes side by side, as they were.
+
+    Attributes:
+      observations, controls: at each control instant, of each world.
+      starts: the states at which they began.
+    """
+
+    worlds: TaskWorlds
+    observations: list[np.ndarray]
+    controls: list[np.ndarray]
+    starts: np.ndarray
+
+
+def played(task: Task, policy: Policy, count: int) -> Played:
+    """The first `count` episodes."""
+    worlds = TaskWorlds(task, count, threads=1)
+    space = ActionSpace(worlds.action_names, worlds.actions.low, worlds.actions.high)
+    actors = [policy.episode(seed, space) for seed in range(count)]
+    observations, seen, controls = worlds.reset(range(count)), list[np.ndarray](), list[np.ndarray]()
+    starts = np.stack([worlds.state(world) for world in range(count)])
+    for _ in range(task.periods):
+        actions = np.stack([actor.act(each) for actor, each in zip(actors, observations, strict=True)])
+        seen.append(observations.copy())
+        controls.append(worlds.actions.targets(actions))
+        observations = worlds.step(actions).observations
+    return Played(worlds, seen, controls, starts)
+
+
+def stepping(found: Played) -> float:
+    """Wall time [s] of the physics alone."""
+    worlds = found.worlds
+    batch = Batch(worlds.model(0), worlds.count, 1)
+    batch.state[:] = found.starts
+    start = time.perf_counter()
+    for control in found.controls:
+        batch.ctrl[:] = control
+        batch.step(nstep=worlds.control_steps)
+    return time.perf_counter() - start
+
+
+def inference(found: Played, policy: Policy) -> float:
+    """Wall time [s] of the policy alone."""
+    actions = found.worlds.actions
+    space = ActionSpace(actions.names, actions.low, actions.high)
+    actors = [policy.episode(seed, space) for seed in range(found.worlds.count)]
+    start = time.perf_counter()
+    for observations in found.observations:
+        for actor, observation in zip(actors, observations, strict=True):
+            actor.act(observation)
+    return time.perf_counter() - start
+
+
+def timed(run: Callable[[], object]) -> float:
+    """Wall time [s]."""
+    start = time.perf_counter()
+    run()
+    return time.perf_counter() - start
+
+
+def compare(name: str, text: str, episodes: int, repeats: int) -> None:
+    """One row of the table."""
+    task = replace(read_task(SCENES / f"{name}.yaml"), terminations={})
+    policy = load_policy(text)
+    player, found = TaskPlayer(task, policy), played(task, policy, min(episodes, SIDE_BY_SIDE))
+    share = episodes / found.worlds.count
+    player.play(range(episodes))  # warms up
+    rows = [
+        (timed(lambda: player.play(range(episodes))), share * stepping(found), share * inference(found, policy))
+        for _ in range(repeats)
+    ]
+    ours, bare, acting = (statistics.median(column) for column in zip(*rows, strict=True))
+    overhead = statistics.median(row[0] / (row[1] + row[2]) for row in rows)
+    steps = episodes * task.periods
+    print(
+        f"{name:18} {Path(text).name:16} {steps:8} periods   eval {1e6 * ours / steps:7.1f} us   "
+        f"physics {1e6 * bare / steps:7.1f} us   policy {1e6 * acting / steps:6.1f} us   overhead {overhead:.2f} x"
+    )
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--tasks", nargs="+", default=TASKS)
+    parser.add_argument("--policies", nargs="+", default=["zero"], help="on every task; its own ONNX is played too")
+    parser.add_argument("--episodes", type=int, default=64)
+    parser.add_argument("--repeats", type=int, default=5)
+    given = parser.parse_args()
+    for name in given.tasks:
+        own = SCENES / "policies" / f"{name}.onnx"
+        for policy in [*given.policies, *([str(own)] if own.is_file() else [])]:
+            compare(name, policy, given.episodes, given.repeats)
+
+
+if __name__ == "__main__":
+    main()
