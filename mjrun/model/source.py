@@ -47,6 +47,11 @@ class Source(ABC):
         """The same source with more overrides, after its own."""
         return replace(self, overrides=(*self.overrides, *overrides))
 
+    @property
+    def code(self) -> str:
+        """What decides, beside its files, what is simulated under a policy: code by its version; empty for none."""
+        return ""
+
     def load(self) -> mujoco.MjModel:
         """Compiles the model.
 

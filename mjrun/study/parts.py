@@ -56,6 +56,7 @@ def study_identity(spec: StudySpec, model: mujoco.MjModel) -> dict[str, object]:
         "model": model_fingerprint(model),
         "files": [_file_hash(path) for _, path in spec.base.inputs],
         "code": _code_hash(spec.base.controller),
+        "environment": spec.base.source.code,
         "controllers": {text: _code_hash(controller) for text, controller in spec.controllers},
         "simulation": {**simulation, "overrides": plain(spec.base.source.overrides)},
         "metrics": dict(spec.metrics),
@@ -99,7 +100,10 @@ def _file_hashes(name: str) -> Callable[[str], str]:
 
     @cache
     def hashed(text: str) -> str:
-        paths = source_of(text).files if name == "model" else policy_files(text) if name == "policy" else [Path(text)]
+        if name == "model":
+            source = source_of(text)
+            return "".join(map(_file_hash, source.files)) + source.code or text
+        paths = policy_files(text) if name == "policy" else [Path(text)]
         return "".join(map(_file_hash, paths)) or text
 
     return hashed

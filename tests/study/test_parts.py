@@ -75,3 +75,10 @@ def test_the_key_of_a_point_changes_with_all_that_decides_its_result(tmp_path: P
     path.write_text(BALL.replace(".1", ".2"))
     others += [key(spec)]
     assert len({base, *others}) == 1 + len(others)
+
+
+def test_environments_with_one_model_are_told_apart() -> None:
+    names = ("gym:Hopper-v4", "gym:Hopper-v5", "gym:Hopper-v5?reset_noise_scale=0")
+    specs = [StudySpec(Simulation(name, policy="zero"), ("seed",), (("R", "last(return)"),)) for name in names]
+    assert len({point_keys(identity(spec), ("seed",), [("1",)])[0] for spec in specs}) == 3
+    assert len(set(point_keys(identity(specs[0]), ("model",), [(name,) for name in names]))) == 3

@@ -10,7 +10,7 @@ import sys
 import traceback
 import warnings
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager, redirect_stdout
+from contextlib import contextmanager, redirect_stdout, suppress
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -87,6 +87,10 @@ class GymSource(CollectionSource):
     def files(self) -> tuple[Path, ...]:
         return FileSource(file).files if (file := self.main_file) else ()
 
+    @property
+    def code(self) -> str:
+        return environment_model(self.name).code
+
     def compile(self) -> tuple[mujoco.MjSpec | None, mujoco.MjModel]:
         environment = environment_model(self.name)
         if environment.file:
@@ -104,12 +108,14 @@ class EnvironmentModel(NamedTuple):
       model: compiled.
       control_steps: physics steps per action.
       episode_steps: actions in an episode, if the registration limits them.
+      code: the environment with its settings, and the versions of the packages that it is made of.
     """
 
     file: Path | None
     model: mujoco.MjModel
     control_steps: int
     episode_steps: int | None
+    code: str
 
     @property
     def description(self) -> str:
@@ -134,7 +140,7 @@ def environment_model(name: str) -> EnvironmentModel:
         model = unwrapped.model
         file = _file_of(unwrapped, model)
         limit = environment.spec.max_episode_steps if environment.spec else None
-        return EnvironmentModel(file, model, control_steps(unwrapped), limit)
+        return EnvironmentModel(file, model, control_steps(unwrapped), limit, f"{name}, {_versions(environment)}")
     finally:
         environment.close()
 
@@ -194,6 +200,17 @@ def _file_of(environment: object, model: mujoco.MjModel) -> Path | None:
     file = FileSource(Path(path))
     with collected_warnings():
         return file.path if own or physics_fingerprint(file.load()) == physics_fingerprint(model) else None
+
+
+def _versions(environment: "gymnasium.Env[Any, Any]") -> str:
+    """The versions of Gymnasium and of the package that the environment comes from."""
+    package = type(environment.unwrapped).__module__.partition(".")[0]
+    distributions = importlib.metadata.packages_distributions().get(package, []) if package != LIBRARY else []
+    versions = []
+    for each in (LIBRARY, *distributions):
+        with suppress(importlib.metadata.PackageNotFoundError):
+            versions.append(f"{each} {importlib.metadata.version(each)}")
+    return ", ".join(versions)
 
 
 def _registered(name: str) -> "EnvSpec":

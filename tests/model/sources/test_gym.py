@@ -78,6 +78,10 @@ def test_the_model_is_that_of_the_environment(name: str) -> None:
     )
 
 
+def test_what_is_simulated_depends_on_the_environment_and_its_version() -> None:
+    assert GymSource("Hopper-v5").code == f"Hopper-v5, gymnasium {gymnasium.__version__}"
+
+
 def test_overrides_are_applied_and_travel_with_it() -> None:
     source = parse_source("gym:Hopper-v5", [Override("opt.timestep", "0.001")])
     assert pickle.loads(pickle.dumps(source)).load().opt.timestep == 0.001
