@@ -165,18 +165,22 @@ class Measurement:
         self._state_fields = state.fields(state.sizes(batch.model))
         self._first: dict[str, np.ndarray] = {}  # fields at the start of each episode, for probes that look at them
         self._reads: list[tuple[slice, Read]] = []
-        self._whole: list[tuple[slice, _Completed | _Measured]] = []
+        completed: list[tuple[slice, _Completed]] = []
+        self._measured: list[tuple[slice, InstantProbe]] = []
         start = 0
         for piece in pieces:
             count = piece.count if isinstance(piece, _Computed | _Measured) else len(piece.places)
             place = slice(start, start := start + count)
-            if isinstance(piece, _Completed | _Measured):
-                self._whole.append((place, piece))
-            else:
-                self._reads.append(
-                    (place, self._gather(piece) if isinstance(piece, _Gathered) else self._compute(piece))
-                )
-        self._scratch = mujoco.MjData(batch.model) if self._whole else None
+            match piece:
+                case _Gathered():
+                    self._reads.append((place, self._gather(piece)))
+                case _Computed():
+                    self._reads.append((place, self._compute(piece)))
+                case _Completed():
+                    completed.append((place, piece))
+                case _Measured():
+                    self._measured.append((place, piece.probe))
+        self._complete(completed)
 
     def begin(self, rows: Rows) -> None:
         """Takes the instant for the first of an episode of each of these worlds."""
@@ -187,22 +191,31 @@ class Measurement:
         """Writes the columns of the worlds `rows` into `out` `(k, columns)`."""
         for place, read in self._reads:
             read(rows, out[:, place])
-        if self._scratch:
-            for row, world in enumerate(np.arange(self._batch.nsim)[rows].tolist()):
-                self._batch.get_data(world, self._scratch)
-                self._examine(self._model_of(world), self._scratch, out[row])
+        if self._completed or self._measured:
+            self._examine(np.arange(self._batch.nsim)[rows], out)
 
-    def _examine(self, model: mujoco.MjModel, data: mujoco.MjData, out: np.ndarray) -> None:
-        """Writes what an MjData is needed for into `out` `(columns,)`; `data` is ours."""
-        computed: set[object] = set()
-        for place, piece in self._whole:
-            if isinstance(piece, _Measured):
-                out[place] = piece.probe.measure(model, data)
-            else:
-                if LAZY[piece.field] not in computed:
-                    LAZY[piece.field](model, data)
-                    computed.add(LAZY[piece.field])
-                out[place] = getattr(data, piece.field).ravel()[piece.places]
+    def _complete(self, pieces: Sequence[tuple[slice, _Completed]]) -> None:
+        """Prepares what is computed on an MjData of ours."""
+        self._scratch = mujoco.MjData(self._batch.model)
+        fields = list(dict.fromkeys(piece.field for _, piece in pieces))
+        self._computations = list(dict.fromkeys(LAZY[field] for field in fields))
+        self._views = [getattr(self._scratch, field).reshape(-1) for field in fields]
+        self._completed = [(place, fields.index(piece.field), piece.places) for place, piece in pieces]
+
+    def _examine(self, worlds: np.ndarray, out: np.ndarray) -> None:
+        """Writes what an MjData is needed for into `out` `(k, columns)`."""
+        completed = [np.empty((len(worlds), view.size)) for view in self._views]
+        for row, world in enumerate(worlds.tolist()):
+            model, data = self._model_of(world), self._scratch
+            self._batch.get_data(world, data)
+            for place, probe in self._measured:
+                out[row, place] = probe.measure(model, data)
+            for computation in self._computations:
+                computation(model, data)
+            for values, view in zip(completed, self._views, strict=True):
+                values[row] = view
+        for place, field, places in self._completed:
+            out[:, place] = completed[field][:, places]
 
     def _gather(self, piece: _Gathered) -> Read:
         if piece.field in state.FIELDS:  # views of the states: gathered from there
