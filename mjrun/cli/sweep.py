@@ -94,7 +94,7 @@ def sweep(console: Console, command_line: CommandLine) -> None:
 def _start_early(command_line: CommandLine) -> None:
     """Starts a process that simulates, which takes as long as all that is to be done before, if one will be needed."""
     other_task = any(command_line.given(StudyCommandOptions).get(name) for name in STOPPING)
-    folder = Path(command_line.value("output") or f"{stem(command_line)}_study")
+    folder = Path(str(command_line.value("output") or "") or f"{stem(command_line)}_study")
     is_new = not (folder / PARTS).exists() and not (Path(command_line.argument("model")) / PARTS).exists()
     if not other_task and is_new and command_line.make(ExecutionOptions).engine == "local":
         from mjrun.study.worker_process import start_early

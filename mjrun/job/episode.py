@@ -41,6 +41,7 @@ class EpisodeResult:
       seed: of the episode.
       periods: control periods that were completed, up to the end.
       time: when it ended, or how long it was simulated [s].
+      simulated: how long it was simulated, beyond its end too [s].
       total: the sum of all rewards, which is the return if the episode has ended.
       ending: the name of the termination; None if it has not ended.
       kind: `success`, `failure` or `timeout`; None if it has not ended.
@@ -50,6 +51,7 @@ class EpisodeResult:
     seed: int
     periods: int
     time: float
+    simulated: float
     total: float
     ending: str | None
     kind: str | None
@@ -61,7 +63,10 @@ class EpisodeResult:
         if self.ending is None:
             return f"the episode of seed {self.seed} has not ended after {self.time:g} s: {reached} so far"
         how = self.ending if self.ending == self.kind else f"{clean(self.ending)} ({self.kind})"
-        return f"the episode of seed {self.seed} ended after {self.time:g} s: {how}, {reached}"
+        sentence = f"the episode of seed {self.seed} ended after {self.time:g} s: {how}, {reached}"
+        if self.simulated <= self.time:
+            return sentence
+        return f"{sentence}; the simulation went on without a reset up to {self.simulated:g} s"
 
 
 @dataclass(frozen=True)
@@ -113,6 +118,7 @@ class Episode(ABC):
             seed=self.seed,
             periods=stepper.periods,
             time=float((stepper.step if now.ending is None else stepper.periods * stepper.control_steps) * timestep),
+            simulated=float(stepper.step * timestep),
             total=now.total,
             ending=now.ending.name if now.ending else None,
             kind=now.ending.kind if now.ending else None,
@@ -139,7 +145,7 @@ class Episode(ABC):
 
     @cached_property
     def _first(self) -> EpisodeStepper:
-        """A stepper that nobody else has."""
+        """A stepper for what is to be known before the simulation."""
         return self.stepper()
 
     @cached_property
@@ -161,7 +167,7 @@ class Episode(ABC):
 
 
 class TaskEpisode(Episode):
-    """An episode of a task."""
+    """An episode of a task. Its steppers have one world in common, so that a new one is the end of those before."""
 
     def __init__(self, task: "Task", policy: "Policy", seed: int, pushes: Sequence[Push]) -> None:
         super().__init__(policy, seed)

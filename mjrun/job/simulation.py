@@ -131,8 +131,9 @@ class Simulation(SimulationOptions):
 
     @cached_property
     def fingerprints(self) -> list[dict[str, Any]]:
-        """Path, size and hash of each of `tables`."""
-        return [fingerprint(path) for _, path in self.tables]
+        """Path, size and hash of the document of a task, and of each of `tables`."""
+        document = self.source.path if isinstance(self.source, Task) else None
+        return [fingerprint(path) for path in [*([document] if document else []), *(path for _, path in self.tables)]]
 
     def load(self) -> mujoco.MjModel:
         """The compiled model; with a policy, that of its episode."""

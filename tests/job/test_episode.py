@@ -3,6 +3,7 @@
 import json
 import pickle
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -218,7 +219,8 @@ def bare_arm(path: Path, start: np.ndarray, periods: int) -> Iterator[dict[str, 
     for _ in range(periods + 1):
         observation = np.concatenate([data.qpos[::-1] * 2, data.qvel[::-1], action])
         row = {"obs": observation, "qpos": data.qpos.copy(), "terms": terms, "return": total}
-        action = session.run(None, {"obs": observation[None].astype(np.float32)})[0][0].astype(float)
+        (answer,) = session.run(None, {"obs": observation[None].astype(np.float32)})
+        action = np.asarray(answer, float)[0]
         data.ctrl[::-1] = np.tanh(action) * 0.5
         yield {**row, "action": action, "ctrl": data.ctrl.copy()}
         for _ in range(4):
@@ -259,7 +261,8 @@ def test_a_task_lasts_until_it_ends_or_as_long_as_is_said(task: Path, tmp_path: 
         Simulation(read_task(task), policy=policy, seed=1, duration=2), str(tmp_path / "b.csv"), probe=["qvel"]
     ).run()
     assert ended.episode is not None
-    assert ended.episode == beyond.episode
+    assert beyond.episode == replace(ended.episode, simulated=2.0)
+    assert beyond.episode.sentence == f"{ended.episode.sentence}; the simulation went on without a reset up to 2 s"
     assert (ended.episode.ending, ended.episode.kind) == ("fast", "failure")
     assert (ended.simulated, beyond.simulated) == (ended.episode.time, 2.0)
     shorter, longer = ((tmp_path / name).read_bytes() for name in ("a.csv", "b.csv"))
