@@ -21,10 +21,10 @@ from mjrun.version import __version__
 if TYPE_CHECKING:
     from mjrun.bench.bench import Bench as Bench
     from mjrun.bench.results import BenchResult as BenchResult
-    from mjrun.check.check import Check as Check
     from mjrun.check.check import CheckResult as CheckResult
     from mjrun.diff.result import DiffResult as DiffResult
     from mjrun.document.camera import read_camera as read_camera
+    from mjrun.document.check import Check as Check
     from mjrun.document.task import read_task as read_task
     from mjrun.evaluation.evaluation import Evaluation as Evaluation
     from mjrun.evaluation.result import EvaluationResult as EvaluationResult
@@ -72,7 +72,7 @@ _HOMES = {
     "Action": "mjrun.task.terms",
     "Bench": "mjrun.bench.bench",
     "BenchResult": "mjrun.bench.results",
-    "Check": "mjrun.check.check",
+    "Check": "mjrun.document.check",
     "CheckResult": "mjrun.check.check",
     "Command": "mjrun.task.terms",
     "Diff": "mjrun.job.diff",

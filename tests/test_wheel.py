@@ -42,7 +42,7 @@ def run(installed: Path, *arguments: str) -> str:
 def test_the_scenes_in_the_wheel_are_those_of_the_checkout_without_pictures(installed: Path) -> None:
     scenes = installed / "mjrun" / "scenes"
     files = {path.relative_to(scenes) for path in scenes.rglob("*") if path.is_file()}
-    assert {path.suffix for path in files} == {".xml", ".yaml", ".py", ".csv"}
+    assert {path.suffix for path in files} == {".xml", ".yaml", ".py", ".onnx", ".csv"}
     assert {path.stem for path in files if path.suffix == ".xml"} == SCENES
     assert all((scenes / path).read_bytes() == (ROOT / "scenes" / path).read_bytes() for path in files)
     documents = set((ROOT / "scenes").rglob("*.yaml"))

@@ -5,17 +5,20 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
+from typing import ClassVar
 
+from mjrun.check.checker import MEMORY_REMEDY
 from mjrun.check.finding import SEVERITIES, Finding
 from mjrun.check.model_files import find_models
 from mjrun.check.rule_table import RULES
 from mjrun.check.rules.process_failures import CRASH, INTERNAL_ERROR, OUT_OF_MEMORY, TIMEOUT
-from mjrun.check.worker import MEMORY_REMEDY
 from mjrun.check.worker_pool import WorkerOutput, WorkerPool, WorkerTask
 from mjrun.errors import Spelling, UnknownNameError, UsageError, option, spelled
 from mjrun.options.check import CheckOptions
 from mjrun.options.kinds import AUTO
 from mjrun.options.option import options
+from mjrun.options.policy import PolicyOptions
+from mjrun.options.sweep import DOCUMENTS
 from mjrun.rendering.process_count import available_cores
 from mjrun.reporter import Reporter, WarningReporter
 
@@ -60,21 +63,28 @@ class CheckResult:
 
 
 @options
-class Check(CheckOptions):
+class Check(PolicyOptions, CheckOptions):
     """Checks models for errors, and for what is likely to become one.
 
     Args:
       models: files, and folders, which stand for all models below them.
 
+    Attributes:
+      task_reader: the function that reads task documents, `package.module:name`; empty where they are not known.
+
     Raises:
       UsageError: a code, severity or number is invalid.
     """
+
+    task_reader: ClassVar[str] = ""
 
     models: Sequence[str | Path] = field(kw_only=False)
 
     def __post_init__(self) -> None:
         super().__post_init__()
         _ = self.codes
+        if self.policy is not None and not isinstance(self.policy, str):
+            raise UsageError(f"{option('policy')}: each task is checked in a process of its own; give a policy as text")
 
     @cached_property
     def codes(self) -> frozenset[str]:
@@ -114,7 +124,7 @@ class Check(CheckOptions):
                 threads.shutdown(cancel_futures=True)
 
     def _check(self, path: str, workers: WorkerPool, spelling: Spelling) -> ModelResult:
-        output = workers.run(WorkerTask(path, sorted(self.codes), self.steps, float(self.timeout), self.memory))
+        output = workers.run(self._task(path))
         findings = [Finding(**message["finding"]) for message in output.messages if "finding" in message]
         loads = any(message.get("loaded") for message in output.messages)
         if not any(message.get("done") for message in output.messages):
@@ -124,6 +134,13 @@ class Check(CheckOptions):
 
         selected = (f for f in findings if f.code in self.codes or (f.severity == "error" and not loads))
         return ModelResult(path, loads, tuple(_spelled(finding, spelling) for finding in selected))
+
+    def _task(self, path: str) -> WorkerTask:
+        limits = WorkerTask(path, sorted(self.codes), self.steps, float(self.timeout), self.memory)
+        if not self.task_reader or Path(path).suffix.lower() not in DOCUMENTS:
+            return limits
+        policy = "" if self.policy is None else str(self.policy)
+        return replace(limits, reader=self.task_reader, policy=policy, normalize=self.normalize, trust=self.trust)
 
     def _failure(self, model: Path, output: WorkerOutput) -> Finding:
         """Why a process ended before it was done."""

@@ -1,4 +1,4 @@
-"""Checks one model in a process that may hang, explode or crash: `mjrun.check.worker_pool` starts and ends it.
+"""Checks one model or task in a process that may hang, explode or crash: `mjrun.check.worker_pool` starts and ends it.
 
 Writes JSON to standard output, one object on a line: `stage` before each stage, so that the reader knows what was
 going on if the process ends; `finding`; `loaded`; `done`.
@@ -8,33 +8,30 @@ import json
 import math
 import os
 import signal
-from collections.abc import Iterable
-from dataclasses import asdict
-from pathlib import Path
-from typing import Any, TextIO
+from typing import TextIO
 
 import mujoco
 
 from mjrun.check import rule_table
+from mjrun.check.checker import ARENAS, Checker
 from mjrun.check.context import LintContext
-from mjrun.check.finding import Finding
 from mjrun.check.rules import compile_errors, process_failures, simulation
+from mjrun.check.task_checker import TaskChecker
 from mjrun.check.worker_pool import MIB, WorkerTask
 from mjrun.child_process import limit_this_process
-from mjrun.errors import ModelError, option
+from mjrun.errors import ModelError
 from mjrun.model.mujoco_globals import collected_warnings, without_timers
 from mjrun.model.xml_source import XmlSource, read_xml
 
-ARENAS = 20  # MjData that are made, each with an arena that is hardly ever filled
 GRACE = 10  # [s] after which the process ends itself, if its parent has not
-MEMORY_REMEDY = f"raise {option('memory')}, or look for a size that is too large"
 
 
 def main(task: str) -> None:
-    """Checks the model of a `WorkerTask`, which is given as JSON."""
+    """Checks the model or the task of a `WorkerTask`, which is given as JSON."""
     channel = os.fdopen(os.dup(1), "w", encoding="utf-8", errors="surrogateescape")
     os.dup2(2, 1)  # MuJoCo and its plugins print to stdout
-    worker = ModelChecker(WorkerTask(**json.loads(task)), channel)
+    worker_task = WorkerTask(**json.loads(task))
+    worker = TaskChecker(worker_task, channel) if worker_task.reader else ModelChecker(worker_task, channel)
     signal.signal(signal.SIGALRM, signal.SIG_DFL)
     signal.alarm(int(worker.task.timeout) + GRACE)
     # These limit addresses; the parent watches the memory that is filled, and reports it.
@@ -42,49 +39,36 @@ def main(task: str) -> None:
     worker.run()
 
 
-class ModelChecker:
-    """Checks one model, and writes what it finds to `channel`."""
+class ModelChecker(Checker):
+    """Checks one model."""
 
     def __init__(self, task: WorkerTask, channel: TextIO) -> None:
-        self.task, self.channel = task, channel
-        self.path = Path(task.path)
+        super().__init__(task, channel)
         self.mujoco_failed = False
 
-    def run(self) -> None:
-        """Checks the model, and writes each finding at once."""
-        try:
-            self._check()
-        except (MemoryError, mujoco.FatalError) as error:
-            if isinstance(error, mujoco.FatalError) and "allocate" not in str(error):
-                raise
-            limit_this_process(memory=math.inf)
-            message = "it needs more memory than it may use"
-            self._write_findings([process_failures.OUT_OF_MEMORY.in_model(self.path, message, MEMORY_REMEDY)])
-        self._write(done=True)
-
-    def _check(self) -> None:
-        self._write(stage="reading its XML")
+    def check(self) -> None:
+        self.write(stage="reading its XML")
         source = read_xml(self.path)
-        self._write_findings(rule_table.unsafe_files(source))
+        self.write_findings(rule_table.unsafe_files(source))
 
-        self._write(stage="loading it")
+        self.write(stage="loading it")
         context = self._load(source)
         if context is None:
             return
-        self._write(loaded=True)
+        self.write(loaded=True)
         limit_this_process(memory=self.task.memory * MIB + ARENAS * context.model.narena)
-        self._write_findings(rule_table.ignored_xml(source))
+        self.write_findings(rule_table.ignored_xml(source))
 
         with collected_warnings():
             for code, rule in rule_table.RULES.items():
                 if rule.violations and code in self.task.codes:
-                    self._write(stage=f"applying {code}, {rule.title}")
+                    self.write(stage=f"applying {code}, {rule.title}")
                     self._apply(code, context)
 
         if simulation.CODES.intersection(self.task.codes):
-            self._write(stage=f"taking {self.task.steps} steps")
+            self.write(stage=f"taking {self.task.steps} steps")
             with without_timers():
-                self._write_findings(simulation.simulate(context, self.task.steps))
+                self.write_findings(simulation.simulate(context, self.task.steps))
 
     def _load(self, source: XmlSource) -> LintContext | None:
         try:
@@ -92,16 +76,16 @@ class ModelChecker:
                 context = LintContext.load(self.path, source)
         except ModelError as error:
             limit_this_process(memory=math.inf)
-            self._write_findings(rule_table.explain(error, source))
+            self.write_findings(rule_table.explain(error, source))
             return None
         lines = ("; ".join(text.split("\n")) for text in warnings)
-        self._write_findings(compile_errors.WARNING.in_model(self.path, f"MuJoCo warns: {line}") for line in lines)
+        self.write_findings(compile_errors.WARNING.in_model(self.path, f"MuJoCo warns: {line}") for line in lines)
         return context
 
     def _apply(self, code: str, context: LintContext) -> None:
         """Applies one rule; if MuJoCo or a bug in mjrun aborts it, the others are applied all the same."""
         try:
-            self._write_findings(rule_table.apply(code, context))
+            self.write_findings(rule_table.apply(code, context))
         except MemoryError:
             raise
         except mujoco.FatalError as error:
@@ -110,16 +94,8 @@ class ModelChecker:
             if not self.mujoco_failed:
                 message = f"MuJoCo gives up at the start: {error}"
                 remedy = "give it more memory: <size memory=…>"
-                self._write_findings([simulation.FAILED_STEP.in_model(self.path, message, remedy)])
+                self.write_findings([simulation.FAILED_STEP.in_model(self.path, message, remedy)])
             self.mujoco_failed = True
         except Exception as error:
             message = f"the rule {code} fails: {type(error).__name__}: {error}"
-            self._write_findings([process_failures.INTERNAL_ERROR.in_model(self.path, message, "please report it")])
-
-    def _write_findings(self, findings: Iterable[Finding]) -> None:
-        for finding in findings:
-            self._write(finding=asdict(finding))
-
-    def _write(self, **message: Any) -> None:
-        self.channel.write(json.dumps(message) + "\n")
-        self.channel.flush()
+            self.write_findings([process_failures.INTERNAL_ERROR.in_model(self.path, message, "please report it")])

@@ -33,6 +33,9 @@ class WorkerTask:
       steps: to simulate.
       timeout: [s].
       memory: beyond what mjrun itself needs [MiB].
+      reader: the function that reads tasks, `package.module:name`; empty if `path` is a model.
+      policy: that acts on a task, beside random actions; empty for none.
+      normalize, trust: how it is loaded.
     """
 
     path: str
@@ -40,6 +43,10 @@ class WorkerTask:
     steps: int
     timeout: float
     memory: int
+    reader: str = ""
+    policy: str = ""
+    normalize: str | None = None
+    trust: bool = False
 
 
 @dataclass(frozen=True)

@@ -10,6 +10,7 @@ from mjrun.cli.simulation_command import import_mujoco
 from mjrun.errors import UsageError, option
 from mjrun.options.check import CheckOptions, CheckReportOptions
 from mjrun.options.messages import MessageOptions
+from mjrun.options.policy import PolicyOptions
 
 if TYPE_CHECKING:
     from mjrun.check.check import CheckResult
@@ -17,7 +18,7 @@ if TYPE_CHECKING:
 MODELS = click.Argument(["models"], nargs=-1, type=click.Path(), metavar="MODEL...")
 
 
-@command("check", CheckOptions, CheckReportOptions, arguments=[MODELS])
+@command("check", CheckOptions, CheckReportOptions, PolicyOptions, arguments=[MODELS])
 def check(console: Console, command_line: CommandLine) -> None:
     """Find what is wrong with each MODEL, or will be; a folder means all models below it.
 
@@ -25,7 +26,9 @@ def check(console: Console, command_line: CommandLine) -> None:
     mjrun check scene.xml
     mjrun check models/ --fail-on warning --ignore MJ201,MJ3
     mjrun check models/**/*.xml --sarif > check_report.sarif
+    mjrun check task.yaml --policy policy.onnx
 
+    Of a task document it checks what does not fit: names, sizes, the policy, and what random actions bring to light.
     Each model is looked at in a process of its own, within limits of time and memory. Exits with 1 when something at
     or above --fail-on is found, and with 3 when a model does not load.
     """
@@ -40,7 +43,7 @@ def check(console: Console, command_line: CommandLine) -> None:
         raise UsageError(f"{option('json')} excludes {others}: all want standard output")
     if not command_line.arguments("models"):
         raise click.UsageError("Missing argument 'MODEL...'.", click.get_current_context())
-    from mjrun.check.check import Check
+    from mjrun.document.check import Check
 
     result = command_line.make(Check, models=command_line.arguments("models")).run(console, flag)
     _show(console, report, as_json, result)

@@ -35,7 +35,7 @@ from mjrun.document.tree import MappingNode, Mark
 from mjrun.document.tree import Path as Place
 from mjrun.document.yaml_parser import compose
 from mjrun.document.yaml_writer import number
-from mjrun.errors import UsageError
+from mjrun.errors import UsageError, quoted
 from mjrun.model.override import overrides_of
 from mjrun.model.sources import is_file, parse_source
 from mjrun.options.model import ModelOptions
@@ -149,9 +149,8 @@ class _Builder(DocumentBuilder):
         settings = {name: values.pop(name) for name in model_options & set(values)}
         overrides = self.attempt((), lambda: overrides_of(cast("Callable[..., _Overrides]", _Overrides)(**settings)))
 
-        written = document.model_dump(include={"model"})["model"]
         values |= {
-            "model": parse_source(self.folders.model(written)),
+            "model": self.attempt((), lambda: self._model(document)),
             "overrides": overrides,
             "observations": self._listed(document, "observations", Observation),
             "actions": self._listed(document, "actions", Action),
@@ -166,6 +165,12 @@ class _Builder(DocumentBuilder):
         self.raise_faults()
         assert task
         return task
+
+    def _model(self, document: OptionsModel) -> Source:
+        written: str = document.model_dump(include={"model"})["model"]
+        if is_file(written) and Path(written).suffix.lower() in SUFFIXES:
+            raise UsageError(f"{quoted(written)} is a document; a task is made of a model", ("model",))
+        return parse_source(self.folders.model(written))
 
     def _reset(self, document: OptionsModel) -> Reset | None:
         entry: OptionsModel | None = getattr(document, "reset")  # noqa: B009

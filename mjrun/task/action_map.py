@@ -42,6 +42,7 @@ class ActionMap:
 
     Attributes:
       driven: by each of its numbers.
+      widths: how many numbers each entry of the actions has.
       scale, offset: `(nact,)`, applied last.
       squashed: which numbers go through tanh first, `(nact,)` bool.
       low, high: `(nact,)`, limits before scale and offset; infinite where there are none.
@@ -54,12 +55,14 @@ class ActionMap:
 
     def __init__(self, actions: Sequence[Action], model: mujoco.MjModel) -> None:
         self.driven: list[Driven] = []
+        self.widths: list[int] = []
         parts: list[np.ndarray] = []
         for index, action in enumerate(actions):
             with concerning("actions", index):
                 driven = _driven(action, model)
                 self._check_new(driven, action)
                 self.driven += driven
+                self.widths.append(len(driven))
                 parts.append(_numbers(action, driven, model))
         self.squashed, self.low, self.high, self.scale, self.offset, self.kp, self.kd = (
             np.concatenate(parts, axis=1) if parts else np.zeros((7, 0))

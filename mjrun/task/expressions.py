@@ -102,10 +102,18 @@ class TaskExpressions:
         """The time of control instants [s], exact and rounded once."""
         return instants * self._control_dt.numerator / self._control_dt.denominator
 
-    def begin(self, columns: Mapping[str, np.ndarray], ids: np.ndarray | None) -> None:
-        """Takes note of the first instant of episodes, for what looks back at it."""
-        for each in (*self._rewards, *self._conditions):
+    def begin(self, columns: Mapping[str, np.ndarray], ids: np.ndarray | None, count: int) -> np.ndarray:
+        """Takes note of the first instant of `count` episodes, for what looks back at it.
+
+        Returns:
+          Which of the terminations holds already there `(count,)`, the first of several; −1 where none does.
+        """
+        for each in self._rewards:
             each.begin(columns, ids)
+        codes = np.full(count, RUNNING)
+        for code in range(len(self._conditions) - 1, -1, -1):
+            codes[np.asarray(self._conditions[code].begin(columns, ids), bool)] = code
+        return codes
 
     def rewards(self, columns: Mapping[str, np.ndarray], ids: np.ndarray | None, count: int) -> np.ndarray:
         """The weighted terms of the reward `(nterms, k)` of `count` worlds."""

@@ -107,6 +107,7 @@ class TaskWorlds:
         self._actions = np.zeros((count, len(self.action_names)))  # in force, as the policy gave them
         self._targets = np.zeros_like(self._actions)
         self._observed = np.zeros((count, len(self.observed)))
+        self._start_codes = np.full(count, RUNNING)
         self._over = np.ones(count, bool)  # not yet reset
         self._failed = np.zeros(count, bool)
 
@@ -129,6 +130,11 @@ class TaskWorlds:
     def endings(self) -> Sequence[Ending]:
         """How episodes can end."""
         return self._expressions.endings
+
+    @property
+    def ended_at_start(self) -> tuple[Ending | None, ...]:
+        """Which termination held in each world at its last reset, before anything was done; None where none did."""
+        return tuple(None if code == RUNNING else self.endings[code] for code in self._start_codes.tolist())
 
     def model(self, world: int) -> mujoco.MjModel:
         """The model of a world's episode; not to be changed."""
@@ -166,7 +172,7 @@ class TaskWorlds:
 
         measured, inputs = self._measure(rows), self._inputs(worlds)
         columns = self._expressions.columns(measured[:, self._of_terms :], inputs)
-        self._expressions.begin(columns, some)
+        self._start_codes[worlds] = self._expressions.begin(columns, some, len(worlds))
         values = self._expressions.values(measured[:, self._of_terms :], inputs, some, first=True)
         observed = self._observations.observe(measured[:, : self._of_terms], inputs, values, worlds, first=True)
         self._observed[worlds] = observed

@@ -25,7 +25,8 @@ def modules(package: ModuleType) -> list[ModuleType]:
 def test_every_code_has_a_model_but_those_that_only_a_process_or_a_step_can_show() -> None:
     codes = {case.code for module in modules(tests.check.rules) for case in getattr(module, "CASES", ())}
     elsewhere = {"MJ001", "MJ002", "MJ003", "MJ004", "MJ005", "MJ113", "MJ115"}
-    assert codes | elsewhere | simulation.CODES == set(RULES)
+    of_tasks = {code for code in RULES if code.startswith("MJ8")}
+    assert codes | elsewhere | simulation.CODES | of_tasks == set(RULES)
 
 
 def test_no_two_rules_share_a_code_and_titles_name_no_options() -> None:

@@ -1,0 +1,117 @@
+"""Episodes of a task that are watched for what should not be: numbers that are not finite, ends at the beginning."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from mjrun.policy.policy import ActionSpace, Actor, Policy
+from mjrun.task.terms import UNSTABLE
+from mjrun.task.worlds import TaskWorlds
+
+COUNT = 16  # episodes, of seeds 0, 1, …
+MOST = 500  # control periods of each
+
+
+@dataclass(frozen=True)
+class NotFinite:
+    """A number that is not finite, where it first is not.
+
+    Attributes:
+      kind: `observations` or `rewards`.
+      name: of the number, or of the reward.
+      term: that it is of.
+      value: `nan`, `inf` or `-inf`.
+      time: into the episode [s].
+      seed: of the episode.
+    """
+
+    kind: str
+    name: str
+    term: str
+    value: float
+    time: float
+    seed: int
+
+
+@dataclass
+class TaskEpisodes:
+    """What was seen in episodes.
+
+    Attributes:
+      count: of them.
+      periods: control periods of all together.
+      acting: what acts in them: `random actions`, or a policy.
+      not_finite: the first instance of each number that is not.
+      ended_at_start: seeds of episodes at whose start a termination holds, by its name.
+      unstable: seeds of episodes that became unstable.
+      constant: names of the observed numbers that stayed the same in all episodes, and their terms.
+    """
+
+    count: int
+    acting: str
+    periods: int = 0
+    not_finite: list[NotFinite] = field(default_factory=list)
+    ended_at_start: dict[str, list[int]] = field(default_factory=dict)
+    unstable: list[int] = field(default_factory=list)
+    constant: list[tuple[str, str]] = field(default_factory=list)
+
+
+def watch(worlds: TaskWorlds, policy: Policy) -> TaskEpisodes:
+    """What is seen in an episode of each world, under `policy`, whose answers must be finite."""
+    return _Watch(worlds, policy).run()
+
+
+class _Watch:
+    def __init__(self, worlds: TaskWorlds, policy: Policy) -> None:
+        self._worlds, self._policy = worlds, policy
+        self._dt = float(worlds.task.control_dt)
+        acting = "random actions" if policy.name == "random" else policy.name
+        self._seen = TaskEpisodes(worlds.count, acting)
+        self._known: set[tuple[str, str]] = set()
+
+    def run(self) -> TaskEpisodes:
+        worlds, seen = self._worlds, self._seen
+        observations = worlds.reset(range(worlds.count))
+        for seed, ending in enumerate(worlds.ended_at_start):
+            if ending is not None:
+                seen.ended_at_start.setdefault(ending.name, []).append(seed)
+        self._look("observations", observations, np.arange(worlds.count), 0)
+        lowest, highest = observations.min(axis=0), observations.max(axis=0)
+
+        space = ActionSpace(worlds.action_names, worlds.actions.low, worlds.actions.high)
+        actors = [self._policy.episode(seed, space) for seed in range(worlds.count)]
+        running = np.arange(worlds.count)
+        for period in range(1, min(worlds.task.periods, MOST) + 1):
+            step = worlds.step(_answers(actors, running, observations), running)
+            seen.periods += len(running)
+            is_unstable = np.array([ending is not None and ending.name == UNSTABLE.name for ending in step.ended])
+            seen.unstable += running[is_unstable].tolist()
+            self._look("rewards", step.reward_terms[~is_unstable], running[~is_unstable], period)
+            self._look("observations", step.observations, running, period)
+            lowest = np.minimum(lowest, step.observations.min(axis=0))
+            highest = np.maximum(highest, step.observations.max(axis=0))
+            goes_on = ~step.over & np.isfinite(step.observations).all(axis=1)  # no policy is asked about the others
+            running, observations = running[goes_on], step.observations[goes_on]
+            if not len(running):
+                break
+        seen.constant = [
+            (number.name, number.term)
+            for number, low, high in zip(worlds.observed, lowest, highest, strict=True)
+            if low == high
+        ]
+        return seen
+
+    def _look(self, kind: str, values: np.ndarray, seeds: np.ndarray, period: int) -> None:
+        """Takes note of what is not finite among values `(k, …)` of episodes."""
+        for row, column in np.argwhere(~np.isfinite(values)).tolist():
+            observed = self._worlds.observed[column] if kind == "observations" else None
+            name = observed.name if observed else self._worlds.reward_names[column]
+            term = observed.term if observed else name
+            if (kind, term) not in self._known:
+                self._known.add((kind, term))
+                value, seed = float(values[row, column]), int(seeds[row])
+                self._seen.not_finite.append(NotFinite(kind, name, term, value, period * self._dt, seed))
+
+
+def _answers(actors: list[Actor], running: np.ndarray, observations: np.ndarray) -> np.ndarray:
+    return np.array([actors[i].act(seen) for i, seen in zip(running.tolist(), observations, strict=True)])
