@@ -36,7 +36,7 @@ def test_rewards_and_terminations_of_several_worlds() -> None:
         *(("far", "failure"), ("further", "success"), ("timeout", "timeout"), ("unstable", "failure"))
     ]
     start = made.columns(np.zeros((3, 2)), Inputs(np.zeros(3, int), np.zeros((3, 1)), np.zeros((3, 2))))
-    made.begin(start, None)
+    assert made.begin(start, None, 3).tolist() == [-1, -1, -1]
     zeros = Inputs(np.zeros(3, int), np.zeros((3, 1)), np.zeros((3, 2)))
     made.values(np.zeros((3, 2)), zeros, None, first=True)
 
