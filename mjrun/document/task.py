@@ -37,6 +37,7 @@ from mjrun.document.yaml_parser import compose
 from mjrun.document.yaml_writer import number
 from mjrun.errors import UsageError, quoted
 from mjrun.model.override import overrides_of
+from mjrun.model.source import Source
 from mjrun.model.sources import is_file, parse_source
 from mjrun.options.model import ModelOptions
 from mjrun.options.option import Options, options, options_of
