@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from mjrun.errors import MissingExtraError, UnidentifiableError, UnimprovedFitError, UsageError, option
+from mjrun.errors import MissingExtraError, UnidentifiableError, UnimprovedFitError, UsageError, clean, option
 from mjrun.fit.comparison import write_comparison
 from mjrun.fit.fitted_model import FittedModel
 from mjrun.fit.free_parameter import free_parameters, require_effect
@@ -140,7 +140,10 @@ class _Run:
             raise UsageError(f"{option('data')}: a fit needs a table of measurements")
         model = simulation.load()
         data = simulation.start.data(model)
-        self._measurements = read_measurements(fit.data, model, simulation.map, data.ctrl)
+        if twice := set(fit.data) & set(fit.holdout_data):
+            raise UsageError(f"{option('holdout_data')}: {clean(min(twice))} cannot be fitted and held out")
+        logs = [*fit.data, *fit.holdout_data]
+        self._measurements = read_measurements(logs, model, simulation.map, data.ctrl)
         delayed = [*self._measurements.signals, *(f"{CONTROLS}{name}" for name in control_names(model))]
         self._parameters = free_parameters(fit.free, simulation.source, delayed)
         for each in self._parameters:
@@ -153,7 +156,9 @@ class _Run:
         starting = StartingStates(model, self._measurements.signals, state.save(model, data))
         self._shooting = Shooting(self._predictor, self._parameters, starting, fit.loss)
         self._fitted, self._held = self._measurements, Measurements(self._measurements.signals, [])
-        if fit.holdout:
+        if fit.holdout_data:
+            self._fitted, self._held = self._measurements.without(fit.holdout_data)
+        elif fit.holdout:
             self._fitted, self._held = self._measurements.split(fit.holdout)
         if not self._fitted.segments:
             raise UsageError(f"{option('holdout')} {fit.holdout:g} leaves nothing to fit")

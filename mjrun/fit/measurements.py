@@ -1,7 +1,7 @@
 """Logs of a system: what was measured and what was commanded, in time, by the names of a model's columns."""
 
 import itertools
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 
 import mujoco
@@ -66,6 +66,12 @@ class Measurements:
     def rows(self) -> int:
         """How many rows there are in all."""
         return sum(len(segment.times) for segment in self.segments)
+
+    def without(self, sources: Collection[str]) -> tuple["Measurements", "Measurements"]:
+        """All but the logs `sources`, and these."""
+        rest = [segment for segment in self.segments if segment.source not in sources]
+        held = [segment for segment in self.segments if segment.source in sources]
+        return Measurements(self.signals, rest), Measurements(self.signals, held)
 
     def split(self, share: float) -> tuple["Measurements", "Measurements"]:
         """The first part of every file's time, and the last `share` of it, which is held out."""

@@ -51,6 +51,11 @@ class FitOptions(Options):
         default=0.2,
         help="The last part of each log's time, which is not fitted but predicted to see whether the fit is better.",
     )
+    holdout_data: tuple[str, ...] = option(
+        converter=Several(File()),
+        default=(),
+        help="Tables that are held out as a whole, instead of the last part of each.",
+    )
     starts: int = option(
         converter=Integer(1), default=3, help="How many starts: the model's own values, then others spread evenly."
     )

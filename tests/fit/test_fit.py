@@ -53,6 +53,19 @@ def test_the_same_seed_gives_the_same_fit(tmp_path: Path, pendulum: Simulation) 
     assert one.parameters == other.parameters
 
 
+def test_a_whole_log_is_held_out_where_asked(tmp_path: Path, pendulum: Simulation) -> None:
+    times, angles = simulate(1.5)
+    more, others = simulate(1.0, start=-1.0)
+    data = [str(write_log(tmp_path / "one.csv", {"time": times, "qpos/hinge": noisy(angles)}))]
+    held = [str(write_log(tmp_path / "two.csv", {"time": more, "qpos/hinge": noisy(others, 1)}))]
+    result = Fit(pendulum, data=data, holdout_data=held, free=THREE, starts=1).run()
+    assert result.rows == len(times)
+    assert result.signals[0].holdout_fitted is not None
+    assert result.signals[0].holdout_fitted < 0.02
+    with pytest.raises(UsageError, match="cannot be fitted and held out"):
+        Fit(pendulum, data=data, holdout_data=data, free=THREE).run()
+
+
 def test_what_the_log_does_not_tell_is_refused_and_nothing_is_written(tmp_path: Path, pendulum: Simulation) -> None:
     free = (*THREE[:1], ("actuator/motor.gear[0]", "0.5..2"))
     output = tmp_path / "fitted.xml"
