@@ -11,7 +11,7 @@ from mjrun.formats.format_lists import with_formats
 from mjrun.options.keyframe import KeyframeOptions
 from mjrun.options.kinds import Flag
 from mjrun.options.option import FrontEnd, Option, options_of
-from mjrun.options.plot import PlotOptions
+from mjrun.options.plot import PageOptions, PlotOptions
 from mjrun.options.task import PARTS, TaskOptions
 from mjrun.options.trace import RecordingOptions
 
@@ -115,6 +115,7 @@ def _sections() -> Iterator[tuple[str, Owner, list[Option]]]:
     yield from _by_section(Owner("", "plots", "Plot"), options_of(PlotOptions))
     yield from _by_section(Owner("", "recordings", "Recording"), options_of(RecordingOptions))
     yield from _by_section(Owner("", "keyframes", "Keyframe"), options_of(KeyframeOptions))
+    yield from _by_section(Owner("", TOP_LEVEL), options_of(PageOptions))
     yield from _by_section(Owner("", TOP_LEVEL, "", TASK), options_of(TaskOptions))
     for key, (entry, declared) in PARTS.items():
         yield from _by_section(Owner("", key + entry, declared.section, TASK), options_of(declared))

@@ -18,8 +18,9 @@ from mjrun.options.messages import MessageOptions
 from mjrun.options.run import RunOptions
 
 if TYPE_CHECKING:
+    from mjrun.document.run import RunRequest
     from mjrun.job.perform import PassPreview
-    from mjrun.job.task import Job, OutputResult
+    from mjrun.job.task import OutputResult
 
 ARGUMENTS = (
     click.Argument(["document"], type=click.Path()),
@@ -51,9 +52,9 @@ def run(console: Console, command_line: CommandLine) -> None:
         if options.dry_run:
             _show_plan(console, preview(requests.jobs, console), as_json)
             return
-        with _folders(requests.jobs), failures_in_json(console, command_line, _document):
+        with _folders(requests), failures_in_json(console, command_line, _document):
             try:
-                with run_page(options, Path(document).name, requests.jobs) as published:
+                with run_page(requests.page, Path(document).name, requests.jobs) as published:
                     results = perform(requests.jobs, console, published)
             except MjrunError as error:
                 if not as_json:
@@ -76,9 +77,10 @@ def _document(results: "Sequence[OutputResult]") -> dict[str, object]:
 
 
 @contextmanager
-def _folders(jobs: "Sequence[Job[OutputResult]]") -> Generator[None, None, None]:
+def _folders(request: "RunRequest") -> Generator[None, None, None]:
     """Makes the folders of all outputs, and takes back those that stay empty."""
-    outputs = [Path(path) for job in jobs for _, path in job.files]
+    outputs = [Path(path) for job in request.jobs for _, path in job.files]
+    outputs += [Path(request.page.html)] if request.page.html else []
     missing = {folder for path in outputs for folder in path.parents if not folder.exists()}
     try:
         for folder in sorted(missing):

@@ -13,6 +13,7 @@ traces:
   - {output: run.csv, probe: [qpos, energy], rate: 100, assert: max(abs(energy/drift)) < 1e-3}
 plots:
   - {output: energy.png, probe: energy}
+html: dominos.html
 ```
 """
 
@@ -21,7 +22,7 @@ from contextlib import contextmanager
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import Annotated, TypeVar
+from typing import Annotated, TypeVar, cast
 
 from pydantic import ConfigDict, Field, Tag
 
@@ -44,9 +45,11 @@ from mjrun.job.simulation import Simulation
 from mjrun.job.task import Job, OutputResult
 from mjrun.job.trace import Trace
 from mjrun.job.video import Video
-from mjrun.options.option import Options
+from mjrun.options.option import Options, options
+from mjrun.options.plot import PageOptions
 from mjrun.options.run import RunOptions
 from mjrun.options.simulation import SimulationOptions
+from mjrun.plotting.page_writer import check_page_name
 
 # What a document can make, by key.
 OUTPUTS: dict[str, type[Video | Image | Trace | Plot | Recording | Keyframe]] = {
@@ -58,6 +61,11 @@ OUTPUTS: dict[str, type[Video | Image | Trace | Plot | Recording | Keyframe]] = 
     "keyframes": Keyframe,
 }
 T = TypeVar("T")
+
+
+@options
+class _TopLevel(SimulationOptions, PageOptions):
+    """A simulation, and a page of what is made of it."""
 
 
 class _Run(OptionsModel):
@@ -88,7 +96,7 @@ def _run_model() -> type[OptionsModel]:
         key: (list[_entry(output)], Field([], description=f"The {key}: a file or a mapping each."))
         for key, output in OUTPUTS.items()
     }
-    return options_model(SimulationOptions, base=_Run, name="Run", first={"model": (Name, source)}, last=lists)
+    return options_model(_TopLevel, base=_Run, name="Run", first={"model": (Name, source)}, last=lists)
 
 
 RunDocument = _run_model()
@@ -100,9 +108,11 @@ class RunRequest:
 
     Attributes:
       jobs: they have one simulation in common.
+      page: about what they make.
     """
 
-    def __init__(self, tree: MappingNode, jobs: Mapping[Place, Job[OutputResult]]) -> None:
+    def __init__(self, tree: MappingNode, jobs: Mapping[Place, Job[OutputResult]], page: PageOptions) -> None:
+        self.page = page
         self._tree, self._places = tree, list(jobs)
         self.jobs = list(jobs.values())
 
@@ -149,7 +159,9 @@ def read_run(
     options = options or RunOptions()
     document, tree = read_placed(path, RunDocument, assignments, variables=True, named=NAMED)
     folders = Folders(Path(path).parent, OutputFolder(Path(options.output)))
-    return RunRequest(tree, _Builder(tree, folders, options, command).jobs(document))
+    builder = _Builder(tree, folders, options, command)
+    page = builder.page(document)
+    return RunRequest(tree, builder.jobs(document), page)
 
 
 class _Builder(DocumentBuilder):
@@ -171,6 +183,18 @@ class _Builder(DocumentBuilder):
                     jobs[key, index] = job
         self.raise_faults()
         return jobs
+
+    def page(self, document: OptionsModel) -> PageOptions:
+        """The page that the document asks for, or else the command line."""
+        page_options = cast("Callable[..., PageOptions]", PageOptions)
+        page = page_options(**self.values(PageOptions, document, ()))
+        if self._options.html is not None:
+            page = replace(page, html=self._options.html)
+        elif page.html is not None:
+            self.attempt((), partial(check_page_name, page.html))
+            self._reserve_file("html", page.html, ())
+        limit = self._options.embed_up_to
+        return page if limit is None else replace(page, embed_up_to=limit)
 
     def _job(
         self, output: Callable[..., Job[OutputResult]], entry: OptionsModel | str, place: Place, simulation: Simulation
@@ -211,11 +235,14 @@ class _Builder(DocumentBuilder):
     def _reserve(self, job: Job[OutputResult], place: Place) -> None:
         """Reserves all files that `job` writes."""
         for name, file in self.attempt(place, lambda: job.files) or ():
-            where = written_path(self.tree, (*place, name))
-            owner = f"{path_text(where)} at {find(self.tree, where).mark}"
-            self.attempt(where, partial(self.folders.outputs.reserve, file, owner))
+            self._reserve_file(name, file, place)
+
+    def _reserve_file(self, name: str, file: str, place: Place) -> None:
+        where = written_path(self.tree, (*place, name))
+        owner = f"{path_text(where)} at {find(self.tree, where).mark}"
+        self.attempt(where, partial(self.folders.outputs.reserve, file, owner))
 
 
 def _declared_at(place: Place) -> type[Options]:
     """The options that stand at a place of the document."""
-    return OUTPUTS[str(place[0])] if place else SimulationOptions
+    return OUTPUTS[str(place[0])] if place else _TopLevel

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import ClassVar
 
 from mjrun.options.kinds import Choice, File, Integer, Optional, Real, Several, Size, Text
-from mjrun.options.option import FrontEnd, Options, option, options, required
+from mjrun.options.option import Options, option, options, required
 from mjrun.options.output import PLOTS
 from mjrun.options.trace import SamplingOptions
 
@@ -76,14 +76,12 @@ class PageOptions(Options):
     html: str | None = option(
         converter=Optional(File(written=True)),
         default=None,
-        places=FrontEnd.COMMAND | FrontEnd.PYTHON,
         help="One page about the result (.html): plots, images, videos, what the columns hold, assertions and "
         "manifests.",
     )
     embed_up_to: float = option(
         converter=Real(metavar="MB"),
         default=10.0,
-        places=FrontEnd.COMMAND | FrontEnd.PYTHON,
         help="Images and videos up to this size are in the page itself; those that are larger stay beside it, and it "
         "links to them.",
     )

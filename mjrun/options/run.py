@@ -2,15 +2,14 @@
 
 from typing import ClassVar
 
-from mjrun.options.kinds import Choice, File, Flag, Optional, Processes
+from mjrun.options.kinds import Choice, File, Flag, Optional, Processes, Real
 from mjrun.options.option import FrontEnd, option, options
-from mjrun.options.plot import PageOptions
 from mjrun.options.simulation import CodeOptions
 from mjrun.options.view import QUALITIES, BackendOptions
 
 
 @options
-class RunOptions(PageOptions, BackendOptions, CodeOptions):
+class RunOptions(BackendOptions, CodeOptions):
     """What only the command line says of a run."""
 
     section: ClassVar[str] = "Run"
@@ -44,4 +43,18 @@ class RunOptions(PageOptions, BackendOptions, CodeOptions):
         usual="as the document says",
         places=FrontEnd.COMMAND,
         help="Processes that draw each video.",
+    )
+    html: str | None = option(
+        converter=Optional(File(written=True)),
+        default=None,
+        usual="as the document says",
+        places=FrontEnd.COMMAND,
+        help="One page about everything that was made (.html), which opens in any browser.",
+    )
+    embed_up_to: float | None = option(
+        converter=Optional(Real(metavar="MB")),
+        default=None,
+        usual="as the document says",
+        places=FrontEnd.COMMAND,
+        help="Images and videos up to this size are in the page itself.",
     )

@@ -4,7 +4,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import cast
 
-from mjrun.errors import BadValueError, FileError, option
+from mjrun.errors import BadValueError, FileError, concerning, option
 from mjrun.formats.atomic_output import OutputWriter, StagedFile
 from mjrun.formats.manifest import parse_manifest
 from mjrun.plotting.html_page import Page, html_page
@@ -26,8 +26,7 @@ class PageWriter(OutputWriter):
     """
 
     def __init__(self, output: str) -> None:
-        if Path(output).suffix.lower() not in SUFFIXES:
-            raise BadValueError(option("html"), output, "a file that ends with .html")
+        check_page_name(output)
         super().__init__(StagedFile(Path(output)))
 
     def write(self, page: Page) -> None:
@@ -37,6 +36,13 @@ class PageWriter(OutputWriter):
           FileError: it cannot be written.
         """
         self.write_file(html_page(page).encode())
+
+
+def check_page_name(output: str) -> None:
+    """Raises BadValueError if no page is called `output`."""
+    if Path(output).suffix.lower() not in SUFFIXES:
+        with concerning("html"):
+            raise BadValueError(option("html"), output, "a file that ends with .html")
 
 
 def included(paths: Iterable[str], page: str, limit: float) -> tuple[list[PageFile], list[PageManifest]]:

@@ -51,6 +51,17 @@ def test_a_run_makes_everything_and_says_a_line_of_each(mjrun_here: Command, stu
     ]
 
 
+def test_a_page_is_made_where_the_document_says_unless_the_command_line_says_where(
+    mjrun_here: Command, study: Path
+) -> None:
+    study.write_text(STUDY + "html: pages/study.html\n")
+    assert mjrun_here("run", study, "-o", "out", "-q").returncode == 0
+    assert "max(time) &lt; 1" in (mjrun_here.folder / "out/pages/study.html").read_text()
+    assert mjrun_here("run", study, "-o", "more", "-q", "--html", "mine.html").returncode == 0
+    pages = sorted(str(path.relative_to(mjrun_here.folder)) for path in mjrun_here.folder.rglob("*.html"))
+    assert pages == ["mine.html", "out/pages/study.html"]
+
+
 def test_json_holds_every_result(mjrun_here: Command, study: Path) -> None:
     results = json.loads(mjrun_here("run", study, "--json").stdout)["results"]
     assert [(found["kind"], found["path"]) for found in results] == [
@@ -154,8 +165,9 @@ def test_a_schema_is_printed_as_json(mjrun_here: Command, kind: str) -> None:
 TERMINAL = {"json", "quiet", "verbose", "debug", "print_document", "recording", "save_key", "list", "csv", "verify"}
 TERMINAL |= {"update"}
 MACHINE = {"gl", "require_gpu"}
-CODE = {"controller", "control_dt"}
+CODE = {"controller", "control_dt", "trust"}
 LISTS = {"videos", "images", "traces", "plots", "recordings", "keyframes"}
+PAGE = {"html", "embed_up_to"}  # about all outputs of a document
 
 
 @pytest.mark.parametrize(
@@ -167,7 +179,7 @@ def test_every_option_of_a_command_is_a_key_of_documents_and_the_other_way_round
 ) -> None:
     schema = json_schema("run")
     output = next(keys for name, keys in schema["$defs"].items() if name in (definition, definition[: -len("Options")]))
-    keys = {*output["properties"], *schema["properties"]} - LISTS - {"model", "vars", "defaults"}
+    keys = {*output["properties"], *schema["properties"]} - LISTS - PAGE - {"model", "vars", "defaults"}
     names = {param.name for param in command.params if param.param_type_name == "option"}
     assert names - keys == (TERMINAL | MACHINE | CODE) & names
     assert keys - names == others

@@ -442,6 +442,17 @@ def test_what_is_wrong_is_told_at_its_line_and_column(text: str, lines: list[str
     assert problems(text) == lines
 
 
+def test_a_page_is_inside_the_folder_of_outputs_is_called_one_and_is_no_other_output() -> None:
+    for page, wrong in (
+        ("../a.html", "leaves the folder of outputs"),
+        ("a.png", "a file that ends with .html"),
+    ):
+        (message,) = problems(f"{HEAD}traces: [a.csv]\nhtml: {page}\n")
+        assert message.startswith("3:7: html: ")
+        assert wrong in message
+    assert "clashes with html at d.yaml:2:7" in problems(f"{HEAD}html: a.html\nkeyframes: [a.html]\n")[0]
+
+
 def test_visual_flags_that_there_are_not_are_told_with_those_that_are_like_them() -> None:
     first, second = problems(f"{HEAD}videos: [{{output: a.mp4, show: contactpont, hide: [shadow, skybx]}}]")
     assert first.startswith("2:32: videos[0].show: no visual flag 'contactpont' (did you mean 'contactpoint' or ")
