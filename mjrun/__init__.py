@@ -54,6 +54,9 @@ if TYPE_CHECKING:
     from mjrun.model.load import load as load
     from mjrun.plotting.table_plot import TablePlot as TablePlot
     from mjrun.plotting.table_plot import TablePlotResult as TablePlotResult
+    from mjrun.policy.load import load_policy as load_policy
+    from mjrun.policy.policy import ActionSpace as ActionSpace
+    from mjrun.policy.policy import Policy as Policy
     from mjrun.rendering.render import render as render
     from mjrun.rendering.visual import Visual as Visual
     from mjrun.study.study import Study as Study
@@ -70,6 +73,7 @@ if TYPE_CHECKING:
 
 _HOMES = {
     "Action": "mjrun.task.terms",
+    "ActionSpace": "mjrun.policy.policy",
     "Bench": "mjrun.bench.bench",
     "BenchResult": "mjrun.bench.results",
     "Check": "mjrun.document.check",
@@ -88,6 +92,7 @@ _HOMES = {
     "Observation": "mjrun.task.terms",
     "Plot": "mjrun.job.plot",
     "PlotResult": "mjrun.job.plot",
+    "Policy": "mjrun.policy.policy",
     "Recording": "mjrun.job.recording",
     "RecordingResult": "mjrun.job.recording",
     "Reset": "mjrun.task.terms",
@@ -109,6 +114,7 @@ _HOMES = {
     "ViewerResult": "mjrun.viewer.viewer",
     "Visual": "mjrun.rendering.visual",
     "load": "mjrun.model.load",
+    "load_policy": "mjrun.policy.load",
     "perform": "mjrun.job.perform",
     "read_camera": "mjrun.document.camera",
     "read_table": "mjrun.formats.table_reader",
@@ -121,6 +127,7 @@ _HOMES = {
 
 __all__ = [
     "Action",
+    "ActionSpace",
     "Bench",
     "BenchResult",
     "Check",
@@ -139,6 +146,7 @@ __all__ = [
     "Observation",
     "Plot",
     "PlotResult",
+    "Policy",
     "Recording",
     "RecordingResult",
     "Reset",
@@ -161,6 +169,7 @@ __all__ = [
     "Visual",
     "__version__",
     "load",
+    "load_policy",
     "perform",
     "read_camera",
     "read_table",

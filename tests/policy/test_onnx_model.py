@@ -1,6 +1,7 @@
 """What onnxruntime may open, what it must refuse, and in which words."""
 
 import os
+import sys
 from collections.abc import Callable
 from pathlib import Path
 
@@ -10,7 +11,7 @@ import onnxruntime
 import pytest
 from onnx import TensorProto, helper
 
-from mjrun.errors import FileError, UsageError
+from mjrun.errors import FileError, MissingExtraError, UsageError
 from mjrun.policy.onnx_model import OnnxModel
 from tests.policy.networks import linear, value, write
 
@@ -146,6 +147,13 @@ def test_a_pipe_or_a_folder_is_not_opened(tmp_path: Path) -> None:
     for name, reason in (("pipe", "not a regular file"), ("folder", "is a folder"), ("none", "no such file")):
         with pytest.raises(FileError, match=reason):
             OnnxModel(tmp_path / f"{name}.onnx")
+
+
+def test_without_onnxruntime_the_error_says_what_to_install(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = linear(tmp_path / "a.onnx", WEIGHTS)
+    monkeypatch.setitem(sys.modules, "onnxruntime", None)
+    with pytest.raises(MissingExtraError, match=r"onnxruntime, which is not installed\npip install 'mjrun\[policy\]'"):
+        OnnxModel(path)
 
 
 def test_a_fault_while_computing_is_an_error_of_the_policy(tmp_path: Path) -> None:
