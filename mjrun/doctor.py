@@ -13,10 +13,21 @@ import mujoco
 import numpy as np
 
 from mjrun.diff import frames
-from mjrun.errors import EncoderError, NoRendererError, Spelling, UnknownNameError, option, spelled
+from mjrun.errors import (
+    EncoderError,
+    MissingExtraError,
+    ModelError,
+    NoRendererError,
+    Spelling,
+    UnknownNameError,
+    counted,
+    option,
+    spelled,
+)
 from mjrun.formats.ffmpeg import encoder_version, working_codecs
 from mjrun.formats.tables import formats
 from mjrun.model import known_bugs
+from mjrun.model.sources import model_collections
 from mjrun.options import evaluation, fit, sweep, task
 from mjrun.plotting import figure_writer
 from mjrun.rendering.backend import DEVICE, GL, Backend, candidates, requested_backends
@@ -80,7 +91,16 @@ def examine(spelling: Spelling = str) -> DoctorReport:
     filament = _filament(trials["vulkan"].result(), opengl.used)
 
     views = [_window(backends["glfw"]), _studio()]
-    findings = [*_versions(), *_extras(), *opengl.findings, *_devices(devices), filament, *views, *encoder]
+    findings = [
+        *_versions(),
+        *_extras(),
+        *_collections(),
+        *opengl.findings,
+        *_devices(devices),
+        filament,
+        *views,
+        *encoder,
+    ]
     return DoctorReport(
         [replace(finding, remedy=spelled(finding.remedy, spelling)) for finding in findings],
         can_draw=bool(opengl.used) or (filament.status == OK and not opengl.variables),
@@ -127,6 +147,21 @@ def _extras() -> list[Diagnostic]:
         else:
             remedy = f"pip install 'mjrun[{extra}]' for {', '.join(uses)}"
             findings.append(Diagnostic("extras", extra, WARNING, f"{library} is not installed", remedy))
+    return findings
+
+
+def _collections() -> list[Diagnostic]:
+    """The collections of models that can be named, such as `scene:` and `menagerie:`."""
+    findings = []
+    for prefix, collection in sorted(model_collections().items()):
+        try:
+            count = len(collection.descriptions())
+        except (ModelError, MissingExtraError) as error:
+            message, _, advice = str(error).partition("\n")
+            remedy = f"not needed; {advice}" if advice else "not needed"
+            findings.append(Diagnostic("models", prefix, MISSING, message.removeprefix(f"{prefix}: "), remedy))
+        else:
+            findings.append(Diagnostic("models", prefix, OK, f"{counted(count, 'model')}: mjrun info {prefix}:"))
     return findings
 
 

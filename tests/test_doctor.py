@@ -107,3 +107,13 @@ def test_it_says_whether_a_page_is_served(monkeypatch: pytest.MonkeyPatch) -> No
     assert mjrun.doctor._studio().value.startswith("MuJoCo Studio ")
     monkeypatch.setattr(mjrun.doctor.importlib.util, "find_spec", lambda name: None)
     assert mjrun.doctor._studio().remedy == "pip install mujoco-studio"
+
+
+def test_collections_of_models_are_counted_or_say_how_to_get_them(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("MJRUN_MENAGERIE", "/no/such/folder")
+    found = {diagnostic.name: diagnostic for diagnostic in mjrun.doctor._collections()}
+    assert {"dm", "gym", "menagerie", "scene"} <= set(found)
+    scenes = len([*(ROOT / "scenes").glob("*.xml")])
+    assert (found["scene"].status, found["scene"].value) == ("ok", f"{scenes} models: mjrun info scene:")
+    assert found["menagerie"].value == "MJRUN_MENAGERIE=/no/such/folder: is no folder"
+    assert found["menagerie"].remedy == "not needed"
