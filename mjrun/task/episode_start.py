@@ -10,7 +10,7 @@ from mjrun.errors import UnknownNameError, UsageError, clean, concerning, option
 from mjrun.model import state
 from mjrun.model.override import Override
 from mjrun.model.source import Source
-from mjrun.model.variants import ModelVariants
+from mjrun.model.variants import ModelVariant, ModelVariants
 from mjrun.probe.fields import field_probe
 from mjrun.sim.distribution import draw_numbers, draw_text
 from mjrun.sim.initial_state import InitialState
@@ -42,10 +42,11 @@ class EpisodeStarts:
         drawn = {int(place) for places, _ in (*self._set, *self._noise) for place in places}
         self._quaternions = [range(q, q + 4) for q in _quaternions(model, slices) if drawn & {*range(q, q + 4)}]
         self._same: tuple[mujoco.MjModel, np.ndarray] | None = None
+        self._scratch: tuple[mujoco.MjModel, mujoco.MjData] | None = None
 
-    def state(self, model: mujoco.MjModel, seed: int) -> np.ndarray:
-        """The integration state `(nstate,)` at the start of the episode of `seed` in `model`; not to be changed."""
-        same = self._unchanged(model)
+    def state(self, variant: ModelVariant, seed: int) -> np.ndarray:
+        """The integration state `(nstate,)` at the start of the episode of `seed` in a model; not to be changed."""
+        same = self._unchanged(variant)
         if not (self._set or self._noise):
             return same
         start, generator = same.copy(), stream(seed, START)
@@ -57,13 +58,19 @@ class EpisodeStarts:
             mujoco.mju_normalize4(start[quaternion.start : quaternion.stop])
         return start
 
-    def _unchanged(self, model: mujoco.MjModel) -> np.ndarray:
-        """The state before anything is drawn, remembered for the last model."""
-        if self._same is None or self._same[0] is not model:
-            with concerning("reset"):
-                data = self._start.data(model)
-            self._same = model, state.save(model, data)
-        return self._same[1]
+    def _unchanged(self, variant: ModelVariant) -> np.ndarray:
+        """The state before anything is drawn, remembered for the last model that is as it was compiled."""
+        if self._same is not None and self._same[0] is variant.model:
+            return self._same[1]
+        if self._scratch is None or self._scratch[0] is not variant.compiled:  # whose sizes it has
+            self._scratch = variant.compiled, mujoco.MjData(variant.compiled)
+        data = self._scratch[1]
+        with concerning("reset"):
+            self._start.reset(variant.model, data)
+        start = state.save(variant.model, data)
+        if variant.model is variant.compiled:  # others may be written over
+            self._same = variant.model, start
+        return start
 
 
 class EpisodeModels:
@@ -91,17 +98,25 @@ class EpisodeModels:
         return not self._vary
 
     def model(self, seed: int) -> mujoco.MjModel:
+        """The model of the episode of `seed`; see `variant`."""
+        return self.variant(seed).model
+
+    def reuse(self, variant: ModelVariant) -> None:
+        """Takes the model of an episode that is over: that of another may be written over it."""
+        self._variants.reuse(variant)
+
+    def variant(self, seed: int) -> ModelVariant:
         """The model of the episode of `seed`; not to be changed: others may have the same.
 
         Raises:
           UsageError: a path of what varies names nothing, or a value does not fit.
         """
         if self.is_one:
-            return self._variants.load(self._source).model
+            return self._variants.load(self._source)
         generator = stream(seed, MODEL)
         overrides = [Override(path, draw_text(text, generator)) for path, text in self._vary]
         try:
-            return self._variants.load(self._source.with_overrides(overrides)).model
+            return self._variants.load(self._source.with_overrides(overrides))
         except UsageError as error:
             if error.path[:1] == ("set",):  # as overrides are called otherwise
                 error.path = ("reset", "vary", *error.path[1:])

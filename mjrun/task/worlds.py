@@ -137,7 +137,7 @@ class TaskWorlds:
         return tuple(None if code == RUNNING else self.endings[code] for code in self._start_codes.tolist())
 
     def model(self, world: int) -> mujoco.MjModel:
-        """The model of a world's episode; not to be changed."""
+        """The model of a world's episode until the next one begins there; not to be changed."""
         if self._own is self._models:
             return self._model_of(world)
         return self._own.model(int(self._seeds[world]))
@@ -275,26 +275,28 @@ class TaskWorlds:
         sensing: Source = SensingSource(source, plan.sensed) if plan.sensed else source
         self._models = EpisodeModels(sensing, task.reset.vary, ModelVariants(prepare))
         self._own = EpisodeModels(source, task.reset.vary, ModelVariants(prepare)) if plan.sensed else self._models
-        self._first = self._models.model(0)
-        self._each: list[mujoco.MjModel] = [self._first] * self.count
+        first = self._models.variant(0)
+        self._first = first.model
+        self._each = [first] * self.count
         is_persistent = plan.is_whole or bool(model.opt.enableflags & SLEEP)
         return Batch(self._first, self.count, threads if self.count > 1 else 1, is_persistent)
 
     def _model_of(self, world: int) -> mujoco.MjModel:
-        return self._each[world]
+        return self._each[world].model
 
     def _load(self, seeds: Sequence[int], worlds: np.ndarray) -> None:
         """Puts the models and states at the start of episodes into their worlds."""
         for seed, world in zip(seeds, worlds.tolist(), strict=True):
-            model = self._models.model(seed)
-            self._each[world] = model
+            if self._each[world].model is not self._first:
+                self._models.reuse(self._each[world])
+            variant = self._each[world] = self._models.variant(seed)
             self._seeds[world] = seed
-            self._batch.state[world] = self._starts.state(model, seed)
-            self._torques.begin(world, model)
+            self._batch.state[world] = self._starts.state(variant, seed)
+            self._torques.begin(world, variant.model)
             self.commands.begin(world, seed)
             self._observations.begin_episode(world, seed)
         if not self._models.is_one:
-            self._batch.set_models(self._each)
+            self._batch.set_models([variant.model for variant in self._each])
 
     def _advance(self, steps: int, ids: Ids | None, stage: int) -> None:
         """Takes steps, and computes what is derived of the state up to `stage`."""

@@ -7,7 +7,7 @@ import pytest
 from mjrun.errors import UnknownNameError, UsageError
 from mjrun.model import state
 from mjrun.model.sources import parse_source
-from mjrun.model.variants import ModelVariants
+from mjrun.model.variants import ModelVariant, ModelVariants
 from mjrun.task.episode_start import EpisodeModels, EpisodeStarts
 from mjrun.task.random_streams import MODEL as MODEL_STREAM
 from mjrun.task.random_streams import START, stream
@@ -22,7 +22,7 @@ MODEL = mujoco.MjModel.from_xml_string(
 
 def start(reset: Reset, seed: int = 3) -> mujoco.MjData:
     data = mujoco.MjData(MODEL)
-    state.restore(MODEL, data, EpisodeStarts(reset, MODEL).state(MODEL, seed))
+    state.restore(MODEL, data, EpisodeStarts(reset, MODEL).state(ModelVariant(MODEL, MODEL), seed))
     return data
 
 
@@ -63,6 +63,21 @@ def test_models_vary_by_seed_alone() -> None:
     assert model.opt.gravity[2] == generator.uniform(-9, -1)
     assert model.opt.cone == (1, 0)[int(generator.integers(2))]
     assert EpisodeModels(source, vary, ModelVariants()).model(5).opt.gravity[2] == model.opt.gravity[2]
+
+
+def test_a_start_is_that_of_its_model_when_models_are_written_over() -> None:
+    vary = (("opt.gravity[2]", "uniform(-9, -1)"),)
+    models = EpisodeModels(parse_source("scene:pendulum"), vary, ModelVariants())
+    first = models.variant(1)
+    starts = EpisodeStarts(Reset(), first.model)
+    gravity, start = first.model.opt.gravity[2], starts.state(first, 1).copy()
+    models.reuse(first)
+    second = models.variant(2)
+    assert second.model is first.model
+    assert second.model.opt.gravity[2] != gravity
+    np.testing.assert_array_equal(starts.state(second, 2), start)
+    models.reuse(second)
+    assert models.variant(1).model.opt.gravity[2] == gravity
 
 
 @pytest.mark.parametrize(
