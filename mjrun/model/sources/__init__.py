@@ -2,7 +2,7 @@
 
 import pkgutil
 from collections.abc import Mapping, Sequence
-from functools import cache
+from functools import cache, lru_cache
 from importlib import import_module
 from os import PathLike
 from pathlib import Path
@@ -46,8 +46,13 @@ def source_of(model: ModelLike) -> Source:
         case mujoco.MjModel():
             return CompiledSource(model)
         case str():
-            return parse_source(model)
+            return _parsed(model)
     return FileSource(Path(model))
+
+
+@lru_cache(64)
+def _parsed(text: str) -> Source:
+    return parse_source(text)
 
 
 @cache

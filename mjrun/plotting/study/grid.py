@@ -11,7 +11,8 @@ def study_grid(drawing: StudyDrawing, size: tuple[int, int] | None) -> PanelGrid
       BadValueError: they have no room in `size` pixels.
     """
     panels = len(drawing.panels)
-    side = drawing.columns or (1 if panels < 3 and not _is_heat(drawing) else min(3, panels))
+    most = 2 if panels == 4 else 3  # four are two by two
+    side = drawing.columns or (1 if panels < 3 and not _is_heat(drawing) else min(most, panels))
     if drawing.columns is None and size and size[0] < 900:
         side = 1
     names = max((len(p.parameters) + 2 for p in drawing.panels if isinstance(p, RankPanel)), default=0)

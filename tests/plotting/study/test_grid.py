@@ -13,6 +13,7 @@ GRAPH = GraphPanel(Scale("x", 0, 1), Scale("z", 0, 1), [], [])
 def test_panels_have_the_columns_that_suit_or_those_asked_for() -> None:
     assert study_grid(StudyDrawing("", [GRAPH] * 2), None).columns == 1
     assert study_grid(StudyDrawing("", [GRAPH] * 6), None).columns == 3
+    assert study_grid(StudyDrawing("", [GRAPH] * 4), None).columns == 2
     assert study_grid(StudyDrawing("", [GRAPH] * 6), (640, 2000)).columns == 1
     assert study_grid(StudyDrawing("", [GRAPH] * 6, columns=2), None).columns == 2
 
