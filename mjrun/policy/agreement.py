@@ -8,11 +8,12 @@ import numpy as np
 
 from mjrun.errors import UsageError, clean, counted, listing, option
 from mjrun.model.names import names
-from mjrun.options.task import CONTROL, POSITION
+from mjrun.options.task import CONTROL, POSITION, TORQUE, VELOCITY
 from mjrun.policy.policy import ObservationFacts, Policy, PolicyFacts
 from mjrun.task.action_map import TRANSMISSIONS
 from mjrun.task.observation_vector import ObservedNumber
 from mjrun.task.task import Task
+from mjrun.task.terms import Observation
 from mjrun.task.worlds import TaskWorlds
 
 QUATERNIONS = {"wxyz": ["qw", "qx", "qy", "qz"], "xyzw": ["qx", "qy", "qz", "qw"]}
@@ -79,9 +80,23 @@ class _Comparison:
                 f"parts of the observation: {_both(in_file, in_task_sized)}; "
                 "call the observations of the task as the policy does, NAME, or NAME/… where a part has several"
             )
-        for part in parts:
-            if part.name in self._terms:
-                yield from self._part(part, self._terms[part.name])
+        else:
+            for part, term in self._pairs(parts, shared):
+                yield from self._part(part, term)
+
+    def _pairs(
+        self, parts: Sequence[ObservationFacts], shared: Sequence[str]
+    ) -> Iterator[tuple[ObservationFacts, Observation]]:
+        """Parts and their terms: one after the other if there are as many, whatever they are called; or by name."""
+        terms = self._task.observations
+        if len(parts) == len(terms) and all(
+            part.name == term.name or not {part.name, term.name} & {*shared}
+            for part, term in zip(parts, terms, strict=True)
+        ):
+            yield from zip(parts, terms, strict=True)
+            return
+        by_name = {term.name: term for term in terms}
+        yield from ((part, by_name[part.name]) for part in parts if part.name in by_name)
 
     def _is_divided_alike(self, parts: Sequence[ObservationFacts]) -> bool:
         """Whether each part is one term of its name, or several whose names begin with it."""
@@ -94,10 +109,9 @@ class _Comparison:
                 return False
         return not terms
 
-    def _part(self, part: ObservationFacts, numbers: Sequence[ObservedNumber]) -> Iterator[str]:
-        """Of a part and the term of its name."""
-        label = clean(part.name)
-        term = next(term for term in self._task.observations if term.name == part.name)
+    def _part(self, part: ObservationFacts, term: Observation) -> Iterator[str]:
+        """Of a part and its term."""
+        label, numbers = clean(term.name), self._terms[term.name]
         if part.history not in (None, term.history):
             yield f"history of {label}: {_both(str(part.history), str(term.history))}"
         latest = [number for number in numbers if number.delay == term.delay]
@@ -111,7 +125,7 @@ class _Comparison:
             ("upper clip", part.clip and part.clip[1:], [number.high for number in latest]),
         ):
             yield from self._numbers(f"{name} of {label}", said, values, elements)
-        if label == JOINT_POSITION and self._defaults:
+        if part.name == JOINT_POSITION and self._defaults:
             defaults = [self._defaults.get(element) for element in elements]
             if None not in defaults:
                 offsets = [number.offset for number in latest]
@@ -130,8 +144,9 @@ class _Comparison:
         if in_task != in_file and sorted(in_task) == sorted(in_file) and not is_told:
             yield f"order of joints in {clean(name)}: {_both(listing(in_file), listing(in_task))}"
         order = self._facts.quaternion_order
+        runs = [elements[start : start + 4] for start in range(len(elements) - 3)]
         for written, components in QUATERNIONS.items():
-            if order not in (None, written) and elements[-4:] == components and not is_told:
+            if order not in (None, written) and components in runs and not is_told:
                 yield f"quaternion in {clean(name)}: {_both(str(order), written)}"
 
     # --- actions -----------------------------------------------------------------------------------
@@ -143,9 +158,12 @@ class _Comparison:
         if len(known) == len(joints) and [*known] != joints:
             yield f"order of actions: {_both(listing(known), listing(joints))}"
             return
+        targets = {target for target in self._targets if target is not None}
+        if facts.action_target is not None and targets - {facts.action_target}:
+            yield f"target of actions: {_both(facts.action_target, listing(sorted(targets)))}"
+            return
         yield from self._numbers("scale of actions", facts.action_scale, actions.scale.tolist(), joints)
-        is_of_pose = facts.action_scale is not None and {each.target for each in actions.driven} <= {CONTROL, POSITION}
-        if is_of_pose and all(joint in self._defaults for joint in joints):
+        if facts.action_scale is not None and all(joint in self._defaults for joint in joints):
             defaults = [self._defaults[joint] for joint in joints]
             yield from self._numbers("default pose in actions", defaults, actions.offset.tolist(), joints)
         kp, kd = self._gains
@@ -162,6 +180,22 @@ class _Comparison:
             joint = int(self._model.actuator_trnid[actuator, 0]) if is_of_joint else each.joint
             found.append(_last(each.name if joint < 0 else joints[joint]))
         return found
+
+    @property
+    def _targets(self) -> Iterator[str | None]:
+        """What each action asks for: a position, a velocity or a torque; None of actuators that are none of these."""
+        model = self._model
+        for each in self._worlds.actions.driven:
+            actuator = each.actuator(model)
+            kind, stiffness, damping = model.actuator_biastype[actuator], *model.actuator_biasprm[actuator, 1:3]
+            if each.target != CONTROL:
+                yield each.target
+            elif kind == mujoco.mjtBias.mjBIAS_NONE:
+                yield TORQUE
+            elif kind == mujoco.mjtBias.mjBIAS_AFFINE and (stiffness or damping):
+                yield POSITION if stiffness else VELOCITY
+            else:
+                yield None
 
     @property
     def _gains(self) -> tuple[list[float], list[float]]:

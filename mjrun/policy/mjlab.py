@@ -49,7 +49,6 @@ def mjlab_facts(metadata: Mapping[str, str], path: Path) -> PolicyFacts:
         action_scale=scale,
         stiffness=stiffness,
         damping=damping,
-        commands=lists.names("command_names") or (),
         quaternion_order="wxyz",  # MuJoCo's own
         rounding=ROUNDING,
     )

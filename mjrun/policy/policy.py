@@ -47,7 +47,6 @@ class PolicyFacts:
       action_target: what they mean once scaled: `position`, `velocity` or `torque`.
       action_scale: what actions are multiplied by; one number, or one for each.
       stiffness, damping: gains of the joints that actions move [N m/rad, N m s/rad].
-      commands: their names.
       control_dt: time between two actions [s].
       quaternion_order: `wxyz` or `xyzw`, of quaternions in observations.
       rounding: by how much numbers may be off as the file writes them.
@@ -63,7 +62,6 @@ class PolicyFacts:
     action_scale: Numbers | None = None
     stiffness: Numbers | None = None
     damping: Numbers | None = None
-    commands: tuple[str, ...] | None = None
     control_dt: Fraction | None = None
     quaternion_order: str | None = None
     rounding: float = 0.0

@@ -119,8 +119,9 @@ def test_what_agrees_passes(policy: OnnxPolicy) -> None:
          "default pose in actions: the policy has knee -0.2; the task has knee 0.2"),
         ({"action": replace(ACTION, kp=(20.0, 31.0))}, "kp: the policy has knee 30; the task has knee 31"),
         ({"action": Action(joints=["hip", "knee"], target="control", scale=[0.25, 0.5], offset=DEFAULT)},
-         "kp: the policy has hip 20, knee 30; the task has 0\n"
-         "  kd: the policy has hip 1, knee 1.5; the task has 0"),
+         "target of actions: the policy has position; the task has torque"),
+        ({"terms": tuple(replace(each, name=f"my_{each.name}", scale=(1.0,)) for each in TERMS)},
+         "scale of my_joint_vel: the policy has 0.05; the task has 1"),
     ],
 )  # fmt: skip
 def test_what_contradicts_shows_both_sides(policy: OnnxPolicy, change: Mapping[str, object], expected: str) -> None:
@@ -149,6 +150,8 @@ def test_a_control_period_that_is_off_by_four() -> None:
 
 
 def test_the_order_of_quaternions() -> None:
+    root = Observation(name="state", probe="qpos")  # which holds one in the middle
+    assert "quaternion in state" in contradictions(task((root,)), Said(quaternion_order="xyzw"))
     wxyz = Observation(name="attitude", probe="xquat/base")
     xyzw = Observation(name="attitude", probe=[f"xquat/base/q{axis}" for axis in "xyzw"])
     for terms, order in ((wxyz, "wxyz"), (xyzw, "xyzw")):

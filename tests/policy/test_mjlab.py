@@ -38,7 +38,7 @@ def test_lists_are_facts() -> None:
     assert facts.action_joints is None  # of three joints two have actuators, and the file does not say which
     assert (facts.action_size, facts.action_scale) == (2, (0.25, 0.5))
     assert (facts.stiffness, facts.damping, facts.default_position) == ((20, 30), (1, 1.5), (0.1, -0.2, 0))
-    assert (facts.commands, facts.quaternion_order, facts.control_dt) == (("twist",), "wxyz", None)
+    assert (facts.quaternion_order, facts.control_dt, facts.action_target) == ("wxyz", None, "position")
     assert facts.observations == (
         ObservationFacts("joint_pos", scale=(1,), clip=INFINITE, history=1),
         ObservationFacts("joint_vel", scale=(0.05,), clip=(-5, 5), history=3),  # mjlab clips before it scales
