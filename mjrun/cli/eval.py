@@ -40,7 +40,7 @@ def eval(console: Console, command_line: CommandLine) -> None:  # noqa: A001 - t
     """Play seeded episodes of TASK under a policy, and tell how good it is: returns, successes, films.
 
     \b
-    mjrun eval scene:car_drive --policy drive.onnx --episodes 200 -o results
+    mjrun eval task.yaml --policy drive.onnx --episodes 200 -o results
     mjrun eval task.yaml --policy walk.onnx --films 3 --metric 'effort=mean(abs(ctrl/hip))'
     mjrun eval task.yaml --policy new.onnx --compare old.onnx --fail-below success=90%
     mjrun eval task.yaml --policy walk.onnx --vary 'geom/floor.friction[0]=0.2,0.6,1'

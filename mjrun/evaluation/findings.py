@@ -40,7 +40,9 @@ def findings(prepared: PreparedEvaluation, policies: Sequence[Sequence[PlayedEpi
 
     def summary(groups: Sequence[PlayedEpisodes]) -> EpisodeSummary:
         episodes = [episode for group in groups for episode in group.episodes]
-        return summary_of(groups[0].policy, episodes, rewards, metrics, confidence, can_succeed=can_succeed)
+        names = list(dict.fromkeys(group.policy for group in groups))
+        name = names[0] if len(names) == 1 else f"{len(names)} policies"
+        return summary_of(name, episodes, rewards, metrics, confidence, can_succeed=can_succeed)
 
     def comparison(groups: Sequence[Sequence[PlayedEpisodes]]) -> Comparison | None:
         return compared(groups[0], groups[1], confidence, can_succeed=can_succeed) if len(groups) == 2 else None

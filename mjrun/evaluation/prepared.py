@@ -58,11 +58,12 @@ class PreparedEvaluation:
         task = replace(task, overrides=(*task.overrides, *overrides_of(options)))
         self.points = points_of(options, task)
         tasks = [task_at(task, self.values(point), rewritten) for point in range(len(self.points.points))]
-        self.groups = [
-            EpisodeGroup(place, name, point, EpisodeSpec(each, policy_at(chosen, self.values(point)), options.metric))
-            for place, (name, chosen) in enumerate(_policies(options, self.points))
-            for point, each in enumerate(tasks)
-        ]
+        self.groups: list[EpisodeGroup] = []
+        for place, (name, chosen) in enumerate(_policies(options, self.points)):
+            for point, each in enumerate(tasks):
+                own = policy_at(chosen, self.values(point))
+                spec = EpisodeSpec(each, own, options.metric)
+                self.groups.append(EpisodeGroup(place, name if own == chosen else own.name, point, spec))
         self.metrics = [name for name, _ in options.metric]
         self.player = self._checked_players()
         self._check_metrics()

@@ -110,7 +110,9 @@ def test_what_varies_makes_a_map_that_can_be_plotted(mjrun_here: Command, cart: 
 
 def test_policies_that_vary_are_a_learning_curve(mjrun_here: Command, cart: str) -> None:
     some = ("--vary", "policy=zero,policies.py:act", "--episodes", "3", "--jobs", "1", "-o", "out")
-    assert mjrun_here("eval", cart, *some).returncode == 0
+    result = json.loads(mjrun_here("eval", cart, *some, "--json").stdout)
+    assert result["policies"][0]["policy"] == "2 policies"
+    assert [point["policies"][0]["policy"] for point in result["points"]] == ["zero", "policies.py:act"]
     points = pd.read_csv(mjrun_here.folder / "out" / "results.csv")
     assert points["policy"].tolist() == ["zero", "policies.py:act"]
 
