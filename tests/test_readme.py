@@ -38,6 +38,7 @@ SMALLER = {
     "trace": SHORT,
     "run": "videos[0].size=64x48 videos[0].fps=3 images[0].size=64x48 --quality draft",
     "view": SHORT,
+    "eval": f"--episodes 3 --jobs 1 {IMAGE}",
     "bench": "--budget 0.2",
 }
 # Tests run side by side: how fast anything is must not decide one.
@@ -55,6 +56,7 @@ PIPED = [line for line in COMMANDS if line.startswith("cat ")]
 ANSWERS = [line for line in COMMANDS if line.startswith(("mjrun info", "mjrun check", "mjrun bench"))]
 
 
+EVALUATIONS = [line for line in COMMANDS if line.startswith("mjrun eval")]
 STUDIES = [block for block in SHELL if block.startswith("mjrun sweep")]
 DIFFERENCES = [line for line in COMMANDS if line.startswith(("mjrun diff", "sed "))]
 
@@ -203,6 +205,16 @@ def test_studies_of_the_readme_make_their_tables(commands: str, execute: Execute
         assert (tmp_path / folder / "results.parquet").exists()
 
 
+@pytest.mark.gl
+@pytest.mark.parametrize("command", EVALUATIONS)
+def test_an_evaluation_of_the_readme_has_its_table(command: str, execute: Execute, tmp_path: Path) -> None:
+    done = execute(command)
+    assert done.returncode == 0, done.stderr
+    folder = tmp_path / command.split()[-1]
+    assert (folder / "episodes.csv").exists()
+    assert len(list(folder.glob("*.mp4"))) == (3 if "--films 3" in command else 0)
+
+
 def test_the_study_document_of_the_readme_is_one(tmp_path: Path) -> None:
     (text,) = (block for block in re.findall(r"```yaml\n(.*?)```", README, re.DOTALL) if "vary:" in block)
     (tmp_path / "study.yaml").write_text(text.replace("../humanoid.xml", str(ROOT / "scenes/humanoid.xml")))
@@ -284,6 +296,7 @@ def test_every_other_command_of_the_readme_is_known() -> None:
         "mjrun diff ",
         "mjrun view ",
         "mjrun sweep ",
+        "mjrun eval ",
         "seq ",
         "sed ",
     )
