@@ -19,6 +19,7 @@ from mjrun.options import kinds
 from mjrun.options.diff import ColumnTolerances
 from mjrun.options.kinds import Kind
 from mjrun.options.option import Exclusion, Option, Options, document_options, option, options, required
+from mjrun.options.policy import NormalizationKind, PolicyKind
 from mjrun.options.push import PushKind
 from mjrun.options.simulation import SimulationOptions
 from mjrun.rendering.segmentation import groupings
@@ -86,6 +87,10 @@ def values(kind: Kind[Any, Any]) -> st.SearchStrategy[Any]:
             return st.sampled_from(
                 ["torso=0/-1e2/.5@1/3+0.25", {"site": "a", "force": (1, 2, 3), "at": 0, "duration": 1}]
             )
+        case PolicyKind():
+            return st.sampled_from(["random", "zero", "a.onnx", "b/leapp"])
+        case NormalizationKind():
+            return st.sampled_from(["none", "a.npz"])
         case kinds.Camera():
             return st.sampled_from(["free", "top", "orbit:lookat=box", 2])
         case kinds.Text():
