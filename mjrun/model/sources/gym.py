@@ -1,5 +1,6 @@
 """The models of Gymnasium's environments as model sources, written `gym:NAME`."""
 
+import copy
 import importlib
 import importlib.metadata
 import importlib.util
@@ -97,7 +98,7 @@ class GymSource(CollectionSource):
             return FileSource(environment.file, overrides=self.overrides).compile()
         if self.overrides:
             raise CompiledOverrideError(self.text, [(s.option, s.option_value) for s in self.overrides])
-        return None, environment.model
+        return None, copy.copy(environment.model)
 
 
 class EnvironmentModel(NamedTuple):

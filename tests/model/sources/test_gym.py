@@ -151,6 +151,8 @@ def test_a_model_that_python_changes_is_the_compiled_one_and_takes_no_overrides(
     assert model.body_mass[1] == 2 * mujoco.MjModel.from_xml_path(str(tmp_path / "cart.xml")).body_mass[1]
     heavy = parse_source("gym:acme_cart:acme/HeavyCart-v0", [Override("opt.gravity", "0 0 -1", "gravity")])
     assert heavy.main_file is None
+    model.body_mass[1] = 0  # is nobody else's
+    assert parse_source("gym:acme_cart:acme/HeavyCart-v0").load().body_mass[1]
     with pytest.raises(CompiledOverrideError):
         heavy.load()
 
