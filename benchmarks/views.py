@@ -1,6 +1,7 @@
 """Milliseconds per frame of one view and of all views of a camera, and of each quality, in one process.
 
-Ratios are to colour alone at the model's quality. Scene update and drawing are timed, not encoding.
+Ratios are to colour alone at the model's quality, of wall time and of the time of all cores. Scene update and drawing are
+timed, not encoding.
 
     python benchmarks/views.py
     python benchmarks/views.py --size 1280x720 --models scenes/humanoid.xml
@@ -9,6 +10,7 @@ Ratios are to colour alone at the model's quality. Scene update and drawing are 
 import argparse
 import statistics
 import time
+from contextlib import ExitStack
 from pathlib import Path
 
 import mujoco
@@ -33,19 +35,33 @@ CASES = {
 }
 
 
-def cost(model: mujoco.MjModel, size: tuple[int, int], backend: Backend, case: str, frames: int) -> float:
-    """The median of seconds per frame, after a frame that compiles shaders."""
-    quality, views = CASES[case]
+def costs(
+    model: mujoco.MjModel, size: tuple[int, int], backend: Backend, frames: int
+) -> dict[str, list[tuple[float, float]]]:
+    """Seconds of wall time and of all cores per frame, by case, in turns, after a frame that compiles shaders."""
     state = Simulation(model).stepper(model).state()
     free = CameraMotion(parse_camera("free", model), model, size).pose(state)
-    found = []
-    with ClassicRenderer(model, size, backend, Visual(quality=quality), Segmentation(model)) as renderer:
+    found: dict[str, list[tuple[float, float]]] = {case: [] for case in CASES}
+    with ExitStack() as stack:
+        renderers = {
+            quality: stack.enter_context(
+                ClassicRenderer(model, size, backend, Visual(quality=quality), Segmentation(model))
+            )
+            for quality in dict.fromkeys(quality for quality, _ in CASES.values())
+        }
         for _ in range(frames + 1):
-            start = time.perf_counter()
-            renderer.look(state)
-            renderer.picture(free, views)
-            found.append(time.perf_counter() - start)
-    return statistics.median(found[1:])
+            for case, (quality, views) in CASES.items():
+                renderers[quality].make_current()
+                start, cpu = time.perf_counter(), time.process_time()
+                renderers[quality].look(state)
+                renderers[quality].picture(free, views)
+                found[case].append((time.perf_counter() - start, time.process_time() - cpu))
+    return {case: times[1:] for case, times in found.items()}
+
+
+def ratio(times: list[tuple[float, float]], base: list[tuple[float, float]], which: int) -> float:
+    """The median of the ratios of each turn: what slows both is not seen."""
+    return statistics.median(one[which] / other[which] for one, other in zip(times, base, strict=True))
 
 
 def main() -> None:
@@ -53,14 +69,18 @@ def main() -> None:
     parser.add_argument("--models", type=Path, nargs="+", default=MODELS)
     parser.add_argument("--size", default="640x480")
     parser.add_argument("--frames", type=int, default=10)
-    given = parser.parse_args()
+    options = parser.parse_args()
     backend = BackendDetection("auto").result()
-    width, height = map(int, given.size.split("x"))
-    print(f"{given.size}, {backend.renderer}")
-    for path in given.models:
+    width, height = map(int, options.size.split("x"))
+    print(f"{options.size}, {backend.renderer}")
+    for path in options.models:
         model = mujoco.MjModel.from_xml_path(str(path))
-        costs = {case: cost(model, (width, height), backend, case, given.frames) for case in CASES}
-        shown = "   ".join(f"{name} {1e3 * c:.1f} ms ({c / costs['rgb']:.3f})" for name, c in costs.items())
+        measured = costs(model, (width, height), backend, options.frames)
+        shown = "   ".join(
+            f"{name} {1e3 * statistics.median(wall for wall, _ in times):.1f} ms "
+            f"({ratio(times, measured['rgb'], 0):.3f}, of all cores {ratio(times, measured['rgb'], 1):.3f})"
+            for name, times in measured.items()
+        )
         print(f"{path.stem:14} {shown}")
 
 
