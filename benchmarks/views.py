@@ -1,7 +1,7 @@
 """Milliseconds per frame of one view and of all views of a camera, and of each quality, in one process.
 
-Ratios are to colour alone at the model's quality, of wall time and of the time of all cores. Scene update and drawing are
-timed, not encoding.
+Ratios are to colour alone at the model's quality, of wall time and of the time of all cores. Scene update and drawing
+are timed, not encoding.
 
     python benchmarks/views.py
     python benchmarks/views.py --size 1280x720 --models scenes/humanoid.xml

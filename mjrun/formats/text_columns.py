@@ -16,6 +16,7 @@ from mjrun.model.column import Column
 PIECE = 2**16  # values turned into text at a time
 ROWS = 2**9  # rows turned into numbers at a time, while they are in the processor's cache
 BYTES = 2**16  # of text read at a time
+NEWLINE = ord("\n")
 COMPARED = 2**20  # bytes of two files compared at a time
 PATIENCE = 63  # pieces that are parsed, at most, before equal lines are looked for again
 LINE = 2**24  # bytes in a line of text, at most
@@ -85,7 +86,7 @@ class LinePieces:
                 _require_end(self._path, self._before + piece.count(b"\n") + 1, rest)
             piece += rest
         before = self._before
-        self._before += piece.count(b"\n")
+        self._before += int(np.count_nonzero(np.frombuffer(piece, np.uint8) == NEWLINE))  # faster than bytes count
         return before, piece
 
     def skip_equal(self, other: "LinePieces") -> int:
@@ -125,7 +126,7 @@ def _plain_lines(piece: bytes, end: int, width: int) -> int:
     if width < 2 or piece.find(b'"', 0, end) >= 0:
         return 0
     characters = np.frombuffer(piece, np.uint8, end)  # which numpy counts faster than bytes do, where there are many
-    lines = int(np.count_nonzero(characters == ord("\n")))
+    lines = int(np.count_nonzero(characters == NEWLINE))
     return lines if np.count_nonzero(characters == ord(",")) == lines * (width - 1) else 0
 
 
