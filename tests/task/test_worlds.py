@@ -101,6 +101,7 @@ EVERYTHING = {
         Observation(name="goal", command="goal"),
         Observation(name="gait", phase=0.7),
         Observation(name="contact", probe=["contact/ncon", "cfrc_ext/ball", "contact_force"]),
+        Observation(name="whole", probe=["momentum", "speed", "energy", "com"]),
         Observation(name="change", value="rate(norm('qvel/*')) + exp(-qpos/slide^2) * command/goal/0"),
     ],
     "actions": [
