@@ -58,7 +58,7 @@ def _observations(lists: "_Lists") -> tuple[ObservationFacts, ...]:
     names = lists.names("observation_names") or ()
     scales = lists.entries("observation_terms_scale", len(names), _vector)
     clips = lists.entries("observation_terms_clip", len(names), _range)
-    histories = lists.entries("observation_terms_history_length", len(names), int)
+    histories = lists.entries("observation_terms_history_length", len(names), _whole)
     return tuple(
         ObservationFacts(
             name, scale=scale, clip=_scaled(clip, scale), history=None if history is None else max(1, history)
@@ -110,6 +110,14 @@ class _Lists:
 
     def refuse(self, key: str, message: str) -> NoReturn:
         raise FileError(self._path, f"the metadata {key} {message}")
+
+
+def _whole(text: str) -> int:
+    """A whole number, which newer versions write as `3.000` and older ones as `3`."""
+    number = float(text)
+    if not number.is_integer():
+        raise ValueError(f"{text} is no whole number")
+    return int(number)
 
 
 def _vector(text: str) -> Numbers:

@@ -43,7 +43,7 @@ METADATA = {
     "observation_names": "joint_pos,joint_vel,actions",
     "observation_terms_scale": "1.000,0.050,1.000",
     "observation_terms_clip": "-inf;inf,-inf;inf,-inf;inf",
-    "observation_terms_history_length": "0,0,0",
+    "observation_terms_history_length": "0.000,0.000,0.000",
     "action_scale": "0.250,0.500",
 }
 DEFAULT = (0.1, -0.2)

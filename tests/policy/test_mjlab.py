@@ -20,8 +20,8 @@ METADATA = {
     "command_names": "twist",
     "observation_names": "joint_pos,joint_vel,actions,command",
     "observation_terms_scale": "1.000,0.050,1.000,2.000;2.000;0.250",
-    "observation_terms_flatten_history_dim": "True,True,True,True",
-    "observation_terms_history_length": "0,3,0,0",
+    "observation_terms_flatten_history_dim": "1.000,1.000,1.000,1.000",
+    "observation_terms_history_length": "0.000,3.000,0.000,0.000",
     "observation_terms_clip": "-inf;inf,-100.000;100.000,-inf;inf,-inf;inf",
     "action_scale": "0.250,0.500",
 }
@@ -48,9 +48,14 @@ def test_lists_are_facts() -> None:
 
 
 def test_clips_of_older_versions_and_one_scale_for_all_actions() -> None:
-    older = {"observation_terms_clip": "[-inf, inf],[-100, 100],[-1.5, 2],[-inf, inf]", "action_scale": "0.5"}
+    older = {
+        "observation_terms_history_length": "0,3,0,0",
+        "observation_terms_clip": "[-inf, inf],[-100, 100],[-1.5, 2],[-inf, inf]",
+        "action_scale": "0.5",
+    }
     facts = mjlab_facts({**METADATA, **older, "observation_terms_scale": "1.0,-0.05,1.0,1.0"}, PATH)
     assert facts.action_scale == (0.5,)
+    assert [part.history for part in facts.observations or ()] == [1, 3, 1, 1]
     assert [part.clip for part in facts.observations or ()] == [INFINITE, (-5, 5), (-1.5, 2), INFINITE]
 
 
@@ -71,6 +76,7 @@ def test_what_is_not_said_is_not_known() -> None:
         ("observation_terms_scale", "1.0,one,1.0,1.0", "observation_terms_scale is '1.0,one,1.0,1.0', which cannot"),
         ("observation_terms_clip", "1;2,1,1;2,1;2", "which cannot be read"),
         ("observation_terms_history_length", "0,0,0,1.5", "which cannot be read"),
+        ("observation_terms_history_length", "0,0,0,inf", "which cannot be read"),
     ],
 )
 def test_what_is_otherwise_is_refused(key: str, text: str, message: str) -> None:
