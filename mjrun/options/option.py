@@ -139,16 +139,20 @@ class Options:
     exclusions: ClassVar[tuple[Exclusion, ...]] = ()
 
     def __post_init__(self) -> None:
+        given: set[str] = set()
         for each in options_of(type(self)):
             value = getattr(self, each.attribute)
             try:
-                object.__setattr__(self, each.attribute, each.kind(value))
+                made = each.kind(value)
             except ExpectedError as error:
                 wrong = _shown(value) if error.part is None else error.part
                 raise BadValueError(mention(each.name), wrong, error.expected) from None
+            object.__setattr__(self, each.attribute, made)
+            if _is_given(each, made):
+                given.add(each.name)
         for exclusion in exclusions_of(type(self)):
             condition = exclusion.when and getattr(self, exclusion.when[0])
-            if exclusion.applies(condition) and all(is_given(self, name) for name in exclusion.names):
+            if given.issuperset(exclusion.names) and exclusion.applies(condition):
                 raise UsageError(exclusion.message(), path=(exclusion.names[1],))
 
 
@@ -200,8 +204,13 @@ def _by_name(cls: type[Options]) -> dict[str, Option]:
 def is_given(values: Options, name: str) -> bool:
     """Whether an option is other than its default."""
     each = _by_name(type(values))[name]
-    value = getattr(values, each.attribute)
-    return value is not None and value != each.default
+    return _is_given(each, getattr(values, each.attribute))
+
+
+def _is_given(each: Option, value: object) -> bool:
+    if value is None or each.default is None:
+        return value is not None
+    return value is not each.default and value != each.default
 
 
 def _declared(home: type, cls: type[Options]) -> Iterator[Option]:
