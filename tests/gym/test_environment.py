@@ -1,5 +1,7 @@
 """A task is an environment that Gymnasium's checker accepts, with the numbers of its worlds."""
 
+import subprocess
+import sys
 import warnings
 from pathlib import Path
 
@@ -63,3 +65,11 @@ def test_it_draws_what_it_shows(tmp_path: Path) -> None:
     assert image.std() > 1
     with pytest.raises(ValueError, match="rgb_array or None"):
         mjrun.gym.TaskEnv(write_cart(tmp_path), render_mode="human")
+
+
+def test_without_gymnasium_it_says_what_to_install() -> None:
+    code = "import sys; sys.modules['gymnasium'] = None\nimport mjrun.gym"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert done.returncode == 1
+    assert "MissingExtraError: mjrun.gym needs gymnasium" in done.stderr
+    assert "pip install 'mjrun[gym]'" in done.stderr
