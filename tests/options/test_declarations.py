@@ -10,6 +10,7 @@ import mjrun.options
 from mjrun.options.bench import BenchOptions, ReportOptions
 from mjrun.options.check import CheckOptions, CheckReportOptions
 from mjrun.options.diff import DiffOptions, DiffReportOptions
+from mjrun.options.evaluation import EvaluationCommandOptions, EvaluationExecutionOptions, EvaluationOptions
 from mjrun.options.fit import FitOptions
 from mjrun.options.image import ImageOptions
 from mjrun.options.info import InfoOptions
@@ -61,6 +62,9 @@ ALL: tuple[type[Options], ...] = (
     DiffOptions,
     FitOptions,
     DiffReportOptions,
+    EvaluationOptions,
+    EvaluationExecutionOptions,
+    EvaluationCommandOptions,
     InfoOptions,
     StudyOptions,
     StudyCommandOptions,
