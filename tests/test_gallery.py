@@ -7,10 +7,17 @@ import re
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import numpy as np
 import pytest
 
 from mjrun.document.camera import read_camera
+from mjrun.document.check import Check
 from mjrun.document.json_schema import json_schema
+from mjrun.document.task import read_task
+from mjrun.formats.table_reader import read_table
+from mjrun.policy.load import load_policy
+from mjrun.policy.policy import ActionSpace
+from mjrun.task.worlds import TaskWorlds
 
 if TYPE_CHECKING:
     from tests.conftest import Command
@@ -29,7 +36,7 @@ def test_every_scene_has_a_document_and_an_image_of_it_is_shown() -> None:
     page = (SCENES / "README.md").read_text("utf-8")
     assert sorted(re.findall(r"mjrun run scenes/(\w+)\.yaml", page)) == names
     pictures = re.findall(r"!\[[^]]*\]\(([^)]+)\)", page)
-    assert sorted(Path(picture).stem for picture in pictures) == names
+    assert sorted({Path(picture).stem for picture in pictures} - {"training", *(path.stem for path in TASKS)}) == names
     for picture in pictures:
         assert 5_000 < (SCENES / picture).stat().st_size < 200_000
 
@@ -60,6 +67,36 @@ def test_a_lesson_makes_its_video_image_trace_and_plot(mjrun: Command, path: Pat
     name = path.stem
     made = {"plot.png", f"{name}.mp4", f"{name}.jpg", f"{name}.csv"} | ({"hits.csv"} if name == "dominos" else set())
     assert {file.name for file in (tmp_path / "out").iterdir()} == made
+
+
+@pytest.mark.parametrize("path", TASKS, ids=lambda path: path.stem)
+def test_a_task_fits_its_model_and_its_policy(path: Path) -> None:
+    policy = SCENES / f"policies/{path.stem}.onnx"
+    (found,) = Check([path], policy=str(policy) if policy.exists() else None, timeout=300).run().models
+    assert [finding for finding in found.findings if finding.severity != "note"] == []
+
+
+@pytest.mark.parametrize(("name", "least"), [("car_drive", 15), ("humanoid_stand", 12)])
+def test_a_policy_does_what_the_page_says_it_does(name: str, least: int) -> None:
+    """In 16 episodes, as a bare loop of worlds and of the network's own arithmetic finds them."""
+    policy = load_policy(str(SCENES / f"policies/{name}.onnx"))
+    worlds = TaskWorlds(read_task(SCENES / f"{name}.yaml"), 16)
+    space = ActionSpace(worlds.action_names, worlds.actions.low, worlds.actions.high)
+    actors = [policy.episode(seed, space) for seed in range(16)]
+    seen, running, successes = worlds.reset(range(16)), np.arange(16), 0
+    while len(running):
+        step = worlds.step(np.array([actors[i].act(row) for i, row in zip(running, seen, strict=True)]), running)
+        successes += sum(ending is not None and ending.kind == "success" for ending in step.ended)
+        seen, running = step.observations[~step.over], running[~step.over]
+    assert successes >= least
+
+
+@pytest.mark.parametrize("path", sorted(SCENES.glob("policies/*.csv")), ids=lambda path: path.stem)
+def test_the_curve_beside_a_policy_ends_where_the_page_says(path: Path) -> None:
+    curve = read_table(path).columns
+    assert np.all(np.diff(curve["generation"]) > 0)
+    assert curve["success"][-1] == max(curve["success"]) or curve["return"][-1] == max(curve["return"])
+    assert path.with_suffix(".onnx").exists()
 
 
 def test_the_page_shows_every_study() -> None:
