@@ -68,7 +68,10 @@ class FileSource(Source):
             raise ModelNotFoundError(path, "is not a regular file")
         if path.suffix not in SUFFIXES:
             lower = "; MuJoCo knows them in lower case only" if path.suffix.lower() in SUFFIXES else ""
-            raise ModelNotFoundError(path, f"is not a model file; model files end in {', '.join(SUFFIXES)}{lower}")
+            task = "; in Python, mjrun.read_task reads a task" if path.suffix.lower() in (".yaml", ".yml") else ""
+            raise ModelNotFoundError(
+                path, f"is not a model file; model files end in {', '.join(SUFFIXES)}{lower or task}"
+            )
 
     def _load_compiled(self) -> mujoco.MjModel:
         if self.overrides:
