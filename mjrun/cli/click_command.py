@@ -45,14 +45,14 @@ class CommandLine:
         Raises:
           UsageError: options that exclude each other.
         """
-        given = {each.attribute: self._params[each.name] for each in options_of(cls) if each.name in self._params}
-        return cls(**{**given, **values})
+        options = {each.attribute: self._params[each.name] for each in options_of(cls) if each.name in self._params}
+        return cls(**{**options, **values})
 
     def value(self, name: str) -> object:
         """The value of an option; None if it is left out."""
         return self._params.get(name)
 
-    def given(self, *classes: type[Options]) -> dict[str, object]:
+    def explicit(self, *classes: type[Options]) -> dict[str, object]:
         """The options of classes that are not left out, by attribute."""
         known = {each.name: each.attribute for cls in classes for each in options_of(cls)}
         return {known[name]: value for name, value in self._params.items() if name in known}

@@ -65,7 +65,7 @@ def _fit(command_line: CommandLine) -> "tuple[Fit, AbstractContextManager[None]]
     from mjrun.document.fit import read_fit
 
     for each in options_of(SimulationOptions):
-        if each.attribute in command_line.given(SimulationOptions):
+        if each.attribute in command_line.explicit(SimulationOptions):
             raise UsageError(f"{option(each.name)}: {clean(model)} says that; change it as in {each.key}=VALUE")
-    request = read_fit(model, data, given=command_line.given(FitOptions))
+    request = read_fit(model, data, given=command_line.explicit(FitOptions))
     return request.fit, request.located()

@@ -93,7 +93,7 @@ def sweep(console: Console, command_line: CommandLine) -> None:
 
 def _start_early(command_line: CommandLine) -> None:
     """Starts a process that simulates, which takes as long as all that is to be done before, if one will be needed."""
-    other_task = any(command_line.given(StudyCommandOptions).get(name) for name in STOPPING)
+    other_task = any(command_line.explicit(StudyCommandOptions).get(name) for name in STOPPING)
     folder = Path(str(command_line.value("output") or "") or f"{stem(command_line)}_study")
     is_new = not (folder / PARTS).exists() and not (Path(command_line.argument("model")) / PARTS).exists()
     if not other_task and is_new and command_line.make(ExecutionOptions).engine == "local":
@@ -111,9 +111,9 @@ def _study(console: Console, command_line: CommandLine) -> "tuple[Study, Located
     if _is_study(model):
         from mjrun.document.study import read_study
 
-        given = _given(command_line, model)
+        beside = _beside_study(command_line, model)
         code = command_line.with_converted("controller", load_controller).make(CodeOptions)
-        request = read_study(model, assignments, given=given, code=code, command=console.command)
+        request = read_study(model, assignments, given=beside, code=code, command=console.command)
         return request.study, request.located
     if assignments:
         raise UsageError(f"{clean(assignments[0])}: {clean(model)} is no document whose values could be changed")
@@ -124,7 +124,7 @@ def _study(console: Console, command_line: CommandLine) -> "tuple[Study, Located
     if (Path(model) / MANIFEST).is_file():
         from mjrun.document.plan import read_folder
 
-        return replace(read_folder(model, _given(command_line, model)), command=console.command), nullcontext
+        return replace(read_folder(model, _beside_study(command_line, model)), command=console.command), nullcontext
     if Path(model).is_dir() and not any(Path(model).glob("*.xml")):
         raise FileError(model, "has no study.json", "a study is a folder that mjrun sweep has written")
     if command_line.value("output") is None:
@@ -154,20 +154,20 @@ def _plan(command_line: CommandLine) -> "StudyPlan":
     path = command_line.argument("model")
     if not _is_plan(path):
         raise UsageError(f"{option('task')}: {clean(path)} is no plan (.jsonl); {option('plan')} FILE writes one")
-    plan = read_plan(path, _given(command_line, path))
+    plan = read_plan(path, _beside_study(command_line, path))
     if plan is None:
         raise UsageError(f"{clean(path)} has no chunks: nothing was missing when it was made")
     return plan
 
 
-def _given(command_line: CommandLine, file: str) -> dict[str, object]:
+def _beside_study(command_line: CommandLine, file: str) -> dict[str, object]:
     """What the command line says beside a file that says the study: its folder, and how it runs."""
     own = () if Path(file).suffix.lower() in DOCUMENTS else WITH_RESULTS
     _require_said_there(command_line, file, own)
-    given = command_line.given(ExecutionOptions)
-    given |= {name: value for name, value in command_line.given(StudyOptions).items() if name in own}
+    options = command_line.explicit(ExecutionOptions)
+    options |= {name: value for name, value in command_line.explicit(StudyOptions).items() if name in own}
     output = command_line.value("output")
-    return given if output is None else {**given, "output": output}
+    return options if output is None else {**options, "output": output}
 
 
 def _with_document(study: "Study", *, required: bool = False) -> "Study":
@@ -215,9 +215,9 @@ def _tell(console: Console, text: str) -> None:
 def _require_said_there(command_line: CommandLine, file: str, own: Sequence[str]) -> None:
     """Raises UsageError for options that the file has to say, and not the command line; those in `own` it may."""
     ours = {"output", *own, *(each.name for cls in (CodeOptions, ExecutionOptions) for each in options_of(cls))}
-    given = command_line.given(StudyOptions, SimulationOptions)
+    explicit = command_line.explicit(StudyOptions, SimulationOptions)
     for each in (*options_of(StudyOptions), *options_of(SimulationOptions)):
-        if each.attribute in given and each.name not in ours:
+        if each.attribute in explicit and each.name not in ours:
             says = f"{option(each.name)}: {clean(file)} says that"
             if own:
                 raise UsageError(f"{says}; for another study, give its model or its document, and another folder")

@@ -53,8 +53,8 @@ def frame_place(frame: FrameDifference, picture: PictureDifference) -> str:
 
 
 def _require_fitting(picture: PictureDifference, options: PictureDiffOptions) -> None:
-    given = {"min_psnr": options.min_psnr, "min_ssim": options.min_ssim}
-    for name, limit in given.items():
+    limits = {"min_psnr": options.min_psnr, "min_ssim": options.min_ssim}
+    for name, limit in limits.items():
         if limit is not None and picture.pixels == "numbers":
             raise UsageError(
                 f"{option(name)} is for colours: numbers agree within {option('atol')} and {option('rtol')}"

@@ -124,23 +124,23 @@ class PictureSummary:
         self._counts[0] += in_a
         self._counts[1] += in_b
 
-    def add(self, a: np.ndarray, b: np.ndarray, found: FrameComparison) -> None:
+    def add(self, a: np.ndarray, b: np.ndarray, comparison: FrameComparison) -> None:
         """Takes the next pair of frames."""
-        difference = self._difference(found, is_colour(a))
-        if found.mean_square > self._worst_square:
-            self._worst_square, self.worst_frames = found.mean_square, WorstFrames(a, b)
-            self._worst = difference if found.mean_square else None
-        if found.changed:
+        difference = self._difference(comparison, is_colour(a))
+        if comparison.mean_square > self._worst_square:
+            self._worst_square, self.worst_frames = comparison.mean_square, WorstFrames(a, b)
+            self._worst = difference if comparison.mean_square else None
+        if comparison.changed:
             self._first = self._first or difference
-            if self._most_changed is None or found.changed > self._most_changed.changed:
+            if self._most_changed is None or comparison.changed > self._most_changed.changed:
                 self._most_changed = difference
-        if found.ssim is not None and found.ssim < self._least_ssim:
-            self._least_ssim, self._least_similar = found.ssim, difference
+        if comparison.ssim is not None and comparison.ssim < self._least_ssim:
+            self._least_ssim, self._least_similar = comparison.ssim, difference
         self._frames += 1
-        self._differing += found.changed > 0
-        self._changed += found.changed
-        self._squares += found.mean_square
-        self._similarity += math.nan if found.ssim is None else found.ssim
+        self._differing += comparison.changed > 0
+        self._changed += comparison.changed
+        self._squares += comparison.mean_square
+        self._similarity += math.nan if comparison.ssim is None else comparison.ssim
 
     def result(self) -> PictureDifference:
         """What was found in all of them."""
@@ -165,14 +165,14 @@ class PictureSummary:
             most_changed=self._most_changed,
         )
 
-    def _difference(self, found: FrameComparison, colours: bool) -> FrameDifference:
+    def _difference(self, comparison: FrameComparison, colours: bool) -> FrameDifference:
         return FrameDifference(
             frame=self._frames,
             time=self._frames / self._fps if self._fps else None,
-            changed=found.changed,
-            maximum=_finite(found.maximum),
-            psnr=_finite(found.psnr) if colours else None,
-            ssim=found.ssim if colours else None,
+            changed=comparison.changed,
+            maximum=_finite(comparison.maximum),
+            psnr=_finite(comparison.psnr) if colours else None,
+            ssim=comparison.ssim if colours else None,
         )
 
 

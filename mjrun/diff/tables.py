@@ -117,7 +117,7 @@ def compare_rows(
     for table, stream in ((a, stream_a), (b, stream_b)):
         if not stream.row:
             raise FileError(table.path, "has no rows")
-    found = comparison.results({name: a.units.get(name) or b.units.get(name) or "" for name in columns})
+    differences = comparison.results({name: a.units.get(name) or b.units.get(name) or "" for name in columns})
     return TableDifference(
         aligned=key or "row",
         rows=rows,
@@ -125,7 +125,7 @@ def compare_rows(
         rows_b=stream_b.row,
         only_a=stream_a.unmatched,
         only_b=stream_b.unmatched,
-        columns=sorted(found, key=_badness, reverse=True),
+        columns=sorted(differences, key=_badness, reverse=True),
         columns_only_a=[name for name in names_a if name not in names_b],
         columns_only_b=[name for name in names_b if name not in names_a],
         units=_unit_differences(a, b),

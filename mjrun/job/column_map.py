@@ -89,13 +89,13 @@ class _Resolver:
         self._columns = {f: [c.name for c in field_probe(model, f).columns] if f in known else [] for f in FIELDS}
         self._places = {name: (f, i) for f in FIELDS for i, name in enumerate(self._columns[f])}
         self._groups = self._all_groups()
-        self._found = ColumnMap(None, self._columns)
+        self._map = ColumnMap(None, self._columns)
 
     def resolve(self, texts: Sequence[str]) -> ColumnMap:
         self._read_names()
         self._read_map(texts)
         self._require_positions()
-        return self._found
+        return self._map
 
     # --- what the names say ------------------------------------------------------------------------
 
@@ -108,15 +108,15 @@ class _Resolver:
         for group, (f, indices) in sorted(self._groups.items(), key=lambda item: len(item[1][1])):
             parts = self._numbered(group)
             whole = group == f
-            if not parts or (whole and f in self._found.sources):
+            if not parts or (whole and f in self._map.sources):
                 continue
             if len(parts) != len(indices):
                 self._refuse_width(group, parts, len(indices))
             self._set_all(f, indices, parts)
             used |= set(parts)
         if TIME in self._by_clean:
-            self._found.time = self._column(self._by_clean[TIME])
-        self._found.unknown = [name for name in self._names if name.startswith("qpos/") and name not in used]
+            self._map.time = self._column(self._by_clean[TIME])
+        self._map.unknown = [name for name in self._names if name.startswith("qpos/") and name not in used]
 
     def _numbered(self, prefix: str) -> list[str]:
         """The table's columns that are called `prefix` and numbered, from 0 or from 1."""
@@ -180,10 +180,10 @@ class _Resolver:
             raise UnknownNameError("column", left, self._valid(left), where=f"{option('map')} of this model")
         expression = parse_row_expression(right, self._names, f"{option('map')} {clean(left)}")
         if left == TIME:
-            self._found.time = expression
+            self._map.time = expression
         else:
             f, index = self._places[left]
-            self._found.sources.setdefault(f, {})[index] = expression
+            self._map.sources.setdefault(f, {})[index] = expression
 
     def _map_group(self, left: str, right: str) -> None:
         f, indices = self._groups[left]
@@ -197,7 +197,7 @@ class _Resolver:
             raise UsageError(
                 f"{option('map')}: {clean(left)} has {len(indices)} numbers, and {clean(right)} has {len(expressions)}"
             )
-        self._found.sources.setdefault(f, {}).update(self._ordered(f, indices, expressions))
+        self._map.sources.setdefault(f, {}).update(self._ordered(f, indices, expressions))
 
     def _with_components(self, prefix: str, f: str, indices: Sequence[int]) -> list[str]:
         """The table's columns that are called `prefix` and our components; none if one is missing."""
@@ -240,19 +240,21 @@ class _Resolver:
     # --- what comes of both ------------------------------------------------------------------------
 
     def _set(self, f: str, index: int, name: str) -> None:
-        self._found.sources.setdefault(f, {})[index] = self._column(name)
+        self._map.sources.setdefault(f, {})[index] = self._column(name)
 
     def _set_all(self, f: str, indices: Sequence[int], names: Sequence[str]) -> None:
         """Takes the numbers of a joint or field from columns without names of components, where nothing else gives."""
         taken = self._ordered(f, indices, [self._column(name) for name in names])
-        self._found.sources[f] = {**taken, **self._found.sources.get(f, {})}
+        self._map.sources[f] = {**taken, **self._map.sources.get(f, {})}
 
-    def _ordered(self, f: str, indices: Sequence[int], given: Sequence[RowExpression]) -> dict[int, RowExpression]:
+    def _ordered(
+        self, f: str, indices: Sequence[int], expressions: Sequence[RowExpression]
+    ) -> dict[int, RowExpression]:
         """By index what gives each number of a joint or field, quaternions in our order."""
-        ordered = list(given)
+        ordered = list(expressions)
         starts = [indices.index(start) for start in quaternions(self._model, f) if start in indices]
         for at in starts:
-            ordered[at : at + 4] = [given[at + offset] for offset in self._order]
+            ordered[at : at + 4] = [expressions[at + offset] for offset in self._order]
         return dict(zip(indices, ordered, strict=True))
 
     def _column(self, name: str) -> RowExpression:
@@ -271,7 +273,7 @@ class _Resolver:
         return groups
 
     def _require_positions(self) -> None:
-        found, source = self._found, clean(self._source)
+        found, source = self._map, clean(self._source)
         lacking = [name for i, name in enumerate(self._columns["qpos"]) if i not in found.sources.get("qpos", {})]
         if found.unknown and lacking:
             raise UsageError(
@@ -287,8 +289,8 @@ class _Resolver:
 
     def _hint(self) -> str:
         """A text of a map, which may be just what is needed."""
-        found = self._found.sources.get("qpos", {})
-        wanted = [name for i, name in enumerate(self._columns["qpos"]) if i not in found]
+        positions = self._map.sources.get("qpos", {})
+        wanted = [name for i, name in enumerate(self._columns["qpos"]) if i not in positions]
         others = [name for name in self._names if name != TIME]
         for name in wanted:
             leaf = name.partition("/")[2]

@@ -69,8 +69,8 @@ class DrawingPlan:
         """
         options, reporter = self.options, self.context.reporter
         backend = rendering.backend(RendererRequest.of(options))
-        told = self.context.simulation.replay_remarks(self.context.model)
-        remarks = [text for text in self.decorations.remarks if text not in told]
+        replay_remarks = self.context.simulation.replay_remarks(self.context.model)
+        remarks = [text for text in self.decorations.remarks if text not in replay_remarks]
         warnings = [*check_drawing(options, self.context.model, backend), *remarks]
         for text in [*warnings, *(unused_options(options, plots) if all(file.exact for file in files) else [])]:
             reporter.warn(text)

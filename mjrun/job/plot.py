@@ -93,10 +93,10 @@ class PlotTask:
         job, panels = self.job, list[Panel]()
         for index, text in enumerate(job.probe):
             with concerning("probe", index):
-                found = ProbeSampler(context.model, split(text), context.timeline, context.episode).columns[1:]
-                if not found:
+                probed = ProbeSampler(context.model, split(text), context.timeline, context.episode).columns[1:]
+                if not probed:
                     raise UsageError(f"plot {quoted(text)}: this model has none of it")
-                panels += panels_by_unit([c.name for c in found], {c.name: c.unit for c in found})
+                panels += panels_by_unit([c.name for c in probed], {c.name: c.unit for c in probed})
         # One table of all, so that each instant is computed once.
         probes = [part for text in job.probe for part in split(text)]
         table = ProbeSampler(context.model, list(dict.fromkeys(probes)), context.timeline, context.episode)

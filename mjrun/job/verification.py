@@ -106,31 +106,31 @@ def verify(simulation: Simulation, reporter: Reporter | None = None) -> Verifica
         def report(done: int) -> None:
             reporter.progress("verifying", done, last)
 
-        found = first_difference(model, recording, last, report)
-        index = last if found is None else found.index
+        difference = first_difference(model, recording, last, report)
+        index = last if difference is None else difference.index
         step = int(recording.steps[index])
         now = origin(simulation, simulation, model, timeline)
         origins = [*_origins(recording.facts, {**now}, model)]
-        if found is not None and index < step:
+        if difference is not None and index < step:
             origins.append(THINNED)
-        elif found is not None and not origins:
+        elif difference is not None and not origins:
             origins.append(UNEXPLAINED)
         return VerificationResult(
             path=simulation.replay,
-            agrees=found is None,
+            agrees=difference is None,
             states=index + 1,
             steps=step,
             time=float(timeline.time(step)),
-            differences=[] if found is None else _field_differences(model, found),
+            differences=[] if difference is None else _field_differences(model, difference),
             origins=origins,
         )
 
 
-def _field_differences(model: mujoco.MjModel, found: FirstDifference) -> list[FieldDifference]:
+def _field_differences(model: mujoco.MjModel, difference: FirstDifference) -> list[FieldDifference]:
     names = state_columns(model)
     differences: list[FieldDifference] = []
     for field, part in state.fields(state.sizes(model)).items():
-        recorded, stepped = found.recorded[part], found.stepped[part]
+        recorded, stepped = difference.recorded[part], difference.stepped[part]
         differing = recorded.view(np.int64) != stepped.view(np.int64)
         if not differing.any():
             continue

@@ -226,8 +226,8 @@ def _halved(groups: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     gap = np.isnan(pairs)
     low, high = np.where(gap, np.inf, pairs).argmin(axis=1), np.where(gap, -np.inf, pairs).argmax(axis=1)
     always = np.tile([0, GROUP, 2 * GROUP - 1], (count, 1))
-    kept = np.sort(np.concatenate([always, low, high, gap[:, :, 1].argmax(axis=1)[:, None]], axis=1), axis=1)
-    return np.take_along_axis(pairs, kept[:, :, None], axis=1), groups[2 * count :]
+    indices = np.sort(np.concatenate([always, low, high, gap[:, :, 1].argmax(axis=1)[:, None]], axis=1), axis=1)
+    return np.take_along_axis(pairs, indices[:, :, None], axis=1), groups[2 * count :]
 
 
 def _without_repetition(points: Points) -> Points:

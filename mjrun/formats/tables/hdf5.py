@@ -118,10 +118,10 @@ def read(path: Path, file: BinaryIO, wanted: ColumnFilter, gaps: bool) -> TableC
 
     with decoding(path, unreadable(path)):
         archive = h5py.File(file, "r")
-        found = dict(sorted(_datasets(archive), key=lambda item: _index(item[1])))
+        datasets = dict(sorted(_datasets(archive), key=lambda item: _index(item[1])))
         columns = [
             (column, dataset, part)
-            for name, dataset in found.items()
+            for name, dataset in datasets.items()
             for part, column in enumerate(column_names(name, dataset.shape or ()))
         ]
         manifest = parse_manifest("".join(_manifest(archive)))
