@@ -107,3 +107,18 @@ def test_an_environment_is_played_as_gymnasium_plays_it() -> None:
         assert (each.total, each.steps) == (total, periods)
         assert (each.ending, each.outcome) == ("terminated", "failure")
     environment.close()
+
+
+def test_returns_are_those_of_the_environment_of_gymnasium_to_the_bit(tmp_path: Path) -> None:
+    import mjrun.gym
+
+    task = cart_task(tmp_path)
+    environment = mjrun.gym.make(task)
+    for each in player_of(spec(tmp_path)).play([2, 6, 11]):
+        observation, _ = environment.reset(seed=each.seed)
+        total, periods, over = 0.0, 0, False
+        while not over:
+            observation, reward, terminated, truncated, _ = environment.step(policy(observation))
+            total, periods, over = total + float(reward), periods + 1, terminated or truncated
+        assert (each.total, each.steps) == (total, periods)
+    environment.close()
