@@ -76,7 +76,7 @@ def test_a_task_fits_its_model_and_its_policy(path: Path) -> None:
     assert [finding for finding in found.findings if finding.severity != "note"] == []
 
 
-@pytest.mark.parametrize(("name", "least"), [("car_drive", 15), ("humanoid_stand", 12)])
+@pytest.mark.parametrize(("name", "least"), [("car_drive", 15), ("humanoid_stand", 12), ("pendulum_swing_up", 15)])
 def test_a_policy_does_what_the_page_says_it_does(name: str, least: int) -> None:
     """In 16 episodes, as a bare loop of worlds and of the network's own arithmetic finds them."""
     policy = load_policy(str(SCENES / f"policies/{name}.onnx"))

@@ -26,7 +26,7 @@ import mjrun
 from mjrun.task.worlds import TaskWorlds
 
 NORMALIZING = 30  # generations after which the statistics of observations stay as they are
-SURVIVING = 10.0  # standard deviations at which normalized observations are clipped while training
+LIMIT = 10.0  # standard deviations at which normalized observations are clipped while training
 VALIDATION_SEEDS = 1_000_000 + np.arange(64)  # of episodes that no generation trains on
 
 
@@ -83,7 +83,7 @@ class Statistics:
         self.squares = self.squares + share * ((observations**2).mean(axis=0) - self.squares)
 
     def normalized(self, observations: np.ndarray) -> np.ndarray:
-        return np.clip((observations - self.mean) / self.std, -SURVIVING, SURVIVING)
+        return np.clip((observations - self.mean) / self.std, -LIMIT, LIMIT)
 
 
 def episodes(
