@@ -297,6 +297,7 @@ def test_every_other_command_of_the_readme_is_known() -> None:
         "mjrun view ",
         "mjrun sweep ",
         "mjrun eval ",
+        "mjrun fit ",
         "seq ",
         "sed ",
     )
