@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 import re
+import runpy
+import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -89,6 +91,21 @@ def test_a_policy_does_what_the_page_says_it_does(name: str, least: int) -> None
         successes += sum(ending is not None and ending.kind == "success" for ending in step.ended)
         seen, running = step.observations[~step.over], running[~step.over]
     assert successes >= least
+
+
+def test_training_repeats_by_its_seed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Two generations of four networks make the same file twice, and another seed makes another."""
+    small = ["--generations", "2", "--population", "4", "--episodes", "1", "--validate", "2"]
+
+    def trained(seed: str) -> bytes:
+        file = tmp_path / "a.onnx"
+        arguments = [str(SCENES / "pendulum_swing_up.yaml"), "-o", str(file), *small, "--seed", seed]
+        monkeypatch.setattr(sys, "argv", ["evolve.py", *arguments])
+        runpy.run_path(str(SCENES / "training/evolve.py"), run_name="__main__")
+        assert file.with_suffix(".csv").read_text().startswith("generation,population,return,success\n2,")
+        return file.read_bytes()
+
+    assert trained("1") == trained("1") != trained("2")
 
 
 @pytest.mark.parametrize("path", sorted(SCENES.glob("policies/*.csv")), ids=lambda path: path.stem)
