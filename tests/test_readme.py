@@ -29,7 +29,7 @@ SHELL = re.findall(r"```sh\n(.*?)```", README.replace(TUTORIAL[0], ""), re.DOTAL
 PYTHON = re.findall(r"```python\n(.*?)```", README, re.DOTALL)
 COMMANDS = [line for block in SHELL for line in block.replace("\\\n", " ").splitlines() if line.strip()]
 DRAWN = [line for line in COMMANDS if line.startswith(("mjrun video", "mjrun image")) or " mjrun video" in line]
-PLOTS = [line for line in COMMANDS if "mjrun plot" in line and " slides" not in line]  # a study is run first
+PLOTS = [line for line in COMMANDS if "mjrun plot" in line and not re.search(r"plot (slides|fit)", line)]
 TABLES = [line for line in COMMANDS if line.startswith(("mjrun trace", "for ")) and line not in (*DRAWN, *PLOTS)]
 IMAGE, SHORT = "--size 64x48 --quality draft", "--duration 0.1"
 SMALLER = {
@@ -56,6 +56,7 @@ PIPED = [line for line in COMMANDS if line.startswith("cat ")]
 ANSWERS = [line for line in COMMANDS if line.startswith(("mjrun info", "mjrun check", "mjrun bench"))]
 
 
+FITS = [block for block in SHELL if "mjrun fit" in block]
 EVALUATIONS = [line for line in COMMANDS if line.startswith("mjrun eval")]
 STUDIES = [block for block in SHELL if block.startswith("mjrun sweep")]
 DIFFERENCES = [line for line in COMMANDS if line.startswith(("mjrun diff", "sed "))]
@@ -203,6 +204,17 @@ def test_studies_of_the_readme_make_their_tables(commands: str, execute: Execute
     assert done.returncode == 0, done.stderr
     for folder in re.findall(r" -o (\w+)(?![\w.])", commands):
         assert (tmp_path / folder / "results.parquet").exists()
+
+
+@pytest.mark.parametrize("commands", FITS, ids=range(len(FITS)))
+def test_a_fit_of_the_readme_finds_what_its_log_was_made_with(
+    commands: str, execute: Execute, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(SMALLER, "trace", "")  # in a tenth of a second nothing swings
+    done = [execute(line) for line in commands.replace("\\\n", " ").splitlines()]
+    assert [each.returncode for each in done] == [0] * len(done)
+    assert re.search(r"joint/hinge.damping +0 +0.2 ", done[1].stdout)
+    assert (tmp_path / "fit.png").exists()
 
 
 @pytest.mark.gl
