@@ -42,7 +42,7 @@ def parse_manifest(text: str | bytes | None) -> dict[str, Any] | None:
     return manifest if isinstance(manifest, dict) else None
 
 
-def fingerprint(path: Path) -> dict[str, Any]:
+def fingerprint(path: Path) -> dict[str, object]:
     """Path, size [bytes] and SHA-256 of a file."""
     with path.open("rb") as file:
         digest = hashlib.file_digest(file, "sha256")

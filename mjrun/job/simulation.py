@@ -6,7 +6,7 @@ from fractions import Fraction
 from functools import cached_property
 from itertools import chain, repeat
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import mujoco
 
@@ -130,7 +130,7 @@ class Simulation(SimulationOptions):
         return [("file of columns", Path(file)) for file in map_files(self.map)]
 
     @cached_property
-    def fingerprints(self) -> list[dict[str, Any]]:
+    def fingerprints(self) -> list[dict[str, object]]:
         """Path, size and hash of the document of a task, and of each of `tables`."""
         document = self.source.path if isinstance(self.source, Task) else None
         return [fingerprint(path) for path in [*([document] if document else []), *(path for _, path in self.tables)]]

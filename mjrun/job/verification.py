@@ -142,7 +142,7 @@ def _field_differences(model: mujoco.MjModel, difference: FirstDifference) -> li
     return differences
 
 
-def _origins(recorded: Mapping[str, Any], now: Mapping[str, object], model: mujoco.MjModel) -> Iterator[str]:
+def _origins(recorded: Mapping[str, object], now: Mapping[str, object], model: mujoco.MjModel) -> Iterator[str]:
     """What differs between what made the recording and what is here. A recording may say anything."""
     if recorded.get("physics", physics := physics_fingerprint(model)) != physics:
         yield f"the physics of the model is not that of the recording, which was made from {_model(recorded)}"
@@ -155,9 +155,9 @@ def _origins(recorded: Mapping[str, Any], now: Mapping[str, object], model: mujo
         yield f"overrides: recorded with {listing(there) or 'none'}, verified with {listing(here) or 'none'}"
 
 
-def _model(recorded: Mapping[str, Any]) -> str:
+def _model(recorded: Mapping[str, object]) -> str:
     model = recorded.get("model")
-    path = cast("Mapping[str, Any]", model).get("path") if isinstance(model, Mapping) else None
+    path = cast("Mapping[str, object]", model).get("path") if isinstance(model, Mapping) else None
     return clean(str(path)) if path else "a compiled model"
 
 
