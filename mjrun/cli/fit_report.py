@@ -17,6 +17,8 @@ def fit_report(result: "FitResult") -> str:
     """The parameters with their intervals, how well the signals are predicted, and what was written."""
     page = PageLayout()
     page.table("parameters", _parameters(result), len(result.parameters), SHOWN)
+    if result.inertias:
+        page.table("inertias", _inertias(result), sum(len(each.quantities) for each in result.inertias), SHOWN)
     page.table("errors", _signals(result), len(result.signals), SHOWN)
     if alike := _correlated(result):
         page.lines("correlated", alike)
@@ -38,6 +40,22 @@ def _parameters(result: "FitResult") -> list[Column]:
         Column("fitted", [number(each.value) for each in parameters], right=True),
         Column(share, [f"{number(each.low)} … {number(each.high)}" for each in parameters]),
         Column("", [f"at its {each.bound} bound" if each.bound else "" for each in parameters]),
+    ]
+
+
+def _inertias(result: "FitResult") -> list[Column]:
+    rows = [(each.body, quantity) for each in result.inertias for quantity in each.quantities]
+    quantities = [quantity for _, quantity in rows]
+    return [
+        Column("body", [clean(body) for body, _ in rows]),
+        Column("", [each.name for each in quantities]),
+        Column("before", [number(each.start) for each in quantities], right=True),
+        Column("fitted", [number(each.value) for each in quantities], right=True),
+        Column("", [each.unit for each in quantities]),
+        Column(
+            f"{100 * result.confidence:g} % interval",
+            [f"{number(each.low)} … {number(each.high)}" if each.low < each.high else "" for each in quantities],
+        ),
     ]
 
 

@@ -10,8 +10,9 @@ import numpy as np
 
 from mjrun.errors import MissingExtraError, UnidentifiableError, UnimprovedFitError, UsageError, clean, option
 from mjrun.fit.comparison import write_comparison
+from mjrun.fit.fitted_inertia import FittedInertia, fitted_inertias
 from mjrun.fit.fitted_model import FittedModel
-from mjrun.fit.free_parameter import free_parameters, require_effect
+from mjrun.fit.free_parameter import free_parameters, overrides, require_effect
 from mjrun.fit.identifiability import Sensitivity, sensitivity
 from mjrun.fit.intervals import bound_reached, intervals
 from mjrun.fit.measurements import CONTROLS, Measurements, read_measurements
@@ -102,6 +103,7 @@ class FitResult:
 
     Attributes:
       parameters: what was looked for.
+      inertias: of bodies of which numbers were looked for.
       signals: what was measured.
       correlation: between the parameters, in their order.
       confidence: of the intervals.
@@ -116,6 +118,7 @@ class FitResult:
     """
 
     parameters: Sequence[FittedParameter]
+    inertias: Sequence[FittedInertia]
     signals: Sequence[FittedSignal]
     correlation: Sequence[Sequence[float]]
     confidence: float
@@ -150,7 +153,7 @@ class _Run:
             require_effect(each, simulation.source)
         self._model_file = FittedModel(Path(fit.output), simulation.source) if fit.output is not None else None
         if self._model_file:
-            self._model_file.check([o for each in self._parameters for o in each.overrides(each.value(0.5))])
+            self._model_file.check(overrides(self._parameters, [each.value(0.5) for each in self._parameters]))
 
         self._predictor = Predictor(simulation, self._measurements.signals, self._parameters)
         starting = StartingStates(model, self._measurements.signals, state.save(model, data))
@@ -257,11 +260,11 @@ class _Run:
         if fit.ranges is not None:
             files += write_ranges(fit.ranges, self._parameters, parameters, fit.confidence)
         if self._model_file:
-            overrides = [o for p, value in zip(self._parameters, values, strict=True) for o in p.overrides(value)]
-            made = [each.sentence for each in self._model_file.write(overrides)]
+            made = [each.sentence for each in self._model_file.write(overrides(self._parameters, values))]
             files.append(str(self._model_file.path))
         return FitResult(
             parameters,
+            fitted_inertias(self._parameters, values, known),
             self._signals(last, comparisons),
             known.correlation.tolist(),
             fit.confidence,

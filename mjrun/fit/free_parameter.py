@@ -9,6 +9,7 @@ import mujoco
 import numpy as np
 
 from mjrun.errors import BadValueError, UnknownNameError, UsageError, clean, concerning, option
+from mjrun.fit.body_inertia import INERTIA, QUANTITIES, STRETCHES, BodyInertia, body_inertia
 from mjrun.model.fingerprint import physics_fingerprint
 from mjrun.model.override import Override, source_values
 from mjrun.model.source import Source
@@ -19,6 +20,7 @@ EXPECTED = "LOW..HIGH, log:LOW..HIGH, or either with a prior as in 0.1..2~normal
 GAINS = {".kp": (("gainprm[0]", 1.0), ("biasprm[1]", -1.0)), ".kv": (("biasprm[2]", -1.0),)}
 MARGIN = 0.02  # of the range: a start at a bound is moved this far from it
 
+_INERTIA = re.compile(rf"{INERTIA}(?P<body>.+)\.(?P<quantity>{'|'.join(QUANTITIES)})(?:\[(?P<index>\d)\])?")
 _NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
 _BOUNDS = re.compile(
     rf"(?P<log>log:)?(?P<low>{_NUMBER})\.\.(?P<high>{_NUMBER})"
@@ -31,11 +33,13 @@ class FreeParameter:
     """One number that a fit looks for. Optimizers see it as a coordinate from 0 to 1 between its bounds.
 
     Attributes:
-      path: in the model, as overrides have it, or `delay:COLUMN` [s].
+      path: in the model, as overrides have it, `delay:COLUMN` [s], or a number of the inertia of a body, such as
+        `inertia:BODY.center[0]`.
       low, high: its bounds.
       start: what the model has, or 0 s.
       is_log: whether the coordinate goes with the logarithm.
       prior: mean and standard deviation of a normal distribution that is known beforehand; None without one.
+      inertia: of which it is a number; None where it stands for itself.
     """
 
     path: str
@@ -44,6 +48,7 @@ class FreeParameter:
     start: float
     is_log: bool = False
     prior: tuple[float, float] | None = None
+    inertia: BodyInertia | None = None
 
     @property
     def is_delay(self) -> bool:
@@ -61,9 +66,17 @@ class FreeParameter:
         low, high = self._scaled(self.low), self._scaled(self.high)
         return (self._scaled(min(max(value, self.low), self.high)) - low) / (high - low)
 
-    def overrides(self, value: float) -> list[Override]:
-        """What gives the model this value; nothing for a delay."""
-        return [] if self.is_delay else _overrides(self.path, value)
+    @property
+    def name(self) -> str:
+        """The last part of the path: what a body calls this number of its inertia."""
+        return self.path.rpartition(".")[2]
+
+    @property
+    def override_path(self) -> str | None:
+        """The path of an override that sets it alone; None where there is none."""
+        if self.inertia is not None:
+            return self.inertia.path_of(self.name)
+        return None if self.is_delay else self.path
 
     @property
     def first_coordinate(self) -> float:
@@ -72,6 +85,18 @@ class FreeParameter:
 
     def _scaled(self, value: float) -> float:
         return math.log(value) if self.is_log else value
+
+
+def overrides(parameters: Sequence[FreeParameter], values: Sequence[float]) -> list[Override]:
+    """What gives the model these values of `parameters`; delays change nothing in it."""
+    found: list[Override] = []
+    inertias: dict[BodyInertia, dict[str, float]] = {}
+    for parameter, value in zip(parameters, values, strict=True):
+        if parameter.inertia is not None:
+            inertias.setdefault(parameter.inertia, {})[parameter.name] = value
+        elif not parameter.is_delay:
+            found += _overrides(parameter.path, value)
+    return found + [each for inertia, numbers in inertias.items() for each in inertia.overrides(numbers)]
 
 
 def _overrides(path: str, value: float) -> list[Override]:
@@ -93,15 +118,57 @@ def free_parameters(texts: Sequence[tuple[str, str]], source: Source, delayed: S
     """
     if not texts:
         raise UsageError(f"{option('free')} says what is looked for, as in joint/hinge.damping=0.001..1; nothing is")
-    spec, _ = source.compile()
+    spec, model = source.compile()
+    bodies = _Bodies(spec, model)
     parameters: list[FreeParameter] = []
     for path, text in texts:
         with concerning("free", path):
-            if any(path == each.path for each in parameters):
+            if path.startswith(INERTIA):
+                parameters += bodies.parameters(path, text)
+            else:
+                start = _delay_start(path, delayed) if path.startswith(DELAY) else _model_start(path, spec)
+                parameters.append(_parameter(path, text, start))
+            if len({each.path for each in parameters}) < len(parameters):
                 raise UsageError(f"{option('free')} {clean(path)} is given twice")
-            start = _delay_start(path, delayed) if path.startswith(DELAY) else _model_start(path, spec)
-            parameters.append(_parameter(path, text, start))
     return parameters
+
+
+class _Bodies:
+    """The inertias of the bodies that parameters name."""
+
+    def __init__(self, spec: mujoco.MjSpec | None, model: mujoco.MjModel) -> None:
+        self._spec, self._model = spec, model
+        self._inertias: dict[str, BodyInertia] = {}
+
+    def parameters(self, path: str, text: str) -> list[FreeParameter]:
+        """The numbers of a mass, a centre or a shape, or the one that `path` names."""
+        match = _INERTIA.fullmatch(path)
+        if match is None or int(match["index"] or 0) >= QUANTITIES[match["quantity"]]:
+            expected = f"{INERTIA}BODY.mass, .center or .shape, or one number of them such as .center[0]"
+            raise BadValueError(option("free"), path, expected)
+        quantity, count = match["quantity"], QUANTITIES[match["quantity"]]
+        inertia = self._of(match["body"], path)
+        all_names = [quantity] if count == 1 else [f"{quantity}[{i}]" for i in range(count)]
+        names = [f"{quantity}[{match['index']}]"] if match["index"] and count > 1 else all_names
+        return [self._parameter(path, text, name, inertia) for name in names]
+
+    def _of(self, body: str, path: str) -> BodyInertia:
+        if body not in self._inertias:
+            self._inertias[body] = body_inertia(body, _source_of(self._spec, path), self._model)
+        return self._inertias[body]
+
+    def _parameter(self, path: str, text: str, name: str, inertia: BodyInertia) -> FreeParameter:
+        found = _parameter(path, text, inertia.start(name))
+        found = replace(found, path=f"{INERTIA}{inertia.body}.{name}", inertia=inertia)
+        if not name.startswith("center") and found.low <= 0:
+            raise BadValueError(f"{option('free')} {clean(path)}", text, "LOW..HIGH above 0")
+        if not name.startswith("shape"):
+            return found
+        if int(name[-2]) < STRETCHES:
+            return replace(found, is_log=True)
+        reach = (found.high - found.low) / 2
+        prior = (0.0, found.prior[1]) if found.prior else None
+        return replace(found, low=-reach, high=reach, start=0.0, is_log=False, prior=prior)
 
 
 def require_effect(parameter: FreeParameter, source: Source) -> None:
@@ -120,7 +187,7 @@ def require_effect(parameter: FreeParameter, source: Source) -> None:
 
 def _compiled(parameter: FreeParameter, bound: float, source: Source) -> mujoco.MjModel:
     try:
-        return replace(source, overrides=(*source.overrides, *parameter.overrides(bound))).load()
+        return replace(source, overrides=(*source.overrides, *overrides([parameter], [bound]))).load()
     except UsageError:
         raise
     except Exception as error:
@@ -156,12 +223,18 @@ def _delay_start(path: str, delayed: Sequence[str]) -> float:
 
 def _model_start(path: str, spec: mujoco.MjSpec | None) -> float:
     """The number at `path` in the source: of several objects, their mean."""
-    if spec is None:
-        raise UsageError(f"{option('free')} {clean(path)}: a compiled model has no source that could be changed")
     override = _overrides(path, 1.0)[-1]
-    values = source_values(spec, override) * float(override.value)  # a gain may be the negative of its bias
+    values = source_values(_source_of(spec, path), override) * float(
+        override.value
+    )  # a gain may be the negative of its bias
     if override.operation:
         return {"scale": 1.0, "add": 0.0}[override.operation]
     if not np.isfinite(values).all():
         raise UsageError(f"{option('free')} {clean(path)} is not in the source: the compiler works it out")
     return float(np.mean(values))
+
+
+def _source_of(spec: mujoco.MjSpec | None, path: str) -> mujoco.MjSpec:
+    if spec is None:
+        raise UsageError(f"{option('free')} {clean(path)}: a compiled model has no source that could be changed")
+    return spec

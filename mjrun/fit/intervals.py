@@ -5,7 +5,7 @@ in time share what the model does not explain, so that blocks are drawn, not row
 the bootstrap for general stationary observations", 1989).
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -29,11 +29,22 @@ class Intervals:
     Attributes:
       low, high: of each parameter.
       correlation: between the parameters, `(p, p)`.
+      draws: values of the parameters of which a quantile is an end of an interval, `(draws, p)`.
+      confidence: of the intervals.
     """
 
     low: tuple[float, ...]
     high: tuple[float, ...]
     correlation: Floats
+    draws: Floats
+    confidence: float
+
+    def of(self, function: Callable[[Floats], Floats]) -> tuple[Floats, Floats]:
+        """The ends of the intervals of what follows from the parameters: of each number that `function` makes of a
+        draw."""
+        level = (1 - self.confidence) / 2
+        low, high = np.quantile([function(draw) for draw in self.draws], [level, 1 - level], axis=0)
+        return low, high
 
 
 def intervals(solution: Solution, parameters: Sequence[FreeParameter], confidence: float, seed: int) -> Intervals:
@@ -58,12 +69,13 @@ def intervals(solution: Solution, parameters: Sequence[FreeParameter], confidenc
 
     level = (1 - confidence) / 2
     widened = stats.t.ppf(1 - level, count - 1) / stats.norm.ppf(1 - level) * np.sqrt(count / (count - 1))
-    low, high = solution.coordinates + widened * np.quantile(moves, [level, 1 - level], axis=0)
-    low, high = np.clip(low, 0, 1), np.clip(high, 0, 1)
+    found = np.clip(solution.coordinates + widened * moves, 0, 1)
+    low, high = np.quantile(found, [level, 1 - level], axis=0)
     spread = np.cov(moves, rowvar=False).reshape(len(parameters), -1)
     scale = np.sqrt(np.maximum(np.diag(spread), 1e-300))
     lowest, highest = (tuple(p.value(c) for p, c in zip(parameters, end, strict=True)) for end in (low, high))
-    return Intervals(lowest, highest, spread / scale / scale[:, None])
+    draws = np.array([[p.value(c) for p, c in zip(parameters, draw, strict=True)] for draw in found])
+    return Intervals(lowest, highest, spread / scale / scale[:, None], draws, confidence)
 
 
 def _blocks(part: ProjectedRows, count: int) -> list[tuple[Floats, Floats]]:

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import mujoco
 import numpy as np
 
-from mjrun.fit.free_parameter import DELAY, FreeParameter
+from mjrun.fit.free_parameter import DELAY, FreeParameter, overrides
 from mjrun.fit.measurements import CONTROLS, Segment, commands
 from mjrun.job.simulation import Simulation
 from mjrun.model import state
@@ -115,9 +115,8 @@ class Predictor:
 
     def model_with(self, values: Sequence[float]) -> mujoco.MjModel:
         """The model with these values of the parameters; not to be changed."""
-        pairs = zip(self._parameters, values, strict=True)
-        overrides = [override for each, value in pairs for override in each.overrides(value)]
-        source = replace(self._source, overrides=(*self._source.overrides, *overrides))
+        changed = overrides(self._parameters, values)
+        source = replace(self._source, overrides=(*self._source.overrides, *changed))
         return self._variants.load(source).model
 
     def predict(self, rollouts: Sequence[Rollout]) -> list[np.ndarray]:

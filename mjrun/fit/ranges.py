@@ -20,7 +20,8 @@ def write_ranges(
 ) -> list[str]:
     """Writes the section `vary` of a study document, and returns its file.
 
-    Each parameter has the normal distribution whose interval is that of the fit, within the bounds of the fit.
+    Each parameter that an override can set by itself has the normal distribution whose interval is that of the fit,
+    within the bounds of the fit.
 
     Raises:
       UsageError: the file does not end in .yaml.
@@ -33,13 +34,11 @@ def write_ranges(
     width = 2 * float(stats.norm.ppf((1 + confidence) / 2))
     lines = ["vary:"]
     for parameter, result in zip(free, fitted, strict=True):
+        if (varied := parameter.override_path) is None:
+            continue
         spread = max((result.high - result.low) / width, 1e-12 * abs(result.value), 1e-300)
         numbers = ", ".join(repr(float(n)) for n in (result.value, spread, parameter.low, parameter.high))
-        lines += (
-            [f"  {json.dumps(path_of)}: {{truncnormal: [{numbers}]}}" for path_of in [parameter.path]]
-            if not parameter.is_delay
-            else []
-        )
+        lines.append(f"  {json.dumps(varied)}: {{truncnormal: [{numbers}]}}")
     with OutputWriter(StagedFile(Path(path))) as output:
         output.write_file(("\n".join(lines) + "\n").encode())
         output.publish()

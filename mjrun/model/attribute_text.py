@@ -14,13 +14,15 @@ import mujoco
 import numpy as np
 
 from mjrun.errors import UsageError, clean
-from mjrun.model.override import ELEMENTS, ROOTS, Override, apply, indices_at
+from mjrun.model.override import ELEMENTS, PARTIAL, ROOTS, Override, apply, indices_at
 from mjrun.model.xml_source import Element, XmlSource, read_xml
 
 # Attributes whose name is not that of the field of MjSpec, by kind of element or for all.
 NAMES = {"solref_limit": "solreflimit", "solimp_limit": "solimplimit"}
 NAMES |= {"solref_friction": "solreffriction", "solimp_friction": "solimpfriction"}
-INERTIAL = {"mass": "mass", "ipos": "pos", "inertia": "diaginertia"}  # of a body, in the element below it
+# Of a body, in the element below it.
+INERTIAL = {"mass": "mass", "ipos": "pos", "inertia": "diaginertia", "fullinertia": "fullinertia", "iquat": "quat"}
+ORIENTATIONS = ("euler", "axisangle", "xyaxes", "zaxis")
 SECTIONS = {"opt": "option", "stat": "statistic", "compiler": "compiler"}
 # Of actuators that MJCF has shortcuts for, what the first numbers of gain and bias are called.
 SHORTCUTS = {
@@ -144,6 +146,8 @@ def _holder(element: Element, field: str, override: Override) -> tuple[Element, 
         inner = next((child for child in element.children if child.tag == "inertial"), None)
         if inner is None:
             raise _refusal(override, "this body has no <inertial>")
+        if field == "iquat" and (other := next((name for name in ORIENTATIONS if name in inner.attributes), None)):
+            raise _refusal(override, f"its <inertial> is oriented by {other}, which quat would contradict")
         return inner, INERTIAL[field]
     if element.tag == "freejoint":
         raise _refusal(override, "a <freejoint> has no attributes of joints")
@@ -160,7 +164,9 @@ def _text(values: np.ndarray, old: str, override: Override) -> str:
     if override.target.endswith(("gainprm", "biasprm")) and len(old.split()) <= 1:
         number = values[override.index or 0]
         return repr(float(abs(number)))  # kp and kv are gains; the bias is their negative
-    count = max(len(old.split()), (override.index or 0) + 1)
+    field = override.target.rpartition(".")[2]
+    all_are_meant = override.index is None and field not in PARTIAL
+    count = values.size if all_are_meant else max(len(old.split()), (override.index or 0) + 1)
     return " ".join(repr(float(value)) for value in values[:count])
 
 

@@ -2,6 +2,7 @@
 
 from mjrun.cli.fit_report import fit_report
 from mjrun.fit.fit import FitResult, FittedParameter, FittedSignal
+from mjrun.fit.fitted_inertia import FittedInertia, FittedQuantity
 
 PARAMETERS = [
     FittedParameter("joint/a.damping", 0.1, 0.25, 0.2, 0.3, 900.0, ""),
@@ -13,6 +14,7 @@ SIGNALS = [FittedSignal("qpos/a", "rad", 0.002, 0.5, 0.01, None, None)]
 def report(**changes: object) -> str:
     values = {
         "parameters": PARAMETERS,
+        "inertias": [],
         "signals": SIGNALS,
         "correlation": [[1.0, -0.97], [-0.97, 1.0]],
         "confidence": 0.95,
@@ -39,3 +41,12 @@ def test_errors_on_what_was_held_out_are_shown_if_something_was() -> None:
     text = report(signals=[FittedSignal("qpos/a", "rad", 0.002, 0.5, 0.01, 0.6, 0.0123)])
     assert "held out, before" in text
     assert "1.23 %" in text
+
+
+def test_inertias_are_shown_in_their_units() -> None:
+    mass = FittedQuantity("mass", "kg", 0.7, 1.4, 1.39, 1.42)
+    moment = FittedQuantity("moment/1", "kg m²", 0.0028, 0.0028, 0.0028, 0.0028)
+    text = report(inertias=[FittedInertia("payload", [mass, moment])])
+    assert "1.39 … 1.42" in text
+    assert "0.0028 … 0.0028" not in text  # it was not looked for
+    assert "kg m²" in text

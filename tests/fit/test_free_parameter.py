@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from mjrun.errors import UsageError
-from mjrun.fit.free_parameter import FreeParameter, free_parameters, require_effect
+from mjrun.fit.free_parameter import FreeParameter, free_parameters, overrides, require_effect
 from mjrun.model.sources import parse_source
 from tests.fit.logs import NOMINAL, write_model
 
@@ -31,7 +31,7 @@ def test_a_start_is_what_the_model_has_and_off_the_bounds(tmp_path: Path) -> Non
     assert 0 < damping.first_coordinate < 0.1
     assert delay.first_coordinate > 0
     assert delay.is_delay
-    assert delay.overrides(0.1) == []
+    assert overrides([delay], [0.1]) == []
 
 
 def test_a_gain_of_a_servo_is_what_its_attribute_is(tmp_path: Path) -> None:
@@ -42,7 +42,7 @@ def test_a_gain_of_a_servo_is_what_its_attribute_is(tmp_path: Path) -> None:
     (tmp_path / "servo.xml").write_text(SERVO.replace('kp="30"', 'kp="44"').replace('kv="2"', 'kv="7"'))
     expected = parse_source(str(tmp_path / "servo.xml")).load()
     (tmp_path / "servo.xml").write_text(SERVO)
-    model = parse_source(str(tmp_path / "servo.xml"), [*kp.overrides(44), *kv.overrides(7)]).load()
+    model = parse_source(str(tmp_path / "servo.xml"), overrides([kp, kv], [44, 7])).load()
     assert model.actuator_gainprm.tolist() == expected.actuator_gainprm.tolist()
     assert model.actuator_biasprm.tolist() == expected.actuator_biasprm.tolist()
 
