@@ -100,10 +100,12 @@ class Timeline:
         """
         period = self.timestep * every if rate is None else 1 / rate
         spacing = period / self.timestep
+        if spacing <= 1:  # a rate above the steps' own has a row at every step
+            return range(self.steps + 1)
         if spacing.denominator == 1 and self.steps % spacing.numerator == 0:
             return range(0, self.steps + 1, spacing.numerator)
         count = math.floor(self.steps * self.timestep / period) + 1
-        rows = list(dict.fromkeys(self._every(period, range(count))))  # a rate above the steps' own repeats them
+        rows = self._every(period, range(count))
         return rows if rows[-1] == self.steps else [*rows, self.steps]
 
     def _every(self, period: Fraction, numbers: range, offset: Fraction = Fraction(0)) -> list[int]:

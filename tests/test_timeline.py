@@ -174,14 +174,19 @@ def test_a_rate_that_divides_the_step_rate_is_every_nth_step(steps: int, every: 
     assert list(run.rows(rate=1 / (every * timestep))) == list(run.rows(every))
 
 
-@given(st.integers(0, 500), up_to("1/1000", "1/10"), up_to("1/50", "1"))
+def test_a_rate_beyond_all_measure_has_a_row_at_every_step_at_once() -> None:
+    run = Timeline.of_steps(Fraction(1, 500), 10**9)
+    assert run.rows(rate=Fraction(10) ** 300) == range(10**9 + 1)
+
+
+@given(st.integers(0, 500), up_to("1/1000", "1/10"), up_to("1/50", "3"))
 @LAWS
 def test_rows_at_a_rate_are_nearest_their_times_and_no_step_is_shown_twice(
     steps: int, timestep: Fraction, share: Fraction
 ) -> None:
     run = Timeline.of_steps(timestep, steps)
     rate = share / timestep
-    on_time = [k for k in range(steps + 2) if k / rate <= run.duration]
+    on_time = [k for k in range(3 * steps + 2) if k / rate <= run.duration]
     expected = [nearest(k / (rate * timestep)) for k in on_time]
     rows = list(run.rows(rate=rate))
     assert rows == sorted({*expected, steps})

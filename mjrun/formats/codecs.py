@@ -124,6 +124,8 @@ CONTENT_NAMES = {"ids": "the colours of a segmentation without loss", "exact": "
 CONTENTS = {"video": tuple(codec for codec in CODECS if codec not in EXACT), "ids": LOSSLESS, "exact": EXACT}
 FPS = Fraction(30)
 GIF_FPS = Fraction(25)
+WEBP_FPS = 100  # readers take shorter delays for none
+SLOWEST, FASTEST = Fraction(1, 1000), 1_000_000  # frames per second that ffmpeg and every container keep
 
 
 @dataclass(frozen=True)
@@ -146,7 +148,11 @@ class Encoding:
         return GIF_FPS if self.format == "gif" else FPS
 
     def check_fps(self, fps: Fraction) -> None:
-        """Raises BadValueError when the format cannot keep this rate exactly."""
+        """Raises BadValueError when the format cannot keep this rate."""
+        if not SLOWEST <= fps <= FASTEST:
+            raise BadValueError(option("fps"), f"{float(fps):g}", f"between {float(SLOWEST):g} and {FASTEST:,}")
+        if self.format == "webp" and fps > WEBP_FPS:
+            raise BadValueError(option("fps"), fps, f"possible in a WebP, whose frames last 10 ms or more: {WEBP_FPS}")
         if self.format == "gif" and ((100 / fps).denominator != 1 or fps > 50):
             raise BadValueError(
                 option("fps"), fps, "possible in a GIF, whose delays are hundredths: 50, 100/3, 25, 20, 10"

@@ -1,16 +1,19 @@
 """When shots begin and end, and which instant each frame shows."""
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from decimal import Decimal
 from fractions import Fraction
 from itertools import repeat
 
 from mjrun.camera.script import CameraScript, Event
-from mjrun.errors import OptionPath, UsageError, clean
+from mjrun.errors import OptionPath, UsageError, clean, option
 from mjrun.job.event_detection import time_of
 from mjrun.timeline import Timeline
 
 Span = tuple[Fraction, Fraction]
+MOST_FRAMES = 2_000_000  # 18 hours at 30 frames per second; a schedule holds 100 bytes for each
 
 
 @dataclass(frozen=True)
@@ -46,10 +49,12 @@ def video_schedule(
       event_steps: the steps at which each condition begins to hold.
 
     Raises:
-      UsageError: an event that does not happen, a shot that ends before it begins, or cameras at several speeds.
+      UsageError: an event that does not happen, a shot that ends before it begins, cameras at several speeds, or
+        more frames than `MOST_FRAMES`.
     """
     spans = [shot_spans(script, timeline, event_steps) for script in scripts]
     pieces = _pieces(scripts, spans, timeline.duration, speed)
+    _check_count(fps, pieces)
     steps = timeline.paced(fps, pieces)
     speeds = [float(pace) for part, (_, pace) in zip(steps, pieces, strict=True) for _ in part]
     count = len(speeds)
@@ -127,6 +132,26 @@ def _pieces(
     if paced:
         return _stretches(scripts[paced[0]], spans[paced[0]], duration, speed)
     return [(min(duration, max(part[-1][1] for part in spans)), speed)]
+
+
+def _check_count(fps: Fraction, pieces: Sequence[tuple[Fraction, Fraction]]) -> None:
+    """Raises UsageError when the pieces of a video have too many frames together."""
+    starts = [Fraction(0), *(end for end, _ in pieces)]
+    lengths = [(end - start) / pace for start, (end, pace) in zip(starts, pieces, strict=False)]
+    count = math.ceil(sum(lengths) * fps)
+    if count <= MOST_FRAMES:
+        return
+    slowest = pieces[lengths.index(max(lengths))][1]
+    raise UsageError(
+        f"{option('speed')} {_rounded(slowest)} at {option('fps')} {_rounded(fps)} makes a video of "
+        f"{_rounded(count)} frames; {MOST_FRAMES:,} are the most\n"
+        f"a higher speed, fewer frames per second, or a shorter {option('duration')} makes fewer"
+    )
+
+
+def _rounded(number: Fraction | int) -> str:
+    """A number of any size for a message."""
+    return f"{Decimal(number.numerator) / Decimal(number.denominator):.4g}"
 
 
 def _stretches(

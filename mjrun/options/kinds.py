@@ -354,7 +354,10 @@ class File(Kind[str | PathLike[str], str]):
         self.written = written
 
     def __call__(self, value: str | PathLike[str]) -> str:
-        return fspath(value)
+        path = fspath(value)
+        if not path:  # a variable of a script that was not set, as a rule
+            raise ExpectedError("the name of a file")
+        return path
 
 
 class PythonFunction(Kind[Callable[..., object] | None, Callable[..., object] | None]):

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from mjrun.errors import MjrunError
+from mjrun.errors import BadValueError, MjrunError
 from mjrun.formats.codecs import CODECS, CONTAINERS, Encoding, encoding, is_folder, suffixes
 
 
@@ -78,6 +78,19 @@ def test_a_gif_refuses_rates_that_it_would_play_wrongly(fps: Fraction) -> None:
     with pytest.raises(MjrunError, match="50, 100/3, 25, 20, 10"):
         encoding("film.gif").check_fps(fps)
     encoding("film.mp4").check_fps(fps)
+
+
+@pytest.mark.parametrize("fps", ["1e-300", "1/1001", "1000001", "1e300"])
+@pytest.mark.parametrize("output", ["film.mp4", "frames", "film.webp"])
+def test_a_rate_that_no_file_can_hold_is_refused_in_our_words(output: str, fps: str) -> None:
+    with pytest.raises(BadValueError, match=r"is not between 0\.001 and 1,000,000"):
+        encoding(output).check_fps(Fraction(fps))
+
+
+def test_a_webp_refuses_delays_that_readers_take_for_none() -> None:
+    encoding("film.webp").check_fps(Fraction(100))
+    with pytest.raises(BadValueError, match="10 ms"):
+        encoding("film.webp").check_fps(Fraction(1000))
 
 
 def test_the_default_rate_is_one_that_the_format_keeps() -> None:

@@ -32,6 +32,20 @@ def test_shots_without_a_word_about_time_are_the_whole_film() -> None:
     assert found.speeds == [1] * 60
 
 
+@pytest.mark.parametrize(
+    ("fps", "speed", "script"),
+    [
+        (Fraction(10) ** 300, 1, shots({})),
+        (FPS, Fraction("1e-12"), shots({})),
+        (FPS, 1, shots({"until": Fraction(1)}, {"speed": Fraction("1e-300")})),
+    ],
+    ids=["fps", "speed", "speed of a shot"],
+)
+def test_a_video_that_would_never_end_is_refused(fps: Fraction, speed: Fraction, script: CameraScript) -> None:
+    with pytest.raises(UsageError, match=r"frames; 2,000,000 are the most"):
+        video_schedule([script], LINE, fps, Fraction(speed), {})
+
+
 speeds = st.fractions(Fraction(1, 8), 4, max_denominator=8)
 ends = st.lists(st.fractions(0, 2, max_denominator=50), min_size=1, max_size=4, unique=True).map(sorted)
 

@@ -107,6 +107,7 @@ def test_python_gives_a_value_and_a_kind_makes_it_immutable(
         (ExactNumber(), 0, "a positive number"),
         (ExactNumber(), "1e99999", "a positive number"),
         (ExactNumber(zero=True), -1, "a number from 0 on"),
+        (File(), "", "the name of a file"),
         (Size(), "640x480", "a width and a height in pixels, as in (640, 480)"),
         (Size(), (640, 0), "a width and a height in pixels, as in (640, 480)"),
         (Range(), (4, 0.5), "two numbers, the smaller first"),
