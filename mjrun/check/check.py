@@ -14,11 +14,11 @@ from mjrun.check.rule_table import RULES
 from mjrun.check.rules.process_failures import CRASH, INTERNAL_ERROR, OUT_OF_MEMORY, TIMEOUT
 from mjrun.check.worker_pool import WorkerOutput, WorkerPool, WorkerTask
 from mjrun.errors import Spelling, UnknownNameError, UsageError, option, spelled
+from mjrun.model.sources import names_task
 from mjrun.options.check import CheckOptions
 from mjrun.options.kinds import AUTO
 from mjrun.options.option import options
 from mjrun.options.policy import PolicyOptions
-from mjrun.options.sweep import DOCUMENTS
 from mjrun.rendering.process_count import available_cores
 from mjrun.reporter import Reporter, WarningReporter
 
@@ -137,7 +137,7 @@ class Check(PolicyOptions, CheckOptions):
 
     def _task(self, path: str) -> WorkerTask:
         limits = WorkerTask(path, sorted(self.codes), self.steps, float(self.timeout), self.memory)
-        if not self.task_reader or Path(path).suffix.lower() not in DOCUMENTS:
+        if not self.task_reader or not names_task(path):
             return limits
         policy = "" if self.policy is None else str(self.policy)
         return replace(limits, reader=self.task_reader, policy=policy, normalize=self.normalize, trust=self.trust)

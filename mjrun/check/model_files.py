@@ -9,6 +9,7 @@ from xml.parsers import expat
 from mjrun.errors import UsageError, clean
 from mjrun.model.source import CollectionSource
 from mjrun.model.sources import source_of
+from mjrun.model.sources.bundled_scene import bundled_task
 
 HEAD = 2**16  # bytes within which the root of an XML file must begin
 SUFFIXES = (".xml", ".urdf", ".mjz")
@@ -39,7 +40,9 @@ def find_models(paths: Sequence[str | Path]) -> tuple[list[str], int]:
 
 
 def _path(model: str | Path) -> str:
-    """The path of a model; a name in a collection, such as `scene:dominos`, stands for its file."""
+    """The path of a model, or of a task; a name in a collection, such as `scene:dominos`, stands for its file."""
+    if task := bundled_task(str(model)):
+        return str(task)
     source = source_of(model)
     if source.main_file is None:
         raise UsageError(f"{clean(str(model))}: a check needs a model file")

@@ -14,7 +14,6 @@ from mjrun.cli.simulation_command import failures_in_json, import_mujoco, with_c
 from mjrun.errors import MjrunError, UsageError, clean, option
 from mjrun.options.evaluation import EvaluationCommandOptions, EvaluationExecutionOptions, EvaluationOptions
 from mjrun.options.messages import MessageOptions
-from mjrun.options.sweep import DOCUMENTS
 
 if TYPE_CHECKING:
     from mjrun.evaluation.evaluation import Evaluation
@@ -46,9 +45,9 @@ def eval(console: Console, command_line: CommandLine) -> None:  # noqa: A001 - t
     mjrun eval task.yaml --policy walk.onnx --vary 'geom/floor.friction[0]=0.2,0.6,1'
     mjrun eval gym:Walker2d-v5 --policy random --episodes 20
 
-    TASK is a task document, whose values KEY=VALUE changes, or an environment of Gymnasium's. Episode i has the seed
-    of the first plus i, and mjrun video TASK --policy P --seed S shows the episode of seed S. The same seeds give the
-    same table, bit for bit. Exits with 1 where what is required does not hold.
+    TASK is a task document, whose values KEY=VALUE changes, one of ours, such as scene:car_drive, or an environment of
+    Gymnasium's. Episode i has the seed of the first plus i, and mjrun video TASK --policy P --seed S shows the episode
+    of seed S. The same seeds give the same table, bit for bit. Exits with 1 where what is required does not hold.
     """
     console.guard_stdout()
     import_mujoco()
@@ -61,15 +60,15 @@ def eval(console: Console, command_line: CommandLine) -> None:  # noqa: A001 - t
 
 def _evaluation(console: Console, command_line: CommandLine) -> "Evaluation":
     from mjrun.evaluation.evaluation import Evaluation
-    from mjrun.model.sources import parse_source
+    from mjrun.model.sources import names_task, parse_source
 
     path, assignments = command_line.argument("task"), command_line.arguments("assignments")
-    is_document = Path(path).suffix.lower() in DOCUMENTS
-    if assignments and not is_document:
+    is_task = names_task(path)
+    if assignments and not is_task:
         raise UsageError(f"{clean(assignments[0])}: {clean(path)} is no document whose values could be changed")
-    task = _read(path, assignments) if is_document else parse_source(path)
+    task = _read(path, assignments) if is_task else parse_source(path)
     command_line = with_camera_scripts(command_line.with_defaults(output=f"{task.stem}_eval"))
-    rewritten = partial(_read, path, assignments) if is_document else None
+    rewritten = partial(_read, path, assignments) if is_task else None
     return command_line.make(Evaluation, task=task, rewritten=rewritten, command=console.command)
 
 

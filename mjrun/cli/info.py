@@ -9,7 +9,7 @@ from mjrun.cli.click_command import MODEL, CommandLine, command
 from mjrun.cli.console import Console
 from mjrun.cli.info_sections import SECTIONS, LineSection
 from mjrun.cli.list_columns import show_columns
-from mjrun.cli.simulation_command import import_mujoco, is_document, source
+from mjrun.cli.simulation_command import import_mujoco, source
 from mjrun.errors import UsageError, clean, option
 from mjrun.options.info import InfoOptions
 from mjrun.options.messages import MessageOptions
@@ -55,13 +55,13 @@ def info(console: Console, command_line: CommandLine) -> None:
             raise UsageError(f"{option('columns')} lists the columns of a trace, and has no sections")
         show_columns(console, source(command_line), as_json)
         return
+    from mjrun.model.info import Info
+    from mjrun.model.sources import listed_collection, names_task
+
     model = command_line.argument("model")
-    if is_document(model) or (sections and model.startswith(ENVIRONMENT) and set(sections) <= {*TASK_SECTIONS}):
+    if names_task(model) or (sections and model.startswith(ENVIRONMENT) and set(sections) <= {*TASK_SECTIONS}):
         _show_task(console, command_line, sections, as_json)
         return
-    from mjrun.model.info import Info
-    from mjrun.model.sources import listed_collection
-
     if not sections and (collection := listed_collection(model)):
         _show_collection(console, collection, as_json)
         return

@@ -64,16 +64,18 @@ def stem(command_line: CommandLine) -> str:
 def simulation(command_line: CommandLine) -> "Simulation":
     """The simulation that a command line describes."""
     from mjrun.job.simulation import Simulation
+    from mjrun.model.sources import names_task
 
-    model = _source(command_line) if is_document(command_line.argument("model")) else command_line.argument("model")
+    text = command_line.argument("model")
+    model = _source(command_line) if names_task(text) else text
     return command_line.with_converted("controller", load_controller).make(Simulation, model=model)
 
 
 def _source(command_line: CommandLine) -> "Source":
-    from mjrun.model.sources import parse_source
+    from mjrun.model.sources import names_task, parse_source
 
     text = command_line.argument("model")
-    if not is_document(text):
+    if not names_task(text):
         return parse_source(text)
     from mjrun.document.task import read_task
 

@@ -30,7 +30,7 @@ from mjrun.document.builder import NAMED, DocumentBuilder, fault_at
 from mjrun.document.document_model import MAPPING, NUMBER, TEXT, Key, Name, Omittable, by_type
 from mjrun.document.option_models import OptionsModel, options_model
 from mjrun.document.output_folder import Folders, OutputFolder
-from mjrun.document.reader import SUFFIXES, document_error, read_placed
+from mjrun.document.reader import document_error, read_placed
 from mjrun.document.tree import MappingNode, Mark
 from mjrun.document.tree import Path as Place
 from mjrun.document.yaml_parser import compose
@@ -38,7 +38,8 @@ from mjrun.document.yaml_writer import number
 from mjrun.errors import UsageError, quoted
 from mjrun.model.override import overrides_of
 from mjrun.model.source import Source
-from mjrun.model.sources import is_file, parse_source
+from mjrun.model.sources import names_task, parse_source
+from mjrun.model.sources.bundled_scene import bundled_task
 from mjrun.options.model import ModelOptions
 from mjrun.options.option import Options, options, options_of
 from mjrun.options.task import PARTS, TaskOptions
@@ -110,7 +111,7 @@ class DocumentPlaces:
 
 
 def read_task(path: Path | str, assignments: Sequence[str] = ()) -> Task:
-    """The task in the document at `path`.
+    """The task in the document at `path`, or in that of the gallery which `scene:NAME` names.
 
     The model and other files are relative to the folder of the document. Errors that only the model brings to light,
     such as joints that it does not have, are told at the document's lines too when the task is first used.
@@ -122,14 +123,16 @@ def read_task(path: Path | str, assignments: Sequence[str] = ()) -> Task:
       DocumentError: with everything that is wrong in the document, those it names, and the assignments.
       FileError: one of them is not there, or cannot be read.
     """
-    document, tree = read_placed(path, TaskDocument, assignments, variables=True, named=NAMED)
-    folders = Folders(Path(path).parent, OutputFolder(Path()))
-    return _Builder(tree, folders, declared_at).task(document, Path(path))
+    bundled = bundled_task(str(path))
+    file = bundled or Path(path)
+    document, tree = read_placed(file, TaskDocument, assignments, variables=True, named=NAMED)
+    folders = Folders(file.parent, OutputFolder(Path()))
+    return _Builder(tree, folders, declared_at).task(document, file, str(path) if bundled else "")
 
 
 def task_or_model(text: str) -> Task | str:
-    """What stands where a model stands: the task in a document, which its suffix tells, or `text` itself."""
-    return read_task(text) if is_file(text) and Path(text).suffix.lower() in SUFFIXES else text
+    """What stands where a model stands: the task that `text` names, or `text` itself."""
+    return read_task(text) if names_task(text) else text
 
 
 def is_task(path: Path | str) -> bool:
@@ -144,7 +147,7 @@ def is_task(path: Path | str) -> bool:
 class _Builder(DocumentBuilder):
     """Builds a task from what a document holds."""
 
-    def task(self, document: OptionsModel, path: Path) -> Task:
+    def task(self, document: OptionsModel, path: Path, name: str) -> Task:
         values = self.values(TaskOptions, document, ())
         model_options = {each.name for each in options_of(ModelOptions)}
         settings = {name: values.pop(name) for name in model_options & set(values)}
@@ -162,14 +165,14 @@ class _Builder(DocumentBuilder):
         }
         self.raise_faults()
         made = cast("Callable[..., Task]", Task)
-        task = self.attempt((), lambda: made(**values, path=path, places=DocumentPlaces(self.tree)))
+        task = self.attempt((), lambda: made(**values, path=path, name=name, places=DocumentPlaces(self.tree)))
         self.raise_faults()
         assert task
         return task
 
     def _model(self, document: OptionsModel) -> Source:
         written: str = document.model_dump(include={"model"})["model"]
-        if is_file(written) and Path(written).suffix.lower() in SUFFIXES:
+        if names_task(written):
             raise UsageError(f"{quoted(written)} is a document; a task is made of a model", ("model",))
         return parse_source(self.folders.model(written))
 

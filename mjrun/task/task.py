@@ -43,6 +43,7 @@ class Task(Source):
       reset: how episodes start.
       derived: `current` or `lagged`: what is observed of quantities that MuJoCo derives from the state.
       path: of the document that says all this; None if there is none.
+      name: that stands for the path, such as `scene:car_drive`; empty if none does.
       places: where it says that.
 
     Raises:
@@ -60,6 +61,7 @@ class Task(Source):
     reset: Reset = field(default_factory=Reset)
     derived: str = CURRENT
     path: Path | None = None
+    name: str = ""
     places: Places | None = field(default=None, compare=False, repr=False)
 
     def __init__(
@@ -76,6 +78,7 @@ class Task(Source):
         reset: Reset | None = None,
         derived: str = CURRENT,
         path: Path | None = None,
+        name: str = "",
         places: Places | None = None,
         overrides: Sequence[object] = (),
     ) -> None:
@@ -91,6 +94,7 @@ class Task(Source):
             "reset": reset or Reset(),
             "derived": derived,
             "path": path,
+            "name": name,
             "places": places,
             "overrides": tuple(overrides),
         }
@@ -103,7 +107,7 @@ class Task(Source):
 
     @property
     def text(self) -> str:
-        return self.model.text if self.path is None else str(self.path)
+        return self.name or (self.model.text if self.path is None else str(self.path))
 
     @property
     def stem(self) -> str:

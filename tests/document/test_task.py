@@ -46,6 +46,16 @@ def task(**values: Any) -> Task:
     return Task(values.pop("model", "scene:car"), **{**standard, **values})
 
 
+def test_a_task_of_the_gallery_has_a_name() -> None:
+    ours, file = read_task("scene:car_drive", ["duration=2"]), Path(__file__).parents[2] / "scenes" / "car_drive.yaml"
+    assert (ours.text, ours.stem, ours.path, ours.duration) == ("scene:car_drive", "car_drive", file, 2)
+    assert task_module.task_or_model("scene:car_drive") == read_task("scene:car_drive")
+    assert task_module.task_or_model("scene:car") == "scene:car"
+    assert ours.load().nq == read_task(file).load().nq
+    with pytest.raises(DocumentError, match="a task is made of a model"):
+        read(WHOLE.replace("scene:car", "scene:car_drive"))
+
+
 # --- what is said -------------------------------------------------------------------------------------
 
 

@@ -11,10 +11,12 @@ import mujoco
 
 from mjrun.model.override import Override
 from mjrun.model.source import CollectionSource, Source
+from mjrun.model.sources.bundled_scene import bundled_task
 from mjrun.model.sources.compiled import CompiledSource
 from mjrun.model.sources.file import FileSource
 from mjrun.model.sources.stdin import StdinSource
 
+DOCUMENTS = (".yaml", ".yml")
 ModelLike = mujoco.MjModel | Source | str | PathLike[str]
 
 
@@ -36,6 +38,13 @@ def parse_source(text: str, overrides: Sequence[Override] = (), folder: str | Pa
 def is_file(text: str) -> bool:
     """Whether `text` names a file."""
     return isinstance(parse_source(text), FileSource)
+
+
+def names_task(text: str) -> bool:
+    """Whether `text` names a task: a document, which its suffix tells, or one of our scenes."""
+    if is_file(text):
+        return Path(text).suffix.lower() in DOCUMENTS
+    return bundled_task(text) is not None
 
 
 def source_of(model: ModelLike) -> Source:

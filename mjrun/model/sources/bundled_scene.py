@@ -1,32 +1,40 @@
-"""The scenes that come with mjrun as model sources, written `scene:NAME`."""
+"""The scenes that come with mjrun, written `scene:NAME`: model sources, and documents of tasks."""
 
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cache
+from itertools import takewhile
 from pathlib import Path
 from typing import ClassVar
 
 import mujoco
 
+from mjrun.errors import ModelNotFoundError
 from mjrun.model.source import CollectionSource
 from mjrun.model.sources.file import FileSource
+
+SCHEMA_COMMENT = "# yaml-language-server:"  # of a document, for editors
 
 
 @dataclass(frozen=True)
 class BundledScene(CollectionSource):
-    """A scene of mjrun's gallery."""
+    """A scene of mjrun's gallery; its tasks, which are no models, are listed too."""
 
     PREFIX: ClassVar[str] = "scene"
     KIND: ClassVar[str] = "scene"
 
     @classmethod
     def descriptions(cls) -> Mapping[str, str]:
-        return {path.stem: _first_sentence(path) for path in sorted(scene_folder().glob("*.xml"))}
+        files = [*scene_folder().glob("*.xml"), *_tasks().values()]
+        return {path.stem: _first_sentence(path) for path in sorted(files)}
 
     @property
     def main_file(self) -> Path:
         self.check_name()
+        if self.name in _tasks():
+            reason = "is a task, and a model must stand here; in Python, mjrun.read_task reads it"
+            raise ModelNotFoundError(self.text, reason)
         return scene_folder() / f"{self.name}.xml"
 
     @property
@@ -45,7 +53,25 @@ def scene_folder() -> Path:
     return installed if installed.is_dir() else package.parent / "scenes"
 
 
+def bundled_task(text: str) -> Path | None:
+    """The document of the task that `text` names, as `scene:car_drive` does; None if it names none of ours."""
+    prefix, _, name = text.partition(":")
+    return _tasks().get(name) if prefix == BundledScene.PREFIX else None
+
+
+@cache
+def _tasks() -> Mapping[str, Path]:
+    """The documents of tasks, by name; those with the name of a model are run documents of it."""
+    documents = sorted(scene_folder().glob("*.yaml"))
+    return {path.stem: path for path in documents if not path.with_suffix(".xml").exists()}
+
+
 def _first_sentence(path: Path) -> str:
     """The first sentence of the comment at the top of a scene."""
-    comment = path.read_text("utf-8").removeprefix("<!--").partition("-->")[0]
+    text = path.read_text("utf-8")
+    if path.suffix == ".xml":
+        comment = text.removeprefix("<!--").partition("-->")[0]
+    else:
+        lines = takewhile(lambda line: line.startswith("#"), text.splitlines())
+        comment = "\n".join(line[1:] for line in lines if not line.startswith(SCHEMA_COMMENT))
     return re.split(r"(?<=\.)\s", " ".join(comment.split()), maxsplit=1)[0]

@@ -10,9 +10,10 @@ import pytest
 from mjrun.errors import ModelNotFoundError, UnknownNameError
 from mjrun.model.override import Override
 from mjrun.model.sources import parse_source
-from mjrun.model.sources.bundled_scene import BundledScene, scene_folder
+from mjrun.model.sources.bundled_scene import BundledScene, bundled_task, scene_folder
 
 SCENES = Path(__file__).parents[3] / "scenes"
+TASKS = ["car_drive", "humanoid_stand", "pendulum_swing_up"]
 
 
 @pytest.mark.parametrize("path", sorted(SCENES.glob("*.xml")), ids=lambda path: path.stem)
@@ -26,12 +27,21 @@ def test_a_scene_is_the_file_of_its_name(path: Path) -> None:
 
 def test_each_scene_has_a_line_about_it_the_first_sentence_of_its_file() -> None:
     descriptions = BundledScene.descriptions()
-    assert set(descriptions) == {path.stem for path in SCENES.glob("*.xml")}
+    assert [*descriptions] == sorted({path.stem for path in SCENES.glob("*.xml")} | set(TASKS))
     for name, description in descriptions.items():
-        comment = (SCENES / f"{name}.xml").read_text("utf-8")
         assert description.endswith(".")
         assert "\n" not in description
-        assert " ".join(comment.split()).startswith(f"<!-- {description} ")
+        if name not in TASKS:
+            comment = (SCENES / f"{name}.xml").read_text("utf-8")
+            assert " ".join(comment.split()).startswith(f"<!-- {description} ")
+    assert descriptions["car_drive"] == "The car drives to (-1, 4) and must be there within five seconds."
+
+
+def test_a_task_is_the_document_of_its_name_and_no_model() -> None:
+    assert {name: bundled_task(f"scene:{name}") for name in TASKS} == {n: SCENES / f"{n}.yaml" for n in TASKS}
+    assert [bundled_task(text) for text in ("scene:car", "scene:", "car_drive", "dm:car_drive")] == [None] * 4
+    with pytest.raises(ModelNotFoundError, match="is a task, and a model must stand here"):
+        parse_source("scene:car_drive").load()
 
 
 def test_overrides_are_applied_and_travel_with_it() -> None:
