@@ -12,9 +12,9 @@ from typing import TYPE_CHECKING, TextIO
 if TYPE_CHECKING:
     from rich.progress import Progress, TaskID
 
+from mjrun.cli.standard_streams import STDERR, STDOUT, Payload, text_stream
 from mjrun.errors import flag, spelled
 
-STDOUT, STDERR = 1, 2
 EVERY = 10.0  # [s] between two lines of progress when stderr is no terminal
 
 
@@ -43,7 +43,7 @@ class Console:
         sys.stdout.flush()
         self._stdout, payload = sys.stdout, os.dup(STDOUT)
         os.dup2(STDERR, STDOUT)
-        sys.stdout = open(payload, "w", encoding="utf-8", errors="surrogateescape")  # noqa: PTH123, SIM115
+        sys.stdout = text_stream(Payload(payload, "w"))
 
     def release_stdout(self) -> None:
         """Ends `guard_stdout`; what cannot be written any more is dropped."""

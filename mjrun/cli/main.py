@@ -134,12 +134,8 @@ def _guarded(console: Console, action: Callable[[], int]) -> int:
     except MjrunError as error:
         console.error(error.spelled(flag))
         return error.exit_code
-    except (BrokenPipeError, ClosedPipeError):
-        # Python would complain of the closed pipe once more when it exits.
-        nowhere = os.open(os.devnull, os.O_WRONLY)
-        os.dup2(nowhere, sys.stdout.fileno())
-        os.close(nowhere)
-        return ClosedPipeError.exit_code
+    except ClosedPipeError as end:  # quietly
+        return end.exit_code
     except (KeyboardInterrupt, click.Abort):
         console.error("interrupted")
         return 130

@@ -7,6 +7,7 @@ failure, kill or full disk there is the old output or the new one, never a mixtu
 import contextlib
 import ctypes
 import errno
+import fcntl
 import os
 import re
 import select
@@ -261,6 +262,8 @@ class StandardOutput:
             raise FileError("-", "standard output is a terminal", "send it to a file or a pipe")
         sys.stdout.flush()
         self.stdout = sys.stdout.fileno()
+        if fcntl.fcntl(self.stdout, fcntl.F_GETFL) & os.O_ACCMODE == os.O_RDONLY:
+            raise FileError("-", "standard output is closed", "send it to a file or a pipe")
 
     def reader_is_gone(self) -> bool:
         """Whether the other end of the pipe is closed."""

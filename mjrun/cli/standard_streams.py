@@ -1,0 +1,79 @@
+"""Standard output that fails with errors of ours, and standard error that never ends a command."""
+
+import errno
+import io
+import os
+import sys
+from typing import Any, TextIO
+
+from mjrun.errors import ClosedPipeError, FileError
+
+STDIN, STDOUT, STDERR = 0, 1, 2
+
+# How to open what the caller has closed, so that no file that is opened later takes its place, and receives what was
+# meant for the user. Standard input and output the wrong way round: whoever uses them is refused by the system.
+MODES = {STDIN: os.O_WRONLY, STDOUT: os.O_RDONLY, STDERR: os.O_WRONLY}
+
+
+class Payload(io.FileIO):
+    """What carries the payload.
+
+    Raises:
+      FileError: it cannot be written.
+      ClosedPipeError: nobody reads it any more.
+    """
+
+    def write(self, data: Any, /) -> int | None:
+        try:
+            return super().write(data)
+        except OSError as error:
+            _write_nowhere(self.fileno())  # Python would complain once more when it exits
+            if isinstance(error, BrokenPipeError):
+                raise ClosedPipeError from None
+            reason = "it is closed" if error.errno == errno.EBADF else error.strerror or error
+            raise FileError("standard output", f"cannot be written: {reason}") from None
+
+
+class Messages(io.FileIO):
+    """What carries messages. Those that cannot be written are lost, and the work goes on."""
+
+    def write(self, data: Any, /) -> int | None:
+        try:
+            return super().write(data)
+        except OSError:
+            _write_nowhere(self.fileno())
+            return len(memoryview(data))
+
+
+def open_standard_streams() -> None:
+    """Opens the standard streams that the caller has closed, and makes writing to them fail in our way."""
+    for number, mode in MODES.items():
+        if _is_closed(number):
+            os.set_inheritable(os.open(os.devnull, mode), True)  # the lowest that is free, which is `number`
+    sys.stdout = text_stream(Payload(STDOUT, "w", closefd=False))
+    sys.stderr = text_stream(Messages(STDERR, "w", closefd=False), line_buffering=True)
+
+
+def text_stream(raw: io.FileIO, *, line_buffering: bool = False) -> TextIO:
+    """UTF-8 into `raw`; names of files that are none come out as they are."""
+    return io.TextIOWrapper(
+        io.BufferedWriter(raw),
+        encoding="utf-8",
+        errors="surrogateescape" if isinstance(raw, Payload) else "backslashreplace",
+        line_buffering=line_buffering or raw.isatty(),
+    )
+
+
+def _is_closed(number: int) -> bool:
+    try:
+        os.fstat(number)
+    except OSError:
+        return True
+    return False
+
+
+def _write_nowhere(number: int) -> None:
+    """Lets all further output to a file descriptor vanish."""
+    nowhere = os.open(os.devnull, os.O_WRONLY)
+    os.dup2(nowhere, number, inheritable=number <= STDERR)
+    os.close(nowhere)
