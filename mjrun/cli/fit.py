@@ -34,6 +34,7 @@ def fit(console: Console, command_line: CommandLine) -> None:
     mjrun fit arm.xml log.csv --free 'scale:joint/*.armature=0.2..5' --map 'qpos/elbow=elbow_deg*pi/180' --json
     mjrun fit arm.xml log.csv --free delay:ctrl/motor=0..0.05 --comparison fit.csv && mjrun plot fit.csv -o fit.png
     mjrun fit arm_fit.yaml starts=8 -o fitted.xml
+    mjrun fit arm.xml --free 'joint/*.damping=0.1..10' --excite chirp.csv && mjrun video arm.xml --ctrl-from chirp.csv
 
     FIT.yaml is a document that says all of it; KEY=VALUE changes a value of it.
 
@@ -42,15 +43,17 @@ def fit(console: Console, command_line: CommandLine) -> None:
     """
     console.guard_stdout()
     import_mujoco()
-    from mjrun.cli.fit_report import fit_report
+    from mjrun.cli.fit_report import excitation_report, fit_report
+    from mjrun.fit.excitation import ExcitationResult, excite
 
     job, located = _fit(command_line)
     with located:
-        result = job.run(console)
+        result = job.run(console) if job.excite is None else excite(job, console)
     if command_line.make(MessageOptions).json:
         console.document(asdict(result))
     elif console.verbosity >= 0:
-        console.result(fit_report(result))
+        is_input = isinstance(result, ExcitationResult)
+        console.result(excitation_report(result) if is_input else fit_report(result))
 
 
 def _fit(command_line: CommandLine) -> "tuple[Fit, AbstractContextManager[None]]":
@@ -59,7 +62,7 @@ def _fit(command_line: CommandLine) -> "tuple[Fit, AbstractContextManager[None]]
 
     model, data = command_line.argument("model"), command_line.arguments("tables")
     if Path(model).suffix.lower() not in DOCUMENTS:
-        if not data:
+        if not data and command_line.value("excite") is None:
             raise click.UsageError("Missing argument 'DATA...'.", click.get_current_context())
         return command_line.make(Fit, simulation=simulation(command_line), data=data), nullcontext()
     from mjrun.document.fit import read_fit

@@ -7,6 +7,7 @@ from mjrun.cli.page_layout import PageLayout
 from mjrun.errors import clean
 
 if TYPE_CHECKING:
+    from mjrun.fit.excitation import ExcitationResult
     from mjrun.fit.fit import FitResult
 
 CORRELATED = 0.95  # parameters beyond are told
@@ -29,6 +30,40 @@ def fit_report(result: "FitResult") -> str:
     segments = f"{result.segments} segment{'' if result.segments == 1 else 's'}"
     page.note(f"{result.rows:,} rows in {segments} fitted; {result.rollouts:,} rollouts; {result.wall:.1f} s")
     return page.text()
+
+
+def excitation_report(result: "ExcitationResult") -> str:
+    """The intervals to expect, how far the model moves, and what was written."""
+    page = PageLayout()
+    parameters, motion = result.parameters, result.motion
+    columns = [
+        Column("parameter", [clean(each.path) for each in parameters]),
+        Column("if it is", [number(each.start) for each in parameters], right=True),
+        Column(
+            f"expected {100 * result.confidence:g} % interval",
+            [f"{number(each.low)} … {number(each.high)}" for each in parameters],
+        ),
+    ]
+    page.table("parameters", columns, len(parameters), SHOWN)
+    columns = [
+        Column("motion", [clean(each.name) for each in motion]),
+        Column("from", [number(each.low) for each in motion], right=True),
+        Column("to", [number(each.high) for each in motion], right=True),
+        Column("", [each.unit for each in motion]),
+        Column("limits", [_range(each.least, each.most) for each in motion]),
+    ]
+    page.table("motion", columns, len(motion), SHOWN)
+    for file in result.files:
+        page.note(clean(file))
+    page.note(
+        f"{result.duration:g} s; the best of {result.candidates} inputs within limits; positions with a noise of "
+        f"{number(result.noise)}; {result.wall:.1f} s"
+    )
+    return page.text()
+
+
+def _range(low: float | None, high: float | None) -> str:
+    return "" if low is None or high is None else f"{number(low)} … {number(high)}"
 
 
 def _parameters(result: "FitResult") -> list[Column]:

@@ -10,6 +10,7 @@ from pydantic_core.core_schema import DataclassField, DataclassSchema, ModelFiel
 from mjrun.bench.results import BenchResult
 from mjrun.diff.result import DiffResult
 from mjrun.evaluation.result import EvaluationResult
+from mjrun.fit.excitation import ExcitationResult
 from mjrun.fit.fit import FitResult
 from mjrun.job.verification import VerificationResult
 from mjrun.plotting.table_plot import TablePlotResult
@@ -20,6 +21,7 @@ _Report = (
     BenchResult
     | DiffResult
     | EvaluationResult
+    | ExcitationResult
     | FitResult
     | StudyResult
     | TablePlotResult
@@ -32,6 +34,7 @@ REPORTS: dict[str, tuple[type[_Report], str]] = {
     "bench": (BenchResult, "mjrun bench report"),
     "diff": (DiffResult, "mjrun diff report"),
     "eval": (EvaluationResult, "mjrun eval report"),
+    "excite": (ExcitationResult, "report of mjrun fit --excite"),
     "fit": (FitResult, "mjrun fit report"),
     "plot": (TablePlotResult, "mjrun plot report"),
     "sweep": (StudyResult, "mjrun sweep report"),

@@ -139,6 +139,8 @@ class _Run:
         if importlib.util.find_spec(LIBRARY) is None:
             raise MissingExtraError("mjrun fit", LIBRARY, EXTRA)
         simulation = fit.simulation
+        if fit.velocity_limit is not None:
+            raise UsageError(f"{option('velocity_limit')} is of {option('excite')}: what was measured is not limited")
         if not fit.data:
             raise UsageError(f"{option('data')}: a fit needs a table of measurements")
         model = simulation.load()

@@ -49,13 +49,13 @@ class Sensitivity:
 
 def sensitivity(solutions: Sequence[Solution], parameters: Sequence[FreeParameter]) -> Sensitivity:
     """What can be told at the best of several solutions: slopes depend on where the parameters are."""
-    matrices = [_information(solution, parameters) for solution in solutions]
+    matrices = [all_information(solution, parameters) for solution in solutions]
     each = [_of(matrix, parameters) for matrix in matrices]
     return min(each, key=lambda one: (sum(len(u.paths) for u in one.unidentifiable), one.condition))
 
 
-def _information(solution: Solution, parameters: Sequence[FreeParameter]) -> NDArray[np.float64]:
-    """With what priors say, in terms of coordinates."""
+def all_information(solution: Solution, parameters: Sequence[FreeParameter]) -> NDArray[np.float64]:
+    """The information matrix of the coordinates of `parameters`, with what priors say: `(p, p)`."""
     matrix = information(projected(solution))
     for j, each in enumerate(parameters):
         if each.prior:

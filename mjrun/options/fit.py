@@ -75,3 +75,20 @@ class FitOptions(Options):
         default=False,
         help="Go on although the measurements say nothing of a parameter, or cannot tell several apart.",
     )
+    excite: str | None = option(
+        converter=Optional(File(written=True)),
+        default=None,
+        help="Nothing is measured yet: write a table of controls that make the parameters show, chirps of 0.1 to 10 Hz "
+        "within the ranges of controls, joints and forces. --ctrl-from plays it; --duration says how long it is.",
+    )
+    excite_noise: float = option(
+        converter=Real(1e-12, metavar="STD"),
+        default=1e-3,
+        help="Standard deviation of the positions that will be measured [rad, m], for the intervals that --excite "
+        "tells beforehand.",
+    )
+    velocity_limit: float | None = option(
+        converter=Optional(Real(1e-9, metavar="SPEED")),
+        default=None,
+        help="How fast joints may move under --excite [rad/s, m/s].",
+    )

@@ -52,3 +52,17 @@ def test_wrong_usage_exits_with_2(mjrun: Command) -> None:
         done = mjrun("fit", *arguments)
         assert done.returncode in (2, 7)
         assert message in done.stderr
+
+
+def test_an_input_is_written_before_anything_is_measured(mjrun: Command) -> None:
+    model, _ = prepared(mjrun)
+    limits = ("--set", "actuator/motor.ctrlrange=-1,1", "--set", "actuator/motor.ctrllimited=true")
+    done = mjrun("fit", model, *FREE, "--excite", "chirp.csv", *limits, "--duration", "2", "--json")
+    assert (done.returncode, done.stderr) == (0, b"")
+    report = json.loads(done.stdout)
+    assert report["schema"] == "mjrun-excite-1"
+    assert report["files"] == ["chirp.csv"]
+    assert (mjrun.folder / "chirp.csv").read_bytes().startswith(b"time,ctrl/motor\n")
+    done = mjrun("fit", model, "log.csv", *FREE, "--excite", "chirp.csv", *limits)
+    assert done.returncode == 2
+    assert b"comes before anything is measured" in done.stderr

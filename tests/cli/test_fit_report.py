@@ -1,6 +1,7 @@
 """What people read of a fit."""
 
-from mjrun.cli.fit_report import fit_report
+from mjrun.cli.fit_report import excitation_report, fit_report
+from mjrun.fit.excitation import ExcitationResult, ExpectedParameter, MotionExtent
 from mjrun.fit.fit import FitResult, FittedParameter, FittedSignal
 from mjrun.fit.fitted_inertia import FittedInertia, FittedQuantity
 
@@ -50,3 +51,13 @@ def test_inertias_are_shown_in_their_units() -> None:
     assert "1.39 … 1.42" in text
     assert "0.0028 … 0.0028" not in text  # it was not looked for
     assert "kg m²" in text
+
+
+def test_an_input_is_told_with_what_to_expect_of_it() -> None:
+    parameter = ExpectedParameter("joint/a.damping", 0.1, 0.09, 0.12, 80.0)
+    motion = [MotionExtent("qpos/a", "rad", -0.5, 0.7, -1.0, 1.0), MotionExtent("qpos/b", "m", 0.0, 0.1, None, None)]
+    text = excitation_report(
+        ExcitationResult([parameter], motion, 0.9, 0.001, 2.0, 10.0, 12, ["chirp.csv"], 1.5),
+    )
+    for part in ("expected 90 % interval", "0.09 … 0.12", "-1 … 1", "chirp.csv", "the best of 12 inputs"):
+        assert part in text
