@@ -3,7 +3,7 @@
 from collections.abc import Callable
 from dataclasses import replace
 from pkgutil import resolve_name
-from typing import cast
+from typing import TextIO, cast
 
 from mjrun.check import rule_table
 from mjrun.check.checker import ARENAS, Checker
@@ -11,7 +11,7 @@ from mjrun.check.finding import Finding, Place
 from mjrun.check.rules import tasks
 from mjrun.check.task_episodes import COUNT, watch
 from mjrun.check.task_places import TaskPlaces, place_of
-from mjrun.check.worker_pool import MIB
+from mjrun.check.worker_pool import MIB, WorkerTask
 from mjrun.child_process import limit_this_process
 from mjrun.errors import DocumentError, FileError, MjrunError, ModelError, UsageError
 from mjrun.model.mujoco_globals import collected_warnings, without_timers
@@ -29,6 +29,10 @@ READING = "correct the document; the schema of tasks helps an editor to complete
 
 class TaskChecker(Checker):
     """Checks one task."""
+
+    def __init__(self, task: WorkerTask, channel: TextIO) -> None:
+        super().__init__(task, channel)
+        self._written: list[Finding] = []  # what random actions and a policy both bring to light is told once
 
     def check(self) -> None:
         self.write(stage="reading it")
@@ -124,4 +128,6 @@ class TaskChecker(Checker):
             by_code.setdefault(finding.code, []).append(finding)
         for code, group in by_code.items():
             if code in self.task.codes:
-                self.write_findings(rule_table.capped(group))
+                news = [finding for finding in rule_table.capped(group) if finding not in self._written]
+                self._written += news
+                self.write_findings(news)

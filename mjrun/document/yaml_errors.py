@@ -11,6 +11,7 @@ NO_DIRECTIVES = "a line that begins with % is a directive, and documents have no
 NO_TAGS = "tags (!) are not taken; a value's form says what it is"
 NO_ANCHORS = "anchors (&) and aliases (*) are not taken; text that begins so goes in quotes"
 NO_MERGE = "merge keys (<<) are not taken"
+NO_COMMAS = 'within {…} a comma ends a value: one that has commas goes in quotes, as in "uniform(0, 1)"'
 BARE_VARIABLE = "within [ ] and { } text with ${ goes in quotes"
 UNCLOSED = "this quote is not closed"
 HOLES = "text that holds ': ' goes in quotes"

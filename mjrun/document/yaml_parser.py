@@ -35,7 +35,16 @@ from mjrun.document.tree import (
     path_text,
     shortened,
 )
-from mjrun.document.yaml_errors import BARE_VARIABLE, NO_ANCHORS, NO_DIRECTIVES, NO_MERGE, NO_TAGS, explain, forbidden
+from mjrun.document.yaml_errors import (
+    BARE_VARIABLE,
+    NO_ANCHORS,
+    NO_COMMAS,
+    NO_DIRECTIVES,
+    NO_MERGE,
+    NO_TAGS,
+    explain,
+    forbidden,
+)
 from mjrun.document.yaml_scalars import meaning
 from mjrun.errors import quoted
 
@@ -185,6 +194,8 @@ class _Composer:
             self._fault(node.mark, path, f"a key is text, not {described(node)}")
         elif plain and node.text == "<<":
             self._fault(node.mark, path, NO_MERGE)
+        elif plain and node.text.count(")") > node.text.count("("):
+            self._fault(node.mark, path, NO_COMMAS)
         elif not isinstance(node.value, str):
             self._fault(node.mark, path, f"a key is text; {described(node)} as text goes in quotes")
         elif _CONTROL.search(node.value):

@@ -2,12 +2,13 @@
 
 import dataclasses
 import time
+from collections.abc import Sequence
 from dataclasses import field
 from pathlib import Path
 
 import mujoco
 
-from mjrun.errors import FailedAssertionError, MjrunError, PartlyDoneError
+from mjrun.errors import FailedAssertionError, MjrunError, PartlyDoneError, clean, counted, listing
 from mjrun.evaluation.film_maker import Failures, FilmMaker
 from mjrun.evaluation.findings import findings, map_columns
 from mjrun.evaluation.folder import ResultsFolder
@@ -15,6 +16,7 @@ from mjrun.evaluation.points import Rewritten
 from mjrun.evaluation.prepared import PreparedEvaluation
 from mjrun.evaluation.result import EvaluationResult
 from mjrun.evaluation.schedule import play_all
+from mjrun.evaluation.summary import EpisodeSummary
 from mjrun.evaluation.table import FILES, episode_columns
 from mjrun.model.source import Source
 from mjrun.options.evaluation import MANIFEST, EvaluationExecutionOptions, EvaluationOptions
@@ -60,6 +62,7 @@ class Evaluation(EvaluationOptions, EvaluationExecutionOptions):
         count = len(prepared.points.points)
         policies = [groups[first : first + count] for first in range(0, len(groups), count)]
         found = findings(prepared, policies, self.confidence)
+        _warn_of_returns(found.policies, reporter)
         columns, rows = episode_columns(
             groups, prepared.points, prepared.player.rewards, prepared.metrics, compared=len(policies) > 1
         )
@@ -91,6 +94,18 @@ class Evaluation(EvaluationOptions, EvaluationExecutionOptions):
         folder.write_manifest({**facts, **dataclasses.asdict(result)})
         _raise_failures(result, failures)
         return result
+
+
+def _warn_of_returns(policies: Sequence[EpisodeSummary], reporter: Reporter) -> None:
+    """Warns of returns that are not finite, which the figures leave out."""
+    for policy in policies:
+        if missing := policy.episodes - policy.returns.count:
+            terms = [name for name, numbers in policy.rewards.items() if numbers.count < policy.episodes]
+            cause = f", because of {listing(terms)}" if terms else ""
+            reporter.warn(
+                f"{clean(policy.policy)}: {missing:,} of {counted(policy.episodes, 'return')} not finite{cause}; the "
+                "figures leave such numbers out, and a check of the task says where they come from"
+            )
 
 
 def _raise_failures(result: EvaluationResult, failures: Failures) -> None:

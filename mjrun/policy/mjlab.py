@@ -12,14 +12,14 @@ from mjrun.errors import FileError, counted, quoted
 from mjrun.options.task import POSITION
 from mjrun.policy.policy import Numbers, ObservationFacts, PolicyFacts
 
-KEYS = ("joint_names", "observation_names", "action_scale")  # that tell such metadata from others
+KEYS = ("joint_names", "observation_names", "action_scale")  # that mjlab always writes, and others after its example
 ROUNDING = 5.1e-4  # of the numbers of these files
 T = TypeVar("T")
 
 
 def is_mjlab(metadata: Mapping[str, str]) -> bool:
-    """Whether this is metadata of mjlab's."""
-    return all(key in metadata for key in KEYS)
+    """Whether this is metadata as mjlab writes it, or part of it: what others wrote counts too."""
+    return any(key in metadata for key in KEYS)
 
 
 def mjlab_facts(metadata: Mapping[str, str], path: Path) -> PolicyFacts:
@@ -37,6 +37,7 @@ def mjlab_facts(metadata: Mapping[str, str], path: Path) -> PolicyFacts:
     default = lists.numbers("default_joint_pos")
     if joints and default is not None and len(default) != len(joints):
         lists.refuse("default_joint_pos", f"has {counted(len(default), 'number')}, and joint_names {len(joints)}")
+    by_mjlab = all(key in metadata for key in KEYS)
     # Actions move the joints that have actuators; which these are, the file says only where all have.
     all_move = joints is not None and stiffness is not None and len(stiffness) == len(joints)
     return PolicyFacts(
@@ -45,11 +46,11 @@ def mjlab_facts(metadata: Mapping[str, str], path: Path) -> PolicyFacts:
         default_position=default,
         action_joints=joints if all_move else None,
         action_size=None if stiffness is None else len(stiffness),
-        action_target=POSITION,  # mjlab writes metadata of no other actions
+        action_target=POSITION if by_mjlab else None,  # mjlab writes metadata of no other actions
         action_scale=scale,
         stiffness=stiffness,
         damping=damping,
-        quaternion_order="wxyz",  # MuJoCo's own
+        quaternion_order="wxyz" if by_mjlab else None,  # MuJoCo's own
         rounding=ROUNDING,
     )
 
@@ -84,14 +85,17 @@ class _Lists:
 
     def names(self, key: str) -> tuple[str, ...] | None:
         text = self._metadata.get(key)
-        return None if text is None else tuple(name for name in text.split(",") if name)
+        if text is None:
+            return None
+        names = (name.strip(" \"'") for name in text.strip("[] ").split(","))
+        return tuple(name for name in names if name)
 
     def numbers(self, key: str) -> Numbers | None:
         text = self._metadata.get(key)
         if text is None:
             return None
         try:
-            return tuple(map(float, text.split(","))) if text else ()
+            return tuple(map(float, text.strip("[] ").split(","))) if text else ()
         except ValueError:
             self.refuse(key, f"is {quoted(text[:60])}, and no list of numbers")
 

@@ -77,6 +77,11 @@ def test_a_policy_of_another_size_is_found_with_both_sides() -> None:
     assert finding.message == "policy p.py:three answers 3 numbers, and the task takes 1 action: push"
 
 
+def test_what_random_actions_and_a_policy_bring_to_light_is_told_once() -> None:
+    (finding,) = checked("terminations: {now: {when: time >= 0, as: failure}}", policy="zero")
+    assert (finding.code, finding.line) == ("MJ804", 9)
+
+
 def test_a_policy_that_answers_nan_or_is_not_there_is_found() -> None:
     Path("p.py").write_text("import numpy as np\ndef nan(obs):\n    return np.full(1, np.nan)\n")
     (finding,) = checked(policy="p.py:nan")

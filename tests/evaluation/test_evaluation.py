@@ -1,15 +1,17 @@
 """An evaluation in Python: the same table every time, and what is there when something fails."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import pandas as pd
 import pytest
 
 import mjrun
-from mjrun.errors import FailedAssertionError, FileError, InvalidActionError
+from mjrun.errors import FailedAssertionError, FileError, InvalidActionError, MjrunWarning
 from mjrun.evaluation.evaluation import Evaluation
 from mjrun.evaluation.table import FILES
+from mjrun.task.terms import Reward
 from tests.evaluation.tasks import cart_task, play_here, write_policies
 
 
@@ -84,3 +86,10 @@ def test_what_does_not_hold_is_raised_with_what_was_found(tmp_path: Path) -> Non
 def test_a_folder_of_something_else_is_left_alone(tmp_path: Path) -> None:
     with pytest.raises(FileError, match="holds other things"):
         evaluation(tmp_path, ".").run()
+
+
+def test_returns_that_are_not_finite_are_told(tmp_path: Path) -> None:
+    task = replace(cart_task(tmp_path), rewards={"bad": Reward(value="log(-1 - abs(qpos/slider))")})
+    with pytest.warns(MjrunWarning, match=r"^zero: 2 of 2 returns not finite, because of bad; the figures leave such"):
+        result = Evaluation(task, str(tmp_path / "out"), policy="zero", episodes=2, jobs=1).run()
+    assert result.policies[0].returns.count == 0

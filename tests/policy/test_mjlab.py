@@ -29,7 +29,14 @@ METADATA = {
 
 def test_it_is_told_by_its_keys() -> None:
     assert is_mjlab(METADATA)
-    assert not is_mjlab({"joint_names": "a"})
+    assert not is_mjlab({"run_path": "local"})
+
+
+def test_part_of_it_counts_in_brackets_too_and_says_nothing_else() -> None:
+    assert is_mjlab({"joint_names": "hip"})
+    facts = mjlab_facts({"joint_names": '["hip", "knee"]', "action_scale": "[0.5, 0.25]"}, PATH)
+    assert (facts.joints, facts.action_scale) == (("hip", "knee"), (0.5, 0.25))
+    assert (facts.action_target, facts.quaternion_order, facts.action_size) == (None, None, None)
 
 
 def test_lists_are_facts() -> None:
