@@ -103,14 +103,17 @@ class Container:
 
 
 FAST_START = ("-movflags", "+faststart")
+REPEATABLE = ("-fflags", "+bitexact")  # Matroska has random ids otherwise
 # A fragment per second, for players; the header waits for the first, or the video would start late by its B-frames.
 FRAGMENTED = ("-movflags", "frag_keyframe+empty_moov+delay_moov+default_base_moof", "-frag_duration", "1000000")
 
 CONTAINERS = {
     "mp4": Container("mp4", ("h264", "h265", "av1", "h264rgb"), FAST_START, FRAGMENTED),
     "mov": Container("mov", ("h264", "h265", "prores", "h264rgb"), FAST_START, FRAGMENTED),
-    "mkv": Container("matroska", ("h264", "h265", "av1", "vp9", "h264rgb", "ffv1", "ffv1-gray16")),
-    "webm": Container("webm", ("vp9", "av1")),
+    "mkv": Container(
+        "matroska", ("h264", "h265", "av1", "vp9", "h264rgb", "ffv1", "ffv1-gray16"), REPEATABLE, REPEATABLE
+    ),
+    "webm": Container("webm", ("vp9", "av1"), REPEATABLE, REPEATABLE),
     "gif": Container("gif", ("gif",), ("-loop", "0"), ("-loop", "0")),
     "apng": Container("apng", ("apng",), ("-plays", "0"), ("-plays", "0")),
     "webp": Container("webp", ("webp",), ("-loop", "0"), ("-loop", "0"), merges=True),

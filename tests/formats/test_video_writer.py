@@ -81,6 +81,15 @@ def test_a_film_has_every_frame_in_order_and_in_its_colours(
         assert film.frames[k, 8, 2 * k + 4].min() > 200
 
 
+@pytest.mark.parametrize("name", ["f.mp4", "f.mov", "f.mkv", "f.webm", "f.gif", "f.apng", "f.webp"])
+def test_the_same_frames_are_the_same_file(tmp_path: Path, name: str) -> None:
+    contents = []
+    for _ in range(2):
+        write(str(tmp_path / name), frames(3))
+        contents.append((tmp_path / name).read_bytes())
+    assert contents[0] == contents[1]
+
+
 def test_bare_pixels_are_the_frames(tmp_path: Path) -> None:
     original = frames(5)
     write(str(tmp_path / "f.rgb"), original)
