@@ -5,13 +5,11 @@ failure, kill or full disk there is the old output or the new one, never a mixtu
 """
 
 import contextlib
-import ctypes
 import errno
 import fcntl
 import os
 import re
 import select
-import shutil
 import stat
 import sys
 from collections.abc import Iterator
@@ -20,9 +18,19 @@ from typing import BinaryIO, Protocol
 
 from mjrun.closable import Closable
 from mjrun.errors import ClosedPipeError, FileError
+from mjrun.formats.frame_renames import (
+    MOVING,
+    NEW,
+    OLD,
+    finish_frames,
+    frame_number,
+    move_frames,
+    replace_folder,
+    restore_folder,
+)
+from mjrun.formats.temporary_output import TemporaryOutput, left_behind, one_at_a_time, remove
 
 FRAME_NAME = "%06d.png"
-AT_FDCWD, RENAME_EXCHANGE = -100, 2  # of Linux: paths relative to the working folder; swap both names
 
 
 class Destination(Protocol):
@@ -144,29 +152,27 @@ class StagedFile:
                 raise FileError(target, "exists and is read-only")
         except FileNotFoundError:
             pass
-        self._temporary = _beside(self._target)
-        try:
-            os.close(os.open(self._temporary, os.O_CREAT | os.O_EXCL | os.O_WRONLY, 0o666))
-        except OSError as error:
-            raise _unwritable(target, error) from None
-        self.path = str(self._temporary)
+        self._temporary = _temporary(self._target, target, folder=False)
+        self.path = str(self._temporary.path)
 
     def publish(self) -> list[Path]:
         try:
-            with self._temporary.open("rb") as file:
+            with self._temporary.path.open("rb") as file:
                 os.fsync(file.fileno())
-            self._temporary.replace(self._target)
+            self._temporary.path.replace(self._target)
         except OSError as error:
             raise _unwritable(self.shown, error) from None
+        self._temporary.release()
         return [self.shown]
 
     def discard(self) -> None:
-        with contextlib.suppress(OSError):
-            self._temporary.unlink(missing_ok=True)
+        self._temporary.remove()
 
 
 class StagedFolder:
     """A folder of numbered frames, which replaces one that holds nothing else.
+
+    If a killed process has left the older folder under another name, it gets its own back first.
 
     Raises:
       FileError: the folder cannot be made, or holds files that are not frames.
@@ -178,33 +184,42 @@ class StagedFolder:
         self.shown = target
         self._target = Path(os.path.realpath(target))
         _check_parent(target, self._target.parent)
-        if self._target.exists():
-            _check_only_frames(target, self._target)
-        self._temporary = _beside(self._target)
         try:
-            self._temporary.mkdir()
+            with left_behind(self._target.parent, self._target) as found:
+                for path in found:
+                    restore_folder(path, self._target)
+                    remove(path)
         except OSError as error:
             raise _unwritable(target, error) from None
-        self.path = _pattern_in(self._temporary)
+        if self._target.exists():
+            _check_only_frames(target, self._target)
+        self._temporary = _temporary(self._target, target, folder=True)
+        self.path = _pattern_in(self._temporary.path / NEW)
 
     def publish(self) -> list[Path]:
         try:
-            if self._target.exists():
-                _swap(self._temporary, self._target)
-            else:
-                self._temporary.rename(self._target)
-            frames = sorted(self.shown.iterdir(), key=_frame_number)
+            replace_folder(self._temporary.path, self._target)
+            frames = sorted(self.shown.iterdir(), key=frame_number)
         except OSError as error:
-            raise _unwritable(self.shown, error) from None
+            hint = "its frames are in a hidden folder beside it; the next run with this name puts them back"
+            raise _unwritable(self.shown, error, hint if self._is_aside() else "") from None
         self.discard()  # the old frames
         return frames
 
     def discard(self) -> None:
-        shutil.rmtree(self._temporary, ignore_errors=True)
+        if self._is_aside():
+            self._temporary.release()  # the next run puts it back
+        else:
+            self._temporary.remove()
+
+    def _is_aside(self) -> bool:
+        return (self._temporary.path / OLD).exists() and not self._target.exists()
 
 
 class StagedFrames:
     """Frames named by a pattern such as `frame_%04d.png`. Other files whose names match are left alone.
+
+    If a process was killed while it gave its frames their names, the rest get theirs first.
 
     Attributes:
       others: names of matching files numbered beyond the last frame, known once the frames are published.
@@ -218,36 +233,46 @@ class StagedFrames:
     def __init__(self, pattern: Path) -> None:
         self.shown, self.others = pattern, list[str]()
         _check_parent(pattern, pattern.parent)
-        self._temporary = _beside(Path(os.path.realpath(pattern.parent)) / "frames")
+        self._folder = Path(os.path.realpath(pattern.parent))
+        self._before, self._width, self._after = re.split(r"%(\d*)d", pattern.name, maxsplit=1)
         try:
-            self._temporary.mkdir()
+            with one_at_a_time(self._folder), left_behind(self._folder, pattern) as found:
+                for path in found:
+                    if (path / MOVING).exists():
+                        finish_frames(path, self._place)
+                    remove(path)
         except OSError as error:
             raise _unwritable(pattern, error) from None
-        self.path = _pattern_in(self._temporary)
+        self._temporary = _temporary(self._folder / pattern.name, pattern, folder=True)
+        self.path = _pattern_in(self._temporary.path / NEW)
 
     def publish(self) -> list[Path]:
-        before, width, after = re.split(r"%(\d*)d", self.shown.name, maxsplit=1)
-        numbered = re.compile(f"{re.escape(before)}(\\d+){re.escape(after)}")
-        folder, published = self.shown.parent, list[Path]()
-
-        def name(number: int) -> str:
-            return f"{before}{number:{width or 1}d}{after}"
-
         try:
-            for index, frame in enumerate(sorted(self._temporary.iterdir(), key=_frame_number)):
-                published.append(folder / name(index))
-                frame.replace(published[-1])
-            self._temporary.rmdir()
-            matches = [match for path in folder.iterdir() if (match := numbered.fullmatch(path.name))]
+            with one_at_a_time(self._folder):
+                places = move_frames(self._temporary.path, self._place)
+            names = [path.name for path in self._folder.iterdir()]
         except OSError as error:
-            raise _unwritable(self.shown, error) from None
+            hint = "some frames are new, some are old; the next run with this name makes all of them new"
+            raise _unwritable(self.shown, error, hint if self._is_moving() else "") from None
+        self.discard()  # the old frames
 
-        later = sorted(int(match[1]) for match in matches if match[0] == name(int(match[1])))
-        self.others = [name(number) for number in later if number >= len(published)]
-        return published
+        numbered = re.compile(f"{re.escape(self._before)}(\\d+){re.escape(self._after)}")
+        matches = [match for name in names if (match := numbered.fullmatch(name))]
+        later = sorted(int(match[1]) for match in matches if match[0] == self._place(int(match[1])).name)
+        self.others = [self._place(number).name for number in later if number >= len(places)]
+        return [self.shown.parent / place.name for place in places]
 
     def discard(self) -> None:
-        shutil.rmtree(self._temporary, ignore_errors=True)
+        if self._is_moving():
+            self._temporary.release()  # the next run finishes
+        else:
+            self._temporary.remove()
+
+    def _is_moving(self) -> bool:
+        return (self._temporary.path / MOVING).exists()
+
+    def _place(self, number: int) -> Path:
+        return self._folder / f"{self._before}{number:{self._width or 1}d}{self._after}"
 
 
 class StandardOutput:
@@ -283,42 +308,28 @@ def no_space(text: str) -> bool:
     return os.strerror(errno.ENOSPC) in text or os.strerror(errno.EDQUOT) in text
 
 
-def _swap(new: Path, old: Path) -> None:
-    """Exchanges the names of two folders: in one step where the system can, else undone if it fails halfway."""
-    if _exchange(new, old):
-        return
-    aside = _beside(old)
-    old.rename(aside)
-    try:
-        new.rename(old)
-    except OSError:
-        aside.rename(old)
-        raise
-    aside.rename(new)
-
-
-def _exchange(one: Path, other: Path) -> bool:
-    """Exchanges two names in one step, as only Linux and some of its file systems can; False elsewhere."""
-    try:
-        renameat2 = ctypes.CDLL(None).renameat2
-    except AttributeError:
-        return False
-    return renameat2(AT_FDCWD, os.fsencode(one), AT_FDCWD, os.fsencode(other), RENAME_EXCHANGE) == 0
-
-
-def _frame_number(path: Path) -> int:
-    return int(path.stem)
-
-
 def _close_quietly(file: BinaryIO) -> None:
     """Closes `file`, whether or not what is still buffered can be written."""
     with contextlib.suppress(OSError):
         file.close()
 
 
-def _beside(target: Path) -> Path:
-    """A hidden, unused name in the folder of `target`."""
-    return target.parent / f".{target.name}.{os.urandom(4).hex()}.part"
+def _temporary(target: Path, shown: Path, *, folder: bool) -> TemporaryOutput:
+    """Where an output is written until it is complete; frames in the folder `new` of a folder."""
+    temporary = None
+    try:
+        with left_behind(target.parent) as found:
+            for path in found:
+                if not (path / OLD).exists():  # which the next output to that target puts back
+                    remove(path)
+        temporary = TemporaryOutput(target, folder=folder)
+        if folder:
+            (temporary.path / NEW).mkdir()
+    except OSError as error:
+        if temporary:
+            temporary.remove()
+        raise _unwritable(shown, error) from None
+    return temporary
 
 
 def _pattern_in(folder: Path) -> str:
@@ -346,5 +357,5 @@ def _check_only_frames(shown: Path, folder: Path) -> None:
         )
 
 
-def _unwritable(shown: Path, error: OSError) -> FileError:
-    return FileError(shown, f"cannot be written: {error.strerror or error}")
+def _unwritable(shown: Path, error: OSError, hint: str = "") -> FileError:
+    return FileError(shown, f"cannot be written: {error.strerror or error}", hint)

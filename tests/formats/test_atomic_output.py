@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from mjrun.errors import ClosedPipeError, FileError
-from mjrun.formats import atomic_output
+from mjrun.formats import frame_renames
 from mjrun.formats.atomic_output import (
     Destination,
     OutputWriter,
@@ -18,6 +18,7 @@ from mjrun.formats.atomic_output import (
     StagedFrames,
     StandardOutput,
 )
+from tests.formats.file_faults import MOST, fault, killed_at
 
 needs_permissions = pytest.mark.skipif(os.geteuid() == 0, reason="root may write anywhere")
 
@@ -34,6 +35,15 @@ def fill(target: Destination, count: int, text: str) -> None:
             Path(target.path % index).write_text(f"{text} {index}")
     else:
         Path(target.path).write_text(text)
+
+
+def publish(target: Destination, count: int, text: str) -> None:
+    """Writes and publishes an output."""
+    try:
+        fill(target, count, text)
+        target.publish()
+    finally:
+        target.discard()
 
 
 def test_a_file_is_the_old_one_until_it_is_published(tmp_path: Path) -> None:
@@ -126,58 +136,116 @@ def no_exchange(*_: object) -> bool:
     return False
 
 
-@pytest.mark.parametrize("one_step", [True, False])
-def test_a_folder_whose_replacement_fails_keeps_its_old_frames(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, one_step: bool
-) -> None:
-    folder = tmp_path / "frames"
-    first = StagedFolder(folder)
-    fill(first, 2, "old")
-    first.publish()
-    second = StagedFolder(folder)
-    fill(second, 3, "new")
-    rename = Path.rename
-
-    def refuse(self: Path, target: Path) -> Path:
-        if Path(second.path).parent == self:
-            raise OSError(5, "Input/output error")
-        return rename(self, target)
-
-    monkeypatch.setattr(Path, "rename", refuse)
-    if one_step:
-        monkeypatch.setattr(atomic_output, "RENAME_EXCHANGE", 2**31 - 1)  # flags that no system knows
-    else:
-        monkeypatch.setattr(atomic_output, "_exchange", no_exchange)
-    with pytest.raises(FileError, match="frames: cannot be written: Input/output error"):
-        second.publish()
-    assert (folder / "000001.png").read_text() == "old 1"
-    second.discard()
-    assert names(tmp_path) == ["frames"]
-    assert names(folder) == ["000000.png", "000001.png"]
-
-
-@pytest.mark.parametrize("exchange", [atomic_output._exchange, no_exchange])
+@pytest.mark.parametrize("exchange", [frame_renames.exchange, no_exchange])
 def test_a_folder_is_replaced_with_and_without_an_exchange_of_names(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, exchange: Callable[[Path, Path], bool]
 ) -> None:
-    monkeypatch.setattr(atomic_output, "_exchange", exchange)
+    monkeypatch.setattr(frame_renames, "exchange", exchange)
     for text in ("old", "new"):
-        staged = StagedFolder(tmp_path / "frames")
-        fill(staged, 1, text)
-        staged.publish()
+        publish(StagedFolder(tmp_path / "frames"), 1, text)
         assert (tmp_path / "frames/000000.png").read_text() == f"{text} 0"
         assert names(tmp_path) == ["frames"]
 
 
-@pytest.mark.skipif(sys.platform != "linux", reason="only Linux exchanges two names")
-def test_names_are_exchanged_in_one_step(tmp_path: Path) -> None:
-    for name in ("a", "b"):
-        (tmp_path / name).mkdir()
-        (tmp_path / name / name).write_text("")
-    if atomic_output._exchange(tmp_path / "a", tmp_path / "b"):  # not every file system can
-        assert names(tmp_path / "a") == ["b"]
-        assert names(tmp_path / "b") == ["a"]
-    assert not atomic_output._exchange(tmp_path / "a", tmp_path / "none")
+def contents(folder: Path) -> list[str]:
+    """What is in a folder of frames, in the order of their names; nothing if there is no folder."""
+    return [path.read_text() for path in sorted(folder.glob("[!.]*"))]
+
+
+OLD, NEW = [f"old {i}" for i in range(3)], [f"new {i}" for i in range(2)]
+OUTPUTS = [  # how it is made, its name, where its frames are, and what is there at the end
+    pytest.param(StagedFile, "film", ".", ["old"], ["new"], id="file"),
+    pytest.param(StagedFolder, "frames", "frames", OLD, NEW, id="folder"),
+    pytest.param(StagedFrames, "f_%02d.png", ".", OLD, [*NEW, OLD[2]], id="pattern"),
+]
+both_ways = pytest.mark.parametrize("exchange", [frame_renames.exchange, no_exchange])
+
+
+@both_ways
+@pytest.mark.parametrize(("make", "name", "folder", "old", "new"), OUTPUTS)
+def test_a_process_that_is_killed_at_any_operation_leaves_the_old_output_or_the_new_one(
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    exchange: Callable[[Path, Path], bool],
+    make: Callable[[Path], Destination],
+    name: str,
+    folder: str,
+    old: list[str],
+    new: list[str],
+) -> None:
+    monkeypatch.setattr(frame_renames, "exchange", exchange)
+    for number in range(1, MOST):
+        here = tmp_path / str(number)
+        here.mkdir()
+        publish(make(here / name), 3, "old")
+        killed = killed_at(number, lambda here=here: publish(make(here / name), 2, "new"))
+        if exchange is not no_exchange or make is not StagedFolder:
+            assert len(contents(here / folder)) in (len(old), len(new))  # nothing is missing, not even for a moment
+
+        make(here / name).discard()  # the next run finishes or undoes it
+        assert contents(here / folder) in (old, new)
+        assert not killed or not list(here.glob(".*"))
+        if not killed:
+            break
+    assert 2 < number < MOST - 1
+    assert contents(here / folder) == new
+
+
+@pytest.mark.parametrize("name", ["é" * 127, "x" * 255])
+def test_a_name_may_be_as_long_as_the_system_allows(tmp_path: Path, name: str) -> None:
+    publish(StagedFile(tmp_path / name), 1, "new")
+    assert names(tmp_path) == [name]
+
+
+def test_what_killed_runs_have_left_is_removed_by_the_next_output_to_their_folder(tmp_path: Path) -> None:
+    live = StagedFile(tmp_path / "film")
+    for make, name in ((StagedFile, "film"), (StagedFolder, "frames"), (StagedFrames, "%d.png")):
+        left = make(tmp_path / name)
+        fill(left, 3, "half")
+        left._temporary.release()
+    StagedFile(tmp_path / "table.csv").discard()
+    assert [path.name for path in tmp_path.iterdir()] == [Path(live.path).name]
+    live.discard()
+
+
+@both_ways
+@pytest.mark.parametrize("kind", ["once", "from then on"])
+@pytest.mark.parametrize(("make", "name", "folder", "old", "new"), OUTPUTS)
+def test_an_operation_that_fails_leaves_the_old_output_or_the_new_one(
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    exchange: Callable[[Path, Path], bool],
+    make: Callable[[Path], Destination],
+    name: str,
+    folder: str,
+    old: list[str],
+    new: list[str],
+    kind: str,
+) -> None:
+    monkeypatch.setattr(frame_renames, "exchange", exchange)
+    for number in range(1, MOST):
+        here, message = tmp_path / f"{number}", ""
+        here.mkdir()
+        publish(make(here / name), 3, "old")
+        with fault(number, kind) as tried:
+            try:
+                publish(make(here / name), 2, "new")
+            except FileError as error:
+                message = str(error)
+        failed = len(tried) >= number
+        found = contents(here / folder)
+        if message and "the next run" not in message:
+            assert found == old
+        elif not message:
+            assert found == new
+
+        make(here / name).discard()
+        assert contents(here / folder) in (old, new)
+        assert not list(here.glob(".*"))
+        if not failed:
+            break
+    assert 2 < number < MOST - 1
+    assert not message
 
 
 @pytest.mark.parametrize("make", [StagedFolder, StagedFrames])
