@@ -222,7 +222,7 @@ class VideoWriter(OutputWriter):
         if isinstance(self.destination, StandardOutput):
             return
         if self._encoding.format == "png":
-            count = len(list(Path(self.destination.path).parent.iterdir()))
+            count = len(list(Path(self.destination.path % 0).parent.iterdir()))
         elif self._encoding.format == "rgb":  # raw pixels, which nothing can demux
             width, height = self.size
             count = Path(self.destination.path).stat().st_size // (3 * width * height)
