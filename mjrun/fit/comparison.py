@@ -5,38 +5,51 @@ from dataclasses import replace
 
 import numpy as np
 
-from mjrun.fit.shooting import Solution
+from mjrun.fit.shooting import SHORTEST, Solution
 from mjrun.formats.table_writer import TableWriter
 from mjrun.formats.tables import output_format
 from mjrun.model.column import Column
 
+HORIZON = 8 * SHORTEST  # rows that are predicted from one state
 TIME = Column("time", "s", "time in the log")
 HELD = Column("holdout", meaning="whether the row was held out of the fit", integer=True)
+LOG = Column("log", meaning="which of the tables the row is of, from 0 on", integer=True)
 WHICH = {"nominal": "by the model as it was", "fitted": "by the fitted model"}
 
 
-def write_comparison(
-    path: str, signals: Sequence[Column], comparisons: Mapping[tuple[str, str], Solution]
-) -> list[str]:
-    """Writes the table: a row for each sample, in the order of the logs, and returns its files.
+def comparison_columns(signals: Sequence[Column]) -> list[Column]:
+    """The columns: time, every signal as measured and as predicted, whether it was held out, and of which log."""
+    columns = [TIME]
+    for signal in signals:
+        columns += [signal, *(replace(signal, name=f"{signal.name}/{which}", meaning=WHICH[which]) for which in WHICH)]
+    return [*columns, HELD, LOG]
+
+
+def comparison_rows(comparisons: Mapping[tuple[str, str], Solution], logs: Sequence[str]) -> np.ndarray:
+    """A row for each sample, in the order of the logs and of time: `(n, columns)`.
 
     Args:
       comparisons: of the parts `fitted` and `held`, what the models `nominal` and `fitted` predict.
+      logs: the tables that were measured.
+    """
+    rows = np.concatenate(
+        [_rows(part, comparisons, logs) for part in ("fitted", "held") if (part, "fitted") in comparisons]
+    )
+    return rows[np.lexsort((rows[:, 0], rows[:, -1]))]
+
+
+def write_comparison(path: str, signals: Sequence[Column], rows: np.ndarray) -> list[str]:
+    """Writes the table, and returns its files.
 
     Raises:
       FileError: it cannot be written.
     """
-    columns = [TIME]
-    for signal in signals:
-        columns += [signal, *(replace(signal, name=f"{signal.name}/{which}", meaning=WHICH[which]) for which in WHICH)]
-    parts = [_rows(part, comparisons) for part in ("fitted", "held") if (part, "fitted") in comparisons]
-    rows = np.concatenate(parts)
-    with TableWriter(path, output_format(path).name, [*columns, HELD]) as writer:
-        writer.write(rows[np.argsort(rows[:, 0], kind="stable")])
+    with TableWriter(path, output_format(path).name, comparison_columns(signals)) as writer:
+        writer.write(rows)
         return [str(file) for file in writer.publish()]
 
 
-def _rows(part: str, comparisons: Mapping[tuple[str, str], Solution]) -> np.ndarray:
+def _rows(part: str, comparisons: Mapping[tuple[str, str], Solution], logs: Sequence[str]) -> np.ndarray:
     solutions = [comparisons[part, which] for which in WHICH]
     chunks = solutions[0].chunks
     tables: list[np.ndarray] = []
@@ -46,5 +59,6 @@ def _rows(part: str, comparisons: Mapping[tuple[str, str], Solution]) -> np.ndar
         table = np.stack([measured, *predicted], axis=-1).reshape(len(measured), -1)
         last = len(measured) - (index + 1 < len(chunks) and chunks[index + 1].segment is chunk.segment)
         times = chunk.segment.times[chunk.rows]
-        tables.append(np.column_stack([times, table, np.full(len(times), float(part == "held"))])[:last])
+        held, log = (np.full(len(times), value) for value in (float(part == "held"), logs.index(chunk.segment.source)))
+        tables.append(np.column_stack([times, table, held, log])[:last])
     return np.concatenate(tables)

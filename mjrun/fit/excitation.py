@@ -122,7 +122,13 @@ class _Excitation:
         if importlib.util.find_spec(LIBRARY) is None:
             raise MissingExtraError("mjrun fit", LIBRARY, EXTRA)
         assert fit.excite is not None
-        of_fits = {"data": fit.data, "output": fit.output, "comparison": fit.comparison, "ranges": fit.ranges}
+        of_fits = {
+            "data": fit.data,
+            "output": fit.output,
+            "comparison": fit.comparison,
+            "ranges": fit.ranges,
+            "html": fit.html,
+        }
         for name, given in of_fits.items():
             if given:
                 raise UsageError(f"{option('excite')} comes before anything is measured: leave {option(name)} out")

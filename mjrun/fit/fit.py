@@ -9,7 +9,8 @@ from pathlib import Path
 import numpy as np
 
 from mjrun.errors import MissingExtraError, UnidentifiableError, UnimprovedFitError, UsageError, clean, option
-from mjrun.fit.comparison import write_comparison
+from mjrun.fit.comparison import HORIZON, comparison_rows, write_comparison
+from mjrun.fit.fit_page import write_fit_page
 from mjrun.fit.fitted_inertia import FittedInertia, fitted_inertias
 from mjrun.fit.fitted_model import FittedModel
 from mjrun.fit.free_parameter import free_parameters, overrides, require_effect
@@ -25,12 +26,13 @@ from mjrun.model import state
 from mjrun.model.names import control_names
 from mjrun.options.fit import EXTRAS, FitOptions
 from mjrun.options.option import options
+from mjrun.plotting.figure_writer import require_matplotlib
+from mjrun.plotting.page_writer import check_page_name
 from mjrun.reporter import Reporter, WarningReporter
 
 SCHEMA = "mjrun-fit-1"
 ((EXTRA, (LIBRARY, _)),) = EXTRAS.items()
 ENOUGH = 4  # measured numbers for each unknown
-HORIZON = 8 * SHORTEST  # rows that are predicted from one state, where predictions are compared
 
 
 @options
@@ -138,6 +140,9 @@ class _Run:
         self._fit, self._reporter, self._begin = fit, reporter, time.perf_counter()
         if importlib.util.find_spec(LIBRARY) is None:
             raise MissingExtraError("mjrun fit", LIBRARY, EXTRA)
+        if fit.html is not None:
+            check_page_name(fit.html)
+            require_matplotlib()
         simulation = fit.simulation
         if fit.velocity_limit is not None:
             raise UsageError(f"{option('velocity_limit')} is of {option('excite')}: what was measured is not limited")
@@ -257,14 +262,16 @@ class _Run:
         ]
         files: list[str] = []
         made: list[str] = []
+        logs = list(dict.fromkeys(each.source for each in self._measurements.segments))
+        compared = comparison_rows(comparisons, logs)
         if fit.comparison is not None:
-            files += write_comparison(fit.comparison, self._predictor.columns, comparisons)
+            files += write_comparison(fit.comparison, self._predictor.columns, compared)
         if fit.ranges is not None:
             files += write_ranges(fit.ranges, self._parameters, parameters, fit.confidence)
         if self._model_file:
             made = [each.sentence for each in self._model_file.write(overrides(self._parameters, values))]
             files.append(str(self._model_file.path))
-        return FitResult(
+        result = FitResult(
             parameters,
             fitted_inertias(self._parameters, values, known),
             self._signals(last, comparisons),
@@ -276,9 +283,13 @@ class _Run:
             rollouts,
             made,
             list(self._measurements.remarks),
-            files,
+            [*files, *([fit.html] if fit.html is not None else [])],
             time.perf_counter() - self._begin,
         )
+        if fit.html is not None:
+            name = Path(fit.simulation.source.text).name
+            write_fit_page(fit.html, name, result, self._predictor.columns, compared, logs)
+        return result
 
     def _signals(self, last: Solution, comparisons: "dict[tuple[str, str], Solution]") -> list[FittedSignal]:
         errors = {key: _errors(solution) for key, solution in comparisons.items()}

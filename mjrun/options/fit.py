@@ -47,6 +47,12 @@ class FitOptions(Options):
         default=None,
         help="What is known of the parameters as distributions, for `vary:` in documents of mjrun sweep (.yaml).",
     )
+    html: str | None = option(
+        converter=Optional(File(written=True)),
+        default=None,
+        help="One page about the fit (.html), complete in itself: parameters with intervals, errors, correlations, and "
+        "plots of what was measured beside the model before and after.",
+    )
     holdout: float = option(
         converter=Real(0, most=0.9, metavar="SHARE"),
         default=0.2,

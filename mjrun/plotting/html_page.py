@@ -37,12 +37,32 @@ class PageTable:
 
 
 @dataclass(frozen=True)
+class PageFacts:
+    """A table of words and numbers in a section of its own.
+
+    Attributes:
+      title: of the section.
+      caption: what the table shows.
+      heads: of its columns.
+      rows: their cells, the first of which is the name of the row.
+      numeric: which columns are numbers.
+    """
+
+    title: str
+    caption: str
+    heads: Sequence[str]
+    rows: Sequence[Sequence[str]]
+    numeric: Sequence[int] = ()
+
+
+@dataclass(frozen=True)
 class Page:
     """A page about a result.
 
     Attributes:
       title: of the page.
       maker: the program, with its version.
+      facts: what was found, above all else.
       verdicts: of assertions, each with the file that it is about.
     """
 
@@ -53,11 +73,13 @@ class Page:
     files: Sequence[PageFile] = ()
     tables: Sequence[PageTable] = ()
     manifests: Sequence[PageManifest] = ()
+    facts: Sequence[PageFacts] = ()
 
 
 def html_page(page: Page) -> str:
     """The whole document; the same page gives the same text."""
     sections = [
+        *((facts.title.lower().replace(" ", "-"), facts.title, [_facts(facts)]) for facts in page.facts),
         ("assertions", "Assertions", list(_verdicts(page.verdicts))),
         ("plots", "Plots", [_figure(figure, index) for index, figure in enumerate(page.figures)]),
         ("media", "Images and videos", list(_gallery([file for file in page.files if file.kind]))),
@@ -121,6 +143,17 @@ def _verdicts(verdicts: Sequence[tuple[str, Verdict]]) -> Iterator[Markup]:
         rows.append(element("tr", *cells, element("td", found), *([element("td", path)] if several else [])))
     heads = ["Verdict", "Assertion", "Found", *(["Table"] if several else [])]
     yield table_element("Assertions and what was found", heads, rows)
+
+
+def _facts(facts: PageFacts) -> Markup:
+    rows: list[Markup] = []
+    for name, *others in facts.rows:
+        cells = [element("th", element("code", name), scope="row")]
+        cells += [
+            element("td", text, class_="number" if i in facts.numeric else None) for i, text in enumerate(others, 1)
+        ]
+        rows.append(element("tr", *cells))
+    return table_element(facts.caption, facts.heads, rows, facts.numeric)
 
 
 def _figure(figure: PageFigure, index: int) -> Markup:

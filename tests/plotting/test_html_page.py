@@ -6,7 +6,7 @@ from html.parser import HTMLParser
 import pytest
 
 from mjrun.plotting.column_statistics import ColumnStatistics
-from mjrun.plotting.html_page import Page, PageFigure, PageTable, html_page, inline_svg
+from mjrun.plotting.html_page import Page, PageFacts, PageFigure, PageTable, html_page, inline_svg
 from mjrun.plotting.page_files import PageFile
 from mjrun.plotting.page_manifest import PageManifest
 from mjrun.probe.verdict import Verdict
@@ -34,6 +34,7 @@ PAGE = Page(
     ],
     [PageTable(EVIL, 12345, [ColumnStatistics(EVIL, "m/s²", -1.0, 2.5, 0.1, float("nan"), 1)])],
     [PageManifest("m.json", {"command": EVIL, "options": {EVIL: [EVIL]}})],
+    [PageFacts("What was found", EVIL, ["Name", EVIL], [(EVIL, "1.25"), ("b", EVIL)], [1])],
 )
 VOID = {"meta", "img", "br"}
 
@@ -132,6 +133,13 @@ def test_what_there_is_none_of_has_no_section() -> None:
     page = read(html_page(Page("t", "m", tables=PAGE.tables)))
     assert [attributes["id"] for tag, attributes in page.tags if tag == "section"] == ["columns"]
     assert not [tag for tag, _ in page.tags if tag == "nav"]
+
+
+def test_what_was_found_comes_first_and_has_a_row_for_each_name() -> None:
+    page = read(html_page(Page("t", "m", tables=PAGE.tables, facts=PAGE.facts)))
+    sections = [attributes["id"] for tag, attributes in page.tags if tag == "section"]
+    assert sections == ["what-was-found", "columns"]
+    assert [a["class"] for tag, a in page.tags if tag == "td"][:2] == ["number", "number"]
 
 
 def test_a_figure_is_as_wide_as_there_is_room_and_has_no_metadata() -> None:

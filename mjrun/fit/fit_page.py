@@ -1,0 +1,146 @@
+"""The page about a fit: what was found, how well it is known, and measured signals beside those of the model."""
+
+from collections.abc import Sequence
+from contextlib import ExitStack
+from dataclasses import replace
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from mjrun.errors import clean
+from mjrun.fit.comparison import HORIZON, write_comparison
+from mjrun.model.column import Column
+from mjrun.options.plot import FigureOptions
+from mjrun.plotting.html_page import Page, PageFacts, PageFigure
+from mjrun.plotting.page_writer import MAKER, PageWriter
+from mjrun.plotting.table_figure import TableFigure
+from mjrun.probe.scanner import spelled
+
+if TYPE_CHECKING:
+    from mjrun.fit.fit import FitResult
+
+
+def write_fit_page(
+    path: str, model: str, result: "FitResult", signals: Sequence[Column], rows: np.ndarray, logs: Sequence[str]
+) -> None:
+    """Writes the page.
+
+    Args:
+      model: its name.
+      signals: columns of what was measured.
+      rows: of the comparison, `(n, columns)`.
+      logs: the tables that were measured.
+
+    Raises:
+      FileError: it cannot be written.
+    """
+    figures = [_figure(name, signals, rows[rows[:, -1] == log]) for log, name in enumerate(logs)]
+    facts = [_parameters(result), *_inertias(result), _errors(result), *_correlations(result), _about(result)]
+    with PageWriter(path) as writer:
+        writer.write(Page(f"Fit of {clean(model)}", MAKER, figures, facts=facts))
+        writer.publish()
+
+
+def _parameters(result: "FitResult") -> PageFacts:
+    rows = [
+        (
+            p.path,
+            _number(p.start),
+            _number(p.value),
+            _interval(p.low, p.high),
+            f"at its {p.bound} bound" if p.bound else "",
+        )
+        for p in result.parameters
+    ]
+    heads = ("Parameter", "Before", "Fitted", _confidence(result), "")
+    return PageFacts("Parameters", "What was looked for in the model", heads, rows, (1, 2, 3))
+
+
+def _inertias(result: "FitResult") -> list[PageFacts]:
+    rows = [
+        (f"{each.body} {q.name}", _number(q.start), _number(q.value), _interval(q.low, q.high), q.unit)
+        for each in result.inertias
+        for q in each.quantities
+    ]
+    heads = ("Quantity", "Before", "Fitted", _confidence(result), "Unit")
+    caption = "Mass, centre of mass in the frame of the body, and principal moments of inertia"
+    return [PageFacts("Inertias", caption, heads, rows, (1, 2, 3))] if rows else []
+
+
+def _errors(result: "FitResult") -> PageFacts:
+    rows = [
+        (
+            each.name,
+            f"{_number(each.noise)} {each.unit}".rstrip(),
+            *(_share(e) for e in (each.nominal, each.fitted, each.holdout_nominal, each.holdout_fitted)),
+        )
+        for each in result.signals
+    ]
+    heads = ("Signal", "Noise", "Before", "Fitted", "Held out, before", "Held out, fitted")
+    caption = "Root mean square errors of predictions, of the standard deviation of the signal"
+    return PageFacts("Errors", caption, heads, rows, range(1, 6))
+
+
+def _correlations(result: "FitResult") -> list[PageFacts]:
+    paths = [each.path for each in result.parameters]
+    if len(paths) < 2:
+        return []
+    rows = [
+        (path, *(f"{value:.2f}".replace("-", "−") for value in row[: i + 1]), *[""] * (len(paths) - i - 1))
+        for i, (path, row) in enumerate(zip(paths, result.correlation, strict=True))
+    ]
+    caption = "Near 1 or −1, two parameters stand in for each other: their difference or sum alone is known well"
+    return [PageFacts("Correlations", caption, ["", *paths], rows, range(1, len(paths) + 1))]
+
+
+def _about(result: "FitResult") -> PageFacts:
+    rows = [
+        ("fitted", f"{result.rows:,} rows in {result.segments} segment{'' if result.segments == 1 else 's'}"),
+        ("simulated", f"{result.rollouts:,} rollouts"),
+        ("condition", f"{result.condition:.4g}"),
+        *(("changed", text) for text in result.changes),
+        *(("remark", text) for text in result.remarks),
+    ]
+    return PageFacts("About the fit", "What was fitted, and what was changed in the model", ("Fact", "Value"), rows)
+
+
+def _figure(log: str, signals: Sequence[Column], rows: np.ndarray) -> PageFigure:
+    """Every signal as measured, before and after, and what the fit leaves of it."""
+    panels: list[str] = []
+    for signal in signals:
+        measured, nominal, fitted = (spelled(f"{signal.name}{end}") for end in ("", "/nominal", "/fitted"))
+        unit = f" [{signal.unit}]" if signal.unit else ""
+        panels += [
+            f"{signal.name}: before{unit}={nominal}, measured{unit}={measured}, fitted{unit}={fitted}",
+            f"residual of {signal.name}: residual{unit}={fitted} - {measured}",
+        ]
+    held = rows[rows[:, -2] > 0, 0]
+    marks = [f"x:held out={held[0]:.9g}"] if len(held) else []
+    options = FigureOptions(y=panels, mark=marks, columns=2)
+    with TemporaryDirectory() as folder, ExitStack() as stack:
+        table = str(Path(folder) / "comparison.npz")
+        write_comparison(table, signals, rows)
+        figure = TableFigure([table], options, stack)
+        figure.read()
+        drawn = figure.for_page()
+    description = f"{clean(log)}: measured, by the model before, and by the fitted model"
+    notes = (*drawn.notes, f"Predictions begin anew every {HORIZON} rows or so, in states that fit best.")
+    return replace(drawn, description=description, notes=notes)
+
+
+def _confidence(result: "FitResult") -> str:
+    return f"{100 * result.confidence:g} % interval"
+
+
+def _interval(low: float, high: float) -> str:
+    return f"{_number(low)} … {_number(high)}" if low < high else ""
+
+
+def _number(value: float) -> str:
+    return f"{value:.5g}".replace("-", "−")
+
+
+def _share(value: float | None) -> str:
+    return "–" if value is None else f"{100 * value:.3g} %"
