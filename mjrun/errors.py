@@ -18,11 +18,14 @@ LISTED = 24  # names shown before a list is cut
 LOGGED = 8  # lines of an encoder's log that are shown
 NEAR = 0.6  # of two names, the least share that agrees when one may be meant by the other
 FAULTS = 50  # problems of a document that are shown
+QUOTED = 200  # characters of a name that are shown
+LINE = 4096  # characters of a line of a message, however long what it speaks of
 
 
 # Around the name of an option in a message. `clean` leaves neither in foreign text, which cannot be taken for one then.
 _OPTION = re.compile("\x02([a-z_]*)\x03")
 
+ARENA = "narena ="  # in what MuJoCo says when the memory that the model sets apart is too small
 Spelling = Callable[[str], str]
 OptionPath = tuple[str | int, ...]
 
@@ -30,6 +33,9 @@ OptionPath = tuple[str | int, ...]
 def option(name: str) -> str:
     """The option `name` within a message: each front end spells it in its own way, `--trail-span` or `trail_span`."""
     return f"\x02{name}\x03"
+
+
+MORE_MEMORY = f"the model's own memory is too small: {option('set')} size.memory=100M gives it more"
 
 
 def flag(name: str) -> str:
@@ -40,6 +46,12 @@ def flag(name: str) -> str:
 def spelled(text: str, spelling: Spelling = str) -> str:
     """`text` with its options as `spelling` writes their names; as Python does if nothing is said."""
     return _OPTION.sub(lambda found: spelling(found[1]), text)
+
+
+def _cut(text: str) -> str:
+    """`text` with its longest lines cut in the middle."""
+    half = LINE // 2 - 1
+    return "\n".join(line if len(line) <= LINE else f"{line[:half]}…{line[-half:]}" for line in text.split("\n"))
 
 
 def clean(text: str) -> str:
@@ -56,8 +68,8 @@ def _clean_but_options(text: str) -> str:
 
 
 def quoted(name: str) -> str:
-    """`name` in quotes, cleaned."""
-    return f"'{clean(name)}'"
+    """`name` in quotes, cleaned, and cut if it is long."""
+    return f"'{clean(name if len(name) <= QUOTED else name[: QUOTED - 1] + '…')}'"
 
 
 def near(name: str, valid: Iterable[str]) -> list[str]:
@@ -65,6 +77,8 @@ def near(name: str, valid: Iterable[str]) -> list[str]:
 
     An ending that both have, as files of one format do, makes nothing alike.
     """
+    if len(name) > QUOTED:  # to compare it would take long
+        return []
     by_fold: dict[str, list[str]] = {}
     for spelling in valid:
         by_fold.setdefault(spelling.casefold(), []).append(spelling)
@@ -118,11 +132,11 @@ class MjrunError(Exception):
     results: Sequence[Any] = ()
 
     def __str__(self) -> str:
-        return spelled(super().__str__())
+        return _cut(spelled(super().__str__()))
 
     def spelled(self, spelling: Spelling) -> str:
         """The message and its notes, with options as `spelling` writes their names."""
-        return spelled("\n".join([super().__str__(), *getattr(self, "__notes__", ())]), spelling)
+        return _cut(spelled("\n".join([super().__str__(), *getattr(self, "__notes__", ())]), spelling))
 
 
 # --- 1: the answer is no ----------------------------------------------------------------------------
@@ -333,9 +347,9 @@ class FailedStepError(SimulationError):
 
     def __init__(self, step: int, time: float, reason: str) -> None:
         first, *rest = (clean(line) for line in (reason or "it gave no reason").splitlines())
-        super().__init__(
-            step, time, "\n".join([f"MuJoCo failed at step {step}, time {time:.9g} s: {first}", *map(str.strip, rest)])
-        )
+        failure = f"MuJoCo failed at step {step}, time {time:.9g} s: {first}"
+        advice = [MORE_MEMORY] if ARENA in reason else []
+        super().__init__(step, time, "\n".join([failure, *map(str.strip, rest), *advice]))
 
 
 class UnstableError(SimulationError):

@@ -11,8 +11,10 @@ from hypothesis import strategies as st
 from mjrun import errors
 from mjrun.errors import (
     FAULTS,
+    LINE,
     LISTED,
     LOGGED,
+    QUOTED,
     BadValueError,
     BrokenModelError,
     ClosedPipeError,
@@ -175,6 +177,16 @@ def test_a_suggestion_is_a_question_in_brackets_or_nothing() -> None:
     assert suggestion("xyz", ["floor"]) == ""
 
 
+def test_a_name_of_any_length_makes_a_message_of_few_lines_that_says_what_and_where() -> None:
+    name = "x" * 500_000
+    assert near(name, [name]) == []
+    assert str(UnknownNameError("key", name, [name[:-1]])).startswith("no key 'xxx")
+    for error in (UnknownNameError("key", name, ["a"]), FileError(name, "no such file", "look elsewhere")):
+        assert all(len(line) <= LINE for line in error.spelled(str).splitlines())
+    assert str(error).endswith("xxx: no such file\nlook elsewhere")
+    assert str(UnknownNameError("key", name, ["a"])) == f"no key '{'x' * (QUOTED - 1)}…'\nkeys: a"
+
+
 def test_a_list_is_cut_only_when_it_is_long_and_then_says_how_long() -> None:
     names = [f"n{i}" for i in range(LISTED + 1)]
     assert listing(names[:LISTED]) == ", ".join(names[:LISTED])
@@ -255,6 +267,11 @@ def test_a_step_that_mujoco_could_not_finish_is_told_with_its_reason() -> None:
     error = FailedStepError(7, 0.014, "mj_stackAlloc: out of memory\n  max = 19200")
     assert (error.step, error.time) == (7, 0.014)
     assert str(error) == "MuJoCo failed at step 7, time 0.014 s: mj_stackAlloc: out of memory\nmax = 19200"
+
+
+def test_where_the_memory_that_a_model_sets_apart_is_too_small_the_message_says_what_to_set() -> None:
+    error = FailedStepError(0, 0.0, "mj_stackAlloc: out of memory\n  max = 1, narena = 1")
+    assert str(error).endswith("\nthe model's own memory is too small: set size.memory=100M gives it more")
 
 
 @pytest.mark.parametrize(

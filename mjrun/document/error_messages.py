@@ -18,7 +18,7 @@ from mjrun.document.tree import (
     path_text,
     shortened,
 )
-from mjrun.errors import clean, listing, quoted, suggestion
+from mjrun.errors import FAULTS, clean, listing, quoted, suggestion
 
 Context = Mapping[str, object]
 
@@ -68,6 +68,8 @@ def validation_faults(error: ValidationError, tree: Node, besides: Sequence[str]
         if not isinstance(node, InvalidNode):
             invalid = InvalidValueError.from_details(details, ())
             keys = (*invalid.keys, *(besides if len(path) == 1 else ()))
+            if invalid.type == "extra_forbidden" and len(faults) >= FAULTS:
+                keys = ()  # to compare thousands of keys, of which few are shown, takes its time
             faults.append(_fault(invalid, path, node, tree, keys))
     return faults
 

@@ -97,7 +97,9 @@ class _Reader:
         if node is None and not faults:
             self.faults.append(Fault(top, "", "the document is empty"))
         elif node is not None and not isinstance(node, MappingNode | InvalidNode):
-            self.faults.append(Fault(node.mark, "", f"expected a mapping, got {described(node)}"))
+            # Not what it holds: it may be no document at all, but a file that somebody else must not see.
+            form = "text" if isinstance(node, ScalarNode) and node.text else described(node)
+            self.faults.append(Fault(node.mark, "", f"expected a mapping, got {form}"))
         return node if isinstance(node, MappingNode) else None
 
     def with_defaults(self, tree: MappingNode) -> MappingNode | None:
@@ -108,6 +110,9 @@ class _Reader:
             return tree
         if not isinstance(path, ScalarNode) or not isinstance(path.value, str) or not path.value:
             self.faults.append(Fault(path.mark, DEFAULTS, f"expected the path of a document, got {described(path)}"))
+            return tree
+        if not path.value.endswith(SUFFIXES):  # a file of another kind is not looked into, let alone cited
+            self.faults.append(Fault(path.mark, DEFAULTS, f"a document ends in {' or '.join(SUFFIXES)}"))
             return tree
         below = self.document(self.path.parent / path.value, 1, hint=f"{path.mark} names it as defaults")
         if below and DEFAULTS in below.entries:

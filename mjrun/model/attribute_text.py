@@ -23,7 +23,7 @@ NAMES |= {"solref_friction": "solreffriction", "solimp_friction": "solimpfrictio
 # Of a body, in the element below it.
 INERTIAL = {"mass": "mass", "ipos": "pos", "inertia": "diaginertia", "fullinertia": "fullinertia", "iquat": "quat"}
 ORIENTATIONS = ("euler", "axisangle", "xyaxes", "zaxis")
-SECTIONS = {"opt": "option", "stat": "statistic", "compiler": "compiler"}
+SECTIONS = {"opt": "option", "stat": "statistic", "compiler": "compiler", "size": "size"}
 # Of actuators that MJCF has shortcuts for, what the first numbers of gain and bias are called.
 SHORTCUTS = {
     ("position", "gainprm", 0): "kp",

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import mujoco
 
-from mjrun.errors import BadValueError, BrokenModelError, clean, concerning, option
+from mjrun.errors import ARENA, MORE_MEMORY, BadValueError, BrokenModelError, clean, concerning, option
 from mjrun.model.delays import lengthen_buffers
 from mjrun.model.mujoco_globals import without_log
 from mjrun.model.override import Override, apply
@@ -86,7 +86,7 @@ def broken_model(path: Path, error: BaseException, hint: str = "", advice: str =
     message = re.sub(r"Element name '', id -?\d+(, )?", "", message)
     message = re.sub(r"(, |^)line \d+$", "", message, flags=re.MULTILINE)
 
-    broken = BrokenModelError(path, message, line, hint)
+    broken = BrokenModelError(path, message, line, MORE_MEMORY if ARENA in message else hint)
     if advice and not hint:  # a note is not part of MuJoCo's message
         broken.add_note(advice)
     return broken

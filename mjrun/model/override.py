@@ -1,6 +1,6 @@
 """Overrides, the option `set`: anything in an MjSpec by MuJoCo's own names, before compilation.
 
-Paths are `opt.FIELD`, `opt.flag.NAME`, `vis.SECTION.FIELD`, `stat.FIELD`, `compiler.FIELD`, and
+Paths are `opt.FIELD`, `opt.flag.NAME`, `vis.SECTION.FIELD`, `stat.FIELD`, `compiler.FIELD`, `size.memory`, and
 `KIND/NAME.FIELD` for an element, where NAME may hold `*`, `?` and `[…]`, or be an index.
 `FIELD[2]` is one number of several. `scale:PATH` and `add:PATH` are relative to the value in the source.
 """
@@ -20,11 +20,29 @@ from mjrun.errors import BadValueError, OptionPath, UnknownNameError, UsageError
 from mjrun.model.names import enum_members, enum_value, is_enum, is_index
 from mjrun.options.model import ModelOptions
 
+
+class _Sizes:
+    """The sizes of a model that are no counts, under the names of MJCF's `<size>`."""
+
+    def __init__(self, spec: mujoco.MjSpec) -> None:
+        self._spec = spec
+
+    @property
+    def memory(self) -> int:
+        """The memory for the dynamics [bytes]; -1 leaves it to MuJoCo."""
+        return self._spec.memory
+
+    @memory.setter
+    def memory(self, value: int) -> None:
+        self._spec.memory = value
+
+
 ROOTS: dict[str, Callable[[mujoco.MjSpec], Any]] = {
     "opt": lambda spec: spec.option,
     "vis": lambda spec: spec.visual,
     "stat": lambda spec: spec.stat,
     "compiler": lambda spec: spec.compiler,
+    "size": _Sizes,
 }
 ELEMENTS = {
     "body": "bodies",
@@ -74,6 +92,7 @@ ORIENTATIONS = {
     "euler": mujoco.mjtOrientation.mjORIENTATION_EULER,
 }
 ALTERNATIVES = {"quat": "alt", "iquat": "ialt"}
+UNITS = {unit: 1024**power for power, unit in enumerate(("", "K", "M", "G", "T"))}  # of memory, as in MJCF
 RELATIVE: dict[str, Callable[[np.ndarray, np.ndarray], np.ndarray]] = {"scale": np.multiply, "add": np.add}
 BOOLEANS = {"true": True, "enable": True, "1": True, "false": False, "disable": False, "0": False}
 # Switches that MjSpec keeps as integers.
@@ -371,6 +390,8 @@ def _parse_value(field: str, current: Any, override: Override) -> Any:
         return _parse_bool(override)
     if field in SWITCHES and isinstance(current, int):
         return int(_parse_bool(override))
+    if field == "memory":
+        return _parse_memory(override)
     if isinstance(current, int):
         return int(_parse_number(override.value, override, "a whole number", int))
     if isinstance(current, float):
@@ -386,6 +407,14 @@ def _parse_bool(override: Override) -> bool:
     if override.value.lower() not in BOOLEANS:
         raise BadValueError(override.name, override.value, "enable or disable (true or false)")
     return BOOLEANS[override.value.lower()]
+
+
+def _parse_memory(override: Override) -> int:
+    """A number of bytes, with MJCF's units: `100M`."""
+    match = re.fullmatch(r"([0-9]{1,15})([KMGT]?)", override.value.strip().upper())
+    if not match or not int(match[1]):
+        raise BadValueError(override.name, override.value, "a size of memory, as in 500K, 100M or 1G")
+    return int(match[1]) * UNITS[match[2]]
 
 
 def _parse_number(text: str, override: Override, expected: str, kind: Callable[[str], float]) -> float:

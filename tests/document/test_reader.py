@@ -9,9 +9,9 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from mjrun.document import yaml_parser
+from mjrun.document import error_messages, yaml_parser
 from mjrun.document.reader import LARGEST, read
-from mjrun.errors import DocumentError, FileError, clean
+from mjrun.errors import FAULTS, DocumentError, FileError, clean
 from tests.document.documents import ANCHOR, Anything, Run, outcome, problems, put
 
 # --- files -------------------------------------------------------------------------------------------
@@ -108,12 +108,32 @@ def test_defaults_that_cannot_be_read_are_told_with_who_names_them() -> None:
         ("defaults: 5\n", [], ["d.yaml:1:11: defaults: expected the path of a document, got 5"]),
         ("defaults:\n", [], ["d.yaml:1:10: defaults: expected the path of a document, got nothing"]),
         ("defaults: ''\n", [], ["d.yaml:1:11: defaults: expected the path of a document, got ''"]),
+        ("defaults: /etc/passwd\n", [], ["d.yaml:1:11: defaults: a document ends in .yaml or .yml"]),
         ("defaults: *a\n", [], [f"d.yaml:1:11: defaults: {ANCHOR}"]),
         ("steps: 1\n", ["defaults=x.yaml"], ["defaults=x.yaml: defaults is set in the document only"]),
     ],
 )
 def test_defaults_that_are_no_path_are_told(text: str, assignments: list[str], lines: list[str]) -> None:
     assert problems(lambda: read(put(text), Run, assignments, variables=True)) == lines
+
+
+def test_what_is_no_document_is_not_cited() -> None:
+    put("root:x:0:0:secret\n", "secrets.txt")
+    Path("link.yaml").symlink_to("secrets.txt")
+    for read_link in (
+        lambda: read("link.yaml", Anything),
+        lambda: read(put("defaults: link.yaml\n"), Run, variables=True),
+    ):
+        assert problems(read_link) == ["link.yaml:1:1: expected a mapping, got text"]
+
+
+def test_thousands_of_unknown_keys_are_compared_as_far_as_they_are_shown(monkeypatch: pytest.MonkeyPatch) -> None:
+    compared: list[str] = []
+    monkeypatch.setattr(error_messages, "suggestion", lambda key, keys: compared.extend([key] if keys else []) or "")
+    with pytest.raises(DocumentError) as caught:
+        read(put("".join(f"step{i}: 1\n" for i in range(2000))), Run)
+    assert len(caught.value.problems) == 2000
+    assert len(compared) == FAULTS
 
 
 def test_a_document_without_a_preamble_has_neither_and_takes_texts_as_they_are() -> None:

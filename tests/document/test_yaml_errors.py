@@ -22,7 +22,7 @@ WRONG = [
     ("# nothing\n", ["d.yaml: the document is empty"]),
     ("---\n...\n", ["d.yaml:2:1: expected a mapping, got nothing"]),
     ("- a: 1\n", ["d.yaml:1:1: expected a mapping, got a list"]),
-    ("a text\n", ["d.yaml:1:1: expected a mapping, got 'a text'"]),
+    ("a text\n", ["d.yaml:1:1: expected a mapping, got text"]),
     ("a: 1\na: 2\n", ["d.yaml:2:1: 'a' is given twice; first in line 1"]),
     ("a: 1\n'a': 2\n", ["d.yaml:2:1: 'a' is given twice; first in line 1"]),
     ("a: {b: 1, b: 2, b: 3}", ["d.yaml:1:11: a: 'b' is given twice; first in line 1",
