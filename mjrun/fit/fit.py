@@ -182,7 +182,7 @@ class _Run:
         self._look_first(starts, noise)
         start = self._shooting.best_start(self._fitted.segments, starts, noise) if len(starts) > 1 else starts[0]
         stages = self._shooting.grown(self._fitted.segments, start, noise)
-        last = with_noise(stages[-1], stages[-1].observed_noise)
+        last = with_noise(stages[-1], stages[-1].noise_scale)
         found = sensitivity([last], self._parameters)
         if found.unidentifiable and not self._fit.allow_unidentifiable:
             raise UnidentifiableError([each.message for each in found.unidentifiable])
@@ -222,15 +222,14 @@ class _Run:
 
     def _compared(self, fitted: np.ndarray, noise: np.ndarray) -> "dict[tuple[str, str], Solution]":
         """Predictions of the fitted and the held-out part, with the model before and after."""
-        nominal = np.array([each.coordinate(each.start) for each in self._parameters])
         solved: dict[tuple[str, str], Solution] = {}
         for part, measurements in (("fitted", self._fitted), ("held", self._held)):
             if not measurements.segments:
                 continue
             parts = self._shooting.cut(measurements.segments, HORIZON)
             states = self._shooting.guessed(parts)
-            for which, coordinates in (("nominal", nominal), ("fitted", fitted)):
-                solved[part, which] = self._shooting.solve(parts, coordinates, states, noise, fixed=True)
+            for which, coordinates in (("nominal", None), ("fitted", fitted)):
+                solved[part, which] = self._shooting.follow(parts, coordinates, states, noise)
         return solved
 
     def _require_better(self, comparisons: "dict[tuple[str, str], Solution]") -> None:

@@ -80,8 +80,9 @@ class FreeParameter:
 
     @property
     def first_coordinate(self) -> float:
-        """Where to begin: at the value that the model has, off the bounds."""
-        return min(max(self.coordinate(self.start), MARGIN), 1 - MARGIN)
+        """Where to begin: at the mean of the prior, or the value that the model has, off the bounds."""
+        first = self.start if self.prior is None else self.prior[0]
+        return min(max(self.coordinate(first), MARGIN), 1 - MARGIN)
 
     def _scaled(self, value: float) -> float:
         return math.log(value) if self.is_log else value
@@ -210,7 +211,6 @@ def _parameter(path: str, text: str, start: float) -> FreeParameter:
         prior = float(match["mean"]), float(match["std"])
         if prior[1] <= 0:
             raise BadValueError(name, text, "a prior with a standard deviation above 0")
-        start = prior[0]
     return FreeParameter(path, low, high, start, is_log, prior)
 
 

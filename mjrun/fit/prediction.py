@@ -67,12 +67,12 @@ class Rollout:
     """A chunk, from a start, with parameters.
 
     Attributes:
-      values: of the parameters, in order.
+      values: of the parameters, in order; None for the model as it was, without delays.
       start: integration state at the first step of the chunk, `(nstate,)`.
     """
 
     chunk: Chunk
-    values: tuple[float, ...]
+    values: tuple[float, ...] | None
     start: np.ndarray
 
 
@@ -113,9 +113,9 @@ class Predictor:
         longest = max([parameters[i].high for i in self._late_signals.values()], default=0.0)
         self.lead = math.ceil(longest / self.timestep)
 
-    def model_with(self, values: Sequence[float]) -> mujoco.MjModel:
-        """The model with these values of the parameters; not to be changed."""
-        changed = overrides(self._parameters, values)
+    def model_with(self, values: Sequence[float] | None) -> mujoco.MjModel:
+        """The model with these values of the parameters, or as it was; not to be changed."""
+        changed = [] if values is None else overrides(self._parameters, values)
         source = replace(self._source, overrides=(*self._source.overrides, *changed))
         return self._variants.load(source).model
 
@@ -138,14 +138,16 @@ class Predictor:
         return [self._sampled(each, rows) for each, rows in zip(rollouts, recorded, strict=True)]
 
     def _controls(self, rollout: Rollout, steps: int) -> np.ndarray:
-        delays = {actuator: rollout.values[i] for actuator, i in self._late_controls.items()}
-        chunk = rollout.chunk
+        chunk, values = rollout.chunk, rollout.values
+        delays = {} if values is None else {actuator: values[i] for actuator, i in self._late_controls.items()}
         return commands(chunk.segment, chunk.first_step, steps, self.timestep, self._linear, delays)
 
     def _sampled(self, rollout: Rollout, rows: np.ndarray) -> np.ndarray:
         """`rows` of all steps, interpolated at the positions of the chunk's rows, as late as they are measured."""
         positions = rollout.chunk.positions
         values = _interpolated(rows, positions, slice(None))
+        if rollout.values is None:
+            return values
         for signal, i in self._late_signals.items():
             late = positions - rollout.values[i] / self.timestep
             values[:, signal] = _interpolated(rows, late, signal)

@@ -27,22 +27,23 @@ class ProjectedRows:
 
 
 def projected(solution: Solution) -> list[ProjectedRows]:
-    """The rows of each chunk of a solution.
+    """The rows of each chunk of a solution, weighted as its loss does.
 
     Eliminating the states of a chunk is projecting on the complement of their slopes B: with a QR factorization of B,
     A − Q Qᵀ A (G. H. Golub, V. Pereyra, "The differentiation of pseudo-inverses and nonlinear least squares problems
     whose variables separate", 1973).
     """
     return [
-        _projected(residuals, *slopes)
-        for residuals, slopes in zip(solution.residuals, solution.sensitivities, strict=True)
+        _projected(residuals, *slopes, np.sqrt(weights))
+        for residuals, slopes, weights in zip(solution.residuals, solution.sensitivities, solution.weights, strict=True)
     ]
 
 
-def _projected(residuals: Floats, of_coordinates: Floats, of_states: Floats) -> ProjectedRows:
+def _projected(residuals: Floats, of_coordinates: Floats, of_states: Floats, weights: Floats) -> ProjectedRows:
     known = np.isfinite(residuals)
     rows = np.broadcast_to(np.linspace(0, 1, len(residuals))[:, None], residuals.shape)[known]
-    a, b, r = of_coordinates[known], of_states[known], residuals[known]
+    w = weights[known]
+    a, b, r = w[:, None] * of_coordinates[known], w[:, None] * of_states[known], w * residuals[known]
     size, count = b.shape[1], len(r)
     q, _ = np.linalg.qr(np.concatenate([b, np.eye(size) / STATE_SCALE]))
     a = np.concatenate([a, np.zeros((size, a.shape[1]))])

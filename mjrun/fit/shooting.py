@@ -5,7 +5,7 @@ which tell most of slow effects. H. G. Bock, "Recent advances in parameter ident
 (1983), is the source of shooting from several states.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -28,7 +28,17 @@ SHORTEST = 24  # rows of the first chunks
 GROWTH = 2
 DENSE = 40  # unknowns up to which a Jacobian is factored as a whole
 
+NORMAL_MEDIAN = 1.4826  # standard deviation of a normal distribution over the median of absolute values
+
 Floats = NDArray[np.float64]
+
+# Derivatives of the losses of scipy's `least_squares`, by the square of a residual.
+LOSS_SLOPES: dict[str, Callable[[Floats], Floats]] = {
+    "linear": np.ones_like,
+    "soft_l1": lambda square: (1 + square) ** -0.5,
+    "huber": lambda square: np.maximum(square, 1.0) ** -0.5,
+    "cauchy": lambda square: 1 / (1 + square),
+}
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,6 +54,7 @@ class Solution:
       sensitivities: of these to the coordinates, `(n, signals, p)`, and to the states, `(n, signals, size)`.
       noise: standard deviation of each signal that was assumed, `(signals,)`.
       rollouts: how many were simulated.
+      loss: how residuals counted.
     """
 
     chunks: Sequence[Chunk]
@@ -53,6 +64,7 @@ class Solution:
     sensitivities: Sequence[tuple[Floats, Floats]]
     noise: Floats
     rollouts: int
+    loss: str = "linear"
 
     @property
     def cost(self) -> float:
@@ -65,6 +77,22 @@ class Solution:
         """Root mean square of what is left of each signal, `(signals,)`."""
         squares = np.concatenate(list(self.residuals)) ** 2
         return np.sqrt(np.nanmean(squares, axis=0)) * self.noise
+
+    @property
+    def noise_scale(self) -> Floats:
+        """The standard deviation of the noise of each signal, `(signals,)`.
+
+        With a robust loss it is that of the middle half of the residuals: outliers are no part of it.
+        """
+        if self.loss == "linear":
+            return self.observed_noise
+        return np.nanmedian(np.abs(np.concatenate(list(self.residuals))), axis=0) * NORMAL_MEDIAN * self.noise
+
+    @property
+    def weights(self) -> list[Floats]:
+        """How much residuals count, 1 with a linear loss: derivatives of the loss by their squares, as `residuals`."""
+        slope = LOSS_SLOPES[self.loss]
+        return [slope(each**2) for each in self.residuals]
 
 
 class Shooting:
@@ -95,7 +123,6 @@ class Shooting:
         states: Floats,
         noise: Floats,
         *,
-        fixed: bool = False,
         evaluations: int = EVALUATIONS,
     ) -> Solution:
         """Minimizes the residuals of `parts`.
@@ -103,9 +130,28 @@ class Shooting:
         Args:
           coordinates, states: where to begin.
           noise: standard deviation of each signal.
-          fixed: whether the parameters stay, and the states alone are looked for.
           evaluations: of the residuals, at most.
         """
+        return self._solved(parts, coordinates, states, noise, evaluations)
+
+    def follow(self, parts: Sequence[Chunk], coordinates: Floats | None, states: Floats, noise: Floats) -> Solution:
+        """The states alone that minimize the residuals of `parts`, the parameters being as they are.
+
+        Args:
+          coordinates: of the parameters; None for the model as it was.
+        """
+        return self._solved(parts, coordinates, states, noise, EVALUATIONS, fixed=True)
+
+    def _solved(
+        self,
+        parts: Sequence[Chunk],
+        coordinates: Floats | None,
+        states: Floats,
+        noise: Floats,
+        evaluations: int,
+        *,
+        fixed: bool = False,
+    ) -> Solution:
         from scipy.optimize import least_squares
 
         problem = _Problem(self._predictor, self._parameters, self._states, parts, coordinates, states, noise, fixed)
@@ -125,7 +171,7 @@ class Shooting:
             xtol=1e-7,
             ftol=1e-8,
         )
-        return problem.solution(np.asarray(found.x, float))
+        return replace(problem.solution(np.asarray(found.x, float)), loss=self._loss)
 
     def look(self, parts: Sequence[Chunk], coordinates: Floats, states: Floats, noise: Floats) -> Solution:
         """Residuals and sensitivities at a start, where nothing is minimized."""
@@ -157,7 +203,7 @@ class Shooting:
     def _noise(self, solution: Solution) -> Floats:
         """The noise that the residuals show."""
         values = np.concatenate([part.values for part in solution.chunks])
-        return np.maximum(solution.observed_noise, LEAST_NOISE * np.nanstd(values, axis=0))
+        return np.maximum(solution.noise_scale, LEAST_NOISE * np.nanstd(values, axis=0))
 
     def _taken_over(self, parts: Sequence[Chunk], before: Solution) -> Floats:
         """States for `parts` from chunks that began at the same step; guesses elsewhere."""
@@ -175,7 +221,7 @@ def first_noise(segments: Sequence[Segment]) -> Floats:
     White noise of standard deviation s has third differences of √20·s.
     """
     differences = np.concatenate([np.diff(segment.values, 3, axis=0) for segment in segments])
-    spread = np.nanmedian(np.abs(differences), axis=0) * 1.4826 / np.sqrt(20)
+    spread = np.nanmedian(np.abs(differences), axis=0) * NORMAL_MEDIAN / np.sqrt(20)
     values = np.concatenate([segment.values for segment in segments])
     return np.maximum(spread, LEAST_NOISE * np.nanstd(values, axis=0))
 
@@ -189,14 +235,15 @@ class _Problem:
         parameters: Sequence[FreeParameter],
         states: States,
         parts: Sequence[Chunk],
-        coordinates: Floats,
+        coordinates: Floats | None,
         guesses: Floats,
         noise: Floats,
         fixed: bool,
     ) -> None:
         self._predictor, self._parameters, self._states, self._parts = predictor, parameters, states, parts
-        self._coordinates, self._guesses, self._noise, self._fixed = coordinates, guesses, noise, fixed
-        self._free = 0 if fixed else len(parameters)
+        self._guesses, self._noise, self._fixed = guesses, noise, fixed
+        self._free, self._is_nominal = 0 if fixed else len(parameters), coordinates is None
+        self._coordinates = np.array([p.first_coordinate for p in parameters]) if coordinates is None else coordinates
         self._known = [np.isfinite(part.values) for part in parts]
         self._rollouts = 0
         self.size = sum(int(known.sum()) for known in self._known)
@@ -259,7 +306,9 @@ class _Problem:
         return [np.where(np.isfinite(p), each, PENALTY) for each, p in zip(left, predicted, strict=True)]
 
     def _rollout(self, index: int, coordinates: Floats, deviation: Floats) -> Rollout:
-        values = tuple(each.value(c) for each, c in zip(self._parameters, coordinates, strict=True))
+        values = None
+        if not self._is_nominal:
+            values = tuple(each.value(c) for each, c in zip(self._parameters, coordinates, strict=True))
         return Rollout(self._parts[index], values, self._states.moved(self._guesses[index], deviation))
 
     def _differences(self, coordinates: Floats, deviations: Floats) -> tuple[list[Floats], list[Floats]]:

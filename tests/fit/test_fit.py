@@ -100,6 +100,31 @@ def test_too_little_is_told_before_anything_is_fitted(tmp_path: Path, pendulum: 
         Fit(pendulum, data=data, free=THREE, holdout=0).run()
 
 
+def test_outliers_do_not_lead_a_robust_fit_astray(tmp_path: Path, pendulum: Simulation) -> None:
+    times, angles = simulate(1.5)
+    data = [str(write_log(tmp_path / "clean.csv", {"time": times, "qpos/hinge": noisy(angles)}))]
+    clean = Fit(pendulum, data=data, free=THREE, starts=1, holdout=0).run()
+    generator = np.random.default_rng(5)
+    spoiled = noisy(angles) + np.where(generator.random(len(angles)) < 0.05, generator.normal(0, 0.3, len(angles)), 0)
+    data = [str(write_log(tmp_path / "spoiled.csv", {"time": times, "qpos/hinge": spoiled}))]
+    robust = Fit(pendulum, data=data, free=THREE, starts=1, holdout=0, loss="cauchy").run()
+    assert robust.signals[0].noise == pytest.approx(NOISE, rel=0.2)
+    for one, other in zip(clean.parameters, robust.parameters, strict=True):
+        assert other.high - other.low < 3 * (one.high - one.low)
+        assert abs(other.value - TRUTH[one.path.rpartition(".")[2]]) < other.high - other.low
+
+
+def test_what_was_before_is_the_model_itself(tmp_path: Path) -> None:
+    """Its friction is 0, which a logarithmic range has not: without noise it is nearly the truth."""
+    model = str(write_model(tmp_path, **{**TRUTH, "frictionloss": 0.0}))
+    times, angles = simulate(1.0, frictionloss=0.0)
+    data = [str(write_log(tmp_path / "log.csv", {"time": times, "qpos/hinge": angles}))]
+    free = (("joint/hinge.frictionloss", "log:0.01..0.1"),)
+    result = Fit(Simulation(model), data=data, free=free, starts=1, holdout=0).run()
+    assert result.signals[0].nominal < 1e-3 * result.signals[0].fitted
+    assert result.parameters[0].bound == "low"
+
+
 def test_regions_where_the_model_explodes_are_avoided(tmp_path: Path) -> None:
     """With stiffness far beyond what the timestep allows, the explicit spring diverges."""
     path = write_model(tmp_path)

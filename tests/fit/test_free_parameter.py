@@ -50,7 +50,8 @@ def test_a_gain_of_a_servo_is_what_its_attribute_is(tmp_path: Path) -> None:
 def test_a_prior_is_where_a_fit_begins(tmp_path: Path) -> None:
     source = parse_source(str(write_model(tmp_path)))
     (parameter,) = free_parameters([("joint/hinge.damping", "log:1e-3..1~normal(0.05, 0.01)")], source, [])
-    assert (parameter.prior, parameter.start, parameter.is_log) == ((0.05, 0.01), 0.05, True)
+    assert (parameter.prior, parameter.start, parameter.is_log) == ((0.05, 0.01), NOMINAL["damping"], True)
+    assert parameter.value(parameter.first_coordinate) == pytest.approx(0.05)
     assert parameter.coordinate(math.sqrt(1e-3)) == pytest.approx(0.5)
 
 

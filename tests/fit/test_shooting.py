@@ -1,10 +1,13 @@
 """Multiple shooting finds what a bare loop was simulated with."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
+from mjrun.fit.measurements import Segment
 from mjrun.fit.shooting import SHORTEST, first_noise, with_noise
-from tests.fit.logs import NOISE, TRUTH
+from tests.fit.logs import NOISE, NOMINAL, TRUTH, simulate
 from tests.fit.problems import THREE, segments, shooting, solved
 
 
@@ -52,8 +55,16 @@ def test_parameters_that_are_fixed_stay() -> None:
     shoot, _ = shooting(THREE)
     parts = shoot.cut(segments(), 100)
     fixed = np.array([0.2, 0.3, 0.4])
-    solution = shoot.solve(parts, fixed, shoot.guessed(parts), np.array([NOISE]), fixed=True)
+    solution = shoot.follow(parts, fixed, shoot.guessed(parts), np.array([NOISE]))
     assert solution.coordinates.tolist() == fixed.tolist()
+
+
+def test_the_model_as_it_was_is_followed_although_its_values_are_beyond_the_bounds() -> None:
+    shoot, _ = shooting((("joint/hinge.damping", "log:1e-3..1e-2"), ("delay:qpos/hinge", "0.1..0.2")))
+    times, angles = simulate(2.0, **NOMINAL)
+    parts = shoot.cut([Segment("log", times, angles[:, None], np.zeros((len(times), 1)))], 100)
+    solution = shoot.follow(parts, None, shoot.guessed(parts), np.array([NOISE]))
+    assert solution.cost < 1e-2
 
 
 def test_a_prior_holds_what_the_data_do_not_say() -> None:
@@ -74,3 +85,30 @@ def test_other_noise_scales_residuals_and_slopes() -> None:
     np.testing.assert_allclose(2 * scaled.residuals[0], solution.residuals[0])
     np.testing.assert_allclose(2 * scaled.sensitivities[0][0], solution.sensitivities[0][0])
     np.testing.assert_allclose(scaled.observed_noise, solution.observed_noise)
+
+
+def test_a_robust_loss_weighs_outliers_less_and_its_noise_is_not_theirs() -> None:
+    solution, _ = solved()
+    residuals = [each.copy() for each in solution.residuals]
+    residuals[0][::20] = 50.0
+    plain = replace(solution, residuals=residuals)
+    assert plain.noise_scale[0] > 5 * NOISE
+    assert {float(each) for each in plain.weights[0].ravel()} == {1.0}
+    for loss in ("soft_l1", "huber", "cauchy"):
+        robust = replace(plain, loss=loss)
+        assert robust.noise_scale[0] == pytest.approx(NOISE, rel=0.2)
+        assert robust.weights[0][0, 0] < 0.03
+        assert robust.weights[0][1, 0] > 0.1
+
+
+def test_weights_are_slopes_of_the_loss() -> None:
+    """Those of scipy: d rho(z) / dz of z, the squared residual."""
+    from scipy.optimize._lsq.least_squares import IMPLEMENTED_LOSSES
+
+    solution, _ = solved()
+    squares = solution.residuals[0].ravel() ** 2
+    for loss in ("soft_l1", "huber", "cauchy"):
+        slopes = np.empty((3, len(squares)))
+        implemented = IMPLEMENTED_LOSSES[loss]
+        implemented(squares, slopes, cost_only=False)
+        np.testing.assert_allclose(replace(solution, loss=loss).weights[0].ravel(), slopes[1])
