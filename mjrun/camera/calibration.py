@@ -3,6 +3,7 @@
 import numpy as np
 
 from mjrun.camera.pose import Frustum, Pose
+from mjrun.errors import UsageError
 from mjrun.model.rendered_view import CameraCalibration
 
 
@@ -12,8 +13,13 @@ def lens(pose: Pose, size: tuple[int, int]) -> CameraCalibration:
     Right for every camera of MuJoCo: by fovy, with intrinsics of its own, free, orthographic. As mjr_render
     does it: a frustum's `width` is half the width of the near plane; zero means that the aspect is the image's.
     Intrinsics of another aspect than the image's are stretched: then fx and fy differ.
+
+    Raises:
+      UsageError: the camera's field of view is 0.
     """
     (width, height), seen = size, pose.frustum
+    if not seen.top > seen.bottom:
+        raise UsageError("a camera whose field of view is 0 sees nothing\ngive it one: camera/NAME.fovy=45, in degrees")
     halfwidth = seen.width or (seen.top - seen.bottom) * width / height / 2
     left = seen.center - halfwidth
     distance = 1.0 if seen.orthographic else seen.near

@@ -16,7 +16,7 @@ from mjrun.document.tree import (
     path_text,
     shortened,
 )
-from mjrun.document.yaml_parser import compose
+from mjrun.document.yaml_parser import DEPTH, compose
 from mjrun.errors import quoted, suggestion
 
 SHOWN = 60  # characters of an assignment that messages show
@@ -68,6 +68,8 @@ def _path(text: str, named: Sequence[str]) -> Path:
     while match := _STEP.match(text, position):
         steps.append(match[1] if match[1] is not None else int(match[2]))
         position = match.end()
+        if len(steps) > DEPTH:
+            raise _InvalidPathError(f"a path of more than {DEPTH} parts leads to nothing in a document")
     if position < len(text) or not steps or isinstance(steps[0], int):
         raise _InvalidPathError(f"{quoted(shortened(text))} is not a path; write it as in duration, videos[0].fps")
     return tuple(steps)

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeVar, cast
 
 from pydantic import (
+    AfterValidator,
     BaseModel,
     BeforeValidator,
     ConfigDict,
@@ -18,6 +19,8 @@ from pydantic import (
     model_validator,
 )
 from pydantic_core import CoreSchema, ErrorDetails, InitErrorDetails
+
+from mjrun.errors import quoted
 
 if TYPE_CHECKING:
     from typing import Optional as Omittable  # pyright: ignore[reportUnusedImport]
@@ -171,6 +174,12 @@ def empty_if_null(value: object) -> object:
     return {} if value is None else value
 
 
+def _without_null(text: str) -> str:
+    if "\0" in text:
+        raise InvalidValueError.with_message(f"{quoted(text)} holds a character that no name or path has")
+    return text
+
+
 Positive = Annotated[float, Field(gt=0)]
-Name = Annotated[str, Field(min_length=1)]
+Name = Annotated[str, Field(min_length=1), AfterValidator(_without_null)]
 Vector = Annotated[tuple[float, float, float], Strict(False), BeforeValidator(of_length(3, "numbers"))]

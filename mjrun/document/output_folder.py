@@ -15,8 +15,6 @@ def refusal(text: str) -> str:
     depths = [sum(-1 if part == ".." else 1 for part in parts[:end]) for end in range(1, len(parts) + 1)]
     if text == "-":
         return "- is standard output, and a document writes files"
-    if "\0" in text:
-        return f"{quoted(text)} holds a character that no path has"
     if text.startswith(("/", "~")):
         return f"{quoted(text)} is no path inside the folder of outputs"
     if min(depths, default=0) < 0:

@@ -31,6 +31,7 @@ from mjrun.formats.frame_renames import (
 from mjrun.formats.temporary_output import TemporaryOutput, left_behind, one_at_a_time, remove
 
 FRAME_NAME = "%06d.png"
+NAME_MAX = 255  # bytes of the name of a file
 
 
 class Destination(Protocol):
@@ -152,6 +153,8 @@ class StagedFile:
                 raise FileError(target, "exists and is read-only")
         except FileNotFoundError:
             pass
+        except OSError as error:
+            raise _unwritable(target, error) from None
         self._temporary = _temporary(self._target, target, folder=False)
         self.path = str(self._temporary.path)
 
@@ -337,7 +340,9 @@ def _pattern_in(folder: Path) -> str:
 
 
 def _check_parent(target: Path, folder: Path) -> None:
-    if not folder.exists():
+    if len(os.fsencode(target.name)) > NAME_MAX:
+        raise FileError(target, f"cannot be written: its name is longer than {NAME_MAX} bytes")
+    if not os.path.exists(folder):  # noqa: PTH110 also of names that are too long
         raise FileError(target, f"there is no folder {folder}", f"make it first: mkdir -p {folder}")
     if not folder.is_dir():
         raise FileError(target, f"{folder} is not a folder")

@@ -1,5 +1,6 @@
 """Video containers and codecs: one table of each, and the encoder arguments that follow from them."""
 
+import os
 from collections.abc import Sequence
 from dataclasses import dataclass
 from fractions import Fraction
@@ -221,7 +222,7 @@ def encoding(
 
 def is_folder(output: str) -> bool:
     """Whether `output` means a folder of frames: it ends in `/`, is a folder, or has no suffix."""
-    return output.endswith("/") or Path(output).is_dir() or not Path(output).suffix
+    return output.endswith("/") or os.path.isdir(output) or not Path(output).suffix  # noqa: PTH112 also of names that are too long
 
 
 def suffixes() -> list[str]:

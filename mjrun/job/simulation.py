@@ -32,7 +32,7 @@ from mjrun.sim.recorded_inputs import RecordedInputs
 from mjrun.sim.replay import ReplayStepper, require_model, require_timestep
 from mjrun.sim.stepper import PhysicsStepper, Stepper
 from mjrun.task.task import Task
-from mjrun.timeline import Timeline, rational
+from mjrun.timeline import EXACT, Timeline, rational
 
 if TYPE_CHECKING:
     from mjrun.job.episode import Episode
@@ -152,8 +152,15 @@ class Simulation(SimulationOptions):
         """The same, if it is said how long it lasts."""
         timestep = rational(model.opt.timestep)
         if self.steps is not None:
-            return Timeline.of_steps(timestep, self.steps)
-        return None if self.duration is None else Timeline.lasting(timestep, self.duration)
+            timeline = Timeline.of_steps(timestep, self.steps)
+        elif self.duration is not None:
+            timeline = Timeline.lasting(timestep, self.duration)
+        else:
+            return None
+        if timeline.steps > EXACT:
+            asked = "duration" if self.steps is None else "steps"
+            raise UsageError(f"{option(asked)}: more steps than {EXACT:.1g}, which could not be told apart")
+        return timeline
 
     def stepper(self, model: mujoco.MjModel) -> Stepper:
         """`model` at time 0, ready to step.

@@ -9,6 +9,7 @@ import pytest
 
 from mjrun.camera.calibration import lens, metric_depth
 from mjrun.camera.pose import Frustum, pose_of
+from mjrun.errors import UsageError
 from mjrun.model.rendered_view import CameraCalibration
 from mjrun.rendering.backend import Backend
 
@@ -207,3 +208,16 @@ def test_projecting_undoes_unprojecting(backend: Backend, orthographic: bool) ->
     back = seen.project(seen.unproject(depth).reshape(-1, 3))
     u, v = np.meshgrid(np.arange(64) + 0.5, np.arange(48) + 0.5)
     assert back == pytest.approx(np.stack([u.ravel(), v.ravel(), depth.ravel()], axis=1))
+
+
+def test_a_camera_without_a_field_of_view_is_told() -> None:
+    spec = mujoco.MjSpec.from_string("<mujoco><worldbody><camera fovy='0'/></worldbody></mujoco>")
+    model = spec.compile()
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    scene = mujoco.MjvScene(model, 10)
+    camera = mujoco.MjvCamera()
+    camera.type, camera.fixedcamid = mujoco.mjtCamera.mjCAMERA_FIXED, 0
+    mujoco.mjv_updateScene(model, data, mujoco.MjvOption(), None, camera, mujoco.mjtCatBit.mjCAT_ALL, scene)
+    with pytest.raises(UsageError, match="field of view is 0"):
+        lens(pose_of(scene), SIZES[0])

@@ -46,6 +46,16 @@ def publish(target: Destination, count: int, text: str) -> None:
         target.discard()
 
 
+@pytest.mark.parametrize("target", [StagedFile, StagedFolder, StagedFrames])
+@pytest.mark.parametrize("name", ["x" * 256, "é" * 128, "x" * 5000, f"{'x' * 256}/a"])
+def test_a_name_that_is_too_long_is_an_unwritable_output(
+    tmp_path: Path, target: Callable[[Path], Destination], name: str
+) -> None:
+    with pytest.raises(FileError, match=r"is longer than 255 bytes|there is no folder"):
+        target(tmp_path / name)
+    assert names(tmp_path) == []
+
+
 def test_a_file_is_the_old_one_until_it_is_published(tmp_path: Path) -> None:
     film = tmp_path / "film.mp4"
     film.write_text("old")

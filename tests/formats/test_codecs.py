@@ -111,6 +111,10 @@ def test_an_existing_folder_is_a_folder_whatever_its_name(tmp_path: Path) -> Non
     assert not is_folder(str(tmp_path / "take.3"))
 
 
+def test_a_name_that_is_too_long_is_no_folder() -> None:
+    assert encoding("x" * 5000 + ".mp4").format == "mp4"
+
+
 def test_suffixes_are_those_of_the_table() -> None:
     assert suffixes()[:2] == [".mp4", ".mov"]
     assert all(encoding(f"f_%d{suffix}").format == suffix[1:] for suffix in suffixes())

@@ -72,6 +72,12 @@ def test_a_number_of_steps_that_cannot_be_is_refused(steps: Any) -> None:
     assert str(caught.value) == f"steps: '{steps}' is not a whole number from 1 on"
 
 
+@pytest.mark.parametrize("how", [{"duration": 1e300}, {"duration": "1e299"}, {"steps": 10**17}])
+def test_more_steps_than_can_be_counted_are_refused_before_the_first(how: dict[str, Any]) -> None:
+    with pytest.raises(UsageError, match=r"^(duration|steps): more steps than 9e\+15"):
+        Simulation(MODEL, **how).timeline(MODEL)
+
+
 def test_a_compiled_model_is_used_as_it_is() -> None:
     assert Simulation(MODEL).load() is MODEL
 
