@@ -48,7 +48,7 @@ def bare(worlds: mjrun.gym.TaskVectorEnv, actions: np.ndarray) -> Callable[[], f
     env = worlds.worlds
     model, steps = env.model(0), env.control_steps
     ends = [np.flatnonzero(over) for over in _ends(worlds, actions)]
-    env.reset(np.arange(env.count))
+    worlds.reset(seed=SEED)  # as all others begin
     starts = np.stack([env.state(world) for world in range(env.count)])
     batch = Batch(model, env.count)
 

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 import mujoco
 
 from mjrun.errors import SimulationError, UsageError, clean, option
-from mjrun.model.source import CollectionSource, Source
+from mjrun.model.source import Source
 from mjrun.model.variants import ModelVariants
 from mjrun.options.policy import NONE, is_code, is_policy_file
 from mjrun.options.push import Push
@@ -273,12 +273,7 @@ def episode_of(
         return EnvironmentEpisode(source, policy, seed)
     from mjrun.policy.task_of_policy import task_of_policy
 
-    try:
-        return TaskEpisode(task_of_policy(policy, source, control_dt, duration), policy, seed, pushes)
-    except UsageError as error:
-        if isinstance(source, CollectionSource) and source.NO_TASK:
-            error.add_note(source.NO_TASK)
-        raise
+    return TaskEpisode(task_of_policy(policy, source, control_dt, duration), policy, seed, pushes)
 
 
 def remembered_policy(policy: object, trust: bool, normalize: str | None) -> "Policy":

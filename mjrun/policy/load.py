@@ -2,8 +2,8 @@
 
 from pathlib import Path
 
-from mjrun.errors import UsageError, clean, option
-from mjrun.options.policy import NONE, RANDOM, ZERO, is_code
+from mjrun.errors import UsageError, clean, option, suggestion
+from mjrun.options.policy import BUILT_IN, NONE, RANDOM, ZERO, is_code
 from mjrun.policy.built_in import RandomPolicy, ZeroPolicy
 from mjrun.policy.normalization import normalized
 from mjrun.policy.policy import Policy
@@ -61,7 +61,7 @@ def _read(path: Path, name: str, trust: bool, normalize: str | None) -> Policy:
 
         return TorchScriptPolicy(path, name, trust=trust)
     raise UsageError(
-        f"{option('policy')} {clean(name)} is of no kind that is known\n"
+        f"{option('policy')} {clean(name)} is of no kind that is known{suggestion(name, BUILT_IN)}\n"
         ".onnx, a LEAPP package (.yaml or its folder), .zip of Stable-Baselines3, .pt (TorchScript), "
         "FILE.py:NAME, random, zero"
     )

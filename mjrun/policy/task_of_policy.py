@@ -9,7 +9,7 @@ import mujoco
 
 from mjrun.errors import UnknownNameError, UsageError, clean, option
 from mjrun.model.names import names
-from mjrun.model.source import Source
+from mjrun.model.source import CollectionSource, Source
 from mjrun.options.option import is_given, options_of
 from mjrun.options.task import CONTROL, POSITION, TORQUE, VELOCITY, ActionOptions, ObservationOptions
 from mjrun.policy.policy import Numbers, ObservationFacts, Policy, PolicyFacts
@@ -47,6 +47,8 @@ def task_of_policy(
             f"{advice} write a task document, and play the policy on that instead of on {clean(source.text)}:",
             *draft.lines(source.text),
         ]
+        if isinstance(source, CollectionSource) and source.NO_TASK:
+            lines.append(source.NO_TASK)
         raise UsageError("\n".join(lines), ("policy",))
     assert draft.control_dt is not None
     return Task(

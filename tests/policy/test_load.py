@@ -45,7 +45,7 @@ def test_statistics_normalize_and_none_declines(tmp_path: Path) -> None:
         ("walk.onnx", FileError, r"walk.onnx: no such file"),
         ("walk.h5", UsageError, r"^policy walk.h5 is of no kind that is known\n.onnx, "),
         ("wa\x1blk", UsageError, r"^policy wa\\x1blk is of no kind"),
-        ("ramdom", UsageError, "is of no kind"),
+        ("ramdom", UsageError, r"is of no kind that is known \(did you mean .random.\?\)"),
     ],
 )
 def test_what_is_no_policy_is_refused(name: str, error: type[Exception], message: str) -> None:
