@@ -232,7 +232,7 @@ def test_the_study_document_of_the_readme_is_one(tmp_path: Path) -> None:
     (tmp_path / "study.yaml").write_text(text.replace("../humanoid.xml", str(ROOT / "scenes/humanoid.xml")))
     request = read_study(tmp_path / "study.yaml", ["samples=2", "duration=0.01"])
     with request.located():
-        assert request.study.preview().points == 2 * 8 * 2
+        assert request.made.preview().points == 2 * 8 * 2
 
 
 @pytest.mark.gl

@@ -2,6 +2,7 @@
 
 import gc
 import os
+import sys
 from collections.abc import Callable, Generator, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict, replace
@@ -34,6 +35,8 @@ DOCUMENTS = (".yaml", ".yml")  # suffixes of camera scripts and of tasks
 
 def import_mujoco() -> None:
     """Imports MuJoCo without an OpenGL backend: it would fix one by MUJOCO_GL, or fail at a bad name."""
+    if "mujoco" in sys.modules:
+        return  # what is garbage by now would be frozen too, and never freed
     backend = os.environ.get("MUJOCO_GL")
     os.environ["MUJOCO_GL"] = "disable"
     gc.disable()  # modules are no garbage: looking through them takes longer than importing some of them

@@ -113,8 +113,8 @@ def _study(console: Console, command_line: CommandLine) -> "tuple[Study, Located
 
         beside = _beside_study(command_line, model)
         code = command_line.with_converted("controller", load_controller).make(CodeOptions)
-        request = read_study(model, assignments, given=beside, code=code, command=console.command)
-        return request.study, request.located
+        request = read_study(model, assignments, values=beside, code=code, command=console.command)
+        return request.made, request.located
     if assignments:
         raise UsageError(f"{clean(assignments[0])}: {clean(model)} is no document whose values could be changed")
     if _is_plan(model):

@@ -8,12 +8,11 @@ from typing import Annotated, Literal, cast
 
 from pydantic import Field, ValidationError
 
-from mjrun.document.builder import DocumentBuilder
 from mjrun.document.document_model import DocumentModel, Name
 from mjrun.document.error_messages import validation_faults
 from mjrun.document.output_folder import Folders, OutputFolder
 from mjrun.document.reader import document_error
-from mjrun.document.study import StudyDocument, declared_at, made_study
+from mjrun.document.study import STUDY, StudyDocument
 from mjrun.document.study_writer import portable_document
 from mjrun.document.tree import Fault, MappingNode, Mark, node_of
 from mjrun.errors import FileError, clean
@@ -134,6 +133,5 @@ def _study(path: str, value: object, folder: Path, given: Mapping[str, object]) 
     except ValidationError as error:
         raise document_error(validation_faults(error, tree)) from None
     assert isinstance(tree, MappingNode)
-    builder = DocumentBuilder(tree, Folders(folder, OutputFolder(Path()), lexical=True), declared_at)
-    simulation = builder.simulation(document, CodeOptions())
-    return made_study(builder, simulation, {**builder.values(Study, document, ()), **given})
+    folders = Folders(folder, OutputFolder(Path()), lexical=True)
+    return STUDY.made(tree, folders, document, {}, given, CodeOptions())

@@ -6,6 +6,7 @@ import mujoco
 
 from mjrun.cli.info import info
 from mjrun.cli.info_sections import SECTIONS, LineSection
+from mjrun.cli.task_page import TABLES
 from mjrun.model.description.model_description import SECTIONS as DESCRIBED
 from mjrun.model.description.model_description import ModelDescription
 
@@ -36,8 +37,9 @@ def test_every_section_of_a_description_is_shown_in_the_same_order() -> None:
 
 
 def test_help_lists_every_section() -> None:
-    listed = " ".join((info.help or "").partition("Sections: ")[2].split())
-    assert re.findall(r"\w+", listed) == [*SECTIONS]
+    models, _, tasks = (info.help or "").partition("Sections: ")[2].partition("Sections of a task: ")
+    assert re.findall(r"\w+", models) == [*SECTIONS]
+    assert re.findall(r"\w+", tasks) == ["task", *TABLES]
 
 
 def test_each_table_has_the_rows_of_its_own_section() -> None:

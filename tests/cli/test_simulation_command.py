@@ -1,12 +1,13 @@
 """What commands that simulate share: one use of standard output, and options that exclude each other."""
 
+import gc
 from typing import Any
 
 import pytest
 
 from mjrun.cli.click_command import CommandLine
 from mjrun.cli.console import flag
-from mjrun.cli.simulation_command import payload_on_stdout, with_camera_scripts
+from mjrun.cli.simulation_command import import_mujoco, payload_on_stdout, with_camera_scripts
 from mjrun.errors import UsageError
 from mjrun.options.image import ImageOptions
 from mjrun.options.option import Options
@@ -21,6 +22,14 @@ def test_standard_output_has_one_use() -> None:
     with pytest.raises(UsageError) as error:
         payload_on_stdout(CommandLine({"output": "-", "json": True}))
     assert error.value.spelled(flag).startswith("--json and the output both want standard output")
+
+
+def test_mujoco_that_is_imported_already_is_left_alone() -> None:
+    """What is garbage at that moment stays garbage, and not in memory for ever."""
+    before = gc.get_freeze_count()
+    import_mujoco()
+    assert gc.get_freeze_count() == before
+    assert gc.isenabled()
 
 
 def test_cameras_that_are_no_scripts_stay() -> None:

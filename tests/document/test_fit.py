@@ -25,7 +25,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 def read(text: str, *assignments: str) -> Fit:
     Path("d.yaml").write_text(HEAD + text)
-    return read_fit("d.yaml", assignments).fit
+    return read_fit("d.yaml", assignments).made
 
 
 def test_it_says_what_the_command_line_says() -> None:
@@ -48,7 +48,7 @@ def test_files_that_are_read_are_relative_to_the_document(folder: Path, monkeypa
     Path("d.yaml").write_text(f"{HEAD}free: {{joint/hinge.damping: 0..1}}\noutput: fitted.xml")
     (folder / "elsewhere").mkdir()
     monkeypatch.chdir(folder / "elsewhere")
-    fit = read_fit("../d.yaml").fit
+    fit = read_fit("../d.yaml").made
     assert Path(fit.data[0]).resolve() == folder / "log.csv"
     assert fit.simulation.load().nq == 1
     assert fit.output == "fitted.xml"
@@ -77,4 +77,4 @@ def test_what_is_wrong_with_the_fit_is_told_at_its_line() -> None:
     Path("d.yaml").write_text(f"{HEAD}free:\n  joint/hinge.dampin: 0..1")
     request = read_fit("d.yaml")
     with pytest.raises(UsageError, match=r"d\.yaml:4:3: free\.joint/hinge\.dampin: no setting"), request.located():
-        request.fit.run()
+        request.made.run()

@@ -31,7 +31,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 def read(text: str, *assignments: str, **options: Any) -> Study:
     Path("d.yaml").write_text(HEAD + text)
-    return read_study("d.yaml", assignments, **options).study
+    return read_study("d.yaml", assignments, **options).made
 
 
 def study(**options: Any) -> Study:
@@ -75,7 +75,7 @@ def test_assignments_count_instead_of_what_is_written() -> None:
 
 
 def test_what_is_given_counts_instead_of_the_document() -> None:
-    made = read("output: a\ntime_limit: 1", given={"output": "/tmp/x", "time_limit": "2", "jobs": 3})
+    made = read("output: a\ntime_limit: 1", values={"output": "/tmp/x", "time_limit": "2", "jobs": 3})
     assert made == study(output="/tmp/x", time_limit="2", jobs=3)
 
 
@@ -83,7 +83,7 @@ def test_files_are_relative_to_the_document_and_the_folder_to_the_current_one(fo
     (folder / "sub").mkdir()
     vary = "vary: {model: [a.xml, scene:car], ctrl_from: 'choice(a.csv, /b.csv)'}"
     (folder / "sub/kicks.yaml").write_text(f"{HEAD}{vary}\npoints: p.csv")
-    made = read_study("sub/kicks.yaml").study
+    made = read_study("sub/kicks.yaml").made
     assert (made.simulation.model, made.points, made.output) == ("sub/ball.xml", "sub/p.csv", "kicks")
     assert made.vary == (("model", "sub/a.xml,scene:car"), ("ctrl_from", "choice(sub/a.csv,/b.csv)"))
 
@@ -140,7 +140,7 @@ def test_what_is_wrong_with_the_model_at_hand_is_told_where_it_is(text: str, exp
     Path("d.yaml").write_text(HEAD + text)
     request = read_study("d.yaml")
     with pytest.raises(DocumentError) as caught, request.located():
-        request.study.preview()
+        request.made.preview()
     assert str(caught.value).startswith(f"d.yaml:{expected}")
 
 
@@ -188,7 +188,7 @@ def studies(draw: st.DrawFn) -> Study:
 @settings(max_examples=60)
 def test_the_document_of_a_study_is_that_study(made: Study) -> None:
     Path("d.yaml").write_text(study_text(made, "mjrun …\n"), encoding="utf-8")
-    assert read_study("d.yaml").study == made
+    assert read_study("d.yaml").made == made
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,115 @@
+"""What the documents of studies and of fits are: a simulation, and the options of one thing that is made of it."""
+
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import AbstractContextManager
+from pathlib import Path
+from typing import Generic, TypeVar
+
+from pydantic import Field
+
+from mjrun.document.builder import NAMED, DocumentBuilder, located_errors
+from mjrun.document.document_model import Name
+from mjrun.document.option_models import OptionsModel, option_keys, options_model
+from mjrun.document.output_folder import Folders, OutputFolder
+from mjrun.document.reader import read_placed
+from mjrun.document.tree import MappingNode
+from mjrun.document.tree import Path as Place
+from mjrun.job.simulation import Simulation
+from mjrun.options.option import Options
+from mjrun.options.simulation import CodeOptions, SimulationOptions
+
+Made = TypeVar("Made")
+MODEL = (
+    "The model: a file (.xml, .urdf, .mjz, .zip, .mjb), relative to the folder of this document, or another source "
+    "such as scene:dominos."
+)
+
+
+class Request(Generic[Made]):
+    """What a document asks for, and where it does.
+
+    Attributes:
+      made: ready to be run.
+    """
+
+    def __init__(self, made: Made, located: Callable[[], AbstractContextManager[None]]) -> None:
+        self.made, self.located = made, located
+
+
+class SimulationDocument(Generic[Made]):
+    """A kind of document.
+
+    Args:
+      name: of what it describes.
+      about: what it holds, in a sentence.
+      declared: the options beside those of a simulation; `output` may be left out.
+      make: from a simulation and these options to what is made.
+
+    Attributes:
+      model: by which documents are checked.
+    """
+
+    def __init__(self, name: str, about: str, declared: type[Options], make: Callable[..., Made]) -> None:
+        self._declared, self._make = declared, make
+        self.model: type[OptionsModel] = options_model(
+            SimulationOptions,
+            name=name,
+            first={"model": (Name, Field(description=MODEL))},
+            last=option_keys(declared, ["output"]),
+        )
+        self.model.__doc__ = about
+        self._all_options = type(name, (declared, SimulationOptions), {})
+
+    def declared_at(self, place: Place) -> type[Options]:
+        """The options that stand at a place of such a document."""
+        return self._all_options
+
+    def read(
+        self,
+        path: Path | str,
+        assignments: Sequence[str],
+        values: Mapping[str, object],
+        defaults: Mapping[str, object],
+        code: CodeOptions,
+    ) -> Request[Made]:
+        """What the document at `path` asks for.
+
+        Files that are read are relative to the folder of the document, those that are written to the current one.
+
+        Args:
+          assignments: `key=value` over what is written.
+          values: options that count instead of the document's.
+          defaults: options that count where it says nothing.
+          code: what a document cannot hold.
+
+        Raises:
+          DocumentError: with everything that is wrong in the document, those it names, and the assignments.
+          FileError: one of them is not there, or cannot be read.
+        """
+        document, tree = read_placed(path, self.model, assignments, variables=True, named=NAMED)
+        folders = Folders(Path(path).parent, OutputFolder(Path()))
+        made = self.made(tree, folders, document, defaults, values, code)
+        return Request(made, lambda: located_errors(tree, self.declared_at))
+
+    def made(
+        self,
+        tree: MappingNode,
+        folders: Folders,
+        document: OptionsModel,
+        defaults: Mapping[str, object],
+        values: Mapping[str, object],
+        code: CodeOptions,
+    ) -> Made:
+        """What a document that is read describes.
+
+        Raises:
+          DocumentError: with all that is wrong with it.
+        """
+        builder = DocumentBuilder(tree, folders, self.declared_at)
+        simulation: Simulation = builder.simulation(document, code)
+        chosen = {**defaults, **builder.values(self._declared, document, ()), **values}
+        builder.raise_faults()
+        made = builder.attempt((), lambda: self._make(simulation, **chosen))
+        builder.raise_faults()
+        assert made is not None
+        return made
