@@ -12,7 +12,9 @@ import numpy as np
 
 from mjrun.check.finding import Place, Violation
 from mjrun.model.compilation import FAULTS
+from mjrun.model.description.archive_files import file_content
 from mjrun.model.load import load
+from mjrun.model.named_files import require_regular_files
 from mjrun.model.names import COUNTS, KINDS, names
 from mjrun.model.xml_source import XML, Element, XmlSource, is_regular
 
@@ -72,6 +74,7 @@ class LintContext:
         """
         with suppress(*FAULTS):  # `load` below fails on the same model with an error that says what and where
             if path.suffix in XML and is_regular(path):
+                require_regular_files(path, file_content(str(path)))
                 spec = mujoco.MjSpec.from_file(str(path))
                 model = spec.compile()
                 model.names.decode("utf-8")

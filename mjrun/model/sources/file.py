@@ -13,6 +13,7 @@ from mjrun.model.compilation import FAULTS, broken_model, check_model, compile_m
 from mjrun.model.description import archive_files
 from mjrun.model.description.referenced_files import referenced_files
 from mjrun.model.mujoco_globals import without_log
+from mjrun.model.named_files import require_regular_files
 from mjrun.model.source import Source
 
 SOURCES = (".xml", ".urdf", ".mjz", ".zip")
@@ -87,6 +88,8 @@ class FileSource(Source):
 
     def _parse(self) -> mujoco.MjSpec:
         path = self.path
+        main = str(path) if path.suffix == ".urdf" else archive_files.main_mjcf(path)
+        require_regular_files(path, archive_files.file_content(main) if main else None)
         if path.suffix not in (".mjz", ".zip"):
             return mujoco.MjSpec.from_file(str(path))
 

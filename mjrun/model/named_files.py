@@ -1,0 +1,112 @@
+"""The files that a model names, looked at before MuJoCo opens them: on a pipe or a device it would wait for ever.
+
+They are found by their attributes in the text, which is fast, and needs no well-formed XML. Each is looked for wherever
+MuJoCo may look for it.
+"""
+
+import html
+import os
+import re
+import stat
+from collections import deque
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import NamedTuple
+
+from mjrun.errors import BrokenModelError, quoted
+from mjrun.model.description.archive_files import file_content
+from mjrun.model.xml_source import MAX_FILES, with_slashes
+
+_VALUE = rb"\s*=\s*(?:\"([^\"]*)\"|'([^']*)')"
+# Patterns that begin with a word are searched for ten times as fast as others. A mesh of URDF has a filename.
+_FILE = re.compile(rb"file(?:name|right|left|up|down|front|back)?" + _VALUE)
+_FOLDER = re.compile(rb"dir(?:(?<=assetdir)|(?<=meshdir)|(?<=texturedir))" + _VALUE)
+_MODEL = re.compile(rb"<(?:include|model)\b(?:[^>\"']|\"[^\"]*\"|'[^']*')*")
+
+KINDS = {
+    stat.S_IFIFO: "a named pipe",
+    stat.S_IFSOCK: "a socket",
+    stat.S_IFCHR: "a device",
+    stat.S_IFBLK: "a device",
+}
+
+
+class _NamedFile(NamedTuple):
+    """A file as it is named in line `line` of the file `by`."""
+
+    name: str
+    by: Path
+    line: int
+
+
+@dataclass
+class _NamedFiles:
+    """What a model and all that it includes or attaches name."""
+
+    files: list[_NamedFile] = field(default_factory=list)
+    folders: dict[str, None] = field(default_factory=lambda: {"": None})
+
+
+def require_regular_files(path: Path, text: bytes | None) -> None:
+    """Checks that no file named in the MJCF or URDF `text`, or in what it includes, is a pipe, a socket or a device.
+
+    Args:
+      path: of the text; what it names may lie beside it, or in the working directory.
+
+    Raises:
+      BrokenModelError: one is.
+    """
+    named = _collect(path, text or b"")
+    seen: set[str] = set()
+    for file in named.files:
+        for place in _places(file, path, named.folders):
+            if place not in seen:
+                seen.add(place)
+                _check(file, place)
+
+
+def _collect(path: Path, text: bytes) -> _NamedFiles:
+    """Goes through the text and those of the files that it includes or attaches."""
+    named, waiting, visited = _NamedFiles(), deque([(path, text)]), {str(path.absolute())}
+    while waiting and len(visited) <= MAX_FILES:
+        by, content = waiting.popleft()
+        named.folders |= dict.fromkeys(value for value, _ in _values(_FOLDER, content))
+        named.files += [_NamedFile(value, by, line) for value, line in _values(_FILE, content)]
+        for tag in _MODEL.finditer(content):
+            for name, line in _values(_FILE, tag[0]):
+                for place in _places(_NamedFile(name, by, line), path, [""]):
+                    whole = os.path.abspath(place)  # noqa: PTH100 – pathlib keeps .., and a circle would not end
+                    if whole not in visited and (inner := file_content(place)) is not None:
+                        visited.add(whole)
+                        waiting.append((Path(place), inner))
+    return named
+
+
+def _values(attribute: re.Pattern[bytes], text: bytes) -> Iterator[tuple[str, int]]:
+    """The values of an attribute in `text`, with their lines."""
+    line, position = 1, 0
+    for found in attribute.finditer(text):
+        line += text.count(b"\n", position, found.start())
+        position = found.start()
+        value = (found[1] or found[2] or b"").decode(errors="surrogateescape")
+        if value:
+            yield with_slashes(html.unescape(value)), line
+
+
+def _places(file: _NamedFile, main: Path, folders: Iterable[str]) -> Iterator[str]:
+    """Where MuJoCo may look for a file; URDF drops the folders of its names, and the package that they are in."""
+    bases = dict.fromkeys((str(main.parent), str(file.by.parent), ""))
+    names = dict.fromkeys((file.name, file.name.rpartition("://")[2], file.name.rpartition("/")[2]))
+    # Thousands of paths: pathlib takes five times as long.
+    yield from (os.path.join(base, folder, name) for base in bases for folder in folders for name in names)  # noqa: PTH118
+
+
+def _check(file: _NamedFile, place: str) -> None:
+    try:
+        kind = KINDS.get(stat.S_IFMT(os.stat(place).st_mode))  # noqa: PTH116
+    except (OSError, ValueError):  # there is none, or no file can be called so
+        return
+    if kind:
+        message = f"{quoted(file.name)} is {kind}; a model is read from regular files"
+        raise BrokenModelError(file.by, message, file.line)

@@ -1,0 +1,82 @@
+"""What a model names is looked at before MuJoCo opens it, wherever MuJoCo would look for it."""
+
+import os
+import zipfile
+from pathlib import Path
+
+import pytest
+
+from mjrun.errors import BrokenModelError
+from mjrun.model.load import load
+from mjrun.model.named_files import require_regular_files
+
+MESH = '<asset><mesh name="m" file="{}"/></asset><worldbody><geom type="mesh" mesh="m"/></worldbody>'
+NAMING = {
+    "mesh": MESH.format("pipe"),
+    "mesh by an entity": MESH.format("p&#105;pe"),
+    "mesh in a folder": f'<compiler meshdir="sub"/>{MESH.format("inner.stl")}',
+    "mesh in a folder, by a backslash": f'<compiler assetdir="sub"/>{MESH.format("..&#92;pipe")}',
+    "mesh in single quotes": MESH.replace('"{}"', "'pipe'"),
+    "texture": '<asset><texture type="2d" name="t" file="pipe"/></asset>',
+    "face of a cube": '<asset><texture type="cube" name="t" fileup="pipe"/></asset>',
+    "height field": '<asset><hfield name="h" size="1 1 1 1" file="pipe"/></asset>',
+    "skin": '<asset><skin name="s" file="pipe"/></asset>',
+    "flexcomp": '<worldbody><flexcomp name="f" type="mesh" file="pipe"/></worldbody>',
+    "include": '<include file="pipe"/>',
+    "attached model": '<asset><model file="pipe"/></asset>',
+    "included mesh": '<include file="included.xml"/>',
+}
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    (tmp_path / "sub").mkdir()
+    os.mkfifo(tmp_path / "pipe")
+    os.mkfifo(tmp_path / "sub" / "inner.stl")
+    (tmp_path / "included.xml").write_text(f"<mujoco>{MESH.format('pipe')}</mujoco>")
+    return tmp_path
+
+
+@pytest.mark.parametrize("body", NAMING.values(), ids=NAMING)
+def test_a_named_pipe_is_refused_with_the_line_that_names_it(folder: Path, body: str) -> None:
+    model = folder / "model.xml"
+    model.write_text(f"<mujoco>\n{body}\n</mujoco>")
+    with pytest.raises(BrokenModelError, match="is a named pipe; a model is read from regular files") as caught:
+        load(model)
+    assert (caught.value.path, caught.value.line) in ((model, 2), (folder / "included.xml", 1))
+    assert caught.value.exit_code == 3
+
+
+def test_so_is_one_in_urdf_whose_package_mujoco_drops(folder: Path) -> None:
+    model = folder / "model.urdf"
+    mesh = '<geometry><mesh filename="package://robot/pipe"/></geometry>'
+    model.write_text(f'<robot name="r"><link name="a"><collision>{mesh}</collision></link></robot>')
+    with pytest.raises(BrokenModelError, match="named pipe"):
+        load(model)
+
+
+def test_so_is_one_that_an_archive_names_outside_of_itself(folder: Path) -> None:
+    model = folder / "model.mjz"
+    with zipfile.ZipFile(model, "w") as archive:
+        archive.writestr("model.xml", f"<mujoco>{MESH.format(folder / 'pipe')}</mujoco>")
+    with pytest.raises(BrokenModelError, match="named pipe"):
+        load(model)
+
+
+def test_a_device_is_refused_too(tmp_path: Path) -> None:
+    with pytest.raises(BrokenModelError, match=r":1: '/dev/zero' is a device"):
+        require_regular_files(tmp_path / "m.xml", b'<mujoco><asset><skin file="/dev/zero"/></asset></mujoco>')
+
+
+def test_what_is_not_there_or_is_a_file_is_left_to_mujoco(tmp_path: Path) -> None:
+    (tmp_path / "a.stl").write_bytes(b"")
+    names = ["a.stl", "b.stl", "", ".", "a" * 5000, "a\0b", "&#0;", "\udcff"]
+    text = "".join(f'<mesh file="{name}"/>' for name in names)
+    require_regular_files(tmp_path / "m.xml", text.encode(errors="surrogateescape"))
+    require_regular_files(tmp_path / "m.xml", None)
+
+
+def test_models_that_include_each_other_are_gone_through_once(tmp_path: Path) -> None:
+    for one, other in (("a", "b"), ("b", "a")):
+        (tmp_path / f"{one}.xml").write_text(f'<mujoco><include file="{other}.xml"/></mujoco>')
+    require_regular_files(tmp_path / "a.xml", (tmp_path / "a.xml").read_bytes())
