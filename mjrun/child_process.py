@@ -20,6 +20,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import IO, Literal
 
+from mjrun.errors import FileError
+
 STDOUT_LIMIT = 2**24  # bytes of captured output that are kept, from its beginning
 STDERR_LIMIT = 2**16  # bytes of captured messages that are kept, from their end: the last line says why
 POLL_INTERVAL = 0.05  # [s]
@@ -91,6 +93,7 @@ class ChildProcess:
       stdout, stderr: where they go. What is captured is read as it comes, so that a child never waits for it.
 
     Raises:
+      FileError: the program may not be executed.
       OSError: the system refuses.
     """
 
@@ -104,21 +107,26 @@ class ChildProcess:
         stderr: Stream = "inherit",
     ) -> None:
         self._cause: Cause | None = None
+        variables = {**os.environ, **(environment or {})}
         with ExitStack() as stack:
             inherited: list[int] = []
             for descriptor in descriptors:
                 # Above 2, which it may be when this process has no standard input: the child's 0 to 2 are taken.
                 inherited.append(fcntl.fcntl(descriptor, fcntl.F_DUPFD_CLOEXEC, 3))
                 stack.callback(os.close, inherited[-1])
-            self._popen = subprocess.Popen(
-                [*command, *map(str, inherited)],
-                stdin=subprocess.DEVNULL,
-                stdout=_target(stdout),
-                stderr=_target(stderr),
-                env={name: value for name, value in {**os.environ, **(environment or {})}.items() if value is not None},
-                pass_fds=inherited,
-                start_new_session=True,
-            )
+            try:
+                self._popen = subprocess.Popen(
+                    [*command, *map(str, inherited)],
+                    stdin=subprocess.DEVNULL,
+                    stdout=_target(stdout),
+                    stderr=_target(stderr),
+                    env={name: value for name, value in variables.items() if value is not None},
+                    pass_fds=inherited,
+                    start_new_session=True,
+                )
+            except PermissionError as error:
+                reason = "cannot be started, which mjrun needs processes of its own for"
+                raise FileError(command[0], f"{reason}: {error.strerror or error}") from None
         self._finalizer = weakref.finalize(self, _kill_and_reap, self._popen, os.getpid())
         self._stdout = _Capture(self._popen.stdout, STDOUT_LIMIT, keep="beginning")
         self._stderr = _Capture(self._popen.stderr, STDERR_LIMIT, keep="end")

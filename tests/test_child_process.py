@@ -16,6 +16,7 @@ from pathlib import Path
 import pytest
 
 from mjrun.child_process import STDERR_LIMIT, STDOUT_LIMIT, ChildProcess, ExitStatus, limit_this_process, python_call
+from mjrun.errors import FileError
 
 MIB = 2**20
 FOREVER = "import time; time.sleep(600)"
@@ -272,3 +273,10 @@ def test_no_process_outlives_the_interpreter() -> None:
 
 def test_waiting_forever_costs_nothing_that_is_infinite() -> None:
     assert python("").wait(math.inf, math.inf) == ExitStatus(0)
+
+
+def test_a_program_that_may_not_be_executed_is_named(tmp_path: Path) -> None:
+    program = tmp_path / "python"
+    program.touch(0o600)
+    with pytest.raises(FileError, match=r"python: cannot be started, .*: Permission denied"):
+        ChildProcess([str(program)])

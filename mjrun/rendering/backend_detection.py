@@ -3,7 +3,6 @@
 import json
 import os
 import sys
-import tempfile
 from collections.abc import Collection, Sequence
 from pathlib import Path
 from typing import Any
@@ -12,6 +11,7 @@ from mjrun.child_process import ChildProcess
 from mjrun.errors import NoRendererError, SoftwareRendererError, option
 from mjrun.rendering.backend import DEVICE, GL, Backend, candidates, is_from_environment, requested_backends
 from mjrun.rendering.install_advice import DISPLAY, OPENGL, OSMESA, VULKAN, install_advice
+from mjrun.rendering.worker_process import memory_file
 
 TIMEOUT = 60  # [s], for a driver that hangs
 ADVICE = {"egl": OPENGL, "osmesa": OSMESA, "glfw": DISPLAY}
@@ -33,7 +33,7 @@ class BackendTrialProcess:
             environment[DEVICE] = str(device)
         script = Path(__file__).with_name("try_backend.py")
         command = [sys.executable, "-P", str(script), name, *(["draw"] if draw else [])]
-        self._log = tempfile.TemporaryFile()  # noqa: SIM115 a file, since the child reads what Filament logs
+        self._log = os.fdopen(memory_file(), "w+b")  # a file, since the child reads what Filament logs
         self._process = ChildProcess(command, environment=environment, stdout="capture", stderr=self._log)
 
     def answer(self) -> dict[str, Any]:

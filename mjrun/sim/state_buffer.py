@@ -34,7 +34,8 @@ class StateBuffer:
             self._file.seek(self._count * self._bytes)
             self._file.write(content)
         except OSError as error:
-            where, hint = tempfile.gettempdir(), "TMPDIR names another folder for it"
+            where = tempfile.tempdir or "no folder"  # which was found when the states became many
+            hint = "TMPDIR names another folder for it"
             raise FileError(where, f"cannot hold the recording: {error.strerror or error}", hint) from None
         self._count += 1
 

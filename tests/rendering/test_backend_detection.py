@@ -1,6 +1,7 @@
 """The search for something that can draw."""
 
 import platform
+import tempfile
 from dataclasses import dataclass
 from types import SimpleNamespace
 
@@ -131,3 +132,12 @@ def test_a_search_for_vulkan_can_be_given_up() -> None:
     search = VulkanDetection()
     search.cancel()
     assert not search._trial._process.running
+
+
+def test_no_temporary_folder_is_needed(monkeypatch: pytest.MonkeyPatch, backend: Backend) -> None:
+    def no_folder(*_: object, **__: object) -> str:
+        raise FileNotFoundError("No usable temporary directory found")
+
+    monkeypatch.setattr(tempfile, "tempdir", None)
+    monkeypatch.setattr(tempfile, "_get_default_tempdir", no_folder)
+    assert BackendDetection(backend.name).result() == backend

@@ -1,5 +1,6 @@
 """Theorems about recordings: what went in comes out, bit for bit, from memory as from disk."""
 
+import tempfile
 from pathlib import Path
 
 import mujoco
@@ -9,6 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
+from mjrun.errors import FileError
 from mjrun.sim import state_buffer
 from mjrun.sim.state_buffer import StateBuffer
 from mjrun.sim.stepper import PhysicsStepper
@@ -132,3 +134,15 @@ def test_a_simulation_goes_on_bit_for_bit_from_a_recorded_state() -> None:
             again = PhysicsStepper(MODEL, data)
             again.advance(20)
             assert again.state().tobytes() == kept[index + 1].tobytes()
+
+
+def test_states_that_need_a_folder_where_there_is_none_are_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    def no_folder() -> str:
+        raise FileNotFoundError("No usable temporary directory found")
+
+    monkeypatch.setattr(tempfile, "tempdir", None)
+    monkeypatch.setattr(tempfile, "_get_default_tempdir", no_folder)
+    monkeypatch.setattr(state_buffer, "SPILL", 1)
+    states = StateBuffer(MODEL)
+    with pytest.raises(FileError, match="no folder: cannot hold the recording"):
+        states.append(counted(0))
