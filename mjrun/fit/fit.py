@@ -18,9 +18,10 @@ from mjrun.fit.identifiability import Sensitivity, sensitivity
 from mjrun.fit.intervals import bound_reached, intervals
 from mjrun.fit.measurements import CONTROLS, Measurements, read_measurements
 from mjrun.fit.prediction import Predictor
-from mjrun.fit.ranges import write_ranges
+from mjrun.fit.ranges import check_ranges_name, write_ranges
 from mjrun.fit.shooting import SHORTEST, Shooting, Solution, first_noise, with_noise
 from mjrun.fit.starting_states import StartingStates
+from mjrun.formats.tables import output_format
 from mjrun.job.simulation import Simulation
 from mjrun.model import state
 from mjrun.model.names import control_names
@@ -140,9 +141,7 @@ class _Run:
         self._fit, self._reporter, self._begin = fit, reporter, time.perf_counter()
         if importlib.util.find_spec(LIBRARY) is None:
             raise MissingExtraError("mjrun fit", LIBRARY, EXTRA)
-        if fit.html is not None:
-            check_page_name(fit.html)
-            require_matplotlib()
+        _check_names(fit)
         simulation = fit.simulation
         if fit.velocity_limit is not None:
             raise UsageError(f"{option('velocity_limit')} is of {option('excite')}: what was measured is not limited")
@@ -303,6 +302,17 @@ class _Run:
             held_out = [None if np.isnan(each) else each for each in held]
             signals.append(FittedSignal(name, column.unit, float(last.noise[i]), nominal, fitted, *held_out))
         return signals
+
+
+def _check_names(fit: Fit) -> None:
+    """Refuses names of files that could not be written, before hours of fitting."""
+    if fit.comparison is not None:
+        output_format(fit.comparison)
+    if fit.ranges is not None:
+        check_ranges_name(fit.ranges)
+    if fit.html is not None:
+        check_page_name(fit.html)
+        require_matplotlib()
 
 
 def _errors(solution: Solution) -> np.ndarray:

@@ -29,8 +29,7 @@ def write_ranges(
     """
     from scipy import stats
 
-    if Path(path).suffix not in SUFFIXES:
-        raise UsageError(f"{option('ranges')} {clean(path)}: ranges are written as .yaml")
+    check_ranges_name(path)
     width = 2 * float(stats.norm.ppf((1 + confidence) / 2))
     lines = ["vary:"]
     for parameter, result in zip(free, fitted, strict=True):
@@ -43,3 +42,9 @@ def write_ranges(
         output.write_file(("\n".join(lines) + "\n").encode())
         output.publish()
     return [path]
+
+
+def check_ranges_name(path: str) -> None:
+    """Raises UsageError if no ranges are called `path`."""
+    if Path(path).suffix not in SUFFIXES:
+        raise UsageError(f"{option('ranges')} {clean(path)}: ranges are written as .yaml")

@@ -7,7 +7,6 @@ which tell most of slow effects. H. G. Bock, "Recent advances in parameter ident
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -157,11 +156,14 @@ class Shooting:
         problem = _Problem(self._predictor, self._parameters, self._states, parts, coordinates, states, noise, fixed)
         low, high = problem.bounds
         dense = len(low) <= DENSE
-        jacobian: Any = lambda x: problem.jacobian(x).toarray() if dense else problem.jacobian(x)  # noqa: E731
+
+        def jacobian(x: Floats):
+            return problem.jacobian(x).toarray() if dense else problem.jacobian(x)
+
         found = least_squares(
             problem.residuals,
             problem.start,
-            jacobian,
+            jacobian,  # pyright: ignore[reportArgumentType]  (its types know of names alone)
             bounds=(low, high),
             method="trf",
             x_scale=1.0 if fixed else "jac",  # by slopes, the first steps from no deviation would be tiny

@@ -47,6 +47,9 @@ def test_wrong_usage_exits_with_2(mjrun: Command) -> None:
         ((model, log), b"--free says what is looked for"),
         ((model, log, "--free", "joint/hinge.dampin=0..1"), b"did you mean 'damping'"),
         ((model, log, *FREE, "-o", "fitted.mjb"), b"a fitted model is an .xml file"),
+        ((model, log, *FREE, "--ranges", "ranges.json"), b"ranges are written as .yaml"),
+        ((model, log, *FREE, "--comparison", "fit.xyz"), b"fit.xyz"),
+        ((model, log, *FREE, "--html", "fit.pdf"), b"ends with .html"),
         ((model, "none.csv", *FREE), b"none.csv"),
     ):
         done = mjrun("fit", *arguments)
