@@ -143,6 +143,5 @@ def test_states_that_need_a_folder_where_there_is_none_are_told(monkeypatch: pyt
     monkeypatch.setattr(tempfile, "tempdir", None)
     monkeypatch.setattr(tempfile, "_get_default_tempdir", no_folder)
     monkeypatch.setattr(state_buffer, "SPILL", 1)
-    states = StateBuffer(MODEL)
-    with pytest.raises(FileError, match="no folder: cannot hold the recording"):
+    with StateBuffer(MODEL) as states, pytest.raises(FileError, match="no folder: cannot hold the recording"):
         states.append(counted(0))
