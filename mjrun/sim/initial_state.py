@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 import mujoco
 import numpy as np
 
-from mjrun.errors import BadValueError, UnknownNameError, UsageError, clean, concerning, option
+from mjrun.errors import BadValueError, ModelError, UnknownNameError, UsageError, clean, concerning, option, quoted
 from mjrun.model.joint_components import QPOS_COMPONENTS, QVEL_COMPONENTS
 from mjrun.model.names import control_names, control_slices, identify, matching, names
 
@@ -39,6 +39,7 @@ class InitialState:
         Raises:
           UnknownNameError: a name is not in the model.
           BadValueError: the number of values does not fit the joint.
+          ModelError: the keyframe, or the model's own pose, is not finite.
         """
         data = mujoco.MjData(model)
         self.reset(model, data)
@@ -51,6 +52,7 @@ class InitialState:
         else:
             with concerning("key"):
                 mujoco.mj_resetDataKeyframe(model, data, identify(model, "keyframe", self.key))
+        _check_model_state(data, "the model's own pose" if self.key is None else f"keyframe {quoted(self.key)}")
         for name, values in self.qpos.items():
             with concerning("qpos", name):
                 _set(data.qpos, _joint_slices(model, model.jnt_qposadr, QPOS_COMPONENTS, name), values, "qpos", name)
@@ -130,6 +132,14 @@ def _joints_named(model: mujoco.MjModel, name: str) -> list[int]:
         if model.body_jntnum[body] == 1:
             return [int(model.body_jntadr[body])]
     return matching(model, "joint", name)
+
+
+def _check_model_state(data: mujoco.MjData, source: str) -> None:
+    """Raises ModelError if what the model says of its start is not finite."""
+    for name, vector in (("qpos", data.qpos), ("qvel", data.qvel), ("act", data.act), ("ctrl", data.ctrl)):
+        bad = np.flatnonzero(~np.isfinite(vector))
+        if bad.size:
+            raise ModelError(f"{source}: {name}[{bad[0]}] is {vector[bad[0]]}, and must be finite")
 
 
 def _check_finite(model: mujoco.MjModel, data: mujoco.MjData) -> None:

@@ -1,12 +1,13 @@
 """Theorems about starts: what is named is where it is put, the rest is as MuJoCo has it."""
 
+import copy
 from typing import Any
 
 import mujoco
 import numpy as np
 import pytest
 
-from mjrun.errors import BadValueError, UnknownNameError, UsageError, clean, spelled
+from mjrun.errors import BadValueError, ModelError, UnknownNameError, UsageError, clean, spelled
 from mjrun.sim.initial_state import InitialState
 
 MODEL = mujoco.MjModel.from_xml_string("""<mujoco><worldbody>
@@ -173,6 +174,17 @@ def test_a_start_that_is_not_finite_is_refused(field: str, name: str, where: str
     with pytest.raises(UsageError) as caught:
         InitialState(**how).data(MODEL)
     assert str(caught.value) == f"the initial {where} is {bad}, and must be finite"
+
+
+@pytest.mark.parametrize("name", ["qpos", "qvel", "ctrl"])
+def test_a_keyframe_that_is_not_finite_is_the_model_s_fault(name: str) -> None:
+    model = copy.copy(MODEL)
+    getattr(model, f"key_{name}")[0, 1] = float("nan")
+    with pytest.raises(ModelError) as caught:
+        InitialState(key="home", **{name: {"hand" if name != "ctrl" else "motor": 0.0}}).data(model)
+    assert str(caught.value) == f"keyframe 'home': {name}[1] is nan, and must be finite"
+    assert caught.value.exit_code == 3
+    InitialState(key="1").data(model)
 
 
 def test_noise_that_is_not_finite_is_refused() -> None:

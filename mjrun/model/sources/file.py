@@ -67,6 +67,11 @@ class FileSource(Source):
             raise ModelNotFoundError(path, "is a folder, not a model file", *_models_in(path))
         if not stat.S_ISREG(mode):
             raise ModelNotFoundError(path, "is not a regular file")
+        try:
+            str(path).encode()
+        except UnicodeEncodeError:  # which stands for bytes that are not UTF-8
+            reason = "MuJoCo opens only paths in UTF-8; give the file or folder another name, or cd into the folder"
+            raise ModelNotFoundError(path, reason) from None
         if path.suffix not in SUFFIXES:
             lower = "; MuJoCo knows them in lower case only" if path.suffix.lower() in SUFFIXES else ""
             task = "; in Python, mjrun.read_task reads a task" if path.suffix.lower() in (".yaml", ".yml") else ""

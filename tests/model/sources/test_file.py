@@ -189,3 +189,10 @@ def test_its_files_are_the_model_and_what_it_names_and_outputs_are_called_after_
     assert source.files == (path, tmp_path / "part.xml")
     assert FileSource(tmp_path / "gone.xml").files == (tmp_path / "gone.xml",)
     assert FileSource(compiled(tmp_path / "a.mjb")).files == (tmp_path / "a.mjb",)
+
+
+def test_a_path_that_is_not_utf8_is_told_in_our_words(tmp_path: Path) -> None:
+    path = tmp_path / os.fsdecode(b"\xff.xml")
+    path.write_text(MODEL)
+    with pytest.raises(ModelNotFoundError, match="MuJoCo opens only paths in UTF-8"):
+        load(path)
