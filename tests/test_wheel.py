@@ -60,9 +60,12 @@ def test_every_scene_loads_from_the_wheel(installed: Path) -> None:
     assert run(installed, "-c", code).splitlines() == expected
 
 
-def test_the_wheel_lists_its_scenes(installed: Path) -> None:
+def test_the_wheel_lists_its_scenes_and_tasks(installed: Path) -> None:
     listing = json.loads(run(installed, "-m", "mjrun", "info", "scene:", "--json"))
-    assert {model["name"] for model in listing["models"]} == {f"scene:{name}" for name in SCENES}
+    names = [*SCENES, "car_drive", "humanoid_stand", "pendulum_swing_up"]
+    assert {model["name"] for model in listing["models"]} == {f"scene:{name}" for name in names}
+    task = json.loads(run(installed, "-m", "mjrun", "info", "scene:car_drive", "actions", "--json"))
+    assert [row["name"] for row in task["actions"]] == ["forward", "turn"]
 
 
 def test_the_font_of_captions_is_in_the_wheel_with_its_licence(installed: Path) -> None:
