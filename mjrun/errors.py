@@ -468,12 +468,14 @@ class PartlyDoneError(MjrunError):
       errors: of what was not, each with the path of its output.
 
     Attributes:
-      failures: the same as plain values: `output`, `kind`, `message`, `exit_code`.
+      made: as the argument.
+      failures: the errors as plain values: `output`, `kind`, `message`, `exit_code`.
     """
 
     exit_code = 8
 
     def __init__(self, made: Sequence[str], errors: Sequence[tuple[str, MjrunError]]) -> None:
+        self.made = list(made)
         self.failures = [
             {"output": path, "kind": type(error).__name__, "message": str(error), "exit_code": error.exit_code}
             for path, error in errors

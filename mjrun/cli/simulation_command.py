@@ -17,7 +17,7 @@ from mjrun.cli.click_command import CommandLine
 from mjrun.cli.console import Console, flag
 from mjrun.cli.controller_loader import load_controller
 from mjrun.cli.result_summary import summary
-from mjrun.errors import MjrunError, UsageError, option
+from mjrun.errors import MjrunError, PartlyDoneError, UsageError, option
 from mjrun.options.keyframe import LAST_INSTANT
 from mjrun.options.messages import MessageOptions
 from mjrun.options.model import ModelOptions
@@ -170,10 +170,11 @@ def failures_in_json(
     try:
         yield
     except MjrunError as error:
-        if command_line.make(MessageOptions).json and error.results:
+        if command_line.make(MessageOptions).json and (error.results or isinstance(error, PartlyDoneError)):
             facts = {name: value for name, value in vars(error).items() if name not in ("results", "path")}
             public = {name: value for name, value in facts.items() if not name.startswith("_")}
             message = error.spelled(flag)
             failure = {"kind": type(error).__name__, "message": message, "exit_code": error.exit_code, **public}
-            console.document({**document(error.results), "error": failure})
+            made = document(error.results) if error.results else {}
+            console.document({**made, "error": failure})
         raise

@@ -12,21 +12,24 @@ import re
 import select
 import stat
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import BinaryIO, Protocol
 
 from mjrun.closable import Closable
-from mjrun.errors import ClosedPipeError, FileError
-from mjrun.formats.frame_renames import (
+from mjrun.errors import ClosedPipeError, FileError, MjrunError, PartlyDoneError
+from mjrun.formats.replacement import (
     MOVING,
     NEW,
     OLD,
     finish_frames,
     frame_number,
     move_frames,
+    replace_file,
     replace_folder,
     restore_folder,
+    take_back_folder,
+    take_back_frames,
 )
 from mjrun.formats.temporary_output import TemporaryOutput, left_behind, one_at_a_time, remove
 
@@ -45,12 +48,24 @@ class Destination(Protocol):
         """The file descriptor to write to if this is standard output."""
         ...
 
+    def sync(self) -> None:
+        """Sees to it that what was written is on the disk."""
+        ...
+
     def publish(self) -> list[Path]:
-        """Moves the output to its final place and returns its files."""
+        """Moves the output to its final place and returns its files. What was there is kept until `discard`."""
+        ...
+
+    def take_back(self) -> None:
+        """Undoes `publish`.
+
+        Raises:
+          OSError: it cannot be undone.
+        """
         ...
 
     def discard(self) -> None:
-        """Removes what was written; does nothing after `publish`."""
+        """Removes all but what is published."""
         ...
 
 
@@ -92,8 +107,12 @@ class OutputWriter(Closable):
         Raises:
           MjrunError: as `finish`, or the output cannot be moved.
         """
-        self.finish()
-        return self.destination.publish()
+        return publish_together([self])
+
+    @property
+    def together(self) -> Sequence["OutputWriter"]:
+        """The writers of all files that are published with this one."""
+        return [self]
 
     def close(self) -> None:
         """Closes what is open, and removes what was not published."""
@@ -132,6 +151,50 @@ class OutputWriter(Closable):
             file.write(content)
 
 
+def publish_together(writers: Sequence[OutputWriter]) -> list[Path]:
+    """Publishes outputs that belong together, and returns their files.
+
+    All are finished and on the disk before the first is moved to its place. If one of them cannot be moved, those that
+    were moved are taken back.
+
+    Raises:
+      PartlyDoneError: an output cannot be moved, and another could not be taken back.
+      MjrunError: as `OutputWriter.finish`, or an output cannot be moved.
+    """
+    writers = [part for writer in writers for part in writer.together]
+    for writer in writers:
+        writer.finish()
+    destinations = [writer.destination for writer in writers]
+    for destination in destinations:
+        try:
+            destination.sync()
+        except OSError as error:
+            raise _unwritable(destination.shown, error) from None
+
+    files, published = list[Path](), list[Destination]()
+    try:
+        for destination in destinations:
+            files += destination.publish()
+            published.append(destination)
+    except BaseException as error:
+        kept = [str(each.shown) for each in reversed(published) if not _is_taken_back(each)]
+        if kept and isinstance(error, MjrunError):
+            failed = str(destinations[len(published)].shown)
+            raise PartlyDoneError(kept, [(failed, error)]) from None
+        raise
+    for destination in destinations:
+        destination.discard()  # what was there before
+    return files
+
+
+def _is_taken_back(destination: Destination) -> bool:
+    try:
+        destination.take_back()
+    except OSError:
+        return False
+    return True
+
+
 class StagedFile:
     """One file.
 
@@ -157,18 +220,31 @@ class StagedFile:
             raise _unwritable(target, error) from None
         self._temporary = _temporary(self._target, target, folder=False)
         self.path = str(self._temporary.path)
+        self._older: Path | None = None  # what was in its place
+
+    def sync(self) -> None:
+        with self._temporary.path.open("rb") as file:
+            os.fsync(file.fileno())
 
     def publish(self) -> list[Path]:
+        self._is_new = not os.path.lexists(self._target)
         try:
-            with self._temporary.path.open("rb") as file:
-                os.fsync(file.fileno())
-            self._temporary.path.replace(self._target)
+            self._older = replace_file(self._temporary.path, self._target)
         except OSError as error:
             raise _unwritable(self.shown, error) from None
-        self._temporary.release()
         return [self.shown]
 
+    def take_back(self) -> None:
+        if self._older:
+            self._older.rename(self._target)
+        elif self._is_new:
+            self._target.unlink()
+        else:
+            raise OSError(errno.EOPNOTSUPP, os.strerror(errno.EOPNOTSUPP))
+
     def discard(self) -> None:
+        if self._older:
+            remove(self._older)
         self._temporary.remove()
 
 
@@ -206,8 +282,13 @@ class StagedFolder:
         except OSError as error:
             hint = "its frames are in a hidden folder beside it; the next run with this name puts them back"
             raise _unwritable(self.shown, error, hint if self._is_aside() else "") from None
-        self.discard()  # the old frames
         return frames
+
+    def sync(self) -> None:
+        pass  # a film of ten thousand frames would wait for the disk as often
+
+    def take_back(self) -> None:
+        take_back_folder(self._temporary.path, self._target)
 
     def discard(self) -> None:
         if self._is_aside():
@@ -249,21 +330,29 @@ class StagedFrames:
         self._temporary = _temporary(self._folder / pattern.name, pattern, folder=True)
         self.path = _pattern_in(self._temporary.path / NEW)
 
+    def sync(self) -> None:
+        pass  # as of a folder
+
     def publish(self) -> list[Path]:
         try:
+            self._frames = sorted((self._temporary.path / NEW).iterdir(), key=frame_number)
             with one_at_a_time(self._folder):
-                places = move_frames(self._temporary.path, self._place)
+                move_frames(self._temporary.path, self._place)
             names = [path.name for path in self._folder.iterdir()]
         except OSError as error:
             hint = "some frames are new, some are old; the next run with this name makes all of them new"
             raise _unwritable(self.shown, error, hint if self._is_moving() else "") from None
-        self.discard()  # the old frames
 
+        places = [self._place(frame_number(frame)) for frame in self._frames]
         numbered = re.compile(f"{re.escape(self._before)}(\\d+){re.escape(self._after)}")
         matches = [match for name in names if (match := numbered.fullmatch(name))]
         later = sorted(int(match[1]) for match in matches if match[0] == self._place(int(match[1])).name)
         self.others = [self._place(number).name for number in later if number >= len(places)]
         return [self.shown.parent / place.name for place in places]
+
+    def take_back(self) -> None:
+        with one_at_a_time(self._folder):
+            take_back_frames(self._temporary.path, [frame.name for frame in self._frames], self._place)
 
     def discard(self) -> None:
         if self._is_moving():
@@ -299,8 +388,14 @@ class StandardOutput:
         poll.register(self.stdout, 0)
         return any(events & (select.POLLERR | select.POLLHUP) for _, events in poll.poll(0))
 
+    def sync(self) -> None:
+        pass
+
     def publish(self) -> list[Path]:
         return []
+
+    def take_back(self) -> None:
+        raise OSError(errno.ESPIPE, os.strerror(errno.ESPIPE))
 
     def discard(self) -> None:
         pass

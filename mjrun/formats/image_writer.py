@@ -107,16 +107,10 @@ class ImageWriter(OutputWriter):
         if self._format.encode is None:
             self.write_file(self._coco.document().encode())
 
-    def publish(self) -> list[Path]:
-        """Finishes the image, moves it and its labels to their final place, and returns these files.
-
-        Raises:
-          FileError: the output cannot be written.
-          ClosedPipeError: nobody reads standard output any more.
-        """
-        self.finish()
-        labels = self._labels.publish() if self._labels else []
-        return [*super().publish(), *labels]
+    @property
+    def together(self) -> Sequence[OutputWriter]:
+        """This, and the labels."""
+        return [self, *([self._labels] if self._labels else [])]
 
     def _check(self, pixels: np.ndarray, legend: Sequence[Segment], colours: np.ndarray | None) -> None:
         """Raises ValueError when these are not pixels of the view and size, or do not fit together."""

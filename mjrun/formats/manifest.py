@@ -25,7 +25,15 @@ class ManifestWriter(OutputWriter):
         Raises:
           FileError: it cannot be written.
         """
-        self.write_file(f"{json.dumps(with_fingerprints(facts, files), indent=2, default=str)}\n".encode())
+        self.write_document(with_fingerprints(facts, files))
+
+    def write_document(self, manifest: Mapping[str, Any]) -> None:
+        """Writes a manifest that has its fingerprints already.
+
+        Raises:
+          FileError: it cannot be written.
+        """
+        self.write_file(f"{json.dumps(manifest, indent=2, default=str)}\n".encode())
 
 
 def with_fingerprints(facts: Mapping[str, Any], files: Iterable[Path]) -> dict[str, Any]:

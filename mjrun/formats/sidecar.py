@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from mjrun.formats.atomic_output import OutputWriter
 from mjrun.formats.manifest import ManifestWriter, fingerprint, parse_manifest
 from mjrun.formats.tables import format_of_suffix
 
@@ -43,12 +44,12 @@ def _describes(outputs: object, table: Path) -> bool:
 
 
 class SidecarWriter(ManifestWriter):
-    """Writes the manifest of a table that is published before it."""
+    """Writes the manifest of a table that is finished before it, and published with it."""
 
-    def __init__(self, table: Path, path: Path, facts: Mapping[str, Any]) -> None:
+    def __init__(self, table: OutputWriter, path: Path, facts: Mapping[str, Any]) -> None:
         super().__init__(str(path))
-        self._table, self._facts = table, facts
+        self._table, self._facts = table.destination, facts
 
-    def publish(self) -> list[Path]:
-        self.write(self._facts, [self._table])
-        return super().publish()
+    def complete(self) -> None:
+        table = {**fingerprint(Path(self._table.path)), "path": str(self._table.shown)}
+        self.write_document({**self._facts, "outputs": [table]})

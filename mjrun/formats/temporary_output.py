@@ -31,7 +31,7 @@ class TemporaryOutput:
     def __init__(self, target: Path, *, folder: bool = False) -> None:
         self._lock: int | None = None
         while True:
-            self.path = target.parent / f"{_prefix(target)}{_machine()}{os.urandom(4).hex()}.part"
+            self.path = unused_name(target)
             if folder:
                 self.path.mkdir()
             else:
@@ -56,6 +56,11 @@ class TemporaryOutput:
         """Removes what is there."""
         remove(self.path)
         self.release()
+
+
+def unused_name(target: Path) -> Path:
+    """A name beside `target` for what is soon removed."""
+    return target.parent / f"{_prefix(target)}{_machine()}{os.urandom(4).hex()}.part"
 
 
 @contextlib.contextmanager

@@ -79,7 +79,7 @@ class GoldenTable:
         if self._update:
             self._table = TableWriter(self._path, output_format(self._path).name, columns, facts)
             beside = sidecar_path(Path(self._path))
-            self._writers = [self._table, *([SidecarWriter(Path(self._path), beside, facts)] if beside else [])]
+            self._writers = [self._table, *([SidecarWriter(self._table, beside, facts)] if beside else [])]
             for writer in self._writers:
                 stack.enter_context(writer)
 

@@ -14,7 +14,7 @@ from typing import Generic, Protocol, TypeVar
 
 import mujoco
 
-from mjrun.formats.atomic_output import OutputWriter
+from mjrun.formats.atomic_output import OutputWriter, publish_together
 from mjrun.job.episode import EpisodeResult
 from mjrun.job.shared_rendering import RendererRequest, SharedRendering
 from mjrun.job.simulation import Simulation
@@ -110,8 +110,8 @@ class Artifact(Generic[R_co]):
     golden_differences: Sequence[str] = ()
 
     def publish(self) -> list[Path]:
-        """Moves every file to its place, and returns them."""
-        return [file for writer in self.writers for file in writer.publish()]
+        """Moves every file to its place, or none if one cannot be, and returns them."""
+        return publish_together(self.writers)
 
 
 class Output(ABC, Generic[R_co]):

@@ -1,14 +1,20 @@
 """What commands that simulate share: one use of standard output, and options that exclude each other."""
 
 import gc
+import json
 from typing import Any
 
 import pytest
 
 from mjrun.cli.click_command import CommandLine
-from mjrun.cli.console import flag
-from mjrun.cli.simulation_command import import_mujoco, payload_on_stdout, with_camera_scripts
-from mjrun.errors import UsageError
+from mjrun.cli.console import Console, flag
+from mjrun.cli.simulation_command import (
+    failures_in_json,
+    import_mujoco,
+    payload_on_stdout,
+    with_camera_scripts,
+)
+from mjrun.errors import FileError, PartlyDoneError, UsageError
 from mjrun.options.image import ImageOptions
 from mjrun.options.option import Options
 from mjrun.options.simulation import SimulationOptions
@@ -53,3 +59,12 @@ def test_exclusions_are_told_with_flags(cls: type[Options], params: dict[str, An
     names = {flag(name) for name in params if name != "output"}
     first, _, second, *_ = error.value.spelled(flag).split()
     assert {first, second} == names
+
+
+def test_json_names_what_stays_of_an_output_that_could_not_be_published(capsys: pytest.CaptureFixture[str]) -> None:
+    error = PartlyDoneError(["t.csv"], [("c.csv", FileError("c.csv", "cannot be written"))])
+    with pytest.raises(PartlyDoneError), failures_in_json(Console(), CommandLine({"json": True}), lambda _: {}):
+        raise error
+    told = json.loads(capsys.readouterr().out)["error"]
+    assert (told["exit_code"], told["made"], told["failures"][0]["output"]) == (8, ["t.csv"], "c.csv")
+    assert "made all the same: t.csv" in told["message"]

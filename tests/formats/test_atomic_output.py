@@ -4,12 +4,13 @@ import os
 import subprocess
 import sys
 from collections.abc import Callable
+from contextlib import ExitStack
 from pathlib import Path
 
 import pytest
 
-from mjrun.errors import ClosedPipeError, FileError
-from mjrun.formats import frame_renames
+from mjrun.errors import ClosedPipeError, FileError, MjrunError, PartlyDoneError
+from mjrun.formats import replacement
 from mjrun.formats.atomic_output import (
     Destination,
     OutputWriter,
@@ -17,6 +18,7 @@ from mjrun.formats.atomic_output import (
     StagedFolder,
     StagedFrames,
     StandardOutput,
+    publish_together,
 )
 from tests.formats.file_faults import MOST, fault, killed_at
 
@@ -87,6 +89,7 @@ def test_a_link_stays_a_link_to_the_new_file(tmp_path: Path) -> None:
     staged = StagedFile(link)
     fill(staged, 1, "new")
     staged.publish()
+    staged.discard()
     assert link.is_symlink()
     assert real.read_text() == "new"
 
@@ -95,6 +98,7 @@ def test_the_file_has_the_permissions_that_any_new_file_would_have(tmp_path: Pat
     (tmp_path / "other").write_text("")
     staged = StagedFile(tmp_path / "film.mp4")
     staged.publish()
+    staged.discard()
     assert (tmp_path / "film.mp4").stat().st_mode == (tmp_path / "other").stat().st_mode
 
 
@@ -136,6 +140,7 @@ def test_a_folder_of_frames_is_replaced_as_a_whole(tmp_path: Path) -> None:
         staged = StagedFolder(tmp_path / "frames")
         fill(staged, count, text)
         staged.publish()
+        staged.discard()
     assert names(tmp_path / "frames") == ["000000.png", "000001.png", "000002.png"]
     assert (tmp_path / "frames/000002.png").read_text() == "new 2"
     assert names(tmp_path) == ["frames"]
@@ -146,11 +151,11 @@ def no_exchange(*_: object) -> bool:
     return False
 
 
-@pytest.mark.parametrize("exchange", [frame_renames.exchange, no_exchange])
+@pytest.mark.parametrize("exchange", [replacement.exchange, no_exchange])
 def test_a_folder_is_replaced_with_and_without_an_exchange_of_names(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, exchange: Callable[[Path, Path], bool]
 ) -> None:
-    monkeypatch.setattr(frame_renames, "exchange", exchange)
+    monkeypatch.setattr(replacement, "exchange", exchange)
     for text in ("old", "new"):
         publish(StagedFolder(tmp_path / "frames"), 1, text)
         assert (tmp_path / "frames/000000.png").read_text() == f"{text} 0"
@@ -168,7 +173,7 @@ OUTPUTS = [  # how it is made, its name, where its frames are, and what is there
     pytest.param(StagedFolder, "frames", "frames", OLD, NEW, id="folder"),
     pytest.param(StagedFrames, "f_%02d.png", ".", OLD, [*NEW, OLD[2]], id="pattern"),
 ]
-both_ways = pytest.mark.parametrize("exchange", [frame_renames.exchange, no_exchange])
+both_ways = pytest.mark.parametrize("exchange", [replacement.exchange, no_exchange])
 
 
 @both_ways
@@ -183,7 +188,7 @@ def test_a_process_that_is_killed_at_any_operation_leaves_the_old_output_or_the_
     old: list[str],
     new: list[str],
 ) -> None:
-    monkeypatch.setattr(frame_renames, "exchange", exchange)
+    monkeypatch.setattr(replacement, "exchange", exchange)
     for number in range(1, MOST):
         here = tmp_path / str(number)
         here.mkdir()
@@ -232,7 +237,7 @@ def test_an_operation_that_fails_leaves_the_old_output_or_the_new_one(
     new: list[str],
     kind: str,
 ) -> None:
-    monkeypatch.setattr(frame_renames, "exchange", exchange)
+    monkeypatch.setattr(replacement, "exchange", exchange)
     for number in range(1, MOST):
         here, message = tmp_path / f"{number}", ""
         here.mkdir()
@@ -258,6 +263,81 @@ def test_an_operation_that_fails_leaves_the_old_output_or_the_new_one(
     assert not message
 
 
+TOGETHER = [
+    (StagedFile, "a"),
+    (StagedFile, "b"),
+    (StagedFolder, "frames"),
+    (StagedFrames, "f_%d.png"),
+    (StagedFile, "c"),
+]
+
+
+def publish_all(folder: Path, text: str) -> None:
+    """Publishes outputs of every kind together."""
+    with ExitStack() as stack:
+        writers = [stack.enter_context(OutputWriter(make(folder / name))) for make, name in TOGETHER]
+        for writer in writers:
+            fill(writer.destination, 2, text)
+        publish_together(writers)
+
+
+def state(folder: Path) -> dict[str, str]:
+    """The content of every file, hidden ones too."""
+    return {str(path.relative_to(folder)): path.read_text() for path in sorted(folder.rglob("*")) if path.is_file()}
+
+
+@both_ways
+@pytest.mark.parametrize("kind", ["once", "from then on"])
+@pytest.mark.parametrize("had", [True, False])
+def test_of_outputs_that_belong_together_all_are_new_or_none_or_the_message_says_which(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, exchange: Callable[[Path, Path], bool], kind: str, had: bool
+) -> None:
+    monkeypatch.setattr(replacement, "exchange", exchange)
+    for number in range(1, MOST):
+        here = tmp_path / str(number)
+        here.mkdir()
+        if had:
+            publish_all(here, "old")
+        before, error = state(here), None
+        with fault(number, kind) as tried:
+            try:
+                publish_all(here, "new")
+            except MjrunError as caught:
+                error = caught
+        after = {path: text for path, text in state(here).items() if not path.startswith(".")}
+        if isinstance(error, PartlyDoneError):
+            assert kind == "from then on"
+            for _, name in TOGETHER:
+                made = [text for path, text in after.items() if path.startswith(name.partition("%")[0])]
+                is_old = all(text.startswith("old") for text in made) and bool(made) == had
+                told = [f["output"] for f in error.failures if "the next run" in f["message"]]
+                assert is_old or str(here / name) in [*error.made, *told]
+        elif error:
+            assert "the next run" in str(error) or after == before
+        else:
+            assert len(after) == 7
+            assert all(text.startswith("new") for text in after.values())
+
+        for make, name in TOGETHER:
+            make(here / name).discard()
+        assert not list(here.glob(".*"))
+        if len(tried) < number:
+            break
+    assert 10 < number < MOST - 1
+    assert not error
+
+
+def test_an_output_that_cannot_be_finished_leaves_the_others_as_they_were(tmp_path: Path) -> None:
+    class Failing(OutputWriter):
+        def complete(self) -> None:
+            raise FileError(self.destination.shown, "cannot be written: the disk is full")
+
+    with OutputWriter(StagedFile(tmp_path / "a")) as one, Failing(StagedFile(tmp_path / "b")) as other:
+        with pytest.raises(FileError, match="b: cannot be written: the disk is full"):
+            publish_together([one, other])
+        assert not (tmp_path / "a").exists()
+
+
 @pytest.mark.parametrize("make", [StagedFolder, StagedFrames])
 def test_frames_beyond_a_million_stay_in_order(tmp_path: Path, make: Callable[[Path], Destination]) -> None:
     target = tmp_path / ("frames" if make is StagedFolder else "f_%d.png")
@@ -266,6 +346,7 @@ def test_frames_beyond_a_million_stay_in_order(tmp_path: Path, make: Callable[[P
     for number in numbers:  # six digits, then seven
         Path(staged.path % number).write_text(str(number))
     assert [int(path.read_text()) for path in staged.publish()] == numbers
+    staged.discard()
 
 
 class Lines(OutputWriter):
@@ -335,6 +416,7 @@ def test_a_pattern_names_the_frames_and_leaves_all_other_files_alone(
         staged = StagedFrames(tmp_path / pattern)
         fill(staged, count, f"of {count}")
         made = staged.publish()
+        staged.discard()
         assert [path.name for path in made[:2]] == expected
     assert (tmp_path / expected[1]).read_text() == "of 2 1"
     left = [made[0].with_name(pattern % number).name for number in range(2, 12)]

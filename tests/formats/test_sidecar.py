@@ -5,6 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from mjrun.formats.atomic_output import OutputWriter, StagedFile, publish_together
 from mjrun.formats.sidecar import SidecarWriter, read_sidecar, sidecar_path
 from mjrun.formats.table_reader import open_table
 from mjrun.formats.table_writer import TableWriter
@@ -25,12 +26,12 @@ def test_formats_that_hold_no_manifest_have_a_sidecar(tmp_path: Path) -> None:
 
 
 def written(table: Path, text: str) -> None:
-    table.write_text(text)
     path = sidecar_path(table)
     assert path
     assert path == table.parent / "golden.csv.json"
-    with SidecarWriter(table, path, {"mjrun": "1.2"}) as writer:
-        writer.publish()
+    with OutputWriter(StagedFile(table)) as writer, SidecarWriter(writer, path, {"mjrun": "1.2"}) as sidecar:
+        writer.write_file(text.encode())
+        publish_together([writer, sidecar])
 
 
 def test_a_sidecar_is_of_the_table_as_it_was(tmp_path: Path) -> None:

@@ -18,6 +18,7 @@ from mjrun.errors import (
     FailedAssertionError,
     FileError,
     InvalidJobsError,
+    MjrunError,
     PartlyDoneError,
     UnknownNameError,
     UnstableError,
@@ -34,6 +35,7 @@ from mjrun.job.recording import Recording
 from mjrun.job.simulation import Simulation
 from mjrun.job.trace import Trace
 from mjrun.job.video import Video
+from tests.formats.file_faults import MOST, fault
 
 pytestmark = pytest.mark.filterwarnings("ignore:drawing in software")
 
@@ -306,6 +308,33 @@ def test_a_manifest_that_cannot_be_written_does_not_cost_its_output(
         perform([Trace(Simulation(swing, steps=5), f"{tmp_path}/t.csv", manifest=f"{tmp_path}/m.json")])
     assert [failure["output"] for failure in caught.value.failures] == [f"{tmp_path}/m.json"]
     assert sorted(path.name for path in tmp_path.iterdir()) == ["swing.xml", "t.csv"]
+
+
+@pytest.mark.parametrize("kind", ["once", "from then on"])
+def test_a_table_and_its_contacts_are_both_new_or_both_old_or_the_message_says_which(
+    swing: Path, tmp_path: Path, kind: str
+) -> None:
+    table, contacts = tmp_path / "t.csv", tmp_path / "c.csv"
+
+    def trace(steps: int) -> Trace:
+        return Trace(Simulation(swing, steps=steps), str(table), contacts=str(contacts))
+
+    for number in range(1, MOST):
+        for path in (table, contacts):
+            path.write_text("old")
+        made, message = [str(table), str(contacts)], ""
+        with fault(number, kind) as tried:
+            try:
+                perform([trace(5)])
+            except MjrunError as error:
+                made, message = error.made if isinstance(error, PartlyDoneError) else [], str(error)
+        assert not message or all(path in message for path in made)
+        assert [str(path) for path in (table, contacts) if path.read_text() != "old"] == made
+        perform([trace(5)])
+        assert sorted(path.name for path in tmp_path.iterdir()) == ["c.csv", "swing.xml", "t.csv"]
+        if len(tried) < number:
+            break
+    assert 4 < number < MOST - 1
 
 
 @pytest.mark.parametrize("probes", [["qpos"], ["qpos", "contact/ncon"]])

@@ -8,6 +8,7 @@ from typing import Any, get_type_hints
 import mujoco
 import pytest
 
+from mjrun.formats.atomic_output import OutputWriter, StagedFile
 from mjrun.job.image import Image
 from mjrun.job.keyframe import Keyframe
 from mjrun.job.plot import Plot
@@ -90,20 +91,12 @@ def test_a_phase_has_no_method_of_another_and_returns_the_next(phase: type, meth
     assert returned.replace("+R_co", "typing.Any") == str(following)
 
 
-class Writer:
-    """A writer that only says what it publishes."""
-
-    def __init__(self, *files: str) -> None:
-        self.files = [Path(file) for file in files]
-
-    def publish(self) -> list[Path]:
-        return self.files
-
-
-def test_an_artifact_publishes_every_file_in_order() -> None:
+def test_an_artifact_publishes_every_file_in_order(tmp_path: Path) -> None:
+    paths = [tmp_path / name for name in "cab"]
     result: Callable[..., OutputResult] = lambda files, summary: OutputResult(str(files[0]))  # noqa: E731
-    artifact = Artifact({}, [Writer("a", "b"), Writer(), Writer("c")], result)  # type: ignore[list-item]
-    assert artifact.publish() == [Path("a"), Path("b"), Path("c")]
+    with ExitStack() as stack:
+        writers = [stack.enter_context(OutputWriter(StagedFile(path))) for path in paths]
+        assert Artifact({}, writers, result).publish() == paths
 
 
 def test_a_preview_counts_what_a_recording_will_hold(swing: Path, tmp_path: Path) -> None:

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from mjrun.formats.frame_renames import MOVING, NEW, OLD, exchange, frame_number, move_frames
+from mjrun.formats.replacement import MOVING, NEW, OLD, exchange, frame_number, move_frames
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="only Linux exchanges two names")
@@ -46,8 +46,8 @@ def test_a_folder_in_the_place_of_a_frame_is_no_frame_and_stops_all(tmp_path: Pa
 def test_a_link_in_the_place_of_a_frame_is_replaced_and_not_followed(tmp_path: Path, temporary: Path) -> None:
     (tmp_path / "precious").write_text("precious")
     (tmp_path / "1").symlink_to("precious")
-    places = move_frames(temporary, lambda number: tmp_path / str(number))
-    assert [path.read_text() for path in places] == ["new 0", "new 1", "new 2"]
+    move_frames(temporary, lambda number: tmp_path / str(number))
+    assert [(tmp_path / name).read_text() for name in "012"] == ["new 0", "new 1", "new 2"]
     assert (tmp_path / "precious").read_text() == "precious"
     assert not (tmp_path / "1").is_symlink()
 
@@ -60,8 +60,8 @@ def test_frames_are_replaced_where_a_file_has_one_name_only(
 
     monkeypatch.setattr(os, "link", refuse)
     (tmp_path / "1").write_text("old 1")
-    places = move_frames(temporary, lambda number: tmp_path / str(number))
-    assert [path.read_text() for path in places] == ["new 0", "new 1", "new 2"]
+    move_frames(temporary, lambda number: tmp_path / str(number))
+    assert [(tmp_path / name).read_text() for name in "012"] == ["new 0", "new 1", "new 2"]
     assert (temporary / OLD / "000001.png").read_text() == "old 1"
 
 

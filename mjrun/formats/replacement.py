@@ -1,21 +1,48 @@
-"""Frames that take the place of older ones, whatever fails and whenever the process is killed.
+"""Files and folders that take the place of older ones, whatever fails and whenever the process is killed.
 
-They wait in the folder `new` of a temporary folder. A folder of frames is exchanged for the older one in one step, or
+Frames wait in the folder `new` of a temporary folder. A folder of frames is exchanged for the older one in one step, or
 in two that can be undone. Frames with names of their own need a rename each: the folder is `moving` meanwhile, and
-whoever finds it so finishes. What was there before is kept in `old` until all is done.
+whoever finds it so finishes. What was there before is kept, until all that belongs together is done.
 """
 
 import contextlib
 import ctypes
 import errno
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
+
+from mjrun.formats.temporary_output import remove, unused_name
 
 NEW, OLD, MOVING = "new", "old", "moving"
 AT_FDCWD, RENAME_EXCHANGE = -100, 2  # of Linux: paths relative to the working folder; swap both names
 
 Place = Callable[[int], Path]  # of a frame, by its number
+
+
+def replace_file(new: Path, target: Path) -> Path | None:
+    """Puts a file in the place of `target`, and returns where the older file is, if there is one and it can be kept.
+
+    Raises:
+      OSError: it cannot be done, and `target` is as it was.
+    """
+    if not os.path.lexists(target):
+        new.rename(target)
+        return None
+    if exchange(new, target):
+        return new
+    kept = unused_name(target)
+    try:
+        os.link(target, kept)
+    except OSError:
+        new.rename(target)
+        return None
+    try:
+        new.rename(target)
+    except BaseException:
+        remove(kept)
+        raise
+    return kept
 
 
 def replace_folder(temporary: Path, target: Path) -> None:
@@ -42,6 +69,20 @@ def restore_folder(temporary: Path, target: Path) -> None:
         (temporary / OLD).rename(target)
 
 
+def take_back_folder(temporary: Path, target: Path) -> None:
+    """Undoes `replace_folder`.
+
+    Raises:
+      OSError: it cannot be done.
+    """
+    new = temporary / NEW
+    if new.exists():  # it holds the older frames
+        replace_folder(temporary, target)
+    else:
+        target.rename(new)
+        restore_folder(temporary, target)
+
+
 def exchange(one: Path, other: Path) -> bool:
     """Exchanges two names in one step, as only Linux and some of its file systems can; False elsewhere."""
     try:
@@ -51,40 +92,55 @@ def exchange(one: Path, other: Path) -> bool:
     return renameat2(AT_FDCWD, os.fsencode(one), AT_FDCWD, os.fsencode(other), RENAME_EXCHANGE) == 0
 
 
-def move_frames(temporary: Path, place: Place) -> list[Path]:
-    """Moves every frame to its place, and returns the places.
+def move_frames(temporary: Path, place: Place) -> None:
+    """Moves every frame to its place.
 
     Raises:
       OSError: it cannot be done. All is as it was, or the folder `moving` still exists, if that fails as well.
     """
     new, moving = temporary / NEW, temporary / MOVING
-    frames = [moving / frame.name for frame in new.iterdir()]
+    names = [frame.name for frame in new.iterdir()]
     (temporary / OLD).mkdir()
     new.rename(moving)
     try:
-        return finish_frames(temporary, place)
+        finish_frames(temporary, place)
     except BaseException:
         with contextlib.suppress(OSError):
-            _take_back(temporary, frames, place)
+            take_back_frames(temporary, names, place)
         raise
 
 
-def finish_frames(temporary: Path, place: Place) -> list[Path]:
-    """Moves what is still to be moved, and returns the places of all of that.
+def finish_frames(temporary: Path, place: Place) -> None:
+    """Moves what is still to be moved.
 
     Raises:
       OSError: it cannot be done.
     """
     moving, old = temporary / MOVING, temporary / OLD
-    places: list[Path] = []
     for frame in sorted(moving.iterdir(), key=frame_number):
         target, kept = place(frame_number(frame)), old / frame.name
         if os.path.lexists(target) and not os.path.lexists(kept):
             _keep(target, kept)
         frame.rename(target)
-        places.append(target)
     moving.rmdir()
-    return places
+
+
+def take_back_frames(temporary: Path, names: Sequence[str], place: Place) -> None:
+    """Undoes `move_frames` of frames with these `names`. At every step, it could still be finished instead.
+
+    Raises:
+      OSError: it cannot be done.
+    """
+    moving = temporary / MOVING
+    moving.mkdir(exist_ok=True)
+    for name in names:
+        frame, kept = moving / name, temporary / OLD / name
+        target = place(frame_number(frame))
+        if not frame.exists():
+            target.rename(frame)
+        if os.path.lexists(kept):
+            kept.rename(target)
+    moving.rename(temporary / NEW)
 
 
 def frame_number(path: Path) -> int:
@@ -100,14 +156,3 @@ def _keep(target: Path, kept: Path) -> None:
         os.link(target, kept, follow_symlinks=False)
     except OSError:
         target.rename(kept)
-
-
-def _take_back(temporary: Path, frames: list[Path], place: Place) -> None:
-    """Undoes what `finish_frames` has done. At every step it could still finish."""
-    for frame in frames:
-        target, kept = place(frame_number(frame)), temporary / OLD / frame.name
-        if not frame.exists():
-            target.rename(frame)
-        if os.path.lexists(kept):
-            kept.rename(target)
-    (temporary / MOVING).rename(temporary / NEW)
