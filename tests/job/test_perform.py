@@ -319,7 +319,10 @@ def test_a_table_and_its_contacts_are_both_new_or_both_old_or_the_message_says_w
     def trace(steps: int) -> Trace:
         return Trace(Simulation(swing, steps=steps), str(table), contacts=str(contacts))
 
-    for number in range(1, MOST):
+    number = 0
+    while True:
+        number += 1
+        assert number < MOST
         for path in (table, contacts):
             path.write_text("old")
         made, message = [str(table), str(contacts)], ""
@@ -334,7 +337,7 @@ def test_a_table_and_its_contacts_are_both_new_or_both_old_or_the_message_says_w
         assert sorted(path.name for path in tmp_path.iterdir()) == ["c.csv", "swing.xml", "t.csv"]
         if len(tried) < number:
             break
-    assert 4 < number < MOST - 1
+    assert number > 4
 
 
 @pytest.mark.parametrize("probes", [["qpos"], ["qpos", "contact/ncon"]])
