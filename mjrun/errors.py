@@ -307,6 +307,14 @@ class ModelError(MjrunError):
     exit_code = 3
 
 
+class OutOfMemoryError(ModelError):
+    """The simulation of the model needs more memory than there is; `reason` is what the system or MuJoCo says."""
+
+    def __init__(self, reason: str) -> None:
+        advice = "look for a large <size memory>, count or resolution in the model, or lift the limit of this process"
+        super().__init__(f"memory ran out{f': {clean(reason)}' if reason else ''}\n{advice}")
+
+
 class ModelNotFoundError(ModelError):
     """There is no such model; `valid` are those there are, under the heading `place`, to compare `name` with."""
 

@@ -15,10 +15,19 @@ import click
 from click.shell_completion import shell_complete
 
 from mjrun.cli.console import Console, flag
-from mjrun.errors import ClosedPipeError, EndedFromOutsideError, MjrunError, TerminatedError, clean, quoted
+from mjrun.errors import (
+    ClosedPipeError,
+    EndedFromOutsideError,
+    MjrunError,
+    OutOfMemoryError,
+    TerminatedError,
+    clean,
+    quoted,
+)
 from mjrun.version import __version__
 
 BUG = 70
+NO_MEMORY = "Could not allocate memory"  # what MuJoCo says wherever an MjData is made
 COMPLETE = "_MJRUN_COMPLETE"
 MODELS = (".xml", ".urdf", ".mjz", ".zip", ".mjb")
 
@@ -143,6 +152,9 @@ def _guarded(console: Console, action: Callable[[], int]) -> int:
         console.error(f"ended by {end}")
         return end.exit_code
     except Exception as error:
+        if isinstance(error, MemoryError) or NO_MEMORY in str(error):  # of a FatalError or a ValueError
+            console.error(str(OutOfMemoryError(str(error))))
+            return OutOfMemoryError.exit_code
         console.error(_bug_message(error))
         return BUG
     finally:

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
+import mujoco
 import pytest
 
 from mjrun import __version__
@@ -128,6 +129,19 @@ def test_a_bug_is_reported_in_one_line_and_its_traceback_on_request(mjrun: Comma
     assert b"a bug in mjrun: ZeroDivisionError: division by zero (imageio_ffmpeg.py:2)" in quiet.stderr
     assert b"Traceback" not in quiet.stderr
     assert b"Traceback" in mjrun("video", swing, "--debug", *SMALL, env=search).stderr
+
+
+def test_a_simulation_that_needs_more_memory_than_there_is_is_no_bug(
+    mjrun_here: Command, swing: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def no_memory(*_: object) -> mujoco.MjData:
+        raise mujoco.FatalError("Could not allocate memory")  # as under a limit of the process
+
+    monkeypatch.setattr(mujoco, "MjData", no_memory)
+    done = mjrun_here("trace", swing, "--steps", "2", "-o", "a.csv")
+    assert done.returncode == 3
+    assert done.stderr.startswith(b"mjrun: error: memory ran out: Could not allocate memory\n")
+    assert mjrun_here.files() == []
 
 
 @pytest.mark.parametrize(
