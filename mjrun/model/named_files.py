@@ -23,6 +23,8 @@ _VALUE = rb"\s*=\s*(?:\"([^\"]*)\"|'([^']*)')"
 _FILE = re.compile(rb"file(?:name|right|left|up|down|front|back)?" + _VALUE)
 _FOLDER = re.compile(rb"dir(?:(?<=assetdir)|(?<=meshdir)|(?<=texturedir))" + _VALUE)
 _MODEL = re.compile(rb"<(?:include|model)\b(?:[^>\"']|\"[^\"]*\"|'[^']*')*")
+_ROOT = re.compile(rb"(?:\xef\xbb\xbf)?(?:\s+|<\?.*?\?>|<!--.*?-->)*<(\w+)", re.DOTALL)
+ROOTS = (b"mujoco", b"mujocoinclude", b"robot")
 
 KINDS = {
     stat.S_IFIFO: "a named pipe",
@@ -42,10 +44,11 @@ class _NamedFile(NamedTuple):
 
 @dataclass
 class _NamedFiles:
-    """What a model and all that it includes or attaches name."""
+    """What a model and all that it includes or attaches name; `models` are the latter, with their texts."""
 
     files: list[_NamedFile] = field(default_factory=list)
     folders: dict[str, None] = field(default_factory=lambda: {"": None})
+    models: dict[str, bytes] = field(default_factory=dict[str, bytes])
 
 
 def require_regular_files(path: Path, text: bytes | None) -> None:
@@ -66,6 +69,16 @@ def require_regular_files(path: Path, text: bytes | None) -> None:
                 _check(file, place)
 
 
+def foreign_file(path: Path, text: bytes | None) -> str | None:
+    """A file beyond the model's folder that the text includes or attaches, and that is no MJCF: none to be cited."""
+    folder = path.parent.resolve()
+    for place, content in _collect(path, text or b"").models.items():
+        root = _ROOT.match(content)
+        if not (root and root[1] in ROOTS) and not Path(place).resolve().is_relative_to(folder):
+            return place
+    return None
+
+
 def _collect(path: Path, text: bytes) -> _NamedFiles:
     """Goes through the text and those of the files that it includes or attaches."""
     named, waiting, visited = _NamedFiles(), deque([(path, text)]), {str(path.absolute())}
@@ -79,6 +92,7 @@ def _collect(path: Path, text: bytes) -> _NamedFiles:
                     whole = os.path.abspath(place)  # noqa: PTH100 – pathlib keeps .., and a circle would not end
                     if whole not in visited and (inner := file_content(place)) is not None:
                         visited.add(whole)
+                        named.models[place] = inner
                         waiting.append((Path(place), inner))
     return named
 

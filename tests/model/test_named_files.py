@@ -80,3 +80,22 @@ def test_models_that_include_each_other_are_gone_through_once(tmp_path: Path) ->
     for one, other in (("a", "b"), ("b", "a")):
         (tmp_path / f"{one}.xml").write_text(f'<mujoco><include file="{other}.xml"/></mujoco>')
     require_regular_files(tmp_path / "a.xml", (tmp_path / "a.xml").read_bytes())
+
+
+@pytest.mark.parametrize("naming", ['<include file="{}"/>', '<asset><model name="a" file="{}"/></asset>'])
+def test_what_is_no_mjcf_beyond_the_model_s_folder_is_not_cited(tmp_path: Path, naming: str) -> None:
+    (tmp_path / "robot").mkdir()
+    (tmp_path / "settings.xml").write_text("<?xml version='1.0'?>\n<settings><password-of-ann/></settings>")
+    model = tmp_path / "robot" / "model.xml"
+    model.write_text(f"<mujoco>{naming.format('../settings.xml')}</mujoco>")
+    with pytest.raises(BrokenModelError, match=r"settings\.xml, which is not MJCF$") as caught:
+        load(model)
+    assert "password" not in str(caught.value)
+
+
+def test_mistakes_in_mjcf_are_told_wherever_it_is(tmp_path: Path) -> None:
+    (tmp_path / "robot").mkdir()
+    (tmp_path / "common.xml").write_text("<!-- shared -->\n<mujocoinclude><gem/></mujocoinclude>")
+    (tmp_path / "robot" / "model.xml").write_text('<mujoco><include file="../common.xml"/></mujoco>')
+    with pytest.raises(BrokenModelError, match="gem"):
+        load(tmp_path / "robot" / "model.xml")

@@ -8,12 +8,12 @@ from pathlib import Path
 
 import mujoco
 
-from mjrun.errors import CompiledOverrideError, ModelNotFoundError, clean
+from mjrun.errors import BrokenModelError, CompiledOverrideError, ModelNotFoundError, clean
 from mjrun.model.compilation import FAULTS, broken_model, check_model, compile_model
 from mjrun.model.description import archive_files
 from mjrun.model.description.referenced_files import referenced_files
 from mjrun.model.mujoco_globals import without_log
-from mjrun.model.named_files import require_regular_files
+from mjrun.model.named_files import foreign_file, require_regular_files
 from mjrun.model.source import Source
 
 SOURCES = (".xml", ".urdf", ".mjz", ".zip")
@@ -94,7 +94,17 @@ class FileSource(Source):
     def _parse(self) -> mujoco.MjSpec:
         path = self.path
         main = str(path) if path.suffix == ".urdf" else archive_files.main_mjcf(path)
-        require_regular_files(path, archive_files.file_content(main) if main else None)
+        text = archive_files.file_content(main) if main else None
+        require_regular_files(path, text)
+        try:
+            return self._parse_checked()
+        except FAULTS:
+            if foreign := foreign_file(path, text):
+                raise BrokenModelError(path, f"it includes or attaches {clean(foreign)}, which is not MJCF") from None
+            raise
+
+    def _parse_checked(self) -> mujoco.MjSpec:
+        path = self.path
         if path.suffix not in (".mjz", ".zip"):
             return mujoco.MjSpec.from_file(str(path))
 
