@@ -161,7 +161,8 @@ def _collections() -> list[Diagnostic]:
             remedy = f"not needed; {advice}" if advice else "not needed"
             findings.append(Diagnostic("models", prefix, MISSING, message.removeprefix(f"{prefix}: "), remedy))
         else:
-            findings.append(Diagnostic("models", prefix, OK, f"{counted(count, 'model')}: mjrun info {prefix}:"))
+            value = f"{counted(count, collection.KIND)}: mjrun info {prefix}:"
+            findings.append(Diagnostic("models", prefix, OK, value))
     return findings
 
 
