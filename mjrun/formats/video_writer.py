@@ -1,9 +1,11 @@
 """Writes videos: frames become one verified and published video, through the bundled ffmpeg."""
 
 import contextlib
+import os
 import re
 import signal
 import subprocess
+import tempfile
 import threading
 from collections import deque
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -26,6 +28,7 @@ from mjrun.formats.atomic_output import (
 from mjrun.formats.codecs import CONTAINERS, GRAY16, Encoding, container_name, encoding, is_folder
 from mjrun.timeline import rational
 
+LONGEST_ARGUMENT = 100_000  # bytes; Linux allows 128 KiB
 SMALLEST = 16  # pixels a side; below it some encoders fail
 LOG_LINES = 200
 
@@ -174,10 +177,23 @@ class VideoWriter(OutputWriter):
             "-framerate",
             str(self.fps),
         ]
+        # The system limits command lines: longer tags go through a file beside the output, which has no name any more.
+        length = max((len(os.fsencode(text)) for text in tags.values()), default=0)
         metadata = [part for name, text in tags.items() for part in ("-metadata", f"{name}={text}")]
+        if length <= LONGEST_ARGUMENT:
+            return self._spawn([*source, "-i", "pipe:0"], metadata)
+        folder = None if self.destination.stdout is not None else Path(self.destination.path).parent
+        with tempfile.TemporaryFile(dir=folder) as file:
+            file.write(_ffmetadata(tags))
+            file.seek(0)
+            tagged = ["-f", "ffmetadata", "-i", f"pipe:{file.fileno()}"]
+            return self._spawn([*source, "-i", "pipe:0", *tagged], ["-map", "0:v", "-map_metadata", "1"], file.fileno())
+
+    def _spawn(self, inputs: Sequence[str], metadata: Sequence[str], *inherited: int) -> subprocess.Popen[bytes]:
+        width, height = self.size
         return subprocess.Popen(
             [
-                *ffmpeg.command("-y", *source, "-i", "pipe:0"),
+                *ffmpeg.command("-y", *inputs),
                 *self._encoding.arguments(width, height, to_pipe=self.destination.stdout is not None),
                 *metadata,
                 self.destination.path,
@@ -185,6 +201,7 @@ class VideoWriter(OutputWriter):
             stdin=subprocess.PIPE,
             stdout=self.destination.stdout if self.destination.stdout is not None else subprocess.DEVNULL,
             stderr=subprocess.PIPE,
+            pass_fds=inherited,
             process_group=0,  # Ctrl-C is ours: the encoder would end the video as if it were complete
         )
 
@@ -246,6 +263,12 @@ class VideoWriter(OutputWriter):
             lasts = re.findall(r"^out_time_us=(\d+)", report, re.MULTILINE)
             return round(Fraction(int(lasts[-1]), 10**6) * self.fps)
         return count
+
+
+def _ffmetadata(tags: Mapping[str, str]) -> bytes:
+    """The tags in ffmpeg's format: https://ffmpeg.org/ffmpeg-formats.html#Metadata-2."""
+    lines = [name + "=" + re.sub(r"([=;#\\\n])", r"\\\1", text) for name, text in tags.items()]
+    return os.fsencode("\n".join([";FFMETADATA1", *lines, ""]))
 
 
 def _rate(fps: float | str | Fraction) -> Fraction:

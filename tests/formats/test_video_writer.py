@@ -90,6 +90,17 @@ def test_the_same_frames_are_the_same_file(tmp_path: Path, name: str) -> None:
     assert contents[0] == contents[1]
 
 
+@pytest.mark.parametrize("length", [10, 30_000])
+def test_tags_of_any_length_are_kept(tmp_path: Path, length: int) -> None:
+    path, text = tmp_path / "f.mkv", "a=b;#c\\ é" * length
+    with VideoWriter(str(path), encoding(str(path)), SIZE, FPS, 2, tags={"description": text}) as film:
+        for picture in frames(2):
+            film.write(picture)
+        film.publish()
+    assert text.encode() in path.read_bytes()
+    assert [path] == list(tmp_path.iterdir())
+
+
 def test_bare_pixels_are_the_frames(tmp_path: Path) -> None:
     original = frames(5)
     write(str(tmp_path / "f.rgb"), original)
