@@ -17,9 +17,14 @@ from pathlib import Path
 from mjrun.document.simulation_document import Request, SimulationDocument
 from mjrun.fit.fit import Fit
 from mjrun.options.fit import FitOptions
-from mjrun.options.simulation import CodeOptions
+from mjrun.options.simulation import CodeOptions, SimulationOptions
 
-FIT = SimulationDocument("Fit", "A model, measurements, and what is looked for.", FitOptions, Fit)
+
+class _FitOptions(FitOptions, SimulationOptions):
+    """The options of a fit document."""
+
+
+FIT = SimulationDocument("Fit", "A model, measurements, and what is looked for.", FitOptions, _FitOptions, Fit)
 FitDocument = FIT.model
 
 

@@ -43,14 +43,17 @@ class SimulationDocument(Generic[Made]):
       name: of what it describes.
       about: what it holds, in a sentence.
       declared: the options beside those of a simulation; `output` may be left out.
+      every: these and those of a simulation.
       make: from a simulation and these options to what is made.
 
     Attributes:
       model: by which documents are checked.
     """
 
-    def __init__(self, name: str, about: str, declared: type[Options], make: Callable[..., Made]) -> None:
-        self._declared, self._make = declared, make
+    def __init__(
+        self, name: str, about: str, declared: type[Options], every: type[Options], make: Callable[..., Made]
+    ) -> None:
+        self._declared, self._every, self._make = declared, every, make
         self.model: type[OptionsModel] = options_model(
             SimulationOptions,
             name=name,
@@ -58,11 +61,10 @@ class SimulationDocument(Generic[Made]):
             last=option_keys(declared, ["output"]),
         )
         self.model.__doc__ = about
-        self._all_options = type(name, (declared, SimulationOptions), {})
 
     def declared_at(self, place: Place) -> type[Options]:
         """The options that stand at a place of such a document."""
-        return self._all_options
+        return self._every
 
     def read(
         self,

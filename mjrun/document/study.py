@@ -16,10 +16,15 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from mjrun.document.simulation_document import Request, SimulationDocument
-from mjrun.options.simulation import CodeOptions
+from mjrun.options.simulation import CodeOptions, SimulationOptions
 from mjrun.study.study import Study
 
-STUDY = SimulationDocument("Study", "A simulation, and what varies in it.", Study, Study)
+
+class _StudyOptions(Study, SimulationOptions):
+    """The options of a study document."""
+
+
+STUDY = SimulationDocument("Study", "A simulation, and what varies in it.", Study, _StudyOptions, Study)
 StudyDocument = STUDY.model
 
 

@@ -201,8 +201,8 @@ class _Parser:
 
     def _start(self, tag: str, attributes: dict[str, str]) -> None:
         parent = self.open[-1] if self.open else None
-        place = {"line": self.expat.CurrentLineNumber, "offset": self.expat.CurrentByteIndex}
-        element = Element(tag, attributes, self.path, parent=parent, **place)
+        line, offset = self.expat.CurrentLineNumber, self.expat.CurrentByteIndex
+        element = Element(tag, attributes, self.path, line, parent, offset=offset)
         if parent is not None:
             parent.children.append(element)
         self.root = self.root or element

@@ -411,10 +411,9 @@ class NumberVector(Kind["float | Sequence[float]", Numbers]):
 
     def __call__(self, value: "float | Sequence[float]") -> Numbers:
         parts: Sequence[float] = [value] if isinstance(value, (int, float)) else value
-        if isinstance(parts, str) or not all(isinstance(part, (int, float)) and math.isfinite(part) for part in parts):
-            raise ExpectedError("a finite number, or a list of them")
-        numbers = tuple(map(float, parts))
-        if not numbers:
+        each: list[object] = [] if isinstance(parts, str) else [*parts]
+        numbers = tuple(float(part) for part in each if isinstance(part, (int, float)) and math.isfinite(part))
+        if not numbers or len(numbers) < len(each):
             raise ExpectedError("a finite number, or a list of them")
         return numbers
 

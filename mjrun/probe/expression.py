@@ -38,7 +38,7 @@ COMPARE |= {"==": np.equal, "!=": _unequal}
 COMPARE |= {FINITE: lambda value, limit: np.isfinite(value), NOT_FINITE: lambda value, limit: ~np.isfinite(value)}
 ELEMENTWISE: dict[str, Function] = {"abs": np.abs, "sqrt": np.sqrt, "exp": np.exp, "log": np.log}
 ELEMENTWISE |= {"sin": np.sin, "cos": np.cos, "tan": np.tan, "tanh": np.tanh}
-FOLDED: dict[str, Function] = {"min": np.minimum, "max": np.maximum, "sum": np.add}
+FOLDED: dict[str, np.ufunc] = {"min": np.minimum, "max": np.maximum, "sum": np.add}
 REDUCED: dict[str, Function] = {name: function.reduce for name, function in FOLDED.items()} | {"norm": _norm}
 OTHERS = ("norm", "clip", "where", "isfinite")  # functions of values at one instant that are neither of the above
 SUCCESSIVE = ("previous", "rate")  # functions of values at control instants that follow each other

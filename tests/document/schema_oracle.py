@@ -1,8 +1,8 @@
 """A validator of JSON Schema, as far as the schemas of documents go."""
 
 import re
-from collections.abc import Iterator
-from typing import Any
+from collections.abc import Iterator, Sized
+from typing import Any, cast
 
 TYPES = {"object": dict, "array": list, "string": str, "boolean": bool, "null": type(None)}
 
@@ -46,8 +46,10 @@ def _fits(key: str, value: Any, rule: dict[str, Any], whole: dict[str, Any]) -> 
         case "prefixItems":
             return not isinstance(value, list) or all(fits(*pair, whole) for pair in zip(value, wanted, strict=False))
         case "minItems" | "maxItems" | "minLength" | "minProperties" | "maxProperties":
-            sized = isinstance(value, {"Length": str, "Items": list}.get(key[3:], dict))
-            return not sized or (len(value) <= wanted if key.startswith("max") else len(value) >= wanted)
+            if not isinstance(value, {"Length": str, "Items": list}.get(key[3:], dict)):
+                return True
+            count = len(cast("Sized", value))
+            return count <= wanted if key.startswith("max") else count >= wanted
         case "minimum" | "exclusiveMinimum":
             return not number or (value >= wanted if key == "minimum" else value > wanted)
         case "maximum":

@@ -8,7 +8,7 @@ from mjrun.document.simulation_document import SimulationDocument
 from mjrun.errors import DocumentError, UsageError
 from mjrun.job.simulation import Simulation
 from mjrun.options.fit import FitOptions
-from mjrun.options.simulation import CodeOptions
+from mjrun.options.simulation import CodeOptions, SimulationOptions
 from tests.fit.logs import write_model
 
 Made = tuple[Simulation, dict[str, object]]
@@ -20,7 +20,11 @@ def make(simulation: Simulation, **values: object) -> Made:
     return simulation, values
 
 
-DOCUMENT = SimulationDocument[Made]("Sample", "A sample.", FitOptions, make)
+class Every(FitOptions, SimulationOptions):
+    """All options of the document."""
+
+
+DOCUMENT = SimulationDocument[Made]("Sample", "A sample.", FitOptions, Every, make)
 
 
 def read(folder: Path, text: str, *assignments: str) -> Made:

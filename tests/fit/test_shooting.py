@@ -1,6 +1,7 @@
 """Multiple shooting finds what a bare loop was simulated with."""
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -61,7 +62,8 @@ def test_parameters_that_are_fixed_stay() -> None:
 
 def test_the_model_as_it_was_is_followed_although_its_values_are_beyond_the_bounds() -> None:
     shoot, _ = shooting((("joint/hinge.damping", "log:1e-3..1e-2"), ("delay:qpos/hinge", "0.1..0.2")))
-    times, angles = simulate(2.0, **NOMINAL)
+    nominal: dict[str, Any] = NOMINAL
+    times, angles = simulate(2.0, **nominal)
     parts = shoot.cut([Segment("log", times, angles[:, None], np.zeros((len(times), 1)))], 100)
     solution = shoot.follow(parts, None, shoot.guessed(parts), np.array([NOISE]))
     assert solution.cost < 1e-2
@@ -109,6 +111,6 @@ def test_weights_are_slopes_of_the_loss() -> None:
     squares = solution.residuals[0].ravel() ** 2
     for loss in ("soft_l1", "huber", "cauchy"):
         slopes = np.empty((3, len(squares)))
-        implemented = IMPLEMENTED_LOSSES[loss]
+        implemented: Any = IMPLEMENTED_LOSSES[loss]
         implemented(squares, slopes, cost_only=False)
         np.testing.assert_allclose(replace(solution, loss=loss).weights[0].ravel(), slopes[1])

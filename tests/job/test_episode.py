@@ -261,6 +261,7 @@ def test_a_task_lasts_until_it_ends_or_as_long_as_is_said(task: Path, tmp_path: 
         Simulation(read_task(task), policy=policy, seed=1, duration=2), str(tmp_path / "b.csv"), probe=["qvel"]
     ).run()
     assert ended.episode is not None
+    assert beyond.episode is not None
     assert beyond.episode == replace(ended.episode, simulated=2.0)
     assert beyond.episode.sentence == f"{ended.episode.sentence}; the simulation went on without a reset up to 2 s"
     assert (ended.episode.ending, ended.episode.kind) == ("fast", "failure")

@@ -1,6 +1,7 @@
 """Theorems about starts: what is named is where it is put, the rest is as MuJoCo has it."""
 
 import copy
+from dataclasses import replace
 from typing import Any
 
 import mujoco
@@ -180,8 +181,9 @@ def test_a_start_that_is_not_finite_is_refused(field: str, name: str, where: str
 def test_a_keyframe_that_is_not_finite_is_the_model_s_fault(name: str) -> None:
     model = copy.copy(MODEL)
     getattr(model, f"key_{name}")[0, 1] = float("nan")
+    changes: dict[str, Any] = {name: {"hand" if name != "ctrl" else "motor": 0.0}}
     with pytest.raises(ModelError) as caught:
-        InitialState(key="home", **{name: {"hand" if name != "ctrl" else "motor": 0.0}}).data(model)
+        replace(InitialState(key="home"), **changes).data(model)
     assert str(caught.value) == f"keyframe 'home': {name}[1] is nan, and must be finite"
     assert caught.value.exit_code == 3
     InitialState(key="1").data(model)

@@ -44,13 +44,13 @@ def test_a_model_that_attaches_itself_is_a_crash_whose_cause_is_told() -> None:
     assert not model.loads
 
 
-def test_a_pipe_among_the_files_is_told_and_its_wait_has_an_end() -> None:
+def test_a_pipe_among_the_files_is_told_and_nobody_waits_for_it() -> None:
     os.mkfifo("pipe.obj")
     write("model.xml", '<mujoco>\n<asset><mesh file="pipe.obj"/></asset></mujoco>')
-    (model,) = checked("model.xml", timeout=1.5).models
+    (model,) = checked("model.xml", timeout=60).models
     assert not model.loads
-    assert codes(model)[-1] == "MJ003"
-    assert "not done after 1.5 s" in model.findings[-1].message
+    assert "MJ003" not in codes(model)
+    assert any("pipe.obj" in finding.message for finding in model.findings)
 
 
 def test_a_pipe_for_a_model_is_refused_at_once() -> None:
