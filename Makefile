@@ -4,7 +4,7 @@
 
 .DEFAULT_GOAL := help
 .NOTPARALLEL:
-.PHONY: help setup setup-python demo gallery test lint types check bench clean
+.PHONY: help setup setup-python demo gallery test lint types check bench score clean
 
 help: ## list the targets
 	@awk -F ':.*## ' '/^[a-z]+:.*## / {printf "make %-6s  %s\n", $$1, $$2}' Makefile
@@ -40,6 +40,9 @@ bench: setup ## time videos and traces against their baselines, and views
 	.venv/bin/python benchmarks/trace.py
 	.venv/bin/python benchmarks/views.py
 	.venv/bin/python benchmarks/plot.py
+
+score: setup ## measure faults, hostile input and determinism, and write SCORE.md
+	.venv/bin/python -m tests.scoreboard $(ARGS)
 
 clean: ## remove outputs, packages and caches; .venv stays
 	rm -rf out dist .pytest_cache .ruff_cache .hypothesis

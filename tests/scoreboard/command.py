@@ -1,0 +1,207 @@
+"""mjrun run many times, quickly: a process that has imported everything forks for each run.
+
+A forked run has its own session, folder, streams, limits and signals, as a command started from a shell has; what a
+fork cannot show, imports and the start of the interpreter, takes a command of its own.
+"""
+
+import json
+import os
+import re
+import resource
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Mapping
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+from types import TracebackType
+
+ROOT = Path(__file__).resolve().parents[2]
+MIB = 2**20
+# C0 and C1 controls but newline, tab and carriage return: what could move a terminal's cursor or change its state.
+CONTROL = re.compile(r"[\x00-\x08\x0b\x0c\x0e-\x1f\x7f-\x9f]")
+EXIT_CODES = {0, 1, 2, 3, 4, 5, 6, 7, 8}
+
+
+@dataclass(frozen=True)
+class Ended:
+    """How a run ended.
+
+    Attributes:
+      code: its exit code, or minus the signal that killed it; None if it did not end in time.
+      seconds: of wall time.
+    """
+
+    arguments: tuple[str, ...]
+    code: int | None
+    stdout: bytes
+    stderr: bytes
+    seconds: float
+
+    @property
+    def message(self) -> str:
+        """What it said on standard error."""
+        return self.stderr.decode("utf-8", "replace")
+
+    @property
+    def faults(self) -> list[str]:
+        """What no run may show: a traceback, a bug, a signal, a hang, no word about a failure, control bytes."""
+        found = []
+        if self.code is None:
+            found.append(f"did not end in {self.seconds:.1f} s")
+        elif self.code < 0:
+            found.append(f"killed by {signal.Signals(-self.code).name}")
+        elif self.code not in EXIT_CODES:
+            found.append(f"exit code {self.code}")
+        if self.code and not self.stderr.strip() and not self.stdout.strip():
+            found.append("failed without a word")
+        if "Traceback (most recent call last)" in self.message:
+            found.append("a traceback")
+        if CONTROL.search(self.message):
+            found.append("control bytes on standard error")
+        return found
+
+    def __str__(self) -> str:
+        last = next((line for line in reversed(self.message.splitlines()) if line.strip()), "")
+        return f"mjrun {' '.join(self.arguments)[:200]}: code {self.code}, {self.seconds:.1f} s: {last[:200]}"
+
+
+class CommandServer:
+    """Runs command lines in processes forked from one that has imported mjrun, MuJoCo and numpy already.
+
+    Args:
+      limit: seconds of wall time that a run may take before it is killed and counts as hanging.
+      memory: address space in MiB that a run may have; None for no limit.
+    """
+
+    def __init__(self, limit: float = 20.0, memory: int | None = None) -> None:
+        self._limit, self._memory = limit, memory
+        environment = {**os.environ, "PYTHONPATH": str(ROOT), "COLUMNS": "120", "NO_COLOR": "1"}
+        self._process = subprocess.Popen(
+            [sys.executable, "-m", "tests.scoreboard.command"],
+            cwd=ROOT,
+            env=environment,
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            text=True,
+        )
+
+    def __enter__(self) -> "CommandServer":
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
+    ) -> None:
+        self._process.communicate(timeout=60)
+
+    def run(
+        self,
+        *arguments: str | Path,
+        folder: Path,
+        environment: Mapping[str, str] | None = None,
+        limit: float | None = None,
+    ) -> Ended:
+        """Runs one command line in a folder.
+
+        Args:
+          arguments: after `mjrun`.
+          folder: the working directory.
+          environment: variables to set.
+          limit: seconds, in place of the server's.
+        """
+        line = tuple(map(str, arguments))
+        with tempfile.TemporaryDirectory() as streams:
+            request = {
+                "arguments": line,
+                "folder": str(folder),
+                "streams": streams,
+                "environment": dict(environment or {}),
+                "limit": self._limit if limit is None else limit,
+                "memory": self._memory,
+            }
+            assert self._process.stdin
+            assert self._process.stdout
+            self._process.stdin.write(json.dumps(request) + "\n")
+            self._process.stdin.flush()
+            answer = json.loads(self._process.stdout.readline())
+            out, err = (Path(streams, name).read_bytes() for name in ("stdout", "stderr"))
+        return Ended(line, answer["code"], out, err, answer["seconds"])
+
+
+def serve() -> None:
+    """Answers requests, one line of JSON each, until standard input ends."""
+    import mujoco  # noqa: F401
+    import numpy as np  # noqa: F401
+
+    import mjrun.cli.main  # noqa: F401
+
+    answers = os.fdopen(os.dup(1), "w")
+    for line in sys.stdin:
+        request = json.loads(line)
+        began = time.monotonic()
+        child = os.fork()
+        if not child:
+            _become(request)
+        code = _wait(child, request["limit"])
+        answers.write(json.dumps({"code": code, "seconds": time.monotonic() - began}) + "\n")
+        answers.flush()
+
+
+def _wait(child: int, limit: float) -> int | None:
+    """Its exit code; None if it did not end in time. What it has left running in its session is killed."""
+    deadline = time.monotonic() + limit
+    pause = 0.002
+    while True:
+        ended, status = os.waitpid(child, os.WNOHANG)
+        if ended:
+            code: int | None = os.waitstatus_to_exitcode(status)
+            break
+        if time.monotonic() > deadline:
+            os.kill(child, signal.SIGKILL)
+            os.waitpid(child, 0)
+            code = None
+            break
+        time.sleep(pause)
+        pause = min(2 * pause, 0.05)
+    with suppress(ProcessLookupError):
+        os.killpg(child, signal.SIGKILL)
+    return code
+
+
+def _become(request: dict[str, object]) -> None:
+    """Turns this process into a run of mjrun; does not return."""
+    code = 255
+    try:
+        os.setsid()
+        os.chdir(str(request["folder"]))
+        os.environ.update(request["environment"])  # type: ignore[call-overload]
+        for number, name, flags in (
+            (0, "/dev/null", os.O_RDONLY),
+            (1, f"{request['streams']}/stdout", os.O_WRONLY | os.O_CREAT),
+            (2, f"{request['streams']}/stderr", os.O_WRONLY | os.O_CREAT),
+        ):
+            os.dup2(os.open(name, flags, 0o600), number)
+        os.closerange(3, 256)
+        if request["memory"]:
+            limit = int(request["memory"]) * MIB  # type: ignore[call-overload]
+            resource.setrlimit(resource.RLIMIT_AS, (limit, limit))
+        from mjrun.cli.main import run
+
+        code = run(list(request["arguments"]))  # type: ignore[call-overload]
+        sys.stdout.flush()
+        sys.stderr.flush()
+    except SystemExit as ending:
+        code = ending.code if isinstance(ending.code, int) else 1
+    except BaseException:
+        import traceback
+
+        traceback.print_exc()
+    finally:
+        os._exit(code)
+
+
+if __name__ == "__main__":
+    serve()
