@@ -16,6 +16,7 @@ import time
 from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass
+from importlib import import_module
 from pathlib import Path
 from types import TracebackType
 
@@ -103,6 +104,7 @@ class CommandServer:
         folder: Path,
         environment: Mapping[str, str] | None = None,
         limit: float | None = None,
+        call: str = "mjrun.cli.main:run",
     ) -> Ended:
         """Runs one command line in a folder.
 
@@ -111,6 +113,8 @@ class CommandServer:
           folder: the working directory.
           environment: variables to set.
           limit: seconds, in place of the server's.
+          call: the function that gets the arguments as a list and returns the exit code, `module:name`: mjrun, or what
+            it is compared with.
         """
         line = tuple(map(str, arguments))
         with tempfile.TemporaryDirectory() as streams:
@@ -121,6 +125,7 @@ class CommandServer:
                 "environment": dict(environment or {}),
                 "limit": self._limit if limit is None else limit,
                 "memory": self._memory,
+                "call": call,
             }
             assert self._process.stdin
             assert self._process.stdout
@@ -188,9 +193,8 @@ def _become(request: dict[str, object]) -> None:
         if request["memory"]:
             limit = int(request["memory"]) * MIB  # type: ignore[call-overload]
             resource.setrlimit(resource.RLIMIT_AS, (limit, limit))
-        from mjrun.cli.main import run
-
-        code = run(list(request["arguments"]))  # type: ignore[call-overload]
+        module, _, name = str(request["call"]).partition(":")
+        code = getattr(import_module(module), name)(list(request["arguments"]))  # type: ignore[call-overload]
         sys.stdout.flush()
         sys.stderr.flush()
     except SystemExit as ending:
