@@ -9,16 +9,20 @@ import os
 import re
 import resource
 import signal
+import socket
 import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from importlib import import_module
 from pathlib import Path
 from types import TracebackType
+from typing import Any
+
+from tests.scoreboard.file_operations import Fault, Watcher, listener, watched
 
 ROOT = Path(__file__).resolve().parents[2]
 MIB = 2**20
@@ -34,6 +38,7 @@ class Ended:
     Attributes:
       code: its exit code, or minus the signal that killed it; None if it did not end in time.
       seconds: of wall time.
+      operations: on the files of a folder that was watched, in their order, each with the name of its file.
     """
 
     arguments: tuple[str, ...]
@@ -41,6 +46,7 @@ class Ended:
     stdout: bytes
     stderr: bytes
     seconds: float
+    operations: tuple[tuple[str, str], ...] = ()
 
     @property
     def message(self) -> str:
@@ -76,13 +82,14 @@ class CommandServer:
     Args:
       limit: seconds of wall time that a run may take before it is killed and counts as hanging.
       memory: address space in MiB that a run may have; None for no limit.
+      imports: modules to import once, for measures that run the same commands again and again.
     """
 
-    def __init__(self, limit: float = 20.0, memory: int | None = None) -> None:
+    def __init__(self, limit: float = 20.0, memory: int | None = None, imports: Sequence[str] = ()) -> None:
         self._limit, self._memory = limit, memory
         environment = {**os.environ, "PYTHONPATH": str(ROOT), "COLUMNS": "120", "NO_COLOR": "1"}
         self._process = subprocess.Popen(
-            [sys.executable, "-m", "tests.scoreboard.command"],
+            [sys.executable, "-m", "tests.scoreboard.command", *imports],
             cwd=ROOT,
             env=environment,
             stdin=subprocess.PIPE,
@@ -105,6 +112,10 @@ class CommandServer:
         environment: Mapping[str, str] | None = None,
         limit: float | None = None,
         call: str = "mjrun.cli.main:run",
+        fault: Fault | None = None,
+        kill_after: float | None = None,
+        file_size: int | None = None,
+        redirected: Mapping[int, str] | None = None,
     ) -> Ended:
         """Runs one command line in a folder.
 
@@ -115,6 +126,13 @@ class CommandServer:
           limit: seconds, in place of the server's.
           call: the function that gets the arguments as a list and returns the exit code, `module:name`: mjrun, or what
             it is compared with.
+          fault: of the file system, with `number` 0 only to list what is done to its folder.
+          kill_after: seconds after which the process gets SIGKILL.
+          file_size: bytes that a file may have, as `ulimit -f` sets.
+          redirected: a file in place of a standard stream, by its number; an empty name closes it.
+
+        Raises:
+          OSError: the kernel cannot watch, as a fault needs it.
         """
         line = tuple(map(str, arguments))
         with tempfile.TemporaryDirectory() as streams:
@@ -126,6 +144,10 @@ class CommandServer:
                 "limit": self._limit if limit is None else limit,
                 "memory": self._memory,
                 "call": call,
+                "fault": fault and asdict(fault),
+                "kill_after": kill_after,
+                "file_size": file_size,
+                "files": {str(number): path for number, path in (redirected or {}).items()},
             }
             assert self._process.stdin
             assert self._process.stdout
@@ -133,7 +155,10 @@ class CommandServer:
             self._process.stdin.flush()
             answer = json.loads(self._process.stdout.readline())
             out, err = (Path(streams, name).read_bytes() for name in ("stdout", "stderr"))
-        return Ended(line, answer["code"], out, err, answer["seconds"])
+        if answer["unwatched"]:
+            raise OSError("this kernel does not let a process be watched")
+        operations = tuple((operation, path) for operation, path in answer["operations"])
+        return Ended(line, answer["code"], out, err, answer["seconds"], operations)
 
 
 def serve() -> None:
@@ -143,58 +168,101 @@ def serve() -> None:
 
     import mjrun.cli.main  # noqa: F401
 
+    for name in sys.argv[1:]:
+        import_module(name)
     answers = os.fdopen(os.dup(1), "w")
     for line in sys.stdin:
         request = json.loads(line)
-        began = time.monotonic()
-        child = os.fork()
-        if not child:
-            _become(request)
-        code = _wait(child, request["limit"])
-        answers.write(json.dumps({"code": code, "seconds": time.monotonic() - began}) + "\n")
+        answers.write(json.dumps(_run(request)) + "\n")
         answers.flush()
 
 
-def _wait(child: int, limit: float) -> int | None:
+def _run(request: dict[str, Any]) -> dict[str, object]:
+    """Runs mjrun as a request says; returns the answer."""
+    began = time.monotonic()
+    watching, watched_by = socket.socketpair() if request["fault"] else (None, None)
+    child = os.fork()
+    if not child:
+        _become(request, watched_by)
+
+    watcher = None
+    if watching and watched_by:
+        watched_by.close()
+        descriptor = listener(watching)
+        watching.close()
+        if descriptor is not None:
+            watcher = Watcher(descriptor, child, Fault(**request["fault"]))
+    code = _wait(child, request["limit"], request["kill_after"], watcher)
+    if watcher:
+        os.close(watcher.listener)
+    return {
+        "code": code,
+        "seconds": time.monotonic() - began,
+        "operations": watcher.operations if watcher else [],
+        "unwatched": bool(watching) and watcher is None,
+    }
+
+
+def _wait(child: int, limit: float, kill_after: float | None, watcher: Watcher | None) -> int | None:
     """Its exit code; None if it did not end in time. What it has left running in its session is killed."""
-    deadline = time.monotonic() + limit
+    began = time.monotonic()
     pause = 0.002
     while True:
         ended, status = os.waitpid(child, os.WNOHANG)
         if ended:
             code: int | None = os.waitstatus_to_exitcode(status)
             break
-        if time.monotonic() > deadline:
+        passed = time.monotonic() - began
+        if kill_after is not None and passed > kill_after:
+            os.kill(child, signal.SIGKILL)
+        if passed > limit:
             os.kill(child, signal.SIGKILL)
             os.waitpid(child, 0)
             code = None
             break
-        time.sleep(pause)
-        pause = min(2 * pause, 0.05)
+        if watcher:
+            watcher.answer(pause)
+        else:
+            time.sleep(pause)
+        pause = min(2 * pause, 0.005 if kill_after or watcher else 0.05)
     with suppress(ProcessLookupError):
         os.killpg(child, signal.SIGKILL)
     return code
 
 
-def _become(request: dict[str, object]) -> None:
+def _become(request: dict[str, Any], watched_by: socket.socket | None) -> None:
     """Turns this process into a run of mjrun; does not return."""
     code = 255
     try:
         os.setsid()
         os.chdir(str(request["folder"]))
-        os.environ.update(request["environment"])  # type: ignore[call-overload]
+        os.environ.update(request["environment"])
         for number, name, flags in (
             (0, "/dev/null", os.O_RDONLY),
             (1, f"{request['streams']}/stdout", os.O_WRONLY | os.O_CREAT),
             (2, f"{request['streams']}/stderr", os.O_WRONLY | os.O_CREAT),
         ):
             os.dup2(os.open(name, flags, 0o600), number)
-        os.closerange(3, 256)
+        for name, path in request["files"].items():
+            os.close(int(name))
+            if path:
+                os.dup2(os.open(path, os.O_RDWR), int(name))
+        number = watched_by.fileno() if watched_by else 3
+        os.closerange(3, number)
+        os.closerange(number + 1, 256)
+        if request["file_size"] is not None:
+            resource.setrlimit(resource.RLIMIT_FSIZE, (request["file_size"],) * 2)
         if request["memory"]:
-            limit = int(request["memory"]) * MIB  # type: ignore[call-overload]
+            limit = int(request["memory"]) * MIB
             resource.setrlimit(resource.RLIMIT_AS, (limit, limit))
+        from mjrun.cli.standard_streams import open_standard_streams
+
         module, _, name = str(request["call"]).partition(":")
-        code = getattr(import_module(module), name)(list(request["arguments"]))  # type: ignore[call-overload]
+        call = getattr(import_module(module), name)
+        open_standard_streams()
+        if watched_by:
+            watched(watched_by)
+        code = call(list(request["arguments"]))
         sys.stdout.flush()
         sys.stderr.flush()
     except SystemExit as ending:
