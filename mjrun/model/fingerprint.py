@@ -1,6 +1,8 @@
 """Fingerprints of compiled models: of all of a model, and of its physics alone."""
 
 import hashlib
+from collections.abc import Iterator
+from functools import cache
 
 import mujoco
 import numpy as np
@@ -21,11 +23,21 @@ def model_fingerprint(model: mujoco.MjModel) -> str:
 def physics_fingerprint(model: mujoco.MjModel) -> str:
     """SHA-256 of the options, and of every array that does not only affect images, keyframes and names."""
     digest = hashlib.sha256()
+    for name, value in physics_fields(model):
+        digest.update(name.encode() + b"\0" + value.tobytes())
+    return digest.hexdigest()
+
+
+def physics_fields(model: mujoco.MjModel) -> Iterator[tuple[str, np.ndarray]]:
+    """The numbers and arrays of a model and of its options, by name, but for what only affects images and names."""
     for owner in (model, model.opt):
-        for name in sorted(dir(owner)):
-            if name.startswith(("_", *VISUAL)) or name.endswith(VISUAL_SUFFIXES):
-                continue
+        for name in _names(type(owner)):
             value = getattr(owner, name)
             if isinstance(value, (int, float, np.ndarray, np.generic)):
-                digest.update(name.encode() + b"\0" + np.asarray(value).tobytes())
-    return digest.hexdigest()
+                yield name, np.asarray(value)
+
+
+@cache
+def _names(owner: type) -> tuple[str, ...]:
+    public = [name for name in sorted(dir(owner)) if not name.startswith(("_", *VISUAL))]
+    return tuple(name for name in public if not name.endswith(VISUAL_SUFFIXES))

@@ -1,4 +1,4 @@
-"""MuJoCo Warp as an engine: many simulations of one model at once, in single precision, on a GPU or a CPU."""
+"""MuJoCo Warp as an engine: many simulations at once, in single precision, on a GPU or a CPU."""
 
 import warnings
 from collections.abc import Iterator, Sequence
@@ -6,14 +6,14 @@ from collections.abc import Iterator, Sequence
 import mujoco
 import numpy as np
 
-from mjrun.errors import MjrunWarning, SimulationError, UsageError, option
+from mjrun.errors import MjrunWarning, SimulationError, option
 from mjrun.sim.engine import Fields, RolloutBlock, block_steps, models_of
 from mjrun.sim.warp_device import WarpDevice
 from mjrun.sim.warp_worlds import WarpWorlds
 
 
 class WarpEngine:
-    """An `Engine` of one model for all simulations.
+    """An `Engine` of models that differ in nothing but what `WarpFields` lets worlds differ in.
 
     Args:
       nconmax, njmax: contacts and constraints to make room for in a simulation; mujoco_warp guesses when None.
@@ -31,16 +31,15 @@ class WarpEngine:
         record: Sequence[str],
         every: int = 1,
     ) -> Iterator[RolloutBlock]:
-        """As `Engine` has it, but that instability is noticed at rows only. What does not fit is a warning.
+        """As `Engine` has it, but that instability is noticed at rows only, and models are of one `WarpFields.group`.
+
+        What does not fit is a warning.
 
         Raises:
-          UsageError: mujoco_warp cannot simulate the model or record a field, or there are several models.
+          UsageError: mujoco_warp cannot simulate such models, or record a field.
         """
-        model, *others = {id(model): model for model in models_of(models, len(starts))}.values()
-        if others:
-            engine = option("engine")
-            raise UsageError(f"{engine} warp simulates one model, not {1 + len(others)}\n{engine} c takes several")
-        worlds = WarpWorlds(self._device, model, starts, self._nconmax, self._njmax)
+        model = models_of(models, len(starts))[0]
+        worlds = WarpWorlds(self._device, models, starts, self._nconmax, self._njmax)
         worlds.require(record)
         walk = _Walk(worlds, model, controls, record)
         rows = [*range(0, steps, every), steps]

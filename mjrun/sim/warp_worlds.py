@@ -1,4 +1,4 @@
-"""Worlds of MuJoCo Warp: simulations of one model that a device steps at once, all of them at the same step."""
+"""Worlds of MuJoCo Warp: simulations that a device steps at once, all of them at the same step."""
 
 import copy
 from collections.abc import Callable, Mapping, Sequence
@@ -13,7 +13,9 @@ import numpy as np
 
 from mjrun.errors import UsageError, option, quoted
 from mjrun.model import state
+from mjrun.sim.engine import models_of
 from mjrun.sim.warp_device import WarpDevice
+from mjrun.sim.warp_fields import WarpFields
 
 CHEAPER = "what is left out makes a step cheaper than it is"
 CONSTRAINTS = f"there is room for {{njmax}} constraints in a world; {CHEAPER}"
@@ -78,9 +80,10 @@ class Demand:
 
 
 class WarpWorlds:
-    """Worlds of one model on a device, all at the same step. Use them within `active`.
+    """Worlds on a device, all at the same step. Use them within `active`.
 
     Args:
+      models: one for all worlds, or one for each, of one `WarpFields.group`.
       starts: integration states, `(n, nstate)`.
       nconmax, njmax: contacts and constraints to make room for in a world; mujoco_warp guesses when None.
 
@@ -95,17 +98,18 @@ class WarpWorlds:
     def __init__(
         self,
         device: WarpDevice,
-        model: mujoco.MjModel,
+        models: mujoco.MjModel | Sequence[mujoco.MjModel],
         starts: np.ndarray,
         nconmax: int | None = None,
         njmax: int | None = None,
     ) -> None:
         self.count = len(starts)
-        self._device, self._model = device, _with_autoreset(model)
+        every = models_of(models, self.count)
+        self._device, self._model = device, _with_autoreset(every[0])
         self._sample = mujoco.MjData(self._model)  # the shapes of fields
         state.restore(self._model, self._sample, starts[0])
         with self._device.refusals(self.count), self.active():
-            self._device_model = device.library.put_model(self._model)
+            self._device_model = WarpFields(device).put_models(self._model, every)
             self._device_model.opt.warn_overflow = 0  # it prints from the device, a line for each world and step
             self._data = device.library.put_data(
                 self._model, self._sample, nworld=self.count, nconmax=nconmax, njmax=njmax

@@ -31,6 +31,7 @@ from mjrun.sim.observe import Tap, observe
 from mjrun.sim.stepper import PhysicsStepper
 from mjrun.sim.warp_device import WarpDevice
 from mjrun.sim.warp_engine import WarpEngine
+from mjrun.sim.warp_fields import WarpFields
 from mjrun.study.parameters import simulation_at
 from mjrun.timeline import Timeline
 
@@ -115,8 +116,14 @@ class PointSimulator:
         self._variants = ModelVariants(self._prepare)
         self._compiled = OrderedDict[int, _CompiledModel]()  # by the id of the model that it holds
         self._metrics = dict[object, list[Metric]]()
-        self._engine: Engine = CEngine(threads=1) if spec.engine == "c" else WarpEngine(WarpDevice())
-        self._most = SIDE_BY_SIDE if spec.engine == "c" else WORLDS
+        self._engine: Engine
+        self._world_fields: WarpFields | None = None
+        if spec.engine == "c":
+            self._engine, self._most = CEngine(threads=1), SIDE_BY_SIDE
+        else:
+            device = WarpDevice()
+            self._engine, self._most = WarpEngine(device), WORLDS
+            self._world_fields = WarpFields(device)
 
     def run(self, points: Sequence[StudyPoint]) -> Iterator[PointResult]:
         """The result of each point, not in their order, each as soon as it is known."""
@@ -148,11 +155,18 @@ class PointSimulator:
         compiled = self._compiled.get(id(variant.compiled)) or self._found_out(variant.compiled)
         timeline = simulation.timeline(variant.model)
         prepared = _Prepared(point, simulation, variant, timeline, compiled.sampler(timeline), compiled)
-        if self._spec.engine == "warp":
+        if self._world_fields:
             if prepared.kind is None:
                 raise UsageError(NOT_IN_WARP)
-            prepared.kind = (*prepared.kind, id(variant.model))  # it simulates one model at a time
+            prepared.kind = (*prepared.kind, self._world_group(self._world_fields, variant, compiled))
         return prepared
+
+    def _world_group(self, fields: WarpFields, variant: ModelVariant, compiled: "_CompiledModel") -> str:
+        """What points must have in common to be worlds of one group."""
+        if variant.model is not variant.compiled:
+            return fields.group(variant.model)
+        compiled.world_group = compiled.world_group or fields.group(variant.model)
+        return compiled.world_group
 
     def _acting(self, point: StudyPoint, simulation: Simulation, episode: Episode) -> "_Prepared":
         """A point at which a policy acts: its episode has a model and columns of its own."""
@@ -272,6 +286,7 @@ class _CompiledModel:
     Attributes:
       structure: see `structure`.
       metrics: in the names of this model.
+      world_group: see `WarpFields.group`; empty as long as nobody has asked.
     """
 
     def __init__(
@@ -282,6 +297,7 @@ class _CompiledModel:
         episode: EpisodeColumns | None = None,
     ) -> None:
         self.structure, self.metrics, self._episode = structure, metrics, episode
+        self.world_group = ""
         self._model, self._sampler = model, dict[Timeline, ProbeSampler]()
         self._columns = [*dict.fromkeys(name for each in metrics for name in each.columns if name != "time")]
 

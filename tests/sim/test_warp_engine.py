@@ -4,7 +4,6 @@ import mujoco
 import numpy as np
 import pytest
 
-from mjrun.errors import UsageError
 from mjrun.model import state
 from mjrun.sim.engine import Engine
 from mjrun.sim.warp_device import WarpDevice
@@ -77,8 +76,23 @@ def test_a_world_that_fails_ends_while_the_others_go_on(engine: Engine) -> None:
     assert np.isfinite(block.fields["qpos"][[0, 2]]).all()
 
 
-def test_several_models_are_refused(engine: Engine) -> None:
-    model, starts, controls = setting()
-    other, _, _ = setting("RK4")
-    with pytest.raises(UsageError, match="one model, not 2\nengine c takes several"):
-        next(engine.rollout([model, other, model], starts, controls, STEPS, ("qpos",)))
+def test_every_world_has_the_numbers_of_its_own_model(engine: Engine) -> None:
+    starts, models = setting()[1], []
+    for mass, friction, gear, gravity in ((1, 0.1, 1, -9), (2, 0.5, 3, -10), (3, 0.9, 5, -11)):
+        spec = mujoco.MjSpec.from_string(MODEL.format(integrator="Euler"))
+        spec.option.gravity = [0, 0, gravity]
+        for body in spec.bodies[1:]:
+            body.geoms[0].mass = mass
+        spec.geoms[1].friction[0] = friction
+        spec.actuators[0].gear[0] = gear
+        models.append(spec.compile())
+    controls = np.random.default_rng(1).normal(size=(N, STEPS, 1))
+    (block,) = engine.rollout(models, starts, controls, STEPS, ("qpos", "qvel"))
+    for index, model in enumerate(models):
+        data = mujoco.MjData(model)
+        state.restore(model, data, starts[index])
+        for step in range(STEPS):
+            data.ctrl[:] = controls[index, step]
+            mujoco.mj_step(model, data)
+        np.testing.assert_allclose(block.fields["qpos"][index, -1], data.qpos, atol=2e-4)
+        np.testing.assert_allclose(block.fields["qvel"][index, -1], data.qvel, atol=2e-3)

@@ -2,6 +2,7 @@
 
 import math
 import pickle
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from fractions import Fraction
 from pathlib import Path
@@ -13,6 +14,8 @@ import pytest
 from mjrun.errors import UnstableError
 from mjrun.job.recording import Recording
 from mjrun.job.simulation import Simulation
+from mjrun.sim.engine import RolloutBlock
+from mjrun.sim.warp_engine import WarpEngine
 from mjrun.study.simulate import PointResult, PointSimulator, StudyPoint, StudySpec
 from tests.study.models import BALL, BALL_WITH_MEMORY, PENDULUM
 
@@ -131,6 +134,25 @@ def test_warp_simulates_the_same_in_single_precision(tmp_path: Path) -> None:
     for one, other in zip(exact[:3], warped[:3], strict=True):
         np.testing.assert_allclose(other.metrics, one.metrics, rtol=1e-4, atol=1e-4)
         assert other.metrics != one.metrics
+
+
+def test_warp_simulates_points_whose_models_differ_at_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    pytest.importorskip("mujoco_warp")
+    counts: list[int] = []
+    real = WarpEngine.rollout
+
+    def counted(self: WarpEngine, models: Sequence[mujoco.MjModel], *how: object) -> Iterator[RolloutBlock]:
+        counts.append(len(models))
+        return real(self, models, *how)  # type: ignore[arg-type]
+
+    monkeypatch.setattr(WarpEngine, "rollout", counted)
+    spec = spec_of(tmp_path, ("geom/ball.size[0]", "geom/ball.friction[0]"), every=10, steps=60)
+    points = [("0.1", "1"), ("0.12", "0.5"), ("0.15", "0.2")]
+    exact, warped = simulated(spec, points), simulated(replace(spec, engine="warp"), points)
+    assert counts == [3]
+    for one, other in zip(exact, warped, strict=True):
+        np.testing.assert_allclose(other.metrics, one.metrics, rtol=1e-4, atol=1e-4)
+    assert len({result.metrics for result in warped}) == 3
 
 
 def test_a_replay_is_measured_as_it_was_recorded(tmp_path: Path) -> None:
