@@ -63,11 +63,12 @@ def played(task: Task, policy: Policy, count: int) -> Played:
 def stepping(found: Played) -> float:
     """Wall time [s] of the physics alone."""
     worlds = found.worlds
+    driven = [each.control for each in worlds.actions.driven]  # the other actuators keep what they start with
     batch = Batch(worlds.model(0), worlds.count, 1)
     batch.state[:] = found.starts
     start = time.perf_counter()
     for control in found.controls:
-        batch.ctrl[:] = control
+        batch.ctrl[:, driven] = control
         batch.step(nstep=worlds.control_steps)
     return time.perf_counter() - start
 

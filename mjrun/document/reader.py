@@ -8,6 +8,7 @@ from pydantic import BaseModel, ValidationError
 
 from mjrun.document.assignments import assign
 from mjrun.document.error_messages import validation_faults
+from mjrun.document.kinds import other_kind
 from mjrun.document.tree import Fault, InvalidNode, MappingNode, Mark, ScalarNode, described, plain
 from mjrun.document.variables import DEFAULTS, VARS, merged, without_variables
 from mjrun.document.yaml_parser import LineIndex, compose
@@ -57,6 +58,8 @@ def read_placed(
     tree = reader.document(Path(path), 0)
     if tree and variables:
         tree = reader.with_defaults(tree)
+    if tree and (fault := other_kind(tree, kind.__name__)):
+        raise document_error([fault])  # which explains all else that may be wrong
     if tree:
         tree, faults = assign(tree, assignments, 2, (DEFAULTS,) if variables else (), named)
         reader.faults += faults

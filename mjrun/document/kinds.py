@@ -1,0 +1,52 @@
+"""Which kind of document a mapping is, by the keys that no other kind has."""
+
+from dataclasses import dataclass
+
+from mjrun.document.tree import Fault, MappingNode
+from mjrun.errors import quoted
+
+
+@dataclass(frozen=True)
+class DocumentKind:
+    """A kind of document.
+
+    Attributes:
+      name: as in "a run document".
+      use: what takes such a document.
+      keys: by which it is known; each kind has its own.
+    """
+
+    name: str
+    use: str
+    keys: frozenset[str]
+
+
+RUN = ("videos", "images", "traces", "plots", "recordings", "keyframes", "films", "stills")
+STUDY = ("vary", "points", "metrics", "samples", "sampler")
+FIT = ("data", "free", "holdout_data", "excite")
+TASK = ("observations", "actions", "rewards", "terminations")
+
+# By the names of their models.
+KINDS = {
+    "Run": DocumentKind("a run document", "mjrun run", frozenset(RUN)),
+    "Study": DocumentKind("a study document", "mjrun sweep", frozenset(STUDY)),
+    "Fit": DocumentKind("a fit document", "mjrun fit", frozenset(FIT)),
+    "Task": DocumentKind("a task document", "mjrun eval, or mjrun video with a policy", frozenset(TASK)),
+    "CameraDocument": DocumentKind("a camera script", "the camera of mjrun video", frozenset(("shots",))),
+}
+
+
+def kind_of(tree: MappingNode) -> DocumentKind | None:
+    """The kind of document that `tree` is: the only one of which it has keys; None if it is not clear."""
+    kinds = [kind for kind in KINDS.values() if not kind.keys.isdisjoint(tree.entries)]
+    return kinds[0] if len(kinds) == 1 else None
+
+
+def other_kind(tree: MappingNode, expected: str) -> Fault | None:
+    """That `tree` is a document of another kind than `expected`, the name of a model; None if that is not clear."""
+    kind, wanted = kind_of(tree), KINDS.get(expected)
+    if kind is None or wanted is None or kind is wanted:
+        return None
+    key = next(key for key in tree.entries if key in kind.keys)
+    message = f"{quoted(key)} makes this {kind.name}, for {kind.use}; expected {wanted.name}"
+    return Fault(tree.keys[key], "", message)

@@ -1,0 +1,63 @@
+"""A document of one kind where another kind is wanted: one line says what it is, and what takes it."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from mjrun.document.camera import CameraDocument, read_camera
+from mjrun.document.document_model import DocumentModel
+from mjrun.document.fit import FitDocument, read_fit
+from mjrun.document.kinds import KINDS
+from mjrun.document.run import RunDocument, read_run
+from mjrun.document.study import StudyDocument, read_study
+from mjrun.document.task import TaskDocument, read_task
+from mjrun.errors import DocumentError
+
+MODELS: list[type[DocumentModel]] = [RunDocument, StudyDocument, FitDocument, TaskDocument, CameraDocument]
+READERS: dict[str, Callable[[Path], object]] = {
+    "Run": read_run,
+    "Study": read_study,
+    "Fit": read_fit,
+    "Task": read_task,
+    "CameraDocument": read_camera,
+}
+DOCUMENTS = {
+    "Run": "model: a.xml\nduration: 3\nvideos: [a.mp4]\nhtml: a.html\n",
+    "Study": "model: a.xml\nduration: 3\nvary: {opt.timestep: [1e-3, 2e-3]}\nmetrics: {x: last(qpos/a)}\n",
+    "Fit": "model: a.xml\ntimestep: 1e-3\ndata: [a.csv]\nfree: {joint/a.damping: 0..1}\n",
+    "Task": "model: a.xml\ncontrol_dt: 1\nobservations: [{probe: qpos}]\nactions: [{actuators: [a]}]\n",
+    "CameraDocument": "speed: 1\n\nshots: [{free: {}}]\n",
+}
+
+
+def test_each_kind_is_known_by_keys_that_no_other_kind_has() -> None:
+    old = {"films", "stills"}
+    assert {model.__name__ for model in MODELS} == {*KINDS}
+    for name, kind in KINDS.items():
+        of_others = {key for model in MODELS if model.__name__ != name for key in model.key_names()}
+        own = next(model for model in MODELS if model.__name__ == name)
+        assert kind.keys - old <= {*own.key_names()}
+        assert not kind.keys & of_others
+
+
+@pytest.mark.parametrize("wanted", READERS)
+@pytest.mark.parametrize("written", DOCUMENTS)
+def test_one_line_says_what_a_document_is(tmp_path: Path, written: str, wanted: str) -> None:
+    path = tmp_path / "document.yaml"
+    path.write_text(DOCUMENTS[written])
+    if written == wanted:
+        return
+    with pytest.raises(DocumentError) as caught:
+        READERS[wanted](path)
+    (problem,) = caught.value.problems
+    assert problem.place == f"{path}:3:1"
+    assert f"makes this {KINDS[written].name}, for {KINDS[written].use}" in problem.message
+    assert problem.message.endswith(f"; expected {KINDS[wanted].name}")
+
+
+def test_a_key_of_another_kind_beside_its_own_is_an_unknown_key(tmp_path: Path) -> None:
+    path = tmp_path / "document.yaml"
+    path.write_text(DOCUMENTS["Run"] + "vary: {}\n")
+    with pytest.raises(DocumentError, match="unknown key 'vary'"):
+        read_run(path)
