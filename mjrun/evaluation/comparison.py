@@ -1,4 +1,7 @@
-"""Which of two policies is better, by episodes that both have played: of the same seed, at the same point."""
+"""Which of two policies is better, by episodes that both have played: of the same seed, at the same point.
+
+Pairs of one seed at several points have much in common; intervals take each seed for a cluster.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -54,13 +57,14 @@ def compared(
     names = ours[0].policy, theirs[0].policy
     returns = [np.concatenate([group.returns for group in groups]) for groups in (ours, theirs)]
     successes = [np.concatenate([group.successes for group in groups]) for groups in (ours, theirs)]
+    seeds = np.array([episode.seed for group in ours for episode in group.episodes])
     differences = returns[0] - returns[1]
-    share_interval = paired_share_interval(successes[0], successes[1], confidence)
+    share_interval = paired_share_interval(successes[0], successes[1], confidence, seeds)
     success = _difference(names, successes[0].astype(float) - successes[1], share_interval)
     return Comparison(
         *names,
         pairs=len(differences),
-        returns=_difference(names, differences, mean_interval(differences, confidence)),
+        returns=_difference(names, differences, mean_interval(differences, confidence, seeds)),
         success=success if can_succeed else None,
     )
 

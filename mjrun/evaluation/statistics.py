@@ -3,6 +3,10 @@
 Sources: E. B. Wilson, JASA 22 (1927) 209, for a share; Student's t for a mean and for the mean of paired differences;
 order statistics for a median; R. G. Newcombe, Statistics in Medicine 17 (1998) 2635, method 10, for the difference of
 paired shares.
+
+Episodes of one seed at several points are no independent ones: they are a cluster. A mean then has the variance of the
+sums of clusters, and counts are divided by their design effect (J. N. K. Rao and A. J. Scott, Biometrics 48 (1992)
+577), which here is at least 1 and at most the size of a cluster.
 """
 
 import math
@@ -75,56 +79,70 @@ class Share:
     interval: Interval
 
 
-def summarized(values: Sequence[float] | np.ndarray, confidence: float = CONFIDENCE) -> NumberSummary:
+Clusters = Sequence[int] | np.ndarray | None  # `(n,)`: what each case belongs to; None if they are independent
+
+
+def summarized(
+    values: Sequence[float] | np.ndarray, confidence: float = CONFIDENCE, clusters: Clusters = None
+) -> NumberSummary:
     """The summary of `values` `(n,)`; those that are not finite are left out."""
     numbers = np.asarray(values, float)
-    good = numbers[np.isfinite(numbers)]
+    is_good = np.isfinite(numbers)
+    good = numbers[is_good]
+    clusters = None if clusters is None else np.asarray(clusters)[is_good]
     if not len(good):
         return NumberSummary(0, None, None, NO_INTERVAL, None, NO_INTERVAL, None, None)
     return NumberSummary(
         count=len(good),
         mean=float(good.mean()),
         std=float(good.std(ddof=1)) if len(good) > 1 else None,
-        mean_interval=mean_interval(good, confidence),
+        mean_interval=mean_interval(good, confidence, clusters),
         median=float(np.median(good)),
-        median_interval=median_interval(good, confidence),
+        median_interval=median_interval(good, confidence, clusters),
         min=float(good.min()),
         max=float(good.max()),
     )
 
 
-def mean_interval(values: np.ndarray, confidence: float = CONFIDENCE) -> Interval:
-    """Student's t interval of the mean of `values` `(n,)`; none for fewer than two."""
+def mean_interval(values: np.ndarray, confidence: float = CONFIDENCE, clusters: Clusters = None) -> Interval:
+    """Student's t interval of the mean of `values` `(n,)`; none for fewer than two cases, or clusters."""
     from scipy.special import stdtrit
 
-    count = len(values)
+    members = _members(len(values), clusters)
+    count = int(members.max(initial=-1)) + 1
     if count < 2:
         return NO_INTERVAL
     mean = float(values.mean())
-    half = float(stdtrit(count - 1, (1 + confidence) / 2)) * float(values.std(ddof=1)) / math.sqrt(count)
+    half = float(stdtrit(count - 1, (1 + confidence) / 2)) * math.sqrt(_variance_of_mean(values, members))
     return Interval(mean - half, mean + half)
 
 
-def median_interval(values: np.ndarray, confidence: float = CONFIDENCE) -> Interval:
-    """The narrowest symmetric pair of order statistics of `values` `(n,)` that covers the median with `confidence`."""
+def median_interval(values: np.ndarray, confidence: float = CONFIDENCE, clusters: Clusters = None) -> Interval:
+    """The narrowest symmetric pair of order statistics of `values` `(n,)` that covers the median with `confidence`.
+
+    A cluster counts as one case.
+    """
     from scipy.special import bdtr
 
-    count = len(values)
+    count = int(_members(len(values), clusters).max(initial=-1)) + 1
     ranks = np.arange(count // 2)
     tails = bdtr(ranks.astype(float), count, 0.5)  # the probability that at most `rank` values are below the median
     fitting = ranks[tails <= (1 - confidence) / 2]
     if not len(fitting):
         return NO_INTERVAL
-    ordered, rank = np.sort(values), int(fitting[-1])
-    return Interval(float(ordered[rank]), float(ordered[count - 1 - rank]))
+    ordered, rank = np.sort(values), int(fitting[-1]) * len(values) // count
+    return Interval(float(ordered[rank]), float(ordered[len(values) - 1 - rank]))
 
 
-def share(count: int, of: int, confidence: float = CONFIDENCE) -> Share:
-    """That something is so in `count` cases of `of`, which are more than none."""
-    return Share(count, of, count / of, wilson_interval(count, of, confidence))
+def share(cases: Sequence[bool] | np.ndarray, confidence: float = CONFIDENCE, clusters: Clusters = None) -> Share:
+    """That something is so in some of `cases` `(n,)`, which are more than none."""
+    are_so = np.asarray(cases, bool)
+    count, of = int(np.count_nonzero(are_so)), len(are_so)
+    effect = _design_effect(are_so.astype(float), _members(of, clusters))
+    return Share(count, of, count / of, wilson_interval(count / effect, of / effect, confidence))
 
 
-def wilson_interval(count: int, of: int, confidence: float = CONFIDENCE) -> Interval:
+def wilson_interval(count: float, of: float, confidence: float = CONFIDENCE) -> Interval:
     """Wilson's score interval of the share `count / of`."""
     z = _normal_quantile((1 + confidence) / 2)
     share, weight = count / of, z * z / of
@@ -134,17 +152,20 @@ def wilson_interval(count: int, of: int, confidence: float = CONFIDENCE) -> Inte
     return Interval(low, 1.0 if count == of else min(1.0, centre + half))
 
 
-def paired_share_interval(ours: np.ndarray, theirs: np.ndarray, confidence: float = CONFIDENCE) -> Interval:
+def paired_share_interval(
+    ours: np.ndarray, theirs: np.ndarray, confidence: float = CONFIDENCE, clusters: Clusters = None
+) -> Interval:
     """The interval of the difference of two shares over the same cases: of `ours` − of `theirs`, bool `(n,)` each.
 
     Newcombe's method 10: the distances of both Wilson intervals from their shares, put together as those of correlated
     estimates are. It stays within −1 and 1, and is there for any number of cases.
     """
+    effect = _design_effect(ours.astype(float) - theirs, _members(len(ours), clusters))
     cases = (ours & theirs, ours & ~theirs, ~ours & theirs, ~ours & ~theirs)
-    both, only_ours, only_theirs, neither = (int(np.count_nonzero(case)) for case in cases)
-    of = len(ours)
+    both, only_ours, only_theirs, neither = (int(np.count_nonzero(case)) / effect for case in cases)
+    of = len(ours) / effect
     first, second = (both + only_ours) / of, (both + only_theirs) / of
-    wilson = [wilson_interval(int(np.count_nonzero(each)), of, confidence) for each in (ours, theirs)]
+    wilson = [wilson_interval(count, of, confidence) for count in (both + only_ours, both + only_theirs)]
     correlation = _correlation(both, only_ours, only_theirs, neither)
 
     def distance(a: float, b: float) -> float:
@@ -157,14 +178,39 @@ def paired_share_interval(ours: np.ndarray, theirs: np.ndarray, confidence: floa
     return Interval(max(-1.0, difference - below), min(1.0, difference + above))
 
 
-def _correlation(both: int, only_ours: int, only_theirs: int, neither: int) -> float:
+def _correlation(both: float, only_ours: float, only_theirs: float, neither: float) -> float:
     """The correlation of the pairs, corrected for continuity where it is positive, as in Newcombe's method 10."""
     margins = (both + only_ours) * (only_theirs + neither) * (both + only_theirs) * (only_ours + neither)
     if margins == 0:
         return 0.0
     excess, half = both * neither - only_ours * only_theirs, (both + only_ours + only_theirs + neither) / 2
-    corrected = max(excess - half, 0.0) if excess > 0 else float(excess)
-    return corrected / math.sqrt(float(margins))
+    corrected = max(excess - half, 0.0) if excess > 0 else excess
+    return corrected / math.sqrt(margins)
+
+
+def _members(count: int, clusters: Clusters) -> np.ndarray:
+    """The number of the cluster of each case `(n,)`, from 0; of independent cases, each its own."""
+    return np.arange(count) if clusters is None else np.unique(np.asarray(clusters), return_inverse=True)[1]
+
+
+def _variance_of_mean(values: np.ndarray, members: np.ndarray) -> float:
+    """Of the mean of `values` `(n,)`, of which those in one of several clusters may depend on each other."""
+    sums = np.bincount(members, values - values.mean())
+    return len(sums) / (len(sums) - 1) * float(sums @ sums) / len(values) ** 2
+
+
+def _design_effect(values: np.ndarray, members: np.ndarray) -> float:
+    """How much larger the variance of the mean of `values` `(n,)` is than if all were independent.
+
+    Where there is nothing to tell it from, each cluster counts as one case, as it does at most.
+    """
+    cases, count = len(values), int(members.max()) + 1
+    if cases == count:
+        return 1.0
+    independent = _variance_of_mean(values, np.arange(cases))
+    if count < 2 or independent == 0:
+        return cases / count
+    return min(max(_variance_of_mean(values, members) / independent, 1.0), cases / count)
 
 
 def _normal_quantile(probability: float) -> float:

@@ -1,7 +1,6 @@
 """What episodes come to: returns, successes, endings, terms of the reward and metrics, with intervals."""
 
 import math
-from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
@@ -65,22 +64,28 @@ def summary_of(
       rewards, metrics: their names.
       can_succeed: whether a termination of the task is a success.
     """
-    outcomes = {episode.ending: episode.outcome for episode in episodes}
-    endings = Counter(episode.ending for episode in episodes).most_common()
-    succeeded = [episode.outcome == OUTCOMES[0] for episode in episodes]
+    seeds = [episode.seed for episode in episodes]
 
     def summary(values: Sequence[float]) -> NumberSummary:
-        return summarized(values, confidence)
+        return summarized(values, confidence, seeds)
+
+    def share_of(cases: Sequence[bool]) -> Share:
+        return share(cases, confidence, seeds)
+
+    outcomes = {episode.ending: episode.outcome for episode in episodes}
+    endings = [
+        EndingCount(ending, outcome, share_of([episode.ending == ending for episode in episodes]))
+        for ending, outcome in outcomes.items()
+    ]
+    succeeded = [episode.outcome == OUTCOMES[0] for episode in episodes]
 
     return EpisodeSummary(
         policy=policy,
         episodes=len(episodes),
         returns=summary([episode.total for episode in episodes]),
         lengths=summary([episode.length for episode in episodes]),
-        success=share(sum(succeeded), len(episodes), confidence) if can_succeed else None,
-        endings=[
-            EndingCount(ending, outcomes[ending], share(count, len(episodes), confidence)) for ending, count in endings
-        ],
+        success=share_of(succeeded) if can_succeed else None,
+        endings=sorted(endings, key=lambda each: -each.share.count),
         rewards={name: summary([episode.rewards.get(name, math.nan) for episode in episodes]) for name in rewards},
         metrics={name: summary([episode.metrics[i] for episode in episodes]) for i, name in enumerate(metrics)},
     )

@@ -54,3 +54,22 @@ def test_the_same_episodes_cannot_be_told_apart() -> None:
 def test_a_policy_that_is_worse_is_told_as_the_other_being_better() -> None:
     found = compared([played(1, 2, 3, policy="a")], [played(5, 6.1, 7, policy="b")], 0.95, can_succeed=False)
     assert found.returns.better == "b"
+
+
+def test_pairs_of_one_seed_at_several_points_are_no_independent_ones() -> None:
+    ours, theirs = np.random.default_rng(2).normal(0.3, 1, (2, 9, 40))  # points, seeds
+    common = np.random.default_rng(3).normal(0, 2, 40)
+    first = [played(*row, policy="a", point=point) for point, row in enumerate(ours + common)]
+    second = [played(*row, policy="b", point=point) for point, row in enumerate(theirs - common)]
+    found = compared(first, second, 0.9, can_succeed=True)
+    means = (ours + common - theirs + common).mean(axis=0)  # of each seed
+    interval = scipy.stats.ttest_1samp(means, 0).confidence_interval(0.9)
+    assert found.pairs == 360
+    assert (found.returns.interval.low, found.returns.interval.high) == pytest.approx((interval.low, interval.high))
+
+    lone = compared(first[:1], second[:1], 0.9, can_succeed=True)
+    same = compared(first[:1] * 5, second[:1] * 5, 0.9, can_succeed=True)
+    assert same.success
+    assert lone.success
+    for several, one in ((same.returns, lone.returns), (same.success, lone.success)):
+        assert (several.interval.low, several.interval.high) == pytest.approx((one.interval.low, one.interval.high))

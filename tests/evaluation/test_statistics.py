@@ -25,7 +25,7 @@ def test_the_interval_of_a_share_is_wilsons(counts: tuple[int, int], confidence:
     expected = scipy.stats.binomtest(count, of).proportion_ci(confidence, method="wilson")
     found = wilson_interval(count, of, confidence)
     assert (found.low, found.high) == pytest.approx((expected.low, expected.high), abs=1e-12)
-    assert share(count, of, confidence).interval == found
+    assert share([True] * count + [False] * (of - count), confidence).interval == found
 
 
 def test_a_share_of_all_or_none_reaches_the_end() -> None:
@@ -104,6 +104,51 @@ def test_intervals_cover_what_they_are_to_cover() -> None:
         covered["difference"] += _contains(paired_share_interval(ours, theirs), 0.1)
     shares = {name: count / tries for name, count in covered.items()}
     assert all(0.92 < each <= 0.99 for each in shares.values()), shares
+
+
+@given(st.lists(st.floats(-1e3, 1e3), min_size=12, max_size=60), LEVELS, st.integers(2, 5))
+def test_the_mean_of_clusters_of_one_size_has_the_interval_of_their_own_means(
+    values: list[float], confidence: float, size: int
+) -> None:
+    numbers = np.array(values[: len(values) // size * size])
+    means = numbers.reshape(-1, size).mean(axis=1)
+    found = mean_interval(numbers, confidence, np.repeat(np.arange(len(means)), size))
+    expected = mean_interval(means, confidence)
+    assert (found.low, found.high) == pytest.approx((expected.low, expected.high), rel=1e-9, abs=1e-9)
+
+
+@given(st.lists(st.tuples(st.booleans(), st.booleans()), min_size=1, max_size=40), st.integers(1, 6))
+def test_the_same_cases_several_times_say_no_more_than_once(cases: list[tuple[bool, bool]], times: int) -> None:
+    ours, theirs = np.array(cases).T
+    clusters = np.tile(np.arange(len(ours)), times)
+    again = [np.tile(each, times) for each in (ours, theirs)]
+    pairs = [
+        (paired_share_interval(again[0], again[1], clusters=clusters), paired_share_interval(ours, theirs)),
+        (share(again[0], clusters=clusters).interval, share(ours).interval),
+        (median_interval(again[0] + 0.0, clusters=clusters), median_interval(ours + 0.0)),
+    ]
+    for found, expected in pairs:
+        assert (found.low, found.high) == pytest.approx((expected.low, expected.high), abs=1e-9)
+
+
+def test_intervals_of_clusters_cover_what_they_are_to_cover_where_those_of_independent_cases_do_not() -> None:
+    generator, tries, seeds, points = np.random.default_rng(8), 300, 30, 8
+    clusters = np.tile(np.arange(seeds), points)
+    covered = dict.fromkeys(["mean", "median", "share", "difference", "naive mean", "naive difference"], 0)
+    for _ in range(tries):
+        common, noise = generator.normal(size=seeds)[clusters], generator.normal(size=seeds * points)
+        values = 3 + common + 0.5 * noise
+        covered["mean"] += _contains(mean_interval(values, clusters=clusters), 3)
+        covered["median"] += _contains(median_interval(values, clusters=clusters), 3)
+        covered["share"] += _contains(share(values > 3, clusters=clusters).interval, 0.5)
+        theirs = values - 0.5 * noise + generator.normal(size=seeds)[clusters] > 3
+        covered["difference"] += _contains(paired_share_interval(values > 3, theirs, clusters=clusters), 0)
+        covered["naive mean"] += _contains(mean_interval(values), 3)
+        covered["naive difference"] += _contains(paired_share_interval(values > 3, theirs), 0)
+    shares = {name: count / tries for name, count in covered.items()}
+    assert all(each > 0.91 for name, each in shares.items() if "naive" not in name), shares
+    assert shares["naive mean"] < 0.7
+    assert shares["naive difference"] < 0.8
 
 
 def _contains(interval: Interval, value: float) -> bool:
