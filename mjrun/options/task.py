@@ -329,7 +329,10 @@ class TerminationOptions(Options):
 
     section: ClassVar[str] = "Termination"
 
-    when: str = required(converter=Text("EXPR"), help="A condition on columns after a period: qpos/root/z < 0.8.")
+    when: str = required(
+        converter=Text("EXPR"),
+        help="A condition on columns, asked after each period, not at the start: qpos/root/z < 0.8.",
+    )
     as_: str = required(converter=Choice(ENDINGS), help="What such an end is.")
 
 

@@ -1,6 +1,7 @@
 """Episodes against a bare loop of MuJoCo, and against each other in other company."""
 
 import math
+from dataclasses import replace
 from pathlib import Path
 
 import mujoco
@@ -12,6 +13,7 @@ from mjrun.evaluation.episode import EpisodeSpec, PolicyChoice
 from mjrun.evaluation.player import player_of
 from mjrun.model.sources import parse_source
 from mjrun.task.task import Task
+from mjrun.task.terms import Termination
 from mjrun.task.worlds import TaskWorlds
 from tests.evaluation.tasks import cart_task, write_policies
 
@@ -57,6 +59,21 @@ def test_episodes_are_those_of_a_bare_loop(tmp_path: Path) -> None:
         assert each.length == pytest.approx(periods * 0.02)
         assert each.outcome == {"home": "success", "lost": "failure", "timeout": "timeout"}[ending]
     assert {each.ending for each in episodes} == {"home", "lost", "timeout"}
+
+
+def test_what_holds_at_the_start_ends_an_episode_after_its_first_period_if_it_still_holds(tmp_path: Path) -> None:
+    """As in Gymnasium: `reset` ends nothing, `step` does."""
+    ends = {
+        "reset": Termination(when="time < 0.01", as_="failure"),
+        "out": Termination(when="time < 0.03", as_="failure"),
+    }
+    for name, steps, ending in (("reset", 75, "timeout"), ("out", 1, "out")):
+        task = replace(cart_task(tmp_path), terminations={name: ends[name]})
+        worlds = TaskWorlds(task, 1, threads=1)
+        worlds.reset([0])
+        assert [each and each.name for each in worlds.ended_at_start] == [name]
+        (episode,) = player_of(EpisodeSpec(task, PolicyChoice("zero"))).play([0])
+        assert (episode.steps, episode.ending) == (steps, ending)
 
 
 def test_company_changes_no_bit(tmp_path: Path) -> None:
