@@ -1,20 +1,21 @@
 """Child processes: how they are started, limited, listened to and ended.
 
-A child has no standard input, inherits no descriptors but those named, and has a session of its own: the terminal's
-signals, such as Ctrl-C's, are its parent's business, and killing it kills what it has started.
+A child has no standard input unless it is fed, inherits no descriptors but those named, and has a session of its own:
+the terminal's signals, such as Ctrl-C's, are its parent's business, and killing it kills what it has started.
 """
 
 import fcntl
 import math
 import os
 import resource
+import select
 import signal
 import subprocess
 import sys
 import threading
 import time
 import weakref
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack, suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -26,14 +27,16 @@ STDOUT_LIMIT = 2**24  # bytes of captured output that are kept, from its beginni
 STDERR_LIMIT = 2**16  # bytes of captured messages that are kept, from their end: the last line says why
 POLL_INTERVAL = 0.05  # [s]
 PIPE_GRACE = 1.0  # [s] for a pipe to end after its process
+KILLED_GRACE = 0.1  # [s] for it to end after a process that was killed
+IDLE_INTERVAL = 1.0  # [s] between two looks at what a process does
 STATUS = Path("/proc/self/statm")
 BOOT = (
     "import sys; end = 2 + int(sys.argv[1]); sys.path[:] = sys.argv[2:end]; "
     "from {module} import {function}; {function}(*sys.argv[end:])"
 )
 
-Cause = Literal["time", "memory", "ended"]
-Stream = Literal["discard", "inherit", "capture"] | IO[bytes]
+Cause = Literal["time", "memory", "idle", "ended"]
+Stream = Literal["discard", "inherit", "capture"] | IO[bytes] | int
 
 
 def python_call(function: str, *arguments: str, path: Sequence[str] | None = None) -> list[str]:
@@ -56,8 +59,8 @@ class ExitStatus:
 
     Attributes:
       code: its exit code, or minus the number of the signal that killed it.
-      cause: why this process ended it: it exceeded its `time` or `memory`, or was `ended` as no longer needed;
-        None if it ended by itself or was killed by somebody else.
+      cause: why this process ended it: it exceeded its `time` or `memory`, was `idle`, or was `ended` as no longer
+        needed; None if it ended by itself or was killed by somebody else.
     """
 
     code: int
@@ -80,6 +83,8 @@ class ExitStatus:
             return "did not end in time"
         if self.cause == "memory":
             return "needed too much memory"
+        if self.cause == "idle":
+            return "did nothing any more"
         return f"was killed by {self.signal}" if self.signal else f"ended with code {self.code}"
 
 
@@ -90,7 +95,11 @@ class ChildProcess:
       command: the program and its arguments, such as `python_call` gives.
       environment: variables to change; None removes one.
       descriptors: that the child gets under new numbers, which are appended to the command.
-      stdout, stderr: where they go. What is captured is read as it comes, so that a child never waits for it.
+      inherited: descriptors that the child gets under the same numbers.
+      fed: whether its standard input is what `feed` gives it.
+      stdout, stderr: where they go, also as a descriptor. What is captured is read as it comes, so that a child never
+        waits for it.
+      stdout_limit: bytes of captured output that are kept.
 
     Raises:
       FileError: the program may not be executed.
@@ -103,32 +112,38 @@ class ChildProcess:
         *,
         environment: Mapping[str, str | None] | None = None,
         descriptors: Sequence[int] = (),
+        inherited: Sequence[int] = (),
+        fed: bool = False,
         stdout: Stream = "discard",
         stderr: Stream = "inherit",
+        stdout_limit: float = STDOUT_LIMIT,
     ) -> None:
         self._cause: Cause | None = None
         variables = {**os.environ, **(environment or {})}
         with ExitStack() as stack:
-            inherited: list[int] = []
+            copies: list[int] = []
             for descriptor in descriptors:
                 # Above 2, which it may be when this process has no standard input: the child's 0 to 2 are taken.
-                inherited.append(fcntl.fcntl(descriptor, fcntl.F_DUPFD_CLOEXEC, 3))
-                stack.callback(os.close, inherited[-1])
+                copies.append(fcntl.fcntl(descriptor, fcntl.F_DUPFD_CLOEXEC, 3))
+                stack.callback(os.close, copies[-1])
             try:
                 self._popen = subprocess.Popen(
-                    [*command, *map(str, inherited)],
-                    stdin=subprocess.DEVNULL,
+                    [*command, *map(str, copies)],
+                    bufsize=0,
+                    stdin=subprocess.PIPE if fed else subprocess.DEVNULL,
                     stdout=_target(stdout),
                     stderr=_target(stderr),
                     env={name: value for name, value in variables.items() if value is not None},
-                    pass_fds=inherited,
+                    pass_fds=[*copies, *inherited],
                     start_new_session=True,
                 )
             except PermissionError as error:
                 reason = "cannot be started, which mjrun needs processes of its own for"
                 raise FileError(command[0], f"{reason}: {error.strerror or error}") from None
         self._finalizer = weakref.finalize(self, _kill_and_reap, self._popen, os.getpid())
-        self._stdout = _Capture(self._popen.stdout, STDOUT_LIMIT, keep="beginning")
+        if self._popen.stdin:
+            os.set_blocking(self._popen.stdin.fileno(), False)
+        self._stdout = _Capture(self._popen.stdout, stdout_limit, keep="beginning")
         self._stderr = _Capture(self._popen.stderr, STDERR_LIMIT, keep="end")
 
     @property
@@ -156,14 +171,56 @@ class ChildProcess:
         """The last line of `stderr`, where programs say why they end; empty if there is none."""
         return self.stderr.decode(errors="replace").strip().rpartition("\n")[2]
 
-    def wait(self, seconds: float = math.inf, memory: float = math.inf) -> ExitStatus:
+    def feed(self, content: memoryview, idle: float = math.inf, is_held_up: Callable[[], bool] = lambda: False) -> None:
+        """Writes to the standard input of a process that is `fed`.
+
+        Args:
+          idle: seconds for which it may take nothing and compute nothing, before it is killed.
+          is_held_up: whether it waits for somebody else now, which is no idleness.
+
+        Raises:
+          OSError: it takes nothing any more.
+        """
+        assert self._popen.stdin
+        if self._popen.stdin.closed:  # as after `wait`
+            raise BrokenPipeError
+        stdin, poll = self._popen.stdin.fileno(), select.poll()
+        poll.register(stdin, select.POLLOUT)
+        left, idleness = content.cast("B"), _Idleness(self.pid, idle)
+        while left:
+            try:
+                left = left[os.write(stdin, left) :]
+                idleness.end()
+            except BlockingIOError:
+                if poll.poll(IDLE_INTERVAL * 1000):
+                    continue
+                if is_held_up():
+                    idleness.end()
+                elif idleness.exceeds(IDLE_INTERVAL):
+                    self.kill("idle")
+
+    def end_feeding(self) -> None:
+        """Ends its standard input."""
+        assert self._popen.stdin
+        self._popen.stdin.close()
+
+    def wait(
+        self,
+        seconds: float = math.inf,
+        memory: float = math.inf,
+        idle: float = math.inf,
+        is_held_up: Callable[[], bool] = lambda: False,
+    ) -> ExitStatus:
         """Waits until the process has ended, and kills it when it exceeds a limit.
 
         Args:
           seconds: from now on.
           memory: bytes that it fills (its resident set); not known on every system.
+          idle: seconds for which it may compute nothing.
+          is_held_up: as in `feed`.
         """
         deadline = time.monotonic() + seconds
+        idleness, before = _Idleness(self.pid, idle), time.monotonic()
         try:
             while self.running:
                 left = deadline - time.monotonic()
@@ -171,7 +228,13 @@ class ChildProcess:
                     self.kill("time")
                 elif memory < math.inf and _resident(self.pid) > memory:
                     self.kill("memory")
-                elif self._stdout.wait(min(left, POLL_INTERVAL)):
+                elif idle < math.inf and time.monotonic() - before > IDLE_INTERVAL:
+                    before = time.monotonic()
+                    if is_held_up():
+                        idleness.end()
+                    elif idleness.exceeds(IDLE_INTERVAL):
+                        self.kill("idle")
+                elif all(capture.wait(min(left, POLL_INTERVAL)) for capture in (self._stdout, self._stderr)):
                     with suppress(subprocess.TimeoutExpired):
                         self._popen.wait(min(left, POLL_INTERVAL))
         except BaseException:
@@ -205,11 +268,14 @@ class ChildProcess:
     def _collect(self) -> None:
         """Waits for the ends of the pipes. What the process has left behind may hold them, and is killed."""
         self._finalizer.detach()
+        if self._popen.stdin:
+            self._popen.stdin.close()
+        grace = KILLED_GRACE if self._cause else PIPE_GRACE
         for capture in (self._stdout, self._stderr):
-            if not capture.wait(PIPE_GRACE):
+            if not capture.wait(grace):
                 with suppress(ProcessLookupError, PermissionError):
                     os.killpg(self.pid, signal.SIGKILL)
-                capture.wait(PIPE_GRACE)
+                capture.wait(grace)
 
 
 def limit_this_process(
@@ -239,7 +305,7 @@ def limit_this_process(
 class _Capture:
     """Reads a pipe to its end in a thread, and keeps `limit` bytes of it; nothing without a pipe."""
 
-    def __init__(self, pipe: IO[bytes] | None, limit: int, keep: Literal["beginning", "end"]) -> None:
+    def __init__(self, pipe: IO[bytes] | None, limit: float, keep: Literal["beginning", "end"]) -> None:
         self.content = bytearray()
         self._limit, self._keep = limit, keep
         self._thread = threading.Thread(target=self._read, args=(pipe,), daemon=True) if pipe else None
@@ -257,9 +323,31 @@ class _Capture:
         with pipe:
             while chunk := os.read(pipe.fileno(), 2**16):
                 if self._keep == "end":
-                    self.content = (self.content + chunk)[-self._limit :]
-                else:
-                    self.content += chunk[: self._limit - len(self.content)]
+                    self.content = (self.content + chunk)[-int(self._limit) :]
+                elif len(self.content) < self._limit:
+                    self.content += chunk[: int(min(self._limit - len(self.content), len(chunk)))]
+
+
+class _Idleness:
+    """How long a process and what it has started have done nothing.
+
+    Time is counted as it is waited for, not by a clock: whoever is suspended meanwhile has not waited.
+    """
+
+    def __init__(self, session: int, limit: float) -> None:
+        self._session, self._limit = session, limit
+        self._seconds, self._computed = 0.0, -1.0
+
+    def end(self) -> None:
+        """It has done something."""
+        self._seconds = 0
+
+    def exceeds(self, seconds: float) -> bool:
+        """Whether it has been idle for too long, after `seconds` more."""
+        computed = _computing_time(self._session)
+        self._seconds = self._seconds + seconds if computed == self._computed else 0
+        self._computed = computed
+        return self._seconds >= self._limit
 
 
 def _target(stream: Stream) -> int | IO[bytes] | None:
@@ -287,3 +375,14 @@ def _resident(pid: int) -> int:
         return int(Path(f"/proc/{pid}/statm").read_text().split()[1]) * resource.getpagesize()
     except (OSError, ValueError, IndexError):
         return 0
+
+
+def _computing_time(session: int) -> float:
+    """What the processes of a session have computed [clock ticks]; 0 where that is not known."""
+    ticks = 0
+    for process in Path("/proc").glob("[0-9]*/stat"):
+        with suppress(OSError, ValueError, IndexError):
+            fields = process.read_text(errors="replace").rpartition(")")[2].split()
+            if int(fields[3]) == session:
+                ticks += int(fields[11]) + int(fields[12])  # by itself, and in the system for it
+    return ticks

@@ -280,3 +280,66 @@ def test_a_program_that_may_not_be_executed_is_named(tmp_path: Path) -> None:
     program.touch(0o600)
     with pytest.raises(FileError, match=r"python: cannot be started, .*: Permission denied"):
         ChildProcess([str(program)])
+
+
+# --- fed and idle ---------------------------------------------------------------------------------
+
+
+def test_what_is_fed_arrives_whole(tmp_path: Path) -> None:
+    content = os.urandom(2**20)
+    with (tmp_path / "copy").open("wb") as copy:
+        child = ChildProcess(["cat"], fed=True, stdout=copy)
+        child.feed(memoryview(content)[:1000])
+        child.feed(memoryview(content)[1000:])
+        child.end_feeding()
+        assert child.wait() == ExitStatus(0)
+    assert (tmp_path / "copy").read_bytes() == content
+
+
+def test_feeding_who_takes_nothing_any_more_fails() -> None:
+    with python("pass", fed=True) as child:
+        child.wait()
+        with pytest.raises(BrokenPipeError):
+            child.feed(memoryview(b"1"))
+
+
+@pytest.fixture
+def impatient(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("mjrun.child_process.IDLE_INTERVAL", 0.1)
+
+
+@pytest.mark.usefixtures("impatient")
+def test_who_takes_nothing_and_computes_nothing_is_killed() -> None:
+    with python(FOREVER, fed=True) as child:
+        with pytest.raises(BrokenPipeError):
+            child.feed(memoryview(bytes(2**20)), idle=0.5)
+        status = child.wait()
+    assert status == ExitStatus(-signal.SIGKILL, "idle")
+    assert str(status) == "did nothing any more"
+
+
+@pytest.mark.usefixtures("impatient")
+def test_who_ends_neither_nor_computes_is_killed() -> None:
+    assert python(FOREVER).wait(idle=0.5).cause == "idle"
+
+
+@pytest.mark.usefixtures("impatient")
+def test_who_computes_or_waits_for_somebody_else_is_not_idle() -> None:
+    busy = "import subprocess, sys; subprocess.run([sys.executable, '-c', 'while True: pass'])"  # a child of it
+    assert python(busy).wait(3, idle=2).cause == "time"
+    assert python(FOREVER).wait(1, idle=0.2, is_held_up=lambda: True).cause == "time"
+
+
+def test_an_end_does_not_wait_for_a_stranger_that_holds_a_pipe() -> None:
+    stranger = "import os, time; os.setsid(); print(os.getpid(), flush=True); time.sleep(600)"
+    code = f"import subprocess, sys; subprocess.Popen([sys.executable, '-c', {stranger!r}]); {FOREVER}"
+    child = python(code, stdout="capture", stderr="capture")
+    assert eventually(lambda: bool(child.stdout))
+    pid = int(child.stdout)
+    try:
+        began = time.monotonic()
+        child.end()
+        assert time.monotonic() - began < 20
+        assert not gone(pid)
+    finally:
+        os.kill(pid, signal.SIGKILL)

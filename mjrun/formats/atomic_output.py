@@ -384,9 +384,16 @@ class StandardOutput:
 
     def reader_is_gone(self) -> bool:
         """Whether the other end of the pipe is closed."""
+        return bool(self._events(0) & (select.POLLERR | select.POLLHUP))
+
+    def is_full(self) -> bool:
+        """Whether the other end of the pipe must be read before more can be written."""
+        return not self._events(select.POLLOUT)
+
+    def _events(self, which: int) -> int:
         poll = select.poll()
-        poll.register(self.stdout, 0)
-        return any(events & (select.POLLERR | select.POLLHUP) for _, events in poll.poll(0))
+        poll.register(self.stdout, which)
+        return next((events for _, events in poll.poll(0)), 0)
 
     def sync(self) -> None:
         pass

@@ -1,13 +1,32 @@
-"""The bundled ffmpeg: its command line, its version, and the codecs that work."""
+"""The bundled ffmpeg: its command line, what it answers, its version, and the codecs that work."""
 
+import math
 import os
-import subprocess
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
 
 import imageio_ffmpeg
 
+from mjrun.child_process import ChildProcess, ExitStatus
 from mjrun.errors import EncoderError
 from mjrun.formats.codecs import CODECS
+
+# [s] for which ffmpeg may take nothing and compute nothing, before it counts as hanging: a slow disk or a busy machine
+# makes it slow, but not still.
+IDLE = 60.0
+
+
+@dataclass(frozen=True)
+class Answer:
+    """What a run of ffmpeg came to, its standard output and what it has said."""
+
+    status: ExitStatus
+    stdout: bytes
+    log: str
+
+    @property
+    def is_good(self) -> bool:
+        return self.status.code == 0
 
 
 def command(*arguments: str) -> list[str]:
@@ -25,14 +44,24 @@ def command(*arguments: str) -> list[str]:
     return [program, "-hide_banner", "-nostdin", "-loglevel", "warning", *arguments]
 
 
+def run(*arguments: str) -> Answer:
+    """Runs the bundled ffmpeg without an input of its own.
+
+    Raises:
+      EncoderError: there is none, or it cannot be run.
+    """
+    with ChildProcess(command(*arguments), stdout="capture", stderr="capture", stdout_limit=math.inf) as child:
+        status = child.wait(idle=IDLE)
+        return Answer(status, child.stdout, child.stderr.decode(errors="replace"))
+
+
 def encoder_version() -> str:
     """The version of the bundled ffmpeg.
 
     Raises:
       EncoderError: it cannot be run.
     """
-    done = subprocess.run(command("-version"), capture_output=True, text=True, stdin=subprocess.DEVNULL)
-    return done.stdout.removeprefix("ffmpeg version ").split(" ")[0]
+    return run("-version").stdout.decode(errors="replace").removeprefix("ffmpeg version ").split(" ")[0]
 
 
 def working_codecs() -> dict[str, bool]:
@@ -40,8 +69,7 @@ def working_codecs() -> dict[str, bool]:
     frame = ("-f", "lavfi", "-i", "color=size=64x64:rate=30", "-frames:v", "1")
 
     def works(codec: str) -> bool:
-        line = command(*frame, *CODECS[codec].arguments, "-f", "null", "-")
-        return subprocess.run(line, capture_output=True, stdin=subprocess.DEVNULL).returncode == 0
+        return run(*frame, *CODECS[codec].arguments, "-f", "null", "-").is_good
 
     with ThreadPoolExecutor() as pool:
         return dict(zip(CODECS, pool.map(works, CODECS), strict=True))

@@ -1,15 +1,13 @@
 """Reads images: colours as they are seen, and depth and segmentation as the numbers that they are."""
 
-import subprocess
 from pathlib import Path
 
 import numpy as np
 from PIL import Image
 
 from mjrun.errors import FileError, UnknownNameError
-from mjrun.formats import npy_header
+from mjrun.formats import ffmpeg, npy_header
 from mjrun.formats.column_checks import unreadable
-from mjrun.formats.ffmpeg import command
 from mjrun.formats.input_file import decoding, require_file
 
 SUFFIXES = (".png", ".jpg", ".jpeg", ".webp", ".tiff", ".tif", ".npy", ".exr")
@@ -73,11 +71,11 @@ def _npy(path: Path) -> np.ndarray:
 
 def _exr(path: Path) -> np.ndarray:
     """One channel of float32, by ffmpeg, which decodes every bit and says the size as a PFM file."""
-    line = command("-i", str(path), "-frames:v", "1", "-pix_fmt", "grayf32le", "-f", "image2pipe", "-c:v", "pfm", "-")
-    done = subprocess.run(line, stdin=subprocess.DEVNULL, capture_output=True)
+    line = ("-i", str(path), "-frames:v", "1", "-pix_fmt", "grayf32le", "-f", "image2pipe", "-c:v", "pfm", "-")
+    done = ffmpeg.run(*line)
     kind, size, scale, *_ = [*done.stdout.split(b"\n", 3), b"", b"", b""]
     if kind != b"Pf":
-        raise ValueError(done.stderr.decode("utf-8", "replace").strip() or "ffmpeg cannot decode it")
+        raise ValueError(done.log.strip() or "ffmpeg cannot decode it")
     width, height = map(int, size.split())
     values = np.frombuffer(done.stdout[-4 * width * height :], "<f4" if scale.startswith(b"-") else ">f4")
     return values.reshape(height, width)[::-1].astype(np.float32)  # PFM begins at the bottom

@@ -1,19 +1,15 @@
 """Writes videos: frames become one verified and published video, through the bundled ffmpeg."""
 
-import contextlib
 import os
 import re
-import signal
-import subprocess
 import tempfile
-import threading
-from collections import deque
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from fractions import Fraction
 from pathlib import Path
 
 import numpy as np
 
+from mjrun.child_process import ChildProcess, ExitStatus
 from mjrun.errors import BadValueError, ClosedPipeError, EncoderError, FileError, UsageError, clean, option
 from mjrun.formats import ffmpeg
 from mjrun.formats.atomic_output import (
@@ -29,8 +25,8 @@ from mjrun.formats.codecs import CONTAINERS, GRAY16, Encoding, container_name, e
 from mjrun.timeline import rational
 
 LONGEST_ARGUMENT = 100_000  # bytes; Linux allows 128 KiB
+LAST_WORDS = 1.0  # [s] for an encoder that reads no more to end by itself
 SMALLEST = 16  # pixels a side; below it some encoders fail
-LOG_LINES = 200
 
 
 def write_video(
@@ -114,18 +110,14 @@ class VideoWriter(OutputWriter):
         self.size, self.fps, self.count, self.written = size, fps, count, 0
         self._encoding = encoding
         super().__init__(_destination(output, encoding))
-        self._log: deque[str] = deque(maxlen=LOG_LINES)
         with self.opening():
-            self._child = self._start(tags or {})
-        self._log_reader = threading.Thread(target=self._read_log, name="ffmpeg log", daemon=True)
-        self._log_reader.start()
-        self.resources.callback(self._end_child)
+            self._child = self.resources.enter_context(self._start(tags or {}))
 
     def write(self, frame: np.ndarray) -> None:
         """Adds one frame: uint8 `(height, width, 3)`, or uint16 `(height, width)` where numbers are encoded.
 
         Raises:
-          EncoderError: the encoder died; the message ends with the last lines of its log.
+          EncoderError: the encoder died or hangs; the message ends with the last lines of its log.
           FileError: the disk is full.
           ClosedPipeError: nobody reads standard output any more.
         """
@@ -134,9 +126,8 @@ class VideoWriter(OutputWriter):
         shape, kind = ((height, width), np.uint16) if numbers else ((height, width, 3), np.uint8)
         if frame.shape != shape or frame.dtype != kind:
             raise ValueError(f"a frame must be {np.dtype(kind)} {shape}, not {frame.dtype} {frame.shape}")
-        assert self._child.stdin
         try:
-            self._child.stdin.write(np.ascontiguousarray(frame).data)
+            self._child.feed(np.ascontiguousarray(frame).data, ffmpeg.IDLE, self._is_held_up)
         except OSError:
             raise self._failure() from None
         self.written += 1
@@ -145,16 +136,11 @@ class VideoWriter(OutputWriter):
         """Waits until the encoder has written the last frame.
 
         Raises:
-          EncoderError: it failed.
+          EncoderError: it failed or hangs.
         """
-        assert self._child.stdin
-        try:
-            self._child.stdin.close()
-        except OSError:
-            raise self._failure() from None
-        if self._child.wait() != 0:
+        self._child.end_feeding()
+        if self._wait().code != 0:
             raise self._failure()
-        self._log_reader.join()
 
     def complete(self) -> None:
         self.end()
@@ -165,7 +151,7 @@ class VideoWriter(OutputWriter):
         """Frames of an older video that match the pattern and follow the last one, known once this is published."""
         return self.destination.others if isinstance(self.destination, StagedFrames) else ()
 
-    def _start(self, tags: Mapping[str, str]) -> subprocess.Popen[bytes]:
+    def _start(self, tags: Mapping[str, str]) -> ChildProcess:
         width, height = self.size
         source = [
             "-f",
@@ -189,48 +175,38 @@ class VideoWriter(OutputWriter):
             tagged = ["-f", "ffmetadata", "-i", f"pipe:{file.fileno()}"]
             return self._spawn([*source, "-i", "pipe:0", *tagged], ["-map", "0:v", "-map_metadata", "1"], file.fileno())
 
-    def _spawn(self, inputs: Sequence[str], metadata: Sequence[str], *inherited: int) -> subprocess.Popen[bytes]:
+    def _spawn(self, inputs: Sequence[str], metadata: Sequence[str], *inherited: int) -> ChildProcess:
         width, height = self.size
-        return subprocess.Popen(
+        return ChildProcess(
             [
                 *ffmpeg.command("-y", *inputs),
                 *self._encoding.arguments(width, height, to_pipe=self.destination.stdout is not None),
                 *metadata,
                 self.destination.path,
             ],
-            stdin=subprocess.PIPE,
-            stdout=self.destination.stdout if self.destination.stdout is not None else subprocess.DEVNULL,
-            stderr=subprocess.PIPE,
-            pass_fds=inherited,
-            process_group=0,  # Ctrl-C is ours: the encoder would end the video as if it were complete
+            inherited=inherited,
+            fed=True,
+            stdout="discard" if self.destination.stdout is None else self.destination.stdout,
+            stderr="capture",
         )
 
-    def _end_child(self) -> None:
-        if self._child.poll() is None:
-            self._child.kill()
-        self._child.wait()
-        self._log_reader.join()
-        for pipe in (self._child.stdin, self._child.stderr):
-            if pipe:
-                with contextlib.suppress(OSError):  # frames still buffered for an encoder that is gone
-                    pipe.close()
+    def _wait(self) -> ExitStatus:
+        return self._child.wait(idle=ffmpeg.IDLE, is_held_up=self._is_held_up)
 
-    def _read_log(self) -> None:
-        assert self._child.stderr
-        for line in self._child.stderr:
-            self._log.append(line.decode(errors="replace").rstrip())
+    def _is_held_up(self) -> bool:
+        """Whether the encoder waits for whoever reads standard output, such as a player that pauses."""
+        return isinstance(self.destination, StandardOutput) and self.destination.is_full()
 
     def _failure(self) -> BaseException:
         """What went wrong, once the encoder has stopped reading."""
-        self._child.kill()
-        code = self._child.wait()
-        self._log_reader.join()
+        status = self._child.wait(LAST_WORDS)
         if isinstance(self.destination, StandardOutput) and self.destination.reader_is_gone():
             return ClosedPipeError()
-        log = "\n".join(self._log)
+        log = self._child.stderr.decode(errors="replace")
         if no_space(log):
             return FileError(self.destination.shown, "cannot be written: the disk is full")
-        how = f"was killed by {signal.Signals(-code).name}" if code < 0 and code != -signal.SIGKILL else "failed"
+        is_known = status.cause == "idle" or (status.cause is None and status.signal)
+        how = str(status) if is_known else "failed"
         return EncoderError(f"the encoder {how} after {self.written} of {self.count} frames", log)
 
     def _check(self) -> None:
@@ -250,12 +226,12 @@ class VideoWriter(OutputWriter):
 
     def _frames_in_file(self) -> int:
         """The frames in the video as a demuxer counts them; in a format that merges, from its duration."""
-        command = ffmpeg.command("-i", self.destination.path, "-map", "0:v:0", "-c", "copy", "-progress", "pipe:1")
-        done = subprocess.run([*command, "-f", "null", "-"], capture_output=True, stdin=subprocess.DEVNULL)
+        copy = ("-map", "0:v:0", "-c", "copy", "-progress", "pipe:1", "-f", "null", "-")
+        done = ffmpeg.run("-i", self.destination.path, *copy)
         report = done.stdout.decode(errors="replace")
         frames = re.findall(r"^frame=(\d+)", report, re.MULTILINE)
-        if done.returncode or not frames:
-            raise EncoderError("the video cannot be read back", done.stderr.decode(errors="replace"))
+        if not done.is_good or not frames:
+            raise EncoderError("the video cannot be read back", done.log)
         count = int(frames[-1])
         if CONTAINERS[self._encoding.format].merges:
             if count == 1:  # nothing moved: a single frame, which has no duration

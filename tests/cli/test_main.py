@@ -159,7 +159,7 @@ def test_a_signal_leaves_the_old_film_and_nothing_else(
     for pause in (0, 0.02, 0.02, 0.05):  # people press Ctrl-C more than once
         time.sleep(pause)
         child.send_signal(number)
-    out, err = child.communicate(timeout=30)
+    out, err = child.communicate(timeout=120)
     assert (child.returncode, out) == (code, b"")
     assert b"Traceback" not in err
     assert b"Exception ignored" not in err

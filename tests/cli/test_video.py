@@ -121,9 +121,9 @@ def test_a_killed_encoder_ends_with_six(mjrun: Command, swing: Path) -> None:
         assert child.poll() is None
     for encoder in encoders:
         os.kill(encoder, signal.SIGKILL)
-    _, error = child.communicate(timeout=30)
+    _, error = child.communicate(timeout=120)
     assert child.returncode == 6
-    assert b"the encoder failed" in error
+    assert b"the encoder was killed by SIGKILL" in error
     assert (mjrun.folder / "swing.mp4").read_text() == "old"
     assert mjrun.files() == ["swing.mp4"]
 

@@ -1,9 +1,11 @@
 """Films, looked at by a decoder."""
 
 import io
+import os
 import re
 import struct
 import subprocess
+import threading
 import time
 import weakref
 from collections.abc import Callable, Iterator
@@ -242,6 +244,49 @@ def test_a_killed_encoder_is_an_error_and_leaves_the_old_film(tmp_path: Path) ->
     ):
         go_on_writing(film)
     assert (tmp_path / "f.mp4").read_text() == "old"
+
+
+@pytest.fixture
+def hanging_encoder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """An ffmpeg that takes nothing, does nothing, and has a child that holds its standard error."""
+    program = tmp_path / "ffmpeg"
+    program.write_text("#!/bin/sh\necho 'not today' >&2\nsleep 600 &\nsleep 600\n")
+    program.chmod(0o755)
+    monkeypatch.setenv("IMAGEIO_FFMPEG_EXE", str(program))
+    monkeypatch.setattr("mjrun.formats.ffmpeg.IDLE", 0.5)
+    monkeypatch.setattr("mjrun.child_process.IDLE_INTERVAL", 0.1)
+
+
+@pytest.mark.usefixtures("hanging_encoder")
+@pytest.mark.parametrize("size", [SIZE, (640, 480)])  # what fits into a pipe, so that the end is waited for, or not
+def test_an_encoder_that_hangs_is_an_error(tmp_path: Path, size: tuple[int, int]) -> None:
+    with pytest.raises(EncoderError, match=r"the encoder did nothing any more after . of 1 frames\n  not today"):
+        write(str(tmp_path / "f.mp4"), frames(1, size))
+    assert [path.name for path in tmp_path.iterdir()] == ["ffmpeg"]
+
+
+def test_an_encoder_that_waits_for_a_paused_player_does_not_hang(monkeypatch: pytest.MonkeyPatch) -> None:
+    reader, writer = os.pipe()
+    monkeypatch.setattr("mjrun.formats.ffmpeg.IDLE", 0.3)
+    monkeypatch.setattr("mjrun.child_process.IDLE_INTERVAL", 0.1)
+    sizes = list[int]()
+
+    def play() -> None:
+        time.sleep(2)
+        while content := os.read(reader, 2**16):
+            sizes.append(len(content))
+
+    with os.fdopen(writer, "w") as stdout, monkeypatch.context() as patch:
+        patch.setattr("sys.stdout", stdout)
+        player = threading.Thread(target=play)
+        player.start()
+        with VideoWriter(None, encoding(None, "rgb"), (640, 480), FPS, 3) as film:
+            for picture in frames(3, (640, 480)):
+                film.write(picture)
+            film.publish()
+    player.join()
+    os.close(reader)
+    assert sum(sizes) == 3 * 3 * 640 * 480
 
 
 def test_what_the_encoder_said_last_is_in_the_error(tmp_path: Path) -> None:
