@@ -6,6 +6,7 @@ from pathlib import Path
 
 from mjrun.errors import FileError, UsageError, clean, listing, option
 from mjrun.formats.atomic_output import OutputWriter, StagedFile
+from mjrun.formats.temporary_output import temporary_file
 from mjrun.model.attribute_text import Change, changes, with_changes
 from mjrun.model.fingerprint import physics_fingerprint
 from mjrun.model.override import Override
@@ -67,14 +68,8 @@ class FittedModel:
 
     def _require_same(self, output: OutputWriter, text: bytes, overrides: Sequence[Override]) -> None:
         plain = replace(self.source, overrides=tuple(overrides))
-        beside = self.path.with_name(f".{self.path.stem}.fitted{SUFFIX}")
-        try:
-            beside.write_bytes(text)
+        with output.writing(), temporary_file(self.path, text, SUFFIX) as beside:
             same = physics_fingerprint(FileSource(beside).load()) == physics_fingerprint(plain.load())
-        except OSError as error:
-            raise FileError(self.path, f"cannot be written: {error.strerror or error}") from None
-        finally:
-            beside.unlink(missing_ok=True)
         if not same:
             raise FileError(
                 self.path, "would not be the fitted model", "an attribute of its text stands for several numbers"

@@ -12,7 +12,7 @@ import re
 import select
 import stat
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import BinaryIO, Protocol
 
@@ -151,11 +151,17 @@ class OutputWriter(Closable):
             file.write(content)
 
 
-def publish_together(writers: Sequence[OutputWriter]) -> list[Path]:
+def publish_together(
+    writers: Sequence[OutputWriter], last: Callable[[Sequence[Path]], OutputWriter] | None = None
+) -> list[Path]:
     """Publishes outputs that belong together, and returns their files.
 
     All are finished and on the disk before the first is moved to its place. If one of them cannot be moved, those that
     were moved are taken back.
+
+    Args:
+      last: writes what tells of these files, once they are in their places, and returns its writer, to be published
+        with them. Its own file is not among those returned.
 
     Raises:
       PartlyDoneError: an output cannot be moved, and another could not be taken back.
@@ -166,25 +172,37 @@ def publish_together(writers: Sequence[OutputWriter]) -> list[Path]:
         writer.finish()
     destinations = [writer.destination for writer in writers]
     for destination in destinations:
-        try:
-            destination.sync()
-        except OSError as error:
-            raise _unwritable(destination.shown, error) from None
+        _sync(destination)
 
     files, published = list[Path](), list[Destination]()
+    failed = destinations[0].shown if destinations else Path()
     try:
         for destination in destinations:
+            failed = destination.shown
             files += destination.publish()
             published.append(destination)
+        if last:
+            writer = last(files)
+            failed = writer.destination.shown
+            writer.finish()
+            _sync(writer.destination)
+            writer.destination.publish()
+            published.append(writer.destination)
     except BaseException as error:
         kept = [str(each.shown) for each in reversed(published) if not _is_taken_back(each)]
         if kept and isinstance(error, MjrunError):
-            failed = str(destinations[len(published)].shown)
-            raise PartlyDoneError(kept, [(failed, error)]) from None
+            raise PartlyDoneError(kept, [(str(failed), error)]) from None
         raise
-    for destination in destinations:
+    for destination in published:
         destination.discard()  # what was there before
     return files
+
+
+def _sync(destination: Destination) -> None:
+    try:
+        destination.sync()
+    except OSError as error:
+        raise _unwritable(destination.shown, error) from None
 
 
 def _is_taken_back(destination: Destination) -> bool:

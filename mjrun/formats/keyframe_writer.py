@@ -1,9 +1,7 @@
 """Writes a model's XML with one more keyframe, and proves by MuJoCo itself that it loads from where it is written."""
 
 import os
-import secrets
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager, suppress
+from collections.abc import Mapping
 from pathlib import Path
 
 import mujoco
@@ -11,6 +9,7 @@ import numpy as np
 
 from mjrun.errors import BrokenModelError, FileError, clean
 from mjrun.formats.atomic_output import OutputWriter, StagedFile
+from mjrun.formats.temporary_output import temporary_file
 from mjrun.model import state
 from mjrun.model.compilation import compile_model
 from mjrun.model.fingerprint import physics_fingerprint
@@ -70,25 +69,14 @@ class KeyframeWriter(OutputWriter):
 
     def _compiled(self, text: bytes) -> mujoco.MjModel:
         shown = self.destination.shown
-        with self.writing(), _hidden(Path(self.destination.path).parent, text) as path:
+        beside = Path(self.destination.path).with_name(shown.name)
+        with self.writing(), temporary_file(beside, text, ".xml") as path:
             try:
                 return compile_model(lambda: mujoco.MjSpec.from_file(str(path)), (), shown)[1]
             except BrokenModelError as error:
                 reason = str(error).removeprefix(f"{clean(str(shown))}:").lstrip()
                 reason = f"line {reason}" if error.line else reason
                 raise FileError(shown, f"would not load: {reason}", ELSEWHERE) from None
-
-
-@contextmanager
-def _hidden(folder: Path, content: bytes) -> Iterator[Path]:
-    """A model file for a moment."""
-    path = folder / f".{secrets.token_hex(4)}.xml"
-    try:
-        path.write_bytes(content)
-        yield path
-    finally:
-        with suppress(OSError):
-            path.unlink(missing_ok=True)
 
 
 def _fields(model: mujoco.MjModel, last: np.ndarray) -> Mapping[str, np.ndarray]:

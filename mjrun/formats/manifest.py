@@ -25,7 +25,9 @@ class ManifestWriter(OutputWriter):
         Raises:
           FileError: it cannot be written.
         """
-        self.write_document(with_fingerprints(facts, files))
+        with self.writing():
+            document = with_fingerprints(facts, files)
+        self.write_document(document)
 
     def write_document(self, manifest: Mapping[str, Any]) -> None:
         """Writes a manifest that has its fingerprints already.

@@ -15,7 +15,7 @@ import zlib
 from collections.abc import Iterator
 from pathlib import Path
 
-NAME = re.compile(r"\..+\.mjrun-([0-9a-f]{8})[0-9a-f]{8}\.part")
+NAME = re.compile(r"\..+\.mjrun-([0-9a-f]{8})[0-9a-f]{8}\.part(\.\w+)?")
 NO_LOCKS = (errno.EBADF, errno.EINVAL, errno.ENOLCK, errno.ENOSYS, errno.EOPNOTSUPP)  # of a file system
 LONGEST = 200  # bytes of a name that others can be added to
 WEEK = 7 * 24 * 3600  # [s]
@@ -24,14 +24,17 @@ WEEK = 7 * 24 * 3600  # [s]
 class TemporaryOutput:
     """A hidden file or folder beside `target`, of this process until it is removed.
 
+    Args:
+      suffix: of its name, for what is read by its suffix.
+
     Raises:
       OSError: it cannot be made.
     """
 
-    def __init__(self, target: Path, *, folder: bool = False) -> None:
+    def __init__(self, target: Path, *, folder: bool = False, suffix: str = "") -> None:
         self._lock: int | None = None
         while True:
-            self.path = unused_name(target)
+            self.path = unused_name(target, suffix)
             if folder:
                 self.path.mkdir()
             else:
@@ -58,9 +61,31 @@ class TemporaryOutput:
         self.release()
 
 
-def unused_name(target: Path) -> Path:
+@contextlib.contextmanager
+def temporary_file(target: Path, content: bytes, suffix: str) -> Iterator[Path]:
+    """A hidden file beside `target`, for as long as the `with` block lasts.
+
+    Raises:
+      OSError: it cannot be written.
+    """
+    temporary = TemporaryOutput(target, suffix=suffix)
+    try:
+        temporary.path.write_bytes(content)
+        yield temporary.path
+    finally:
+        temporary.remove()
+
+
+def unused_name(target: Path, suffix: str = "") -> Path:
     """A name beside `target` for what is soon removed."""
-    return target.parent / f"{_prefix(target)}{_machine()}{os.urandom(4).hex()}.part"
+    return target.parent / f"{_prefix(target)}{_machine()}{os.urandom(4).hex()}.part{suffix}"
+
+
+def remove_left_behind(folder: Path) -> None:
+    """Removes what processes that are gone have left in a folder."""
+    with left_behind(folder) as found:
+        for path in found:
+            remove(path)
 
 
 @contextlib.contextmanager

@@ -85,18 +85,18 @@ def perform(jobs: Sequence[Job[R]], reporter: Reporter | None = None, published:
 
         results: list[R] = []
         failure = None if simulated.instability is None else str(simulated.instability)
+
+        def told(artifact: Artifact[R], files: Sequence[Path]) -> tuple[R, dict[str, object]]:
+            summary = PassSummary(time.perf_counter() - start, simulated.wall, tuple(warnings))
+            result = replace(artifact.result(files, summary), episode=episode)
+            return result, {**artifact.facts, "result": asdict(result), "failure": failure}
+
         for index, artifact in artifacts.items():
             with simulated.failing(index):
-                files = artifact.publish()
-                summary = PassSummary(time.perf_counter() - start, simulated.wall, tuple(warnings))
-                results.append(replace(artifact.result(files, summary), episode=episode))
-                facts = {**artifact.facts, "result": asdict(results[-1]), "failure": failure}
-                if manifest := manifests[index]:
-                    with simulated.failing(index, jobs[index].manifest):
-                        manifest.write(facts, files)
-                        manifest.publish()
+                files, result, facts = _publish(artifact, manifests[index], partial(told, artifact))
+                results.append(result)
                 if published:
-                    published(facts, results[-1], files)
+                    published(facts, result, files)
 
     if error := simulated.error([result.path for result in results], _verdicts([*artifacts.values()])):
         error.results = results
@@ -272,6 +272,26 @@ class _Pass(Generic[R]):
             self.failures[index] = self._plans[index].preview().path, error
         if len(self.failures) == len(self._plans):
             raise error
+
+
+def _publish(
+    artifact: Artifact[R],
+    manifest: ManifestWriter | None,
+    told: Callable[[Sequence[Path]], tuple[R, dict[str, object]]],
+) -> tuple[list[Path], R, dict[str, object]]:
+    """Publishes an output, and the manifest with it; returns its files, and what is `told` of them."""
+    if manifest is None:
+        files = artifact.publish()
+        return files, *told(files)
+    last: list[tuple[R, dict[str, object]]] = []
+
+    def written(files: Sequence[Path]) -> ManifestWriter:
+        last.append(told(files))
+        manifest.write(last[0][1], files)
+        return manifest
+
+    files = artifact.publish(written)
+    return files, *last[0]
 
 
 def _verdicts(artifacts: Sequence[Artifact[R]]) -> list[MjrunError]:

@@ -109,9 +109,13 @@ class Artifact(Generic[R_co]):
     failed_assertions: Sequence[str] = ()
     golden_differences: Sequence[str] = ()
 
-    def publish(self) -> list[Path]:
-        """Moves every file to its place, or none if one cannot be, and returns them."""
-        return publish_together(self.writers)
+    def publish(self, manifest: Callable[[Sequence[Path]], OutputWriter] | None = None) -> list[Path]:
+        """Moves every file to its place, or none if one cannot be, and returns them.
+
+        Args:
+          manifest: writes one of these files, which is published with them or not at all.
+        """
+        return publish_together(self.writers, manifest)
 
 
 class Output(ABC, Generic[R_co]):

@@ -1,7 +1,7 @@
 """A video: keep the state of every frame while the simulation runs, then draw the states into the encoder."""
 
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, field, replace
 from fractions import Fraction
@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from mjrun.errors import clean
+from mjrun.formats.atomic_output import OutputWriter
 from mjrun.formats.codecs import Encoding, encoding
 from mjrun.formats.labels import LabelsWriter
 from mjrun.formats.video_writer import VideoWriter
@@ -300,8 +301,8 @@ class VideoArtifact(Artifact[VideoResult]):
     films: Sequence[VideoWriter]
     reporter: Reporter
 
-    def publish(self) -> list[Path]:
-        files = super().publish()
+    def publish(self, manifest: Callable[[Sequence[Path]], OutputWriter] | None = None) -> list[Path]:
+        files = super().publish(manifest)
         for older in filter(None, (film.others for film in self.films)):
             more = f" and {len(older) - 1} more" if len(older) > 1 else ""
             self.reporter.warn(

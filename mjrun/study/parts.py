@@ -4,11 +4,9 @@ A row is found by the key of its point, a hash of everything that decides its re
 changed and continued, by any number of processes at once.
 """
 
-import contextlib
 import hashlib
 import inspect
 import json
-import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import cache
 from pathlib import Path
@@ -20,6 +18,7 @@ import numpy as np
 from mjrun.errors import FileError
 from mjrun.formats.arrow_columns import number_array, text_array
 from mjrun.formats.atomic_output import OutputWriter, StagedFile
+from mjrun.formats.temporary_output import remove_left_behind
 from mjrun.job.episode import policy_files
 from mjrun.job.manifest import plain
 from mjrun.model.fingerprint import model_fingerprint
@@ -37,7 +36,6 @@ LAST = ("steps", "exit_code", "message", "wall")
 COLUMNS = {"key", "status", *LAST}
 PATHS = ("model", "ctrl_from", "replay")  # options of a simulation that are files
 POLICY = ("policy", "normalize")  # options that may be
-STALE = 3600  # [s] after which nobody writes a part any more
 
 
 def study_identity(spec: StudySpec, model: mujoco.MjModel) -> dict[str, object]:
@@ -131,10 +129,7 @@ class PartFiles:
             self._folder.mkdir(parents=True, exist_ok=True)
         except OSError as error:
             raise FileError(self._folder, f"cannot be made: {error.strerror}") from None
-        for path in self._folder.glob(".*.part"):  # which a killed process has left
-            with contextlib.suppress(OSError):
-                if time.time() - path.stat().st_mtime > STALE:
-                    path.unlink()
+        remove_left_behind(self._folder)
 
     def exist(self) -> bool:
         """Whether there is a folder for them."""

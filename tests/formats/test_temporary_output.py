@@ -11,7 +11,14 @@ from pathlib import Path
 import pytest
 
 from mjrun.formats import temporary_output
-from mjrun.formats.temporary_output import WEEK, TemporaryOutput, left_behind, one_at_a_time
+from mjrun.formats.temporary_output import (
+    WEEK,
+    TemporaryOutput,
+    left_behind,
+    one_at_a_time,
+    remove_left_behind,
+    temporary_file,
+)
 
 OTHER_PROCESS = """
 import sys, pathlib
@@ -53,6 +60,17 @@ def test_what_this_process_works_on_is_not_left_behind(tmp_path: Path) -> None:
         assert found == []
     temporary.remove()
     temporary.remove()
+    assert [*tmp_path.iterdir()] == []
+
+
+def test_a_temporary_file_keeps_its_suffix_and_lasts_as_long_as_the_block(tmp_path: Path) -> None:
+    with temporary_file(tmp_path / "model.xml", b"<mujoco/>", ".xml") as path:
+        assert (path.suffix, path.read_bytes(), path.parent) == (".xml", b"<mujoco/>", tmp_path)
+        remove_left_behind(tmp_path)
+        assert path.exists()
+    TemporaryOutput(tmp_path / "model.xml", suffix=".xml").release()
+    assert len([*tmp_path.iterdir()]) == 1
+    remove_left_behind(tmp_path)
     assert [*tmp_path.iterdir()] == []
 
 

@@ -1,0 +1,170 @@
+"""A command that writes, disturbed: what must be there afterwards."""
+
+import shutil
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+from tests.scoreboard.command import CommandServer, Ended
+from tests.scoreboard.file_operations import Fault
+from tests.scoreboard.measure import Tally
+from tests.scoreboard.writing_commands import Command, Reference, contents, new_folder, run_first
+
+CANNOT_WRITE, PARTLY = 7, 8  # exit codes
+ENCODER = 6
+
+
+class Trial:
+    """Runs one command again and again, with an older version of its outputs there before, or none.
+
+    Attributes:
+      folder: of the case; it holds `out`, `inputs`, and `temporary`, for temporary files.
+      older, nothing: what is there before; new: what the command makes of `older`, and fresh of `nothing`.
+      code: its exit code.
+      printed: whether it prints something on standard output.
+    """
+
+    def __init__(self, command: Command, folder: Path, server: CommandServer, tally: Tally) -> None:
+        self.command, self._server, self.tally = command, server, tally
+        self.folder = new_folder(folder / "case")
+        (self.folder / "inputs").symlink_to(folder / "inputs")
+        self.out, self.temporary = self.folder / "out", new_folder(self.folder / "temporary")
+        self._kept = {True: self.folder / "older", False: self.folder / "nothing"}
+
+        found: dict[str, list[Mapping[str, bytes]]] = {name: [] for name in ("nothing", "fresh", "older", "new")}
+        for _ in range(2):  # what differs depends on the wall clock
+            run_first(command, self.out, server)
+            self._keep("nothing", found)
+            self._make(command.arguments)
+            self._keep("fresh", found)
+            run_first(command, self.out, server)
+            if command.other:
+                self._make([*command.arguments, *command.other.split()])
+            self._keep("older", found)
+            self.code = self._make(command.arguments)
+            self._keep("new", found)
+        references = {name: Reference(*states) for name, states in found.items()}
+        self.nothing, self.fresh, self.older, self.new = references.values()
+
+    def start(self, *, with_older: bool = True) -> None:
+        """Makes everything as it is before the command."""
+        self._with_older = with_older
+        new_folder(self.temporary)
+        self.out.mkdir(exist_ok=True)
+        for path in self.out.iterdir():
+            shutil.rmtree(path) if path.is_dir() else path.unlink()
+        shutil.copytree(self._kept[with_older], self.out, symlinks=True, dirs_exist_ok=True)
+
+    def run(self, fault: Fault | None = None, environment: Mapping[str, str] | None = None, **how: object) -> Ended:
+        """Runs the command, in the way that `CommandServer.run` describes."""
+        variables = {"TMPDIR": str(self.temporary), **(environment or {})}
+        arguments = self.command.arguments
+        return self._server.run(*arguments, folder=self.out, environment=variables, fault=fault, **how)  # type: ignore
+
+    def watch(self, number: int = 0, kind: str = "once") -> Ended:
+        """Runs the command with a fault, or to list what it does to its folder.
+
+        Raises:
+          OSError: the kernel cannot do it.
+        """
+        return self.run(Fault(str(self.folder), number, kind))
+
+    def judge(self, ended: Ended, case: str, codes: Sequence[int] = (CANNOT_WRITE,)) -> None:
+        """Counts a case in which something may have failed: everything is old, or new, and it is said which."""
+        problems = ended.faults
+        if ended.code == self.code:
+            problems += self._differences(self._after, "new")
+        elif ended.code == PARTLY or (self.command.in_steps and ended.code in codes):
+            problems += self._mixture(ended.message)
+        elif ended.code not in (*codes, *([ENCODER] if self.command.name in ENCODED else [])):
+            problems.append(f"exit code {ended.code}")
+        elif "the next run" in ended.message:
+            self.judge_next(f"{case}, told that the next run mends it", problems)
+            return
+        else:
+            problems += self._differences(self._before, "old")
+        if ended.code != self.code and not self._names_a_file(ended.message):
+            problems.append("the message names no file")
+        self._count(ended, case, [*problems, *self._left_over()])
+
+    def judge_made(self, ended: Ended, case: str, code: int | None) -> None:
+        """Counts a case in which everything must be made, whatever the exit code."""
+        problems = [fault for fault in ended.faults if "without a word" not in fault]
+        if ended.code != code:
+            problems.append(f"exit code {ended.code}, not {code}")
+        self._count(ended, case, [*problems, *self._differences(self._after, "new"), *self._left_over()])
+
+    def judge_next(self, case: str, problems: Sequence[str] = ()) -> None:
+        """Counts a case after which the same command, undisturbed, makes everything and removes what was left."""
+        ended = self.run()
+        problems = [*problems, *ended.faults]
+        if ended.code != self.code:
+            problems.append(f"exit code {ended.code} of the next run")
+        self._count(ended, case, [*problems, *self._differences(self._after, "new"), *self._left_over()])
+
+    def torn(self) -> list[str]:
+        """Files that are neither old nor new, or gone; hidden ones do not count, which the next run removes."""
+        return self._mixture(None)
+
+    @property
+    def _before(self) -> Reference:
+        return self.older if self._with_older else self.nothing
+
+    @property
+    def _after(self) -> Reference:
+        return self.new if self._with_older else self.fresh
+
+    def _make(self, arguments: Sequence[str]) -> int | None:
+        return self._server.run(*arguments, folder=self.out, environment={"TMPDIR": str(self.temporary)}).code
+
+    def _keep(self, name: str, found: Mapping[str, list[Mapping[str, bytes]]]) -> None:
+        found[name].append(contents(self.out))
+        if name in ("older", "nothing"):
+            shutil.rmtree(self.folder / name, ignore_errors=True)
+            shutil.copytree(self.out, self.folder / name, symlinks=True)
+
+    def _count(self, ended: Ended, case: str, problems: Sequence[str]) -> None:
+        said = "; ".join(ended.message.splitlines()[-3:])[-300:]
+        listed = "; ".join(problems[:4])
+        self.tally.expect(not problems, f"{self.command.name}: {case}: {listed} (code {ended.code}: {said})")
+
+    def _differences(self, reference: Reference, which: str) -> list[str]:
+        now = contents(self.out)
+        missing = [f"{name} is missing" for name in reference.first if name not in now]
+        return missing + [
+            f"{name} is not the {which} one"
+            for name in reference.first
+            if name in now and not reference.holds(name, now[name])
+        ]
+
+    def _mixture(self, message: str | None) -> list[str]:
+        """What is neither old nor new; and of new files, those that `message` does not name."""
+        now, problems = contents(self.out), list[str]()
+        problems += [
+            f"{name} is missing" for name in self._before.first if name in self._after.first and name not in now
+        ]
+        for name, content in now.items():
+            if self._before.holds(name, content):
+                continue
+            if self._after.holds(name, content):
+                if message is not None and not self.command.in_steps and Path(name).name not in message:
+                    problems.append(f"{name} is new, which is not said")
+            elif name in self._before.first or name in self._after.first:
+                problems.append(f"{name} is neither old nor new")
+        return problems
+
+    def _left_over(self) -> list[str]:
+        known = {*self._before.first, *self._after.first}
+        found = [name for name in contents(self.out) if name not in known]
+        found += [str(path.relative_to(self.out)) for path in self.out.rglob(".*") if path.is_dir()]
+        return [
+            f"{name} is left over" for name in found + [f"$TMPDIR/{path.name}" for path in self.temporary.iterdir()]
+        ]
+
+    def _names_a_file(self, message: str) -> bool:
+        known = {Path(name) for name in (*self._before.first, *self._after.first)}
+        names = {part for path in known for part in path.parts} | {"temporary", "plan.jsonl"}
+        patterns = {"f_%04d.png"} if self.command.name == "pattern" else set[str]()
+        return any(name in message for name in names | patterns)
+
+
+ENCODED = ("mp4", "gif", "webm", "apng", "mkv", "folder", "pattern", "eval films")
