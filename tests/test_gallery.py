@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import csv
 import json
+import math
 import re
 import runpy
 import sys
@@ -123,11 +125,25 @@ def test_the_page_shows_every_study() -> None:
 
 @pytest.mark.parametrize("path", STUDIES, ids=lambda path: path.stem)
 def test_a_study_measures_every_point(mjrun: Command, path: Path) -> None:
-    done = mjrun("sweep", path, "duration=0.2", "samples=4", "-o", "out", "--json")
+    few = [f"vary.{name}=-3..3:3" for name in ("qpos/hinge", "qvel/hinge")] if path.stem == "pendulum_grid" else []
+    done = mjrun("sweep", path, "duration=0.2", "samples=4", *few, "-o", "out", "--json")
     report = json.loads(done.stdout)
     assert done.returncode in ((0, 8) if path.stem == "divergence_by_timestep" else (0,))
     assert report["statuses"]["ok"] >= report["points"] / 2
     assert all(metric["count"] for name, metric in report["metrics"].items() if name != "fell")
+
+
+def test_the_grid_of_pendulums_goes_over_the_top_with_more_energy_than_that_takes(mjrun: Command) -> None:
+    study = SCENES / "studies/pendulum_grid.yaml"
+    few = ("vary.qpos/hinge=-3.1..3.1:7", "vary.qvel/hinge=-8..8:9")
+    table = mjrun("sweep", study, *few, "-o", "out", "--csv").stdout.decode()
+    rows = list(csv.DictReader(table.splitlines()))
+    assert len(rows) == 63
+    for row in rows:
+        angle, speed = float(row["qpos/hinge"]), float(row["qvel/hinge"])
+        spare = 1.004 * speed**2 / 2 + 9.81 * (1 - math.cos(angle)) - 2 * 9.81  # [J]
+        assert abs(spare) > 1e-3  # none of them is on the border, where the way up takes for ever
+        assert (float(row["over"]) >= 0) == (spare > 0), row
 
 
 def test_the_fit_of_the_gallery_finds_what_its_measurements_were_made_with(mjrun: Command) -> None:
