@@ -1,0 +1,187 @@
+"""Many runs in a row, in one process and in many, leave nothing behind: no descriptor, process, thread, file or memory.
+
+The runs fail too, in every way that is told by an exit code: what fails is cleared away as well.
+"""
+
+import ctypes
+import json
+import os
+import tempfile
+import time
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from pathlib import Path
+
+from tests.scoreboard.command import CommandServer
+from tests.scoreboard.makings import furnish
+from tests.scoreboard.measure import Measure, Tally
+
+RUNS, QUICK_RUNS = 200, 12
+LIMIT = 3600.0  # seconds, for all runs in a row on a machine that does much else
+GRACE = 5.0  # seconds in which what a run has started has to be gone
+SUBREAPER = 36  # of prctl: orphans come to us
+SHARED = Path("/dev/shm")
+
+DRAWN = "--size 64x48 --camera side --quality draft"
+# Command lines and the exit codes that they must have, by turns; those that draw or start processes come last.
+LINES: tuple[tuple[str, int], ...] = (
+    ("trace model.xml --duration 0.1 -o out.csv", 0),
+    ("trace model.xml --duration 0.1 -o out.npz --contacts touch.csv", 0),
+    ("trace model.xml --duration 0.1 -o out.parquet --recording states.npz", 0),
+    ("trace wild.xml --duration 1 -o wild.csv", 4),
+    ("trace model.xml --duration 0.1 -o missing/out.csv", 7),
+    ("trace broken.xml --duration 0.1", 3),
+    ("trace model.xml --assert max(qpos/hinge)<-9 --duration 0.1 -o out.csv", 1),
+    ("info model.xml --json", 0),
+    ("trace car_drive.yaml --policy policies/car_drive.onnx --duration 0.2 -o out.csv", 0),
+    ("trace model.xml --nonsense", 2),
+)
+HEAVY: tuple[tuple[str, int], ...] = (
+    (f"image model.xml {DRAWN} -o out.png", 0),
+    (f"video model.xml --duration 0.2 {DRAWN} -o out.mp4", 0),
+    (f"video wild.xml --duration 1 {DRAWN} -o wild.mp4", 4),
+    (f"video model.xml --duration 0.2 {DRAWN} --jobs 2 -o frames/", 0),
+    ("sweep model.xml --duration 0.1 --vary geom/ball.size[0]=0.05,0.1 --metric low=min(qpos/ball/z) -o study", 0),
+    ("eval car_drive.yaml --policy zero --episodes 2 duration=0.1 --jobs 2 -o episodes", 0),
+    ("run run.yaml", 0),
+    ("plot swing.csv -o plot.png", 0),
+)
+WILD = """<mujoco>
+  <option timestep=".1"/>
+  <worldbody>
+    <camera name="side" pos="0 -2 .8" xyaxes="1 0 0 0 .3 1"/>
+    <body><joint type="slide" stiffness="1e9" ref="1"/><geom size="1"/></body>
+  </worldbody>
+</mujoco>
+"""
+
+
+def run(quick: bool) -> Tally:
+    tally = Tally()
+    with tempfile.TemporaryDirectory() as scratch, CommandServer(LIMIT) as server:
+        for how in ("one process",) if quick else ("one process", "many processes"):
+            folder, temporary = furnish(Path(scratch, how)), Path(scratch, f"{how} temporary")
+            temporary.mkdir()
+            (folder / "wild.xml").write_text(WILD)
+            (folder / "broken.xml").write_text("<mujoco><worldbody>")
+            count = QUICK_RUNS if quick else RUNS
+            call = "tests.scoreboard.leaks:" + how.replace(" ", "_")
+            ended = server.run(
+                *(str(count), str(int(quick)), "report.json"),
+                folder=folder,
+                environment={"TMPDIR": str(temporary)},
+                call=call,
+            )
+            report = folder / "report.json"
+            tally.expect(ended.code == 0 and report.exists(), f"{how}: {ended}")
+            for line, leaks in json.loads(report.read_text()) if report.exists() else ():
+                tally.expect(not leaks, f"{how}: {line}: {leaks}")
+    return tally
+
+
+def one_process(arguments: Sequence[str]) -> int:
+    """Runs the lines by turns in this process; the first time of each is a warm-up."""
+    from mjrun.cli.main import run as run_mjrun
+
+    return _in_a_row(arguments, run_mjrun, warms_up=True)
+
+
+def many_processes(arguments: Sequence[str]) -> int:
+    """Runs the lines by turns, each in a process of its own."""
+    from mjrun.cli.main import run as run_mjrun
+
+    def run_in_child(line: Sequence[str]) -> int:
+        child = os.fork()
+        if not child:
+            code = 255
+            try:
+                code = run_mjrun(line)
+            finally:
+                os._exit(code)
+        return os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
+
+    return _in_a_row(arguments, run_in_child, warms_up=False)
+
+
+def _in_a_row(arguments: Sequence[str], run_line: Callable[[Sequence[str]], int], *, warms_up: bool) -> int:
+    count, quick, report = int(arguments[0]), bool(int(arguments[1])), arguments[2]
+    ctypes.CDLL(None).prctl(SUBREAPER, 1, 0, 0, 0)
+    tempfile.tempdir = None  # as TMPDIR says
+    lines = LINES if quick else (*LINES, *HEAVY)
+    if warms_up:
+        for line, _ in lines:
+            run_line(line.split(" "))
+    files: dict[str, set[str]] = {}
+    before, results = _state(), list[tuple[str, str]]()
+    for index in range(count):
+        line, expected = lines[index % len(lines)]
+        code = run_line(line.split(" "))
+        leaks = [] if code == expected else [f"exit code {code}, not {expected}"]
+        leaks += _leaks(before)
+        known = files.setdefault(line, set()) or {*_names("."), report}
+        leaks += [f"file {name}" for name in _names(".") - known] if index >= len(lines) else []
+        files[line] |= _names(".")
+        before = _state()
+        results.append((line, ", ".join(leaks)))
+    Path(report).write_text(json.dumps(results))
+    return 0
+
+
+def _state() -> dict[str, set[str]]:
+    """What this process, and the machine for it, holds."""
+    return {
+        "descriptors": {str(number) for number in range(len(_names("/proc/self/fd")))},
+        "threads": {str(number) for number in range(len(_names("/proc/self/task")))},
+        "processes": _children(),
+        "temporary files": _names(tempfile.gettempdir()),
+        "shared memory": _ownerless(),
+        "logs": {name for name in _names(".") if name.upper() == "MUJOCO_LOG.TXT"},
+    }
+
+
+def _names(folder: str | Path) -> set[str]:
+    return {path.name for path in Path(folder).iterdir()}
+
+
+def _leaks(before: dict[str, set[str]]) -> list[str]:
+    """What there is more than before, when all had time to end."""
+    deadline = time.monotonic() + GRACE
+    while True:
+        now = _state()
+        more = [f"{kind} {sorted(now[kind] - before[kind])[:3]}" for kind in now if now[kind] - before[kind]]
+        if not more or time.monotonic() > deadline:
+            return more
+        time.sleep(0.02)
+
+
+def _children() -> set[str]:
+    """The processes that have not ended, orphans of others among them; those that have are reaped."""
+    found = set[str]()
+    for task in _names("/proc/self/task"):
+        with suppress(OSError):
+            found |= {*Path(f"/proc/self/task/{task}/children").read_text().split()}
+    alive = set[str]()
+    for pid in found:
+        with suppress(OSError):
+            if Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z":
+                alive.add(pid)
+    return alive
+
+
+def _ownerless() -> set[str]:
+    """What lies in shared memory and no process has mapped."""
+    if not SHARED.is_dir() or not (names := _names(SHARED)):
+        return set()
+    for maps in Path("/proc").glob("[0-9]*/maps"):
+        with suppress(OSError):
+            text = maps.read_text()
+            names -= {name for name in names if f"{SHARED}/{name}" in text}
+    return names
+
+
+MEASURE = Measure(
+    "200 runs in a row, in one process and in many",
+    "no leaked descriptors, threads, processes, temporary files, shared memory; no `MUJOCO_LOG.TXT`",
+    400,
+    run,
+)

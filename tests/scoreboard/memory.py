@@ -1,0 +1,163 @@
+"""Memory is flat: ten times as many frames, rows, points or episodes take no more of it than a warm-up did."""
+
+import os
+import subprocess
+import sys
+import tempfile
+import time
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+
+from tests.scoreboard.command import ROOT
+from tests.scoreboard.measure import Measure, Tally
+
+LIMIT = 3600.0  # seconds, on a machine that does much else
+PAUSE = 0.05  # seconds between two looks
+MOST = 10 * 2**20  # bytes of growth in all
+MOST_EACH = 1024  # bytes of growth for each frame, row, point or episode
+MODEL = """<mujoco>
+  <option timestep="1e-3"/>
+  <visual><global offwidth="64" offheight="48"/></visual>
+  <worldbody>
+    <light pos="0 0 3"/>
+    <geom type="plane" size="2 2 .1"/>
+    <camera name="side" pos="0 -2 .8" xyaxes="1 0 0 0 .3 1"/>
+    <body name="ball" pos="0 0 .1"><joint name="up" type="slide" axis="0 0 1"/><geom name="ball" size=".1"/></body>
+  </worldbody>
+</mujoco>
+"""
+TASK = """model: model.xml
+control_dt: 0.001
+duration: 0.002
+observations: [{probe: qpos}]
+actions: [{actuators: [motor]}]
+rewards: {one: 1}
+"""
+DRIVEN = MODEL.replace("</worldbody>", '</worldbody><actuator><motor name="motor" joint="up"/></actuator>')
+# A process of little memory of its own starts the command, as the peak of one that becomes another counts for that.
+START = (
+    "import resource, subprocess, sys; code = subprocess.call(sys.argv[2:]); "
+    "open(sys.argv[1], 'w').write(str(resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss)); sys.exit(code)"
+)
+
+
+@dataclass(frozen=True)
+class Growing:
+    """A command line whose work grows.
+
+    Attributes:
+      what: there is more of.
+      line: after `mjrun`, split at spaces, with `{n}` for how many, and `{seconds}` for as many thousandths.
+      warm, whole: how many there are after the warm-up, and in all.
+    """
+
+    what: str
+    line: str
+    warm: int
+    whole: int
+
+    def arguments(self, count: int) -> list[str]:
+        """After `mjrun`."""
+        seconds = f"{count // 1000}.{count % 1000:03}"
+        return self.line.replace("{n}", str(count)).replace("{seconds}", seconds).split(" ")
+
+
+DRAWN = "--size 64x48 --camera side --quality draft --fps 1000 --duration {seconds}"
+ROWS = "trace model.xml --steps {n} --probe qpos,qvel,energy"
+SWEEP = "sweep model.xml --steps 2 --vary geom/ball.mass=uniform(1,2) --metric x=last(qpos/up) --samples {n} --jobs 2"
+QUICK = Growing("rows", f"{ROWS} -o out.csv", 20_000, 120_000)
+CASES = (
+    *(
+        Growing("rows", f"{ROWS} -o out.{suffix}", 100_000, 1_000_000)
+        for suffix in ("csv", "npz", "parquet", "feather", "h5", "jsonl")
+    ),
+    Growing("rows", f"{ROWS} --csv", 100_000, 1_000_000),
+    Growing("rows", f"{ROWS} --contacts touch.npz -o out.npz", 100_000, 1_000_000),
+    Growing("rows", f"{ROWS} --assert max(qpos/up)<1 --recording states.npz -o out.csv", 100_000, 1_000_000),
+    Growing("frames", f"video model.xml {DRAWN} -o out.mp4", 1000, 10_000),
+    Growing("frames", f"video model.xml {DRAWN} -o out/", 1000, 10_000),
+    Growing("frames", f"video model.xml {DRAWN} --plot qpos --view rgb --view depth -o out.mkv", 1000, 10_000),
+    Growing("points", f"{SWEEP} -o study", 1000, 10_000),
+    Growing("episodes", "eval task.yaml --policy zero --episodes {n} --jobs 2 -o results", 1000, 10_000),
+)
+
+
+@dataclass(frozen=True)
+class Peak:
+    """The memory of a command line.
+
+    Attributes:
+      largest: the peak of the largest of its processes [bytes], as the kernel counts.
+      together: that of all their private memory, as it was seen [bytes].
+    """
+
+    largest: int
+    together: int
+
+
+def run(quick: bool) -> Tally:
+    tally = Tally()
+    for case in (QUICK,) if quick else CASES:
+        peaks: list[Peak] = []
+        for count in (case.warm, case.whole):
+            with tempfile.TemporaryDirectory() as folder:
+                code, peak = _peak(case.arguments(count), Path(folder))
+            tally.expect(code == 0, f"{case.line}: {count:,} {case.what}: exit code {code}")
+            peaks.append(peak)
+        most = min(MOST, MOST_EACH * (case.whole - case.warm))
+        for name in ("largest", "together"):
+            first, last = (getattr(peak, name) for peak in peaks)
+            sizes = f"{first / 2**20:.1f} MiB for {case.warm:,}, {last / 2**20:.1f} MiB for {case.whole:,} {case.what}"
+            tally.expect(last - first <= most, f"{case.line}: {sizes} ({name})")
+    return tally
+
+
+def _peak(arguments: list[str], folder: Path) -> tuple[int, Peak]:
+    """The exit code of a command line, and its memory."""
+    (folder / "model.xml").write_text(DRIVEN)
+    (folder / "task.yaml").write_text(TASK)
+    largest = folder / "largest"
+    process = subprocess.Popen(
+        [sys.executable, "-I", "-S", "-c", START, str(largest), sys.executable, "-m", "mjrun", *arguments],
+        cwd=folder,
+        env={**os.environ, "PYTHONPATH": str(ROOT)},
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+        start_new_session=True,
+    )
+    together, deadline = 0, time.monotonic() + LIMIT
+    while process.poll() is None:
+        together = max(together, sum(map(_private, _descendants(process.pid))))
+        if time.monotonic() > deadline:
+            os.killpg(process.pid, 9)
+        time.sleep(PAUSE)
+    return process.returncode, Peak(1024 * int(largest.read_text() or 0) if largest.exists() else 0, together)
+
+
+def _descendants(pid: int) -> list[int]:
+    """The process and all that it has started, however they call themselves."""
+    found = [pid]
+    for each in found:
+        with suppress(OSError):
+            for tasks in Path(f"/proc/{each}/task").iterdir():
+                found += map(int, (tasks / "children").read_text().split())
+    return found
+
+
+def _private(pid: int) -> int:
+    """The memory that a process has not from a file [bytes]; none if it has just ended."""
+    with suppress(OSError):
+        for line in Path(f"/proc/{pid}/status").read_text().splitlines():
+            if line.startswith("RssAnon:"):
+                return 1024 * int(line.split()[1])
+    return 0
+
+
+MEASURE = Measure(
+    "memory: 10,000 frames, 1,000,000 rows, 10,000 points and episodes",
+    "≤ 1 kB more per frame, row, point or episode, ≤ 10 MB in all, after a warm-up of a tenth",
+    40,
+    run,
+)
