@@ -16,7 +16,11 @@ from tests.scoreboard.measure import Measure, Tally, versions
 
 SCORE = Path(__file__).resolve().parents[2] / "SCORE.md"
 # One module of this folder for each row, in their order: its MEASURE.
-MODULES: tuple[str, ...] = ()
+MODULES: tuple[str, ...] = (
+    "determinism",
+    "memory",
+    "leaks",
+)
 HEAD = """# The scoreboard
 
 What mjrun promises of faults, hostile input and determinism, measured by `make score` (`tests/scoreboard`): a row for
