@@ -1,16 +1,25 @@
 """`python -m mjrun` and the `mjrun` command."""
 
+import signal
 import sys
 
 
 def main() -> None:
     """Runs the command line and exits with its code."""
+    # What comes before there is anybody to heed it waits.
+    signal.pthread_sigmask(signal.SIG_BLOCK, (signal.SIGINT, signal.SIGTERM, signal.SIGHUP))
     from mjrun.cli.standard_streams import open_standard_streams
 
     open_standard_streams()
+    from mjrun.cli.watcher import watched
+
+    sys.exit(watched(_work))
+
+
+def _work() -> int:
     from mjrun.cli.main import run
 
-    sys.exit(run(sys.argv[1:]))
+    return run(sys.argv[1:])
 
 
 if __name__ == "__main__":

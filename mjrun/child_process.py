@@ -21,6 +21,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import IO, Literal
 
+from mjrun.activity import note_child, note_end_of_child
 from mjrun.errors import FileError
 
 STDOUT_LIMIT = 2**24  # bytes of captured output that are kept, from its beginning
@@ -140,6 +141,7 @@ class ChildProcess:
             except PermissionError as error:
                 reason = "cannot be started, which mjrun needs processes of its own for"
                 raise FileError(command[0], f"{reason}: {error.strerror or error}") from None
+        note_child(self._popen.pid)
         self._finalizer = weakref.finalize(self, _kill_and_reap, self._popen, os.getpid())
         if self._popen.stdin:
             os.set_blocking(self._popen.stdin.fileno(), False)
@@ -268,6 +270,7 @@ class ChildProcess:
     def _collect(self) -> None:
         """Waits for the ends of the pipes. What the process has left behind may hold them, and is killed."""
         self._finalizer.detach()
+        note_end_of_child(self.pid)
         if self._popen.stdin:
             self._popen.stdin.close()
         grace = KILLED_GRACE if self._cause else PIPE_GRACE
@@ -367,6 +370,7 @@ def _kill_and_reap(popen: subprocess.Popen[bytes], parent: int) -> None:
     if os.getpid() == parent and popen.poll() is None:  # not in a fork of the parent
         _kill(popen)
         popen.wait()
+        note_end_of_child(popen.pid)
 
 
 def _resident(pid: int) -> int:

@@ -27,7 +27,7 @@ HOUSE = (
     ("options", "child_process"),
     ("python_code",),
     ("reporter",),
-    ("timeline", "errors", "palette", "closable", "version"),
+    ("timeline", "errors", "palette", "closable", "activity", "version"),
 )
 
 # Where each library may be imported. What is not listed may be imported nowhere.

@@ -1,5 +1,6 @@
 """Commands from declared options: click's parameters, help by section, and typed values for the body."""
 
+import faulthandler
 import textwrap
 from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, TypeVar, cast
@@ -208,6 +209,8 @@ def _section_rank(declared: Option) -> int:
 def _set_verbosity(console: Console, messages: MessageOptions) -> None:
     console.verbosity = -1 if messages.quiet else 1 if messages.verbose else 0
     console.debug = messages.debug
+    if messages.debug:
+        faulthandler.enable()  # which shows where a crash was
 
 
 def flags(declared: Option) -> list[str]:

@@ -14,7 +14,9 @@ from typing import Any, NoReturn
 import click
 from click.shell_completion import shell_complete
 
+from mjrun.activity import note_heard
 from mjrun.cli.console import Console, flag
+from mjrun.cli.watcher import BUG, SIGNALS, listen
 from mjrun.errors import (
     ClosedPipeError,
     EndedFromOutsideError,
@@ -26,12 +28,9 @@ from mjrun.errors import (
 )
 from mjrun.version import __version__
 
-BUG = 70
 NO_MEMORY = "Could not allocate memory"  # what MuJoCo says wherever an MjData is made
 COMPLETE = "_MJRUN_COMPLETE"
 MODELS = (".xml", ".urdf", ".mjz", ".zip", ".mjb")
-
-SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
 # Name → one line of help. The command is in the module of cli of its name, which is imported when it is run.
 COMMANDS = {
@@ -117,6 +116,7 @@ def run(arguments: Sequence[str]) -> int:
 
 
 def _invoke(console: Console, arguments: Sequence[str]) -> int:
+    listen()
     # Not `group.main`, which would turn Ctrl-C and a closed pipe into exit code 1.
     with group.make_context("mjrun", list(arguments), obj=console) as ctx:
         group.invoke(ctx)
@@ -176,6 +176,7 @@ def _end(number: int, frame: FrameType | None) -> NoReturn:
     """Ends the work once; what comes while it is cleared away, as of a second Ctrl-C, changes nothing."""
     for each in SIGNALS:
         signal.signal(each, signal.SIG_IGN)
+    note_heard()
     if number == signal.SIGINT:
         raise KeyboardInterrupt
     raise TerminatedError(number)

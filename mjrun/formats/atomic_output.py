@@ -16,6 +16,7 @@ from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import BinaryIO, Protocol
 
+from mjrun.activity import note_folder
 from mjrun.closable import Closable
 from mjrun.errors import ClosedPipeError, FileError, MjrunError, PartlyDoneError
 from mjrun.formats.replacement import (
@@ -426,6 +427,18 @@ class StandardOutput:
         pass
 
 
+def remove_left_behind(folder: Path) -> None:
+    """Removes what processes that are gone have left in a folder.
+
+    Raises:
+      OSError: the folder cannot be read.
+    """
+    with left_behind(folder) as found:
+        for path in found:
+            if not (path / OLD).exists():  # which the next output to that target puts back
+                remove(path)
+
+
 def no_space(text: str) -> bool:
     """Whether the log of an encoder says that the disk is full."""
     return os.strerror(errno.ENOSPC) in text or os.strerror(errno.EDQUOT) in text
@@ -441,10 +454,8 @@ def _temporary(target: Path, shown: Path, *, folder: bool) -> TemporaryOutput:
     """Where an output is written until it is complete; frames in the folder `new` of a folder."""
     temporary = None
     try:
-        with left_behind(target.parent) as found:
-            for path in found:
-                if not (path / OLD).exists():  # which the next output to that target puts back
-                    remove(path)
+        remove_left_behind(target.parent)
+        note_folder(target.parent)
         temporary = TemporaryOutput(target, folder=folder)
         if folder:
             (temporary.path / NEW).mkdir()

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import mujoco
 
+from mjrun.activity import doing
 from mjrun.errors import ARENA, MORE_MEMORY, BadValueError, BrokenModelError, clean, concerning, option
 from mjrun.model.delays import lengthen_buffers
 from mjrun.model.mujoco_globals import without_log
@@ -37,7 +38,8 @@ def compile_model(
     """
     with without_log():
         try:
-            spec = parse()
+            with doing("reading", path):
+                spec = parse()
         except FAULTS as error:
             raise broken_model(path, error, advice=advice) from error
         try:
@@ -48,7 +50,8 @@ def compile_model(
         except UnicodeDecodeError:  # a name that an override was compared with
             raise BrokenModelError(path, NOT_UTF8) from None
         try:
-            model = spec.compile()
+            with doing("compiling", path):
+                model = spec.compile()
         except FAULTS as error:
             spelled_overrides = ", ".join(f"{option(o.option)} {clean(o.option_value)}" for o in overrides)
             raise broken_model(path, error, f"with {spelled_overrides}" if overrides else "", advice) from error

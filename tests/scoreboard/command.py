@@ -28,6 +28,7 @@ ROOT = Path(__file__).resolve().parents[2]
 MIB = 2**20
 # C0 and C1 controls but newline, tab and carriage return: what could move a terminal's cursor or change its state.
 CONTROL = re.compile(r"[\x00-\x08\x0b\x0c\x0e-\x1f\x7f-\x9f]")
+MJRUN = "mjrun.cli.main:run"
 EXIT_CODES = {0, 1, 2, 3, 4, 5, 6, 7, 8}
 
 
@@ -111,7 +112,7 @@ class CommandServer:
         folder: Path,
         environment: Mapping[str, str] | None = None,
         limit: float | None = None,
-        call: str = "mjrun.cli.main:run",
+        call: str = MJRUN,
         fault: Fault | None = None,
         kill_after: float | None = None,
         file_size: int | None = None,
@@ -255,6 +256,7 @@ def _become(request: dict[str, Any], watched_by: socket.socket | None) -> None:
         if request["memory"]:
             limit = int(request["memory"]) * MIB
             resource.setrlimit(resource.RLIMIT_AS, (limit, limit))
+        from mjrun.cli import watcher
         from mjrun.cli.standard_streams import open_standard_streams
 
         module, _, name = str(request["call"]).partition(":")
@@ -262,9 +264,10 @@ def _become(request: dict[str, Any], watched_by: socket.socket | None) -> None:
         open_standard_streams()
         if watched_by:
             watched(watched_by)
-        code = call(list(request["arguments"]))
-        sys.stdout.flush()
-        sys.stderr.flush()
+        arguments = list(request["arguments"])
+        # What is killed, or fails, at a moment of our choice has nobody else between itself and us.
+        alone = request["fault"] or request["kill_after"] is not None or request["call"] != MJRUN
+        code = call(arguments) if alone else watcher.watched(lambda: call(arguments))
     except SystemExit as ending:
         code = ending.code if isinstance(ending.code, int) else 1
     except BaseException:
@@ -272,6 +275,8 @@ def _become(request: dict[str, Any], watched_by: socket.socket | None) -> None:
 
         traceback.print_exc()
     finally:
+        sys.stdout.flush()
+        sys.stderr.flush()
         os._exit(code)
 
 

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import mujoco
 
+from mjrun.activity import doing
 from mjrun.errors import BrokenModelError, CompiledOverrideError, ModelNotFoundError, clean
 from mjrun.model.compilation import FAULTS, broken_model, check_model, compile_model
 from mjrun.model.description import archive_files
@@ -82,7 +83,7 @@ class FileSource(Source):
     def _load_compiled(self) -> mujoco.MjModel:
         if self.overrides:
             raise CompiledOverrideError(self.path, [(s.option, s.option_value) for s in self.overrides])
-        with without_log():
+        with without_log(), doing("reading", self.path):
             try:
                 model = mujoco.MjModel.from_binary_path(str(self.path))
             except FAULTS as error:

@@ -1,0 +1,127 @@
+"""What this process is doing, on a noticeboard: memory that another process can still read when this one has died.
+
+Nothing is noted without a board, as in programs that import mjrun.
+"""
+
+import json
+import mmap
+import os
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Literal
+
+SIZE = 2**19  # bytes of either copy of the notice; the system provides only those that are used
+MARKS = 8  # bytes before them
+CURRENT, HEARD = 0, 1  # which copy is valid; whether the process has heard that it is to end
+
+Activity = Literal["", "reading", "compiling", "simulating", "drawing"]
+
+
+@dataclass
+class Notice:
+    """What a process is doing.
+
+    Attributes:
+      activity: what it does with a model at the moment.
+      model: which, the last that it has read or compiled.
+      folders: where it has written outputs under temporary names.
+      children: the processes that it has started and that have not ended.
+    """
+
+    activity: Activity = ""
+    model: str = ""
+    folders: list[str] = field(default_factory=list[str])
+    children: list[int] = field(default_factory=list[int])
+
+
+class Noticeboard:
+    """Holds the notice of one process, which it shares with those that it is forked from or into."""
+
+    def __init__(self) -> None:
+        self._memory = mmap.mmap(-1, MARKS + 2 * SIZE)
+
+    @property
+    def heard(self) -> bool:
+        """Whether the process has heard that it is to end, and clears away."""
+        return bool(self._memory[HEARD])
+
+    @heard.setter
+    def heard(self, value: bool) -> None:
+        self._memory[HEARD] = value
+
+    def write(self, notice: Notice) -> None:
+        """Replaces the notice; whenever the process dies, there is the old one or the new one."""
+        text = json.dumps(asdict(notice)).encode()
+        if len(text) >= SIZE:
+            return
+        other = 1 - self._memory[CURRENT]
+        begin = MARKS + other * SIZE
+        self._memory[begin : begin + len(text) + 1] = text + b"\0"
+        self._memory[CURRENT] = other
+
+    def read(self) -> Notice:
+        """The notice."""
+        begin = MARKS + self._memory[CURRENT] * SIZE
+        text = self._memory[begin : self._memory.find(b"\0", begin)]
+        return Notice(**json.loads(text)) if text else Notice()
+
+
+_board: Noticeboard | None = None
+_notice, _lock = Notice(), threading.Lock()
+
+
+def write_on(board: Noticeboard | None) -> None:
+    """Lets this process write its notice on `board` from now on."""
+    global _board, _notice
+    _board, _notice = board, Notice()
+
+
+@contextmanager
+def doing(activity: Activity, model: Path | str = "") -> Iterator[None]:
+    """Notes what is done with a model, with the last one if none is given, within the `with` block."""
+    before = _notice.activity
+    with _noting() as notice:
+        notice.activity, notice.model = activity, str(model) or notice.model
+    try:
+        yield
+    finally:
+        with _noting() as notice:
+            notice.activity = before
+
+
+def note_folder(folder: Path) -> None:
+    """Notes that outputs are written in `folder` under temporary names."""
+    path = os.path.abspath(folder)  # noqa: PTH100 – as it is, without following links
+    if path not in _notice.folders:
+        with _noting() as notice:
+            notice.folders.append(path)
+
+
+def note_child(pid: int) -> None:
+    """Notes that a process was started."""
+    with _noting() as notice:
+        notice.children.append(pid)
+
+
+def note_end_of_child(pid: int) -> None:
+    """Notes that a process has ended."""
+    with _noting() as notice:
+        if pid in notice.children:
+            notice.children.remove(pid)
+
+
+def note_heard() -> None:
+    """Notes that this process has heard that it is to end."""
+    if _board:
+        _board.heard = True
+
+
+@contextmanager
+def _noting() -> Iterator[Notice]:
+    with _lock:
+        yield _notice
+        if _board:
+            _board.write(_notice)

@@ -1,0 +1,175 @@
+"""A process that stands guard over the one that works, and tells how it died: MuJoCo crashes on some models.
+
+The system ends a process that crashes, or that fills the memory, before it can say anything. So the command forks
+first of all, which takes a millisecond: the child works, and notes on a board what it is doing; the parent waits.
+The caller sees the parent alone, which passes on the signals that it gets, and ends the child if it does not hear
+them.
+"""
+
+import fcntl
+import os
+import shlex
+import signal
+import sys
+import time
+from collections.abc import Callable
+from contextlib import suppress
+from pathlib import Path
+
+from mjrun.activity import Notice, Noticeboard, write_on
+
+SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)  # that are passed on
+GRACE = 0.5  # [s] within which the child must have heard a signal, before it is killed
+LINGER = 0.3  # [s] that a process may take to end when it is killed
+BUG = 70
+EXIT_CODES = {"reading": 3, "compiling": 3, "simulating": 4, "drawing": 5}
+
+CRASHES: dict[int, str] = {
+    signal.SIGSEGV: "it used memory that is not its own, as it does when something is nested too deeply",
+    signal.SIGBUS: "it used memory that is not there",
+    signal.SIGABRT: "it gave up",
+    signal.SIGFPE: "it divided by zero",
+    signal.SIGILL: "it came to an instruction that this processor does not have",
+}
+CHECK = "`mjrun check {model}` says what else is wrong with it"
+ADVICE = {
+    "reading": f"the file is damaged, or nests or attaches too much; {CHECK}",
+    "compiling": f"a number in it is too large, or something in it is nested too deeply; {CHECK}",
+    "simulating": f"a number in it is too large, or the file is damaged; {CHECK}",
+    "drawing": "look for large numbers in its <visual>; another --gl or --renderer may draw it, "
+    "and `mjrun doctor` shows which there are",
+    "": "please report it; --debug shows where it was",
+}
+
+SHOW_CURSOR = "\r\x1b[K\x1b[?25h"  # and clear the line: what a bar of progress does at its end
+
+
+def watched(work: Callable[[], int]) -> int:
+    """Calls `work` in a child process, and returns what it returns there; the parent ends with the same exit code.
+
+    The signals of `SIGNALS` wait in the child until `listen` is called, unless they are ignored.
+    """
+    passed_on = [number for number in SIGNALS if signal.getsignal(number) is not signal.SIG_IGN]
+    board, (theirs, ours) = Noticeboard(), os.pipe()
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, [*passed_on, signal.SIGCHLD, signal.SIGALRM])
+    try:
+        child = os.fork()
+    except OSError:  # no more processes are allowed
+        signal.pthread_sigmask(signal.SIG_SETMASK, [*before, *passed_on])
+        return work()
+    if child:
+        os.close(theirs)
+        os._exit(_Watcher(child, board, passed_on).exit_code())
+
+    os.close(ours)
+    _end_with_parent(theirs)
+    signal.pthread_sigmask(signal.SIG_SETMASK, [*before, *passed_on])
+    write_on(board)
+    return work()
+
+
+def listen() -> None:
+    """Lets the signals through that `watched` holds back."""
+    signal.pthread_sigmask(signal.SIG_UNBLOCK, SIGNALS)
+
+
+def _end_with_parent(pipe: int) -> None:
+    """Lets the system kill this process once the other end of the pipe is closed, as far as it is able to."""
+    if sys.platform == "linux":
+        fcntl.fcntl(pipe, fcntl.F_SETOWN, os.getpid())
+        fcntl.fcntl(pipe, fcntl.F_SETSIG, signal.SIGKILL)
+        fcntl.fcntl(pipe, fcntl.F_SETFL, fcntl.fcntl(pipe, fcntl.F_GETFL) | os.O_ASYNC)
+
+
+class _Watcher:
+    """Waits for a child process."""
+
+    def __init__(self, child: int, board: Noticeboard, passed_on: list[signal.Signals]) -> None:
+        self._child, self._board, self._passed_on = child, board, passed_on
+        self._ending: signal.Signals | None = None  # the first signal that was passed on
+
+    def exit_code(self) -> int:
+        """The exit code of the child, once it has ended; says what is to be said if it did not end by itself."""
+        signal.signal(signal.SIGCHLD, signal.SIG_DFL)  # if it is ignored, nobody tells
+        while True:
+            ended, status = os.waitpid(self._child, os.WNOHANG)
+            if ended:
+                break
+            self._heed(signal.sigwait([*self._passed_on, signal.SIGCHLD, signal.SIGALRM]))
+
+        code = os.waitstatus_to_exitcode(status)
+        if code >= 0:
+            return code
+        notice = self._board.read()
+        _clear_away(notice)
+        message, code = self._explain(code, notice)
+        _say(message)
+        return code
+
+    def _heed(self, number: int) -> None:
+        if number in self._passed_on:
+            if self._ending is None:
+                self._ending = signal.Signals(number)
+                signal.setitimer(signal.ITIMER_REAL, GRACE)
+            os.kill(self._child, number)
+        elif number == signal.SIGALRM and not self._board.heard:
+            for pid in self._board.read().children:
+                _kill(pid)
+            os.kill(self._child, signal.SIGKILL)
+
+    def _explain(self, code: int, notice: Notice) -> tuple[str, int]:
+        """What to say of a child that was killed, given its exit code, and that of the command."""
+        if self._ending == signal.SIGINT:
+            return "interrupted", 128 + signal.SIGINT
+        if self._ending is not None:
+            return f"ended by {self._ending.name}", 128 + self._ending
+        return _obituary(-code, notice)
+
+
+def _obituary(killer: int, notice: Notice) -> tuple[str, int]:
+    """What to say of a process that was killed by a signal that did not come from here, and the exit code."""
+    from mjrun.child_process import ExitStatus
+    from mjrun.errors import OutOfMemoryError, clean
+
+    name = ExitStatus(-killer).signal
+    during = f" while {notice.activity} {clean(notice.model)}" if notice.activity else ""
+    if killer == signal.SIGKILL:
+        reason = f"the process was killed{during}, which the system does when there is none left"
+        return str(OutOfMemoryError(reason)), OutOfMemoryError.exit_code
+    if killer not in CRASHES:
+        return f"ended by {name}{during}", 128 + killer
+
+    who = "MuJoCo" if notice.activity else "mjrun, or a library that it uses,"
+    advice = ADVICE[notice.activity].format(model=clean(shlex.quote(notice.model)))
+    return f"{who} crashed{during}: {CRASHES[killer]} ({name})\n{advice}", EXIT_CODES.get(notice.activity, BUG)
+
+
+def _clear_away(notice: Notice) -> None:
+    """Kills what a dead process has started, and removes its unfinished outputs."""
+    from mjrun.formats.atomic_output import remove_left_behind
+    from mjrun.formats.temporary_output import NAME
+
+    for pid in notice.children:
+        _kill(pid)
+    for folder in map(Path, notice.folders):
+        deadline = time.monotonic() + LINGER
+        with suppress(OSError):
+            remove_left_behind(folder)
+            while any(NAME.fullmatch(path.name) for path in folder.iterdir()) and time.monotonic() < deadline:
+                time.sleep(0.02)  # somebody else's, or a process that was about to start still holds the lock
+                remove_left_behind(folder)
+
+
+def _kill(pid: int) -> None:
+    """Kills a process that has a group of its own, and the group."""
+    for kill in (os.killpg, os.kill):
+        with suppress(ProcessLookupError, PermissionError):
+            kill(pid, signal.SIGKILL)
+
+
+def _say(message: str) -> None:
+    from mjrun.cli.console import Console
+
+    if sys.stderr.isatty():
+        sys.stderr.write(SHOW_CURSOR)
+    Console().error(message)

@@ -1,0 +1,68 @@
+"""What a process is doing can be read by another when it has died."""
+
+import os
+import signal
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from mjrun import activity
+from mjrun.activity import SIZE, Noticeboard, doing, note_child, note_end_of_child, note_folder, note_heard
+
+
+@pytest.fixture
+def board() -> Iterator[Noticeboard]:
+    board = Noticeboard()
+    activity.write_on(board)
+    yield board
+    activity.write_on(None)
+
+
+def test_activities_nest_and_the_last_model_is_kept(board: Noticeboard) -> None:
+    assert board.read() == activity.Notice()
+    with doing("reading", Path("a\udcff.xml")):
+        assert (board.read().activity, board.read().model) == ("reading", "a\udcff.xml")
+        with doing("simulating"):
+            assert (board.read().activity, board.read().model) == ("simulating", "a\udcff.xml")
+        assert board.read().activity == "reading"
+    assert (board.read().activity, board.read().model) == ("", "a\udcff.xml")
+
+
+def test_an_activity_ends_with_its_block_however_that_ends(board: Noticeboard) -> None:
+    with pytest.raises(KeyError), doing("drawing"):
+        raise KeyError
+    assert board.read().activity == ""
+
+
+def test_folders_and_children_are_noted(board: Noticeboard, tmp_path: Path) -> None:
+    note_folder(tmp_path)
+    note_folder(tmp_path)
+    note_child(11)
+    note_child(12)
+    note_end_of_child(11)
+    note_end_of_child(13)
+    assert (board.read().folders, board.read().children) == ([str(tmp_path)], [12])
+
+
+def test_a_notice_that_is_too_long_leaves_the_older_one(board: Noticeboard) -> None:
+    with doing("reading", "a"), doing("reading", "b" * SIZE):
+        assert board.read().model == "a"
+
+
+def test_the_parent_reads_what_a_killed_child_has_noted(board: Noticeboard) -> None:
+    child = os.fork()
+    if not child:
+        with doing("compiling", "robot.xml"):
+            note_heard()
+            os.kill(os.getpid(), signal.SIGKILL)
+    os.waitpid(child, 0)
+    assert board.heard
+    assert (board.read().activity, board.read().model) == ("compiling", "robot.xml")
+
+
+def test_nothing_is_noted_without_a_board() -> None:
+    note_heard()
+    with doing("drawing", "a.xml"):
+        note_child(1)
+    note_end_of_child(1)
