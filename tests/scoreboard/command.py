@@ -150,6 +150,8 @@ class CommandServer:
                 "file_size": file_size,
                 "files": {str(number): path for number, path in (redirected or {}).items()},
             }
+            for name in ("stdout", "stderr"):  # it may be killed before it opens them
+                Path(streams, name).touch()
             assert self._process.stdin
             assert self._process.stdout
             self._process.stdin.write(json.dumps(request) + "\n")

@@ -14,12 +14,9 @@ from tests.scoreboard.command import CommandServer
 from tests.scoreboard.file_operations import REMOVAL
 from tests.scoreboard.measure import Measure, Tally
 from tests.scoreboard.trial import Trial
-from tests.scoreboard.writing_commands import COMMANDS, IMPORTS, make_inputs
+from tests.scoreboard.writing_commands import COMMANDS, QUICK, command_server, make_inputs
 
-LIMIT = 240.0  # [s], far more than any of them takes on a busy machine
-SLOW, MEDIUM = 3.0, 0.7  # seconds that commands take; of slow ones fewer operations are tried
-MOST_SLOW, MOST_MEDIUM, MOST = 4, 8, 30  # operations of a command that are tried, each once and from then on
-QUICK = ("csv", "manifest")
+MOST = (30, 3, 2)  # operations of a command that are tried, by how slow it is
 RARE = ("rename", "exchange", "link", "mkdir", "truncate", "fsync")  # tried before the many writes and openings
 FREE = (0, 4, 12)  # KiB that are free on a disk that is nearly full
 STREAMS: Mapping[str, Mapping[int, str]] = {
@@ -59,14 +56,17 @@ PAYLOADS = (
 
 def run(quick: bool) -> Tally:
     tally = Tally()
-    with tempfile.TemporaryDirectory() as name, CommandServer(LIMIT, imports=() if quick else IMPORTS) as server:
+    with (
+        tempfile.TemporaryDirectory() as name,
+        command_server(quick) as server,
+    ):
         folder = Path(os.path.realpath(name))
         make_inputs(folder / "inputs", server, draw=not quick)
         for command in COMMANDS:
             if not quick or command.name in QUICK:
                 trial = Trial(command, folder, server, tally)
                 _failing_operations(trial, quick)
-                _file_sizes(trial)
+                _file_sizes(trial, quick)
                 _streams(trial, quick)
                 _full_disk(trial, quick)
                 if command.name in ENCODED:
@@ -91,13 +91,11 @@ def _failing_operations(trial: Trial, quick: bool) -> None:
             if str(error) not in trial.tally.left_out:
                 trial.tally.left_out.append(str(error))
             return
-        slowness = (
-            2 if quick else MOST_SLOW if ended.seconds > SLOW else MOST_MEDIUM if ended.seconds > MEDIUM else MOST
-        )
+        most = 2 if quick else MOST[trial.pace]
         operations = [operation for operation, _ in ended.operations]
-        for index, number in enumerate(_chosen(operations, slowness)):
+        for index, number in enumerate(_chosen(operations, most)):
             for kind in ("once", "from then on"):
-                if slowness < MOST and (index % 2 == 0) == (with_older == (kind == "once")):
+                if most < MOST[0] and (index % 2 == 0) == (with_older == (kind == "once")):
                     continue  # of slow ones, half of the combinations
                 trial.start(with_older=with_older)
                 ended = trial.watch(number, kind)
@@ -110,29 +108,27 @@ def _chosen(operations: Sequence[str], most: int) -> list[int]:
     can_fail = [number for number, operation in enumerate(operations, 1) if operation != REMOVAL]
     rare = [number for number in can_fail if operations[number - 1] in RARE]
     others = [number for number in can_fail if number not in rare]
-    rare = rare[-most // 2 :] if most < MOST else rare
+    rare = rare[-(-most // -2) :] if most < MOST[0] else rare
     wanted = max(most - len(rare), 1)
     return sorted([*rare, *others[:: -(-len(others) // wanted)]])
 
 
-def _file_sizes(trial: Trial) -> None:
+def _file_sizes(trial: Trial, quick: bool) -> None:
     """No file may grow beyond a limit that one of the outputs does not keep."""
     largest = max(map(len, trial.new.first.values()))
-    for limit in sorted({size for size in (1024, largest // 2, largest - 1) if 1024 <= size < largest}):
+    sizes = (largest // 2,) if trial.pace or quick else (1024, largest // 2, largest - 1)
+    for limit in sorted({size for size in sizes if 1024 <= size < largest}):
         trial.start()
         trial.judge(trial.run(file_size=limit), f"no file beyond {limit} bytes")
 
 
 def _streams(trial: Trial, quick: bool) -> None:
     """Standard streams that are closed, or that nothing more fits in: what is lost of them costs no file."""
-    trial.start()
-    plain = trial.run()
-    some = tuple(STREAMS) if plain.seconds < MEDIUM and not quick else ("> /dev/full", "2>&-")
-    for name in some:
+    for name in ("2>&-", "> /dev/full")[trial.pace // 2 :] if trial.pace or quick else STREAMS:
         trial.start()
         ended = trial.run(redirected=STREAMS[name])
-        loses_payload = 1 in STREAMS[name] and plain.stdout
-        trial.judge_made(ended, name, 7 if loses_payload else plain.code)
+        loses_payload = 1 in STREAMS[name] and trial.prints
+        trial.judge_made(ended, name, 7 if loses_payload else trial.code)
 
 
 def _full_disk(trial: Trial, quick: bool) -> None:
@@ -145,7 +141,7 @@ def _full_disk(trial: Trial, quick: bool) -> None:
         if text not in trial.tally.left_out:
             trial.tally.left_out.append(text)
         return
-    for free in FREE[:1] if quick else FREE:
+    for free in FREE[-1:] if quick or trial.pace else FREE:
         with _mounted(trial.out) as remount:
             trial.start()
             used = os.statvfs(trial.out)

@@ -1,6 +1,7 @@
 """A command that writes, disturbed: what must be there afterwards."""
 
 import shutil
+from bisect import bisect
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
@@ -9,8 +10,9 @@ from tests.scoreboard.file_operations import Fault
 from tests.scoreboard.measure import Tally
 from tests.scoreboard.writing_commands import Command, Reference, contents, new_folder, run_first
 
-CANNOT_WRITE, PARTLY = 7, 8  # exit codes
-ENCODER = 6
+ENCODER, CANNOT_WRITE, PARTLY = 6, 7, 8  # exit codes
+PACES = (0.5, 2.5)  # [s]
+ENCODED = ("mp4", "gif", "webm", "apng", "mkv", "folder", "pattern", "eval films")  # commands that use an encoder
 
 
 class Trial:
@@ -19,8 +21,7 @@ class Trial:
     Attributes:
       folder: of the case; it holds `out`, `inputs`, and `temporary`, for temporary files.
       older, nothing: what is there before; new: what the command makes of `older`, and fresh of `nothing`.
-      code: its exit code.
-      printed: whether it prints something on standard output.
+      code: its exit code; seconds: how long it took; prints: whether on standard output.
     """
 
     def __init__(self, command: Command, folder: Path, server: CommandServer, tally: Tally) -> None:
@@ -30,20 +31,18 @@ class Trial:
         self.out, self.temporary = self.folder / "out", new_folder(self.folder / "temporary")
         self._kept = {True: self.folder / "older", False: self.folder / "nothing"}
 
-        found: dict[str, list[Mapping[str, bytes]]] = {name: [] for name in ("nothing", "fresh", "older", "new")}
-        for _ in range(2):  # what differs depends on the wall clock
+        run_first(command, self.out, server)
+        self.nothing = self._keep("nothing")
+        made = [self._make_new() for _ in range(2)]  # what differs depends on the wall clock
+        self.new = self.fresh = Reference(*made)
+        if command.other:
             run_first(command, self.out, server)
-            self._keep("nothing", found)
-            self._make(command.arguments)
-            self._keep("fresh", found)
-            run_first(command, self.out, server)
-            if command.other:
-                self._make([*command.arguments, *command.other.split()])
-            self._keep("older", found)
-            self.code = self._make(command.arguments)
-            self._keep("new", found)
-        references = {name: Reference(*states) for name, states in found.items()}
-        self.nothing, self.fresh, self.older, self.new = references.values()
+            self._make([*command.arguments, *command.other.split()])
+        else:
+            self.start(with_older=False)
+        self.older = self._keep("older")
+        if command.in_steps:  # and keeps what was there before
+            self.new = Reference(self._make_new(with_older=True), self._make_new(with_older=True))
 
     def start(self, *, with_older: bool = True) -> None:
         """Makes everything as it is before the command."""
@@ -102,8 +101,22 @@ class Trial:
         self._count(ended, case, [*problems, *self._differences(self._after, "new"), *self._left_over()])
 
     def torn(self) -> list[str]:
-        """Files that are neither old nor new, or gone; hidden ones do not count, which the next run removes."""
-        return self._mixture(None)
+        """What is neither old nor new, or gone; hidden files do not count, which the next run removes."""
+        now, problems = contents(self.out), self._mixture(None)
+        for folder in self.command.whole:
+            inside = {name: content for name, content in now.items() if name.startswith(f"{folder}/")}
+            for reference in (self._before, self._after):
+                names = [name for name in reference.first if name.startswith(f"{folder}/")]
+                if names == [*inside] and all(reference.holds(name, inside[name]) for name in names):
+                    break
+            else:
+                problems.append(f"{folder} is a mixture")
+        return problems
+
+    @property
+    def pace(self) -> int:
+        """0, 1 or 2: of slower commands, fewer cases are tried."""
+        return bisect(PACES, self.seconds)
 
     @property
     def _before(self) -> Reference:
@@ -113,14 +126,18 @@ class Trial:
     def _after(self) -> Reference:
         return self.new if self._with_older else self.fresh
 
-    def _make(self, arguments: Sequence[str]) -> int | None:
-        return self._server.run(*arguments, folder=self.out, environment={"TMPDIR": str(self.temporary)}).code
+    def _make(self, arguments: Sequence[str]) -> Ended:
+        return self._server.run(*arguments, folder=self.out, environment={"TMPDIR": str(self.temporary)})
 
-    def _keep(self, name: str, found: Mapping[str, list[Mapping[str, bytes]]]) -> None:
-        found[name].append(contents(self.out))
-        if name in ("older", "nothing"):
-            shutil.rmtree(self.folder / name, ignore_errors=True)
-            shutil.copytree(self.out, self.folder / name, symlinks=True)
+    def _make_new(self, *, with_older: bool = False) -> Mapping[str, bytes]:
+        self.start(with_older=with_older)
+        ended = self._make(self.command.arguments)
+        self.code, self.seconds, self.prints = ended.code, ended.seconds, bool(ended.stdout)
+        return contents(self.out)
+
+    def _keep(self, name: str) -> Reference:
+        shutil.copytree(self.out, self.folder / name, symlinks=True)
+        return Reference(contents(self.out), contents(self.out))
 
     def _count(self, ended: Ended, case: str, problems: Sequence[str]) -> None:
         said = "; ".join(ended.message.splitlines()[-3:])[-300:]
@@ -165,6 +182,3 @@ class Trial:
         names = {part for path in known for part in path.parts} | {"temporary", "plan.jsonl"}
         patterns = {"f_%04d.png"} if self.command.name == "pattern" else set[str]()
         return any(name in message for name in names | patterns)
-
-
-ENCODED = ("mp4", "gif", "webm", "apng", "mkv", "folder", "pattern", "eval films")

@@ -52,6 +52,8 @@ EVAL, PLOT = "eval ../inputs/task.yaml --policy zero --episodes 2 --jobs 1 -o e"
 DRAW, OTHER, DAMPED = "--size 32x24", "--qpos hinge=0.5", "--set joint/hinge.damping=0.3"
 TRACE, IMAGE = "trace ../inputs/model.xml --duration 0.1", f"image ../inputs/model.xml {DRAW}"
 VIDEO = f"video ../inputs/model.xml {DRAW} --duration 0.2 --fps 20"
+LIMIT = 240.0  # [s], far more than any of them takes on a busy machine
+QUICK, QUICK_IMPORTS = ("contacts",), ("orjson", "mjrun.job.perform", "mjrun.job.trace")
 IMPORTS = (  # what they import, once for all
     *("pyarrow.parquet", "orjson", "h5py", "scipy.io", "scipy.optimize", "yaml", "PIL.Image", "rich.console"),
     *("matplotlib.figure", "matplotlib.backends.backend_agg", "imageio_ffmpeg"),
@@ -125,6 +127,11 @@ COMMANDS = (
     Command("golden", "diff --golden golden.csv ../inputs/model.xml --duration 0.1 --update"),
     Command("bench", "bench ../inputs/model.xml --budget 0.1 --repeats 2 --threads 1 --save base.json", "--repeats 3"),
 )
+
+
+def command_server(quick: bool) -> CommandServer:
+    """What runs them. `quick` imports only what those commands need."""
+    return CommandServer(LIMIT, imports=QUICK_IMPORTS if quick else IMPORTS)
 
 
 def make_inputs(folder: Path, server: CommandServer, *, draw: bool = True) -> None:

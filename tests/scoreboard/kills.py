@@ -1,0 +1,79 @@
+"""Row "kill -9": whenever a command is killed, its outputs are the old or the new ones, and the next run tidies up."""
+
+import os
+import random
+import signal
+import tempfile
+from pathlib import Path
+
+from tests.scoreboard.command import Ended
+from tests.scoreboard.measure import Measure, Tally
+from tests.scoreboard.trial import Trial
+from tests.scoreboard.writing_commands import COMMANDS, QUICK, command_server, make_inputs
+
+MOST = (24, 4, 2)  # operations of a command before which it is killed, by how slow it is
+MOMENTS = (12, 4, 2)  # random ones
+SEED = 17
+
+
+def run(quick: bool) -> Tally:
+    tally = Tally()
+    moments = random.Random(SEED)
+    with (
+        tempfile.TemporaryDirectory() as name,
+        command_server(quick) as server,
+    ):
+        folder = Path(os.path.realpath(name))
+        make_inputs(folder / "inputs", server, draw=not quick)
+        for command in COMMANDS:
+            if not quick or command.name in QUICK:
+                trial = Trial(command, folder, server, tally)
+                _at_operations(trial, quick)
+                _at_moments(trial, moments, 1 if quick else MOMENTS[trial.pace])
+    if not quick:
+        tally.left_out.append("a power cut, which loses what the system had not written yet: files are synced first")
+        tally.left_out.append("mjrun view, which ends by hand: its recording is written as that of a trace")
+    return tally
+
+
+def _at_operations(trial: Trial, quick: bool) -> None:
+    trial.start()
+    try:
+        ended = trial.watch()
+    except OSError as error:
+        if str(error) not in trial.tally.left_out:
+            trial.tally.left_out.append(str(error))
+        return
+    count = len(ended.operations)
+    most = 2 if quick else MOST[trial.pace]
+    numbers = {1 + index * (count - 1) // (most - 1) for index in range(most)}
+    moves = [n for n, (operation, _) in enumerate(ended.operations, 1) if operation in ("rename", "exchange")]
+    numbers |= set(moves[-2:] if quick or trial.pace else moves)
+    for number in sorted(numbers):
+        trial.start()
+        ended = trial.watch(number, "kill")
+        operation = ended.operations[number - 1][0] if len(ended.operations) >= number else "none"
+        _judge(trial, ended, f"killed before operation {number} ({operation})")
+
+
+def _at_moments(trial: Trial, moments: random.Random, count: int) -> None:
+    for _ in range(count):
+        moment = moments.uniform(0, trial.seconds)
+        trial.start()
+        _judge(trial, trial.run(kill_after=moment), f"killed after {moment:.3f} s of {trial.seconds:.3f} s")
+
+
+def _judge(trial: Trial, ended: Ended, case: str) -> None:
+    problems = trial.torn()
+    if ended.code not in (trial.code, -signal.SIGKILL):
+        problems.append(f"exit code {ended.code}")
+    trial.judge_next(case, problems)
+
+
+MEASURE = Measure(
+    "kill -9",
+    "SIGKILL at every file operation and at random moments: every output is the old or the new one, never a mixture, "
+    "never nothing; the next run removes what is left over, and comes to the same results bit for bit",
+    500,
+    run,
+)
