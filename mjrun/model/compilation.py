@@ -10,6 +10,7 @@ import mujoco
 
 from mjrun.activity import doing
 from mjrun.errors import ARENA, MORE_MEMORY, BadValueError, BrokenModelError, clean, concerning, option
+from mjrun.model import finiteness
 from mjrun.model.delays import lengthen_buffers
 from mjrun.model.mujoco_globals import without_log
 from mjrun.model.override import Override, apply
@@ -63,13 +64,15 @@ def compile_model(
 
 
 def check_model(model: mujoco.MjModel, path: Path, timestep_advice: str = "") -> None:
-    """Raises BrokenModelError if names in `model` are not UTF-8, or its timestep is not a positive number."""
+    """Raises BrokenModelError if names in `model` are not UTF-8, its timestep is not a positive number, or a number is not finite."""
     try:
         model.names.decode("utf-8")
     except UnicodeDecodeError:
         raise BrokenModelError(path, NOT_UTF8) from None
     if not _is_timestep(step := model.opt.timestep):
         raise BrokenModelError(path, f"its timestep is {step:g}, and must be positive and finite", hint=timestep_advice)
+    if fault := finiteness.fault(model):
+        raise BrokenModelError(path, f"{fault}, and must be finite")
 
 
 def broken_model(path: Path, error: BaseException, hint: str = "", advice: str = "") -> BrokenModelError:

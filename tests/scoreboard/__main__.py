@@ -17,6 +17,7 @@ from tests.scoreboard.measure import Measure, Tally, versions
 SCORE = Path(__file__).resolve().parents[2] / "SCORE.md"
 # One module of this folder for each row, in their order: its MEASURE.
 MODULES: tuple[str, ...] = (
+    "documents",
     "io_faults",
     "kills",
     "determinism",

@@ -1,0 +1,32 @@
+"""Hostile tables, recordings, documents, expressions, policies, plans and parts of studies."""
+
+from collections.abc import Iterator
+from itertools import chain
+
+from tests.scoreboard import table_forms
+from tests.scoreboard.forms import Content, Form, try_forms
+from tests.scoreboard.measure import Measure, Tally
+
+MODEL = """<mujoco><option timestep="0.01"/><worldbody><body name="arm">
+<joint name="hinge" axis="0 1 0" damping="0.1"/><geom name="bob" type="sphere" size=".1" pos="0 0 -1"/></body></worldbody>
+<actuator><motor name="motor" joint="hinge"/></actuator></mujoco>"""
+BASE: dict[str, Content] = {"m.xml": MODEL, "good.csv": table_forms.CSV}
+
+
+def forms() -> Iterator[Form]:
+    """All of them."""
+    return chain(table_forms.forms())
+
+
+def run(quick: bool) -> Tally:
+    tally = Tally()
+    try_forms((form for form in forms() if form.quick or not quick), BASE, tally)
+    return tally
+
+
+MEASURE = Measure(
+    "hostile tables, recordings, documents, expressions, policies, plans and parts",
+    "the expected exit code, no hang, a message, no control bytes, no code run, nothing of other files shown",
+    300,
+    run,
+)

@@ -1,0 +1,206 @@
+"""Hostile plans, parts and manifests of studies."""
+
+import json
+import subprocess
+import sys
+from collections.abc import Callable, Iterator, Mapping
+from functools import cache
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import numpy as np
+import pyarrow
+import pyarrow.parquet
+
+from tests.scoreboard.command import ROOT
+from tests.scoreboard.document_forms import WRONG
+from tests.scoreboard.forms import BETWEEN, Content, Form
+from tests.scoreboard.table_forms import CSV
+
+STUDY = ("sweep", "m.xml", "--steps", "2", "--vary", "qpos/hinge=0.1,0.2", "--metric", "x=last(qpos/hinge)", "-o", "study")
+TASK = ("sweep", "plan.jsonl", "--task", "1/1")
+COLLECT = ("sweep", "plan.jsonl", "--collect")
+AGAIN = ("sweep", "study")
+PLOT = ("plot", "study", "-o", "new.svg")
+
+
+@cache
+def _made(model: str) -> tuple[dict[str, bytes], bytes]:
+    """The folder of a study that was run, and the plan of one that was not."""
+    with TemporaryDirectory() as folder:
+        Path(folder, "m.xml").write_text(model)
+        command = (sys.executable, "-m", "mjrun")
+        environment = {"PYTHONPATH": str(ROOT), "PATH": "/usr/bin:/bin"}
+        for more in ((), ("-o", "other", "--plan", "plan.jsonl")):
+            subprocess.run((*command, *STUDY, *more), cwd=folder, env=environment, check=True, capture_output=True)
+        study = Path(folder, "study")
+        files = {f"study/{path.relative_to(study)}": path.read_bytes() for path in study.rglob("*") if path.is_file()}
+        return files, Path(folder, "plan.jsonl").read_bytes()
+
+
+def _lines(plan: bytes, change: Callable[[dict[str, object]], object]) -> bytes:
+    """A plan of which every line is changed."""
+    lines = []
+    for text in plan.splitlines():
+        line = json.loads(text)
+        changed = change(line)
+        lines.append(json.dumps(line if changed is None else changed))
+    return "\n".join(lines).encode() + b"\n"
+
+
+def _plans(plan: bytes) -> Iterator[tuple[str, bytes | str, tuple[int, ...]]]:
+    def changed(**values: object) -> bytes:
+        return _lines(plan, lambda line: line.update(values))
+
+    def study(**values: object) -> bytes:
+        return _lines(plan, lambda line: line["study"].update(values))  # type: ignore[attr-defined]
+
+    yield "empty", b"", (2,)
+    yield "text", "plan\n", (2,)
+    yield "null", "null\n", (2,)
+    yield "a list", "[]\n", (2,)
+    yield "deep", "[" * 100_000 + "\n", (2,)
+    yield "deep within a study", _deep(plan), (2,)
+    yield "UTF-16", plan.decode().encode("utf-16"), (2,)
+    yield "cut off", plan[: len(plan) // 3], (2,)
+    yield "a table", CSV, (2,)
+    yield "an integer of 5,000 digits", plan.replace(b'"points": [0]', b'"points": [' + b"9" * 5000 + b"]"), (2,)
+    yield "another version", changed(schema="mjrun-plan-9"), (2,)
+    yield "an unknown key", changed(evil=1), (2,)
+    yield "other chunks", plan + changed(folder="elsewhere"), (2,)
+    for name in ("mjrun", "mujoco", "numpy", "model", "files", "code", "simulation", "metrics", "engine"):
+        other = _lines(plan, lambda line, name=name: line["identity"].update({name: "\x1b[2J"}))  # type: ignore[attr-defined]
+        yield f"another hash of {name}", other, (2,)
+    yield "no hashes", changed(identity={}), (2,)
+    yield "hashes that are a list", changed(identity=[]), (2,)
+    yield "other names", changed(names=["\x1b[2J"]), (2,)
+    yield "names that climb", changed(names=["../../x"]), (2,)
+    yield "a name of code", changed(names=["controller"], values=[["evil.py:act"]]), (2,)
+    yield "a name of a file", changed(names=["ctrl_from"], values=[[f"../{BETWEEN}"]]), (2, 7)
+    yield "a model elsewhere as a value", changed(names=["model"], values=[[f"../{BETWEEN}"]]), (2, 3, 7)
+    yield "no names", changed(names=[]), (2,)
+    yield "more values than names", changed(values=[["1", "2"]]), (2,)
+    yield "values of words", changed(values=[["\x1b[2J"]]), (2, 8)
+    yield "values of no number", changed(values=[["nan"]]), (2, 8)
+    yield "values of 1e300", changed(values=[["1e300"]]), (0, 2, 8)
+    yield "points below 0", changed(points=[-7]), (0, 2)
+    yield "a point of 2^70", changed(points=[2**70]), (0, 2)
+    yield "more points than values", changed(points=[1, 2, 3]), (2,)
+    yield "a study that is a text", changed(study="m.xml"), (2,)
+    yield "a study of nothing", changed(study={}), (2,)
+    yield "a study without end", study(steps=10**30), (2,)
+    yield "a study with code", study(controller="evil.py:act"), (2,)
+    yield "a study of another model", study(model=f"../{BETWEEN}"), (3,)
+    yield "a study of a model that is not there", study(model="nowhere.xml"), (3,)
+    yield "metrics of code", study(metrics={"x": "__import__('os')"}), (2,)
+    yield "a metric of escape sequences", study(metrics={"\x1b[2J": "last(qpos/hinge)"}), (2,)
+    for place in ("../../above", "/proc/self/nothing", "m.xml", "a\0b", "", "n" * 300):
+        yield f"the folder {place[:20]!a}", changed(folder=place), (2, 7)
+
+
+def _deep(plan: bytes) -> bytes:
+    return plan.replace(b'"steps": 2', b'"steps": ' + b"[" * 900 + b"]" * 900)
+
+
+def _part(**columns: object) -> Callable[[bytes], Content]:
+    """A part of which columns are changed; None takes one away."""
+
+    def make(content: bytes) -> Content:
+        table = pyarrow.parquet.read_table(pyarrow.BufferReader(content))
+        values = {name: table[name] for name in table.column_names} | columns
+        kept = {name: value for name, value in values.items() if value is not None}
+        return lambda path: pyarrow.parquet.write_table(pyarrow.table(kept), path)
+
+    return make
+
+
+def _parts() -> Iterator[tuple[str, Callable[[bytes], Content], tuple[int, ...]]]:
+    """What becomes of the first part of a study that is continued: its points are simulated again, or an error."""
+    yield "empty", lambda content: b"", (0,)
+    yield "cut off", lambda content: content[: len(content) // 2], (0,)
+    yield "text", lambda content: CSV, (0,)
+    yield "other magic at its end", lambda content: content[:-4] + b"XXXX", (0,)
+    yield "bytes flipped", lambda content: content[:60] + bytes(64) + content[124:], (0,)
+    yield "a link to another file", lambda content: lambda path: path.symlink_to(f"../../../{BETWEEN}"), (0,)
+    yield "a folder", lambda content: lambda path: path.mkdir(), (0, 7)
+    yield "a link to nothing", lambda content: lambda path: path.symlink_to("nowhere"), (0, 7)
+    yield "keys of other points", _part(key=pyarrow.array(["0" * 32])), (0,)
+    yield "keys that are numbers", _part(key=pyarrow.array([1])), (0,)
+    yield "keys that are null", _part(key=pyarrow.array([None], pyarrow.string())), (0,)
+    yield "keys that are lists", _part(key=pyarrow.array([["a"]])), (0,)
+    yield "no keys", _part(key=None), (0,)
+    yield "a status nobody knows", _part(status=pyarrow.array(["\x1b[2J"])), (0, 8)
+    yield "a status that is a number", _part(status=pyarrow.array([7])), (0, 8)
+    yield "a status of null", _part(status=pyarrow.array([None], pyarrow.string())), (0, 8)
+    yield "steps in words", _part(steps=pyarrow.array(["many"])), (0, 8)
+    yield "steps of null", _part(steps=pyarrow.array([None], pyarrow.int64())), (0, 8)
+    yield "an exit code in words", _part(exit_code=pyarrow.array(["x"])), (0, 8)
+    yield "a message of escape sequences", _part(message=pyarrow.array(["\x1b[2J"]), status=pyarrow.array(["failed"]), exit_code=pyarrow.array([2])), (0, 8)
+    yield "a message that is a number", _part(message=pyarrow.array([1.5]), status=pyarrow.array(["failed"])), (0, 8)
+    yield "a metric in words", _part(**{"metric:x": pyarrow.array(["much"])}), (0, 8)
+    yield "a metric that is a list", _part(**{"metric:x": pyarrow.array([[1.0]])}), (0, 8)
+    yield "a metric of null", _part(**{"metric:x": pyarrow.array([None], pyarrow.float64())}), (0, 8)
+    yield "an infinite metric", _part(**{"metric:x": pyarrow.array([np.inf])}), (0, 8)
+    yield "another metric", _part(**{"metric:x": None, "metric:y": pyarrow.array([1.0])}), (0,)
+    yield "a wall time in words", _part(wall=pyarrow.array(["long"])), (0, 8)
+
+
+def _manifests(content: bytes) -> Iterator[tuple[str, bytes | str]]:
+    good = json.loads(content)
+    yield "empty", ""
+    yield "text", "study"
+    yield "null", "null"
+    yield "deep", "[" * 100_000
+    yield "a list", "[]"
+    yield "without a study", json.dumps({name: value for name, value in good.items() if name != "study"})
+    yield "cut off", content[:80]
+    yield "UTF-16", content.decode().encode("utf-16")
+    for number, value in enumerate(("text", 7, None, [], {}, {"model": 7}, {"model": "\x1b[2J.xml"})):
+        yield f"study {number}", json.dumps({**good, "study": value})
+    yield "an unknown key", json.dumps({**good, "study": {**good["study"], "evil": 1}})
+    yield "code", json.dumps({**good, "study": {**good["study"], "controller": "evil.py:act"}})
+    yield "10^30 steps", json.dumps({**good, "study": {**good["study"], "steps": 10**30}})
+    yield "another file for a model", json.dumps({**good, "study": {**good["study"], "model": f"../../{BETWEEN}"}})
+    yield "an integer of 5,000 digits", content.replace(b'"steps": 2', b'"steps": ' + b"9" * 5000)
+    yield "not a number", content.replace(b'"steps": 2', b'"steps": NaN')
+
+
+def forms(model: str) -> Iterator[Form]:
+    study, plan = _made(model)
+    part = next(name for name in study if name.startswith("study/parts/"))
+    for index, (what, content, codes) in enumerate(_plans(plan)):
+        for line in (TASK, COLLECT) if index % 3 == 0 else (TASK,):
+            expected = (0, 2, 3, 7, 8) if line is COLLECT else codes
+            yield Form(f"plan, {what}, {line[2]}", line, expected, {"plan.jsonl": content}, quick=line is TASK and index % 6 == 0)
+    for what, make, codes in _parts():
+        for line in (AGAIN, (*AGAIN, "--collect")):
+            files = {**{name: content for name, content in study.items() if name != part}, part: make(study[part])}
+            expected = (*codes, 8) if "--collect" in line else codes
+            yield Form(f"part, {what}, {' '.join(line)}", line, expected, files)
+    for index, (what, content) in enumerate(_manifests(study["study/study.json"])):
+        for line in (AGAIN, PLOT) if index % 2 else (AGAIN,):
+            codes = (0, 2, 3, 7) if line is PLOT else (2, 3, 7)
+            files: Mapping[str, Content] = {**study, "study/study.json": content}
+            yield Form(f"study.json, {what}, {line[0]}", line, codes, files, quick=line is AGAIN and index % 5 == 0)
+    results = {"empty": b"", "cut off": study["study/results.parquet"][:100], "text": CSV.encode()}
+    for what, content in results.items():
+        yield Form(f"results.parquet, {what}", PLOT, (7,), {**study, "study/results.parquet": content})
+    for number, value in enumerate(WRONG):
+        text = f"qpos/hinge\n{value}\n"
+        line = ("sweep", "m.xml", "--steps", "2", "--points", "p.csv", "--metric", "x=last(qpos/hinge)", "--dry-run")
+        yield Form(f"points, {value}", line, (0, 2, 7) if number in (2, 3, 4) else (2, 7), {"p.csv": text})
+    foreign = {
+        "a name that climbs": "../../x\n1\n",
+        "escape sequences": "\x1b[2J\n1\n",
+        "a name twice": "seed,seed\n1,2\n",
+        "no points": "seed\n",
+        "a model elsewhere": f"model\n../{BETWEEN}\n",
+        "code": "controller\nevil.py:act\n",
+        "short rows": "seed,key\n1\n",
+        "a NUL": "seed\n\0\n",
+        "Latin-1": "seed\n\xf6\n".encode("latin-1"),
+        "100,000 columns": ",".join(f"qpos/x{i}" for i in range(10**5)) + "\n",
+    }
+    for what, content in foreign.items():
+        line = ("sweep", "m.xml", "--steps", "2", "--points", "p.csv", "--metric", "x=last(qpos/hinge)", "--dry-run")
+        yield Form(f"points, {what}", line, (2, 3, 7), {"p.csv": content}, quick=len(what) % 3 == 0)
