@@ -14,6 +14,7 @@ from mjrun.check.rule_table import RULES
 from mjrun.check.rules.process_failures import CRASH, INTERNAL_ERROR, OUT_OF_MEMORY, TIMEOUT
 from mjrun.check.worker_pool import WorkerOutput, WorkerPool, WorkerTask
 from mjrun.errors import Spelling, UnknownNameError, UsageError, option, spelled
+from mjrun.formats.input_file import is_folder
 from mjrun.model.sources import names_task
 from mjrun.options.check import CheckOptions
 from mjrun.options.kinds import AUTO
@@ -104,7 +105,7 @@ class Check(PolicyOptions, CheckOptions):
         """
         reporter = reporter or WarningReporter()
         paths, skipped = find_models(self.models)
-        if not paths and all(Path(path).is_dir() for path in self.models):
+        if not paths and all(is_folder(path) for path in self.models):
             raise UsageError("there is no model to check: give model files, or folders that contain some")
         results = []
         for result in self._check_all(paths, spelling):

@@ -7,6 +7,7 @@ from pathlib import Path
 from xml.parsers import expat
 
 from mjrun.errors import UsageError, clean
+from mjrun.formats.input_file import is_file, is_folder
 from mjrun.model.source import CollectionSource
 from mjrun.model.sources import source_of
 from mjrun.model.sources.bundled_scene import bundled_task
@@ -25,7 +26,7 @@ def find_models(paths: Sequence[str | Path]) -> tuple[list[str], int]:
     models: dict[str, None] = {}
     skipped = 0
     for path in map(_path, paths):
-        if not Path(path).is_dir():
+        if not is_folder(path):
             if root_tag(Path(path)) == FRAGMENT:
                 skipped += 1
             else:
@@ -61,7 +62,7 @@ def root_tag(path: Path) -> str:
     tags: list[str] = []
     parser = expat.ParserCreate()
     parser.StartElementHandler = lambda tag, attributes: tags.append(tag)
-    if not path.is_file():
+    if not is_file(path):
         return ""
     with suppress(OSError, ValueError, LookupError, expat.ExpatError), path.open("rb") as file:
         parser.Parse(file.read(HEAD))

@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 from dataclasses import asdict
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
@@ -12,6 +11,7 @@ from mjrun.cli.console import Console
 from mjrun.cli.result_summary import summary
 from mjrun.cli.simulation_command import failures_in_json, import_mujoco, payload_on_stdout
 from mjrun.errors import FailedAssertionError
+from mjrun.formats.input_file import is_folder
 from mjrun.options.messages import MessageOptions
 from mjrun.options.plot import TablePlotOptions
 
@@ -44,7 +44,7 @@ def plot(console: Console, command_line: CommandLine) -> None:
         raise click.UsageError("Missing option '-o' / '--output' or '--html'.", click.get_current_context())
     payload_on_stdout(command_line)
     tables = command_line.arguments("tables")
-    is_study = any(Path(table).is_dir() for table in tables)
+    is_study = any(is_folder(table) for table in tables)
     job = command_line.make(StudyPlot if is_study else TablePlot, tables=tables)
     with failures_in_json(console, command_line, _document):
         try:

@@ -13,6 +13,7 @@ from mjrun.cli.console import Console
 from mjrun.cli.controller_loader import load_controller
 from mjrun.cli.simulation_command import failures_in_json, import_mujoco, simulation, stem
 from mjrun.errors import FileError, MjrunError, UsageError, clean, option
+from mjrun.formats.input_file import exists, is_file, is_folder
 from mjrun.options.keep import KeepOptions
 from mjrun.options.kinds import Settings, Values
 from mjrun.options.messages import MessageOptions
@@ -95,7 +96,7 @@ def _start_early(command_line: CommandLine) -> None:
     """Starts a process that simulates, which takes as long as all that is to be done before, if one will be needed."""
     other_task = any(command_line.explicit(StudyCommandOptions).get(name) for name in STOPPING)
     folder = Path(str(command_line.value("output") or "") or f"{stem(command_line)}_study")
-    is_new = not (folder / PARTS).exists() and not (Path(command_line.argument("model")) / PARTS).exists()
+    is_new = not exists(folder / PARTS) and not exists(Path(command_line.argument("model")) / PARTS)
     if not other_task and is_new and command_line.make(ExecutionOptions).engine == "local":
         from mjrun.study.worker_process import start_early
 
@@ -121,11 +122,11 @@ def _study(console: Console, command_line: CommandLine) -> "tuple[Study, Located
         if not command_line.make(StudyCommandOptions).collect:
             raise UsageError(f"{clean(model)} is a plan: give {option('task')} I/N, or {option('collect')}")
         return replace(_plan(command_line).study, command=console.command), nullcontext
-    if (Path(model) / MANIFEST).is_file():
+    if is_file(Path(model) / MANIFEST):
         from mjrun.document.plan import read_folder
 
         return replace(read_folder(model, _beside_study(command_line, model)), command=console.command), nullcontext
-    if Path(model).is_dir() and not any(Path(model).glob("*.xml")):
+    if is_folder(model) and not any(Path(model).glob("*.xml")):
         raise FileError(model, "has no study.json", "a study is a folder that mjrun sweep has written")
     if command_line.value("output") is None:
         command_line = command_line.with_defaults(output=f"{stem(command_line)}_study")

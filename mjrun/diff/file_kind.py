@@ -5,6 +5,7 @@ from pathlib import Path
 
 from mjrun.errors import UsageError, clean
 from mjrun.formats import codecs, image_reader, tables
+from mjrun.formats.input_file import is_folder
 from mjrun.formats.recording_reader import ARRAYS
 from mjrun.formats.table_reader import STDIN
 
@@ -36,7 +37,7 @@ def kind_of(name: str) -> str:
         return RECORDING if _is_recording(path) else TABLE
     if suffix in tables.suffixes():
         return TABLE
-    if path.is_dir():
+    if is_folder(path):
         return VIDEO
     if suffix in image_reader.SUFFIXES and not (suffix == ".webp" and _is_animated(path)):
         return IMAGE

@@ -14,6 +14,7 @@ from mjrun.diff.result import FrameDifference, PictureDifference
 from mjrun.diff.tolerances import Tolerance
 from mjrun.errors import FileError
 from mjrun.formats.image_reader import read_image, read_palette
+from mjrun.formats.input_file import is_folder
 from mjrun.formats.video_reader import read_video
 
 
@@ -177,7 +178,7 @@ class PictureSummary:
 
 
 def _frames(path: str) -> Frames:
-    if not Path(path).is_dir():
+    if not is_folder(path):
         return read_video(path)
     images = sorted(each for each in Path(path).iterdir() if each.suffix.lower() == ".png")
     if not images:

@@ -15,9 +15,9 @@ from mjrun.document.reader import document_error
 from mjrun.document.study import STUDY, StudyDocument
 from mjrun.document.study_writer import portable_document
 from mjrun.document.tree import Fault, MappingNode, Mark, node_of
-from mjrun.errors import FileError, clean
+from mjrun.errors import FileError, UsageError, clean, option, quoted
 from mjrun.formats.atomic_output import OutputWriter, StagedFile
-from mjrun.formats.input_file import opened
+from mjrun.formats.input_file import is_file, opened
 from mjrun.options.simulation import CodeOptions
 from mjrun.options.sweep import MANIFEST, PLANS
 from mjrun.study.plan import SCHEMA, StudyPlan
@@ -66,6 +66,7 @@ def read_plan(path: str, given: Mapping[str, object] | None = None) -> StudyPlan
 
     Raises:
       DocumentError: it is no plan.
+      UsageError: it names a folder that it must not write to.
       FileError: it cannot be read.
     """
     with opened(Path(path), "plan", PLANS) as file:
@@ -82,7 +83,9 @@ def read_plan(path: str, given: Mapping[str, object] | None = None) -> StudyPlan
         for line in lines
     ]
     folder = Path(path).parent
-    values = {"output": str(_resolved(folder, first.folder)), **(given or {})}
+    values = dict(given or {})
+    if "output" not in values:
+        values["output"] = str(_study_folder(folder, first.folder))
     study = _study(path, cast("Mapping[str, object]", first.study), folder, values)
     return StudyPlan(study, first.names, first.identity, chunks)
 
@@ -100,22 +103,34 @@ def read_folder(path: str, given: Mapping[str, object] | None = None) -> Study:
     try:
         facts = json.loads(text)
         study = facts["study"]
-    except (ValueError, KeyError, TypeError):
+    except (ValueError, KeyError, TypeError, RecursionError):
         raise FileError(manifest, "it does not say what the study is", "give the study's document instead") from None
     return _study(str(manifest), study, Path(path), {"output": path, **(given or {})})
 
 
-def _resolved(folder: Path, path: str) -> Path:
-    return Path(os.path.normpath(folder / path))
+def _study_folder(folder: Path, path: str) -> Path:
+    """The folder of a study that a plan in `folder` names.
+
+    Raises:
+      UsageError: it is outside of the plan's, and no study: a plan may come from anywhere, and must not write there.
+    """
+    study = Path(os.path.normpath(folder / path))
+    outside = Path(path).is_absolute() or Path(os.path.normpath(path)).parts[:1] == (os.pardir,)
+    if outside and not is_file(study / MANIFEST):
+        raise UsageError(
+            f"{option('output')}: the plan names {quoted(str(study))}, outside of its own folder and no study yet\n"
+            f"give {option('output')} DIR if its results belong there"
+        )
+    return study
 
 
 def _line(path: str, number: int, text: bytes) -> PlanLine:
     mark = Mark(0, number, 1, path)
     try:
         value = json.loads(text[:LARGEST])
-    except ValueError as error:
+        tree = node_of(value, mark)
+    except (ValueError, RecursionError) as error:
         raise document_error([Fault(mark, "", f"not JSON: {clean(str(error))}")]) from None
-    tree = node_of(value, mark)
     try:
         line = PlanLine.model_validate(value)
     except ValidationError as error:

@@ -30,12 +30,13 @@ from mjrun.document.builder import NAMED, DocumentBuilder, fault_at
 from mjrun.document.document_model import MAPPING, NUMBER, TEXT, Key, Name, Omittable, by_type
 from mjrun.document.option_models import OptionsModel, options_model
 from mjrun.document.output_folder import Folders, OutputFolder
-from mjrun.document.reader import document_error, read_placed
+from mjrun.document.reader import LARGEST, SUFFIXES, document_error, read_placed
 from mjrun.document.tree import MappingNode, Mark
 from mjrun.document.tree import Path as Place
 from mjrun.document.yaml_parser import compose
 from mjrun.document.yaml_writer import number
-from mjrun.errors import UsageError, quoted
+from mjrun.errors import FileError, UsageError, quoted
+from mjrun.formats.input_file import opened
 from mjrun.model.override import overrides_of
 from mjrun.model.source import Source
 from mjrun.model.sources import names_task, parse_source
@@ -138,9 +139,11 @@ def task_or_model(text: str) -> Task | str:
 def is_task(path: Path | str) -> bool:
     """Whether the document at `path` is one of a task: it says what is observed."""
     try:
-        node, _ = compose(Path(path).read_text("utf-8-sig"), lambda index: Mark(0, 0, 0, str(path)))
-    except (OSError, UnicodeDecodeError):
+        with opened(Path(path), "document", SUFFIXES) as file:
+            text = file.read(LARGEST).decode("utf-8-sig")
+    except (FileError, OSError, UnicodeDecodeError):
         return False  # whoever reads it is told why
+    node, _ = compose(text, lambda index: Mark(0, 0, 0, str(path)))
     return isinstance(node, MappingNode) and "observations" in node.entries
 
 

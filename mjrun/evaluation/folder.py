@@ -8,6 +8,7 @@ from pathlib import Path
 
 from mjrun.errors import FileError, clean, option
 from mjrun.formats.atomic_output import OutputWriter, StagedFile
+from mjrun.formats.input_file import exists, is_file, is_folder
 from mjrun.options.evaluation import MANIFEST
 
 FILMS = re.compile(r"(worst|median|best|rank\d+)(_point\d+)?_seed\d+\.mp4")
@@ -23,7 +24,7 @@ class ResultsFolder:
     def __init__(self, path: Path) -> None:
         self.path = path
         self._require_ours()
-        self._is_new = not path.exists()
+        self._is_new = not exists(path)
         try:
             path.mkdir(parents=True, exist_ok=True)
         except OSError as error:
@@ -55,10 +56,10 @@ class ResultsFolder:
 
     def _require_ours(self) -> None:
         path = self.path
-        if not path.exists():
+        if not exists(path):
             return
-        if not path.is_dir():
+        if not is_folder(path):
             raise FileError(path, "is no folder", f"{option('output')} names the folder of the results")
-        if any(path.iterdir()) and not (path / MANIFEST).is_file():
+        if any(path.iterdir()) and not is_file(path / MANIFEST):
             hint = f"{option('output')} names a folder that is new, empty, or of an evaluation before"
             raise FileError(path, f"holds other things than an evaluation: it has no {clean(MANIFEST)}", hint)

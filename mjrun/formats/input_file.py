@@ -21,6 +21,21 @@ def cut(text: str) -> str:
     return text if len(text) <= SHOWN else text[: SHOWN - 1] + "…"
 
 
+def is_file(path: str | Path) -> bool:
+    """Whether there is such a file. Unlike `Path.is_file`, this takes any name, of whatever length."""
+    return os.path.isfile(path)  # noqa: PTH113
+
+
+def is_folder(path: str | Path) -> bool:
+    """Whether there is such a folder, of whatever name."""
+    return os.path.isdir(path)  # noqa: PTH112
+
+
+def exists(path: str | Path) -> bool:
+    """Whether there is anything at `path`, of whatever name."""
+    return os.path.exists(path)  # noqa: PTH110
+
+
 def require_file(path: Path, what: str, suffixes: Collection[str], hint: str = "") -> None:
     """Checks that `path` is a regular file.
 

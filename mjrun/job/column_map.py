@@ -334,11 +334,11 @@ def map_entries(text: str) -> Iterator[tuple[str, str]]:
         raise UsageError(f"{clean(str(path))} is no file of lines COLUMN=EXPRESSION")
     for number, line in enumerate(content.splitlines(), 1):
         if line.strip() and not line.lstrip().startswith("#"):
-            yield _assignment(line, f"{path}:{number}: {line.strip()}")
+            yield _assignment(line, f"{clean(str(path))}:{number}")  # not what it says: a document may name any file
 
 
 def _assignment(text: str, shown: str) -> tuple[str, str]:
     left, equals, right = (part.strip() for part in text.partition("="))
     if not (left and equals and right):
-        raise UsageError(f"{option('map')}: {quoted(shown)} is not COLUMN=EXPRESSION, as in qpos/knee=knee_deg*pi/180")
+        raise UsageError(f"{option('map')}: {shown} is not COLUMN=EXPRESSION, as in qpos/knee=knee_deg*pi/180")
     return left, right

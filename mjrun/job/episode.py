@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 import mujoco
 
 from mjrun.errors import SimulationError, UsageError, clean, option
+from mjrun.formats.input_file import is_file, is_folder
 from mjrun.model.source import Source
 from mjrun.model.variants import ModelVariants
 from mjrun.options.policy import NONE, is_code, is_policy_file
@@ -282,7 +283,7 @@ def remembered_policy(policy: object, trust: bool, normalize: str | None) -> "Po
 
     if not isinstance(policy, str) or is_code(policy):
         return load.load_policy(policy, trust=trust, normalize=normalize)
-    files = [file for file in policy_files(policy, normalize) if file.is_file()]
+    files = [file for file in policy_files(policy, normalize) if is_file(file)]
     versions = tuple((str(file.resolve()), file.stat().st_mtime_ns, file.stat().st_size) for file in files)
     return _read_policy(policy, trust, normalize, versions)
 
@@ -299,7 +300,7 @@ def policy_files(policy: object, normalize: str | None = None) -> list[Path]:
     files: list[Path] = []
     if isinstance(policy, str) and is_policy_file(policy):
         path = Path(policy)
-        files += sorted(file for file in path.rglob("*") if file.is_file()) if path.is_dir() else [path]
+        files += sorted(file for file in path.rglob("*") if file.is_file()) if is_folder(path) else [path]
     elif isinstance(policy, str) and is_code(policy) and (code := Path(policy.rpartition(":")[0])).suffix == ".py":
         files.append(code)
     if normalize not in (None, NONE):

@@ -9,6 +9,7 @@ import numpy as np
 
 from mjrun.errors import FileError, UsageError, clean, option
 from mjrun.formats.atomic_output import OutputWriter
+from mjrun.formats.input_file import exists
 from mjrun.formats.sidecar import SidecarWriter, sidecar_path
 from mjrun.formats.table_writer import TableWriter
 from mjrun.formats.tables import input_format, output_format
@@ -37,7 +38,7 @@ def check_options(options: GoldenOptions) -> None:
 
 def require_golden_table(options: GoldenOptions) -> None:
     """Raises FileError if there is no golden table, and none is to be made."""
-    if options.golden is not None and not options.update and not Path(options.golden).exists():
+    if options.golden is not None and not options.update and not exists(options.golden):
         raise FileError(
             options.golden, "there is no such golden table", f"{option('update')} makes it of this simulation"
         )
@@ -73,7 +74,7 @@ class GoldenTable:
         self._comparison: GoldenComparison | None = None
         self._table: TableWriter | None = None
         self._obstacle = ""  # to a comparison with what is replaced
-        if not self._update or Path(self._path).exists():
+        if not self._update or exists(self._path):
             self._compare(options, columns, stack)
         self._writers: list[OutputWriter] = []
         if self._update:

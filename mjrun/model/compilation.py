@@ -64,7 +64,7 @@ def compile_model(
 
 
 def check_model(model: mujoco.MjModel, path: Path, timestep_advice: str = "") -> None:
-    """Raises BrokenModelError if names in `model` are not UTF-8, its timestep is not a positive number, or a number is not finite."""
+    """Raises BrokenModelError if names in `model` are not UTF-8, or a number in it cannot be, as its timestep."""
     try:
         model.names.decode("utf-8")
     except UnicodeDecodeError:

@@ -1,4 +1,4 @@
-"""Whether all numbers of a model are finite, which MuJoCo does not ask: it compiles NaN, and its simulation explodes."""
+"""Whether all numbers of a model are finite. MuJoCo does not ask: it compiles NaN, and the simulation explodes."""
 
 from functools import cache
 

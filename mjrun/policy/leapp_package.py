@@ -4,6 +4,7 @@ Source: `leapp/leapp.py`, `leapp/inference_manager.py` and `leapp/utils/tensor_d
 """
 
 import hashlib
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
@@ -15,7 +16,7 @@ import numpy as np
 import yaml
 
 from mjrun.errors import FileError, UsageError, clean, listing, quoted
-from mjrun.formats.input_file import cut, decoding, opened
+from mjrun.formats.input_file import cut, decoding, is_folder, opened
 from mjrun.policy.safetensors_file import read_safetensors
 
 SUFFIXES = (".yaml", ".yml")
@@ -27,6 +28,7 @@ TYPES = {
     "int32": np.int32,
     "bool": np.bool_,
 }
+LARGEST, VALUES = 2**22, 1_000_000  # bytes of a description, and values in it
 TEMPORAL = "__temporal_axis__"
 ONNX = "onnx"
 
@@ -95,7 +97,7 @@ def find_package(path: Path) -> Path:
     Raises:
       UsageError: the folder holds none, or several.
     """
-    if not path.is_dir():
+    if not is_folder(path):
         return path
     found = sorted(each for each in path.iterdir() if each.suffix.lower() in SUFFIXES)
     if len(found) != 1:
@@ -113,8 +115,35 @@ def read_package(path: Path) -> LeappPackage:
       UsageError: its networks are of another kind than ONNX.
     """
     with opened(path, "LEAPP package", SUFFIXES) as file, decoding(path, "cannot be read as YAML"):
-        document: object = yaml.safe_load(file)
+        text = file.read(LARGEST + 1)
+        if len(text) > LARGEST:
+            raise ValueError(f"it has more than {LARGEST // 2**20} MiB")
+        document: object = yaml.safe_load(text)
+        if _count(document, {}) > VALUES:
+            raise ValueError(f"its aliases (*) make more than {VALUES:,} values of it")
     return _Reader(path).package(document)
+
+
+def _count(value: object, known: dict[int, int]) -> int:
+    """How many values there are in `value`, of which some stand there several times, by aliases.
+
+    Args:
+      known: of the values that are counted, by their identity; 0 for those that are being counted.
+
+    Raises:
+      ValueError: a value stands in itself.
+    """
+    if not isinstance(value, dict | list):
+        return 1
+    identity = id(cast("object", value))
+    if identity in known:
+        if not known[identity]:
+            raise ValueError("a value stands in itself, by an alias (*)")
+        return known[identity]
+    known[identity] = 0
+    inner = cast("dict[object, object]", value).values() if isinstance(value, dict) else cast("list[object]", value)
+    known[identity] = 1 + sum(_count(each, known) for each in inner)
+    return known[identity]
 
 
 class _Reader:
@@ -166,7 +195,7 @@ class _Reader:
         shape = self._list(description.get("shape"), f"the shape of {name}")
         if not all(isinstance(size, int) and size > 0 for size in shape):
             self._refuse(f"the shape of {name} is no list of sizes")
-        if description.get("dtype") not in TYPES:
+        if str(description.get("dtype")) not in TYPES:
             self._refuse(f"the dtype of {name} is none of {', '.join(TYPES)}")
         sizes = cast("tuple[int, ...]", tuple(shape))
         elements = self._elements(description.get("element_names"), int(np.prod(sizes)))
@@ -179,8 +208,9 @@ class _Reader:
         named = [cast("list[object]", axis) for axis in cast("list[object]", axes) if isinstance(axis, list)]
         if not named or TEMPORAL in axes:
             return None
-        names = tuple("/".join(map(str, combination)) for combination in product(*named))
-        return names if len(names) == size else None
+        if math.prod(map(len, named)) != size:
+            return None
+        return tuple("/".join(map(str, combination)) for combination in product(*named))
 
     def _flows(
         self, pipeline: Mapping[str, object], inputs: Mapping[str, LeappTensor], outputs: Mapping[str, LeappTensor]
@@ -231,6 +261,8 @@ class _Reader:
         """A file beside the document."""
         if not isinstance(value, str) or not value:
             self._refuse(f"{what} is no path")
+        if "\0" in value:
+            self._refuse(f"{what} is {quoted(cut(value))}, and no path")
         folder = self._path.parent.resolve()
         path = (folder / value).resolve()
         if not path.is_relative_to(folder):

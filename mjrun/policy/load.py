@@ -3,6 +3,7 @@
 from pathlib import Path
 
 from mjrun.errors import UsageError, clean, option, suggestion
+from mjrun.formats.input_file import is_folder
 from mjrun.options.policy import BUILT_IN, NONE, RANDOM, ZERO, is_code
 from mjrun.policy.built_in import RandomPolicy, ZeroPolicy
 from mjrun.policy.normalization import normalized
@@ -48,7 +49,7 @@ def _read(path: Path, name: str, trust: bool, normalize: str | None) -> Policy:
         from mjrun.policy.onnx_policy import OnnxPolicy
 
         return OnnxPolicy(path, name)
-    if suffix in LEAPP or path.is_dir():
+    if suffix in LEAPP or is_folder(path):
         from mjrun.policy.leapp import LeappPolicy
 
         return LeappPolicy(path, name)

@@ -37,7 +37,10 @@ def read_safetensors(path: Path) -> dict[str, np.ndarray]:
         length = int.from_bytes(file.read(HEADER), "little")
         if length > LONGEST:
             raise ValueError("its header is too long")
-        header = cast("dict[str, dict[str, object]]", json.loads(file.read(length)))
+        text = file.read(length)
+        if len(text) < length:
+            raise ValueError("it ends within its header")
+        header = cast("dict[str, dict[str, object]]", json.loads(text))
         content = file.read()
         return {name: _tensor(entry, content) for name, entry in header.items() if name != "__metadata__"}
 

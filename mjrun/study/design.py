@@ -115,6 +115,7 @@ def _sampled(distributions: Mapping[str, Distribution], count: int, sampler: str
     """Points drawn from distributions, which are independent of each other."""
     from scipy.stats import qmc
 
+    _require_possible(count)
     generator, dimensions = np.random.default_rng(seed), len(distributions)
     match sampler:
         case "sobol":
@@ -130,6 +131,7 @@ def _sampled(distributions: Mapping[str, Distribution], count: int, sampler: str
 
 
 def _repeats(count: int, seed: int) -> Design:
+    _require_possible(count)
     return Design(("seed",), [(str(seed + k),) for k in range(count)])
 
 
@@ -159,7 +161,10 @@ def read_points(path: str) -> Design:
 
     with opened(Path(path), "table of points", [".csv"]) as file:
         text = io.TextIOWrapper(file, encoding="utf-8-sig", errors="replace", newline="")
-        rows = [[cell.strip() for cell in row] for row in csv.reader(text, skipinitialspace=True) if row]
+        try:
+            rows = [[cell.strip() for cell in row] for row in csv.reader(text, skipinitialspace=True) if row]
+        except csv.Error as error:  # of a cell that is longer than any number or name
+            raise FileError(path, f"cannot be read as a table: {clean(str(error))}") from None
     if len(rows) < 2 or len(set(rows[0])) < len(rows[0]) or not all(rows[0]):
         reason = "a table of points has a header with what varies, each once, and a row for each point"
         raise FileError(path, reason)

@@ -10,7 +10,7 @@ import json
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import cache
 from pathlib import Path
-from typing import TYPE_CHECKING, cast
+from typing import TYPE_CHECKING, cast, get_args
 
 import mujoco
 import numpy as np
@@ -18,13 +18,14 @@ import numpy as np
 from mjrun.errors import FileError
 from mjrun.formats.arrow_columns import number_array, text_array
 from mjrun.formats.atomic_output import OutputWriter, StagedFile
+from mjrun.formats.input_file import is_file, is_folder
 from mjrun.formats.temporary_output import remove_left_behind
 from mjrun.job.episode import policy_files
 from mjrun.job.manifest import plain
 from mjrun.model.fingerprint import model_fingerprint
 from mjrun.model.sources import source_of
 from mjrun.options.sweep import PARTS
-from mjrun.study.simulate import PointResult, StudySpec
+from mjrun.study.simulate import PointResult, Status, StudySpec
 from mjrun.version import __version__
 
 if TYPE_CHECKING:
@@ -33,7 +34,7 @@ if TYPE_CHECKING:
 SUFFIX = ".parquet"
 METRIC = "metric:"  # before the name of each
 LAST = ("steps", "exit_code", "message", "wall")
-COLUMNS = {"key", "status", *LAST}
+KNOWN = get_args(Status)
 PATHS = ("model", "ctrl_from", "replay")  # options of a simulation that are files
 POLICY = ("policy", "normalize")  # options that may be
 
@@ -90,7 +91,7 @@ def _code_hash(controller: object) -> str:
 
 def _file_hash(path: Path) -> str:
     """The hash of what is in a file; empty if there is none."""
-    return hashlib.sha256(path.read_bytes()).hexdigest() if path.is_file() else ""
+    return hashlib.sha256(path.read_bytes()).hexdigest() if is_file(path) else ""
 
 
 def _file_hashes(name: str) -> Callable[[str], str]:
@@ -133,11 +134,11 @@ class PartFiles:
 
     def exist(self) -> bool:
         """Whether there is a folder for them."""
-        return self._folder.is_dir()
+        return is_folder(self._folder)
 
     def size(self) -> int:
         """How large the parts are [bytes]."""
-        return sum(path.stat().st_size for path in self._folder.glob(f"*{SUFFIX}"))
+        return sum(path.stat().st_size for path in self._paths())
 
     def read(self) -> dict[str, PointResult]:
         """The results that are there, by the key of their points; where there are several of one, a good one.
@@ -153,9 +154,10 @@ class PartFiles:
 
         self.damaged = []
         results: dict[str, PointResult] = {}
-        for path in sorted(self._folder.glob(f"*{SUFFIX}")):
+        for path in self._paths():
             try:
-                rows = pyarrow.parquet.ParquetFile(path).read().to_pylist()  # read_table imports pandas
+                table = pyarrow.parquet.ParquetFile(path).read()  # read_table imports pandas
+                rows = table.to_pylist() if self._is_part(table.schema) else []
             except PermissionError as error:
                 raise FileError(path, f"cannot be read: {error.strerror}") from None
             except (OSError, pyarrow.ArrowException):
@@ -181,12 +183,30 @@ class PartFiles:
             pyarrow.parquet.write_table(table, output.destination.path, compression="zstd")
             output.publish()
 
+    def _paths(self) -> list[Path]:
+        """The files that may be parts.
+
+        Raises:
+          FileError: the folder cannot be read.
+        """
+        try:
+            return sorted(self._folder.glob(f"*{SUFFIX}"))
+        except OSError as error:
+            raise FileError(self._folder, f"cannot be read: {error.strerror}") from None
+
+    def _is_part(self, schema: "pyarrow.Schema") -> bool:
+        """Whether a file with these columns is a part of this study, or one of another, or of something else."""
+        metrics = {name for name in schema.names if name.startswith(METRIC)}
+        if metrics != {METRIC + name for name in self._metrics} or len(set(schema.names)) < len(schema.names):
+            return False
+        ours = _part([], [], "", self._metrics).schema
+        return all(name in schema.names and schema.field(name).type == ours.field(name).type for name in ours.names)
+
     def _result(self, row: Mapping[str, object]) -> PointResult | None:
-        """The result in a row; None if it has other metrics."""
-        names = {name.removeprefix(METRIC) for name in row if name.startswith(METRIC)}
-        if names != set(self._metrics) or not set(row) >= COLUMNS:
+        """The result in a row; None if it is none, for a file is not trusted."""
+        if row["status"] not in KNOWN or None in row.values():
             return None
-        metrics = tuple(float(row[METRIC + name]) for name in self._metrics)  # type: ignore[arg-type]
+        metrics = tuple(row[METRIC + name] for name in self._metrics)
         return PointResult(-1, row["status"], metrics, *(row[name] for name in LAST))  # type: ignore[arg-type]
 
 

@@ -11,6 +11,7 @@ from mjrun.errors import UsageError, clean
 from mjrun.reporter import Reporter
 from mjrun.study.design import Design
 from mjrun.study.failures import FailureNotes
+from mjrun.study.keep import PointKeeper
 from mjrun.study.prepared import PreparedStudy
 from mjrun.study.simulate import StudyPoint
 from mjrun.study.study import Study
@@ -68,6 +69,7 @@ def plan(study: Study) -> StudyPlan:
       FileError: the folder cannot be made, or a file cannot be read.
     """
     prepared = PreparedStudy.of(study, study.spec)
+    PointKeeper(study, prepared)  # checks what is to be kept of which points
     missing = prepared.missing(study.retry_failed)
     chunks = [chunk.points for chunk in prepared.chunks(missing, study)]
     prepared.files.create()

@@ -91,7 +91,9 @@ class Study(StudyOptions, ExecutionOptions):
         Raises:
           MjrunError: nothing could be simulated.
         """
-        return preview(PreparedStudy.of(self, self.spec), self)
+        prepared = PreparedStudy.of(self, self.spec)
+        PointKeeper(self, prepared)  # checks what is to be kept of which points
+        return preview(prepared, self)
 
 
 @dataclass(frozen=True)

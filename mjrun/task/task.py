@@ -17,6 +17,7 @@ from mjrun.options.task import CURRENT, DERIVED
 from mjrun.task.terms import RESERVED, Action, Command, Observation, Reset, Reward, Termination
 from mjrun.timeline import rational
 
+MOST_PERIODS = 10_000_000  # control periods of an episode
 NO_COMMANDS: Mapping[str, Command] = {}
 NO_REWARDS: Mapping[str, Reward] = {}
 NO_TERMINATIONS: Mapping[str, Termination] = {}
@@ -165,6 +166,9 @@ class Task(Source):
         return -(-self.duration // self.control_dt)
 
     def _check(self) -> None:
+        if self.periods > MOST_PERIODS:
+            count = f"{float(self.duration):g} s are more than {MOST_PERIODS:,} control periods"
+            raise UsageError(f"{option('duration')}: {count}, which is the most that an episode has")
         if self.derived not in DERIVED:
             raise BadValueError(option("derived"), self.derived, f"one of {', '.join(DERIVED)}")
         if not self.observations:

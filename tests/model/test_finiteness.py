@@ -5,7 +5,9 @@ import pytest
 
 from mjrun.model.finiteness import fault
 
-BODY = '<worldbody><body name="arm"><joint name="hip" {}/><geom name="bob" size=".1" pos="0 0 1" {}/></body></worldbody>'
+BODY = (
+    '<worldbody><body name="arm"><joint name="hip" {}/><geom name="bob" size=".1" pos="0 0 1" {}/></body></worldbody>'
+)
 
 
 def model(option: str = "", joint: str = "", geom: str = "") -> mujoco.MjModel:

@@ -1,4 +1,4 @@
-"""Hostile documents: YAML that is none, that explodes, that asks for code or for other files, of wrong types everywhere."""
+"""Hostile documents: YAML that is none, that explodes, that asks for code or other files, of wrong types everywhere."""
 
 import os
 from collections.abc import Iterator, Mapping
@@ -33,7 +33,7 @@ LAUGHS = "a0: &a0 [lol, lol, lol, lol, lol, lol, lol, lol, lol]\n" + "".join(
 TAGS = (
     f"!!python/object/apply:os.system ['touch {CANARY}']",
     f"!!python/object/new:subprocess.check_call [[touch, {CANARY}]]",
-    f"!!python/name:builtins.open ''",
+    "!!python/name:builtins.open ''",
     "!!binary aGVsbG8=",
     "!!timestamp 2001-01-01",
     "!!set {a, b}",
@@ -65,7 +65,7 @@ def texts() -> Iterator[tuple[str, bytes | str]]:
     yield "two megabytes", "{good}# " + "c" * 2_000_000 + "\n"
     yield "tabs", "{good}push:\n\t- arm=0/0/1@0+1\n"
     yield "a NUL", "{good}seed: 1\0\n"
-    yield "an escaped NUL in the model", "model: \"m\\0.xml\"\n"
+    yield "an escaped NUL in the model", 'model: "m\\0.xml"\n'
     yield "escape sequences", "{good}seed: \x1b[2J\n"
     yield "escape sequences that are escaped", '{good}"\\e[2J\\e]0;owned\\a": "\\e[2J"\n'
     yield "marks of direction", "{good}# \u202e\nse\u202eed: 1\n"
@@ -108,19 +108,21 @@ def forms() -> Iterator[Form]:
             good, line = KINDS[name]
             content = text.replace("{good}", good) if isinstance(text, str) else text
             codes = _codes(name, what)
-            yield Form(f"{name} document, {what}", line, codes, {"d.yaml": content}, quick=name == "run" and index % 3 == 0)
+            yield Form(
+                f"{name} document, {what}", line, codes, {"d.yaml": content}, quick=name == "run" and index % 3 == 0
+            )
     yield from _files()
     yield from _values()
     yield from _assignments()
 
 
 def _codes(name: str, what: str) -> tuple[int, ...]:
-    """What such a document ends with: 2; a task is told from a model by what it holds, and what holds none is a model."""
+    """What such a document ends with: a task is told from a model by what it holds, and what holds none is a model."""
+    if what == "a seed of 31 digits":
+        return (0, 1, 2, 3)  # any whole number may be one
     if name == "task, checked":
-        return (2, 3)
-    if name.startswith("task"):
-        return (2, 3)
-    return (2,)
+        return (1, 2, 3)
+    return (2, 3) if name.startswith("task") else (2,)
 
 
 def _fifo(path: Path) -> None:
@@ -172,7 +174,8 @@ def _files() -> Iterator[Form]:
         "points outside": (STUDY.replace("vary: {qpos/hinge: [0.1, 0.2]}", f"points: {outside}"), (2, 7)),
     }
     links = {
-        f"link.{suffix}": lambda path: path.symlink_to(f"../{BETWEEN}") for suffix in ("yaml", "xml", "csv", "npz", "onnx")
+        f"link.{suffix}": lambda path: path.symlink_to(f"../{BETWEEN}")
+        for suffix in ("yaml", "xml", "csv", "npz", "onnx")
     }
     for what, (text, codes) in secrets.items():
         line = KINDS["study" if "points" in what else "run"][1]
@@ -180,9 +183,33 @@ def _files() -> Iterator[Form]:
 
 
 # Values that no key takes, in place of a good one.
-WRONG = ("[[[]]]", "{a: {b: c}}", "null", "''", "true", "-1e400", ".nan", "999999999999999999999999", '"\\e[31m"', "../../x")
+WRONG = (
+    "[[[]]]",
+    "{a: {b: c}}",
+    "null",
+    "''",
+    "true",
+    "-1e400",
+    ".nan",
+    "999999999999999999999999",
+    '"\\e[31m"',
+    "../../x",
+)
 KEYS = {
-    "run": ("duration", "steps", "seed", "key", "perturb", "qpos", "ctrl", "videos", "images", "traces", "plots", "push"),
+    "run": (
+        "duration",
+        "steps",
+        "seed",
+        "key",
+        "perturb",
+        "qpos",
+        "ctrl",
+        "videos",
+        "images",
+        "traces",
+        "plots",
+        "push",
+    ),
     "study": ("vary", "samples", "repeats", "metrics", "where", "require", "keep", "every", "design", "points"),
     "fit": ("data", "free", "starts", "holdout", "map", "loss", "confidence"),
     "task": ("control_dt", "duration", "observations", "actions", "rewards", "terminations", "reset", "commands"),

@@ -3,19 +3,33 @@
 from collections.abc import Iterator
 from itertools import chain
 
-from tests.scoreboard import table_forms
+from tests.scoreboard import (
+    document_forms,
+    expression_forms,
+    policy_forms,
+    recording_forms,
+    study_forms,
+    table_forms,
+)
 from tests.scoreboard.forms import Content, Form, try_forms
 from tests.scoreboard.measure import Measure, Tally
 
 MODEL = """<mujoco><option timestep="0.01"/><worldbody><body name="arm">
-<joint name="hinge" axis="0 1 0" damping="0.1"/><geom name="bob" type="sphere" size=".1" pos="0 0 -1"/></body></worldbody>
+<joint name="hinge" axis="0 1 0" damping="0.1"/><geom name="bob" size=".1" pos="0 0 -1"/></body></worldbody>
 <actuator><motor name="motor" joint="hinge"/></actuator></mujoco>"""
 BASE: dict[str, Content] = {"m.xml": MODEL, "good.csv": table_forms.CSV}
 
 
 def forms() -> Iterator[Form]:
     """All of them."""
-    return chain(table_forms.forms())
+    return chain(
+        table_forms.forms(),
+        recording_forms.forms(MODEL),
+        document_forms.forms(),
+        expression_forms.forms(),
+        policy_forms.forms(),
+        study_forms.forms(MODEL),
+    )
 
 
 def run(quick: bool) -> Tally:

@@ -13,6 +13,32 @@ CANARY = "code_has_run"  # a file that code from a hostile file would make
 SECRET = "DISCLOSED-b7f1"  # stands in a file outside the folder, and must be in no message
 BETWEEN = "between.txt"  # the name of that file
 
+# What most of the commands import as they run.
+IMPORTS = (
+    "matplotlib.backends.backend_agg",
+    "matplotlib.backends.backend_svg",
+    "matplotlib.figure",
+    "pyarrow.feather",
+    "pyarrow.parquet",
+    "h5py",
+    "scipy.io",
+    "scipy.optimize",
+    "scipy.stats",
+    "onnxruntime",
+    "mjrun.document.check",
+    "mjrun.document.fit",
+    "mjrun.document.plan",
+    "mjrun.document.run",
+    "mjrun.document.study",
+    "mjrun.document.task",
+    "mjrun.evaluation.evaluation",
+    "mjrun.fit.fit",
+    "mjrun.plotting.table_plot",
+    "mjrun.policy.load",
+    "mjrun.policy.onnx_policy",
+    "mjrun.study.study",
+)
+
 Content = bytes | str | Callable[[Path], object]
 
 
@@ -26,6 +52,7 @@ class Form:
       codes: the exit code that is expected; several where more than one is right.
       files: what is written before, by path: content, or a function that makes it there.
       says: words that the message must have.
+      changes: paths, or folders, whose files a run may change.
       limit: seconds that it may take on a busy machine.
       quick: whether it belongs to the part that the tests run.
     """
@@ -35,6 +62,7 @@ class Form:
     codes: tuple[int, ...]
     files: Mapping[str, Content] = field(default_factory=dict[str, Content])
     says: tuple[str, ...] = ()
+    changes: tuple[str, ...] = ()
     limit: float = 60
     quick: bool = False
 
@@ -54,9 +82,7 @@ def write(folder: Path, files: Mapping[str, Content]) -> None:
 
 def contents(folder: Path) -> dict[str, bytes]:
     """The files in a folder, by path."""
-    return {
-        str(path.relative_to(folder)): path.read_bytes() for path in sorted(folder.rglob("*")) if path.is_file()
-    }
+    return {str(path.relative_to(folder)): path.read_bytes() for path in sorted(folder.rglob("*")) if path.is_file()}
 
 
 def faults(form: Form, ended: Ended, before: Mapping[str, bytes], after: Mapping[str, bytes]) -> list[str]:
@@ -72,7 +98,8 @@ def faults(form: Form, ended: Ended, before: Mapping[str, bytes], after: Mapping
         found.append("shows what another file holds")
     if CANARY in after:
         found.append("has run code of the file")
-    found += [f"{name} has changed" for name in before if after.get(name) != before[name]]
+    own = [name for name in before if not name.startswith(form.changes)] if form.changes else [*before]
+    found += [f"{name} has changed" for name in own if after.get(name) != before[name]]
     if ended.code in (2, 3, 4, 5, 6, 7):  # nothing was made
         found += [f"left {name}" for name in after if name not in before and not name.startswith("__pycache__")]
     return found
@@ -80,7 +107,7 @@ def faults(form: Form, ended: Ended, before: Mapping[str, bytes], after: Mapping
 
 def try_forms(forms: Iterable[Form], base: Mapping[str, Content], tally: Tally, memory: int = 6144) -> None:
     """Runs each form in a folder of its own, with the files of `base` in it, and counts it."""
-    with tempfile.TemporaryDirectory() as top, CommandServer(memory=memory) as server:
+    with tempfile.TemporaryDirectory() as top, CommandServer(memory=memory, imports=IMPORTS) as server:
         Path(top, BETWEEN).write_text(f"{SECRET}\n")
         template = Path(top, "template")
         template.mkdir()

@@ -1,4 +1,4 @@
-"""Hostile tables: each format cut off, lying about its sizes, or with what would run code; and what every reader does."""
+"""Hostile tables: cut off, lying about their sizes, with what would run code; and what every reader does with them."""
 
 import io
 import pickle
@@ -40,7 +40,8 @@ READERS = {
 EXCEPTIONS = {
     ("words", "points"): (2,),
     ("a cell of 20 MB", "points"): (2,),
-    ("two columns of one name", "fit"): (2,),
+    ("cut off at 10.0%", "ghost"): (2,),  # a recording, by its suffix
+    ("text", "points"): (2,),  # read as one, with names that vary nothing
     ("the text of another file", "replay"): (2,),
 }
 
@@ -74,8 +75,9 @@ def archive(members: Mapping[str, bytes], packed: bool = False) -> bytes:
 
 
 def npz(**changed: bytes) -> bytes:
-    """An archive of the good columns, but for those that are changed: `time`, `position`, `control`."""
+    """An archive of the good columns, but for those that are changed: `time`, `position` (and so the control)."""
     names = {"time": "time", "position": "qpos/hinge", "control": "ctrl/motor"}
+    changed = {"control": changed["position"], **changed} if "position" in changed else changed
     members = {f"{name}.npy": changed.get(key) or npy(COLUMNS[name]) for key, name in names.items()}
     return archive(members)
 
@@ -172,7 +174,11 @@ def broken() -> Iterator[tuple[str, str, Content]]:
     yield "hexadecimal", "t.csv", CSV.replace("\n0.05,", "\n0x1p3,")
     yield "a quote that stays open", "t.csv", CSV.replace("\n0.05,", '\n"0.05,')
     yield "escape sequences in a cell", "t.csv", CSV.replace("\n0.05,", f"\n{ESCAPE},")
-    yield "two columns of one name", "t.csv", CSV.replace("qpos/hinge", "time", 1)
+    yield (
+        "two columns of one name",
+        "t.csv",
+        "\n".join([f"{LINES[0]},time", *(f"{line},1" for line in LINES[1:])]) + "\n",
+    )
     yield "semicolons", "t.csv", CSV.replace(",", ";")
     yield "binary", "t.csv", bytes(range(256)) * 40
     yield "a cell of 20 MB", "t.csv", CSV.replace("\n0.05,", f"\n{'9' * 20_000_000}x,")
@@ -187,7 +193,7 @@ def broken() -> Iterator[tuple[str, str, Content]]:
     yield "deep", "t.jsonl", '{"time": ' + "[" * 100_000 + "]" * 100_000 + "}\n"
     yield "two keys of one name", "t.jsonl", '{"time": 0, "time": 1, "qpos/hinge": 0, "ctrl/motor": 0}\n'
     yield "numbers in quotes", "t.jsonl", '{"time": "0", "qpos/hinge": "0", "ctrl/motor": "0"}\n'
-    yield "other keys", "t.jsonl", '{"time": 0, "qpos/hinge": 1, "ctrl/motor": 0}\n{"time": 1}\n'
+    yield "other keys", "t.jsonl", '{"time": 0, "qpos/hinge": 1, "ctrl/motor": 0}\n{"thyme": 1}\n'
     yield "lists for numbers", "t.jsonl", '{"time": [0], "qpos/hinge": [1], "ctrl/motor": [0]}\n'
     yield "UTF-16", "t.jsonl", '{"time": 0}\n'.encode("utf-16")
     yield "a bad escape", "t.jsonl", '{"time": 0, "\\ud800": 1, "qpos/hinge": 1, "ctrl/motor": 0}\n'
@@ -199,7 +205,11 @@ def broken() -> Iterator[tuple[str, str, Content]]:
     for share in (0.1, 0.5, 0.9, 0.999):
         yield f"cut off at {share:.1%}", "t.npz", cut(good, share)
     yield "objects that unpickle", "t.npz", npz(position=npy(np.array([Bomb()] * ROWS, object)))
-    yield "a lie of 10^15 rows", "t.npz", npz(position=header("'<f8'", f"({10**15},)"), time=header("'<f8'", f"({10**15},)"))
+    yield (
+        "a lie of 10^15 rows",
+        "t.npz",
+        npz(position=header("'<f8'", f"({10**15},)"), time=header("'<f8'", f"({10**15},)")),
+    )
     yield "a negative shape", "t.npz", npz(position=header("'<f8'", "(-1,)") + bytes(160))
     yield "rows beyond 64 bits", "t.npz", npz(position=header("'<f8'", f"({2**70},)") + bytes(160))
     yield "no rows but 2^60 columns", "t.npz", npz(position=header("'<f8'", f"(20, {2**60})") + bytes(160))
@@ -221,7 +231,7 @@ def broken() -> Iterator[tuple[str, str, Content]]:
 
     for name, content in (("t.parquet", made(parquet)()), ("t.feather", made(feather)()), ("t.h5", made(hdf5())())):
         yield "empty", name, b""
-        yield "other magic", name, b"XXXX" + content[4:]
+        yield "other magic", name, content[:-4] + b"XXXX" if name == "t.parquet" else b"XXXXXXXX" + content[8:]
         for share in (0.05, 0.5, 0.95):
             yield f"cut off at {share:.0%}", name, cut(content, share)
         yield "text", name, CSV
@@ -317,21 +327,64 @@ def odd() -> Iterator[tuple[str, str, Content, dict[str, tuple[int, ...]]]]:
     huge = "\n".join([LINES[0], "0,0,0", "1e15,1,1"]) + "\n"
     endless = {"plot": (0,), "diff": (1,), "replay": (2, 7), "controls": (0,), "fit": (2, 7)}
     yield "a table of 30 million years", "t.csv", huge, endless
-    yield "only a header", "t.csv", LINES[0] + "\n", {"plot": (0, 2, 7), "diff": (7,), "replay": (2, 7), "controls": (2, 7), "fit": (2, 7)}
-    names = LINES[0] + f",{ESCAPE},=1+1,../../x,%s%n,{'n' * 5000}\n" + "".join(f"{line},1,2,3,4,5\n" for line in LINES[1:])
+    yield (
+        "only a header",
+        "t.csv",
+        LINES[0] + "\n",
+        {"plot": (0, 2, 7), "diff": (7,), "replay": (2, 7), "controls": (2, 7), "fit": (2, 7)},
+    )
+    names = (
+        LINES[0] + f",{ESCAPE},=1+1,../../x,%s%n,{'n' * 5000}\n" + "".join(f"{line},1,2,3,4,5\n" for line in LINES[1:])
+    )
     unlike = {"plot": (0, 7), "diff": (1,), "replay": (0,), "controls": (0,), "fit": (0, 1)}
     yield "escape sequences in names of columns", "t.csv", names, unlike
-    yield "Latin-1 in names of columns", "t.csv", (LINES[0] + ",gr\xf6\xdfe\n" + "".join(f"{line},1\n" for line in LINES[1:])).encode("latin-1"), unlike | {"diff": (1, 7)}
+    yield (
+        "Latin-1 in names of columns",
+        "t.csv",
+        (LINES[0] + ",gr\xf6\xdfe\n" + "".join(f"{line},1\n" for line in LINES[1:])).encode("latin-1"),
+        unlike | {"diff": (1, 7)},
+    )
     wide = ",".join(f"c{i}" for i in range(10**5))
     ones = "," + ",".join("1" * 10**5)
-    yield "100,000 columns", "t.csv", "".join(f"{line},{wide if not i else ones[1:]}\n" for i, line in enumerate(LINES[:3])), {"plot": (0, 2, 7), "diff": (1,), "replay": (0,), "controls": (0,), "fit": (0, 1, 2, 7)}
+    yield (
+        "100,000 columns",
+        "t.csv",
+        "".join(f"{line},{wide if not i else ones[1:]}\n" for i, line in enumerate(LINES[:3])),
+        {"plot": (0, 2, 7), "diff": (1,), "replay": (0,), "controls": (0,), "fit": (0, 1, 2, 7)},
+    )
     far = CSV.replace(LINES[6], "0.05,1e308,1e308")
-    yield "positions and controls of 1e308", "t.csv", far, {"plot": (0,), "diff": (1,), "replay": (0, 2, 4, 7), "controls": (0, 4), "fit": (0, 1, 2, 4, 7)}
-    bomb = archive({f"{name}.npy": npy(np.zeros(2 * 10**7) if name != "time" else np.arange(2e7) * 0.01) for name in ("time", "qpos/hinge")}, packed=True)
+    yield (
+        "positions and controls of 1e308",
+        "t.csv",
+        far,
+        {"plot": (0,), "diff": (1,), "replay": (0, 2, 4, 7), "controls": (0, 4), "fit": (0, 1, 2, 4, 7)},
+    )
+    bomb = archive(
+        {
+            f"{name}.npy": npy(np.zeros(2 * 10**7) if name != "time" else np.arange(2e7) * 0.01)
+            for name in ("time", "qpos/hinge")
+        },
+        packed=True,
+    )
     yield "20 million rows that are packed", "t.npz", bomb, {"plot": (0,), "diff": (1,)}
-    yield "a link to another file", "t.h5", hdf5(_link_outside), {"plot": (0, 2, 7), "diff": (1, 2), "replay": (2, 7), "controls": (2, 7), "fit": (2, 7)}
-    yield "links in a circle", "t.h5", hdf5(_circle), {"plot": (0, 7), "diff": (0, 1, 7), "replay": (0, 7), "controls": (0, 7), "fit": (0, 1, 7)}
-    yield "a manifest that is none", "t.h5", hdf5(lambda file: file.attrs.__setitem__("manifest", np.bytes_(b"{" * 60000))), {"plot": (0,), "diff": (0, 1), "replay": (0,), "controls": (0,), "fit": (0, 1)}
+    yield (
+        "a link to another file",
+        "t.h5",
+        hdf5(_link_outside),
+        {"plot": (0, 2, 7), "diff": (1, 2), "replay": (2, 7), "controls": (2, 7), "fit": (2, 7)},
+    )
+    yield (
+        "links in a circle",
+        "t.h5",
+        hdf5(_circle),
+        {"plot": (0, 7), "diff": (0, 1, 7), "replay": (0, 7), "controls": (0, 7), "fit": (0, 1, 7)},
+    )
+    yield (
+        "a manifest that is none",
+        "t.h5",
+        hdf5(lambda file: file.attrs.__setitem__("manifest", np.bytes_(b"{" * 60000))),
+        {"plot": (0,), "diff": (0, 1), "replay": (0,), "controls": (0,), "fit": (0, 1)},
+    )
 
 
 def forms() -> Iterator[Form]:

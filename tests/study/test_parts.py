@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pyarrow
 import pyarrow.parquet
+import pytest
 
 from mjrun.job.simulation import Simulation
 from mjrun.study.parts import PartFiles, point_keys, study_identity
@@ -48,6 +49,31 @@ def test_a_damaged_part_is_named_and_other_files_are_passed_over(tmp_path: Path)
     (tmp_path / "parts" / "empty.parquet").touch()
     assert list(files.read()) == ["k"]
     assert [path.name for path in files.damaged] == ["broken.parquet", "empty.parquet"]
+
+
+@pytest.mark.parametrize(
+    ("name", "values"),
+    [
+        ("status", ["\x1b[2J"]),
+        ("status", [7]),
+        ("key", [["k"]]),
+        ("steps", ["many"]),
+        ("steps", pyarrow.array([None], pyarrow.int64())),
+        ("message", [1.5]),
+        ("metric:a", ["much"]),
+        ("metric:a", pyarrow.array([None], pyarrow.float64())),
+        ("wall", ["long"]),
+    ],
+)
+def test_rows_that_mjrun_never_writes_are_passed_over(tmp_path: Path, name: str, values: object) -> None:
+    files = PartFiles(tmp_path, ["a", "b"])
+    files.create()
+    files.write(["k"], RESULTS[:1], "host")
+    (path,) = (tmp_path / "parts").iterdir()
+    table = pyarrow.parquet.ParquetFile(path).read()
+    table = table.set_column(table.column_names.index(name), name, pyarrow.array(values))
+    pyarrow.parquet.write_table(table, path)
+    assert files.read() == {}
 
 
 def identity(spec: StudySpec) -> dict[str, object]:
