@@ -59,6 +59,8 @@ def clean(text: str) -> str:
 
     Names in models and file names are foreign: they may hold escape sequences or newlines.
     """
+    if text.isprintable():  # nothing to change, which is quickly known, even of megabytes
+        return text
     return "".join(ascii(c)[1:-1] if unicodedata.category(c) in ("Cc", "Cf", "Cs", "Zl", "Zp") else c for c in text)
 
 

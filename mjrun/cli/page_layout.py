@@ -16,6 +16,7 @@ from mjrun.cli.info_columns import Column
 GAP, INDENT = 2, 2
 READABLE = 100  # characters of a line of labels and values
 NARROW, SCANT = 24, 8  # least characters of a folded text: where columns can be left out, and where they cannot
+CELL = 1000  # characters of a cell that are shown
 NEEDED = 2  # columns that are never left out
 UNLIMITED = 1 << 16
 
@@ -36,7 +37,8 @@ class PageLayout:
         cut = rows if shown is None else min(rows, shown)
         self._title(title, str(rows) if rows else "none")
         room = self._terminal.width - INDENT
-        fitting, left_out = _fitting([replace(column, cells=column.cells[:cut]) for column in columns], room)
+        short = [replace(column, cells=[_cut(cell) for cell in column.cells[:cut]]) for column in columns]
+        fitting, left_out = _fitting(short, room)
         if cut:
             self._print(Padding(self._table(fitting, room), (0, 0, 0, INDENT)))
         if cut < rows:
@@ -52,7 +54,7 @@ class PageLayout:
         table.add_column(overflow="fold")
         for label, value in pairs:
             if value:
-                table.add_row(Text(label), Text(value))
+                table.add_row(Text(label), Text(_cut(value)))
         width = min(self._terminal.width, READABLE)
         self._print(Padding(table, (0, 0, 0, INDENT)), width)
 
@@ -116,6 +118,12 @@ def _fitting(columns: Sequence[Column], width: int) -> tuple[list[Column], list[
             fitting.append(column)
             room -= _width(column) + GAP
     return [column for column in filled if column in fitting], [column for column in filled if column not in fitting]
+
+
+def _cut(cell: str) -> str:
+    """A cell that is cut in the middle if it is too long to be read."""
+    half = CELL // 2
+    return cell if len(cell) <= CELL else f"{cell[:half]}…{cell[-half:]}"
 
 
 def _total(widths: Iterable[int]) -> int:

@@ -35,10 +35,17 @@ class ReservedFiles:
         other = next(self._conflicts(file), None)
         if other:
             raise UsageError(f"{clean(str(path))} clashes with {other}; each output needs a file of its own")
-        self._owners[file] = owner
-        self._below.update(dict.fromkeys(file.parents, owner))
+        self._add(file, owner)
         if frame := _frame(file):
             self._patterns.append((frame, owner))
+
+    def reserve_input(self, path: str | Path, owner: str) -> None:
+        """Reserves a file that is read, by another name too perhaps: a link to it, say."""
+        self._add(Path(os.path.realpath(path)), owner)
+
+    def _add(self, file: Path, owner: str) -> None:
+        self._owners.setdefault(file, owner)
+        self._below.update(dict.fromkeys(file.parents, owner))
 
     def _conflicts(self, file: Path) -> Iterator[str]:
         """Owners of `file`, of something in it as in a folder, or of the folder that it is in."""

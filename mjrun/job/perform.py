@@ -391,7 +391,7 @@ def _check_files(jobs: Sequence[Job[OutputResult]], errors: _UsageErrors) -> Non
             inputs.append((Path(path), f"the {what} table, which is read"))
     for path, owner in inputs:
         if os.path.realpath(path) not in rewritten:
-            reserved.reserve(path, owner)
+            reserved.reserve_input(path, owner)
     for i, job in enumerate(jobs):
         for what, path in errors.collect(i, lambda job=job: job.files) or ():
             errors.collect(i, partial(_reserve, reserved, what, path))

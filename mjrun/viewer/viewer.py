@@ -103,7 +103,7 @@ class Viewer(ViewerOptions):
         assert self.recording is not None
         reserved = ReservedFiles()
         for what, path in self.simulation.inputs:
-            reserved.reserve(path, f"the {what}, which is read")
+            reserved.reserve_input(path, f"the {what}, which is read")
         with concerning("recording"):
             reserved.reserve(self.recording, "the recording")
             timeline = self.simulation.timeline(model)

@@ -112,3 +112,12 @@ def test_verbatim_lines_are_never_folded(monkeypatch: pytest.MonkeyPatch) -> Non
     written = page(monkeypatch, 40)
     written.verbatim("title", ["word " * 30 + "end"])
     assert written.text() == f"title\n  {'word ' * 30}end"
+
+
+def test_a_cell_of_a_million_characters_is_cut_in_the_middle(monkeypatch: pytest.MonkeyPatch) -> None:
+    written = page(monkeypatch, 80)
+    written.table("bodies", [Column("body", ["a" + "x" * 10**6 + "z"]), Column("type", ["box"])], 1)
+    written.lines("file", [("path", "a" + "x" * 10**6 + "z")])
+    shown = written.text()
+    assert len(shown) < 4000
+    assert shown.count("…") == shown.count("z") == 2

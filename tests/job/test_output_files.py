@@ -85,3 +85,12 @@ def test_files_apart_do_not_clash(tmp_path: Path, paths: tuple[str, ...]) -> Non
     reserved = ReservedFiles()
     for path in paths:
         reserved.reserve(path if path == "-" else tmp_path / path, "another")
+
+
+def test_a_file_may_be_read_under_two_names_but_is_not_written(swing: Path, tmp_path: Path) -> None:
+    (tmp_path / "link.xml").symlink_to(swing)
+    reserved = ReservedFiles()
+    for path in (swing, tmp_path / "link.xml"):
+        reserved.reserve_input(path, "the model, which is read")
+    with pytest.raises(UsageError, match="clashes with the model"):
+        reserved.reserve(tmp_path / "link.xml", "the output")

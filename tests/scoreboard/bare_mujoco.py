@@ -1,5 +1,6 @@
-"""Bare MuJoCo, as a run that mjrun's is compared with: does it load a model?"""
+"""Bare MuJoCo, compared with mjrun: does it load a model, with names in UTF-8 and a timestep that can be?"""
 
+import math
 import sys
 from pathlib import Path
 
@@ -13,12 +14,13 @@ def load(arguments: list[str]) -> int:
     path = Path(arguments[0])
     try:
         if path.suffix == ".mjb":
-            mujoco.MjModel.from_binary_path(str(path))
+            model = mujoco.MjModel.from_binary_path(str(path))
         elif path.suffix in (".zip", ".mjz"):
-            mujoco.MjSpec.from_file(str(path)).compile()
+            model = mujoco.MjSpec.from_file(str(path)).compile()
         else:
-            mujoco.MjModel.from_xml_path(str(path))
+            model = mujoco.MjModel.from_xml_path(str(path))
+        bytes(model.names).decode()
     except Exception as error:
         sys.stderr.write(f"{error}\n")
         return REFUSED
-    return LOADS
+    return LOADS if 0 < model.opt.timestep < math.inf else REFUSED

@@ -6,6 +6,7 @@ fork cannot show, imports and the start of the interpreter, takes a command of i
 
 import json
 import os
+import pkgutil
 import re
 import resource
 import signal
@@ -75,6 +76,15 @@ class Ended:
     def __str__(self) -> str:
         last = next((line for line in reversed(self.message.splitlines()) if line.strip()), "")
         return f"mjrun {' '.join(self.arguments)[:200]}: code {self.code}, {self.seconds:.1f} s: {last[:200]}"
+
+
+def modules_of_mjrun() -> list[str]:
+    """All that a run may import of mjrun, and what that imports in turn; not what OpenGL needs."""
+    names = [module.name for module in pkgutil.walk_packages([str(ROOT / "mjrun")], "mjrun.")]
+    left_out = ("__main__", "gym", "backend_trial", "worker")
+    return ["yaml", "pydantic", "orjson", "PIL.Image", "rich.table", "pyarrow.parquet"] + [
+        name for name in names if not any(part in name for part in left_out)
+    ]
 
 
 class CommandServer:

@@ -38,6 +38,8 @@ def main_mjcf(path: Path) -> str | None:
     if path.suffix not in ARCHIVES:
         return str(path) if path.suffix == ".xml" else None
     try:
+        if not path.is_file():  # a pipe would be waited for
+            return None
         with zipfile.ZipFile(path) as opened:
             sources = [name for name in opened.namelist() if name.endswith(".xml")]
     except (OSError, zipfile.BadZipFile):

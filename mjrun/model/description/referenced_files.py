@@ -60,7 +60,7 @@ def _parse(path: str) -> _SourceFile:
             }
 
     parser.StartElementHandler = start
-    with suppress(expat.ExpatError, ValueError):  # what precedes the fault counts
+    with suppress(expat.ExpatError, ValueError, LookupError):  # what precedes the fault counts; no such encoding
         parser.Parse(file_content(path) or b"", True)
     return source
 

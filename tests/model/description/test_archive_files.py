@@ -1,5 +1,6 @@
 """Theorems about files: one inside an archive is read as the same file on disk."""
 
+import os
 import zipfile
 from pathlib import Path
 
@@ -60,3 +61,8 @@ def test_mjcf_is_its_own_main_file_and_nothing_else_has_one(tmp_path: Path) -> N
     assert main_mjcf(Path("a.mjb")) is None
     (tmp_path / "bad.zip").write_bytes(b"no archive")
     assert main_mjcf(tmp_path / "bad.zip") is None
+
+
+def test_a_pipe_is_no_archive_and_is_not_waited_for(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "a.zip")
+    assert main_mjcf(tmp_path / "a.zip") is None

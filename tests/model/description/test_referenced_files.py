@@ -51,3 +51,10 @@ def test_faces_of_a_cube_are_found_in_the_folder_that_the_compiler_element_sets(
 def test_what_is_missing_or_not_xml_names_nothing(tmp_path: Path) -> None:
     write(tmp_path, {"main.xml": '<mujoco><include file="no.xml"/></mujoco>', "text.xml": "hello"})
     assert relative(tmp_path, "main.xml") == relative(tmp_path, "text.xml") == relative(tmp_path, "gone.xml") == []
+
+
+@pytest.mark.parametrize("encoding", ["rot13", "zlib", "nobody", "x" * 5000])
+def test_an_encoding_that_is_none_names_nothing(tmp_path: Path, encoding: str) -> None:
+    text = f'<?xml version="1.0" encoding="{encoding}"?><mujoco><include file="no.xml"/></mujoco>'
+    write(tmp_path, {"main.xml": text})
+    assert relative(tmp_path, "main.xml") == []

@@ -1,0 +1,102 @@
+"""What a hostile model is: files to write, and what mjrun may say to them.
+
+The files are generated; none is copied from anybody.
+"""
+
+import os
+import socket
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+Codes = frozenset[int]
+LOADED: Codes = frozenset({0})
+REFUSED: Codes = frozenset({3})
+EITHER = LOADED | REFUSED
+RUNS: Codes = frozenset({0, 4})  # of a model that loads: it is simulated, or becomes unstable
+DRAWN: Codes = frozenset({0, 4, 5})  # it is drawn, unstable at its start, or told that it cannot be drawn
+USAGE: Codes = frozenset({2})
+
+
+@dataclass(frozen=True)
+class Link:
+    """A symbolic link."""
+
+    to: str
+
+
+class Fifo:
+    """A named pipe."""
+
+
+class Socket:
+    """A socket of the file system."""
+
+
+class Folder:
+    """An empty folder."""
+
+
+Content = str | bytes | Link | Fifo | Socket | Folder | Callable[[], bytes]
+
+
+@dataclass(frozen=True)
+class Form:
+    """One hostile model.
+
+    Attributes:
+      name: of what it is, unique.
+      files: what to write, by path.
+      model: the one that commands get.
+      loads: exit codes of a command that only loads it; None where MuJoCo's own verdict decides.
+      runs: exit codes of a simulation, if it loads.
+      drawn: whether drawing it is of interest.
+      named: what each refusal must name; the model if nothing is said.
+    """
+
+    name: str
+    files: Mapping[str, Content]
+    model: str = "model.xml"
+    loads: Codes | None = None
+    runs: Codes = RUNS
+    drawn: bool = False
+    named: str = ""
+
+    def write(self, folder: Path) -> None:
+        """Writes its files into a folder."""
+        for name, content in self.files.items():
+            path = folder / name
+            path.parent.mkdir(parents=True, exist_ok=True)
+            match content:
+                case str():
+                    path.write_text(content, encoding="utf-8", newline="")
+                case bytes():
+                    path.write_bytes(content)
+                case Link():
+                    path.symlink_to(content.to)
+                case Fifo():
+                    os.mkfifo(path)
+                case Socket():
+                    with socket.socket(socket.AF_UNIX) as server:
+                        server.bind(str(path))
+                case Folder():
+                    path.mkdir()
+                case _:
+                    path.write_bytes(content())
+
+
+def mjcf(inner: str, attributes: str = "") -> str:
+    """A model around some elements."""
+    return f"<mujoco{attributes and ' '}{attributes}>\n{inner}\n</mujoco>\n"
+
+
+def simple(
+    name: str,
+    inner: str,
+    loads: Codes | None = None,
+    files: Mapping[str, Content] | None = None,
+    runs: Codes = RUNS,
+    drawn: bool = False,
+) -> Form:
+    """A form that is one MJCF with these elements, and the files that it names."""
+    return Form(name, {"model.xml": mjcf(inner), **(files or {})}, loads=loads, runs=runs, drawn=drawn)

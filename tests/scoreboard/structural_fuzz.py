@@ -1,0 +1,201 @@
+"""Mutated models, documents, tables and expressions: whatever comes of them is one of ours.
+
+Cases are numbered, and the number is the seed: a case that fails is there again in the next run. What ever failed is
+kept as a small text in `tests.scoreboard.crashers`.
+"""
+
+import shutil
+import tempfile
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from itertools import chain
+from pathlib import Path
+
+from tests.scoreboard import mutations
+from tests.scoreboard.command import ROOT, CommandServer, Ended, modules_of_mjrun
+from tests.scoreboard.crashers import CRASHERS
+from tests.scoreboard.measure import Measure, Tally
+
+SCENES = ROOT / "scenes"
+SHARED = ROOT.parent / "shared" / "models"
+LIMIT = 120.0  # [s] of one run on a busy machine
+MEMORY = 6144  # [MiB] of addresses
+COUNTS = {"model": 900, "document": 900, "table": 420, "expression": 500}
+QUICK = {"model": 8, "document": 8, "table": 0, "expression": 8}
+LIBRARIES = ("matplotlib.backends.backend_svg", "h5py", "scipy.io", "pyarrow.feather", "pyarrow.csv")
+FORMATS = ("csv", "jsonl", "npz", "parquet", "feather", "h5", "mat")
+DONE, READ = frozenset({0, 1, 2, 3, 4, 7, 8}), frozenset({0, 3})
+
+PENDULUM = """<mujoco model="pendulum">
+  <worldbody><body name="arm"><joint name="hinge" axis="0 1 0"/>
+    <geom name="rod" type="capsule" size=".02" fromto="0 0 0 0 0 -.3"/>
+    <site name="tip" pos="0 0 -.3"/></body></worldbody>
+  <actuator><motor name="motor" joint="hinge" ctrlrange="-1 1"/></actuator>
+  <sensor><jointpos name="angle" joint="hinge"/></sensor>
+  <keyframe><key name="up" qpos="3"/></keyframe>
+</mujoco>
+"""
+RUN = """model: pendulum.xml
+key: up
+qvel: {hinge: 2}
+ctrl: {motor: 0.1}
+steps: 5
+events: {fall: qpos/hinge < 3}
+traces: [{output: a.csv, probe: [qpos, energy, "sensor[angle]"], assert: ["max(abs(qvel/hinge)) < 9"], every: 2}]
+plots: [{output: a.svg, probe: [energy, qpos]}]
+"""
+FIT = """model: pendulum.xml
+data: [data.csv]
+map: [time=t, qpos/hinge=angle*pi/180, ctrl/motor=torque]
+free: {joint/hinge.damping: "log:1e-3..1"}
+starts: 1
+holdout: 0.2
+"""
+DATA = "t,angle,torque\n" + "".join(f"{i / 50},{i * i / 30},{i % 3 / 10}\n" for i in range(30))
+
+
+@dataclass(frozen=True)
+class _Case:
+    """One run: a file to write first, the command line, and its exit codes."""
+
+    name: str
+    file: str
+    content: str | bytes
+    arguments: Sequence[str]
+    codes: frozenset[int] = DONE
+
+
+def run(quick: bool) -> Tally:
+    """Tries all cases, or a few; two servers work at once."""
+    tally = Tally()
+    counts = QUICK if quick else COUNTS
+    turns = range(1 if quick else 2)
+    if not quick and not SHARED.is_dir():
+        tally.left_out.append("mutations of the models of ../shared/models: the folder is not here")
+
+    def half(turn: int) -> list[tuple[str, list[str]]]:
+        return list(_try_all(counts, turn, len(turns)))
+
+    with ThreadPoolExecutor(len(turns)) as threads:
+        for ended, faults in chain.from_iterable(threads.map(half, turns)):
+            tally.expect(not faults, f"{ended}: {'; '.join(faults)}")
+    return tally
+
+
+def _try_all(counts: dict[str, int], turn: int, turns: int) -> Iterator[tuple[str, list[str]]]:
+    imports = (*modules_of_mjrun(), *LIBRARIES) if counts is COUNTS else QUICK_IMPORTS
+    with CommandServer(LIMIT, MEMORY, imports) as server, tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        _prepare(folder, server, with_tables=counts["table"] > 0)
+        crashers = (_Case(f"crasher {i}", *crasher) for i, crasher in enumerate(CRASHERS))
+        cases = chain(crashers, *(KINDS[kind](folder, count) for kind, count in counts.items()))
+        for i, case in enumerate(cases):
+            if i % turns == turn:
+                ended = _try(server, folder, case)
+                faults = list(ended.faults)
+                if ended.code not in case.codes:
+                    faults.append(f"exit code {ended.code}, not {' or '.join(map(str, sorted(case.codes)))}")
+                yield f"{case.name}: {ended}", faults
+
+
+def _try(server: CommandServer, folder: Path, case: _Case) -> Ended:
+    if case.file:
+        content = case.content if isinstance(case.content, bytes) else case.content.encode("utf-8", "surrogateescape")
+        (folder / case.file).write_bytes(content)
+    ended = server.run(*case.arguments, folder=folder)
+    shutil.rmtree(folder / "out", ignore_errors=True)
+    return ended
+
+
+def _prepare(folder: Path, server: CommandServer, with_tables: bool) -> None:
+    """Writes what the cases are about: scenes, a pendulum, and tables of it."""
+    for path in SCENES.iterdir():
+        if path.name not in ("pendulum.xml", "schema"):
+            (folder / path.name).symlink_to(path)
+    (folder / "pendulum.xml").write_text(PENDULUM)
+    (folder / "data.csv").write_text(DATA)
+    if with_tables:
+        for suffix in FORMATS:
+            server.run("trace", "pendulum.xml", "--steps", "8", "-o", f"sound.{suffix}", folder=folder)
+
+
+def _models(folder: Path, count: int) -> Iterator[_Case]:
+    paths = sorted(SCENES.glob("*.xml")) + (sorted(SHARED.rglob("*.xml")) if SHARED.is_dir() and count > 99 else [])
+    # A mutation stands elsewhere, so its model must need no other file.
+    sources = [text for text in mutations.texts(paths) if "file=" not in text and len(text) < 40_000]
+    for seed in range(count):
+        commands: Sequence[tuple[Sequence[str], frozenset[int]]] = (
+            (("info", "model.xml", "bodies", "joints", "actuators", "keyframes"), READ),
+            (("trace", "model.xml", "--steps", "3"), READ | {4}),
+            (
+                ("trace", "model.xml", "--steps", "3", "-o", "trace.npz", "--contacts", "contacts.csv"),
+                READ | {4},
+            ),
+        )
+        arguments, codes = commands[seed % 3]
+        yield _Case(f"model {seed}", "model.xml", mutations.mjcf(seed, sources), arguments, codes)
+
+
+def _documents(folder: Path, count: int) -> Iterator[_Case]:
+    runs = [*mutations.texts([p for p in sorted(SCENES.glob("*.yaml")) if "videos:" in p.read_text()]), RUN]
+    studies = mutations.texts(sorted((SCENES / "studies").glob("*.yaml")))
+    studies = [text.replace("../", "") for text in studies]
+    tasks = [text for text in mutations.texts(sorted(SCENES.glob("*.yaml"))) if "rewards:" in text]
+    cameras = mutations.texts(sorted((SCENES / "cameras").glob("*.yaml")))
+    kinds: Sequence[tuple[Sequence[str], Sequence[str]]] = (
+        (runs, ("run", "fuzz.yaml", "--dry-run")),
+        (runs, ("run", "fuzz.yaml", "--dry-run", "--json")),
+        (studies, ("sweep", "fuzz.yaml", "--dry-run")),
+        (tasks, ("info", "fuzz.yaml", "observations", "actions", "rewards")),
+        ([RUN], ("run", "fuzz.yaml", "-o", "out")),
+        (cameras, ("video", "pendulum.xml", "--steps", "3", "--camera", "fuzz.yaml", "--print-document")),
+        (studies, ("sweep", "fuzz.yaml", "--print-document")),
+    )
+    for seed in range(count):
+        sources, arguments = kinds[seed % len(kinds)]
+        if seed % 20 == 19:
+            sources, arguments = [FIT], ("fit", "fuzz.yaml", "-o", "fitted.xml")
+        elif seed % 20 == 9:
+            sources, arguments = tasks, ("eval", "fuzz.yaml", "--policy", "zero", "--episodes", "1", "-o", "out")
+        yield _Case(f"document {seed}", "fuzz.yaml", mutations.document(seed, sources), arguments)
+
+
+def _tables(folder: Path, count: int) -> Iterator[_Case]:
+    for seed in range(count):
+        suffix = FORMATS[seed % len(FORMATS)]
+        file = f"fuzz.{suffix}"
+        content = mutations.data(seed, [(folder / f"sound.{suffix}").read_bytes()])
+        commands: Sequence[Sequence[str]] = (
+            ("diff", file, "sound.csv"),
+            ("trace", "pendulum.xml", "--steps", "3", "--ctrl-from", file, "-o", "trace.csv"),
+            ("plot", file, "-o", "plot.svg"),
+            ("trace", "pendulum.xml", "--steps", "3", "--golden", file),
+            ("diff", "sound.npz", file, "--columns", "qpos/*"),
+        )
+        yield _Case(f"table {seed}", file, content, commands[seed % len(commands)])
+
+
+def _expressions(folder: Path, count: int) -> Iterator[_Case]:
+    trace = ("trace", "pendulum.xml", "--steps", "2")
+    for seed in range(count):
+        text = mutations.expression(seed)
+        commands: Sequence[Sequence[str]] = (
+            (*trace, "--assert", text),
+            (*trace, "--probe", text),
+            (*trace, "--set", f"geom/rod.size={text}"),
+            (*trace, "--qpos", f"hinge={text}"),
+            ("sweep", "pendulum.xml", "--vary", f"opt.timestep={text}", "--metric", f"m={text}", "--dry-run"),
+            ("video", "pendulum.xml", "--steps", "3", "--camera", f"orbit:distance={text}", "--print-document"),
+        )
+        yield _Case(f"expression {seed}", "", "", commands[seed % len(commands)])
+
+
+KINDS: dict[str, Callable[[Path, int], Iterator[_Case]]] = {
+    "model": _models,
+    "document": _documents,
+    "table": _tables,
+    "expression": _expressions,
+}
+QUICK_IMPORTS = ("mjrun.cli.info", "mjrun.cli.trace", "mjrun.cli.run", "mjrun.document.run", "mjrun.job.trace", "yaml")
+MEASURE = Measure("structural fuzz", "0 exceptions that are not ours: no 70, traceback, signal or hang", 2500, run)
