@@ -17,7 +17,10 @@ from tests.scoreboard.measure import Measure, Tally, versions
 SCORE = Path(__file__).resolve().parents[2] / "SCORE.md"
 # One module of this folder for each row, in their order: its MEASURE.
 MODULES: tuple[str, ...] = (
+    "every_model",
+    "hostile_models",
     "documents",
+    "structural_fuzz",
     "io_faults",
     "kills",
     "determinism",

@@ -9,7 +9,7 @@ from functools import partial
 
 from tests.scoreboard.forms.assets import CUBE, MESH, TEXTURE
 from tests.scoreboard.forms.file_contents import archive, png, stl
-from tests.scoreboard.forms.form import EITHER, LOADED, REFUSED, Form, mjcf
+from tests.scoreboard.forms.form import EITHER, LOADED, REFUSED, Content, Form, mjcf
 from tests.scoreboard.forms.texts import ESCAPES, HINGE
 
 MODEL = mjcf(HINGE)
@@ -171,5 +171,5 @@ def _forms(model: str) -> Iterator[Form]:
     yield make("a comment of escape sequences", comment)
 
 
-def _of(model: str, what: str, content: bytes, loads: frozenset[int] | None = None) -> Form:
+def _of(model: str, what: str, content: Content, loads: frozenset[int] | None = None) -> Form:
     return Form(f"{what}: {model}", {model: content}, model, loads)
