@@ -12,6 +12,7 @@ from typing import Generic, TypeVar
 
 import mujoco
 
+from mjrun.activity import doing
 from mjrun.errors import (
     ControllerError,
     FailedAssertionError,
@@ -73,7 +74,7 @@ def perform(jobs: Sequence[Job[R]], reporter: Reporter | None = None, published:
     reporter, start = reporter or WarningReporter(), time.perf_counter()
     with ExitStack() as stack:
         manifests = [stack.enter_context(ManifestWriter(job.manifest)) if job.manifest else None for job in jobs]
-        with collected_warnings() as warnings, without_timers():
+        with doing("simulating"), collected_warnings() as warnings, without_timers():
             simulated = _open(jobs, reporter, stack)
             simulated.run(stack)
             artifacts = simulated.finish()

@@ -5,6 +5,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields, is_dataclass
 from typing import Any
 
+from mjrun.activity import doing
 from mjrun.errors import UnknownNameError
 from mjrun.model import known_bugs
 from mjrun.model.description.model_description import SECTIONS, ModelDescription
@@ -37,7 +38,7 @@ class Info:
             if name not in SECTIONS:
                 raise UnknownNameError("section", name, SECTIONS)
         sections = tuple(dict.fromkeys(self.sections)) or SECTIONS
-        with collected_warnings() as warnings:
+        with doing("simulating"), collected_warnings() as warnings:
             description = self._description()
             for name in sections:
                 getattr(description, name)  # computed here, so that warnings are collected

@@ -5,9 +5,11 @@ MuJoCo may look for it.
 """
 
 import html
+import math
 import os
 import re
 import stat
+import struct
 from collections import deque
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
@@ -24,6 +26,7 @@ _FILE = re.compile(rb"file(?:name|right|left|up|down|front|back)?" + _VALUE)
 _FOLDER = re.compile(rb"dir(?:(?<=assetdir)|(?<=meshdir)|(?<=texturedir))" + _VALUE)
 _MODEL = re.compile(rb"<(?:include|model)\b(?:[^>\"']|\"[^\"]*\"|'[^']*')*")
 _ROOT = re.compile(rb"(?:\xef\xbb\xbf)?(?:\s+|<\?.*?\?>|<!--.*?-->)*<(\w+)", re.DOTALL)
+MOST_PIXELS = 2**28  # of an image: 16384 a side, which MuJoCo unpacks into 805 MB
 ROOTS = (b"mujoco", b"mujocoinclude", b"robot")
 
 KINDS = {
@@ -124,3 +127,19 @@ def _check(file: _NamedFile, place: str) -> None:
     if kind:
         message = f"{quoted(file.name)} is {kind}; a model is read from regular files"
         raise BrokenModelError(file.by, message, file.line)
+    if place.endswith(".png") and math.prod(size := _png_size(place)) > MOST_PIXELS:
+        message = f"{quoted(file.name)} has {size[0]}x{size[1]} pixels, which no texture can have"
+        raise BrokenModelError(file.by, message, file.line, "make it smaller: 4096x4096 is much already")
+
+
+def _png_size(path: str) -> tuple[int, int]:
+    """Width and height of a PNG image [pixels]; 0 of what is none."""
+    try:
+        with open(path, "rb") as file:  # noqa: PTH123
+            head = file.read(24)
+    except OSError:
+        return 0, 0
+    if len(head) < 24 or not head.startswith(b"\x89PNG"):
+        return 0, 0
+    width, height = struct.unpack(">II", head[16:])
+    return width, height

@@ -57,6 +57,7 @@ class ClassicRenderer(Closable):
         self._model, self._visual, self._decors = model, visual, decorations
         self._segmentation = segmentation
         check_size(size, backend, visual)
+        _check_shadows(model, backend)
         width, height = (side * visual.samples for side in size)
         self._data = mujoco.MjData(model)
         self._index = 0
@@ -189,6 +190,15 @@ def check_size(size: tuple[int, int], backend: Backend, visual: Visual) -> None:
         raise UsageError(
             f"{option('size')} {size[0]}x{size[1]} is too large: {backend.renderer} draws at most "
             f"{backend.max_size // visual.samples} pixels a side at {option('quality')} {visual.quality}"
+        )
+
+
+def _check_shadows(model: mujoco.MjModel, backend: Backend) -> None:
+    """Raises DrawError when the model's maps of shadows are larger than the backend has them: some drivers crash."""
+    if (size := model.vis.quality.shadowsize) > backend.max_size:
+        raise DrawError(
+            f"vis.quality.shadowsize of the model, {size}, is too large: {backend.renderer} draws at most "
+            f"{backend.max_size} pixels a side\n{option('set')} vis.quality.shadowsize=4096 makes it smaller"
         )
 
 

@@ -18,6 +18,7 @@ from typing import Generic, TypeVar
 import numpy as np
 import numpy.typing as npt
 
+from mjrun.activity import doing
 from mjrun.child_process import ChildProcess, python_call
 from mjrun.closable import Closable
 from mjrun.errors import DrawError, option
@@ -152,7 +153,8 @@ class ParallelPainter(Closable, Generic[P]):
         self._workers: list[_Worker] = []
 
         if jobs == 1:
-            painter.open()
+            with doing("drawing"):
+                painter.open()
             self._resources.callback(painter.close)
             return
 
@@ -219,7 +221,8 @@ class ParallelPainter(Closable, Generic[P]):
     def _alone(self, states: Iterable[np.ndarray], first: int) -> Iterator[np.ndarray]:
         frame = np.empty(*self._frame)
         for index, state in enumerate(states, first):
-            self._painter.paint(state, index, frame)
+            with doing("drawing"):
+                self._painter.paint(state, index, frame)
             yield frame
 
     def _together(self, states: Iterator[np.ndarray], first: int) -> Iterator[np.ndarray]:

@@ -99,3 +99,12 @@ def test_mistakes_in_mjcf_are_told_wherever_it_is(tmp_path: Path) -> None:
     (tmp_path / "robot" / "model.xml").write_text('<mujoco><include file="../common.xml"/></mujoco>')
     with pytest.raises(BrokenModelError, match="gem"):
         load(tmp_path / "robot" / "model.xml")
+
+
+def test_an_image_larger_than_any_texture_is_refused_by_its_first_bytes(tmp_path: Path) -> None:
+    head = b"\x89PNG\r\n\x1a\n\0\0\0\rIHDR" + (30_000).to_bytes(4) * 2
+    (tmp_path / "bomb.png").write_bytes(head)
+    model = tmp_path / "a.xml"
+    model.write_text('<mujoco><asset>\n<texture name="t" type="2d" file="bomb.png"/></asset></mujoco>')
+    with pytest.raises(BrokenModelError, match=r"a\.xml:2: 'bomb.png' has 30000x30000 pixels"):
+        load(model)

@@ -10,7 +10,7 @@ import pytest
 from mjrun.camera.argument import parse_camera
 from mjrun.camera.motion import CameraMotion
 from mjrun.camera.pose import Pose
-from mjrun.errors import UsageError
+from mjrun.errors import DrawError, UsageError
 from mjrun.model.rendered_view import RenderedView
 from mjrun.rendering import classic
 from mjrun.rendering.backend import Backend
@@ -262,3 +262,10 @@ def test_more_things_than_a_byte_can_number_are_told_apart(tmp_path: Path, backe
     assert len(np.unique(picture.ids)) == 401
     assert (picture.ids == ids).mean() > 0.85  # the rest are edges
     assert set(np.unique(ids[ids == picture.ids])) == {-1, *range(400)}
+
+
+def test_maps_of_shadows_that_the_driver_does_not_have_are_refused(backend: Backend) -> None:
+    quality = f'<visual><quality shadowsize="{2 * backend.max_size}"/></visual>'
+    model = mujoco.MjModel.from_xml_string(f"<mujoco>{quality}<worldbody><light/></worldbody></mujoco>")
+    with pytest.raises(DrawError, match=f"shadowsize of the model, {2 * backend.max_size}, is too large"):
+        ClassicRenderer(model, (8, 8), backend, Visual())

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import mujoco
+import numpy as np
 
 from mjrun.activity import doing
 from mjrun.errors import BrokenModelError, CompiledOverrideError, ModelNotFoundError, clean
@@ -15,11 +16,15 @@ from mjrun.model.description import archive_files
 from mjrun.model.description.referenced_files import referenced_files
 from mjrun.model.mujoco_globals import without_log
 from mjrun.model.named_files import foreign_file, require_regular_files
+from mjrun.model.nesting import require_finite_nesting
 from mjrun.model.source import Source
 
 SOURCES = (".xml", ".urdf", ".mjz", ".zip")
 COMPILED = (".mjb",)
 SUFFIXES = SOURCES + COMPILED
+
+
+REWRITE = "write it anew from its source"
 
 
 @dataclass(frozen=True)
@@ -90,6 +95,8 @@ class FileSource(Source):
                 hint = f"a .mjb file loads only in the MuJoCo that wrote it; this is {mujoco.mj_versionString()}"
                 raise broken_model(self.path, error, hint) from error
         check_model(model, self.path)
+        if np.any((model.body_treeid < -1) | (model.body_treeid >= model.ntree)):
+            raise BrokenModelError(self.path, "it is damaged: body_treeid names trees that are not there", hint=REWRITE)
         return model
 
     def _parse(self) -> mujoco.MjSpec:
@@ -97,6 +104,8 @@ class FileSource(Source):
         main = str(path) if path.suffix == ".urdf" else archive_files.main_mjcf(path)
         text = archive_files.file_content(main) if main else None
         require_regular_files(path, text)
+        if main:
+            require_finite_nesting(path, main, text)
         try:
             return self._parse_checked()
         except FAULTS:

@@ -10,6 +10,7 @@ import mujoco
 from mjrun.errors import BrokenModelError, UsageError
 from mjrun.model.compilation import compile_model
 from mjrun.model.named_files import require_regular_files
+from mjrun.model.nesting import require_finite_nesting
 from mjrun.model.source import Source
 
 LABEL = Path("<stdin>")
@@ -43,6 +44,7 @@ class StdinSource(Source):
     def compile(self) -> tuple[mujoco.MjSpec | None, mujoco.MjModel]:
         xml = self._read()
         require_regular_files(LABEL, xml.encode())
+        require_finite_nesting(LABEL, str(LABEL), xml.encode())
         return compile_model(lambda: mujoco.MjSpec.from_string(xml), self.overrides, LABEL)
 
     def __reduce__(self) -> tuple[type, tuple[()], dict[str, object]]:

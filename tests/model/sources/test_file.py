@@ -196,3 +196,13 @@ def test_a_path_that_is_not_utf8_is_told_in_our_words(tmp_path: Path) -> None:
     path.write_text(MODEL)
     with pytest.raises(ModelNotFoundError, match="MuJoCo opens only paths in UTF-8"):
         load(path)
+
+
+def test_a_damaged_compiled_model_that_mujoco_would_crash_on_is_refused(tmp_path: Path) -> None:
+    model = mujoco.MjModel.from_xml_string(
+        "<mujoco><worldbody><body><freejoint/><geom size='1'/></body></worldbody></mujoco>"
+    )
+    model.body_treeid[1] = 12345
+    mujoco.mj_saveModel(model, str(tmp_path / "a.mjb"))
+    with pytest.raises(BrokenModelError, match="body_treeid names trees that are not there"):
+        load(tmp_path / "a.mjb")

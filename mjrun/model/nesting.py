@@ -1,0 +1,155 @@
+"""What MuJoCo would crash on or never finish, found in the text of a model before MuJoCo reads it.
+
+MuJoCo reads the models that a model attaches by calling itself: in a circle until its stack is full, and in a chain of
+models in a time that grows with the cube of its length.
+"""
+
+import os.path
+from collections.abc import Iterator
+from contextlib import suppress
+from pathlib import Path
+from typing import NamedTuple
+from xml.parsers import expat
+
+from mjrun.errors import BrokenModelError, quoted
+from mjrun.model.description.archive_files import ARCHIVES, file_content, file_size, main_mjcf
+from mjrun.model.xml_source import with_slashes
+
+# A stack of 8 MiB is full at about 2,500 includes, and at fewer than 2,000 models; a hundred of these take a second.
+MOST_INCLUDES = 500
+MOST_MODELS = 100
+MOST_KEYFRAMES = 20_000  # that are only room for some: MuJoCo names each by looking at all others
+MOST_POINTS = 32_000  # of a flexcomp, each of which MuJoCo compares with all others
+NESTED = (b"<include", b"<model", b"nkey", b"<flexcomp")
+
+
+class _Tag(NamedTuple):
+    """An element in line `line` of the file `file`."""
+
+    tag: str
+    attributes: dict[str, str]
+    file: str
+    line: int
+
+
+class _Model(NamedTuple):
+    """A model on the way through those that attach each other, and the elements in it that are still to be followed."""
+
+    path: str
+    real: str
+    attached: Iterator[_Tag]
+
+
+def require_finite_nesting(path: Path, main: str, text: bytes | None) -> None:
+    """Checks that models do not attach each other in a circle or too deeply, and for counts that never end.
+
+    Args:
+      path: the model as errors call it.
+      main: the file with its `text`; within an archive, if the model is one.
+
+    Raises:
+      BrokenModelError: it is so.
+    """
+    if text is None or not any(word in text for word in NESTED):
+        return
+    known = {os.path.realpath(main)}
+    waiting = [_Model(main, os.path.realpath(main), _attached(main, text))]
+    while waiting:
+        tag = next(waiting[-1].attached, None)
+        if tag is None:
+            waiting.pop()
+            continue
+        inner = _attached_file(tag, waiting[-1].path)
+        if inner is None:
+            continue
+        real = os.path.realpath(inner)
+        if real in [model.real for model in waiting]:
+            what = f"attaches {quoted(tag.attributes['file'])}, which is or attaches this model again"
+            raise _broken(tag, f"{what}: MuJoCo would never be done", "take out one of the <model> elements")
+        if len(waiting) >= MOST_MODELS:
+            what = f"attaches a model in the {len(waiting) + 1}th level; at most {MOST_MODELS} can be nested"
+            raise _broken(tag, what, "attach them side by side, or write them into fewer files")
+        if real not in known and (content := file_content(inner)) is not None:
+            known.add(real)
+            waiting.append(_Model(inner, real, _attached(inner, content)))
+
+
+def _attached(main: str, text: bytes) -> Iterator[_Tag]:
+    """The `<model>` elements of a model and of the files that it includes; checks these for what is too much."""
+    files, included = [(main, text, 1)], {os.path.realpath(main)}
+    while files:
+        path, content, depth = files.pop()
+        for tag in _tags(path, content):
+            if tag.tag == "model":
+                yield tag
+            elif tag.tag == "include":
+                place = _included_file(tag, main)
+                if place is None or os.path.realpath(place) in included:  # which MuJoCo refuses with words of its own
+                    continue
+                if depth >= MOST_INCLUDES:
+                    what = f"is included in the {depth}th level; at most {MOST_INCLUDES} can be nested"
+                    raise _broken(tag, f"{quoted(tag.attributes['file'])} {what}", "include them side by side")
+                included.add(os.path.realpath(place))
+                if (inner := file_content(place)) is not None:
+                    files.append((place, inner, depth + 1))
+            else:
+                _check_counts(tag)
+
+
+def _check_counts(tag: _Tag) -> None:
+    if tag.tag == "size" and _whole(tag.attributes.get("nkey", "")) > MOST_KEYFRAMES:
+        what = f"nkey makes {tag.attributes['nkey']} keyframes; MuJoCo takes hours for more than {MOST_KEYFRAMES}"
+        raise _broken(tag, what, "leave nkey out: it is as large as the keyframes in the model need")
+    if tag.tag == "flexcomp":
+        points = 1
+        for count in tag.attributes.get("count", "").split():
+            points *= max(1, _whole(count))
+        if points > MOST_POINTS:
+            what = f"a flexcomp of {points} points; MuJoCo takes hours for more than {MOST_POINTS}"
+            raise _broken(tag, what, "lower its count")
+
+
+def _whole(text: str) -> int:
+    try:
+        return int(float(text))
+    except (ValueError, OverflowError):
+        return 0
+
+
+def _tags(path: str, content: bytes) -> Iterator[_Tag]:
+    """The elements of interest in a file; what precedes a fault, if it is not well-formed."""
+    found: list[_Tag] = []
+    parser = expat.ParserCreate()
+
+    def start(tag: str, attributes: dict[str, str]) -> None:
+        if (tag in ("include", "model") and attributes.get("file")) or tag in ("size", "flexcomp"):
+            found.append(_Tag(tag, attributes, path, parser.CurrentLineNumber))
+
+    parser.StartElementHandler = start
+    with suppress(expat.ExpatError, ValueError, LookupError):
+        parser.Parse(content, True)
+    yield from found
+
+
+def _attached_file(tag: _Tag, model: str) -> str | None:
+    """The file of a `<model>` element in a model, and in an archive its main one; None if there is none."""
+    name = with_slashes(tag.attributes["file"])
+    place = _existing(os.path.join(os.path.dirname(model), name), name)  # noqa: PTH118, PTH120
+    if place and place.endswith(ARCHIVES):
+        return main_mjcf(Path(place))
+    return place
+
+
+def _included_file(tag: _Tag, main: str) -> str | None:
+    """The file of an `<include>` element, which MuJoCo looks for beside the model first."""
+    name = with_slashes(tag.attributes["file"])
+    return _existing(*(os.path.join(os.path.dirname(base), name) for base in (main, tag.file)))  # noqa: PTH118, PTH120
+
+
+def _existing(*places: str) -> str | None:
+    normal = (os.path.normpath(place) for place in places)
+    return next((place for place in normal if file_size(place) is not None), None)
+
+
+def _broken(tag: _Tag, message: str, hint: str) -> BrokenModelError:
+    return BrokenModelError(Path(tag.file), message, tag.line, hint)
