@@ -29,12 +29,14 @@ class Notice:
       model: which, the last that it has read or compiled.
       folders: where it has written outputs under temporary names.
       children: the processes that it has started and that have not ended.
+      temporary: the folder of its temporary files, if it has one of its own.
     """
 
     activity: Activity = ""
     model: str = ""
     folders: list[str] = field(default_factory=list[str])
     children: list[int] = field(default_factory=list[int])
+    temporary: str = ""
 
 
 class Noticeboard:
@@ -100,6 +102,12 @@ def note_folder(folder: Path) -> None:
             notice.folders.append(path)
 
 
+def note_temporary(folder: str) -> None:
+    """Notes that `folder` is for the temporary files of this process alone."""
+    with _noting() as notice:
+        notice.temporary = folder
+
+
 def note_child(pid: int) -> None:
     """Notes that a process was started."""
     with _noting() as notice:
@@ -111,6 +119,11 @@ def note_end_of_child(pid: int) -> None:
     with _noting() as notice:
         if pid in notice.children:
             notice.children.remove(pid)
+
+
+def is_watched() -> bool:
+    """Whether another process reads the notice of this one when it has died."""
+    return _board is not None
 
 
 def note_heard() -> None:

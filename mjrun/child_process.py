@@ -27,6 +27,7 @@ from mjrun.errors import FileError
 STDOUT_LIMIT = 2**24  # bytes of captured output that are kept, from its beginning
 STDERR_LIMIT = 2**16  # bytes of captured messages that are kept, from their end: the last line says why
 POLL_INTERVAL = 0.05  # [s]
+LAST_SECONDS = 5  # of computing, from the signal of the soft limit to the hard one
 PIPE_GRACE = 1.0  # [s] for a pipe to end after its process
 KILLED_GRACE = 0.1  # [s] for it to end after a process that was killed
 IDLE_INTERVAL = 1.0  # [s] between two looks at what a process does
@@ -282,7 +283,12 @@ class ChildProcess:
 
 
 def limit_this_process(
-    *, memory: float | None = None, cpu: float | None = None, file_size: float | None = None, core: float | None = None
+    *,
+    memory: float | None = None,
+    cpu: float | None = None,
+    file_size: float | None = None,
+    core: float | None = None,
+    hard: bool = False,
 ) -> None:
     """Sets soft limits of the process that calls it, which it can lift by `math.inf`. A system may know fewer.
 
@@ -291,6 +297,7 @@ def limit_this_process(
       cpu: seconds of computing; SIGXCPU tells of the limit.
       file_size: bytes of a file that it writes; an OSError tells of the limit in Python, elsewhere SIGXFSZ.
       core: bytes of the memory image of a crash.
+      hard: whether neither this process nor what it starts can lift them again.
     """
     if memory is not None:
         pages = int(STATUS.read_text().split()[0]) if STATUS.exists() else 0
@@ -300,9 +307,11 @@ def limit_this_process(
         if most is None:
             continue
         with suppress(OSError, ValueError):
-            hard = resource.getrlimit(kind)[1]
-            soft = hard if most == math.inf else most if hard == resource.RLIM_INFINITY else min(most, hard)
-            resource.setrlimit(kind, (int(soft), hard))
+            highest = resource.getrlimit(kind)[1]
+            soft = highest if most == math.inf else most if highest == resource.RLIM_INFINITY else min(most, highest)
+            # At the hard limit of computing the kernel kills, and nobody knows why.
+            lasting = soft + LAST_SECONDS if kind == resource.RLIMIT_CPU and most < math.inf else soft
+            resource.setrlimit(kind, (int(soft), int(lasting) if hard else highest))
 
 
 class _Capture:

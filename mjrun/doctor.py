@@ -12,6 +12,7 @@ from typing import Any
 import mujoco
 import numpy as np
 
+from mjrun.confinement.confinement import CHECKS, means
 from mjrun.diff import frames
 from mjrun.errors import (
     EncoderError,
@@ -100,6 +101,7 @@ def examine(spelling: Spelling = str) -> DoctorReport:
         filament,
         *views,
         *encoder,
+        *_untrusted(),
     ]
     return DoctorReport(
         [replace(finding, remedy=spelled(finding.remedy, spelling)) for finding in findings],
@@ -258,6 +260,17 @@ def _studio() -> Diagnostic:
     if importlib.util.find_spec("mujoco.studio") and importlib.util.find_spec(WEBSOCKETS):
         return Diagnostic("view", "browser", OK, f"MuJoCo Studio {importlib.metadata.version(STUDIO)}")
     return Diagnostic("view", "browser", MISSING, f"{STUDIO} is not installed", f"pip install {STUDIO}")
+
+
+def _untrusted() -> list[Diagnostic]:
+    """What keeps models that nobody vouches for from other files and from the network."""
+    files, network = means()
+    kernel = f"{option('untrusted')} checks paths; Linux 5.13 or later, with Landlock, confines the process itself"
+    confined = Diagnostic("untrusted", "files", WARNING if files == CHECKS else OK, files, kernel * (files == CHECKS))
+    if network:
+        return [confined, Diagnostic("untrusted", "network", OK, network)]
+    remedy = f"{option('untrusted')} leaves it the network; run it in a container that has none"
+    return [confined, Diagnostic("untrusted", "network", WARNING, "not confined", remedy)]
 
 
 def _encoder() -> list[Diagnostic]:

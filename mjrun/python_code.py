@@ -10,6 +10,7 @@ from functools import reduce
 from pathlib import Path
 from types import ModuleType
 
+from mjrun.confinement.confinement import require_unconfined
 from mjrun.errors import ControllerError, FileError, UnknownNameError, UsageError, option, quoted
 
 
@@ -41,6 +42,7 @@ def load_code(code: str, name: str, form: str) -> object:
       FileError: there is no such file.
       ControllerError: its code failed.
     """
+    require_unconfined(f"{option(name)} {quoted(code)} is code")
     place, _, attribute = code.rpartition(":")
     if not place or not attribute:
         raise UsageError(f"{option(name)} {quoted(code)} names no code\n{form}")

@@ -26,7 +26,7 @@ HOUSE = (
     ("model",),
     ("options", "child_process"),
     ("python_code",),
-    ("reporter",),
+    ("reporter", "confinement"),
     ("timeline", "errors", "palette", "closable", "activity", "version"),
 )
 

@@ -6,6 +6,7 @@ import mujoco
 
 from mjrun.bench.rollout_timing import Clock
 from mjrun.bench.statistics import SampleStatistics, summarized
+from mjrun.confinement.confinement import confined_load
 from mjrun.model.delays import lengthen_buffers
 from mjrun.model.override import apply
 from mjrun.model.source import Source
@@ -36,6 +37,10 @@ def timed_load(source: Source, clock: Clock) -> tuple[mujoco.MjModel, LoadTiming
       ModelError: it cannot be loaded.
       UsageError: an override names nothing, or its value does not fit.
     """
+    return confined_load(lambda: _timed_load(source, clock))
+
+
+def _timed_load(source: Source, clock: Clock) -> tuple[mujoco.MjModel, LoadTiming]:
     before = clock()
     model = source.load()
     first = clock() - before

@@ -11,7 +11,8 @@ import mujoco
 import numpy as np
 
 from mjrun.check.finding import Place, Violation
-from mjrun.model.compilation import FAULTS
+from mjrun.confinement.confinement import confined_load
+from mjrun.model.compilation import FAULTS, refuse_plugins
 from mjrun.model.description.archive_files import file_content
 from mjrun.model.load import load
 from mjrun.model.named_files import require_regular_files
@@ -38,6 +39,14 @@ TAGS = {
 }
 SECTIONS = ("actuator", "sensor", "equality")  # kinds whose objects are the children of one element
 IN_FILE_ORDER = (*SECTIONS, "keyframe")  # kinds whose ids follow the order of the file
+
+
+def _compiled(path: Path) -> tuple[mujoco.MjSpec, mujoco.MjModel]:
+    """The specification and the model in the XML at `path`; raises what MuJoCo raises, or ModelError."""
+    require_regular_files(path, file_content(str(path)))
+    spec = mujoco.MjSpec.from_file(str(path))
+    refuse_plugins(spec, path)
+    return spec, spec.compile()
 
 
 class Attach(NamedTuple):
@@ -74,9 +83,7 @@ class LintContext:
         """
         with suppress(*FAULTS):  # `load` below fails on the same model with an error that says what and where
             if path.suffix in XML and is_regular(path):
-                require_regular_files(path, file_content(str(path)))
-                spec = mujoco.MjSpec.from_file(str(path))
-                model = spec.compile()
+                spec, model = confined_load(lambda: _compiled(path))
                 model.names.decode("utf-8")
                 if 0 < model.opt.timestep < math.inf:
                     return cls(path, model, spec, source)

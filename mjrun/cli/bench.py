@@ -11,6 +11,7 @@ from mjrun.cli.console import Console
 from mjrun.cli.simulation_command import import_mujoco
 from mjrun.errors import FileError, UsageError, option
 from mjrun.options.bench import BenchOptions, ReportOptions
+from mjrun.options.confinement import ConfinementOptions
 from mjrun.options.messages import MessageOptions
 
 if TYPE_CHECKING:
@@ -20,7 +21,7 @@ SUMMARY = "GITHUB_STEP_SUMMARY"
 SLOWER, PARTLY = 1, 8  # exit codes
 
 
-@command("bench", BenchOptions, ReportOptions, arguments=[MODEL])
+@command("bench", BenchOptions, ReportOptions, ConfinementOptions, arguments=[MODEL])
 def bench(console: Console, command_line: CommandLine) -> None:
     """Time the simulation of MODEL: its steps and their phases, threads, drawing; and measure its accuracy.
 

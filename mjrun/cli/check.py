@@ -9,6 +9,7 @@ from mjrun.cli.console import Console, flag
 from mjrun.cli.simulation_command import import_mujoco
 from mjrun.errors import UsageError, option
 from mjrun.options.check import CheckOptions, CheckReportOptions
+from mjrun.options.confinement import ConfinementOptions
 from mjrun.options.messages import MessageOptions
 from mjrun.options.policy import PolicyOptions
 
@@ -18,7 +19,7 @@ if TYPE_CHECKING:
 MODELS = click.Argument(["models"], nargs=-1, type=click.Path(), metavar="MODEL...")
 
 
-@command("check", CheckOptions, CheckReportOptions, PolicyOptions, arguments=[MODELS])
+@command("check", CheckOptions, CheckReportOptions, PolicyOptions, ConfinementOptions, arguments=[MODELS])
 def check(console: Console, command_line: CommandLine) -> None:
     """Find what is wrong with each MODEL, or will be; a folder means all models below it.
 

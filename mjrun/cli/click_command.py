@@ -2,12 +2,16 @@
 
 import faulthandler
 import textwrap
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Generator, Mapping, Sequence
+from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any, TypeVar, cast
 
 import click
 
 from mjrun.cli.console import Console, flag
+from mjrun.errors import UsageError
+from mjrun.errors import option as mention
+from mjrun.options.confinement import ConfinementOptions
 from mjrun.options.kinds import AnyKind, Choice, ColumnMap, ExpectedError, Flag, Optional, Settings, Several, Values
 from mjrun.options.messages import MessageOptions
 from mjrun.options.option import FrontEnd, Option, Options, options_of
@@ -20,7 +24,7 @@ Body = Callable[[Console, "CommandLine"], None]
 
 
 # Sections that several commands have. What a command has for itself comes before them.
-SHARED_SECTIONS = ("View", "Renderer", "Simulation", "Policy", "Model", "Output", "Messages")
+SHARED_SECTIONS = ("View", "Renderer", "Simulation", "Policy", "Model", "Output", "Trust", "Messages")
 TERM_WIDTH = 26  # columns of help for an option's spelling, with the gap before its text
 # What options are called in earlier versions and in other tools, where their spellings do not suggest it.
 OTHER_NAMES = {
@@ -192,7 +196,8 @@ def command(
         def callback(console: Console, /, **params: object) -> None:
             command_line = CommandLine(params)
             _set_verbosity(console, command_line.make(MessageOptions))
-            body(console, command_line)
+            with _confined_if_asked(console, command_line):
+                body(console, command_line)
 
         declared = {each.name: each for cls in (*classes, MessageOptions) for each in options_of(cls)}
         known = [each for each in declared.values() if FrontEnd.COMMAND in each.places and each.name not in without]
@@ -200,6 +205,23 @@ def command(
         return cls(name, callback=callback, params=params, help=body.__doc__)
 
     return decorate
+
+
+@contextmanager
+def _confined_if_asked(console: Console, command_line: CommandLine) -> Generator[None, None, None]:
+    """Confines this process to what the command line names, if that says that nothing is trusted."""
+    options = command_line.make(ConfinementOptions)
+    if not options.untrusted:
+        for name in ("root", "limit"):
+            if command_line.value(name) is not None:
+                raise UsageError(f"{mention(name)} is of {mention('untrusted')}, which is not there")
+        yield
+        return
+    from mjrun.cli.confined import confined, description
+
+    with confined(click.get_current_context(), options) as limits:
+        console.note(description(limits))
+        yield
 
 
 def _section_rank(declared: Option) -> int:

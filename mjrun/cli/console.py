@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     from rich.progress import Progress, TaskID
 
 from mjrun.cli.standard_streams import STDERR, STDOUT, Payload, text_stream
+from mjrun.confinement.confinement import confinement
 from mjrun.errors import flag, spelled
 
 EVERY = 10.0  # [s] between two lines of progress when stderr is no terminal
@@ -60,7 +61,10 @@ class Console:
         print(text, flush=True)  # noqa: T201
 
     def document(self, value: Mapping[str, object]) -> None:
-        """The command's answer as one JSON document on stdout."""
+        """The command's answer as one JSON document on stdout; it says too how the process is confined, if it is."""
+        limits = confinement()
+        if limits and "runs" not in value:  # which SARIF has, and nothing of its own beside
+            value = {**value, "untrusted": limits.facts()}
         self.result(json.dumps(value, indent=2))
 
     def say(self, text: str) -> None:

@@ -9,6 +9,7 @@ from mjrun.cli.click_command import CommandLine, SectionedCommand, command
 from mjrun.cli.console import Console
 from mjrun.cli.simulation_command import import_mujoco
 from mjrun.errors import UsageError, option
+from mjrun.options.confinement import ConfinementOptions
 from mjrun.options.diff import DiffOptions, DiffReportOptions
 from mjrun.options.messages import MessageOptions
 
@@ -34,7 +35,7 @@ class DiffCommand(SectionedCommand):
         return super().make_context(info_name, args, parent, **extra)
 
 
-@command("diff", DiffOptions, DiffReportOptions, arguments=PAIR, cls=DiffCommand)
+@command("diff", DiffOptions, DiffReportOptions, ConfinementOptions, arguments=PAIR, cls=DiffCommand)
 def diff(console: Console, command_line: CommandLine) -> None:
     """Tell whether two results agree, A and B: tables, recordings, videos, images or models.
 

@@ -12,6 +12,7 @@ from mjrun.cli.click_command import CommandLine, command
 from mjrun.cli.console import Console
 from mjrun.cli.simulation_command import failures_in_json, import_mujoco, with_camera_scripts
 from mjrun.errors import MjrunError, UsageError, clean, option
+from mjrun.options.confinement import ConfinementOptions
 from mjrun.options.evaluation import EvaluationCommandOptions, EvaluationExecutionOptions, EvaluationOptions
 from mjrun.options.messages import MessageOptions
 
@@ -32,6 +33,7 @@ ARGUMENTS = (
     EvaluationOptions,
     EvaluationExecutionOptions,
     EvaluationCommandOptions,
+    ConfinementOptions,
     arguments=ARGUMENTS,
     without=["repeats"],
 )

@@ -11,6 +11,7 @@ from mjrun.cli.click_command import CommandLine, command
 from mjrun.cli.console import Console
 from mjrun.cli.simulation_command import import_mujoco, simulation
 from mjrun.errors import UsageError, clean, option
+from mjrun.options.confinement import ConfinementOptions
 from mjrun.options.fit import DOCUMENTS, FitOptions
 from mjrun.options.messages import MessageOptions
 from mjrun.options.option import options_of
@@ -25,7 +26,7 @@ ARGUMENTS = (
 )
 
 
-@command("fit", FitOptions, SimulationOptions, arguments=ARGUMENTS)
+@command("fit", FitOptions, SimulationOptions, ConfinementOptions, arguments=ARGUMENTS)
 def fit(console: Console, command_line: CommandLine) -> None:
     """Find parameters of MODEL from measurements: DATA, tables with columns such as time, qpos/knee and ctrl/motor.
 

@@ -14,12 +14,21 @@ from mjrun.cli.simulation_command import (
     stem,
     with_camera_scripts,
 )
+from mjrun.options.confinement import ConfinementOptions
 from mjrun.options.image import ImageOptions
 from mjrun.options.output import CommandOptions
 from mjrun.options.simulation import SimulationOptions
 
 
-@command("image", ImageOptions, CommandOptions, SimulationOptions, arguments=[MODEL], without=("duration", "steps"))
+@command(
+    "image",
+    ImageOptions,
+    CommandOptions,
+    SimulationOptions,
+    ConfinementOptions,
+    arguments=[MODEL],
+    without=("duration", "steps"),
+)
 def image(console: Console, command_line: CommandLine) -> None:
     """Draw one instant of MODEL: colours, depth, segmentation, of several cameras.
 

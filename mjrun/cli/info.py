@@ -11,6 +11,7 @@ from mjrun.cli.info_sections import SECTIONS, LineSection
 from mjrun.cli.list_columns import show_columns
 from mjrun.cli.simulation_command import import_mujoco, source
 from mjrun.errors import UsageError, clean, option
+from mjrun.options.confinement import ConfinementOptions
 from mjrun.options.info import InfoOptions
 from mjrun.options.messages import MessageOptions
 from mjrun.options.model import ModelOptions
@@ -27,7 +28,7 @@ ROWS = 24  # of a section, unless it is asked for
 SECTION_ARGUMENT = click.Argument(["sections"], metavar="[SECTION]...", nargs=-1)
 
 
-@command("info", InfoOptions, ModelOptions, arguments=[MODEL, SECTION_ARGUMENT])
+@command("info", InfoOptions, ModelOptions, ConfinementOptions, arguments=[MODEL, SECTION_ARGUMENT])
 def info(console: Console, command_line: CommandLine) -> None:
     """Show what MODEL is: sizes, bodies, joints, actuators, sensors and all else, or only each SECTION, whole.
 

@@ -14,6 +14,7 @@ from mjrun.cli.controller_loader import load_controller
 from mjrun.cli.result_summary import summary
 from mjrun.cli.simulation_command import failures_in_json, import_mujoco
 from mjrun.errors import FileError, MjrunError, clean
+from mjrun.options.confinement import ConfinementOptions
 from mjrun.options.messages import MessageOptions
 from mjrun.options.run import RunOptions
 
@@ -28,7 +29,7 @@ ARGUMENTS = (
 )
 
 
-@command("run", RunOptions, arguments=ARGUMENTS)
+@command("run", RunOptions, ConfinementOptions, arguments=ARGUMENTS)
 def run(console: Console, command_line: CommandLine) -> None:
     """Make everything that DOCUMENT asks for: videos, images, traces and plots of one simulation, in one pass.
 

@@ -14,6 +14,7 @@ from mjrun.cli.controller_loader import load_controller
 from mjrun.cli.simulation_command import failures_in_json, import_mujoco, simulation, stem
 from mjrun.errors import FileError, MjrunError, UsageError, clean, option
 from mjrun.formats.input_file import exists, is_file, is_folder
+from mjrun.options.confinement import ConfinementOptions
 from mjrun.options.keep import KeepOptions
 from mjrun.options.kinds import Settings, Values
 from mjrun.options.messages import MessageOptions
@@ -45,7 +46,15 @@ ARGUMENTS = (
 )
 
 
-@command("sweep", StudyOptions, StudyCommandOptions, ExecutionOptions, SimulationOptions, arguments=ARGUMENTS)
+@command(
+    "sweep",
+    StudyOptions,
+    StudyCommandOptions,
+    ExecutionOptions,
+    SimulationOptions,
+    ConfinementOptions,
+    arguments=ARGUMENTS,
+)
 def sweep(console: Console, command_line: CommandLine) -> None:
     """Simulate MODEL for many values, and tell what happens: a table with a row for each point.
 

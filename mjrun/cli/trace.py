@@ -7,6 +7,7 @@ from mjrun.cli.console import Console
 from mjrun.cli.list_columns import show_columns
 from mjrun.cli.simulation_command import import_mujoco, make, payload_on_stdout, show, simulation, source, stem
 from mjrun.errors import UsageError, clean, option
+from mjrun.options.confinement import ConfinementOptions
 from mjrun.options.messages import MessageOptions
 from mjrun.options.output import CommandOptions
 from mjrun.options.simulation import SimulationOptions
@@ -15,7 +16,15 @@ from mjrun.options.trace import TraceCommandLineOptions, TraceOptions
 WRITTEN = ("output", "contacts", "manifest", "recording", "save_key")
 
 
-@command("trace", TraceOptions, TraceCommandLineOptions, CommandOptions, SimulationOptions, arguments=[MODEL])
+@command(
+    "trace",
+    TraceOptions,
+    TraceCommandLineOptions,
+    CommandOptions,
+    SimulationOptions,
+    ConfinementOptions,
+    arguments=[MODEL],
+)
 def trace(console: Console, command_line: CommandLine) -> None:
     """Measure a simulation of MODEL: one row per instant, exact numbers, named columns.
 

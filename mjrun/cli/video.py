@@ -11,12 +11,13 @@ from mjrun.cli.simulation_command import (
     stem,
     with_camera_scripts,
 )
+from mjrun.options.confinement import ConfinementOptions
 from mjrun.options.output import CommandOptions
 from mjrun.options.simulation import SimulationOptions
 from mjrun.options.video import VideoOptions
 
 
-@command("video", VideoOptions, CommandOptions, SimulationOptions, arguments=[MODEL])
+@command("video", VideoOptions, CommandOptions, SimulationOptions, ConfinementOptions, arguments=[MODEL])
 def video(console: Console, command_line: CommandLine) -> None:
     """Make a video of MODEL.
 

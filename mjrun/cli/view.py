@@ -7,6 +7,7 @@ from mjrun.cli.click_command import MODEL, CommandLine, command
 from mjrun.cli.console import Console
 from mjrun.cli.simulation_command import import_mujoco, simulation
 from mjrun.errors import clean
+from mjrun.options.confinement import ConfinementOptions
 from mjrun.options.messages import MessageOptions
 from mjrun.options.simulation import SimulationOptions
 from mjrun.options.viewer import ViewerOptions
@@ -15,7 +16,7 @@ if TYPE_CHECKING:
     from mjrun.viewer.viewer import ViewerResult
 
 
-@command("view", ViewerOptions, SimulationOptions, arguments=[MODEL])
+@command("view", ViewerOptions, SimulationOptions, ConfinementOptions, arguments=[MODEL])
 def view(console: Console, command_line: CommandLine) -> None:
     """Look at a simulation of MODEL live, in a window or in a browser on this machine.
 

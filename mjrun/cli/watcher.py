@@ -21,7 +21,7 @@ from mjrun.activity import Notice, Noticeboard, write_on
 SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)  # that are passed on
 GRACE = 0.5  # [s] within which the child must have heard a signal, before it is killed
 LINGER = 0.3  # [s] that a process may take to end when it is killed
-BUG = 70
+BUG, EXCEEDED = 70, 4
 EXIT_CODES = {"reading": 3, "compiling": 3, "simulating": 4, "drawing": 5}
 
 CRASHES: dict[int, str] = {
@@ -30,6 +30,11 @@ CRASHES: dict[int, str] = {
     signal.SIGABRT: "it gave up",
     signal.SIGFPE: "it divided by zero",
     signal.SIGILL: "it came to an instruction that this processor does not have",
+}
+LIMITS: dict[int, tuple[str, str]] = {
+    signal.SIGALRM: ("time", "it took longer than"),
+    signal.SIGXCPU: ("time", "it computed for longer than"),
+    signal.SIGXFSZ: ("file", "it wrote a larger file than"),
 }
 CHECK = "`mjrun check {model}` says what else is wrong with it"
 ADVICE = {
@@ -129,13 +134,17 @@ class _Watcher:
 def _obituary(killer: int, notice: Notice) -> tuple[str, int]:
     """What to say of a process that was killed by a signal that did not come from here, and the exit code."""
     from mjrun.child_process import ExitStatus
-    from mjrun.errors import OutOfMemoryError, clean
+    from mjrun.errors import OutOfMemoryError, clean, option
 
     name = ExitStatus(-killer).signal
     during = f" while {notice.activity} {clean(notice.model)}" if notice.activity else ""
     if killer == signal.SIGKILL:
         reason = f"the process was killed{during}, which the system does when there is none left"
         return str(OutOfMemoryError(reason)), OutOfMemoryError.exit_code
+    if killer in LIMITS and notice.temporary:  # or the limits are somebody else's
+        limit, reason = LIMITS[killer]
+        advice = f"{option('limit')} {limit}=… allows more"
+        return f"ended{during}: {reason} its limit allows ({name})\n{advice}", EXIT_CODES.get(notice.activity, EXCEEDED)
     if killer not in CRASHES:
         return f"ended by {name}{during}", 128 + killer
 
@@ -146,11 +155,15 @@ def _obituary(killer: int, notice: Notice) -> tuple[str, int]:
 
 def _clear_away(notice: Notice) -> None:
     """Kills what a dead process has started, and removes its unfinished outputs."""
+    import shutil
+
     from mjrun.formats.atomic_output import remove_left_behind
     from mjrun.formats.temporary_output import NAME
 
     for pid in notice.children:
         _kill(pid)
+    if notice.temporary:
+        shutil.rmtree(notice.temporary, ignore_errors=True)
     for folder in map(Path, notice.folders):
         deadline = time.monotonic() + LINGER
         with suppress(OSError):

@@ -26,6 +26,7 @@ from typing import Annotated, TypeVar, cast
 
 from pydantic import Field, Tag
 
+from mjrun.confinement.confinement import is_readable
 from mjrun.document.builder import NAMED, DocumentBuilder, fault_at
 from mjrun.document.document_model import MAPPING, NUMBER, TEXT, Key, Name, Omittable, by_type
 from mjrun.document.option_models import OptionsModel, options_model
@@ -138,6 +139,8 @@ def task_or_model(text: str) -> Task | str:
 
 def is_task(path: Path | str) -> bool:
     """Whether the document at `path` is one of a task: it says what is observed."""
+    if not is_readable(path):
+        return False  # as below
     try:
         with opened(Path(path), "document", SUFFIXES) as file:
             text = file.read(LARGEST).decode("utf-8-sig")

@@ -18,7 +18,8 @@ from typing import BinaryIO, Protocol
 
 from mjrun.activity import note_folder
 from mjrun.closable import Closable
-from mjrun.errors import ClosedPipeError, FileError, MjrunError, PartlyDoneError
+from mjrun.confinement.confinement import is_writable
+from mjrun.errors import ClosedPipeError, FileError, MjrunError, PartlyDoneError, option
 from mjrun.formats.replacement import (
     MOVING,
     NEW,
@@ -452,6 +453,8 @@ def _close_quietly(file: BinaryIO) -> None:
 
 def _temporary(target: Path, shown: Path, *, folder: bool) -> TemporaryOutput:
     """Where an output is written until it is complete; frames in the folder `new` of a folder."""
+    if not is_writable(target):
+        raise FileError(shown, f"lies outside the folders of the outputs, where alone {option('untrusted')} writes")
     temporary = None
     try:
         remove_left_behind(target.parent)

@@ -9,6 +9,7 @@ from collections.abc import Collection, Iterator
 from pathlib import Path
 from typing import BinaryIO, TypeVar
 
+from mjrun.confinement.confinement import OUTSIDE, advice, is_readable
 from mjrun.errors import FileError, MjrunError, clean, suggestion
 
 SHOWN = 80  # characters of a text from a file that a message shows
@@ -72,6 +73,8 @@ def opened(path: Path, what: str, suffixes: Collection[str], hint: str = "") -> 
 @contextlib.contextmanager
 def _readable(path: Path, suffixes: Collection[str], hint: str) -> Iterator[None]:
     """Turns what the operating system raises into a FileError."""
+    if not is_readable(path):
+        raise FileError(path, OUTSIDE, advice())
     try:
         yield
     except (FileNotFoundError, NotADirectoryError):

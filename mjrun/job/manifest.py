@@ -4,11 +4,12 @@ import dataclasses
 import platform
 from collections.abc import Mapping, Sequence
 from fractions import Fraction
-from typing import TypedDict, cast
+from typing import NotRequired, TypedDict, cast
 
 import mujoco
 import numpy as np
 
+from mjrun.confinement.confinement import confinement
 from mjrun.job.simulation import Simulation
 from mjrun.model.fingerprint import model_fingerprint
 from mjrun.task.task import Task
@@ -34,6 +35,7 @@ class Origin(TypedDict):
     command: str
     model: ModelOrigin
     inputs: Sequence[Mapping[str, object]]
+    untrusted: NotRequired[Mapping[str, object]]
     options: dict[str, object]
     seed: int
     timestep: float
@@ -46,7 +48,7 @@ def origin(job: object, simulation: Simulation, model: mujoco.MjModel, timeline:
     The model's fingerprint is that of its compiled form, with all its assets and overrides.
     """
     options = cast(dict[str, object], plain(job))
-    return {
+    made: Origin = {
         "mjrun": __version__,
         "mujoco": mujoco.mj_versionString(),
         "numpy": np.__version__,
@@ -60,6 +62,9 @@ def origin(job: object, simulation: Simulation, model: mujoco.MjModel, timeline:
         "timestep": float(timeline.timestep),
         "steps": timeline.steps,
     }
+    if limits := confinement():
+        made["untrusted"] = limits.facts()
+    return made
 
 
 def plain(value: object) -> object:

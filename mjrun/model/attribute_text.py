@@ -13,6 +13,7 @@ from pathlib import Path
 import mujoco
 import numpy as np
 
+from mjrun.confinement.confinement import confined_load
 from mjrun.errors import UsageError, clean
 from mjrun.model.override import ELEMENTS, PARTIAL, ROOTS, Override, apply, indices_at
 from mjrun.model.xml_source import Element, XmlSource, read_xml
@@ -67,7 +68,7 @@ def changes(path: Path, overrides: Sequence[Override]) -> list[Change]:
     Raises:
       UsageError: an override changes what is no attribute of the text, such as the gain of a muscle.
     """
-    text, changed = read_xml(path), mujoco.MjSpec.from_file(str(path))
+    text, changed = read_xml(path), confined_load(lambda: mujoco.MjSpec.from_file(str(path)))
     for override in overrides:
         apply(changed, override)
     found: dict[tuple[int, str], Change] = {}

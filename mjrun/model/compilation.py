@@ -9,7 +9,8 @@ from pathlib import Path
 import mujoco
 
 from mjrun.activity import doing
-from mjrun.errors import ARENA, MORE_MEMORY, BadValueError, BrokenModelError, clean, concerning, option
+from mjrun.confinement.confinement import confinement
+from mjrun.errors import ARENA, MORE_MEMORY, BadValueError, BrokenModelError, clean, concerning, listing, option
 from mjrun.model import finiteness
 from mjrun.model.delays import lengthen_buffers
 from mjrun.model.mujoco_globals import without_log
@@ -43,6 +44,7 @@ def compile_model(
                 spec = parse()
         except FAULTS as error:
             raise broken_model(path, error, advice=advice) from error
+        refuse_plugins(spec, path)
         try:
             for override in overrides:
                 with concerning(*override.option_path):
@@ -61,6 +63,14 @@ def compile_model(
         raise BadValueError(option("timestep"), f"{model.opt.timestep:g}", "a positive number of seconds")
     check_model(model, path, f"{option('timestep')} overrides it")
     return spec, model
+
+
+def refuse_plugins(spec: mujoco.MjSpec, path: Path) -> None:
+    """Raises BrokenModelError if the model is run by plugins, which are libraries, in a confined process."""
+    if confinement() and spec.plugins:
+        names = listing(sorted({plugin.plugin_name for plugin in spec.plugins}))
+        hint = f"they are code, and {option('untrusted')} runs none"
+        raise BrokenModelError(path, f"it uses plugins: {names}", hint=hint)
 
 
 def check_model(model: mujoco.MjModel, path: Path, timestep_advice: str = "") -> None:

@@ -16,8 +16,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import NamedTuple
 
+from mjrun.confinement.confinement import OUTSIDE, advice, confinement, is_readable
 from mjrun.errors import BrokenModelError, quoted
-from mjrun.model.description.archive_files import file_content
+from mjrun.model.description.archive_files import file_content, file_size
 from mjrun.model.xml_source import MAX_FILES, with_slashes
 
 _VALUE = rb"\s*=\s*(?:\"([^\"]*)\"|'([^']*)')"
@@ -54,16 +55,22 @@ class _NamedFiles:
     models: dict[str, bytes] = field(default_factory=dict[str, bytes])
 
 
-def require_regular_files(path: Path, text: bytes | None) -> None:
+def require_regular_files(path: Path, text: bytes | None, member: str = "") -> None:
     """Checks that no file named in the MJCF or URDF `text`, or in what it includes, is a pipe, a socket or a device.
+
+    In a confined process, none may lie where it must not read either, whether there is one or not.
 
     Args:
       path: of the text; what it names may lie beside it, or in the working directory.
+      member: the path of the text, if it lies in the archive `path`.
 
     Raises:
-      BrokenModelError: one is.
+      BrokenModelError: one is, or does.
     """
-    named = _collect(path, text or b"")
+    named = _collect(path, text or b"", member)
+    if confinement():
+        for file in named.files:
+            _require_readable(file, path, named.folders)
     seen: set[str] = set()
     for file in named.files:
         for place in _places(file, path, named.folders):
@@ -82,9 +89,9 @@ def foreign_file(path: Path, text: bytes | None) -> str | None:
     return None
 
 
-def _collect(path: Path, text: bytes) -> _NamedFiles:
+def _collect(path: Path, text: bytes, member: str = "") -> _NamedFiles:
     """Goes through the text and those of the files that it includes or attaches."""
-    named, waiting, visited = _NamedFiles(), deque([(path, text)]), {str(path.absolute())}
+    named, waiting, visited = _NamedFiles(), deque([(Path(member or path), text)]), {str(path.absolute())}
     while waiting and len(visited) <= MAX_FILES:
         by, content = waiting.popleft()
         named.folders |= dict.fromkeys(value for value, _ in _values(_FOLDER, content))
@@ -97,6 +104,8 @@ def _collect(path: Path, text: bytes) -> _NamedFiles:
                         visited.add(whole)
                         named.models[place] = inner
                         waiting.append((Path(place), inner))
+    if waiting and confinement():
+        raise BrokenModelError(path, f"it includes or attaches more than {MAX_FILES} files, too many to look at each")
     return named
 
 
@@ -111,12 +120,36 @@ def _values(attribute: re.Pattern[bytes], text: bytes) -> Iterator[tuple[str, in
             yield with_slashes(html.unescape(value)), line
 
 
-def _places(file: _NamedFile, main: Path, folders: Iterable[str]) -> Iterator[str]:
-    """Where MuJoCo may look for a file; URDF drops the folders of its names, and the package that they are in."""
-    bases = dict.fromkeys((str(main.parent), str(file.by.parent), ""))
+def _places(file: _NamedFile, main: Path, folders: Iterable[str], *, working: bool = True) -> Iterator[str]:
+    """Where MuJoCo may look for a file; URDF drops the folders of its names, and the package that they are in.
+
+    Args:
+      working: whether in the working directory too.
+    """
+    bases = dict.fromkeys((str(main.parent), str(file.by.parent)))
+    if working:
+        bases[""] = None
     names = dict.fromkeys((file.name, file.name.rpartition("://")[2], file.name.rpartition("/")[2]))
     # Thousands of paths: pathlib takes five times as long.
     yield from (os.path.join(base, folder, name) for base in bases for folder in folders for name in names)  # noqa: PTH118
+
+
+def _require_readable(file: _NamedFile, main: Path, folders: Iterable[str]) -> None:
+    """Checks that MuJoCo, which looks for a file in one of several places, finds it where this process may read it.
+
+    A file that lies nowhere must not be told from one beyond the folder: then a model could ask what files there are.
+    """
+    inside = outside = False
+    for place in _places(file, main, folders, working=False):
+        # MuJoCo takes some paths as they are written, others after .. has been struck out with the name before it.
+        readable = is_readable(place) and is_readable(os.path.normpath(place))
+        exists = os.path.lexists(place) or os.path.lexists(os.path.normpath(place))
+        if not readable and exists:
+            raise BrokenModelError(file.by, f"{quoted(file.name)} {OUTSIDE}", file.line, advice())
+        inside |= readable and (exists or file_size(place) is not None)
+        outside |= not readable
+    if outside and not inside:
+        raise BrokenModelError(file.by, f"{quoted(file.name)} {OUTSIDE}", file.line, advice())
 
 
 def _check(file: _NamedFile, place: str) -> None:

@@ -11,6 +11,8 @@ from pathlib import Path
 from typing import NamedTuple
 from xml.parsers import expat
 
+from mjrun.confinement.confinement import is_readable
+
 MAX_DEPTH = 50  # of includes inside includes
 MAX_FILES = 500  # beyond these, includes and attached models are not followed
 XML = (".xml", ".urdf")
@@ -99,9 +101,9 @@ def read_xml(path: Path) -> XmlSource:
 
 
 def is_regular(path: Path) -> bool:
-    """Whether `path` is a regular file, which can be read without blocking."""
+    """Whether `path` is a regular file, which can be read without blocking, and which this process may read."""
     try:
-        return stat.S_ISREG(path.stat().st_mode)
+        return is_readable(path) and stat.S_ISREG(path.stat().st_mode)
     except (OSError, ValueError):
         return False
 

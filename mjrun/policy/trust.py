@@ -2,6 +2,7 @@
 
 from pathlib import Path
 
+from mjrun.confinement.confinement import require_unconfined
 from mjrun.errors import UsageError, clean, option
 from mjrun.formats.input_file import require_file
 
@@ -14,6 +15,7 @@ def require_trusted_file(path: Path, trust: bool) -> None:
       UsageError: the user does not trust it.
     """
     require_file(path, "policy", [path.suffix.lower()])
+    require_unconfined(f"{clean(str(path))} can run any code as it is opened")
     if not trust:
         raise UsageError(
             f"{clean(str(path))} can run any code as it is opened\n"

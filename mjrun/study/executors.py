@@ -12,6 +12,7 @@ from itertools import islice
 from pathlib import Path
 from typing import Any, Protocol
 
+from mjrun.confinement.confinement import require_unconfined
 from mjrun.errors import MissingExtraError, MjrunError, UsageError, clean, option
 from mjrun.options.kinds import AUTO
 from mjrun.options.sweep import EXTRAS
@@ -43,6 +44,7 @@ def open_executor(engine: str, jobs: int | str, folder: Path, stack: ExitStack) 
         pool = ThreadPoolExecutor(count, thread_name_prefix="study")  # threads that wait for processes
         stack.callback(pool.shutdown, wait=False, cancel_futures=True)
         return pool, count * QUEUED
+    require_unconfined(f"{option('engine')} {clean(engine)} works in processes of others")
     if engine == "dask" or engine.startswith("dask://"):
         return _dask(engine.removeprefix("dask").removeprefix("://"), count, stack)
     if engine == "slurm":

@@ -72,6 +72,30 @@ def test_a_death_is_told_with_what_died_and_what_to_do(
     assert bool(rest) == (number != "SIGXCPU")
 
 
+@pytest.mark.parametrize(
+    ("activity", "number", "code", "said"),
+    [
+        ("reading", "SIGALRM", 3, "while reading robot.xml: it took longer than its limit allows"),
+        ("", "SIGXCPU", 4, ": it computed for longer than its limit allows"),
+    ],
+)
+def test_a_limit_of_a_confined_process_is_told_with_its_option_and_nothing_is_left(
+    tmp_path: Path, activity: str, number: str, code: int, said: str
+) -> None:
+    own = tmp_path / "own"
+    own.mkdir()
+    (own / "file").write_text("")
+    work = f"""
+from mjrun.activity import note_temporary
+note_temporary({str(own)!r})
+with doing({activity!r}, "robot.xml"): die(signal.{number})"""
+    ended, message = outcome(start(work, tmp_path))
+    assert ended == code
+    assert said in message
+    assert "--limit time=" in message
+    assert not own.exists()
+
+
 def test_unfinished_outputs_and_processes_of_a_dead_one_are_removed(tmp_path: Path) -> None:
     work = """
 from mjrun.child_process import ChildProcess

@@ -9,6 +9,7 @@ import pytest
 import mjrun.options
 from mjrun.options.bench import BenchOptions, ReportOptions
 from mjrun.options.check import CheckOptions, CheckReportOptions
+from mjrun.options.confinement import ConfinementOptions
 from mjrun.options.diff import DiffOptions, DiffReportOptions
 from mjrun.options.evaluation import EvaluationCommandOptions, EvaluationExecutionOptions, EvaluationOptions
 from mjrun.options.fit import FitOptions
@@ -45,6 +46,7 @@ ALL: tuple[type[Options], ...] = (
     PlotOptions,
     TablePlotOptions,
     PolicyOptions,
+    ConfinementOptions,
     TaskOptions,
     ResetOptions,
     ObservationOptions,

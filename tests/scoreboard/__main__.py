@@ -21,6 +21,7 @@ MODULES: tuple[str, ...] = (
     "hostile_models",
     "documents",
     "structural_fuzz",
+    "outside_files",
     "io_faults",
     "kills",
     "determinism",

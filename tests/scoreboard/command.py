@@ -94,13 +94,20 @@ class CommandServer:
       limit: seconds of wall time that a run may take before it is killed and counts as hanging.
       memory: address space in MiB that a run may have; None for no limit.
       imports: modules to import once, for measures that run the same commands again and again.
+      prefix: a command that runs the server, and all that it runs, in its way.
     """
 
-    def __init__(self, limit: float = 20.0, memory: int | None = None, imports: Sequence[str] = ()) -> None:
+    def __init__(
+        self,
+        limit: float = 20.0,
+        memory: int | None = None,
+        imports: Sequence[str] = (),
+        prefix: Sequence[str] = (),
+    ) -> None:
         self._limit, self._memory = limit, memory
         environment = {**os.environ, "PYTHONPATH": str(ROOT), "COLUMNS": "120", "NO_COLOR": "1"}
         self._process = subprocess.Popen(
-            [sys.executable, "-m", "tests.scoreboard.command", *imports],
+            [*prefix, sys.executable, "-m", "tests.scoreboard.command", *imports],
             cwd=ROOT,
             env=environment,
             stdin=subprocess.PIPE,

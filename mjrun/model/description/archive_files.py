@@ -3,12 +3,16 @@
 import zipfile
 from pathlib import Path
 
+from mjrun.confinement.confinement import is_readable
+
 ARCHIVES = (".mjz", ".zip")
 MOST = 1 << 26  # [bytes] files beyond this are not read; MJCF is smaller
 
 
 def file_size(path: str) -> int | None:
     """The size of a file [bytes]; None if there is none."""
+    if not is_readable(path):
+        return None
     archive = _archive(path)
     try:
         if archive is None:

@@ -11,6 +11,7 @@ from typing import ClassVar
 import mujoco
 
 from mjrun.errors import ModelNotFoundError
+from mjrun.model.scene_folder import scene_folder
 from mjrun.model.source import CollectionSource
 from mjrun.model.sources.file import FileSource
 
@@ -43,14 +44,6 @@ class BundledScene(CollectionSource):
 
     def compile(self) -> tuple[mujoco.MjSpec | None, mujoco.MjModel]:
         return FileSource(self.main_file, overrides=self.overrides).compile()
-
-
-@cache
-def scene_folder() -> Path:
-    """The scenes, which the wheel holds within the package and a checkout beside it."""
-    package = Path(__file__).parents[2]
-    installed = package / "scenes"
-    return installed if installed.is_dir() else package.parent / "scenes"
 
 
 def bundled_task(text: str) -> Path | None:

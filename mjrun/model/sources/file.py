@@ -10,7 +10,8 @@ import mujoco
 import numpy as np
 
 from mjrun.activity import doing
-from mjrun.errors import BrokenModelError, CompiledOverrideError, ModelNotFoundError, clean
+from mjrun.confinement.confinement import OUTSIDE, advice, confined_load, confinement, is_readable
+from mjrun.errors import BrokenModelError, CompiledOverrideError, ModelNotFoundError, clean, option
 from mjrun.model.compilation import FAULTS, broken_model, check_model, compile_model
 from mjrun.model.description import archive_files
 from mjrun.model.description.referenced_files import referenced_files
@@ -52,6 +53,9 @@ class FileSource(Source):
         return tuple(dict.fromkeys([self.path, *named_files]))
 
     def compile(self) -> tuple[mujoco.MjSpec | None, mujoco.MjModel]:
+        return confined_load(self._compile)
+
+    def _compile(self) -> tuple[mujoco.MjSpec | None, mujoco.MjModel]:
         self._check_file()
         if self.path.suffix in COMPILED:
             return None, self._load_compiled()
@@ -60,6 +64,8 @@ class FileSource(Source):
 
     def _check_file(self) -> None:
         path = self.path
+        if not is_readable(path):
+            raise ModelNotFoundError(path, f"{OUTSIDE}\n{advice()}")
         try:
             mode = path.stat().st_mode
         except FileNotFoundError:
@@ -86,6 +92,9 @@ class FileSource(Source):
             )
 
     def _load_compiled(self) -> mujoco.MjModel:
+        if confinement():
+            reason = f"is compiled, and MuJoCo does not check such a file; {option('untrusted')} loads its XML only"
+            raise ModelNotFoundError(self.path, reason)
         if self.overrides:
             raise CompiledOverrideError(self.path, [(s.option, s.option_value) for s in self.overrides])
         with without_log(), doing("reading", self.path):
@@ -103,7 +112,7 @@ class FileSource(Source):
         path = self.path
         main = str(path) if path.suffix == ".urdf" else archive_files.main_mjcf(path)
         text = archive_files.file_content(main) if main else None
-        require_regular_files(path, text)
+        require_regular_files(path, text, main or "")
         if main:
             require_finite_nesting(path, main, text)
         try:

@@ -20,6 +20,7 @@ from urllib.parse import parse_qsl
 
 import mujoco
 
+from mjrun.confinement.confinement import require_unconfined
 from mjrun.errors import (
     BrokenModelError,
     CompiledOverrideError,
@@ -150,8 +151,10 @@ def make_environment(name: str) -> "gymnasium.Env[Any, Any]":
     """The environment `name` as `gymnasium.make` gives it, with the settings that the name has after a `?`.
 
     Raises:
-      UsageError: it does not take these settings; besides, what `environment_model` raises.
+      UsageError: it does not take these settings, or this process runs no code; besides, what `environment_model`
+        raises.
     """
+    require_unconfined(f"{GymSource.PREFIX}:{clean(name)} is an environment, which is code")
     registered, _, query = name.partition("?")
     spec = _registered(registered)
     import gymnasium

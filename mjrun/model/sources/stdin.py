@@ -7,6 +7,7 @@ from pathlib import Path
 
 import mujoco
 
+from mjrun.confinement.confinement import confined_load
 from mjrun.errors import BrokenModelError, UsageError
 from mjrun.model.compilation import compile_model
 from mjrun.model.named_files import require_regular_files
@@ -43,6 +44,9 @@ class StdinSource(Source):
 
     def compile(self) -> tuple[mujoco.MjSpec | None, mujoco.MjModel]:
         xml = self._read()
+        return confined_load(lambda: self._compile(xml))
+
+    def _compile(self, xml: str) -> tuple[mujoco.MjSpec | None, mujoco.MjModel]:
         require_regular_files(LABEL, xml.encode())
         require_finite_nesting(LABEL, str(LABEL), xml.encode())
         return compile_model(lambda: mujoco.MjSpec.from_string(xml), self.overrides, LABEL)

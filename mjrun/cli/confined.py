@@ -1,0 +1,203 @@
+"""Confines the process of a command line with `--untrusted`: what it may read and write is what the line names."""
+
+import math
+import os
+import signal
+from collections.abc import Generator, Iterable, Mapping
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import cast
+
+import click
+
+from mjrun import activity
+from mjrun.child_process import limit_this_process
+from mjrun.cli.click_command import DeclaredOption
+from mjrun.confinement.confinement import Confinement, confine
+from mjrun.errors import BadValueError, FileError, OutOfMemoryError, UnknownNameError, UsageError, clean, option
+from mjrun.options.confinement import FILE, LIMITS, MEMORY, TIME, ConfinementOptions
+from mjrun.options.kinds import AnyKind, File, Optional, Several
+
+MIB = 2**20
+DEFAULTS = {TIME: 3600.0, MEMORY: 8192.0, FILE: 16384.0}
+LEAST = {MEMORY: 256}  # of which the thread that loads models takes half
+ENDLESS = "view"  # which ends when its user wants
+OPENERS = (".xml", ".urdf", ".mjz", ".zip", ".mjb", ".yaml", ".yml")  # of files that name others beside them
+MODELS = ("model", "models", "document", "task", "a", "b")  # arguments that may name such a file
+FOLDERS = ("run", "sweep", "eval")  # whose output is a folder
+SCENE = "scene"  # the collection that comes with mjrun; others are of packages that run code, or anywhere
+SUMMARY = "GITHUB_STEP_SUMMARY"
+
+
+@dataclass
+class _Paths:
+    """What a command line names."""
+
+    roots: dict[str, None] = field(default_factory=dict[str, None])
+    files: dict[str, None] = field(default_factory=dict[str, None])
+    written: dict[str, None] = field(default_factory=dict[str, None])
+
+
+@contextmanager
+def confined(context: click.Context, options: ConfinementOptions) -> Generator[Confinement, None, None]:
+    """Confines this process to what its command line names, for good; removes its temporary files at the end.
+
+    Raises:
+      UsageError: there is no process that stands by to tell how this one ends, or a limit is none.
+      FileError: the folder of the outputs cannot be made.
+    """
+    import shutil
+
+    from mjrun.cli.simulation_command import import_mujoco
+
+    if not activity.is_watched():
+        raise UsageError(f"{option('untrusted')} is for mjrun as a command, which has a process of its own")
+    limits = _limits(options, context.info_name or "")
+    folders = _missing_folders(context)
+    made = confine(confinement_of(context), serves=context.info_name == ENDLESS)
+    activity.note_temporary(made.temporary)
+    import_mujoco()  # which the limit of memory does not count
+    limit_this_process(
+        memory=limits[MEMORY] * MIB,
+        cpu=limits[TIME] * (os.cpu_count() or 1),
+        file_size=limits[FILE] * MIB,
+        core=0,
+        hard=True,
+    )
+    if limits[TIME] < math.inf:
+        signal.setitimer(signal.ITIMER_REAL, limits[TIME])
+    try:
+        yield made
+    except (MemoryError, OutOfMemoryError) as error:
+        told = error if isinstance(error, OutOfMemoryError) else OutOfMemoryError(str(error))
+        told.add_note(f"{option('untrusted')} allows {limits[MEMORY]:g} MiB; {option('limit')} memory=… allows more")
+        raise told from None
+    finally:
+        shutil.rmtree(made.temporary, ignore_errors=True)
+        for folder in folders:
+            with suppress(OSError):
+                folder.rmdir()
+
+
+def description(limits: Confinement) -> str:
+    """A sentence about what confines this process."""
+    network = f"the network by {limits.network}" if limits.network else "the network by nothing: this system cannot"
+    folders = ", ".join(clean(root) for root in limits.roots) or "none"
+    return f"untrusted: files are confined by {limits.by}, {network}; models are read from {folders}"
+
+
+def _limits(options: ConfinementOptions, command: str) -> dict[str, float]:
+    limits = {**DEFAULTS, **({TIME: math.inf} if command == ENDLESS else {})}
+    for name, values in options.limit.items():
+        if name not in LIMITS:
+            raise UnknownNameError("limit", name, LIMITS)
+        if len(values) != 1 or values[0] <= 0 or values[0] < LEAST.get(name, 0):
+            expected = f"at least {LEAST[name]}" if name in LEAST else "a number above 0"
+            raise BadValueError(f"{option('limit')} {name}", ",".join(f"{v:g}" for v in values), expected)
+        limits[name] = values[0]
+    return limits
+
+
+def confinement_of(context: click.Context) -> Confinement:
+    """What the process of a command line may read and write: what the line names.
+
+    Raises:
+      FileError: the folder to read from is none.
+    """
+    paths, command = _Paths(), context.info_name or ""
+    for param in context.command.params:
+        name, values = param.name or "", [*_texts(context.params.get(param.name or ""))]
+        if isinstance(param, click.Argument):
+            for text in values:
+                _add_argument(paths, name, text)
+        elif name == "save_key":
+            _add_outputs(paths, [text.rpartition(".xml:")[0] or text for text in values])
+        elif isinstance(param, DeclaredOption) and _is_written(param.declared.kind):
+            if not values and param.declared.default not in (None, "-"):
+                paths.written[_real(".")] = None  # where it is written if nothing is said
+            elif name == "output" and command in FOLDERS:
+                paths.written |= {_real(text): None for text in values}
+            else:
+                _add_outputs(paths, values)
+        elif name not in ConfinementOptions.__dataclass_fields__:
+            for text in values:
+                _add_file(paths, text.removeprefix("@"))
+
+    if (root := context.params.get("root")) is not None:
+        if not Path(root).is_dir():
+            raise FileError(root, "is no folder")
+        paths.roots = {_real(root): None}
+    if context.params.get("update"):  # golden tables, wherever they are
+        paths.written |= {**paths.roots, **{str(Path(file).parent): None for file in paths.files}}
+    if command == "bench" and (summary := os.environ.get(SUMMARY)):
+        paths.written[_real(summary)] = None
+    return Confinement(tuple(paths.roots), tuple(paths.files), tuple(paths.written))
+
+
+def _missing_folders(context: click.Context) -> list[Path]:
+    """Makes the folder of all outputs, which the process could not make any more: those that were not there."""
+    output = context.params.get("output")
+    if context.info_name not in FOLDERS or not output:
+        return []
+    folder = Path(output)
+    missing = [each for each in (folder, *folder.parents) if not each.exists()]
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise FileError(folder, f"cannot be made: {error.strerror or error}") from None
+    return missing
+
+
+def _texts(value: object) -> Iterable[str]:
+    """All texts in the value of an option."""
+    if isinstance(value, str):
+        yield value
+    elif isinstance(value, Mapping):
+        yield from _texts([*cast("Mapping[object, object]", value).values()])
+    elif isinstance(value, Iterable):
+        yield from (text for each in cast("Iterable[object]", value) for text in _texts(each))
+
+
+def _add_argument(paths: _Paths, name: str, text: str) -> None:
+    prefix, colon, _ = text.partition(":")
+    if name in MODELS and text == "-":
+        paths.roots[_real(".")] = None
+    elif name in MODELS and colon and prefix == SCENE and not Path(text).exists():
+        from mjrun.model.scene_folder import scene_folder
+
+        paths.roots[_real(scene_folder())] = None
+    elif name in MODELS and Path(text).is_dir():
+        paths.roots[_real(text)] = paths.written[_real(text)] = None
+    else:
+        file = text if Path(text).exists() else text.partition("=")[2]
+        _add_file(paths, file)
+        if name in MODELS and Path(text).suffix.lower() in OPENERS:
+            paths.roots[_real(Path(text).parent)] = None
+
+
+def _add_file(paths: _Paths, text: str) -> None:
+    """Adds a file that is there, with what formats put beside it, or the package whose description it is."""
+    try:
+        path = Path(text)
+        if not text or not path.exists():
+            return
+    except (OSError, ValueError):  # too long for a path, or with a null character
+        return
+    beside = [path.with_name(f"{path.name}.json"), path.with_name(f"{path.name}.data")] if path.is_file() else []
+    for each in (path, *beside):
+        paths.files[_real(each)] = None
+
+
+def _add_outputs(paths: _Paths, texts: Iterable[str]) -> None:
+    paths.written |= {_real(Path(text).parent): None for text in texts if text != "-"}
+
+
+def _is_written(kind: AnyKind) -> bool:
+    while isinstance(kind, Optional | Several):
+        kind = kind.each
+    return isinstance(kind, File) and kind.written
+
+
+def _real(path: str | Path) -> str:
+    return os.path.realpath(path)

@@ -1,0 +1,116 @@
+"""`--untrusted`: what a command line lets its process read and write, and a few runs that are confined for real."""
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import click
+import pytest
+
+from mjrun.cli.confined import confinement_of
+from mjrun.cli.main import group, run
+from mjrun.confinement import landlock
+
+ROOT = Path(__file__).parents[2]
+MODEL = '<mujoco><worldbody><body><joint name="j" type="slide"/><geom size=".1"/></body></worldbody></mujoco>'
+
+
+@pytest.fixture
+def place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A folder with a model in `model`, a table in `tables` and a folder `out`, in which commands run."""
+    for folder in ("model", "tables", "out"):
+        (tmp_path / folder).mkdir()
+    (tmp_path / "model/m.xml").write_text(MODEL)
+    (tmp_path / "model/doc.yaml").write_text("model: m.xml\n")
+    (tmp_path / "tables/ctrl.csv").write_text("time,ctrl/a\n0,0\n")
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.delenv("GITHUB_STEP_SUMMARY", raising=False)
+    return tmp_path
+
+
+def places(name: str, *arguments: str) -> dict[str, list[str]]:
+    """The folders and files that a command line lets its process read and write, relative to the working directory."""
+    command = group.get_command(click.Context(group), name)
+    assert command
+    made = confinement_of(command.make_context(name, [*arguments]))
+    values = {"roots": made.roots, "files": made.files, "written": made.written}
+    return {key: sorted(os.path.relpath(path) for path in paths) for key, paths in values.items()}
+
+
+@pytest.mark.usefixtures("place")
+@pytest.mark.parametrize(
+    ("line", "roots", "files", "written"),
+    [
+        ("info model/m.xml", ["model"], ["model/m.xml"], []),
+        ("video model/m.xml", ["model"], ["model/m.xml"], ["."]),
+        ("video model/m.xml -o out/film.mp4", ["model"], ["model/m.xml"], ["out"]),
+        ("trace model/m.xml", ["model"], ["model/m.xml"], []),
+        ("trace model/m.xml -o -", ["model"], ["model/m.xml"], []),
+        ("trace model/m.xml --manifest out/m.json", ["model"], ["model/m.xml"], ["out"]),
+        ("trace model/m.xml --save-key out/k.xml:end", ["model"], ["model/m.xml"], ["out"]),
+        ("trace model/m.xml --ctrl-from tables/ctrl.csv", ["model"], ["model/m.xml", "tables/ctrl.csv"], []),
+        ("info model/m.xml --root .", ["."], ["model/m.xml"], []),
+        ("info -", ["."], [], []),
+        ("run model/doc.yaml", ["model"], ["model/doc.yaml"], ["."]),
+        ("run model/doc.yaml -o out", ["model"], ["model/doc.yaml"], ["out"]),
+        ("run model/doc.yaml ctrl_from=tables/ctrl.csv", ["model"], ["model/doc.yaml", "tables/ctrl.csv"], ["."]),
+        ("check model", ["model"], [], ["model"]),
+        ("diff tables/ctrl.csv tables/ctrl.csv", [], ["tables/ctrl.csv"], []),
+        ("diff model/m.xml model/m.xml", ["model"], ["model/m.xml"], []),
+    ],
+)
+def test_what_a_line_names_is_what_its_process_may_touch(
+    line: str, roots: list[str], files: list[str], written: list[str]
+) -> None:
+    found = places(*line.split())
+    beside = {f"{file}{end}" for file in files for end in (".json", ".data")}  # of a table, of a network
+    assert found["roots"] == roots
+    assert sorted(set(found["files"]) - beside) == files
+    assert found["written"] == written
+
+
+def mjrun(*line: str) -> subprocess.CompletedProcess[str]:
+    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
+    command = [sys.executable, "-m", "mjrun", *line]
+    return subprocess.run(command, capture_output=True, text=True, env=environment, timeout=300)
+
+
+def test_a_confined_process_measures_and_says_what_confined_it(place: Path) -> None:
+    done = mjrun("trace", "model/m.xml", "--steps", "2", "-o", "out/t.csv", "--untrusted", "--json")
+    assert done.returncode == 0, done.stderr
+    by = f"Landlock {landlock.version()}" if landlock.version() else "checks of paths"
+    assert json.loads(done.stdout)["untrusted"]["files"] == by
+    assert f"mjrun: untrusted: files are confined by {by}" in done.stderr
+    assert (place / "out/t.csv").exists()
+
+
+def test_a_model_that_names_a_file_outside_is_refused_without_a_look_at_it(place: Path) -> None:
+    (place / "secret").write_text("hunter2")
+    (place / "model/m.xml").write_text('<mujoco><include file="../secret"/></mujoco>')
+    done = mjrun("info", "model/m.xml", "--untrusted")
+    assert done.returncode == 3
+    assert "m.xml:1: '../secret' lies outside the folder that files are read from" in done.stderr
+    assert "hunter2" not in done.stderr
+
+
+@pytest.mark.usefixtures("place")
+@pytest.mark.parametrize(
+    ("line", "message"),
+    [
+        ("info model/m.xml --untrusted", "--untrusted is for mjrun as a command"),
+        ("info model/m.xml --root .", "--root is of --untrusted"),
+        ("info model/m.xml --limit time=3", "--limit is of --untrusted"),
+    ],
+)
+def test_what_cannot_be_meant_is_refused(line: str, message: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert run(line.split()) == 2
+    assert message in capsys.readouterr().err
+
+
+def test_commands_that_load_a_model_have_the_option() -> None:
+    context = click.Context(group)
+    commands = {name: group.get_command(context, name) for name in group.list_commands(context)}
+    having = {name for name, each in commands.items() if each and "untrusted" in {param.name for param in each.params}}
+    assert set(commands) - having == {"plot", "schema", "doctor"}

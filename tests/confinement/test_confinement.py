@@ -1,0 +1,86 @@
+"""What a confined process may name, and how it is told; confinement itself is tried in tests/cli/test_confined.py."""
+
+import json
+from dataclasses import asdict
+from pathlib import Path
+
+import pytest
+
+from mjrun.confinement import landlock, seccomp
+from mjrun.confinement.confinement import (
+    VARIABLE,
+    Confinement,
+    confined_load,
+    confinement,
+    is_readable,
+    is_writable,
+    means,
+    require_unconfined,
+)
+from mjrun.errors import UsageError
+
+
+@pytest.fixture
+def limits(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Confinement:
+    for folder in ("model", "named", "out"):
+        (tmp_path / folder).mkdir()
+    places = {name: (str(tmp_path / name),) for name in ("model", "named", "out")}
+    made = Confinement(places["model"], places["named"], places["out"])
+    monkeypatch.setenv(VARIABLE, json.dumps(asdict(made)))
+    return made
+
+
+def test_nothing_is_confined_unless_somebody_asks(tmp_path: Path) -> None:
+    assert confinement() is None
+    assert is_readable("/etc/passwd")
+    assert is_writable(tmp_path)
+    require_unconfined("code")
+    assert confined_load(lambda: 3) == 3
+
+
+def test_it_comes_back_from_the_environment(limits: Confinement) -> None:
+    assert confinement() == limits
+
+
+@pytest.mark.parametrize(
+    ("path", "readable"),
+    [
+        ("model", True),
+        ("model/a.xml", True),
+        ("model/missing/b.xml", True),
+        ("named/c.csv", True),
+        ("model/../secret", False),
+        ("modelled/a.xml", False),
+        ("out/a.csv", False),
+        ("secret", False),
+        ("model/link", False),
+        ("model/inner", True),
+        ("model/inner/../../secret", False),
+        ("/etc/passwd", False),
+    ],
+)
+@pytest.mark.usefixtures("limits")
+def test_paths_are_judged_by_where_they_lead(tmp_path: Path, path: str, readable: bool) -> None:
+    (tmp_path / "model/link").symlink_to(tmp_path / "secret")
+    (tmp_path / "model/inner").symlink_to(tmp_path / "model")
+    assert is_readable(tmp_path / path) is readable
+
+
+@pytest.mark.usefixtures("limits")
+def test_outputs_are_written_in_their_folders_alone(tmp_path: Path) -> None:
+    assert is_writable(tmp_path / "out/a.csv")
+    assert not is_writable(tmp_path / "model/a.csv")
+    assert not is_writable(tmp_path / "out/../a.csv")
+
+
+@pytest.mark.usefixtures("limits")
+def test_code_is_refused_by_the_name_of_the_option() -> None:
+    with pytest.raises(UsageError, match=r"^x\.py:f is code, which untrusted does not allow$"):
+        require_unconfined("x.py:f is code")
+
+
+def test_what_confines_is_named() -> None:
+    files, network = means()
+    assert files == (f"Landlock {landlock.version()}" if landlock.version() else "checks of paths")
+    assert network.startswith("seccomp") == seccomp.is_known()
+    assert "TCP" in means(serves=True)[1] or not network
