@@ -3,6 +3,7 @@
 import dataclasses
 import time
 from collections.abc import Sequence
+from contextlib import ExitStack
 from dataclasses import field
 from pathlib import Path
 
@@ -18,11 +19,12 @@ from mjrun.evaluation.result import EvaluationResult
 from mjrun.evaluation.schedule import play_all
 from mjrun.evaluation.summary import EpisodeSummary
 from mjrun.evaluation.table import FILES, episode_columns
+from mjrun.formats.atomic_output import OutputWriter, publish_together
 from mjrun.model.source import Source
 from mjrun.options.evaluation import MANIFEST, EvaluationExecutionOptions, EvaluationOptions
 from mjrun.options.option import options
 from mjrun.reporter import Reporter, WarningReporter
-from mjrun.study.results import write_results
+from mjrun.study.results import open_results
 from mjrun.version import __version__
 
 
@@ -70,30 +72,52 @@ class Evaluation(EvaluationOptions, EvaluationExecutionOptions):
         verdicts = prepared.criteria.verdicts(columns, own, found.policies[0], found.comparison)
 
         facts = {"command": self.command, "mjrun": __version__, "mujoco": mujoco.mj_versionString()}
-        files = write_results(folder.path, columns, rows, facts, FILES)
-        if found.points:
-            point_columns, point_rows, metrics = map_columns(prepared.points, found.points)
-            files += write_results(folder.path, point_columns, point_rows, {**facts, "metrics": metrics})
-        films, failures = maker.make(policies[0], folder, reporter)
-        result = EvaluationResult(
-            path=self.output,
-            task=self.task.text,
-            episodes=self.episodes,
-            seed=self.seed,
-            confidence=self.confidence,
-            policies=found.policies,
-            comparison=found.comparison,
-            names=prepared.points.names,
-            points=found.points,
-            films=films,
-            assertions=verdicts,
-            files=[*map(str, files), *(film.path for film in films), str(folder.path / MANIFEST)],
-            steps=sum(episode.steps for group in groups for episode in group.episodes),
-            wall=time.perf_counter() - start,
-        )
-        folder.write_manifest({**facts, **dataclasses.asdict(result)})
+        with ExitStack() as stack:
+            writers: list[OutputWriter] = [*open_results(stack, folder.path, columns, rows, facts, FILES)]
+            if found.points:
+                point_columns, point_rows, metrics = map_columns(prepared.points, found.points)
+                writers += open_results(stack, folder.path, point_columns, point_rows, {**facts, "metrics": metrics})
+            films, failures = maker.make(policies[0], folder, reporter)
+            result = EvaluationResult(
+                path=self.output,
+                task=self.task.text,
+                episodes=self.episodes,
+                seed=self.seed,
+                confidence=self.confidence,
+                policies=found.policies,
+                comparison=found.comparison,
+                names=prepared.points.names,
+                points=found.points,
+                films=films,
+                assertions=verdicts,
+                files=[
+                    *(str(each.destination.shown) for each in writers),
+                    *(film.path for film in films),
+                    str(folder.path / MANIFEST),
+                ],
+                steps=sum(episode.steps for group in groups for episode in group.episodes),
+                wall=time.perf_counter() - start,
+            )
+            writers.append(folder.write_manifest(stack, {**facts, **dataclasses.asdict(result)}))
+            _publish(writers, folder, [film.path for film in films])
+        folder.remove_old_films([Path(film.path).name for film in films])
         _raise_failures(result, failures)
         return result
+
+
+def _publish(writers: Sequence[OutputWriter], folder: ResultsFolder, films: Sequence[str]) -> None:
+    """Publishes the results of which `films` are made already.
+
+    Raises:
+      PartlyDoneError: they cannot be published, and there are films.
+      MjrunError: they cannot be published.
+    """
+    try:
+        publish_together(writers)
+    except MjrunError as error:
+        if films and not isinstance(error, PartlyDoneError):
+            raise PartlyDoneError(films, [(str(folder.path), error)]) from None
+        raise
 
 
 def _warn_of_returns(policies: Sequence[EpisodeSummary], reporter: Reporter) -> None:

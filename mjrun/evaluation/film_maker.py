@@ -37,7 +37,6 @@ class FilmMaker:
         self, groups: Sequence[PlayedEpisodes], folder: ResultsFolder, reporter: Reporter
     ) -> tuple[list[Film], Failures]:
         """The films of episodes of `groups`, which are the first of those prepared; and which could not be made."""
-        folder.remove_old_films()
         films, failures, heard = list[Film](), Failures(), _Warnings(reporter)
         chosen = chosen_films(groups, self._options.films) if self._options.films else []
         for done, choice in enumerate(chosen, 1):

@@ -3,7 +3,7 @@
 import contextlib
 import json
 import re
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from pathlib import Path
 
 from mjrun.errors import FileError, clean, option
@@ -42,17 +42,17 @@ class ResultsFolder:
             with contextlib.suppress(OSError):  # it is not empty
                 self.path.rmdir()
 
-    def remove_old_films(self) -> None:
-        """Removes films of an evaluation before, which would be taken for those of the new one."""
+    def remove_old_films(self, films: Collection[str]) -> None:
+        """Removes those of an evaluation before, which would be taken for `films`, the names of the new ones."""
         for path in self.path.iterdir():
-            if FILMS.fullmatch(path.name):
+            if FILMS.fullmatch(path.name) and path.name not in films:
                 path.unlink(missing_ok=True)
 
-    def write_manifest(self, facts: Mapping[str, object]) -> None:
-        """Writes what made the results, and what they are."""
-        with OutputWriter(StagedFile(self.path / MANIFEST)) as output:
-            output.write_file(f"{json.dumps(facts, indent=2, default=str)}\n".encode())
-            output.publish()
+    def write_manifest(self, stack: contextlib.ExitStack, facts: Mapping[str, object]) -> OutputWriter:
+        """Writes what made the results, and what they are; it still has to be published, or `stack` discards it."""
+        output = stack.enter_context(OutputWriter(StagedFile(self.path / MANIFEST)))
+        output.write_file(f"{json.dumps(facts, indent=2, default=str)}\n".encode())
+        return output
 
     def _require_ours(self) -> None:
         path = self.path

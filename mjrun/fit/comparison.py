@@ -1,6 +1,7 @@
 """The table of what was measured beside what a model says, before a fit and after."""
 
 from collections.abc import Mapping, Sequence
+from contextlib import ExitStack
 from dataclasses import replace
 
 import numpy as np
@@ -38,15 +39,15 @@ def comparison_rows(comparisons: Mapping[tuple[str, str], Solution], logs: Seque
     return rows[np.lexsort((rows[:, 0], rows[:, -1]))]
 
 
-def write_comparison(path: str, signals: Sequence[Column], rows: np.ndarray) -> list[str]:
-    """Writes the table, and returns its files.
+def write_comparison(stack: ExitStack, path: str, signals: Sequence[Column], rows: np.ndarray) -> TableWriter:
+    """Writes the table, which then only has to be published; `stack` discards it otherwise.
 
     Raises:
       FileError: it cannot be written.
     """
-    with TableWriter(path, output_format(path).name, comparison_columns(signals)) as writer:
-        writer.write(rows)
-        return [str(file) for file in writer.publish()]
+    writer = stack.enter_context(TableWriter(path, output_format(path).name, comparison_columns(signals)))
+    writer.write(rows)
+    return writer
 
 
 def _rows(part: str, comparisons: Mapping[tuple[str, str], Solution], logs: Sequence[str]) -> np.ndarray:

@@ -3,6 +3,7 @@
 import importlib.util
 import time
 from collections.abc import Sequence
+from contextlib import ExitStack
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -21,6 +22,7 @@ from mjrun.fit.prediction import Predictor
 from mjrun.fit.ranges import check_ranges_name, write_ranges
 from mjrun.fit.shooting import SHORTEST, Shooting, Solution, first_noise, with_noise
 from mjrun.fit.starting_states import StartingStates
+from mjrun.formats.atomic_output import OutputWriter, publish_together
 from mjrun.formats.tables import output_format
 from mjrun.job.simulation import Simulation
 from mjrun.model import state
@@ -258,35 +260,40 @@ class _Run:
                 self._parameters, values, known.low, known.high, found.effects, last.coordinates, strict=True
             )
         ]
-        files: list[str] = []
-        made: list[str] = []
         logs = list(dict.fromkeys(each.source for each in self._measurements.segments))
         compared = comparison_rows(comparisons, logs)
-        if fit.comparison is not None:
-            files += write_comparison(fit.comparison, self._predictor.columns, compared)
-        if fit.ranges is not None:
-            files += write_ranges(fit.ranges, self._parameters, parameters, fit.confidence)
-        if self._model_file:
-            made = [each.sentence for each in self._model_file.write(overrides(self._parameters, values))]
-            files.append(str(self._model_file.path))
-        result = FitResult(
-            parameters,
-            fitted_inertias(self._parameters, values, known),
-            self._signals(last, comparisons),
-            known.correlation.tolist(),
-            fit.confidence,
-            found.condition,
-            self._fitted.rows,
-            len(self._fitted.segments),
-            rollouts,
-            made,
-            list(self._measurements.remarks),
-            [*files, *([fit.html] if fit.html is not None else [])],
-            time.perf_counter() - self._begin,
-        )
-        if fit.html is not None:
-            name = Path(fit.simulation.source.text).name
-            write_fit_page(fit.html, name, result, self._predictor.columns, compared, logs)
+        with ExitStack() as stack:
+            writers: list[OutputWriter] = []
+            made: list[str] = []
+            if fit.comparison is not None:
+                writers.append(write_comparison(stack, fit.comparison, self._predictor.columns, compared))
+            if fit.ranges is not None:
+                writers.append(write_ranges(stack, fit.ranges, self._parameters, parameters, fit.confidence))
+            if self._model_file:
+                model, changed = self._model_file.write(stack, overrides(self._parameters, values))
+                made = [each.sentence for each in changed]
+                writers.append(model)
+            files = [str(each.destination.shown) for each in writers if each.destination.stdout is None]
+            result = FitResult(
+                parameters,
+                fitted_inertias(self._parameters, values, known),
+                self._signals(last, comparisons),
+                known.correlation.tolist(),
+                fit.confidence,
+                found.condition,
+                self._fitted.rows,
+                len(self._fitted.segments),
+                rollouts,
+                made,
+                list(self._measurements.remarks),
+                [*files, *([fit.html] if fit.html is not None else [])],
+                time.perf_counter() - self._begin,
+            )
+            if fit.html is not None:
+                name = Path(fit.simulation.source.text).name
+                columns = self._predictor.columns
+                writers.append(write_fit_page(stack, fit.html, name, result, columns, compared, logs))
+            publish_together(writers)
         return result
 
     def _signals(self, last: Solution, comparisons: "dict[tuple[str, str], Solution]") -> list[FittedSignal]:

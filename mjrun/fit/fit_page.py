@@ -23,9 +23,15 @@ if TYPE_CHECKING:
 
 
 def write_fit_page(
-    path: str, model: str, result: "FitResult", signals: Sequence[Column], rows: np.ndarray, logs: Sequence[str]
-) -> None:
-    """Writes the page.
+    stack: ExitStack,
+    path: str,
+    model: str,
+    result: "FitResult",
+    signals: Sequence[Column],
+    rows: np.ndarray,
+    logs: Sequence[str],
+) -> PageWriter:
+    """Writes the page, which then only has to be published; `stack` discards it otherwise.
 
     Args:
       model: its name.
@@ -38,9 +44,9 @@ def write_fit_page(
     """
     figures = [_figure(name, signals, rows[rows[:, -1] == log]) for log, name in enumerate(logs)]
     facts = [_parameters(result), *_inertias(result), _errors(result), *_correlations(result), _about(result)]
-    with PageWriter(path) as writer:
-        writer.write(Page(f"Fit of {clean(model)}", MAKER, figures, facts=facts))
-        writer.publish()
+    writer = stack.enter_context(PageWriter(path))
+    writer.write(Page(f"Fit of {clean(model)}", MAKER, figures, facts=facts))
+    return writer
 
 
 def _parameters(result: "FitResult") -> PageFacts:
@@ -121,7 +127,7 @@ def _figure(log: str, signals: Sequence[Column], rows: np.ndarray) -> PageFigure
     options = FigureOptions(y=panels, mark=marks, columns=2)
     with TemporaryDirectory() as folder, ExitStack() as stack:
         table = str(Path(folder) / "comparison.npz")
-        write_comparison(table, signals, rows)
+        write_comparison(stack, table, signals, rows).publish()
         figure = TableFigure([table], options, stack)
         figure.read()
         drawn = figure.for_page()

@@ -1,6 +1,7 @@
 """The user's model with what was found: its own text, with nothing but these attributes changed."""
 
 from collections.abc import Sequence
+from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -45,19 +46,20 @@ class FittedModel:
                 "values there, or fit the included file's values where they are"
             )
 
-    def write(self, overrides: Sequence[Override]) -> list[Change]:
+    def write(self, stack: ExitStack, overrides: Sequence[Override]) -> tuple[OutputWriter, list[Change]]:
         """Writes the text, and proves that it compiles to the model with `overrides`.
+
+        It then only has to be published; `stack` discards it otherwise.
 
         Raises:
           FileError: it cannot be written, or would be another model there.
         """
         made = changes(self._main, overrides)
         text = with_changes(self._main.read_bytes(), made)
-        with OutputWriter(StagedFile(self.path)) as output:
-            output.write_file(text)
-            self._require_same(output, text, overrides)
-            output.publish()
-        return made
+        output = stack.enter_context(OutputWriter(StagedFile(self.path)))
+        output.write_file(text)
+        self._require_same(output, text, overrides)
+        return output, made
 
     @property
     def _main(self) -> Path:

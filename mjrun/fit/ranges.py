@@ -2,6 +2,7 @@
 
 import json
 from collections.abc import Sequence
+from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -16,9 +17,15 @@ SUFFIXES = (".yaml", ".yml")
 
 
 def write_ranges(
-    path: str, free: Sequence[FreeParameter], fitted: "Sequence[FittedParameter]", confidence: float
-) -> list[str]:
-    """Writes the section `vary` of a study document, and returns its file.
+    stack: ExitStack,
+    path: str,
+    free: Sequence[FreeParameter],
+    fitted: "Sequence[FittedParameter]",
+    confidence: float,
+) -> OutputWriter:
+    """Writes the section `vary` of a study document.
+
+    It then only has to be published; `stack` discards it otherwise.
 
     Each parameter that an override can set by itself has the normal distribution whose interval is that of the fit,
     within the bounds of the fit.
@@ -38,10 +45,9 @@ def write_ranges(
         spread = max((result.high - result.low) / width, 1e-12 * abs(result.value), 1e-300)
         numbers = ", ".join(repr(float(n)) for n in (result.value, spread, parameter.low, parameter.high))
         lines.append(f"  {json.dumps(varied)}: {{truncnormal: [{numbers}]}}")
-    with OutputWriter(StagedFile(Path(path))) as output:
-        output.write_file(("\n".join(lines) + "\n").encode())
-        output.publish()
-    return [path]
+    output = stack.enter_context(OutputWriter(StagedFile(Path(path))))
+    output.write_file(("\n".join(lines) + "\n").encode())
+    return output
 
 
 def check_ranges_name(path: str) -> None:

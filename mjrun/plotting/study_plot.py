@@ -6,6 +6,7 @@ from functools import partial
 from pathlib import Path
 
 from mjrun.errors import UsageError, listing, option, quoted
+from mjrun.formats.atomic_output import publish_together
 from mjrun.formats.figure_format import figure_format
 from mjrun.formats.study_results import read_study
 from mjrun.formats.table_reader import STDIN
@@ -84,10 +85,7 @@ class StudyPlot(TablePlotOptions):
                 files, manifests = included(self.include, self.html, self.embed_up_to)
                 page.write(Page(self.title or self.folder, MAKER, [figure], files=files, manifests=manifests))
                 writers.append(page)
-            for writer in writers:
-                writer.finish()
-            for writer in writers:
-                writer.publish()
+            publish_together(writers)
 
     @property
     def folder(self) -> str:

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from mjrun.errors import FailedAssertionError, UsageError, clean, listing, option
+from mjrun.formats.atomic_output import publish_together
 from mjrun.formats.figure_format import figure_format
 from mjrun.formats.table_reader import STDIN
 from mjrun.options.option import options
@@ -59,10 +60,7 @@ class TablePlot(TablePlotOptions):
                 picture.write(figure.drawing(), figure.plan.grid, self.style)
             if page:
                 page.write(self._page(figure, summaries, verdicts))
-            for writer in filter(None, [picture, page]):
-                writer.finish()
-            for writer in filter(None, [picture, page]):
-                writer.publish()
+            publish_together([writer for writer in (picture, page) if writer])
         return self._result(figure, verdicts)
 
     def _picture(self, figure: TableFigure) -> FigureWriter:

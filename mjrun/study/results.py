@@ -2,10 +2,12 @@
 
 import re
 from collections.abc import Mapping, Sequence
+from contextlib import ExitStack
 from pathlib import Path
 
 import numpy as np
 
+from mjrun.formats.atomic_output import publish_together
 from mjrun.formats.table_writer import TableWriter
 from mjrun.formats.tables import output_format
 from mjrun.model.column import Column
@@ -76,13 +78,25 @@ def write_results(
     Raises:
       FileError: it cannot be written.
     """
-    written: list[Path] = []
+    with ExitStack() as stack:
+        return publish_together(open_results(stack, folder, columns, rows, manifest, files))
+
+
+def open_results(
+    stack: ExitStack,
+    folder: Path,
+    columns: Sequence[Column],
+    rows: np.ndarray,
+    manifest: Mapping[str, object],
+    files: Sequence[str] = FILES,
+) -> list[TableWriter]:
+    """As `write_results`, but they still have to be published; `stack` discards them otherwise."""
+    writers = list[TableWriter]()
     for name in files:
         path = str(folder / name)
-        with TableWriter(path, output_format(path).name, columns, manifest) as writer:
-            writer.write(rows)
-            written += writer.publish()
-    return written
+        writers.append(stack.enter_context(TableWriter(path, output_format(path).name, columns, manifest)))
+        writers[-1].write(rows)
+    return writers
 
 
 def table_bytes(design: Design, metrics: int) -> int:

@@ -1,6 +1,7 @@
 """What a folder of results may replace."""
 
 import json
+from contextlib import ExitStack
 from pathlib import Path
 
 import pytest
@@ -20,11 +21,12 @@ def test_a_new_folder_is_made_with_those_above_it_and_goes_if_nothing_comes_of_i
 
 
 def test_what_an_evaluation_wrote_may_be_written_again_and_its_films_go(tmp_path: Path) -> None:
-    ResultsFolder(tmp_path).write_manifest({"seed": 3})
+    with ExitStack() as stack:
+        ResultsFolder(tmp_path).write_manifest(stack, {"seed": 3}).publish()
     for name in ("worst_seed1.mp4", "rank3_point2_seed7.mp4", "mine.mp4", "worst_seed1.mp4.txt"):
         (tmp_path / name).touch()
     folder = ResultsFolder(tmp_path)
-    folder.remove_old_films()
+    folder.remove_old_films(())
     folder.abandon()
     assert {path.name for path in tmp_path.iterdir()} == {MANIFEST, "mine.mp4", "worst_seed1.mp4.txt"}
     assert json.loads((tmp_path / MANIFEST).read_text()) == {"seed": 3}

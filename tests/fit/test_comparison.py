@@ -1,5 +1,6 @@
 """The table of measurements beside predictions."""
 
+from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
 
@@ -23,7 +24,8 @@ def test_each_sample_has_a_row_with_what_both_models_say(tmp_path: Path) -> None
             states = shoot.guessed(chunks)
             solutions[part, which] = shoot.look(chunks, np.full(3, coordinate), states, np.array([NOISE]))
     rows = comparison_rows(solutions, ["other", "log"])
-    files = write_comparison(str(tmp_path / "fit.csv"), [Column("qpos/hinge", "rad")], rows)
+    with ExitStack() as stack:
+        files = write_comparison(stack, str(tmp_path / "fit.csv"), [Column("qpos/hinge", "rad")], rows).publish()
     table = read_table(files[0]).columns
     np.testing.assert_array_equal(table["time"], log.times)
     np.testing.assert_allclose(table["qpos/hinge"], log.values[:, 0], atol=1e-12)

@@ -1,6 +1,7 @@
 """The page about a fit, read as a browser reads it."""
 
 import re
+from contextlib import ExitStack
 from html.parser import HTMLParser
 from pathlib import Path
 
@@ -54,7 +55,9 @@ def page(folder: Path) -> str:
     held = (times > 1.5).astype(float)
     rows = [np.column_stack([times, measured, measured + 0.1, measured + 0.01, held, np.full(200, i)]) for i in (0, 1)]
     path = folder / "fit.html"
-    write_fit_page(str(path), "arm.xml", RESULT, [Column("qpos/a", "rad")], np.concatenate(rows), LOGS)
+    with ExitStack() as stack:
+        rows_of_all = np.concatenate(rows)
+        write_fit_page(stack, str(path), "arm.xml", RESULT, [Column("qpos/a", "rad")], rows_of_all, LOGS).publish()
     return path.read_text("utf-8")
 
 

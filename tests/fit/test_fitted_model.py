@@ -1,5 +1,6 @@
 """The fitted model: the user's text, proved to be what was found."""
 
+from contextlib import ExitStack
 from pathlib import Path
 
 import pytest
@@ -18,7 +19,9 @@ def test_the_text_keeps_its_comments_and_compiles_to_the_last_bit(tmp_path: Path
     source = FileSource(write_model(tmp_path))
     fitted = FittedModel(tmp_path / "fitted.xml", source)
     fitted.check(FOUND)
-    (made,) = fitted.write(FOUND)
+    with ExitStack() as stack:
+        output, (made,) = fitted.write(stack, FOUND)
+        output.publish()
     assert made.sentence == "pendulum.xml:6: damping = 0.04999999999999999"
     text = (tmp_path / "fitted.xml").read_text()
     assert text == source.path.read_text().replace('damping="0.3"', 'damping="0.04999999999999999"')
@@ -36,8 +39,8 @@ def test_a_place_where_it_would_be_another_model_is_refused(tmp_path: Path) -> N
     (tmp_path / "elsewhere").mkdir()
     (tmp_path / "elsewhere" / "more.xml").write_text(more.format(0.2))
     fitted = FittedModel(tmp_path / "elsewhere" / "fitted.xml", FileSource(tmp_path / "pendulum.xml"))
-    with pytest.raises(FileError, match="would not be the fitted model"):
-        fitted.write(FOUND)
+    with ExitStack() as stack, pytest.raises(FileError, match="would not be the fitted model"):
+        fitted.write(stack, FOUND)
     assert [path.name for path in (tmp_path / "elsewhere").iterdir()] == ["more.xml"]
 
 

@@ -1,5 +1,6 @@
 """Ranges are a section of a study document."""
 
+from contextlib import ExitStack
 from pathlib import Path
 
 import pytest
@@ -16,7 +17,8 @@ FITTED = [FittedParameter(each.path, each.start, 0.05, 0.0304, 0.0696, 100.0, ""
 
 
 def test_the_interval_is_that_of_the_distribution(tmp_path: Path) -> None:
-    files = write_ranges(str(tmp_path / "ranges.yaml"), FREE, FITTED, 0.95)
+    with ExitStack() as stack:
+        files = write_ranges(stack, str(tmp_path / "ranges.yaml"), FREE, FITTED, 0.95).publish()
     document = yaml.safe_load(Path(files[0]).read_text("utf-8"))
     assert list(document["vary"]) == ["joint/hinge.damping"]  # no study varies a delay of a signal
     mean, spread, low, high = document["vary"]["joint/hinge.damping"]["truncnormal"]
@@ -27,4 +29,4 @@ def test_the_interval_is_that_of_the_distribution(tmp_path: Path) -> None:
 
 def test_they_are_yaml(tmp_path: Path) -> None:
     with pytest.raises(UsageError, match=r"\.yaml"):
-        write_ranges(str(tmp_path / "ranges.json"), FREE, FITTED, 0.95)
+        write_ranges(ExitStack(), str(tmp_path / "ranges.json"), FREE, FITTED, 0.95)

@@ -91,7 +91,7 @@ def _failing_operations(trial: Trial, quick: bool) -> None:
             if str(error) not in trial.tally.left_out:
                 trial.tally.left_out.append(str(error))
             return
-        most = 2 if quick else MOST[trial.pace]
+        most = 2 if quick else MOST[trial.command.pace]
         operations = [operation for operation, _ in ended.operations]
         for index, number in enumerate(_chosen(operations, most)):
             for kind in ("once", "from then on"):
@@ -116,7 +116,7 @@ def _chosen(operations: Sequence[str], most: int) -> list[int]:
 def _file_sizes(trial: Trial, quick: bool) -> None:
     """No file may grow beyond a limit that one of the outputs does not keep."""
     largest = max(map(len, trial.new.first.values()))
-    sizes = (largest // 2,) if trial.pace or quick else (1024, largest // 2, largest - 1)
+    sizes = (largest // 2,) if trial.command.pace or quick else (1024, largest // 2, largest - 1)
     for limit in sorted({size for size in sizes if 1024 <= size < largest}):
         trial.start()
         trial.judge(trial.run(file_size=limit), f"no file beyond {limit} bytes")
@@ -124,7 +124,7 @@ def _file_sizes(trial: Trial, quick: bool) -> None:
 
 def _streams(trial: Trial, quick: bool) -> None:
     """Standard streams that are closed, or that nothing more fits in: what is lost of them costs no file."""
-    for name in ("2>&-", "> /dev/full")[trial.pace // 2 :] if trial.pace or quick else STREAMS:
+    for name in ("2>&-", "> /dev/full")[trial.command.pace // 2 :] if trial.command.pace or quick else STREAMS:
         trial.start()
         ended = trial.run(redirected=STREAMS[name])
         loses_payload = 1 in STREAMS[name] and trial.prints
@@ -141,7 +141,7 @@ def _full_disk(trial: Trial, quick: bool) -> None:
         if text not in trial.tally.left_out:
             trial.tally.left_out.append(text)
         return
-    for free in FREE[-1:] if quick or trial.pace else FREE:
+    for free in FREE[-1:] if quick or trial.command.pace else FREE:
         with _mounted(trial.out) as remount:
             trial.start()
             used = os.statvfs(trial.out)

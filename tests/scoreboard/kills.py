@@ -29,7 +29,7 @@ def run(quick: bool) -> Tally:
             if not quick or command.name in QUICK:
                 trial = Trial(command, folder, server, tally)
                 _at_operations(trial, quick)
-                _at_moments(trial, moments, 1 if quick else MOMENTS[trial.pace])
+                _at_moments(trial, moments, 1 if quick else MOMENTS[trial.command.pace])
     if not quick:
         tally.left_out.append("a power cut, which loses what the system had not written yet: files are synced first")
         tally.left_out.append("mjrun view, which ends by hand: its recording is written as that of a trace")
@@ -45,10 +45,10 @@ def _at_operations(trial: Trial, quick: bool) -> None:
             trial.tally.left_out.append(str(error))
         return
     count = len(ended.operations)
-    most = 2 if quick else MOST[trial.pace]
+    most = 2 if quick else MOST[trial.command.pace]
     numbers = {1 + index * (count - 1) // (most - 1) for index in range(most)}
     moves = [n for n, (operation, _) in enumerate(ended.operations, 1) if operation in ("rename", "exchange")]
-    numbers |= set(moves[-2:] if quick or trial.pace else moves)
+    numbers |= set(moves[-2:] if quick or trial.command.pace else moves)
     for number in sorted(numbers):
         trial.start()
         ended = trial.watch(number, "kill")

@@ -1,7 +1,6 @@
 """A command that writes, disturbed: what must be there afterwards."""
 
 import shutil
-from bisect import bisect
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
@@ -11,7 +10,6 @@ from tests.scoreboard.measure import Tally
 from tests.scoreboard.writing_commands import Command, Reference, contents, new_folder, run_first
 
 ENCODER, CANNOT_WRITE, PARTLY = 6, 7, 8  # exit codes
-PACES = (0.5, 2.5)  # [s]
 ENCODED = ("mp4", "gif", "webm", "apng", "mkv", "folder", "pattern", "eval films")  # commands that use an encoder
 
 
@@ -112,11 +110,6 @@ class Trial:
             else:
                 problems.append(f"{folder} is a mixture")
         return problems
-
-    @property
-    def pace(self) -> int:
-        """0, 1 or 2: of slower commands, fewer cases are tried."""
-        return bisect(PACES, self.seconds)
 
     @property
     def _before(self) -> Reference:

@@ -69,7 +69,7 @@ class Command:
 
     Attributes:
       other: more arguments, for an older version of its outputs.
-      draws: whether it renders, which takes longer.
+      draws, slow: whether it renders, or takes seconds; of such commands fewer cases are tried.
       whole: folders whose files are replaced together.
       in_steps: whether what it makes before it fails stays: a study is continued.
       first: command lines to run before it.
@@ -79,9 +79,15 @@ class Command:
     line: str
     other: str = OTHER
     draws: bool = False
+    slow: bool = False
     whole: tuple[str, ...] = ()
     in_steps: bool = False
     first: tuple[str, ...] = ()
+
+    @property
+    def pace(self) -> int:
+        """0, 1 or 2, how long it takes."""
+        return 2 if self.slow else int(self.draws)
 
     @property
     def arguments(self) -> list[str]:
@@ -105,27 +111,38 @@ COMMANDS = (
     Command("folder", f"{VIDEO} -o frames/", draws=True, whole=("frames",)),
     Command("pattern", f"{VIDEO} -o f_%04d.png --manifest m.json", draws=True),
     Command("run", "run ../inputs/run.yaml -o .", "ctrl.motor=0.5", draws=True),
-    Command("run page", "run ../inputs/run.yaml -o . --html run.html", "ctrl.motor=0.5", draws=True),
-    Command("sweep", f"{SWEEP} -o s", DAMPED, in_steps=True),
-    Command("sweep keep", f"{SWEEP} -o s --keep trace", DAMPED, in_steps=True),
+    Command("run page", "run ../inputs/run.yaml -o . --html run.html", "ctrl.motor=0.5", draws=True, slow=True),
+    Command("sweep", f"{SWEEP} -o s", DAMPED, slow=True, in_steps=True),
+    Command("sweep keep", f"{SWEEP} -o s --keep trace", DAMPED, slow=True, in_steps=True),
     Command("plan", f"{STUDY} -o s --plan plan.jsonl", DAMPED),
-    Command("task", "sweep plan.jsonl --task 1/1", "", in_steps=True, first=(f"{STUDY} -o s --plan plan.jsonl",)),
+    Command(
+        "task", "sweep plan.jsonl --task 1/1", "", slow=True, in_steps=True, first=(f"{STUDY} -o s --plan plan.jsonl",)
+    ),
     Command(
         "collect",
         "sweep plan.jsonl --collect",
         "",
+        slow=True,
         in_steps=True,
         first=(f"{STUDY} -o s --plan plan.jsonl", "sweep plan.jsonl --task 1/1"),
     ),
-    Command("fit", FIT, "--confidence 0.9"),
-    Command("excite", EXCITE, "--duration 2"),
-    Command("eval", EVAL, "--seed 5"),
-    Command("eval films", f"{EVAL} --films 1 {DRAW}", "--seed 5", draws=True),
-    *(Command(f"plot {suffix}", f"{PLOT} -o p.{suffix}", "--title older") for suffix in ("png", "svg", "pdf")),
-    Command("plot page", f"{PLOT} --html p.html -o p.png", "--title older"),
-    Command("diff", "diff ../inputs/a.png ../inputs/b.png -o worst.png", "--max-changed 1%"),
+    Command("fit", FIT, "--confidence 0.9", slow=True),
+    Command("excite", EXCITE, "--duration 2", slow=True),
+    Command("eval", EVAL, "--seed 5", slow=True),
+    Command("eval films", f"{EVAL} --films 1 {DRAW}", "--seed 5", draws=True, slow=True),
+    *(
+        Command(f"plot {suffix}", f"{PLOT} -o p.{suffix}", "--title older", draws=True)
+        for suffix in ("png", "svg", "pdf")
+    ),
+    Command("plot page", f"{PLOT} --html p.html -o p.png", "--title older", draws=True),
+    Command("diff", "diff ../inputs/a.png ../inputs/b.png -o worst.png", "--max-changed 1%", draws=True),
     Command("golden", "diff --golden golden.csv ../inputs/model.xml --duration 0.1 --update"),
-    Command("bench", "bench ../inputs/model.xml --budget 0.1 --repeats 2 --threads 1 --save base.json", "--repeats 3"),
+    Command(
+        "bench",
+        "bench ../inputs/model.xml --budget 0.1 --repeats 2 --threads 1 --save base.json",
+        "--repeats 3",
+        draws=True,
+    ),
 )
 
 
