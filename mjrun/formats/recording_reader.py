@@ -18,6 +18,7 @@ from typing import Any, BinaryIO
 import numpy as np
 
 from mjrun.closable import Closable
+from mjrun.confinement.confinement import is_readable
 from mjrun.errors import FileError, option
 from mjrun.formats import npy_header
 from mjrun.formats.input_file import decoding, require_file
@@ -32,6 +33,8 @@ HINT = f"{option('recording')} FILE.npz makes one"
 
 def is_recording(path: Path) -> bool:
     """Whether the file at `path` is a recording, complete or not, or by its name alone if it is no archive."""
+    if not is_readable(path):
+        return False  # as a table it is refused
     try:
         with zipfile.ZipFile(path) as archive:
             return len({f"{name}.npy" for name in ARRAYS} & {*archive.namelist()}) > 1
