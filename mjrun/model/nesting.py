@@ -20,7 +20,8 @@ MOST_INCLUDES = 500
 MOST_MODELS = 100
 MOST_KEYFRAMES = 20_000  # that are only room for some: MuJoCo names each by looking at all others
 MOST_POINTS = 32_000  # of a flexcomp, each of which MuJoCo compares with all others
-NESTED = (b"<include", b"<model", b"nkey", b"<flexcomp")
+MOST_COPIES = 1_000_000  # that <replicate> makes of something, which take MuJoCo minutes and gigabytes
+NESTED = (b"<include", b"<model", b"nkey", b"<flexcomp", b"<replicate")
 
 
 class _Tag(NamedTuple):
@@ -30,6 +31,7 @@ class _Tag(NamedTuple):
     attributes: dict[str, str]
     file: str
     line: int
+    copies: int  # that the <replicate> elements around it, or itself, make of what is in it
 
 
 class _Model(NamedTuple):
@@ -100,6 +102,9 @@ def _check_counts(tag: _Tag) -> None:
     if tag.tag == "size" and _whole(tag.attributes.get("nkey", "")) > MOST_KEYFRAMES:
         what = f"nkey makes {tag.attributes['nkey']} keyframes; MuJoCo takes hours for more than {MOST_KEYFRAMES}"
         raise _broken(tag, what, "leave nkey out: it is as large as the keyframes in the model need")
+    if tag.tag == "replicate" and tag.copies > MOST_COPIES:
+        what = f"replicate makes {tag.copies:.3g} copies; MuJoCo takes hours, and more memory than there is,"
+        raise _broken(tag, f"{what} for more than {MOST_COPIES}", "lower its count")
     if tag.tag == "flexcomp":
         points = 1
         for count in tag.attributes.get("count", "").split():
@@ -118,14 +123,20 @@ def _whole(text: str) -> int:
 
 def _tags(path: str, content: bytes) -> Iterator[_Tag]:
     """The elements of interest in a file; what precedes a fault, if it is not well-formed."""
-    found: list[_Tag] = []
+    found, copies = list[_Tag](), [1]
     parser = expat.ParserCreate()
 
     def start(tag: str, attributes: dict[str, str]) -> None:
-        if (tag in ("include", "model") and attributes.get("file")) or tag in ("size", "flexcomp"):
-            found.append(_Tag(tag, attributes, path, parser.CurrentLineNumber))
+        if tag == "replicate":
+            copies.append(copies[-1] * max(1, _whole(attributes.get("count", ""))))
+        if (tag in ("include", "model") and attributes.get("file")) or tag in ("size", "flexcomp", "replicate"):
+            found.append(_Tag(tag, attributes, path, parser.CurrentLineNumber, copies[-1]))
 
-    parser.StartElementHandler = start
+    def end(tag: str) -> None:
+        if tag == "replicate":
+            copies.pop()
+
+    parser.StartElementHandler, parser.EndElementHandler = start, end
     with suppress(expat.ExpatError, ValueError, LookupError):
         parser.Parse(content, True)
     yield from found

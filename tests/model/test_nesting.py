@@ -74,6 +74,11 @@ def test_what_is_no_circle_is_loaded(tmp_path: Path) -> None:
     assert load(main).nbody == 2
 
 
+def test_copies_are_counted_by_nesting(tmp_path: Path) -> None:
+    row = '<replicate count="1000" offset="1 0 0"><site/></replicate>'
+    assert load(write(tmp_path, a=f"<mujoco><worldbody>{row * 3}</worldbody></mujoco>")).nsite == 3000
+
+
 def chain(folder: Path, count: int, link: Callable[[str], str]) -> Path:
     for i in range(count):
         text = link(f"{i + 1}.xml") if i < count - 1 else f"<mujoco>{BALL}</mujoco>"
