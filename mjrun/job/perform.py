@@ -85,6 +85,7 @@ def perform(jobs: Sequence[Job[R]], reporter: Reporter | None = None, published:
             reporter.note(episode.sentence)
 
         results: list[R] = []
+        made: list[str] = []
         failure = None if simulated.instability is None else str(simulated.instability)
 
         def told(artifact: Artifact[R], files: Sequence[Path]) -> tuple[R, dict[str, object]]:
@@ -96,10 +97,11 @@ def perform(jobs: Sequence[Job[R]], reporter: Reporter | None = None, published:
             with simulated.failing(index):
                 files, result, facts = _publish(artifact, manifests[index], partial(told, artifact))
                 results.append(result)
+                made += artifact.paths
                 if published:
                     published(facts, result, files)
 
-    if error := simulated.error([result.path for result in results], _verdicts([*artifacts.values()])):
+    if error := simulated.error(made, _verdicts([*artifacts.values()])):
         error.results = results
         raise error
     return results

@@ -5,6 +5,7 @@ from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from mjrun.errors import MjrunError, PartlyDoneError
 from mjrun.formats.manifest import with_fingerprints
 from mjrun.formats.table_reader import STDIN
 from mjrun.job.image import ImageResult
@@ -31,7 +32,8 @@ def run_page(options: PageOptions, title: str, jobs: Sequence[Job[OutputResult]]
 
     Raises:
       MissingExtraError: there are tables to plot, and no matplotlib.
-      MjrunError: the page cannot be written.
+      PartlyDoneError: the page cannot be written.
+      MjrunError: nothing can be written where it is to be.
     """
     if options.html is None:
         yield None
@@ -44,8 +46,18 @@ def run_page(options: PageOptions, title: str, jobs: Sequence[Job[OutputResult]]
             yield contents.add
         finally:
             if contents.manifests:
-                writer.write(contents.page(title))
-                writer.publish()
+                _publish(writer, contents, title)
+
+
+def _publish(writer: PageWriter, contents: "_Contents", title: str) -> None:
+    """Publishes the page about what was made, which stays if this fails."""
+    try:
+        writer.write(contents.page(title))
+        writer.publish()
+    except MjrunError as error:
+        partly = PartlyDoneError(contents.made, [(contents.path, error)])
+        partly.results = contents.results
+        raise partly from None
 
 
 @dataclass
@@ -59,9 +71,13 @@ class _Contents:
     verdicts: list[tuple[str, Verdict]] = field(default_factory=list[tuple[str, Verdict]])
     files: list[PageFile] = field(default_factory=list[PageFile])
     manifests: list[PageManifest] = field(default_factory=list[PageManifest])
+    results: list[OutputResult] = field(default_factory=list[OutputResult])
+    made: list[str] = field(default_factory=list[str])
 
     def add(self, facts: Mapping[str, object], result: OutputResult, files: Sequence[Path]) -> None:
         """Takes an output that was published."""
+        self.results.append(result)
+        self.made += _paths(result, files) if isinstance(result, VideoResult) else map(str, files)
         self.manifests.append(PageManifest(result.path, with_fingerprints(facts, files)))
         for path in _paths(result, files):
             self.files.append(page_file(path, self.path, self.limit))

@@ -109,6 +109,11 @@ class Artifact(Generic[R_co]):
     failed_assertions: Sequence[str] = ()
     golden_differences: Sequence[str] = ()
 
+    @property
+    def paths(self) -> list[str]:
+        """What will be made: files, or a folder or a pattern of many."""
+        return [str(part.destination.shown) for writer in self.writers for part in writer.together]
+
     def publish(self, manifest: Callable[[Sequence[Path]], OutputWriter] | None = None) -> list[Path]:
         """Moves every file to its place, or none if one cannot be, and returns them.
 

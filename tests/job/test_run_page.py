@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from mjrun.errors import BadValueError, FailedAssertionError, FileError
+from mjrun.errors import BadValueError, FailedAssertionError, FileError, PartlyDoneError
 from mjrun.job.perform import perform
 from mjrun.job.plot import Plot
 from mjrun.job.run_page import run_page
@@ -12,6 +12,7 @@ from mjrun.job.simulation import Simulation
 from mjrun.job.task import Job, OutputResult
 from mjrun.job.trace import Trace
 from mjrun.options.plot import PageOptions
+from mjrun.plotting.page_writer import PageWriter
 from tests.plotting.test_html_page import external_references
 from tests.plotting.test_markup import read
 
@@ -47,6 +48,22 @@ def test_it_is_made_when_an_assertion_fails_too(jobs: list[Job[OutputResult]], s
     ):
         perform([trace], published=published)
     assert "1 of 1 assertions failed" in (tmp_path / "page.html").read_text()
+
+
+def test_a_page_that_fails_at_the_end_says_what_was_made(
+    swing: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def failing(writer: PageWriter, page: object) -> None:
+        raise FileError(writer.destination.shown, "cannot be written: the disk is full")
+
+    monkeypatch.setattr(PageWriter, "write", failing)
+    table, contacts, page = (str(tmp_path / name) for name in ("run.csv", "contacts.csv", "page.html"))
+    trace = Trace(Simulation(str(swing), steps=3), table, contacts=contacts)
+    with pytest.raises(PartlyDoneError) as caught, run_page(PageOptions(html=page), "t", [trace]) as published:
+        perform([trace], published=published)
+    assert caught.value.made == [table, contacts]
+    assert [failure["output"] for failure in caught.value.failures] == [page]
+    assert [result.path for result in caught.value.results] == [table]
 
 
 def test_nothing_is_published_if_nothing_was_made(jobs: list[Job[OutputResult]], tmp_path: Path) -> None:
