@@ -258,7 +258,7 @@ TASK = """model: {model}
 control_dt: 0.01
 duration: 0.1
 observations: [{{name: p, probe: qpos}}]
-actions: [{actuators: [a]}]
+actions: [{{actuators: [a]}}]
 rewards: {{one: "1"}}
 """
 # Documents beside a harmless model that name files outside, and the command for each.
