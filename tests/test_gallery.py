@@ -45,7 +45,7 @@ def test_every_scene_has_a_document_and_an_image_of_it_is_shown() -> None:
         assert 5_000 < (SCENES / picture).stat().st_size < 200_000
 
 
-@pytest.mark.parametrize("kind", ["camera", "run", "study", "task", "fit-document"])
+@pytest.mark.parametrize("kind", ["camera", "run", "study", "task", "eval-document", "fit-document"])
 def test_the_schemas_beside_the_scenes_are_those_that_mjrun_prints(kind: str) -> None:
     assert json.loads((SCENES / f"schema/{kind}.json").read_text("utf-8")) == json.loads(json.dumps(json_schema(kind)))
 

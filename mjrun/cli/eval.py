@@ -1,8 +1,8 @@
 """`mjrun eval`."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import asdict
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -10,8 +10,8 @@ import click
 
 from mjrun.cli.click_command import CommandLine, command
 from mjrun.cli.console import Console
-from mjrun.cli.simulation_command import failures_in_json, import_mujoco, with_camera_scripts
-from mjrun.errors import MjrunError, UsageError, clean, option
+from mjrun.cli.simulation_command import failures_in_json, import_mujoco, is_document, with_camera_scripts
+from mjrun.errors import MjrunError, UsageError, option
 from mjrun.options.confinement import ConfinementOptions
 from mjrun.options.evaluation import EvaluationCommandOptions, EvaluationExecutionOptions, EvaluationOptions
 from mjrun.options.messages import MessageOptions
@@ -19,11 +19,11 @@ from mjrun.options.messages import MessageOptions
 if TYPE_CHECKING:
     from mjrun.evaluation.evaluation import Evaluation
     from mjrun.evaluation.result import EvaluationResult
-    from mjrun.task.task import Task
 
-NO_CHANGES: Mapping[str, str] = {}
+    Located = Callable[[], AbstractContextManager[None]]
+
 ARGUMENTS = (
-    click.Argument(["task"], metavar="TASK", type=click.Path()),
+    click.Argument(["task"], metavar="TASK|EVALUATION.yaml", type=click.Path()),
     click.Argument(["assignments"], metavar="[KEY=VALUE]...", nargs=-1),
 )
 
@@ -46,38 +46,46 @@ def eval(console: Console, command_line: CommandLine) -> None:  # noqa: A001 - t
     mjrun eval task.yaml --policy new.onnx --compare old.onnx --fail-below success=90%
     mjrun eval task.yaml --policy walk.onnx --vary 'geom/floor.friction[0]=0.2,0.6,1'
     mjrun eval gym:Walker2d-v5 --policy random --episodes 20
+    mjrun eval evaluation.yaml --policy new.onnx episodes=20
 
     TASK is a task document, whose values KEY=VALUE changes, one of ours, such as scene:car_drive, or an environment of
     Gymnasium's. Episode i has the seed of the first plus i, and mjrun video TASK --policy P --seed S shows the episode
     of seed S. The same seeds give the same table, bit for bit. Exits with 1 where what is required does not hold.
+
+    EVALUATION.yaml is a document that says all of it; KEY=VALUE changes a value of it, and options count instead of it.
     """
     console.guard_stdout()
     import_mujoco()
     options = command_line.make(EvaluationCommandOptions)
     if options.csv and command_line.make(MessageOptions).json:
         raise UsageError(f"{option('csv')} and {option('json')} both want standard output")
-    evaluation = _evaluation(console, command_line)
-    _show(console, command_line, lambda: evaluation.run(console), as_csv=options.csv)
+    evaluation, changes, located = _evaluation(console, command_line)
+    with located():
+        if options.print_document:
+            from mjrun.document.evaluation_writer import evaluation_text
+
+            console.result(evaluation_text(evaluation, changes, console.command).rstrip("\n"))
+        else:
+            _show(console, command_line, lambda: evaluation.run(console), as_csv=options.csv)
 
 
-def _evaluation(console: Console, command_line: CommandLine) -> "Evaluation":
+def _evaluation(console: Console, command_line: CommandLine) -> "tuple[Evaluation, Sequence[str], Located]":
+    """The evaluation of a command line, or of the document that it names; what it changes in the task; and what
+    locates its errors."""
+    from mjrun.document.evaluation import evaluated_task, read_evaluation
+    from mjrun.document.kinds import KINDS, kind_of_file
     from mjrun.evaluation.evaluation import Evaluation
-    from mjrun.model.sources import names_task, parse_source
 
     path, assignments = command_line.argument("task"), command_line.arguments("assignments")
-    is_task = names_task(path)
-    if assignments and not is_task:
-        raise UsageError(f"{clean(assignments[0])}: {clean(path)} is no document whose values could be changed")
-    task = _read(path, assignments) if is_task else parse_source(path)
-    command_line = with_camera_scripts(command_line.with_defaults(output=f"{task.stem}_eval"))
-    rewritten = partial(_read, path, assignments) if is_task else None
-    return command_line.make(Evaluation, task=task, rewritten=rewritten, command=console.command)
-
-
-def _read(path: str, assignments: Sequence[str], changes: Mapping[str, str] = NO_CHANGES) -> "Task":
-    from mjrun.document.task import read_task
-
-    return read_task(path, [*assignments, *(f"{name}={text}" for name, text in changes.items())])
+    command_line = with_camera_scripts(command_line)
+    if is_document(path) and kind_of_file(path) == KINDS["Evaluation"]:
+        values = command_line.explicit(EvaluationOptions, EvaluationExecutionOptions)
+        request = read_evaluation(path, assignments, values=values, command=console.command)
+        return request.made, request.changes, request.located
+    task, rewritten = evaluated_task(path, assignments)
+    command_line = command_line.with_defaults(output=f"{task.stem}_eval")
+    made = command_line.make(Evaluation, task=task, rewritten=rewritten, command=console.command)
+    return made, assignments, nullcontext
 
 
 def _show(console: Console, command_line: CommandLine, run: "Callable[[], EvaluationResult]", *, as_csv: bool) -> None:

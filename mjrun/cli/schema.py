@@ -6,7 +6,7 @@ from mjrun.cli.click_command import CommandLine, command
 from mjrun.cli.console import Console
 from mjrun.cli.simulation_command import import_mujoco
 
-DOCUMENTS = ("camera", "run", "study", "task", "fit-document")
+DOCUMENTS = ("camera", "run", "study", "task", "eval-document", "fit-document")
 REPORTS = ("bench", "diff", "eval", "fit", "plot", "sweep", "verify", "view")
 KINDS = (*DOCUMENTS, *REPORTS, "options")
 

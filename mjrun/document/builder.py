@@ -18,7 +18,7 @@ from mjrun.options.simulation import CodeOptions, SimulationOptions
 
 # Places below which names stand that may hold dots.
 NAMED = (
-    *("set", "qpos", "qvel", "ctrl", "vary", "metrics", "free"),
+    *("set", "qpos", "qvel", "ctrl", "vary", "metrics", "free", "changes"),
     *("reset.qpos", "reset.qvel", "reset.ctrl", "reset.noise", "reset.set", "reset.vary"),
 )
 DeclaredAt = Callable[[Place], type[Options]]

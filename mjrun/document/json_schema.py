@@ -7,6 +7,7 @@ from pydantic.json_schema import GenerateJsonSchema, JsonSchemaValue
 from pydantic_core.core_schema import WithDefaultSchema
 
 from mjrun.document.camera import CameraDocument
+from mjrun.document.evaluation import EvaluationDocument
 from mjrun.document.fit import FitDocument
 from mjrun.document.report_schema import REPORTS, report_schema
 from mjrun.document.run import RunDocument
@@ -21,6 +22,7 @@ DOCUMENTS: dict[str, tuple[type[BaseModel], str, bool]] = {
     "run": (RunDocument, "mjrun run document", True),
     "study": (StudyDocument, "mjrun study document", True),
     "fit-document": (FitDocument, "mjrun fit document", True),
+    "eval-document": (EvaluationDocument, "mjrun eval document", True),
     "task": (TaskDocument, "mjrun task document", True),
 }
 VARIABLE_KEYS = {

@@ -1,8 +1,10 @@
 """Which kind of document a mapping is, by the keys that no other kind has."""
 
 from dataclasses import dataclass
+from pathlib import Path
 
-from mjrun.document.tree import Fault, MappingNode
+from mjrun.document.tree import Fault, MappingNode, Mark
+from mjrun.document.yaml_parser import compose
 from mjrun.errors import quoted
 
 
@@ -21,10 +23,11 @@ class DocumentKind:
     keys: frozenset[str]
 
 
-RUN = ("videos", "images", "traces", "plots", "recordings", "keyframes", "films", "stills")
+RUN = ("videos", "images", "traces", "plots", "recordings", "keyframes")
 STUDY = ("vary", "points", "metrics", "samples", "sampler")
 FIT = ("data", "free", "holdout_data", "excite")
 TASK = ("observations", "actions", "rewards", "terminations")
+EVALUATION = ("task", "episodes", "compare", "fail_below")
 
 # By the names of their models.
 KINDS = {
@@ -32,14 +35,30 @@ KINDS = {
     "Study": DocumentKind("a study document", "mjrun sweep", frozenset(STUDY)),
     "Fit": DocumentKind("a fit document", "mjrun fit", frozenset(FIT)),
     "Task": DocumentKind("a task document", "mjrun eval, or mjrun video with a policy", frozenset(TASK)),
+    "Evaluation": DocumentKind("an evaluation document", "mjrun eval", frozenset(EVALUATION)),
     "CameraDocument": DocumentKind("a camera script", "the camera of mjrun video", frozenset(("shots",))),
 }
 
 
 def kind_of(tree: MappingNode) -> DocumentKind | None:
-    """The kind of document that `tree` is: the only one of which it has keys; None if it is not clear."""
+    """The kind of document that `tree` is: the only one of which it has keys; None if it is not clear.
+
+    An evaluation may vary what a study does.
+    """
     kinds = [kind for kind in KINDS.values() if not kind.keys.isdisjoint(tree.entries)]
+    evaluation = KINDS["Evaluation"]
+    if kinds == [KINDS["Study"], evaluation]:
+        return evaluation
     return kinds[0] if len(kinds) == 1 else None
+
+
+def kind_of_file(path: Path | str) -> DocumentKind | None:
+    """The kind of the document at `path`; None if it is not clear, or is none: whoever reads it is told why."""
+    try:
+        node, _ = compose(Path(path).read_text("utf-8-sig"), lambda index: Mark(0, 0, 0, str(path)))
+    except (OSError, UnicodeDecodeError):
+        return None
+    return kind_of(node) if isinstance(node, MappingNode) else None
 
 
 def other_kind(tree: MappingNode, expected: str) -> Fault | None:

@@ -51,6 +51,7 @@ from mjrun.formats.format_lists import with_formats
 from mjrun.job.view import check_segmentation_name
 from mjrun.options import kinds as option_kinds
 from mjrun.options.diff import ColumnTolerances
+from mjrun.options.evaluation import Thresholds
 from mjrun.options.kinds import AnyKind, ExpectedError, setting_text
 from mjrun.options.option import (
     Exclusion,
@@ -230,6 +231,7 @@ FIELD_TYPES: dict[type[AnyKind], object] = {
     option_kinds.Range: Annotated[tuple[float, float], Strict(False), BeforeValidator(of_length(2, "numbers"))],
     option_kinds.Values: dict[str, Numbers],
     ColumnTolerances: dict[str, Numbers],
+    Thresholds: dict[str, float],
     option_kinds.Settings: dict[str, SettingText],
     Variations: dict[str, VariationText],
     option_kinds.NumberVector: Numbers,

@@ -164,3 +164,6 @@ class EvaluationCommandOptions(Options):
     csv: bool = option(
         converter=Flag(), default=False, places=FrontEnd.COMMAND, help="The table of all episodes on stdout."
     )
+    print_document: bool = option(
+        converter=Flag(), default=False, places=FrontEnd.COMMAND, help="Print this command as a document, and stop."
+    )

@@ -130,7 +130,8 @@ def test_a_kind_that_there_is_not_is_told() -> None:
     with pytest.raises(
         UnknownNameError,
         match=r"^no schema 'camra' \(did you mean 'camera'\?\)\n"
-        r"schemas: camera, run, study, fit-document, task, bench, diff, eval, excite, fit, plot, sweep, verify, view$",
+        r"schemas: camera, run, study, fit-document, eval-document, task, bench, diff, eval, excite, fit, plot, sweep, "
+        r"verify, view$",
     ):
         json_schema("camra")
 

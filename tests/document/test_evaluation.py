@@ -1,0 +1,92 @@
+"""Evaluation documents: what they say is what a command line says, and what is wrong is told at its line."""
+
+import re
+from pathlib import Path
+
+import pytest
+
+from mjrun.document.evaluation import evaluated_task, read_evaluation
+from mjrun.document.evaluation_writer import evaluation_text
+from mjrun.errors import DocumentError, MjrunError, UsageError
+from mjrun.evaluation.evaluation import Evaluation
+from tests.evaluation.tasks import XML
+
+TEXT = """\
+task: tasks/cart.yaml
+changes: {duration: 0.1, "observations[0].scale": 2}
+policy: zero
+episodes: 3
+vary: {control_dt: [0.02, 0.04]}
+fail_below: {return: -100}
+"""
+CART = """\
+model: cart.xml
+control_dt: 0.02
+duration: 1.5
+observations: [{name: state, probe: [qpos, qvel]}]
+actions: [{actuators: [push]}]
+rewards: {near: -abs(qpos/slider)}
+"""
+
+
+@pytest.fixture
+def document(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """An evaluation beside the folder of its task."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "tasks").mkdir()
+    (tmp_path / "tasks/cart.xml").write_text(XML)
+    (tmp_path / "tasks/cart.yaml").write_text(CART)
+    path = tmp_path / "robust.yaml"
+    path.write_text(TEXT)
+    return path
+
+
+def test_a_document_is_the_evaluation_that_its_options_make(document: Path) -> None:
+    found = read_evaluation(document, ["episodes=2"], values={"policy": "random"}).made.run()
+    task, rewritten = evaluated_task("tasks/cart.yaml", ["duration=0.1", "observations[0].scale=2"])
+    options = {"vary": {"control_dt": "0.02,0.04"}, "fail_below": {"return": -100}}
+    expected = Evaluation(task, "other", policy="random", episodes=2, rewritten=rewritten, **options).run()
+    assert Path("robust_eval/episodes.csv").read_bytes() == Path("other/episodes.csv").read_bytes()
+    assert found.policies == expected.policies
+    assert found.policies[0].lengths.max == pytest.approx(0.12)  # three periods of 0.04 s
+
+
+def test_what_is_written_is_read_again(document: Path) -> None:
+    request = read_evaluation(document, ["output=results", "metrics.far=max(abs(qpos/slider))"])
+    text = evaluation_text(request.made, request.changes, "mjrun eval")
+    Path("again.yaml").write_text(text)
+    again = read_evaluation("again.yaml")
+    assert evaluation_text(again.made, again.changes, "mjrun eval") == text
+    assert again.changes == request.changes == ["duration=0.1", "observations[0].scale=2"]
+    assert "metrics: {far: max(abs(qpos/slider))}" in text
+    assert "output: results" in text
+
+
+@pytest.mark.parametrize(
+    ("line", "message"),
+    [
+        ("episodes: 0", "4:11: episodes: expected a positive number, got 0"),
+        ("policy: act.py:act", "code stays on the command line"),
+        ("fail_below: {success: high}", "expected a number, got 'high'"),
+        ("task: missing.yaml", "missing.yaml"),
+        ("changes: {duration: -1}", "duration"),
+    ],
+)
+def test_what_is_wrong_is_told(document: Path, line: str, message: str) -> None:
+    key = line.split(":")[0]
+    lines = [line if each.startswith(f"{key}:") else each for each in TEXT.splitlines()]
+    document.write_text("\n".join(lines))
+    with pytest.raises(MjrunError, match=re.escape(message)):
+        read_evaluation(document)
+
+
+def test_a_threshold_of_what_there_is_not_is_told_at_its_line(document: Path) -> None:
+    document.write_text(TEXT.replace("return", "wins"))
+    request = read_evaluation(document)
+    with pytest.raises(DocumentError, match=r"6:20: fail_below\.wins"), request.located():
+        request.made.run()
+
+
+def test_only_documents_have_values_that_change(tmp_path: Path) -> None:
+    with pytest.raises(UsageError, match="gym:Ant-v5 is no document"):
+        evaluated_task("gym:Ant-v5", ["duration=1"])
