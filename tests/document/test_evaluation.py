@@ -42,10 +42,10 @@ def document(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 def test_a_document_is_the_evaluation_that_its_options_make(document: Path) -> None:
-    found = read_evaluation(document, ["episodes=2"], values={"policy": "random"}).made.run()
+    found = read_evaluation(document, ["episodes=2"], values={"policy": "random", "jobs": 1}).made.run()
     task, rewritten = evaluated_task("tasks/cart.yaml", ["duration=0.1", "observations[0].scale=2"])
     options = {"vary": {"control_dt": "0.02,0.04"}, "fail_below": {"return": -100}}
-    expected = Evaluation(task, "other", policy="random", episodes=2, rewritten=rewritten, **options).run()
+    expected = Evaluation(task, "other", policy="random", episodes=2, jobs=1, rewritten=rewritten, **options).run()
     assert Path("robust_eval/episodes.csv").read_bytes() == Path("other/episodes.csv").read_bytes()
     assert found.policies == expected.policies
     assert found.policies[0].lengths.max == pytest.approx(0.12)  # three periods of 0.04 s

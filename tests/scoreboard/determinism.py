@@ -111,7 +111,7 @@ def _run_afresh(making: Making, folder: Path, environment: Mapping[str, str]) ->
         timeout=LIMIT,
         check=False,
     )
-    return Ended((), ended.returncode, ended.stdout, ended.stderr, 0)
+    return Ended(tuple(making.arguments()), ended.returncode, ended.stdout, ended.stderr, 0)
 
 
 def _made(ended: Ended, folder: Path) -> Made | None:

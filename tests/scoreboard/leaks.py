@@ -7,6 +7,7 @@ import ctypes
 import json
 import os
 import tempfile
+import threading
 import time
 from collections.abc import Callable, Sequence
 from contextlib import suppress
@@ -111,16 +112,17 @@ def _in_a_row(arguments: Sequence[str], run_line: Callable[[Sequence[str]], int]
     if warms_up:
         for line, _ in lines:
             run_line(line.split(" "))
-    files: dict[str, set[str]] = {}
+    known = {*_names("."), report}
     before, results = _state(), list[tuple[str, str]]()
     for index in range(count):
         line, expected = lines[index % len(lines)]
         code = run_line(line.split(" "))
         leaks = [] if code == expected else [f"exit code {code}, not {expected}"]
         leaks += _leaks(before)
-        known = files.setdefault(line, set()) or {*_names("."), report}
-        leaks += [f"file {name}" for name in _names(".") - known] if index >= len(lines) else []
-        files[line] |= _names(".")
+        new = _names(".") - known
+        if index >= len(lines):  # what each line makes is there by now
+            leaks += [f"file {name}" for name in sorted(new)]
+        known |= new
         before = _state()
         results.append((line, ", ".join(leaks)))
     Path(report).write_text(json.dumps(results))
@@ -131,7 +133,7 @@ def _state() -> dict[str, set[str]]:
     """What this process, and the machine for it, holds."""
     return {
         "descriptors": {str(number) for number in range(len(_names("/proc/self/fd")))},
-        "threads": {str(number) for number in range(len(_names("/proc/self/task")))},
+        "threads": {str(number) for number in range(threading.active_count())},  # libraries keep pools of their own
         "processes": _children(),
         "temporary files": _names(tempfile.gettempdir()),
         "shared memory": _ownerless(),
@@ -144,14 +146,13 @@ def _names(folder: str | Path) -> set[str]:
 
 
 def _leaks(before: dict[str, set[str]]) -> list[str]:
-    """What there is more than before, when all had time to end."""
+    """What there is more than before, and stays: others, whose memory is shared too, come and go."""
     deadline = time.monotonic() + GRACE
-    while True:
-        now = _state()
-        more = [f"{kind} {sorted(now[kind] - before[kind])[:3]}" for kind in now if now[kind] - before[kind]]
-        if not more or time.monotonic() > deadline:
-            return more
+    more = {kind: now - before[kind] for kind, now in _state().items()}
+    while any(more.values()) and time.monotonic() < deadline:
         time.sleep(0.02)
+        more = {kind: more[kind] & now for kind, now in _state().items()}
+    return [f"{kind} {sorted(names)[:3]}" for kind, names in more.items() if names]
 
 
 def _children() -> set[str]:
