@@ -1,5 +1,6 @@
 """ONNX models: opened by onnxruntime with care, and run on the CPU by one thread, for equal bits from equal inputs."""
 
+import os
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -114,6 +115,7 @@ class OnnxModel:
 
 def _session(path: Path) -> "InferenceSession":
     try:
+        os.environ.setdefault("ORT_DISABLE_TELEMETRY", "1")  # which would leave a file, and may call its makers
         import onnxruntime
     except ImportError:
         raise MissingExtraError("a policy in ONNX", "onnxruntime", "policy") from None

@@ -1,6 +1,7 @@
 """What onnxruntime may open, what it must refuse, and in which words."""
 
 import os
+import subprocess
 import sys
 from collections.abc import Callable
 from pathlib import Path
@@ -24,6 +25,17 @@ def test_a_model_is_opened_and_run(tmp_path: Path) -> None:
     assert model.metadata == {"key": "text"}
     (action,) = model.run({"obs": np.ones((1, 4), np.float32)}, ["actions"])
     assert action.tolist() == [[10, 0]]
+
+
+def test_onnxruntime_leaves_nothing_in_the_temporary_folder(tmp_path: Path) -> None:
+    """Its telemetry, which is off, would leave a file there."""
+    policy, temporary = linear(tmp_path / "a.onnx", WEIGHTS), tmp_path / "temporary"
+    temporary.mkdir()
+    code = "import sys; from pathlib import Path; from mjrun.policy.onnx_model import OnnxModel; "
+    environment = {name: text for name, text in os.environ.items() if name != "ORT_DISABLE_TELEMETRY"}
+    command = [sys.executable, "-c", code + "OnnxModel(Path(sys.argv[1]))", str(policy)]
+    subprocess.run(command, env={**environment, "TMPDIR": str(temporary)}, check=True)
+    assert list(temporary.iterdir()) == []
 
 
 def damaged(content: bytes) -> bytes:
