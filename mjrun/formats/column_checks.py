@@ -7,6 +7,7 @@ from mjrun.errors import FileError, quoted
 from mjrun.formats.input_file import cut
 from mjrun.formats.table_format import ColumnFilter
 
+ENDLESS, PACKED = 2**32, 1100  # bytes of numbers that are read of any file; and for each of its own
 WIDEST = 4096  # columns of an array; a wider one is no table
 
 
@@ -38,6 +39,16 @@ def require_equal_lengths(path: Path, lengths: Mapping[str, int]) -> None:
     if len(names) > 1:
         examples = " and ".join(f"{shown(name)} {length}" for length, name in list(names.items())[:2])
         raise FileError(path, f"columns differ in rows: {examples}")
+
+
+def require_plausible_size(path: Path, rows: int, columns: int) -> None:
+    """Raises FileError if a file is too small for the numbers that its header promises, of which there is no end then.
+
+    The most that common compression makes of numbers that are all alike is a thousandth.
+    """
+    promised = 8 * rows * columns
+    if promised > max(ENDLESS, PACKED * path.stat().st_size):
+        raise FileError(path, f"says that it has {rows:,} rows, for which it is too small")
 
 
 def shown(text: str) -> str:

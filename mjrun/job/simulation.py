@@ -39,6 +39,7 @@ if TYPE_CHECKING:
     from mjrun.sim.motion import Motion
 
 DURATION = Fraction(5)  # [s], when nothing is said
+LONG = 10**9  # steps of a replay that nobody can want without saying so
 
 
 @options
@@ -145,7 +146,11 @@ class Simulation(SimulationOptions):
         if self.episode is not None:
             return self.episode.timeline(timestep, said)
         if said is None and self.replay is not None:
-            return Timeline.of_steps(timestep, int(self.replayed(model).steps[-1]))
+            steps = int(self.replayed(model).steps[-1])
+            if steps > LONG:
+                advice = f"{option('duration')} says how much of it is wanted; {option('map')} what its times are"
+                raise UsageError(f"{option('replay')} lasts {steps:,} steps of {float(timestep):g} s\n{advice}")
+            return Timeline.of_steps(timestep, steps)
         return said or Timeline.lasting(timestep, DURATION)
 
     def _said(self, model: mujoco.MjModel) -> Timeline | None:

@@ -128,7 +128,7 @@ class RecordingBatch:
         completed[ids] = True
         completed &= (batch.warning == warnings).all(axis=(1, 2))
         for vectors in self._moving:  # MuJoCo would warn of the last state only at the start of the next step
-            completed &= (abs(vectors) < mujoco.mjMAXVAL).all(axis=1)
+            completed &= (abs(vectors) <= mujoco.mjMAXVAL).all(axis=1)
         if self._derived:
             instants = shifted(states[ids], out[state.STATE])
             if controls is not None:  # a record holds the controls that led to it

@@ -231,8 +231,8 @@ class PhysicsStepper:
         limit = mujoco.mjMAXVAL
         good = (
             not any(self._data.warning[kind].number for kind in BAD)
-            and (abs(self._data.qpos) < limit).all()
-            and (abs(self._data.qvel) < limit).all()
+            and (abs(self._data.qpos) <= limit).all()
+            and (abs(self._data.qvel) <= limit).all()
         )
         return None if good else ""
 
@@ -257,10 +257,10 @@ class PhysicsStepper:
             if failed.warning[kind].number:
                 index = failed.warning[kind].lastinfo
                 return QUANTITIES[kind], self._joint(index, of_qpos=kind == BAD[0])
-        beyond = ~(abs(failed.qvel) < mujoco.mjMAXVAL)
+        beyond = ~(abs(failed.qvel) <= mujoco.mjMAXVAL)
         if beyond.any():
             return QUANTITIES[BAD[1]], self._joint(int(beyond.argmax()), of_qpos=False)
-        beyond = ~(abs(failed.qpos) < mujoco.mjMAXVAL)
+        beyond = ~(abs(failed.qpos) <= mujoco.mjMAXVAL)
         return QUANTITIES[BAD[0]], self._joint(int(beyond.argmax()), of_qpos=True)
 
     def _joint(self, index: int, of_qpos: bool) -> str:

@@ -185,7 +185,7 @@ class WarpWorlds:
     def unstable(self) -> np.ndarray:
         """Which worlds have positions or velocities that are not finite or too large, `(n,)` bool."""
         vectors = np.hstack([self._data.qpos.numpy(), self._data.qvel.numpy()])
-        return ~(abs(vectors) < mujoco.mjMAXVAL).all(axis=1)
+        return ~(abs(vectors) <= mujoco.mjMAXVAL).all(axis=1)
 
     def demand(self) -> Demand:
         """What the last step has needed."""

@@ -136,7 +136,7 @@ class Environment:
     def is_unstable(self) -> bool:
         """Whether its simulation has gone beyond all numbers."""
         moving = np.concatenate([self.data.qpos, self.data.qvel])
-        return any(self.data.warning[kind].number for kind in BAD) or not (abs(moving) < mujoco.mjMAXVAL).all()
+        return any(self.data.warning[kind].number for kind in BAD) or not (abs(moving) <= mujoco.mjMAXVAL).all()
 
     def names(self, first: EnvironmentStep) -> EpisodeNames:
         """The names of all numbers of an episode; those of rewards are known after the `first` step only."""

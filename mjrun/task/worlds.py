@@ -345,7 +345,7 @@ class TaskWorlds:
         numbers = self._batch.warning[rows, :, 1][:, BAD]
         positions, velocities = self._qpos[rows], self._qvel[rows]
         limit = mujoco.mjMAXVAL
-        stable = (np.abs(positions) < limit).all(axis=1) & (np.abs(velocities) < limit).all(axis=1)
+        stable = (np.abs(positions) <= limit).all(axis=1) & (np.abs(velocities) <= limit).all(axis=1)
         return self._failed[rows] | numbers.any(axis=1) | ~stable
 
     def _measure(self, rows: Rows) -> np.ndarray:

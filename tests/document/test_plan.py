@@ -110,3 +110,19 @@ def test_what_no_document_can_hold_is_in_no_plan(made: StudyPlan) -> None:
     code = replace(made, study=replace(made.study, simulation=Simulation("ball.xml", controller=print)))
     with pytest.raises(UsageError, match="code stays on the command line"):
         write_plan("plan.jsonl", code)
+
+
+def test_a_plan_writes_nowhere_else_unless_there_is_its_study(made: StudyPlan, tmp_path: Path) -> None:
+    write_plan("plan.jsonl", made)
+    text = Path("plan.jsonl").read_text()
+    folder = json.loads(text.splitlines()[0])["folder"]
+    Path("plan.jsonl").write_text(text.replace(f'"folder": "{folder}"', '"folder": "../../above"'))
+    with pytest.raises(UsageError, match="outside of its own folder"):
+        read_plan("plan.jsonl")
+    assert read_plan("plan.jsonl", {"output": "here"}) is not None
+
+
+def test_a_line_without_end_is_no_plan(tmp_path: Path) -> None:
+    (tmp_path / "plan.jsonl").write_text("[" * 100_000)
+    with pytest.raises(DocumentError, match="not JSON"):
+        read_plan(str(tmp_path / "plan.jsonl"))

@@ -153,7 +153,7 @@ def test_a_file_of_lines_is_a_map(tmp_path: Path) -> None:
     assert read(found) == {"qpos/hip": "hip_deg"}
     assert map_files(["time=t", "@a/b.map"]) == ["a/b.map"]
     (tmp_path / "names.map").write_text("time = t\nnothing\n")
-    with pytest.raises(UsageError, match=r"names\.map:2: nothing' is not COLUMN=EXPRESSION"):
+    with pytest.raises(UsageError, match=r"names\.map:2 is not COLUMN=EXPRESSION"):
         resolved(["t", "hip_deg"], f"@{tmp_path}/names.map")
     with pytest.raises(FileError, match="no such file"):
         resolved(["t"], f"@{tmp_path}/no.map")

@@ -72,3 +72,39 @@ def test_what_does_not_fit_is_refused(tmp_path: Path, old: str, new: str, messag
 def test_networks_of_other_kinds_are_refused(tmp_path: Path) -> None:
     with pytest.raises(UsageError, match="its network observer is of the kind 'jit'; export it with onnx"):
         read_package(package(tmp_path, lambda text: text.replace("backend: onnx", "backend: jit")))
+
+
+LAUGHS = "a0: &a0 [x, x]\n" + "".join(f"a{i}: &a{i} [*a{i - 1}, *a{i - 1}, *a{i - 1}]\n" for i in range(1, 30))
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        (f"{LAUGHS}models: {{p: {{parameters: {{backend: *a29}}}}}}\npipeline: {{}}\n", "its aliases"),
+        ("&a {models: *a, pipeline: *a}\n", "stands in itself"),
+        ("models: " + "[" * 10_000, "cannot be read as YAML"),
+    ],
+)
+def test_a_description_that_means_more_than_memory_holds_is_refused(tmp_path: Path, text: str, message: str) -> None:
+    (tmp_path / "walk.yaml").write_text(text)
+    with pytest.raises(FileError, match=message):
+        read_package(tmp_path / "walk.yaml")
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("model_path: policy.onnx", 'model_path: "a\\0b"', "no path"),
+        ("dtype: float32", "dtype: [1]", "the dtype of"),
+    ],
+)
+def test_a_wrong_value_is_named(tmp_path: Path, old: str, new: str, message: str) -> None:
+    path = package(tmp_path, lambda text: text.replace(old, new))
+    with pytest.raises(FileError, match=message):
+        read_package(path)
+
+
+def test_names_of_more_combinations_than_numbers_are_none(tmp_path: Path) -> None:
+    axes = ", ".join(f"[{', '.join(f'n{i}' for i in range(10))}]" for _ in range(12))
+    path = package(tmp_path, lambda text: text.replace("[[hip, knee]]", f"[{axes}]"))
+    assert {tensor.elements for network in read_package(path).networks for tensor in network.outputs} == {None}

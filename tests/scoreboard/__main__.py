@@ -25,8 +25,10 @@ MODULES: tuple[str, ...] = (
     "io_faults",
     "kills",
     "determinism",
+    "exploding",
     "memory",
     "leaks",
+    "exit_codes",
 )
 HEAD = """# The scoreboard
 

@@ -15,7 +15,7 @@ import mujoco
 
 from tests.scoreboard.command import CommandServer, Ended
 from tests.scoreboard.forms import IMPORTS, contents
-from tests.scoreboard.measure import Tally
+from tests.scoreboard.measure import Measure, Tally
 
 STEPS = 400
 STEP = re.compile(r"at step (\d+)")
@@ -98,7 +98,7 @@ MODELS = {
         start='qvel="1e8 1e9 1e7"',
     ),
 }
-RUN = "model: m.xml\nkey: start\nsteps: 400\ntraces: [new.csv]\nimages: [{output: new.png, time: end, size: 32x32}]\n"
+RUN = "model: m.xml\nkey: start\nsteps: 400\ntraces: [new.csv]\nimages: [{{output: new.png, time: {}, size: 32x32}}]\n"
 TASK = """model: m.xml
 control_dt: {}
 duration: {}
@@ -111,7 +111,7 @@ SIZE = ("--size", "32x32")
 COMMANDS = {
     "trace": ("trace", "m.xml", "--key", "start", "--steps", str(STEPS), "-o", "new.csv", "--recording", "new.npz"),
     "video": ("video", "m.xml", "--key", "start", "--steps", str(STEPS), "-o", "new.mp4", *SIZE),
-    "image": ("image", "m.xml", "--key", "start", "--steps", str(STEPS), "--time", "end", "-o", "new.png", *SIZE),
+    "image": ("image", "m.xml", "--key", "start", "--time", "{}", "-o", "new.png", *SIZE),
     "run": ("run", "run.yaml"),
 }
 # Numbers in a model's physics that are not finite: the field that the message must name.
@@ -133,6 +133,9 @@ NOT_FINITE = {
 
 def failing_step(text: str) -> int | None:
     """The first step that cannot be taken, as MuJoCo's warnings say."""
+    log = mujoco.MjLogConfig.get()
+    log.logto_file = log.logto_console = False
+    log.set()
     model = mujoco.MjModel.from_xml_string(text)
     data = mujoco.MjData(model)
     mujoco.mj_resetDataKeyframe(model, data, 0)
@@ -168,7 +171,7 @@ def run(quick: bool) -> Tally:
                 folder = Path(top, f"nan_{number}_{command}")
                 _write(folder, text)
                 before = contents(folder)
-                ended = server.run(*_line(command), folder=folder)
+                ended = server.run(*_line(command, text), folder=folder)
                 found = [*ended.faults, *([] if ended.code == 3 else ["expected code 3"])]
                 found += [] if field in ended.message else [f"does not say {field}"]
                 found += [f"left {each}" for each in contents(folder) if each not in before]
@@ -179,12 +182,17 @@ def run(quick: bool) -> Tally:
 def _write(folder: Path, text: str) -> None:
     folder.mkdir()
     (folder / "m.xml").write_text(text)
-    (folder / "run.yaml").write_text(RUN)
-    timestep = float((re.search(r'timestep="([^"]+)"', text) or (0, "0.002"))[1])
-    (folder / "task.yaml").write_text(TASK.format(timestep, round(timestep * STEPS, 6)))
+    timestep = _timestep(text)
+    end = round(timestep * STEPS, 6)
+    (folder / "run.yaml").write_text(RUN.format(end))
+    (folder / "task.yaml").write_text(TASK.format(timestep, end))
 
 
-def _line(command: str) -> tuple[str, ...]:
+def _timestep(text: str) -> float:
+    return float((re.search(r'timestep="([^"]+)"', text) or (0, "0.002"))[1])
+
+
+def _line(command: str, text: str) -> tuple[str, ...]:
     if command == "sweep":
         line = (
             "sweep",
@@ -203,14 +211,14 @@ def _line(command: str) -> tuple[str, ...]:
         return (*line, "--metric", "x=last(qpos/hinge)", "-o", "new")
     if command == "eval":
         return ("eval", "task.yaml", "--policy", "zero", "--episodes", "1", "--jobs", "1", "-o", "new", "--csv")
-    return COMMANDS[command]
+    return tuple(word.format(round(_timestep(text) * STEPS, 6)) for word in COMMANDS[command])
 
 
 def _faults(server: CommandServer, folder: Path, text: str, command: str, step: int) -> list[str]:
     """What a command does wrong with a model that explodes at a step."""
     _write(folder, text)
     before = contents(folder)
-    ended = server.run(*_line(command), folder=folder)
+    ended = server.run(*_line(command, text), folder=folder)
     after = contents(folder)
     found = [f"{each}: {ended}" for each in ended.faults]
     if command in ("sweep", "eval"):
@@ -241,3 +249,12 @@ def _row_faults(ended: Ended, folder: Path, command: str, step: int) -> Iterator
     rows = list(csv.DictReader(ended.stdout.decode().splitlines()))
     if [(row["ending"], row["outcome"], row["steps"]) for row in rows] != [("unstable", "failure", str(step + 1))]:
         yield f"MuJoCo's own step is {step}, rows {rows}"
+
+
+MEASURE = Measure(
+    "exploding models",
+    "reported at the step of MuJoCo's own warnings, exit 4 (a row in studies and evaluations), none published; "
+    "numbers that are not finite in a model: exit 3, the field named",
+    15,
+    run,
+)

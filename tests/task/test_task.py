@@ -75,3 +75,8 @@ def test_what_cannot_be_is_refused(values: dict[str, object], message: str, path
         task(**values)
     assert message in spelled(str(caught.value), str)
     assert caught.value.path == path
+
+
+def test_an_episode_without_end_is_refused() -> None:
+    with pytest.raises(UsageError, match="more than 10,000,000 control periods"):
+        task(duration=1e24)

@@ -112,7 +112,13 @@ def read(path: Path, file: BinaryIO, wanted: ColumnFilter, gaps: bool) -> TableC
     """The columns that the filter accepts."""
     import h5py
 
-    from mjrun.formats.column_checks import column_names, require_equal_lengths, select, unreadable
+    from mjrun.formats.column_checks import (
+        column_names,
+        require_equal_lengths,
+        require_plausible_size,
+        select,
+        unreadable,
+    )
     from mjrun.formats.input_file import decoded, decoding
     from mjrun.formats.manifest import parse_manifest
 
@@ -132,6 +138,7 @@ def read(path: Path, file: BinaryIO, wanted: ColumnFilter, gaps: bool) -> TableC
         for column, dataset, _ in chosen:
             _require_numbers(path, column, dataset)
     require_equal_lengths(path, {column: len(dataset) for column, dataset, _ in chosen})
+    require_plausible_size(path, len(chosen[0][1]) if chosen else 0, len(chosen))
     blocks = decoded(path, unreadable(path), _blocks([(dataset, part) for _, dataset, part in chosen]))
     return TableContents([column for column, _, _ in chosen], blocks, units, manifest)
 

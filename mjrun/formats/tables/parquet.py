@@ -68,7 +68,7 @@ def read(path: Path, file: BinaryIO, wanted: ColumnFilter, gaps: bool) -> TableC
     import pyarrow.parquet
 
     from mjrun.formats.arrow_columns import MANIFEST, block_rows, blocks, select_numbers, units
-    from mjrun.formats.column_checks import unreadable
+    from mjrun.formats.column_checks import require_plausible_size, unreadable
     from mjrun.formats.input_file import decoded, decoding
     from mjrun.formats.manifest import parse_manifest
 
@@ -77,6 +77,7 @@ def read(path: Path, file: BinaryIO, wanted: ColumnFilter, gaps: bool) -> TableC
         schema, metadata = parquet.schema_arrow, parquet.metadata.metadata or {}
     indices = select_numbers(path, schema, wanted)
     names = list(indices)
+    require_plausible_size(path, parquet.metadata.num_rows, len(names))
     batches = parquet.iter_batches(block_rows(len(names)), columns=names)
     ordered = (batch.select(names) for batch in batches)
     rows = decoded(path, unreadable(path), blocks(path, names, ordered, gaps))

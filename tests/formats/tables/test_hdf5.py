@@ -124,3 +124,11 @@ def test_what_is_in_another_file_stays_there(tmp_path: Path) -> None:
     for name in ("outside", "virtual"):
         with pytest.raises(FileError, match=f"column '{name}' is in another file, which is not read"):
             read_table(tmp_path / "t.h5", name)
+
+
+def test_rows_that_no_file_of_its_size_can_have_are_refused(tmp_path: Path) -> None:
+    path = tmp_path / "t.h5"
+    with h5py.File(path, "w") as file:
+        file.create_dataset("time", (10**13,), float, chunks=(2**20,), compression="gzip")
+    with pytest.raises(FileError, match="says that it has 10,000,000,000,000 rows, for which it is too small"):
+        open_table(path)
