@@ -4,7 +4,7 @@ import os
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 
-from tests.scoreboard.forms import BETWEEN, CANARY, Content, Form
+from tests.scoreboard.input_forms import BETWEEN, CANARY, Content, Form
 
 RUN = "model: m.xml\nduration: 0.05\ntraces:\n  - {output: new.csv, probe: qpos}\n"
 STUDY = "model: m.xml\nsteps: 2\nvary: {qpos/hinge: [0.1, 0.2]}\nmetrics: {x: last(qpos/hinge)}\n"

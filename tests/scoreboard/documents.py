@@ -11,7 +11,7 @@ from tests.scoreboard import (
     study_forms,
     table_forms,
 )
-from tests.scoreboard.forms import Content, Form, try_forms
+from tests.scoreboard.input_forms import Content, Form, try_forms
 from tests.scoreboard.measure import Measure, Tally
 
 MODEL = """<mujoco><option timestep="0.01"/><worldbody><body name="arm">

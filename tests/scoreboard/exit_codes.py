@@ -19,7 +19,7 @@ from tests.policy.networks import linear
 from tests.scoreboard.command import ROOT, CommandServer
 from tests.scoreboard.document_forms import TASK
 from tests.scoreboard.documents import MODEL
-from tests.scoreboard.forms import IMPORTS, Content, write
+from tests.scoreboard.input_forms import IMPORTS, Content, write
 from tests.scoreboard.measure import Measure, Tally
 from tests.scoreboard.table_forms import CSV
 

@@ -14,7 +14,7 @@ from pathlib import Path
 import mujoco
 
 from tests.scoreboard.command import CommandServer, Ended
-from tests.scoreboard.forms import IMPORTS, contents
+from tests.scoreboard.input_forms import IMPORTS, contents
 from tests.scoreboard.measure import Measure, Tally
 
 STEPS = 400

@@ -3,7 +3,7 @@
 from collections.abc import Iterator
 
 from tests.scoreboard.document_forms import STUDY, TASK
-from tests.scoreboard.forms import BETWEEN, CANARY, Form
+from tests.scoreboard.input_forms import BETWEEN, CANARY, Form
 
 # Where a number is taken, and where a condition is; {} is the expression.
 NUMBERS = {

@@ -13,7 +13,7 @@ from onnx import TensorProto, helper
 from tests.policy.leapp_packages import package
 from tests.policy.networks import linear, value, write
 from tests.scoreboard.document_forms import LAUGHS, TAGS, TASK
-from tests.scoreboard.forms import BETWEEN, CANARY, Content, Form
+from tests.scoreboard.input_forms import BETWEEN, CANARY, Content, Form
 from tests.scoreboard.table_forms import Bomb, archive, npy
 
 EVAL = ("eval", "task.yaml", "--episodes", "1", "--jobs", "1", "-o", "new", "--policy")

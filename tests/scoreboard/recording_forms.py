@@ -6,7 +6,7 @@ from collections.abc import Iterator
 import mujoco
 import numpy as np
 
-from tests.scoreboard.forms import Form
+from tests.scoreboard.input_forms import Form
 from tests.scoreboard.table_forms import Bomb, archive, cut, flipped, header, npy
 
 READERS = {

@@ -14,7 +14,7 @@ import pyarrow.parquet
 
 from tests.scoreboard.command import ROOT
 from tests.scoreboard.document_forms import WRONG
-from tests.scoreboard.forms import BETWEEN, Content, Form
+from tests.scoreboard.input_forms import BETWEEN, Content, Form
 from tests.scoreboard.table_forms import CSV
 
 STUDY = (

@@ -14,7 +14,7 @@ import pyarrow.feather
 import pyarrow.parquet
 import scipy.io
 
-from tests.scoreboard.forms import CANARY, Content, Form
+from tests.scoreboard.input_forms import CANARY, Content, Form
 
 ROWS = 20
 TIME = np.arange(ROWS) * 0.01
