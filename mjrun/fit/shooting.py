@@ -25,6 +25,8 @@ EVALUATIONS = 40  # of one stage, at most
 FEW_EVALUATIONS = 12  # of each of several starts
 SHORTEST = 24  # rows of the first chunks
 GROWTH = 2
+TOLERANCE = 1e-8  # relative change of the cost at which the last stage ends
+ROUGH_TOLERANCE = 1e-5  # the same of stages that others follow, and where the states alone are looked for
 DENSE = 40  # unknowns up to which a Jacobian is factored as a whole
 
 NORMAL_MEDIAN = 1.4826  # standard deviation of a normal distribution over the median of absolute values
@@ -94,6 +96,9 @@ class Solution:
         return [slope(each**2) for each in self.residuals]
 
 
+Advanced = Callable[[Solution], None]
+
+
 class Shooting:
     """Fits parameters to segments.
 
@@ -123,6 +128,8 @@ class Shooting:
         noise: Floats,
         *,
         evaluations: int = EVALUATIONS,
+        tolerance: float = TOLERANCE,
+        advanced: Advanced | None = None,
     ) -> Solution:
         """Minimizes the residuals of `parts`.
 
@@ -130,8 +137,10 @@ class Shooting:
           coordinates, states: where to begin.
           noise: standard deviation of each signal.
           evaluations: of the residuals, at most.
+          tolerance: relative change of the cost at which it ends.
+          advanced: is told of every solution that is better than the one before.
         """
-        return self._solved(parts, coordinates, states, noise, evaluations)
+        return self._solved(parts, coordinates, states, noise, evaluations, tolerance, advanced=advanced)
 
     def follow(self, parts: Sequence[Chunk], coordinates: Floats | None, states: Floats, noise: Floats) -> Solution:
         """The states alone that minimize the residuals of `parts`, the parameters being as they are.
@@ -139,7 +148,7 @@ class Shooting:
         Args:
           coordinates: of the parameters; None for the model as it was.
         """
-        return self._solved(parts, coordinates, states, noise, EVALUATIONS, fixed=True)
+        return self._solved(parts, coordinates, states, noise, EVALUATIONS, ROUGH_TOLERANCE, fixed=True)
 
     def _solved(
         self,
@@ -148,8 +157,10 @@ class Shooting:
         states: Floats,
         noise: Floats,
         evaluations: int,
+        tolerance: float,
         *,
         fixed: bool = False,
+        advanced: Advanced | None = None,
     ) -> Solution:
         from scipy.optimize import least_squares
 
@@ -158,7 +169,10 @@ class Shooting:
         dense = len(low) <= DENSE
 
         def jacobian(x: Floats):
-            return problem.jacobian(x).toarray() if dense else problem.jacobian(x)
+            slopes = problem.jacobian(x)  # which is asked for wherever residuals have become less
+            if advanced:
+                advanced(replace(problem.solution(x), loss=self._loss))
+            return slopes.toarray() if dense else slopes
 
         found = least_squares(
             problem.residuals,
@@ -171,7 +185,7 @@ class Shooting:
             tr_solver="exact" if dense else "lsmr",
             max_nfev=evaluations,
             xtol=1e-7,
-            ftol=1e-8,
+            ftol=tolerance,
         )
         return replace(problem.solution(np.asarray(found.x, float)), loss=self._loss)
 
@@ -184,23 +198,38 @@ class Shooting:
         """Where the shortest chunks lead from several starts: the coordinates with the least residuals."""
         parts = self.cut(segments, SHORTEST)
         states = self.guessed(parts)
-        found = [self.solve(parts, start, states, noise, evaluations=FEW_EVALUATIONS) for start in starts]
+        found = [
+            self.solve(parts, start, states, noise, evaluations=FEW_EVALUATIONS, tolerance=ROUGH_TOLERANCE)
+            for start in starts
+        ]
         return min(found, key=lambda solution: solution.cost).coordinates
 
-    def grown(self, segments: Sequence[Segment], start: Floats, noise: Floats) -> list[Solution]:
-        """Solutions with longer and longer chunks, to whole segments; each stage begins at the one before."""
+    def stages(self, segments: Sequence[Segment]) -> list[list[Chunk]]:
+        """The chunks of the stages of a fit: longer and longer ones, to whole segments."""
+        rows, found = SHORTEST, [self.cut(segments, SHORTEST)]
+        while len(found[-1]) > len(segments):
+            rows *= GROWTH
+            found.append(self.cut(segments, rows))
+        return found
+
+    def grown(
+        self, segments: Sequence[Segment], start: Floats, noise: Floats, advanced: Advanced | None = None
+    ) -> list[Solution]:
+        """Solutions with longer and longer chunks, to whole segments; each stage begins at the one before.
+
+        Args:
+          advanced: is told of every solution that is better than the one before.
+        """
         solutions: list[Solution] = []
-        rows, coordinates = SHORTEST, start
-        while True:
-            parts = self.cut(segments, rows)
+        coordinates, stages = start, self.stages(segments)
+        for parts in stages:
             states = self._taken_over(parts, solutions[-1]) if solutions else self.guessed(parts)
-            solution = self.solve(parts, coordinates, states, noise)
+            tolerance = TOLERANCE if parts is stages[-1] else ROUGH_TOLERANCE
+            solution = self.solve(parts, coordinates, states, noise, tolerance=tolerance, advanced=advanced)
             noise = self._noise(solution)
             solutions.append(solution)
             coordinates = solution.coordinates
-            if len(parts) == len(segments):
-                return solutions
-            rows *= GROWTH
+        return solutions
 
     def _noise(self, solution: Solution) -> Floats:
         """The noise that the residuals show."""
@@ -248,7 +277,7 @@ class _Problem:
         self._coordinates = np.array([p.first_coordinate for p in parameters]) if coordinates is None else coordinates
         self._known = [np.isfinite(part.values) for part in parts]
         self._rollouts = 0
-        self.size = sum(int(known.sum()) for known in self._known)
+        self._linearized: _Linearized | None = None
 
     @property
     def start(self) -> Floats:
@@ -271,8 +300,9 @@ class _Problem:
         """A sparse matrix: chunks know of the parameters and of their own state."""
         from scipy import sparse
 
-        coordinates, deviations = self._split(x)
-        of_coordinates, of_states = self._differences(coordinates, deviations)
+        coordinates, _ = self._split(x)
+        linearized = self._linearized_at(x)
+        of_coordinates, of_states = linearized.of_coordinates, linearized.of_states
         size, count = self._states.size, len(self._parts)
         top = sparse.block_diag([d[known] for d, known in zip(of_states, self._known, strict=True)])
         middle = sparse.identity(count * size) / STATE_SCALE
@@ -287,9 +317,9 @@ class _Problem:
 
     def solution(self, x: Floats) -> Solution:
         coordinates, deviations = self._split(x)
-        left = self._left(coordinates, deviations)
-        shown = [np.where(known, each, np.nan) for each, known in zip(left, self._known, strict=True)]
-        slopes = list(zip(*self._differences(coordinates, deviations), strict=True))
+        found = self._linearized_at(x)
+        shown = [np.where(known, each, np.nan) for each, known in zip(found.residuals, self._known, strict=True)]
+        slopes = list(zip(found.of_coordinates, found.of_states, strict=True))
         states = np.stack([self._states.moved(g, d) for g, d in zip(self._guesses, deviations, strict=True)])
         return Solution(self._parts, coordinates, states, shown, slopes, self._noise, self._rollouts)
 
@@ -313,11 +343,17 @@ class _Problem:
             values = tuple(each.value(c) for each, c in zip(self._parameters, coordinates, strict=True))
         return Rollout(self._parts[index], values, self._states.moved(self._guesses[index], deviation))
 
-    def _differences(self, coordinates: Floats, deviations: Floats) -> tuple[list[Floats], list[Floats]]:
-        """Slopes of the residuals of each chunk, by finite differences: `(n, signals, p)` and `(n, signals, size)`."""
-        count, size, free = len(self._parts), self._states.size, len(self._parameters)
+    def _linearized_at(self, x: Floats) -> "_Linearized":
+        """What finite differences say about `x`; remembered, as optimizers end where they have asked before."""
+        if self._linearized is None or not np.array_equal(self._linearized.x, x):
+            self._linearized = self._differences(x.copy())
+        return self._linearized
+
+    def _differences(self, x: Floats) -> "_Linearized":
+        coordinates, deviations = self._split(x)
+        count, size = len(self._parts), self._states.size
         rollouts = [self._rollout(i, coordinates, deviations[i]) for i in range(count)]
-        nudges = [NUDGE if c < 0.5 else -NUDGE for c in coordinates]  # away from the nearer bound
+        nudges = [NUDGE if c < 0.5 else -NUDGE for c in coordinates[: self._free]]  # away from the nearer bound
         for j, nudge in enumerate(nudges):
             moved = coordinates.copy()
             moved[j] += nudge
@@ -328,15 +364,11 @@ class _Problem:
                 moved[j] += STATE_NUDGE
                 rollouts.append(self._rollout(i, coordinates, moved))
         left = self._residuals_of(rollouts)
-        steps = [*nudges, *[STATE_NUDGE] * size]
-        of_coordinates: list[Floats] = []
-        of_states: list[Floats] = []
-        for i in range(count):
-            base = left[i]
-            slopes = np.stack([(left[(k + 1) * count + i] - base) / s for k, s in enumerate(steps)], axis=-1)
-            of_coordinates.append(slopes[..., :free])
-            of_states.append(slopes[..., free:])
-        return of_coordinates, of_states
+        steps = np.array([*nudges, *[STATE_NUDGE] * size])
+        slopes = [np.stack(left[i + count :: count], axis=-1) - left[i][..., None] for i in range(count)]
+        slopes = [each / steps for each in slopes]
+        free = self._free
+        return _Linearized(x, left[:count], [e[..., :free] for e in slopes], [e[..., free:] for e in slopes])
 
     def _priors(self, coordinates: Floats) -> Floats:
         pairs = zip(self._parameters, coordinates, strict=True)
@@ -351,6 +383,16 @@ class _Problem:
                 row[j] = (each.value(c + NUDGE) - each.value(c - NUDGE)) / (2 * NUDGE * each.prior[1])
                 rows.append(row)
         return np.array(rows).reshape(len(rows), len(self._parameters))
+
+
+@dataclass(frozen=True, eq=False)
+class _Linearized:
+    """Residuals of the chunks at `x`, `(n, signals)`, and their slopes, `(n, signals, p)` and `(n, signals, size)`."""
+
+    x: Floats
+    residuals: Sequence[Floats]
+    of_coordinates: Sequence[Floats]
+    of_states: Sequence[Floats]
 
 
 def with_noise(solution: Solution, noise: Floats) -> Solution:
