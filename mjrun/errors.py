@@ -165,14 +165,15 @@ class GoldenDifferenceError(MjrunError):
 
 
 class UnidentifiableError(MjrunError):
-    """Measurements do not tell what is looked for; `messages` say of which parameters."""
+    """Measurements do not tell what is looked for; `messages` say of which parameters, `hints` why that may be."""
 
     exit_code = 1
 
-    def __init__(self, messages: Sequence[str]) -> None:
+    def __init__(self, messages: Sequence[str], hints: Sequence[str] = ()) -> None:
         self.messages = tuple(messages)
         advice = "leave them out, give a prior, or measure other signals or motions"
-        super().__init__("\n".join([*messages, f"{advice}; {option('allow_unidentifiable')} goes on all the same"]))
+        goes_on = f"{advice}; {option('allow_unidentifiable')} goes on all the same"
+        super().__init__("\n".join([*messages, *hints, goes_on]))
 
 
 class UnimprovedFitError(MjrunError):

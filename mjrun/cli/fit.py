@@ -19,6 +19,7 @@ from mjrun.options.simulation import SimulationOptions
 
 if TYPE_CHECKING:
     from mjrun.fit.fit import Fit
+    from mjrun.fit.result import FitResult
 
 ARGUMENTS = (
     click.Argument(["model"], metavar="MODEL|FIT.yaml"),
@@ -48,13 +49,17 @@ def fit(console: Console, command_line: CommandLine) -> None:
     from mjrun.fit.excitation import ExcitationResult, excite
 
     job, located = _fit(command_line)
+
+    def show(result: "FitResult | ExcitationResult") -> None:
+        if command_line.make(MessageOptions).json:
+            console.document(asdict(result))
+        elif console.verbosity >= 0:
+            is_input = isinstance(result, ExcitationResult)
+            console.result(excitation_report(result) if is_input else fit_report(result))
+
     with located:
-        result = job.run(console) if job.excite is None else excite(job, console)
-    if command_line.make(MessageOptions).json:
-        console.document(asdict(result))
-    elif console.verbosity >= 0:
-        is_input = isinstance(result, ExcitationResult)
-        console.result(excitation_report(result) if is_input else fit_report(result))
+        result = job.run(console, show) if job.excite is None else excite(job, console)
+    show(result)
 
 
 def _fit(command_line: CommandLine) -> "tuple[Fit, AbstractContextManager[None]]":

@@ -8,7 +8,7 @@ from mjrun.errors import clean
 
 if TYPE_CHECKING:
     from mjrun.fit.excitation import ExcitationResult
-    from mjrun.fit.fit import FitResult
+    from mjrun.fit.result import FitResult
 
 CORRELATED = 0.95  # parameters beyond are told
 SHOWN = 40
@@ -17,10 +17,14 @@ SHOWN = 40
 def fit_report(result: "FitResult") -> str:
     """The parameters with their intervals, how well the signals are predicted, and what was written."""
     page = PageLayout()
+    if result.partial:
+        page.note("partial: the fit was interrupted, and these are the best parameters so far")
     page.table("parameters", _parameters(result), len(result.parameters), SHOWN)
     if result.inertias:
         page.table("inertias", _inertias(result), sum(len(each.quantities) for each in result.inertias), SHOWN)
     page.table("errors", _signals(result), len(result.signals), SHOWN)
+    if result.loss != "linear":
+        page.note(f"errors and noise by medians, as the loss is {result.loss}: outliers are no part of them")
     if alike := _correlated(result):
         page.lines("correlated", alike)
     if result.changes:

@@ -11,7 +11,7 @@ from mjrun.bench.results import BenchResult
 from mjrun.diff.result import DiffResult
 from mjrun.evaluation.result import EvaluationResult
 from mjrun.fit.excitation import ExcitationResult
-from mjrun.fit.fit import FitResult
+from mjrun.fit.result import FitResult
 from mjrun.job.verification import VerificationResult
 from mjrun.plotting.table_plot import TablePlotResult
 from mjrun.study.study import StudyResult

@@ -22,6 +22,7 @@ from mjrun.fit.starting_states import StartingStates
 from mjrun.formats.table_writer import TableWriter
 from mjrun.formats.tables import output_format
 from mjrun.model import state
+from mjrun.model.mujoco_globals import collected_warnings
 from mjrun.model.names import control_names
 from mjrun.probe.fields import field_probe
 from mjrun.reporter import Reporter, WarningReporter
@@ -113,7 +114,8 @@ def excite(fit: Fit, reporter: Reporter | None = None) -> ExcitationResult:
       UnidentifiableError: the best input does not tell what is looked for either; nothing is written.
       MjrunError: there is no such input.
     """
-    return _Excitation(fit, reporter or WarningReporter()).best()
+    with collected_warnings():  # of what becomes unstable, which is told with the values
+        return _Excitation(fit, reporter or WarningReporter()).best()
 
 
 class _Excitation:

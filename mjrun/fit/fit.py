@@ -2,40 +2,47 @@
 
 import importlib.util
 import time
-from collections.abc import Sequence
-from contextlib import ExitStack
-from dataclasses import dataclass, field
-from pathlib import Path
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from mjrun.errors import MissingExtraError, UnidentifiableError, UnimprovedFitError, UsageError, clean, option
-from mjrun.fit.comparison import HORIZON, comparison_rows, write_comparison
-from mjrun.fit.fit_page import write_fit_page
-from mjrun.fit.fitted_inertia import FittedInertia, fitted_inertias
-from mjrun.fit.fitted_model import FittedModel
-from mjrun.fit.free_parameter import free_parameters, overrides, require_effect
+from mjrun.errors import (
+    EndedFromOutsideError,
+    MissingExtraError,
+    UnidentifiableError,
+    UnimprovedFitError,
+    UsageError,
+    clean,
+    option,
+)
+from mjrun.fit.comparison import HORIZON
+from mjrun.fit.fitted_inertia import fitted_inertias
+from mjrun.fit.free_parameter import free_parameters, require_effect
 from mjrun.fit.identifiability import Sensitivity, sensitivity
 from mjrun.fit.intervals import bound_reached, intervals
-from mjrun.fit.measurements import CONTROLS, Measurements, read_measurements
+from mjrun.fit.measurements import CONTROLS, read_measurements
+from mjrun.fit.outputs import FitOutputs
 from mjrun.fit.prediction import Predictor
-from mjrun.fit.ranges import check_ranges_name, write_ranges
-from mjrun.fit.shooting import SHORTEST, Shooting, Solution, first_noise, with_noise
+from mjrun.fit.result import FitResult, FittedParameter, FittedSignal
+from mjrun.fit.rotations import shared
+from mjrun.fit.shooting import SHORTEST, Shooting, Solution, first_noise, spread_of, with_noise
 from mjrun.fit.starting_states import StartingStates
-from mjrun.formats.atomic_output import OutputWriter, publish_together
-from mjrun.formats.tables import output_format
 from mjrun.job.simulation import Simulation
 from mjrun.model import state
+from mjrun.model.mujoco_globals import collected_warnings
 from mjrun.model.names import control_names
 from mjrun.options.fit import EXTRAS, FitOptions
 from mjrun.options.option import options
-from mjrun.plotting.figure_writer import require_matplotlib
-from mjrun.plotting.page_writer import check_page_name
 from mjrun.reporter import Reporter, WarningReporter
 
-SCHEMA = "mjrun-fit-1"
 ((EXTRA, (LIBRARY, _)),) = EXTRAS.items()
 ENOUGH = 4  # measured numbers for each unknown
+# Of a signal that the model does not explain: least residual over its noise, and over its standard deviation.
+MISFIT, MISFIT_SHARE = 10.0, 0.05
+
+Solutions = Mapping[tuple[str, str], Solution]
+Partial = Callable[[FitResult], None]
 
 
 @options
@@ -48,94 +55,41 @@ class Fit(FitOptions):
 
     simulation: Simulation = field(kw_only=False)
 
-    def run(self, reporter: Reporter | None = None) -> "FitResult":
+    def run(self, reporter: Reporter | None = None, partial: Partial | None = None) -> FitResult:
         """Fits the parameters, and writes what was asked for.
+
+        Args:
+          partial: is told what there is if the fit is interrupted and `keep_partial` was asked for.
 
         Raises:
           UnidentifiableError: the measurements do not tell what is looked for.
           UnimprovedFitError: what was held out is predicted no better than before; nothing is written.
           MjrunError: it cannot be fitted.
+          KeyboardInterrupt, TerminatedError: it was interrupted.
         """
-        return _Run(self, reporter or WarningReporter()).all()
+        with collected_warnings():  # of what becomes unstable, which is told with the values
+            run = _Run(self, reporter or WarningReporter())
+            try:
+                return run.all()
+            except (KeyboardInterrupt, EndedFromOutsideError):
+                if self.keep_partial and (kept := run.kept()) and partial:
+                    partial(kept)
+                raise
 
 
-@dataclass(frozen=True)
-class FittedParameter:
-    """A parameter.
-
-    Attributes:
-      path: in the model, or the delay of a signal.
-      start: what the model had.
-      value: what was found.
-      low, high: ends of its confidence interval.
-      effect: how many standard deviations of their noise the measurements change between its bounds.
-      bound: `low` or `high` if it lies at this bound; else empty.
-    """
-
-    path: str
-    start: float
-    value: float
-    low: float
-    high: float
-    effect: float
-    bound: str
-
-
-@dataclass(frozen=True)
-class FittedSignal:
-    """How well a signal is predicted, as root mean square errors over its standard deviation.
+@dataclass(frozen=True, eq=False)
+class _Found:
+    """Where a fit has ended, or was ended.
 
     Attributes:
-      name: of the column.
-      unit: of it.
-      noise: standard deviation of what is left of it after the fit, in this unit.
-      nominal, fitted: errors where it was fitted, before and after.
-      holdout_nominal, holdout_fitted: errors on what was held out; None without.
+      solution: in standard deviations of its own noise.
+      sensitivity: of the measurements there.
+      rollouts: how many it took.
     """
 
-    name: str
-    unit: str
-    noise: float
-    nominal: float
-    fitted: float
-    holdout_nominal: float | None
-    holdout_fitted: float | None
-
-
-@dataclass(frozen=True)
-class FitResult:
-    """What has come of a fit.
-
-    Attributes:
-      parameters: what was looked for.
-      inertias: of bodies of which numbers were looked for.
-      signals: what was measured.
-      correlation: between the parameters, in their order.
-      confidence: of the intervals.
-      condition: how well they can be told apart: ratio of singular values.
-      rows, segments: what was fitted.
-      rollouts: how many chunks were simulated.
-      changes: what was changed in the model's text, each in words.
-      remarks: what to know of the measurements.
-      files: what was written.
-      wall: wall time [s].
-      schema: of this document.
-    """
-
-    parameters: Sequence[FittedParameter]
-    inertias: Sequence[FittedInertia]
-    signals: Sequence[FittedSignal]
-    correlation: Sequence[Sequence[float]]
-    confidence: float
-    condition: float
-    rows: int
-    segments: int
+    solution: Solution
+    sensitivity: Sensitivity
     rollouts: int
-    changes: Sequence[str]
-    remarks: Sequence[str]
-    files: Sequence[str]
-    wall: float
-    schema: str = SCHEMA
 
 
 class _Run:
@@ -143,7 +97,6 @@ class _Run:
         self._fit, self._reporter, self._begin = fit, reporter, time.perf_counter()
         if importlib.util.find_spec(LIBRARY) is None:
             raise MissingExtraError("mjrun fit", LIBRARY, EXTRA)
-        _check_names(fit)
         simulation = fit.simulation
         if fit.velocity_limit is not None:
             raise UsageError(f"{option('velocity_limit')} is of {option('excite')}: what was measured is not limited")
@@ -151,22 +104,22 @@ class _Run:
             raise UsageError(f"{option('data')}: a fit needs a table of measurements")
         model = simulation.load()
         data = simulation.start.data(model)
+        self._logs = logs = [*fit.data, *fit.holdout_data]
         if twice := set(fit.data) & set(fit.holdout_data):
             raise UsageError(f"{option('holdout_data')}: {clean(min(twice))} cannot be fitted and held out")
-        logs = [*fit.data, *fit.holdout_data]
-        self._measurements = read_measurements(logs, model, simulation.map, data.ctrl)
+        if twice := {log for log in logs if logs.count(log) > 1}:
+            raise UsageError(f"{option('data')}: {clean(min(twice))} is given twice")
+        linear = simulation.ctrl_interpolation == "linear"
+        self._measurements = read_measurements(logs, model, simulation.map, data.ctrl, linear=linear)
         delayed = [*self._measurements.signals, *(f"{CONTROLS}{name}" for name in control_names(model))]
         self._parameters = free_parameters(fit.free, simulation.source, delayed)
         for each in self._parameters:
             require_effect(each, simulation.source)
-        self._model_file = FittedModel(Path(fit.output), simulation.source) if fit.output is not None else None
-        if self._model_file:
-            self._model_file.check(overrides(self._parameters, [each.value(0.5) for each in self._parameters]))
 
         self._predictor = Predictor(simulation, self._measurements.signals, self._parameters)
         starting = StartingStates(model, self._measurements.signals, state.save(model, data))
         self._shooting = Shooting(self._predictor, self._parameters, starting, fit.loss)
-        self._fitted, self._held = self._measurements, Measurements(self._measurements.signals, [])
+        self._fitted, self._held = self._measurements, replace(self._measurements, segments=[])
         if fit.holdout_data:
             self._fitted, self._held = self._measurements.without(fit.holdout_data)
         elif fit.holdout:
@@ -174,22 +127,71 @@ class _Run:
         if not self._fitted.segments:
             raise UsageError(f"{option('holdout')} {fit.holdout:g} leaves nothing to fit")
         self._require_enough()
+        self._outputs = FitOutputs(fit, simulation, self._predictor, self._parameters)
+        self._latest: Solution | None = None
 
-    def all(self) -> "FitResult":
+    def all(self) -> FitResult:
         for remark in self._measurements.remarks:
             self._reporter.note(remark)
-        noise = first_noise(self._fitted.segments)
+        noise = first_noise(self._fitted.segments, self._measurements.rotations)
         starts = self._starts()
         self._look_first(starts, noise)
-        start = self._shooting.best_start(self._fitted.segments, starts, noise) if len(starts) > 1 else starts[0]
-        stages = self._shooting.grown(self._fitted.segments, start, noise)
-        last = with_noise(stages[-1], stages[-1].noise_scale)
-        found = sensitivity([last], self._parameters)
-        if found.unidentifiable and not self._fit.allow_unidentifiable:
-            raise UnidentifiableError([each.message for each in found.unidentifiable])
-        comparisons = self._compared(last.coordinates, stages[-1].noise)
-        self._require_better(comparisons)
-        return self._published(last, found, comparisons, sum(stage.rollouts for stage in stages))
+        stages = self._stages(starts, noise)
+        last, failures = stages[-1], self._predictor.failures.sentence(self._parameters)
+        hints = [*self._misfits(last, noise), *([failures] if failures else [])]
+        found = self._found(last, sum(stage.rollouts for stage in stages))
+        unidentifiable = [each.message for each in found.sensitivity.unidentifiable]
+        if unidentifiable and not self._fit.allow_unidentifiable:
+            raise UnidentifiableError(unidentifiable, hints)
+        comparisons = self._compared(last.coordinates, last.noise)
+        self._require_better(comparisons, hints)
+        for hint in hints:
+            self._reporter.warn(hint)
+        return self._outputs.publish(self._result(found, comparisons), comparisons, self._logs, self._reporter)
+
+    def kept(self) -> FitResult | None:
+        """Writes the model as far as it was fitted; None if it was not begun."""
+        if self._latest is None:
+            return None
+        result = self._result(self._found(self._latest, self._latest.rollouts), {}, partial=True)
+        return self._outputs.publish(result, {}, self._logs, self._reporter, model_alone=True)
+
+    def _stages(self, starts: Sequence[np.ndarray], noise: np.ndarray) -> list[Solution]:
+        """Solutions of longer and longer stretches, from the best of `starts`."""
+        total = len(self._shooting.stages(self._fitted.segments)) + 1
+        done = {0: 0.0}  # chunks of a stage, which are fewer in each; the first are those of the starts
+
+        def began(solution: Solution) -> None:
+            if self._latest is None or solution.cost < self._latest.cost:
+                self._latest = solution
+            self._reporter.progress("stages of the fit", 0, total)
+
+        def advanced(solution: Solution) -> None:
+            self._latest = solution
+            done[len(solution.chunks)] = solution.cost
+            self._reporter.progress("stages of the fit", len(done) - 1, total)
+
+        segments, start = self._fitted.segments, starts[0]
+        if len(starts) > 1:
+            start = self._shooting.best_start(segments, starts, noise, began)
+        solutions = self._shooting.grown(segments, start, noise, advanced)
+        self._reporter.progress("stages of the fit", total, total)
+        return solutions
+
+    def _found(self, solution: Solution, rollouts: int) -> _Found:
+        own = with_noise(solution, shared(solution.noise_scale, self._measurements.rotations))
+        return _Found(own, sensitivity([own], self._parameters), rollouts)
+
+    def _misfits(self, last: Solution, noise: np.ndarray) -> list[str]:
+        """Sentences on signals of which the model leaves far more than their noise."""
+        left, (share,) = last.noise_scale, [_errors(last, self._measurements.rotations)]
+        return [
+            f"the fit leaves {left[i]:.3g} {column.unit}".rstrip()
+            + f" of {clean(column.name)}, {left[i] / noise[i]:.0f} times its noise: the model lacks something, or the "
+            f"log is in other units ({option('map')})"
+            for i, column in enumerate(self._predictor.columns)
+            if left[i] > MISFIT * noise[i] and share[i] > MISFIT_SHARE
+        ]
 
     def _require_enough(self) -> None:
         numbers = sum(int(np.isfinite(segment.values).sum()) for segment in self._fitted.segments)
@@ -221,7 +223,7 @@ class _Run:
             for each in found.unidentifiable:
                 self._reporter.warn(each.message)
 
-    def _compared(self, fitted: np.ndarray, noise: np.ndarray) -> "dict[tuple[str, str], Solution]":
+    def _compared(self, fitted: np.ndarray, noise: np.ndarray) -> Solutions:
         """Predictions of the fitted and the held-out part, with the model before and after."""
         solved: dict[tuple[str, str], Solution] = {}
         for part, measurements in (("fitted", self._fitted), ("held", self._held)):
@@ -233,71 +235,53 @@ class _Run:
                 solved[part, which] = self._shooting.follow(parts, coordinates, states, noise)
         return solved
 
-    def _require_better(self, comparisons: "dict[tuple[str, str], Solution]") -> None:
+    def _require_better(self, comparisons: Solutions, hints: Sequence[str]) -> None:
         if ("held", "fitted") not in comparisons:
             return
         before, after = (comparisons["held", which].cost for which in ("nominal", "fitted"))
         if after >= before:
-            raise UnimprovedFitError(
-                f"what was held out is predicted no better: an error of {after:.4g} standard deviations of the noise, "
-                f"{before:.4g} before the fit\nthe model lacks something that the parameters cannot make up for, or "
-                f"{option('free')} has the wrong ones; nothing was written"
-            )
+            counted = "" if self._fit.loss == "linear" else f", as {self._fit.loss} counts them"
+            lines = [
+                f"what was held out is predicted no better: an error of {after:.4g} standard deviations of the noise"
+                f"{counted}, {before:.4g} before the fit",
+                *hints,
+                f"the model lacks something that the parameters cannot make up for, or {option('free')} has the wrong "
+                "ones; nothing was written",
+            ]
+            raise UnimprovedFitError("\n".join(lines))
 
-    def _published(
-        self,
-        last: Solution,
-        found: Sensitivity,
-        comparisons: "dict[tuple[str, str], Solution]",
-        rollouts: int,
-    ) -> "FitResult":
-        fit = self._fit
+    def _result(self, found: _Found, comparisons: Solutions, *, partial: bool = False) -> FitResult:
+        fit, last = self._fit, found.solution
         known = intervals(last, self._parameters, fit.confidence, fit.simulation.seed)
         values = [each.value(c) for each, c in zip(self._parameters, last.coordinates, strict=True)]
+        effects = found.sensitivity.effects
         parameters = [
             FittedParameter(p.path, p.start, value, low, high, effect, bound_reached(coordinate))
             for p, value, low, high, effect, coordinate in zip(
-                self._parameters, values, known.low, known.high, found.effects, last.coordinates, strict=True
+                self._parameters, values, known.low, known.high, effects, last.coordinates, strict=True
             )
         ]
-        logs = list(dict.fromkeys(each.source for each in self._measurements.segments))
-        compared = comparison_rows(comparisons, logs)
-        with ExitStack() as stack:
-            writers: list[OutputWriter] = []
-            made: list[str] = []
-            if fit.comparison is not None:
-                writers.append(write_comparison(stack, fit.comparison, self._predictor.columns, compared))
-            if fit.ranges is not None:
-                writers.append(write_ranges(stack, fit.ranges, self._parameters, parameters, fit.confidence))
-            if self._model_file:
-                model, changed = self._model_file.write(stack, overrides(self._parameters, values))
-                made = [each.sentence for each in changed]
-                writers.append(model)
-            files = [str(each.destination.shown) for each in writers if each.destination.stdout is None]
-            result = FitResult(
-                parameters,
-                fitted_inertias(self._parameters, values, known),
-                self._signals(last, comparisons),
-                known.correlation.tolist(),
-                fit.confidence,
-                found.condition,
-                self._fitted.rows,
-                len(self._fitted.segments),
-                rollouts,
-                made,
-                list(self._measurements.remarks),
-                [*files, *([fit.html] if fit.html is not None else [])],
-                time.perf_counter() - self._begin,
-            )
-            if fit.html is not None:
-                name = Path(fit.simulation.source.text).name
-                columns = self._predictor.columns
-                writers.append(write_fit_page(stack, fit.html, name, result, columns, compared, logs))
-            publish_together(writers)
-        return result
+        failures = self._predictor.failures.sentence(self._parameters)
+        return FitResult(
+            parameters,
+            fitted_inertias(self._parameters, values, known),
+            self._signals(last, comparisons),
+            known.correlation.tolist(),
+            fit.confidence,
+            found.sensitivity.condition,
+            self._fitted.rows,
+            len(self._fitted.segments),
+            found.rollouts,
+            [],
+            [*self._measurements.remarks, *([failures] if failures else [])],
+            [],
+            time.perf_counter() - self._begin,
+            fit.loss,
+            partial,
+        )
 
-    def _signals(self, last: Solution, comparisons: "dict[tuple[str, str], Solution]") -> list[FittedSignal]:
-        errors = {key: _errors(solution) for key, solution in comparisons.items()}
+    def _signals(self, last: Solution, comparisons: Solutions) -> list[FittedSignal]:
+        errors = {key: _errors(solution, self._measurements.rotations) for key, solution in comparisons.items()}
         missing = np.full(len(self._measurements.signals), np.nan)
         rows = [
             errors.get(key, missing)
@@ -305,25 +289,13 @@ class _Run:
         ]
         signals: list[FittedSignal] = []
         for i, (name, column) in enumerate(zip(self._measurements.signals, self._predictor.columns, strict=True)):
-            nominal, fitted, *held = (float(each[i]) for each in rows)
-            held_out = [None if np.isnan(each) else each for each in held]
-            signals.append(FittedSignal(name, column.unit, float(last.noise[i]), nominal, fitted, *held_out))
+            shares = [None if np.isnan(each[i]) else float(each[i]) for each in rows]
+            signals.append(FittedSignal(name, column.unit, float(last.noise[i]), *shares))
         return signals
 
 
-def _check_names(fit: Fit) -> None:
-    """Refuses names of files that could not be written, before hours of fitting."""
-    if fit.comparison is not None:
-        output_format(fit.comparison)
-    if fit.ranges is not None:
-        check_ranges_name(fit.ranges)
-    if fit.html is not None:
-        check_page_name(fit.html)
-        require_matplotlib()
-
-
-def _errors(solution: Solution) -> np.ndarray:
-    """Root mean square error of each signal over its standard deviation, `(signals,)`."""
+def _errors(solution: Solution, rotations: Sequence[Sequence[int]]) -> np.ndarray:
+    """Error of each signal over its spread, `(signals,)`; NaN without any."""
     values = np.concatenate([part.values for part in solution.chunks])
-    spread = np.nanstd(values, axis=0)
-    return solution.observed_noise / np.where(spread > 0, spread, np.nan)
+    spread = shared(spread_of(values, solution.loss), rotations)
+    return shared(solution.noise_scale, rotations) / np.where(spread > 0, spread, np.nan)

@@ -19,7 +19,7 @@ from mjrun.plotting.table_figure import TableFigure
 from mjrun.probe.scanner import spelled
 
 if TYPE_CHECKING:
-    from mjrun.fit.fit import FitResult
+    from mjrun.fit.result import FitResult
 
 
 def write_fit_page(
@@ -86,6 +86,8 @@ def _errors(result: "FitResult") -> PageFacts:
     ]
     heads = ("Signal", "Noise", "Before", "Fitted", "Held out, before", "Held out, fitted")
     caption = "Root mean square errors of predictions, of the standard deviation of the signal"
+    if result.loss != "linear":
+        caption = f"Errors of predictions over the spread of the signal, by medians, as the loss is {result.loss}"
     return PageFacts("Errors", caption, heads, rows, range(1, 6))
 
 

@@ -124,6 +124,8 @@ def free_parameters(texts: Sequence[tuple[str, str]], source: Source, delayed: S
     parameters: list[FreeParameter] = []
     for path, text in texts:
         with concerning("free", path):
+            if path.rpartition(":")[2] == "opt.timestep":
+                raise UsageError(f"{option('free')} {clean(path)}: time is that of the log; {option('set')} it instead")
             if path.startswith(INERTIA):
                 parameters += bodies.parameters(path, text)
             else:

@@ -2,12 +2,13 @@
 
 import itertools
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import mujoco
 import numpy as np
 
-from mjrun.errors import FileError, UnknownNameError, UsageError, clean, listing, option
+from mjrun.errors import FileError, UnknownNameError, UsageError, clean, counted, listing, option
+from mjrun.fit.rotations import normalize, rotations
 from mjrun.formats.table_reader import open_table, read_table
 from mjrun.job.column_map import map_entries
 from mjrun.model.names import control_names
@@ -21,6 +22,7 @@ from mjrun.sim.table_times import SLACK, require_times
 TIME, CONTROLS = "time", "ctrl/"
 GAP = 5  # usual times between rows; a longer one ends a segment
 FEWEST = 16  # rows of a segment
+SPARSE = 200  # timesteps between rows; more are likely milliseconds taken for seconds
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,11 +58,13 @@ class Measurements:
       signals: names of columns of the model.
       segments: in the order of the files and of time.
       remarks: what the user should know of them.
+      rotations: of the signals, those that are a quaternion, by their places.
     """
 
     signals: Sequence[str]
     segments: Sequence[Segment]
     remarks: Sequence[str] = ()
+    rotations: Sequence[Sequence[int]] = ()
 
     @property
     def rows(self) -> int:
@@ -71,7 +75,7 @@ class Measurements:
         """All but the logs `sources`, and these."""
         rest = [segment for segment in self.segments if segment.source not in sources]
         held = [segment for segment in self.segments if segment.source in sources]
-        return Measurements(self.signals, rest), Measurements(self.signals, held)
+        return replace(self, segments=rest), replace(self, segments=held)
 
     def split(self, share: float) -> tuple["Measurements", "Measurements"]:
         """The first part of every file's time, and the last `share` of it, which is held out."""
@@ -85,11 +89,11 @@ class Measurements:
                 row = int(np.searchsorted(segment.times, limit))
                 first += [segment.part(slice(0, row))] if row >= FEWEST else []
                 last += [segment.part(slice(row, None))] if len(segment.times) - row >= FEWEST else []
-        return Measurements(self.signals, first), Measurements(self.signals, last)
+        return replace(self, segments=first), replace(self, segments=last)
 
 
 def read_measurements(
-    paths: Sequence[str], model: mujoco.MjModel, texts: Sequence[str], constant: np.ndarray
+    paths: Sequence[str], model: mujoco.MjModel, texts: Sequence[str], constant: np.ndarray, *, linear: bool = False
 ) -> Measurements:
     """What the tables at `paths` say of `model`.
 
@@ -98,25 +102,30 @@ def read_measurements(
 
     Args:
       constant: `(nu,)`, the controls of actuators that no table commands.
+      linear: whether commands go from one to the next in straight lines; they hold otherwise.
 
     Raises:
       UsageError: no columns in common, times that do not grow, numbers that are none; a map that cannot be meant.
       FileError: a table cannot be read.
     """
-    tables = [_Table(path, model, texts) for path in paths]
+    tables = [_Table(path, model, texts, linear) for path in paths]
     signals = list(dict.fromkeys(name for table in tables for name in table.signals))
     segments: list[Segment] = []
     remarks: list[str] = []
     for table in tables:
         segments += table.segments(signals, constant, remarks)
-    measured = [name for i, name in enumerate(signals) if _varies([segment.values[:, i] for segment in segments])]
+    available = AvailableProbes(model).names
+    varies = [_varies([segment.values[:, i] for segment in segments]) for i in range(len(signals))]
+    for group in rotations(signals, available):
+        for i in group:
+            varies[i] = any(varies[j] for j in group)
+    measured = [name for name, is_moving in zip(signals, varies, strict=True) if is_moving]
     if not measured:
         raise UsageError(f"nothing varies in the measurements: {listing(signals)}")
     if still := [name for name in signals if name not in measured]:
         remarks.append(f"constant, so left out: {listing(still)}")
-    kept = [signals.index(name) for name in measured]
-    parts = [Segment(each.source, each.times, each.values[:, kept], each.controls) for each in segments]
-    return Measurements(measured, parts, remarks)
+    parts = [replace(each, values=each.values[:, np.array(varies)]) for each in segments]
+    return Measurements(measured, parts, remarks, rotations(measured, available))
 
 
 def _varies(parts: Sequence[np.ndarray]) -> bool:
@@ -128,8 +137,8 @@ def _varies(parts: Sequence[np.ndarray]) -> bool:
 class _Table:
     """One log, and what its columns mean."""
 
-    def __init__(self, path: str, model: mujoco.MjModel, texts: Sequence[str]) -> None:
-        self._path, self._model = path, model
+    def __init__(self, path: str, model: mujoco.MjModel, texts: Sequence[str], linear: bool) -> None:
+        self._path, self._model, self._linear = path, model, linear
         self._controls = control_names(model)
         with open_table(path, _note(names := list[str]())):
             pass
@@ -161,11 +170,20 @@ class _Table:
             row, column = np.argwhere(np.isinf(values))[0]
             raise UsageError(f"{clean(self._path)}, row {row}: {clean(signals[int(column)])} is infinite")
         if holes := int(np.isnan(values[:, [i for i, name in enumerate(signals) if name in columns]]).sum()):
-            remarks.append(f"{clean(self._path)}: {holes} samples are missing, and passed over")
-        _make_continuous(values, signals)
-        controls = self._commands(columns, constant, len(times))
+            remarks.append(f"{clean(self._path)}: {counted(holes, 'sample')} missing, and passed over")
+        normalize(values, rotations(signals, AvailableProbes(self._model).names), clean(self._path))
+        controls = self._commands(columns, constant, remarks)
+        if unsaid := int(np.isnan(controls).any(axis=1).sum()):  # at the beginning
+            remarks.append(f"{clean(self._path)}: the {counted(unsaid, 'row')} before the first command left out")
+            times, values, controls = times[unsaid:], values[unsaid:], controls[unsaid:]
 
         usual = float(np.median(np.diff(times))) if len(times) > 1 else 0.0
+        if usual > SPARSE * self._model.opt.timestep:
+            steps = usual / self._model.opt.timestep
+            remarks.append(
+                f"{clean(self._path)}: rows are {usual:g} s apart, {steps:,.0f} timesteps, which takes long\n"
+                f"if the times are milliseconds, {option('map')} says so: time=time/1000"
+            )
         starts = [0, *(np.flatnonzero(np.diff(times) > GAP * usual) + 1).tolist(), len(times)]
         parts = [slice(a, b) for a, b in itertools.pairwise(starts)]
         long = [part for part in parts if part.stop - part.start >= FEWEST]
@@ -182,15 +200,31 @@ class _Table:
         table = read_table(self._path, list(wanted), missing="nan").columns
         return {name: expression.values(table) for name, expression in self._expressions.items()}
 
-    def _commands(self, columns: Mapping[str, np.ndarray], constant: np.ndarray, count: int) -> np.ndarray:
+    def _commands(self, columns: Mapping[str, np.ndarray], constant: np.ndarray, remarks: list[str]) -> np.ndarray:
+        """Controls `(count, nu)`: where a row has none the last one holds, and before the first one there are NaN."""
+        times = columns[TIME]
+        count, missing = len(times), 0
         controls = np.tile(constant, (count, 1))
         for index, actuator in enumerate(self._controls):
-            if (commanded := columns.get(f"{CONTROLS}{actuator}")) is not None:
-                bad = np.flatnonzero(~np.isfinite(commanded))
-                if len(bad):
-                    place = f"{clean(self._path)}, row {bad[0]}"
-                    raise UsageError(f"{place}: {CONTROLS}{clean(str(actuator))} is {commanded[bad[0]]}, not a command")
-                controls[:, index] = commanded
+            if (commanded := columns.get(f"{CONTROLS}{actuator}")) is None:
+                continue
+            name = f"{CONTROLS}{clean(str(actuator))}"
+            bad = np.flatnonzero(np.isinf(commanded))
+            if len(bad):
+                raise UsageError(f"{clean(self._path)}, row {bad[0]}: {name} is {commanded[bad[0]]}, not a command")
+            known = np.flatnonzero(np.isfinite(commanded))
+            if not len(known):
+                raise UsageError(f"{clean(self._path)}: {name} has no command in any row")
+            missing += count - len(known)
+            rows = np.arange(count)
+            if self._linear:
+                filled = np.interp(times, times[known], commanded[known])
+            else:
+                filled = commanded[known[np.maximum(np.searchsorted(known, rows, side="right") - 1, 0)]]
+            controls[:, index] = np.where(rows < known[0], np.nan, filled)
+        if missing:
+            filled_by = "straight lines between the others" if self._linear else "the one before"
+            remarks.append(f"{clean(self._path)}: {counted(missing, 'command')} missing, and taken from {filled_by}")
         return controls
 
     def _by_name(self, names: Sequence[str]) -> dict[str, RowExpression]:
@@ -223,17 +257,6 @@ def _note(names: list[str]):
 
 def _is_measured(name: str, available: AvailableProbes) -> bool:
     return not name.startswith(CONTROLS) and available.column(name) == name and name != TIME
-
-
-def _make_continuous(values: np.ndarray, signals: Sequence[str]) -> None:
-    """Turns quaternions that jump to their other sign, which is the same rotation."""
-    for first, name in enumerate(signals):
-        whole = [f"{name.removesuffix('/qw')}/{part}" for part in ("qw", "qx", "qy", "qz")]
-        if not name.endswith("/qw") or list(signals[first : first + 4]) != whole:
-            continue
-        quaternions = values[:, first : first + 4]
-        dots = np.nansum(quaternions[1:] * quaternions[:-1], axis=1)
-        quaternions[1:] *= np.cumprod(np.where(dots < 0, -1.0, 1.0))[:, None]
 
 
 def commands(

@@ -1,19 +1,22 @@
 """What a model would have measured: rollouts of stretches of a log, from any state, with any parameters."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import mujoco
 import numpy as np
 
+from mjrun.errors import ModelError, counted, listing
 from mjrun.fit.free_parameter import DELAY, FreeParameter, overrides
 from mjrun.fit.measurements import CONTROLS, Segment, commands
+from mjrun.fit.rotations import align, rotations
 from mjrun.job.simulation import Simulation
 from mjrun.model import state
 from mjrun.model.names import control_names
 from mjrun.model.variants import ModelVariants
-from mjrun.probe.fields import FieldProbe
+from mjrun.probe.available import AvailableProbes
+from mjrun.probe.fields import FieldProbe, Fields
 from mjrun.probe.select import select
 from mjrun.sim.c_engine import AUTORESET, CEngine
 
@@ -76,6 +79,39 @@ class Rollout:
     start: np.ndarray
 
 
+class Failures:
+    """Values of the parameters with which nothing can be simulated.
+
+    Attributes:
+      count: of simulations that have failed.
+    """
+
+    def __init__(self) -> None:
+        self.count = 0
+        self._example: tuple[tuple[float, ...], str] | None = None
+
+    def unstable(self, values: tuple[float, ...] | None) -> None:
+        """Notes that a simulation has become unstable; None for the model as it was."""
+        self._note(values, "a simulation becomes unstable")
+
+    def refused(self, values: tuple[float, ...], why: str) -> None:
+        """Notes that the model does not compile, and why."""
+        self._note(values, f"the model does not compile: {why.splitlines()[0]}")
+
+    def sentence(self, parameters: Sequence[FreeParameter]) -> str | None:
+        """What the user should know; None if all could be simulated."""
+        if self._example is None:
+            return None
+        values, what = self._example
+        place = listing([f"{p.path}={value:.4g}" for p, value in zip(parameters, values, strict=True)])
+        return f"{what} with {place}; {counted(self.count, 'simulation')} failed in all, and such values are avoided"
+
+    def _note(self, values: tuple[float, ...] | None, what: str) -> None:
+        if values is not None:
+            self.count += 1
+            self._example = self._example or (values, what)
+
+
 class Predictor:
     """Predicts the signals of chunks.
 
@@ -87,11 +123,14 @@ class Predictor:
     Attributes:
       model: as the source has it.
       columns: of the signals.
+      rotations: of the signals, those that are a quaternion, by their places.
       lead: the longest delay, in timesteps.
+      failures: what could not be simulated.
     """
 
     def __init__(self, simulation: Simulation, signals: Sequence[str], parameters: Sequence[FreeParameter]) -> None:
         self._source, self._parameters = simulation.source, parameters
+        self.failures = Failures()
         self._linear = simulation.ctrl_interpolation == "linear"
         self._variants = ModelVariants(_without_resets)
         self._engine = CEngine()
@@ -110,6 +149,7 @@ class Predictor:
             controls.index(name.removeprefix(CONTROLS)): i for i, name in delays if name.startswith(CONTROLS)
         }
         self._late_signals = {self._signals.index(name): i for i, name in delays if not name.startswith(CONTROLS)}
+        self.rotations = rotations(self._signals, AvailableProbes(self.model).names)
         longest = max([parameters[i].high for i in self._late_signals.values()], default=0.0)
         self.lead = math.ceil(longest / self.timestep)
 
@@ -121,21 +161,63 @@ class Predictor:
 
     def predict(self, rollouts: Sequence[Rollout]) -> list[np.ndarray]:
         """What each would measure, `(n, signals)` of its chunk; NaN where the simulation fails."""
-        if not rollouts:
-            return []
+        compiled = {values: self._compiled(values) for values in dict.fromkeys(each.values for each in rollouts)}
+        able = [i for i, each in enumerate(rollouts) if compiled[each.values] is not None]
+        predicted = [np.full((len(each.chunk.positions), len(self._signals)), np.nan) for each in rollouts]
+        models = [model for i in able if (model := compiled[rollouts[i].values])]
+        for i, rows in zip(able, self._recorded([rollouts[i] for i in able], models), strict=True):
+            predicted[i] = self._sampled(rollouts[i], rows)
+            if not np.isfinite(predicted[i]).all():
+                self.failures.unstable(rollouts[i].values)
+        return predicted
+
+    def _compiled(self, values: tuple[float, ...] | None) -> mujoco.MjModel | None:
+        """The model with these values; None if they cannot be together."""
+        try:
+            return self.model_with(values)
+        except ModelError as error:
+            if values is None:
+                raise
+            self.failures.refused(values, str(error))
+            return None
+
+    def _recorded(self, rollouts: Sequence[Rollout], models: Sequence[mujoco.MjModel]) -> list[np.ndarray]:
+        """The signals at every step, `(steps + 1, signals)` of each; NaN where the simulation fails."""
+
+        def signals(fields: Fields, initial: Fields) -> np.ndarray:
+            parts = [probe.compute(fields, initial) for probe in self._probes]
+            return np.concatenate(parts, axis=-1)[..., self._order]
+
+        return self._measured(rollouts, models, self._fields, signals) if rollouts else []
+
+    def positions(self, parts: Sequence[Chunk], values: tuple[float, ...], states: np.ndarray) -> list[np.ndarray]:
+        """Where the model with these values is at the rows of chunks, `qpos`, `(n, nq)` of each.
+
+        Args:
+          states: integration states at the beginning of each chunk, `(chunks, nstate)`.
+        """
+        rollouts = [Rollout(part, values, start) for part, start in zip(parts, states, strict=True)]
+        models = [self.model_with(values)] * len(parts)
+        measured = self._measured(rollouts, models, ["qpos"], lambda fields, _: fields["qpos"])
+        return [_interpolated(rows, part.positions, slice(None)) for part, rows in zip(parts, measured, strict=True)]
+
+    def _measured(
+        self,
+        rollouts: Sequence[Rollout],
+        models: Sequence[mujoco.MjModel],
+        names: Sequence[str],
+        measure: Callable[[Fields, Fields], np.ndarray],
+    ) -> list[np.ndarray]:
+        """What `measure` makes of fields at every step of each rollout; NaN where the simulation fails."""
         steps = max(each.chunk.steps for each in rollouts)
-        models = [self.model_with(each.values) for each in rollouts]
         controls = np.stack([self._controls(each, steps) for each in rollouts])
         starts = np.stack([each.start for each in rollouts])
-        recorded = np.full((len(rollouts), steps + 1, len(self._signals)), np.nan)
-        row = 0
-        for block in self._engine.rollout(models, starts, controls, steps, self._fields):
-            parts = [probe.compute(block.fields, block.initial) for probe in self._probes]
-            columns = np.concatenate(parts, axis=-1)[..., self._order]
-            for index, count in enumerate(block.counts.tolist()):
-                recorded[index, row : row + count] = columns[index, :count]
-            row += len(block.steps)
-        return [self._sampled(each, rows) for each, rows in zip(rollouts, recorded, strict=True)]
+        recorded: list[np.ndarray] = []
+        for block in self._engine.rollout(models, starts, controls, steps, names):
+            columns = measure(block.fields, block.initial)
+            is_over = np.arange(len(block.steps)) >= block.counts[:, None]
+            recorded.append(np.where(is_over[..., None], np.nan, columns))
+        return list(np.concatenate(recorded, axis=1))
 
     def _controls(self, rollout: Rollout, steps: int) -> np.ndarray:
         chunk, values = rollout.chunk, rollout.values
@@ -146,11 +228,11 @@ class Predictor:
         """`rows` of all steps, interpolated at the positions of the chunk's rows, as late as they are measured."""
         positions = rollout.chunk.positions
         values = _interpolated(rows, positions, slice(None))
-        if rollout.values is None:
-            return values
-        for signal, i in self._late_signals.items():
-            late = positions - rollout.values[i] / self.timestep
-            values[:, signal] = _interpolated(rows, late, signal)
+        if rollout.values is not None:
+            for signal, i in self._late_signals.items():
+                late = positions - rollout.values[i] / self.timestep
+                values[:, signal] = _interpolated(rows, late, signal)
+        align(values, rollout.chunk.values, self.rotations)
         return values
 
 

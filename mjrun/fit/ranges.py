@@ -11,7 +11,7 @@ from mjrun.fit.free_parameter import FreeParameter
 from mjrun.formats.atomic_output import OutputWriter, StagedFile
 
 if TYPE_CHECKING:
-    from mjrun.fit.fit import FittedParameter
+    from mjrun.fit.result import FittedParameter
 
 SUFFIXES = (".yaml", ".yml")
 

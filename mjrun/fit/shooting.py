@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from mjrun.fit.free_parameter import FreeParameter
 from mjrun.fit.measurements import Segment
 from mjrun.fit.prediction import Chunk, Predictor, Rollout, States, chunks
+from mjrun.fit.rotations import shared
 from mjrun.fit.starting_states import StartingStates
 
 NUDGE = 1e-5  # of a coordinate from 0 to 1, for finite differences
@@ -33,7 +34,13 @@ NORMAL_MEDIAN = 1.4826  # standard deviation of a normal distribution over the m
 
 Floats = NDArray[np.float64]
 
-# Derivatives of the losses of scipy's `least_squares`, by the square of a residual.
+# The losses of scipy's `least_squares`, of the square of a residual, and their derivatives by it.
+LOSSES: dict[str, Callable[[Floats], Floats]] = {
+    "linear": np.asarray,
+    "soft_l1": lambda square: 2 * (np.sqrt(1 + square) - 1),
+    "huber": lambda square: np.where(square <= 1, square, 2 * np.sqrt(square) - 1),
+    "cauchy": np.log1p,
+}
 LOSS_SLOPES: dict[str, Callable[[Floats], Floats]] = {
     "linear": np.ones_like,
     "soft_l1": lambda square: (1 + square) ** -0.5,
@@ -69,9 +76,9 @@ class Solution:
 
     @property
     def cost(self) -> float:
-        """Root mean square of the residuals; 1 where the model explains all but the noise."""
+        """Root mean square of the residuals as the loss counts them; 1 or so where the model explains all but noise."""
         squares = np.concatenate([each[np.isfinite(each)] for each in self.residuals]) ** 2
-        return float(np.sqrt(squares.mean()))
+        return float(np.sqrt(LOSSES[self.loss](squares).mean()))
 
     @property
     def observed_noise(self) -> Floats:
@@ -194,12 +201,20 @@ class Shooting:
         problem = _Problem(self._predictor, self._parameters, self._states, parts, coordinates, states, noise, False)
         return problem.solution(problem.start)
 
-    def best_start(self, segments: Sequence[Segment], starts: Sequence[Floats], noise: Floats) -> Floats:
-        """Where the shortest chunks lead from several starts: the coordinates with the least residuals."""
+    def best_start(
+        self, segments: Sequence[Segment], starts: Sequence[Floats], noise: Floats, advanced: Advanced | None = None
+    ) -> Floats:
+        """Where the shortest chunks lead from several starts: the coordinates with the least residuals.
+
+        Args:
+          advanced: is told of every solution that is better than the one before of the same start.
+        """
         parts = self.cut(segments, SHORTEST)
         states = self.guessed(parts)
         found = [
-            self.solve(parts, start, states, noise, evaluations=FEW_EVALUATIONS, tolerance=ROUGH_TOLERANCE)
+            self.solve(
+                parts, start, states, noise, evaluations=FEW_EVALUATIONS, tolerance=ROUGH_TOLERANCE, advanced=advanced
+            )
             for start in starts
         ]
         return min(found, key=lambda solution: solution.cost).coordinates
@@ -234,7 +249,8 @@ class Shooting:
     def _noise(self, solution: Solution) -> Floats:
         """The noise that the residuals show."""
         values = np.concatenate([part.values for part in solution.chunks])
-        return np.maximum(solution.noise_scale, LEAST_NOISE * np.nanstd(values, axis=0))
+        groups = self._predictor.rotations
+        return np.maximum(shared(solution.noise_scale, groups), LEAST_NOISE * shared(np.nanstd(values, axis=0), groups))
 
     def _taken_over(self, parts: Sequence[Chunk], before: Solution) -> Floats:
         """States for `parts` from chunks that began at the same step; guesses elsewhere."""
@@ -246,7 +262,14 @@ class Shooting:
         )
 
 
-def first_noise(segments: Sequence[Segment]) -> Floats:
+def spread_of(values: Floats, loss: str = "linear") -> Floats:
+    """The standard deviation of each signal, `(signals,)`; under a robust loss that of its middle half."""
+    if loss == "linear":
+        return np.nanstd(values, axis=0)
+    return np.nanmedian(np.abs(values - np.nanmedian(values, axis=0)), axis=0) * NORMAL_MEDIAN
+
+
+def first_noise(segments: Sequence[Segment], rotations: Sequence[Sequence[int]] = ()) -> Floats:
     """The noise of each signal from third differences, in which smooth motion hardly shows: `(signals,)`.
 
     White noise of standard deviation s has third differences of √20·s.
@@ -254,7 +277,7 @@ def first_noise(segments: Sequence[Segment]) -> Floats:
     differences = np.concatenate([np.diff(segment.values, 3, axis=0) for segment in segments])
     spread = np.nanmedian(np.abs(differences), axis=0) * NORMAL_MEDIAN / np.sqrt(20)
     values = np.concatenate([segment.values for segment in segments])
-    return np.maximum(spread, LEAST_NOISE * np.nanstd(values, axis=0))
+    return np.maximum(shared(spread, rotations), LEAST_NOISE * shared(np.nanstd(values, axis=0), rotations))
 
 
 class _Problem:

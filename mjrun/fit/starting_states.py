@@ -9,6 +9,7 @@ from mjrun.fit.prediction import Chunk
 from mjrun.model import state
 from mjrun.probe.fields import field_probe
 
+JOINTPOS, JOINTVEL = int(mujoco.mjtSensor.mjSENS_JOINTPOS), int(mujoco.mjtSensor.mjSENS_JOINTVEL)
 WINDOW = 9  # rows to which a parabola is fitted
 
 
@@ -21,9 +22,10 @@ class StartingStates:
 
     def __init__(self, model: mujoco.MjModel, signals: Sequence[str], start: np.ndarray) -> None:
         self._model, self._start = model, start
-        self._qpos = _places(model, "qpos", signals)
-        self._qvel = _places(model, "qvel", signals)
+        self._qpos = measured_positions(model, signals)
+        self._qvel = _places(model, "qvel", signals, JOINTVEL)
         self._rates = self._rates_of_positions()
+        self._turning = self._measured_rotations()
 
     def guess(self, chunk: Chunk, timestep: float) -> np.ndarray:
         """The integration state `(nstate,)` at the first step of `chunk`."""
@@ -32,7 +34,11 @@ class StartingStates:
         rows, seconds = chunk.values[:WINDOW], chunk.positions[:WINDOW] * timestep
         for index, signal in self._qpos.items():
             data.qpos[index] = _at_start(seconds, rows[:, signal], data.qpos[index])[0]
-        mujoco.mj_normalizeQuat(self._model, data.qpos)
+        for position, velocity in self._turning.items():
+            quaternions = rows[:, [self._qpos[position + k] for k in range(4)]]
+            if np.isfinite(quaternions).all(axis=1).any():
+                quaternion, turning = _rotation_at_start(seconds, quaternions)
+                data.qpos[position : position + 4], data.qvel[velocity : velocity + 3] = quaternion, turning
         for index, signal in self._rates.items():
             data.qvel[index] = _at_start(seconds, rows[:, signal], 0.0)[1]
         for index, signal in self._qvel.items():
@@ -50,11 +56,50 @@ class StartingStates:
             rates |= {speed + k: self._qpos[first + k] for k in range(count) if first + k in self._qpos}
         return rates
 
+    def _measured_rotations(self) -> dict[int, int]:
+        """Where the quaternions of measured rotations are in `qpos`, and their angular velocities in `qvel`."""
+        model, found = self._model, dict[int, int]()
+        for joint in range(model.njnt):
+            first, speed = int(model.jnt_qposadr[joint]), int(model.jnt_dofadr[joint])
+            offset = {int(mujoco.mjtJoint.mjJNT_FREE): 3, int(mujoco.mjtJoint.mjJNT_BALL): 0}.get(
+                int(model.jnt_type[joint])
+            )
+            if offset is not None and first + offset in self._qpos:
+                found[first + offset] = speed + offset
+        return found
 
-def _places(model: mujoco.MjModel, field: str, signals: Sequence[str]) -> dict[int, int]:
-    """Which number of a field each signal measures: signals by number."""
+
+def _rotation_at_start(seconds: np.ndarray, quaternions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Quaternion and angular velocity in its frame at 0 s, by parabolas of the rotation since the first sample."""
+    known = np.isfinite(quaternions).all(axis=1)
+    first = quaternions[known][0].copy()
+    turns = np.empty((int(known.sum()), 3))
+    for turn, quaternion in zip(turns, quaternions[known], strict=True):
+        mujoco.mju_subQuat(turn, quaternion, first)
+    at_start = [_at_start(seconds[known], angles, 0.0) for angles in turns.T]
+    mujoco.mju_quatIntegrate(first, np.array([angle for angle, _ in at_start]), 1.0)
+    return first, np.array([rate for _, rate in at_start])
+
+
+def measured_positions(model: mujoco.MjModel, signals: Sequence[str]) -> dict[int, int]:
+    """Which number of `qpos` each signal measures, by itself or as the sensor of a joint: signals by number."""
+    return _places(model, "qpos", signals, JOINTPOS)
+
+
+def _places(model: mujoco.MjModel, field: str, signals: Sequence[str], sensor: int) -> dict[int, int]:
+    """Which number of a field each signal measures: signals by number.
+
+    Args:
+      sensor: the type of sensors of a joint that measure it too.
+    """
     names = [column.name for column in field_probe(model, field).columns]
-    return {i: signals.index(name) for i, name in enumerate(names) if name in signals}
+    places = {"qpos": model.jnt_qposadr, "qvel": model.jnt_dofadr}[field]
+    sensed = {
+        int(places[model.sensor_objid[column.id]]): signals.index(column.name)
+        for column in (field_probe(model, "sensordata").columns if model.nsensor else ())
+        if column.name in signals and model.sensor_type[column.id] == sensor
+    }
+    return sensed | {i: signals.index(name) for i, name in enumerate(names) if name in signals}
 
 
 def _at_start(seconds: np.ndarray, values: np.ndarray, otherwise: float) -> tuple[float, float]:

@@ -2,8 +2,9 @@
 
 from typing import ClassVar
 
-from mjrun.options.kinds import Choice, File, Flag, Integer, Optional, Real, Settings, Several
+from mjrun.options.kinds import Camera, Choice, File, Flag, Integer, Optional, Real, Settings, Several, Size
 from mjrun.options.option import FrontEnd, Options, option, options
+from mjrun.options.output import VIDEOS
 
 EXTRAS = {"fit": ("scipy", "mjrun fit")}  # the library that the extra installs, and what needs it
 DOCUMENTS = (".yaml", ".yml")  # suffixes of files that stand where a model stands
@@ -53,6 +54,15 @@ class FitOptions(Options):
         help="One page about the fit (.html), complete in itself: parameters with intervals, errors, correlations, and "
         "plots of what was measured beside the model before and after.",
     )
+    video: str | None = option(
+        converter=Optional(File(written=True)),
+        default=None,
+        help=f"A film of the fitted model, with what was measured as a ghost: {VIDEOS}.",
+    )
+    camera: tuple[object, ...] = option(
+        converter=Several(Camera()), default="free", help="What the film shows: a camera of the model, or a rig."
+    )
+    size: tuple[int, int] = option(converter=Size(), default=(640, 360), help="Width and height of the film [pixels].")
     holdout: float = option(
         converter=Real(0, most=0.9, metavar="SHARE"),
         default=0.2,
@@ -74,12 +84,19 @@ class FitOptions(Options):
     loss: str = option(
         converter=Choice(LOSSES),
         default="linear",
-        help="How residuals count; all but linear are robust: outliers weigh less.",
+        help="How residuals count; all but linear are robust: outliers weigh less, and noise and errors are told by "
+        "medians.",
     )
     allow_unidentifiable: bool = option(
         converter=Flag(),
         default=False,
         help="Go on although the measurements say nothing of a parameter, or cannot tell several apart.",
+    )
+    keep_partial: bool = option(
+        converter=Flag(),
+        default=False,
+        help="Write the model with the best parameters so far if the fit is interrupted, and tell them; otherwise "
+        "nothing is left.",
     )
     excite: str | None = option(
         converter=Optional(File(written=True)),

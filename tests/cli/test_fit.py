@@ -3,14 +3,31 @@
 from __future__ import annotations
 
 import json
+import signal
+import subprocess
+import sys
 from typing import TYPE_CHECKING
 
+import numpy as np
+import pytest
+
+from mjrun.model.sources.file import FileSource
 from tests.fit.logs import noisy, simulate, write_log, write_model
 
 if TYPE_CHECKING:
     from tests.conftest import Command
 
 FREE = ("--free", "joint/hinge.damping=log:1e-3..1", "--free", "joint/hinge.armature=log:1e-3..1", "--starts", "1")
+
+
+# Tells at once that it is at work, and then waits for a signal.
+PATIENT = """
+import time, mjrun.cli.console as console
+console.EVERY, told = 0, console.Console.progress
+console.Console.progress = lambda *arguments: (told(*arguments), time.sleep(300))
+from mjrun.__main__ import main
+main()
+"""
 
 
 def prepared(mjrun: Command) -> tuple[str, str]:
@@ -69,3 +86,59 @@ def test_an_input_is_written_before_anything_is_measured(mjrun: Command) -> None
     done = mjrun("fit", model, "log.csv", *FREE, "--excite", "chirp.csv", *limits)
     assert done.returncode == 2
     assert b"comes before anything is measured" in done.stderr
+
+
+@pytest.mark.parametrize(("number", "keep"), [(signal.SIGINT, True), (signal.SIGTERM, True), (signal.SIGINT, False)])
+def test_an_interrupted_fit_leaves_the_best_so_far_if_asked_and_else_nothing(
+    mjrun: Command, number: signal.Signals, keep: bool
+) -> None:
+    """A signal to the process, once it has told that it is at work."""
+    model, log = prepared(mjrun)
+    arguments = ["fit", model, log, *FREE, "-o", "fitted.xml", "--ranges", "ranges.yaml", "--json"]
+    before = {path.name for path in mjrun.folder.iterdir()}
+    command = [sys.executable, "-c", PATIENT, *arguments, *(["--keep-partial"] if keep else [])]
+    with subprocess.Popen(
+        command, cwd=mjrun.folder, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    ) as process:
+        assert process.stderr
+        for line in process.stderr:
+            if "stages of the fit" in line:
+                break
+        process.send_signal(number)
+        out, errors = process.communicate(timeout=300)
+    assert process.returncode == 128 + number, errors
+    made = {path.name for path in mjrun.folder.iterdir()} - before
+    if not keep:
+        assert (made, out) == (set(), "")
+        return
+    assert made == {"fitted.xml"}
+    report = json.loads(out)
+    assert report["partial"]
+    assert report["files"] == ["fitted.xml"]
+    assert report["signals"][0]["fitted"] is None
+    damping, armature = (each["value"] for each in report["parameters"])
+    fitted = FileSource(mjrun.folder / "fitted.xml").load()
+    assert (fitted.dof_damping[0], fitted.dof_armature[0]) == (damping, armature)
+
+
+def test_a_log_of_another_simulator_is_mapped_and_filmed(mjrun: Command) -> None:
+    """Its names, units and clock are others; it has gaps, and commands of a lower rate."""
+    model, _ = prepared(mjrun)
+    commanded = np.repeat(np.sin(0.05 * np.arange(0, 150, 3)), 15)
+    times, angles = simulate(1.5, controls=commanded)
+    columns = {"ms": 1000 * times, "J1": np.degrees(noisy(angles)), "tau": 1000 * commanded[::5]}
+    cells = np.column_stack(list(columns.values())).astype(str)
+    cells[np.arange(150) % 3 > 0, 2] = ""
+    cells[60:64, 1] = ""
+    lines = [",".join(columns), *(",".join(row) for row in cells)]
+    (mjrun.folder / "other.csv").write_text("\n".join(lines))
+    texts = ("time=ms/1000", "qpos/hinge=J1*pi/180", "ctrl/motor=tau/1000")
+    maps = [part for text in texts for part in ("--map", text)]
+    done = mjrun("fit", model, "other.csv", *FREE, *maps, "--json", "--video", "fit.webp", "--size", "64x48")
+    assert done.returncode == 0, done.stderr
+    assert b"4 samples missing" in done.stderr
+    assert b"100 commands missing, and taken from the one before" in done.stderr
+    report = json.loads(done.stdout)
+    assert [each["value"] for each in report["parameters"]] == pytest.approx([0.05, 0.01], rel=0.1)
+    assert report["files"] == ["fit.webp"]
+    assert (mjrun.folder / "fit.webp").read_bytes()[8:12] == b"WEBP"

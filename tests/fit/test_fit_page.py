@@ -7,9 +7,9 @@ from pathlib import Path
 
 import numpy as np
 
-from mjrun.fit.fit import FitResult, FittedParameter, FittedSignal
 from mjrun.fit.fit_page import write_fit_page
 from mjrun.fit.fitted_inertia import FittedInertia, FittedQuantity
+from mjrun.fit.result import FitResult, FittedParameter, FittedSignal
 from mjrun.model.column import Column
 
 LOGS = ("one.csv", "<two>.csv")

@@ -6,7 +6,8 @@ import mujoco
 import numpy as np
 import pytest
 
-from mjrun.fit.fit import Fit, FitResult
+from mjrun.fit.fit import Fit
+from mjrun.fit.result import FitResult
 from mjrun.job.simulation import Simulation
 from mjrun.model.sources.file import FileSource
 from tests.fit.arm import ARM, NOMINAL, TRUTH, log

@@ -3,10 +3,14 @@
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 
 from mjrun.errors import MjrunError, UsageError
 from mjrun.fit.measurements import Measurements, Segment, commands, read_measurements
+from mjrun.formats.table_writer import TableWriter
+from mjrun.formats.tables import output_format
+from mjrun.model.column import Column
 from mjrun.model.sources import parse_source
 from tests.fit.logs import write_log, write_model
 
@@ -40,7 +44,60 @@ def test_missing_samples_are_passed_over_and_told(tmp_path: Path) -> None:
     angles[7] = np.nan
     found = read(tmp_path, {"time": TIMES, "qpos/hinge": angles})
     assert np.flatnonzero(np.isnan(found.segments[0].values[:, 0])).tolist() == [7]
-    assert "1 samples are missing" in found.remarks[0]
+    assert "1 sample missing" in found.remarks[0]
+
+
+def test_a_log_of_several_rates_holds_commands_and_knows_none_before_the_first(tmp_path: Path) -> None:
+    """Commands in every fourth row, from the third on: as pandas fills them forward."""
+    commanded = np.where(np.arange(40) % 4 == 2, np.sin(TIMES), np.nan)
+    columns = {"time": TIMES, "qpos/hinge": np.cos(TIMES), "ctrl/motor": commanded}
+    (segment,) = read(tmp_path, columns).segments
+    np.testing.assert_array_equal(segment.controls[:, 0], pd.Series(commanded).ffill()[2:])
+    np.testing.assert_array_equal(segment.times, TIMES[2:])
+    remarks = read(tmp_path, columns).remarks
+    assert "30 commands missing, and taken from the one before" in remarks[0]
+    assert "the 2 rows before the first command left out" in remarks[1]
+    model = parse_source(str(write_model(tmp_path))).load()
+    linear = read_measurements([str(tmp_path / "log.csv")], model, (), np.zeros(1), linear=True).segments[0]
+    known = np.isfinite(commanded)
+    np.testing.assert_allclose(linear.controls[:, 0], np.interp(TIMES[2:], TIMES[known], commanded[known]))
+
+
+@pytest.mark.parametrize("suffix", ["parquet", "npz", "h5", "mat", "jsonl", "feather"])
+def test_a_log_of_another_simulator_in_any_format(tmp_path: Path, suffix: str) -> None:
+    """Its joint, its units and its clock are others."""
+    angles, torques = np.sin(TIMES), np.cos(TIMES)
+    columns = [Column("stamp_ms"), Column("Revolute_1"), Column("tau")]
+    path = str(tmp_path / f"log.{suffix}")
+    with TableWriter(path, output_format(path).name, columns) as writer:
+        writer.write(np.column_stack([1000 * TIMES, np.degrees(angles), 1000 * torques]))
+        writer.publish()
+    texts = ("time=stamp_ms/1000", "qpos/hinge=Revolute_1*pi/180", "ctrl/motor=tau/1000")
+    model = parse_source(str(write_model(tmp_path))).load()
+    (segment,) = read_measurements([path], model, texts, np.zeros(1)).segments
+    np.testing.assert_allclose(segment.times, TIMES, atol=1e-12)
+    np.testing.assert_allclose(segment.values[:, 0], angles, atol=1e-12)
+    np.testing.assert_allclose(segment.controls[:, 0], torques, atol=1e-12)
+
+
+def test_milliseconds_that_are_taken_for_seconds_are_told(tmp_path: Path) -> None:
+    found = read(tmp_path, {"time": 1000 * TIMES, "qpos/hinge": np.sin(TIMES)})
+    assert "rows are 10 s apart, 5,000 timesteps" in found.remarks[0]
+
+
+def test_a_rotation_that_turns_about_one_axis_is_kept_as_a_whole(tmp_path: Path) -> None:
+    (tmp_path / "ball.xml").write_text(
+        '<mujoco><worldbody><body><joint name="b" type="ball"/><geom size=".1"/></body></worldbody></mujoco>'
+    )
+    model = parse_source(str(tmp_path / "ball.xml")).load()
+    columns = {"time": TIMES, "qpos/b/qw": np.cos(TIMES), "qpos/b/qx": 0 * TIMES, "qpos/b/qy": 0 * TIMES}
+    log = str(write_log(tmp_path / "log.csv", columns))
+    with pytest.raises(UsageError, match="qpos/b/qz of the rotation qpos/b must be measured too"):
+        read_measurements([log], model, (), np.zeros(0))
+    write_log(tmp_path / "log.csv", columns | {"qpos/b/qz": np.sin(TIMES)})
+    found = read_measurements([log], model, (), np.zeros(0))
+    assert found.signals == [f"qpos/b/q{c}" for c in "wxyz"]
+    assert found.rotations == [[0, 1, 2, 3]]
 
 
 def test_signals_that_never_change_are_left_out(tmp_path: Path) -> None:
@@ -67,9 +124,10 @@ def test_the_last_part_of_the_time_is_held_out(tmp_path: Path) -> None:
         ({"time": TIMES[:10], "qpos/hinge": TIMES[:10]}, "no stretch of 16 rows"),
         ({"time": TIMES, "qpos/hinge": np.append(TIMES[:-1], np.inf)}, "row 39: qpos/hinge is infinite"),
         (
-            {"time": TIMES, "qpos/hinge": TIMES, "ctrl/motor": np.append(TIMES[:-1], np.nan)},
-            "row 39: ctrl/motor is nan",
+            {"time": TIMES, "qpos/hinge": TIMES, "ctrl/motor": np.append(TIMES[:-1], np.inf)},
+            "row 39: ctrl/motor is inf",
         ),
+        ({"time": TIMES, "qpos/hinge": TIMES, "ctrl/motor": np.nan * TIMES}, "ctrl/motor has no command in any row"),
     ],
 )
 def test_bad_tables_are_refused(tmp_path: Path, columns: dict[str, np.ndarray], message: str) -> None:

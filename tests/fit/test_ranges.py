@@ -7,9 +7,9 @@ import pytest
 import yaml
 
 from mjrun.errors import UsageError
-from mjrun.fit.fit import FittedParameter
 from mjrun.fit.free_parameter import FreeParameter
 from mjrun.fit.ranges import write_ranges
+from mjrun.fit.result import FittedParameter
 from mjrun.sim.distribution import parse_distribution
 
 FREE = [FreeParameter("joint/hinge.damping", 0.001, 1.0, 0.3), FreeParameter("delay:ctrl/motor", 0, 0.1, 0)]

@@ -1,0 +1,10 @@
+"""The report of a fit is what its schema says."""
+
+from mjrun.document.report_schema import report_schema
+from mjrun.fit.result import FitResult
+
+
+def test_every_field_of_a_report_is_described() -> None:
+    properties = report_schema("fit")["properties"]
+    assert set(properties) == set(FitResult.__dataclass_fields__)
+    assert all(each.get("description") or name == "schema" for name, each in properties.items())
