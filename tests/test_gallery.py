@@ -28,9 +28,10 @@ if TYPE_CHECKING:
 
 SCENES = Path(__file__).parents[1] / "scenes"
 DOCUMENTS = sorted(path.with_suffix(".yaml") for path in SCENES.glob("*.xml"))
-TASKS = sorted(set(SCENES.glob("*.yaml")) - set(DOCUMENTS))
+FITS = sorted(SCENES.glob("*_fit.yaml"))
+TASKS = sorted(set(SCENES.glob("*.yaml")) - set(DOCUMENTS) - set(FITS))
 STUDIES = sorted(SCENES.glob("studies/*.yaml"))
-KINDS = {"cameras": "camera", "studies": "study", "fits": "fit-document"}
+KINDS = {"cameras": "camera", "studies": "study"}
 SMALL = ["videos[0].size=64x48", "videos[0].fps=2", "images[0].size=64x48", "plots[0].size=320x240"]
 
 
@@ -55,7 +56,7 @@ def test_a_document_tells_editors_its_schema(path: Path) -> None:
     header = path.read_text("utf-8").splitlines()[0]
     found = re.fullmatch(r"# yaml-language-server: \$schema=(\S+)", header)
     assert found
-    kind = "task" if path in TASKS else KINDS.get(path.parent.name, "run")
+    kind = "task" if path in TASKS else "fit-document" if path in FITS else KINDS.get(path.parent.name, "run")
     assert (path.parent / found[1]).resolve() == SCENES / f"schema/{kind}.json"
 
 
@@ -148,9 +149,25 @@ def test_the_grid_of_pendulums_goes_over_the_top_with_more_energy_than_that_take
 
 def test_the_fit_of_the_gallery_finds_what_its_measurements_were_made_with(mjrun: Command) -> None:
     """By a pendulum of damping 0.08, armature 0.03 and friction 0.05, whose motor is 12 ms late."""
-    done = mjrun("fit", SCENES / "fits/pendulum.yaml", "starts=1", "--json")
-    assert (done.returncode, done.stderr) == (0, b"")
-    found = {each["path"]: each for each in json.loads(done.stdout)["parameters"]}
+    page = (SCENES / "README.md").read_text("utf-8").replace("\\\n", " ")
+    (fit,) = (line for line in page.splitlines() if line.startswith("mjrun fit scenes/pendulum_fit.yaml"))
+    (study,) = re.findall(r"^\(echo .*?\) > ", page, re.MULTILINE | re.DOTALL)
+    (mjrun.folder / "out").mkdir()
+    arguments = fit.replace("scenes/", f"{SCENES}/").split()[2:]
+    done = mjrun("fit", *arguments, "starts=1", "--json", "--size", "64x48")
+    assert done.returncode == 0, done.stderr
+    report = json.loads(done.stdout)
+    assert sorted(report["files"]) == sorted(re.findall(r" (out/\S+)", fit))
+    found = {each["path"]: each for each in report["parameters"]}
     truth = {"joint/hinge.damping": 0.08, "joint/hinge.armature": 0.03, "joint/hinge.frictionloss": 0.05}
     for path, value in {**truth, "delay:ctrl/motor": 0.012}.items():
         assert found[path]["low"] <= value <= found[path]["high"]
+
+    text = "\n".join(re.findall(r"echo '([^']+)'", study)).replace("../scenes", str(SCENES)).replace("200", "8")
+    ranges = (mjrun.folder / "out/pendulum_ranges.yaml").read_text()
+    (mjrun.folder / "study.yaml").write_text(f"{text}\n{ranges}")
+    done = mjrun("sweep", "study.yaml", "-o", "study", "--json")
+    assert done.returncode == 0, done.stderr
+    lowest = json.loads(done.stdout)["metrics"]["lowest"]
+    assert lowest["count"] == 8
+    assert -np.pi / 2 < lowest["min"] < lowest["max"] < 0

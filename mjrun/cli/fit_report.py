@@ -60,8 +60,8 @@ def excitation_report(result: "ExcitationResult") -> str:
     for file in result.files:
         page.note(clean(file))
     page.note(
-        f"{result.duration:g} s; the best of {result.candidates} inputs within limits; positions with a noise of "
-        f"{number(result.noise)}; {result.wall:.1f} s"
+        f"{result.duration:g} s; the best of {result.candidates} inputs within limits, where they also are at "
+        f"{result.corners} corners of the bounds; positions with a noise of {number(result.noise)}; {result.wall:.1f} s"
     )
     return page.text()
 

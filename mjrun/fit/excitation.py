@@ -1,20 +1,22 @@
 """An input that makes parameters identifiable: of many chirps that stay within limits, the one that tells most."""
 
 import importlib.util
+import itertools
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from mjrun.errors import MissingExtraError, UnidentifiableError, UsageError, option
+from mjrun.errors import MissingExtraError, UnidentifiableError, UsageError, clean, listing, option
 from mjrun.fit.chirp import chirps, control_room
 from mjrun.fit.comparison import TIME
 from mjrun.fit.fit import EXTRA, LIBRARY, Fit
 from mjrun.fit.free_parameter import free_parameters, require_effect
 from mjrun.fit.identifiability import all_information, sensitivity
-from mjrun.fit.measurements import CONTROLS, Segment
+from mjrun.fit.measurements import CONTROLS, Segment, commands
 from mjrun.fit.motion_limits import MotionLimits
 from mjrun.fit.prediction import Chunk, Predictor, Rollout
 from mjrun.fit.shooting import Shooting, Solution
@@ -23,7 +25,7 @@ from mjrun.formats.table_writer import TableWriter
 from mjrun.formats.tables import output_format
 from mjrun.model import state
 from mjrun.model.mujoco_globals import collected_warnings
-from mjrun.model.names import control_names
+from mjrun.model.names import control_names, names
 from mjrun.probe.fields import field_probe
 from mjrun.reporter import Reporter, WarningReporter
 
@@ -31,6 +33,8 @@ SCHEMA = "mjrun-excite-1"
 DURATION = 10.0  # [s], where nothing else is said
 PERIOD = 0.01  # between commands [s]
 CANDIDATES = 16
+CORNERS = 8  # at most, of the bounds of the parameters
+RIVALS = 4  # inputs that are made weaker when none is within limits at the corners
 WEAKER = 0.7  # by which chirps become weaker, until the motion is within limits
 TRIES = 12
 
@@ -86,6 +90,8 @@ class ExcitationResult:
       condition: how well the parameters can be told apart: ratio of singular values.
       duration: of the input [s].
       candidates: how many inputs were within limits, and compared.
+      corners: with how many sets of values at the bounds of the parameters it was simulated too.
+      contacts: of what begins to touch on the way, in words.
       files: what was written.
       wall: wall time [s].
       schema: of this document.
@@ -98,6 +104,8 @@ class ExcitationResult:
     condition: float
     duration: float
     candidates: int
+    corners: int
+    contacts: Sequence[str]
     files: Sequence[str]
     wall: float
     schema: str = SCHEMA
@@ -108,7 +116,7 @@ def excite(fit: Fit, reporter: Reporter | None = None) -> ExcitationResult:
 
     Chirps of all actuators, drawn by the seed, are made weaker until the model as it is moves within the ranges of its
     joints and forces, and its speed limit. That whose information matrix has the largest determinant is chosen
-    (D-optimality).
+    (D-optimality), if the model stays within limits at corners of the bounds of the parameters too; else the next one.
 
     Raises:
       UnidentifiableError: the best input does not tell what is looked for either; nothing is written.
@@ -159,9 +167,86 @@ class _Excitation:
         found = self._within_limits()
         looks = [self._look(segment) for segment, _ in found]
         scores = [np.linalg.slogdet(all_information(look, self._parameters))[1] for look in looks]
-        index = int(np.argmax(scores))
-        self._require_told(looks[index])
-        return self._published(*found[index], looks[index], len(found))
+        order = np.argsort(scores)[::-1].tolist()
+        self._require_told(looks[order[0]])
+        corners = self._corners()
+        segment, motion = self._within_limits_at(corners, [found[index] for index in order])
+        look = self._look(segment)
+        self._require_told(look)
+        return self._published(segment, motion, look, len(found), corners)
+
+    def _corners(self) -> list[Floats]:
+        """Coordinates at the bounds, all of them or some spread evenly; those that cannot be simulated are told."""
+        from scipy.stats import qmc
+
+        count = len(self._parameters)
+        if 2**count <= CORNERS:
+            corners = [np.array(each, float) for each in itertools.product((0, 1), repeat=count)]
+        else:
+            sobol = qmc.Sobol(count, rng=np.random.default_rng(self._fit.simulation.seed))
+            corners = list(np.unique(np.round(sobol.random(CORNERS)), axis=0))
+        timestep = float(self._model.opt.timestep)
+        still = self._segment(np.array([0.0, self._duration(timestep)]), np.tile(self._middle, (2, 1)))
+        able: list[Floats] = []
+        for corner in corners:
+            if np.isfinite(self._motions([still], corner)[0]).all():
+                able.append(corner)
+            else:
+                self._reporter.warn(f"with {self._values(corner)}, nothing can be simulated, nor limits be checked")
+        return able
+
+    def _values(self, coordinates: Floats) -> str:
+        pairs = zip(self._parameters, coordinates, strict=True)
+        return listing([f"{p.path}={p.value(c):.4g}" for p, c in pairs])
+
+    def _within_limits_at(
+        self, corners: Sequence[Floats], inputs: Sequence[tuple[Segment, Floats]]
+    ) -> tuple[Segment, Floats]:
+        """The first of the inputs, best first, that stays within limits at the corners, weaker if need be."""
+        reason = ""
+        for trial in range(TRIES):
+            for segment, motion in inputs if trial == 0 else inputs[:RIVALS]:
+                if trial:
+                    controls = self._middle + WEAKER**trial * (segment.controls - self._middle)
+                    segment = self._segment(segment.times, controls)
+                    (motion,) = self._motions([segment])
+                why = self._limits.violation(motion) or self._violation_at(corners, segment)
+                if why is None:
+                    return segment, motion
+                reason = reason or why
+        raise UsageError(
+            f"{option('excite')}: with parameters at their bounds even the weakest chirp is beyond a limit: {reason}\n"
+            f"narrower bounds in {option('free')} say what the parameters can be"
+        )
+
+    def _violation_at(self, corners: Sequence[Floats], segment: Segment) -> str | None:
+        for corner in corners:
+            if why := self._limits.violation(self._motions([segment], corner)[0]):
+                return f"{why}, with {self._values(corner)}"
+        return None
+
+    def _contacts(self, segment: Segment, corners: Sequence[Floats]) -> list[str]:
+        """What begins to touch with the model as it is, and with others, and when, by a bare loop."""
+        found: dict[tuple[str, str], str] = {}
+        steps = round(segment.times[-1] / self._judge.timestep)
+        controls = commands(segment, 0, steps, self._judge.timestep, False, {})
+        for coordinates in [self._coordinates, *corners]:
+            values = [p.value(c) for p, c in zip(self._parameters, coordinates, strict=True)]
+            model = self._judge.model_with(values)
+            data = mujoco.MjData(model)
+            state.restore(model, data, self._start)
+            mujoco.mj_forward(model, data)
+            known = _touching(model, data)
+            for step, control in enumerate(controls):
+                data.ctrl[:] = control
+                mujoco.mj_step(model, data)
+                if data.ncon:
+                    for pair in _touching(model, data) - known:
+                        found.setdefault(
+                            pair, f"{pair[0]} and {pair[1]} touch from {step * self._judge.timestep:.2f} s on"
+                        )
+                        known.add(pair)
+        return list(found.values())
 
     def _within_limits(self) -> list[tuple[Segment, Floats]]:
         """Inputs that move the model within its limits, and the motion, `(steps, columns)` of the limits."""
@@ -195,9 +280,10 @@ class _Excitation:
     def _segment(self, times: Floats, controls: Floats) -> Segment:
         return Segment("", times, np.zeros((len(times), len(self._signals))), controls)
 
-    def _motions(self, inputs: Sequence[Segment]) -> list[Floats]:
-        """What the model as it is does at every step."""
-        values = tuple(p.value(c) for p, c in zip(self._parameters, self._coordinates, strict=True))
+    def _motions(self, inputs: Sequence[Segment], coordinates: Floats | None = None) -> list[Floats]:
+        """What the model does at every step, as it is or with other parameters."""
+        coordinates = self._coordinates if coordinates is None else coordinates
+        values = tuple(p.value(c) for p, c in zip(self._parameters, coordinates, strict=True))
         steps = np.arange(round(inputs[0].times[-1] / self._judge.timestep) + 1)
         chunks = [Chunk(each, slice(None), 0, steps) for each in inputs]
         return self._judge.predict([Rollout(chunk, values, self._start) for chunk in chunks])
@@ -214,8 +300,12 @@ class _Excitation:
         for message in messages:
             self._reporter.warn(message)
 
-    def _published(self, segment: Segment, motion: Floats, look: Solution, candidates: int) -> ExcitationResult:
+    def _published(
+        self, segment: Segment, motion: Floats, look: Solution, candidates: int, corners: Sequence[Floats]
+    ) -> ExcitationResult:
         fit, limits = self._fit, self._limits
+        if contacts := self._contacts(segment, corners):
+            self._reporter.warn(f"contacts begin, and a fit takes them as the model has them: {listing(contacts)}")
         known = sensitivity([look], self._parameters)
         assert fit.excite is not None
         columns = [TIME, *field_probe(self._model, "ctrl").columns]
@@ -233,6 +323,8 @@ class _Excitation:
             known.condition,
             float(segment.times[-1]),
             candidates,
+            len(corners),
+            contacts,
             files,
             time.perf_counter() - self._begin,
         )
@@ -246,6 +338,15 @@ class _Excitation:
         low, high = np.clip(self._coordinates - reach, 0, 1), np.clip(self._coordinates + reach, 0, 1)
         rows = zip(self._parameters, self._coordinates, low, high, effects, strict=True)
         return [ExpectedParameter(p.path, p.value(c), p.value(a), p.value(b), effect) for p, c, a, b, effect in rows]
+
+
+def _touching(model: mujoco.MjModel, data: mujoco.MjData) -> set[tuple[str, str]]:
+    """Names of the geoms that touch."""
+    geoms = names(model, "geom")
+    pairs = [
+        sorted(clean(geoms[i]) for i in pair) for pair in data.contact.geom[: data.ncon].tolist() if min(pair) >= 0
+    ]
+    return {(one, other) for one, other in pairs}
 
 
 def _finite(value: float) -> float | None:

@@ -57,7 +57,14 @@ def test_an_input_is_told_with_what_to_expect_of_it() -> None:
     parameter = ExpectedParameter("joint/a.damping", 0.1, 0.09, 0.12, 80.0)
     motion = [MotionExtent("qpos/a", "rad", -0.5, 0.7, -1.0, 1.0), MotionExtent("qpos/b", "m", 0.0, 0.1, None, None)]
     text = excitation_report(
-        ExcitationResult([parameter], motion, 0.9, 0.001, 2.0, 10.0, 12, ["chirp.csv"], 1.5),
+        ExcitationResult([parameter], motion, 0.9, 0.001, 2.0, 10.0, 12, 4, [], ["chirp.csv"], 1.5),
     )
-    for part in ("expected 90 % interval", "0.09 … 0.12", "-1 … 1", "chirp.csv", "the best of 12 inputs"):
+    for part in (
+        "expected 90 % interval",
+        "0.09 … 0.12",
+        "-1 … 1",
+        "chirp.csv",
+        "the best of 12 inputs",
+        "at 4 corners",
+    ):
         assert part in text

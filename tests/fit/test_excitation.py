@@ -7,7 +7,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from mjrun.errors import UnidentifiableError, UsageError
+from mjrun.errors import MjrunWarning, UnidentifiableError, UsageError
 from mjrun.fit.excitation import ExcitationResult, excite
 from mjrun.fit.fit import Fit
 from mjrun.job.simulation import Simulation
@@ -95,6 +95,36 @@ def test_limits_that_no_input_keeps_are_told(pendulum: Fit) -> None:
     start = replace(pendulum.simulation, qpos={"hinge": 0.9})
     with pytest.raises(UsageError, match="even the weakest chirp is beyond a limit: qvel/hinge comes to"):
         excite(replace(pendulum, simulation=start, velocity_limit=0.01))
+
+
+def test_limits_hold_at_the_corners_of_the_bounds(pendulum: Fit) -> None:
+    """Where damping and armature may be next to nothing, chirps must be weaker; a bare loop looks at each corner."""
+    heavy = replace(
+        pendulum.simulation, set=(("joint/hinge.damping", "0.9"), ("joint/hinge.armature", "0.5")), duration=2
+    )
+    result = excite(replace(pendulum, simulation=heavy, free=(("joint/hinge.damping", "0.01..1"), FREE[1])))
+    assert result.corners == 4
+    controls = played(result.files[0])
+    for damping in (0.01, 1):
+        for armature in (1e-3, 1):
+            text = LIMITED.format(**{**TRUTH, "damping": damping, "armature": armature})
+            model = mujoco.MjModel.from_xml_string(text)
+            data = mujoco.MjData(model)
+            for control in controls[:1000]:
+                data.ctrl[0] = control
+                mujoco.mj_step(model, data)
+                assert abs(data.qvel[0]) < SPEED
+                assert abs(data.qpos[0]) < np.pi / 3
+
+
+def test_contacts_that_begin_are_told(tmp_path: Path, pendulum: Fit) -> None:
+    wall = '<geom name="wall" type="box" size=".01 1 1" pos=".08 0 0"/></worldbody>'
+    text = LIMITED.format(**TRUTH).replace("</worldbody>", wall)
+    (tmp_path / "pendulum.xml").write_text(text)
+    with pytest.warns(MjrunWarning, match="contacts begin"):
+        result = excite(replace(pendulum, simulation=replace(pendulum.simulation, duration=2)))
+    assert len(result.contacts) == 1
+    assert result.contacts[0].startswith("rod and wall touch from ")
 
 
 def test_nothing_is_measured_yet(pendulum: Fit) -> None:

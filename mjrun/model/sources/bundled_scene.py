@@ -54,9 +54,15 @@ def bundled_task(text: str) -> Path | None:
 
 @cache
 def _tasks() -> Mapping[str, Path]:
-    """The documents of tasks, by name; those with the name of a model are run documents of it."""
+    """The documents of tasks, by name; those with the name of a model are run documents of it, and some are fits."""
     documents = sorted(scene_folder().glob("*.yaml"))
-    return {path.stem: path for path in documents if not path.with_suffix(".xml").exists()}
+    return {path.stem: path for path in documents if not path.with_suffix(".xml").exists() and _is_task(path)}
+
+
+def _is_task(path: Path) -> bool:
+    """Whether a document says so, by the schema that it tells editors."""
+    with path.open(encoding="utf-8") as file:
+        return file.readline().strip() == f"{SCHEMA_COMMENT} $schema=schema/task.json"
 
 
 def _first_sentence(path: Path) -> str:
