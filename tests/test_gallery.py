@@ -151,10 +151,10 @@ def test_the_fit_of_the_gallery_finds_what_its_measurements_were_made_with(mjrun
     """By a pendulum of damping 0.08, armature 0.03 and friction 0.05, whose motor is 12 ms late."""
     page = (SCENES / "README.md").read_text("utf-8").replace("\\\n", " ")
     (fit,) = (line for line in page.splitlines() if line.startswith("mjrun fit scenes/pendulum_fit.yaml"))
-    (study,) = re.findall(r"^\(echo .*?\) > ", page, re.MULTILINE | re.DOTALL)
     (mjrun.folder / "out").mkdir()
+    fit = re.sub(r" --(video|comparison) \S+", "", fit)  # of which other tests are
     arguments = fit.replace("scenes/", f"{SCENES}/").split()[2:]
-    done = mjrun("fit", *arguments, "starts=1", "--json", "--size", "64x48")
+    done = mjrun("fit", *arguments, "starts=1", "--json")
     assert done.returncode == 0, done.stderr
     report = json.loads(done.stdout)
     assert sorted(report["files"]) == sorted(re.findall(r" (out/\S+)", fit))
@@ -162,12 +162,5 @@ def test_the_fit_of_the_gallery_finds_what_its_measurements_were_made_with(mjrun
     truth = {"joint/hinge.damping": 0.08, "joint/hinge.armature": 0.03, "joint/hinge.frictionloss": 0.05}
     for path, value in {**truth, "delay:ctrl/motor": 0.012}.items():
         assert found[path]["low"] <= value <= found[path]["high"]
-
-    text = "\n".join(re.findall(r"echo '([^']+)'", study)).replace("../scenes", str(SCENES)).replace("200", "8")
-    ranges = (mjrun.folder / "out/pendulum_ranges.yaml").read_text()
-    (mjrun.folder / "study.yaml").write_text(f"{text}\n{ranges}")
-    done = mjrun("sweep", "study.yaml", "-o", "study", "--json")
-    assert done.returncode == 0, done.stderr
-    lowest = json.loads(done.stdout)["metrics"]["lowest"]
-    assert lowest["count"] == 8
-    assert -np.pi / 2 < lowest["min"] < lowest["max"] < 0
+    varied = (mjrun.folder / "out/pendulum_ranges.yaml").read_text()
+    assert all(path in varied for path in truth)
