@@ -5,12 +5,13 @@ import sys
 from pathlib import Path
 
 import mujoco
+import numpy as np
 
-LOADS, REFUSED = 0, 3
+LOADS, NOT_FINITE, REFUSED = 0, 1, 3
 
 
 def load(arguments: list[str]) -> int:
-    """Loads the model of a path; the exit code that a command which only loads it should have."""
+    """Loads the model of a path; the exit code tells whether it loads, and whether all its numbers are finite."""
     path = Path(arguments[0])
     try:
         if path.suffix == ".mjb":
@@ -23,4 +24,13 @@ def load(arguments: list[str]) -> int:
     except Exception as error:
         sys.stderr.write(f"{error}\n")
         return REFUSED
-    return LOADS if 0 < model.opt.timestep < math.inf else REFUSED
+    if not 0 < model.opt.timestep < math.inf:
+        return REFUSED
+    return LOADS if _is_finite(model) and _is_finite(model.opt) else NOT_FINITE
+
+
+def _is_finite(numbers: mujoco.MjModel | mujoco.MjOption) -> bool:
+    """Whether all numbers of a model, or of its options, are finite."""
+    values = (getattr(numbers, name) for name in dir(numbers) if not name.startswith("_"))
+    arrays = (value for value in values if isinstance(value, float | np.ndarray))
+    return all(np.isfinite(array).all() for array in map(np.asarray, arrays) if array.dtype.kind == "f")

@@ -8,10 +8,10 @@ from pathlib import Path
 
 from mjrun.errors import clean
 from tests.scoreboard.backend import working_backend
-from tests.scoreboard.bare_mujoco import LOADS
+from tests.scoreboard.bare_mujoco import LOADS, NOT_FINITE
 from tests.scoreboard.command import CommandServer, Ended, modules_of_mjrun
 from tests.scoreboard.forms import all_forms, quick_forms
-from tests.scoreboard.forms.form import DRAWN, LOADED, REFUSED, USAGE, Codes, Form
+from tests.scoreboard.forms.form import DRAWN, EITHER, LOADED, REFUSED, USAGE, Codes, Form
 from tests.scoreboard.measure import Measure, Tally
 
 LIMIT = 90.0  # [s] far beyond what any form takes on a busy machine
@@ -83,9 +83,12 @@ def _try(server: CommandServer, form: Form, backend: str, checked: bool) -> Iter
 
 
 def _verdict(server: CommandServer, model: str, folder: Path) -> Codes:
-    """What MuJoCo says of a model by itself; one on which it dies or hangs must be refused."""
+    """What MuJoCo says of a model by itself; one on which it dies or hangs must be refused.
+
+    Numbers that are not finite are refused where motion comes of them.
+    """
     bare = server.run(model, folder=folder, call="tests.scoreboard.bare_mujoco:load")
-    return LOADED if bare.code == LOADS else REFUSED
+    return {LOADS: LOADED, NOT_FINITE: EITHER}.get(-1 if bare.code is None else bare.code, REFUSED)
 
 
 def _judged(ended: Ended, form: Form, codes: Codes) -> tuple[Ended, list[str]]:
