@@ -102,8 +102,9 @@ def _judged(ended: Ended, form: Form, codes: Codes) -> tuple[Ended, list[str]]:
             faults.append(f"what a terminal acts on, on {stream}")
         if FORGED.search(text):
             faults.append(f"a forged line on {stream}")
-    if ended.code == 3 and clean(Path(form.model).name)[:60] not in ended.message + output:
-        faults.append("the refusal does not name the file")
+    names = (clean(Path(name).name)[:60] for name in (form.model, *form.files))
+    if ended.code == 3 and not any(name in ended.message + output for name in names):
+        faults.append("the refusal names no file")
     return ended, faults
 
 

@@ -51,7 +51,6 @@ class Form:
       loads: exit codes of a command that only loads it; None where MuJoCo's own verdict decides.
       runs: exit codes of a simulation, if it loads.
       drawn: whether drawing it is of interest.
-      named: what each refusal must name; the model if nothing is said.
     """
 
     name: str
@@ -60,7 +59,6 @@ class Form:
     loads: Codes | None = None
     runs: Codes = RUNS
     drawn: bool = False
-    named: str = ""
 
     def write(self, folder: Path) -> None:
         """Writes its files into a folder."""
