@@ -19,6 +19,7 @@ from mjrun.model.override import Override, apply
 # Everything that MuJoCo's loaders are known to raise for a bad file. "Caught an unknown exception!" is
 # a RuntimeError and means that memory ran out.
 FAULTS = (ValueError, RuntimeError, MemoryError, TypeError, mujoco.FatalError, zipfile.BadZipFile, OSError)
+LONGEST = 1e12  # [s] a timestep; times of later steps must be finite numbers too
 NOT_UTF8 = "a name in it is not UTF-8; save the file as UTF-8"
 # "Element 'geom', line 12", "Element name 'x', id 3, line 12", "Line number=12"; names may hold anything.
 _LINE = re.compile(r"(?:', |id -?\d+, )line (\d+)$|Line number=(\d+)", re.MULTILINE)
@@ -80,7 +81,8 @@ def check_model(model: mujoco.MjModel, path: Path, timestep_advice: str = "") ->
     except UnicodeDecodeError:
         raise BrokenModelError(path, NOT_UTF8) from None
     if not _is_timestep(step := model.opt.timestep):
-        raise BrokenModelError(path, f"its timestep is {step:g}, and must be positive and finite", hint=timestep_advice)
+        must = "be positive and finite" if not step > 0 or math.isinf(step) else f"be at most {LONGEST:g} s"
+        raise BrokenModelError(path, f"its timestep is {step:g}, and must {must}", hint=timestep_advice)
     if fault := finiteness.fault(model):
         raise BrokenModelError(path, f"{fault}, and must be finite")
 
@@ -109,4 +111,4 @@ def broken_model(path: Path, error: BaseException, hint: str = "", advice: str =
 
 
 def _is_timestep(value: float) -> bool:
-    return math.isfinite(value) and value > 0
+    return 0 < value <= LONGEST

@@ -69,7 +69,12 @@ def test_a_timestep_that_cannot_be_is_refused_unless_it_is_overridden(tmp_path: 
     assert load(path, overrides={"opt.timestep": "0.01"}).opt.timestep == 0.01
 
 
-@pytest.mark.parametrize("timestep", [0.0, -0.01, float("nan"), float("inf")])
+def test_a_timestep_after_which_no_time_can_be_told_is_refused(tmp_path: Path) -> None:
+    path = write(tmp_path / "a.xml", '<mujoco><option timestep="1e308"/></mujoco>')
+    assert "its timestep is 1e+308, and must be at most 1e+12 s" in str(refusal(path))
+
+
+@pytest.mark.parametrize("timestep", [0.0, -0.01, float("nan"), float("inf"), 1e308])
 def test_asking_for_a_timestep_that_cannot_be_is_wrong_usage(tmp_path: Path, timestep: float) -> None:
     path = write(tmp_path / "a.xml", MODEL)
     with pytest.raises(BadValueError) as caught:

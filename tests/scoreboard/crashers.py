@@ -11,4 +11,6 @@ TRACE = ("trace", "model.xml", "--steps", "1")
 CRASHERS: Sequence[Crasher] = (
     # An encoding that Python knows, and that is none of text.
     ("model.xml", '<?xml version="1.0" encoding="rot13"?><mujoco/>', TRACE, frozenset({0, 3})),
+    # A timestep whose times are no numbers.
+    ("model.xml", '<mujoco><option timestep="1e308"/></mujoco>', TRACE, frozenset({3})),
 )
