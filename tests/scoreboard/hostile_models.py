@@ -103,7 +103,8 @@ def _judged(ended: Ended, form: Form, codes: Codes) -> tuple[Ended, list[str]]:
         if FORGED.search(text):
             faults.append(f"a forged line on {stream}")
     names = (clean(Path(name).name)[:60] for name in (form.model, *form.files))
-    if ended.code == 3 and not any(name in ended.message + output for name in names):
+    said = ended.message + output
+    if ended.code == 3 and "memory ran out" not in said and not any(name in said for name in names):  # of the machine
         faults.append("the refusal names no file")
     return ended, faults
 
