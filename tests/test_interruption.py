@@ -1,0 +1,67 @@
+"""Interruptions, raised at once or later."""
+
+import signal
+import threading
+
+import pytest
+
+from mjrun.interruption import interrupt, uninterrupted
+
+
+class EndError(BaseException):
+    pass
+
+
+def test_elsewhere_it_is_raised_at_once() -> None:
+    with pytest.raises(EndError):
+        interrupt(EndError())
+
+
+def test_it_waits_for_the_end_of_the_outermost_block_and_is_raised_once() -> None:
+    done = []
+    with pytest.raises(EndError), uninterrupted():
+        with uninterrupted():
+            interrupt(EndError())
+            done.append("inner")
+        done.append("outer")
+    assert done == ["inner", "outer"]
+    with uninterrupted():
+        done.append("later")
+
+
+def test_it_goes_before_what_fails_in_the_block() -> None:
+    with pytest.raises(EndError) as caught, uninterrupted():
+        interrupt(EndError())
+        raise ValueError
+    assert isinstance(caught.value.__context__, ValueError)
+
+
+def test_a_block_in_another_thread_holds_nothing_up() -> None:
+    inside, over = threading.Event(), threading.Event()
+
+    def work() -> None:
+        with uninterrupted():
+            inside.set()
+            over.wait(60)
+
+    thread = threading.Thread(target=work)
+    thread.start()
+    inside.wait(60)
+    try:
+        with pytest.raises(EndError):
+            interrupt(EndError())
+    finally:
+        over.set()
+        thread.join()
+
+
+def test_a_signal_waits() -> None:
+    before = signal.signal(signal.SIGUSR1, lambda *_: interrupt(EndError()))
+    done = []
+    try:
+        with pytest.raises(EndError), uninterrupted():
+            signal.raise_signal(signal.SIGUSR1)
+            done.append("after the signal")
+    finally:
+        signal.signal(signal.SIGUSR1, before)
+    assert done
