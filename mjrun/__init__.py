@@ -14,10 +14,10 @@ Names are imported when first used, so `import mjrun` itself costs nothing.
 """
 
 from importlib import import_module
-from typing import TYPE_CHECKING
 
 from mjrun.version import __version__
 
+TYPE_CHECKING = False  # importing typing would take as long as all that a command does until it heeds signals
 if TYPE_CHECKING:
     from mjrun.bench.bench import Bench as Bench
     from mjrun.bench.results import BenchResult as BenchResult

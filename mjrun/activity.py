@@ -15,7 +15,7 @@ from typing import Literal
 
 SIZE = 2**19  # bytes of either copy of the notice; the system provides only those that are used
 MARKS = 8  # bytes before them
-CURRENT, HEARD = 0, 1  # which copy is valid; whether the process has heard that it is to end
+CURRENT, HEARD, COMPLETING = 0, 1, 2  # which copy is valid, and what the properties of a noticeboard tell
 
 Activity = Literal["", "reading", "compiling", "simulating", "drawing"]
 
@@ -53,6 +53,15 @@ class Noticeboard:
     @heard.setter
     def heard(self, value: bool) -> None:
         self._memory[HEARD] = value
+
+    @property
+    def completing(self) -> bool:
+        """Whether the process does what it should be given the time for, though it is to end."""
+        return bool(self._memory[COMPLETING])
+
+    @completing.setter
+    def completing(self, value: bool) -> None:
+        self._memory[COMPLETING] = value
 
     def write(self, notice: Notice) -> None:
         """Replaces the notice; whenever the process dies, there is the old one or the new one."""
@@ -130,6 +139,18 @@ def note_heard() -> None:
     """Notes that this process has heard that it is to end."""
     if _board:
         _board.heard = True
+
+
+@contextmanager
+def completing() -> Iterator[None]:
+    """Notes that what is done within the `with` block must come to its end, also when the process is to end."""
+    if _board:
+        _board.completing = True
+    try:
+        yield
+    finally:
+        if _board:
+            _board.completing = False
 
 
 @contextmanager

@@ -23,6 +23,7 @@ from typing import IO, Literal
 
 from mjrun.activity import note_child, note_end_of_child
 from mjrun.errors import FileError
+from mjrun.interruption import uninterrupted
 
 STDOUT_LIMIT = 2**24  # bytes of captured output that are kept, from its beginning
 STDERR_LIMIT = 2**16  # bytes of captured messages that are kept, from their end: the last line says why
@@ -122,7 +123,7 @@ class ChildProcess:
     ) -> None:
         self._cause: Cause | None = None
         variables = {**os.environ, **(environment or {})}
-        with ExitStack() as stack:
+        with ExitStack() as stack, uninterrupted():  # so that none is started and forgotten
             copies: list[int] = []
             for descriptor in descriptors:
                 # Above 2, which it may be when this process has no standard input: the child's 0 to 2 are taken.
@@ -142,8 +143,8 @@ class ChildProcess:
             except PermissionError as error:
                 reason = "cannot be started, which mjrun needs processes of its own for"
                 raise FileError(command[0], f"{reason}: {error.strerror or error}") from None
-        note_child(self._popen.pid)
-        self._finalizer = weakref.finalize(self, _kill_and_reap, self._popen, os.getpid())
+            note_child(self._popen.pid)
+            self._finalizer = weakref.finalize(self, _kill_and_reap, self._popen, os.getpid())
         if self._popen.stdin:
             os.set_blocking(self._popen.stdin.fileno(), False)
         self._stdout = _Capture(self._popen.stdout, stdout_limit, keep="beginning")

@@ -18,21 +18,30 @@ def test_elsewhere_it_is_raised_at_once() -> None:
 
 
 def test_it_waits_for_the_end_of_the_outermost_block_and_is_raised_once() -> None:
-    done = []
-    with pytest.raises(EndError), uninterrupted():
+    done = list[str]()
+
+    def work() -> None:
         with uninterrupted():
-            interrupt(EndError())
-            done.append("inner")
-        done.append("outer")
+            with uninterrupted():
+                interrupt(EndError())
+                done.append("inner")
+            done.append("outer")
+
+    with pytest.raises(EndError):
+        work()
     assert done == ["inner", "outer"]
     with uninterrupted():
         done.append("later")
 
 
 def test_it_goes_before_what_fails_in_the_block() -> None:
-    with pytest.raises(EndError) as caught, uninterrupted():
-        interrupt(EndError())
-        raise ValueError
+    def work() -> None:
+        with uninterrupted():
+            interrupt(EndError())
+            raise ValueError
+
+    with pytest.raises(EndError) as caught:
+        work()
     assert isinstance(caught.value.__context__, ValueError)
 
 
@@ -56,12 +65,17 @@ def test_a_block_in_another_thread_holds_nothing_up() -> None:
 
 
 def test_a_signal_waits() -> None:
-    before = signal.signal(signal.SIGUSR1, lambda *_: interrupt(EndError()))
-    done = []
-    try:
-        with pytest.raises(EndError), uninterrupted():
+    done = list[str]()
+
+    def work() -> None:
+        with uninterrupted():
             signal.raise_signal(signal.SIGUSR1)
             done.append("after the signal")
+
+    before = signal.signal(signal.SIGUSR1, lambda *_: interrupt(EndError()))
+    try:
+        with pytest.raises(EndError):
+            work()
     finally:
         signal.signal(signal.SIGUSR1, before)
     assert done

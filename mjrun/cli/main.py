@@ -4,12 +4,13 @@ import os
 import shlex
 import signal
 import sys
+import threading
 import traceback
 from collections.abc import Callable, Sequence
 from importlib import import_module
 from pathlib import Path
 from types import FrameType
-from typing import Any, NoReturn
+from typing import Any
 
 import click
 from click.shell_completion import shell_complete
@@ -26,10 +27,12 @@ from mjrun.errors import (
     clean,
     quoted,
 )
+from mjrun.interruption import interrupt
 from mjrun.version import __version__
 
 NO_MEMORY = "Could not allocate memory"  # what MuJoCo says wherever an MjData is made
 COMPLETE = "_MJRUN_COMPLETE"
+_ended_by: int | None = None  # the signal that has told this process to end
 MODELS = (".xml", ".urdf", ".mjz", ".zip", ".mjb")
 
 # Name → one line of help. The command is in the module of cli of its name, which is imported when it is run.
@@ -111,6 +114,8 @@ def run(arguments: Sequence[str]) -> int:
     code = _guarded(console, lambda: _invoke(console, arguments))
     # A reader that is gone shows up, at the latest, when the last text is flushed.
     code = code or _guarded(console, _flush)
+    for number in SIGNALS:  # it is over; only the interpreter is still to end
+        signal.signal(number, signal.SIG_IGN)
     console.release_stdout()
     return code
 
@@ -131,7 +136,12 @@ def _flush() -> int:
 def _guarded(console: Console, action: Callable[[], int]) -> int:
     """The exit code of `action`, whatever happens in it."""
     try:
-        return action()
+        try:
+            return action()
+        except Exception as error:
+            if _ended_by is None:
+                raise
+            raise _ending(_ended_by) from error  # what an import makes of a signal, for example
     except click.exceptions.Exit as end:
         return end.exit_code
     except click.UsageError as error:
@@ -172,11 +182,20 @@ def _bug_message(error: Exception) -> str:
     return f"a bug in mjrun: {type(error).__name__}: {error} ({place})\n--debug shows the traceback; please report it"
 
 
-def _end(number: int, frame: FrameType | None) -> NoReturn:
+def _end(number: int, frame: FrameType | None) -> None:
     """Ends the work once; what comes while it is cleared away, as of a second Ctrl-C, changes nothing."""
+    global _ended_by
     for each in SIGNALS:
         signal.signal(each, signal.SIG_IGN)
+    _ended_by = number
     note_heard()
-    if number == signal.SIGINT:
-        raise KeyboardInterrupt
-    raise TerminatedError(number)
+    sys.unraisablehook = threading.excepthook = _say_nothing  # of destructors and threads that it interrupts
+    interrupt(_ending(number))
+
+
+def _ending(number: int) -> BaseException:
+    return KeyboardInterrupt() if number == signal.SIGINT else TerminatedError(number)
+
+
+def _say_nothing(_: object, /) -> None:
+    pass

@@ -20,6 +20,7 @@ from mjrun.activity import Notice, Noticeboard, write_on
 
 SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)  # that are passed on
 GRACE = 0.5  # [s] within which the child must have heard a signal, before it is killed
+LIMIT = 0.9  # [s] within which it must have ended then, unless it completes something
 LINGER = 0.3  # [s] that a process may take to end when it is killed
 BUG, EXCEEDED = 70, 4
 EXIT_CODES = {"reading": 3, "compiling": 3, "simulating": 4, "drawing": 5}
@@ -92,6 +93,7 @@ class _Watcher:
     def __init__(self, child: int, board: Noticeboard, passed_on: list[signal.Signals]) -> None:
         self._child, self._board, self._passed_on = child, board, passed_on
         self._ending: signal.Signals | None = None  # the first signal that was passed on
+        self._is_late = False  # the child has heard it, and has not ended by itself
 
     def exit_code(self) -> int:
         """The exit code of the child, once it has ended; says what is to be said if it did not end by itself."""
@@ -103,10 +105,12 @@ class _Watcher:
             self._heed(signal.sigwait([*self._passed_on, signal.SIGCHLD, signal.SIGALRM]))
 
         code = os.waitstatus_to_exitcode(status)
-        if code >= 0:
+        if code >= 0 and (self._ending is None or not _has_left_something(self._board.read())):
             return code
         notice = self._board.read()
         _clear_away(notice)
+        if code >= 0:
+            return code
         message, code = self._explain(code, notice)
         _say(message)
         return code
@@ -117,10 +121,15 @@ class _Watcher:
                 self._ending = signal.Signals(number)
                 signal.setitimer(signal.ITIMER_REAL, GRACE)
             os.kill(self._child, number)
-        elif number == signal.SIGALRM and not self._board.heard:
+        elif number != signal.SIGALRM:
+            return
+        elif not self._board.heard or (self._is_late and not self._board.completing):
             for pid in self._board.read().children:
                 _kill(pid)
             os.kill(self._child, signal.SIGKILL)
+        else:
+            self._is_late = True
+            signal.setitimer(signal.ITIMER_REAL, LIMIT - GRACE)
 
     def _explain(self, code: int, notice: Notice) -> tuple[str, int]:
         """What to say of a child that was killed, given its exit code, and that of the command."""
@@ -151,6 +160,17 @@ def _obituary(killer: int, notice: Notice) -> tuple[str, int]:
     who = "MuJoCo" if notice.activity else "mjrun, or a library that it uses,"
     advice = ADVICE[notice.activity].format(model=clean(shlex.quote(notice.model)))
     return f"{who} crashed{during}: {CRASHES[killer]} ({name})\n{advice}", EXIT_CODES.get(notice.activity, BUG)
+
+
+def _has_left_something(notice: Notice) -> bool:
+    """Whether a process that has ended by itself could not clear everything away."""
+    from mjrun.formats.temporary_output import NAME
+
+    with suppress(OSError):
+        return bool(notice.children) or any(
+            NAME.fullmatch(path.name) for folder in notice.folders for path in Path(folder).iterdir()
+        )
+    return False
 
 
 def _clear_away(notice: Notice) -> None:

@@ -16,7 +16,7 @@ from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import BinaryIO, Protocol
 
-from mjrun.activity import note_folder
+from mjrun.activity import completing, note_folder
 from mjrun.closable import Closable
 from mjrun.confinement.confinement import is_writable
 from mjrun.errors import ClosedPipeError, FileError, MjrunError, PartlyDoneError, option
@@ -34,6 +34,7 @@ from mjrun.formats.replacement import (
     take_back_frames,
 )
 from mjrun.formats.temporary_output import TemporaryOutput, left_behind, one_at_a_time, remove
+from mjrun.interruption import uninterrupted
 
 FRAME_NAME = "%06d.png"
 NAME_MAX = 255  # bytes of the name of a file
@@ -44,6 +45,11 @@ class Destination(Protocol):
 
     path: str  # where to write
     shown: Path  # what to call it in messages
+
+    @property
+    def folder(self) -> Path | None:
+        """Where its final place is, if that is a file or a folder."""
+        ...
 
     @property
     def stdout(self) -> int | None:
@@ -176,6 +182,16 @@ def publish_together(
     for destination in destinations:
         _sync(destination)
 
+    folders = {each.folder for each in destinations if each.folder}
+    with contextlib.ExitStack() as locks:
+        for folder in sorted(folders):  # in one order, for all processes
+            locks.enter_context(one_at_a_time(folder))
+        with uninterrupted(), completing():
+            return _move(destinations, last)
+
+
+def _move(destinations: Sequence[Destination], last: "Callable[[list[Path]], OutputWriter] | None") -> list[Path]:
+    """Moves what is finished to its place, all of it or nothing."""
     files, published = list[Path](), list[Destination]()
     failed = destinations[0].shown if destinations else Path()
     try:
@@ -227,6 +243,7 @@ class StagedFile:
     def __init__(self, target: Path) -> None:
         self.shown = target
         self._target = Path(os.path.realpath(target))  # a link stays a link
+        self.folder = self._target.parent
         _check_parent(target, self._target.parent)
         try:
             kind = self._target.stat()
@@ -282,6 +299,7 @@ class StagedFolder:
     def __init__(self, target: Path) -> None:
         self.shown = target
         self._target = Path(os.path.realpath(target))
+        self.folder = self._target.parent
         _check_parent(target, self._target.parent)
         try:
             with left_behind(self._target.parent, self._target) as found:
@@ -337,17 +355,17 @@ class StagedFrames:
     def __init__(self, pattern: Path) -> None:
         self.shown, self.others = pattern, list[str]()
         _check_parent(pattern, pattern.parent)
-        self._folder = Path(os.path.realpath(pattern.parent))
+        self.folder = Path(os.path.realpath(pattern.parent))
         self._before, self._width, self._after = re.split(r"%(\d*)d", pattern.name, maxsplit=1)
         try:
-            with one_at_a_time(self._folder), left_behind(self._folder, pattern) as found:
+            with one_at_a_time(self.folder), left_behind(self.folder, pattern) as found:
                 for path in found:
                     if (path / MOVING).exists():
                         finish_frames(path, self._place)
                     remove(path)
         except OSError as error:
             raise _unwritable(pattern, error) from None
-        self._temporary = _temporary(self._folder / pattern.name, pattern, folder=True)
+        self._temporary = _temporary(self.folder / pattern.name, pattern, folder=True)
         self.path = _pattern_in(self._temporary.path / NEW)
 
     def sync(self) -> None:
@@ -356,9 +374,8 @@ class StagedFrames:
     def publish(self) -> list[Path]:
         try:
             self._frames = sorted((self._temporary.path / NEW).iterdir(), key=frame_number)
-            with one_at_a_time(self._folder):
-                move_frames(self._temporary.path, self._place)
-            names = [path.name for path in self._folder.iterdir()]
+            move_frames(self._temporary.path, self._place)
+            names = [path.name for path in self.folder.iterdir()]
         except OSError as error:
             hint = "some frames are new, some are old; the next run with this name makes all of them new"
             raise _unwritable(self.shown, error, hint if self._is_moving() else "") from None
@@ -371,8 +388,7 @@ class StagedFrames:
         return [self.shown.parent / place.name for place in places]
 
     def take_back(self) -> None:
-        with one_at_a_time(self._folder):
-            take_back_frames(self._temporary.path, [frame.name for frame in self._frames], self._place)
+        take_back_frames(self._temporary.path, [frame.name for frame in self._frames], self._place)
 
     def discard(self) -> None:
         if self._is_moving():
@@ -384,7 +400,7 @@ class StagedFrames:
         return (self._temporary.path / MOVING).exists()
 
     def _place(self, number: int) -> Path:
-        return self._folder / f"{self._before}{number:{self._width or 1}d}{self._after}"
+        return self.folder / f"{self._before}{number:{self._width or 1}d}{self._after}"
 
 
 class StandardOutput:
@@ -392,6 +408,7 @@ class StandardOutput:
 
     path = "pipe:1"
     shown = Path("-")
+    folder = None
 
     def __init__(self, *, terminal: bool = False) -> None:
         """`terminal`: whether it may be a terminal, as for text."""

@@ -24,11 +24,14 @@ MODULES: tuple[str, ...] = (
     "outside_files",
     "io_faults",
     "kills",
+    "signals",
     "determinism",
     "exploding",
     "memory",
     "leaks",
     "exit_codes",
+    "crowds",
+    "pipelines",
 )
 HEAD = """# The scoreboard
 

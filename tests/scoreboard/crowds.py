@@ -79,7 +79,7 @@ class Crowds:
             self._judge("one study", [*done, ended], self._table(folder) == expected)
 
     def try_folders(self, name: str, command: Sequence[str], rounds: int) -> None:
-        """Different results in one folder: who came first has it, the others are told, or it was replaced as a whole."""
+        """Different results in one folder: somebody has it, and the others are told."""
         for number in range(rounds):
             folder = self._place(f"{name} {number}")
             done = self._at_once(command, folder)

@@ -15,7 +15,7 @@ from tests.scoreboard.measure import Measure, Tally
 from tests.scoreboard.real_command import RealCommand, contents, noise
 
 SEED = 17
-MOMENTS = 12  # of each case
+MOMENTS = 10  # of each case
 AT_MOST = 1.0  # [s] from the signal to the end, on a quiet machine
 PULSES = 10  # how often an empty Python can start and end meanwhile, on a busy one
 HANG = 90.0  # [s]
