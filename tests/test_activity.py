@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from mjrun import activity
-from mjrun.activity import SIZE, Noticeboard, doing, note_child, note_end_of_child, note_folder, note_heard
+from mjrun.activity import SIZE, Noticeboard, completing, doing, note_child, note_end_of_child, note_folder, note_heard
 
 
 @pytest.fixture
@@ -43,6 +43,13 @@ def test_folders_and_children_are_noted(board: Noticeboard, tmp_path: Path) -> N
     note_end_of_child(11)
     note_end_of_child(13)
     assert (board.read().folders, board.read().children) == ([str(tmp_path)], [12])
+
+
+def test_what_must_be_completed_is_noted(board: Noticeboard) -> None:
+    assert not board.completing
+    with completing():
+        assert board.completing
+    assert not board.completing
 
 
 def test_a_notice_that_is_too_long_leaves_the_older_one(board: Noticeboard) -> None:

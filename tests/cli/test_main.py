@@ -167,6 +167,18 @@ def test_a_signal_leaves_the_old_film_and_nothing_else(
     assert (mjrun.folder / "swing.mp4").read_text() == "old"
 
 
+def test_what_comes_of_a_signal_is_no_bug(mjrun: Command, swing: Path) -> None:
+    """A signal during an import may come out as something else; so may what follows from it."""
+    hook = "import os, signal, sys\n\ndef get_ffmpeg_exe():\n"
+    hook += (
+        "    try:\n        os.kill(os.getpid(), signal.SIGTERM)\n    except BaseException:\n        raise SystemError\n"
+    )
+    (mjrun.folder / "imageio_ffmpeg.py").write_text(hook)
+    search = {"PYTHONPATH": f"{mjrun.folder}{os.pathsep}{Path(__file__).parents[2]}"}
+    done = mjrun("video", swing, *SMALL, env=search)
+    assert (done.returncode, done.stderr) == (143, b"mjrun: error: ended by SIGTERM\n")
+
+
 def test_a_reader_that_goes_away_ends_the_film_quietly(mjrun: Command, swing: Path) -> None:
     with mjrun.start("video", swing, "-o", "-", "-q", "--duration", "1000", *SMALL) as child:
         assert child.stdout

@@ -10,7 +10,7 @@ import pytest
 
 HEAD = """
 import os, signal, sys, time
-from mjrun.activity import doing, note_child, note_heard
+from mjrun.activity import completing, doing, note_child, note_heard
 from mjrun.cli.watcher import listen, watched
 def die(number):
     os.kill(os.getpid(), number)
@@ -125,13 +125,14 @@ def test_a_child_that_hears_no_signal_is_killed(tmp_path: Path, number: signal.S
     assert outcome(process) == (128 + number, f"mjrun: error: {said}\n")
 
 
-def test_a_child_that_heard_the_signal_has_time_to_clear_away(tmp_path: Path) -> None:
+def test_a_child_that_heard_the_signal_has_time_for_what_it_completes(tmp_path: Path) -> None:
     work = """
 def end(number, frame):
-    note_heard()
-    time.sleep(1)
-    print("cleared", flush=True)
-    os._exit(143)
+    with completing():
+        note_heard()
+        time.sleep(1.5)
+        print("completed", flush=True)
+        os._exit(143)
 signal.signal(signal.SIGTERM, end)
 listen()
 print(flush=True)
@@ -142,7 +143,47 @@ time.sleep(1000)
     process.stdout.readline()
     process.terminate()
     printed, _ = process.communicate(timeout=60)
-    assert (process.returncode, printed) == (143, "cleared\n")
+    assert (process.returncode, printed) == (143, "completed\n")
+
+
+def test_a_child_that_heard_the_signal_and_does_not_end_is_killed(tmp_path: Path) -> None:
+    work = """
+from mjrun.formats.atomic_output import StagedFile
+output = StagedFile(Path("table.csv"))
+def end(number, frame):
+    note_heard()
+signal.signal(signal.SIGTERM, end)
+listen()
+print(flush=True)
+while True:
+    time.sleep(1000)
+"""
+    process = start("from pathlib import Path" + work, tmp_path)
+    assert process.stdout
+    process.stdout.readline()
+    process.terminate()
+    assert outcome(process) == (143, "mjrun: error: ended by SIGTERM\n")
+    assert [*tmp_path.iterdir()] == []
+
+
+def test_what_a_child_could_not_clear_away_is_cleared_away(tmp_path: Path) -> None:
+    work = """
+from mjrun.formats.atomic_output import StagedFile
+output = StagedFile(Path("table.csv"))
+def end(number, frame):
+    note_heard()
+    os._exit(143)
+signal.signal(signal.SIGTERM, end)
+listen()
+print(flush=True)
+time.sleep(1000)
+"""
+    process = start("from pathlib import Path" + work, tmp_path)
+    assert process.stdout
+    process.stdout.readline()
+    process.terminate()
+    assert outcome(process) == (143, "")
+    assert [*tmp_path.iterdir()] == []
 
 
 def test_the_child_dies_with_its_parent(tmp_path: Path) -> None:
