@@ -80,7 +80,7 @@ NAMES: dict[str, bytes] = {
     "backslashes": b"C:\\new\\table",
     "folder with dots": b"..x/../..x/y",
 }
-QUICK_NAMES = ("newline", "not UTF-8", "leading dash")
+QUICK_NAMES = ("newline", "not UTF-8")
 
 LOCALES: dict[str, dict[str, str]] = {
     "C": {"LC_ALL": "C"},
@@ -106,11 +106,11 @@ class Pipelines:
     folder: Path
     tally: Tally
 
-    def make_inputs(self) -> None:
+    def make_inputs(self, *, with_tables: bool) -> None:
         """What the pipelines read."""
         for name in ("scene.xml", "Kübel 模型.xml"):
             (self.folder / name).write_text(SCENE)
-        for name, timestep in (("table.csv", "0.002"), ("other.csv", "0.001")):
+        for name, timestep in () if not with_tables else (("table.csv", "0.002"), ("other.csv", "0.001")):
             made = self._bash(f"mjrun trace scene.xml --duration 0.1 --set opt.timestep={timestep} --csv > {name}")
             assert made.returncode == 0, made.stderr
 
@@ -220,13 +220,13 @@ def run(quick: bool) -> Tally:
     with tempfile.TemporaryDirectory() as name:
         pipelines = Pipelines(Path(name, "pipelines"), tally)
         pipelines.folder.mkdir()
-        pipelines.make_inputs()
+        pipelines.make_inputs(with_tables=not quick)
         for line, expected in list(SHORTENED.items())[: QUICK_LINES if quick else None]:
             pipelines.shortened(line, expected)
-        for line, whole in list(WHOLE.items())[: QUICK_LINES if quick else None]:
+        for line, whole in () if quick else WHOLE.items():
             pipelines.whole(line, whole)
-        for line in IN_LOCALES[:QUICK_LINES] if quick else IN_LOCALES:
-            for locale in ("ASCII",) if quick else LOCALES:
+        for line in () if quick else IN_LOCALES:
+            for locale in LOCALES:
                 pipelines.in_locale(line, locale)
         with CommandServer(limit=LIMIT) as server:
             names = Names(server, Path(name), tally)
