@@ -120,7 +120,7 @@ def run(quick: bool) -> Tally:
         servers = [stack.enter_context(CommandServer(limit=LIMIT)) for _ in range(2 if quick else CROWD)]
         crowds = Crowds(servers, Path(folder), tally)
         for name in ("documents",) if quick else OUTPUTS:
-            crowds.try_outputs(name, 2 if quick else ROUNDS)
+            crowds.try_outputs(name, 1 if quick else ROUNDS)
         if quick:
             return tally
         crowds.try_study(2)
