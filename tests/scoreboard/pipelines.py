@@ -78,7 +78,7 @@ NAMES: dict[str, bytes] = {
     "escapes": b"\x1b[31mred\x07\x9b",
     "assignment": b"a=b,c:d;e#f@1",
     "backslashes": b"C:\\new\\table",
-    "folder with dots": b"..x/../..x/y",
+    "dots": b"..x...y..",
 }
 QUICK_NAMES = ("newline", "not UTF-8")
 
@@ -164,7 +164,7 @@ class Names:
         """Every command that takes or makes a file, with files of one name; the numbers do not depend on it."""
         stem = os.fsdecode(NAMES[label])
         folder = self.folder / label
-        (folder / stem).parent.mkdir(parents=True)
+        folder.mkdir()
         (folder / f"{stem}.xml").write_text(SCENE)
         # As everywhere, a name that begins with a dash is an option unless something stands before it.
         model = f"./{stem}.xml" if stem.startswith("-") else f"{stem}.xml"
