@@ -75,7 +75,7 @@ NAMES: dict[str, bytes] = {
     "very long": b"n" * 240,
     "command": b"$(touch pwned); touch pwned &",
     "wildcards": b"*?[a-z]{1,2}",
-    "escapes": b"\x1b[31mred\x07\x9b",
+    "escapes": "\x1b[31mred\x07\x9b".encode(),
     "assignment": b"a=b,c:d;e#f@1",
     "backslashes": b"C:\\new\\table",
     "dots": b"..x...y..",
@@ -169,7 +169,7 @@ class Names:
         # As everywhere, a name that begins with a dash is an option unless something stands before it.
         model = f"./{stem}.xml" if stem.startswith("-") else f"{stem}.xml"
         short = ("--duration", "0.1")
-        if label == "not UTF-8":  # which MuJoCo cannot open
+        if label in ("not UTF-8", "backslashes"):  # which MuJoCo cannot open
             self._succeeds(folder, "info", model, code=3)
             (folder / model).rename(folder / "scene.xml")
             model = "scene.xml"

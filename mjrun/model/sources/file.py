@@ -84,6 +84,9 @@ class FileSource(Source):
         except UnicodeEncodeError:  # which stands for bytes that are not UTF-8
             reason = "MuJoCo opens only paths in UTF-8; give the file or folder another name, or cd into the folder"
             raise ModelNotFoundError(path, reason) from None
+        if "\\" in str(path) and path.suffix != ".mjb":
+            reason = "MuJoCo takes a backslash in a path for the end of a folder; give the file or folder another name"
+            raise ModelNotFoundError(path, reason)
         if path.suffix not in SUFFIXES:
             lower = "; MuJoCo knows them in lower case only" if path.suffix.lower() in SUFFIXES else ""
             task = "; in Python, mjrun.read_task reads a task" if path.suffix.lower() in (".yaml", ".yml") else ""

@@ -198,6 +198,15 @@ def test_a_path_that_is_not_utf8_is_told_in_our_words(tmp_path: Path) -> None:
         load(path)
 
 
+def test_a_path_with_a_backslash_is_refused_as_mujoco_cannot_open_it(tmp_path: Path) -> None:
+    path = tmp_path / "a\\b.xml"
+    path.write_text("<mujoco/>")
+    with pytest.raises(ValueError, match="Error opening file"):
+        mujoco.MjSpec.from_file(str(path))
+    with pytest.raises(ModelNotFoundError, match="MuJoCo takes a backslash in a path"):
+        FileSource(path).load()
+
+
 def test_a_damaged_compiled_model_that_mujoco_would_crash_on_is_refused(tmp_path: Path) -> None:
     model = mujoco.MjModel.from_xml_string(
         "<mujoco><worldbody><body><freejoint/><geom size='1'/></body></worldbody></mujoco>"
