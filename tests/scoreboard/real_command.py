@@ -44,6 +44,9 @@ class RealCommand:
         self.temporary.mkdir()
         variables = {**os.environ, **FOR_ONLOOKERS, "TMPDIR": str(self.temporary), MARK: self._mark}
         self._began = time.monotonic()
+        for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+            if signal.getsignal(number) is signal.SIG_IGN:  # as in the background of a shell; runs would inherit it
+                signal.signal(number, signal.SIG_DFL)
         with self._stream("stdout").open("wb") as stdout, self._stream("stderr").open("wb") as stderr:
             self.process = subprocess.Popen(
                 [sys.executable, "-m", "mjrun", *self.arguments],
