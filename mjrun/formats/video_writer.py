@@ -205,13 +205,15 @@ class VideoWriter(OutputWriter):
         log = self._child.stderr.decode(errors="replace")
         if no_space(log):
             return FileError(self.destination.shown, "cannot be written: the disk is full")
+        if status.signal == "SIGXFSZ":
+            return FileError(self.destination.shown, "cannot be written: files may not be so large here (ulimit -f)")
         is_known = status.cause == "idle" or (status.cause is None and status.signal)
         how = str(status) if is_known else "failed"
-        return EncoderError(f"the encoder {how} after {self.written} of {self.count} frames", log)
+        return self._error(f"the encoder {how} after {self.written} of {self.count} frames", log)
 
     def _check(self) -> None:
         if self.written != self.count:
-            raise EncoderError(f"the video has {self.written} frames, {self.count} were promised")
+            raise self._error(f"the video has {self.written} frames, {self.count} were promised")
         if isinstance(self.destination, StandardOutput):
             return
         if self._encoding.format == "png":
@@ -222,7 +224,10 @@ class VideoWriter(OutputWriter):
         else:
             count = self._frames_in_file()
         if count != self.count:
-            raise EncoderError(f"the encoder wrote {count} frames, {self.count} were promised")
+            raise self._error(f"the encoder wrote {count} frames, {self.count} were promised")
+
+    def _error(self, what: str, log: str = "") -> EncoderError:
+        return EncoderError(f"{clean(str(self.destination.shown))}: {what}", log)
 
     def _frames_in_file(self) -> int:
         """The frames in the video as a demuxer counts them; in a format that merges, from its duration."""
@@ -231,7 +236,7 @@ class VideoWriter(OutputWriter):
         report = done.stdout.decode(errors="replace")
         frames = re.findall(r"^frame=(\d+)", report, re.MULTILINE)
         if not done.is_good or not frames:
-            raise EncoderError("the video cannot be read back", done.log)
+            raise self._error("the video cannot be read back", done.log)
         count = int(frames[-1])
         if CONTAINERS[self._encoding.format].merges:
             if count == 1:  # nothing moved: a single frame, which has no duration

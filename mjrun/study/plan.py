@@ -73,7 +73,6 @@ def plan(study: Study) -> StudyPlan:
     missing = prepared.missing(study.retry_failed)
     chunks = [chunk.points for chunk in prepared.chunks(missing, study)]
     prepared.files.create()
-    study.write_manifest({})
     return StudyPlan(study, prepared.points.names, _hashes(prepared.identity), chunks)
 
 

@@ -70,10 +70,15 @@ class Study(StudyOptions, ExecutionOptions):
         Raises:
           FileError: it cannot be written.
         """
-        document = {"command": self.command, **({"study": self.document} if self.document else {}), **facts}
-        with OutputWriter(StagedFile(Path(self.output) / MANIFEST)) as output:
-            output.write_file(f"{json.dumps(document, indent=2, default=str)}\n".encode())
+        with self.manifest_writer(facts) as output:
             output.publish()
+
+    def manifest_writer(self, facts: Mapping[str, object]) -> OutputWriter:
+        """The manifest, written and still to be published."""
+        document = {"command": self.command, **({"study": self.document} if self.document else {}), **facts}
+        output = OutputWriter(StagedFile(Path(self.output) / MANIFEST))
+        output.write_file(f"{json.dumps(document, indent=2, default=str)}\n".encode())
+        return output
 
     def collect(self, reporter: Reporter | None = None) -> "StudyResult":
         """Writes the table of all points from the results that are there, and simulates nothing.
