@@ -23,6 +23,7 @@ from mjrun.job.frame_schedule import FrameSchedule, image_schedule, shot_events
 from mjrun.job.manifest import origin
 from mjrun.job.output_files import named_files
 from mjrun.job.shared_rendering import RendererRequest, SharedRendering
+from mjrun.job.simulation import require_countable
 from mjrun.job.task import Artifact, Context, EventSteps, Job, Output, OutputResult, PassSummary, Preview
 from mjrun.job.view import check_view
 from mjrun.model.rendered_view import RenderedView, Segment
@@ -320,10 +321,13 @@ def _write(
 def _step(job: Image, timeline: Timeline, event_steps: EventSteps) -> int:
     """The step that is drawn."""
     if job.step is not None:
+        require_countable(job.step, "step")
         return job.step
     if isinstance(job.time, Event):
         at = time_of(job.time, event_steps[job.time.when], timeline, job.output)
         return min(max(nearest(at / timeline.timestep), 0), timeline.steps)
     if job.time is not None and not isinstance(job.time, Fraction):
         raise BadValueError(option("time"), job.time, "a number of seconds from 0 on")
-    return nearest((job.time or Fraction(0)) / timeline.timestep)
+    step = nearest((job.time or Fraction(0)) / timeline.timestep)
+    require_countable(step, "time")
+    return step

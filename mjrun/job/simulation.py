@@ -162,9 +162,7 @@ class Simulation(SimulationOptions):
             timeline = Timeline.lasting(timestep, self.duration)
         else:
             return None
-        if timeline.steps > EXACT:
-            asked = "duration" if self.steps is None else "steps"
-            raise UsageError(f"{option(asked)}: more steps than {EXACT:.1g}, which could not be told apart")
+        require_countable(timeline.steps, "duration" if self.steps is None else "steps")
         return timeline
 
     def stepper(self, model: mujoco.MjModel) -> Stepper:
@@ -326,3 +324,9 @@ class Simulation(SimulationOptions):
             raise UsageError(f"{option('ctrl')} and {clean(str(path))} both drive {listing(twice)}")
         constant = {i for of in held.values() for i in of}
         return ControlTable(model, columns, str(path), self.ctrl_interpolation == "linear", constant)
+
+
+def require_countable(steps: int, name: str) -> None:
+    """Raises UsageError if the option `name` asks for more steps than numbers can tell apart."""
+    if steps > EXACT:
+        raise UsageError(f"{option(name)}: more steps than {EXACT:.1g}, which could not be told apart")

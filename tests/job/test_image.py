@@ -127,6 +127,8 @@ def test_text_is_written_with_the_values_of_the_instant(swing: Path, tmp_path: P
         ({"time": 1, "step": 2}, UsageError, "exclude each other"),
         ({"time": "soon"}, BadValueError, "'soon' is not a number from 0 on"),
         ({"step": -1}, BadValueError, "from 0 on"),
+        ({"time": 1e300}, UsageError, r"time: more steps than 9e\+15"),
+        ({"step": 10**20}, UsageError, r"step: more steps than 9e\+15"),
         ({"text": "{qpos/hing}"}, UnknownNameError, "no value 'qpos/hing'"),
         ({"text": "{time"}, UsageError, "text"),
         ({"text": "{time:.2q}"}, UsageError, "cannot format 'time'"),
