@@ -115,7 +115,7 @@ class Signals:
         inputs.mkdir()
         (inputs / "scene.xml").write_text(SCENE)
         (inputs / "large.xml").write_text(MANY.format(4000))
-        (inputs / "endless.xml").write_text(MANY.format(10**9))
+        (inputs / "endless.xml").write_text(MANY.format(10**6))
         (inputs / "all.yaml").write_text(DOCUMENT)
         (inputs / "hanging").write_text(HANGING)
         (inputs / "hanging").chmod(0o755)
