@@ -3,6 +3,7 @@
 import os
 import re
 import shutil
+import signal
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
@@ -24,6 +25,11 @@ from mjrun.rendering.backend import Backend
 from mjrun.rendering.backend_detection import BackendDetection, VulkanDetection
 
 ROOT = Path(__file__).parents[1]
+
+# Commands under test hear these even where the tests are started in the background, by nohup or without a terminal.
+for ending, handler in ((signal.SIGINT, signal.default_int_handler), (signal.SIGHUP, signal.SIG_DFL)):
+    if signal.getsignal(ending) is signal.SIG_IGN:
+        signal.signal(ending, handler)
 
 SWING = """
 <mujoco>
