@@ -37,6 +37,7 @@ from mjrun.options.option import options
 from mjrun.reporter import Reporter, WarningReporter
 
 ((EXTRA, (LIBRARY, _)),) = EXTRAS.items()
+FURTHER_STARTS = 12  # at least, where short chunks have led nowhere
 ENOUGH = 4  # measured numbers for each unknown
 # Of a signal that the model does not explain: least residual over its noise, and over its standard deviation.
 MISFIT, MISFIT_SHARE = 10.0, 0.05
@@ -134,7 +135,7 @@ class _Run:
         for remark in self._measurements.remarks:
             self._reporter.note(remark)
         noise = first_noise(self._fitted.segments, self._measurements.rotations)
-        starts = self._starts()
+        starts = self._starts(self._fit.starts)
         self._look_first(starts, noise)
         stages = self._stages(starts, noise)
         last, failures = stages[-1], self._predictor.failures.sentence(self._parameters)
@@ -175,6 +176,8 @@ class _Run:
         if len(starts) > 1:
             start = self._shooting.best_start(segments, starts, noise, began)
         solutions = self._shooting.grown(segments, start, noise, advanced)
+        further = self._starts(max(len(starts), FURTHER_STARTS))
+        solutions += self._shooting.searched(solutions[-1], further, noise, advanced)
         self._reporter.progress("stages of the fit", total, total)
         return solutions
 
@@ -202,20 +205,19 @@ class _Run:
                 f"which {len(self._fitted.segments)} segments begin: {unknown} unknowns"
             )
 
-    def _starts(self) -> list[np.ndarray]:
-        """Coordinates to begin at: those of the model, and others spread evenly."""
+    def _starts(self, count: int) -> list[np.ndarray]:
+        """`count` coordinates to begin at: those of the model, and others spread evenly."""
         from scipy.stats import qmc
 
         first = np.array([each.first_coordinate for each in self._parameters])
         others = qmc.Sobol(len(first), rng=np.random.default_rng(self._fit.simulation.seed))
-        more = others.random_base2(max(0, (self._fit.starts - 1).bit_length()))[: self._fit.starts - 1]
+        more = others.random_base2(max(0, (count - 1).bit_length()))[: count - 1]
         return [first, *(0.1 + 0.8 * more)]
 
     def _look_first(self, starts: Sequence[np.ndarray], noise: np.ndarray) -> None:
         """Refuses what the measurements cannot tell at any of the starts."""
         parts = self._shooting.cut(self._fitted.segments, 4 * SHORTEST)
-        states = self._shooting.guessed(parts)
-        looks = [self._shooting.look(parts, start, states, noise) for start in starts]
+        looks = [self._shooting.look(parts, start, self._shooting.guessed(parts, start), noise) for start in starts]
         found = sensitivity(looks, self._parameters)
         if found.unidentifiable:
             if not self._fit.allow_unidentifiable:
@@ -230,8 +232,8 @@ class _Run:
             if not measurements.segments:
                 continue
             parts = self._shooting.cut(measurements.segments, HORIZON)
-            states = self._shooting.guessed(parts)
             for which, coordinates in (("nominal", None), ("fitted", fitted)):
+                states = self._shooting.guessed(parts, coordinates)
                 solved[part, which] = self._shooting.follow(parts, coordinates, states, noise)
         return solved
 

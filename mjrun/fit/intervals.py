@@ -3,6 +3,9 @@
 The fit is linearized around its solution, and refitted with blocks of rows drawn with replacement. Rows that are near
 in time share what the model does not explain, so that blocks are drawn, not rows (H. R. Künsch, "The jackknife and
 the bootstrap for general stationary observations", 1989).
+
+Contacts can make a motion rough: nudges far below what measurements tell lead to another one. No block tells of it, as
+it lasts to the end; the draws are moved by what such nudges would have done to the fit.
 """
 
 from collections.abc import Callable, Sequence
@@ -61,11 +64,15 @@ def intervals(solution: Solution, parameters: Sequence[FreeParameter], confidenc
     scores = np.array([a.T @ r for a, r in blocks])
     priors = np.diag(_prior_information(solution, parameters))
 
-    weights = np.random.default_rng(seed).multinomial(count, np.full(count, 1 / count), DRAWS)
+    generator = np.random.default_rng(seed)
+    weights = generator.multinomial(count, np.full(count, 1 / count), DRAWS)
     matrices = np.einsum("wb,bij->wij", weights, informations) + priors
     matrices += 1e-12 * np.trace(informations.sum(axis=0)) * np.eye(len(parameters))
     centred = scores - scores.mean(axis=0)  # at a bound they do not add up to nothing
     moves = -np.linalg.solve(matrices, (weights @ centred)[..., None])[..., 0]
+    if solution.jitters:
+        pulls = _pulls_of_jitter(solution, parts, generator)
+        moves -= np.linalg.solve(informations.sum(axis=0) + priors, pulls.T).T
 
     level = (1 - confidence) / 2
     widened = stats.t.ppf(1 - level, count - 1) / stats.norm.ppf(1 - level) * np.sqrt(count / (count - 1))
@@ -82,6 +89,19 @@ def _blocks(part: ProjectedRows, count: int) -> list[tuple[Floats, Floats]]:
     """The rows of a chunk in `count` blocks of time."""
     places = np.minimum((part.times * count).astype(int), count - 1)
     return [(part.slopes[places == i], part.residuals[places == i]) for i in range(count) if (places == i).any()]
+
+
+def _pulls_of_jitter(solution: Solution, parts: Sequence[ProjectedRows], generator: np.random.Generator) -> Floats:
+    """What rough motions add to the gradient of the cost, one nudge of each chunk in each draw: `(DRAWS, p)`."""
+    total = np.zeros((DRAWS, parts[0].slopes.shape[1]))
+    for part, residuals, weights, jitter in zip(
+        parts, solution.residuals, solution.weights, solution.jitters, strict=True
+    ):
+        known = np.isfinite(residuals)
+        pulls = jitter[known].T @ (np.sqrt(weights[known])[:, None] * part.slopes)
+        signs = generator.choice([-1.0, 1.0], DRAWS)
+        total += signs[:, None] * pulls[generator.integers(len(pulls), size=DRAWS)]
+    return total
 
 
 def _prior_information(solution: Solution, parameters: Sequence[FreeParameter]) -> Floats:

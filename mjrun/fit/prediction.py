@@ -161,7 +161,7 @@ class Predictor:
 
     def predict(self, rollouts: Sequence[Rollout]) -> list[np.ndarray]:
         """What each would measure, `(n, signals)` of its chunk; NaN where the simulation fails."""
-        compiled = {values: self._compiled(values) for values in dict.fromkeys(each.values for each in rollouts)}
+        compiled = {values: self.compiled(values) for values in dict.fromkeys(each.values for each in rollouts)}
         able = [i for i, each in enumerate(rollouts) if compiled[each.values] is not None]
         predicted = [np.full((len(each.chunk.positions), len(self._signals)), np.nan) for each in rollouts]
         models = [model for i in able if (model := compiled[rollouts[i].values])]
@@ -171,7 +171,7 @@ class Predictor:
                 self.failures.unstable(rollouts[i].values)
         return predicted
 
-    def _compiled(self, values: tuple[float, ...] | None) -> mujoco.MjModel | None:
+    def compiled(self, values: tuple[float, ...] | None) -> mujoco.MjModel | None:
         """The model with these values; None if they cannot be together."""
         try:
             return self.model_with(values)
@@ -210,7 +210,7 @@ class Predictor:
     ) -> list[np.ndarray]:
         """What `measure` makes of fields at every step of each rollout; NaN where the simulation fails."""
         steps = max(each.chunk.steps for each in rollouts)
-        controls = np.stack([self._controls(each, steps) for each in rollouts])
+        controls = np.stack([self.controls(each, steps) for each in rollouts])
         starts = np.stack([each.start for each in rollouts])
         recorded: list[np.ndarray] = []
         for block in self._engine.rollout(models, starts, controls, steps, names):
@@ -219,7 +219,8 @@ class Predictor:
             recorded.append(np.where(is_over[..., None], np.nan, columns))
         return list(np.concatenate(recorded, axis=1))
 
-    def _controls(self, rollout: Rollout, steps: int) -> np.ndarray:
+    def controls(self, rollout: Rollout, steps: int) -> np.ndarray:
+        """What is commanded at each of the first steps of a rollout, `(steps, nu)`, as late as it acts."""
         chunk, values = rollout.chunk, rollout.values
         delays = {} if values is None else {actuator: values[i] for actuator, i in self._late_controls.items()}
         return commands(chunk.segment, chunk.first_step, steps, self.timestep, self._linear, delays)

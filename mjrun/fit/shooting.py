@@ -16,9 +16,12 @@ from mjrun.fit.measurements import Segment
 from mjrun.fit.prediction import Chunk, Predictor, Rollout, States, chunks
 from mjrun.fit.rotations import shared
 from mjrun.fit.starting_states import StartingStates
+from mjrun.fit.unmeasured_states import simulated_starts
 
 NUDGE = 1e-5  # of a coordinate from 0 to 1, for finite differences
 STATE_NUDGE = 1e-6  # of positions, velocities and activations
+COARSE = 1000.0  # times these where contacts make a motion rough, so that fine differences tell of nothing else
+ROUGH = 2.0  # ratio of slopes by fine and by coarse differences that tells so
 LEAST_NOISE = 1e-7  # of the standard deviation of a signal: what simulated data are taken for
 STATE_SCALE = 10.0  # standard deviation that keeps in place what no signal tells of a state
 PENALTY = 1e3  # residual, in standard deviations of the noise, where a simulation fails
@@ -28,6 +31,9 @@ SHORTEST = 24  # rows of the first chunks
 GROWTH = 2
 TOLERANCE = 1e-8  # relative change of the cost at which the last stage ends
 ROUGH_TOLERANCE = 1e-5  # the same of stages that others follow, and where the states alone are looked for
+EXPLAINED = 5.0  # cost of a solution, in standard deviations of the noise, with which no other is looked for
+SHOTS = 5  # from one start, at most
+WORTHWHILE = 0.95  # of the cost before, if another shot may follow
 DENSE = 40  # unknowns up to which a Jacobian is factored as a whole
 
 NORMAL_MEDIAN = 1.4826  # standard deviation of a normal distribution over the median of absolute values
@@ -63,6 +69,8 @@ class Solution:
       noise: standard deviation of each signal that was assumed, `(signals,)`.
       rollouts: how many were simulated.
       loss: how residuals counted.
+      jitters: other residuals less these, after nudges so small that only a rough motion tells of them,
+        `(n, signals, nudges)` of each chunk; no chunks where nothing is rough.
     """
 
     chunks: Sequence[Chunk]
@@ -73,6 +81,7 @@ class Solution:
     noise: Floats
     rollouts: int
     loss: str = "linear"
+    jitters: Sequence[Floats] = ()
 
     @property
     def cost(self) -> float:
@@ -123,8 +132,15 @@ class Shooting:
         """The chunks of about `rows` rows."""
         return chunks(segments, rows, self._predictor.timestep, self._predictor.lead)
 
-    def guessed(self, parts: Sequence[Chunk]) -> Floats:
-        """States to begin with, from what was measured."""
+    def guessed(self, parts: Sequence[Chunk], coordinates: Floats | None) -> Floats:
+        """States to begin with, from what was measured, and else from the model.
+
+        Args:
+          coordinates: of the parameters; None for the model as it was.
+        """
+        if not self._starting.all_measured:
+            values = None if coordinates is None else self._values(coordinates)
+            return simulated_starts(self._predictor, self._starting, parts, values)
         return np.stack([self._starting.guess(part, self._predictor.timestep) for part in parts])
 
     def solve(
@@ -210,10 +226,15 @@ class Shooting:
           advanced: is told of every solution that is better than the one before of the same start.
         """
         parts = self.cut(segments, SHORTEST)
-        states = self.guessed(parts)
         found = [
             self.solve(
-                parts, start, states, noise, evaluations=FEW_EVALUATIONS, tolerance=ROUGH_TOLERANCE, advanced=advanced
+                parts,
+                start,
+                self.guessed(parts, start),
+                noise,
+                evaluations=FEW_EVALUATIONS,
+                tolerance=ROUGH_TOLERANCE,
+                advanced=advanced,
             )
             for start in starts
         ]
@@ -238,13 +259,57 @@ class Shooting:
         solutions: list[Solution] = []
         coordinates, stages = start, self.stages(segments)
         for parts in stages:
-            states = self._taken_over(parts, solutions[-1]) if solutions else self.guessed(parts)
+            states = self._taken_over(parts, solutions[-1]) if solutions else self.guessed(parts, start)
             tolerance = TOLERANCE if parts is stages[-1] else ROUGH_TOLERANCE
             solution = self.solve(parts, coordinates, states, noise, tolerance=tolerance, advanced=advanced)
             noise = self._noise(solution)
             solutions.append(solution)
             coordinates = solution.coordinates
         return solutions
+
+    def searched(
+        self, found: Solution, starts: Sequence[Floats], noise: Floats, advanced: Advanced | None = None
+    ) -> list[Solution]:
+        """Further solutions of the chunks of `found`, the best one last; none if `found` is good or none is better.
+
+        Short chunks say little of a state that is not measured, and may lead to a wrong basin. Whole segments that are
+        shot from several starts may lead to another.
+
+        Args:
+          found: of whole segments.
+          starts: coordinates, tried in turn until one explains the measurements.
+          noise: by which solutions are compared.
+          advanced: is told of every solution that is better than all before.
+        """
+        tried: list[Solution] = []
+        best = with_noise(found, noise)
+        for start in () if self._starting.all_measured else starts:
+            if best.cost < EXPLAINED:
+                break
+            shots = self._shots(found.chunks, start, noise)
+            tried += shots
+            if shots[-1].cost < best.cost:
+                best = shots[-1]
+                if advanced:
+                    advanced(best)
+        if best not in tried:
+            return []
+        return [*(each for each in tried if each is not best), best]
+
+    def _shots(self, parts: Sequence[Chunk], start: Floats, noise: Floats) -> list[Solution]:
+        """Solutions from a start, the best one last, each from where the one before ended.
+
+        The states are guessed anew: those of a fit that is far from the truth have been bent to make up for it.
+        """
+        shots: list[Solution] = []
+        coordinates = start
+        for _ in range(SHOTS):
+            shot = self.solve(parts, coordinates, self.guessed(parts, coordinates), noise)
+            if shots and shot.cost > WORTHWHILE * shots[-1].cost:
+                return sorted([*shots, shot], key=lambda solution: -solution.cost)
+            shots.append(shot)
+            coordinates = shot.coordinates
+        return shots
 
     def _noise(self, solution: Solution) -> Floats:
         """The noise that the residuals show."""
@@ -255,11 +320,11 @@ class Shooting:
     def _taken_over(self, parts: Sequence[Chunk], before: Solution) -> Floats:
         """States for `parts` from chunks that began at the same step; guesses elsewhere."""
         known = {(id(c.segment), c.first_step): s for c, s in zip(before.chunks, before.states, strict=True)}
-        guess = self._starting.guess
-        states = [known.get((id(part.segment), part.first_step)) for part in parts]
-        return np.stack(
-            [guess(p, self._predictor.timestep) if s is None else s for p, s in zip(parts, states, strict=True)]
-        )
+        guesses = self.guessed(parts, before.coordinates)
+        return np.stack([known.get((id(p.segment), p.first_step), g) for p, g in zip(parts, guesses, strict=True)])
+
+    def _values(self, coordinates: Floats) -> tuple[float, ...]:
+        return tuple(each.value(c) for each, c in zip(self._parameters, coordinates, strict=True))
 
 
 def spread_of(values: Floats, loss: str = "linear") -> Floats:
@@ -301,6 +366,8 @@ class _Problem:
         self._known = [np.isfinite(part.values) for part in parts]
         self._rollouts = 0
         self._linearized: _Linearized | None = None
+        self._factors, self._are_factors_known = np.ones(self._free + states.size), False
+        self._jitters: Sequence[Floats] = ()
 
     @property
     def start(self) -> Floats:
@@ -344,7 +411,9 @@ class _Problem:
         shown = [np.where(known, each, np.nan) for each, known in zip(found.residuals, self._known, strict=True)]
         slopes = list(zip(found.of_coordinates, found.of_states, strict=True))
         states = np.stack([self._states.moved(g, d) for g, d in zip(self._guesses, deviations, strict=True)])
-        return Solution(self._parts, coordinates, states, shown, slopes, self._noise, self._rollouts)
+        return Solution(
+            self._parts, coordinates, states, shown, slopes, self._noise, self._rollouts, jitters=self._jitters
+        )
 
     def _split(self, x: Floats) -> tuple[Floats, Floats]:
         coordinates = self._coordinates if self._fixed else x[: self._free]
@@ -373,25 +442,43 @@ class _Problem:
         return self._linearized
 
     def _differences(self, x: Floats) -> "_Linearized":
+        free = self._free
+        left, slopes = self._slopes(x, self._factors)
+        if not self._are_factors_known:
+            _, coarse = self._slopes(x, COARSE * self._factors)
+            is_rough = _lengths(slopes) > ROUGH * _lengths(coarse)
+            if is_rough.any():  # some fine nudges show it by chance only, so that all are coarse
+                steps = np.concatenate([np.full(free, NUDGE), np.full(self._states.size, STATE_NUDGE)])
+                lengths = _lengths(slopes) * steps
+                is_shown = is_rough & (lengths > lengths[is_rough].max() / ROUGH)
+                self._jitters = [(each * steps)[..., is_shown] for each in slopes]
+                slopes, self._factors = coarse, COARSE * self._factors
+            self._are_factors_known = True
+        return _Linearized(x, left, [e[..., :free] for e in slopes], [e[..., free:] for e in slopes])
+
+    def _slopes(self, x: Floats, factors: Floats) -> tuple[list[Floats], list[Floats]]:
+        """Residuals of each chunk, and their slopes to the coordinates and its state, `(n, signals, unknowns)`.
+
+        Args:
+          factors: of the usual steps of the finite differences, `(unknowns,)`.
+        """
         coordinates, deviations = self._split(x)
         count, size = len(self._parts), self._states.size
         rollouts = [self._rollout(i, coordinates, deviations[i]) for i in range(count)]
-        nudges = [NUDGE if c < 0.5 else -NUDGE for c in coordinates[: self._free]]  # away from the nearer bound
-        for j, nudge in enumerate(nudges):
+        signs = np.where(coordinates[: self._free] < 0.5, 1.0, -1.0)  # away from the nearer bound
+        steps = factors * np.concatenate([NUDGE * signs, np.full(size, STATE_NUDGE)])
+        for j in range(self._free):
             moved = coordinates.copy()
-            moved[j] += nudge
+            moved[j] += steps[j]
             rollouts += [self._rollout(i, moved, deviations[i]) for i in range(count)]
         for j in range(size):
             for i in range(count):
                 moved = deviations[i].copy()
-                moved[j] += STATE_NUDGE
+                moved[j] += steps[self._free + j]
                 rollouts.append(self._rollout(i, coordinates, moved))
         left = self._residuals_of(rollouts)
-        steps = np.array([*nudges, *[STATE_NUDGE] * size])
         slopes = [np.stack(left[i + count :: count], axis=-1) - left[i][..., None] for i in range(count)]
-        slopes = [each / steps for each in slopes]
-        free = self._free
-        return _Linearized(x, left[:count], [e[..., :free] for e in slopes], [e[..., free:] for e in slopes])
+        return left[:count], [each / steps for each in slopes]
 
     def _priors(self, coordinates: Floats) -> Floats:
         pairs = zip(self._parameters, coordinates, strict=True)
@@ -418,9 +505,15 @@ class _Linearized:
     of_states: Sequence[Floats]
 
 
+def _lengths(slopes: Sequence[Floats]) -> Floats:
+    """Of the slopes to each unknown, over all rows and signals: `(unknowns,)`."""
+    return np.sqrt(sum(np.nansum(each**2, axis=(0, 1)) for each in slopes))
+
+
 def with_noise(solution: Solution, noise: Floats) -> Solution:
     """The same, with residuals in other standard deviations."""
     factor = solution.noise / noise
     residuals = [each * factor for each in solution.residuals]
     slopes = [(a * factor[:, None], b * factor[:, None]) for a, b in solution.sensitivities]
-    return replace(solution, residuals=residuals, sensitivities=slopes, noise=noise)
+    jitters = [each * factor[:, None] for each in solution.jitters]
+    return replace(solution, residuals=residuals, sensitivities=slopes, noise=noise, jitters=jitters)

@@ -18,19 +18,34 @@ class StartingStates:
 
     Args:
       start: an integration state, `(nstate,)`.
+
+    Attributes:
+      start: the same.
+      all_measured: whether measurements tell all positions and velocities, and there are no activations.
     """
 
     def __init__(self, model: mujoco.MjModel, signals: Sequence[str], start: np.ndarray) -> None:
-        self._model, self._start = model, start
+        self._model, self.start = model, start
         self._qpos = measured_positions(model, signals)
         self._qvel = _places(model, "qvel", signals, JOINTVEL)
         self._rates = self._rates_of_positions()
         self._turning = self._measured_rotations()
+        velocities = {*self._rates, *self._qvel, *(first + k for first in self._turning.values() for k in range(3))}
+        self.all_measured = len(self._qpos) == model.nq and len(velocities) == model.nv and not model.na
 
-    def guess(self, chunk: Chunk, timestep: float) -> np.ndarray:
-        """The integration state `(nstate,)` at the first step of `chunk`."""
+    def guess(self, chunk: Chunk, timestep: float, start: np.ndarray | None = None) -> np.ndarray:
+        """The integration state `(nstate,)` at the first step of `chunk`.
+
+        Args:
+          start: the state that says what is not measured, if another than that of the start.
+        """
         data = mujoco.MjData(self._model)
-        state.restore(self._model, data, self._start)
+        state.restore(self._model, data, self.start if start is None else start)
+        self.place(data, chunk, timestep)
+        return state.save(self._model, data)
+
+    def place(self, data: mujoco.MjData, chunk: Chunk, timestep: float) -> None:
+        """Puts `data` where `chunk` begins, as far as that is measured."""
         rows, seconds = chunk.values[:WINDOW], chunk.positions[:WINDOW] * timestep
         for index, signal in self._qpos.items():
             data.qpos[index] = _at_start(seconds, rows[:, signal], data.qpos[index])[0]
@@ -43,7 +58,6 @@ class StartingStates:
             data.qvel[index] = _at_start(seconds, rows[:, signal], 0.0)[1]
         for index, signal in self._qvel.items():
             data.qvel[index] = _at_start(seconds, rows[:, signal], data.qvel[index])[0]
-        return state.save(self._model, data)
 
     def _rates_of_positions(self) -> dict[int, int]:
         """Velocities that are the rates of measured positions: of all joints but for rotations of three axes."""

@@ -21,7 +21,7 @@ def test_each_sample_has_a_row_with_what_both_models_say(tmp_path: Path) -> None
     for part, segment in parts.items():
         chunks = shoot.cut([segment], 60)
         for which, coordinate in (("nominal", 0.9), ("fitted", 0.5)):
-            states = shoot.guessed(chunks)
+            states = shoot.guessed(chunks, None)
             solutions[part, which] = shoot.look(chunks, np.full(3, coordinate), states, np.array([NOISE]))
     rows = comparison_rows(solutions, ["other", "log"])
     with ExitStack() as stack:
@@ -41,7 +41,7 @@ def test_logs_follow_each_other_although_their_times_overlap() -> None:
     shoot, _ = shooting(THREE)
     one, other = (replace(segments(seconds=1.0, seed=seed)[0], source=name) for seed, name in enumerate("ab"))
     chunks = shoot.cut([one, other], 60)
-    looks = [shoot.look(chunks, np.full(3, 0.5), shoot.guessed(chunks), np.array([NOISE]))] * 2
+    looks = [shoot.look(chunks, np.full(3, 0.5), shoot.guessed(chunks, None), np.array([NOISE]))] * 2
     rows = comparison_rows({("fitted", "nominal"): looks[0], ("fitted", "fitted"): looks[1]}, ["a", "b"])
     np.testing.assert_array_equal(rows[:, -1], np.repeat([0, 1], 100))
     np.testing.assert_array_equal(rows[:, 0], np.tile(one.times, 2))

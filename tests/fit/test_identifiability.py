@@ -13,7 +13,7 @@ def unidentifiable(*texts: tuple[str, str]) -> list[tuple[str, ...]]:
     shoot, parameters = shooting(texts)
     parts = shoot.cut(segments(), 4 * SHORTEST)
     start = np.array([each.first_coordinate for each in parameters])
-    look = shoot.look(parts, start, shoot.guessed(parts), np.array([NOISE]))
+    look = shoot.look(parts, start, shoot.guessed(parts, None), np.array([NOISE]))
     return [each.paths for each in sensitivity([look], parameters).unidentifiable]
 
 
@@ -43,7 +43,7 @@ def test_a_pendulum_that_swings_freely_does_not_tell_its_mass() -> None:
 def test_messages_name_the_parameters() -> None:
     shoot, parameters = shooting((THREE[0], ("actuator/motor.gear[0]", "0.5..2")))
     parts = shoot.cut(segments(), 4 * SHORTEST)
-    look = shoot.look(parts, np.array([0.5, 0.5]), shoot.guessed(parts), np.array([NOISE]))
+    look = shoot.look(parts, np.array([0.5, 0.5]), shoot.guessed(parts, None), np.array([NOISE]))
     found = sensitivity([look], parameters)
     assert found.unidentifiable[0].message == "the measurements say nothing of actuator/motor.gear[0]"
     assert found.effects[0] > 100

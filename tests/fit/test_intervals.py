@@ -31,6 +31,15 @@ def line(seed: int, correlated: bool = False) -> Solution:
     )
 
 
+def test_intervals_are_as_wide_as_what_rough_motions_do() -> None:
+    """A nudge that does what 0.1 of the coordinate does moves the fit by that much, either way."""
+    plain = line(0)
+    rough = replace(plain, jitters=[0.1 * plain.sensitivities[0][0]])
+    before, after = (intervals(each, [LINE], 0.95, 0) for each in (plain, rough))
+    assert before.high[0] - before.low[0] < 0.02
+    assert after.high[0] - after.low[0] == pytest.approx(0.4, rel=0.15)  # ±0.1 of a range of 2, and a little more
+
+
 @pytest.mark.parametrize("correlated", [False, True])
 def test_intervals_contain_the_truth_as_often_as_they_say(correlated: bool) -> None:
     """Of 200 intervals of 90 %, between 80 and 97 % contain the truth: chance alone leaves that about never."""

@@ -8,6 +8,8 @@ import pytest
 
 from mjrun.fit.measurements import Segment
 from mjrun.fit.shooting import SHORTEST, first_noise, with_noise
+from tests.fit.cart import TRUTH as CART_TRUTH
+from tests.fit.cart import cart_log, cart_shooting
 from tests.fit.logs import NOISE, NOMINAL, TRUTH, simulate
 from tests.fit.problems import THREE, segments, shooting, solved
 
@@ -34,7 +36,7 @@ def test_sensitivities_are_slopes_of_the_residuals() -> None:
     shoot, parameters = shooting(THREE)
     log = segments()
     parts = shoot.cut(log, SHORTEST)
-    states, noise = shoot.guessed(parts), np.array([NOISE])
+    states, noise = shoot.guessed(parts, None), np.array([NOISE])
     middle = np.full(len(parameters), 0.5)
     base = shoot.look(parts, middle, states, noise)
     step = 1e-4
@@ -52,11 +54,25 @@ def test_the_better_of_two_starts_is_taken() -> None:
     assert found == pytest.approx(truth, abs=0.2)
 
 
+def test_whole_segments_are_shot_from_other_starts_where_the_fit_is_wrong() -> None:
+    """A cart that is not measured: from a solution far off, and from its start, to the truth of a bare loop."""
+    log, _ = cart_log()
+    shoot, _, _, parameters = cart_shooting()
+    wrong, near = np.array([0.05, 0.05]), np.array([0.6, 0.4])
+    parts, noise = shoot.cut([log], 10**6), np.array([1e-4])
+    found = shoot.look(parts, wrong, shoot.guessed(parts, wrong), noise)
+    solutions = shoot.searched(found, [near], noise)
+    values = [each.value(c) for each, c in zip(parameters, solutions[-1].coordinates, strict=True)]
+    assert values == pytest.approx(CART_TRUTH, rel=0.01)
+    assert min(each.cost for each in solutions) == solutions[-1].cost < found.cost
+    assert shoot.searched(solutions[-1], [wrong], noise) == []
+
+
 def test_parameters_that_are_fixed_stay() -> None:
     shoot, _ = shooting(THREE)
     parts = shoot.cut(segments(), 100)
     fixed = np.array([0.2, 0.3, 0.4])
-    solution = shoot.follow(parts, fixed, shoot.guessed(parts), np.array([NOISE]))
+    solution = shoot.follow(parts, fixed, shoot.guessed(parts, None), np.array([NOISE]))
     assert solution.coordinates.tolist() == fixed.tolist()
 
 
@@ -65,7 +81,7 @@ def test_the_model_as_it_was_is_followed_although_its_values_are_beyond_the_boun
     nominal: dict[str, Any] = NOMINAL
     times, angles = simulate(2.0, **nominal)
     parts = shoot.cut([Segment("log", times, angles[:, None], np.zeros((len(times), 1)))], 100)
-    solution = shoot.follow(parts, None, shoot.guessed(parts), np.array([NOISE]))
+    solution = shoot.follow(parts, None, shoot.guessed(parts, None), np.array([NOISE]))
     assert solution.cost < 1e-2
 
 
@@ -73,7 +89,7 @@ def test_a_prior_holds_what_the_data_do_not_say() -> None:
     texts = (("actuator/motor.gear[0]", "0.5..2~normal(1.3, 0.1)"), THREE[0])
     shoot, parameters = shooting(texts)
     parts = shoot.cut(segments(1.0), SHORTEST)
-    solution = shoot.solve(parts, np.array([0.1, 0.5]), shoot.guessed(parts), np.array([NOISE]))
+    solution = shoot.solve(parts, np.array([0.1, 0.5]), shoot.guessed(parts, None), np.array([NOISE]))
     assert parameters[0].value(solution.coordinates[0]) == pytest.approx(1.3, abs=1e-3)
 
 
