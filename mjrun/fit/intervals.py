@@ -92,15 +92,14 @@ def _blocks(part: ProjectedRows, count: int) -> list[tuple[Floats, Floats]]:
 
 
 def _pulls_of_jitter(solution: Solution, parts: Sequence[ProjectedRows], generator: np.random.Generator) -> Floats:
-    """What rough motions add to the gradient of the cost, one nudge of each chunk in each draw: `(DRAWS, p)`."""
+    """What rough motions add to the gradient of the cost, `(DRAWS, p)`: normal, as large as the nudges show."""
     total = np.zeros((DRAWS, parts[0].slopes.shape[1]))
     for part, residuals, weights, jitter in zip(
         parts, solution.residuals, solution.weights, solution.jitters, strict=True
     ):
         known = np.isfinite(residuals)
         pulls = jitter[known].T @ (np.sqrt(weights[known])[:, None] * part.slopes)
-        signs = generator.choice([-1.0, 1.0], DRAWS)
-        total += signs[:, None] * pulls[generator.integers(len(pulls), size=DRAWS)]
+        total += generator.normal(size=(DRAWS, len(pulls))) @ pulls / np.sqrt(len(pulls))
     return total
 
 

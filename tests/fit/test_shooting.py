@@ -3,11 +3,18 @@
 from dataclasses import replace
 from typing import Any
 
+import mujoco
 import numpy as np
 import pytest
 
+from mjrun.fit.free_parameter import free_parameters
 from mjrun.fit.measurements import Segment
-from mjrun.fit.shooting import SHORTEST, first_noise, with_noise
+from mjrun.fit.prediction import Predictor
+from mjrun.fit.shooting import SHORTEST, Shooting, first_noise, with_noise
+from mjrun.fit.starting_states import StartingStates
+from mjrun.job.simulation import Simulation
+from mjrun.model import state
+from tests.fit.car import CAR, SIGNALS, drive
 from tests.fit.cart import TRUTH as CART_TRUTH
 from tests.fit.cart import cart_log, cart_shooting
 from tests.fit.logs import NOISE, NOMINAL, TRUTH, simulate
@@ -45,6 +52,30 @@ def test_sensitivities_are_slopes_of_the_residuals() -> None:
         for chunk in range(3):
             slope = (ends[0][chunk] - ends[1][chunk]) / (2 * step)
             np.testing.assert_allclose(base.sensitivities[chunk][0][..., j], slope, rtol=1e-2, atol=0.05)
+
+
+def test_sensitivities_of_rough_contacts_are_those_of_a_bare_loop() -> None:
+    """The contacts of a car's wheels make fine differences jump: slopes over 2 % of the range are those that count."""
+    simulation, noise, gear = Simulation(CAR), 1e-3, 1.2
+    parameters = free_parameters((("scale:actuator/*.gear[0]", "0.3..3"),), simulation.source, SIGNALS)
+    predictor = Predictor(simulation, SIGNALS, parameters)
+    start = state.save(predictor.model, mujoco.MjData(predictor.model))
+    shoot = Shooting(predictor, parameters, StartingStates(predictor.model, SIGNALS, start))
+    angles, controls = drive(gear)
+    parts = shoot.cut([Segment("log", 0.01 * np.arange(len(angles)), angles, controls)], 10**6)
+
+    coordinate = parameters[0].coordinate(gear)
+    look = shoot.look(parts, np.array([coordinate]), start[None], np.full(2, noise))
+    more, less = (drive(parameters[0].value(coordinate + move))[0] for move in (0.02, -0.02))
+    slope = (more - less) / 0.04 / noise
+    assert np.linalg.norm(look.sensitivities[0][0][..., 0] - slope) < 0.15 * np.linalg.norm(slope)
+    assert look.jitters
+    jumps = with_noise(look, 2 * look.noise).jitters[0]
+    np.testing.assert_allclose(2 * jumps, look.jitters[0])
+
+
+def test_smooth_motions_have_no_jitter() -> None:
+    assert not solved()[0].jitters
 
 
 def test_the_better_of_two_starts_is_taken() -> None:
