@@ -18,8 +18,12 @@ def main() -> None:
 
 def _work() -> int:
     from mjrun.cli.main import run
+    from mjrun.cli.watcher import SIGNALS
 
-    return run(sys.argv[1:])
+    code = run(sys.argv[1:])
+    for number in SIGNALS:  # it is over; only the interpreter is still to end
+        signal.signal(number, signal.SIG_IGN)
+    return code
 
 
 if __name__ == "__main__":

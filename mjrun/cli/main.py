@@ -114,8 +114,6 @@ def run(arguments: Sequence[str]) -> int:
     code = _guarded(console, lambda: _invoke(console, arguments))
     # A reader that is gone shows up, at the latest, when the last text is flushed.
     code = code or _guarded(console, _flush)
-    for number in SIGNALS:  # it is over; only the interpreter is still to end
-        signal.signal(number, signal.SIG_IGN)
     console.release_stdout()
     return code
 

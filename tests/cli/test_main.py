@@ -179,6 +179,12 @@ def test_what_comes_of_a_signal_is_no_bug(mjrun: Command, swing: Path) -> None:
     assert (done.returncode, done.stderr) == (143, b"mjrun: error: ended by SIGTERM\n")
 
 
+def test_a_run_within_another_program_leaves_signals_to_be_heard() -> None:
+    code = "import signal; from mjrun.cli.main import run; run(['--version']); signal.raise_signal(signal.SIGINT)"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, timeout=120, check=False)
+    assert b"KeyboardInterrupt" in done.stderr
+
+
 def test_a_reader_that_goes_away_ends_the_film_quietly(mjrun: Command, swing: Path) -> None:
     with mjrun.start("video", swing, "-o", "-", "-q", "--duration", "1000", *SMALL) as child:
         assert child.stdout

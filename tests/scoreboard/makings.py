@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 SCENES = Path(__file__).resolve().parents[2] / "scenes"
-FOLDERS = ("policies", "fits", "studies", "cameras")
+FOLDERS = ("policies", "studies", "cameras")
 
 MODEL = """<mujoco>
   <visual><global offwidth="64" offheight="48"/></visual>
@@ -90,9 +90,9 @@ MAKINGS = (
     Making("frames", f"video model.xml {LONG} {SMALL} --jobs {JOBS} -o out/", draws=True),
     Making("run document", "run run.yaml --jobs {jobs}", draws=True),
     Making("eval with films", f"{EVAL} --films 1 --size 64x48 --quality draft", draws=True),
-    Making("plot png", "plot fits/pendulum.csv -o out.png"),
-    Making("plot svg", "plot fits/pendulum.csv -o out.svg"),
-    Making("plot pdf", "plot fits/pendulum.csv -o out.pdf"),
+    Making("plot png", "plot pendulum_fit.csv -o out.png"),
+    Making("plot svg", "plot pendulum_fit.csv -o out.svg"),
+    Making("plot pdf", "plot pendulum_fit.csv -o out.pdf"),
     Making("info", "info model.xml --json"),
     Making("check", "check model.xml car.xml --jobs {jobs} --json"),
     Making("schema", "schema run"),
@@ -102,7 +102,7 @@ MAKINGS = (
 def furnish(folder: Path) -> Path:
     """Makes a folder with all that the command lines read."""
     folder.mkdir(parents=True)
-    for path in (*SCENES.glob("*.xml"), *SCENES.glob("*.yaml")):
+    for path in (path for path in SCENES.iterdir() if path.suffix in (".xml", ".yaml", ".csv")):
         shutil.copy(path, folder)
     for name in FOLDERS:
         shutil.copytree(SCENES / name, folder / name)
