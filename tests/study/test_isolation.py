@@ -11,7 +11,7 @@ import pytest
 from mjrun.job.simulation import Simulation
 from mjrun.study.isolation import Chunk, IsolatedSimulator, end_process, run_chunk
 from mjrun.study.simulate import PointSimulator, StudyPoint, StudySpec
-from tests.study.models import BALL, SUICIDAL
+from tests.study.models import BALL, DEADLY
 
 METRICS = (("low", "min(qpos/ball/z)"),)
 
@@ -25,7 +25,7 @@ def no_process_is_left() -> Iterator[None]:
 @pytest.fixture
 def spec(tmp_path: Path) -> StudySpec:
     (tmp_path / "ball.xml").write_text(BALL)
-    (tmp_path / "suicidal.xml").write_text(SUICIDAL)
+    (tmp_path / "deadly.xml").write_text(DEADLY)
     return StudySpec(Simulation(str(tmp_path / "ball.xml"), steps=20), ("model", "seed"), METRICS)
 
 
@@ -46,7 +46,7 @@ def test_the_results_are_those_of_this_process_in_the_order_of_the_points(spec: 
 
 
 def test_a_crash_costs_the_point_that_crashes(spec: StudySpec) -> None:
-    results = run_chunk(Chunk(spec, points(spec, "ball", "suicidal", "ball", "suicidal", "ball")))
+    results = run_chunk(Chunk(spec, points(spec, "ball", "deadly", "ball", "deadly", "ball")))
     assert [result.status for result in results] == ["ok", "crashed", "ok", "crashed", "ok"]
     assert results[1].exit_code == 128 + signal.SIGSEGV
     assert "SIGSEGV" in results[1].message

@@ -11,7 +11,7 @@ from mjrun.job.simulation import Simulation
 from mjrun.job.trace import Trace
 from mjrun.options.keep import KeepOptions
 from mjrun.study.point_files import PointOutputs, keep_options, make_isolated, up_to
-from tests.study.models import BALL, SUICIDAL
+from tests.study.models import BALL, DEADLY
 
 
 @pytest.fixture
@@ -60,8 +60,8 @@ def test_files_of_an_older_simulation_are_removed_and_others_stay(simulation: Si
 
 
 def test_a_process_that_dies_and_an_error_are_told(simulation: Simulation, tmp_path: Path) -> None:
-    (tmp_path / "suicidal.xml").write_text(SUICIDAL)
-    deadly = Simulation(str(tmp_path / "suicidal.xml"), steps=5)
+    (tmp_path / "deadly.xml").write_text(DEADLY)
+    deadly = Simulation(str(tmp_path / "deadly.xml"), steps=5)
     assert "the process that simulated it" in make_isolated(outputs(deadly, tmp_path / "p", "trace"))
     assert "nothing_like_it" in make_isolated(outputs(simulation, tmp_path / "q", "trace", probe=("nothing_like_it",)))
 

@@ -8,13 +8,13 @@ import pytest
 from mjrun.errors import UsageError
 from mjrun.job.simulation import Simulation
 from mjrun.study.study import Study
-from tests.study.models import BALL, SUICIDAL
+from tests.study.models import BALL, DEADLY
 
 
 @pytest.fixture
 def study(tmp_path: Path) -> Study:
     (tmp_path / "ball.xml").write_text(BALL)
-    (tmp_path / "suicidal.xml").write_text(SUICIDAL)
+    (tmp_path / "deadly.xml").write_text(DEADLY)
     simulation = Simulation(str(tmp_path / "ball.xml"), duration=0.1)
     vary = {"opt.timestep": "0.001,0.002,0.01", "seed": "1..4:4"}
     return Study(simulation, str(tmp_path / "study"), vary=vary, metric={"low": "min(qpos/ball/z)"}, jobs=2)
@@ -39,7 +39,7 @@ def test_it_counts_what_a_run_does_and_writes_nothing(study: Study) -> None:
 
 def test_a_point_that_fails_has_no_time_and_says_why(study: Study) -> None:
     folder = Path(study.output).parent
-    failing = replace(study, vary={"model": f"{folder}/suicidal.xml,{folder}/ball.xml"})
+    failing = replace(study, vary={"model": f"{folder}/deadly.xml,{folder}/ball.xml"})
     preview = failing.preview()
     assert (preview.point_wall, preview.wall) == (None, None)
     assert "SIGSEGV" in preview.message

@@ -18,7 +18,7 @@ from mjrun.errors import FailedAssertionError, FailedPointsError, UnknownNameErr
 from mjrun.job.simulation import Simulation
 from mjrun.job.trace import Trace
 from mjrun.study.study import Study, StudyResult
-from tests.study.models import BALL, SUICIDAL
+from tests.study.models import BALL, DEADLY
 
 if TYPE_CHECKING:
     from tests.conftest import Command
@@ -29,7 +29,7 @@ METRICS = {"low": "min(qpos/ball/z)", "drift": "max(abs(energy/drift))"}
 @pytest.fixture
 def simulation(tmp_path: Path) -> Simulation:
     (tmp_path / "ball.xml").write_text(BALL)
-    (tmp_path / "suicidal.xml").write_text(SUICIDAL)
+    (tmp_path / "deadly.xml").write_text(DEADLY)
     return Simulation(str(tmp_path / "ball.xml"), steps=100)
 
 
@@ -88,7 +88,7 @@ def test_the_table_does_not_depend_on_the_chunks_or_the_engine(simulation: Simul
 
 
 def test_points_that_fail_are_rows_and_the_rest_is_done(simulation: Simulation, tmp_path: Path) -> None:
-    models = ",".join(str(tmp_path / name) for name in ("ball.xml", "suicidal.xml", "missing.xml"))
+    models = ",".join(str(tmp_path / name) for name in ("ball.xml", "deadly.xml", "missing.xml"))
     with pytest.raises(FailedPointsError) as caught:
         study(simulation, tmp_path / "study", vary={"model": models, "qvel/ball/vz": "0,-1e9"}, metric={}).run()
     assert caught.value.exit_code == 8

@@ -26,12 +26,15 @@ def test_a_crash_is_a_finding_and_the_other_models_are_looked_at() -> None:
     assert result.code == 3
 
 
-def test_a_model_that_is_refused_before_it_attaches_a_circle_is_explained() -> None:
-    model, _ = circle()
-    text = Path(model).read_text()
-    for mistake, code in (('<option solver="x"/>', "MJ110"), ("<goem/>", "MJ102")):
-        write(model, text.replace("<mujoco>", f"<mujoco>{mistake}"))
-        assert codes(checked(model).models[0]) == [code]
+@pytest.mark.parametrize(("mistake", "code"), [('<option solver="x"/>', "MJ110"), ("<goem/>", "MJ102")])
+def test_a_circle_in_a_model_that_is_refused_is_told_first_and_then_why_it_is_refused(mistake: str, code: str) -> None:
+    model, other = circle()
+    write(model, Path(model).read_text().replace("<mujoco>", f"<mujoco>{mistake}"))
+    (finding,) = checked(model).models[0].findings
+    assert finding.code == "MJ100"
+    assert "attaches this model again" in finding.message
+    write(other, '<mujoco><worldbody><body name="b"/></worldbody></mujoco>')  # the circle is open
+    assert codes(checked(model).models[0]) == [code]
 
 
 def test_a_model_that_attaches_itself_is_a_crash_whose_cause_is_told() -> None:
