@@ -1,6 +1,7 @@
 """Commands from declared options: click's parameters, help by section, and typed values for the body."""
 
 import faulthandler
+import sys
 import textwrap
 from collections.abc import Callable, Generator, Mapping, Sequence
 from contextlib import contextmanager
@@ -231,8 +232,8 @@ def _section_rank(declared: Option) -> int:
 def _set_verbosity(console: Console, messages: MessageOptions) -> None:
     console.verbosity = -1 if messages.quiet else 1 if messages.verbose else 0
     console.debug = messages.debug
-    if messages.debug:
-        faulthandler.enable()  # which shows where a crash was
+    if messages.debug and sys.__stderr__:
+        faulthandler.enable(sys.__stderr__)  # which shows where a crash was
 
 
 def flags(declared: Option) -> list[str]:

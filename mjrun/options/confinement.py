@@ -31,7 +31,7 @@ class ConfinementOptions(Options):
     )
     limit: Mapping[str, tuple[float, ...]] = option(
         converter=Values("NAME=N"),
-        default={},
+        default=dict[str, tuple[float, ...]](),
         usual="time=3600, memory=8192, file=16384",
         places=FrontEnd.COMMAND,
         help="With --untrusted, a limit: time [s], memory of each process [MiB], file, the size of one [MiB].",

@@ -165,6 +165,7 @@ def test_a_schema_is_printed_as_json(mjrun_here: Command, kind: str) -> None:
 TERMINAL = {"json", "quiet", "verbose", "debug", "print_document", "recording", "save_key", "list", "csv", "verify"}
 TERMINAL |= {"update"}
 MACHINE = {"gl", "require_gpu"}
+CONFINEMENT = {"untrusted", "root", "limit"}  # which no document may loosen
 CODE = {"controller", "control_dt", "trust"}
 LISTS = {"videos", "images", "traces", "plots", "recordings", "keyframes"}
 PAGE = {"html", "embed_up_to"}  # about all outputs of a document
@@ -181,7 +182,7 @@ def test_every_option_of_a_command_is_a_key_of_documents_and_the_other_way_round
     output = next(keys for name, keys in schema["$defs"].items() if name in (definition, definition[: -len("Options")]))
     keys = {*output["properties"], *schema["properties"]} - LISTS - PAGE - {"model", "vars", "defaults"}
     names = {param.name for param in command.params if param.param_type_name == "option"}
-    assert names - keys == (TERMINAL | MACHINE | CODE) & names
+    assert names - keys == (TERMINAL | MACHINE | CONFINEMENT | CODE) & names
     assert keys - names == others
 
 

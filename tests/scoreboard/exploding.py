@@ -134,8 +134,17 @@ NOT_FINITE = {
 def failing_step(text: str) -> int | None:
     """The first step that cannot be taken, as MuJoCo's warnings say."""
     log = mujoco.MjLogConfig.get()
+    before = log.logto_file, log.logto_console
     log.logto_file = log.logto_console = False
     log.set()
+    try:
+        return _failing_step(text)
+    finally:
+        log.logto_file, log.logto_console = before
+        log.set()
+
+
+def _failing_step(text: str) -> int | None:
     model = mujoco.MjModel.from_xml_string(text)
     data = mujoco.MjData(model)
     mujoco.mj_resetDataKeyframe(model, data, 0)

@@ -78,7 +78,7 @@ def _huge_constant(path: Path) -> None:
     write(path, nodes, [value("obs", [1, 1])], [value("actions", [1, 1])], {"n": np.array([2 * 10**12], np.int64)})
 
 
-def _metadata(**texts: str) -> Callable[[Path], None]:
+def _metadata(**texts: str) -> Callable[[Path], object]:
     return lambda path: linear(path, WEIGHTS, metadata=texts)
 
 
@@ -116,7 +116,7 @@ def _circle(path: Path) -> None:
     )
 
 
-def _named(name: str) -> Callable[[Path], None]:
+def _named(name: str) -> Callable[[Path], object]:
     return lambda path: linear(path, WEIGHTS, names=(name, "actions"))
 
 
