@@ -14,6 +14,7 @@ import pytest
 from mjrun.check.finding import SEVERITIES
 from mjrun.check.rule_table import RULES
 from mjrun.version import __version__
+from tests.processes import children, worker
 
 if TYPE_CHECKING:
     from tests.conftest import Command
@@ -178,26 +179,15 @@ def test_a_signal_ends_the_processes_too(models: Command) -> None:
     text = '<mujoco><asset><mesh file="pipe.obj"/></asset></mujoco>'
     (models.folder / "waits.xml").write_text(text)
     command = models.start("check", "waits.xml")
-    children = Path(f"/proc/{command.pid}/task/{command.pid}/children")
-    if not children.exists():
-        command.kill()
-        command.communicate()
-        pytest.skip("this system does not tell the children of a process")
-    deadline = time.monotonic() + 30
-    while not (found := running(command.pid)) and time.monotonic() < deadline:
+    working, deadline = worker(command), time.monotonic() + 30
+    while not (found := children(working)) and time.monotonic() < deadline:
         time.sleep(0.02)
     assert found
     command.send_signal(signal.SIGTERM)
     _, err = command.communicate(timeout=30)
     assert command.returncode == 143
     assert b"Traceback" not in err
-    assert not any(Path(f"/proc/{pid}").exists() for pid in found)
-
-
-def running(pid: int) -> set[int]:
-    """The children of all threads of a process."""
-    files = Path(f"/proc/{pid}/task").glob("*/children")
-    return {int(child) for file in files for child in file.read_text().split()}
+    assert not any(Path(f"/proc/{pid}").exists() for pid in (working, *found))
 
 
 def test_models_of_mjrun_and_of_others_are_checked_without_a_traceback(

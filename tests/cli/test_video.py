@@ -11,6 +11,8 @@ from typing import TYPE_CHECKING
 
 import pytest
 
+from tests.processes import children, worker
+
 if TYPE_CHECKING:
     from tests.conftest import Command, Film
 
@@ -103,23 +105,23 @@ def test_a_model_loads_whatever_its_container(mjrun_here: Command, swing: Path, 
     assert mjrun_here.files() == ["swing.mp4"]
 
 
-def children(parent: int, word: bytes) -> list[int]:
-    """Process ids of the children of `parent` whose command line holds `word`."""
+def encoders(mjrun: int) -> list[int]:
+    """Process ids of the encoders that a process has started."""
     found = []
-    for entry in Path("/proc").glob("[0-9]*"):
+    for child in children(mjrun):
         with contextlib.suppress(OSError):
-            above = int((entry / "stat").read_text().rpartition(")")[2].split()[1])
-            if above == parent and word in (entry / "cmdline").read_bytes():
-                found.append(int(entry.name))
+            if b"rawvideo" in Path(f"/proc/{child}/cmdline").read_bytes():
+                found.append(child)
     return found
 
 
 def test_a_killed_encoder_ends_with_six(mjrun: Command, swing: Path) -> None:
     (mjrun.folder / "swing.mp4").write_text("old")
     child = mjrun.start("video", swing, "--duration", "1000", "--size", "320x240", "--quality", "draft")
-    while not (encoders := children(child.pid, b"rawvideo")):
+    working = worker(child)
+    while not (found := encoders(working)):
         assert child.poll() is None
-    for encoder in encoders:
+    for encoder in found:
         os.kill(encoder, signal.SIGKILL)
     _, error = child.communicate(timeout=120)
     assert child.returncode == 6

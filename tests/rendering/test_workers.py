@@ -18,6 +18,7 @@ import pytest
 from mjrun.errors import DrawError, MjrunError, NoRendererError, UnstableError
 from mjrun.rendering.backend import Backend
 from mjrun.rendering.workers import SLOTS, PainterProcesses, ParallelPainter
+from tests.processes import children as children_of
 
 sys.path.append(str(Path(__file__).parent))  # drawing processes look where we look
 
@@ -45,15 +46,14 @@ def alive(process: int) -> bool:
 
 def children() -> list[int]:
     """Drawing processes of this one, ended ones that nobody waited for included."""
-    found = []
-    for folder in Path("/proc").glob("[0-9]*"):
-        try:
-            parent = (folder / "stat").read_text().rpartition(")")[2].split()[1]
-        except OSError:
-            continue
-        if int(parent) == os.getpid():
-            found.append(int(folder.name))
-    return found
+    return [child for child in children_of(os.getpid()) if not is_display(child)]
+
+
+def is_display(process: int) -> bool:
+    """Whether it is the display that tests which ran here before have started, and keep until the last test."""
+    with contextlib.suppress(OSError):
+        return Path(f"/proc/{process}/comm").read_text() == "Xvfb\n"
+    return False
 
 
 def held() -> tuple[list[int], int, bool]:
