@@ -99,7 +99,8 @@ def main() -> None:
         if not options.quick:
             names = [measure(each).name for each in MODULES]
             table = "\n".join(rows[name] for name in names if name in rows)
-            SCORE.write_text(HEAD + table + "\n" + "".join(sections.get(name, "") for name in names))
+            page = HEAD + table + "\n" + "".join(sections.get(name, "") for name in names)
+            SCORE.write_text(page, "utf-8", "backslashreplace")  # of file names that are not UTF-8
     sys.exit(bool(missed))
 
 
