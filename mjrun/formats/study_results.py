@@ -74,8 +74,8 @@ def read_study(folder: str | Path) -> StudyResults:
         raise FileError(folder, f"has no {RESULTS}", unfinished if is_begun else _HINT)
     import pyarrow.parquet
 
-    with decoding(path, "cannot be read as results of a study"):
-        table = pyarrow.parquet.read_table(path)
+    with decoding(path, "cannot be read as results of a study"), path.open("rb") as stream:
+        table = pyarrow.parquet.read_table(stream)
     manifest = json.loads((table.schema.metadata or {}).get(b"mjrun", b"{}"))
     names = table.column_names
     if STATUS not in names or names[:1] != [FIRST] or not isinstance(manifest.get("metrics"), dict):

@@ -156,7 +156,8 @@ class PartFiles:
         results: dict[str, PointResult] = {}
         for path in self._paths():
             try:
-                table = pyarrow.parquet.ParquetFile(path).read()  # read_table imports pandas
+                with path.open("rb") as stream:
+                    table = pyarrow.parquet.ParquetFile(stream).read()  # read_table imports pandas
                 rows = table.to_pylist() if self._is_part(table.schema) else []
             except PermissionError as error:
                 raise FileError(path, f"cannot be read: {error.strerror}") from None
@@ -180,7 +181,8 @@ class PartFiles:
         table = _part(keys, results, host, self._metrics)
         name = hashlib.sha256("".join(keys).encode()).hexdigest()[:16]
         with OutputWriter(StagedFile(self._folder / f"{name}{SUFFIX}")) as output, output.writing():
-            pyarrow.parquet.write_table(table, output.destination.path, compression="zstd")
+            with Path(output.destination.path).open("wb") as stream:  # by a path it takes no other names than UTF-8
+                pyarrow.parquet.write_table(table, stream, compression="zstd")
             output.publish()
 
     def _paths(self) -> list[Path]:

@@ -1,6 +1,7 @@
 """Parts on disk: what is written reads back, keys change with what decides a result, and nothing else."""
 
 import math
+import os
 from dataclasses import replace
 from pathlib import Path
 
@@ -19,7 +20,10 @@ RESULTS = [
 ]
 
 
-def test_results_read_back(tmp_path: Path) -> None:
+@pytest.mark.parametrize("name", ["study", os.fsdecode(b"caf\xe9")], ids=["plain", "not UTF-8"])
+def test_results_read_back(tmp_path: Path, name: str) -> None:
+    tmp_path /= name
+    tmp_path.mkdir()
     files = PartFiles(tmp_path, ["a", "b"])
     files.create()
     files.write(["k1", "k2"], RESULTS, "host")
