@@ -8,6 +8,7 @@ python -m tests.scoreboard --quick         the small part that the tests run; wr
 import argparse
 import sys
 import time
+from collections.abc import Mapping
 from datetime import UTC, datetime
 from importlib import import_module
 from pathlib import Path
@@ -76,6 +77,13 @@ def notes_of(page: str) -> dict[str, str]:
     return {section.split("\n", 1)[0]: f"\n## {section.rstrip()}\n" for section in sections}
 
 
+def whole_page(rows: Mapping[str, str], sections: Mapping[str, str]) -> str:
+    """The page of all measures, given the rows and notes of those that were run."""
+    measures = [measure(module) for module in MODULES]
+    table = [rows.get(of.name) or f"| {of.name} | not yet run whole | | {of.bar} | | |" for of in measures]
+    return HEAD + "\n".join(table) + "\n" + "".join(sections.get(of.name, "") for of in measures)
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("measures", nargs="*", metavar="MEASURE", help=f"of: {', '.join(MODULES)}")
@@ -97,9 +105,7 @@ def main() -> None:
         print(notes(of, tally), end="", flush=True)
         rows[of.name], sections[of.name] = row(of, tally), notes(of, tally)
         if not options.quick:
-            names = [measure(each).name for each in MODULES]
-            table = "\n".join(rows[name] for name in names if name in rows)
-            page = HEAD + table + "\n" + "".join(sections.get(name, "") for name in names)
+            page = whole_page(rows, sections)
             SCORE.write_text(page, "utf-8", "backslashreplace")  # of file names that are not UTF-8
     sys.exit(bool(missed))
 
