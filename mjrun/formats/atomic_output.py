@@ -182,12 +182,18 @@ def publish_together(
     for destination in destinations:
         _sync(destination)
 
-    folders = {each.folder for each in destinations if each.folder}
+    with nobody_else_publishes(writers), uninterrupted(), completing():
+        return _move(destinations, last)
+
+
+@contextlib.contextmanager
+def nobody_else_publishes(writers: Sequence[OutputWriter]) -> Iterator[None]:
+    """Within the `with` block, no other process publishes in the folders of these outputs."""
+    folders = {part.destination.folder for writer in writers for part in writer.together}
     with contextlib.ExitStack() as locks:
-        for folder in sorted(folders):  # in one order, for all processes
+        for folder in sorted(filter(None, folders)):  # in one order, for all processes
             locks.enter_context(one_at_a_time(folder))
-        with uninterrupted(), completing():
-            return _move(destinations, last)
+        yield
 
 
 def _move(destinations: Sequence[Destination], last: "Callable[[list[Path]], OutputWriter] | None") -> list[Path]:

@@ -10,6 +10,7 @@ import os
 import re
 import shutil
 import stat
+import threading
 import time
 import zlib
 from collections.abc import Iterator
@@ -19,6 +20,16 @@ NAME = re.compile(r"\..+\.mjrun-([0-9a-f]{8})[0-9a-f]{8}\.part(\.\w+)?")
 NO_LOCKS = (errno.EBADF, errno.EINVAL, errno.ENOLCK, errno.ENOSYS, errno.EOPNOTSUPP)  # of a file system
 LONGEST = 200  # bytes of a name that others can be added to
 WEEK = 7 * 24 * 3600  # [s]
+
+
+class _Entered(threading.local):
+    """The folders whose blocks `one_at_a_time` this thread is in."""
+
+    def __init__(self) -> None:
+        self.folders = set[str]()
+
+
+_entered = _Entered()
 
 
 class TemporaryOutput:
@@ -121,13 +132,22 @@ def remove(path: Path) -> None:
 
 @contextlib.contextmanager
 def one_at_a_time(folder: Path) -> Iterator[None]:
-    """Waits until no other process is in such a block of the same folder, where its file system has locks."""
+    """Waits until nobody else is in such a block of the same folder, where its file system has locks.
+
+    A block within a block of the same thread waits for nothing.
+    """
+    place = os.path.realpath(folder)
+    if place in _entered.folders:
+        yield
+        return
     lock: int | None = None
     with contextlib.suppress(OSError):
         lock = _locked(folder)
+    _entered.folders.add(place)
     try:
         yield
     finally:
+        _entered.folders.remove(place)
         if lock is not None:
             os.close(lock)
 
@@ -148,7 +168,10 @@ def _locked(path: Path, *, wait: bool = True) -> int | None:
       OSError: another process holds the lock and is not to be waited for, or there are no locks.
     """
     is_folder = path.is_dir()
-    descriptor = os.open(path, (os.O_RDONLY if is_folder else os.O_RDWR) | os.O_NOFOLLOW | os.O_NONBLOCK)
+    try:
+        descriptor = os.open(path, (os.O_RDONLY if is_folder else os.O_RDWR) | os.O_NOFOLLOW | os.O_NONBLOCK)
+    except FileNotFoundError:
+        return None
     try:
         fcntl.flock(descriptor, fcntl.LOCK_EX | (0 if wait else fcntl.LOCK_NB))
         if os.path.samestat(os.fstat(descriptor), path.lstat()):

@@ -26,6 +26,7 @@ from mjrun.errors import (
     listing,
     option,
 )
+from mjrun.formats.atomic_output import nobody_else_publishes
 from mjrun.formats.manifest import ManifestWriter
 from mjrun.job.episode import EpisodeResult
 from mjrun.job.output_files import ReservedFiles
@@ -93,13 +94,14 @@ def perform(jobs: Sequence[Job[R]], reporter: Reporter | None = None, published:
             result = replace(artifact.result(files, summary), episode=episode)
             return result, {**artifact.facts, "result": asdict(result), "failure": failure}
 
-        for index, artifact in artifacts.items():
-            with simulated.failing(index):
-                files, result, facts = _publish(artifact, manifests[index], partial(told, artifact))
-                results.append(result)
-                made += artifact.paths
-                if published:
-                    published(facts, result, files)
+        with nobody_else_publishes([writer for artifact in artifacts.values() for writer in artifact.writers]):
+            for index, artifact in artifacts.items():
+                with simulated.failing(index):
+                    files, result, facts = _publish(artifact, manifests[index], partial(told, artifact))
+                    results.append(result)
+                    made += artifact.paths
+                    if published:
+                        published(facts, result, files)
 
     if error := simulated.error(made, _verdicts([*artifacts.values()])):
         error.results = results

@@ -29,6 +29,17 @@ sys.stdin.read()
 """
 
 
+def is_locked(folder: Path) -> bool:
+    descriptor = os.open(folder, os.O_RDONLY)
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return True
+    finally:
+        os.close(descriptor)
+    return False
+
+
 def leave_behind(target: Path, *, folder: bool = False) -> Path:
     """Makes what a killed process leaves."""
     temporary = TemporaryOutput(target, folder=folder)
@@ -131,3 +142,29 @@ def test_blocks_of_one_folder_wait_for_each_other(tmp_path: Path) -> None:
     for thread in threads:
         thread.join()
     assert most == [1]
+
+
+def test_a_block_within_a_block_of_one_folder_waits_for_nothing(tmp_path: Path) -> None:
+    with one_at_a_time(tmp_path):
+        with one_at_a_time(tmp_path):
+            pass
+        assert is_locked(tmp_path)
+    assert not is_locked(tmp_path)
+
+
+def test_a_file_that_somebody_takes_for_left_behind_before_it_is_locked_is_made_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    real, removed = os.open, list[str]()
+
+    def opened(path: str | Path, flags: int, *mode: int) -> int:
+        if not flags & os.O_CREAT and not removed:
+            removed.append(str(path))
+            Path(path).unlink()
+        return real(path, flags, *mode)
+
+    monkeypatch.setattr(os, "open", opened)
+    temporary = TemporaryOutput(tmp_path / "film.mp4")
+    assert removed
+    assert [str(temporary.path)] == [str(path) for path in tmp_path.iterdir()] != removed
+    temporary.remove()

@@ -1,5 +1,6 @@
 """Many outputs of one simulation in one pass: the same as each alone."""
 
+import fcntl
 import hashlib
 import json
 import os
@@ -366,3 +367,18 @@ def test_an_event_that_never_happens_costs_its_own_output_only(swing: Path, tmp_
     assert [result.path for result in caught.value.results] == [f"{tmp_path}/r.npz"]
     with pytest.raises(UsageError, match="never happens"):
         perform([never])
+
+
+def test_nobody_else_publishes_between_two_outputs_of_one_pass(swing: Path, tmp_path: Path) -> None:
+    """Else two runs at once could each leave one of the files."""
+    simulation, refused = Simulation(swing, steps=2), list[bool]()
+
+    def published(*_: object) -> None:
+        descriptor = os.open(tmp_path, os.O_RDONLY)
+        with pytest.raises(BlockingIOError):
+            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        os.close(descriptor)
+        refused.append(True)
+
+    perform([Trace(simulation, str(tmp_path / name)) for name in ("a.csv", "b.npz")], published=published)
+    assert refused == [True, True]
