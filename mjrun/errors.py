@@ -330,10 +330,10 @@ class ModelNotFoundError(ModelError):
 
 
 class BrokenModelError(ModelError):
-    """MuJoCo refused the model; `line` is where, if MuJoCo said so."""
+    """The model is refused; `line` is where, if that is known, and `hint` says what to do."""
 
     def __init__(self, path: Path, message: str, line: int | None = None, hint: str = "") -> None:
-        self.path, self.line = path, line
+        self.path, self.line, self.hint = path, line, hint
         place = clean(str(path)) + (f":{line}" if line else "")
         lines = [clean(part) for part in message.splitlines() if part.strip()]
         first = f"{place}: {lines[0] if lines else 'cannot be read'}"

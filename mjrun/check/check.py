@@ -23,10 +23,7 @@ from mjrun.options.policy import PolicyOptions
 from mjrun.rendering.process_count import available_cores
 from mjrun.reporter import Reporter, WarningReporter
 
-CRASH_REMEDY = (
-    "MuJoCo crashes on models that attach each other in a circle, thousands of nested elements or includes, "
-    "SDF plugins of infinite size, and damaged .mjb files"
-)
+CRASH_REMEDY = "MuJoCo crashes on thousands of nested elements, SDF plugins of infinite size, and damaged .mjb files"
 
 
 @dataclass(frozen=True)

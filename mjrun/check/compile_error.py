@@ -1,7 +1,8 @@
-"""The message with which MuJoCo rejects a model, and the XML element that it is about."""
+"""The message with which a model does not load, and the XML element that it is about."""
 
 import re
 from collections.abc import Iterator
+from pathlib import Path
 from typing import NamedTuple
 
 from mjrun.check.finding import Finding, Place
@@ -11,23 +12,28 @@ from mjrun.model.xml_source import Element, XmlSource
 
 
 class CompileError(NamedTuple):
-    """An error of MuJoCo's parser or compiler.
+    """An error of MuJoCo's parser or compiler, or of mjrun, which refuses what MuJoCo would crash on.
 
     Attributes:
       source: the model.
-      message: in one line, without the line number.
+      path: the model, or its part where the error is.
+      message: in one line, without the line number and the hint.
       line: in the model, or in a model that it attaches; None or 0 if unknown.
+      hint: what to do; empty if the error does not say.
     """
 
     source: XmlSource
+    path: Path
     message: str
     line: int | None
+    hint: str = ""
 
     @classmethod
     def of(cls, error: BrokenModelError, source: XmlSource) -> "CompileError":
-        """MuJoCo's message in `error`."""
+        """The message in `error`, of the model `source`."""
         place = clean(str(error.path)) + (f":{error.line}" if error.line else "")
-        return cls(source, "; ".join(str(error).removeprefix(f"{place}: ").splitlines()), error.line)
+        message = str(error).removeprefix(f"{place}: ").removesuffix(f"\n{error.hint}" if error.hint else "")
+        return cls(source, error.path, "; ".join(message.splitlines()), error.line, error.hint)
 
     @property
     def text(self) -> str:
@@ -41,8 +47,10 @@ class CompileError(NamedTuple):
 
     @property
     def place(self) -> Place:
-        """The model, with the line unless it could be one of an attached model."""
-        return Place(self.source.path, None if self.source.attached else self.line or None)
+        """The file of the error, with the line unless it could be one of an attached model."""
+        if self.path != self.source.path:
+            return Place(self.path, self.line or None)
+        return Place(self.path, None if self.source.attached else self.line or None)
 
     def element(self, value: str = "") -> Element | None:
         """The element that the message is about, which has an attribute `value`, if that is not empty."""
@@ -53,7 +61,9 @@ class CompileError(NamedTuple):
             candidates = [e for e in self._elements() if value and value in e.attributes.values()]
             return next((e for e in candidates if e.tag in words), next(iter(candidates), None))
 
-        files = {self.source.path, *(root.file for root in self.source.attached)}  # MuJoCo does not say which
+        files = {self.path}
+        if self.path == self.source.path:
+            files |= {root.file for root in self.source.attached}  # MuJoCo does not say which
         candidates = [e for e in self._elements() if e.line == self.line and e.file in files]
         candidates = [e for e in candidates if value in e.attributes.values()] or candidates
         candidates = [e for e in candidates if e.tag in words] or candidates

@@ -1,8 +1,6 @@
 """A model that loads, as rules see it: compiled, at its start, and in its XML."""
 
-import math
 from collections.abc import Iterator
-from contextlib import suppress
 from functools import cached_property
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -11,13 +9,9 @@ import mujoco
 import numpy as np
 
 from mjrun.check.finding import Place, Violation
-from mjrun.confinement.confinement import confined_load
-from mjrun.model.compilation import FAULTS, refuse_plugins
-from mjrun.model.description.archive_files import file_content
-from mjrun.model.load import load
-from mjrun.model.named_files import require_regular_files
 from mjrun.model.names import COUNTS, KINDS, names
-from mjrun.model.xml_source import XML, Element, XmlSource, is_regular
+from mjrun.model.sources import source_of
+from mjrun.model.xml_source import XML, Element, XmlSource
 
 MAX_KEYFRAMES = 8  # that rules start from
 SPEC_LISTS = {
@@ -39,14 +33,6 @@ TAGS = {
 }
 SECTIONS = ("actuator", "sensor", "equality")  # kinds whose objects are the children of one element
 IN_FILE_ORDER = (*SECTIONS, "keyframe")  # kinds whose ids follow the order of the file
-
-
-def _compiled(path: Path) -> tuple[mujoco.MjSpec, mujoco.MjModel]:
-    """The specification and the model in the XML at `path`; raises what MuJoCo raises, or ModelError."""
-    require_regular_files(path, file_content(str(path)))
-    spec = mujoco.MjSpec.from_file(str(path))
-    refuse_plugins(spec, path)
-    return spec, spec.compile()
 
 
 class Attach(NamedTuple):
@@ -81,13 +67,8 @@ class LintContext:
         Raises:
           ModelError: it cannot be loaded.
         """
-        with suppress(*FAULTS):  # `load` below fails on the same model with an error that says what and where
-            if path.suffix in XML and is_regular(path):
-                spec, model = confined_load(lambda: _compiled(path))
-                model.names.decode("utf-8")
-                if 0 < model.opt.timestep < math.inf:
-                    return cls(path, model, spec, source)
-        return cls(path, load(path), None, source)
+        spec, model = source_of(path).compile()
+        return cls(path, model, spec if path.suffix in XML else None, source)
 
     def violation(self, kind: str, index: int, message: str, remedy: str, severity: str = "") -> Violation:
         """A violation by the object `index` of a kind, at the line that declares it."""

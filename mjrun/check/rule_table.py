@@ -10,7 +10,7 @@ from mjrun.check import rules
 from mjrun.check.context import LintContext
 from mjrun.check.finding import Finding, short_path
 from mjrun.check.rule import Rule
-from mjrun.check.rules import asset_files, compile_errors, mjcf_schema, process_failures
+from mjrun.check.rules import compile_errors, mjcf_schema, process_failures
 from mjrun.errors import BrokenModelError, ModelError, clean
 from mjrun.model.xml_source import XmlSource
 
@@ -37,11 +37,6 @@ def explain(error: ModelError, source: XmlSource) -> list[Finding]:
             source.path, message.removeprefix(f"{clean(str(source.path))}: "), remedy
         )
     ]
-
-
-def unsafe_files(source: XmlSource) -> list[Finding]:
-    """The files that crash or block MuJoCo's process when the model is loaded."""
-    return _by_place(asset_files.unsafe_files(source), source.path)
 
 
 def ignored_xml(source: XmlSource) -> list[Finding]:

@@ -52,7 +52,7 @@ class InitialState:
         else:
             with concerning("key"):
                 mujoco.mj_resetDataKeyframe(model, data, identify(model, "keyframe", self.key))
-        _check_model_state(data, "the model's own pose" if self.key is None else f"keyframe {quoted(self.key)}")
+        own = {name: vector.copy() for name, vector in _vectors(data).items()}
         for name, values in self.qpos.items():
             with concerning("qpos", name):
                 _set(data.qpos, _joint_slices(model, model.jnt_qposadr, QPOS_COMPONENTS, name), values, "qpos", name)
@@ -66,7 +66,7 @@ class InitialState:
             raise BadValueError(option("seed"), self.seed, "a whole number from 0 on")
         if self.perturb:
             data.qvel += self.perturb * np.random.default_rng(self.seed).standard_normal(model.nv)
-        _check_finite(model, data)
+        _check(data, own, "the model's own pose" if self.key is None else f"keyframe {quoted(self.key)}")
 
     def remarks(self, model: mujoco.MjModel) -> list[str]:
         """What the user should know of this start: controls that MuJoCo will clamp."""
@@ -134,22 +134,19 @@ def _joints_named(model: mujoco.MjModel, name: str) -> list[int]:
     return matching(model, "joint", name)
 
 
-def _check_model_state(data: mujoco.MjData, source: str) -> None:
-    """Raises ModelError if what the model says of its start is not finite."""
-    for name, vector in (("qpos", data.qpos), ("qvel", data.qvel), ("act", data.act), ("ctrl", data.ctrl)):
-        bad = np.flatnonzero(~np.isfinite(vector))
-        if bad.size:
-            raise ModelError(f"{source}: {name}[{bad[0]}] is {vector[bad[0]]}, and must be finite")
+def _vectors(data: mujoco.MjData) -> dict[str, np.ndarray]:
+    return {"qpos": data.qpos, "qvel": data.qvel, "act": data.act, "ctrl": data.ctrl}
 
 
-def _check_finite(model: mujoco.MjModel, data: mujoco.MjData) -> None:
-    for name, vector in (("qpos", data.qpos), ("qvel", data.qvel), ("act", data.act), ("ctrl", data.ctrl)):
-        if abs(vector).max(initial=0) <= mujoco.mjMAXVAL:
+def _check(data: mujoco.MjData, own: Mapping[str, np.ndarray], source: str) -> None:
+    """Raises ModelError or UsageError if a number of a start cannot be: of `own`, which `source` says, or another."""
+    for name, vector in _vectors(data).items():
+        bad = np.flatnonzero(~(abs(vector) <= mujoco.mjMAXVAL))
+        if not bad.size:
             continue
-        bad = np.flatnonzero(~np.isfinite(vector))
-        if bad.size:
-            raise UsageError(f"the initial {name}[{bad[0]}] is {vector[bad[0]]}, and must be finite")
-        huge = np.flatnonzero(abs(vector) > mujoco.mjMAXVAL)
-        if huge.size:
-            limit = f"{mujoco.mjMAXVAL:g}, beyond which MuJoCo takes a simulation for unstable"
-            raise UsageError(f"the initial {name}[{huge[0]}] is {vector[huge[0]]:g}, and must be below {limit}")
+        index, value = bad[0], vector[bad[0]]
+        limit = f"below {mujoco.mjMAXVAL:g}, beyond which MuJoCo takes a simulation for unstable"
+        must = f"is {value:g}, and must be {limit if np.isfinite(value) else 'finite'}"
+        if np.array_equal(value, own[name][index], equal_nan=True):
+            raise ModelError(f"{source}: {name}[{index}] {must}")
+        raise UsageError(f"the initial {name}[{index}] {must}")

@@ -8,7 +8,7 @@ from typing import Any
 from mjrun.check.check import Check, CheckResult, ModelResult
 from mjrun.check.context import LintContext
 from mjrun.check.finding import SEVERITIES, Finding
-from mjrun.check.rule_table import RULES, apply, explain, ignored_xml, unsafe_files
+from mjrun.check.rule_table import RULES, apply, explain, ignored_xml
 from mjrun.errors import ModelError
 from mjrun.model.xml_source import read_xml
 
@@ -66,7 +66,7 @@ def lint_file(path: Path, codes: Collection[str] = RULES.keys()) -> list[Finding
     try:
         context = LintContext.load(path, source)
     except ModelError as error:
-        return [*unsafe_files(source), *explain(error, source)]
+        return explain(error, source)
     return [*ignored_xml(source), *(finding for code in RULES if code in codes for finding in apply(code, context))]
 
 

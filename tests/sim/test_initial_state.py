@@ -201,6 +201,15 @@ def test_a_start_that_mujoco_cannot_step_from_is_refused_as_wrong_usage(field: s
         InitialState(**how).data(MODEL)
 
 
+def test_a_start_beyond_mujocos_limit_is_the_models_fault_unless_it_is_replaced() -> None:
+    text = '<mujoco><worldbody><body><joint name="far" ref="1e308"/><geom size="1"/></body></worldbody></mujoco>'
+    model = mujoco.MjModel.from_xml_string(text)
+    with pytest.raises(ModelError, match=r"the model's own pose: qpos\[0\] is .* must be below 1e\+10") as caught:
+        InitialState().data(model)
+    assert caught.value.exit_code == 3
+    assert InitialState(qpos={"far": 1.0}).data(model).qpos[0] == 1
+
+
 def test_a_seed_that_cannot_be_is_refused_as_wrong_usage() -> None:
     with pytest.raises(UsageError):
         InitialState(perturb=1, seed=-1).data(MODEL)

@@ -20,7 +20,6 @@ from mjrun.model.xml_source import (
 )
 
 MISSING_FILE = Rule("MJ107", "error", "missing file")
-SELF_ATTACHED = Rule("MJ113", "error", "model that attaches itself")
 
 FOLDER_ATTRIBUTES = {
     "mesh": "meshdir",
@@ -61,23 +60,6 @@ def _starts_with(path: Path, prefix: bytes) -> bool:
             return file.read(len(prefix)) == prefix
     except OSError:
         return False
-
-
-def unsafe_files(source: XmlSource) -> Iterator[Finding]:
-    """Files that crash or block MuJoCo's process: models that attach themselves, and pipes and devices."""
-    folders, own = _folders(source), source.path.resolve()
-    for element in source.elements():
-        for name in _file_names(element):
-            path = next((path for path in _paths(element, name, source, folders) if path.exists()), None)
-            if path is None or path.is_dir():
-                continue
-            if not is_regular(path):
-                message = f"{quoted(name)} of {element} is a pipe or a device, on which MuJoCo would block"
-                yield MISSING_FILE.in_element(element, message, "name a regular file")
-            elif element.tag == "model" and path.resolve() == own:
-                message = f"{element} attaches {quoted(name)}, which is the model itself"
-                remedy = "attach another file; <replicate> repeats a part of this one"
-                yield SELF_ATTACHED.in_element(element, message, remedy)
 
 
 def _folders(source: XmlSource) -> dict[str, str]:

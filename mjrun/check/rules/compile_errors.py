@@ -1,4 +1,4 @@
-"""Why MuJoCo rejects a model: from its message about the first error, all errors of that kind."""
+"""Why a model does not load: from MuJoCo's message about the first error, all errors of that kind."""
 
 import re
 from collections.abc import Callable, Iterator
@@ -16,10 +16,11 @@ from mjrun.errors import BrokenModelError, ModelError, clean, option, quoted
 from mjrun.model.load import load
 from mjrun.model.xml_source import XmlSource, attached_files, read_xml
 
-COMPILE_ERROR = Rule("MJ100", "error", "MuJoCo rejects the model")
+COMPILE_ERROR = Rule("MJ100", "error", "model that does not load")
 NOT_WELL_FORMED = Rule("MJ101", "error", "not well-formed XML")
 DUPLICATE_NAME = Rule("MJ108", "error", "duplicate name")
 MISSING_ATTRIBUTE = Rule("MJ112", "error", "missing attribute")
+SELF_ATTACHED = Rule("MJ113", "error", "model that attaches itself")
 BAD_TIMESTEP = Rule("MJ114", "error", "timestep that is not positive")
 WARNING = Rule("MJ115", "warning", "MuJoCo warns while loading")
 MASSLESS_BODY = Rule("MJ202", "error", "moving body without mass")
@@ -89,8 +90,8 @@ def _explain(error: CompileError) -> Findings:
             yield from findings
             return
     if not pointers:
-        remedy = next((remedy for pattern, remedy in REMEDIES if re.search(pattern, error.message)), "")
-        yield error.finding(COMPILE_ERROR, f"MuJoCo rejects the model: {error.text}", remedy)
+        remedy = next((remedy for pattern, remedy in REMEDIES if re.search(pattern, error.message)), error.hint)
+        yield error.finding(COMPILE_ERROR, f"the model does not load: {error.text}", remedy)
 
 
 def _syntax(error: CompileError, match: re.Match[str]) -> Findings:
@@ -115,6 +116,14 @@ def _invalid_xml(source: XmlSource) -> Findings:
 
 def _files(error: CompileError, match: re.Match[str]) -> Findings:
     yield from asset_files.missing_files(error.source)
+
+
+def _special_file(error: CompileError, match: re.Match[str]) -> Findings:
+    yield error.finding(asset_files.MISSING_FILE, error.text, "name a regular file", match[1])
+
+
+def _circle(error: CompileError, match: re.Match[str]) -> Findings:
+    yield error.finding(SELF_ATTACHED, error.text, f"{error.hint}; <replicate> repeats a part of a model")
 
 
 def _memory(error: CompileError, match: re.Match[str]) -> Findings:
@@ -213,6 +222,8 @@ EXPLANATIONS: list[tuple[str, Callable[[CompileError, re.Match[str]], Findings]]
     (r"could not find (?P<kind>\w+) '(?P<name>.*?)'", unknown_names.unknown_name),
     (r"(?P<kind>\w+) '(?P<name>.*?)' not found in", unknown_names.unknown_name),
     (r"[Ee]rror opening file|could not parse model file|not found|[Uu]nknown skin file|Could not", _files),
+    (r"'(.*)' is .*; a model is read from regular files", _special_file),
+    (r"or attaches this model again", _circle),
     (r"invalid keyword: '(.*?)'", _keyword),
     (r"required attribute missing: '(?P<attribute>\w+)'", _missing_attribute),
     (r"(?:bad format in|problem reading|error in)? ?attribute '(?P<attribute>\w+)'", _value),
