@@ -16,7 +16,7 @@ from mjrun.document.study import STUDY, StudyDocument
 from mjrun.document.study_writer import portable_document
 from mjrun.document.tree import Fault, MappingNode, Mark, node_of
 from mjrun.errors import FileError, UsageError, clean, option, quoted
-from mjrun.formats.atomic_output import OutputWriter, StagedFile, publish_together
+from mjrun.formats.atomic_output import publish_together, written_file
 from mjrun.formats.input_file import is_file, opened
 from mjrun.options.simulation import CodeOptions
 from mjrun.options.sweep import MANIFEST, PLANS
@@ -49,12 +49,12 @@ def write_plan(path: str, plan: StudyPlan) -> None:
     study = portable_document(plan.study, folder)
     home = os.path.relpath(plan.study.output, folder)
     about = {"schema": SCHEMA, "folder": home, "study": study, "identity": plan.identity, "names": plan.names}
-    with OutputWriter(StagedFile(Path(path))) as output, plan.study.manifest_writer({}) as manifest:
-        chunks = (
-            {**about, "points": [point.index for point in chunk], "values": [point.values for point in chunk]}
-            for chunk in plan.chunks
-        )
-        output.write_file("".join(f"{json.dumps(chunk)}\n" for chunk in chunks).encode())
+    chunks = (
+        {**about, "points": [point.index for point in chunk], "values": [point.values for point in chunk]}
+        for chunk in plan.chunks
+    )
+    text = "".join(f"{json.dumps(chunk)}\n" for chunk in chunks)
+    with written_file(Path(path), text.encode()) as output, plan.study.manifest_writer({}) as manifest:
         publish_together([output, manifest])
 
 

@@ -7,7 +7,7 @@ from collections.abc import Collection, Mapping
 from pathlib import Path
 
 from mjrun.errors import FileError, clean, option
-from mjrun.formats.atomic_output import OutputWriter, StagedFile
+from mjrun.formats.atomic_output import OutputWriter, StagedFile, written_file
 from mjrun.formats.input_file import exists, is_file, is_folder
 from mjrun.options.evaluation import MANIFEST
 
@@ -50,9 +50,8 @@ class ResultsFolder:
 
     def write_manifest(self, stack: contextlib.ExitStack, facts: Mapping[str, object]) -> OutputWriter:
         """Writes what made the results, and what they are; it still has to be published, or `stack` discards it."""
-        output = stack.enter_context(OutputWriter(StagedFile(self.path / MANIFEST)))
-        output.write_file(f"{json.dumps(facts, indent=2, default=str)}\n".encode())
-        return output
+        text = f"{json.dumps(facts, indent=2, default=str)}\n"
+        return stack.enter_context(written_file(self.path / MANIFEST, text.encode()))
 
     def _require_ours(self) -> None:
         path = self.path

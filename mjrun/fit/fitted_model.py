@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from mjrun.errors import FileError, UsageError, clean, listing, option
-from mjrun.formats.atomic_output import OutputWriter, StagedFile
+from mjrun.formats.atomic_output import OutputWriter, written_file
 from mjrun.formats.temporary_output import temporary_file
 from mjrun.model.attribute_text import Change, changes, with_changes
 from mjrun.model.fingerprint import physics_fingerprint
@@ -56,8 +56,7 @@ class FittedModel:
         """
         made = changes(self._main, overrides)
         text = with_changes(self._main.read_bytes(), made)
-        output = stack.enter_context(OutputWriter(StagedFile(self.path)))
-        output.write_file(text)
+        output = stack.enter_context(written_file(self.path, text))
         self._require_same(output, text, overrides)
         return output, made
 

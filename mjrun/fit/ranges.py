@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from mjrun.errors import UsageError, clean, option
 from mjrun.fit.free_parameter import FreeParameter
-from mjrun.formats.atomic_output import OutputWriter, StagedFile
+from mjrun.formats.atomic_output import OutputWriter, written_file
 
 if TYPE_CHECKING:
     from mjrun.fit.result import FittedParameter
@@ -45,9 +45,7 @@ def write_ranges(
         spread = max((result.high - result.low) / width, 1e-12 * abs(result.value), 1e-300)
         numbers = ", ".join(repr(float(n)) for n in (result.value, spread, parameter.low, parameter.high))
         lines.append(f"  {json.dumps(varied)}: {{truncnormal: [{numbers}]}}")
-    output = stack.enter_context(OutputWriter(StagedFile(Path(path))))
-    output.write_file(("\n".join(lines) + "\n").encode())
-    return output
+    return stack.enter_context(written_file(Path(path), ("\n".join(lines) + "\n").encode()))
 
 
 def check_ranges_name(path: str) -> None:

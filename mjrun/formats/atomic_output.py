@@ -159,6 +159,18 @@ class OutputWriter(Closable):
             file.write(content)
 
 
+def written_file(path: Path, content: bytes) -> OutputWriter:
+    """A file with its content, still to be published.
+
+    Raises:
+      FileError: it cannot be written.
+    """
+    output = OutputWriter(StagedFile(path))
+    with output.opening():
+        output.write_file(content)
+    return output
+
+
 def publish_together(
     writers: Sequence[OutputWriter], last: Callable[[Sequence[Path]], OutputWriter] | None = None
 ) -> list[Path]:

@@ -78,11 +78,11 @@ class GoldenTable:
             self._compare(options, columns, stack)
         self._writers: list[OutputWriter] = []
         if self._update:
-            self._table = TableWriter(self._path, output_format(self._path).name, columns, facts)
-            beside = sidecar_path(Path(self._path))
-            self._writers = [self._table, *([SidecarWriter(self._table, beside, facts)] if beside else [])]
-            for writer in self._writers:
-                stack.enter_context(writer)
+            name = output_format(self._path).name
+            self._table = stack.enter_context(TableWriter(self._path, name, columns, facts))
+            self._writers.append(self._table)
+            if beside := sidecar_path(Path(self._path)):
+                self._writers.append(stack.enter_context(SidecarWriter(self._table, beside, facts)))
 
     def write(self, values: np.ndarray) -> None:
         """Takes rows, float64 `(n, columns)`."""

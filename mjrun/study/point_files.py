@@ -11,7 +11,7 @@ from pathlib import Path
 
 from mjrun.child_process import ChildProcess, limit_this_process, python_call
 from mjrun.errors import MjrunError
-from mjrun.formats.atomic_output import OutputWriter, StagedFile
+from mjrun.formats.atomic_output import written_file
 from mjrun.formats.point_manifest import NAME, read_point
 from mjrun.job.manifest import plain
 from mjrun.job.simulation import Simulation
@@ -80,8 +80,7 @@ class PointOutputs:
             if name not in files:
                 (self.folder / name).unlink(missing_ok=True)
         document = {"key": self.key, **self.facts, "files": files}
-        with OutputWriter(StagedFile(self.folder / NAME)) as output:
-            output.write_file(f"{json.dumps(document, indent=2)}\n".encode())
+        with written_file(self.folder / NAME, f"{json.dumps(document, indent=2)}\n".encode()) as output:
             output.publish()
 
     def _job(self, kind: str, path: str) -> Job[OutputResult]:

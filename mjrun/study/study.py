@@ -12,7 +12,7 @@ import mujoco
 import numpy as np
 
 from mjrun.errors import FailedAssertionError, FailedPointsError, FileError, LostFilesError, clean
-from mjrun.formats.atomic_output import OutputWriter, StagedFile
+from mjrun.formats.atomic_output import OutputWriter, written_file
 from mjrun.job.simulation import Simulation
 from mjrun.model.column import Column
 from mjrun.options.option import options
@@ -76,9 +76,7 @@ class Study(StudyOptions, ExecutionOptions):
     def manifest_writer(self, facts: Mapping[str, object]) -> OutputWriter:
         """The manifest, written and still to be published."""
         document = {"command": self.command, **({"study": self.document} if self.document else {}), **facts}
-        output = OutputWriter(StagedFile(Path(self.output) / MANIFEST))
-        output.write_file(f"{json.dumps(document, indent=2, default=str)}\n".encode())
-        return output
+        return written_file(Path(self.output) / MANIFEST, f"{json.dumps(document, indent=2, default=str)}\n".encode())
 
     def collect(self, reporter: Reporter | None = None) -> "StudyResult":
         """Writes the table of all points from the results that are there, and simulates nothing.

@@ -6,6 +6,7 @@ import sys
 from collections.abc import Callable
 from contextlib import ExitStack
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -19,6 +20,7 @@ from mjrun.formats.atomic_output import (
     StagedFrames,
     StandardOutput,
     publish_together,
+    written_file,
 )
 from tests.formats.file_faults import MOST, fault, killed_at
 
@@ -389,6 +391,16 @@ def test_a_writer_that_fails_while_it_opens_leaves_nothing(tmp_path: Path) -> No
     with pytest.raises(KeyboardInterrupt):
         Lines(tmp_path / "a", KeyboardInterrupt())
     assert names(tmp_path) == []
+
+
+def test_a_file_that_cannot_be_written_at_once_leaves_nothing(tmp_path: Path) -> None:
+    wrong: Any = "not bytes"
+    with pytest.raises(TypeError):
+        written_file(tmp_path / "a", wrong)
+    assert names(tmp_path) == []
+    with written_file(tmp_path / "a", b"kept") as output:
+        output.publish()
+    assert (tmp_path / "a").read_bytes() == b"kept"
 
 
 def test_what_the_system_refuses_is_named_with_the_output(tmp_path: Path) -> None:

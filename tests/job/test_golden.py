@@ -130,6 +130,13 @@ def test_a_missing_one_is_not_made_by_itself(model: Path) -> None:
     assert not Path("golden.csv").exists()
 
 
+def test_a_table_whose_manifest_cannot_be_written_leaves_nothing(model: Path) -> None:
+    Path("golden.csv.json").mkdir()
+    with pytest.raises(FileError, match=r"golden.csv.json: exists and is not a regular file"):
+        test_of(model, update=True)
+    assert sorted(path.name for path in Path().iterdir()) == ["golden.csv.json", "rig.xml"]
+
+
 def test_nothing_is_updated_on_failure(model: Path) -> None:
     test_of(model, update=True)
     files = {path: path.read_bytes() for path in Path().iterdir()}

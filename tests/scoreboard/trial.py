@@ -159,7 +159,7 @@ class Trial:
             if self._before.holds(name, content):
                 continue
             if self._after.holds(name, content):
-                if message is not None and not self.command.in_steps and Path(name).name not in message:
+                if message is not None and not self.command.in_steps and self._name(name) not in message:
                     problems.append(f"{name} is new, which is not said")
             elif self.command.in_steps and name.endswith("study.json") and _is_document(content):
                 pass  # it tells how far the study is
@@ -176,10 +176,14 @@ class Trial:
         ]
 
     def _names_a_file(self, message: str) -> bool:
-        known = {Path(name) for name in (*self._before.first, *self._after.first)}
-        names = {part for path in known for part in path.parts} | {"temporary", "plan.jsonl"}
-        patterns = {"f_%04d.png"} if self.command.name == "pattern" else set[str]()
-        return any(name in message for name in names | patterns)
+        known = {*self._before.first, *self._after.first}
+        names = {part for name in known for part in (*Path(name).parts, self._name(name))}
+        return any(name in message for name in names | {"temporary", "plan.jsonl"})
+
+    def _name(self, path: str) -> str:
+        """What messages call a file: frames by their pattern."""
+        name = Path(path).name
+        return "f_%04d.png" if self.command.name == "pattern" and name.startswith("f_") else name
 
 
 def _same_study(name: str, content: bytes, other: bytes) -> bool:
