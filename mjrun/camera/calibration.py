@@ -3,7 +3,7 @@
 import numpy as np
 
 from mjrun.camera.pose import Frustum, Pose
-from mjrun.errors import UsageError
+from mjrun.errors import ModelError
 from mjrun.model.rendered_view import CameraCalibration
 
 
@@ -15,11 +15,14 @@ def lens(pose: Pose, size: tuple[int, int]) -> CameraCalibration:
     Intrinsics of another aspect than the image's are stretched: then fx and fy differ.
 
     Raises:
-      UsageError: the camera's field of view is 0.
+      ModelError: the camera's field of view is empty.
     """
     (width, height), seen = size, pose.frustum
     if not seen.top > seen.bottom:
-        raise UsageError("a camera whose field of view is 0 sees nothing\ngive it one: camera/NAME.fovy=45, in degrees")
+        raise ModelError(
+            "a camera sees nothing: its field of view or near plane is 0 or no number\n"
+            "set camera/NAME.fovy, vis.global.fovy [degrees] or vis.map.znear to a positive number"
+        )
     halfwidth = seen.width or (seen.top - seen.bottom) * width / height / 2
     left = seen.center - halfwidth
     distance = 1.0 if seen.orthographic else seen.near

@@ -9,7 +9,7 @@ import pytest
 
 from mjrun.camera.calibration import lens, metric_depth
 from mjrun.camera.pose import Frustum, pose_of
-from mjrun.errors import UsageError
+from mjrun.errors import ModelError
 from mjrun.model.rendered_view import CameraCalibration
 from mjrun.rendering.backend import Backend
 
@@ -219,5 +219,5 @@ def test_a_camera_without_a_field_of_view_is_told() -> None:
     camera = mujoco.MjvCamera()
     camera.type, camera.fixedcamid = mujoco.mjtCamera.mjCAMERA_FIXED, 0
     mujoco.mjv_updateScene(model, data, mujoco.MjvOption(), None, camera, mujoco.mjtCatBit.mjCAT_ALL, scene)
-    with pytest.raises(UsageError, match="field of view is 0"):
+    with pytest.raises(ModelError, match="field of view or near plane is 0"):
         lens(pose_of(scene), SIZES[0])
