@@ -82,14 +82,17 @@ def pendulum(folder: Path) -> Problem:
 
 
 def arm(folder: Path) -> Problem:
-    """The arm, with armatures, dampings and friction of its own, and a load."""
+    """The arm, with armatures, dampings and friction of its own, a load at its flange, and commands that act late."""
     path = ROOT / "scenes/arm.xml"
-    truth = (1.3, 0.7, 0.4, 2.0)
+    center, delay = (0.02, -0.01, 0.06), 0.008
+    truth = (1.3, 0.7, 0.4, 2.0, *center, delay)
     free = [
         ("scale:joint/*.armature", "0.2..5"),
         ("scale:joint/*.damping", "0.1..5"),
         ("joint/*.frictionloss", "0..3"),
         ("geom/flange.mass", "0.05..5"),
+        *((f"geom/flange.pos[{axis}]", "-0.1..0.1") for axis in range(3)),
+        ("delay:ctrl/*", "0..0.03"),
     ]
 
     def log(file: Path, seed: int) -> None:
@@ -99,16 +102,21 @@ def arm(folder: Path) -> Problem:
             joint.armature *= truth[0]
             joint.damping = np.array(joint.damping) * truth[1]
             joint.frictionloss = truth[2]
-        spec.geom("flange").mass = truth[3]
+        load = spec.geom("flange")
+        load.mass, load.pos = truth[3], center
         model = spec.compile()
         data = mujoco.MjData(model)
         data.qpos[:] = generator.normal(0, 0.05, model.nq)  # which no log says
         frequencies = 0.3 + 0.15 * np.arange(model.nu)
+        late = round(delay / model.opt.timestep)
+        told = [np.zeros(model.nu)] * late
         rows: list[list[float]] = []
         for step in range(3000):
             if step % 5 == 0:
-                data.ctrl[:] = 0.5 * np.sin(2 * np.pi * frequencies * data.time)
-                rows.append([data.time, *measured(data.qpos, generator), *data.ctrl])
+                command = 0.5 * np.sin(2 * np.pi * frequencies * data.time)
+                rows.append([data.time, *measured(data.qpos, generator), *command])
+            told.append(command)
+            data.ctrl[:] = told.pop(0)
             mujoco.mj_step(model, data)
         names = [f"qpos/{model.joint(i).name}" for i in range(model.njnt)]
         write(file, ["time", *names, *(f"ctrl/{model.actuator(i).name}" for i in range(model.nu))], rows)
@@ -223,9 +231,11 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--repetitions", type=int, default=50)
     parser.add_argument("--problems", nargs="*", choices=PROBLEMS, default=[*PROBLEMS])
+    parser.add_argument("--no-sysid", action="store_true", help="leave out the comparison")
     options = parser.parse_args()
     with tempfile.TemporaryDirectory() as folder:
-        against_sysid(Path(folder))
+        if not options.no_sysid:
+            against_sysid(Path(folder))
         for name in options.problems:
             coverage(name, options.repetitions, Path(folder))
 

@@ -8,7 +8,8 @@ import sys
 def main() -> None:
     """Runs the command line and exits with its code."""
     if sys.getfilesystemencoding() == "ascii":  # a locale in which Python cannot pass the names of most files on
-        os.execv(sys.executable, [sys.executable, "-X", "utf8", *sys.orig_argv[1:]])
+        os.environ["PYTHONUTF8"] = "1"  # for its own processes, too
+        os.execv(sys.executable, [sys.executable, *sys.orig_argv[1:]])
     # What comes before there is anybody to heed it waits.
     signal.pthread_sigmask(signal.SIG_BLOCK, (signal.SIGINT, signal.SIGTERM, signal.SIGHUP))
     from mjrun.cli.standard_streams import open_standard_streams

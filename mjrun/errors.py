@@ -115,7 +115,7 @@ def suggestion(name: str, valid: Iterable[str]) -> str:
     valid = list(valid)
     if name.endswith("/*"):
         valid = list(dict.fromkeys(f"{each.rpartition('/')[0]}/*" for each in valid if "/" in each))
-    close = near(name, valid)
+    close = near(name, [each for each in valid if each != name])
     return f" (did you mean {' or '.join(map(quoted, close))}?)" if close else ""
 
 

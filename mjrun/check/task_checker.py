@@ -13,9 +13,11 @@ from mjrun.check.task_episodes import COUNT, watch
 from mjrun.check.task_places import TaskPlaces, place_of
 from mjrun.check.worker_pool import MIB, WorkerTask
 from mjrun.child_process import limit_this_process
-from mjrun.errors import DocumentError, FileError, MjrunError, ModelError, UsageError
+from mjrun.errors import DocumentError, FileError, MjrunError, ModelError, UsageError, clean
+from mjrun.formats.input_file import require_file
 from mjrun.model.mujoco_globals import collected_warnings, without_timers
 from mjrun.model.source import Source
+from mjrun.model.sources import DOCUMENTS
 from mjrun.model.xml_source import read_xml
 from mjrun.options.policy import RANDOM
 from mjrun.policy.agreement import check_agreement
@@ -58,8 +60,13 @@ class TaskChecker(Checker):
             self._watch(worlds, policy, places)
 
     def _read(self) -> Task | None:
-        """The task; None if it has mistakes, which are written."""
+        """The task; None if it cannot be read or has mistakes, which are written."""
         read = cast("Callable[[str], Task]", resolve_name(self.task.reader))
+        try:
+            require_file(self.path, "task document", DOCUMENTS)
+        except FileError as error:
+            self._write_mistake(error)
+            return None
         try:
             return read(self.task.path)
         except (UsageError, FileError) as error:
@@ -88,12 +95,16 @@ class TaskChecker(Checker):
         """Writes what is wrong with the document; the model is not to blame."""
         self.write(loaded=True)
         if not isinstance(error, DocumentError):
-            message, _, remedy = error.spelled(str).partition("\n")
-            self.write_findings([tasks.MISTAKE.in_model(self.path, message, remedy)])
+            self._write_mistake(error)
             return
         for problem in error.problems:
             place = f"{problem.path}: {problem.message}" if problem.path else problem.message
             self.write_findings([tasks.MISTAKE.finding(place, "", place_of(problem, self.path))])
+
+    def _write_mistake(self, error: MjrunError) -> None:
+        message, _, remedy = error.spelled(str).partition("\n")
+        message = message.removeprefix(f"{clean(str(self.path))}: ")
+        self.write_findings([tasks.MISTAKE.in_model(self.path, message, remedy)])
 
     def _policy(self, task: Task) -> Policy | None:
         """The policy that was asked about; None if there is none, or it does not fit, which is written."""

@@ -5,7 +5,8 @@ from pathlib import Path
 
 from mjrun.document.tree import Fault, MappingNode, Mark
 from mjrun.document.yaml_parser import compose
-from mjrun.errors import quoted
+from mjrun.errors import FileError, quoted
+from mjrun.formats.input_file import opened
 
 
 @dataclass(frozen=True)
@@ -55,9 +56,11 @@ def kind_of(tree: MappingNode) -> DocumentKind | None:
 def kind_of_file(path: Path | str) -> DocumentKind | None:
     """The kind of the document at `path`; None if it is not clear, or is none: whoever reads it is told why."""
     try:
-        node, _ = compose(Path(path).read_text("utf-8-sig"), lambda index: Mark(0, 0, 0, str(path)))
-    except (OSError, UnicodeDecodeError):
+        with opened(Path(path), "document", ()) as file:
+            text = file.read().decode("utf-8-sig")
+    except (FileError, UnicodeDecodeError):
         return None
+    node, _ = compose(text, lambda index: Mark(0, 0, 0, str(path)))
     return kind_of(node) if isinstance(node, MappingNode) else None
 
 

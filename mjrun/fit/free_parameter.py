@@ -4,6 +4,7 @@ import math
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from fnmatch import fnmatchcase
 
 import mujoco
 import numpy as np
@@ -33,13 +34,14 @@ class FreeParameter:
     """One number that a fit looks for. Optimizers see it as a coordinate from 0 to 1 between its bounds.
 
     Attributes:
-      path: in the model, as overrides have it, `delay:COLUMN` [s], or a number of the inertia of a body, such as
-        `inertia:BODY.center[0]`.
+      path: in the model, as overrides have it, `delay:COLUMN` [s], wildcards allowed, or a number of the inertia of a
+        body, such as `inertia:BODY.center[0]`.
       low, high: its bounds.
       start: what the model has, or 0 s.
       is_log: whether the coordinate goes with the logarithm.
       prior: mean and standard deviation of a normal distribution that is known beforehand; None without one.
       inertia: of which it is a number; None where it stands for itself.
+      delayed: the columns that it delays.
     """
 
     path: str
@@ -49,11 +51,12 @@ class FreeParameter:
     is_log: bool = False
     prior: tuple[float, float] | None = None
     inertia: BodyInertia | None = None
+    delayed: tuple[str, ...] = ()
 
     @property
     def is_delay(self) -> bool:
-        """Whether it is the delay of a signal rather than a number of the model."""
-        return self.path.startswith(DELAY)
+        """Whether it is the delay of signals rather than a number of the model."""
+        return bool(self.delayed)
 
     def value(self, coordinate: float) -> float:
         """The number at a coordinate."""
@@ -128,10 +131,12 @@ def free_parameters(texts: Sequence[tuple[str, str]], source: Source, delayed: S
                 raise UsageError(f"{option('free')} {clean(path)}: time is that of the log; {option('set')} it instead")
             if path.startswith(INERTIA):
                 parameters += bodies.parameters(path, text)
+            elif path.startswith(DELAY):
+                parameters.append(replace(_parameter(path, text, 0.0), delayed=_delayed(path, delayed)))
             else:
-                start = _delay_start(path, delayed) if path.startswith(DELAY) else _model_start(path, spec)
-                parameters.append(_parameter(path, text, start))
-            if len({each.path for each in parameters}) < len(parameters):
+                parameters.append(_parameter(path, text, _model_start(path, spec)))
+            names = [name for each in parameters for name in each.delayed or [each.path]]
+            if len(set(names)) < len(names):
                 raise UsageError(f"{option('free')} {clean(path)} is given twice")
     return parameters
 
@@ -216,11 +221,15 @@ def _parameter(path: str, text: str, start: float) -> FreeParameter:
     return FreeParameter(path, low, high, start, is_log, prior)
 
 
-def _delay_start(path: str, delayed: Sequence[str]) -> float:
-    column = path.removeprefix(DELAY)
-    if column not in delayed:
-        raise UnknownNameError("signal", column, delayed, where=f"{option('free')} delay:")
-    return 0.0
+def _delayed(path: str, columns: Sequence[str]) -> tuple[str, ...]:
+    """The columns that a delay is of."""
+    pattern = path.removeprefix(DELAY)
+    if pattern in columns:
+        return (pattern,)
+    matches = tuple(column for column in columns if fnmatchcase(column, pattern))
+    if not matches:
+        raise UnknownNameError("signal", pattern, columns, where=f"{option('free')} delay:")
+    return matches
 
 
 def _model_start(path: str, spec: mujoco.MjSpec | None) -> float:

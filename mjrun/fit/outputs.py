@@ -104,7 +104,7 @@ class FitOutputs:
 
     def _delays(self, values: Sequence[float]) -> list[float]:
         names = [column.name for column in self._predictor.columns]
-        delays = {p.path.partition(":")[2]: v for p, v in zip(self._parameters, values, strict=True) if p.is_delay}
+        delays = {name: v for p, v in zip(self._parameters, values, strict=True) for name in p.delayed}
         return [delays.get(name, 0.0) for name in names]
 
 

@@ -8,7 +8,7 @@ import mujoco
 import numpy as np
 
 from mjrun.errors import ModelError, counted, listing
-from mjrun.fit.free_parameter import DELAY, FreeParameter, overrides
+from mjrun.fit.free_parameter import FreeParameter, overrides
 from mjrun.fit.measurements import CONTROLS, Segment, commands
 from mjrun.fit.rotations import align, rotations
 from mjrun.job.simulation import Simulation
@@ -144,7 +144,7 @@ class Predictor:
         self._fields = sorted({name for probe in self._probes for name in probe.fields})
         self._signals = list(signals)
         controls = control_names(self.model)
-        delays = [(i, each.path.removeprefix(DELAY)) for i, each in enumerate(parameters) if each.is_delay]
+        delays = [(i, name) for i, each in enumerate(parameters) for name in each.delayed]
         self._late_controls = {
             controls.index(name.removeprefix(CONTROLS)): i for i, name in delays if name.startswith(CONTROLS)
         }

@@ -28,7 +28,7 @@ class FitOptions(Options):
         default=(),
         help="A number to find, and its bounds: joint/hinge.damping=0.001..1, log:1e-4..1 where it may lie orders of "
         "magnitude apart. Any path of --set, tied by a wildcard or scale:; actuator/NAME.kp and .kv of position "
-        "servos; delay:ctrl/motor or delay:qpos/knee [s]; inertia:BODY.mass [kg], .center of mass [m] and .shape, "
+        "servos; delay:ctrl/* or delay:qpos/knee [s]; inertia:BODY.mass [kg], .center of mass [m] and .shape, "
         "factors of how far mass is spread. ~normal(MEAN, STD) behind the bounds is a prior.",
     )
     output: str | None = option(

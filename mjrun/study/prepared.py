@@ -67,7 +67,13 @@ class PreparedStudy:
         require_extra("sweep")
         source, model = spec.base.source.compile()
         points = design(options, model, spec.base.seed)
-        require_values(points.names, points.points, dict(spec.controllers), None if MODEL in points.names else source)
+        try:
+            shared = None if MODEL in points.names else source
+            require_values(points.names, points.points, dict(spec.controllers), shared)
+        except UsageError as error:
+            if options.points is not None:
+                error.add_note(f"what {clean(options.points)} names varies, too: its columns are parameters")
+            raise
         return cls(options, spec.varying(points.names), points, model)
 
     @cached_property

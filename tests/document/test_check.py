@@ -1,5 +1,6 @@
 """Theorems about checking tasks beside models, each in a process of its own."""
 
+import os
 from pathlib import Path
 
 import pytest
@@ -32,6 +33,14 @@ def test_a_task_whose_model_is_not_there_does_not_load() -> None:
     Path("t.yaml").write_text(HEAD.replace("slider", "none"))
     result = Check(["t.yaml"]).run()
     assert ([finding.code for finding in result.models[0].findings], result.code) == (["MJ001"], 3)
+
+
+def test_a_task_that_is_no_file_does_not_load_and_nobody_waits_for_it() -> None:
+    os.mkfifo("pipe.yaml")
+    result = Check(["pipe.yaml", "none.yaml"], timeout=60).run()
+    told = [[(finding.code, finding.message) for finding in model.findings] for model in result.models]
+    assert told == [[("MJ801", "is not a regular file")], [("MJ801", "no such file")]]
+    assert (result.code, [model.loads for model in result.models]) == (3, [False, False])
 
 
 def test_a_policy_is_checked_with_the_task() -> None:

@@ -1,5 +1,6 @@
 """A document of one kind where another kind is wanted: one line says what it is, and what takes it."""
 
+import os
 from collections.abc import Callable
 from pathlib import Path
 
@@ -9,7 +10,7 @@ from mjrun.document.camera import CameraDocument, read_camera
 from mjrun.document.document_model import DocumentModel
 from mjrun.document.evaluation import EvaluationDocument, read_evaluation
 from mjrun.document.fit import FitDocument, read_fit
-from mjrun.document.kinds import KINDS
+from mjrun.document.kinds import KINDS, kind_of_file
 from mjrun.document.run import RunDocument, read_run
 from mjrun.document.study import StudyDocument, read_study
 from mjrun.document.task import TaskDocument, read_task
@@ -64,6 +65,12 @@ def test_one_line_says_what_a_document_is(tmp_path: Path, written: str, wanted: 
     assert problem.place == f"{path}:3:1"
     assert f"makes this {KINDS[written].name}, for {KINDS[written].use}" in problem.message
     assert problem.message.endswith(f"; expected {KINDS[wanted].name}")
+
+
+def test_what_is_no_file_is_of_no_kind_and_nobody_waits_for_it(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "d.yaml")
+    assert kind_of_file(tmp_path / "d.yaml") is None
+    assert kind_of_file(tmp_path / "missing.yaml") is None
 
 
 def test_a_key_of_another_kind_beside_its_own_is_an_unknown_key(tmp_path: Path) -> None:

@@ -55,6 +55,14 @@ def test_a_prior_is_where_a_fit_begins(tmp_path: Path) -> None:
     assert parameter.coordinate(math.sqrt(1e-3)) == pytest.approx(0.5)
 
 
+def test_a_delay_with_a_wildcard_is_one_of_all_its_columns(tmp_path: Path) -> None:
+    source, columns = parse_source(str(write_model(tmp_path))), ["qpos/hinge", "ctrl/motor", "ctrl/brake"]
+    (delay,) = free_parameters([("delay:ctrl/*", "0..0.1")], source, columns)
+    assert delay.delayed == ("ctrl/motor", "ctrl/brake")
+    with pytest.raises(UsageError, match="is given twice"):
+        free_parameters([("delay:ctrl/*", "0..0.1"), ("delay:ctrl/brake", "0..0.1")], source, columns)
+
+
 @pytest.mark.parametrize(
     ("path", "text", "message"),
     [

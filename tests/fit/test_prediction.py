@@ -74,10 +74,11 @@ def test_a_delay_of_a_signal_shifts_what_is_measured(tmp_path: Path) -> None:
     np.testing.assert_allclose(predicted[:, 0], expected, atol=1e-9)
 
 
-def test_a_delay_of_a_command_acts_later(tmp_path: Path) -> None:
+@pytest.mark.parametrize("delayed", ["delay:ctrl/motor", "delay:ctrl/*"])
+def test_a_delay_of_a_command_acts_later(tmp_path: Path, delayed: str) -> None:
     commanded = np.where(np.arange(250) < 100, 0.0, 0.5)
     times, angles = simulate(0.5, start=0.0, every=1, controls=np.concatenate([np.zeros(7), commanded])[:250])
-    each = predictor(tmp_path, ("delay:ctrl/motor", "0..0.02"), *[(f"joint/hinge.{n}", "log:1e-4..1") for n in TRUTH])
+    each = predictor(tmp_path, (delayed, "0..0.02"), *[(f"joint/hinge.{n}", "log:1e-4..1") for n in TRUTH])
     log = segment(times, angles, commanded)
     (chunk,) = chunks([log], 1000, each.timestep)
     (predicted,) = each.predict([Rollout(chunk, (0.014, *TRUTH.values()), start(each.model, 0.0))])

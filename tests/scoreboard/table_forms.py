@@ -39,7 +39,13 @@ READERS = {
 # Readers for whom such a table is readable, and means what cannot be; 7 for all others.
 EXCEPTIONS = {
     ("words", "points"): (2,),
-    ("a cell of 20 MB", "points"): (2,),
+    ("other keys", "replay"): (2,),  # a second row without numbers
+    ("other magic", "plot"): (0, 7),  # of Feather, which pyarrow reads from its end
+    ("other magic", "diff"): (0, 7),
+    ("columns of other lengths", "fit"): (0, 7),  # of HDF5: another one than those that are fitted
+    ("texts", "diff"): (1, 7),  # of HDF5: a column more than the other table has
+    ("complex numbers", "diff"): (2, 7),  # of MAT, whose names are others: qpos_hinge
+    **{("a structure", reader): (2, 7) for reader in READERS if reader not in ("plot", "controls")},
     ("cut off at 10.0%", "ghost"): (2,),  # a recording, by its suffix
     ("text", "points"): (2,),  # read as one, with names that vary nothing
     ("the text of another file", "replay"): (2,),
@@ -396,7 +402,8 @@ def forms() -> Iterator[Form]:
             line = tuple(word.format(name) for word in READERS[reader])
             codes = EXCEPTIONS.get((what, reader), (7,))
             quick = index % 5 == 0 and reader == "diff"
-            yield Form(f"{name}, {what}, {reader}", line, codes, {**outside, name: content}, (name,), quick=quick)
+            says = () if min(codes) < 2 else (name,)
+            yield Form(f"{name}, {what}, {reader}", line, codes, {**outside, name: content}, says, quick=quick)
     for what, name, content, codes in odd():
         for reader, expected in codes.items():
             line = tuple(word.format(name) for word in READERS[reader])

@@ -1,10 +1,11 @@
 """A study before it runs: what is missing of it, in which chunks."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
-from mjrun.errors import FailedPointsError
+from mjrun.errors import FailedPointsError, UsageError
 from mjrun.job.simulation import Simulation
 from mjrun.study.prepared import PreparedStudy
 from mjrun.study.study import Study
@@ -21,6 +22,13 @@ def study(tmp_path: Path) -> Study:
     simulation = Simulation(str(tmp_path / "ball.xml"), steps=20)
     metric = {"low": "min(qpos/ball/z)"}
     return Study(simulation, str(tmp_path / "study"), vary={"qvel/ball/vz": "0,1,-1e9"}, metric=metric, jobs=1)
+
+
+def test_a_column_of_points_that_is_no_parameter_is_told_with_its_table(study: Study, tmp_path: Path) -> None:
+    (tmp_path / "points.csv").write_text("seed,wrod\n1,2\n")
+    with pytest.raises(UsageError, match="no parameter 'wrod'") as caught:
+        prepared(replace(study, vary={}, points=str(tmp_path / "points.csv")))
+    assert "points.csv names varies, too" in caught.value.spelled(str)
 
 
 def test_all_points_are_missing_and_nothing_is_written(study: Study) -> None:
