@@ -109,7 +109,8 @@ def arm(folder: Path) -> Problem:
         data.qpos[:] = generator.normal(0, 0.05, model.nq)  # which no log says
         frequencies = 0.3 + 0.15 * np.arange(model.nu)
         late = round(delay / model.opt.timestep)
-        told = [np.zeros(model.nu)] * late
+        command = np.zeros(model.nu)
+        told = [command] * late
         rows: list[list[float]] = []
         for step in range(3000):
             if step % 5 == 0:

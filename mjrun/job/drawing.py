@@ -1,5 +1,6 @@
 """What videos and images draw: cameras, decorations and overlay of a model, and the frames of a schedule."""
 
+from array import array
 from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
@@ -12,6 +13,7 @@ import mujoco
 from mjrun.camera.argument import parse_camera
 from mjrun.camera.motion import CameraMotion
 from mjrun.camera.pose import Pose
+from mjrun.camera.pose_table import PoseTable
 from mjrun.camera.script import CameraScript
 from mjrun.errors import clean, concerning
 from mjrun.job.calibration import DrawingCalibration
@@ -151,23 +153,23 @@ class FrameRecorder:
         return taps
 
     @cached_property
-    def times(self) -> list[float]:
+    def times(self) -> Sequence[float]:
         """The simulated time of each frame [s]."""
-        return [float(self._plan.context.timeline.time(step)) for step in self._schedule.steps]
+        return array("d", (float(self._plan.context.timeline.time(step)) for step in self._schedule.steps))
 
     @cached_property
-    def poses(self) -> list[tuple[Pose, ...]]:
+    def poses(self) -> PoseTable:
         """Of each frame, of each camera.
 
         Raises:
           UsageError: a camera is at some time where it is to look.
         """
         schedule, count = self._schedule, len(self.states)
-        poses = [
+        cameras = (
             motion.poses((self.states[k] for k in range(count)), self.times, schedule.times, spans)
             for motion, spans in zip(self._plan.motions, schedule.spans, strict=True)
-        ]
-        return list(zip(*poses, strict=True))
+        )
+        return PoseTable(cameras)
 
     def compositor(self, backend: Backend, files: Sequence[DrawingFile], legend: bool = False) -> SceneCompositor:
         """What draws the frames of `files`; `legend` says whether coloured segmentations list what is in view."""

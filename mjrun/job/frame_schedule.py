@@ -1,6 +1,7 @@
 """When shots begin and end, and which instant each frame shows."""
 
 import math
+from array import array
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from decimal import Decimal
@@ -56,11 +57,11 @@ def video_schedule(
     pieces = _pieces(scripts, spans, timeline.duration, speed)
     _check_count(fps, pieces)
     steps = timeline.paced(fps, pieces)
-    speeds = [float(pace) for part, (_, pace) in zip(steps, pieces, strict=True) for _ in part]
-    count = len(speeds)
+    # Arrays, as a film may have a hundred thousand frames.
+    speeds = array("d", (float(pace) for part, (_, pace) in zip(steps, pieces, strict=True) for _ in part))
     return FrameSchedule(
-        steps=[step for part in steps for step in part],
-        times=[float(k / fps) for k in range(count)],
+        steps=array("q", (step for part in steps for step in part)),
+        times=array("d", (float(k / fps) for k in range(len(speeds)))),
         speeds=speeds,
         spans=_seconds(spans),
         warnings=[text for part in map(_unseen, scripts, spans, repeat(timeline.duration)) for text in part],

@@ -30,6 +30,7 @@ EXTRAS = {
     "dask": ("distributed", "mjrun sweep on Dask"),
     "slurm": ("submitit", "mjrun sweep on Slurm"),
 }
+MOST_POINTS = 10_000_000  # of a study
 DOCUMENTS, PLANS = (".yaml", ".yml"), (".jsonl",)  # suffixes of files that stand where a model stands
 MANIFEST = "study.json"  # of the folder of a study
 PARTS = "parts"  # in that folder, with the results
@@ -76,7 +77,9 @@ class VariationOptions(Options):
         converter=Choice(DESIGNS), default="grid", help="How lists of values combine: all with all, or side by side."
     )
     samples: int = option(
-        converter=Integer(1), default=64, help="How many points are drawn from distributions such as uniform(0,1)."
+        converter=Integer(1, MOST_POINTS),
+        default=64,
+        help="How many points are drawn from distributions such as uniform(0,1).",
     )
     sampler: str = option(
         converter=Choice(SAMPLERS),

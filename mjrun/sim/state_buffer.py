@@ -9,7 +9,7 @@ import numpy as np
 from mjrun.errors import FileError
 from mjrun.model import state
 
-SPILL = 8 * 2**20  # bytes that are kept in memory
+SPILL = 2**20  # bytes that are kept in memory
 
 
 class StateBuffer:

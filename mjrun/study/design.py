@@ -12,7 +12,7 @@ import numpy as np
 from mjrun.errors import FileError, UnknownNameError, UsageError, clean, concerning, option, quoted
 from mjrun.formats.input_file import opened
 from mjrun.model.names import names
-from mjrun.options.sweep import VariationOptions
+from mjrun.options.sweep import MOST_POINTS, VariationOptions
 from mjrun.probe.evaluation import evaluate_truth
 from mjrun.probe.expression import BooleanExpression
 from mjrun.probe.parser import Parser
@@ -21,7 +21,6 @@ from mjrun.sim.distribution import Distribution, parse_distribution
 from mjrun.sim.parameter_grid import scan_values
 
 EACH = "each:"
-MOST = 10_000_000  # points of a study
 
 Values = tuple[str, ...]
 
@@ -146,8 +145,8 @@ def _product(parts: Sequence[Design]) -> Design:
 
 
 def _require_possible(count: int) -> None:
-    if count > MOST:
-        raise UsageError(f"{count:,} points; a study has {MOST:,} at most")
+    if count > MOST_POINTS:
+        raise UsageError(f"{count:,} points; a study has {MOST_POINTS:,} at most")
 
 
 def read_points(path: str) -> Design:

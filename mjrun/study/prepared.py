@@ -150,7 +150,9 @@ class PreparedStudy:
             with concerning("require", index):
                 parse(with_flags(text), RequirementNames([*self.points.names, *names]), "require")
         try:
-            self.first.stepper(self.first.load())
+            model = self.first.load()
+            self.first.timeline(model)
+            self.first.stepper(model)
         except UsageError as error:
             match error.path:
                 case ("set", name, *rest) if name in self.points.names:

@@ -18,6 +18,7 @@ from mjrun.study.simulate import PointResult
 FILES = ("results.parquet", "results.csv")
 STATUSES = ("ok", "unstable", "failed", "timeout", "crashed", "missing")
 FRAME = 8_000  # bytes of a table without rows
+BLOCK = 2**12  # rows that are written at a time
 _COMPARED = re.compile(r"""\bstatus\s*(==|!=)\s*(["'])(\w+)\2""")
 TABLE_COLUMNS = ("point", "status", "steps", "exit_code", "message")  # besides what varies and the metrics
 
@@ -95,7 +96,8 @@ def open_results(
     for name in files:
         path = str(folder / name)
         writers.append(stack.enter_context(TableWriter(path, output_format(path).name, columns, manifest)))
-        writers[-1].write(rows)
+        for start in range(0, len(rows), BLOCK):
+            writers[-1].write(rows[start : start + BLOCK])
     return writers
 
 

@@ -85,7 +85,7 @@ class StudyPoint:
     values: tuple[str, ...]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, slots=True)  # as there may be a million of them
 class PointResult:
     """What has come of a point.
 

@@ -52,7 +52,7 @@ def test_what_frames_are_drawn_from_is_taken_at_their_steps(swing: Path) -> None
     with ExitStack() as stack:
         recorder = FrameRecorder(plan, schedule, context.timeline, stack)
         observe(PhysicsStepper(model, data), recorder.taps, 50)
-        assert recorder.times == [k / 50 for k in range(5)]
+        assert list(recorder.times) == [k / 50 for k in range(5)]
         assert len(recorder.states) == len(recorder.poses) == 5
         heights = []
         for k, (still, tracking) in enumerate(recorder.poses):

@@ -29,7 +29,7 @@ def test_shots_without_a_word_about_time_are_the_whole_film() -> None:
     found = paced(shots({}))
     assert list(found.steps) == LINE.frames(FPS)
     assert found.spans == [[(0, 2)]]
-    assert found.speeds == [1] * 60
+    assert list(found.speeds) == [1] * 60
 
 
 @pytest.mark.parametrize(
@@ -112,6 +112,6 @@ def test_cameras_may_share_a_pace_but_not_have_two() -> None:
     slow = shots({"until": Fraction(1), "speed": Fraction(1, 2)}, {})
     found = paced(slow, shots({}), speed=2)
     assert len(found.steps) == 2 * 30 + 15
-    assert found.speeds == [0.5] * 60 + [2.0] * 15
+    assert list(found.speeds) == [0.5] * 60 + [2.0] * 15
     with pytest.raises(UsageError, match="different speeds"):
         paced(slow, shots({"until": Fraction(1), "speed": Fraction(1, 4)}, {}))

@@ -214,7 +214,6 @@ KEYS = {
     "fit": ("data", "free", "starts", "holdout", "map", "loss", "confidence"),
     "task": ("control_dt", "duration", "observations", "actions", "rewards", "terminations", "reset", "commands"),
 }
-FINE = {("seed", "999999999999999999999999"), ("key", "../../x"), ("map", "null")}
 
 
 def _values() -> Iterator[Form]:
@@ -225,9 +224,12 @@ def _values() -> Iterator[Form]:
             for step in range(0, len(WRONG), 3):
                 value = WRONG[(number + step) % len(WRONG)]
                 lines = _without(good, key)
-                codes = (2, 3) if kind == "task" else (2, 7) if value == "../../x" else (2,)
+                names_file = value == "../../x" or key == "points"
+                codes = (2, 3) if kind == "task" else (2, 7) if names_file else (2,)
                 if value in ("null", "[[[]]]", "''"):
                     codes = (0, *codes)  # as if it were not there, where it need not be
+                if (key, value) == ("every", "999999999999999999999999"):
+                    codes = (0,)  # of which there is none
                 yield Form(f"{kind} document, {key}: {value}", line, codes, {"d.yaml": f"{lines}{key}: {value}\n"})
 
 

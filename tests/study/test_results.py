@@ -6,7 +6,7 @@ from pathlib import Path
 import pandas as pd
 
 from mjrun.study.design import Design
-from mjrun.study.results import result_columns, write_results
+from mjrun.study.results import BLOCK, result_columns, write_results
 from mjrun.study.simulate import PointResult
 
 DESIGN = Design(("opt.timestep", "integrator"), [("1e-3", "rk4"), ("0.1", "euler"), ("2", "rk4")])
@@ -15,6 +15,15 @@ RESULTS = [
     PointResult(1, "unstable", (math.nan,), 2, 4, "so,\nit"),
     PointResult(2, "ok", (-1.0,), 9),
 ]
+
+
+def test_a_long_table_is_whole(tmp_path: Path) -> None:
+    count = 2 * BLOCK + 3
+    design = Design(("seed",), [(str(k),) for k in range(count)])
+    columns, rows = result_columns(design, ["half"], [PointResult(k, "ok", (k / 2,), 9) for k in range(count)])
+    for file in write_results(tmp_path, columns, rows, {}):
+        table = pd.read_parquet(file) if file.suffix == ".parquet" else pd.read_csv(file)
+        assert table["half"].tolist() == [k / 2 for k in range(count)]
 
 
 def test_the_table_holds_points_metrics_and_how_each_ended(tmp_path: Path) -> None:

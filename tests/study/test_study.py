@@ -7,6 +7,7 @@ import random
 import subprocess
 import sys
 import time
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -40,6 +41,15 @@ def study(simulation: Simulation, folder: Path, **options: object) -> Study:
 
 def table(folder: Path) -> bytes:
     return (folder / "results.parquet").read_bytes() + (folder / "results.csv").read_bytes()
+
+
+def test_a_run_that_cannot_begin_leaves_the_folder_as_it_was(simulation: Simulation, tmp_path: Path) -> None:
+    study(simulation, tmp_path / "study", vary={"qvel/ball/vx": "0,1"}).run()
+    before = {path: path.read_bytes() for path in (tmp_path / "study").rglob("*") if path.is_file()}
+    endless = replace(simulation, steps=10**30)
+    with pytest.raises(UsageError, match="could not be told apart"):
+        study(endless, tmp_path / "study", vary={"qvel/ball/vx": "0,1,2"}).run()
+    assert {path: path.read_bytes() for path in (tmp_path / "study").rglob("*") if path.is_file()} == before
 
 
 def test_each_row_is_the_trace_of_its_point(simulation: Simulation, tmp_path: Path) -> None:
