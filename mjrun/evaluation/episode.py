@@ -41,7 +41,7 @@ class EpisodeSpec:
     metrics: tuple[tuple[str, str], ...] = ()
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, slots=True)  # as there may be a million of them
 class Episode:
     """What has come of an episode.
 
@@ -52,7 +52,8 @@ class Episode:
       length: simulated time [s].
       ending: the name of the termination.
       outcome: its kind: `success`, `failure` or `timeout`.
-      rewards: the sum of each term of the reward, by name.
+      terms: the names of the terms of the reward, an object that episodes share.
+      sums: of each term.
       metrics: in the order of the specification; NaN where there is none.
     """
 
@@ -62,5 +63,11 @@ class Episode:
     length: float
     ending: str
     outcome: str
-    rewards: Mapping[str, float]
+    terms: Sequence[str]
+    sums: Sequence[float]
     metrics: Sequence[float] = ()
+
+    @property
+    def rewards(self) -> Mapping[str, float]:
+        """The sum of each term of the reward, by name."""
+        return dict(zip(self.terms, self.sums, strict=True))

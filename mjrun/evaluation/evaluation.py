@@ -11,18 +11,19 @@ import mujoco
 
 from mjrun.errors import FailedAssertionError, MjrunError, PartlyDoneError, clean, counted, listing
 from mjrun.evaluation.film_maker import Failures, FilmMaker
-from mjrun.evaluation.findings import findings, map_columns
+from mjrun.evaluation.findings import Findings, findings, map_columns
 from mjrun.evaluation.folder import ResultsFolder
 from mjrun.evaluation.points import Rewritten
 from mjrun.evaluation.prepared import PreparedEvaluation
-from mjrun.evaluation.result import EvaluationResult
+from mjrun.evaluation.result import EvaluationResult, Film
 from mjrun.evaluation.schedule import play_all
 from mjrun.evaluation.summary import EpisodeSummary
-from mjrun.evaluation.table import FILES, episode_columns
+from mjrun.evaluation.table import FILES, PlayedEpisodes, episode_columns
 from mjrun.formats.atomic_output import OutputWriter, publish_together
 from mjrun.model.source import Source
 from mjrun.options.evaluation import MANIFEST, EvaluationExecutionOptions, EvaluationOptions
 from mjrun.options.option import options
+from mjrun.probe.verdict import Verdict
 from mjrun.reporter import Reporter, WarningReporter
 from mjrun.study.results import open_results
 from mjrun.version import __version__
@@ -50,59 +51,86 @@ class Evaluation(EvaluationOptions, EvaluationExecutionOptions):
           SimulationError: a policy answered what is not a number; nothing is written.
           MjrunError: nothing could be played.
         """
-        start, reporter = time.perf_counter(), reporter or WarningReporter()
-        prepared = PreparedEvaluation(self, self.task, self.rewritten)
-        maker = FilmMaker(self, prepared, self.seed)
-        folder = ResultsFolder(Path(self.output))
-        try:
-            seeds = range(self.seed, self.seed + self.episodes)
-            groups = play_all(prepared.groups, seeds, self.jobs, reporter)
-        except BaseException:
-            folder.abandon()
-            raise
+        return _Run(self, reporter or WarningReporter()).all()
 
-        count = len(prepared.points.points)
+
+class _Run:
+    """One run of an evaluation."""
+
+    def __init__(self, evaluation: Evaluation, reporter: Reporter) -> None:
+        self.evaluation, self.reporter = evaluation, reporter
+        self.start = time.perf_counter()
+        self.prepared = PreparedEvaluation(evaluation, evaluation.task, evaluation.rewritten)
+        self.maker = FilmMaker(evaluation, self.prepared, evaluation.seed)
+        self.folder = ResultsFolder(Path(evaluation.output))
+        self.facts = {"command": evaluation.command, "mjrun": __version__, "mujoco": mujoco.mj_versionString()}
+
+    def all(self) -> EvaluationResult:
+        groups = self._played()
+        count = len(self.prepared.points.points)
         policies = [groups[first : first + count] for first in range(0, len(groups), count)]
-        found = findings(prepared, policies, self.confidence)
-        _warn_of_returns(found.policies, reporter)
-        columns, rows = episode_columns(
-            groups, prepared.points, prepared.player.rewards, prepared.metrics, compared=len(policies) > 1
-        )
-        own = rows[: self.episodes * count]
-        verdicts = prepared.criteria.verdicts(columns, own, found.policies[0], found.comparison)
+        found = findings(self.prepared, policies, self.evaluation.confidence)
+        _warn_of_returns(found.policies, self.reporter)
 
-        facts = {"command": self.command, "mjrun": __version__, "mujoco": mujoco.mj_versionString()}
         with ExitStack() as stack:
-            writers: list[OutputWriter] = [*open_results(stack, folder.path, columns, rows, facts, FILES)]
-            if found.points:
-                point_columns, point_rows, metrics = map_columns(prepared.points, found.points)
-                writers += open_results(stack, folder.path, point_columns, point_rows, {**facts, "metrics": metrics})
-            films, failures = maker.make(policies[0], folder, reporter)
-            result = EvaluationResult(
-                path=self.output,
-                task=self.task.text,
-                episodes=self.episodes,
-                seed=self.seed,
-                confidence=self.confidence,
-                policies=found.policies,
-                comparison=found.comparison,
-                names=prepared.points.names,
-                points=found.points,
-                films=films,
-                assertions=verdicts,
-                files=[
-                    *(str(each.destination.shown) for each in writers),
-                    *(film.path for film in films),
-                    str(folder.path / MANIFEST),
-                ],
-                steps=sum(episode.steps for group in groups for episode in group.episodes),
-                wall=time.perf_counter() - start,
-            )
-            writers.append(folder.write_manifest(stack, {**facts, **dataclasses.asdict(result)}))
-            _publish(writers, folder, [film.path for film in films])
-        folder.remove_old_films([Path(film.path).name for film in films])
+            writers, verdicts = self._tables(groups, found, stack)
+            films, failures = self.maker.make(policies[0], self.folder, self.reporter)
+            paths = [film.path for film in films]
+            files = [*(str(each.destination.shown) for each in writers), *paths, str(self.folder.path / MANIFEST)]
+            steps = sum(episode.steps for group in groups for episode in group.episodes)
+            result = self._result(found, films, verdicts, files, steps)
+            writers.append(self.folder.write_manifest(stack, {**self.facts, **dataclasses.asdict(result)}))
+            _publish(writers, self.folder, paths)
+        self.folder.remove_old_films([Path(path).name for path in paths])
         _raise_failures(result, failures)
         return result
+
+    def _played(self) -> list[PlayedEpisodes]:
+        """The episodes of each policy at each point."""
+        evaluation = self.evaluation
+        seeds = range(evaluation.seed, evaluation.seed + evaluation.episodes)
+        try:
+            return play_all(self.prepared.groups, seeds, evaluation.jobs, self.reporter)
+        except BaseException:
+            self.folder.abandon()
+            raise
+
+    def _tables(
+        self, groups: Sequence[PlayedEpisodes], found: Findings, stack: ExitStack
+    ) -> tuple[list[OutputWriter], list[Verdict]]:
+        """The tables, written and still to be published, and what was required of them."""
+        prepared, path = self.prepared, self.folder.path
+        columns, rows = episode_columns(
+            groups, prepared.points, prepared.player.rewards, prepared.metrics, compared=found.comparison is not None
+        )
+        own = rows[: self.evaluation.episodes * len(prepared.points.points)]
+        verdicts = prepared.criteria.verdicts(columns, own, found.policies[0], found.comparison)
+        writers: list[OutputWriter] = [*open_results(stack, path, columns, rows, self.facts, FILES)]
+        if found.points:
+            columns, rows, metrics = map_columns(prepared.points, found.points)
+            writers += open_results(stack, path, columns, rows, {**self.facts, "metrics": metrics})
+        return writers, verdicts
+
+    def _result(
+        self, found: Findings, films: Sequence[Film], verdicts: Sequence[Verdict], files: list[str], steps: int
+    ) -> EvaluationResult:
+        evaluation = self.evaluation
+        return EvaluationResult(
+            path=evaluation.output,
+            task=evaluation.task.text,
+            episodes=evaluation.episodes,
+            seed=evaluation.seed,
+            confidence=evaluation.confidence,
+            policies=found.policies,
+            comparison=found.comparison,
+            names=self.prepared.points.names,
+            points=found.points,
+            films=films,
+            assertions=verdicts,
+            files=files,
+            steps=steps,
+            wall=time.perf_counter() - self.start,
+        )
 
 
 def _publish(writers: Sequence[OutputWriter], folder: ResultsFolder, films: Sequence[str]) -> None:

@@ -95,9 +95,8 @@ class _Running:
 
     def ended(self, ending: Ending, names: Sequence[str], control_dt: float) -> Episode:
         """The episode, which has ended."""
-        rewards = dict(zip(names, self._terms.tolist(), strict=True))
-        length = self.steps * control_dt
-        return Episode(self.seed, self._total, self.steps, length, ending.name, ending.kind, rewards)
+        length, sums = self.steps * control_dt, tuple(self._terms.tolist())
+        return Episode(self.seed, self._total, self.steps, length, ending.name, ending.kind, names, sums)
 
 
 class TaskPlayer(EpisodePlayer):

@@ -27,12 +27,12 @@ def play_all(
     Raises:
       MjrunError: what an episode raises.
     """
-    episodes: dict[tuple[int, int], Episode] = {}
+    episodes: list[dict[int, Episode]] = [{} for _ in groups]  # of each group, by their seeds
     total = len(groups) * len(seeds)
 
     def take(chunk: Chunk, results: Sequence[Episode]) -> None:
-        episodes.update({(chunk.group, episode.seed): episode for episode in results})
-        reporter.progress("episodes", len(episodes), total)
+        episodes[chunk.group].update({episode.seed: episode for episode in results})
+        reporter.progress("episodes", sum(map(len, episodes)), total)
 
     count = jobs if isinstance(jobs, int) else cores() if jobs == AUTO else 1
     shared = [place for place, group in enumerate(groups) if isinstance(group.spec.chosen.policy, str)]
@@ -45,7 +45,7 @@ def play_all(
         for chunk in _chunks(groups, [place], seeds, 1):
             take(chunk, player.play(chunk.seeds))
     return [
-        PlayedEpisodes(group.name, group.point, [episodes[place, seed] for seed in seeds])
+        PlayedEpisodes(group.name, group.point, [episodes[place][seed] for seed in seeds])
         for place, group in enumerate(groups)
     ]
 

@@ -18,15 +18,15 @@ def episodes(count: int, generator: np.random.Generator, *, seed: int = 0, metri
         steps = int(generator.integers(1, 200))
         ending, outcome = ENDINGS[int(generator.integers(3))]
         measured = tuple(generator.normal(size=metrics).tolist())
-        terms = {"near": near, "cost": -cost}
-        made.append(Episode(seed + index, near - cost, steps, steps * 0.02, ending, outcome, terms, measured))
+        terms, sums = ("near", "cost"), (near, -cost)
+        made.append(Episode(seed + index, near - cost, steps, steps * 0.02, ending, outcome, terms, sums, measured))
     return made
 
 
 def played(*returns: float, policy: str = "p", point: int = 0, seed: int = 0) -> PlayedEpisodes:
     """Episodes with these returns; positive ones are successes."""
     made = [
-        Episode(seed + i, value, 1, 0.02, *(ENDINGS[0] if value > 0 else ENDINGS[1]), {})
+        Episode(seed + i, value, 1, 0.02, *(ENDINGS[0] if value > 0 else ENDINGS[1]), (), ())
         for i, value in enumerate(returns)
     ]
     return PlayedEpisodes(policy, point, made)
