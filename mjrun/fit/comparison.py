@@ -6,7 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from mjrun.fit.shooting import SHORTEST, Solution
+from mjrun.fit.shooting import SHORTEST
+from mjrun.fit.solution import Solution
 from mjrun.formats.table_writer import TableWriter
 from mjrun.formats.tables import output_format
 from mjrun.model.column import Column

@@ -19,7 +19,8 @@ from mjrun.fit.identifiability import all_information, sensitivity
 from mjrun.fit.measurements import CONTROLS, Segment, commands
 from mjrun.fit.motion_limits import MotionLimits
 from mjrun.fit.prediction import Chunk, Predictor, Rollout
-from mjrun.fit.shooting import Shooting, Solution
+from mjrun.fit.shooting import Shooting
+from mjrun.fit.solution import Solution
 from mjrun.fit.starting_states import StartingStates
 from mjrun.formats.table_writer import TableWriter
 from mjrun.formats.tables import output_format

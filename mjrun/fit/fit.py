@@ -22,11 +22,13 @@ from mjrun.fit.free_parameter import free_parameters, require_effect
 from mjrun.fit.identifiability import Sensitivity, sensitivity
 from mjrun.fit.intervals import bound_reached, intervals
 from mjrun.fit.measurements import CONTROLS, read_measurements
+from mjrun.fit.noise import first_noise, spread_of
 from mjrun.fit.outputs import FitOutputs
 from mjrun.fit.prediction import Predictor
 from mjrun.fit.result import FitResult, FittedParameter, FittedSignal
 from mjrun.fit.rotations import shared
-from mjrun.fit.shooting import SHORTEST, Shooting, Solution, first_noise, spread_of, with_noise
+from mjrun.fit.shooting import SHORTEST, Shooting
+from mjrun.fit.solution import Solution, with_noise
 from mjrun.fit.starting_states import StartingStates
 from mjrun.job.simulation import Simulation
 from mjrun.model import state

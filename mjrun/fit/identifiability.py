@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from mjrun.errors import clean, listing
 from mjrun.fit.free_parameter import FreeParameter
 from mjrun.fit.projection import information, projected
-from mjrun.fit.shooting import Solution
+from mjrun.fit.solution import Solution
 
 # From one bound to the other, the data must change by so many standard deviations of their noise: a standard error
 # of half the range says nothing.

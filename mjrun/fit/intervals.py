@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from mjrun.fit.free_parameter import FreeParameter
 from mjrun.fit.projection import ProjectedRows, projected
-from mjrun.fit.shooting import Solution
+from mjrun.fit.solution import Solution
 
 BLOCKS = 20  # at least
 DRAWS = 2000

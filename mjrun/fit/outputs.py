@@ -14,7 +14,7 @@ from mjrun.fit.free_parameter import FreeParameter, overrides
 from mjrun.fit.prediction import Predictor
 from mjrun.fit.ranges import check_ranges_name, write_ranges
 from mjrun.fit.result import FitResult
-from mjrun.fit.shooting import Solution
+from mjrun.fit.solution import Solution
 from mjrun.formats.atomic_output import OutputWriter, StagedFile, publish_together
 from mjrun.formats.tables import output_format
 from mjrun.job.output_files import ReservedFiles, named_files

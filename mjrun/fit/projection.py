@@ -6,7 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from mjrun.fit.shooting import STATE_SCALE, Solution
+from mjrun.fit.shooting_problem import STATE_SCALE
+from mjrun.fit.solution import Solution
 
 Floats = NDArray[np.float64]
 

@@ -9,8 +9,10 @@ import numpy as np
 
 from mjrun.fit.free_parameter import FreeParameter, free_parameters
 from mjrun.fit.measurements import Segment
+from mjrun.fit.noise import first_noise
 from mjrun.fit.prediction import Predictor
-from mjrun.fit.shooting import Shooting, Solution, first_noise, with_noise
+from mjrun.fit.shooting import Shooting
+from mjrun.fit.solution import Solution, with_noise
 from mjrun.fit.starting_states import StartingStates
 from mjrun.job.simulation import Simulation
 from mjrun.model import state

@@ -7,7 +7,7 @@ import pytest
 
 from mjrun.fit.free_parameter import FreeParameter
 from mjrun.fit.intervals import bound_reached, intervals
-from mjrun.fit.shooting import Solution
+from mjrun.fit.solution import Solution
 from tests.fit.problems import solved
 
 LINE = FreeParameter("x", -1.0, 1.0, 0.0)

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from mjrun.fit.projection import information, projected
-from mjrun.fit.shooting import STATE_SCALE
+from mjrun.fit.shooting_problem import STATE_SCALE
 from tests.fit.problems import solved
 
 

@@ -12,7 +12,10 @@ from mjrun.fit.ranges import write_ranges
 from mjrun.fit.result import FittedParameter
 from mjrun.sim.distribution import parse_distribution
 
-FREE = [FreeParameter("joint/hinge.damping", 0.001, 1.0, 0.3), FreeParameter("delay:ctrl/motor", 0, 0.1, 0)]
+FREE = [
+    FreeParameter("joint/hinge.damping", 0.001, 1.0, 0.3),
+    FreeParameter("delay:ctrl/motor", 0, 0.1, 0, delayed=("ctrl/motor",)),
+]
 FITTED = [FittedParameter(each.path, each.start, 0.05, 0.0304, 0.0696, 100.0, "") for each in FREE]
 
 

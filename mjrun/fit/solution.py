@@ -1,0 +1,92 @@
+"""What least squares finds, and how its residuals count."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mjrun.fit.noise import NORMAL_MEDIAN
+from mjrun.fit.prediction import Chunk
+
+Floats = NDArray[np.float64]
+
+# The losses of scipy's `least_squares`, of the square of a residual, and their derivatives by it.
+LOSSES: dict[str, Callable[[Floats], Floats]] = {
+    "linear": np.asarray,
+    "soft_l1": lambda square: 2 * (np.sqrt(1 + square) - 1),
+    "huber": lambda square: np.where(square <= 1, square, 2 * np.sqrt(square) - 1),
+    "cauchy": np.log1p,
+}
+LOSS_SLOPES: dict[str, Callable[[Floats], Floats]] = {
+    "linear": np.ones_like,
+    "soft_l1": lambda square: (1 + square) ** -0.5,
+    "huber": lambda square: np.maximum(square, 1.0) ** -0.5,
+    "cauchy": lambda square: 1 / (1 + square),
+}
+
+
+@dataclass(frozen=True, eq=False)
+class Solution:
+    """What least squares has found.
+
+    Attributes:
+      chunks: the stretches that were simulated.
+      coordinates: of the parameters, `(p,)`.
+      states: integration states at the beginning of each chunk, `(chunks, nstate)`.
+      residuals: of the rows of each chunk, in standard deviations of the noise, `(n, signals)`; NaN where nothing was
+        measured.
+      sensitivities: of these to the coordinates, `(n, signals, p)`, and to the states, `(n, signals, size)`.
+      noise: standard deviation of each signal that was assumed, `(signals,)`.
+      rollouts: how many were simulated.
+      loss: how residuals counted.
+      jitters: other residuals less these, after nudges so small that only a rough motion tells of them,
+        `(n, signals, nudges)` of each chunk; no chunks where nothing is rough.
+    """
+
+    chunks: Sequence[Chunk]
+    coordinates: Floats
+    states: Floats
+    residuals: Sequence[Floats]
+    sensitivities: Sequence[tuple[Floats, Floats]]
+    noise: Floats
+    rollouts: int
+    loss: str = "linear"
+    jitters: Sequence[Floats] = ()
+
+    @property
+    def cost(self) -> float:
+        """Root mean square of the residuals as the loss counts them; 1 or so where the model explains all but noise."""
+        squares = np.concatenate([each[np.isfinite(each)] for each in self.residuals]) ** 2
+        return float(np.sqrt(LOSSES[self.loss](squares).mean()))
+
+    @property
+    def observed_noise(self) -> Floats:
+        """Root mean square of what is left of each signal, `(signals,)`."""
+        squares = np.concatenate(list(self.residuals)) ** 2
+        return np.sqrt(np.nanmean(squares, axis=0)) * self.noise
+
+    @property
+    def noise_scale(self) -> Floats:
+        """The standard deviation of the noise of each signal, `(signals,)`.
+
+        With a robust loss it is that of the middle half of the residuals: outliers are no part of it.
+        """
+        if self.loss == "linear":
+            return self.observed_noise
+        return np.nanmedian(np.abs(np.concatenate(list(self.residuals))), axis=0) * NORMAL_MEDIAN * self.noise
+
+    @property
+    def weights(self) -> list[Floats]:
+        """How much residuals count, 1 with a linear loss: derivatives of the loss by their squares, as `residuals`."""
+        slope = LOSS_SLOPES[self.loss]
+        return [slope(each**2) for each in self.residuals]
+
+
+def with_noise(solution: Solution, noise: Floats) -> Solution:
+    """The same, with residuals in other standard deviations."""
+    factor = solution.noise / noise
+    residuals = [each * factor for each in solution.residuals]
+    slopes = [(a * factor[:, None], b * factor[:, None]) for a, b in solution.sensitivities]
+    jitters = [each * factor[:, None] for each in solution.jitters]
+    return replace(solution, residuals=residuals, sensitivities=slopes, noise=noise, jitters=jitters)
