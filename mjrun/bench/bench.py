@@ -31,7 +31,7 @@ from mjrun.bench.results import BenchResult, BenchSettings, EngineInfo, ModelInf
 from mjrun.bench.rollout_timing import Clock
 from mjrun.bench.warp_timing import LEFT_OUT, C, WarpOptions, check_engine
 from mjrun.errors import FileError, UsageError, option
-from mjrun.formats.atomic_output import StagedFile
+from mjrun.formats.destinations import StagedFile
 from mjrun.job.manifest import origin
 from mjrun.job.shared_rendering import RendererRequest, SharedRendering
 from mjrun.job.simulation import Simulation

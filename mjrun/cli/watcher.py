@@ -177,7 +177,7 @@ def _clear_away(notice: Notice) -> None:
     """Kills what a dead process has started, and removes its unfinished outputs."""
     import shutil
 
-    from mjrun.formats.atomic_output import remove_left_behind
+    from mjrun.formats.destinations import remove_left_behind
     from mjrun.formats.temporary_output import NAME
 
     for pid in notice.children:

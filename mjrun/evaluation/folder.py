@@ -7,7 +7,8 @@ from collections.abc import Collection, Mapping
 from pathlib import Path
 
 from mjrun.errors import FileError, clean, option
-from mjrun.formats.atomic_output import OutputWriter, StagedFile, written_file
+from mjrun.formats.atomic_output import OutputWriter, written_file
+from mjrun.formats.destinations import StagedFile
 from mjrun.formats.input_file import exists, is_file, is_folder
 from mjrun.options.evaluation import MANIFEST
 

@@ -14,7 +14,8 @@ from mjrun.errors import UsageError, clean, concerning, option
 from mjrun.fit.comparison import TIME
 from mjrun.fit.prediction import Chunk
 from mjrun.fit.starting_states import measured_positions
-from mjrun.formats.atomic_output import OutputWriter, StagedFile
+from mjrun.formats.atomic_output import OutputWriter
+from mjrun.formats.destinations import StagedFile
 from mjrun.formats.table_writer import TableWriter
 from mjrun.formats.tables import output_format
 from mjrun.job.perform import perform, preview

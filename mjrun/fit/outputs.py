@@ -15,7 +15,8 @@ from mjrun.fit.prediction import Predictor
 from mjrun.fit.ranges import check_ranges_name, write_ranges
 from mjrun.fit.result import FitResult
 from mjrun.fit.solution import Solution
-from mjrun.formats.atomic_output import OutputWriter, StagedFile, publish_together
+from mjrun.formats.atomic_output import OutputWriter, publish_together
+from mjrun.formats.destinations import StagedFile
 from mjrun.formats.tables import output_format
 from mjrun.job.output_files import ReservedFiles, named_files
 from mjrun.job.simulation import Simulation

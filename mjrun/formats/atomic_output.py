@@ -1,80 +1,19 @@
 """Outputs that appear whole or not at all.
 
-An output is written next to its final place under a temporary name, and renamed when it is complete. After any
-failure, kill or full disk there is the old output or the new one, never a mixture.
+After any failure, kill or full disk there is the old output or the new one, never a mixture.
 """
 
 import contextlib
-import errno
-import fcntl
-import os
-import re
-import select
-import stat
-import sys
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
-from typing import BinaryIO, Protocol
+from typing import BinaryIO
 
-from mjrun.activity import completing, note_folder
+from mjrun.activity import completing
 from mjrun.closable import Closable
-from mjrun.confinement.confinement import is_writable
-from mjrun.errors import ClosedPipeError, FileError, MjrunError, PartlyDoneError, option
-from mjrun.formats.replacement import (
-    MOVING,
-    NEW,
-    OLD,
-    finish_frames,
-    frame_number,
-    move_frames,
-    replace_file,
-    replace_folder,
-    restore_folder,
-    take_back_folder,
-    take_back_frames,
-)
-from mjrun.formats.temporary_output import TemporaryOutput, left_behind, one_at_a_time, remove
+from mjrun.errors import ClosedPipeError, MjrunError, PartlyDoneError
+from mjrun.formats.destinations import Destination, StagedFile, unwritable
+from mjrun.formats.temporary_output import one_at_a_time
 from mjrun.interruption import uninterrupted
-
-FRAME_NAME = "%06d.png"
-NAME_MAX = 255  # bytes of the name of a file
-
-
-class Destination(Protocol):
-    """Where an output is written, and how it gets to its final place."""
-
-    path: str  # where to write
-    shown: Path  # what to call it in messages
-
-    @property
-    def folder(self) -> Path | None:
-        """Where its final place is, if that is a file or a folder."""
-        ...
-
-    @property
-    def stdout(self) -> int | None:
-        """The file descriptor to write to if this is standard output."""
-        ...
-
-    def sync(self) -> None:
-        """Sees to it that what was written is on the disk."""
-        ...
-
-    def publish(self) -> list[Path]:
-        """Moves the output to its final place and returns its files. What was there is kept until `discard`."""
-        ...
-
-    def take_back(self) -> None:
-        """Undoes `publish`.
-
-        Raises:
-          OSError: it cannot be undone.
-        """
-        ...
-
-    def discard(self) -> None:
-        """Removes all but what is published."""
-        ...
 
 
 class OutputWriter(Closable):
@@ -144,7 +83,7 @@ class OutputWriter(Closable):
         except BrokenPipeError:
             raise ClosedPipeError from None
         except OSError as error:
-            raise _unwritable(self.destination.shown, error) from None
+            raise unwritable(self.destination.shown, error) from None
 
     def open_file(self) -> BinaryIO:
         """The file to write to, closed with the writer."""
@@ -238,7 +177,7 @@ def _sync(destination: Destination) -> None:
     try:
         destination.sync()
     except OSError as error:
-        raise _unwritable(destination.shown, error) from None
+        raise unwritable(destination.shown, error) from None
 
 
 def _is_taken_back(destination: Destination) -> bool:
@@ -249,287 +188,7 @@ def _is_taken_back(destination: Destination) -> bool:
     return True
 
 
-class StagedFile:
-    """One file.
-
-    Raises:
-      FileError: the folder is missing, or it or the target cannot be written.
-    """
-
-    stdout = None
-
-    def __init__(self, target: Path) -> None:
-        self.shown = target
-        self._target = Path(os.path.realpath(target))  # a link stays a link
-        self.folder = self._target.parent
-        _check_parent(target, self._target.parent)
-        try:
-            kind = self._target.stat()
-            if not stat.S_ISREG(kind.st_mode):
-                raise FileError(target, "exists and is not a regular file")
-            if not os.access(self._target, os.W_OK):
-                raise FileError(target, "exists and is read-only")
-        except FileNotFoundError:
-            pass
-        except OSError as error:
-            raise _unwritable(target, error) from None
-        self._temporary = _temporary(self._target, target, folder=False)
-        self.path = str(self._temporary.path)
-        self._older: Path | None = None  # what was in its place
-
-    def sync(self) -> None:
-        with self._temporary.path.open("rb") as file:
-            os.fsync(file.fileno())
-
-    def publish(self) -> list[Path]:
-        self._is_new = not os.path.lexists(self._target)
-        try:
-            self._older = replace_file(self._temporary.path, self._target)
-        except OSError as error:
-            raise _unwritable(self.shown, error) from None
-        return [self.shown]
-
-    def take_back(self) -> None:
-        if self._older:
-            self._older.rename(self._target)
-        elif self._is_new:
-            self._target.unlink()
-        else:
-            raise OSError(errno.EOPNOTSUPP, os.strerror(errno.EOPNOTSUPP))
-
-    def discard(self) -> None:
-        if self._older:
-            remove(self._older)
-        self._temporary.remove()
-
-
-class StagedFolder:
-    """A folder of numbered frames, which replaces one that holds nothing else.
-
-    If a killed process has left the older folder under another name, it gets its own back first.
-
-    Raises:
-      FileError: the folder cannot be made, or holds files that are not frames.
-    """
-
-    stdout = None
-
-    def __init__(self, target: Path) -> None:
-        self.shown = target
-        self._target = Path(os.path.realpath(target))
-        self.folder = self._target.parent
-        _check_parent(target, self._target.parent)
-        try:
-            with left_behind(self._target.parent, self._target) as found:
-                for path in found:
-                    restore_folder(path, self._target)
-                    remove(path)
-        except OSError as error:
-            raise _unwritable(target, error) from None
-        if self._target.exists():
-            _check_only_frames(target, self._target)
-        self._temporary = _temporary(self._target, target, folder=True)
-        self.path = _pattern_in(self._temporary.path / NEW)
-
-    def publish(self) -> list[Path]:
-        try:
-            replace_folder(self._temporary.path, self._target)
-            frames = sorted(self.shown.iterdir(), key=frame_number)
-        except OSError as error:
-            hint = "its frames are in a hidden folder beside it; the next run with this name puts them back"
-            raise _unwritable(self.shown, error, hint if self._is_aside() else "") from None
-        return frames
-
-    def sync(self) -> None:
-        pass  # a film of ten thousand frames would wait for the disk as often
-
-    def take_back(self) -> None:
-        take_back_folder(self._temporary.path, self._target)
-
-    def discard(self) -> None:
-        if self._is_aside():
-            self._temporary.release()  # the next run puts it back
-        else:
-            self._temporary.remove()
-
-    def _is_aside(self) -> bool:
-        return (self._temporary.path / OLD).exists() and not self._target.exists()
-
-
-class StagedFrames:
-    """Frames named by a pattern such as `frame_%04d.png`. Other files whose names match are left alone.
-
-    If a process was killed while it gave its frames their names, the rest get theirs first.
-
-    Attributes:
-      others: names of matching files numbered beyond the last frame, known once the frames are published.
-
-    Raises:
-      FileError: the folder is missing or cannot be written.
-    """
-
-    stdout = None
-
-    def __init__(self, pattern: Path) -> None:
-        self.shown, self.others = pattern, list[str]()
-        _check_parent(pattern, pattern.parent)
-        self.folder = Path(os.path.realpath(pattern.parent))
-        self._before, self._width, self._after = re.split(r"%(\d*)d", pattern.name, maxsplit=1)
-        try:
-            with one_at_a_time(self.folder), left_behind(self.folder, pattern) as found:
-                for path in found:
-                    if (path / MOVING).exists():
-                        finish_frames(path, self._place)
-                    remove(path)
-        except OSError as error:
-            raise _unwritable(pattern, error) from None
-        self._temporary = _temporary(self.folder / pattern.name, pattern, folder=True)
-        self.path = _pattern_in(self._temporary.path / NEW)
-
-    def sync(self) -> None:
-        pass  # as of a folder
-
-    def publish(self) -> list[Path]:
-        try:
-            self._frames = sorted((self._temporary.path / NEW).iterdir(), key=frame_number)
-            move_frames(self._temporary.path, self._place)
-            names = [path.name for path in self.folder.iterdir()]
-        except OSError as error:
-            hint = "some frames are new, some are old; the next run with this name makes all of them new"
-            raise _unwritable(self.shown, error, hint if self._is_moving() else "") from None
-
-        places = [self._place(frame_number(frame)) for frame in self._frames]
-        numbered = re.compile(f"{re.escape(self._before)}(\\d+){re.escape(self._after)}")
-        matches = [match for name in names if (match := numbered.fullmatch(name))]
-        later = sorted(int(match[1]) for match in matches if match[0] == self._place(int(match[1])).name)
-        self.others = [self._place(number).name for number in later if number >= len(places)]
-        return [self.shown.parent / place.name for place in places]
-
-    def take_back(self) -> None:
-        take_back_frames(self._temporary.path, [frame.name for frame in self._frames], self._place)
-
-    def discard(self) -> None:
-        if self._is_moving():
-            self._temporary.release()  # the next run finishes
-        else:
-            self._temporary.remove()
-
-    def _is_moving(self) -> bool:
-        return (self._temporary.path / MOVING).exists()
-
-    def _place(self, number: int) -> Path:
-        return self.folder / f"{self._before}{number:{self._width or 1}d}{self._after}"
-
-
-class StandardOutput:
-    """The process's standard output, which cannot be taken back."""
-
-    path = "pipe:1"
-    shown = Path("-")
-    folder = None
-
-    def __init__(self, *, terminal: bool = False) -> None:
-        """`terminal`: whether it may be a terminal, as for text."""
-        if sys.stdout.isatty() and not terminal:
-            raise FileError("-", "standard output is a terminal", "send it to a file or a pipe")
-        sys.stdout.flush()
-        self.stdout = sys.stdout.fileno()
-        if fcntl.fcntl(self.stdout, fcntl.F_GETFL) & os.O_ACCMODE == os.O_RDONLY:
-            raise FileError("-", "standard output is closed", "send it to a file or a pipe")
-
-    def reader_is_gone(self) -> bool:
-        """Whether the other end of the pipe is closed."""
-        return bool(self._events(0) & (select.POLLERR | select.POLLHUP))
-
-    def is_full(self) -> bool:
-        """Whether the other end of the pipe must be read before more can be written."""
-        return not self._events(select.POLLOUT)
-
-    def _events(self, which: int) -> int:
-        poll = select.poll()
-        poll.register(self.stdout, which)
-        return next((events for _, events in poll.poll(0)), 0)
-
-    def sync(self) -> None:
-        pass
-
-    def publish(self) -> list[Path]:
-        return []
-
-    def take_back(self) -> None:
-        raise OSError(errno.ESPIPE, os.strerror(errno.ESPIPE))
-
-    def discard(self) -> None:
-        pass
-
-
-def remove_left_behind(folder: Path) -> None:
-    """Removes what processes that are gone have left in a folder.
-
-    Raises:
-      OSError: the folder cannot be read.
-    """
-    with left_behind(folder) as found:
-        for path in found:
-            if not (path / OLD).exists():  # which the next output to that target puts back
-                remove(path)
-
-
-def no_space(text: str) -> bool:
-    """Whether the log of an encoder says that the disk is full."""
-    return os.strerror(errno.ENOSPC) in text or os.strerror(errno.EDQUOT) in text
-
-
 def _close_quietly(file: BinaryIO) -> None:
     """Closes `file`, whether or not what is still buffered can be written."""
     with contextlib.suppress(OSError):
         file.close()
-
-
-def _temporary(target: Path, shown: Path, *, folder: bool) -> TemporaryOutput:
-    """Where an output is written until it is complete; frames in the folder `new` of a folder."""
-    if not is_writable(target):
-        raise FileError(shown, f"lies outside the folders of the outputs, where alone {option('untrusted')} writes")
-    temporary = None
-    try:
-        remove_left_behind(target.parent)
-        note_folder(target.parent)
-        temporary = TemporaryOutput(target, folder=folder)
-        if folder:
-            (temporary.path / NEW).mkdir()
-    except OSError as error:
-        if temporary:
-            temporary.remove()
-        raise _unwritable(shown, error) from None
-    return temporary
-
-
-def _pattern_in(folder: Path) -> str:
-    return f"{str(folder).replace('%', '%%')}/{FRAME_NAME}"
-
-
-def _check_parent(target: Path, folder: Path) -> None:
-    if len(os.fsencode(target.name)) > NAME_MAX:
-        raise FileError(target, f"cannot be written: its name is longer than {NAME_MAX} bytes")
-    if not os.path.exists(folder):  # noqa: PTH110 also of names that are too long
-        raise FileError(target, f"there is no folder {folder}", f"make it first: mkdir -p {folder}")
-    if not folder.is_dir():
-        raise FileError(target, f"{folder} is not a folder")
-    if not os.access(folder, os.W_OK | os.X_OK):
-        raise FileError(target, f"the folder {folder} cannot be written to")
-
-
-def _check_only_frames(shown: Path, folder: Path) -> None:
-    if not folder.is_dir():
-        raise FileError(shown, "exists and is not a folder")
-    others = [p.name for p in folder.iterdir() if not re.fullmatch(r"\d{6,}\.png", p.name)]
-    if others:
-        raise FileError(
-            shown,
-            f"the folder holds other files ({sorted(others)[0]!r}), and would be replaced as a whole",
-            "give a new folder, or a pattern such as frame_%04d.png",
-        )
-
-
-def _unwritable(shown: Path, error: OSError, hint: str = "") -> FileError:
-    return FileError(shown, f"cannot be written: {error.strerror or error}", hint)

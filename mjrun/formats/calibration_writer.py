@@ -13,7 +13,8 @@ from pathlib import Path
 import numpy as np
 
 from mjrun.errors import UnknownNameError, UsageError, listing, option
-from mjrun.formats.atomic_output import OutputWriter, StagedFile
+from mjrun.formats.atomic_output import OutputWriter
+from mjrun.formats.destinations import StagedFile
 from mjrun.model.rendered_view import CameraCalibration
 
 CENTER = 0.5  # of the first pixel

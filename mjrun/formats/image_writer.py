@@ -7,8 +7,9 @@ from typing import Any
 import numpy as np
 
 from mjrun.errors import BadValueError, clean, option
-from mjrun.formats.atomic_output import OutputWriter, StagedFile, StandardOutput
+from mjrun.formats.atomic_output import OutputWriter
 from mjrun.formats.coco import CocoDocument
+from mjrun.formats.destinations import StagedFile, StandardOutput
 from mjrun.formats.image_format import FORMATS, ImageData
 from mjrun.formats.labels import LabelsWriter
 from mjrun.model.rendered_view import Segment

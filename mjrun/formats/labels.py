@@ -7,7 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from mjrun.formats.atomic_output import OutputWriter, StagedFile
+from mjrun.formats.atomic_output import OutputWriter
+from mjrun.formats.destinations import StagedFile
 from mjrun.model.rendered_view import Segment
 
 

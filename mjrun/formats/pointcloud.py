@@ -6,7 +6,8 @@ from pathlib import Path
 import numpy as np
 
 from mjrun.errors import UsageError, clean
-from mjrun.formats.atomic_output import OutputWriter, StagedFile
+from mjrun.formats.atomic_output import OutputWriter
+from mjrun.formats.destinations import StagedFile
 from mjrun.model.rendered_view import RenderedView, Segment
 
 SUFFIX = ".ply"

@@ -24,7 +24,8 @@ from typing import Any
 import numpy as np
 
 from mjrun.errors import FileError, UsageError, clean, option, quoted
-from mjrun.formats.atomic_output import OutputWriter, StagedFile
+from mjrun.formats.atomic_output import OutputWriter
+from mjrun.formats.destinations import StagedFile
 
 SUFFIX = ".npz"
 PIECE = 2**20  # bytes handled at a time

@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 
 from mjrun.formats import tables
-from mjrun.formats.atomic_output import OutputWriter, StagedFile, StandardOutput
+from mjrun.formats.atomic_output import OutputWriter
+from mjrun.formats.destinations import StagedFile, StandardOutput
 from mjrun.model.column import Column
 
 

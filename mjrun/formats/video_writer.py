@@ -12,16 +12,9 @@ import numpy as np
 from mjrun.child_process import ChildProcess, ExitStatus
 from mjrun.errors import BadValueError, ClosedPipeError, EncoderError, FileError, UsageError, clean, option
 from mjrun.formats import ffmpeg
-from mjrun.formats.atomic_output import (
-    Destination,
-    OutputWriter,
-    StagedFile,
-    StagedFolder,
-    StagedFrames,
-    StandardOutput,
-    no_space,
-)
+from mjrun.formats.atomic_output import OutputWriter
 from mjrun.formats.codecs import CONTAINERS, GRAY16, Encoding, container_name, encoding, is_folder
+from mjrun.formats.destinations import Destination, StagedFile, StagedFolder, StagedFrames, StandardOutput, no_space
 from mjrun.timeline import rational
 
 LONGEST_ARGUMENT = 100_000  # bytes; Linux allows 128 KiB

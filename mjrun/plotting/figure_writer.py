@@ -10,7 +10,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from mjrun.errors import BadValueError, MissingExtraError, clean, option
-from mjrun.formats.atomic_output import OutputWriter, StagedFile, StandardOutput
+from mjrun.formats.atomic_output import OutputWriter
+from mjrun.formats.destinations import StagedFile, StandardOutput
 from mjrun.formats.figure_format import DRAWINGS
 from mjrun.formats.image_format import FORMATS, ImageData
 from mjrun.plotting.drawing import Drawing

@@ -5,7 +5,8 @@ from pathlib import Path
 from typing import cast
 
 from mjrun.errors import BadValueError, FileError, concerning, option
-from mjrun.formats.atomic_output import OutputWriter, StagedFile
+from mjrun.formats.atomic_output import OutputWriter
+from mjrun.formats.destinations import StagedFile
 from mjrun.formats.manifest import parse_manifest
 from mjrun.plotting.html_page import Page, html_page
 from mjrun.plotting.page_files import PageFile, page_file

@@ -17,7 +17,8 @@ import numpy as np
 
 from mjrun.errors import FileError
 from mjrun.formats.arrow_columns import number_array, text_array
-from mjrun.formats.atomic_output import OutputWriter, StagedFile
+from mjrun.formats.atomic_output import OutputWriter
+from mjrun.formats.destinations import StagedFile
 from mjrun.formats.input_file import is_file, is_folder
 from mjrun.formats.temporary_output import remove_left_behind
 from mjrun.job.episode import policy_files

@@ -99,7 +99,7 @@ with doing({activity!r}, "robot.xml"): die(signal.{number})"""
 def test_unfinished_outputs_and_processes_of_a_dead_one_are_removed(tmp_path: Path) -> None:
     work = """
 from mjrun.child_process import ChildProcess
-from mjrun.formats.atomic_output import StagedFile
+from mjrun.formats.destinations import StagedFile
 from pathlib import Path
 output = StagedFile(Path("table.csv"))
 child = ChildProcess(["sleep", "1000"])
@@ -148,7 +148,7 @@ time.sleep(1000)
 
 def test_a_child_that_heard_the_signal_and_does_not_end_is_killed(tmp_path: Path) -> None:
     work = """
-from mjrun.formats.atomic_output import StagedFile
+from mjrun.formats.destinations import StagedFile
 output = StagedFile(Path("table.csv"))
 def end(number, frame):
     note_heard()
@@ -168,7 +168,7 @@ while True:
 
 def test_what_a_child_could_not_clear_away_is_cleared_away(tmp_path: Path) -> None:
     work = """
-from mjrun.formats.atomic_output import StagedFile
+from mjrun.formats.destinations import StagedFile
 output = StagedFile(Path("table.csv"))
 def end(number, frame):
     note_heard()

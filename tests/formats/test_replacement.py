@@ -1,4 +1,4 @@
-"""Frames that take the place of older ones. What faults leave behind is in test_atomic_output.py."""
+"""Frames that take the place of older ones. What faults leave behind is in test_destinations.py."""
 
 import os
 import sys

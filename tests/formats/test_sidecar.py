@@ -5,7 +5,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from mjrun.formats.atomic_output import OutputWriter, StagedFile, publish_together
+from mjrun.formats.atomic_output import OutputWriter, publish_together
+from mjrun.formats.destinations import StagedFile
 from mjrun.formats.sidecar import SidecarWriter, read_sidecar, sidecar_path
 from mjrun.formats.table_reader import open_table
 from mjrun.formats.table_writer import TableWriter

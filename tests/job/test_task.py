@@ -8,7 +8,8 @@ from typing import Any, get_type_hints
 import mujoco
 import pytest
 
-from mjrun.formats.atomic_output import OutputWriter, StagedFile
+from mjrun.formats.atomic_output import OutputWriter
+from mjrun.formats.destinations import StagedFile
 from mjrun.job.image import Image
 from mjrun.job.keyframe import Keyframe
 from mjrun.job.plot import Plot
