@@ -70,9 +70,9 @@ def confined(context: click.Context, options: ConfinementOptions) -> Generator[C
     try:
         yield made
     except (MemoryError, OutOfMemoryError) as error:
-        told = error if isinstance(error, OutOfMemoryError) else OutOfMemoryError(str(error))
-        told.add_note(f"{option('untrusted')} allows {limits[MEMORY]:g} MiB; {option('limit')} memory=… allows more")
-        raise told from None
+        failure = error if isinstance(error, OutOfMemoryError) else OutOfMemoryError(str(error))
+        failure.add_note(f"{option('untrusted')} allows {limits[MEMORY]:g} MiB; {option('limit')} memory=… allows more")
+        raise failure from None
     finally:
         shutil.rmtree(made.temporary, ignore_errors=True)
         for folder in folders:

@@ -115,12 +115,12 @@ def _signals(result: "FitResult") -> list[Column]:
 
 
 def _correlated(result: "FitResult") -> list[tuple[str, str]]:
-    found: list[tuple[str, str]] = []
+    pairs: list[tuple[str, str]] = []
     for i, one in enumerate(result.parameters):
         for j, other in enumerate(result.parameters[:i]):
             if abs(result.correlation[i][j]) > CORRELATED:
-                found.append((f"{result.correlation[i][j]:.3f}", f"{clean(other.path)}, {clean(one.path)}"))
-    return found
+                pairs.append((f"{result.correlation[i][j]:.3f}", f"{clean(other.path)}, {clean(one.path)}"))
+    return pairs
 
 
 def _share(value: float | None) -> str:

@@ -69,16 +69,16 @@ class _Run:
         groups = self._played()
         count = len(self.prepared.points.points)
         policies = [groups[first : first + count] for first in range(0, len(groups), count)]
-        found = findings(self.prepared, policies, self.evaluation.confidence)
-        _warn_of_returns(found.policies, self.reporter)
+        summaries = findings(self.prepared, policies, self.evaluation.confidence)
+        _warn_of_returns(summaries.policies, self.reporter)
 
         with ExitStack() as stack:
-            writers, verdicts = self._tables(groups, found, stack)
+            writers, verdicts = self._tables(groups, summaries, stack)
             films, failures = self.maker.make(policies[0], self.folder, self.reporter)
             paths = [film.path for film in films]
             files = [*(str(each.destination.shown) for each in writers), *paths, str(self.folder.path / MANIFEST)]
             steps = sum(episode.steps for group in groups for episode in group.episodes)
-            result = self._result(found, films, verdicts, files, steps)
+            result = self._result(summaries, films, verdicts, files, steps)
             writers.append(self.folder.write_manifest(stack, {**self.facts, **dataclasses.asdict(result)}))
             _publish(writers, self.folder, paths)
         self.folder.remove_old_films([Path(path).name for path in paths])
@@ -96,23 +96,27 @@ class _Run:
             raise
 
     def _tables(
-        self, groups: Sequence[PlayedEpisodes], found: Findings, stack: ExitStack
+        self, groups: Sequence[PlayedEpisodes], summaries: Findings, stack: ExitStack
     ) -> tuple[list[OutputWriter], list[Verdict]]:
         """The tables, written and still to be published, and what was required of them."""
         prepared, path = self.prepared, self.folder.path
         columns, rows = episode_columns(
-            groups, prepared.points, prepared.player.rewards, prepared.metrics, compared=found.comparison is not None
+            groups,
+            prepared.points,
+            prepared.player.rewards,
+            prepared.metrics,
+            compared=summaries.comparison is not None,
         )
         own = rows[: self.evaluation.episodes * len(prepared.points.points)]
-        verdicts = prepared.criteria.verdicts(columns, own, found.policies[0], found.comparison)
+        verdicts = prepared.criteria.verdicts(columns, own, summaries.policies[0], summaries.comparison)
         writers: list[OutputWriter] = [*open_results(stack, path, columns, rows, self.facts, FILES)]
-        if found.points:
-            columns, rows, metrics = map_columns(prepared.points, found.points)
+        if summaries.points:
+            columns, rows, metrics = map_columns(prepared.points, summaries.points)
             writers += open_results(stack, path, columns, rows, {**self.facts, "metrics": metrics})
         return writers, verdicts
 
     def _result(
-        self, found: Findings, films: Sequence[Film], verdicts: Sequence[Verdict], files: list[str], steps: int
+        self, summaries: Findings, films: Sequence[Film], verdicts: Sequence[Verdict], files: list[str], steps: int
     ) -> EvaluationResult:
         evaluation = self.evaluation
         return EvaluationResult(
@@ -121,10 +125,10 @@ class _Run:
             episodes=evaluation.episodes,
             seed=evaluation.seed,
             confidence=evaluation.confidence,
-            policies=found.policies,
-            comparison=found.comparison,
+            policies=summaries.policies,
+            comparison=summaries.comparison,
             names=self.prepared.points.names,
-            points=found.points,
+            points=summaries.points,
             films=films,
             assertions=verdicts,
             files=files,

@@ -37,13 +37,13 @@ class FilmMaker:
         self, groups: Sequence[PlayedEpisodes], folder: ResultsFolder, reporter: Reporter
     ) -> tuple[list[Film], Failures]:
         """The films of episodes of `groups`, which are the first of those prepared; and which could not be made."""
-        films, failures, heard = list[Film](), Failures(), _Warnings(reporter)
+        films, failures, warnings = list[Film](), Failures(), _Warnings(reporter)
         chosen = chosen_films(groups, self._options.films) if self._options.films else []
         for done, choice in enumerate(chosen, 1):
             path = str(folder.path / choice.name(groups, varies=bool(self._prepared.points.names)))
             try:
                 video = self._video(self._prepared.groups[choice.group].spec, self._seed(groups, choice), path)
-                perform([video], heard)
+                perform([video], warnings)
                 films.append(self._film(groups, choice, path))
             except MjrunError as error:
                 failures.append((path, error))

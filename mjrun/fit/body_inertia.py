@@ -56,16 +56,18 @@ class BodyInertia:
         """What gives the model these values; what is not among them stays."""
         quantities = {_parts(name)[0] for name in values}
         mass, center, factor = self.at(values)
-        found: list[Override] = []
+        changes: list[Override] = []
         if "mass" in quantities:
-            found.append(self._override("mass", mass))
+            changes.append(self._override("mass", mass))
         if "center" in quantities:
-            found.append(self._override("ipos", center))
+            changes.append(self._override("ipos", center))
         if "shape" in quantities:
-            found += self._of_matrix(_inertia(mass, factor))
+            changes += self._of_matrix(_inertia(mass, factor))
         elif "mass" in quantities:
-            found.append(self._override("fullinertia" if self.is_full else "inertia", self.moments * mass / self.mass))
-        return found
+            changes.append(
+                self._override("fullinertia" if self.is_full else "inertia", self.moments * mass / self.mass)
+            )
+        return changes
 
     def principal_moments(self, values: Mapping[str, float]) -> Floats:
         """Moments of inertia about the principal axes through the centre, largest first: `(3,)` [kg m²]."""

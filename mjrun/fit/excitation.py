@@ -165,16 +165,16 @@ class _Excitation:
         self._signals = signals
 
     def best(self) -> ExcitationResult:
-        found = self._within_limits()
-        looks = [self._look(segment) for segment, _ in found]
+        candidates = self._within_limits()
+        looks = [self._look(segment) for segment, _ in candidates]
         scores = [np.linalg.slogdet(all_information(look, self._parameters))[1] for look in looks]
         order = np.argsort(scores)[::-1].tolist()
         self._require_told(looks[order[0]])
         corners = self._corners()
-        segment, motion = self._within_limits_at(corners, [found[index] for index in order])
+        segment, motion = self._within_limits_at(corners, [candidates[index] for index in order])
         look = self._look(segment)
         self._require_told(look)
-        return self._published(segment, motion, look, len(found), corners)
+        return self._published(segment, motion, look, len(candidates), corners)
 
     def _corners(self) -> list[Floats]:
         """Coordinates at the bounds, all of them or some spread evenly; those that cannot be simulated are told."""
@@ -228,7 +228,7 @@ class _Excitation:
 
     def _contacts(self, segment: Segment, corners: Sequence[Floats]) -> list[str]:
         """What begins to touch with the model as it is, and with others, and when, by a bare loop."""
-        found: dict[tuple[str, str], str] = {}
+        touching: dict[tuple[str, str], str] = {}
         steps = round(segment.times[-1] / self._judge.timestep)
         controls = commands(segment, 0, steps, self._judge.timestep, False, {})
         for coordinates in [self._coordinates, *corners]:
@@ -243,11 +243,11 @@ class _Excitation:
                 mujoco.mj_step(model, data)
                 if data.ncon:
                     for pair in _touching(model, data) - known:
-                        found.setdefault(
+                        touching.setdefault(
                             pair, f"{pair[0]} and {pair[1]} touch from {step * self._judge.timestep:.2f} s on"
                         )
                         known.add(pair)
-        return list(found.values())
+        return list(touching.values())
 
     def _within_limits(self) -> list[tuple[Segment, Floats]]:
         """Inputs that move the model within its limits, and the motion, `(steps, columns)` of the limits."""
@@ -257,20 +257,20 @@ class _Excitation:
         times = np.arange(0.0, self._duration(timestep) + period / 2, period)
         zero, reach = np.zeros(self._model.nu), self._reach
         left = [chirps(times, zero, reach, generator) for _ in range(CANDIDATES)]
-        found: list[tuple[Segment, Floats]] = []
+        candidates: list[tuple[Segment, Floats]] = []
         reason = ""
         for trial in range(TRIES):
             inputs = [self._segment(times, self._middle + WEAKER**trial * each) for each in left]
             motions = self._motions(inputs)
             reasons = [self._limits.violation(motion) for motion in motions]
-            found += [(i, m) for i, m, why in zip(inputs, motions, reasons, strict=True) if why is None]
+            candidates += [(i, m) for i, m, why in zip(inputs, motions, reasons, strict=True) if why is None]
             left = [each for each, why in zip(left, reasons, strict=True) if why is not None]
             if not left:
-                return found
+                return candidates
             reason = next(why for why in reasons if why is not None)
-        if not found:
+        if not candidates:
             raise UsageError(f"{option('excite')}: even the weakest chirp is beyond a limit: {reason}")
-        return found
+        return candidates
 
     def _duration(self, timestep: float) -> float:
         simulation = self._fit.simulation

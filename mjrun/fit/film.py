@@ -121,7 +121,7 @@ class FitFilm:
             times = chunk.segment.times[chunk.rows]
             usual = float(np.median(np.diff(times)))
             goes_on = following is not None and following.chunk.segment is chunk.segment
-            kept = slice(0, len(times) - goes_on)  # its last row is the first of the next
+            rows = slice(0, len(times) - goes_on)  # its last row is the first of the next
             ghost = stretch.positions.copy()
             for place, signal in self._measured.items():
                 values = chunk.segment.values[:, signal]
@@ -129,7 +129,7 @@ class FitFilm:
                 if known.any():
                     ghost[:, place] = np.interp(times + delays[signal], chunk.segment.times[known], values[known])
             shown = end + times - times[0]
-            tables.append(np.column_stack([shown, stretch.positions])[kept])
-            ghosts.append(np.column_stack([shown, ghost])[kept])
+            tables.append(np.column_stack([shown, stretch.positions])[rows])
+            ghosts.append(np.column_stack([shown, ghost])[rows])
             end = shown[-1] if goes_on else shown[-1] + usual
         return np.concatenate(tables), np.concatenate(ghosts)

@@ -134,7 +134,8 @@ class _Run:
         self._latest: Solution | None = None
 
     def all(self) -> FitResult:
-        for remark in self._measurements.remarks:
+        sharing = [each.sharing for each in self._parameters if each.sharing]
+        for remark in [*self._measurements.remarks, *sharing]:
             self._reporter.note(remark)
         noise = first_noise(self._fitted.segments, self._measurements.rotations)
         starts = self._starts(self._fit.starts)
@@ -142,15 +143,15 @@ class _Run:
         stages = self._stages(starts, noise)
         last, failures = stages[-1], self._predictor.failures.sentence(self._parameters)
         hints = [*self._misfits(last, noise), *([failures] if failures else [])]
-        found = self._found(last, sum(stage.rollouts for stage in stages))
-        unidentifiable = [each.message for each in found.sensitivity.unidentifiable]
+        outcome = self._found(last, sum(stage.rollouts for stage in stages))
+        unidentifiable = [each.message for each in outcome.sensitivity.unidentifiable]
         if unidentifiable and not self._fit.allow_unidentifiable:
             raise UnidentifiableError(unidentifiable, hints)
         comparisons = self._compared(last.coordinates, last.noise)
         self._require_better(comparisons, hints)
         for hint in hints:
             self._reporter.warn(hint)
-        return self._outputs.publish(self._result(found, comparisons), comparisons, self._logs, self._reporter)
+        return self._outputs.publish(self._result(outcome, comparisons), comparisons, self._logs, self._reporter)
 
     def kept(self) -> FitResult | None:
         """Writes the model as far as it was fitted; None if it was not begun."""
@@ -220,11 +221,11 @@ class _Run:
         """Refuses what the measurements cannot tell at any of the starts."""
         parts = self._shooting.cut(self._fitted.segments, 4 * SHORTEST)
         looks = [self._shooting.look(parts, start, self._shooting.guessed(parts, start), noise) for start in starts]
-        found = sensitivity(looks, self._parameters)
-        if found.unidentifiable:
+        judged = sensitivity(looks, self._parameters)
+        if judged.unidentifiable:
             if not self._fit.allow_unidentifiable:
-                raise UnidentifiableError([each.message for each in found.unidentifiable])
-            for each in found.unidentifiable:
+                raise UnidentifiableError([each.message for each in judged.unidentifiable])
+            for each in judged.unidentifiable:
                 self._reporter.warn(each.message)
 
     def _compared(self, fitted: np.ndarray, noise: np.ndarray) -> Solutions:
@@ -254,11 +255,11 @@ class _Run:
             ]
             raise UnimprovedFitError("\n".join(lines))
 
-    def _result(self, found: _Found, comparisons: Solutions, *, partial: bool = False) -> FitResult:
-        fit, last = self._fit, found.solution
+    def _result(self, outcome: _Found, comparisons: Solutions, *, partial: bool = False) -> FitResult:
+        fit, last = self._fit, outcome.solution
         known = intervals(last, self._parameters, fit.confidence, fit.simulation.seed)
         values = [each.value(c) for each, c in zip(self._parameters, last.coordinates, strict=True)]
-        effects = found.sensitivity.effects
+        effects = outcome.sensitivity.effects
         parameters = [
             FittedParameter(p.path, p.start, value, low, high, effect, bound_reached(coordinate))
             for p, value, low, high, effect, coordinate in zip(
@@ -272,10 +273,10 @@ class _Run:
             self._signals(last, comparisons),
             known.correlation.tolist(),
             fit.confidence,
-            found.sensitivity.condition,
+            outcome.sensitivity.condition,
             self._fitted.rows,
             len(self._fitted.segments),
-            found.rollouts,
+            outcome.rollouts,
             [],
             [*self._measurements.remarks, *([failures] if failures else [])],
             [],

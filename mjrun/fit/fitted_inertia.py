@@ -57,13 +57,13 @@ def fitted_inertias(
     def numbers(draw: Sequence[float] | NDArray[np.float64], inertia: BodyInertia) -> dict[str, float]:
         return {p.name: float(v) for p, v in zip(parameters, draw, strict=True) if p.inertia is inertia}
 
-    found: list[FittedInertia] = []
+    inertias: list[FittedInertia] = []
     for inertia in dict.fromkeys(each.inertia for each in parameters if each.inertia is not None):
         low, high = known.of(lambda draw, inertia=inertia: _quantities(inertia, numbers(draw, inertia)))
         columns = (_quantities(inertia, {}), _quantities(inertia, numbers(values, inertia)), low, high)
         rows = zip(NAMES, UNITS, *(column.tolist() for column in columns), strict=True)
-        found.append(FittedInertia(inertia.body, [FittedQuantity(*row) for row in rows]))
-    return found
+        inertias.append(FittedInertia(inertia.body, [FittedQuantity(*row) for row in rows]))
+    return inertias
 
 
 def _quantities(inertia: BodyInertia, values: Mapping[str, float]) -> NDArray[np.float64]:

@@ -9,10 +9,10 @@ from fnmatch import fnmatchcase
 import mujoco
 import numpy as np
 
-from mjrun.errors import BadValueError, UnknownNameError, UsageError, clean, concerning, option
+from mjrun.errors import BadValueError, UnknownNameError, UsageError, clean, concerning, listing, option
 from mjrun.fit.body_inertia import INERTIA, QUANTITIES, STRETCHES, BodyInertia, body_inertia
 from mjrun.model.fingerprint import physics_fingerprint
-from mjrun.model.override import Override, source_values
+from mjrun.model.override import ELEMENTS, Override, elements_at, source_values
 from mjrun.model.source import Source
 
 DELAY = "delay:"  # begins the name of a delay: `delay:ctrl/motor`
@@ -42,6 +42,7 @@ class FreeParameter:
       prior: mean and standard deviation of a normal distribution that is known beforehand; None without one.
       inertia: of which it is a number; None where it stands for itself.
       delayed: the columns that it delays.
+      objects: the names of the objects of the model whose number it is.
     """
 
     path: str
@@ -52,6 +53,13 @@ class FreeParameter:
     prior: tuple[float, float] | None = None
     inertia: BodyInertia | None = None
     delayed: tuple[str, ...] = ()
+    objects: tuple[str, ...] = ()
+
+    @property
+    def sharing(self) -> str:
+        """A sentence about all that has this number, where a wildcard ties several; empty where it does not."""
+        tied = self.objects or self.delayed
+        return f"{clean(self.path)} is one number of {listing(tied)}" if len(tied) > 1 else ""
 
     @property
     def is_delay(self) -> bool:
@@ -93,14 +101,14 @@ class FreeParameter:
 
 def overrides(parameters: Sequence[FreeParameter], values: Sequence[float]) -> list[Override]:
     """What gives the model these values of `parameters`; delays change nothing in it."""
-    found: list[Override] = []
+    changes: list[Override] = []
     inertias: dict[BodyInertia, dict[str, float]] = {}
     for parameter, value in zip(parameters, values, strict=True):
         if parameter.inertia is not None:
             inertias.setdefault(parameter.inertia, {})[parameter.name] = value
         elif not parameter.is_delay:
-            found += _overrides(parameter.path, value)
-    return found + [each for inertia, numbers in inertias.items() for each in inertia.overrides(numbers)]
+            changes += _overrides(parameter.path, value)
+    return changes + [each for inertia, numbers in inertias.items() for each in inertia.overrides(numbers)]
 
 
 def _overrides(path: str, value: float) -> list[Override]:
@@ -134,7 +142,8 @@ def free_parameters(texts: Sequence[tuple[str, str]], source: Source, delayed: S
             elif path.startswith(DELAY):
                 parameters.append(replace(_parameter(path, text, 0.0), delayed=_delayed(path, delayed)))
             else:
-                parameters.append(_parameter(path, text, _model_start(path, spec)))
+                parameter = _parameter(path, text, _model_start(path, spec))
+                parameters.append(replace(parameter, objects=_objects(path, _source_of(spec, path))))
             names = [name for each in parameters for name in each.delayed or [each.path]]
             if len(set(names)) < len(names):
                 raise UsageError(f"{option('free')} {clean(path)} is given twice")
@@ -166,17 +175,17 @@ class _Bodies:
         return self._inertias[body]
 
     def _parameter(self, path: str, text: str, name: str, inertia: BodyInertia) -> FreeParameter:
-        found = _parameter(path, text, inertia.start(name))
-        found = replace(found, path=f"{INERTIA}{inertia.body}.{name}", inertia=inertia)
-        if not name.startswith("center") and found.low <= 0:
+        parameter = _parameter(path, text, inertia.start(name))
+        parameter = replace(parameter, path=f"{INERTIA}{inertia.body}.{name}", inertia=inertia)
+        if not name.startswith("center") and parameter.low <= 0:
             raise BadValueError(f"{option('free')} {clean(path)}", text, "LOW..HIGH above 0")
         if not name.startswith("shape"):
-            return found
+            return parameter
         if int(name[-2]) < STRETCHES:
-            return replace(found, is_log=True)
-        reach = (found.high - found.low) / 2
-        prior = (0.0, found.prior[1]) if found.prior else None
-        return replace(found, low=-reach, high=reach, start=0.0, is_log=False, prior=prior)
+            return replace(parameter, is_log=True)
+        reach = (parameter.high - parameter.low) / 2
+        prior = (0.0, parameter.prior[1]) if parameter.prior else None
+        return replace(parameter, low=-reach, high=reach, start=0.0, is_log=False, prior=prior)
 
 
 def require_effect(parameter: FreeParameter, source: Source) -> None:
@@ -243,6 +252,14 @@ def _model_start(path: str, spec: mujoco.MjSpec | None) -> float:
     if not np.isfinite(values).all():
         raise UsageError(f"{option('free')} {clean(path)} is not in the source: the compiler works it out")
     return float(np.mean(values))
+
+
+def _objects(path: str, spec: mujoco.MjSpec) -> tuple[str, ...]:
+    """The names of those that a path of `KIND/NAME.FIELD` names."""
+    override = _overrides(path, 1.0)[-1]
+    if override.target.partition("/")[0] not in ELEMENTS:
+        return ()
+    return tuple(element.name or "one without a name" for element in elements_at(spec, override)[0])
 
 
 def _source_of(spec: mujoco.MjSpec | None, path: str) -> mujoco.MjSpec:

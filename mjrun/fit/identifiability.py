@@ -70,14 +70,14 @@ def _of(matrix: NDArray[np.float64], parameters: Sequence[FreeParameter]) -> Sen
     silent = [i for i, effect in enumerate(effects) if effect < LEAST]
     problems = [Unidentifiable((paths[i],)) for i in silent]
 
-    heard = [i for i in range(len(paths)) if i not in silent]
+    audible = [i for i in range(len(paths)) if i not in silent]
     condition = np.inf if silent else 1.0
-    if heard:
-        values, vectors = np.linalg.eigh(matrix[np.ix_(heard, heard)])
+    if audible:
+        values, vectors = np.linalg.eigh(matrix[np.ix_(audible, audible)])
         singular = np.sqrt(np.maximum(values, 0))
         condition = max(condition, float(singular[-1] / max(singular[0], 1e-300)))
         for value, vector in zip(singular, vectors.T, strict=True):
             if value < LEAST:
-                mixed = [paths[heard[i]] for i in np.flatnonzero(np.abs(vector) > SHARE)]
+                mixed = [paths[audible[i]] for i in np.flatnonzero(np.abs(vector) > SHARE)]
                 problems.append(Unidentifiable(tuple(mixed)))
     return Sensitivity(tuple(map(float, effects)), float(condition), tuple(problems))

@@ -29,26 +29,28 @@ class MotionLimits:
 
     def __init__(self, model: mujoco.MjModel, speed: float | None) -> None:
         ranges = {field: np.tile([-np.inf, np.inf], (len(field_probe(model, field).columns), 1)) for field in FIELDS}
-        kept = {field: np.zeros(len(values), bool) for field, values in ranges.items()}
+        limits = {field: np.zeros(len(values), bool) for field, values in ranges.items()}
         for joint in np.flatnonzero(np.isin(model.jnt_type, _SLIDING)):
             position, velocity = model.jnt_qposadr[joint], model.jnt_dofadr[joint]
-            kept["qpos"][position] = kept["qvel"][velocity] = True
+            limits["qpos"][position] = limits["qvel"][velocity] = True
             if model.jnt_limited[joint]:
                 ranges["qpos"][position] = model.jnt_range[joint]
             if speed is not None:
                 ranges["qvel"][velocity] = -speed, speed
             if model.jnt_actfrclimited[joint]:
-                kept["qfrc_actuator"][velocity] = True
+                limits["qfrc_actuator"][velocity] = True
                 ranges["qfrc_actuator"][velocity] = model.jnt_actfrcrange[joint]
         limited = model.actuator_forcelimited.astype(bool)
-        kept["actuator_force"] |= limited
+        limits["actuator_force"] |= limited
         ranges["actuator_force"][limited] = model.actuator_forcerange[limited]
 
         self.columns: list[Column] = []
         for field in FIELDS:
-            self.columns += [c for c, keep in zip(field_probe(model, field).columns, kept[field], strict=True) if keep]
-        self.low, self.high = np.concatenate([ranges[field][kept[field]] for field in FIELDS]).T
-        self.positions = slice(0, int(kept["qpos"].sum()))
+            self.columns += [
+                c for c, keep in zip(field_probe(model, field).columns, limits[field], strict=True) if keep
+            ]
+        self.low, self.high = np.concatenate([ranges[field][limits[field]] for field in FIELDS]).T
+        self.positions = slice(0, int(limits["qpos"].sum()))
 
     def violation(self, rows: Floats) -> str | None:
         """What in rows of `columns`, `(n, columns)`, is beyond a limit, in words; None if all is within."""

@@ -95,13 +95,13 @@ class FitOutputs:
 
     def _stretches(self, comparisons: Solutions, logs: Sequence[str]) -> list[FilmedStretch]:
         """All stretches in the order of logs and time, as the fitted model goes through them."""
-        found: list[FilmedStretch] = []
+        stretches: list[FilmedStretch] = []
         for part in ("fitted", "held"):
             if solution := comparisons.get((part, "fitted")):
                 values = tuple(p.value(c) for p, c in zip(self._parameters, solution.coordinates, strict=True))
                 followed = self._predictor.positions(solution.chunks, values, solution.states)
-                found += map(FilmedStretch, solution.chunks, followed)
-        return sorted(found, key=lambda each: (logs.index(each.chunk.segment.source), _begin(each)))
+                stretches += map(FilmedStretch, solution.chunks, followed)
+        return sorted(stretches, key=lambda each: (logs.index(each.chunk.segment.source), _begin(each)))
 
     def _delays(self, values: Sequence[float]) -> list[float]:
         names = [column.name for column in self._predictor.columns]

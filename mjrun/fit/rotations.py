@@ -22,7 +22,7 @@ def rotations(signals: Sequence[str], available: Sequence[str]) -> list[list[int
     Raises:
       UsageError: some numbers of a rotation are missing.
     """
-    found: list[list[int]] = []
+    groups: list[list[int]] = []
     known = set(available)
     for whole in dict.fromkeys(name.rpartition("/")[0] for name in signals if name.rpartition("/")[2] in PARTS):
         names = [f"{whole}/{part}" for part in PARTS]
@@ -32,8 +32,8 @@ def rotations(signals: Sequence[str], available: Sequence[str]) -> list[list[int
             raise UsageError(
                 f"{listing(missing)} of the rotation {clean(whole)} must be measured too, or none of it is"
             )
-        found.append([signals.index(name) for name in names])
-    return found
+        groups.append([signals.index(name) for name in names])
+    return groups
 
 
 def normalize(values: Floats, groups: Sequence[Sequence[int]], where: str) -> None:

@@ -116,7 +116,7 @@ class Shooting:
                 advanced(replace(problem.solution(x), loss=self._loss))
             return slopes.toarray() if dense else slopes
 
-        found = least_squares(
+        result = least_squares(
             problem.residuals,
             problem.start,
             jacobian,  # pyright: ignore[reportArgumentType]  (its types know of names alone)
@@ -129,7 +129,7 @@ class Shooting:
             xtol=1e-7,
             ftol=tolerance,
         )
-        return replace(problem.solution(np.asarray(found.x, float)), loss=self._loss)
+        return replace(problem.solution(np.asarray(result.x, float)), loss=self._loss)
 
     def look(self, parts: Sequence[Chunk], coordinates: Floats, states: Floats, noise: Floats) -> Solution:
         """Residuals and sensitivities at a start, where nothing is minimized."""
@@ -145,7 +145,7 @@ class Shooting:
           advanced: is told of every solution that is better than the one before of the same start.
         """
         parts = self.cut(segments, SHORTEST)
-        found = [
+        solutions = [
             self.solve(
                 parts,
                 start,
@@ -157,15 +157,15 @@ class Shooting:
             )
             for start in starts
         ]
-        return min(found, key=lambda solution: solution.cost).coordinates
+        return min(solutions, key=lambda solution: solution.cost).coordinates
 
     def stages(self, segments: Sequence[Segment]) -> list[list[Chunk]]:
         """The chunks of the stages of a fit: longer and longer ones, to whole segments."""
-        rows, found = SHORTEST, [self.cut(segments, SHORTEST)]
-        while len(found[-1]) > len(segments):
+        rows, cuts = SHORTEST, [self.cut(segments, SHORTEST)]
+        while len(cuts[-1]) > len(segments):
             rows *= GROWTH
-            found.append(self.cut(segments, rows))
-        return found
+            cuts.append(self.cut(segments, rows))
+        return cuts
 
     def grown(
         self, segments: Sequence[Segment], start: Floats, noise: Floats, advanced: Advanced | None = None

@@ -89,9 +89,9 @@ class ShootingProblem:
 
     def solution(self, x: Floats) -> Solution:
         coordinates, deviations = self._split(x)
-        found = self._linearized_at(x)
-        shown = [np.where(known, each, np.nan) for each, known in zip(found.residuals, self._known, strict=True)]
-        slopes = list(zip(found.of_coordinates, found.of_states, strict=True))
+        linearized = self._linearized_at(x)
+        shown = [np.where(known, each, np.nan) for each, known in zip(linearized.residuals, self._known, strict=True)]
+        slopes = list(zip(linearized.of_coordinates, linearized.of_states, strict=True))
         states = np.stack([self._states.moved(g, d) for g, d in zip(self._guesses, deviations, strict=True)])
         return Solution(
             self._parts, coordinates, states, shown, slopes, self._noise, self._rollouts, jitters=self._jitters

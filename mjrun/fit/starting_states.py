@@ -72,15 +72,15 @@ class StartingStates:
 
     def _measured_rotations(self) -> dict[int, int]:
         """Where the quaternions of measured rotations are in `qpos`, and their angular velocities in `qvel`."""
-        model, found = self._model, dict[int, int]()
+        model, speeds = self._model, dict[int, int]()
         for joint in range(model.njnt):
             first, speed = int(model.jnt_qposadr[joint]), int(model.jnt_dofadr[joint])
             offset = {int(mujoco.mjtJoint.mjJNT_FREE): 3, int(mujoco.mjtJoint.mjJNT_BALL): 0}.get(
                 int(model.jnt_type[joint])
             )
             if offset is not None and first + offset in self._qpos:
-                found[first + offset] = speed + offset
-        return found
+                speeds[first + offset] = speed + offset
+        return speeds
 
 
 def _rotation_at_start(seconds: np.ndarray, quaternions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

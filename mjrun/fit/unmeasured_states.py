@@ -23,14 +23,14 @@ def simulated_starts(
     Args:
       values: of the parameters; None for the model as it was.
     """
-    found = np.empty((len(parts), len(starting.start)))
+    starts = np.empty((len(parts), len(starting.start)))
     for segment in {id(part.segment): part.segment for part in parts}.values():
         places = [i for i, part in enumerate(parts) if part.segment is segment]
         wanted = [parts[i].first_step for i in places]
         states = _simulated(predictor, starting, segment, values, wanted)
         for i in places:
-            found[i] = starting.guess(parts[i], predictor.timestep, states[parts[i].first_step])
-    return found
+            starts[i] = starting.guess(parts[i], predictor.timestep, states[parts[i].first_step])
+    return starts
 
 
 def _simulated(
@@ -41,10 +41,10 @@ def _simulated(
     wanted: Sequence[int],
 ) -> dict[int, np.ndarray]:
     """States of the simulation at the steps `wanted`; that of the start where nothing can be simulated."""
-    found = dict.fromkeys(wanted, starting.start)
+    states = dict.fromkeys(wanted, starting.start)
     model = predictor.compiled(values)
     if model is None:
-        return found
+        return states
     data = mujoco.MjData(model)
     state.restore(model, data, starting.start)
     rows = _rows_by_step(segment, predictor.timestep)
@@ -57,11 +57,11 @@ def _simulated(
             starting.place(data, rows[step], predictor.timestep)
         if not (np.isfinite(data.qpos).all() and np.isfinite(data.qvel).all()):
             break
-        if step in found:
-            found[step] = state.save(model, data)
+        if step in states:
+            states[step] = state.save(model, data)
         data.ctrl[:] = controls[step]
         mujoco.mj_step(model, data)
-    return found
+    return states
 
 
 def _rows_by_step(segment: Segment, timestep: float) -> dict[int, Chunk]:

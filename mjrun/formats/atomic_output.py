@@ -164,9 +164,9 @@ def _move(destinations: Sequence[Destination], last: "Callable[[list[Path]], Out
             writer.destination.publish()
             published.append(writer.destination)
     except BaseException as error:
-        kept = [str(each.shown) for each in reversed(published) if not _is_taken_back(each)]
-        if kept and isinstance(error, MjrunError):
-            raise PartlyDoneError(kept, [(str(failed), error)]) from None
+        remaining = [str(each.shown) for each in reversed(published) if not _is_taken_back(each)]
+        if remaining and isinstance(error, MjrunError):
+            raise PartlyDoneError(remaining, [(str(failed), error)]) from None
         raise
     for destination in published:
         destination.discard()  # what was there before

@@ -143,8 +143,8 @@ class StagedFolder:
         self.folder = self._target.parent
         _check_parent(target, self._target.parent)
         try:
-            with left_behind(self._target.parent, self._target) as found:
-                for path in found:
+            with left_behind(self._target.parent, self._target) as leftovers:
+                for path in leftovers:
                     restore_folder(path, self._target)
                     remove(path)
         except OSError as error:
@@ -199,8 +199,8 @@ class StagedFrames:
         self.folder = Path(os.path.realpath(pattern.parent))
         self._before, self._width, self._after = re.split(r"%(\d*)d", pattern.name, maxsplit=1)
         try:
-            with one_at_a_time(self.folder), left_behind(self.folder, pattern) as found:
-                for path in found:
+            with one_at_a_time(self.folder), left_behind(self.folder, pattern) as leftovers:
+                for path in leftovers:
                     if (path / MOVING).exists():
                         finish_frames(path, self._place)
                     remove(path)
@@ -292,8 +292,8 @@ def remove_left_behind(folder: Path) -> None:
     Raises:
       OSError: the folder cannot be read.
     """
-    with left_behind(folder) as found:
-        for path in found:
+    with left_behind(folder) as leftovers:
+        for path in leftovers:
             if not (path / OLD).exists():  # which the next output to that target puts back
                 remove(path)
 

@@ -31,18 +31,18 @@ def replace_file(new: Path, target: Path) -> Path | None:
         return None
     if exchange(new, target):
         return new
-    kept = unused_name(target)
+    older = unused_name(target)
     try:
-        os.link(target, kept)
+        os.link(target, older)
     except OSError:
         new.rename(target)
         return None
     try:
         new.rename(target)
     except BaseException:
-        remove(kept)
+        remove(older)
         raise
-    return kept
+    return older
 
 
 def replace_folder(temporary: Path, target: Path) -> None:
@@ -118,9 +118,9 @@ def finish_frames(temporary: Path, place: Place) -> None:
     """
     moving, old = temporary / MOVING, temporary / OLD
     for frame in sorted(moving.iterdir(), key=frame_number):
-        target, kept = place(frame_number(frame)), old / frame.name
-        if os.path.lexists(target) and not os.path.lexists(kept):
-            _keep(target, kept)
+        target, older = place(frame_number(frame)), old / frame.name
+        if os.path.lexists(target) and not os.path.lexists(older):
+            _keep(target, older)
         frame.rename(target)
     moving.rmdir()
 
@@ -134,12 +134,12 @@ def take_back_frames(temporary: Path, names: Sequence[str], place: Place) -> Non
     moving = temporary / MOVING
     moving.mkdir(exist_ok=True)
     for name in names:
-        frame, kept = moving / name, temporary / OLD / name
+        frame, older = moving / name, temporary / OLD / name
         target = place(frame_number(frame))
         if not frame.exists():
             target.rename(frame)
-        if os.path.lexists(kept):
-            kept.rename(target)
+        if os.path.lexists(older):
+            older.rename(target)
     moving.rename(temporary / NEW)
 
 

@@ -94,8 +94,8 @@ def unused_name(target: Path, suffix: str = "") -> Path:
 
 def remove_left_behind(folder: Path) -> None:
     """Removes what processes that are gone have left in a folder."""
-    with left_behind(folder) as found:
-        for path in found:
+    with left_behind(folder) as leftovers:
+        for path in leftovers:
             remove(path)
 
 
@@ -108,7 +108,7 @@ def left_behind(folder: Path, target: Path | None = None) -> Iterator[list[Path]
     """
     prefix = "." if target is None else _prefix(target)
     with contextlib.ExitStack() as stack:
-        matches, found = list[re.Match[str]](), list[Path]()
+        matches, leftovers = list[re.Match[str]](), list[Path]()
         with contextlib.suppress(OSError):  # it may be written to, but not listed
             matches = [match for path in folder.iterdir() if (match := NAME.fullmatch(path.name))]
         for match in matches:
@@ -117,8 +117,8 @@ def left_behind(folder: Path, target: Path | None = None) -> Iterator[list[Path]
                 is_ours = target is not None or match[1] == _machine() or time.time() - path.stat().st_mtime > WEEK
                 if is_ours and match[0].startswith(prefix) and (lock := _locked(path, wait=False)) is not None:
                     stack.callback(os.close, lock)
-                    found.append(path)
-        yield found
+                    leftovers.append(path)
+        yield leftovers
 
 
 def remove(path: Path) -> None:

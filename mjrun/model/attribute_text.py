@@ -71,11 +71,11 @@ def changes(path: Path, overrides: Sequence[Override]) -> list[Change]:
     text, changed = read_xml(path), confined_load(lambda: mujoco.MjSpec.from_file(str(path)))
     for override in overrides:
         apply(changed, override)
-    found: dict[tuple[int, str], Change] = {}
+    made: dict[tuple[int, str], Change] = {}
     for override in overrides:
         for each in _of_override(text, changed, override):
-            found[id(each.element), each.attribute] = each
-    return list(found.values())
+            made[id(each.element), each.attribute] = each
+    return list(made.values())
 
 
 def with_changes(xml: bytes, made: Sequence[Change]) -> bytes:
@@ -88,10 +88,10 @@ def with_changes(xml: bytes, made: Sequence[Change]) -> bytes:
 
 
 def _with_attribute(tag: bytes, name: str, value: str) -> bytes:
-    found = re.search(rb"(\s" + re.escape(name.encode()) + rb"\s*=\s*)(\"[^\"]*\"|'[^']*')", tag)
-    if found:
-        quote = found[2][:1]
-        return tag[: found.start(2)] + quote + value.encode() + quote + tag[found.end(2) :]
+    attribute = re.search(rb"(\s" + re.escape(name.encode()) + rb"\s*=\s*)(\"[^\"]*\"|'[^']*')", tag)
+    if attribute:
+        quote = attribute[2][:1]
+        return tag[: attribute.start(2)] + quote + value.encode() + quote + tag[attribute.end(2) :]
     end = re.search(rb"\s*/?>\Z", tag)
     assert end
     return tag[: end.start()] + f' {name}="{value}"'.encode() + tag[end.start() :]
@@ -183,7 +183,7 @@ def _of_section(text: XmlSource, changed: mujoco.MjSpec, override: Override) -> 
 
 def _written(text: XmlSource, kind: str) -> list[Element]:
     """The elements of a kind, in the order in which MjSpec has them."""
-    found: list[Element] = []
+    elements: list[Element] = []
     for element in text.elements():
         parent = element.parent.tag if element.parent else ""
         if element.within("default"):
@@ -203,8 +203,8 @@ def _written(text: XmlSource, kind: str) -> list[Element]:
                 fits = element.tag in ("body", "worldbody")
             case _:
                 fits = element.tag == kind
-        found += [element] if fits else []
-    return found
+        elements += [element] if fits else []
+    return elements
 
 
 def _default_with(text: XmlSource, element: Element, attribute: str) -> Element | None:

@@ -99,12 +99,12 @@ def find_package(path: Path) -> Path:
     """
     if not is_folder(path):
         return path
-    found = sorted(each for each in path.iterdir() if each.suffix.lower() in SUFFIXES)
-    if len(found) != 1:
-        what = "several .yaml files" if found else "no .yaml file"
-        names = f": {listing([each.name for each in found])}" if found else ""
+    documents = sorted(each for each in path.iterdir() if each.suffix.lower() in SUFFIXES)
+    if len(documents) != 1:
+        what = "several .yaml files" if documents else "no .yaml file"
+        names = f": {listing([each.name for each in documents])}" if documents else ""
         raise UsageError(f"{clean(str(path))} is no LEAPP package: it holds {what}{names}", ("policy",))
-    return found[0]
+    return documents[0]
 
 
 def read_package(path: Path) -> LeappPackage:

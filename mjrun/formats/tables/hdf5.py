@@ -96,16 +96,16 @@ def paths(names: Sequence[str]) -> list[str]:
     """Where each column stands: under its name, or else a number."""
     groups = {"/".join(parts[:end]) for parts in (name.split("/") for name in names) for end in range(1, len(parts))}
     taken = set(names)
-    found: list[str] = []
+    places: list[str] = []
     for index, name in enumerate(names):
         path = name
         if name in groups or clean(name) != name or not all(part.strip(".") for part in name.split("/")):
             path = f"column_{index}"
             while path in taken:
                 path += "_"
-        found.append(path)
+        places.append(path)
         taken.add(path)
-    return found
+    return places
 
 
 def read(path: Path, file: BinaryIO, wanted: ColumnFilter, gaps: bool) -> TableContents:
