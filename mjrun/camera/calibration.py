@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from mjrun.camera.pose import Frustum, Pose
+from mjrun.camera.pose import EMPTY, Frustum, Pose
 from mjrun.errors import ModelError
 from mjrun.model.rendered_view import CameraCalibration
 
@@ -18,11 +18,8 @@ def lens(pose: Pose, size: tuple[int, int]) -> CameraCalibration:
       ModelError: the camera's field of view is empty.
     """
     (width, height), seen = size, pose.frustum
-    if not seen.top > seen.bottom:
-        raise ModelError(
-            "a camera sees nothing: its field of view or near plane is 0 or no number\n"
-            "set camera/NAME.fovy, vis.global.fovy [degrees] or vis.map.znear to a positive number"
-        )
+    if seen.is_empty:
+        raise ModelError(f"a camera sees nothing: {EMPTY}")
     halfwidth = seen.width or (seen.top - seen.bottom) * width / height / 2
     left = seen.center - halfwidth
     distance = 1.0 if seen.orthographic else seen.near

@@ -8,12 +8,12 @@ import mujoco
 import numpy as np
 
 from mjrun.camera.easing import BLENDS, blend_weight
-from mjrun.camera.pose import Frustum, Pose, fitted, rotation
+from mjrun.camera.pose import EMPTY, Frustum, Pose, fitted, rotation
 from mjrun.camera.rigs.rig import BoundRig, ModelCameras, ShotTime, check_ramp, compute_positions
 from mjrun.camera.script import CameraScript, Shot
 from mjrun.camera.shake import ShakeNoise
 from mjrun.camera.targets import Bounds, object_bounds
-from mjrun.errors import BadValueError, UnknownNameError, UsageError, clean, concerning
+from mjrun.errors import BadValueError, ModelError, UnknownNameError, UsageError, clean, concerning
 from mjrun.model.state import restore
 
 Span = tuple[float, float]
@@ -183,6 +183,8 @@ def _bound_shot(shot: Shot, cameras: ModelCameras, where: str) -> _BoundShot:
         check_ramp(shot.fovy, f"{where}: fovy", 0.0, expected="a positive number of metres")
     elif shot.fovy:
         check_ramp(shot.fovy, f"{where}: fovy", 0.0, 180.0, "an angle between 0 and 180 degrees")
+    elif rig.frustum.is_empty:
+        raise ModelError(f"{where} sees nothing: {EMPTY}")
     if shot.shake and not 0 <= shot.shake.angle < np.inf:
         raise BadValueError(f"{where}: shake: angle", f"{shot.shake.angle:g}", "0 or more degrees")
     if shot.shake and not 0 < shot.shake.frequency < np.inf:

@@ -6,6 +6,10 @@ from dataclasses import dataclass, replace
 import mujoco
 import numpy as np
 
+EMPTY = (
+    "its field of view or near plane is 0 or no number\n"
+    "set camera/NAME.fovy, vis.global.fovy [degrees] or vis.map.znear to a positive number"
+)
 LEVEL = 1e-6  # of a direction of length 1: what float32 may leave of nothing
 
 
@@ -27,6 +31,11 @@ class Frustum:
     near: float
     far: float
     orthographic: bool = False
+
+    @property
+    def is_empty(self) -> bool:
+        """Whether nothing is seen, as where the model says 0 or no number."""
+        return not self.top > self.bottom
 
     @property
     def fovy(self) -> float:

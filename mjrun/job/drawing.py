@@ -96,7 +96,9 @@ def plan_drawing(options: ViewOptions, context: Context, plots: Sequence[str] = 
     Raises:
       UsageError: a name that is not there, or a value that cannot be.
     """
-    model, motions = context.model, camera_motions(options, context.model)
+    model = context.model
+    with context.simulation.source.named_in_errors():
+        motions = camera_motions(options, model)
     corner = options.text_corner or ("bottom-right" if options.captions else "top-left")
     return DrawingPlan(
         options=options,

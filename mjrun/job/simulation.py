@@ -70,6 +70,16 @@ class Simulation(SimulationOptions):
         """The state at time 0."""
         return InitialState(self.key, self.qpos, self.qvel, self.ctrl, self.perturb, self.seed)
 
+    def initial_data(self, model: mujoco.MjModel) -> mujoco.MjData:
+        """The state at time 0 in `model`.
+
+        Raises:
+          UsageError: a name that nothing has, or a value that cannot be.
+          ModelError: what the model itself says of its start cannot be.
+        """
+        with self.source.named_in_errors():
+            return self.start.data(model)
+
     @property
     def source(self) -> Source:
         """Where the model comes from, with its overrides."""
@@ -184,7 +194,7 @@ class Simulation(SimulationOptions):
                 raise UsageError(f"{option(name)} says how a table is read; there is none to {option('replay')}")
         if is_given(self, "replay_mode"):
             raise UsageError(f"{option('replay_mode')} says what is done with a {option('replay')}; there is none")
-        data = self.start.data(model)
+        data = self.initial_data(model)
         timestep = rational(model.opt.timestep)
         table = controller = None
         if self.ctrl_from is not None:
@@ -245,7 +255,7 @@ class Simulation(SimulationOptions):
             hold, hold_controls = self.replay_interpolation == "hold", self.ctrl_interpolation == "hold"
             interpolation = Interpolation(hold, hold_controls, self.replay_unwrap)
             reading = MotionReading(texts, self.quat, self.replay_rate, interpolation)
-            self._motions[key] = reading.read(path, model, self.start.data(model))
+            self._motions[key] = reading.read(path, model, self.initial_data(model))
         return self._motions[key]
 
     @cached_property

@@ -20,6 +20,7 @@ MOST_INCLUDES = 500
 MOST_MODELS = 100
 MOST_KEYFRAMES = 20_000  # that are only room for some: MuJoCo names each by looking at all others
 MOST_POINTS = 32_000  # of a flexcomp, each of which MuJoCo compares with all others
+MOST_LINKS = 1000  # of a chain in a URDF, whose joints MuJoCo compares with each other: 2,000 take 15 s, 3,000 a minute
 MOST_COPIES = 1_000_000  # that <replicate> makes of something, which take MuJoCo minutes and gigabytes
 NESTED = (b"<include", b"<model", b"nkey", b"<flexcomp", b"<replicate")
 
@@ -52,6 +53,8 @@ def require_finite_nesting(path: Path, main: str, text: bytes | None) -> None:
     Raises:
       BrokenModelError: it is so.
     """
+    if text is not None and path.suffix == ".urdf":
+        _check_links(path, text)
     if text is None or not any(word in text for word in NESTED):
         return
     known = {os.path.realpath(main)}
@@ -96,6 +99,31 @@ def _attached(main: str, text: bytes) -> Iterator[_Tag]:
                     files.append((place, inner, depth + 1))
             else:
                 _check_counts(tag)
+
+
+def _check_links(path: Path, text: bytes) -> None:
+    """Checks how many links of a URDF follow each other."""
+    parents, ends = dict[str, str](), dict[str, str]()
+
+    def start(tag: str, attributes: dict[str, str]) -> None:
+        if tag == "joint":
+            ends.clear()
+        elif tag in ("parent", "child"):
+            ends[tag] = attributes.get("link", "")
+            if len(ends) == 2:
+                parents[ends["child"]] = ends["parent"]
+
+    parser = expat.ParserCreate()
+    parser.StartElementHandler = start
+    with suppress(expat.ExpatError, ValueError, LookupError):
+        parser.Parse(text, True)
+    for link in parents.keys() - set(parents.values()):  # the last of each chain
+        length, above = 1, link
+        while (above := parents.get(above, "")) and length <= MOST_LINKS:
+            length += 1
+        if length > MOST_LINKS:
+            message = f"more than {MOST_LINKS} links follow each other to {quoted(link)}; MuJoCo takes minutes for them"
+            raise BrokenModelError(path, message, hint="join links that are fixed to each other, or convert it to MJCF")
 
 
 def _check_counts(tag: _Tag) -> None:

@@ -2,14 +2,15 @@
 
 import re
 from abc import ABC, abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import ClassVar, Self
 
 import mujoco
 
-from mjrun.errors import ModelNotFoundError
+from mjrun.errors import ModelError, ModelNotFoundError, clean
 from mjrun.model.override import Override
 
 
@@ -60,6 +61,16 @@ class Source(ABC):
           UsageError: an override names nothing, or its value does not fit.
         """
         return self.compile()[1]
+
+    @contextmanager
+    def named_in_errors(self) -> Iterator[None]:
+        """Within the `with` block, errors about the model begin with this source."""
+        try:
+            yield
+        except ModelError as error:
+            if type(error) is not ModelError:  # it says which file by itself
+                raise
+            raise ModelError(f"{clean(self.text)}: {error}") from None
 
     @abstractmethod
     def compile(self) -> tuple[mujoco.MjSpec | None, mujoco.MjModel]:

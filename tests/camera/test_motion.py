@@ -20,7 +20,7 @@ from mjrun.camera.rigs.model import ModelRig
 from mjrun.camera.rigs.rig import Rig
 from mjrun.camera.script import CameraScript, Fit, Shot
 from mjrun.camera.shake import Shake
-from mjrun.errors import MjrunError
+from mjrun.errors import MjrunError, ModelError
 from mjrun.model.state import save
 
 MODEL = mujoco.MjModel.from_xml_string(
@@ -383,3 +383,14 @@ def test_a_wrong_script_is_refused_with_what_is_right(shots: list[Shot], message
         course(*shots)
     assert caught.value.exit_code == 2
     assert message in str(caught.value)
+
+
+def test_a_camera_that_sees_nothing_is_told_unless_the_shot_opens_it() -> None:
+    text = '<mujoco><visual><global fovy="{}"/></visual><worldbody><geom size="1"/></worldbody></mujoco>'
+    for fovy in ("nan", "-1"):
+        model = mujoco.MjModel.from_xml_string(text.format(fovy))
+        with pytest.raises(ModelError, match=r"^camera film sees nothing: its field of view or near plane is 0"):
+            CameraMotion(CameraScript("film", (Shot(FreeRig()),)), model, SIZE)
+        opened = Shot(FreeRig(), fovy=Ramp.still(45.0))
+        motion = CameraMotion(CameraScript("film", (opened,)), model, SIZE)
+        assert motion.pose(save(model, mujoco.MjData(model))).frustum.fovy == pytest.approx(45)

@@ -8,7 +8,7 @@ import pytest
 
 from mjrun import load
 from mjrun.errors import BrokenModelError
-from mjrun.model.nesting import MOST_INCLUDES, MOST_KEYFRAMES, MOST_MODELS
+from mjrun.model.nesting import MOST_INCLUDES, MOST_KEYFRAMES, MOST_LINKS, MOST_MODELS, require_finite_nesting
 
 BALL = '<worldbody><body name="ball"><geom size="1"/></body></worldbody>'
 
@@ -110,3 +110,27 @@ def test_chains_are_read_up_to_a_length_at_which_mujoco_is_safe(tmp_path: Path) 
 def test_counts_that_take_hours_are_refused(tmp_path: Path, text: str, said: str) -> None:
     with pytest.raises(BrokenModelError, match=rf"a\.xml:2: .*{said}"):
         load(write(tmp_path, a=f"<mujoco>\n{text}</mujoco>"))
+
+
+def urdf(parents: dict[int, int]) -> str:
+    """A robot whose links hang on their parents."""
+    inertial = '<inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial>'
+    links = "".join(f'<link name="l{i}">{inertial}</link>' for i in sorted({*parents, *parents.values()}))
+    joints = "".join(
+        f'<joint name="j{child}" type="continuous"><child link="l{child}"/><parent link="l{parent}"/></joint>'
+        if child % 2
+        else f'<joint name="j{child}" type="continuous"><parent link="l{parent}"/><child link="l{child}"/></joint>'
+        for child, parent in parents.items()
+    )
+    return f'<robot name="r">{links}{joints}</robot>'
+
+
+def test_long_chains_of_links_are_refused_and_many_short_ones_are_not(tmp_path: Path) -> None:
+    path = tmp_path / "r.urdf"
+    path.write_text(urdf({i: i - 1 for i in range(1, MOST_LINKS + 1)}))
+    with pytest.raises(BrokenModelError, match=f"more than {MOST_LINKS} links follow each other to 'l{MOST_LINKS}'"):
+        load(path)
+    path.write_text(urdf({i: i - 1 for i in range(1, 200)}))
+    assert load(path).njnt == 199
+    require_finite_nesting(path, str(path), urdf(dict.fromkeys(range(1, 2 * MOST_LINKS), 0)).encode())
+    require_finite_nesting(path, str(path), urdf({1: 2, 2: 1}).encode())  # a circle, which MuJoCo refuses

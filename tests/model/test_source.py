@@ -2,12 +2,13 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from pathlib import Path
 from typing import ClassVar
 
 import mujoco
 import pytest
 
-from mjrun.errors import ModelNotFoundError
+from mjrun.errors import ModelError, ModelNotFoundError
 from mjrun.model.source import CollectionSource
 
 
@@ -47,3 +48,13 @@ def test_an_unknown_name_is_answered_with_the_collection(name: str, first: str) 
     with pytest.raises(ModelNotFoundError) as caught:
         TaskSource(name).load()
     assert str(caught.value).splitlines() == [first, "tasks: humanoid/walk, humanoid/run"]
+
+
+def test_errors_about_a_model_begin_with_its_source_once() -> None:
+    source = TaskSource("humanoid/walk")
+    with pytest.raises(ModelError, match=r"^task:humanoid/walk: its start is nan$"), source.named_in_errors():
+        raise ModelError("its start is nan")
+    own = ModelNotFoundError(Path("a.xml"), "no such model file")
+    with pytest.raises(ModelNotFoundError) as caught, source.named_in_errors():
+        raise own
+    assert caught.value is own

@@ -11,7 +11,7 @@ from tests.scoreboard.backend import working_backend
 from tests.scoreboard.bare_mujoco import LOADS, NOT_FINITE
 from tests.scoreboard.command import CommandServer, Ended, modules_of_mjrun
 from tests.scoreboard.forms import all_forms, quick_forms
-from tests.scoreboard.forms.form import DRAWN, EITHER, LOADED, REFUSED, USAGE, Codes, Form
+from tests.scoreboard.forms.form import EITHER, LOADED, REFUSED, USAGE, Codes, Form
 from tests.scoreboard.measure import Measure, Tally
 
 LIMIT = 90.0  # [s] far beyond what any form takes on a busy machine
@@ -73,7 +73,7 @@ def _try(server: CommandServer, form: Form, backend: str, checked: bool) -> Iter
         trace = server.run("trace", model, "--steps", "3", folder=folder)
         yield _judged(trace, form, runs)
         if form.drawn and backend:
-            drawn = DRAWN | (loads - LOADED) | (runs & REFUSED)
+            drawn = form.draws | (loads - LOADED) | (runs & REFUSED)
             image = ("image", model, "--size", "64x48", "--gl", backend, "-o", "image.png")
             yield _judged(server.run(*image, folder=folder), form, drawn)
         if checked:

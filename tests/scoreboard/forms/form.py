@@ -51,6 +51,7 @@ class Form:
       loads: exit codes of a command that only loads it; None where MuJoCo's own verdict decides.
       runs: exit codes of a simulation, if it loads.
       drawn: whether drawing it is of interest.
+      draws: exit codes of that, if it loads.
     """
 
     name: str
@@ -59,6 +60,7 @@ class Form:
     loads: Codes | None = None
     runs: Codes = RUNS
     drawn: bool = False
+    draws: Codes = DRAWN
 
     def write(self, folder: Path) -> None:
         """Writes its files into a folder."""

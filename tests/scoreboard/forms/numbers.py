@@ -3,7 +3,7 @@
 import itertools
 from collections.abc import Iterator
 
-from tests.scoreboard.forms.form import Form, mjcf
+from tests.scoreboard.forms.form import DRAWN, REFUSED, RUNS, Form, mjcf
 
 VALUES = ("nan", "inf", "-inf", "-1", "0", "1e308", "1e-320", "1e999", "99999999999", "", "1,5", "0x10", "one")
 BODY = '<body name="b"><joint name="j" {joint}/><geom name="g" {geom}/>{body}</body>'
@@ -73,6 +73,9 @@ BEHIND = {  # elements behind a body with a hinge j and a geom g
     "equality": '<equality><joint joint1="j" polycoef="{0} 0 0 0 0"/></equality>',
     "numeric": '<custom><numeric name="n" data="{0}"/></custom>',
 }
+# What loads, and cannot be simulated, or drawn.
+UNSIMULATED = {("1e308", "reference")}
+UNDRAWN = {("nan", "znear"), *((value, "fovy of all") for value in ("nan", "inf", "-inf", "-1", "1e-320"))}
 CAMERAS = (
     "fovy",
     "znear",
@@ -102,5 +105,7 @@ def forms() -> Iterator[Form]:
             yield Form(
                 f"{value or 'nothing'} as {place}",
                 {"model.xml": mjcf(text.replace("{0}", value))},
+                runs=REFUSED if (value, place) in UNSIMULATED else RUNS,
                 drawn=drawn,
+                draws=REFUSED if (value, place) in UNDRAWN else DRAWN,
             )
