@@ -13,8 +13,8 @@ import imageio_ffmpeg
 from tests.scoreboard.command import CommandServer
 from tests.scoreboard.file_operations import REMOVAL
 from tests.scoreboard.measure import Measure, Tally
-from tests.scoreboard.trial import Trial
-from tests.scoreboard.writing_commands import COMMANDS, QUICK, command_server, make_inputs
+from tests.scoreboard.trial import Trial, try_commands
+from tests.scoreboard.writing_commands import command_server, make_inputs
 
 MOST = (30, 3, 2)  # operations of a command that are tried, by how slow it is
 RARE = ("rename", "exchange", "link", "mkdir", "truncate", "fsync")  # tried before the many writes and openings
@@ -55,29 +55,23 @@ PAYLOADS = (
 
 
 def run(quick: bool) -> Tally:
-    tally = Tally()
-    with (
-        tempfile.TemporaryDirectory() as name,
-        command_server(quick) as server,
-    ):
-        folder = Path(os.path.realpath(name))
-        make_inputs(folder / "inputs", server, draw=not quick)
-        for command in COMMANDS:
-            if not quick or command.name in QUICK:
-                trial = Trial(command, folder, server, tally)
-                _failing_operations(trial, quick)
-                _file_sizes(trial, quick)
-                _streams(trial, quick)
-                _full_disk(trial, quick)
-                if command.name in ENCODED:
-                    _encoders(trial)
-        if not quick:
+    def disturb(trial: Trial) -> None:
+        _failing_operations(trial, quick)
+        _file_sizes(trial, quick)
+        _streams(trial, quick)
+        _full_disk(trial, quick)
+        if trial.command.name in ENCODED:
+            _encoders(trial)
+
+    tally = try_commands(disturb, quick)
+    if not quick:
+        with tempfile.TemporaryDirectory() as name, command_server(quick) as server:
+            folder = Path(os.path.realpath(name))
+            make_inputs(folder / "inputs", server)
             _payloads(folder, server, tally)
-            tally.left_out.append(
-                "writes to mapped memory and by io_uring: neither mjrun nor what it writes with has any"
-            )
-            tally.left_out.append("mjrun view, which ends by hand: its recording is written as that of a trace")
-            tally.left_out.append("an encoder that hangs: see the signals")
+        tally.left_out.append("writes to mapped memory and by io_uring: neither mjrun nor what it writes with has any")
+        tally.left_out.append("mjrun view, which ends by hand: its recording is written as that of a trace")
+        tally.left_out.append("an encoder that hangs: see the signals")
     return tally
 
 

@@ -1,36 +1,26 @@
 """Row "kill -9": whenever a command is killed, its outputs are the old or the new ones, and the next run tidies up."""
 
-import os
 import random
 import signal
-import tempfile
-from pathlib import Path
 
 from tests.scoreboard.command import Ended
 from tests.scoreboard.measure import Measure, Tally
-from tests.scoreboard.trial import Trial
-from tests.scoreboard.writing_commands import COMMANDS, QUICK, command_server, make_inputs
+from tests.scoreboard.trial import Trial, try_commands
 
-MOST = (24, 4, 2)  # operations of a command before which it is killed, by how slow it is
+SLOW = 24  # operations before which a command that takes seconds is killed; any other before each
 MOMENTS = (12, 4, 2)  # random ones
 SEED = 17
 
 
 def run(quick: bool) -> Tally:
-    tally = Tally()
-    moments = random.Random(SEED)
-    with (
-        tempfile.TemporaryDirectory() as name,
-        command_server(quick) as server,
-    ):
-        folder = Path(os.path.realpath(name))
-        make_inputs(folder / "inputs", server, draw=not quick)
-        for command in COMMANDS:
-            if not quick or command.name in QUICK:
-                trial = Trial(command, folder, server, tally)
-                _at_operations(trial, quick)
-                _at_moments(trial, moments, 1 if quick else MOMENTS[trial.command.pace])
+    def disturb(trial: Trial) -> None:
+        command = trial.command
+        _at_operations(trial, quick)
+        _at_moments(trial, random.Random(f"{SEED} {command.name}"), 1 if quick else MOMENTS[command.pace])
+
+    tally = try_commands(disturb, quick)
     if not quick:
+        tally.left_out.append(f"of commands that take seconds, more than {SLOW} operations each, and all renames")
         tally.left_out.append("a power cut, which loses what the system had not written yet: files are synced first")
         tally.left_out.append("mjrun view, which ends by hand: its recording is written as that of a trace")
     return tally
@@ -45,10 +35,12 @@ def _at_operations(trial: Trial, quick: bool) -> None:
             trial.tally.left_out.append(str(error))
         return
     count = len(ended.operations)
-    most = 2 if quick else MOST[trial.command.pace]
-    numbers = {1 + index * (count - 1) // (most - 1) for index in range(most)}
-    moves = [n for n, (operation, _) in enumerate(ended.operations, 1) if operation in ("rename", "exchange")]
-    numbers |= set(moves[-2:] if quick or trial.command.pace else moves)
+    numbers = set(range(1, count + 1))
+    if quick or trial.command.slow:
+        most = min(count, 2 if quick else SLOW)
+        numbers = {1 + index * (count - 1) // (most - 1) for index in range(most)}
+        moves = [n for n, (operation, _) in enumerate(ended.operations, 1) if operation in ("rename", "exchange")]
+        numbers |= set(moves[-2:] if quick else moves)
     for number in sorted(numbers):
         trial.start()
         ended = trial.watch(number, "kill")

@@ -1,17 +1,51 @@
 """A command that writes, disturbed: what must be there afterwards."""
 
 import json
+import os
 import shutil
-from collections.abc import Mapping, Sequence
+import tempfile
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 from tests.scoreboard.command import CommandServer, Ended
 from tests.scoreboard.file_operations import Fault
 from tests.scoreboard.measure import Tally
-from tests.scoreboard.writing_commands import Command, Reference, contents, new_folder, run_first
+from tests.scoreboard.writing_commands import (
+    COMMANDS,
+    QUICK,
+    Command,
+    Reference,
+    command_server,
+    contents,
+    make_inputs,
+    new_folder,
+    run_first,
+)
 
 ENCODER, CANNOT_WRITE, PARTLY = 6, 7, 8  # exit codes
 ENCODED = ("mp4", "gif", "webm", "apng", "mkv", "folder", "pattern", "eval films")  # commands that use an encoder
+
+
+def try_commands(disturb: "Callable[[Trial], None]", quick: bool) -> Tally:
+    """Disturbs each command that writes, two of them side by side; or only the quick ones."""
+    commands = [command for command in COMMANDS if not quick or command.name in QUICK]
+    lanes = [commands] if quick else [commands[::2], commands[1::2]]
+    with ThreadPoolExecutor(len(lanes)) as threads:
+        one, *others = threads.map(lambda lane: _tried(lane, disturb, quick), lanes)
+    for other in others:
+        one.add(other)
+    return one
+
+
+def _tried(commands: Sequence[Command], disturb: "Callable[[Trial], None]", quick: bool) -> Tally:
+    tally = Tally()
+    with tempfile.TemporaryDirectory() as name, command_server(quick) as server:
+        folder = Path(os.path.realpath(name))
+        make_inputs(folder / "inputs", server, draw=not quick)
+        for command in commands:
+            disturb(Trial(command, folder, server, tally))
+    return tally
 
 
 class Trial:
