@@ -79,12 +79,12 @@ def intervals(solution: Solution, parameters: Sequence[FreeParameter], confidenc
     level = (1 - confidence) / 2
     freedom = _degrees_of_freedom(informations, informations.sum(axis=0) + priors)
     widened = stats.t.ppf(1 - level, freedom) / stats.norm.ppf(1 - level) * np.sqrt(count / (count - 1))
-    found = np.clip(solution.coordinates + widened * moves, 0, 1)
-    low, high = np.quantile(found, [level, 1 - level], axis=0)
+    coordinates = np.clip(solution.coordinates + widened * moves, 0, 1)
+    low, high = np.quantile(coordinates, [level, 1 - level], axis=0)
     spread = np.cov(moves, rowvar=False).reshape(len(parameters), -1)
     scale = np.sqrt(np.maximum(np.diag(spread), 1e-300))
     lowest, highest = (tuple(p.value(c) for p, c in zip(parameters, end, strict=True)) for end in (low, high))
-    draws = np.array([[p.value(c) for p, c in zip(parameters, draw, strict=True)] for draw in found])
+    draws = np.array([[p.value(c) for p, c in zip(parameters, draw, strict=True)] for draw in coordinates])
     return Intervals(lowest, highest, spread / scale / scale[:, None], draws, confidence)
 
 

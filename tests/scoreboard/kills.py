@@ -28,18 +28,13 @@ def run(quick: bool) -> Tally:
 
 def _at_operations(trial: Trial, quick: bool) -> None:
     trial.start()
-    try:
-        ended = trial.watch()
-    except OSError as error:
-        if str(error) not in trial.tally.left_out:
-            trial.tally.left_out.append(str(error))
-        return
-    count = len(ended.operations)
+    operations = trial.operations()
+    count = len(operations)
     numbers = set(range(1, count + 1))
     if quick or trial.command.slow:
         most = min(count, 2 if quick else SLOW)
-        numbers = {1 + index * (count - 1) // (most - 1) for index in range(most)}
-        moves = [n for n, (operation, _) in enumerate(ended.operations, 1) if operation in ("rename", "exchange")]
+        numbers = {1 + index * (count - 1) // max(most - 1, 1) for index in range(most)}
+        moves = [n for n, operation in enumerate(operations, 1) if operation in ("rename", "exchange")]
         numbers |= set(moves[-2:] if quick else moves)
     for number in sorted(numbers):
         trial.start()

@@ -92,6 +92,15 @@ class Trial:
         arguments = self.command.arguments
         return self._server.run(*arguments, folder=self.out, environment=variables, fault=fault, **how)  # type: ignore
 
+    def operations(self) -> list[str]:
+        """What the command does to its folder; nothing where the kernel cannot tell, which is noted."""
+        try:
+            return [operation for operation, _ in self.watch().operations]
+        except OSError as error:
+            if str(error) not in self.tally.left_out:
+                self.tally.left_out.append(str(error))
+            return []
+
     def watch(self, number: int = 0, kind: str = "once") -> Ended:
         """Runs the command with a fault, or to list what it does to its folder.
 
