@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 import signal
 import time
 from pathlib import Path
@@ -175,10 +174,9 @@ def test_a_file_that_crashes_mujoco_is_told_beside_the_others(models: Command) -
 
 
 def test_a_signal_ends_the_processes_too(models: Command) -> None:
-    os.mkfifo(models.folder / "pipe.obj")
-    text = '<mujoco><asset><mesh file="pipe.obj"/></asset></mujoco>'
-    (models.folder / "waits.xml").write_text(text)
-    command = models.start("check", "waits.xml")
+    attributes = " ".join(f'a{i}="1"' for i in range(100_000))  # which take MuJoCo twenty seconds
+    (models.folder / "slow.xml").write_text(f"<mujoco><worldbody><geom {attributes}/></worldbody></mujoco>")
+    command = models.start("check", "slow.xml")
     working, deadline = worker(command), time.monotonic() + 30
     while not (found := children(working)) and time.monotonic() < deadline:
         time.sleep(0.02)

@@ -15,6 +15,7 @@ from mjrun.document.study import read_study
 from mjrun.document.study_writer import study_text
 from mjrun.errors import DocumentError, UsageError
 from mjrun.job.simulation import Simulation
+from mjrun.options.sweep import MOST_POINTS
 from mjrun.study.study import Study
 from tests.document.camera_strategies import names, texts
 from tests.study.models import BALL
@@ -172,7 +173,7 @@ def studies(draw: st.DrawFn) -> Study:
         ),
         "points": st.none() | texts,
         "design": st.sampled_from(["grid", "zip"]),
-        "samples": st.integers(1, 2**40),
+        "samples": st.integers(1, MOST_POINTS),
         "sampler": st.sampled_from(["sobol", "lhs", "random"]),
         "repeats": st.integers(1, 9),
         "where": st.lists(texts, max_size=2),
