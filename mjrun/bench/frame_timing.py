@@ -1,11 +1,9 @@
 """The wall time of a frame: updating the scene, drawing, reading back, composing, and encoding."""
 
-import tempfile
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from functools import partial
-from pathlib import Path
 
 import mujoco
 import numpy as np
@@ -14,6 +12,7 @@ from mjrun.bench.reference_workload import ReferenceWorkload
 from mjrun.bench.rollout_timing import Clock
 from mjrun.bench.statistics import SampleStatistics, summarized
 from mjrun.formats.codecs import encoding
+from mjrun.formats.temporary_output import scratch_folder
 from mjrun.formats.video_writer import VideoWriter
 from mjrun.job.drawing import camera_motions, check_drawing, scene_compositor
 from mjrun.job.drawing_files import panel_files
@@ -154,8 +153,8 @@ def _sample_between_frames(workload: ReferenceWorkload, costs: Sequence[Mapping[
 
 def _encoded(stream: FrameStream, frames: Sequence[np.ndarray], view: str, clock: Clock) -> SampleStatistics:
     """Wall time to encode a frame [s], a sample for each video."""
-    with tempfile.TemporaryDirectory() as folder:
-        path = str(Path(folder) / "video.mp4")
+    with scratch_folder() as folder:
+        path = str(folder / "video.mp4")
         return summarized([_encoded_video(path, stream, [*frames] * ROUNDS, view, clock) for _ in range(VIDEOS)])
 
 

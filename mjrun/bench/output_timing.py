@@ -1,10 +1,9 @@
 """The wall time of a whole trace and a whole video, from loading the model to the finished file."""
 
-import tempfile
 from dataclasses import dataclass, replace
-from pathlib import Path
 
 from mjrun.bench.rollout_timing import Clock
+from mjrun.formats.temporary_output import scratch_folder
 from mjrun.job.simulation import Simulation
 from mjrun.job.trace import Trace
 from mjrun.job.video import Video
@@ -46,8 +45,8 @@ def timed_trace(simulation: Simulation, clock: Clock) -> OutputTiming:
     Raises:
       MjrunError: it cannot be made.
     """
-    with tempfile.TemporaryDirectory() as folder:
-        trace = Trace(simulation, str(Path(folder) / "trace.csv"))
+    with scratch_folder() as folder:
+        trace = Trace(simulation, str(folder / "trace.csv"))
         before = clock()
         result = trace.run(SilentReporter())
         seconds = clock() - before
@@ -60,9 +59,9 @@ def timed_video(simulation: Simulation, drawing: ViewOptions, clock: Clock) -> O
     Raises:
       MjrunError: it cannot be made.
     """
-    with tempfile.TemporaryDirectory() as folder:
+    with scratch_folder() as folder:
         video = replace(
-            Video(simulation, str(Path(folder) / "video.mp4")),
+            Video(simulation, str(folder / "video.mp4")),
             camera=drawing.camera,
             view=drawing.view,
             size=drawing.size,

@@ -5,7 +5,6 @@ import shutil
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from tempfile import TemporaryDirectory
 
 import mujoco
 import numpy as np
@@ -18,6 +17,7 @@ from mjrun.formats.atomic_output import OutputWriter
 from mjrun.formats.destinations import StagedFile
 from mjrun.formats.table_writer import TableWriter
 from mjrun.formats.tables import output_format
+from mjrun.formats.temporary_output import scratch_folder
 from mjrun.job.perform import perform, preview
 from mjrun.job.simulation import Simulation
 from mjrun.job.video import Video
@@ -93,7 +93,7 @@ class FitFilm:
         """
         options = self._options
         writer = OutputWriter(StagedFile(Path(str(options.video))))
-        with writer.opening(), TemporaryDirectory() as folder:
+        with writer.opening(), scratch_folder() as folder:
             modelled, measured = self._rows(stretches, delays)
             for name, rows in (("model", modelled), ("log", measured)):
                 path = f"{folder}/{name}.npz"
@@ -101,7 +101,7 @@ class FitFilm:
                 with TableWriter(path, output_format(path).name, columns) as table:
                     table.write(rows)
                     table.publish()
-            film = str(Path(folder) / f"film{Path(str(options.video)).suffix}")
+            film = str(folder / f"film{Path(str(options.video)).suffix}")
             simulation = Simulation(model, replay=f"{folder}/model.npz")
             perform([self._video(simulation, film, f"trace={folder}/log.npz")], _Progress(reporter))
             shutil.copyfile(film, writer.destination.path)

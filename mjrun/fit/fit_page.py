@@ -3,14 +3,13 @@
 from collections.abc import Sequence
 from contextlib import ExitStack
 from dataclasses import replace
-from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from mjrun.errors import clean
 from mjrun.fit.comparison import HORIZON, write_comparison
+from mjrun.formats.temporary_output import scratch_folder
 from mjrun.model.column import Column
 from mjrun.options.plot import FigureOptions
 from mjrun.plotting.html_page import Page, PageFacts, PageFigure
@@ -127,8 +126,8 @@ def _figure(log: str, signals: Sequence[Column], rows: np.ndarray) -> PageFigure
     held = rows[rows[:, -2] > 0, 0]
     marks = [f"x:held out={held[0]:.9g}"] if len(held) else []
     options = FigureOptions(y=panels, mark=marks, columns=2)
-    with TemporaryDirectory() as folder, ExitStack() as stack:
-        table = str(Path(folder) / "comparison.npz")
+    with scratch_folder() as folder, ExitStack() as stack:
+        table = str(folder / "comparison.npz")
         write_comparison(stack, table, signals, rows).publish()
         figure = TableFigure([table], options, stack)
         figure.read()

@@ -10,11 +10,14 @@ import os
 import re
 import shutil
 import stat
+import tempfile
 import threading
 import time
 import zlib
 from collections.abc import Iterator
 from pathlib import Path
+
+from mjrun.errors import FileError
 
 NAME = re.compile(r"\..+\.mjrun-([0-9a-f]{8})[0-9a-f]{8}\.part(\.\w+)?")
 NO_LOCKS = (errno.EBADF, errno.EINVAL, errno.ENOLCK, errno.ENOSYS, errno.EOPNOTSUPP)  # of a file system
@@ -83,6 +86,31 @@ def temporary_file(target: Path, content: bytes, suffix: str) -> Iterator[Path]:
     try:
         temporary.path.write_bytes(content)
         yield temporary.path
+    finally:
+        temporary.remove()
+
+
+@contextlib.contextmanager
+def scratch_folder() -> Iterator[Path]:
+    """A folder for files that nobody else needs, where the system has such, for as long as the `with` block lasts.
+
+    That of a process that was killed is removed by the next that makes one.
+
+    Raises:
+      FileError: it cannot be made.
+    """
+    try:
+        home = Path(tempfile.gettempdir())
+        remove_left_behind(home)
+        temporary = TemporaryOutput(home / "mjrun", folder=True)
+    except OSError as error:
+        where = tempfile.tempdir or "no folder"
+        reason = f"cannot hold temporary files: {error.strerror or error}"
+        raise FileError(where, reason, "TMPDIR names another folder for them") from None
+    try:
+        inner = temporary.path / "files"  # as the outer one is locked, where outputs would wait to be published
+        inner.mkdir()
+        yield inner
     finally:
         temporary.remove()
 

@@ -5,11 +5,13 @@ import fcntl
 import os
 import subprocess
 import sys
+import tempfile
 import threading
 from pathlib import Path
 
 import pytest
 
+from mjrun.errors import FileError
 from mjrun.formats import temporary_output
 from mjrun.formats.temporary_output import (
     WEEK,
@@ -17,6 +19,7 @@ from mjrun.formats.temporary_output import (
     left_behind,
     one_at_a_time,
     remove_left_behind,
+    scratch_folder,
     temporary_file,
 )
 
@@ -72,6 +75,29 @@ def test_what_this_process_works_on_is_not_left_behind(tmp_path: Path) -> None:
     temporary.remove()
     temporary.remove()
     assert [*tmp_path.iterdir()] == []
+
+
+def test_a_scratch_folder_is_removed_by_its_process_or_by_the_next(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    with scratch_folder() as folder:
+        (folder / "a").write_text("half")
+        with scratch_folder() as other:  # and not by one beside it
+            assert folder.exists()
+            assert other != folder
+    assert list(tmp_path.iterdir()) == []
+
+    left = TemporaryOutput(tmp_path / "mjrun", folder=True)
+    (left.path / "a").write_text("half")
+    left.release()  # as when its process is killed
+    with scratch_folder() as folder:
+        assert list(tmp_path.iterdir()) == [folder.parent]
+        with one_at_a_time(folder):  # as where an output is published
+            pass
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path / "none"))
+    with pytest.raises(FileError, match=r"none: cannot hold temporary files: No such file"), scratch_folder():
+        pass
 
 
 def test_a_temporary_file_keeps_its_suffix_and_lasts_as_long_as_the_block(tmp_path: Path) -> None:
