@@ -7,8 +7,7 @@ from tests.scoreboard.command import Ended
 from tests.scoreboard.measure import Measure, Tally
 from tests.scoreboard.trial import Trial, try_commands
 
-SLOW = 24  # operations before which a command that takes seconds is killed; any other before each
-MOMENTS = (12, 4, 2)  # random ones
+MOMENTS = (12, 4, 2)  # random ones of a command, by how slow it is
 SEED = 17
 
 
@@ -20,7 +19,6 @@ def run(quick: bool) -> Tally:
 
     tally = try_commands(disturb, quick)
     if not quick:
-        tally.left_out.append(f"of commands that take seconds, more than {SLOW} operations each, and all renames")
         tally.left_out.append("a power cut, which loses what the system had not written yet: files are synced first")
         tally.left_out.append("mjrun view, which ends by hand: its recording is written as that of a trace")
     return tally
@@ -29,13 +27,10 @@ def run(quick: bool) -> Tally:
 def _at_operations(trial: Trial, quick: bool) -> None:
     trial.start()
     operations = trial.operations()
-    count = len(operations)
-    numbers = set(range(1, count + 1))
-    if quick or trial.command.slow:
-        most = min(count, 2 if quick else SLOW)
-        numbers = {1 + index * (count - 1) // max(most - 1, 1) for index in range(most)}
+    numbers = set(range(1, len(operations) + 1))
+    if quick and operations:
         moves = [n for n, operation in enumerate(operations, 1) if operation in ("rename", "exchange")]
-        numbers |= set(moves[-2:] if quick else moves)
+        numbers = {1, len(operations), *moves[-2:]}
     for number in sorted(numbers):
         trial.start()
         ended = trial.watch(number, "kill")
