@@ -100,7 +100,7 @@ def scratch_folder() -> Iterator[Path]:
       FileError: it cannot be made.
     """
     try:
-        home = Path(tempfile.gettempdir())
+        home = _temporary_home()
         remove_left_behind(home)
         temporary = TemporaryOutput(home / "mjrun", folder=True)
     except OSError as error:
@@ -113,6 +113,17 @@ def scratch_folder() -> Iterator[Path]:
         yield inner
     finally:
         temporary.remove()
+
+
+def _temporary_home() -> Path:
+    """Where the system has temporary files.
+
+    TMPDIR is taken as it is, if it can be written to: Python proves that by a file, which a kill would leave there.
+    """
+    named = os.environ.get("TMPDIR", "")
+    if tempfile.tempdir is None and os.path.isdir(named) and os.access(named, os.W_OK | os.X_OK):  # noqa: PTH112
+        tempfile.tempdir = os.path.abspath(named)  # noqa: PTH100
+    return Path(tempfile.gettempdir())
 
 
 def unused_name(target: Path, suffix: str = "") -> Path:

@@ -100,6 +100,13 @@ def test_a_scratch_folder_is_removed_by_its_process_or_by_the_next(
         pass
 
 
+def test_a_scratch_folder_is_where_tmpdir_says(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(tempfile, "tempdir", None)
+    monkeypatch.setenv("TMPDIR", str(tmp_path))
+    with scratch_folder() as folder:
+        assert [folder.parent] == list(tmp_path.iterdir())
+
+
 def test_a_temporary_file_keeps_its_suffix_and_lasts_as_long_as_the_block(tmp_path: Path) -> None:
     with temporary_file(tmp_path / "model.xml", b"<mujoco/>", ".xml") as path:
         assert (path.suffix, path.read_bytes(), path.parent) == (".xml", b"<mujoco/>", tmp_path)
