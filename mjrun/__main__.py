@@ -7,7 +7,8 @@ import sys
 
 def main() -> None:
     """Runs the command line and exits with its code."""
-    if sys.getfilesystemencoding() == "ascii":  # a locale in which Python cannot pass the names of most files on
+    # A locale in which Python cannot pass on the names of most files; -X utf8=0 may hold it to that.
+    if sys.getfilesystemencoding() == "ascii" and os.environ.get("PYTHONUTF8") != "1":
         os.environ["PYTHONUTF8"] = "1"  # for its own processes, too
         os.execv(sys.executable, [sys.executable, *sys.orig_argv[1:]])
     # What comes before there is anybody to heed it waits.

@@ -230,3 +230,13 @@ def test_a_document_goes_to_stdout_as_json(mjrun_here: Command, swing: Path) -> 
 def test_completion_of_a_shell_works(mjrun: Command) -> None:
     words = {"_MJRUN_COMPLETE": "bash_complete", "COMP_WORDS": "mjrun vid", "COMP_CWORD": "1"}
     assert mjrun(env=words).stdout.decode() == "plain,video\n"
+
+
+@pytest.mark.parametrize(("flags", "code"), [([], 0), (["-X", "utf8=0"], 3)])
+def test_without_utf8_it_starts_anew_once(tmp_path: Path, flags: list[str], code: int) -> None:
+    (tmp_path / "Kübel.xml").write_text("<mujoco/>")
+    environment = {**os.environ, "LC_ALL": "C", "PYTHONCOERCECLOCALE": "0", "PYTHONUTF8": "0"}
+    command = [sys.executable, *flags, "-m", "mjrun", "info", "Kübel.xml"]
+    done = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, timeout=60)
+    assert done.returncode == code
+    assert b"Traceback" not in done.stderr
