@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from mjrun.camera.pose import EMPTY, Frustum, Pose
+from mjrun.camera.pose import EMPTY_FRUSTUM, Frustum, Pose
 from mjrun.errors import ModelError
 from mjrun.model.rendered_view import CameraCalibration
 
@@ -19,7 +19,7 @@ def lens(pose: Pose, size: tuple[int, int]) -> CameraCalibration:
     """
     (width, height), seen = size, pose.frustum
     if seen.is_empty:
-        raise ModelError(f"a camera sees nothing: {EMPTY}")
+        raise ModelError(f"a camera sees nothing: {EMPTY_FRUSTUM}")
     halfwidth = seen.width or (seen.top - seen.bottom) * width / height / 2
     left = seen.center - halfwidth
     distance = 1.0 if seen.orthographic else seen.near

@@ -8,7 +8,7 @@ import mujoco
 import numpy as np
 
 from mjrun.camera.easing import BLENDS, blend_weight
-from mjrun.camera.pose import EMPTY, Frustum, Pose, fitted, rotation
+from mjrun.camera.pose import EMPTY_FRUSTUM, Frustum, Pose, fitted, rotation
 from mjrun.camera.rigs.rig import BoundRig, ModelCameras, ShotTime, check_ramp, compute_positions
 from mjrun.camera.script import CameraScript, Shot
 from mjrun.camera.shake import ShakeNoise
@@ -184,7 +184,7 @@ def _bound_shot(shot: Shot, cameras: ModelCameras, where: str) -> _BoundShot:
     elif shot.fovy:
         check_ramp(shot.fovy, f"{where}: fovy", 0.0, 180.0, "an angle between 0 and 180 degrees")
     elif rig.frustum.is_empty:
-        raise ModelError(f"{where} sees nothing: {EMPTY}")
+        raise ModelError(f"{where} sees nothing: {EMPTY_FRUSTUM}")
     if shot.shake and not 0 <= shot.shake.angle < np.inf:
         raise BadValueError(f"{where}: shake: angle", f"{shot.shake.angle:g}", "0 or more degrees")
     if shot.shake and not 0 < shot.shake.frequency < np.inf:

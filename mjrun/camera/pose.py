@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import mujoco
 import numpy as np
 
-EMPTY = (
+EMPTY_FRUSTUM = (
     "its field of view or near plane is 0 or no number\n"
     "set camera/NAME.fovy, vis.global.fovy [degrees] or vis.map.znear to a positive number"
 )

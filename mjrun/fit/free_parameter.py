@@ -59,7 +59,7 @@ class FreeParameter:
     def sharing(self) -> str:
         """A sentence about all that has this number, where a wildcard ties several; empty where it does not."""
         tied = self.objects or self.delayed
-        return f"{clean(self.path)} is one number of {listing(tied)}" if len(tied) > 1 else ""
+        return f"{clean(self.path)} is one number, shared by {listing(tied)}" if len(tied) > 1 else ""
 
     @property
     def is_delay(self) -> bool:

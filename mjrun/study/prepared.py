@@ -72,7 +72,7 @@ class PreparedStudy:
             require_values(points.names, points.points, dict(spec.controllers), shared)
         except UsageError as error:
             if options.points is not None:
-                error.add_note(f"what {clean(options.points)} names varies, too: its columns are parameters")
+                error.add_note(f"the columns of {clean(options.points)} are parameters, too")
             raise
         return cls(options, spec.varying(points.names), points, model)
 

@@ -60,7 +60,7 @@ def test_what_a_wildcard_ties_is_told_by_name(tmp_path: Path) -> None:
     (tmp_path / "model.xml").write_text(f"<mujoco><worldbody>{bodies}</worldbody></mujoco>")
     source = parse_source(str(tmp_path / "model.xml"))
     every, one = free_parameters([("joint/*.damping", "0..1"), ("joint/left.armature", "0..1")], source, [])
-    assert every.sharing == "joint/*.damping is one number of root, left"
+    assert every.sharing == "joint/*.damping is one number, shared by root, left"
     assert one.sharing == ""
 
 
@@ -68,7 +68,7 @@ def test_a_delay_with_a_wildcard_is_one_of_all_its_columns(tmp_path: Path) -> No
     source, columns = parse_source(str(write_model(tmp_path))), ["qpos/hinge", "ctrl/motor", "ctrl/brake"]
     (delay,) = free_parameters([("delay:ctrl/*", "0..0.1")], source, columns)
     assert delay.delayed == ("ctrl/motor", "ctrl/brake")
-    assert delay.sharing == "delay:ctrl/* is one number of ctrl/motor, ctrl/brake"
+    assert delay.sharing == "delay:ctrl/* is one number, shared by ctrl/motor, ctrl/brake"
     with pytest.raises(UsageError, match="is given twice"):
         free_parameters([("delay:ctrl/*", "0..0.1"), ("delay:ctrl/brake", "0..0.1")], source, columns)
 

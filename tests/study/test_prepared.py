@@ -28,7 +28,7 @@ def test_a_column_of_points_that_is_no_parameter_is_told_with_its_table(study: S
     (tmp_path / "points.csv").write_text("seed,wrod\n1,2\n")
     with pytest.raises(UsageError, match="no parameter 'wrod'") as caught:
         prepared(replace(study, vary={}, points=str(tmp_path / "points.csv")))
-    assert "points.csv names varies, too" in caught.value.spelled(str)
+    assert "points.csv are parameters, too" in caught.value.spelled(str)
 
 
 def test_all_points_are_missing_and_nothing_is_written(study: Study) -> None:
