@@ -11,7 +11,6 @@ random actions; ratios are medians of those of runs side by side, and above 1 is
 """
 
 import argparse
-import os
 import statistics
 import sys
 import time
@@ -28,9 +27,10 @@ from mujoco.batch import Batch
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))  # for the tests' tasks
 
 import mjrun.gym
+from mjrun.platform.cores import available_cores
 from tests.task.gymnasium_tasks import TASKS
 
-CORES = len(os.sched_getaffinity(0))
+CORES = available_cores()
 SEED = 1
 
 

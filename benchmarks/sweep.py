@@ -25,12 +25,14 @@ from pathlib import Path
 import mujoco
 import numpy as np
 
+from mjrun.platform.cores import available_cores
+
 ROOT = Path(__file__).resolve().parents[1]
 BASELINE = ROOT / "../shared/bench/steploop.sh"
 MODELS = [ROOT / "../shared/models/humanoid/humanoid.xml", ROOT / "../shared/models/car/car.xml"]
 METRICS = ("drift=max(abs(energy/drift))", "height=last(com/z)", "touching=share(contact/ncon > 0)")
 VARIED = 16  # models that the loops in C go over
-CORES = len(os.sched_getaffinity(0))
+CORES = available_cores()
 # The same study as people write it by hand; prints seconds.
 PYTHON_LOOP = """
 import sys, time

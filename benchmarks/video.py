@@ -23,7 +23,7 @@ from pathlib import Path
 
 import mujoco
 
-from mjrun.rendering.process_count import available_cores
+from mjrun.platform.cores import available_cores
 
 ROOT = Path(__file__).resolve().parents[1]
 BASELINE = ROOT / "../shared/bench/tutorial_video.py"

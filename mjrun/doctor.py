@@ -30,6 +30,7 @@ from mjrun.formats.tables import formats
 from mjrun.model import known_bugs
 from mjrun.model.sources import model_collections
 from mjrun.options import evaluation, fit, sweep, task
+from mjrun.platform.cores import available_cores
 from mjrun.plotting import figure_writer
 from mjrun.rendering.backend import DEVICE, GL, Backend, candidates, requested_backends
 from mjrun.rendering.backend_detection import BackendTrialProcess, alternative, repair_advice
@@ -113,8 +114,7 @@ def examine(spelling: Spelling = str) -> DoctorReport:
 def _versions() -> list[Diagnostic]:
     version = mujoco.mj_versionString()
     known = known_bugs.bugs_of_version(version)
-    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
-    system = f"{platform.system()} {platform.machine()}, {cores} cores"
+    system = f"{platform.system()} {platform.machine()}, {counted(available_cores(), 'core')}"
     return [
         Diagnostic("software", "mjrun", OK, __version__),
         Diagnostic("software", "python", OK, f"{platform.python_version()} ({sys.executable})"),

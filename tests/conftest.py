@@ -21,6 +21,7 @@ import pytest
 
 import mjrun.cli.main as cli
 from mjrun.errors import NoRendererError
+from mjrun.platform import cores
 from mjrun.rendering.backend import Backend
 from mjrun.rendering.backend_detection import BackendDetection, VulkanDetection
 
@@ -49,6 +50,17 @@ SWING = """
   </worldbody>
 </mujoco>
 """
+
+
+@pytest.fixture
+def half_a_core(monkeypatch: pytest.MonkeyPatch, tmp_path_factory: pytest.TempPathFactory) -> None:
+    """Makes this process one of a container with a quota of half a core, on a machine with eight."""
+    folder = tmp_path_factory.mktemp("container")
+    (folder / "cgroup").write_text("0::/\n")
+    (folder / "mountinfo").write_text(f"25 1 0:22 / {folder} rw - cgroup2 cgroup rw\n")
+    (folder / "cpu.max").write_text("50000 100000\n")
+    monkeypatch.setattr(cores, "PROCESS", folder)
+    monkeypatch.setattr(os, "sched_getaffinity", lambda process: set(range(8)))
 
 
 @pytest.fixture

@@ -21,6 +21,12 @@ def environment(monkeypatch: pytest.MonkeyPatch) -> None:
         monkeypatch.delenv(variable, raising=False)
 
 
+@pytest.mark.usefixtures("half_a_core")
+def test_cores_are_those_that_the_quota_of_a_container_feeds() -> None:
+    system = next(each.value for each in mjrun.doctor._versions() if each.name == "system")
+    assert system.endswith(", 1 core")
+
+
 def test_the_extras_are_those_of_the_package_and_their_libraries_are_what_they_install() -> None:
     project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
     installed = {name: " ".join(packages) for name, packages in project["optional-dependencies"].items()}

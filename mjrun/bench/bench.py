@@ -44,8 +44,8 @@ from mjrun.options.bench import BenchOptions
 from mjrun.options.kinds import AUTO
 from mjrun.options.option import is_given, options
 from mjrun.options.view import ViewOptions
+from mjrun.platform.cores import available_cores
 from mjrun.rendering.backend import Backend
-from mjrun.rendering.process_count import available_cores
 from mjrun.reporter import Reporter, WarningReporter, pass_on
 from mjrun.sim.parameter_grid import points, scan_values, settings
 

@@ -18,9 +18,9 @@ from mjrun.job.drawing import camera_motions, check_drawing, scene_compositor
 from mjrun.job.drawing_files import panel_files
 from mjrun.model.mujoco_globals import without_timers
 from mjrun.options.view import ViewOptions
+from mjrun.platform.cores import available_cores
 from mjrun.rendering.backend import Backend
 from mjrun.rendering.compositor import FrameStream, Overlay, SceneCompositor
-from mjrun.rendering.process_count import available_cores
 from mjrun.rendering.timed_renderers import DRAW, READ, TIMED, UPDATE, Stopwatch
 
 LEAST, MOST = 7, 30  # frames that are timed, after the first

@@ -18,7 +18,7 @@ from mjrun.bench.rollout_timing import (
 )
 from mjrun.bench.statistics import SampleStatistics, summarized
 from mjrun.model.mujoco_globals import without_timers
-from mjrun.rendering.process_count import available_cores
+from mjrun.platform.cores import available_cores
 
 MOST_STEPS = 10_000  # of one rollout; testspeed's own
 LEAST_REPEATS, MOST_REPEATS = 7, 50  # 7 give a ratio of medians an interval of 95 %

@@ -20,7 +20,7 @@ from mjrun.options.check import CheckOptions
 from mjrun.options.kinds import AUTO
 from mjrun.options.option import options
 from mjrun.options.policy import PolicyOptions
-from mjrun.rendering.process_count import available_cores
+from mjrun.platform.cores import available_cores
 from mjrun.reporter import Reporter, WarningReporter
 
 CRASH_REMEDY = "MuJoCo crashes on thousands of nested elements, SDF plugins of infinite size, and damaged .mjb files"

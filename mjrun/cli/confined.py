@@ -18,6 +18,7 @@ from mjrun.confinement.confinement import Confinement, confine
 from mjrun.errors import BadValueError, FileError, OutOfMemoryError, UnknownNameError, UsageError, clean, option
 from mjrun.options.confinement import FILE, LIMITS, MEMORY, TIME, ConfinementOptions
 from mjrun.options.kinds import AnyKind, File, Optional, Several
+from mjrun.platform.cores import available_cores
 
 MIB = 2**20
 DEFAULTS = {TIME: 3600.0, MEMORY: 8192.0, FILE: 16384.0}
@@ -60,7 +61,7 @@ def confined(context: click.Context, options: ConfinementOptions) -> Generator[C
     import_mujoco()  # which the limit of memory does not count
     limit_this_process(
         memory=limits[MEMORY] * MIB,
-        cpu=limits[TIME] * (os.cpu_count() or 1),
+        cpu=limits[TIME] * available_cores(),
         file_size=limits[FILE] * MIB,
         core=0,
         hard=True,

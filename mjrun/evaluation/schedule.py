@@ -1,6 +1,5 @@
 """All episodes of an evaluation, cut into chunks and played on all cores."""
 
-import os
 from collections.abc import Sequence
 
 from mjrun.evaluation.episode import Episode
@@ -9,6 +8,7 @@ from mjrun.evaluation.prepared import EpisodeGroup
 from mjrun.evaluation.processes import Chunk, played
 from mjrun.evaluation.table import PlayedEpisodes
 from mjrun.options.kinds import AUTO
+from mjrun.platform.cores import available_cores
 from mjrun.reporter import Reporter
 
 CHUNKS = 4  # for each process, so that all end at about the same time
@@ -34,7 +34,7 @@ def play_all(
         episodes[chunk.group].update({episode.seed: episode for episode in results})
         reporter.progress("episodes", sum(map(len, episodes)), total)
 
-    count = jobs if isinstance(jobs, int) else cores() if jobs == AUTO else 1
+    count = jobs if isinstance(jobs, int) else available_cores() if jobs == AUTO else 1
     shared = [place for place, group in enumerate(groups) if isinstance(group.spec.chosen.policy, str)]
     chunks = _chunks(groups, shared, seeds, count)
     if chunks:
@@ -48,11 +48,6 @@ def play_all(
         PlayedEpisodes(group.name, group.point, [episodes[place][seed] for seed in seeds])
         for place, group in enumerate(groups)
     ]
-
-
-def cores() -> int:
-    """How many cores this process may use."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def _chunks(groups: Sequence[EpisodeGroup], places: Sequence[int], seeds: Sequence[int], processes: int) -> list[Chunk]:

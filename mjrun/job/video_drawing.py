@@ -6,9 +6,10 @@ import numpy as np
 
 from mjrun.errors import clean, option
 from mjrun.job.shared_rendering import SharedRendering
+from mjrun.platform.cores import available_cores
 from mjrun.rendering.backend import Backend
 from mjrun.rendering.compositor import DrawingCosts, SceneCompositor
-from mjrun.rendering.process_count import available_cores, estimated_cost, jobs_for
+from mjrun.rendering.process_count import estimated_cost, jobs_for
 from mjrun.rendering.workers import PainterProcesses, ParallelPainter
 from mjrun.reporter import Reporter
 from mjrun.sim.state_buffer import StateBuffer

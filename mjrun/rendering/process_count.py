@@ -1,18 +1,12 @@
 """The number of processes that are worth drawing with."""
 
-import contextlib
 import math
-import os
-from collections.abc import Iterator
-from pathlib import Path
 
 from mjrun.errors import BadValueError, option
 from mjrun.options.kinds import AUTO
 
 WORTH = 2.0  # [s] of drawing above which more processes save more time than they take to start
 FRAME, PIXEL = 0.03, 1e-7  # [s] that llvmpipe takes, roughly, for the shadows of a frame and for each pixel
-GROUPS = Path("/sys/fs/cgroup")
-OWN_GROUP = Path("/proc/self/cgroup")
 
 
 def estimated_cost(size: tuple[int, int], panels: int = 1) -> float:
@@ -42,25 +36,3 @@ def jobs_for(asked: int | str, software: bool, frames: int, cost: float, cores: 
     if not isinstance(asked, int) or asked < 1:
         raise BadValueError(option("jobs"), asked, f"a number of processes from 1 on, or {AUTO}")
     return max(1, min(asked, frames))
-
-
-def available_cores() -> int:
-    """The number of cores that this process may use: by its affinity, and its control groups' quotas, rounded up."""
-    affinity = getattr(os, "sched_getaffinity", None)  # Linux only
-    cores = len(affinity(0)) if affinity else os.cpu_count() or 1
-    return max(1, min([cores, *map(math.ceil, _quotas())]))
-
-
-def _quotas() -> Iterator[float]:
-    """The limits of this process's control group and of those above it [cores]."""
-    with contextlib.suppress(OSError):
-        for line in OWN_GROUP.read_text().splitlines():
-            if line.startswith("0::"):
-                own = GROUPS / line.removeprefix("0::").lstrip("/")
-                yield from (quota for folder in (own, *own.parents) for quota in _quota(folder))
-
-
-def _quota(folder: Path) -> Iterator[float]:
-    with contextlib.suppress(OSError, ValueError):  # the root has no limit, and `max` is none
-        quota, period = map(int, (folder / "cpu.max").read_text().split())
-        yield quota / period

@@ -1,7 +1,6 @@
 """Where chunks of points run: this machine, or an existing engine for many. All are `concurrent.futures.Executor`s."""
 
 import math
-import os
 import threading
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Executor, Future, ThreadPoolExecutor, wait
@@ -16,6 +15,7 @@ from mjrun.confinement.confinement import require_unconfined
 from mjrun.errors import MissingExtraError, MjrunError, UsageError, clean, option
 from mjrun.options.kinds import AUTO
 from mjrun.options.sweep import EXTRAS
+from mjrun.platform.cores import available_cores
 from mjrun.sim.warp_device import require_library
 from mjrun.study.isolation import Chunk, run_chunk
 from mjrun.study.simulate import PointResult
@@ -199,8 +199,4 @@ def require_extra(extra: str) -> None:
 
 
 def _count(jobs: int | str) -> int:
-    return _cores() if jobs == AUTO else int(jobs)
-
-
-def _cores() -> int:
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    return available_cores() if jobs == AUTO else int(jobs)

@@ -1,6 +1,5 @@
 """Files of single points of a study: traces, recordings and videos of those that options choose."""
 
-import os
 from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
@@ -12,6 +11,7 @@ from mjrun.errors import clean, concerning
 from mjrun.formats.point_manifest import values_in_words
 from mjrun.options.keep import KeepOptions
 from mjrun.options.kinds import AUTO
+from mjrun.platform.cores import available_cores
 from mjrun.reporter import Reporter, WarningReporter
 from mjrun.study.point_choice import PointChoice
 from mjrun.study.point_files import FOLDER, NAMES, PointOutputs, keep_options, make_isolated, up_to
@@ -142,9 +142,5 @@ def _can_be_seen(result: PointResult) -> bool:
 
 def _made(outputs: Mapping[int, PointOutputs], jobs: int | str) -> Iterator[tuple[int, str]]:
     """Why the files of each point could not be made, or nothing, in their order."""
-    with ThreadPoolExecutor(_cores() if jobs == AUTO else int(jobs)) as pool:
+    with ThreadPoolExecutor(available_cores() if jobs == AUTO else int(jobs)) as pool:
         yield from zip(outputs, pool.map(make_isolated, outputs.values()), strict=True)
-
-
-def _cores() -> int:
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1

@@ -1,14 +1,16 @@
 """The same table whatever plays it."""
 
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from mjrun.evaluation import player
-from mjrun.evaluation.episode import EpisodeSpec, PolicyChoice
+from mjrun.evaluation import player, schedule
+from mjrun.evaluation.episode import Episode, EpisodeSpec, PolicyChoice
 from mjrun.evaluation.player import player_of
 from mjrun.evaluation.prepared import EpisodeGroup
+from mjrun.evaluation.processes import Chunk, played
 from mjrun.evaluation.schedule import play_all
 from mjrun.reporter import WarningReporter
 from tests.evaluation.tasks import cart_task, write_policies
@@ -43,6 +45,21 @@ def test_episodes_are_the_same_whatever_the_number_of_processes_and_worlds(
         assert progress.told == sorted(progress.told)
     monkeypatch.setattr(player, "SIDE_BY_SIDE", 2)
     assert [player_of(group.spec).play(range(5, 16)) for group in some] == expected
+
+
+@pytest.mark.usefixtures("half_a_core")
+def test_processes_are_as_many_as_the_quota_of_a_container_feeds(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    counts: list[int] = []
+
+    def record(chunks: Sequence[Chunk], count: int) -> Iterator[tuple[Chunk, Sequence[Episode]]]:
+        counts.append(count)
+        return played(chunks, count)
+
+    monkeypatch.setattr(schedule, "played", record)
+    play_all(groups(tmp_path, "zero"), range(4), "auto", WarningReporter())
+    assert counts == [1]
 
 
 def test_a_policy_that_is_no_text_plays_in_this_process(tmp_path: Path) -> None:

@@ -1,13 +1,9 @@
-"""How many processes draw, as a table, and how many cores there are, in control groups made of files."""
-
-import os
-from pathlib import Path
+"""How many processes draw, as a table."""
 
 import pytest
 
 from mjrun.errors import BadValueError
-from mjrun.rendering import process_count
-from mjrun.rendering.process_count import available_cores, estimated_cost, jobs_for
+from mjrun.rendering.process_count import estimated_cost, jobs_for
 
 
 @pytest.mark.parametrize(
@@ -40,25 +36,3 @@ def test_a_guess_grows_with_pixels_and_panels() -> None:
 def test_a_number_of_processes_that_is_none_is_refused(asked: int | str) -> None:
     with pytest.raises(BadValueError, match=r"jobs: .* is not a number of processes from 1 on, or auto"):
         jobs_for(asked, True, 100, 0.1, 2)
-
-
-@pytest.mark.parametrize(
-    ("inner", "outer", "expected"),
-    [("max 100000", "max 100000", 64), ("150000 100000", "max 100000", 2), ("max 100000", "400000 100000", 4)],
-)
-def test_a_control_group_s_share_limits_the_cores(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, inner: str, outer: str, expected: int
-) -> None:
-    (tmp_path / "a/b").mkdir(parents=True)
-    (tmp_path / "a/cpu.max").write_text(f"{outer}\n")
-    (tmp_path / "a/b/cpu.max").write_text(f"{inner}\n")
-    (tmp_path / "own").write_text("1:cpu:/\n0::/a/b\n")
-    monkeypatch.setattr(process_count, "GROUPS", tmp_path)
-    monkeypatch.setattr(process_count, "OWN_GROUP", tmp_path / "own")
-    monkeypatch.setattr(os, "sched_getaffinity", lambda process: set(range(64)))
-    assert available_cores() == expected
-
-
-def test_without_control_groups_every_core_of_the_affinity_counts(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(process_count, "OWN_GROUP", Path("/nowhere"))
-    assert available_cores() == len(os.sched_getaffinity(0))

@@ -10,7 +10,7 @@ import pytest
 
 from mjrun.errors import MissingExtraError, MjrunError, UsageError
 from mjrun.job.simulation import Simulation
-from mjrun.study.executors import open_executor, process_count
+from mjrun.study.executors import QUEUED, open_executor, process_count
 from mjrun.study.isolation import Chunk, run_chunk
 from mjrun.study.simulate import PointSimulator, StudyPoint, StudySpec
 from tests.study.models import BALL
@@ -67,6 +67,17 @@ def test_a_cluster_that_does_not_answer_is_told(tmp_path: Path, monkeypatch: pyt
     monkeypatch.setattr("mjrun.study.executors.PATIENCE", 1)
     with ExitStack() as stack, pytest.raises(MjrunError, match=r"no Dask scheduler answers at 127\.0\.0\.1:1"):
         open_executor("dask://127.0.0.1:1", 1, tmp_path, stack)
+
+
+@pytest.mark.usefixtures("half_a_core")
+@pytest.mark.parametrize("engine", ["local", "dask", "slurm"])
+def test_processes_are_as_many_as_the_quota_of_a_container_feeds(engine: str, tmp_path: Path) -> None:
+    assert process_count(engine, "auto") == 1
+    assert process_count(engine, 3) == 3
+    if engine == "local":
+        with ExitStack() as stack:
+            executor, ahead = open_executor(engine, "auto", tmp_path, stack)
+            assert (executor._max_workers, ahead) == (1, QUEUED)  # type: ignore[attr-defined]
 
 
 def test_one_process_has_all_of_a_gpu() -> None:

@@ -1,5 +1,6 @@
 """Files of the points of a study."""
 
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +12,7 @@ from mjrun.errors import FailedPointsError, LostFilesError, UnknownNameError
 from mjrun.formats.video_reader import read_video
 from mjrun.job.simulation import Simulation
 from mjrun.job.trace import Trace
+from mjrun.study import keep
 from mjrun.study.study import Study
 from tests.study.models import BALL
 
@@ -37,6 +39,21 @@ def test_traces_of_chosen_points_are_those_of_their_simulations(study: dict[str,
         Trace(alone, str(tmp_path / "alone.parquet"), probe=("qpos",)).run()
         trace = pd.read_parquet(tmp_path / "study" / "points" / f"{index:06}" / "trace.parquet")
         pd.testing.assert_frame_equal(trace, pd.read_parquet(tmp_path / "alone.parquet"), check_exact=True)
+
+
+@pytest.mark.usefixtures("half_a_core")
+def test_processes_are_as_many_as_the_quota_of_a_container_feeds(
+    study: dict[str, object], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    counts: list[int] = []
+
+    def record(count: int) -> ThreadPoolExecutor:
+        counts.append(count)
+        return ThreadPoolExecutor(count)
+
+    monkeypatch.setattr(keep, "ThreadPoolExecutor", record)
+    Study(**{**study, "jobs": "auto"}, keep=("recording",)).run()  # type: ignore[arg-type]
+    assert counts == [1]
 
 
 def test_what_is_kept_is_made_once(study: dict[str, object]) -> None:
