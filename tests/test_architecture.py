@@ -27,7 +27,7 @@ HOUSE = (
     ("options", "child_process"),
     ("python_code",),
     ("reporter", "confinement"),
-    ("timeline", "errors", "palette", "closable", "interruption", "activity", "version", "platform"),
+    ("timeline", "errors", "palette", "closable", "interruption", "activity", "version", "platform", "suffixes"),
 )
 
 # Where each library may be imported. What is not listed may be imported nowhere.

@@ -10,9 +10,9 @@ from mjrun.confinement.confinement import confined_load
 from mjrun.model.delays import lengthen_buffers
 from mjrun.model.override import apply
 from mjrun.model.source import Source
+from mjrun.suffixes import XML
 
 REPEATS = 3
-PARSED = (".xml", ".urdf")
 
 
 @dataclass(frozen=True)
@@ -45,7 +45,7 @@ def _timed_load(source: Source, clock: Clock) -> tuple[mujoco.MjModel, LoadTimin
     model = source.load()
     first = clock() - before
 
-    if source.main_file is None or source.main_file.suffix not in PARSED:
+    if source.main_file is None or source.main_file.suffix not in XML:
         return model, LoadTiming(first)
     parses, compiles = [], []
     for _ in range(REPEATS):

@@ -11,7 +11,8 @@ import numpy as np
 from mjrun.check.finding import Place, Violation
 from mjrun.model.names import COUNTS, KINDS, names
 from mjrun.model.sources import source_of
-from mjrun.model.xml_source import XML, Element, XmlSource
+from mjrun.model.xml_source import Element, XmlSource
+from mjrun.suffixes import XML
 
 MAX_KEYFRAMES = 8  # that rules start from
 SPEC_LISTS = {

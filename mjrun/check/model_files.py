@@ -11,9 +11,9 @@ from mjrun.formats.input_file import is_file, is_folder
 from mjrun.model.source import CollectionSource
 from mjrun.model.sources import source_of
 from mjrun.model.sources.bundled_scene import bundled_task
+from mjrun.suffixes import CHECKED, XML
 
 HEAD = 2**16  # bytes within which the root of an XML file must begin
-SUFFIXES = (".xml", ".urdf", ".mjz")
 ROOTS = {"mujoco", "robot"}
 FRAGMENT = "mujocoinclude"  # the root of what other models include
 
@@ -33,7 +33,7 @@ def find_models(paths: Sequence[str | Path]) -> tuple[list[str], int]:
                 models[path] = None
             continue
         for file in _below(Path(path)):
-            if file.suffix == ".mjz" or root_tag(file) in ROOTS:
+            if file.suffix not in XML or root_tag(file) in ROOTS:
                 models[str(file)] = None
             else:
                 skipped += 1
@@ -54,7 +54,7 @@ def _below(folder: Path) -> Iterator[Path]:
     """Files with the suffix of a model below `folder`, sorted; hidden and linked folders are skipped."""
     for parent, folders, files in os.walk(folder):
         folders[:] = sorted(name for name in folders if not name.startswith("."))
-        yield from (Path(parent) / name for name in sorted(files) if name.endswith(SUFFIXES))
+        yield from (Path(parent) / name for name in sorted(files) if name.endswith(CHECKED))
 
 
 def root_tag(path: Path) -> str:

@@ -17,12 +17,12 @@ from mjrun.errors import DocumentError, FileError, MjrunError, ModelError, Usage
 from mjrun.formats.input_file import require_file
 from mjrun.model.mujoco_globals import collected_warnings, without_timers
 from mjrun.model.source import Source
-from mjrun.model.sources import DOCUMENTS
 from mjrun.model.xml_source import read_xml
 from mjrun.options.policy import RANDOM
 from mjrun.policy.agreement import check_agreement
 from mjrun.policy.load import load_policy
 from mjrun.policy.policy import Policy
+from mjrun.suffixes import YAML
 from mjrun.task.task import Task
 from mjrun.task.worlds import TaskWorlds
 
@@ -63,7 +63,7 @@ class TaskChecker(Checker):
         """The task; None if it cannot be read or has mistakes, which are written."""
         read = cast("Callable[[str], Task]", resolve_name(self.task.reader))
         try:
-            require_file(self.path, "task document", DOCUMENTS)
+            require_file(self.path, "task document", YAML)
         except FileError as error:
             self._write_mistake(error)
             return None

@@ -19,12 +19,12 @@ from mjrun.errors import BadValueError, FileError, OutOfMemoryError, UnknownName
 from mjrun.options.confinement import FILE, LIMITS, MEMORY, TIME, ConfinementOptions
 from mjrun.options.kinds import AnyKind, File, Optional, Several
 from mjrun.platform.cores import available_cores
+from mjrun.suffixes import REFERRING
 
 MIB = 2**20
 DEFAULTS = {TIME: 3600.0, MEMORY: 8192.0, FILE: 16384.0}
 LEAST = {MEMORY: 256}  # of which the thread that loads models takes half
 ENDLESS = "view"  # which ends when its user wants
-OPENERS = (".xml", ".urdf", ".mjz", ".zip", ".mjb", ".yaml", ".yml")  # of files that name others beside them
 MODELS = ("model", "models", "document", "task", "a", "b")  # arguments that may name such a file
 FOLDERS = ("run", "sweep", "eval")  # whose output is a folder
 SCENE = "scene"  # the collection that comes with mjrun; others are of packages that run code, or anywhere
@@ -173,7 +173,7 @@ def _add_argument(paths: _Paths, name: str, text: str) -> None:
     else:
         file = text if Path(text).exists() else text.partition("=")[2]
         _add_file(paths, file)
-        if name in MODELS and Path(text).suffix.lower() in OPENERS:
+        if name in MODELS and Path(text).suffix.lower() in REFERRING:
             paths.roots[_real(Path(text).parent)] = None
 
 

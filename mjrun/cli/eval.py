@@ -10,11 +10,12 @@ import click
 
 from mjrun.cli.click_command import CommandLine, command
 from mjrun.cli.console import Console
-from mjrun.cli.simulation_command import failures_in_json, import_mujoco, is_document, with_camera_scripts
+from mjrun.cli.simulation_command import failures_in_json, import_mujoco, with_camera_scripts
 from mjrun.errors import MjrunError, UsageError, option
 from mjrun.options.confinement import ConfinementOptions
 from mjrun.options.evaluation import EvaluationCommandOptions, EvaluationExecutionOptions, EvaluationOptions
 from mjrun.options.messages import MessageOptions
+from mjrun.suffixes import is_yaml
 
 if TYPE_CHECKING:
     from mjrun.evaluation.evaluation import Evaluation
@@ -78,7 +79,7 @@ def _evaluation(console: Console, command_line: CommandLine) -> "tuple[Evaluatio
 
     path, assignments = command_line.argument("task"), command_line.arguments("assignments")
     command_line = with_camera_scripts(command_line)
-    if is_document(path) and kind_of_file(path) == KINDS["Evaluation"]:
+    if is_yaml(path) and kind_of_file(path) == KINDS["Evaluation"]:
         values = command_line.explicit(EvaluationOptions, EvaluationExecutionOptions)
         request = read_evaluation(path, assignments, values=values, command=console.command)
         return request.made, request.changes, request.located

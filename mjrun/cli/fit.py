@@ -2,7 +2,6 @@
 
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import asdict
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
@@ -12,10 +11,11 @@ from mjrun.cli.console import Console
 from mjrun.cli.simulation_command import import_mujoco, simulation
 from mjrun.errors import UsageError, clean, option
 from mjrun.options.confinement import ConfinementOptions
-from mjrun.options.fit import DOCUMENTS, FitOptions
+from mjrun.options.fit import FitOptions
 from mjrun.options.messages import MessageOptions
 from mjrun.options.option import options_of
 from mjrun.options.simulation import SimulationOptions
+from mjrun.suffixes import is_yaml
 
 if TYPE_CHECKING:
     from mjrun.fit.fit import Fit
@@ -67,7 +67,7 @@ def _fit(command_line: CommandLine) -> "tuple[Fit, AbstractContextManager[None]]
     from mjrun.fit.fit import Fit
 
     model, data = command_line.argument("model"), command_line.arguments("tables")
-    if Path(model).suffix.lower() not in DOCUMENTS:
+    if not is_yaml(model):
         if not data and command_line.value("excite") is None:
             raise click.UsageError("Missing argument 'DATA...'.", click.get_current_context())
         return command_line.make(Fit, simulation=simulation(command_line), data=data), nullcontext()

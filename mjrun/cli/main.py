@@ -28,12 +28,12 @@ from mjrun.errors import (
     quoted,
 )
 from mjrun.interruption import interrupt
+from mjrun.suffixes import MODELS
 from mjrun.version import __version__
 
 NO_MEMORY = "Could not allocate memory"  # what MuJoCo says wherever an MjData is made
 COMPLETE = "_MJRUN_COMPLETE"
 _ended_by: int | None = None  # the signal that has told this process to end
-MODELS = (".xml", ".urdf", ".mjz", ".zip", ".mjb")
 
 # Name → one line of help. The command is in the module of cli of its name, which is imported when it is run.
 COMMANDS = {

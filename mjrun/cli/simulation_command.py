@@ -23,6 +23,7 @@ from mjrun.options.messages import MessageOptions
 from mjrun.options.model import ModelOptions
 from mjrun.options.output import CommandOptions
 from mjrun.options.trace import TraceOptions
+from mjrun.suffixes import is_yaml
 
 if TYPE_CHECKING:
     from mjrun.job.simulation import Simulation
@@ -30,7 +31,6 @@ if TYPE_CHECKING:
     from mjrun.model.source import Source
 
 R = TypeVar("R", bound="OutputResult")
-DOCUMENTS = (".yaml", ".yml")  # suffixes of camera scripts and of tasks
 
 
 def import_mujoco() -> None:
@@ -61,7 +61,7 @@ def source(command_line: CommandLine) -> "Source":
 def stem(command_line: CommandLine) -> str:
     """The name of the model, or of the document, for outputs without one of their own."""
     text = command_line.argument("model")
-    return Path(text).stem if is_document(text) else source(command_line).stem
+    return Path(text).stem if is_yaml(text) else source(command_line).stem
 
 
 def simulation(command_line: CommandLine) -> "Simulation":
@@ -85,18 +85,13 @@ def _source(command_line: CommandLine) -> "Source":
     return read_task(text)
 
 
-def is_document(text: str) -> bool:
-    """Whether `text` names a document."""
-    return Path(text).suffix.lower() in DOCUMENTS
-
-
 def with_camera_scripts(command_line: CommandLine) -> CommandLine:
     """The same, with camera scripts read."""
     return command_line.with_converted("camera", _camera)
 
 
 def _camera(spec: str) -> object:
-    if not is_document(spec):
+    if not is_yaml(spec):
         return spec
     from mjrun.document.camera import read_camera
 

@@ -21,7 +21,6 @@ from mjrun.options.messages import MessageOptions
 from mjrun.options.option import options_of
 from mjrun.options.simulation import CodeOptions, SimulationOptions
 from mjrun.options.sweep import (
-    DOCUMENTS,
     MANIFEST,
     PARTS,
     PLANS,
@@ -31,6 +30,7 @@ from mjrun.options.sweep import (
     StudyOptions,
     VariationOptions,
 )
+from mjrun.suffixes import is_yaml
 
 if TYPE_CHECKING:
     from mjrun.study.plan import StudyPlan
@@ -147,7 +147,7 @@ def _study(console: Console, command_line: CommandLine) -> "tuple[Study, Located
 
 def _is_study(path: str) -> bool:
     """Whether it is a document, and not that of a task, which stands where a model does."""
-    if Path(path).suffix.lower() not in DOCUMENTS:
+    if not is_yaml(path):
         return False
     from mjrun.document.task import is_task
 
@@ -172,7 +172,7 @@ def _plan(command_line: CommandLine) -> "StudyPlan":
 
 def _beside_study(command_line: CommandLine, file: str) -> dict[str, object]:
     """What the command line says beside a file that says the study: its folder, and how it runs."""
-    own = () if Path(file).suffix.lower() in DOCUMENTS else WITH_RESULTS
+    own = () if is_yaml(file) else WITH_RESULTS
     _require_said_there(command_line, file, own)
     options = command_line.explicit(ExecutionOptions)
     options |= {name: value for name, value in command_line.explicit(StudyOptions).items() if name in own}

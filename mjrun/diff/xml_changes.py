@@ -10,7 +10,8 @@ from pathlib import Path
 from mjrun.diff.model_differences import XmlChange, XmlPlace
 from mjrun.diff.sequence_alignment import equal_blocks
 from mjrun.model.source import Source
-from mjrun.model.xml_source import XML, Element, read_xml
+from mjrun.model.xml_source import Element, read_xml
+from mjrun.suffixes import XML
 
 Value = str | tuple[float, ...]
 Pair = tuple[Element, Element]

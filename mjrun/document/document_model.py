@@ -21,6 +21,7 @@ from pydantic import (
 from pydantic_core import CoreSchema, ErrorDetails, InitErrorDetails
 
 from mjrun.errors import quoted
+from mjrun.suffixes import MODELS
 
 if TYPE_CHECKING:
     from typing import Optional as Omittable  # pyright: ignore[reportUnusedImport]
@@ -36,6 +37,11 @@ else:
 # Tags of the types of values. No key of a document begins with a control character, so that no tag is taken for one.
 NUMBER, TEXT, LIST, MAPPING = "\0number", "\0text", "\0list", "\0mapping"
 TAGS: dict[type, str] = {int: NUMBER, float: NUMBER, str: TEXT, list: LIST, dict: MAPPING}
+
+MODEL = (  # the description of the key `model`
+    f"The model: a file ({', '.join(MODELS)}), relative to the folder of this document, or another source such as "
+    "scene:dominos."
+)
 
 LISTED_KEYS = 6  # at most, in a message about something else
 

@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from fractions import Fraction
-from pathlib import Path
 from typing import Annotated, ClassVar, Literal, cast
 
 from pydantic import AfterValidator, BeforeValidator, Field, PlainValidator, Strict, Tag
@@ -45,7 +44,6 @@ from mjrun.document.inline_values import (
     ghost_text,
 )
 from mjrun.document.output_folder import Folders
-from mjrun.document.reader import SUFFIXES
 from mjrun.errors import BadValueError, concerning, option
 from mjrun.formats.format_lists import with_formats
 from mjrun.job.view import check_segmentation_name
@@ -68,6 +66,7 @@ from mjrun.options.task import Limits, RandomValue, Schedule, VectorOrKey
 from mjrun.options.variations import Variations, with_paths
 from mjrun.rendering.segmentation import groupings
 from mjrun.rendering.visual import Visual, flags, frames, labels
+from mjrun.suffixes import is_yaml
 
 # The names of a kind that there are, for editors, and what refuses others.
 NAMES: dict[str, tuple[Callable[[], list[str]], Callable[[str], object]]] = {
@@ -323,7 +322,7 @@ def _converted(kind: AnyKind, value: object, folders: Folders) -> object:
             return _map_texts(kind, value, folders)
         case option_kinds.Camera(), InlineCamera() as camera:
             return camera.script(camera.name)
-        case option_kinds.Camera(), str(text) if Path(text).suffix.lower() in SUFFIXES:
+        case option_kinds.Camera(), str(text) if is_yaml(text):
             return read_camera(folders.input(text))
         case option_kinds.Instant(), Event() as event:
             return event.event()

@@ -14,9 +14,9 @@ from mjrun.document.variables import DEFAULTS, VARS, merged, without_variables
 from mjrun.document.yaml_parser import LineIndex, compose
 from mjrun.errors import DocumentError, Problem
 from mjrun.formats.input_file import opened
+from mjrun.suffixes import YAML, is_yaml
 
 LARGEST = 2**20  # bytes of a document
-SUFFIXES = (".yaml", ".yml")
 
 Kind = TypeVar("Kind", bound=BaseModel)
 
@@ -81,7 +81,7 @@ class _Reader:
 
     def document(self, path: Path, order: int, hint: str = "") -> MappingNode | None:
         """The mapping in the file at `path`; None if there is no such mapping."""
-        with opened(path, "document", SUFFIXES, hint) as file:
+        with opened(path, "document", YAML, hint) as file:
             data = file.read(LARGEST + 1)
         top = Mark(order, 0, 0, str(path))
         if len(data) > LARGEST:
@@ -114,8 +114,8 @@ class _Reader:
         if not isinstance(path, ScalarNode) or not isinstance(path.value, str) or not path.value:
             self.faults.append(Fault(path.mark, DEFAULTS, f"expected the path of a document, got {described(path)}"))
             return tree
-        if not path.value.endswith(SUFFIXES):  # a file of another kind is not looked into, let alone cited
-            self.faults.append(Fault(path.mark, DEFAULTS, f"a document ends in {' or '.join(SUFFIXES)}"))
+        if not is_yaml(path.value):  # a file of another kind is not looked into, let alone cited
+            self.faults.append(Fault(path.mark, DEFAULTS, f"a document ends in {' or '.join(YAML)}"))
             return tree
         below = self.document(self.path.parent / path.value, 1, hint=f"{path.mark} names it as defaults")
         if below and DEFAULTS in below.entries:

@@ -27,7 +27,7 @@ from typing import Annotated, TypeVar, cast
 from pydantic import ConfigDict, Field, Tag
 
 from mjrun.document.builder import NAMED, DocumentBuilder, fault_at
-from mjrun.document.document_model import MAPPING, TEXT, Key, Location, Name, by_type
+from mjrun.document.document_model import MAPPING, MODEL, TEXT, Key, Location, Name, by_type
 from mjrun.document.error_messages import RENAMED
 from mjrun.document.field_types import OutputPath
 from mjrun.document.option_models import OptionsModel, options_model
@@ -88,10 +88,7 @@ def _entry(output: type[Options]) -> object:
 
 
 def _run_model() -> type[OptionsModel]:
-    source = Field(
-        description="The model: a file (.xml, .urdf, .mjz, .zip, .mjb), relative to the folder of this document, or "
-        "another source such as scene:dominos."
-    )
+    source = Field(description=MODEL)
     lists: dict[str, Key] = {
         key: (list[_entry(output)], Field([], description=f"The {key}: a file or a mapping each."))
         for key, output in OUTPUTS.items()

@@ -8,7 +8,7 @@ from typing import Generic, TypeVar
 from pydantic import Field
 
 from mjrun.document.builder import NAMED, DocumentBuilder, located_errors
-from mjrun.document.document_model import Name
+from mjrun.document.document_model import MODEL, Name
 from mjrun.document.option_models import OptionsModel, option_keys, options_model
 from mjrun.document.output_folder import Folders, OutputFolder
 from mjrun.document.reader import read_placed
@@ -19,10 +19,6 @@ from mjrun.options.option import Options
 from mjrun.options.simulation import CodeOptions, SimulationOptions
 
 Made = TypeVar("Made")
-MODEL = (
-    "The model: a file (.xml, .urdf, .mjz, .zip, .mjb), relative to the folder of this document, or another source "
-    "such as scene:dominos."
-)
 
 
 class Request(Generic[Made]):

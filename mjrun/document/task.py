@@ -28,10 +28,10 @@ from pydantic import Field, Tag
 
 from mjrun.confinement.confinement import is_readable
 from mjrun.document.builder import NAMED, DocumentBuilder, fault_at
-from mjrun.document.document_model import MAPPING, NUMBER, TEXT, Key, Name, Omittable, by_type
+from mjrun.document.document_model import MAPPING, MODEL, NUMBER, TEXT, Key, Name, Omittable, by_type
 from mjrun.document.option_models import OptionsModel, options_model
 from mjrun.document.output_folder import Folders, OutputFolder
-from mjrun.document.reader import LARGEST, SUFFIXES, document_error, read_placed
+from mjrun.document.reader import LARGEST, document_error, read_placed
 from mjrun.document.tree import MappingNode, Mark
 from mjrun.document.tree import Path as Place
 from mjrun.document.yaml_parser import compose
@@ -45,6 +45,7 @@ from mjrun.model.sources.bundled_scene import bundled_task
 from mjrun.options.model import ModelOptions
 from mjrun.options.option import Options, options, options_of
 from mjrun.options.task import PARTS, TaskOptions
+from mjrun.suffixes import YAML
 from mjrun.task.task import Task
 from mjrun.task.terms import Action, Command, Observation, Reset, Reward, Termination
 
@@ -57,10 +58,7 @@ class _Overrides(ModelOptions):
 
 
 def _task_model() -> type[OptionsModel]:
-    source = Field(
-        description="The model: a file (.xml, .urdf, .mjz, .zip, .mjb), relative to the folder of this document, or "
-        "another source such as scene:car."
-    )
+    source = Field(description=MODEL)
     reset, observation, action, command, reward, termination = (
         options_model(declared, name=declared.section) for _, declared in PARTS.values()
     )
@@ -142,7 +140,7 @@ def is_task(path: Path | str) -> bool:
     if not is_readable(path):
         return False  # as below
     try:
-        with opened(Path(path), "document", SUFFIXES) as file:
+        with opened(Path(path), "document", YAML) as file:
             text = file.read(LARGEST).decode("utf-8-sig")
     except (FileError, OSError, UnicodeDecodeError):
         return False  # whoever reads it is told why

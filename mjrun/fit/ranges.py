@@ -9,11 +9,10 @@ from typing import TYPE_CHECKING
 from mjrun.errors import UsageError, clean, option
 from mjrun.fit.free_parameter import FreeParameter
 from mjrun.formats.atomic_output import OutputWriter, written_file
+from mjrun.suffixes import is_yaml
 
 if TYPE_CHECKING:
     from mjrun.fit.result import FittedParameter
-
-SUFFIXES = (".yaml", ".yml")
 
 
 def write_ranges(
@@ -50,5 +49,5 @@ def write_ranges(
 
 def check_ranges_name(path: str) -> None:
     """Raises UsageError if no ranges are called `path`."""
-    if Path(path).suffix not in SUFFIXES:
+    if not is_yaml(path):
         raise UsageError(f"{option('ranges')} {clean(path)}: ranges are written as .yaml")

@@ -4,8 +4,9 @@ import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
+from mjrun.suffixes import MODELS
+
 NAME = "point.json"
-_MODELS = (".xml", ".mjb", ".mjz", ".zip")
 
 
 def read_point(folder: Path) -> Mapping[str, object]:
@@ -41,4 +42,4 @@ def _rounded(text: str) -> str:
     try:
         return f"{float(text):.4g}"
     except ValueError:
-        return Path(text).stem if text.endswith(_MODELS) else text
+        return Path(text).stem if text.endswith(MODELS) else text

@@ -12,8 +12,9 @@ from typing import NamedTuple
 from xml.parsers import expat
 
 from mjrun.errors import BrokenModelError, quoted
-from mjrun.model.description.archive_files import ARCHIVES, file_content, file_size, main_mjcf
+from mjrun.model.description.archive_files import file_content, file_size, main_mjcf
 from mjrun.model.xml_source import with_slashes
+from mjrun.suffixes import ARCHIVES
 
 # A stack of 8 MiB is full at about 2,500 includes, and at fewer than 2,000 models; a hundred of these take a second.
 MOST_INCLUDES = 500

@@ -12,10 +12,10 @@ from typing import NamedTuple
 from xml.parsers import expat
 
 from mjrun.confinement.confinement import is_readable
+from mjrun.suffixes import XML
 
 MAX_DEPTH = 50  # of includes inside includes
 MAX_FILES = 500  # beyond these, includes and attached models are not followed
-XML = (".xml", ".urdf")
 LFS_POINTER = b"version https://git-lfs"  # the first bytes of the pointer that Git LFS leaves in place of a file
 LFS_REMEDY = "fetch the file itself: git lfs pull"
 

@@ -7,7 +7,6 @@ from mjrun.options.option import FrontEnd, Options, option, options
 from mjrun.options.output import VIDEOS
 
 EXTRAS = {"fit": ("scipy", "mjrun fit")}  # the library that the extra installs, and what needs it
-DOCUMENTS = (".yaml", ".yml")  # suffixes of files that stand where a model stands
 LOSSES = ("linear", "soft_l1", "huber", "cauchy")
 
 

@@ -31,7 +31,7 @@ EXTRAS = {
     "slurm": ("submitit", "mjrun sweep on Slurm"),
 }
 MOST_POINTS = 10_000_000  # of a study
-DOCUMENTS, PLANS = (".yaml", ".yml"), (".jsonl",)  # suffixes of files that stand where a model stands
+PLANS = (".jsonl",)  # suffixes of plans, which are accepted in place of a model
 MANIFEST = "study.json"  # of the folder of a study
 PARTS = "parts"  # in that folder, with the results
 DESIGNS = ("grid", "zip")

@@ -18,8 +18,8 @@ import yaml
 from mjrun.errors import FileError, UsageError, clean, listing, quoted
 from mjrun.formats.input_file import cut, decoding, is_folder, opened
 from mjrun.policy.safetensors_file import read_safetensors
+from mjrun.suffixes import YAML, is_yaml
 
-SUFFIXES = (".yaml", ".yml")
 TYPES = {
     "float16": np.float16,
     "float32": np.float32,
@@ -99,7 +99,7 @@ def find_package(path: Path) -> Path:
     """
     if not is_folder(path):
         return path
-    documents = sorted(each for each in path.iterdir() if each.suffix.lower() in SUFFIXES)
+    documents = sorted(each for each in path.iterdir() if is_yaml(each))
     if len(documents) != 1:
         what = "several .yaml files" if documents else "no .yaml file"
         names = f": {listing([each.name for each in documents])}" if documents else ""
@@ -114,7 +114,7 @@ def read_package(path: Path) -> LeappPackage:
       FileError: it cannot be read, is no package, or its files are missing, changed or outside of its folder.
       UsageError: its networks are of another kind than ONNX.
     """
-    with opened(path, "LEAPP package", SUFFIXES) as file, decoding(path, "cannot be read as YAML"):
+    with opened(path, "LEAPP package", YAML) as file, decoding(path, "cannot be read as YAML"):
         text = file.read(LARGEST + 1)
         if len(text) > LARGEST:
             raise ValueError(f"it has more than {LARGEST // 2**20} MiB")

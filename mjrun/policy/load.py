@@ -9,8 +9,9 @@ from mjrun.policy.built_in import RandomPolicy, ZeroPolicy
 from mjrun.policy.normalization import normalized
 from mjrun.policy.policy import Policy
 from mjrun.policy.python_policy import PythonPolicy, load_python
+from mjrun.suffixes import is_yaml
 
-ARCHIVES, TORCH, LEAPP = (".zip",), (".pt", ".pth", ".jit", ".torchscript"), (".yaml", ".yml")
+ARCHIVES, TORCH = (".zip",), (".pt", ".pth", ".jit", ".torchscript")
 
 
 def load_policy(text: object, *, trust: bool = False, normalize: str | None = None) -> Policy:
@@ -49,7 +50,7 @@ def _read(path: Path, name: str, trust: bool, normalize: str | None) -> Policy:
         from mjrun.policy.onnx_policy import OnnxPolicy
 
         return OnnxPolicy(path, name)
-    if suffix in LEAPP or is_folder(path):
+    if is_yaml(path) or is_folder(path):
         from mjrun.policy.leapp import LeappPolicy
 
         return LeappPolicy(path, name)

@@ -16,8 +16,7 @@ import mujoco
 import pytest
 
 from mjrun import __version__
-from mjrun.cli.main import COMMANDS, MODELS, group
-from mjrun.model.sources.file import SUFFIXES
+from mjrun.cli.main import COMMANDS, group
 
 if TYPE_CHECKING:
     from tests.conftest import Command
@@ -213,10 +212,6 @@ def test_help_into_a_closed_pipe_ends_quietly() -> None:
     )
     assert done.returncode in (0, 141)  # `true` may go away before or after the text
     assert done.stderr == b""
-
-
-def test_suffixes_of_models_are_those_of_the_layers_below() -> None:
-    assert set(MODELS) == set(SUFFIXES)
 
 
 def test_a_document_goes_to_stdout_as_json(mjrun_here: Command, swing: Path) -> None:

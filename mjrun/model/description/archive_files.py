@@ -4,8 +4,8 @@ import zipfile
 from pathlib import Path
 
 from mjrun.confinement.confinement import is_readable
+from mjrun.suffixes import ARCHIVES
 
-ARCHIVES = (".mjz", ".zip")
 MOST = 1 << 26  # [bytes] files beyond this are not read; MJCF is smaller
 
 

@@ -15,8 +15,8 @@ from mjrun.model.sources.bundled_scene import bundled_task
 from mjrun.model.sources.compiled import CompiledSource
 from mjrun.model.sources.file import FileSource
 from mjrun.model.sources.stdin import StdinSource
+from mjrun.suffixes import is_yaml
 
-DOCUMENTS = (".yaml", ".yml")
 ModelLike = mujoco.MjModel | Source | str | PathLike[str]
 
 
@@ -43,7 +43,7 @@ def is_file(text: str) -> bool:
 def names_task(text: str) -> bool:
     """Whether `text` names a task: a document, which its suffix tells, or one of our scenes."""
     if is_file(text):
-        return Path(text).suffix.lower() in DOCUMENTS
+        return is_yaml(text)
     return bundled_task(text) is not None
 
 

@@ -19,11 +19,7 @@ from mjrun.model.mujoco_globals import without_log
 from mjrun.model.named_files import foreign_file, require_regular_files
 from mjrun.model.nesting import require_finite_nesting
 from mjrun.model.source import Source
-
-SOURCES = (".xml", ".urdf", ".mjz", ".zip")
-COMPILED = (".mjb",)
-SUFFIXES = SOURCES + COMPILED
-
+from mjrun.suffixes import ARCHIVES, COMPILED, MODELS, is_yaml
 
 REWRITE = "write it anew from its source"
 
@@ -84,14 +80,14 @@ class FileSource(Source):
         except UnicodeEncodeError:  # which stands for bytes that are not UTF-8
             reason = "MuJoCo opens only paths in UTF-8; give the file or folder another name, or cd into the folder"
             raise ModelNotFoundError(path, reason) from None
-        if "\\" in str(path) and path.suffix != ".mjb":
+        if "\\" in str(path) and path.suffix not in COMPILED:
             reason = "MuJoCo takes a backslash in a path for the end of a folder; give the file or folder another name"
             raise ModelNotFoundError(path, reason)
-        if path.suffix not in SUFFIXES:
-            lower = "; MuJoCo knows them in lower case only" if path.suffix.lower() in SUFFIXES else ""
-            task = "; in Python, mjrun.read_task reads a task" if path.suffix.lower() in (".yaml", ".yml") else ""
+        if path.suffix not in MODELS:
+            lower = "; MuJoCo knows them in lower case only" if path.suffix.lower() in MODELS else ""
+            task = "; in Python, mjrun.read_task reads a task" if is_yaml(path) else ""
             raise ModelNotFoundError(
-                path, f"is not a model file; model files end in {', '.join(SUFFIXES)}{lower or task}"
+                path, f"is not a model file; model files end in {', '.join(MODELS)}{lower or task}"
             )
 
     def _load_compiled(self) -> mujoco.MjModel:
@@ -127,7 +123,7 @@ class FileSource(Source):
 
     def _parse_checked(self) -> mujoco.MjSpec:
         path = self.path
-        if path.suffix not in (".mjz", ".zip"):
+        if path.suffix not in ARCHIVES:
             return mujoco.MjSpec.from_file(str(path))
 
         # MuJoCo looks for model.xml or one named as the archive; its own `to_zip` writes neither.
@@ -143,7 +139,7 @@ class FileSource(Source):
 def _models_in(folder: Path) -> tuple[list[str], str]:
     """The names of the model files in `folder`, and what to call them."""
     try:
-        names = sorted(path.name for path in folder.iterdir() if path.suffix in SUFFIXES)
+        names = sorted(path.name for path in folder.iterdir() if path.suffix in MODELS)
     except OSError:
         names = []
     return names, f"models in {folder}"
