@@ -5,9 +5,8 @@ import click
 from mjrun.cli.click_command import CommandLine, command
 from mjrun.cli.console import Console
 from mjrun.cli.simulation_command import import_mujoco
+from mjrun.options.schema import DOCUMENTS, REPORTS
 
-DOCUMENTS = ("camera", "run", "study", "task", "eval-document", "fit-document")
-REPORTS = ("bench", "diff", "eval", "fit", "plot", "sweep", "verify", "view")
 KINDS = (*DOCUMENTS, *REPORTS, "options")
 
 
@@ -15,8 +14,8 @@ KINDS = (*DOCUMENTS, *REPORTS, "options")
 def schema(console: Console, command_line: CommandLine) -> None:
     """Print the JSON Schema of a kind of document, for editors and validators, or of the reports of a command.
 
-    bench, diff, eval, fit, plot, sweep and view are what these commands report with --json; verify is what mjrun trace
-    --verify does.
+    bench, diff, eval, fit, plot, sweep and view are what these commands report with --json; excite is what mjrun fit
+    --excite reports, and verify what mjrun trace --verify does.
 
     options prints a reference of all options of all commands instead, as Markdown.
 

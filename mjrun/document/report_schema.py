@@ -13,33 +13,25 @@ from mjrun.evaluation.result import EvaluationResult
 from mjrun.fit.excitation import ExcitationResult
 from mjrun.fit.result import FitResult
 from mjrun.job.verification import VerificationResult
+from mjrun.options.schema import REPORTS as COMMANDS
 from mjrun.plotting.table_plot import TablePlotResult
 from mjrun.study.study import StudyResult
 from mjrun.viewer.viewer import ViewerResult
 
-_Report = (
-    BenchResult
-    | DiffResult
-    | EvaluationResult
-    | ExcitationResult
-    | FitResult
-    | StudyResult
-    | TablePlotResult
-    | VerificationResult
-    | ViewerResult
-)
-
-# Kind of report → its dataclass, whose field `schema` names it, and its title.
-REPORTS: dict[str, tuple[type[_Report], str]] = {
-    "bench": (BenchResult, "mjrun bench report"),
-    "diff": (DiffResult, "mjrun diff report"),
-    "eval": (EvaluationResult, "mjrun eval report"),
-    "excite": (ExcitationResult, "report of mjrun fit --excite"),
-    "fit": (FitResult, "mjrun fit report"),
-    "plot": (TablePlotResult, "mjrun plot report"),
-    "sweep": (StudyResult, "mjrun sweep report"),
-    "verify": (VerificationResult, "report of mjrun trace --verify"),
-    "view": (ViewerResult, "mjrun view report"),
+# Kind of report, such as `bench` of the schema `mjrun-bench-1` → its dataclass.
+REPORTS = {
+    report.schema.split("-")[1]: report
+    for report in (
+        BenchResult,
+        DiffResult,
+        EvaluationResult,
+        ExcitationResult,
+        FitResult,
+        TablePlotResult,
+        StudyResult,
+        VerificationResult,
+        ViewerResult,
+    )
 }
 _FIELDS = re.compile(r"^  (\w+(?:, \w+)*): (.*(?:\n    .*)*)", re.MULTILINE)
 
@@ -68,7 +60,7 @@ class _Generator(GenerateJsonSchema):
 
 def report_schema(kind: str) -> JsonSchemaValue:
     """The JSON Schema, draft 2020-12, of reports of a `kind`, one of `REPORTS`. New keys may come to a report."""
-    report, title = REPORTS[kind]
+    report = REPORTS[kind]
     schema = TypeAdapter(report).json_schema(schema_generator=_Generator, mode="serialization")
     schema["properties"]["schema"]["const"] = report.schema
-    return {"$schema": _Generator.schema_dialect, **schema, "title": title}
+    return {"$schema": _Generator.schema_dialect, **schema, "title": f"report of {COMMANDS[kind]}"}

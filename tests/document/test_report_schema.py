@@ -1,12 +1,15 @@
 """Reports fit the schema that is derived from their dataclasses."""
 
+import ast
 import json
 from dataclasses import asdict, fields
 from functools import partial
+from pathlib import Path
 from typing import Any
 
 import pytest
 
+import mjrun
 from mjrun.bench.bench import Bench
 from mjrun.document.json_schema import json_schema
 from mjrun.document.report_schema import REPORTS
@@ -41,9 +44,21 @@ def test_a_report_fits_its_schema_as_long_as_nothing_is_missing_and_nothing_is_o
     assert not fits(report, made, made)
 
 
+def test_every_dataclass_that_names_a_schema_is_a_report_that_can_be_asked_for() -> None:
+    package = Path(mjrun.__file__).parent
+    named = {
+        node.name
+        for path in package.rglob("*.py")
+        for node in ast.walk(ast.parse(path.read_text("utf-8")))
+        if isinstance(node, ast.ClassDef)
+        and any(isinstance(each, ast.AnnAssign) and ast.unparse(each.target) == "schema" for each in node.body)
+    }
+    assert named == {report.__name__ for report in REPORTS.values()}
+
+
 @pytest.mark.parametrize("kind", REPORTS)
 def test_every_key_of_a_report_is_described_and_required(kind: str) -> None:
-    made, (report, _) = json_schema(kind), REPORTS[kind]
+    made, report = json_schema(kind), REPORTS[kind]
     assert made["properties"]["schema"]["const"] == f"mjrun-{kind}-1"
     assert [*made["properties"]] == [field.name for field in fields(report)]
     for rule in rules(made):

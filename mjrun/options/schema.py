@@ -1,0 +1,16 @@
+"""The kinds of documents and reports that the command `schema` knows."""
+
+DOCUMENTS = ("camera", "run", "study", "task", "eval-document", "fit-document")
+
+# Kind of report → the command that prints it with --json.
+REPORTS = {
+    "bench": "mjrun bench",
+    "diff": "mjrun diff",
+    "eval": "mjrun eval",
+    "excite": "mjrun fit --excite",
+    "fit": "mjrun fit",
+    "plot": "mjrun plot",
+    "sweep": "mjrun sweep",
+    "verify": "mjrun trace --verify",
+    "view": "mjrun view",
+}
