@@ -4,6 +4,7 @@ import math
 import os
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from pathlib import Path
 
 import imageio_ffmpeg
 
@@ -14,6 +15,17 @@ from mjrun.formats.codecs import CODECS
 # [s] for which ffmpeg may take nothing and compute nothing, before it counts as hanging: a slow disk or a busy machine
 # makes it slow, but not still.
 IDLE = 60.0
+# What reads a file, by its suffix: ffmpeg goes by the content otherwise, and that of a playlist names other files.
+DEMUXERS = {
+    "mp4": "mov",
+    "mov": "mov",
+    "mkv": "matroska",
+    "webm": "matroska",
+    "gif": "gif",
+    "apng": "apng",
+    "webp": "webp_anim,webp_pipe",  # without movement it becomes an image
+    "exr": "exr_pipe",
+}
 
 
 @dataclass(frozen=True)
@@ -42,6 +54,17 @@ def command(*arguments: str) -> list[str]:
     except RuntimeError as error:
         raise EncoderError("ffmpeg cannot be run; reinstall imageio-ffmpeg", str(error)) from None
     return [program, "-hide_banner", "-nostdin", "-loglevel", "warning", *arguments]
+
+
+def source(path: str | Path, suffix: str) -> tuple[list[str], str]:
+    """Returns how ffmpeg reads one file and nothing else: the options before `-i`, and the name after it.
+
+    Args:
+      suffix: of the format, without a dot, whatever the file is called: one of `DEMUXERS`.
+    """
+    demuxers = DEMUXERS[suffix]
+    forced = [] if "," in demuxers else ["-f", demuxers]
+    return ["-protocol_whitelist", "file", "-format_whitelist", demuxers, *forced], f"file:{path}"
 
 
 def run(*arguments: str) -> Answer:

@@ -1,5 +1,6 @@
 """Reads images: colours as they are seen, and depth and segmentation as the numbers that they are."""
 
+import math
 from pathlib import Path
 
 import numpy as np
@@ -8,9 +9,22 @@ from PIL import Image
 from mjrun.errors import FileError, UnknownNameError
 from mjrun.formats import ffmpeg, npy_header
 from mjrun.formats.column_checks import unreadable
+from mjrun.formats.expansion import require_expandable
 from mjrun.formats.input_file import decoding, require_file
 
 SUFFIXES = (".png", ".jpg", ".jpeg", ".webp", ".tiff", ".tif", ".npy", ".exr")
+# What Pillow reads a file with, by its suffix: it goes by the content otherwise, and starts Ghostscript on PostScript.
+DECODERS = {
+    ".png": "PNG",
+    ".jpg": "JPEG",
+    ".jpeg": "JPEG",
+    ".webp": "WEBP",
+    ".tiff": "TIFF",
+    ".tif": "TIFF",
+    ".gif": "GIF",
+    ".apng": "PNG",
+}
+PIXEL = 4  # bytes of a pixel in memory, at most
 NUMBERS = ("I", "F")  # how the modes of Pillow begin whose pixels are more than 8 bits wide
 
 
@@ -47,12 +61,27 @@ def read_palette(path: str | Path) -> bytes:
     path = Path(path)
     if path.suffix.lower() != ".png":
         return b""
-    with decoding(path, unreadable(path)), Image.open(path) as image:
+    with decoding(path, unreadable(path)), open_image(path) as image:
         return bytes(image.getpalette() or b"") if image.mode == "P" else b""
 
 
+def open_image(path: Path) -> Image.Image:
+    """Opens an image or an animation as what its suffix, one of `DECODERS`, says that it is.
+
+    Raises:
+      FileError: it would take far more memory than its size on disk suggests.
+    """
+    image = Image.open(path, formats=[DECODERS[path.suffix.lower()]])
+    try:
+        require_expandable(path, math.prod(image.size) * PIXEL)
+    except FileError:
+        image.close()
+        raise
+    return image
+
+
 def _picture(path: Path, indices: bool) -> np.ndarray:
-    with Image.open(path) as image:
+    with open_image(path) as image:
         if image.mode.startswith(NUMBERS) or (indices and image.mode == "P"):
             return np.array(image)
         return np.array(image.convert("RGBA" if image.has_transparency_data else "RGB"))
@@ -71,7 +100,8 @@ def _npy(path: Path) -> np.ndarray:
 
 def _exr(path: Path) -> np.ndarray:
     """One channel of float32, by ffmpeg, which decodes every bit and says the size as a PFM file."""
-    line = ("-i", str(path), "-frames:v", "1", "-pix_fmt", "grayf32le", "-f", "image2pipe", "-c:v", "pfm", "-")
+    options, name = ffmpeg.source(path, "exr")
+    line = (*options, "-i", name, "-frames:v", "1", "-pix_fmt", "grayf32le", "-f", "image2pipe", "-c:v", "pfm", "-")
     done = ffmpeg.run(*line)
     kind, size, scale, *_ = [*done.stdout.split(b"\n", 3), b"", b"", b""]
     if kind != b"Pf":

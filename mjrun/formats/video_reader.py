@@ -1,23 +1,27 @@
 """Reads videos: one frame at a time, or all of them as an array."""
 
 import contextlib
+import math
 import traceback
 import warnings
-from collections.abc import Iterator
+from collections.abc import Generator, Iterator
 from pathlib import Path
+from typing import Any
 
-import imageio.v3 as iio
 import imageio_ffmpeg
 import numpy as np
-from PIL import Image, ImageSequence
+from PIL import ImageSequence
 
 from mjrun.errors import FileError, UsageError, clean
-from mjrun.formats import codecs
+from mjrun.formats import codecs, ffmpeg
 from mjrun.formats.column_checks import unreadable
+from mjrun.formats.expansion import require_expandable
+from mjrun.formats.image_reader import open_image
 from mjrun.formats.input_file import decoding, require_file
 
 ANIMATIONS = (".gif", ".apng", ".webp")  # read by Pillow, which knows how long each frame lasts
 RAW = ".rgb"  # pixels without a size
+BYTES_OF_PIXEL = 3  # of a decoded frame, at most
 
 
 def read_video(path: str | Path) -> "VideoReader":
@@ -55,9 +59,11 @@ class VideoReader:
             if self._suffix in ANIMATIONS:
                 self.fps, self.size = self._read_animation()
             else:
-                properties = iio.immeta(path, plugin="FFMPEG")
+                with contextlib.closing(self._ffmpeg_frames()) as frames:
+                    properties = next(frames)
                 self.fps, self.size = float(properties["fps"]), tuple[int, int](properties["size"])
                 self._is_numbers = properties["pix_fmt"].startswith("gray16")
+                require_expandable(path, math.prod(self.size) * BYTES_OF_PIXEL)
 
     @property
     def frames(self) -> np.ndarray:
@@ -79,24 +85,34 @@ class VideoReader:
             yield frame
 
     def _colours(self) -> Iterator[np.ndarray]:
-        yield from iio.imiter(self._path, plugin="FFMPEG")
+        width, height = self.size
+        for content in self._contents("rgb24", 24):
+            yield np.frombuffer(content, np.uint8).reshape(height, width, 3).copy()
 
     def _numbers(self) -> Iterator[np.ndarray]:
-        """Frames of 16-bit numbers, which the plugin of imageio would turn into colours."""
-        frames = imageio_ffmpeg.read_frames(self._path, pix_fmt="gray16le", bits_per_pixel=16)
-        next(frames)  # properties
-        for content in frames:
+        for content in self._contents("gray16le", 16):
             yield np.frombuffer(content, "<u2").astype(np.uint16).reshape(self.size[::-1])
 
+    def _contents(self, pixels: str, bits: int) -> Iterator[bytes]:
+        """The bytes of each frame that ffmpeg decodes."""
+        with contextlib.closing(self._ffmpeg_frames(pixels, bits)) as frames:
+            next(frames)  # the properties
+            yield from frames
+
+    def _ffmpeg_frames(self, pixels: str = "rgb24", bits: int = 24) -> Generator[Any, None, None]:
+        """The properties of the video, and then the bytes of each frame."""
+        options, name = ffmpeg.source(self._path, self._suffix[1:])
+        return imageio_ffmpeg.read_frames(name, pix_fmt=pixels, bits_per_pixel=bits, input_params=options)
+
     def _animation(self) -> Iterator[np.ndarray]:
-        with Image.open(self._path) as file:
+        with open_image(self._path) as file:
             for repeats, frame in zip(self._repeats, ImageSequence.Iterator(file), strict=True):
                 for _ in range(repeats):
                     yield np.array(frame.convert("RGB"))
 
     def _read_animation(self) -> tuple[float, tuple[int, int]]:
         durations = []  # [ms]
-        with Image.open(self._path) as file:
+        with open_image(self._path) as file:
             for frame in ImageSequence.Iterator(file):
                 frame.load()  # sets the duration
                 durations.append(float(frame.info.get("duration", 0)))

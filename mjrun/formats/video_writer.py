@@ -225,7 +225,8 @@ class VideoWriter(OutputWriter):
     def _frames_in_file(self) -> int:
         """The frames in the video as a demuxer counts them; in a format that merges, from its duration."""
         copy = ("-map", "0:v:0", "-c", "copy", "-progress", "pipe:1", "-f", "null", "-")
-        done = ffmpeg.run("-i", self.destination.path, *copy)
+        options, name = ffmpeg.source(self.destination.path, self._encoding.format)
+        done = ffmpeg.run(*options, "-i", name, *copy)
         report = done.stdout.decode(errors="replace")
         frames = re.findall(r"^frame=(\d+)", report, re.MULTILINE)
         if not done.is_good or not frames:

@@ -1,12 +1,27 @@
 """The bundled ffmpeg."""
 
+import re
 from pathlib import Path
 
+import numpy as np
 import pytest
 
-from mjrun.errors import EncoderError
+import mjrun
+from mjrun.errors import EncoderError, FileError
 from mjrun.formats.codecs import CODECS
-from mjrun.formats.ffmpeg import command, encoder_version, run, working_codecs
+from mjrun.formats.exr import encode_exr
+from mjrun.formats.ffmpeg import DEMUXERS, command, encoder_version, run, working_codecs
+from mjrun.formats.image_reader import read_image
+from mjrun.formats.video_reader import ANIMATIONS, read_video
+from mjrun.formats.video_writer import write_video
+
+PLAYLISTS = {
+    "ffconcat": "ffconcat version 1.0\nfile other.mkv\n",
+    "m3u8": "#EXTM3U\n#EXT-X-TARGETDURATION:1\n#EXTINF:1,\nother.mkv\n#EXT-X-ENDLIST\n",
+    "dash": '<MPD type="static" mediaPresentationDuration="PT1S"><Period><AdaptationSet><Representation>'
+    "<BaseURL>other.mkv</BaseURL></Representation></AdaptationSet></Period></MPD>",
+}
+VIDEOS = [suffix for suffix in DEMUXERS if f".{suffix}" not in (*ANIMATIONS, ".exr")]
 
 
 def test_every_codec_works_here() -> None:
@@ -32,3 +47,38 @@ def test_a_program_that_hangs_is_ended(tmp_path: Path, monkeypatch: pytest.Monke
     answer = run("-version")
     assert not answer.is_good
     assert (answer.status.cause, answer.log) == ("idle", "waiting\n")
+
+
+@pytest.mark.parametrize("suffix", VIDEOS)
+@pytest.mark.parametrize("playlist", PLAYLISTS)
+def test_a_playlist_under_the_name_of_a_video_is_not_followed(tmp_path: Path, playlist: str, suffix: str) -> None:
+    write_video(tmp_path / "other.mkv", np.zeros((3, 48, 64, 3), np.uint8))
+    (tmp_path / f"a.{suffix}").write_text(PLAYLISTS[playlist])
+    with pytest.raises(FileError, match=rf"a\.{suffix}: cannot be read as"):
+        list(read_video(tmp_path / f"a.{suffix}"))
+
+
+@pytest.mark.parametrize("name", ["a%d", "a*", "concat:a", "subfile,,start,1,end,9,,:a", "http://a", "-i", "|a"])
+def test_no_part_of_a_name_is_taken_for_more_than_a_name(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    for other in ("a", "a0", "a1"):
+        write_video(f"{other}.mkv", np.zeros((3, 48, 64, 3), np.uint8))
+        Path(f"{other}.exr").write_bytes(encode_exr(np.zeros((8, 8), np.float32)))
+    Path(f"{name}.mkv").parent.mkdir(parents=True, exist_ok=True)
+    write_video("new.mkv", np.full((5, 32, 48, 3), 200, np.uint8), codec="ffv1")
+    Path("new.mkv").rename(f"{name}.mkv")
+    Path(f"{name}.exr").write_bytes(encode_exr(np.ones((4, 6), np.float32)))
+    assert np.array_equal(read_video(f"{name}.mkv").frames, np.full((5, 32, 48, 3), 200))
+    assert np.array_equal(read_image(f"{name}.exr"), np.ones((4, 6)))
+
+
+def test_every_file_that_ffmpeg_reads_is_named_by_one_function() -> None:
+    """Other inputs are pipes, which mjrun fills, and patterns that ffmpeg makes itself."""
+    inputs = [
+        match[1]
+        for path in Path(mjrun.__file__).parent.rglob("*.py")
+        for match in re.finditer(r'"-i",\s*([^,)]+)', path.read_text())
+    ]
+    assert {each for each in inputs if "pipe:" not in each} == {"name", '"color=size=64x64:rate=30"'}

@@ -1,14 +1,17 @@
 """Images are read as Pillow, numpy and mjrun's own writer made them."""
 
+import re
 from pathlib import Path
 
 import numpy as np
 import pytest
 from PIL import Image
 
+import mjrun
 from mjrun.errors import FileError, UnknownNameError
 from mjrun.formats.exr import encode_exr
 from mjrun.formats.image_reader import SUFFIXES, read_image, read_palette
+from mjrun.formats.video_reader import ANIMATIONS, read_video
 
 RGB = np.random.default_rng(2).integers(0, 256, (7, 9, 3), np.uint8)
 METRES = np.array([[0.5, np.inf, 1e-3], [2.0, 3.25, np.inf]], np.float32)
@@ -70,3 +73,44 @@ def test_what_is_no_image_is_told(tmp_path: Path) -> None:
     ):
         with pytest.raises(kind, match=message):
             read_image(tmp_path / name)
+
+
+POSTSCRIPT = b"%!PS-Adobe-3.0 EPSF-3.0\n%%BoundingBox: 0 0 9 9\n%%EndComments\nshowpage\n%%EOF\n"
+
+
+@pytest.mark.parametrize("suffix", [".png", ".jpg", ".webp", ".tiff", ".gif", ".apng"])
+def test_a_file_is_read_as_its_suffix_says_and_starts_no_program(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, suffix: str
+) -> None:
+    program, trace = tmp_path / "bin/gs", tmp_path / "started"
+    program.parent.mkdir()
+    program.write_text(f"#!/bin/sh\ntouch {trace}\n")
+    program.chmod(0o755)
+    monkeypatch.setenv("PATH", str(program.parent), prepend=":")
+    monkeypatch.setattr("PIL.EpsImagePlugin.gs_binary", None)
+    path = tmp_path / f"a{suffix}"
+    path.write_bytes(POSTSCRIPT)
+    with pytest.raises(FileError, match="cannot be read as"):
+        list(read_video(path)) if suffix in ANIMATIONS else read_image(path)
+    assert not trace.exists()
+    with pytest.raises(OSError, match="cannot identify"), Image.open(path) as image:  # by Ghostscript
+        image.load()
+    assert trace.exists()
+
+
+def test_no_image_is_opened_by_its_content() -> None:
+    calls = [
+        f"{path.name}: {match[0]}"
+        for path in Path(mjrun.__file__).parent.rglob("*.py")
+        for match in re.finditer(r"\b(Image\.open|imread|iio\.\w+)\(.*", path.read_text())
+    ]
+    assert [call for call in calls if "formats=" not in call] == []
+    assert len(calls) == 1
+
+
+def test_an_image_of_a_few_bytes_does_not_fill_the_memory(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    Image.fromarray(np.zeros((2000, 2000), np.uint8)).save(tmp_path / "a.png")
+    assert read_image(tmp_path / "a.png").shape == (2000, 2000, 3)
+    monkeypatch.setattr("mjrun.formats.expansion.FREE", 2**20)
+    with pytest.raises(FileError, match=r"a\.png: would expand to 0\.0 GB in memory, [\d,]+ times its size"):
+        read_image(tmp_path / "a.png")
