@@ -5,7 +5,7 @@ field has `unit`, `meaning`, `kind` and `id`; that of the schema has the manifes
 inside functions: it is an extra.
 """
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -19,6 +19,7 @@ from mjrun.model.column import Column
 
 if TYPE_CHECKING:
     import pyarrow
+    import pyarrow.parquet
 
 MANIFEST = "mjrun"  # the key of the manifest
 PIECE = 2**17  # values in a block that is read
@@ -82,6 +83,13 @@ def blocks(
                 column[:] = _floats(path, name, array, before, gaps)
             before += piece.num_rows
             yield block.T
+
+
+def row_group_sizes(metadata: "pyarrow.parquet.FileMetaData", names: Collection[str]) -> list[int]:
+    """Returns how many bytes the pages of columns take in each row group, decompressed, according to a Parquet file."""
+    groups = [metadata.row_group(index) for index in range(metadata.num_row_groups)]
+    chunks = [[group.column(index) for index in range(group.num_columns)] for group in groups]
+    return [sum(each.total_uncompressed_size for each in row if each.path_in_schema in names) for row in chunks]
 
 
 def units(schema: "pyarrow.Schema", indices: dict[str, int]) -> dict[str, str]:

@@ -7,9 +7,9 @@ import numpy as np
 from PIL import Image
 
 from mjrun.errors import FileError, UnknownNameError
+from mjrun.expansion import require_expandable
 from mjrun.formats import ffmpeg, npy_header
 from mjrun.formats.column_checks import unreadable
-from mjrun.formats.expansion import require_expandable
 from mjrun.formats.input_file import decoding, require_file
 
 SUFFIXES = (".png", ".jpg", ".jpeg", ".webp", ".tiff", ".tif", ".npy", ".exr")

@@ -14,6 +14,8 @@ from typing import BinaryIO
 
 import numpy as np
 
+from mjrun.expansion import largest_expansion
+
 HEAD = 128  # bytes before the first variable
 BEGIN = 2**12  # bytes of a variable that hold its name
 ORDERS = {b"\0\1IM": "<", b"\1\0MI": ">"}  # version and byte order
@@ -45,6 +47,7 @@ class MatParser:
 
     def __init__(self, file: BinaryIO) -> None:
         self._file, end = file, file.seek(0, os.SEEK_END)
+        self._largest = largest_expansion(end)
         file.seek(0)
         self._order = ORDERS.get(file.read(HEAD)[-4:], "")
         if not self._order:
@@ -117,6 +120,8 @@ class MatParser:
             raise ValueError(f"it holds data of the unknown type {kind}")
         packed = zlib.decompressobj()
         _, size = self._tag(packed.decompress(self._file.read(min(size, 2 * limit)), 8))
+        if min(size, limit) > self._largest:
+            raise ValueError(f"a variable would expand to {size / 1e9:,.3g} GB in memory")
         body = packed.decompress(packed.unconsumed_tail, min(size, limit) + 1)  # one more, to see the end
         if size <= limit and (len(body) != size or not packed.eof):
             raise ValueError("a variable is cut off")

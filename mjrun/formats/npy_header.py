@@ -1,12 +1,21 @@
-"""The header of NumPy's .npy, read without unpickling anything."""
+"""NumPy's .npy, read without unpickling anything: the header of an array, and arrays in an archive by their names."""
 
-from typing import IO
+import io
+import math
+import zipfile
+from collections.abc import Collection
+from pathlib import Path
+from typing import IO, BinaryIO
 
 import numpy as np
+
+from mjrun.expansion import require_expandable
 
 NUMERIC = "biuf"  # the kinds of types that hold numbers: booleans, integers, floats
 _CONTENTS = {"U": "text", "S": "text", "O": "objects", "c": "complex values"}
 _HEADERS = {(1, 0): np.lib.format.read_array_header_1_0, (2, 0): np.lib.format.read_array_header_2_0}
+_LENGTHS = {(1, 0): 2, (2, 0): 4}  # bytes that hold the length of a header
+_LONGEST = 2**16  # bytes of a header that are read; NumPy would first read as many as the file says, up to 4 GiB
 
 
 def read_header(file: IO[bytes]) -> tuple[tuple[int, ...], bool, np.dtype]:
@@ -18,7 +27,33 @@ def read_header(file: IO[bytes]) -> tuple[tuple[int, ...], bool, np.dtype]:
     version = np.lib.format.read_magic(file)
     if version not in _HEADERS:
         raise ValueError(f"an array is of the unknown version {version}")
-    return _HEADERS[version](file)
+    length = file.read(_LENGTHS[version])
+    header = file.read(min(int.from_bytes(length, "little"), _LONGEST))
+    return _HEADERS[version](io.BytesIO(length + header))
+
+
+def read_arrays(path: Path, file: BinaryIO, names: Collection[str]) -> dict[str, np.ndarray]:
+    """The arrays of numbers with these names in the archive `file`, as far as it has them.
+
+    Args:
+      path: of the archive, for messages.
+
+    Raises:
+      FileError: together they would fill the memory.
+      ValueError: one holds no numbers, or is damaged.
+    """
+    arrays = dict[str, np.ndarray]()
+    with zipfile.ZipFile(file) as archive:
+        members = {name: archive.NameToInfo[f"{name}.npy"] for name in names if f"{name}.npy" in archive.NameToInfo}
+        require_expandable(path, sum(info.file_size for info in members.values()))
+        for name, info in members.items():
+            with archive.open(info) as member:
+                shape, by_column, dtype = read_header(member)
+                if dtype.kind not in NUMERIC:
+                    raise ValueError(f"{name!r} holds {content_name(dtype)}, not numbers")
+                values = np.frombuffer(member.read(math.prod(shape) * dtype.itemsize), dtype)
+            arrays[name] = values.reshape(shape, order="F" if by_column else "C")
+    return arrays
 
 
 def content_name(dtype: np.dtype) -> str:

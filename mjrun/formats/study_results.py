@@ -1,7 +1,7 @@
 """Reads the results of a study: a row for each point, with numbers and texts."""
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from mjrun.errors import FileError, clean
+from mjrun.expansion import require_expandable
+from mjrun.formats.arrow_columns import row_group_sizes
 from mjrun.formats.input_file import decoding
 
 if TYPE_CHECKING:
@@ -72,10 +74,15 @@ def read_study(folder: str | Path) -> StudyResults:
         collect = f"mjrun sweep {clean(str(folder))} --collect"
         unfinished = f"the study is not finished: `{collect}` makes a table of what there is"
         raise FileError(folder, f"has no {RESULTS}", unfinished if is_begun else _HINT)
-    import pyarrow.parquet
+    from pyarrow import parquet
 
     with decoding(path, "cannot be read as results of a study"), path.open("rb") as stream:
-        table = pyarrow.parquet.read_table(stream)
+        schema = parquet.read_schema(stream)
+        text_columns = [field.name for field in schema if _is_text(field.type)]
+        results = parquet.ParquetFile(stream, read_dictionary=text_columns)  # equal texts are in memory once
+        numbers = 8 * results.metadata.num_rows * len(schema)  # bytes
+        require_expandable(path, numbers + sum(row_group_sizes(results.metadata, schema.names)))
+        table = results.read()
     manifest = json.loads((table.schema.metadata or {}).get(b"mjrun", b"{}"))
     names = table.column_names
     if STATUS not in names or names[:1] != [FIRST] or not isinstance(manifest.get("metrics"), dict):
@@ -88,10 +95,17 @@ def read_study(folder: str | Path) -> StudyResults:
     numbers, texts = dict[str, np.ndarray](), dict[str, Sequence[str]]()
     for name, column in zip(names, table.columns, strict=True):
         if _is_text(column.type):
-            texts[name] = [text or "" for text in column.to_pylist()]
+            texts[name] = [text for chunk in column.chunks for text in _texts(chunk)]
         else:
             numbers[name] = column.to_numpy().astype(float)
     return StudyResults(folder, parameters, metrics, numbers, texts, manifest["metrics"])
+
+
+def _texts(column: "pyarrow.DictionaryArray") -> Iterator[str]:
+    """The texts of a column, of which equal ones are in memory once."""
+    words = [word or "" for word in column.dictionary.to_pylist()]
+    for index in column.indices.to_pylist():
+        yield "" if index is None else words[index]
 
 
 def _is_text(kind: "pyarrow.DataType") -> bool:

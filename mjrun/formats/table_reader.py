@@ -17,6 +17,7 @@ from types import TracebackType
 from typing import TYPE_CHECKING, Any, BinaryIO, Literal, Self
 
 from mjrun.errors import FileError, UnknownNameError, UsageError
+from mjrun.expansion import require_expandable
 from mjrun.formats.input_file import require_file
 from mjrun.formats.table import Table
 from mjrun.formats.table_format import ColumnFilter, TableFormat
@@ -181,8 +182,11 @@ def read_table(
 
     with open_table(path, columns, missing=missing) as table:
         try:
-            parts = {name: [np.empty(0)] for name in table.names}
+            parts, size = {name: [np.empty(0)] for name in table.names}, 0
             for block in table.blocks():
+                size += block.nbytes
+                if table.path != STDIN_LABEL:
+                    require_expandable(table.path, size)
                 for name, column in zip(table.names, block.T, strict=True):
                     parts[name].append(column.copy())
             return Table({name: np.concatenate(parts.pop(name)) for name in table.names}, table.units)

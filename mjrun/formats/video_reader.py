@@ -13,9 +13,9 @@ import numpy as np
 from PIL import ImageSequence
 
 from mjrun.errors import FileError, UsageError, clean
+from mjrun.expansion import require_expandable
 from mjrun.formats import codecs, ffmpeg
 from mjrun.formats.column_checks import unreadable
-from mjrun.formats.expansion import require_expandable
 from mjrun.formats.image_reader import open_image
 from mjrun.formats.input_file import decoding, require_file
 

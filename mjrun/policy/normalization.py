@@ -9,6 +9,7 @@ import numpy as np
 
 from mjrun.errors import FileError, UsageError, clean, counted, option
 from mjrun.formats.input_file import decoding, opened
+from mjrun.formats.npy_header import read_arrays
 from mjrun.policy import inert_pickle
 from mjrun.policy.inert_pickle import Inert, read_inert
 from mjrun.policy.policy import ActionSpace, Actor, Policy
@@ -94,8 +95,7 @@ def read_statistics(path: Path) -> Statistics | None:
 
 def _archive(path: Path) -> dict[str, object]:
     with opened(path, "file of statistics", SUFFIXES) as file, decoding(path, "cannot be read as .npz"):
-        archive = np.load(file, allow_pickle=False)
-        return {"epsilon": EPSILON, "clip": math.inf, **{name: archive[name] for name in STATISTICS if name in archive}}
+        return {"epsilon": EPSILON, "clip": math.inf, **read_arrays(path, file, STATISTICS)}
 
 
 def _vec_normalize(path: Path) -> dict[str, object] | None:

@@ -2,6 +2,7 @@
 
 import pickle
 import sys
+import tracemalloc
 import types
 from pathlib import Path
 
@@ -90,7 +91,7 @@ def test_sizes_that_do_not_fit_show_both_sides(tmp_path: Path) -> None:
         ({"mean": MEAN, "var": -VAR}, "var from 0 on"),
         ({"mean": [np.nan, 0], "var": VAR}, "finite"),
         ({"mean": np.ones((2, 2)), "var": np.ones((2, 2))}, "two lists"),
-        ({"mean": ["a", "b"], "var": VAR}, "holds no statistics"),
+        ({"mean": ["a", "b"], "var": VAR}, "'mean' holds text, not numbers"),
         ({"mean": MEAN, "var": VAR, "clip": 0}, "two lists"),
     ],
 )
@@ -113,3 +114,22 @@ def test_files_of_other_kinds_are_refused(tmp_path: Path, monkeypatch: pytest.Mo
         read_statistics(tmp_path / "a.pkl")
     with pytest.raises(FileError, match="several observations by name"):
         read_statistics(vec_normalize(tmp_path / "a.pkl", monkeypatch, obs_rms={"a": 1}))
+
+
+def test_only_the_statistics_of_an_archive_are_read_and_only_if_they_are_in_proportion(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("mjrun.expansion.FREE", 2**20)
+    large = np.zeros(2**20)
+    np.savez_compressed(tmp_path / "a.npz", mean=MEAN, var=VAR, other=large)
+    statistics = read_statistics(tmp_path / "a.npz")
+    assert statistics is not None
+    assert statistics.mean.tolist() == MEAN.tolist()
+    np.savez_compressed(tmp_path / "b.npz", mean=large, var=large)
+    tracemalloc.start()
+    try:
+        with pytest.raises(FileError, match=r"b\.npz: would expand to 0\.0168 GB in memory, 1,0\d\d times its size"):
+            read_statistics(tmp_path / "b.npz")
+        assert tracemalloc.get_traced_memory()[1] < large.nbytes / 4
+    finally:
+        tracemalloc.stop()

@@ -56,12 +56,16 @@ def read(path: Path, file: BinaryIO, wanted: ColumnFilter, gaps: bool) -> TableC
     """The columns that the filter accepts."""
     from pyarrow import ipc
 
+    from mjrun.expansion import require_expandable
     from mjrun.formats.arrow_columns import MANIFEST, blocks, select_numbers, units
+    from mjrun.formats.arrow_sizes import batch_sizes
     from mjrun.formats.column_checks import unreadable
     from mjrun.formats.input_file import decoded, decoding
     from mjrun.formats.manifest import parse_manifest
 
     with decoding(path, unreadable(path)):
+        require_expandable(path, max(batch_sizes(file)))  # dictionaries, or a batch, are whole in memory
+        file.seek(0)
         schema = ipc.open_file(file).schema
     indices = select_numbers(path, schema, wanted)
     batches = _batches(file, list(indices.values()))

@@ -15,6 +15,7 @@ Columns are written whole, so rows wait in an unnamed file beside the table unti
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Iterator, Sequence
 from itertools import groupby
 from pathlib import Path
@@ -112,6 +113,7 @@ def read(path: Path, file: BinaryIO, wanted: ColumnFilter, gaps: bool) -> TableC
     """The columns that the filter accepts."""
     import h5py
 
+    from mjrun.expansion import require_expandable
     from mjrun.formats.column_checks import (
         column_names,
         require_equal_lengths,
@@ -137,6 +139,8 @@ def read(path: Path, file: BinaryIO, wanted: ColumnFilter, gaps: bool) -> TableC
         units = {column: _text(dataset, "unit") for column, dataset, _ in chosen}
         for column, dataset, _ in chosen:
             _require_numbers(path, column, dataset)
+            if dataset.chunks:  # whole in memory, though one row of it is asked for
+                require_expandable(path, math.prod(dataset.chunks) * dataset.dtype.itemsize)
     require_equal_lengths(path, {column: len(dataset) for column, dataset, _ in chosen})
     require_plausible_size(path, len(chosen[0][1]) if chosen else 0, len(chosen))
     blocks = decoded(path, unreadable(path), _blocks([(dataset, part) for _, dataset, part in chosen]))
@@ -196,7 +200,8 @@ def _blocks(columns: Sequence[tuple[h5py.Dataset, int]]) -> Iterator[np.ndarray]
     import numpy as np
 
     rows = len(columns[0][0]) if columns else 0
-    size = max(1, PIECE // max(1, len(columns)))
+    widths = {dataset: math.prod((dataset.shape or ())[1:]) for dataset, _ in columns}
+    size = max(1, PIECE // max(1, sum(widths.values())))
     for start in range(0, rows, size):
         block = np.empty((len(columns), min(size, rows - start)))
         for dataset, group in groupby(enumerate(columns), key=lambda column: column[1][0]):

@@ -99,6 +99,7 @@ def read(path: Path, file: BinaryIO, wanted: ColumnFilter, gaps: bool) -> TableC
     """The columns that the filter accepts. A variable is whole in memory, as it may be compressed."""
     import numpy as np
 
+    from mjrun.expansion import require_expandable
     from mjrun.formats.column_checks import require_equal_lengths, select, unreadable
     from mjrun.formats.input_file import decoding
     from mjrun.formats.manifest import parse_manifest
@@ -111,6 +112,10 @@ def read(path: Path, file: BinaryIO, wanted: ColumnFilter, gaps: bool) -> TableC
             (column, index, part) for name, index in variables for part, column in enumerate(_names(mat, name, index))
         ]
     chosen = [columns[at] for at in select(path, [column for column, _, _ in columns], wanted).values()]
+
+    with decoding(path, unreadable(path)):
+        shapes = [mat.header(index).shape for index in {index: None for _, index, _ in chosen}]
+        require_expandable(path, 8 * sum(map(math.prod, shapes)))
 
     def blocks() -> Iterator[np.ndarray]:
         values: dict[str, np.ndarray] = {}

@@ -116,9 +116,11 @@ class _Member:
     Attributes:
       parts: the columns of it that are read, by name.
       rows: of each.
+      width: the number of columns in the array, whether they are read or not.
     """
 
     def __init__(self, path: Path, parts: dict[str, int], file: IO[bytes]) -> None:
+        from mjrun.expansion import require_expandable
         from mjrun.formats import npy_header
         from mjrun.formats.column_checks import column_names, shown
 
@@ -131,16 +133,17 @@ class _Member:
         if min(shape) < 0:
             raise ValueError("an array has less than no rows")
         self.parts, self.rows, self._file = parts, shape[0], file
-        self._width = shape[1] if len(shape) == 2 else 1
+        self.width = shape[1] if len(shape) == 2 else 1
         self._columns: np.ndarray | None = None
-        if fortran and self._width > 1:  # column after column: all of it, to have rows
-            self._columns = self._values(self.rows * self._width).reshape(self._width, self.rows).T
+        if fortran and self.width > 1:  # column after column: all of it, to have rows
+            require_expandable(path, self.rows * self.width * self._dtype.itemsize)
+            self._columns = self._values(self.rows * self.width).reshape(self.width, self.rows).T
         self._row = 0
 
     def read(self, count: int) -> np.ndarray:
         """The next rows of its columns, `(count, columns)`."""
         if self._columns is None:
-            rows = self._values(count * self._width).reshape(count, self._width)
+            rows = self._values(count * self.width).reshape(count, self.width)
         else:
             rows = self._columns[self._row : self._row + count]
         self._row += count
@@ -163,7 +166,7 @@ def _blocks(members: Sequence[_Member]) -> Iterator[np.ndarray]:
 
     rows = members[0].rows if members else 0
     width = sum(len(member.parts) for member in members)
-    size = max(1, PIECE // max(1, width))
+    size = max(1, PIECE // max(1, sum(member.width for member in members)))
     for start in range(0, rows, size):
         count = min(size, rows - start)
         block = np.empty((width, count))

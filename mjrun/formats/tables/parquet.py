@@ -67,7 +67,8 @@ def read(path: Path, file: BinaryIO, wanted: ColumnFilter, gaps: bool) -> TableC
     """The columns that the filter accepts."""
     import pyarrow.parquet
 
-    from mjrun.formats.arrow_columns import MANIFEST, block_rows, blocks, select_numbers, units
+    from mjrun.expansion import require_expandable
+    from mjrun.formats.arrow_columns import MANIFEST, block_rows, blocks, row_group_sizes, select_numbers, units
     from mjrun.formats.column_checks import require_plausible_size, unreadable
     from mjrun.formats.input_file import decoded, decoding
     from mjrun.formats.manifest import parse_manifest
@@ -78,6 +79,9 @@ def read(path: Path, file: BinaryIO, wanted: ColumnFilter, gaps: bool) -> TableC
     indices = select_numbers(path, schema, wanted)
     names = list(indices)
     require_plausible_size(path, parquet.metadata.num_rows, len(names))
+    with decoding(path, unreadable(path)):
+        # A page is whole in memory, and may be all of a column in a row group.
+        require_expandable(path, max(row_group_sizes(parquet.metadata, set(names)), default=0))
     batches = parquet.iter_batches(block_rows(len(names)), columns=names)
     ordered = (batch.select(names) for batch in batches)
     rows = decoded(path, unreadable(path), blocks(path, names, ordered, gaps))

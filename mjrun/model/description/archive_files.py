@@ -37,6 +37,15 @@ def file_content(path: str) -> bytes | None:
         return None
 
 
+def unpacked_size(path: Path) -> int:
+    """The bytes of all files in the archive `path`, according to it; 0 of what is none, or damaged."""
+    try:
+        with zipfile.ZipFile(path) as opened:
+            return sum(info.file_size for info in opened.infolist())
+    except (OSError, ValueError, zipfile.BadZipFile):
+        return 0
+
+
 def main_mjcf(path: Path) -> str | None:
     """The MJCF that MuJoCo reads first: `path` itself, or the one in an archive; None of a compiled model."""
     if path.suffix not in ARCHIVES:

@@ -12,6 +12,7 @@ import numpy as np
 from mjrun.activity import doing
 from mjrun.confinement.confinement import OUTSIDE, advice, confined_load, confinement, is_readable
 from mjrun.errors import BrokenModelError, CompiledOverrideError, ModelNotFoundError, clean, option
+from mjrun.expansion import HINT, excess
 from mjrun.model.compilation import FAULTS, broken_model, check_model, compile_model
 from mjrun.model.description import archive_files
 from mjrun.model.description.referenced_files import referenced_files
@@ -89,6 +90,9 @@ class FileSource(Source):
             raise ModelNotFoundError(
                 path, f"is not a model file; model files end in {', '.join(MODELS)}{lower or task}"
             )
+
+        if path.suffix in archive_files.ARCHIVES and (fault := excess(path, archive_files.unpacked_size(path))):
+            raise BrokenModelError(path, fault, hint=HINT)
 
     def _load_compiled(self) -> mujoco.MjModel:
         if confinement():

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from mjrun.model.description import archive_files
-from mjrun.model.description.archive_files import file_content, file_size, main_mjcf
+from mjrun.model.description.archive_files import file_content, file_size, main_mjcf, unpacked_size
 
 
 def archive(path: Path, *names: str) -> Path:
@@ -66,3 +66,9 @@ def test_mjcf_is_its_own_main_file_and_nothing_else_has_one(tmp_path: Path) -> N
 def test_a_pipe_is_no_archive_and_is_not_waited_for(tmp_path: Path) -> None:
     os.mkfifo(tmp_path / "a.zip")
     assert main_mjcf(tmp_path / "a.zip") is None
+
+
+def test_the_size_of_an_archive_is_that_of_its_files(tmp_path: Path) -> None:
+    assert unpacked_size(archive(tmp_path / "a.zip", "model.xml", "arm.obj")) == 2 * len("model.xml" + "arm.obj")
+    (tmp_path / "b.zip").write_bytes(b"no archive")
+    assert unpacked_size(tmp_path / "b.zip") == unpacked_size(tmp_path / "c.zip") == 0

@@ -215,3 +215,17 @@ def test_a_damaged_compiled_model_that_mujoco_would_crash_on_is_refused(tmp_path
     mujoco.mj_saveModel(model, str(tmp_path / "a.mjb"))
     with pytest.raises(BrokenModelError, match="body_treeid names trees that are not there"):
         load(tmp_path / "a.mjb")
+
+
+@pytest.mark.parametrize("suffix", [".zip", ".mjz"])
+def test_an_archive_that_would_fill_the_memory_is_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, suffix: str
+) -> None:
+    path = tmp_path / f"a{suffix}"
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as target:
+        target.writestr("model.xml", MODEL)
+        target.writestr("large.obj", bytes(2**23))
+    assert FileSource(path).load().nbody > 0
+    monkeypatch.setattr("mjrun.expansion.FREE", 2**20)
+    with pytest.raises(BrokenModelError, match=r"would expand to 0\.00839 GB in memory, \d{3} times its size"):
+        FileSource(path).load()

@@ -1,0 +1,32 @@
+"""How far compressed files may expand: a small one that fills the memory is refused before it is decoded."""
+
+from pathlib import Path
+
+from mjrun.errors import FileError
+
+FREE = 2**30  # bytes that any file may expand to
+RATIO = 100  # bytes in memory for each byte of a larger file; deflate makes a thousand of one
+HINT = "if you trust it, write it again without compression"
+
+
+def largest_expansion(size: int) -> int:
+    """Returns the number of bytes that the content of a file of `size` bytes may take in memory."""
+    return max(FREE, RATIO * size)
+
+
+def excess(path: Path, size: int) -> str:
+    """Returns what is wrong with a file that takes `size` bytes in memory; empty if nothing is."""
+    own = path.stat().st_size
+    if size <= largest_expansion(own):
+        return ""
+    return f"would expand to {size / 1e9:,.3g} GB in memory, {size / max(1, own):,.0f} times its size"
+
+
+def require_expandable(path: Path, size: int) -> None:
+    """Checks that a file which takes `size` bytes in memory does not fill it out of proportion to its own size.
+
+    Raises:
+      FileError: it does.
+    """
+    if fault := excess(path, size):
+        raise FileError(path, fault, HINT)
