@@ -11,6 +11,7 @@ from mjrun.evaluation.episode import Episode, EpisodeSpec
 from mjrun.job.episode import UNLIMITED
 from mjrun.model.source import Source
 from mjrun.model.sources.gym import GymSource
+from mjrun.model.variants import BYTES
 from mjrun.policy.agreement import check_agreement
 from mjrun.policy.load import load_policy
 from mjrun.policy.policy import ActionSpace, Actor, Policy
@@ -21,7 +22,7 @@ from mjrun.task.terms import TIMED_OUT
 from mjrun.task.worlds import TaskWorlds
 
 TERMINATED = "terminated"  # which is all that environments of others say
-SIDE_BY_SIDE = 32  # worlds, at most: more only take memory
+SIDE_BY_SIDE = 32  # worlds, at most, unless fewer take `BYTES` of memory
 
 
 class EpisodePlayer(ABC):
@@ -108,12 +109,13 @@ class TaskPlayer(EpisodePlayer):
             check_agreement(task, policy)
             self._worlds = TaskWorlds(task, 1, threads=1)
         self._actions = ActionSpace(self._worlds.action_names, self._worlds.actions.low, self._worlds.actions.high)
+        self._fitting = max(1, BYTES // max(1, self._worlds.world_bytes))
         self.rewards = self._worlds.reward_names
         self.endings = list(dict.fromkeys(ending.name for ending in self._worlds.endings))
         self.can_succeed = any(ending.kind == "success" for ending in self._worlds.endings)
 
     def play(self, seeds: Sequence[int]) -> list[Episode]:
-        count = min(len(seeds), SIDE_BY_SIDE)
+        count = min(len(seeds), SIDE_BY_SIDE, self._fitting)
         if self._worlds.count < count:
             self._worlds = TaskWorlds(self._task, count, threads=1)
         with self._task.located():

@@ -28,20 +28,34 @@ COPIED = {f"geom.{name}": f"geom_{name}" for name in ("friction", "solref", "sol
 COPIED |= {f"actuator.{name}": f"actuator_{name}" for name in ("gainprm", "biasprm")}
 COPIED |= {f"opt.{name}": f"opt.{name}" for name in OPTIONS}
 REMEMBERED = 8  # compilations
+BYTES = 2**27  # memory for models: of remembered compilations, and of simulations side by side
+SPEC_SIZE = 3  # a specification with its processed meshes takes up to 2.4 times the memory of its model, as measured
 
 AFFINE = (int(mujoco.mjtBias.mjBIAS_NONE), int(mujoco.mjtBias.mjBIAS_AFFINE))
 
 
 @dataclass(frozen=True, eq=False)
 class ModelVariant:
-    """A model, and the compiled one that it differs from in nothing but copied numbers; they may be the same."""
+    """A model, and the compilation that it differs from in nothing but copied numbers.
+
+    Attributes:
+      copied: arrays of the model that have other numbers.
+    """
 
     model: mujoco.MjModel
-    compiled: mujoco.MjModel
+    compilation: "Compilation"
+    copied: frozenset[str] = frozenset()
+
+    @property
+    def compiled(self) -> mujoco.MjModel:
+        """The compiled model, which may be `model` itself."""
+        return self.compilation.model
 
 
 class ModelVariants:
-    """Loads sources as `Source.load` does, and remembers what they have in common.
+    """Loads sources as `Source.load` does, and remembers what they have in common, within `BYTES` of memory.
+
+    The latest compilation is remembered whatever its size.
 
     Args:
       prepare: changes each model after its compilation.
@@ -49,7 +63,7 @@ class ModelVariants:
 
     def __init__(self, prepare: Callable[[mujoco.MjModel], None] | None = None) -> None:
         self._prepare = prepare
-        self._compilations = OrderedDict[Source, _Compilation]()
+        self._compilations = OrderedDict[Source, Compilation]()
 
     def load(self, source: Source) -> ModelVariant:
         """The model of `source`; not to be changed: others may have the same.
@@ -66,35 +80,42 @@ class ModelVariants:
             shared = self._compilation(replace(source, overrides=rest))
             if variant := shared.with_values(to_copy):
                 return variant
-        model = self._compilation(source).model
-        return ModelVariant(model, model)
+        compilation = self._compilation(source)
+        return ModelVariant(compilation.model, compilation)
 
     def reuse(self, variant: ModelVariant) -> None:
         """Takes a variant that nobody looks at any more: a later one of the same compilation may be written over it."""
-        if isinstance(variant, _CopiedModel):
-            variant.home.unused.append(variant)
+        home = variant.compilation
+        is_copy = variant.model is not home.model
+        if is_copy and home.spec and self._bytes + home.size <= BYTES:
+            home.unused.append(_UnusedCopy(variant.model, variant.copied))
 
-    def _compilation(self, source: Source) -> "_Compilation":
+    @property
+    def _bytes(self) -> int:
+        return sum(compilation.bytes for compilation in self._compilations.values())
+
+    def _compilation(self, source: Source) -> "Compilation":
         compilation = self._compilations.pop(source, None) or self._compile(source)
         self._compilations[source] = compilation
-        if len(self._compilations) > REMEMBERED:
-            self._compilations.popitem(last=False)
+        while len(self._compilations) > 1 and (len(self._compilations) > REMEMBERED or self._bytes > BYTES):
+            _, oldest = self._compilations.popitem(last=False)
+            oldest.forget_source()  # its model may still be simulated
         return compilation
 
-    def _compile(self, source: Source) -> "_Compilation":
+    def _compile(self, source: Source) -> "Compilation":
         spec, model = source.compile()
         if self._prepare:
             model = copy.copy(model) if spec is None else model  # which may be the user's own
             self._prepare(model)
-        return _Compilation(spec, model)
+        return Compilation(spec, model)
 
 
-@dataclass(frozen=True, eq=False)
-class _CopiedModel(ModelVariant):
-    """A copy of a compiled model, in which some arrays have other numbers."""
+@dataclass(frozen=True)
+class _UnusedCopy:
+    """A copy of a compiled model in which some arrays have other numbers, to be written over."""
 
-    home: "_Compilation"
-    arrays: frozenset[str]
+    model: mujoco.MjModel
+    copied: frozenset[str]
 
 
 @dataclass(frozen=True)
@@ -105,14 +126,33 @@ class _Place:
     rows: list[int]
 
 
-class _Compilation:
-    """A specification, and the model compiled from it; without the former, only compiled models are shared."""
+class Compilation:
+    """A specification, and the model compiled from it; without the former, only compiled models are shared.
+
+    It is part of no reference cycle: Python's garbage collector, which counts objects, would let hundreds of models
+    pile up before it frees the first.
+
+    Attributes:
+      size: of the model [bytes].
+      unused: copies of the model.
+    """
 
     def __init__(self, spec: mujoco.MjSpec | None, model: mujoco.MjModel) -> None:
         self.spec, self.model = spec, model
-        self.unused: list[_CopiedModel] = []
+        self.size = mujoco.mj_sizeModel(model)
+        self.unused: list[_UnusedCopy] = []
         self._places: dict[str, _Place | None] = {}
         self._source_values: dict[str, np.ndarray] = {}
+
+    @property
+    def bytes(self) -> int:
+        """About how much memory it takes."""
+        return self.size * (1 + len(self.unused) + (SPEC_SIZE if self.spec else 0))
+
+    def forget_source(self) -> None:
+        """Keeps the model alone."""
+        self.spec = None
+        self.unused.clear()
 
     def with_values(self, overrides: Sequence[Override]) -> ModelVariant | None:
         """The model with overrides of what may be copied; None if the compiler has to see them."""
@@ -133,13 +173,13 @@ class _Compilation:
 
         unused = self.unused.pop() if self.unused else None
         model = unused.model if unused else copy.copy(self.model)
-        for array in unused.arrays - changed.keys() if unused else ():
+        for array in unused.copied - changed.keys() if unused else ():
             _write(model, array, _read(self.model, array))
         for array, values in changed.items():
             merged = _read(self.model, array)
             merged[rows[array]] = values[rows[array]]
             _write(model, array, merged)
-        return _CopiedModel(model, self.model, self, frozenset(changed))
+        return ModelVariant(model, self, frozenset(changed))
 
     def _place(self, override: Override) -> _Place | None:
         """Where an override goes, if nothing else in this model follows from it."""

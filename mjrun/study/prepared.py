@@ -24,12 +24,11 @@ from mjrun.study.isolation import Chunk
 from mjrun.study.parameters import MODEL, require_values
 from mjrun.study.parts import PartFiles, point_keys, study_identity
 from mjrun.study.results import STATUSES, TABLE_COLUMNS, with_flags
-from mjrun.study.simulate import PointResult, StudyPoint, StudySpec
+from mjrun.study.simulate import WORLD_BYTES, PointResult, StudyPoint, StudySpec
 
 CHUNK_STEPS = 50_000  # steps in a chunk: seconds, as a rule
 CHUNK_POINTS = 500  # and so many points at most
 CHUNK_WORLDS = 4096  # points in a chunk of worlds, which a GPU steps at once
-CHUNK_BYTES = 2**31  # of their models
 FINAL = ("ok", "unstable")  # which another try would not change
 NOT_YET = "it is not simulated yet"
 
@@ -110,7 +109,7 @@ class PreparedStudy:
     def chunk_size(self, count: int) -> int:
         """How many of `count` points make a chunk."""
         if self.spec.engine == "warp":
-            return max(1, min(CHUNK_WORLDS, CHUNK_BYTES // mujoco.mj_sizeModel(self.model), count))
+            return max(1, min(CHUNK_WORLDS, WORLD_BYTES // mujoco.mj_sizeModel(self.model), count))
         first = self.first
         steps = max(1, first.timeline(first.load()).steps)
         return max(1, min(CHUNK_STEPS // steps, CHUNK_POINTS, -(-count // 8)))

@@ -6,10 +6,10 @@ alone.
 
 import math
 import time
-from collections import OrderedDict
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
+from weakref import WeakKeyDictionary
 
 import mujoco
 import numpy as np
@@ -20,7 +20,7 @@ from mjrun.job.simulation import Simulation
 from mjrun.job.trace_rows import ProbeSampler, RowBuffer
 from mjrun.model import state
 from mjrun.model.mujoco_globals import collected_warnings, without_timers
-from mjrun.model.variants import ModelVariant, ModelVariants
+from mjrun.model.variants import BYTES, Compilation, ModelVariant, ModelVariants
 from mjrun.probe.available import AvailableProbes
 from mjrun.probe.episode import EpisodeColumns
 from mjrun.probe.fields import FieldProbe
@@ -38,11 +38,11 @@ from mjrun.timeline import Timeline
 Status = Literal["ok", "unstable", "failed", "timeout", "crashed", "missing"]
 
 WORLDS = 8192  # the same of Warp
+WORLD_BYTES = 2**31  # of their models
 NOT_IN_WARP = (
     f"{option('engine')} warp: policies, controllers, replays, tables of controls, noise, pushes and sleep are not for "
     f"it, nor are metrics that no recorded field holds\n{option('engine')} local simulates them"
 )
-REMEMBERED = 8  # compiled models
 ENOUGH = 512  # rows that are worth measuring at once
 SIDE_BY_SIDE = 64  # simulations of a batch, at most: more only take memory
 BUG = 70
@@ -114,20 +114,23 @@ class PointSimulator:
     def __init__(self, spec: StudySpec) -> None:
         self._spec = spec
         self._variants = ModelVariants(self._prepare)
-        self._compiled = OrderedDict[int, _CompiledModel]()  # by the id of the model that it holds
+        self._compiled = WeakKeyDictionary[Compilation, _CompiledModel]()
         self._metrics = dict[object, list[Metric]]()
         self._engine: Engine
         self._world_fields: WarpFields | None = None
         if spec.engine == "c":
-            self._engine, self._most = CEngine(threads=1), SIDE_BY_SIDE
+            self._engine = CEngine(threads=1)
+            self._most, self._most_bytes = SIDE_BY_SIDE, BYTES
         else:
             device = WarpDevice()
-            self._engine, self._most = WarpEngine(device), WORLDS
+            self._engine = WarpEngine(device)
+            self._most, self._most_bytes = WORLDS, WORLD_BYTES
             self._world_fields = WarpFields(device)
 
     def run(self, points: Sequence[StudyPoint]) -> Iterator[PointResult]:
         """The result of each point, not in their order, each as soon as it is known."""
         batches: dict[object, list[_Prepared]] = {}
+        sizes: dict[int, int] = {}  # of their models, by id
         with collected_warnings(), without_timers():
             for point in points:
                 start = time.perf_counter()
@@ -141,9 +144,11 @@ class PointSimulator:
                     self._variants.reuse(prepared.variant)
                     continue
                 batches.setdefault(prepared.kind, []).append(prepared)
-                if sum(map(len, batches.values())) == self._most:  # all of them are models in memory
+                sizes |= _model_sizes([prepared])
+                if sum(map(len, batches.values())) == self._most or sum(sizes.values()) > self._most_bytes:
                     largest = max(batches, key=lambda kind: len(batches[kind]))
                     yield from self._side_by_side(batches.pop(largest))
+                    sizes = _model_sizes([prepared for batch in batches.values() for prepared in batch])
             for batch in batches.values():
                 yield from self._side_by_side(batch)
 
@@ -152,7 +157,7 @@ class PointSimulator:
         if simulation.episode is not None:
             return self._acting(point, simulation, simulation.episode)
         variant = self._variants.load(simulation.source)
-        compiled = self._compiled.get(id(variant.compiled)) or self._found_out(variant.compiled)
+        compiled = self._compiled.get(variant.compilation) or self._found_out(variant.compilation)
         timeline = simulation.timeline(variant.model)
         prepared = _Prepared(point, simulation, variant, timeline, compiled.sampler(timeline), compiled)
         if self._world_fields:
@@ -175,7 +180,14 @@ class PointSimulator:
         model = episode.model()
         timeline, key = simulation.timeline(model), (*structure(model), *episode.columns.names)
         compiled = _CompiledModel(model, key, self._metrics_of(model, key, episode.columns), episode.columns)
-        return _Prepared(point, simulation, ModelVariant(model, model), timeline, compiled.sampler(timeline), compiled)
+        return _Prepared(
+            point,
+            simulation,
+            ModelVariant(model, Compilation(None, model)),
+            timeline,
+            compiled.sampler(timeline),
+            compiled,
+        )
 
     def _prepare(self, model: mujoco.MjModel) -> None:
         """Sets the flags that simulations need, so that nobody has to copy the model for them."""
@@ -183,12 +195,11 @@ class PointSimulator:
         if any("energy" in text for _, text in self._spec.metrics):
             model.opt.enableflags |= ENERGY
 
-    def _found_out(self, model: mujoco.MjModel) -> "_CompiledModel":
-        """What is to be known of a compiled model, and remembered."""
+    def _found_out(self, compilation: Compilation) -> "_CompiledModel":
+        """What is to be known of a compiled model, and remembered as long as it is."""
+        model = compilation.model
         key = structure(model)
-        compiled = self._compiled[id(model)] = _CompiledModel(model, key, self._metrics_of(model, key))
-        if len(self._compiled) > REMEMBERED:
-            self._compiled.popitem(last=False)
+        compiled = self._compiled[compilation] = _CompiledModel(model, key, self._metrics_of(model, key))
         return compiled
 
     def _metrics_of(
@@ -347,6 +358,12 @@ class _Prepared:
             return False
         model = self.sampler.model
         return not model.opt.enableflags & SLEEP and all(isinstance(p, FieldProbe) for p in self.sampler.probes)
+
+
+def _model_sizes(points: Sequence[_Prepared]) -> dict[int, int]:
+    """The memory of each model of these points [bytes], by its id."""
+    models = {id(model): model for point in points for model in (point.variant.model, point.variant.compiled)}
+    return {key: mujoco.mj_sizeModel(model) for key, model in models.items()}
 
 
 def out_of_memory(step: int, timeline: Timeline) -> SimulationError:

@@ -136,6 +136,13 @@ class TaskWorlds:
         """Which termination held in each world at its last reset, before anything was done; None where none did."""
         return tuple(None if code == RUNNING else self.endings[code] for code in self._start_codes.tolist())
 
+    @property
+    def world_bytes(self) -> int:
+        """About how much memory each world takes: its model, if it has one, and its MjData in a persistent batch."""
+        model = 0 if self._models.is_one else 2 * mujoco.mj_sizeModel(self._first)  # as compiled, and as varied
+        data = mujoco.MjData(self._first).nbuffer if self._is_persistent else 0
+        return model + data
+
     def model(self, world: int) -> mujoco.MjModel:
         """The model of a world's episode until the next one begins there; not to be changed."""
         if self._own is self._models:
@@ -278,8 +285,8 @@ class TaskWorlds:
         first = self._models.variant(0)
         self._first = first.model
         self._each = [first] * self.count
-        is_persistent = plan.is_whole or bool(model.opt.enableflags & SLEEP)
-        return Batch(self._first, self.count, threads if self.count > 1 else 1, is_persistent)
+        self._is_persistent = plan.is_whole or bool(model.opt.enableflags & SLEEP)
+        return Batch(self._first, self.count, threads if self.count > 1 else 1, self._is_persistent)
 
     def _model_of(self, world: int) -> mujoco.MjModel:
         return self._each[world].model

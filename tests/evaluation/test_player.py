@@ -9,11 +9,12 @@ import numpy as np
 import pytest
 
 from mjrun.errors import InvalidActionError, UsageError
+from mjrun.evaluation import player
 from mjrun.evaluation.episode import EpisodeSpec, PolicyChoice
 from mjrun.evaluation.player import player_of
 from mjrun.model.sources import parse_source
 from mjrun.task.task import Task
-from mjrun.task.terms import Termination
+from mjrun.task.terms import Reset, Termination
 from mjrun.task.worlds import TaskWorlds
 from tests.evaluation.tasks import cart_task, write_policies
 
@@ -77,11 +78,29 @@ def test_what_holds_at_the_start_ends_an_episode_after_its_first_period_if_it_st
 
 
 def test_company_changes_no_bit(tmp_path: Path) -> None:
-    player = player_of(spec(tmp_path))
-    together = player.play(SEEDS)
-    assert [episode for seed in SEEDS for episode in player.play([seed])] == together
-    assert player.play([7, 3, 5]) == [together[7], together[3], together[5]]
+    one = player_of(spec(tmp_path))
+    together = one.play(SEEDS)
+    assert [episode for seed in SEEDS for episode in one.play([seed])] == together
+    assert one.play([7, 3, 5]) == [together[7], together[3], together[5]]
     assert player_of(spec(tmp_path)).play(SEEDS[30:]) == together[30:]
+
+
+def test_models_of_worlds_take_no_more_memory_than_the_budget(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    varied = replace(
+        spec(tmp_path), task=replace(cart_task(tmp_path), reset=Reset(vary={"opt.density": "uniform(0, 9)"}))
+    )
+    expected = player_of(varied).play(SEEDS)
+    counts: list[int] = []
+    real = TaskWorlds.__init__
+
+    def counted(self: TaskWorlds, task: Task, count: int, threads: int = 0) -> None:
+        counts.append(count)
+        real(self, task, count, threads)
+
+    monkeypatch.setattr(TaskWorlds, "__init__", counted)
+    monkeypatch.setattr(player, "BYTES", 7 * mujoco.mj_sizeModel(varied.task.load()))
+    assert player_of(varied).play(SEEDS) == expected
+    assert counts == [1, 3]  # each with a compiled model and a copy
 
 
 def test_an_action_that_is_no_number_is_told_with_its_step_and_seed(tmp_path: Path) -> None:

@@ -1,6 +1,8 @@
 """A variant of a model is, byte for byte, the model that compiling the source with its overrides gives."""
 
+import gc
 from pathlib import Path
+from weakref import ReferenceType, ref
 
 import mujoco
 import pytest
@@ -11,7 +13,7 @@ from mjrun.errors import MjrunError, UnknownNameError
 from mjrun.model import variants
 from mjrun.model.override import Override
 from mjrun.model.sources import parse_source
-from mjrun.model.variants import ModelVariants
+from mjrun.model.variants import Compilation, ModelVariant, ModelVariants
 from tests.model.model_files import content
 
 MODEL = """<mujoco><option timestep="0.003"/><default><geom friction=".9 .01 .001"/></default>
@@ -75,18 +77,55 @@ def test_a_variant_is_the_compiled_model(
 def test_what_the_compiler_copies_is_compiled_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     compilations = []
 
-    class Counted(variants._Compilation):
+    class Counted(Compilation):
         def __init__(self, spec: mujoco.MjSpec | None, model: mujoco.MjModel) -> None:
             compilations.append(1)
             super().__init__(spec, model)
 
-    monkeypatch.setattr(variants, "_Compilation", Counted)
+    monkeypatch.setattr(variants, "Compilation", Counted)
     shared, path = ModelVariants(), source(tmp_path)
     for value in ("0.1", "0.2", "0.3"):
         for name in PATHS:
             shared.load(parse_source(path, [Override(name, value)]))
     # Once for all, and once a value for the gains of the actuator whose damping follows from them.
     assert len(compilations) == 1 + 3
+
+
+@pytest.mark.parametrize("budget", [2**40, 0])
+def test_forgotten_compilations_are_freed_at_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, budget: int) -> None:
+    monkeypatch.setattr(variants, "BYTES", budget)
+    shared, path = ModelVariants(), source(tmp_path)
+    compilations: list[ReferenceType[Compilation]] = []
+    gc.disable()  # it would run now and then, after many objects that take little memory
+    try:
+        for index in range(20):
+            overrides = [Override("geom/tip.margin", str(index)), Override("geom/floor.friction[0]", str(index + 1))]
+            variant = shared.load(parse_source(path, overrides))
+            compilations.append(ref(variant.compilation))
+            shared.reuse(variant)
+            del variant
+        alive = sum(each() is not None for each in compilations)
+    finally:
+        gc.enable()
+    assert alive == (variants.REMEMBERED if budget else 1)
+
+
+def test_what_is_remembered_fits_into_the_budget(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = tmp_path / "large.xml"
+    texture = '<asset><texture name="t" builtin="flat" type="2d" width="256" height="256"/></asset>'
+    path.write_text(MODEL.replace("EXTRA", "").replace("<worldbody>", f"{texture}<worldbody>"))
+    size = mujoco.mj_sizeModel(parse_source(str(path)).load())
+    monkeypatch.setattr(variants, "BYTES", 10 * size)
+    shared, loaded = ModelVariants(), list[ModelVariant]()
+    for index in range(12):
+        overrides = [Override("geom/tip.margin", str(index % 3)), Override("geom/floor.friction[0]", str(index + 1))]
+        loaded.append(shared.load(parse_source(str(path), overrides)))
+        if index % 3 == 2:
+            for variant in loaded:
+                shared.reuse(variant)
+            loaded.clear()
+        assert sum(each.bytes for each in shared._compilations.values()) <= 10 * size
+    assert len(shared._compilations) == 2
 
 
 def test_an_unknown_name_is_told_as_by_a_compilation(tmp_path: Path) -> None:

@@ -14,8 +14,10 @@ import pytest
 from mjrun.errors import UnstableError
 from mjrun.job.recording import Recording
 from mjrun.job.simulation import Simulation
+from mjrun.sim.c_engine import CEngine
 from mjrun.sim.engine import RolloutBlock
 from mjrun.sim.warp_engine import WarpEngine
+from mjrun.study import simulate
 from mjrun.study.simulate import PointResult, PointSimulator, StudyPoint, StudySpec
 from tests.study.models import BALL, BALL_WITH_MEMORY, PENDULUM
 
@@ -79,6 +81,28 @@ def test_a_point_does_not_depend_on_its_neighbours(tmp_path: Path) -> None:
         alone = simulated(spec, [values])[0]
         np.testing.assert_array_equal(together[index].metrics, alone.metrics)
         assert together[index].status == alone.status == "ok", alone.message
+
+
+@pytest.mark.parametrize("path", ["geom/ball.friction[0]", "geom/ball.size[0]"])
+def test_models_side_by_side_take_no_more_memory_than_the_budget(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, path: str
+) -> None:
+    spec = spec_of(tmp_path, (path,))
+    points = [(str(0.1 + index / 100),) for index in range(10)]
+    expected = simulated(spec, points)
+    size, counts = mujoco.mj_sizeModel(spec.base.load()), list[int]()
+    real = CEngine.rollout
+
+    def counted(self: CEngine, models: Sequence[mujoco.MjModel], *how: object) -> Iterator[RolloutBlock]:
+        counts.append(len({id(model) for model in models}))
+        return real(self, models, *how)  # type: ignore[arg-type]
+
+    monkeypatch.setattr(CEngine, "rollout", counted)
+    monkeypatch.setattr(simulate, "BYTES", int(3.5 * size))
+    results = simulated(spec, points)
+    assert sum(counts) == 10
+    assert max(counts) == (4 if path.endswith("size[0]") else 3)  # with the one that copies are made of
+    assert [result.metrics for result in results] == [result.metrics for result in expected]
 
 
 def test_a_point_that_fails_does_not_cost_its_neighbours(tmp_path: Path) -> None:

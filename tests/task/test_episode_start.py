@@ -7,7 +7,7 @@ import pytest
 from mjrun.errors import UnknownNameError, UsageError
 from mjrun.model import state
 from mjrun.model.sources import parse_source
-from mjrun.model.variants import ModelVariant, ModelVariants
+from mjrun.model.variants import Compilation, ModelVariant, ModelVariants
 from mjrun.task.episode_start import EpisodeModels, EpisodeStarts
 from mjrun.task.random_streams import MODEL as MODEL_STREAM
 from mjrun.task.random_streams import START, stream
@@ -22,7 +22,7 @@ MODEL = mujoco.MjModel.from_xml_string(
 
 def start(reset: Reset, seed: int = 3) -> mujoco.MjData:
     data = mujoco.MjData(MODEL)
-    state.restore(MODEL, data, EpisodeStarts(reset, MODEL).state(ModelVariant(MODEL, MODEL), seed))
+    state.restore(MODEL, data, EpisodeStarts(reset, MODEL).state(ModelVariant(MODEL, Compilation(None, MODEL)), seed))
     return data
 
 
