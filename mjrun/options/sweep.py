@@ -36,7 +36,11 @@ MANIFEST = "study.json"  # of the folder of a study
 PARTS = "parts"  # in that folder, with the results
 DESIGNS = ("grid", "zip")
 STOPPING = ("dry_run", "print_document", "plan", "task", "collect")  # instead of a run
-SAMPLERS = ("sobol", "lhs", "random")
+SAMPLERS = {
+    "sobol": "a scrambled Sobol sequence, which keeps its points when samples are added",
+    "lhs": "a Latin hypercube",
+    "random": "independent random numbers",
+}
 
 
 class TaskNumber(Kind[Sequence[int], tuple[int, int]]):
@@ -82,10 +86,9 @@ class VariationOptions(Options):
         help="How many points are drawn from distributions such as uniform(0,1).",
     )
     sampler: str = option(
-        converter=Choice(SAMPLERS),
+        converter=Choice(tuple(SAMPLERS)),
         default="sobol",
-        help="How they are drawn: a scrambled Sobol sequence, which keeps its points when samples are added; a Latin "
-        "hypercube; or independent random numbers.",
+        help="How they are drawn: " + "; ".join(f"{name}, {how}" for name, how in SAMPLERS.items()) + ".",
     )
     repeats: int = option(
         converter=Integer(1), default=1, help="How often each point is simulated, each time with the next seed."

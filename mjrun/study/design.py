@@ -1,6 +1,6 @@
 """The points of a study: which values they have, and in which order."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
 from itertools import product
@@ -21,6 +21,7 @@ from mjrun.sim.distribution import Distribution, parse_distribution
 from mjrun.sim.parameter_grid import scan_values
 
 EACH = "each:"
+COMBINATIONS = {"grid": product, "zip": zip}
 
 Values = tuple[str, ...]
 
@@ -104,7 +105,7 @@ def _listed(lists: Mapping[str, Sequence[str]], how: str) -> Design:
     if how == "zip" and len({len(values) for values in lists.values()}) > 1:
         lengths = ", ".join(f"{len(values)} of {clean(name)}" for name, values in lists.items())
         raise UsageError(f"{option('design')} zip: lists of one length belong side by side, not {lengths}")
-    combine = zip if how == "zip" else product
+    combine = COMBINATIONS[how]
     count = int(np.prod([float(len(values)) for values in lists.values()])) if how == "grid" else 0
     _require_possible(count)
     return Design(tuple(lists), list(combine(*lists.values())))
@@ -112,21 +113,36 @@ def _listed(lists: Mapping[str, Sequence[str]], how: str) -> Design:
 
 def _sampled(distributions: Mapping[str, Distribution], count: int, sampler: str, seed: int) -> Design:
     """Points drawn from distributions, which are independent of each other."""
-    from scipy.stats import qmc
-
     _require_possible(count)
-    generator, dimensions = np.random.default_rng(seed), len(distributions)
-    match sampler:
-        case "sobol":
-            # All of a power of two, of which the first are taken: points stay when there are more.
-            engine = qmc.Sobol(dimensions, rng=generator)
-            fractions = engine.random_base2(max(0, (count - 1).bit_length()))[:count]
-        case "lhs":
-            fractions = qmc.LatinHypercube(dimensions, rng=generator).random(count)
-        case _:
-            fractions = generator.random((count, dimensions))
+    fractions = SAMPLERS[sampler](count, len(distributions), np.random.default_rng(seed))
     columns = [each.values(column) for each, column in zip(distributions.values(), fractions.T, strict=True)]
     return Design(tuple(distributions), list(zip(*columns, strict=True)))
+
+
+def _sobol(count: int, dimensions: int, generator: np.random.Generator) -> np.ndarray:
+    from scipy.stats import qmc
+
+    # All of a power of two, of which the first are taken: points stay when there are more.
+    exponent = max(0, (count - 1).bit_length())
+    return qmc.Sobol(dimensions, rng=generator).random_base2(exponent)[:count]
+
+
+def _latin_hypercube(count: int, dimensions: int, generator: np.random.Generator) -> np.ndarray:
+    from scipy.stats import qmc
+
+    return qmc.LatinHypercube(dimensions, rng=generator).random(count)
+
+
+def _independent(count: int, dimensions: int, generator: np.random.Generator) -> np.ndarray:
+    return generator.random((count, dimensions))
+
+
+# Sampler → what draws `count` points `(count, dimensions)` between 0 and 1.
+SAMPLERS: Mapping[str, Callable[[int, int, np.random.Generator], np.ndarray]] = {
+    "sobol": _sobol,
+    "lhs": _latin_hypercube,
+    "random": _independent,
+}
 
 
 def _repeats(count: int, seed: int) -> Design:

@@ -94,7 +94,7 @@ class PointOutputs:
                 from mjrun.job.recording import Recording
 
                 return Recording(self.simulation, path)
-            case _:
+            case "video":
                 from mjrun.job.video import Video
 
                 return Video(
@@ -107,6 +107,8 @@ class PointOutputs:
                     speed=options.speed,
                     jobs=1,
                 )
+            case _:
+                raise ValueError(f"no output {kind} can be kept")
 
     def _digest(self, kind: str) -> str:
         """What decides the content of a file, besides the simulation."""

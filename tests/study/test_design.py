@@ -9,8 +9,10 @@ import numpy as np
 import pytest
 
 from mjrun.errors import FileError, MjrunError, UsageError
+from mjrun.options import sweep as declared
 from mjrun.options.sweep import VariationOptions
-from mjrun.study.design import Design, design
+from mjrun.sim.distribution import Distribution
+from mjrun.study.design import COMBINATIONS, SAMPLERS, Design, _sampled, design
 from tests.study.models import BALL
 
 MODEL = mujoco.MjModel.from_xml_string(BALL)
@@ -54,7 +56,24 @@ def test_a_latin_hypercube_has_one_point_in_every_interval() -> None:
     assert sorted(int(25 * float(y)) for _, y in drawn) == list(range(50))
 
 
-@pytest.mark.parametrize("sampler", ["sobol", "lhs", "random"])
+def test_every_sampler_and_every_design_that_can_be_asked_for_exists() -> None:
+    assert {*SAMPLERS} == {*declared.SAMPLERS}
+    assert {*COMBINATIONS} == {*declared.DESIGNS}
+    with pytest.raises(KeyError):  # and is not replaced by another one
+        _sampled({"a.x": Distribution("uniform(0,1)", "uniform", ("0", "1"))}, 4, "halton", 1)
+
+
+@pytest.mark.parametrize("sampler", declared.SAMPLERS)
+@pytest.mark.parametrize(("count", "dimensions"), [(1, 1), (5, 3), (64, 2)])
+def test_every_sampler_draws_as_many_points_as_asked_for_between_0_and_1(
+    sampler: str, count: int, dimensions: int
+) -> None:
+    drawn = SAMPLERS[sampler](count, dimensions, np.random.default_rng(3))
+    assert drawn.shape == (count, dimensions)
+    assert ((drawn >= 0) & (drawn < 1)).all()
+
+
+@pytest.mark.parametrize("sampler", declared.SAMPLERS)
 def test_the_seed_decides_the_samples(sampler: str) -> None:
     vary = {"a.x": "uniform(0,1)"}
     one, same, other = (points(seed, vary=vary, sampler=sampler).points for seed in (1, 1, 2))

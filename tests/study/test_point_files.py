@@ -9,7 +9,7 @@ import pytest
 from mjrun.formats.point_manifest import read_point
 from mjrun.job.simulation import Simulation
 from mjrun.job.trace import Trace
-from mjrun.options.keep import KeepOptions
+from mjrun.options.keep import KEPT, KeepOptions
 from mjrun.study.point_files import PointOutputs, keep_options, make_isolated, up_to
 from tests.study.models import BALL, DEADLY
 
@@ -46,6 +46,13 @@ def test_what_is_there_is_known_until_something_changes(simulation: Simulation, 
     assert outputs(simulation, folder, "trace", "recording").missing() == ["recording"]
     (folder / "point.json").write_text("[]")
     assert outputs(simulation, folder, "trace").missing() == ["trace"]
+
+
+def test_every_kind_of_file_that_can_be_kept_is_made_by_its_own_job(simulation: Simulation, tmp_path: Path) -> None:
+    jobs = outputs(simulation, tmp_path, *KEPT).jobs(KEPT)
+    assert [type(job).__name__.lower() for job in jobs] == [*KEPT]
+    with pytest.raises(ValueError, match="no output plot can be kept"):
+        outputs(simulation, tmp_path)._job("plot", "plot.png")
 
 
 def test_files_of_an_older_simulation_are_removed_and_others_stay(simulation: Simulation, tmp_path: Path) -> None:
