@@ -2,7 +2,7 @@
 
 import json
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -29,7 +29,7 @@ class StudyResults:
       folder: of the study.
       parameters: what varies.
       metrics: their names.
-      metric_texts: what they are, by name.
+      metric_columns: the columns of traces that they read.
       numbers: the columns of numbers `(n,)`, by name: metrics, and most parameters; NaN where there is none.
       texts: the columns of texts, by name: `status`, `message`, and parameters such as models.
     """
@@ -39,7 +39,7 @@ class StudyResults:
     metrics: Sequence[str]
     numbers: Mapping[str, np.ndarray]
     texts: Mapping[str, Sequence[str]]
-    metric_texts: Mapping[str, str] = field(default_factory=dict[str, str])
+    metric_columns: Sequence[str] = ()
 
     @property
     def status(self) -> np.ndarray:
@@ -98,7 +98,9 @@ def read_study(folder: str | Path) -> StudyResults:
             texts[name] = [text for chunk in column.chunks for text in _texts(chunk)]
         else:
             numbers[name] = column.to_numpy().astype(float)
-    return StudyResults(folder, parameters, metrics, numbers, texts, manifest["metrics"])
+    columns = manifest.get("columns")
+    metric_columns = list(map(str, columns)) if isinstance(columns, list) else []
+    return StudyResults(folder, parameters, metrics, numbers, texts, metric_columns)
 
 
 def _texts(column: "pyarrow.DictionaryArray") -> Iterator[str]:

@@ -60,8 +60,6 @@ class Simulation(SimulationOptions):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if self.control_dt is not None and self.controller is self.policy is None:
-            raise UsageError(f"{option('control_dt')} says how often a {option('controller')} is called; there is none")
         if self.normalize is not None and self.policy is None:
             raise UsageError(f"{option('normalize')} is about what a {option('policy')} observes; there is none")
 
@@ -179,9 +177,12 @@ class Simulation(SimulationOptions):
         """`model` at time 0, ready to step.
 
         Raises:
-          UsageError: the recording to go through is of another model, or not as long.
+          UsageError: the recording to go through is of another model, or not as long; an option is about something
+            that is missing.
           FileError: a recording or a table cannot be read.
         """
+        if self.control_dt is not None and self.controller is self.policy is None:
+            raise UsageError(f"{option('control_dt')} says how often a {option('controller')} is called; there is none")
         if self.episode is not None:
             return self.episode.stepper(model.opt.enableflags)
         if self.replay is None and isinstance(self.source, Task):

@@ -43,7 +43,7 @@ class KeepOptions(Options):
         converter=Several(Text("NAME"), commas=True, expected="the name of something to measure"),
         default=PROBES,
         usual=",".join(PROBES),
-        help="What the traces measure.",
+        help="What the traces measure, besides the columns that the metrics read.",
     )
     camera: tuple[object, ...] = option(
         converter=Several(Camera()), default="free", help="What the videos show: a camera of the model, or a rig."

@@ -12,6 +12,7 @@ from mjrun.formats.point_manifest import values_in_words
 from mjrun.options.keep import KeepOptions
 from mjrun.options.kinds import AUTO
 from mjrun.platform.cores import available_cores
+from mjrun.probe.select import selected_columns
 from mjrun.reporter import Reporter, WarningReporter
 from mjrun.study.point_choice import PointChoice
 from mjrun.study.point_files import FOLDER, NAMES, PointOutputs, keep_options, make_isolated, up_to
@@ -44,7 +45,8 @@ class PointKeeper:
     """
 
     def __init__(self, options: KeepOptions, prepared: PreparedStudy) -> None:
-        self._options, self._prepared = keep_options(options), prepared
+        self._prepared = prepared
+        self._options = replaced(keep_options(options), probe=_probes(options, prepared))
         metrics = [name for name, _ in prepared.spec.metrics]
         self._choice = PointChoice(options, prepared.points.names, metrics)
         kinds = {*options.keep, *(["video"] if options.contact_sheet is not None else [])}
@@ -133,6 +135,16 @@ class PointKeeper:
         folder = prepared.folder / FOLDER / f"{index:06}"
         key, every = prepared.keys[index], prepared.spec.every
         return PointOutputs(folder, simulation, key, self.kinds, self._options, every, facts)
+
+
+def _probes(options: KeepOptions, prepared: PreparedStudy) -> Sequence[str]:
+    """What traces measure: as the options say, and the columns that the metrics read."""
+    if "trace" not in options.keep:
+        return options.probe
+    episode = prepared.first.episode
+    selected = selected_columns(prepared.model, options.probe, episode.columns if episode else None)
+    names = {column.name for column in selected}
+    return [*options.probe, *(name for name in prepared.columns if name not in names)]
 
 
 def _can_be_seen(result: PointResult) -> bool:

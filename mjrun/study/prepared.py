@@ -17,6 +17,7 @@ from mjrun.probe.assertion import parse
 from mjrun.probe.available import AvailableProbes
 from mjrun.probe.metric import parse_metric
 from mjrun.probe.scanner import Vocabulary
+from mjrun.probe.select import TIME
 from mjrun.reporter import Reporter
 from mjrun.study.design import Design, design
 from mjrun.study.executors import completed, open_executor, require_extra
@@ -43,6 +44,7 @@ class PreparedStudy:
       folder: of the study.
       files: where results are.
       known: the results that are there, by the key of their points.
+      columns: those that the metrics read, in the base model, but for the time.
 
     Raises:
       UsageError: a name that nothing has, or a value that cannot be.
@@ -51,7 +53,7 @@ class PreparedStudy:
 
     def __init__(self, options: StudyOptions, spec: StudySpec, points: Design, model: mujoco.MjModel) -> None:
         self.spec, self.points, self.model = spec, points, model
-        self._check(options.require)
+        self.columns = self._check(options.require)
         self.folder = Path(options.output)
         self.files = PartFiles(self.folder, [name for name, _ in spec.metrics])
         self.known = self.files.read()
@@ -130,12 +132,12 @@ class PreparedStudy:
         missing = PointResult(-1, "missing", nothing, 0, 0, NOT_YET)
         return [self.known.get(key, missing) for key in self.keys]
 
-    def _check(self, requirements: Sequence[str]) -> None:
-        """Finds what is wrong with all points before the first is simulated."""
+    def _check(self, requirements: Sequence[str]) -> Sequence[str]:
+        """Finds what is wrong with all points before the first is simulated. Returns the columns of the metrics."""
         episode = self.first.episode
         others = episode.columns.names if episode else ()
         available = AvailableProbes(self.model, others) if self.spec.metrics else None
-        names = [name for name, _ in self.spec.metrics]
+        names, columns = [name for name, _ in self.spec.metrics], dict[str, None]()
         for name, text in self.spec.metrics:
             with concerning("metric", name):
                 if not name.isidentifier() or name in (*self.points.names, *STATUSES, *TABLE_COLUMNS):
@@ -144,7 +146,8 @@ class PreparedStudy:
                 if names.count(name) > 1:
                     raise UsageError(f"{option('metric')}: {name} is given twice")
                 assert available
-                parse_metric(text, available, f"{option('metric')} {name}")
+                metric = parse_metric(text, available, f"{option('metric')} {name}")
+                columns |= dict.fromkeys(column for column in metric.columns if column != TIME)
         for index, text in enumerate(requirements):
             with concerning("require", index):
                 parse(with_flags(text), RequirementNames([*self.points.names, *names]), "require")
@@ -159,6 +162,7 @@ class PreparedStudy:
                 case _:
                     pass
             raise
+        return [*columns]
 
     @cached_property
     def first(self) -> Simulation:

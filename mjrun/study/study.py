@@ -205,7 +205,8 @@ class _Run:
         study, points, results = self.study, prepared.points, prepared.results()
         names = [name for name, _ in study.metric]
         columns, rows = result_columns(points, names, results)
-        facts = {"mjrun": __version__, "mujoco": mujoco.mj_versionString(), "metrics": dict(study.metric)}
+        facts: dict[str, object] = {"mjrun": __version__, "mujoco": mujoco.mj_versionString()}
+        facts |= {"metrics": dict(study.metric), "columns": prepared.columns}
         files = write_results(self.folder, columns, rows, facts)  # the same for all runs, unlike the manifest
 
         complete = all(result.status != "missing" for result in results)

@@ -263,9 +263,10 @@ def test_faults_of_a_table_are_told_at_replay_and_those_of_a_map_at_the_map(path
         {"replay_interpolation": "hold"},
         {"replay_unwrap": True},
         {"replay_mode": "controls"},
+        {"control_dt": "0.1"},
     ],
 )
-def test_how_a_table_is_read_is_not_said_where_there_is_none(path: Path, options: dict[str, Any]) -> None:
+def test_options_about_a_table_or_a_controller_need_one(path: Path, options: dict[str, Any]) -> None:
     with pytest.raises(UsageError, match=rf"^{next(iter(options))} says .*; there is none"):
         Simulation(path, **options).stepper(MODEL)
     Simulation(path, quat="wxyz", replay_mode="states").stepper(MODEL)  # as if nothing were said

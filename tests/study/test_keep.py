@@ -9,6 +9,7 @@ import pandas as pd
 import pytest
 
 from mjrun.errors import FailedPointsError, LostFilesError, UnknownNameError
+from mjrun.formats.study_results import read_study
 from mjrun.formats.video_reader import read_video
 from mjrun.job.simulation import Simulation
 from mjrun.job.trace import Trace
@@ -39,6 +40,17 @@ def test_traces_of_chosen_points_are_those_of_their_simulations(study: dict[str,
         Trace(alone, str(tmp_path / "alone.parquet"), probe=("qpos",)).run()
         trace = pd.read_parquet(tmp_path / "study" / "points" / f"{index:06}" / "trace.parquet")
         pd.testing.assert_frame_equal(trace, pd.read_parquet(tmp_path / "alone.parquet"), check_exact=True)
+
+
+def test_traces_hold_the_columns_that_the_metrics_read(study: dict[str, object], tmp_path: Path) -> None:
+    metrics = {"low": "min(qpos/ball/z)", "far": "max(abs(xpos(ball).x) + subtree_com/ball/z)", "end": "last(time)"}
+    Study(**{**study, "metric": metrics}, keep=("trace",), keep_lowest=("1:low",), probe=("ctrl", "qpos")).run()  # type: ignore[arg-type]
+    (path,) = (tmp_path / "study" / "points").glob("*/trace.parquet")
+    names = list(pd.read_parquet(path).columns)
+    assert names[0] == "time"
+    assert names[-2:] == ["xpos/ball/x", "subtree_com/ball/z"]
+    assert set(names[1:-2]) == {f"qpos/ball/{part}" for part in ("x", "y", "z", "qw", "qx", "qy", "qz")}
+    assert read_study(tmp_path / "study").metric_columns == ["qpos/ball/z", "xpos/ball/x", "subtree_com/ball/z"]
 
 
 @pytest.mark.usefixtures("half_a_core")

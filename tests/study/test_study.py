@@ -247,6 +247,22 @@ def test_controllers_vary_and_their_code_is_part_of_what_a_point_is(mjrun_here: 
     assert simulated() == 4
 
 
+def test_the_period_of_controllers_that_vary_is_that_of_each(mjrun_here: Command) -> None:
+    (mjrun_here.folder / "ball.xml").write_text(BALL)
+    (mjrun_here.folder / "slow_pushes.py").write_text(CODE)
+    options = ("--steps", "40", "--control-dt", "0.01")
+    vary = ("--vary", "controller=slow_pushes.py:push,slow_pushes.py:Count", "--metric", "z=last(qpos/ball/z)")
+    assert mjrun_here("sweep", "ball.xml", *options, *vary).returncode == 0
+    rows = pd.read_csv(mjrun_here.folder / "ball_study" / "results.csv")
+    for index, name in enumerate(("push", "Count")):
+        alone = (*options, "--controller", f"slow_pushes.py:{name}", "-o", "alone.csv")
+        assert mjrun_here("trace", "ball.xml", *alone).returncode == 0
+        assert rows["z"][index] == pd.read_csv(mjrun_here.folder / "alone.csv")["qpos/ball/z"].tolist()[-1]
+    nobody = mjrun_here("sweep", "ball.xml", *options, "--vary", "seed=1,2", "-o", "other")
+    assert nobody.returncode == 2
+    assert b"--control-dt says how often a --controller is called; there is none" in nobody.stderr
+
+
 def test_a_document_may_not_vary_code(simulation: Simulation, tmp_path: Path) -> None:
     with pytest.raises(UsageError, match="only the command line and Python may name code"):
         study(simulation, tmp_path / "study", vary={"controller": "os:getcwd"}).run()

@@ -1,15 +1,16 @@
 """From the results of a study to what is drawn of them: which kind of figure fits, and its numbers."""
 
+import shlex
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 
-from mjrun.errors import BadValueError, UnknownNameError, UsageError, concerning, listing, option
+from mjrun.errors import BadValueError, UnknownNameError, UsageError, clean, concerning, listing, option, quoted
 from mjrun.formats.study_results import StudyResults
 from mjrun.options.plot import FigureOptions
-from mjrun.plotting.curve_text import parse_curves, parse_log, parse_panel
+from mjrun.plotting.curve_text import CurveText, parse_curves, parse_log, parse_panel
 from mjrun.plotting.study.correlations import rank_correlations
 from mjrun.plotting.study.drawing import (
     EDGE,
@@ -109,15 +110,15 @@ class StudyPlan:
         self.notes: list[str] = []
         varying = [_parameter(results, name) for name in results.parameters]
         self._parameters = [each for each in varying if len(each.levels) > 1]
-        self._trajectories, self._columns = Trajectories(results), list[str]()
+        self._trajectories, self._over_time = Trajectories(results), list[CurveText]()
         self._metrics = self._chosen_metrics()
         self._log_x, _ = parse_log(options.log, len(self._metrics))
 
     @cached_property
     def drawing(self) -> StudyDrawing:
         """What is drawn."""
-        columns = self._columns if self._options.y else self._trajectories.usual
-        over_time = self._trajectories.panels(columns)
+        curves = self._over_time if self._options.y else self._trajectories.usual
+        over_time = self._trajectories.panels(curves)
         self.notes += self._trajectories.notes
         if not self._metrics:
             return self._drawn(over_time)
@@ -160,13 +161,27 @@ class StudyPlan:
                 if text in known:
                     found.append((text, known[text]))
                     continue
-                if columns_over_time := self._trajectories.matching(text):
-                    self._columns += columns_over_time
-                    continue
-                for curve in parse_panel(text, list(columns)).curves:
-                    found.append((curve.name, curve.expression.values(columns)))
+                try:
+                    self._over_time += parse_panel(text, self._trajectories.columns).curves
+                except UnknownNameError:
+                    for curve in self._curves(text, list(columns)):
+                        found.append((curve.name, curve.expression.values(columns)))
         _, chosen = parse_log(self._options.log, len(found))
         return [MetricValues(*each, self._is_log(i, each[1], chosen)) for i, each in enumerate(found)]
+
+    def _curves(self, text: str, columns: list[str]) -> Sequence[CurveText]:
+        """The curves that `text` describes, over metrics and what varies; it is about no columns over time alone."""
+        try:
+            return parse_panel(text, columns).curves
+        except UnknownNameError:
+            all_columns = [*columns, *self._trajectories.columns]
+            try:
+                parse_panel(text, all_columns)
+            except UnknownNameError as error:
+                folder = clean(shlex.quote(str(self._results.folder)))
+                error.add_note(f"mjrun sweep {folder} --keep trace --probe NAME keeps other columns over time")
+                raise
+            raise UsageError(f"{option('y')}: {quoted(text)} reads both metrics and columns over time") from None
 
     def _is_log(self, index: int, values: np.ndarray, chosen: frozenset[int]) -> bool:
         return index in chosen if self._options.log else spans_decades(values)

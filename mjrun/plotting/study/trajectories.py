@@ -1,8 +1,7 @@
 """Trajectories of single points over time, overlaid: the traces that a study has kept."""
 
-import re
 from collections.abc import Mapping, Sequence
-from fnmatch import fnmatchcase
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -10,6 +9,7 @@ from mjrun.formats.point_manifest import point_values, values_in_words
 from mjrun.formats.study_results import StudyResults
 from mjrun.formats.table import Table
 from mjrun.formats.table_reader import open_table, read_table
+from mjrun.plotting.curve_text import CurveText, parse_panel
 from mjrun.plotting.study.drawing import GraphPanel, Scale, Series, scale, y_scale
 
 TIME = "time"
@@ -18,12 +18,29 @@ NAMED = 8  # of them, up to which each has a colour and an entry in the key
 FAINT = 0.4  # opacity of a line among many
 PANELS = 4  # where nobody chooses
 ROWS = 4000  # of a trajectory: more than a figure has pixels
+NOISE = 1e-14  # of the largest value with the same unit: curves below it are rounding errors, and drawn as zero
+
+
+@dataclass(frozen=True)
+class _Curve:
+    """A column or an expression over time: its values `(rows,)` at each point."""
+
+    name: str
+    unit: str
+    values: Sequence[np.ndarray]
+
+    @property
+    def largest(self) -> float:
+        """The largest finite magnitude; 0 without any."""
+        magnitudes = np.abs(np.concatenate(self.values))
+        return float(magnitudes[np.isfinite(magnitudes)].max(initial=0.0))
 
 
 class Trajectories:
     """The traces that are kept of the points of a study.
 
     Attributes:
+      columns: of the first of them; those of the others are the same.
       notes: what the user may want to know, after `panels`.
     """
 
@@ -31,41 +48,49 @@ class Trajectories:
         self._results, self.notes = results, list[str]()
         self._traces = results.traces
         first = next(iter(self._traces.values()), None)
-        self._columns: Sequence[str] = ()
+        self.columns: Sequence[str] = ()
         if first is not None:
             with open_table(str(first)) as table:
-                self._columns = [name for name in table.names if name != TIME]
-
-    def matching(self, text: str) -> list[str]:
-        """The columns that a name or a wildcard stands for."""
-        return [text] if text in self._columns else [name for name in self._columns if fnmatchcase(name, text)]
+                self.columns = [name for name in table.names if name != TIME]
 
     @property
-    def usual(self) -> list[str]:
-        """The columns that the metrics read; the first of all where they read none of these."""
-        texts = " ".join(self._results.metric_texts.values())
-        read = [name for name in self._columns if re.search(rf"(?<![\w/]){re.escape(name)}(?![\w/])", texts)]
-        return (read or list(self._columns))[:PANELS]
+    def usual(self) -> list[CurveText]:
+        """The columns that the metrics read; the first of all in a study without metrics."""
+        read = set(self._results.metric_columns)
+        names = [name for name in self.columns if name in read or not self._results.metrics]
+        return [curve for name in names[:PANELS] for curve in parse_panel(name, self.columns).curves]
 
-    def panels(self, names: Sequence[str]) -> list[GraphPanel]:
-        """A panel over time for each of these columns."""
-        if not names:
+    def panels(self, curves: Sequence[CurveText]) -> list[GraphPanel]:
+        """A panel over time for each of these curves."""
+        if not curves:
             return []
-        tables = self._tables(names)
+        tables = self._tables([*dict.fromkeys(name for curve in curves for name in curve.expression.columns)])
         times = scale("time [s]", np.concatenate([table[TIME] for table in tables.values()]), edge=0.0)
         labels = self._labels(list(tables))
-        return [self._panel(name, times, tables, labels) for name in names]
+        drawn = [self._curve(curve, tables) for curve in curves]
+        largest = dict[str, float]()
+        for each in drawn:
+            largest[each.unit] = max(largest.get(each.unit, 0.0), each.largest)
+        return [self._panel(each, times, tables, labels, largest[each.unit]) for each in drawn]
 
-    def _panel(self, name: str, times: Scale, tables: Mapping[int, Table], labels: Sequence[str]) -> GraphPanel:
+    def _curve(self, curve: CurveText, tables: Mapping[int, Table]) -> "_Curve":
+        unit = next(iter(tables.values())).units.get(curve.column or "", "") if curve.unit is None else curve.unit
+        return _Curve(curve.name, unit, [curve.expression.values(table.columns) for table in tables.values()])
+
+    def _panel(
+        self, curve: "_Curve", times: Scale, tables: Mapping[int, Table], labels: Sequence[str], largest: float
+    ) -> GraphPanel:
         colours = range(len(tables)) if any(labels) else [0] * len(tables)
         opacity = 1.0 if len(tables) <= NAMED else FAINT
         series = [
-            Series(label, table[TIME], table[name], dots=False, colour=colour, opacity=opacity)
-            for label, colour, table in zip(labels, colours, tables.values(), strict=True)
+            Series(label, table[TIME], values, dots=False, colour=colour, opacity=opacity)
+            for label, colour, table, values in zip(labels, colours, tables.values(), curve.values, strict=True)
         ]
-        unit = next(iter(tables.values())).units.get(name, "")
-        values = np.concatenate([each.y for each in series])
-        return GraphPanel(times, y_scale(f"{name} [{unit}]" if unit else name, values, log=False), series, ())
+        name = f"{curve.name} [{curve.unit}]" if curve.unit else curve.name
+        values = np.concatenate(curve.values)
+        if curve.largest < NOISE * largest:
+            values = np.array([-largest, largest])
+        return GraphPanel(times, y_scale(name, values, log=False), series, ())
 
     def _tables(self, names: Sequence[str]) -> dict[int, Table]:
         """The traces of the points that are shown."""

@@ -1,13 +1,14 @@
 """Trajectories are the traces that a study has kept, as they are read by anybody else."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 import pytest
 
-from mjrun.errors import UnknownNameError
+from mjrun.errors import UnknownNameError, UsageError
 from mjrun.formats.study_results import StudyResults
 from mjrun.options.plot import FigureOptions
 from mjrun.plotting.study import trajectories
@@ -26,9 +27,7 @@ def results(folder: Path, count: int) -> StudyResults:
         trace = pd.DataFrame({"time": TIMES, "qpos/hip": np.sin(TIMES + point), "qpos/knee": TIMES, "ctrl/m": TIMES})
         trace.to_parquet(home / "trace.parquet")
     seeds, texts = np.arange(count, dtype=float), {"status": ["ok"] * count}
-    return StudyResults(
-        folder, ["seed"], ["far"], {"seed": seeds, "far": seeds**2}, texts, {"far": "max(abs(qpos/knee))"}
-    )
+    return StudyResults(folder, ["seed"], ["far"], {"seed": seeds, "far": seeds**2}, texts, ["qpos/knee", "xpos/hip/x"])
 
 
 def drawing(study: StudyResults, **options: object) -> StudyDrawing:
@@ -54,8 +53,37 @@ def test_columns_and_metrics_are_chosen_alike(tmp_path: Path) -> None:
     for point, series in zip((0, 2, 4), hip.series, strict=True):
         np.testing.assert_array_equal(series.x, TIMES)
         np.testing.assert_array_equal(series.y, np.sin(TIMES + point))
-    with pytest.raises(UnknownNameError, match="qpos/hop"):
+    with pytest.raises(UnknownNameError, match=r"no column 'qpos/hop'[\s\S]*columns: seed, far, qpos/hip") as caught:
         drawing(study, y="qpos/hop")
+    assert caught.value.__notes__ == [f"mjrun sweep {tmp_path} --keep trace --probe NAME keeps other columns over time"]
+
+
+def test_expressions_over_time_are_drawn(tmp_path: Path) -> None:
+    study = results(tmp_path, 6)
+    (angle,) = drawing(study, y="angle [°]=(qpos/hip - qpos/knee)*180/pi").panels
+    assert isinstance(angle, GraphPanel)
+    assert angle.label == "angle [°]"
+    for point, series in zip((0, 2, 4), angle.series, strict=True):
+        np.testing.assert_allclose(series.y, np.degrees(np.sin(TIMES + point) - TIMES), rtol=1e-12)
+    assert [panel.label for panel in drawing(study, y="far/2").panels] == ["far/2"]
+    with pytest.raises(UsageError, match="'far/2 \\+ qpos/hip' reads both metrics and columns over time"):
+        drawing(study, y="far/2 + qpos/hip")
+
+
+def test_a_study_whose_metrics_read_no_column_of_the_traces_has_no_panels_over_time(tmp_path: Path) -> None:
+    study = replace(results(tmp_path, 6), metric_columns=["xpos/hip/x"])
+    assert [panel.label for panel in drawing(study).panels] == ["far"]
+    bare = replace(study, metrics=[])
+    assert [panel.label for panel in drawing(bare).panels] == ["qpos/hip", "qpos/knee", "ctrl/m"]
+
+
+def test_rounding_errors_are_drawn_as_zero(tmp_path: Path) -> None:
+    hip, noise = drawing(results(tmp_path, 6), y=["qpos/hip", "qpos/knee*1e-17"]).panels
+    assert isinstance(hip, GraphPanel)
+    assert isinstance(noise, GraphPanel)
+    assert hip.y.high < 1.2
+    assert noise.y.low < -0.9
+    assert noise.y.high > 0.9
 
 
 def test_many_lines_are_faint_and_have_no_names(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
