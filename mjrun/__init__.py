@@ -13,6 +13,7 @@ Everything the command line does is callable:
 Names are imported when first used, so `import mjrun` itself costs nothing.
 """
 
+import sys
 from importlib import import_module
 
 from mjrun.version import __version__
@@ -184,7 +185,18 @@ __all__ = [
 def __getattr__(name: str) -> object:
     if name not in _HOMES:
         raise AttributeError(f"module 'mjrun' has no attribute {name!r}")
-    return getattr(import_module(_HOMES[name]), name)
+    try:
+        value = getattr(import_module(_HOMES[name]), name)
+    except Exception as error:
+        from mjrun.packages import cause_of
+
+        raise cause_of(error) or error from None
+    if "mujoco" in sys.modules:
+        from mjrun.packages import require_computing
+
+        require_computing()
+    globals()[name] = value  # so that this function is called once for each name
+    return value
 
 
 def __dir__() -> list[str]:

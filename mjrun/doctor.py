@@ -21,6 +21,7 @@ from mjrun.errors import (
     NoRendererError,
     Spelling,
     UnknownNameError,
+    WrongVersionError,
     counted,
     option,
     spelled,
@@ -30,6 +31,7 @@ from mjrun.formats.tables import formats
 from mjrun.model import known_bugs
 from mjrun.model.sources import model_collections
 from mjrun.options import evaluation, fit, sweep, task
+from mjrun.packages import installed_wrong, require
 from mjrun.platform.cores import available_cores
 from mjrun.plotting import figure_writer
 from mjrun.rendering.backend import DEVICE, GL, Backend, candidates, requested_backends
@@ -38,7 +40,6 @@ from mjrun.rendering.install_advice import VULKAN, install_advice
 from mjrun.sim import warp_device
 from mjrun.version import __version__
 
-DISTRIBUTIONS = {"skimage": "scikit-image"}  # of modules that are called otherwise
 OK, WARNING, MISSING = "ok", "warning", "missing"
 DISPLAYS = ("DISPLAY", "WAYLAND_DISPLAY")
 STUDIO, WEBSOCKETS = "mujoco-studio", "websockets"  # which it depends on
@@ -115,40 +116,54 @@ def _versions() -> list[Diagnostic]:
     version = mujoco.mj_versionString()
     known = known_bugs.bugs_of_version(version)
     system = f"{platform.system()} {platform.machine()}, {counted(available_cores(), 'core')}"
+    versions = [
+        Diagnostic("software", "mujoco", WARNING if known else OK, version, "; ".join(known)),
+        Diagnostic("software", "numpy", OK, np.__version__),
+    ]
+    wrong = {error.package: _wrong_version("software", error.package, MISSING, error) for error in installed_wrong()}
     return [
         Diagnostic("software", "mjrun", OK, __version__),
         Diagnostic("software", "python", OK, f"{platform.python_version()} ({sys.executable})"),
         Diagnostic("software", "system", OK, system),
-        Diagnostic("software", "mujoco", WARNING if known else OK, version, "; ".join(known)),
-        Diagnostic("software", "numpy", OK, np.__version__),
+        *(each for each in versions if each.name not in wrong),
+        *wrong.values(),
     ]
 
 
-def extras() -> dict[str, tuple[str, list[str]]]:
-    """The extras of mjrun: the library that each installs, and the features that need it."""
-    extras: dict[str, tuple[str, list[str]]] = {}
+def _wrong_version(group: str, name: str, status: str, error: WrongVersionError) -> Diagnostic:
+    value = f"{error.package} {error.version}; mjrun needs {error.needed}"
+    return Diagnostic(group, name, status, value, error.remedy.replace("\n", "; "))
+
+
+def extras() -> dict[str, tuple[Sequence[str], list[str]]]:
+    """The extras of mjrun: the libraries that each installs, and the features that need them."""
+    extras: dict[str, tuple[Sequence[str], list[str]]] = {}
     for table in formats().values():
         if table.extra:
-            extras.setdefault(table.extra, (table.library, []))[1].extend(table.suffixes)
-    extras[figure_writer.EXTRA] = (figure_writer.LIBRARY, ["plots"])
+            extras.setdefault(table.extra, ([table.library], []))[1].extend(table.suffixes)
+    extras[figure_writer.EXTRA] = ([figure_writer.LIBRARY], ["plots"])
     declared = sweep.EXTRAS | fit.EXTRAS | evaluation.EXTRAS | task.EXTRAS
     return {
         **extras,
-        **{extra: (library, [use]) for extra, (library, use) in declared.items()},
-        frames.EXTRA: (frames.LIBRARY, [option("min_ssim")]),
-        warp_device.EXTRA: (warp_device.LIBRARY, [f"{option('engine')} warp"]),
+        **{extra: (libraries, [use]) for extra, (libraries, use) in declared.items()},
+        frames.EXTRA: ([frames.LIBRARY], [option("min_ssim")]),
+        warp_device.EXTRA: (warp_device.LIBRARIES, [f"{option('engine')} warp"]),
     }
 
 
 def _extras() -> list[Diagnostic]:
     findings = []
-    for extra, (library, uses) in extras().items():
-        if importlib.util.find_spec(library):
-            version = f"{library} {importlib.metadata.version(DISTRIBUTIONS.get(library, library))}"
-            findings.append(Diagnostic("extras", extra, OK, version))
-        else:
+    for extra, (libraries, uses) in extras().items():
+        try:
+            versions = require(", ".join(uses), extra, *libraries)
+        except MissingExtraError as error:
             remedy = f"pip install 'mjrun[{extra}]' for {', '.join(uses)}"
-            findings.append(Diagnostic("extras", extra, WARNING, f"{library} is not installed", remedy))
+            findings.append(Diagnostic("extras", extra, WARNING, f"{error.library} is not installed", remedy))
+        except WrongVersionError as error:
+            findings.append(_wrong_version("extras", extra, WARNING, error))
+        else:
+            value = ", ".join(f"{package} {version}" for package, version in versions.items())
+            findings.append(Diagnostic("extras", extra, OK, value))
     return findings
 
 

@@ -272,8 +272,38 @@ class MissingExtraError(UsageError):
     """What was asked needs a library that only an extra of mjrun installs; or, without an extra, the user alone."""
 
     def __init__(self, what: str, library: str, extra: str = "") -> None:
+        self.library = library
         install = f"'mjrun[{extra}]'" if extra else library
         super().__init__(f"{what} needs {library}, which is not installed\npip install {install}")
+
+
+class WrongVersionError(UsageError):
+    """A package that mjrun needs is installed in another version.
+
+    Args:
+      specifier: the versions that mjrun needs: `>=4`.
+      requiring: the installed packages that need another version, with their requirements.
+
+    Attributes:
+      package, version: what is installed.
+      needed: what mjrun needs: `mujoco>=4`.
+      remedy: what to do about it, a line for each possibility.
+    """
+
+    def __init__(self, package: str, specifier: str, version: str, requiring: Mapping[str, str]) -> None:
+        self.package, self.version, self.needed = package, version, f"{package}{specifier}"
+        self.remedy = f"pip install '{self.needed}'"
+        reason = ""
+        if requiring:
+            names = " and ".join(clean(name.partition(" ")[0]) for name in requiring)
+            reasons = [f"{clean(name)} ({clean(requirement)})" for name, requirement in requiring.items()]
+            reason = f", as required by {', '.join(reasons)}"
+            self.remedy = (
+                "to use both, install mjrun elsewhere: python -m venv mjrun-env && mjrun-env/bin/pip install mjrun\n"
+                f"to use only the models of {names}: {self.remedy}, although pip warns"
+            )
+        installed = f"{package} {clean(version)} is installed{reason}"
+        super().__init__(f"mjrun needs {self.needed}, but {installed}\n{self.remedy}")
 
 
 class ControllerError(UsageError):

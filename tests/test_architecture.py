@@ -26,7 +26,7 @@ HOUSE = (
     ("model",),
     ("options", "child_process"),
     ("python_code",),
-    ("reporter", "confinement", "expansion"),
+    ("reporter", "confinement", "expansion", "packages"),
     ("timeline", "errors", "palette", "closable", "interruption", "activity", "version", "platform", "suffixes"),
 )
 

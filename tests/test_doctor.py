@@ -3,11 +3,13 @@
 import tomllib
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 import mjrun.doctor
-from mjrun.doctor import DISTRIBUTIONS, examine, extras
+from mjrun.doctor import examine, extras
 from mjrun.errors import UnknownNameError
+from mjrun.packages import PACKAGES, Requirement
 from mjrun.rendering.backend import DEVICE, GL, Backend
 
 ROOT = Path(__file__).parents[1]
@@ -31,22 +33,34 @@ def test_the_extras_are_those_of_the_package_and_their_libraries_are_what_they_i
     project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
     installed = {name: " ".join(packages) for name, packages in project["optional-dependencies"].items()}
     assert set(extras()) == set(installed) - {"all"}
-    for extra, (library, uses) in extras().items():
-        assert DISTRIBUTIONS.get(library, library).replace("_", "-") in installed[extra]
+    for extra, (libraries, uses) in extras().items():
+        assert all(PACKAGES.get(library, library).replace("_", "-") in installed[extra] for library in libraries)
         assert uses
 
 
 def test_every_extra_is_imported_somewhere() -> None:
     source = "".join(path.read_text() for path in (ROOT / "mjrun").rglob("*.py"))
-    for library, _ in extras().values():
+    for library in (library for libraries, _ in extras().values() for library in libraries):
         assert f"import {library}" in source or f"from {library}" in source
 
 
 def test_an_extra_that_is_not_installed_is_a_warning_with_its_command(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(mjrun.doctor, "extras", lambda: {"parquet": ("no_such_library", [".parquet", ".feather"])})
+    monkeypatch.setattr(mjrun.doctor, "extras", lambda: {"parquet": (["no_such_library"], [".parquet", ".feather"])})
     (diagnostic,) = mjrun.doctor._extras()
-    assert (diagnostic.status, diagnostic.value) == ("warning", "no_such_library is not installed")
+    assert (diagnostic.status, diagnostic.value) == ("warning", "no-such-library is not installed")
     assert diagnostic.remedy == "pip install 'mjrun[parquet]' for .parquet, .feather"
+
+
+def test_a_package_of_a_wrong_version_is_marked_with_what_to_do(monkeypatch: pytest.MonkeyPatch) -> None:
+    needed = [Requirement("numpy", ">=99", ""), Requirement("h5py", ">=99", "extra == 'hdf5'")]
+    monkeypatch.setattr("mjrun.packages._requirements", lambda: needed)
+    versions = {diagnostic.name: diagnostic for diagnostic in mjrun.doctor._versions()}
+    assert (versions["numpy"].status, versions["mujoco"].status) == ("missing", "warning")
+    assert versions["numpy"].value == f"numpy {np.__version__}; mjrun needs numpy>=99"
+    assert versions["numpy"].remedy.endswith("pip install 'numpy>=99', although pip warns")
+    extra = {diagnostic.name: diagnostic for diagnostic in mjrun.doctor._extras()}["hdf5"]
+    assert extra.status == "warning"
+    assert extra.value.endswith("; mjrun needs h5py>=99")
 
 
 def test_the_first_backend_that_works_is_the_one_used() -> None:

@@ -43,6 +43,7 @@ CODES = {
     "FailedAssertionError": 1,
     "UsageError": 2,
     "MissingExtraError": 2,
+    "WrongVersionError": 2,
     "UnknownNameError": 2,
     "BadValueError": 2,
     "DocumentError": 2,

@@ -1,5 +1,6 @@
 """`mjrun doctor`."""
 
+from contextlib import suppress
 from dataclasses import asdict
 from itertools import groupby
 from typing import TYPE_CHECKING
@@ -7,7 +8,7 @@ from typing import TYPE_CHECKING
 from mjrun.cli.click_command import CommandLine, command
 from mjrun.cli.console import Console, flag
 from mjrun.cli.simulation_command import import_mujoco
-from mjrun.errors import EncoderError, RendererError, clean
+from mjrun.errors import EncoderError, RendererError, WrongVersionError, clean
 from mjrun.options.messages import MessageOptions
 
 if TYPE_CHECKING:
@@ -21,11 +22,12 @@ NOT_NEEDED = "·"
 def doctor(console: Console, command_line: CommandLine) -> None:
     """Show what works on this machine, and how to repair what does not.
 
-    Tries every OpenGL backend, Filament and every encoder. Exits with 5 if nothing can draw, or if what $MUJOCO_GL
-    and $MUJOCO_EGL_DEVICE_ID ask for cannot.
+    Tries every OpenGL backend, Filament and every encoder. Exits with 2 if a package that mjrun needs has a wrong
+    version, with 5 if nothing can draw, or if what $MUJOCO_GL and $MUJOCO_EGL_DEVICE_ID ask for cannot.
     """
     console.guard_stdout()
-    import_mujoco()
+    with suppress(WrongVersionError):  # which the report shows
+        import_mujoco()
     from mjrun.doctor import examine
 
     report = examine(flag)
@@ -33,7 +35,9 @@ def doctor(console: Console, command_line: CommandLine) -> None:
         console.document(asdict(report))
     else:
         console.result(_page(report))
-    if not report.can_draw:
+    if any(finding.group == "software" and finding.status == "missing" for finding in report.findings):
+        console.code = WrongVersionError.exit_code
+    elif not report.can_draw:
         console.code = RendererError.exit_code
     elif not report.can_encode:
         console.code = EncoderError.exit_code

@@ -163,6 +163,11 @@ def _guarded(console: Console, action: Callable[[], int]) -> int:
         if isinstance(error, MemoryError) or NO_MEMORY in str(error):  # of a FatalError or a ValueError
             console.error(str(OutOfMemoryError(str(error))))
             return OutOfMemoryError.exit_code
+        from mjrun.packages import cause_of
+
+        if (cause := cause_of(error)) is not None:
+            console.error(str(cause))
+            return cause.exit_code
         console.error(_bug_message(error))
         return BUG
     finally:

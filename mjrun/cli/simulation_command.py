@@ -34,13 +34,19 @@ R = TypeVar("R", bound="OutputResult")
 
 
 def import_mujoco() -> None:
-    """Imports MuJoCo without an OpenGL backend: it would fix one by MUJOCO_GL, or fail at a bad name."""
+    """Imports MuJoCo without an OpenGL backend: it would fix one by MUJOCO_GL, or fail at a bad name.
+
+    Raises:
+      WrongVersionError: MuJoCo or NumPy is not of a version that mjrun needs.
+    """
     if "mujoco" in sys.modules:
         return  # what is garbage by now would be frozen too, and never freed
     backend = os.environ.get("MUJOCO_GL")
     os.environ["MUJOCO_GL"] = "disable"
     gc.disable()  # modules are no garbage: looking through them takes longer than importing some of them
     import_module("mujoco")
+    from mjrun.packages import require_computing
+
     gc.freeze()
     gc.enable()
 
@@ -48,6 +54,7 @@ def import_mujoco() -> None:
         del os.environ["MUJOCO_GL"]
     else:
         os.environ["MUJOCO_GL"] = backend
+    require_computing()
 
 
 def source(command_line: CommandLine) -> "Source":

@@ -2,16 +2,17 @@
 
 from collections.abc import Iterator
 
-from mjrun.diff.frames import EXTRA, WINDOW, has_similarity
+from mjrun.diff.frames import EXTRA, LIBRARY, WINDOW
 from mjrun.diff.result import FrameDifference, PictureDifference
-from mjrun.errors import MissingExtraError, UsageError, option
+from mjrun.errors import UsageError, option
 from mjrun.options.diff import PictureDiffOptions
+from mjrun.packages import require
 
 
 def require_library(options: PictureDiffOptions) -> None:
-    """Raises MissingExtraError if a similarity is asked for that cannot be computed."""
-    if options.min_ssim is not None and not has_similarity():
-        raise MissingExtraError(option("min_ssim"), "scikit-image", EXTRA)
+    """Raises MissingExtraError or WrongVersionError if a similarity is asked for that cannot be computed."""
+    if options.min_ssim is not None:
+        require(option("min_ssim"), EXTRA, LIBRARY)
 
 
 def picture_sentences(picture: PictureDifference, a: str, b: str, options: PictureDiffOptions) -> list[str]:

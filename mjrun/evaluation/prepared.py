@@ -1,9 +1,8 @@
 """An evaluation that can run: every policy loaded, every name found and every number checked; nothing is written."""
 
 from dataclasses import dataclass, replace
-from importlib.util import find_spec
 
-from mjrun.errors import MissingExtraError, UsageError, concerning, option
+from mjrun.errors import UsageError, concerning, option
 from mjrun.evaluation.criteria import Criteria
 from mjrun.evaluation.episode import EpisodeSpec, PolicyChoice
 from mjrun.evaluation.player import EpisodePlayer, player_of
@@ -13,6 +12,7 @@ from mjrun.model.override import overrides_of
 from mjrun.model.source import Source
 from mjrun.options.evaluation import EXTRAS, EvaluationOptions
 from mjrun.options.option import is_given
+from mjrun.packages import require_all
 from mjrun.study.design import Design, numbers
 
 
@@ -54,7 +54,7 @@ class PreparedEvaluation:
     """
 
     def __init__(self, options: EvaluationOptions, task: Source, rewritten: Rewritten | None) -> None:
-        _require_library()
+        require_all(EXTRAS)
         task = replace(task, overrides=(*task.overrides, *overrides_of(options)))
         self.points = points_of(options, task)
         tasks = [task_at(task, self.values(point), rewritten) for point in range(len(self.points.points))]
@@ -125,9 +125,3 @@ def _policies(options: EvaluationOptions, points: Design) -> list[tuple[str, Pol
     if own.name != other.name:
         return [(own.name, own), (other.name, other)]
     return [(f"{own.name} (1)", own), (f"{other.name} (2)", other)]
-
-
-def _require_library() -> None:
-    for extra, (library, use) in EXTRAS.items():
-        if find_spec(library) is None:
-            raise MissingExtraError(use, library, extra)

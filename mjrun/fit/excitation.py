@@ -1,6 +1,5 @@
 """An input that makes parameters identifiable: of many chirps that stay within limits, the one that tells most."""
 
-import importlib.util
 import itertools
 import time
 from collections.abc import Sequence
@@ -10,10 +9,10 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from mjrun.errors import MissingExtraError, UnidentifiableError, UsageError, clean, listing, option
+from mjrun.errors import UnidentifiableError, UsageError, clean, listing, option
 from mjrun.fit.chirp import chirps, control_room
 from mjrun.fit.comparison import TIME
-from mjrun.fit.fit import EXTRA, LIBRARY, Fit
+from mjrun.fit.fit import Fit
 from mjrun.fit.free_parameter import free_parameters, require_effect
 from mjrun.fit.identifiability import all_information, sensitivity
 from mjrun.fit.measurements import CONTROLS, Segment, commands
@@ -27,6 +26,8 @@ from mjrun.formats.tables import output_format
 from mjrun.model import state
 from mjrun.model.mujoco_globals import collected_warnings
 from mjrun.model.names import control_names, names
+from mjrun.options.fit import EXTRAS
+from mjrun.packages import require_all
 from mjrun.probe.fields import field_probe
 from mjrun.reporter import Reporter, WarningReporter
 
@@ -130,8 +131,7 @@ def excite(fit: Fit, reporter: Reporter | None = None) -> ExcitationResult:
 class _Excitation:
     def __init__(self, fit: Fit, reporter: Reporter) -> None:
         self._fit, self._reporter, self._begin = fit, reporter, time.perf_counter()
-        if importlib.util.find_spec(LIBRARY) is None:
-            raise MissingExtraError("mjrun fit", LIBRARY, EXTRA)
+        require_all(EXTRAS)
         assert fit.excite is not None
         of_fits = {
             "data": fit.data,

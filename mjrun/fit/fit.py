@@ -1,6 +1,5 @@
 """A fit: parameters of a model from measurements, and an honest word on how well they are known."""
 
-import importlib.util
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -9,7 +8,6 @@ import numpy as np
 
 from mjrun.errors import (
     EndedFromOutsideError,
-    MissingExtraError,
     UnidentifiableError,
     UnimprovedFitError,
     UsageError,
@@ -36,9 +34,9 @@ from mjrun.model.mujoco_globals import collected_warnings
 from mjrun.model.names import control_names
 from mjrun.options.fit import EXTRAS, FitOptions
 from mjrun.options.option import options
+from mjrun.packages import require_all
 from mjrun.reporter import Reporter, WarningReporter
 
-((EXTRA, (LIBRARY, _)),) = EXTRAS.items()
 FURTHER_STARTS = 12  # at least, where short chunks have led nowhere
 ENOUGH = 4  # measured numbers for each unknown
 # Of a signal that the model does not explain: least residual over its noise, and over its standard deviation.
@@ -98,8 +96,7 @@ class _Found:
 class _Run:
     def __init__(self, fit: Fit, reporter: Reporter) -> None:
         self._fit, self._reporter, self._begin = fit, reporter, time.perf_counter()
-        if importlib.util.find_spec(LIBRARY) is None:
-            raise MissingExtraError("mjrun fit", LIBRARY, EXTRA)
+        require_all(EXTRAS)
         simulation = fit.simulation
         if fit.velocity_limit is not None:
             raise UsageError(f"{option('velocity_limit')} is of {option('excite')}: what was measured is not limited")

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import importlib.util
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO, Protocol
 
-from mjrun.errors import MissingExtraError
 from mjrun.model.column import Column
+from mjrun.packages import require
 
 if TYPE_CHECKING:
     import numpy as np
@@ -84,6 +83,7 @@ class TableFormat:
       pipe: whether it can be written to standard output, and read from standard input.
       holds_manifest: whether its files can hold the manifest.
       library, extra: the library it needs, and the extra of mjrun that installs it.
+      reads_alone: whether only writing needs the library.
     """
 
     name: str
@@ -94,8 +94,9 @@ class TableFormat:
     holds_manifest: bool = True
     library: str = ""
     extra: str = ""
+    reads_alone: bool = False
 
     def require_library(self, purpose: str) -> None:
-        """Raises MissingExtraError if its library is not installed; `purpose`: `writing .parquet`."""
-        if self.library and importlib.util.find_spec(self.library) is None:
-            raise MissingExtraError(purpose, self.library, self.extra)
+        """Raises MissingExtraError or WrongVersionError if its library is unusable; `purpose`: `writing .parquet`."""
+        if self.library:
+            require(purpose, self.extra, self.library)

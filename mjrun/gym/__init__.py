@@ -4,17 +4,17 @@ Importing this registers `mjrun/Task-v0`, which takes `task`; `gymnasium.make("m
 so by itself. The numbers are those of `mjrun eval`, to the bit.
 """
 
-from mjrun.errors import MissingExtraError
+from mjrun.packages import cause_of, require, require_computing
 
 try:
     import gymnasium
-except ModuleNotFoundError as error:
-    if error.name != "gymnasium":
-        raise
-    raise MissingExtraError("mjrun.gym", "gymnasium", "gym") from None
 
-from mjrun.gym.environment import TaskEnv, make
-from mjrun.gym.vector import TaskVectorEnv, make_vec
+    from mjrun.gym.environment import TaskEnv, make
+    from mjrun.gym.vector import TaskVectorEnv, make_vec
+except Exception as error:
+    require("mjrun.gym", "gym", "gymnasium")
+    raise cause_of(error) or error from None
+require_computing()
 
 __all__ = ["TaskEnv", "TaskVectorEnv", "make", "make_vec"]
 

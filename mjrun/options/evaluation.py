@@ -31,7 +31,7 @@ from mjrun.options.sweep import VariationOptions
 from mjrun.options.view import QUALITIES
 
 # Extras of evaluations: the library that each installs, and what needs it.
-EXTRAS = {"eval": ("scipy", "mjrun eval")}
+EXTRAS = {"eval": (("scipy", "pyarrow"), "mjrun eval")}
 MANIFEST = "evaluation.json"  # of the folder of an evaluation
 NO_THRESHOLDS: dict[str, Numbers] = {}
 

@@ -6,7 +6,7 @@ from mjrun.options.kinds import Camera, Choice, File, Flag, Integer, Optional, R
 from mjrun.options.option import FrontEnd, Options, option, options
 from mjrun.options.output import VIDEOS
 
-EXTRAS = {"fit": ("scipy", "mjrun fit")}  # the library that the extra installs, and what needs it
+EXTRAS = {"fit": (("scipy",), "mjrun fit")}  # the libraries that the extra installs, and what needs them
 LOSSES = ("linear", "soft_l1", "huber", "cauchy")
 
 

@@ -24,11 +24,11 @@ from mjrun.options.kinds import (
 from mjrun.options.option import Exclusion, FrontEnd, Options, option, options, required
 from mjrun.options.variations import Variations
 
-# Extras of studies: the library that each installs, and what needs it.
+# Extras of studies: the libraries that each installs, and what needs them.
 EXTRAS = {
-    "sweep": ("scipy", "mjrun sweep"),
-    "dask": ("distributed", "mjrun sweep on Dask"),
-    "slurm": ("submitit", "mjrun sweep on Slurm"),
+    "sweep": (("scipy", "pyarrow"), "mjrun sweep"),
+    "dask": (("distributed",), "mjrun sweep on Dask"),
+    "slurm": (("submitit",), "mjrun sweep on Slurm"),
 }
 MOST_POINTS = 10_000_000  # of a study
 PLANS = (".jsonl",)  # suffixes of plans, which are accepted in place of a model

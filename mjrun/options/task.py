@@ -26,7 +26,10 @@ from mjrun.options.simulation import INTERPOLATIONS, NO_VALUES
 from mjrun.options.variations import Variations, distribution_text
 
 # Extras of policies and tasks: the library that each installs, and what needs it.
-EXTRAS = {"policy": ("onnxruntime", "policies in ONNX"), "gym": ("gymnasium", "Gymnasium's environments and mjrun.gym")}
+EXTRAS = {
+    "policy": (("onnxruntime",), "policies in ONNX"),
+    "gym": (("gymnasium",), "Gymnasium's environments and mjrun.gym"),
+}
 
 CURRENT, LAGGED = DERIVED = ("current", "lagged")
 JOINT_FIELDS = ("qpos", "qvel")

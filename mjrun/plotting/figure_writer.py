@@ -1,6 +1,5 @@
 """Writes figures: a drawing becomes one published file, with the same bytes for the same drawing."""
 
-import importlib.util
 import io
 import re
 import warnings
@@ -9,11 +8,12 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from mjrun.errors import BadValueError, MissingExtraError, clean, option
+from mjrun.errors import BadValueError, clean, option
 from mjrun.formats.atomic_output import OutputWriter
 from mjrun.formats.destinations import StagedFile, StandardOutput
 from mjrun.formats.figure_format import DRAWINGS
 from mjrun.formats.image_format import FORMATS, ImageData
+from mjrun.packages import require
 from mjrun.plotting.drawing import Drawing
 from mjrun.plotting.panel_grid import PanelGrid
 from mjrun.plotting.theme import THEMES, Theme
@@ -28,9 +28,8 @@ LIBRARY, EXTRA = "matplotlib", "plot"
 
 
 def require_matplotlib() -> None:
-    """Raises MissingExtraError if matplotlib is not installed."""
-    if importlib.util.find_spec(LIBRARY) is None:
-        raise MissingExtraError("a plot", LIBRARY, EXTRA)
+    """Raises MissingExtraError or WrongVersionError if matplotlib cannot be used."""
+    require("a plot", EXTRA, LIBRARY)
 
 
 class FigureWriter(OutputWriter):

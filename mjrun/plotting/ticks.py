@@ -5,8 +5,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
-from matplotlib.ticker import MaxNLocator
-
 _RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 _PLAIN = (1e-4, 1e6)  # of the largest tick; beyond, powers of ten are shown
 _DIGITS = 15  # that a float has
@@ -22,6 +20,8 @@ class Ticks:
 
 def linear_ticks(low: float, high: float, most: float, whole: bool = False) -> Ticks:
     """At most about so many ticks at equal distances between `low` and `high`; at whole numbers alone if need be."""
+    from matplotlib.ticker import MaxNLocator
+
     locator = MaxNLocator(max(1, int(most)), steps=[1, 2, 2.5, 5, 10], integer=whole)
     values = [float(value) for value in locator.tick_values(low, high) if low <= value <= high]
     return Ticks(values, tick_labels(values))

@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING, Protocol, cast
 
 import numpy as np
 
-from mjrun.errors import FileError, MissingExtraError, UsageError, clean, listing, quoted
+from mjrun.errors import FileError, UsageError, clean, listing, quoted
 from mjrun.formats.input_file import decoding, require_file
+from mjrun.packages import require
 
 if TYPE_CHECKING:
     from onnxruntime import InferenceSession
@@ -114,11 +115,9 @@ class OnnxModel:
 
 
 def _session(path: Path) -> "InferenceSession":
-    try:
-        os.environ.setdefault("ORT_DISABLE_TELEMETRY", "1")  # which would leave a file, and may call its makers
-        import onnxruntime
-    except ImportError:
-        raise MissingExtraError("a policy in ONNX", "onnxruntime", "policy") from None
+    require("a policy in ONNX", "policy", "onnxruntime")
+    os.environ.setdefault("ORT_DISABLE_TELEMETRY", "1")  # which would leave a file, and may call its makers
+    import onnxruntime
 
     require_file(path, "policy", SUFFIXES)
     options = onnxruntime.SessionOptions()

@@ -5,7 +5,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from mjrun.errors import FileError, MissingExtraError, UsageError, clean, option
+from mjrun.errors import FileError, UsageError, clean, option
+from mjrun.packages import require
 from mjrun.policy.policy import ActionSpace, Actor, Policy, PolicyFacts
 from mjrun.policy.trust import require_trusted_file
 
@@ -63,11 +64,9 @@ def _is_continuous(policy: "BasePolicy") -> bool:
 
 
 def _read(path: Path) -> "BasePolicy":
-    try:
-        import torch  # pyright: ignore[reportMissingImports]
-        from stable_baselines3.common.save_util import load_from_zip_file  # pyright: ignore[reportMissingImports]
-    except ImportError:
-        raise MissingExtraError("a policy of Stable-Baselines3", "stable-baselines3") from None
+    require("a policy of Stable-Baselines3", "", "stable_baselines3")
+    import torch  # pyright: ignore[reportMissingImports]
+    from stable_baselines3.common.save_util import load_from_zip_file  # pyright: ignore[reportMissingImports]
 
     torch.set_num_threads(1)  # so that sums have one order
     try:

@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from mjrun.errors import FileError, MissingExtraError, UsageError, clean, option
+from mjrun.errors import FileError, UsageError, clean, option
+from mjrun.packages import require
 from mjrun.policy.policy import ActionSpace, Actor, Policy
 from mjrun.policy.trust import require_trusted_file
 
@@ -35,10 +36,8 @@ class TorchScriptPolicy(Policy):
         return _TorchScriptActor(self._read() if hasattr(self._network, "reset") else self._network, self.name)
 
     def _read(self) -> "ScriptModule":
-        try:
-            import torch  # pyright: ignore[reportMissingImports]
-        except ImportError:
-            raise MissingExtraError("a policy in TorchScript", "torch") from None
+        require("a policy in TorchScript", "", "torch")
+        import torch  # pyright: ignore[reportMissingImports]
 
         torch.set_num_threads(1)  # so that sums have one order
         try:

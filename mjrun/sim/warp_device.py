@@ -1,14 +1,14 @@
 """A device of MuJoCo Warp: finding it, and explaining what it refuses. Warp is imported when one is looked for."""
 
-import importlib.util
 from collections.abc import Iterator
 from contextlib import AbstractContextManager, contextmanager
 from importlib.metadata import version
 from typing import Any
 
-from mjrun.errors import MissingExtraError, UnknownNameError, UsageError, clean, option
+from mjrun.errors import UnknownNameError, UsageError, clean, option
+from mjrun.packages import require
 
-EXTRA, LIBRARY, PACKAGE = "warp", "mujoco_warp", "mujoco-warp"
+EXTRA, LIBRARIES, PACKAGE = "warp", ("mujoco_warp", "warp"), "mujoco-warp"
 
 
 class WarpDevice:
@@ -32,7 +32,7 @@ class WarpDevice:
         self.warp, self.library = _imported()
         device = _device(self.warp, alias)
         self.alias, self.name, self.is_gpu = str(device.alias), str(device.name), bool(device.is_cuda)
-        self.version = f"{LIBRARY} {version(PACKAGE)}, warp {self.warp.__version__}"
+        self.version = f"{LIBRARIES[0]} {version(PACKAGE)}, warp {self.warp.__version__}"
 
     def active(self) -> AbstractContextManager[Any]:
         """Lets Warp work on this device."""
@@ -61,9 +61,8 @@ class WarpDevice:
 
 
 def require_library() -> None:
-    """Raises MissingExtraError if mujoco_warp is not installed."""
-    if importlib.util.find_spec(LIBRARY) is None:
-        raise MissingExtraError(f"{option('engine')} warp", PACKAGE, EXTRA)
+    """Raises MissingExtraError or WrongVersionError if the libraries of the extra cannot be used."""
+    require(f"{option('engine')} warp", EXTRA, *LIBRARIES)
 
 
 def _imported() -> tuple[Any, Any]:

@@ -6,15 +6,15 @@ from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Executor, Future, ThreadPoolExecutor, wait
 from contextlib import ExitStack
 from importlib import import_module
-from importlib.util import find_spec
 from itertools import islice
 from pathlib import Path
 from typing import Any, Protocol
 
 from mjrun.confinement.confinement import require_unconfined
-from mjrun.errors import MissingExtraError, MjrunError, UsageError, clean, option
+from mjrun.errors import MjrunError, UsageError, clean, option
 from mjrun.options.kinds import AUTO
 from mjrun.options.sweep import EXTRAS
+from mjrun.packages import require
 from mjrun.platform.cores import available_cores
 from mjrun.sim.warp_device import require_library
 from mjrun.study.isolation import Chunk, run_chunk
@@ -192,10 +192,9 @@ def _made_by(engine: str, module: str, name: str) -> Executor:
 
 
 def require_extra(extra: str) -> None:
-    """Raises MissingExtraError if the library of an extra of studies is not installed."""
-    library, use = EXTRAS[extra]
-    if find_spec(library) is None:
-        raise MissingExtraError(use, library, extra)
+    """Raises MissingExtraError or WrongVersionError if the libraries of an extra of studies cannot be used."""
+    libraries, use = EXTRAS[extra]
+    require(use, extra, *libraries)
 
 
 def _count(jobs: int | str) -> int:

@@ -67,10 +67,10 @@ class Environment:
     """
 
     def __init__(self, source: GymSource) -> None:
-        from gymnasium import spaces
-
         self.text = source.text
         self._environment = make_environment(source.name)
+        from gymnasium import spaces
+
         self._mujoco = mujoco_environment(self._environment, source.name)
         action, observation = self._environment.action_space, self._environment.observation_space
         if not isinstance(action, spaces.Box):

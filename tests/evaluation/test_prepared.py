@@ -5,7 +5,6 @@ from pathlib import Path
 import pytest
 
 from mjrun.errors import UsageError
-from mjrun.evaluation import prepared
 from mjrun.evaluation.prepared import PreparedEvaluation
 from mjrun.options.evaluation import EvaluationOptions
 from tests.evaluation.tasks import cart_task, write_policies
@@ -66,6 +65,6 @@ def test_the_other_policy_is_checked_too(tmp_path: Path) -> None:
 
 
 def test_a_missing_library_is_told_with_its_extra(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(prepared, "find_spec", lambda name: None)
+    monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
     with pytest.raises(UsageError, match=r"mjrun\[eval\]"):
         prepare(tmp_path, policy="zero")

@@ -98,5 +98,5 @@ def test_what_cannot_be_written_is_told_first(tmp_path: Path) -> None:
 def test_without_matplotlib_what_to_install_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
     require_matplotlib()
     monkeypatch.setattr(mjrun.plotting.figure_writer, "LIBRARY", "no_such_library")
-    with pytest.raises(MissingExtraError, match=r"a plot needs no_such_library, .*\n.*mjrun\[plot\]"):
+    with pytest.raises(MissingExtraError, match=r"a plot needs no-such-library, .*\n.*mjrun\[plot\]"):
         require_matplotlib()

@@ -85,6 +85,6 @@ def test_one_process_has_all_of_a_gpu() -> None:
 
 
 def test_warp_without_its_library_is_told_before_any_point(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("mjrun.sim.warp_device.LIBRARY", "not_installed")
+    monkeypatch.setattr("mjrun.sim.warp_device.LIBRARIES", ("not_installed",))
     with ExitStack() as stack, pytest.raises(MissingExtraError, match="mjrun\\[warp\\]"):
         open_executor("warp", 1, tmp_path, stack)

@@ -82,7 +82,8 @@ def input_format(path: Path) -> TableFormat:
     if known.reader is None:
         able = ", ".join(readable_suffixes())
         raise UsageError(f"{clean(str(path))}: {suffix} tables can be written, but not read\nreadable: {able}")
-    known.require_library(f"reading {suffix}")
+    if not known.reads_alone:
+        known.require_library(f"reading {suffix}")
     return known
 
 

@@ -162,4 +162,4 @@ def _floats(path: Path, name: str, matrix: Matrix) -> np.ndarray:
     return columns.T.astype(np.float64)
 
 
-FORMAT = TableFormat("mat", (".mat",), MatWriter, read, library="scipy", extra="mat")
+FORMAT = TableFormat("mat", (".mat",), MatWriter, read, library="scipy", extra="mat", reads_alone=True)

@@ -24,7 +24,6 @@ from mjrun.confinement.confinement import require_unconfined
 from mjrun.errors import (
     BrokenModelError,
     CompiledOverrideError,
-    MissingExtraError,
     ModelNotFoundError,
     UnknownNameError,
     UsageError,
@@ -34,6 +33,7 @@ from mjrun.model.fingerprint import physics_fingerprint
 from mjrun.model.mujoco_globals import collected_warnings
 from mjrun.model.source import CollectionSource
 from mjrun.model.sources.file import FileSource
+from mjrun.packages import require
 
 if TYPE_CHECKING:
     import gymnasium
@@ -276,8 +276,7 @@ def _value(text: str) -> Any:
 
 
 def _require_gymnasium(text: str) -> None:
-    if not importlib.util.find_spec(LIBRARY):
-        raise MissingExtraError(text, LIBRARY, EXTRA)
+    require(text, EXTRA, LIBRARY)
 
 
 def _import_installed(module: str, name: str) -> None:

@@ -1,11 +1,10 @@
 """Which parameters move a metric: rank correlations."""
 
-import importlib.util
 from collections.abc import Sequence
 
 import numpy as np
 
-from mjrun.errors import MissingExtraError
+from mjrun.packages import require
 
 
 def rank_correlations(parameters: Sequence[np.ndarray], metric: np.ndarray) -> np.ndarray:
@@ -17,8 +16,7 @@ def rank_correlations(parameters: Sequence[np.ndarray], metric: np.ndarray) -> n
     Raises:
       MissingExtraError: scipy is not installed.
     """
-    if importlib.util.find_spec("scipy") is None:
-        raise MissingExtraError("rank correlations", "scipy", "sweep")
+    require("rank correlations", "sweep", "scipy")
     from scipy.stats import spearmanr
 
     found = np.full(len(parameters), np.nan)

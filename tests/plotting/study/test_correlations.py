@@ -4,7 +4,6 @@ import numpy as np
 import pandas as pd
 import pytest
 
-import mjrun.plotting.study.correlations
 from mjrun.errors import MissingExtraError
 from mjrun.plotting.study.correlations import rank_correlations
 
@@ -27,6 +26,6 @@ def test_what_does_not_vary_has_none() -> None:
 
 
 def test_without_scipy_the_extra_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(mjrun.plotting.study.correlations.importlib.util, "find_spec", lambda name: None)
+    monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
     with pytest.raises(MissingExtraError, match="scipy"):
         rank_correlations([], np.empty(0))

@@ -1,0 +1,183 @@
+"""The packages that mjrun needs: which are missing or have a wrong version, and which other package requires that.
+
+Versions are compared with those in mjrun's own metadata, which pip reads too. Without metadata none is wrong.
+"""
+
+import importlib.util
+import operator
+import re
+import sys
+from collections.abc import Iterator, Mapping, Sequence
+from typing import TYPE_CHECKING, NamedTuple
+
+from mjrun.errors import MissingExtraError, MjrunError, WrongVersionError
+
+if TYPE_CHECKING:
+    from importlib.metadata import Distribution
+
+MODULES = {"pillow": "PIL", "pyyaml": "yaml", "scikit-image": "skimage", "warp-lang": "warp"}  # by package
+PACKAGES = {module: package for package, module in MODULES.items()}
+FIELD = "Requires-Dist: "  # of metadata
+COMPUTING = ("mujoco", "numpy")  # packages of which another version may fail late, or compute something else
+
+_REQUIREMENT = r"([\w.-]+)\s*(?:\[[^]]*\])?\s*\(?([^;()]*)\)?\s*(?:;(.*))?"
+_CLAUSE = r"(~=|===?|!=|<=|>=|<|>)\s*([^\s,]+)"
+_COMPARISONS = {
+    "==": operator.eq,
+    "===": operator.eq,
+    "!=": operator.ne,
+    "<": operator.lt,
+    "<=": operator.le,
+    ">": operator.gt,
+    ">=": operator.ge,
+}
+_LENGTH = 6  # numbers of a release that are compared
+
+
+class Requirement(NamedTuple):
+    """What a package needs of another one.
+
+    Attributes:
+      package: the name of the other one, normalized: `scikit-image`.
+      specifier: of its versions: `<15,>=13.7`; empty for any.
+      marker: of when it is needed: `extra == 'plot'`; empty for always.
+    """
+
+    package: str
+    specifier: str
+    marker: str
+
+    @property
+    def module(self) -> str:
+        """The module that the package installs."""
+        return MODULES.get(self.package, self.package.replace("-", "_"))
+
+    @property
+    def lowest(self) -> str:
+        """The lowest version; empty if any will do."""
+        return next((bound for comparison, bound in re.findall(_CLAUSE, self.specifier) if comparison == ">="), "")
+
+    def allows(self, version: str) -> bool:
+        """Whether the package may have this version."""
+        return all(_satisfies(version, comparison, bound) for comparison, bound in re.findall(_CLAUSE, self.specifier))
+
+
+def require(use: str, extra: str, *modules: str) -> dict[str, str]:
+    """The versions of the libraries of an extra, by package; each is one that mjrun works with.
+
+    Args:
+      use: what needs them, as the subject of a sentence.
+
+    Raises:
+      MissingExtraError: one is not installed.
+      WrongVersionError: one has another version.
+    """
+    packages = [PACKAGES.get(module, module.replace("_", "-")) for module in modules]
+    for module, package in zip(modules, packages, strict=True):
+        if importlib.util.find_spec(module) is None:
+            raise MissingExtraError(use, package, extra)
+    versions = {package: _version(package) for package in packages}
+    for error in wrong_versions(versions):
+        raise error
+    return versions
+
+
+def require_all(extras: Mapping[str, tuple[Sequence[str], str]]) -> None:
+    """The same for several extras, each with its libraries and with what needs them."""
+    for extra, (modules, use) in extras.items():
+        require(use, extra, *modules)
+
+
+def require_computing() -> None:
+    """Checks the versions of MuJoCo and NumPy, as far as they are imported; this takes a fraction of a millisecond.
+
+    Raises:
+      WrongVersionError: one is not what mjrun needs.
+    """
+    imported = {package: sys.modules[package] for package in COMPUTING if package in sys.modules}
+    for error in wrong_versions({package: str(module.__version__) for package, module in imported.items()}):
+        raise error
+
+
+def installed_wrong() -> Iterator[WrongVersionError]:
+    """An error for each package that mjrun always needs and that is installed in another version."""
+    return wrong_versions({each.package: _version(each.package) for each in _requirements() if not each.marker})
+
+
+def wrong_versions(versions: Mapping[str, str]) -> Iterator[WrongVersionError]:
+    """An error for each package, of those with a version here, that mjrun needs in another one."""
+    needed = {each.package: each for each in _requirements()}
+    for package, version in versions.items():
+        if version and package in needed and not needed[package].allows(version):
+            yield WrongVersionError(package, needed[package].specifier, version, _requiring(needed[package]))
+
+
+def cause_of(error: BaseException) -> MjrunError | None:
+    """What is wrong with the packages here, if anything is, so that an unexpected `error` is no surprise."""
+    for wrong in installed_wrong():
+        return wrong
+    for each in _requirements():
+        if isinstance(error, ImportError) and not each.marker and importlib.util.find_spec(each.module) is None:
+            return MissingExtraError("mjrun", each.package)
+    return None
+
+
+def _requiring(needed: Requirement) -> dict[str, str]:
+    """The installed packages that do not work with what mjrun needs, with what they need instead."""
+    from importlib.metadata import distributions
+
+    requiring: dict[str, str] = {}
+    for distribution in distributions():
+        others = [each for each in _read(distribution) if each.package == needed.package and "extra" not in each.marker]
+        if others and not any(each.allows(needed.lowest) for each in others):
+            requiring[f"{distribution.name} {distribution.version}"] = f"{needed.package}{others[0].specifier}"
+    return requiring
+
+
+def _requirements() -> list[Requirement]:
+    """What mjrun needs; nothing is known if it is not installed, as in a folder on PYTHONPATH."""
+    from importlib.metadata import PackageNotFoundError, distribution
+
+    try:
+        return _read(distribution("mjrun"))
+    except PackageNotFoundError:
+        return []
+
+
+def _read(distribution: "Distribution") -> list[Requirement]:
+    """What a package needs, from its headers alone: to parse a whole README takes longer."""
+    headers, _, _ = (distribution.read_text("METADATA") or "").partition("\n\n")
+    texts = [line.removeprefix(FIELD) for line in headers.splitlines() if line.startswith(FIELD)]
+    matches = [match for match in (re.match(_REQUIREMENT, text) for text in texts) if match]
+    return [
+        Requirement(re.sub(r"[-_.]+", "-", name).lower(), specifier.strip(), (marker or "").strip())
+        for name, specifier, marker in (match.groups() for match in matches)
+    ]
+
+
+def _version(package: str) -> str:
+    """The version of a package; empty if it is not installed."""
+    from importlib.metadata import PackageNotFoundError, version
+
+    try:
+        return version(package)
+    except PackageNotFoundError:
+        return ""
+
+
+def _satisfies(version: str, comparison: str, bound: str) -> bool:
+    """Whether `version` is what a clause such as `>=2.0` asks for; `==1.*` and `~=` compare the first numbers alone."""
+    mine, theirs = _release(version), _release(bound)
+    count = bound.removesuffix(".*").count(".") + 1
+    if comparison == "~=":
+        return mine >= theirs and mine[: count - 1] == theirs[: count - 1]
+    if bound.endswith(".*"):
+        mine, theirs = mine[:count], theirs[:count]
+    return _COMPARISONS[comparison](mine, theirs)
+
+
+def _release(version: str) -> tuple[int, ...]:
+    """The numbers of a release, 1.2.0 as 1.2, without what follows them: `rc1`, `+cpu`."""
+    match = re.match(r"v?(?:\d+!)?(\d+(?:\.\d+)*)", version)
+    numbers = [int(part) for part in match[1].split(".")] if match else []
+    return tuple([*numbers, *[0] * _LENGTH][:_LENGTH])
