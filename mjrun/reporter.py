@@ -18,19 +18,26 @@ class Reporter(Protocol):
         """Something that may make the result other than expected."""
         ...
 
+    def ask(self, text: str) -> None:
+        """Something the user has to do, without which the job does not go on."""
+        ...
+
     def progress(self, what: str, done: int, total: int) -> None:
         """`done` of `total` are done."""
         ...
 
 
 class WarningReporter:
-    """The Python API's: warnings become Python warnings, the rest is silent."""
+    """The Python API's: warnings become Python warnings, and so does what is asked; the rest is silent."""
 
     def note(self, text: str) -> None:
         pass
 
     def warn(self, text: str) -> None:
         warnings.warn(spelled(text), MjrunWarning, stacklevel=2)
+
+    def ask(self, text: str) -> None:
+        self.warn(text)
 
     def progress(self, what: str, done: int, total: int) -> None:
         pass

@@ -17,7 +17,7 @@ from mjrun.document.study import read_study
 from mjrun.job.simulation import Simulation
 from mjrun.job.trace import Trace
 from tests.conftest import Command
-from tests.viewer.studio_client import LIMIT, browser, payloads
+from tests.viewer.studio_client import LIMIT, Page, address, browser, payloads
 
 Execute = Callable[[str], "Done"]
 
@@ -257,10 +257,9 @@ def test_a_view_of_the_readme_opens_and_ends(
     with subprocess.Popen(arguments, cwd=tmp_path, env={**shell, **display}, stderr=subprocess.PIPE) as view:
         assert view.stderr
         if "--browser" in command:
-            address = re.search(rb"http://127\.0\.0\.1:(\d+)/", view.stderr.readline())
-            assert address
+            page = Page(address(view.stderr.readline().decode()))
             # It may be over before the first state is fetched.
-            with suppress(ConnectionClosed), browser(int(address[1])) as states:
+            with suppress(ConnectionClosed), browser(page) as states:
                 next(payloads(states))
             assert view.wait(LIMIT) == 0
         else:

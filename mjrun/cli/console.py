@@ -74,11 +74,14 @@ class Console:
 
     def note(self, text: str) -> None:
         if self.verbosity >= 0:
-            self._line(f"mjrun: {spelled(text, flag)}")
+            self.ask(text)
 
     def warn(self, text: str) -> None:
         if self.verbosity >= 0:
             self._line(f"mjrun: warning: {spelled(text, flag)}")
+
+    def ask(self, text: str) -> None:
+        self._line(f"mjrun: {spelled(text, flag)}")
 
     def error(self, text: str) -> None:
         """What ended the command."""

@@ -29,7 +29,7 @@ def obstacle() -> str:
 class BrowserWindow:
     """MuJoCo Studio's page. The browser draws a copy of the model; what is done in it comes as messages.
 
-    The server listens to this machine alone. It has no password: whoever has an account here can open the page.
+    The server listens to this machine alone, and answers only those who know the token in the address.
 
     Args:
       model: what is shown.
@@ -37,7 +37,7 @@ class BrowserWindow:
       speed: simulated seconds per second of wall time, at the beginning.
 
     Attributes:
-      url: where the page is.
+      url: where the page is, with its token.
 
     Raises:
       UsageError: the port cannot be had.
@@ -47,10 +47,10 @@ class BrowserWindow:
 
     def __init__(self, model: mujoco.MjModel, port: int | None = None, speed: float = 1.0) -> None:
         port = _free_port(port)
-        self.url = f"http://{HOST}:{port}/"
         self._model, self._data = copy.copy(model), mujoco.MjData(model)
         self._forces = state.fields(state.sizes(model))["xfrc_applied"]
         self._page: StudioPage = _studio_page()(self._model, self._data, port, speed)
+        self.url = f"http://{HOST}:{port}/?token={self._page.token}"
 
     @property
     def is_open(self) -> bool:

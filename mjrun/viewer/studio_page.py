@@ -2,14 +2,19 @@
 
 import contextlib
 import copy
+import hmac
 import importlib
 import io
 import logging
+import secrets
+import socket
 import sys
 import threading
 import time
 import warnings
+from collections.abc import Iterator
 from http import HTTPStatus
+from pathlib import Path
 from typing import Any
 from urllib.parse import urlsplit
 
@@ -29,6 +34,22 @@ HOST = "127.0.0.1"
 TITLE = "mjrun view"
 OWN_NAMES = (HOST, "localhost", "::1")  # of this machine, also at the end of a tunnel
 STATES = "/state"  # where a page that has loaded the model asks for states
+TOKEN = "token"  # what the address calls it
+HANDSHAKE = 60.0  # [s] that a request may take, so that nobody holds connections open without a token
+DESCRIPTORS = Path("/dev/fd")  # the open files of this process
+# The page has scripts within it, and its WebAssembly makes functions of texts and threads of blobs.
+POLICY = (
+    "default-src 'self'; script-src 'self' 'unsafe-inline' 'unsafe-eval' blob:; style-src 'self' 'unsafe-inline'; "
+    "img-src 'self' data: blob:; worker-src 'self' blob:; connect-src 'self' data: blob: ws://{host} wss://{host}; "
+    "object-src 'none'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
+)
+HEADERS = {
+    "Access-Control-Allow-Origin": "",  # which Studio sets to all
+    "Cross-Origin-Resource-Policy": "same-origin",
+    "Referrer-Policy": "no-referrer",  # the address has the token
+    "X-Content-Type-Options": "nosniff",
+    "X-Frame-Options": "DENY",
+}
 # ImGui crashes on a page that comes before its first frames, as that of a tab that is still open may.
 FRAMES_BEFORE_A_PAGE = 30
 START = 30.0  # [s] for the server to start
@@ -187,6 +208,9 @@ class StudioPage:
       data: what the page shows after each `sync`.
       speed: simulated seconds per second of wall time, at the beginning.
 
+    Attributes:
+      token: every request has it, in its address or in the cookie that the page gets.
+
     Raises:
       RuntimeError: the port is in use.
     """
@@ -196,6 +220,7 @@ class StudioPage:
         logging.getLogger("WebServer").setLevel(logging.WARNING)
         _ports_seen.discard(port)
         _ports_ready.discard(port)
+        self.token = _tokens[port] = secrets.token_urlsafe(32)
         self._port, page, started = port, Page(speed), threading.Event()
         self._messages = StudioMessages(model, page.step_control_state.get_speed())
         config = viewer_protocol.ViewerConfig(title=TITLE, gfx="web", http_port=port)
@@ -255,28 +280,122 @@ class StudioPage:
 
 _ports_ready: set[int] = set()  # where pages may come
 _ports_seen: set[int] = set()  # whose pages a browser has loaded, with the model
+_tokens: dict[int, str] = {}  # of the pages, by port
 
 
-def _is_own_page(headers: Any) -> bool:
-    """Whether a request comes from the page itself, and not from another site that is open in the browser."""
-    host, origin = headers.get("Host", ""), headers.get("Origin")
-    return urlsplit(f"//{host}").hostname in OWN_NAMES and origin in (None, f"http://{host}")
+def _refusal(request: Any, port: int) -> tuple[HTTPStatus, str] | None:
+    """Why a request is refused; None if it comes from the page itself, and from whoever was told its address."""
+    hosts, origins = request.headers.get_all("Host"), request.headers.get_all("Origin")
+    try:
+        (name,) = [urlsplit(f"//{host}").hostname for host in hosts]
+    except ValueError:  # none, several, or what is none
+        return HTTPStatus.BAD_REQUEST, "the request does not say which host it is for\n"
+    # Browsers let other sites connect to this machine.
+    if name not in OWN_NAMES or origins not in ([], [f"http://{hosts[0]}"]):
+        return HTTPStatus.FORBIDDEN, "this page is for the machine that it runs on\n"
+    if not any(_is_token(text, port) for text in (*_from_address(request), *_from_cookies(request, port))):
+        return HTTPStatus.FORBIDDEN, "open the address that mjrun has printed: it ends in a token\n"
+    if port not in _ports_ready:
+        return HTTPStatus.SERVICE_UNAVAILABLE, "the simulation is starting\n"
+    return None
 
 
-def _serve_own_page(handler: Any, *, process_request: Any, **settings: Any) -> Any:
-    """As `websockets.serve`, but refuses other sites: browsers let any of them connect to this machine."""
+def _is_token(text: str, port: int) -> bool:
+    return hmac.compare_digest(text.encode(errors="surrogateescape"), _tokens[port].encode())
+
+
+def _from_address(request: Any) -> Iterator[str]:
+    """The tokens in the address of a request."""
+    for part in request.path.partition("?")[2].split("&"):
+        name, _, value = part.partition("=")
+        if name == TOKEN:
+            yield value
+
+
+def _from_cookies(request: Any, port: int) -> Iterator[str]:
+    """The tokens in the cookies of a request; browsers send those of one port to all."""
+    for part in ";".join(request.headers.get_all("Cookie")).split(";"):
+        name, _, value = part.strip().partition("=")
+        if name == _cookie(port):
+            yield value
+
+
+def _cookie(port: int) -> str:
+    return f"mjrun-view-{port}"
+
+
+def _guarded_serve(handler: Any, *, process_request: Any, process_response: Any, **settings: Any) -> Any:
+    """As `websockets.serve`, but answers nobody without the token, and with headers that keep other sites out."""
+    port = settings["sock"].getsockname()[1]
 
     def process(connection: Any, request: Any) -> Any:
-        if not _is_own_page(request.headers):
-            return connection.respond(HTTPStatus.FORBIDDEN, "this page is for the machine that it runs on\n")
-        if settings["sock"].getsockname()[1] not in _ports_ready:
-            return connection.respond(HTTPStatus.SERVICE_UNAVAILABLE, "the simulation is starting\n")
+        if refusal := _refusal(request, port):
+            return connection.respond(*refusal)
         if request.path.partition("?")[0] == STATES:
-            _ports_seen.add(settings["sock"].getsockname()[1])
+            _ports_seen.add(port)
         return process_request(connection, request)
 
-    return _serve(handler, process_request=process, **settings)
+    def secure(connection: Any, request: Any, response: Any) -> Any:
+        response = process_response(connection, request, response) or response
+        is_answered = _refusal(request, port) is None
+        policy = POLICY.format(host=request.headers["Host"]) if is_answered else "default-src 'none'"
+        for name, value in {**HEADERS, "Content-Security-Policy": policy}.items():
+            with contextlib.suppress(KeyError):
+                del response.headers[name]
+            if value:
+                response.headers[name] = value
+        if is_answered and any(_is_token(text, port) for text in _from_address(request)):
+            cookie = f"{_cookie(port)}={_tokens[port]}; HttpOnly; SameSite=Strict; Path=/"
+            response.headers["Set-Cookie"] = cookie
+        return response
+
+    settings["open_timeout"] = HANDSHAKE
+    return _serve(handler, process_request=process, process_response=secure, **settings)
+
+
+class _OwnSocket(socket.socket):
+    """A listening socket that accepts the connections of this process, and closes those of any other."""
+
+    def accept(self) -> tuple[socket.socket, Any]:
+        while True:
+            connection, address = super().accept()
+            if _is_of_this_process(connection):
+                return connection, address
+            connection.close()
+
+
+def _is_of_this_process(connection: socket.socket) -> bool:
+    """Whether this process has the other end of a connection, too: no two have the same pair of addresses."""
+    with contextlib.suppress(OSError):
+        ends = connection.getpeername(), connection.getsockname()
+        for entry in DESCRIPTORS.iterdir():
+            if _ends(int(entry.name)) == ends:
+                return True
+    return False
+
+
+def _ends(descriptor: int) -> tuple[Any, Any] | None:
+    """The own address of a socket and that of its other end; None of what is no connected socket."""
+    try:
+        borrowed = socket.socket(fileno=descriptor)
+    except OSError:
+        return None
+    try:
+        return borrowed.getsockname(), borrowed.getpeername()
+    except OSError:
+        return None
+    finally:
+        borrowed.detach()
+
+
+def _bind_own_socket(port: int = 0) -> socket.socket:
+    """As Studio's function for the socket that its user interface connects to, which all of the machine could."""
+    bound = _OwnSocket(socket.AF_INET, socket.SOCK_STREAM)
+    bound.bind((HOST, port))
+    bound.listen()
+    return bound
 
 
 _serve = web_server.serve
-web_server.serve = _serve_own_page
+web_server.serve = _guarded_serve
+web_server.bind_loopback_socket = _bind_own_socket

@@ -126,7 +126,7 @@ class Viewer(ViewerOptions):
             if not reasons["browser"]:
                 page = browser_window.BrowserWindow(model, self.port, float(self.speed))
                 why = f"{reasons['window']}; " if "window" in reasons else ""
-                reporter.note(f"{why}open {page.url} in a browser on this machine; the simulation begins then")
+                reporter.ask(f"{why}open {page.url} in a browser on this machine; the simulation begins then")
                 return page
         raise NoWindowError(reasons)
 

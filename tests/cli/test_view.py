@@ -1,6 +1,7 @@
 """`mjrun view`, driven for real: under Xvfb, and by a client that speaks to its page as a browser does."""
 
 import json
+import re
 import signal
 import socket
 import subprocess
@@ -13,7 +14,7 @@ import pytest
 
 from tests.conftest import Command
 from tests.processes import children, worker
-from tests.viewer.studio_client import LIMIT, browser, model_bytes, payloads, wait_for_page
+from tests.viewer.studio_client import LIMIT, Page, address, browser, model_bytes, payloads
 
 ALONE = {"HOME": "/nonexistent"}  # nothing is read from there or written to it
 
@@ -86,22 +87,40 @@ def test_in_a_browser_it_waits_for_one_and_sends_it_what_it_records(
 ) -> None:
     child = mjrun.start("view", swing, "--port", str(port), "--recording", "seen.npz", env={**no_display, **ALONE})
     try:
-        assert b"<canvas" in wait_for_page(port, lambda: child.poll() is None)
-        assert model_bytes(port) > 1000
+        assert child.stderr
+        first = child.stderr.readline().decode()
+        page = Page(address(first))
+        assert b"<canvas" in page.content
+        assert model_bytes(page) > 1000
         assert listeners(worker(child)) == {"127.0.0.1"}
-        with browser(port) as states:
+        with browser(page) as states:
             stream = payloads(states)
             seen = [next(stream) for _ in range(8)]
     finally:
         child.send_signal(signal.SIGINT)
         returncode, messages = ended(child)
     assert returncode == 130, messages
-    assert f"open http://127.0.0.1:{port}/ in a browser on this machine" in messages
+    assert re.search(rf"open http://127.0.0.1:{port}/\?token=\S+ in a browser on this machine", first)
     recorded = {row[1:9].tobytes() for row in np.load(mjrun.folder / "seen.npz")["states"]}
     assert all(any(positions in payload for positions in recorded) for payload in seen)
     assert mjrun.files() == ["seen.npz"]
     with pytest.raises(ConnectionRefusedError):
         socket.create_connection(("127.0.0.1", port), timeout=1)
+
+
+def test_its_address_is_printed_whatever_else_is_not(
+    mjrun: Command, swing: Path, port: int, no_display: dict[str, str]
+) -> None:
+    child = mjrun.start("view", swing, "--port", str(port), "--quiet", env={**no_display, **ALONE})
+    try:
+        assert child.stderr
+        page = Page(address(child.stderr.readline().decode()))
+        assert b"<canvas" in page.content
+        with page.connect("state?sid=test") as states:
+            next(payloads(states))
+    finally:
+        child.send_signal(signal.SIGINT)
+        assert ended(child)[0] == 130
 
 
 def listeners(pid: int) -> set[str]:

@@ -155,7 +155,7 @@ def test_drawing_in_software_is_said_once_with_its_cost(
         def note(self, text: str) -> None:
             heard.append(text)
 
-        warn = note
+        warn = ask = note
 
         def progress(self, what: str, done: int, total: int) -> None:
             done_of.append((done, total))

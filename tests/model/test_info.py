@@ -180,6 +180,8 @@ class Listener:
 
     def note(self, text: str) -> None: ...
 
+    def ask(self, text: str) -> None: ...
+
     def warn(self, text: str) -> None:
         self.warned.append(text)
 

@@ -117,6 +117,8 @@ def test_notes_are_told_and_reported(tmp_path: Path) -> None:
         def note(self, text: str) -> None:
             heard.append(text)
 
+        ask = note
+
         def warn(self, text: str) -> None:
             raise AssertionError(text)
 

@@ -16,6 +16,8 @@ class Notes:
     def note(self, text: str) -> None:
         self.lines.append(text)
 
+    ask = note
+
     def warn(self, text: str) -> None:
         raise AssertionError
 

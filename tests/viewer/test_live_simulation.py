@@ -35,7 +35,7 @@ class Notes:
     def note(self, text: str) -> None:
         self.texts.append(text)
 
-    warn = note
+    warn = ask = note
 
     def progress(self, what: str, done: int, total: int) -> None:
         pass

@@ -7,14 +7,32 @@ from pathlib import Path
 
 ROOT = Path(__file__).parents[2]
 # Serves a page as the simulation does, and works it in both roles: Studio installs hooks that stay in a process.
-SCRIPT = """
-import copy, socket, sys, threading, time, urllib.error, urllib.request
+SCRIPT = r'''
+import copy, socket, subprocess, sys, threading, time, urllib.error, urllib.request
 import mujoco, numpy as np
 from mjrun.viewer import studio_page as studio
 from mjrun.viewer.window import Edit, Pull, Refuse, Reset, SetPaused, SetSpeed, Status, TakeStep
-from tests.viewer.studio_client import browser, payloads, wait_for_page
+from tests.viewer.studio_client import Page, browser, payloads
 from websockets.sync.client import connect
 from websockets.exceptions import InvalidStatus
+
+# Another user, where this process may become one: it reads what it gets from the socket, and asks for the page.
+STRANGER = """
+import os, socket, sys, urllib.error, urllib.request
+"host".encode("idna")  # loads what another user may not read
+if os.geteuid() == 0:
+    os.setgid(65534)
+    os.setuid(65534)
+with socket.create_connection(("127.0.0.1", int(sys.argv[1])), 60) as connection:
+    try:
+        print("closed" if connection.recv(1) == b"" else "served", end=" ")
+    except ConnectionResetError:
+        print("closed", end=" ")
+try:
+    urllib.request.urlopen(f"http://127.0.0.1:{sys.argv[2]}/model")
+except urllib.error.HTTPError as error:
+    print(error.code)
+"""
 
 model = mujoco.MjModel.from_xml_path(sys.argv[1])
 data = mujoco.MjData(model)
@@ -34,14 +52,15 @@ def come_early():
     end = time.monotonic() + 60
     while len(early) < 2 and time.monotonic() < end:
         try:
-            early.append(urllib.request.urlopen(f"http://127.0.0.1:{port}/").status)
+            token = studio._tokens[port]
+            early.append(urllib.request.urlopen(f"http://127.0.0.1:{port}/?token={token}").status)
         except urllib.error.HTTPError as error:
             early.append(error.code)
             try:
-                connect(f"ws://127.0.0.1:{port}/ui?sid=early")
+                connect(f"ws://127.0.0.1:{port}/ui?sid=early&token={token}")
             except InvalidStatus as refusal:
                 early.append(refusal.response.status_code)
-        except OSError:
+        except (KeyError, OSError):
             time.sleep(0.01)  # it does not listen yet
     first_frame.set()
 
@@ -63,21 +82,73 @@ own = [line for line in listening if line[9] in inodes and line[3] == "0A"]
 assert own and all(line[1].startswith("0100007F:") for line in own), own
 assert not [line for line in open("/proc/self/net/tcp6") if line.split()[9] in inodes]
 
-assert b"<canvas" in wait_for_page(port, lambda: True)
-for headers in ({"Origin": "http://evil.example"}, {"Host": "evil.example"}):
+# --- who is answered ---
+root = f"127.0.0.1:{port}"
+good = {"Host": root, "Cookie": f"mjrun-view-{port}={page.token}"}
+
+def answer(path="/", headers=good, host=None):
+    """The status and the headers of what is answered to a request as it is sent."""
+    lines = [f"GET {path} HTTP/1.1", *(f"{name}: {value}" for name, value in headers.items()), *(host or []), "", ""]
+    with socket.create_connection(("127.0.0.1", port), 60) as connection:
+        connection.sendall("\r\n".join(lines).encode("latin-1"))
+        head = b""
+        while b"\r\n\r\n" not in head and (more := connection.recv(2**16)):
+            head += more
+    status, *fields = head.partition(b"\r\n\r\n")[0].decode("latin-1").split("\r\n")
+    return int(status.split()[1]), dict(field.split(": ", 1) for field in fields)
+
+paths = ["/", "/index.html", "/web_client.js", "/model", "/model?total_bytes", "/assets/ibl.ktx", "/nowhere"]
+sockets = ["/ui?sid=x", "/state?sid=x", "/drop?sid=x"]
+upgrade = {"Upgrade": "websocket", "Connection": "Upgrade", "Sec-WebSocket-Key": "AAAAAAAAAAAAAAAAAAAAAA==",
+           "Sec-WebSocket-Version": "13"}
+wrong = [{}, {"Cookie": f"mjrun-view-{port}="}, {"Cookie": f"mjrun-view-{port}={page.token[:-1]}"},
+         {"Cookie": f"mjrun-view-{port}={page.token}x"}, {"Cookie": f"other={page.token}"},
+         {"Cookie": f"mjrun-view-{port}=\xe9\xff"}, {"Authorization": f"Bearer {page.token}"}]
+for path in [*paths, *sockets, "/?token=", f"/?token={page.token[:-1]}", "/?token=%e9", f"/{page.token}"]:
+    for headers in wrong:
+        extra = upgrade if path in sockets else {}
+        code, fields = answer(path, {"Host": root, **headers, **extra})
+        assert code == 403 and "Set-Cookie" not in fields, (path, headers, code)
+assert not page.is_seen
+assert [answer(path)[0] for path in paths] == [200, 200, 200, 200, 200, 200, 404]
+for path in paths[:6]:
+    address = f"{path}{'&' if '?' in path else '?'}token={page.token}"
+    assert answer(address, {"Host": root})[0] == 200, address
+code, fields = answer(f"/?token={page.token}", {"Host": root})
+assert fields["Set-Cookie"] == f"mjrun-view-{port}={page.token}; HttpOnly; SameSite=Strict; Path=/", fields
+for path in [*paths, "/?token=wrong"]:
+    fields = answer(path)[1]
+    assert fields["X-Content-Type-Options"] == "nosniff" and fields["Referrer-Policy"] == "no-referrer"
+    assert "frame-ancestors 'none'" in fields["Content-Security-Policy"] and "Access-Control-Allow-Origin" not in fields
+
+for host, code in [
+    (["Host: evil.example"], 403), (["Host: [::1"], 400), (["Host: ["], 400), (["Host: a]"], 400), ([], 400),
+    ([f"Host: {root}", f"Host: {root}"], 400), (["Host: \xff"], 403), (["Host: "], 403), (["Host: a b@c:d"], 403),
+    ([f"Host: {root}", "Origin: http://evil.example"], 403), ([f"Host: {root}", "Origin: null"], 403),
+    ([f"Host: {root}", "Origin: http://127.0.0.1:1"], 403), ([f"Host: {root}", f"Origin: http://{root}"], 200),
+    ([f"Host: localhost:9000", "Origin: http://localhost:9000"], 200), ([f"Host: [::1]:9000"], 200),
+]:
+    assert answer("/model", {"Cookie": good["Cookie"]}, host)[0] == code, host
+
+for headers, origin in [({}, None), ({"Cookie": good["Cookie"]}, "http://evil.example")]:
     try:
-        urllib.request.urlopen(urllib.request.Request(f"http://127.0.0.1:{port}/model", headers=headers))
-    except urllib.error.HTTPError as error:
-        assert error.code == 403
+        connect(f"ws://{root}/state?sid=evil", origin=origin, additional_headers=headers)
+    except InvalidStatus as error:
+        assert error.response.status_code == 403
     else:
         raise AssertionError(headers)
-try:
-    connect(f"ws://127.0.0.1:{port}/state?sid=evil", origin="http://evil.example")
-except InvalidStatus as error:
-    assert error.response.status_code == 403
 assert not page.is_seen
 
-with browser(port) as states:
+# --- what the user interface connects to, which is none of the machine's business ---
+(inner,) = {int(line[1].partition(":")[2], 16) for line in own} - {port}
+with socket.create_connection(("127.0.0.1", inner), 60) as ours:  # by this process, whose end the page replaces
+    pass
+stranger = subprocess.run([sys.executable, "-c", STRANGER, str(inner), str(port)], capture_output=True, text=True)
+assert stranger.stdout == "closed 403\n", stranger
+
+opened = Page(f"http://{root}/?token={page.token}")
+assert b"<canvas" in opened.content
+with browser(opened) as states:
     states.send("theme=dark")  # as a page does when it opens
     data.qpos[0] = 0.123
     for _ in range(600):
@@ -129,7 +200,7 @@ with socket.socket() as again:
     again.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
     again.bind(("127.0.0.1", port))
 print("closed")
-"""
+'''
 
 
 def test_it_is_local_guarded_worked_and_closed(swing: Path, tmp_path: Path) -> None:
@@ -139,24 +210,5 @@ def test_it_is_local_guarded_worked_and_closed(swing: Path, tmp_path: Path) -> N
     command = [sys.executable, "-c", "import os\n" + SCRIPT, str(swing)]
     done = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=120)
     assert (done.stdout.splitlines()[-1:], done.returncode) == (["closed"], 0), done.stderr
+    assert "Traceback" not in done.stderr
     assert list(home.iterdir()) == []  # Studio would leave its settings there
-
-
-REQUESTS = [
-    ({"Host": "127.0.0.1:8080"}, True),
-    ({"Host": "localhost:9000", "Origin": "http://localhost:9000"}, True),  # the end of a tunnel
-    ({"Host": "[::1]:8080"}, True),
-    ({"Host": "127.0.0.1:8080", "Origin": "https://example.com"}, False),
-    ({"Host": "127.0.0.1:8080", "Origin": "http://127.0.0.1:9999"}, False),
-    ({"Host": "127.0.0.1:8080", "Origin": "null"}, False),
-    ({"Host": "rebound.example:8080", "Origin": "http://rebound.example:8080"}, False),
-    ({}, False),
-]
-
-
-def test_requests_of_other_sites_are_told_apart() -> None:
-    code = (
-        "from mjrun.viewer.studio_page import _is_own_page\n"
-        f"for headers, own in {REQUESTS!r}: assert _is_own_page(headers) == own, headers"
-    )
-    subprocess.run([sys.executable, "-c", code], check=True, env={**os.environ, "PYTHONPATH": str(ROOT)})

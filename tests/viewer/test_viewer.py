@@ -140,6 +140,8 @@ def test_what_a_view_does_not_do_is_said_once(window: Opened, swing: Path) -> No
         def note(self, text: str) -> None:
             heard.append(text)
 
+        ask = note
+
         def warn(self, text: str) -> None:
             heard.append(text)
 
