@@ -32,8 +32,6 @@ class CameraMotion:
     """
 
     def __init__(self, script: CameraScript, model: mujoco.MjModel, size: tuple[int, int]) -> None:
-        if not script.shots:
-            raise UsageError(f"camera {clean(script.name)}: there are no shots")
         self.script, self._model, self._size = script, model, size
         self._data = mujoco.MjData(model)
         cameras = ModelCameras(model)
@@ -133,8 +131,6 @@ class CameraMotion:
     def _check_blend(self, i: int, shot: Shot) -> None:
         if shot.blend is None:
             return
-        if i == 0:
-            raise UsageError(f"{self._where(i)}: there is nothing before it that it could be blended with")
         if shot.blend.shape not in BLENDS:
             raise UnknownNameError("blend", shot.blend.shape, list(BLENDS), where=self._where(i))
         if not 0 < shot.blend.width < np.inf:

@@ -1,12 +1,15 @@
 """Camera scripts as plain values: shots in time, each with a rig. Names are not looked up in a model yet."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 
 from mjrun.camera.easing import Blend, Ramp
-from mjrun.camera.rigs.rig import Rig
+from mjrun.camera.rigs.rig import Rig, located
+from mjrun.camera.rigs.settings import ErrorPath
 from mjrun.camera.shake import Shake
+from mjrun.errors import UsageError, clean, concerning
+from mjrun.timeline import rational
 
 
 @dataclass(frozen=True)
@@ -72,3 +75,56 @@ class CameraScript:
 
     name: str
     shots: Sequence[Shot]
+
+    def check(self) -> None:
+        """Checks that the shots go together.
+
+        Raises:
+          UsageError: they do not.
+        """
+        shots: list[dict[str, object]] = []
+        for shot in self.shots:
+            values = {"until": shot.until, "duration": shot.lasting, "blend": shot.blend}
+            shots.append({key: value for key, value in values.items() if value is not None})
+        for path, message in shot_conflicts(shots):
+            with concerning(*path):
+                raise UsageError(f"{located(f'camera {clean(self.name)}', path)}: {message}")
+
+
+def shot_conflicts(shots: Sequence[Mapping[str, object]]) -> Iterator[tuple[ErrorPath, str]]:
+    """Yields what is wrong with the shots of a script, as far as no simulation is needed: where, and the sentence.
+
+    Args:
+      shots: the values of each by key, as they are written in a document, of any type.
+    """
+    if not shots:
+        yield ("shots",), "at least one is needed"
+    elif "blend" in shots[0]:
+        yield ("shots", 0, "blend"), "there is no shot before the first to blend with"
+    for i, shot in enumerate(shots):
+        if "until" in shot and "duration" in shot:
+            yield ("shots", i, "duration"), "a shot ends by until or after a duration, not both"
+    for i, shot in enumerate(shots[:-1]):
+        if "until" not in shot and "duration" not in shot:
+            yield ("shots", i), "when does this shot end? all but the last say until or duration"
+    yield from _disordered(shots)
+
+
+def _disordered(shots: Sequence[Mapping[str, object]]) -> Iterator[tuple[ErrorPath, str]]:
+    """Yields the shots that would end before they begin, as far as their times tell it."""
+    begun = Fraction(0)  # at the earliest
+    for i, shot in enumerate(shots):
+        until, duration = _number(shot.get("until")), _number(shot.get("duration"))
+        if 0 < until <= begun:
+            yield ("shots", i, "until"), f"expected a time later than {float(begun):g}, when the shot begins"
+        begun = max(begun + max(duration, Fraction(0)), until)
+
+
+def _number(value: object) -> Fraction:
+    """Returns a number exactly, and 0 for what is none."""
+    if not isinstance(value, int | float | Fraction) or isinstance(value, bool):
+        return Fraction(0)
+    try:
+        return rational(value)
+    except (ValueError, OverflowError):  # it is not finite
+        return Fraction(0)

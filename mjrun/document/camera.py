@@ -11,7 +11,7 @@ shots:
 """
 
 import pathlib
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from fractions import Fraction
 from typing import Annotated, Literal
 
@@ -109,7 +109,7 @@ class _ModelCamera(DocumentModel):
 
 
 class Shot(model_with_keys("_Rigs", _ModelCamera, rig_fields(), None)):
-    """A rig for a stretch of time: one of camera, free, orbit, track, look and path."""
+    """A rig for a stretch of time."""
 
     model_config = ConfigDict(json_schema_extra={"oneOf": [{"required": [rig]} for rig in RIGS]})
 
@@ -152,8 +152,6 @@ class Shot(model_with_keys("_Rigs", _ModelCamera, rig_fields(), None)):
         if not rigs and not mistyped:
             yield (), f"expected one of {', '.join(RIGS)}, got none"
         yield from (((rig,), f"a shot has one rig, and this one has {rigs[0]} already") for rig in rigs[1:])
-        if "until" in values and "duration" in values:
-            yield ("duration",), "a shot ends by until or after a duration, not both"
 
     def shot(self, speed: float | None) -> script.Shot:
         """The shot, at a speed if it says none."""
@@ -188,12 +186,8 @@ class CameraDocument(DocumentModel):
     @classmethod
     def cross_field_errors(cls, values: Mapping[str, object]) -> Iterator[tuple[Location, str]]:
         shots = mappings_in(values.get("shots"))
-        if shots and "blend" in shots[0]:
-            yield ("shots", 0, "blend"), "there is no shot before the first to blend with"
-        for i, shot in enumerate(shots[:-1]):
-            if "until" not in shot and "duration" not in shot:
-                yield ("shots", i), "when does this shot end? all but the last say until or duration"
-        yield from _disordered(shots)
+        if shots:
+            yield from script.shot_conflicts(shots)
 
     def script(self, name: str) -> script.CameraScript:
         """The script, under a name."""
@@ -230,21 +224,3 @@ def _fit(written: str | Fit | None) -> script.Fit | None:
     if isinstance(written, Fit):
         return script.Fit(written.target, written.margin)
     return None if written is None else script.Fit(written)
-
-
-def _disordered(shots: Sequence[Mapping[str, object]]) -> Iterator[tuple[Location, str]]:
-    """Shots that would end before they begin, as far as their times tell it."""
-    begun = Fraction(0)  # at the earliest
-    for i, shot in enumerate(shots):
-        until, duration = _number(shot.get("until")), _number(shot.get("duration"))
-        if 0 < until <= begun:
-            yield ("shots", i, "until"), f"expected a time later than {float(begun):g}, when the shot begins"
-        begun = max(begun + max(duration, Fraction(0)), until)
-
-
-def _number(value: object) -> Fraction:
-    """The number in a document; 0 if it is none."""
-    try:
-        return rational(value) if isinstance(value, int | float) and not isinstance(value, bool) else Fraction(0)
-    except (ValueError, OverflowError):
-        return Fraction(0)

@@ -1,15 +1,15 @@
 """The rigs of a camera document: models that are derived from the declarations of `camera.rigs`."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from functools import cache
-from typing import Annotated, ClassVar, Protocol, cast
+from typing import Annotated, ClassVar, cast
 
 from pydantic import AfterValidator, BeforeValidator, Field, Tag
 
 from mjrun.camera.easing import EASINGS, Ramp
 from mjrun.camera.rigs.model import ModelRig
 from mjrun.camera.rigs.registry import RIGS
-from mjrun.camera.rigs.settings import Setting, declared_fields
+from mjrun.camera.rigs.settings import Declared, Setting, declared_fields
 from mjrun.document.document_model import (
     LIST,
     MAPPING,
@@ -76,17 +76,6 @@ def optional_ramp(value: float | RampModel | None) -> Ramp | None:
     return None if value is None else ramp(value)
 
 
-class Declared(Protocol):
-    """A dataclass with declared fields, such as a rig or a waypoint."""
-
-    def __init__(self, *values: object, **fields: object) -> None: ...
-
-    @classmethod
-    def conflicts(cls, values: Mapping[str, object]) -> Iterator[tuple[Location, str]]:
-        """What is wrong with the combination of values."""
-        ...
-
-
 class DeclaredModel(DocumentModel):
     """A mapping that holds the declared fields of a dataclass."""
 
@@ -98,7 +87,8 @@ class DeclaredModel(DocumentModel):
 
     def value(self) -> Declared:
         """The dataclass."""
-        return self.declared(**{name: _field_value(value) for name, value in self})
+        make = cast("Callable[..., Declared]", self.declared)
+        return make(**{name: _field_value(value) for name, value in self})
 
 
 def _field_value(value: object) -> object:

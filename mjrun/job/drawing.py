@@ -120,6 +120,7 @@ def camera_motions(options: ViewOptions, model: mujoco.MjModel) -> list[CameraMo
     for index, camera in enumerate(options.camera):
         with concerning("camera", index):
             described = camera if isinstance(camera, CameraScript) else parse_camera(str(camera), model)
+            described.check()
             motions.append(CameraMotion(described, model, options.size))
     return motions
 

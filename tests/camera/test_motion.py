@@ -357,11 +357,9 @@ def test_a_shot_without_length_and_a_film_of_one_frame_have_a_pose() -> None:
 @pytest.mark.parametrize(
     ("shots", "message"),
     [
-        ([], "camera a: there are no shots"),
         ([Shot(ModelRig("tpo"))], "no camera 'tpo' (did you mean 'top'?)"),
         ([Shot(around(-1, 0))], "camera a: distance: '-1' is not a positive number of metres"),
         ([Shot(around(1, 0)), Shot(around(-1, 0))], "camera a: shot 2: distance: '-1' is not"),
-        ([Shot(around(1, 0), blend=Blend())], "camera a: there is nothing before it"),
         (
             [Shot(around(1, 0)), Shot(around(1, 0), blend=Blend("cubic"))],
             "no blend 'cubic' in camera a: shot 2\nblends:",

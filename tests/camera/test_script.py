@@ -1,6 +1,7 @@
 """Camera scripts as values: what is not given changes nothing, and other processes get the same."""
 
 import pickle
+from dataclasses import replace
 from fractions import Fraction
 
 import mujoco
@@ -11,8 +12,9 @@ from mjrun.camera.easing import Blend, Ramp
 from mjrun.camera.motion import CameraMotion
 from mjrun.camera.rigs.around import FreeRig
 from mjrun.camera.rigs.model import ModelRig
-from mjrun.camera.script import LEVEL, CameraScript, Event, Fit, Shot
+from mjrun.camera.script import LEVEL, CameraScript, Event, Fit, Shot, shot_conflicts
 from mjrun.camera.shake import Shake
+from mjrun.errors import UsageError
 from mjrun.model.state import save
 
 MODEL = mujoco.MjModel.from_xml_string(
@@ -59,3 +61,47 @@ def test_a_script_is_the_same_in_another_process() -> None:
         assert np.array_equal(mine.position, theirs.position)
         assert np.array_equal(mine.rotation, theirs.rotation)
         assert mine.frustum == theirs.frustum
+
+
+SHOT = Shot(ModelRig("side"))
+BLENDED = Shot(ModelRig("side"), blend=Blend())
+
+
+@pytest.mark.parametrize(
+    ("shots", "message", "path"),
+    [
+        ([], "camera a: shots: at least one is needed", ("shots",)),
+        ([BLENDED], "camera a: shot 1: blend: there is no shot before the first", ("shots", 0, "blend")),
+        ([SHOT, SHOT], "camera a: shot 1: when does this shot end?", ("shots", 0)),
+        (
+            [Shot(ModelRig("side"), until=Fraction(1), lasting=Fraction(2))],
+            "camera a: shot 1: duration: a shot ends by until or after a duration, not both",
+            ("shots", 0, "duration"),
+        ),
+        (
+            [replace(SHOT, lasting=Fraction(2)), replace(SHOT, until=Fraction(2)), SHOT],
+            "camera a: shot 2: until: expected a time later than 2, when the shot begins",
+            ("shots", 1, "until"),
+        ),
+    ],
+)
+def test_shots_that_do_not_go_together_are_refused_as_in_a_document(
+    shots: list[Shot], message: str, path: tuple[str | int, ...]
+) -> None:
+    with pytest.raises(UsageError) as caught:
+        CameraScript("a", shots).check()
+    assert str(caught.value).startswith(message)
+    assert caught.value.path == path
+
+
+def test_shots_that_go_together_are_accepted() -> None:
+    event = replace(SHOT, until=Event("speed(box) > 1"))
+    CameraScript("a", [event, replace(BLENDED, lasting=Fraction(1)), replace(SHOT, until=Fraction(3)), SHOT]).check()
+
+
+@pytest.mark.parametrize("value", [True, "2", None, [1], float("nan"), float("inf"), Event("a > 1")])
+def test_what_is_no_time_is_not_compared(value: object) -> None:
+    assert list(shot_conflicts([{"until": 1}, {"until": value}, {"until": 2}, {}])) == []
+    assert [path for path, _ in shot_conflicts([{"until": 1}, {"until": value}, {"until": 1}, {}])] == [
+        ("shots", 2, "until")
+    ]

@@ -85,7 +85,7 @@ rigs = st.one_of(
     st.builds(OrbitRig, maybe(places), **around),
     st.builds(OrbitRig, maybe(places), maybe(distances), st.none(), maybe(ramps), st.sampled_from(sorted(EASINGS))),
     st.builds(TrackRig, names, **around, heading=st.booleans(), offset=vectors),
-    st.builds(LookRig, places, places),
+    st.builds(LookRig, places, places).filter(lambda rig: rig.eye != rig.target),
     st.builds(
         PathRig, waypoints | orbits, places, st.sampled_from(["spline", "linear"]), ease=st.sampled_from([*EASINGS])
     ),

@@ -236,7 +236,7 @@ WRONG = [
     ("shots: [{orbit: {azimuth: {from: 1, to: 2, ease: eas}}}]",
      [f"1:50: shots[0].orbit.azimuth.ease: {EASES}, got 'eas'"]),
     ("shots: [{orbit: {azimuth: 3, ease: out}}]",
-     ["1:36: shots[0].orbit.ease: the ease belongs into the azimuth: {from, to, ease}"]),
+     ["1:36: shots[0].orbit.ease: set the ease within azimuth: {from, to, ease}"]),
     ("shots: [{orbit: {ease: eas}}]",
      ["1:24: shots[0].orbit.ease: expected 'linear', 'cosine', 'smooth', 'smoother', 'in' or 'out', got 'eas'"]),
     ("shots: [{orbit: {elevation: .inf}}]", ["1:29: shots[0].orbit.elevation: expected a finite number, got .inf"]),

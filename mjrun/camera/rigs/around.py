@@ -9,10 +9,10 @@ import numpy as np
 
 from mjrun.camera.easing import EASINGS, Ramp
 from mjrun.camera.pose import Frustum, Pose, around, turn
-from mjrun.camera.rigs.rig import ErrorPath, ModelCameras, Rig, ShotTime
-from mjrun.camera.rigs.settings import Setting
+from mjrun.camera.rigs.rig import ModelCameras, Rig, ShotTime
+from mjrun.camera.rigs.settings import ErrorPath, Setting
 from mjrun.camera.targets import Place, Target, Vector, find_target
-from mjrun.errors import UsageError, concerning
+from mjrun.errors import concerning
 
 DISTANCE = Setting(
     "ramp",
@@ -74,8 +74,6 @@ class OrbitRig(Rig):
 
     def bind(self, cameras: ModelCameras, where: str) -> "BoundAroundRig":
         self.check(where)
-        if self.azimuth and self.ease != "linear":
-            raise UsageError(f"{where}: the ease belongs into the azimuth")
         start = cameras.free.azimuth
         azimuth = self.azimuth or Ramp(start, start + 360, self.ease)
         return _bound("lookat", self.lookat, self.distance, azimuth, self.elevation, cameras)
@@ -83,7 +81,7 @@ class OrbitRig(Rig):
     @classmethod
     def conflicts(cls, values: Mapping[str, object]) -> Iterator[tuple[ErrorPath, str]]:
         if "ease" in values and "azimuth" in values:
-            yield ("ease",), "the ease belongs into the azimuth: {from, to, ease}"
+            yield ("ease",), "set the ease within azimuth: {from, to, ease}"
 
 
 @dataclass(frozen=True)

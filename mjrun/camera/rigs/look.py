@@ -1,5 +1,6 @@
 """A camera at one place that looks at another."""
 
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Annotated, ClassVar
 
@@ -7,9 +8,9 @@ import mujoco
 
 from mjrun.camera.pose import Frustum, Pose
 from mjrun.camera.rigs.rig import ModelCameras, Rig, ShotTime, looking_at
-from mjrun.camera.rigs.settings import Setting
+from mjrun.camera.rigs.settings import ErrorPath, Setting
 from mjrun.camera.targets import Place, Target, find_target
-from mjrun.errors import UsageError, concerning
+from mjrun.errors import concerning
 
 
 @dataclass(frozen=True)
@@ -24,13 +25,17 @@ class LookRig(Rig):
     target: Annotated[Place, Setting("place", "What is looked at: an object, or a point [m].", key="at")]
 
     def bind(self, cameras: ModelCameras, where: str) -> "BoundLookRig":
-        if self.eye == self.target:
-            raise UsageError(f"{where}: the camera cannot look at where it is")
+        self.check(where)
         with concerning("from"):
             eye = find_target(self.eye, cameras.model)
         with concerning("at"):
             target = find_target(self.target, cameras.model)
         return BoundLookRig(eye, target, cameras.frustum, where)
+
+    @classmethod
+    def conflicts(cls, values: Mapping[str, object]) -> Iterator[tuple[ErrorPath, str]]:
+        if "from" in values and values["from"] == values.get("at"):
+            yield ("at",), "the camera cannot look at where it is"
 
 
 @dataclass(frozen=True)

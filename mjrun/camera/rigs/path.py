@@ -1,8 +1,8 @@
 """A camera on a path through waypoints."""
 
+import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from itertools import pairwise
 from typing import Annotated, ClassVar
 
 import mujoco
@@ -11,10 +11,10 @@ import numpy as np
 from mjrun.camera.curve import SAME_POINT, ArcLength, Curve, centripetal, orbital_lengths, orbital_position
 from mjrun.camera.easing import EASINGS
 from mjrun.camera.pose import Pose, around, heading, rotation
-from mjrun.camera.rigs.rig import ErrorPath, ModelCameras, Rig, ShotTime, looking_at, mappings_in
-from mjrun.camera.rigs.settings import Setting
+from mjrun.camera.rigs.rig import ModelCameras, Rig, ShotTime, looking_at, mappings_in
+from mjrun.camera.rigs.settings import ErrorPath, Setting
 from mjrun.camera.targets import Place, Target, Vector, find_target
-from mjrun.errors import BadValueError, UsageError, concerning
+from mjrun.errors import UsageError, concerning
 
 CURVES = ("spline", "linear")
 PACES = ("constant", "time")
@@ -46,7 +46,7 @@ class Waypoint:
 
     @classmethod
     def conflicts(cls, values: Mapping[str, object]) -> Iterator[tuple[ErrorPath, str]]:
-        """What is wrong with the combination of values, as of `Rig.conflicts`."""
+        """What is wrong with the combination of values, as of `Declared.conflicts`."""
         present = [key for key in AROUND if key in values]
         if "eye" in values:
             yield from (((key,), f"an eye has no {key} beside it") for key in present)
@@ -90,7 +90,6 @@ class PathRig(Rig):
 
     def bind(self, cameras: ModelCameras, where: str) -> "BoundPathRig":
         self.check(where)
-        _check_path(self, where)
         return BoundPathRig(self, cameras, where)
 
     @classmethod
@@ -120,7 +119,7 @@ def _mixed_waypoints(points: Sequence[Mapping[str, object]], has_lookat: bool) -
 
 
 def _unordered_times(points: Sequence[Mapping[str, object]]) -> Iterator[tuple[ErrorPath, str]]:
-    latest = -1.0
+    latest = -math.inf
     for i, point in enumerate(points):
         time = point.get("at")
         if isinstance(time, int | float):
@@ -139,7 +138,7 @@ class BoundPathRig:
     def __init__(self, rig: PathRig, cameras: ModelCameras, where: str) -> None:
         self._rig, self._where, self.frustum = rig, where, cameras.frustum
         self._around = rig.waypoints[0].eye is None
-        self._lookats = _lookats(rig, cameras.model, self._around, where)
+        self._lookats = _lookats(rig, cameras.model)
         points = np.array([_coordinates(point) for point in rig.waypoints], float)
         times = [point.at for point in rig.waypoints]
         knots = np.array(times, float) if rig.pace == "time" else self._centripetal(points, cameras.data)
@@ -194,46 +193,12 @@ def _coordinates(point: Waypoint) -> Sequence[float]:
     return point.distance, point.azimuth, point.elevation
 
 
-def _lookats(rig: PathRig, model: mujoco.MjModel, needed: bool, where: str) -> list[Target]:
+def _lookats(rig: PathRig, model: mujoco.MjModel) -> list[Target]:
     """What is looked at from each waypoint; empty if the camera looks where the path leads."""
-    places = [rig.lookat if point.lookat is None else point.lookat for point in rig.waypoints]
-    if not needed and all(place is None for place in places):
-        return []
-    for i, place in enumerate(places, 1):
-        if place is None:
-            raise UsageError(f"{where}: waypoint {i}: what does it look at? give it a lookat, or the path")
     targets: list[Target] = []
-    for i, (point, place) in enumerate(zip(rig.waypoints, places, strict=True)):
-        with concerning(*(("lookat",) if point.lookat is None else ("waypoints", i, "lookat"))):
-            targets += [] if place is None else [find_target(place, model)]
+    for i, point in enumerate(rig.waypoints):
+        place = rig.lookat if point.lookat is None else point.lookat
+        if place is not None:
+            with concerning(*(("lookat",) if point.lookat is None else ("waypoints", i, "lookat"))):
+                targets.append(find_target(place, model))
     return targets
-
-
-def _check_path(rig: PathRig, where: str) -> None:
-    if len(rig.waypoints) < 2:
-        raise UsageError(f"{where}: a path needs two waypoints or more")
-    if rig.pace == "time" and rig.ease != "linear":
-        raise UsageError(f"{where}: ease is for a path of constant speed; this one has times")
-    for i, point in enumerate(rig.waypoints, 1):
-        _check_waypoint(point, f"{where}: waypoint {i}")
-        if (point.at is None) == (rig.pace == "time"):
-            raise UsageError(f"{where}: waypoint {i}: `at` goes with pace: time, all through a path")
-    if len({point.eye is None for point in rig.waypoints}) > 1:
-        raise UsageError(f"{where}: waypoints are either all given by eye, or all by distance, azimuth and elevation")
-    times = [point.at for point in rig.waypoints if point.at is not None]
-    for i, (before, after) in enumerate(pairwise(times), 2):
-        if not before < after:
-            raise BadValueError(f"{where}: waypoint {i}: at", f"{after:g}", f"later than {before:g} s")
-
-
-def _check_waypoint(point: Waypoint, where: str) -> None:
-    numbers = (point.distance, point.azimuth, point.elevation)
-    present = [number for number in numbers if number is not None]
-    if point.eye is not None and present:
-        raise UsageError(f"{where}: give it an eye, or distance, azimuth and elevation, not both")
-    if point.eye is None and len(present) < 3:
-        raise UsageError(f"{where}: give it an eye, or distance, azimuth and elevation")
-    if not np.isfinite([*(point.eye or present), point.at or 0.0]).all():
-        raise BadValueError(where, ", ".join(f"{v:g}" for v in (point.eye or present)), "made of finite numbers")
-    if point.distance is not None and point.distance <= 0:
-        raise BadValueError(f"{where}: distance", f"{point.distance:g}", "a positive number of metres")

@@ -1,7 +1,7 @@
 """What every rig is: settings, which are bound to a model and then give the camera's pose at any time of a shot."""
 
 from abc import ABC, abstractmethod
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import ClassVar, Protocol, cast
 
@@ -11,10 +11,8 @@ import numpy as np
 from mjrun.camera.curve import SAME_POINT
 from mjrun.camera.easing import EASINGS, Ramp
 from mjrun.camera.pose import Frustum, Pose, heading, pose_of, rotation
-from mjrun.camera.rigs.settings import declared_fields
+from mjrun.camera.rigs.settings import Declared, DeclaredField, ErrorPath, Setting, declared_fields, written_values
 from mjrun.errors import BadValueError, UnknownNameError, UsageError
-
-ErrorPath = tuple[str | int, ...]
 
 
 @dataclass(frozen=True)
@@ -108,24 +106,67 @@ class Rig(ABC):
 
     @classmethod
     def conflicts(cls, values: Mapping[str, object]) -> Iterator[tuple[ErrorPath, str]]:
-        """What is wrong with the combination of values in a document: where, and the sentence.
-
-        Args:
-          values: by key, as they are written, of any type.
-        """
+        """What is wrong with the combination of values, as of `Declared.conflicts`."""
         return iter(())
 
     def check(self, where: str) -> None:
-        """Raises an error for the first setting whose value is not as its declaration says."""
-        values = vars(self)
-        for field in declared_fields(type(self)):
-            value, setting = values[field.name], field.setting
-            if isinstance(value, Ramp):
-                low = 0.0 if setting.positive else -np.inf
-                expected = f"a positive number of {setting.unit}" if setting.positive else "finite"
-                check_ramp(value, f"{where}: {field.key}", low, expected=expected)
-            elif setting.kind == "choice" and value not in setting.choices:
+        """Raises an error for the first setting that is not as its declaration says, or does not go with others."""
+        check_declared(self, where)
+
+
+def check_declared(declared: Declared, where: str) -> None:
+    """Raises an error for the first field that is not as its declaration says, or does not go with others."""
+    for path, message in declared.conflicts(written_values(declared)):
+        raise UsageError(f"{located(where, path)}: {message}")
+    for field in declared_fields(type(declared)):
+        value = getattr(declared, field.name)
+        if value is not None:
+            _check_field(value, field, where)
+
+
+def _check_field(value: object, field: DeclaredField, where: str) -> None:
+    setting, place = field.setting, f"{where}: {field.key}"
+    match setting.kind:
+        case "ramp":
+            low, expected = (0.0, f"a positive number of {setting.unit}") if setting.positive else (-np.inf, "finite")
+            check_ramp(cast("Ramp", value), place, low, expected=expected)
+        case "number":
+            _check_number(cast("float", value), setting, place)
+        case "point":
+            point = cast("Sequence[float]", value)
+            if not np.isfinite(point).all():
+                raise BadValueError(place, ", ".join(f"{number:g}" for number in point), "made of finite numbers")
+        case "choice":
+            if value not in setting.choices:
                 raise UnknownNameError(field.key, str(value), list(setting.choices), where=where)
+        case "records":
+            records = cast("Sequence[Declared]", value)
+            if len(records) < setting.length:
+                raise UsageError(f"{place}: at least {setting.length} are needed, not {len(records)}")
+            for index, record in enumerate(records):
+                check_declared(record, located(where, (field.key, index)))
+        case "object" | "place" | "flag":
+            pass  # names and points are looked up in the model
+
+
+def _check_number(number: float, setting: Setting, where: str) -> None:
+    if not np.isfinite(number):
+        raise BadValueError(where, f"{number:g}", "finite")
+    if setting.positive and number <= 0:
+        raise BadValueError(where, f"{number:g}", f"a positive number of {setting.unit}")
+    if setting.least is not None and number < setting.least:
+        raise BadValueError(where, f"{number:g}", f"{setting.least:g} or more")
+
+
+def located(where: str, path: ErrorPath) -> str:
+    """Returns the place of a value in what errors call `where`: `camera a: waypoint 2: at`."""
+    names = [where]
+    for part in path:
+        if isinstance(part, int):
+            names[-1] = f"{names[-1].removesuffix('s')} {part + 1}"
+        else:
+            names.append(part)
+    return ": ".join(names)
 
 
 def mappings_in(value: object) -> list[dict[str, object]]:

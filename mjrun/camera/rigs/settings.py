@@ -1,9 +1,10 @@
 """How the settings of a rig are declared: once, for Python, the command line, camera documents and their schema."""
 
 import dataclasses
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Literal, get_type_hints
+from typing import Literal, Protocol, cast, get_type_hints
 
 # What a setting holds:
 #   object: the name of an object, as in `box`, `geom:edge`, `site:tip` or `subtree:torso`
@@ -13,6 +14,21 @@ from typing import Literal, get_type_hints
 #   number, flag, choice: of `choices`
 #   records: a list of dataclasses, of the class `record`, whose fields are declared in the same way
 Kind = Literal["object", "place", "point", "ramp", "number", "flag", "choice", "records"]
+
+ErrorPath = tuple[str | int, ...]
+
+
+class Declared(Protocol):
+    """A dataclass with declared fields, such as a rig or a waypoint."""
+
+    @classmethod
+    def conflicts(cls, values: Mapping[str, object]) -> Iterator[tuple[ErrorPath, str]]:
+        """What is wrong with the combination of values: where, and the sentence.
+
+        Args:
+          values: by key, as they are written in a document, of any type; those of records are mappings too.
+        """
+        ...
 
 
 @dataclass(frozen=True)
@@ -71,3 +87,16 @@ def declared_fields(kind: type) -> tuple[DeclaredField, ...]:
             if isinstance(setting, Setting):
                 fields.append(DeclaredField(field.name, setting.key or field.name, setting, field.default))
     return tuple(fields)
+
+
+def written_values(declared: Declared) -> dict[str, object]:
+    """Returns the fields that differ from their defaults, by key, as a document holds them."""
+    values: dict[str, object] = {}
+    for field in declared_fields(type(declared)):
+        value = getattr(declared, field.name)
+        if value is field.default or (type(value) is type(field.default) and value == field.default):
+            continue
+        if field.setting.kind == "records":
+            value = [written_values(record) for record in cast("Iterable[Declared]", value)]
+        values[field.key] = value
+    return values
