@@ -23,6 +23,13 @@ from mjrun.options.option import FrontEnd, Options, option, options
 VIEWS = ("rgb", "depth", "seg")
 LAYOUTS = ("row", "column", "grid")
 STYLES = ("color", "exact")
+# Rig that the command line can write → an example.
+RIGS = {
+    "free": "free:azimuth=90,elevation=-20",
+    "orbit": "orbit:lookat=box,azimuth=140..240,ease=cosine",
+    "track": "track:box,distance=.5",
+    "look": "look:from=0/-2/1,at=box",
+}
 CORNERS = ("top-left", "top", "top-right", "bottom-left", "bottom", "bottom-right")
 QUALITIES = ("draft", "model", "high")
 RENDERERS = ("classic", "filament")
@@ -79,9 +86,8 @@ class ViewOptions(RendererOptions):
     camera: tuple[object, ...] = option(
         converter=Several(Camera()),
         default="free",
-        help="A camera of the model, by name or index; or free, orbit or track with settings after a colon: "
-        "free:azimuth=90,elevation=-20 orbit:lookat=box,azimuth=140..240,ease=cosine track:box,distance=.5; "
-        "or a camera script, camera.yaml, with shots in time.",
+        help=f"A camera of the model, by name or index; or one of {', '.join(RIGS)} with settings after a colon: "
+        f"{' '.join(RIGS.values())}; or a camera script, camera.yaml, with shots in time.",
     )
     view: tuple[str, ...] = option(
         converter=Several(Choice(VIEWS)), default="rgb", help="Colour, depth [m] or segmentation."

@@ -3,8 +3,11 @@
 import re
 from collections.abc import Callable
 
+import mujoco
 import pytest
 
+from mjrun.camera.argument import parse_camera
+from mjrun.camera.rigs import registry
 from mjrun.errors import BadValueError, UnknownNameError
 from mjrun.formats import calibration_writer, image_format
 from mjrun.job.view import RENDERERS as IMPLEMENTED_RENDERERS
@@ -16,6 +19,7 @@ from mjrun.options.view import (
     LAYOUTS,
     QUALITIES,
     RENDERERS,
+    RIGS,
     STYLES,
     VIEWS,
     ViewOptions,
@@ -35,6 +39,16 @@ def test_choices_are_those_that_are_implemented() -> None:
     assert set(CORNERS) == set(text.CORNERS)
     assert STYLES == ("color", "exact")
     assert set(re.findall(r"\w+", BACKENDS)) - {"or"} <= {backend.AUTO, *backend.BACKENDS}
+
+
+def test_every_rig_that_the_command_line_can_write_has_an_example_in_the_help_of_cameras() -> None:
+    box = mujoco.MjModel.from_xml_string("<mujoco><worldbody><body name='box'/></worldbody></mujoco>")
+    assert {*RIGS} == {kind for kind, rig in registry.RIGS.items() if rig.argument}
+    for kind, example in RIGS.items():
+        (shot,) = parse_camera(example, box).shots
+        assert shot.rig.kind == kind
+        assert f" {kind}" in OPTIONS["camera"].help
+        assert f" {example}" in OPTIONS["camera"].help
 
 
 def test_every_quality_and_layout_can_be_drawn_and_no_other() -> None:
