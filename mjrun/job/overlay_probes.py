@@ -1,7 +1,7 @@
 """Values written over frames and plotted beside them, measured at the instants that the frames show."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import mujoco
 import numpy as np
@@ -64,7 +64,7 @@ class OverlayProbes:
             values = np.array([row[index] for row in rows])
             names, units = zip(*((column.name, column.unit) for column in table.columns[1:]), strict=True)
             graphs.append(Graph(np.array(times), values, names, units, size))
-        return Overlay(texts, empty.corner, empty.plots, empty.side, aligned(graphs), times)
+        return replace(empty, texts=texts, graphs=aligned(graphs), times=times)
 
     def _texts(
         self, rows: Sequence[FrameValues], steps: Sequence[int], times: Sequence[float], speeds: Sequence[float]

@@ -1,5 +1,6 @@
 """Values over frames and graphs beside them, measured at the instants that the frames show."""
 
+from dataclasses import dataclass
 from fractions import Fraction
 from pathlib import Path
 
@@ -12,6 +13,7 @@ from mjrun.errors import UnknownNameError, UsageError
 from mjrun.job.overlay_probes import empty_overlay, overlay_probes
 from mjrun.job.simulation import Simulation
 from mjrun.job.video import Video
+from mjrun.rendering.compositor import Overlay
 from mjrun.rendering.graph import Graph, aligned, graph_size
 from mjrun.sim.stepper import PhysicsStepper
 from mjrun.timeline import Timeline
@@ -71,6 +73,20 @@ def test_texts_and_graphs_hold_the_values_of_a_bare_loop(swing: Path) -> None:
         graphs.append(Graph(times, values, names, units, size))
     for graph, expected in zip(overlay.graphs, aligned(graphs), strict=True):
         assert np.array_equal(graph.draw(0.08), expected.draw(0.08))
+
+
+def test_what_an_overlay_has_besides_texts_and_graphs_stays(swing: Path) -> None:
+    @dataclass(frozen=True)
+    class WiderOverlay(Overlay):
+        margin: int = 0
+
+    model = mujoco.MjModel.from_xml_path(str(swing))
+    timeline = Timeline.of_steps(Fraction(1, 500), 100)
+    empty = WiderOverlay(corner="bottom", side="beside", margin=3)
+    overlay = overlay_probes(model, timeline, "{step}").overlay(empty, [], [0, 5], [1.0, 1.0], timeline)
+    assert overlay == WiderOverlay(
+        texts=["0", "5"], corner="bottom", side="beside", times=[0.0, 0.01], graphs=[], margin=3
+    )
 
 
 def test_nothing_is_measured_for_a_text_of_time_alone(swing: Path) -> None:
