@@ -4,6 +4,7 @@ import ast
 import re
 import subprocess
 import sys
+from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -213,6 +214,32 @@ def test_every_module_has_its_test_file() -> None:
         return tests / module.parent / f"test_{module.name.lstrip('_')}"
 
     assert sorted(str(module) for module in modules if not expected(module).exists()) == []
+
+
+def test_every_constant_is_used() -> None:
+    sources = {path: path.read_text("utf-8") for path in PACKAGE.rglob("*.py")}
+    words = Counter(word for text in sources.values() for word in re.findall(r"\w+", text))
+    unused: list[str] = []
+    for path, text in sources.items():
+        for node in ast.parse(text).body:
+            if isinstance(node, ast.Assign | ast.AnnAssign):
+                targets = node.targets if isinstance(node, ast.Assign) else [node.target]
+                names = {each.id for target in targets for each in ast.walk(target) if isinstance(each, ast.Name)}
+                if names and all(words[name] == 1 for name in names):
+                    unused.append(f"{path.relative_to(PACKAGE)}:{node.lineno} {', '.join(names)}")
+    assert unused == []
+
+
+def test_no_function_has_two_docstrings() -> None:
+    doubled = [
+        f"{path.relative_to(PACKAGE)}:{node.lineno} {node.name}"
+        for path in PACKAGE.rglob("*.py")
+        for node in ast.walk(ast.parse(path.read_text("utf-8")))
+        if isinstance(node, ast.FunctionDef)
+        and sum(isinstance(each, ast.Expr) and isinstance(getattr(each.value, "value", 0), str) for each in node.body)
+        > 1
+    ]
+    assert doubled == []
 
 
 @pytest.mark.parametrize("name", mjrun.__all__)

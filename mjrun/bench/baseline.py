@@ -1,4 +1,4 @@
-"""BaselineComparison of a benchmark with one that was saved: is it slower, and is that certain?
+"""Compares a benchmark with a saved baseline: is it slower, and how certain is that?
 
 Wall times of two benchmarks differ with the state of the machine as well as with what is measured. Where both have
 timed the same reference workload in turn with a figure, its samples `s` are divided by those of the workload, `r`, in

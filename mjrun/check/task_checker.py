@@ -26,8 +26,6 @@ from mjrun.suffixes import YAML
 from mjrun.task.task import Task
 from mjrun.task.worlds import TaskWorlds
 
-READING = "correct the document; the schema of tasks helps an editor to complete and check it"
-
 
 class TaskChecker(Checker):
     """Checks one task."""

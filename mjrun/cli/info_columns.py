@@ -105,5 +105,4 @@ def resistances(
 
 def stacked(units: Iterable[str | None]) -> str:
     """The different units, a line each, as a column shows them."""
-    """The different units, a line each, as a column shows them."""
     return "\n".join(filter(None, dict.fromkeys(units)))

@@ -10,8 +10,6 @@ from mjrun.diff.model_fields import OBJECTS
 from mjrun.diff.model_matching import ObjectMatching
 from mjrun.model.joint_components import QPOS_COMPONENTS, QVEL_COMPONENTS
 
-Stretch = tuple[int, int]
-
 
 @dataclass(frozen=True)
 class Rows:

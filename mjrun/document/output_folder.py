@@ -29,7 +29,7 @@ class OutputFolder:
         self._folder, self._name, self._taken = folder, name, ReservedFiles()
 
     def path(self, text: str) -> str:
-        """Where the output `text`, an `Inside`, is; a folder of frames ends in a slash as before.
+        """Resolves an output path inside the folder; a folder of frames keeps its trailing slash.
 
         Raises:
           UsageError: a link leads out of the folder.

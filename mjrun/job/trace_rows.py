@@ -152,7 +152,7 @@ class RowBuffer:
         self._written = 0
 
     def add(self, row: Rows) -> None:
-        """Takes the next row, as `TraceTable.read` gives it."""
+        """Adds the next row, as `ProbeSampler.read` returns it."""
         self._rows.append(row)
         if len(self._rows) == ROWS:
             self.flush()

@@ -14,7 +14,6 @@ from mjrun.plotting.page_theme import theme_style
 from mjrun.probe.verdict import Verdict
 
 _STYLE = Path(__file__).with_name("html_page.css")
-UNFOLDED = 40  # columns of a table that are shown without being asked for
 _POLICY = "default-src 'none'; style-src 'unsafe-inline'; img-src data: file: 'self'; media-src data: file: 'self'"
 
 

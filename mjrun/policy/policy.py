@@ -80,11 +80,6 @@ class ActionSpace:
     low: np.ndarray = field(compare=False)
     high: np.ndarray = field(compare=False)
 
-    @classmethod
-    def unbounded(cls, names: Sequence[str]) -> "ActionSpace":
-        """Actions without a clip."""
-        return cls(names, np.full(len(names), -np.inf), np.full(len(names), np.inf))
-
 
 class Actor(Protocol):
     """A policy within one episode, whose recurrent state it holds."""

@@ -7,11 +7,11 @@ import numpy as np
 import onnx
 from onnx import TensorProto, helper, numpy_helper
 
-from mjrun.policy.policy import ActionSpace
+from tests.policy.action_spaces import unbounded
 
 OPSET, IR = 18, 9
 TYPES = {np.float16: TensorProto.FLOAT16, np.float32: TensorProto.FLOAT, np.float64: TensorProto.DOUBLE}
-LEFT_RIGHT = ActionSpace.unbounded(["left", "right"])
+LEFT_RIGHT = unbounded(["left", "right"])
 
 Shape = Sequence[int | str | None]
 

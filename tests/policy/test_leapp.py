@@ -9,10 +9,10 @@ import pytest
 from mjrun.errors import FileError, UsageError
 from mjrun.policy.leapp import LeappPolicy
 from mjrun.policy.load import load_policy
-from mjrun.policy.policy import ActionSpace
+from tests.policy.action_spaces import unbounded
 from tests.policy.leapp_packages import GAIN, INITIAL, package
 
-JOINTS = ActionSpace.unbounded(["hip", "knee"])
+JOINTS = unbounded(["hip", "knee"])
 
 
 def test_networks_run_in_order_and_feed_back(tmp_path: Path) -> None:

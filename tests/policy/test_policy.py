@@ -5,8 +5,9 @@ import pytest
 
 from mjrun.errors import ControllerError, UsageError
 from mjrun.policy.policy import ActionSpace, Actor, Policy
+from tests.policy.action_spaces import unbounded
 
-NAMES = ActionSpace.unbounded(["left", "ri\x1bght"])
+NAMES = unbounded(["left", "ri\x1bght"])
 
 
 class Constant(Policy):

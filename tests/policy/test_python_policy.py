@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 from mjrun.errors import ControllerError, FileError, UnknownNameError, UsageError
-from mjrun.policy.policy import ActionSpace
 from mjrun.policy.python_policy import PythonPolicy, load_python
+from tests.policy.action_spaces import unbounded
 
-ONE = ActionSpace.unbounded(["motor"])
+ONE = unbounded(["motor"])
 CODE = '''
 class Counter:
     """Counts its calls."""

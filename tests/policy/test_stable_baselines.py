@@ -8,8 +8,8 @@ import pytest
 
 from mjrun.errors import FileError, MissingExtraError, UsageError
 from mjrun.policy.load import load_policy
-from mjrun.policy.policy import ActionSpace
 from mjrun.policy.stable_baselines import StableBaselinesPolicy
+from tests.policy.action_spaces import unbounded
 
 INSTALLED = importlib.util.find_spec("stable_baselines3") is not None
 
@@ -40,7 +40,7 @@ def test_it_answers_as_predict_does(tmp_path: Path, algorithm: str) -> None:
     model.save(tmp_path / "swing.zip")
     policy = StableBaselinesPolicy(tmp_path / "swing.zip", "swing.zip", trust=True, normalize="none")
     assert (policy.facts.observation_size, policy.facts.action_size) == (3, 1)
-    actor = policy.episode(0, ActionSpace.unbounded(["torque"]))
+    actor = policy.episode(0, unbounded(["torque"]))
     for observation in np.random.default_rng(0).normal(size=(5, 3)):
         expected, _ = model.predict(observation, deterministic=True)
         assert actor.act(observation).tolist() == expected.tolist()

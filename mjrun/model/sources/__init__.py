@@ -66,7 +66,7 @@ def _parsed(text: str) -> Source:
 
 @cache
 def model_collections() -> Mapping[str, type[CollectionSource]]:
-    """The model_collections of models, by prefix."""
+    """Returns the model collections by prefix."""
     for module in pkgutil.iter_modules(__path__):
         import_module(f"{__name__}.{module.name}")
     return {collection.PREFIX: collection for collection in CollectionSource.__subclasses__()}
