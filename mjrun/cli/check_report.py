@@ -10,7 +10,7 @@ from urllib.parse import quote
 from mjrun.check.check import CheckResult
 from mjrun.check.finding import SEVERITIES, Finding, short_path
 from mjrun.check.rule_table import RULES
-from mjrun.cli.annotations import annotation
+from mjrun.cli.github_annotations import annotation
 from mjrun.errors import clean
 from mjrun.version import __version__
 

@@ -3,7 +3,7 @@
 from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING
 
-from mjrun.cli.annotations import annotation
+from mjrun.cli.github_annotations import annotation
 from mjrun.cli.info_columns import Column
 from mjrun.cli.page_layout import PageLayout
 from mjrun.cli.result_summary import golden_summary

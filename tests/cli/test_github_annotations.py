@@ -1,6 +1,6 @@
 """Annotations of GitHub workflows cannot be broken by what they tell of."""
 
-from mjrun.cli.annotations import annotation
+from mjrun.cli.github_annotations import annotation
 
 
 def test_an_annotation_is_one_line_whatever_it_says() -> None:
