@@ -4,8 +4,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from mjrun.cli.info_columns import Column, number
 from mjrun.cli.page_layout import PageLayout
+from mjrun.cli.table_cells import Column, number
 from mjrun.errors import clean, counted
 
 if TYPE_CHECKING:

@@ -2,8 +2,8 @@
 
 from typing import TYPE_CHECKING
 
-from mjrun.cli.info_columns import Column, number
 from mjrun.cli.page_layout import PageLayout
+from mjrun.cli.table_cells import Column, number
 from mjrun.errors import clean
 
 if TYPE_CHECKING:

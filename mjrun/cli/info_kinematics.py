@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-from mjrun.cli.info_columns import (
+from mjrun.cli.table_cells import (
     Column,
     numbers,
     ranges,

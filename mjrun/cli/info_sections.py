@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 from mjrun.cli import info_actuators_sensors_cameras as devices
 from mjrun.cli import info_constraints, info_kinematics, info_settings_assets, info_summary
-from mjrun.cli.info_columns import Column
+from mjrun.cli.table_cells import Column
 from mjrun.errors import clean
 
 if TYPE_CHECKING:

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from mjrun.cli.info_columns import (
+from mjrun.cli.table_cells import (
     Column,
     byte_size,
     number,

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-from mjrun.cli.info_columns import byte_size, number, vector
+from mjrun.cli.table_cells import byte_size, number, vector
 from mjrun.errors import clean
 
 if TYPE_CHECKING:

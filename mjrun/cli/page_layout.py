@@ -11,7 +11,7 @@ from rich.padding import Padding
 from rich.table import Table
 from rich.text import Text
 
-from mjrun.cli.info_columns import Column
+from mjrun.cli.table_cells import Column
 
 GAP, INDENT = 2, 2
 READABLE = 100  # characters of a line of labels and values

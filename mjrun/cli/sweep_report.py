@@ -5,8 +5,8 @@ from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, cast
 
 from mjrun.cli.console import flag
-from mjrun.cli.info_columns import Column, byte_size, number
 from mjrun.cli.page_layout import PageLayout
+from mjrun.cli.table_cells import Column, byte_size, number
 from mjrun.errors import clean, spelled
 from mjrun.options.option import is_given, options_of
 from mjrun.options.simulation import SimulationOptions

@@ -4,8 +4,8 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING
 
-from mjrun.cli.info_columns import Column, number, numbers, ranges, texts
 from mjrun.cli.page_layout import PageLayout
+from mjrun.cli.table_cells import Column, number, numbers, ranges, texts
 from mjrun.errors import clean, counted
 
 if TYPE_CHECKING:

@@ -6,7 +6,7 @@ import mujoco
 import pytest
 
 from mjrun.cli.info_actuators_sensors_cameras import actuators, cameras, lights, sensors
-from mjrun.cli.info_columns import Column
+from mjrun.cli.table_cells import Column
 from mjrun.model.description.model_description import ModelDescription
 
 TEXT = """

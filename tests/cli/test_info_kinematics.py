@@ -5,8 +5,8 @@ from collections.abc import Sequence
 import mujoco
 import pytest
 
-from mjrun.cli.info_columns import Column
 from mjrun.cli.info_kinematics import bodies, geoms, joints, keyframes, sites
+from mjrun.cli.table_cells import Column
 from mjrun.model.description.model_description import ModelDescription
 
 MODEL = """

@@ -5,8 +5,8 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from rich.cells import cell_len
 
-from mjrun.cli.info_columns import Column
 from mjrun.cli.page_layout import PageLayout
+from mjrun.cli.table_cells import Column
 
 WORDS = st.text("ab字_", min_size=1, max_size=60)
 

@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mjrun.cli.info_columns import (
+from mjrun.cli.table_cells import (
     UNITS,
     byte_size,
     common,
