@@ -7,7 +7,7 @@ from mjrun.cli.github_annotations import annotation
 from mjrun.cli.page_layout import PageLayout
 from mjrun.cli.result_summary import golden_summary
 from mjrun.cli.table_cells import Column
-from mjrun.diff.model_lines import model_lines
+from mjrun.diff.model_sentences import model_lines
 from mjrun.diff.picture_sentences import frame_facts, frame_place, percent
 from mjrun.diff.sentences import golden_versions, place, unmatched_place
 from mjrun.errors import clean, counted, listing

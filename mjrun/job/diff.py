@@ -89,7 +89,7 @@ def _recordings(diff: Diff, a: str, b: str) -> DiffResult:
 
 
 def _models(diff: Diff, a: ModelLike, b: ModelLike, reporter: Reporter | None) -> DiffResult:
-    from mjrun.diff.model_lines import model_sentences
+    from mjrun.diff.model_sentences import model_sentences
     from mjrun.diff.models import compare_models
 
     tolerances = Tolerances(Tolerance(diff.atol, diff.rtol), diff.tol)

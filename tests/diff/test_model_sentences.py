@@ -3,7 +3,7 @@
 from pathlib import Path
 
 from mjrun.diff.model_differences import FieldDifference, ModelComparison, ModelObject
-from mjrun.diff.model_lines import model_lines, model_sentences
+from mjrun.diff.model_sentences import model_lines, model_sentences
 from mjrun.diff.models import compare_models
 from mjrun.model.sources import parse_source
 from tests.diff.models import CRATE, xml
