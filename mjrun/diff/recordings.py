@@ -8,7 +8,7 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from mjrun.diff.origins import origin_notes
+from mjrun.diff.provenance import provenance_notes
 from mjrun.diff.result import TableDifference
 from mjrun.diff.tables import compare_rows
 from mjrun.diff.tolerances import Tolerance, Tolerances, matches, require_matches
@@ -54,7 +54,7 @@ def compare_recordings(
     """
     with ExitStack() as stack:
         one, other = (stack.enter_context(RecordingReader(path)) for path in (a, b))
-        notes = origin_notes(one.facts, other.facts)
+        notes = provenance_notes(one.facts, other.facts)
         if differences := _size_differences(one, other, clean(a), clean(b)):
             return None, differences, notes
 

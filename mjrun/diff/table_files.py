@@ -4,7 +4,7 @@ from collections.abc import Collection, Mapping, Sequence
 from contextlib import ExitStack
 from functools import partial
 
-from mjrun.diff.origins import origin_notes
+from mjrun.diff.provenance import provenance_notes
 from mjrun.diff.result import TableDifference
 from mjrun.diff.tables import compare_rows
 from mjrun.diff.tolerances import Tolerance, Tolerances, matches, require_matches
@@ -48,7 +48,7 @@ def compare_tables(a: str, b: str, options: TableDiffOptions) -> tuple[TableDiff
         except CellError as error:
             error.add_note(f"{option('columns')} chooses columns; others may hold anything")
             raise
-        return table, origin_notes(reader_a.manifest, reader_b.manifest)
+        return table, provenance_notes(reader_a.manifest, reader_b.manifest)
 
 
 def _open_both(a: str, b: str, options: TableDiffOptions, stack: ExitStack) -> list[tuple[TableReader, list[str]]]:

@@ -98,7 +98,7 @@ class GoldenTable:
           source: what the simulation is called.
           replace: whether the rows are worth a golden table, if one is to be made.
         """
-        from mjrun.diff.origins import origin_notes
+        from mjrun.diff.provenance import provenance_notes
         from mjrun.diff.result import DiffResult, GoldenFacts
         from mjrun.diff.sentences import table_sentences
 
@@ -111,7 +111,7 @@ class GoldenTable:
             writer.finish()
         versions = [str((each or {}).get(key) or "") for each in (manifest, self._facts) for key in STATED]
         facts = GoldenFacts(*versions, updated=bool(writers))
-        notes = origin_notes(_rest(manifest or {}), _rest(self._facts))
+        notes = provenance_notes(_rest(manifest or {}), _rest(self._facts))
         equal = not differences
         return DiffResult(KIND, self._path, source, equal, differences, notes, table, golden=facts), writers
 

@@ -11,7 +11,7 @@ VERSIONS = {"mjrun": "mjrun", "mujoco": "MuJoCo", "numpy": "numpy", "machine": "
 SETTINGS = {"timestep": "the timestep", "seed": "the seed"}
 
 
-def origin_notes(a: Mapping[str, Any] | None, b: Mapping[str, Any] | None) -> list[str]:
+def provenance_notes(a: Mapping[str, Any] | None, b: Mapping[str, Any] | None) -> list[str]:
     """A sentence for each thing that differs between the manifests of two results, which may say anything."""
     if not a or not b:
         return []

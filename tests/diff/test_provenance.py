@@ -1,22 +1,22 @@
 """What made two results."""
 
-from mjrun.diff.origins import origin_notes
+from mjrun.diff.provenance import provenance_notes
 
 MANIFEST = {"mjrun": "1", "mujoco": "4.0.0", "seed": 0, "model": {"path": "a.xml", "sha256": "aa"}, "command": "x"}
 
 
 def test_what_differs_in_what_made_them_is_told() -> None:
     other = {**MANIFEST, "mujoco": "4.0.1\x1b", "seed": 1, "model": {"sha256": "bb"}, "command": "y"}
-    assert origin_notes(MANIFEST, other) == [
+    assert provenance_notes(MANIFEST, other) == [
         r"MuJoCo is 4.0.0 and 4.0.1\x1b",
         "the seed is 0 and 1",
         "the models, or what is overridden in them, are not the same",
     ]
-    same = origin_notes({**MANIFEST, "physics": "p"}, {**other, "physics": "p"})
+    same = provenance_notes({**MANIFEST, "physics": "p"}, {**other, "physics": "p"})
     assert same[-1] == "the models, or what is overridden in them, are not the same; what moves in them is"
 
 
 def test_nothing_is_told_of_what_is_not_known() -> None:
-    assert origin_notes(MANIFEST, MANIFEST) == []
-    assert origin_notes(MANIFEST, None) == origin_notes({}, MANIFEST) == []
-    assert origin_notes({"model": 1, "mujoco": None}, {"model": "b", "mujoco": [1]}) == ["MuJoCo is None and [1]"]
+    assert provenance_notes(MANIFEST, MANIFEST) == []
+    assert provenance_notes(MANIFEST, None) == provenance_notes({}, MANIFEST) == []
+    assert provenance_notes({"model": 1, "mujoco": None}, {"model": "b", "mujoco": [1]}) == ["MuJoCo is None and [1]"]
