@@ -1,4 +1,4 @@
-"""Columns of the tables of `mjrun info`: texts, numbers, vectors and ranges with their units."""
+"""Columns of the tables of reports: texts, numbers, vectors and ranges with their units."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
