@@ -12,7 +12,7 @@ from mjrun.cli.simulation_command import import_mujoco
 from mjrun.errors import FileError, UsageError, option
 from mjrun.options.bench import BenchOptions, ReportOptions
 from mjrun.options.confinement import ConfinementOptions
-from mjrun.options.messages import MessageOptions
+from mjrun.options.console import ConsoleOptions
 
 if TYPE_CHECKING:
     from mjrun.bench.results import BenchResult
@@ -37,7 +37,7 @@ def bench(console: Console, command_line: CommandLine) -> None:
 
     Exits with 8 when points of a --scan could not be measured, as with a timestep that is too long.
     """
-    report, as_json = command_line.make(ReportOptions), command_line.make(MessageOptions).json
+    report, as_json = command_line.make(ReportOptions), command_line.make(ConsoleOptions).json
     if as_json and (report.csv or report.markdown):
         names = f"{option('json')}, {option('csv')} and {option('markdown')}"
         raise UsageError(f"{names} all write to standard output; give one of them")

@@ -10,7 +10,7 @@ from mjrun.cli.simulation_command import import_mujoco
 from mjrun.errors import UsageError, option
 from mjrun.options.check import CheckOptions, CheckReportOptions
 from mjrun.options.confinement import ConfinementOptions
-from mjrun.options.messages import MessageOptions
+from mjrun.options.console import ConsoleOptions
 from mjrun.options.policy import PolicyOptions
 
 if TYPE_CHECKING:
@@ -35,7 +35,7 @@ def check(console: Console, command_line: CommandLine) -> None:
     """
     console.guard_stdout()
     import_mujoco()
-    report, as_json = command_line.make(CheckReportOptions), command_line.make(MessageOptions).json
+    report, as_json = command_line.make(CheckReportOptions), command_line.make(ConsoleOptions).json
     if report.list_:
         _show_rules(console, as_json)
         return

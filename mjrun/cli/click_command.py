@@ -13,8 +13,8 @@ from mjrun.cli.console import Console, flag
 from mjrun.errors import UsageError
 from mjrun.errors import option as mention
 from mjrun.options.confinement import ConfinementOptions
+from mjrun.options.console import ConsoleOptions
 from mjrun.options.kinds import AnyKind, Choice, ColumnMap, ExpectedError, Flag, Optional, Settings, Several, Values
-from mjrun.options.messages import MessageOptions
 from mjrun.options.option import FrontEnd, Option, Options, options_of
 
 if TYPE_CHECKING:
@@ -109,7 +109,7 @@ class SectionedCommand(click.Command):
         for param in self.get_params(ctx):
             record = param.get_help_record(ctx)
             if record and isinstance(param, click.Option):
-                section = param.declared.section if isinstance(param, DeclaredOption) else MessageOptions.section
+                section = param.declared.section if isinstance(param, DeclaredOption) else ConsoleOptions.section
                 sections.setdefault(section, []).append(record)
 
         for name, records in sections.items():
@@ -196,11 +196,11 @@ def command(
         @click.pass_obj
         def callback(console: Console, /, **params: object) -> None:
             command_line = CommandLine(params)
-            _set_verbosity(console, command_line.make(MessageOptions))
+            _set_verbosity(console, command_line.make(ConsoleOptions))
             with _confined_if_asked(console, command_line):
                 body(console, command_line)
 
-        declared = {each.name: each for cls in (*classes, MessageOptions) for each in options_of(cls)}
+        declared = {each.name: each for cls in (*classes, ConsoleOptions) for each in options_of(cls)}
         known = [each for each in declared.values() if FrontEnd.COMMAND in each.places and each.name not in without]
         params: list[click.Parameter] = [*arguments, *map(DeclaredOption, sorted(known, key=_section_rank))]
         return cls(name, callback=callback, params=params, help=body.__doc__)
@@ -229,7 +229,7 @@ def _section_rank(declared: Option) -> int:
     return SHARED_SECTIONS.index(declared.section) + 1 if declared.section in SHARED_SECTIONS else 0
 
 
-def _set_verbosity(console: Console, messages: MessageOptions) -> None:
+def _set_verbosity(console: Console, messages: ConsoleOptions) -> None:
     console.verbosity = -1 if messages.quiet else 1 if messages.verbose else 0
     console.debug = messages.debug
     if messages.debug and sys.__stderr__:

@@ -10,8 +10,8 @@ from mjrun.cli.console import Console
 from mjrun.cli.simulation_command import import_mujoco
 from mjrun.errors import UsageError, option
 from mjrun.options.confinement import ConfinementOptions
+from mjrun.options.console import ConsoleOptions
 from mjrun.options.diff import DiffOptions, DiffReportOptions
-from mjrun.options.messages import MessageOptions
 
 if TYPE_CHECKING:
     from mjrun.diff.result import DiffResult
@@ -62,7 +62,7 @@ def diff(console: Console, command_line: CommandLine) -> None:
 
 def check_report_options(command_line: CommandLine) -> None:
     """Raises UsageError if two options want standard output."""
-    if command_line.make(MessageOptions).json and command_line.make(DiffReportOptions).github:
+    if command_line.make(ConsoleOptions).json and command_line.make(DiffReportOptions).github:
         raise UsageError(f"{option('json')} and {option('github')} exclude each other: both want standard output")
 
 
@@ -70,7 +70,7 @@ def show(console: Console, command_line: CommandLine, result: "DiffResult") -> N
     """Prints what a comparison finds."""
     from mjrun.cli import diff_report
 
-    if command_line.make(MessageOptions).json:
+    if command_line.make(ConsoleOptions).json:
         console.document(asdict(result))
     elif command_line.make(DiffReportOptions).github:
         for line in diff_report.annotations(result):

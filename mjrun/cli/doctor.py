@@ -9,7 +9,7 @@ from mjrun.cli.click_command import CommandLine, command
 from mjrun.cli.console import Console, flag
 from mjrun.cli.simulation_command import import_mujoco
 from mjrun.errors import EncoderError, RendererError, WrongVersionError, clean
-from mjrun.options.messages import MessageOptions
+from mjrun.options.console import ConsoleOptions
 
 if TYPE_CHECKING:
     from mjrun.doctor import DoctorReport
@@ -31,7 +31,7 @@ def doctor(console: Console, command_line: CommandLine) -> None:
     from mjrun.doctor import examine
 
     report = examine(flag)
-    if command_line.make(MessageOptions).json:
+    if command_line.make(ConsoleOptions).json:
         console.document(asdict(report))
     else:
         console.result(_page(report))

@@ -13,8 +13,8 @@ from mjrun.cli.console import Console
 from mjrun.cli.simulation_command import failures_in_json, import_mujoco, with_camera_scripts
 from mjrun.errors import MjrunError, UsageError, option
 from mjrun.options.confinement import ConfinementOptions
+from mjrun.options.console import ConsoleOptions
 from mjrun.options.evaluation import EvaluationCommandOptions, EvaluationExecutionOptions, EvaluationOptions
-from mjrun.options.messages import MessageOptions
 from mjrun.suffixes import is_yaml
 
 if TYPE_CHECKING:
@@ -58,7 +58,7 @@ def eval(console: Console, command_line: CommandLine) -> None:  # noqa: A001 - t
     console.guard_stdout()
     import_mujoco()
     options = command_line.make(EvaluationCommandOptions)
-    if options.csv and command_line.make(MessageOptions).json:
+    if options.csv and command_line.make(ConsoleOptions).json:
         raise UsageError(f"{option('csv')} and {option('json')} both want standard output")
     evaluation, changes, located = _evaluation(console, command_line)
     with located():
@@ -101,7 +101,7 @@ def _show(console: Console, command_line: CommandLine, run: "Callable[[], Evalua
         elif console.verbosity >= 0:
             console.result(report)
 
-    as_json = command_line.make(MessageOptions).json
+    as_json = command_line.make(ConsoleOptions).json
     try:
         with failures_in_json(console, command_line, lambda results: asdict(results[0])):
             result = run()

@@ -11,8 +11,8 @@ from mjrun.cli.console import Console
 from mjrun.cli.simulation_command import import_mujoco, simulation
 from mjrun.errors import UsageError, clean, option
 from mjrun.options.confinement import ConfinementOptions
+from mjrun.options.console import ConsoleOptions
 from mjrun.options.fit import FitOptions
-from mjrun.options.messages import MessageOptions
 from mjrun.options.option import options_of
 from mjrun.options.simulation import SimulationOptions
 from mjrun.suffixes import is_yaml
@@ -51,7 +51,7 @@ def fit(console: Console, command_line: CommandLine) -> None:
     job, located = _fit(command_line)
 
     def show(result: "FitResult | ExcitationResult") -> None:
-        if command_line.make(MessageOptions).json:
+        if command_line.make(ConsoleOptions).json:
             console.document(asdict(result))
         elif console.verbosity >= 0:
             is_input = isinstance(result, ExcitationResult)

@@ -12,8 +12,8 @@ from mjrun.cli.list_columns import show_columns
 from mjrun.cli.simulation_command import import_mujoco, source
 from mjrun.errors import UsageError, clean, option
 from mjrun.options.confinement import ConfinementOptions
+from mjrun.options.console import ConsoleOptions
 from mjrun.options.info import InfoOptions
-from mjrun.options.messages import MessageOptions
 from mjrun.options.model import ModelOptions
 
 if TYPE_CHECKING:
@@ -50,7 +50,7 @@ def info(console: Console, command_line: CommandLine) -> None:
     """
     console.guard_stdout()
     import_mujoco()
-    sections, as_json = command_line.arguments("sections"), command_line.make(MessageOptions).json
+    sections, as_json = command_line.arguments("sections"), command_line.make(ConsoleOptions).json
     if command_line.make(InfoOptions).columns:
         if sections:
             raise UsageError(f"{option('columns')} lists the columns of a trace, and has no sections")

@@ -12,7 +12,7 @@ from mjrun.cli.result_summary import summary
 from mjrun.cli.simulation_command import failures_in_json, import_mujoco, payload_on_stdout
 from mjrun.errors import FailedAssertionError
 from mjrun.formats.input_file import is_folder
-from mjrun.options.messages import MessageOptions
+from mjrun.options.console import ConsoleOptions
 from mjrun.options.plot import TablePlotOptions
 
 if TYPE_CHECKING:
@@ -52,7 +52,7 @@ def plot(console: Console, command_line: CommandLine) -> None:
         except FailedAssertionError as error:
             _show(console, command_line, error.results)
             raise
-    if command_line.make(MessageOptions).json:
+    if command_line.make(ConsoleOptions).json:
         console.document(_document([result]))
     else:
         _show(console, command_line, [result])
@@ -60,7 +60,7 @@ def plot(console: Console, command_line: CommandLine) -> None:
 
 def _show(console: Console, command_line: CommandLine, results: "Sequence[TablePlotResult]") -> None:
     """A line about each result, where standard output is free for it."""
-    if console.verbosity >= 0 and not payload_on_stdout(command_line) and not command_line.make(MessageOptions).json:
+    if console.verbosity >= 0 and not payload_on_stdout(command_line) and not command_line.make(ConsoleOptions).json:
         for result in results:
             console.result(summary(result))
 

@@ -15,7 +15,7 @@ from mjrun.cli.result_summary import summary
 from mjrun.cli.simulation_command import failures_in_json, import_mujoco
 from mjrun.errors import FileError, MjrunError, clean
 from mjrun.options.confinement import ConfinementOptions
-from mjrun.options.messages import MessageOptions
+from mjrun.options.console import ConsoleOptions
 from mjrun.options.run import RunOptions
 
 if TYPE_CHECKING:
@@ -46,7 +46,7 @@ def run(console: Console, command_line: CommandLine) -> None:
     from mjrun.job.run_page import run_page
 
     options = command_line.with_converted("controller", load_controller).make(RunOptions)
-    as_json = command_line.make(MessageOptions).json
+    as_json = command_line.make(ConsoleOptions).json
     document, assignments = command_line.argument("document"), command_line.arguments("assignments")
     requests = read_run(document, assignments, options, console.command)
     with requests.located():

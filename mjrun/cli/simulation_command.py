@@ -18,8 +18,8 @@ from mjrun.cli.console import Console, flag
 from mjrun.cli.controller_loader import load_controller
 from mjrun.cli.result_summary import summary
 from mjrun.errors import MjrunError, PartlyDoneError, UsageError, option
+from mjrun.options.console import ConsoleOptions
 from mjrun.options.keyframe import LAST_INSTANT
-from mjrun.options.messages import MessageOptions
 from mjrun.options.model import ModelOptions
 from mjrun.options.output import CommandOptions
 from mjrun.options.trace import TraceOptions
@@ -144,7 +144,7 @@ def _saved_key(text: str) -> tuple[str, str]:
 
 def show(console: Console, command_line: CommandLine, result: "OutputResult", default_output: str = "") -> None:
     """Prints what was made: as JSON, or as a line, on standard output unless that holds the payload."""
-    if command_line.make(MessageOptions).json:
+    if command_line.make(ConsoleOptions).json:
         console.document(asdict(result))
     elif payload_on_stdout(command_line, default_output):
         console.say(summary(result))
@@ -159,7 +159,7 @@ def payload_on_stdout(command_line: CommandLine, default_output: str = "") -> bo
       UsageError: JSON wants it too.
     """
     piped = (command_line.value("output") or default_output) == "-"
-    if piped and command_line.make(MessageOptions).json:
+    if piped and command_line.make(ConsoleOptions).json:
         raise UsageError(f"{option('json')} and the output both want standard output; give {option('output')} FILE")
     return piped
 
@@ -172,7 +172,7 @@ def failures_in_json(
     try:
         yield
     except MjrunError as error:
-        if command_line.make(MessageOptions).json and (error.results or isinstance(error, PartlyDoneError)):
+        if command_line.make(ConsoleOptions).json and (error.results or isinstance(error, PartlyDoneError)):
             facts = {name: value for name, value in vars(error).items() if name not in ("results", "path")}
             public = {name: value for name, value in facts.items() if not name.startswith("_")}
             message = error.spelled(flag)

@@ -15,9 +15,9 @@ from mjrun.cli.simulation_command import failures_in_json, import_mujoco, simula
 from mjrun.errors import FileError, MjrunError, UsageError, clean, option
 from mjrun.formats.input_file import exists, is_file, is_folder
 from mjrun.options.confinement import ConfinementOptions
+from mjrun.options.console import ConsoleOptions
 from mjrun.options.keep import KeepOptions
 from mjrun.options.kinds import Settings, Values
-from mjrun.options.messages import MessageOptions
 from mjrun.options.option import options_of
 from mjrun.options.simulation import CodeOptions, SimulationOptions
 from mjrun.options.sweep import (
@@ -80,7 +80,7 @@ def sweep(console: Console, command_line: CommandLine) -> None:
     options = command_line.make(StudyCommandOptions)
     _start_early(command_line)
     import_mujoco()
-    if options.csv and command_line.make(MessageOptions).json:
+    if options.csv and command_line.make(ConsoleOptions).json:
         raise UsageError(f"{option('csv')} and {option('json')} both want standard output")
     if options.task is not None:
         _simulate_task(console, command_line, *options.task)
@@ -203,7 +203,7 @@ def _simulate_task(console: Console, command_line: CommandLine, task: int, tasks
     from mjrun.study.plan import run_task
 
     result = run_task(_plan(command_line), task, tasks, console)
-    if command_line.make(MessageOptions).json:
+    if command_line.make(ConsoleOptions).json:
         console.document(asdict(result))
         return
     counts = ", ".join(f"{count:,} {status}" for status, count in result.statuses.items())
@@ -239,7 +239,7 @@ def _show_preview(console: Console, command_line: CommandLine, study: "Study") -
     from mjrun.cli.sweep_report import preview_report
 
     preview = study.preview()
-    if command_line.make(MessageOptions).json:
+    if command_line.make(ConsoleOptions).json:
         console.document(asdict(preview))
     else:
         console.result(preview_report(preview))
@@ -260,7 +260,7 @@ def _show_result(
             _tell(console, report)
 
     as_csv = command_line.make(StudyCommandOptions).csv
-    as_json = command_line.make(MessageOptions).json
+    as_json = command_line.make(ConsoleOptions).json
     try:
         with failures_in_json(console, command_line, lambda results: asdict(results[0])):
             result = run(study)

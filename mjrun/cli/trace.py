@@ -8,7 +8,7 @@ from mjrun.cli.list_columns import show_columns
 from mjrun.cli.simulation_command import import_mujoco, make, payload_on_stdout, show, simulation, source, stem
 from mjrun.errors import UsageError, clean, option
 from mjrun.options.confinement import ConfinementOptions
-from mjrun.options.messages import MessageOptions
+from mjrun.options.console import ConsoleOptions
 from mjrun.options.output import CommandOptions
 from mjrun.options.simulation import SimulationOptions
 from mjrun.options.trace import TraceCommandLineOptions, TraceOptions
@@ -51,7 +51,7 @@ def trace(console: Console, command_line: CommandLine) -> None:
         command_line = command_line.with_defaults(output=f"{stem(command_line)}.csv")
     job = command_line.make(Trace, simulation=simulation(command_line), command=console.command)
     result = make(console, command_line, job)
-    if not piped or command_line.make(MessageOptions).json:
+    if not piped or command_line.make(ConsoleOptions).json:
         show(console, command_line, result)
 
 
@@ -60,7 +60,7 @@ def _list(console: Console, command_line: CommandLine) -> None:
 
     _require_no_output(command_line, f"{option('list')} shows columns on standard output and measures nothing")
     probes = command_line.make(Trace, simulation=simulation(command_line)).probe if command_line.value("probe") else ()
-    as_json, policy = command_line.make(MessageOptions).json, command_line.value("policy")
+    as_json, policy = command_line.make(ConsoleOptions).json, command_line.value("policy")
     show_columns(console, source(command_line), as_json, probes, policy)
 
 
@@ -70,7 +70,7 @@ def _verify(console: Console, command_line: CommandLine) -> None:
     from mjrun.job.verification import verify
 
     result = verify(simulation(command_line), console)
-    if command_line.make(MessageOptions).json:
+    if command_line.make(ConsoleOptions).json:
         console.document(asdict(result))
     elif console.verbosity >= 0:
         for line in lines(result):

@@ -8,7 +8,7 @@ from mjrun.cli.console import Console
 from mjrun.cli.simulation_command import import_mujoco, simulation
 from mjrun.errors import clean
 from mjrun.options.confinement import ConfinementOptions
-from mjrun.options.messages import MessageOptions
+from mjrun.options.console import ConsoleOptions
 from mjrun.options.simulation import SimulationOptions
 from mjrun.options.viewer import ViewerOptions
 
@@ -35,7 +35,7 @@ def view(console: Console, command_line: CommandLine) -> None:
 
     job = command_line.make(Viewer, simulation=simulation(command_line), command=console.command)
     result = job.run(console)
-    if command_line.make(MessageOptions).json:
+    if command_line.make(ConsoleOptions).json:
         console.document(asdict(result))
     elif result.recording is not None and console.verbosity >= 0:
         console.result(_summary(result))

@@ -10,13 +10,13 @@ import mjrun.options
 from mjrun.options.bench import BenchOptions, ReportOptions
 from mjrun.options.check import CheckOptions, CheckReportOptions
 from mjrun.options.confinement import ConfinementOptions
+from mjrun.options.console import ConsoleOptions
 from mjrun.options.diff import DiffOptions, DiffReportOptions
 from mjrun.options.evaluation import EvaluationCommandOptions, EvaluationExecutionOptions, EvaluationOptions
 from mjrun.options.fit import FitOptions
 from mjrun.options.image import ImageOptions
 from mjrun.options.info import InfoOptions
 from mjrun.options.keyframe import KeyframeOptions
-from mjrun.options.messages import MessageOptions
 from mjrun.options.option import Option, Options, options_of
 from mjrun.options.output import CommandOptions
 from mjrun.options.plot import PlotOptions, TablePlotOptions
@@ -39,7 +39,7 @@ from mjrun.options.trace import RecordingOptions, TraceCommandLineOptions, Trace
 from mjrun.options.video import VideoOptions
 from mjrun.options.viewer import ViewerOptions
 
-SIMULATING = (VideoOptions, ImageOptions, TraceOptions, SimulationOptions, CommandOptions, MessageOptions)
+SIMULATING = (VideoOptions, ImageOptions, TraceOptions, SimulationOptions, CommandOptions, ConsoleOptions)
 ALL: tuple[type[Options], ...] = (
     *SIMULATING,
     TraceCommandLineOptions,

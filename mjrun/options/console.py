@@ -7,7 +7,7 @@ from mjrun.options.option import FrontEnd, Options, option, options
 
 
 @options
-class MessageOptions(Options):
+class ConsoleOptions(Options):
     """What is printed, and how much of it."""
 
     section: ClassVar[str] = "Messages"

@@ -4,10 +4,10 @@ import click
 import pytest
 
 from mjrun.cli.main import COMMANDS, group
-from mjrun.options.messages import MessageOptions
+from mjrun.options.console import ConsoleOptions
 from mjrun.options.option import FrontEnd, options_of
 
-NAMES = {each.name for each in options_of(MessageOptions)}
+NAMES = {each.name for each in options_of(ConsoleOptions)}
 
 
 @pytest.mark.parametrize("name", COMMANDS)
@@ -18,5 +18,5 @@ def test_every_command_has_them(name: str) -> None:
 
 
 def test_they_are_of_the_command_line_alone_and_off() -> None:
-    assert {each.places for each in options_of(MessageOptions)} == {FrontEnd.COMMAND}
-    assert not any(each.default for each in options_of(MessageOptions))
+    assert {each.places for each in options_of(ConsoleOptions)} == {FrontEnd.COMMAND}
+    assert not any(each.default for each in options_of(ConsoleOptions))
