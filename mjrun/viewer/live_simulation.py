@@ -13,7 +13,7 @@ from mjrun.reporter import Reporter
 from mjrun.sim.replay import ReplayStepper
 from mjrun.sim.stepper import EditableStepper, Stepper
 from mjrun.task.episode import Ending, EpisodeStepper
-from mjrun.viewer.live_recording import LiveRecording
+from mjrun.viewer.session_recording import SessionRecording
 from mjrun.viewer.window import Edit, Pull, Refuse
 
 
@@ -37,7 +37,11 @@ class LiveSimulation:
     """
 
     def __init__(
-        self, simulation: Simulation, model: mujoco.MjModel, reporter: Reporter, recording: LiveRecording | None = None
+        self,
+        simulation: Simulation,
+        model: mujoco.MjModel,
+        reporter: Reporter,
+        recording: SessionRecording | None = None,
     ) -> None:
         self._simulation, self._model, self._reporter, self._recording = simulation, model, reporter, recording
         self._layout = state.fields(state.sizes(model))

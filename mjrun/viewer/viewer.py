@@ -21,9 +21,9 @@ from mjrun.options.viewer import ViewerOptions
 from mjrun.reporter import Reporter, WarningReporter, pass_on
 from mjrun.timeline import rational
 from mjrun.viewer import browser_window, native_window
-from mjrun.viewer.live_recording import LiveRecording
 from mjrun.viewer.live_simulation import LiveSimulation
 from mjrun.viewer.pace import Pace
+from mjrun.viewer.session_recording import SessionRecording
 from mjrun.viewer.window import Action, Edit, Pull, Refuse, Reset, SetPaused, SetSpeed, Status, TakeStep, Window
 
 SCHEMA = "mjrun-view-1"
@@ -99,7 +99,7 @@ class Viewer(ViewerOptions):
         simulation = self.simulation
         return simulation if simulation.has_end else replace(simulation, duration=FOREVER)
 
-    def _open_recording(self, model: mujoco.MjModel) -> LiveRecording:
+    def _open_recording(self, model: mujoco.MjModel) -> SessionRecording:
         assert self.recording is not None
         reserved = ReservedFiles()
         for what, path in self.simulation.inputs:
@@ -112,7 +112,7 @@ class Viewer(ViewerOptions):
                 "sizes": state.sizes(model),
                 "physics": physics_fingerprint(model),
             }
-            return LiveRecording(self.recording, state.size(model), facts)
+            return SessionRecording(self.recording, state.size(model), facts)
 
     def _open_window(self, model: mujoco.MjModel, reporter: Reporter) -> Window:
         """The window or the page, whichever is wanted and can be had."""

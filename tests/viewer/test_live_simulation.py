@@ -13,8 +13,8 @@ from mjrun.job.simulation import Simulation
 from mjrun.model import state
 from mjrun.task.task import Task
 from mjrun.task.terms import Action, Observation
-from mjrun.viewer.live_recording import LiveRecording
 from mjrun.viewer.live_simulation import RECORDED, REPLAY, LiveSimulation
+from mjrun.viewer.session_recording import SessionRecording
 from mjrun.viewer.window import Edit, Pull
 
 ARM = """<mujoco><option timestep=".002"/><worldbody>
@@ -46,7 +46,7 @@ def arm() -> mujoco.MjModel:
     return mujoco.MjModel.from_xml_string(ARM)
 
 
-def live_of(model: mujoco.MjModel, recording: LiveRecording | None = None, **settings: object) -> LiveSimulation:
+def live_of(model: mujoco.MjModel, recording: SessionRecording | None = None, **settings: object) -> LiveSimulation:
     simulation = Simulation(model, **settings)  # type: ignore[arg-type]
     return LiveSimulation(simulation, simulation.load(), Notes(), recording)
 
@@ -139,7 +139,7 @@ def test_a_control_that_is_set_stays_and_a_position_moves_the_simulation(arm: mu
 def test_what_is_recorded_is_physics_and_replays_bit_for_bit(arm: mujoco.MjModel, tmp_path: Path) -> None:
     """From each recorded state, one bare step leads to the next: forces and controls are in it."""
     path = tmp_path / "run.npz"
-    with LiveRecording(str(path), state.size(arm), {"sizes": state.sizes(arm)}) as recording:
+    with SessionRecording(str(path), state.size(arm), {"sizes": state.sizes(arm)}) as recording:
         live = live_of(arm, recording)
         take(live, 5)
         live.reset()
@@ -170,7 +170,7 @@ def test_what_is_recorded_is_physics_and_replays_bit_for_bit(arm: mujoco.MjModel
 
 def test_positions_cannot_be_set_where_a_recording_holds_physics(arm: mujoco.MjModel, tmp_path: Path) -> None:
     notes = Notes()
-    with LiveRecording(str(tmp_path / "run.npz"), state.size(arm), {}) as recording:
+    with SessionRecording(str(tmp_path / "run.npz"), state.size(arm), {}) as recording:
         simulation = Simulation(arm)
         live = LiveSimulation(simulation, simulation.load(), notes, recording)
         before = position(live)

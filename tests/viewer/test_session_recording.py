@@ -7,12 +7,12 @@ import pytest
 
 from mjrun.errors import FileError, UsageError
 from mjrun.formats.recording_reader import RecordingReader
-from mjrun.viewer.live_recording import LiveRecording
+from mjrun.viewer.session_recording import SessionRecording
 
 
 def test_a_restart_drops_what_was_there(tmp_path: Path) -> None:
     path = tmp_path / "run.npz"
-    with LiveRecording(str(path), 2, {"steps": 7, "by": "me"}) as recording:
+    with SessionRecording(str(path), 2, {"steps": 7, "by": "me"}) as recording:
         for step in range(5):
             recording.write(step, np.full(2, 10.0 + step))
         recording.restart()
@@ -31,9 +31,9 @@ def test_a_restart_drops_what_was_there(tmp_path: Path) -> None:
 def test_without_states_or_publishing_the_old_file_stays(tmp_path: Path) -> None:
     path = tmp_path / "run.npz"
     path.write_bytes(b"old")
-    with LiveRecording(str(path), 1, {}) as recording:
+    with SessionRecording(str(path), 1, {}) as recording:
         assert recording.publish() == []
-    with LiveRecording(str(path), 1, {}) as recording:
+    with SessionRecording(str(path), 1, {}) as recording:
         recording.write(0, np.zeros(1))
     assert path.read_bytes() == b"old"
     assert [file.name for file in tmp_path.iterdir()] == ["run.npz"]
@@ -41,6 +41,6 @@ def test_without_states_or_publishing_the_old_file_stays(tmp_path: Path) -> None
 
 def test_what_cannot_be_written_is_said_at_once(tmp_path: Path) -> None:
     with pytest.raises(UsageError, match=r"\.npz"):
-        LiveRecording(str(tmp_path / "run.csv"), 1, {})
+        SessionRecording(str(tmp_path / "run.csv"), 1, {})
     with pytest.raises(FileError):
-        LiveRecording(str(tmp_path / "nowhere/run.npz"), 1, {})
+        SessionRecording(str(tmp_path / "nowhere/run.npz"), 1, {})

@@ -9,7 +9,7 @@ import numpy as np
 from mjrun.formats.recording_writer import RecordingWriter
 
 
-class LiveRecording:
+class SessionRecording:
     """A recording that can be begun anew; only the last one is ever published.
 
     Args:
@@ -52,7 +52,7 @@ class LiveRecording:
         self._facts["steps"] = self._last
         return self._writer.publish()
 
-    def __enter__(self) -> "LiveRecording":
+    def __enter__(self) -> "SessionRecording":
         return self
 
     def __exit__(
