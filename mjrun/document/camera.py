@@ -30,7 +30,7 @@ from mjrun.document.document_model import (
     Location,
     Name,
     Omittable,
-    OneOf,
+    OneOfTexts,
     Positive,
     by_type,
     empty_if_null,
@@ -41,7 +41,7 @@ from mjrun.document.rigs import DeclaredModel, NumberOrRamp, PositiveNumberOrRam
 from mjrun.errors import near
 from mjrun.timeline import rational
 
-Shape = Annotated[str, OneOf(tuple(BLENDS))]
+Shape = Annotated[str, OneOfTexts(tuple(BLENDS))]
 Index = Annotated[int, Field(ge=0)]
 Time = Annotated[float, Field(ge=0)]
 

@@ -154,8 +154,8 @@ def by_type(expected: str, *tags: str) -> Discriminator:
 
 
 @dataclass(frozen=True)
-class OneOf:
-    """One of these texts, in `Annotated[str, OneOf(…)]`."""
+class OneOfTexts:
+    """One of these texts, in `Annotated[str, OneOfTexts(…)]`."""
 
     names: tuple[str, ...]
 

@@ -14,7 +14,7 @@ from mjrun.document.document_model import (
     Location,
     Name,
     Omittable,
-    OneOf,
+    OneOfTexts,
     Vector,
     by_type,
 )
@@ -136,6 +136,6 @@ class InlineSpan(DocumentModel):
 
 
 InlineDistribution = Annotated[
-    dict[Annotated[str, OneOf(tuple(DISTRIBUTIONS))], list[float | Name]],
+    dict[Annotated[str, OneOfTexts(tuple(DISTRIBUTIONS))], list[float | Name]],
     Field(min_length=1, max_length=1, description=f"Random values: {', '.join(DISTRIBUTIONS.values())}."),
 ]

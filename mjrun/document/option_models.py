@@ -18,7 +18,7 @@ from mjrun.document.document_model import (
     Location,
     Name,
     Omittable,
-    OneOf,
+    OneOfTexts,
     by_type,
     model_with_keys,
     of_length,
@@ -205,7 +205,7 @@ def field_type(kind: AnyKind) -> object:
             names, check = NAMES[of]
             return Annotated[Name, checked_by(check), suggested(names())]
         case option_kinds.Choice(names=names):
-            return Annotated[str, OneOf(names)]
+            return Annotated[str, OneOfTexts(names)]
         case option_kinds.Integer(least=least, most=most):
             bounds = Field(gt=0, le=most) if least == 1 else Field(ge=least, le=most)
             return Annotated[int, bounds]

@@ -19,7 +19,7 @@ from mjrun.document.document_model import (
     Key,
     Location,
     Name,
-    OneOf,
+    OneOfTexts,
     Positive,
     Vector,
     by_type,
@@ -27,7 +27,7 @@ from mjrun.document.document_model import (
     model_with_keys,
 )
 
-Ease = Annotated[str, OneOf(tuple(EASINGS))]
+Ease = Annotated[str, OneOfTexts(tuple(EASINGS))]
 Place = Annotated[
     Annotated[Name, Tag(TEXT)] | Annotated[Vector, Tag(LIST)],
     by_type("an object's name or a point [x, y, z]", TEXT, LIST),
@@ -132,7 +132,7 @@ def _annotation(setting: Setting) -> object:
         case "flag":
             return bool
         case "choice":
-            return Annotated[str, OneOf(setting.choices)]
+            return Annotated[str, OneOfTexts(setting.choices)]
         case "records":
             assert setting.record
             return Annotated[list[declared_model(setting.record)], Field(min_length=setting.length)]

@@ -13,7 +13,7 @@ from mjrun.document.document_model import (
     InvalidValueError,
     Location,
     Omittable,
-    OneOf,
+    OneOfTexts,
     Positive,
     Vector,
     by_type,
@@ -25,7 +25,7 @@ class Shelf(DocumentModel):
     """A shelf."""
 
     width: Positive
-    wood: Annotated[str, OneOf(("oak", "ash"))] = "oak"
+    wood: Annotated[str, OneOfTexts(("oak", "ash"))] = "oak"
     depth: Omittable[Positive] = None
     corner: Vector = (0.0, 0.0, 0.0)
     boards: Annotated[
