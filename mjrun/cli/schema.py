@@ -5,7 +5,7 @@ import click
 from mjrun.cli.click_command import CommandLine, command
 from mjrun.cli.console import Console
 from mjrun.cli.simulation_command import import_mujoco
-from mjrun.options.schema import DOCUMENTS, REPORTS
+from mjrun.document.schema_kinds import DOCUMENTS, REPORTS
 
 KINDS = (*DOCUMENTS, *REPORTS, "options")
 

@@ -9,11 +9,11 @@ from pydantic_core.core_schema import DataclassField, DataclassSchema, ModelFiel
 
 from mjrun.bench.results import BenchResult
 from mjrun.diff.result import DiffResult
+from mjrun.document.schema_kinds import REPORTS as COMMANDS
 from mjrun.evaluation.result import EvaluationResult
 from mjrun.fit.excitation import ExcitationResult
 from mjrun.fit.result import FitResult
 from mjrun.job.verification import VerificationResult
-from mjrun.options.schema import REPORTS as COMMANDS
 from mjrun.plotting.table_plot import TablePlotResult
 from mjrun.study.study import StudyResult
 from mjrun.viewer.viewer import ViewerResult

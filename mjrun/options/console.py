@@ -1,4 +1,4 @@
-"""Options of what commands say."""
+"""Options of what a command prints on the console."""
 
 from typing import ClassVar
 

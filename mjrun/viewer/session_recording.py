@@ -1,4 +1,4 @@
-"""The recording of what is seen live."""
+"""The recording of a live session."""
 
 from collections.abc import Mapping
 from pathlib import Path

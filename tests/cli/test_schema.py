@@ -10,7 +10,7 @@ import pytest
 from mjrun.cli.main import COMMANDS
 from mjrun.cli.schema import KINDS
 from mjrun.document.json_schema import json_schema
-from mjrun.options.schema import REPORTS
+from mjrun.document.schema_kinds import REPORTS
 from tests.document.schema_oracle import fits
 
 if TYPE_CHECKING:

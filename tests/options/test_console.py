@@ -1,4 +1,4 @@
-"""Options of messages, which every command has, and nothing but commands."""
+"""Options of the console, which every command has, and nothing but commands."""
 
 import click
 import pytest

@@ -1,4 +1,4 @@
-"""The kinds of documents and reports that the command `schema` knows."""
+"""The kinds of documents and reports whose JSON Schemas `mjrun schema` prints; imports nothing, for its help."""
 
 DOCUMENTS = ("camera", "run", "study", "task", "eval-document", "fit-document")
 
