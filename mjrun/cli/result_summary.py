@@ -1,6 +1,6 @@
 """A line about each kind of result."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any
 
 from mjrun.errors import clean, counted
@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from mjrun.job.trace import TraceResult
     from mjrun.job.video import VideoResult
     from mjrun.plotting.table_plot import TablePlotResult
+    from mjrun.probe.verdict import Verdict
 
 LISTED = 10  # changes of a golden table that are shown
 
@@ -43,7 +44,12 @@ def trace(result: "TraceResult") -> str:
     size = f"{counted(result.rows, 'row')}, {counted(result.columns, 'column')}"
     pace = f"{result.simulated:.6g} s in {result.steps} steps; made in {result.wall:.2f} s"
     golden = f"\n{golden_summary(result.golden)}" if result.golden else ""
-    return f"{clean(result.path)}: {size}, {pace}{golden}"
+    return "\n".join([f"{clean(result.path)}: {size}, {pace}{golden}", *_assertions(result.assertions)])
+
+
+def _assertions(verdicts: Sequence["Verdict"]) -> list[str]:
+    """A line for each assertion that holds; those that do not are errors."""
+    return [f"  assertion passed: {verdict.message}" for verdict in verdicts if verdict.passed]
 
 
 def golden_summary(result: "DiffResult") -> str:
@@ -72,7 +78,8 @@ def table_plot(result: "TablePlotResult") -> str:
     curves = f"{counted(result.curves, 'curve')} in " if result.curves else ""  # heat maps have none
     size = f"{width}x{height}, {curves}{counted(len(result.panels), 'panel')}"
     paths: list[str] = [result.path, *([result.html] if result.html else [])]
-    return f"{', '.join(map(clean, dict.fromkeys(paths)))}: {size}, {counted(sum(result.rows), 'row')}"
+    made = f"{', '.join(map(clean, dict.fromkeys(paths)))}: {size}, {counted(sum(result.rows), 'row')}"
+    return "\n".join([made, *_assertions(result.assertions)])
 
 
 def recording(result: "RecordingResult") -> str:

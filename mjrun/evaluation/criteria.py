@@ -79,7 +79,8 @@ class Criteria:
             checker.feed(table, 0)
             verdicts.append(checker.verdict())
         known = _numbers(summary, comparison)
-        return [*verdicts, *(_threshold(name, least, known.get(name)) for name, least in self._thresholds.items())]
+        thresholds = [_threshold(name, least, known.get(name), len(rows)) for name, least in self._thresholds.items()]
+        return [*verdicts, *thresholds]
 
     def _table(self, columns: Sequence[Column], rows: np.ndarray) -> np.ndarray:
         """The numbers, and a column of ones and zeros for each way in which an episode can end."""
@@ -118,8 +119,8 @@ def _numbers(summary: EpisodeSummary, comparison: Comparison | None) -> dict[str
     return known
 
 
-def _threshold(name: str, least: float, value: float | None) -> Verdict:
+def _threshold(name: str, least: float, value: float | None, rows: int) -> Verdict:
     text = f"{name} >= {least:g}"
     if value is None:
-        return Verdict(text, False, f"{clean(text)}: there are too few episodes to have one")
-    return Verdict(text, value >= least, f"{clean(text)}: it is {value:.6g}")
+        return Verdict(text, False, f"{clean(text)}: there are too few episodes to have one", rows)
+    return Verdict(text, value >= least, f"{clean(text)}: it is {value:.6g}", rows)

@@ -62,6 +62,7 @@ from mjrun.errors import clean, option
 from mjrun.probe.aggregate import RowChunk, shown
 from mjrun.probe.evaluation import KnownValues, evaluate, evaluate_truth
 from mjrun.probe.expression import (
+    OF_CONDITIONS,
     AggregateCall,
     AllRows,
     BooleanExpression,
@@ -75,7 +76,27 @@ from mjrun.probe.expression import (
 from mjrun.probe.parser import Parser
 from mjrun.probe.row_chunks import Aggregates, ChunkBuffer, evaluate_rows
 from mjrun.probe.scanner import SourceText, Vocabulary
-from mjrun.probe.verdict import Verdict
+from mjrun.probe.verdict import PartRows, Verdict
+
+
+class Alternatives:
+    """On how many rows each part of an `or` decides, since all other parts fail there."""
+
+    def __init__(self, operation: BooleanOperation) -> None:
+        self._operation, self._decided = operation, [0] * len(operation.parts)
+
+    @property
+    def parts(self) -> list[tuple[BooleanExpression, int]]:
+        """Each part, and the number of rows that it decides."""
+        return list(zip(self._operation.parts, self._decided, strict=True))
+
+    def add(self, chunk: RowChunk, known: KnownValues) -> None:
+        """Takes one chunk."""
+        truths = [evaluate_truth(part, chunk.columns, known) for part in self._operation.parts]
+        holds = np.stack([np.broadcast_to(truth, chunk.count) for truth in truths])
+        others = holds.sum(axis=0) - holds
+        for index, count in enumerate((others == 0).sum(axis=1).tolist()):
+            self._decided[index] += count
 
 
 class RowCheck:
@@ -84,6 +105,7 @@ class RowCheck:
     def __init__(self, truth: BooleanExpression) -> None:
         self.truth, self.failures, self.place = truth, 0, ""
         self.found: dict[NumericExpression, float] = {}
+        self.alternatives = [Alternatives(operation) for operation in _alternatives(truth)]
 
     def add(self, chunk: RowChunk, known: KnownValues) -> None:
         """Takes one chunk."""
@@ -94,6 +116,8 @@ class RowCheck:
             self.place = chunk.place(index)
             self.found = {side: float(evaluate_rows(side, chunk, known)[index]) for side in sides(self.truth)}
         self.failures += failures
+        for alternatives in self.alternatives:
+            alternatives.add(chunk, known)
 
 
 @dataclass(frozen=True, eq=False)
@@ -160,12 +184,19 @@ class AssertionChecker:
             self._digest(chunk)
         text = self._assertion.text
         if not self._rows.seen:
-            return Verdict(text, False, f"{clean(text)}: there are no rows")
+            return Verdict(text, False, f"{clean(text)}: there are no rows", 0, self._decided)
         with np.errstate(all="ignore"):
             self._values = self._aggregates.values()
             passed = self._passes(self._truth)
             sentences = dict.fromkeys(self._sentences(self._truth, passed))
-        return Verdict(text, passed, f"{clean(text)}: {'; '.join(sentences)}")
+        return Verdict(text, passed, f"{clean(text)}: {'; '.join(sentences)}", self._rows.seen, self._decided)
+
+    @property
+    def _decided(self) -> list[PartRows]:
+        """The number of rows that each alternative decides, and that each aggregate with a condition is about."""
+        parts = [part for check in self._row_checks.values() for each in check.alternatives for part in each.parts]
+        calls = [(call, rows) for call, rows in self._aggregates.rows.items() if call.name not in OF_CONDITIONS]
+        return [PartRows(self._text(node), rows) for node, rows in (*parts, *calls)]
 
     def _digest(self, chunk: RowChunk) -> None:
         with np.errstate(all="ignore"):
@@ -190,11 +221,18 @@ class AssertionChecker:
                         yield from self._sentences(part, outcome)
             case AllRows() if outcome:
                 rows = f"all {self._rows.seen} rows" if self._rows.seen > 1 else "the only row"
-                yield f"{'it' if truth is self._truth else self._text(truth)} holds on {rows}"
+                subject = "it" if truth is self._truth else self._text(truth)
+                yield f"{subject} holds on {rows}{self._deciding_parts(self._row_checks[truth])}"
             case AllRows():
                 yield self._failure(self._row_checks[truth])
             case _:
                 yield from map(self._side, sides(truth))
+
+    def _deciding_parts(self, check: RowCheck) -> str:
+        """On how many rows each alternative decides, for the end of a message."""
+        parts = [part for alternatives in check.alternatives for part in alternatives.parts]
+        sentences = [f"on {count or 'none'} by {self._text(part)} alone" for part, count in parts]
+        return f": {', '.join(sentences)}" if sentences else ""
 
     def _failure(self, check: RowCheck) -> str:
         """The first row where a truth fails, and what is compared there."""
@@ -206,10 +244,16 @@ class AssertionChecker:
         """The value of one side of a comparison, and the rows that its aggregates come from."""
         sentence = self._value_text(side, float(evaluate(side, {}, self._values)))
         if isinstance(side, AggregateCall):
-            return sentence + self._aggregates.place(side)
+            return sentence + self._origin(side)
         inner = [node for node in walk(side) if isinstance(node, AggregateCall)]
-        aggregates = (f"{self._text(n)} is {shown(self._values[n])}{self._aggregates.place(n)}" for n in inner)
+        aggregates = (f"{self._text(n)} is {shown(self._values[n])}{self._origin(n)}" for n in inner)
         return f"{sentence} ({'; '.join(dict.fromkeys(aggregates))})"
+
+    def _origin(self, call: AggregateCall) -> str:
+        """The row that decides the value of an aggregate, and how many rows it is about if there is a condition."""
+        rows = self._aggregates.rows.get(call)
+        is_counted = rows is None or call.name in OF_CONDITIONS
+        return self._aggregates.place(call) + ("" if is_counted else f", of {rows} of {self._rows.seen} rows")
 
     def _value_text(self, side: NumericExpression, value: float) -> str:
         subject = "it" if self._is_one_subject else self._text(side)
@@ -217,3 +261,12 @@ class AssertionChecker:
 
     def _text(self, node: Node) -> str:
         return clean(self._assertion.text[node.start : node.end])
+
+
+def _alternatives(truth: BooleanExpression) -> Iterator[BooleanOperation]:
+    """Each `or` in a truth of one row."""
+    if isinstance(truth, BooleanOperation):
+        if not truth.every:
+            yield truth
+        for part in truth.parts:
+            yield from _alternatives(part)

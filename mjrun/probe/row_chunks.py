@@ -79,12 +79,14 @@ class Aggregates:
 
     Attributes:
       known: those that are known from the first row on; NaN for the others.
+      rows: for each that has a condition, on how many rows that holds.
     """
 
     def __init__(self, nodes: Iterable[Node]) -> None:
         calls = [node for node in nodes if isinstance(node, AggregateCall)]
         self._accumulators = {call: accumulator(call.name, call.fraction) for call in calls}
         self.known: KnownValues = {}
+        self.rows = {call: 0 for call in calls if call.condition is not None}
 
     def add(self, chunk: RowChunk) -> None:
         """Takes the next rows."""
@@ -93,6 +95,7 @@ class Aggregates:
             if call.condition is not None:
                 holds = _on_each_row(evaluate_truth(call.condition, chunk.columns, self.known), chunk.count)
                 rows = chunk.only(holds)
+                self.rows[call] += rows.count
             if isinstance(accumulated, ShareAccumulator):
                 accumulated.rows += chunk.count
             if rows.count:

@@ -1,6 +1,15 @@
 """What an assertion says of a table."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class PartRows:
+    """A part of an assertion, as it is written, and the number of rows that it is about."""
+
+    part: str
+    rows: int
 
 
 @dataclass(frozen=True)
@@ -11,8 +20,13 @@ class Verdict:
       text: the assertion, as it is written.
       passed: whether it holds.
       message: with which values, and where.
+      rows: how many rows were checked.
+      decided: the number of rows that each alternative of an `or` decides alone, since all others fail there, and the
+        number that each aggregate with a condition is about.
     """
 
     text: str
     passed: bool
     message: str
+    rows: int = 0
+    decided: Sequence[PartRows] = ()

@@ -39,12 +39,17 @@ def study(swing: Path) -> Path:
     return path
 
 
+def paths_told(stdout: bytes) -> list[str]:
+    """What each line is about, but for the indented ones about its assertions."""
+    return [line.partition(":")[0] for line in stdout.decode().splitlines() if not line.startswith(" ")]
+
+
 def test_a_run_makes_everything_and_says_a_line_of_each(mjrun_here: Command, study: Path) -> None:
     done = mjrun_here("run", study, "-o", "out")
     assert (done.returncode, done.stderr) == (0, b"")
     made = sorted(str(path.relative_to(mjrun_here.folder)) for path in mjrun_here.folder.rglob("*") if path.is_file())
     assert made == ["out/deep/down/energy.png", "out/run.csv", "out/run.npz"]
-    assert [line.partition(":")[0] for line in done.stdout.decode().splitlines()] == [
+    assert paths_told(done.stdout) == [
         "out/run.csv",
         "out/deep/down/energy.png",
         "out/run.npz",
@@ -104,7 +109,7 @@ def test_what_was_made_has_its_lines_when_another_output_fails(mjrun_here: Comma
     done = mjrun_here("run", study)
     made = ["run.csv", "deep/down/energy.png", "run.npz"]
     assert done.returncode == 8
-    assert [line.partition(":")[0] for line in done.stdout.decode().splitlines()] == made
+    assert paths_told(done.stdout) == made
     assert "never.png could not be made: " in done.stderr.decode()
     assert all((mjrun_here.folder / path).exists() for path in made)
     assert mjrun_here("run", study, "-q").stdout == b""

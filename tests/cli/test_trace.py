@@ -85,6 +85,16 @@ def test_an_assertion_that_fails_ends_with_one_and_says_where(mjrun_here: Comman
     assert mjrun_here("trace", PENDULUM, "--steps", "10", "-o", "t.csv", "--assert", "max(time) > 0").returncode == 0
 
 
+def test_an_assertion_over_rows_that_never_count_says_so(mjrun_here: Command) -> None:
+    arguments = ("trace", PENDULUM, "--steps", "10", "-o", "t.csv", "--assert", "time < 4 or energy/total > 1e9")
+    sentence = "it holds on all 11 rows: on 11 by time < 4 alone, on none by energy/total > 1e9 alone"
+    assert f"assertion passed: {arguments[-1]}: {sentence}" in mjrun_here(*arguments).stdout.decode()
+    (verdict,) = json.loads(mjrun_here(*arguments, "--json").stdout)["assertions"]
+    assert verdict["rows"] == 11
+    assert verdict["decided"] == [{"part": "time < 4", "rows": 11}, {"part": "energy/total > 1e9", "rows": 0}]
+    assert verdict["message"].endswith(sentence)
+
+
 def test_json_and_a_table_do_not_share_stdout(mjrun_here: Command) -> None:
     assert mjrun_here("trace", PENDULUM, "--json").returncode == 2
     found = json.loads(mjrun_here("trace", PENDULUM, "--json", "-o", "t.csv", "--steps", "3").stdout)

@@ -37,7 +37,10 @@ VERDICTS = [
     ("x > -2", False, "it is -2, at row 3, time 1.5"),
     ("2 > x", False, "it is 3, at row 1, time 0.5, the first of 2 such rows"),
     ("not x < 1", False, "it is -2, at row 3, time 1.5"),
-    ("x < 3 or y < 1", True, "it holds on all 4 rows"),
+    ("x < 3 or y < 1", True, "it holds on all 4 rows: on 2 by x < 3 alone, on 2 by y < 1 alone"),
+    ("time < 2 or y > 9", True, "it holds on all 4 rows: on 4 by time < 2 alone, on none by y > 9 alone"),
+    ("sum(x, time > 9) < 1", True, "it is 0, of 0 of 4 rows"),
+    ("max(x, time > 0.2) == 3", True, "it is 3, at row 1, time 0.5, of 3 of 4 rows"),
     ("x < 3 or y < 0", False, "x is 3, y is 0, at row 2, time 1"),
     ("x < 9 and y < 9", True, "x < 9 holds on all 4 rows; y < 9 holds on all 4 rows"),
     ("x < 9 and y < 4", False, "y is 4, at row 0, time 0, the first of 2 such rows"),
@@ -83,6 +86,27 @@ def test_a_verdict_says_whether_with_which_values_and_where(text: str, passed: b
     assert told is None or verdict.message == f"{clean(text)}: {told}"
 
 
+@given(st.lists(st.integers(0, 3 * CHUNK), max_size=5), st.sampled_from([2.0, 5.0]))
+@settings(deadline=None)
+def test_a_verdict_counts_the_rows_that_each_alternative_decides_alone(cuts: list[int], end: float) -> None:
+    time = np.linspace(0, end, 3 * CHUNK + 1)
+    x, y = np.sin(3 * time), np.cos(5 * time)
+    text = (
+        "(time < 4 or x < 0.5 or not y < 0.9) and (x < 0.5 or y < 2) and sum(x, time >= 4) > -inf and share(x > 0) > 0"
+    )
+    verdict = judged(text, TIMED, np.stack([time, x, y], axis=1), cuts)
+    early, low, high = time < 4, x < 0.5, y >= 0.9
+    assert verdict.rows == len(time)
+    assert [(each.part, each.rows) for each in verdict.decided] == [
+        ("time < 4", np.sum(~low & ~high)),
+        ("x < 0.5", np.sum(~early & ~high)),
+        ("y < 0.9", np.sum(~early & ~low)),
+        ("x < 0.5", np.sum(y >= 2)),
+        ("y < 2", np.sum(~low)),
+        ("sum(x, time >= 4)", np.sum(~early)),
+    ]
+
+
 def test_without_a_time_column_the_row_alone_is_told_and_rows_count_from_the_first_that_was_fed() -> None:
     assert judged("max(x) < 2", ["x"], [1, 3]).message == "max(x) < 2: it is 3, at row 1"
     assert judged("max(x) < 2", ["x"], [1, 3], [1], first=10).message == "max(x) < 2: it is 3, at row 11"
@@ -91,7 +115,7 @@ def test_without_a_time_column_the_row_alone_is_told_and_rows_count_from_the_fir
 
 @pytest.mark.parametrize("text", ["x < 1", "count(x) == 0", "not max(x) < 1"])
 def test_no_rows_at_all_is_a_failure(text: str) -> None:
-    assert judged(text, ["x"], []) == Verdict(text, False, f"{text}: there are no rows")
+    assert judged(text, ["x"], []) == Verdict(text, False, f"{text}: there are no rows", 0, [])
     checker = parse(text, ["x"]).checker()
     checker.feed(np.empty((0, 1)), 0)
     assert not checker.verdict().passed
