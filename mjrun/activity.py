@@ -1,23 +1,46 @@
 """What this process is doing, on a noticeboard: memory that another process can still read when this one has died.
 
-Nothing is noted without a board, as in programs that import mjrun.
+Nothing is noted without a board, as in programs that import mjrun. A process that is about to confine itself makes a
+promise, which the other one takes down at once: what stands on the board later may have been written by an attacker.
 """
 
 import json
 import mmap
 import os
+import signal
 import threading
+import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal, cast, get_args
 
 SIZE = 2**19  # bytes of either copy of the notice; the system provides only those that are used
 MARKS = 8  # bytes before them
-CURRENT, HEARD, COMPLETING = 0, 1, 2  # which copy is valid, and what the properties of a noticeboard tell
+CURRENT, HEARD, COMPLETING, BELIEVED = range(4)  # which copy is valid, and what the properties of a noticeboard tell
+MODEL_LENGTH, MOST_FOLDERS = 400, 1000  # of a notice that is read
+PROMISE = signal.SIGUSR1  # by which a process calls for the one that reads its promise
+PATIENCE = 60.0  # [s] to wait for that
 
 Activity = Literal["", "reading", "compiling", "simulating", "drawing"]
+
+
+@dataclass
+class Promise:
+    """What a process is going to be confined to.
+
+    Attributes:
+      temporary: the folder of its temporary files, which it has made.
+      written: the folders that it may write in, as links lead to them.
+      made: the folders of its outputs that it has made, the innermost first.
+      seconds: how long it may last.
+    """
+
+    temporary: str
+    written: list[str]
+    made: list[str]
+    seconds: float
 
 
 @dataclass
@@ -29,21 +52,26 @@ class Notice:
       model: which, the last that it has read or compiled.
       folders: where it has written outputs under temporary names.
       children: the processes that it has started and that have not ended.
-      temporary: the folder of its temporary files, if it has one of its own.
+      promise: what it will be confined to, if it will be.
     """
 
     activity: Activity = ""
     model: str = ""
     folders: list[str] = field(default_factory=list[str])
     children: list[int] = field(default_factory=list[int])
-    temporary: str = ""
+    promise: Promise | None = None
 
 
 class Noticeboard:
-    """Holds the notice of one process, which it shares with those that it is forked from or into."""
+    """Holds the notice of one process, which it shares with those that it is forked from or into.
+
+    Attributes:
+      reader: the process that has made it.
+    """
 
     def __init__(self) -> None:
         self._memory = mmap.mmap(-1, MARKS + 2 * SIZE)
+        self.reader = os.getpid()
 
     @property
     def heard(self) -> bool:
@@ -63,6 +91,15 @@ class Noticeboard:
     def completing(self, value: bool) -> None:
         self._memory[COMPLETING] = value
 
+    @property
+    def believed(self) -> bool:
+        """Whether the promise was taken down."""
+        return bool(self._memory[BELIEVED])
+
+    @believed.setter
+    def believed(self, value: bool) -> None:
+        self._memory[BELIEVED] = value
+
     def write(self, notice: Notice) -> None:
         """Replaces the notice; whenever the process dies, there is the old one or the new one."""
         text = json.dumps(asdict(notice)).encode()
@@ -74,10 +111,12 @@ class Noticeboard:
         self._memory[CURRENT] = other
 
     def read(self) -> Notice:
-        """The notice."""
-        begin = MARKS + self._memory[CURRENT] * SIZE
-        text = self._memory[begin : self._memory.find(b"\0", begin)]
-        return Notice(**json.loads(text)) if text else Notice()
+        """The notice; an empty one if what stands there is none."""
+        begin = MARKS + (self._memory[CURRENT] & 1) * SIZE
+        text = self._memory[begin : max(begin, self._memory.find(b"\0", begin))]
+        with suppress(ValueError, TypeError, KeyError, OverflowError, RecursionError):
+            return _parsed(json.loads(text))
+        return Notice()
 
 
 _board: Noticeboard | None = None
@@ -111,12 +150,6 @@ def note_folder(folder: Path) -> None:
             notice.folders.append(path)
 
 
-def note_temporary(folder: str) -> None:
-    """Notes that `folder` is for the temporary files of this process alone."""
-    with _noting() as notice:
-        notice.temporary = folder
-
-
 def note_child(pid: int) -> None:
     """Notes that a process was started."""
     with _noting() as notice:
@@ -128,6 +161,24 @@ def note_end_of_child(pid: int) -> None:
     with _noting() as notice:
         if pid in notice.children:
             notice.children.remove(pid)
+
+
+def make_promise(promise: Promise) -> None:
+    """Notes what this process is going to be confined to, and waits until the process that reads it knows.
+
+    Raises:
+      OSError: that process does not answer.
+    """
+    assert _board
+    with _noting() as notice:
+        notice.promise = promise
+    deadline = time.monotonic() + PATIENCE
+    if os.getppid() == _board.reader:
+        os.kill(_board.reader, PROMISE)
+    while not _board.believed:
+        if os.getppid() != _board.reader or time.monotonic() > deadline:
+            raise OSError("the process that stands guard does not answer")
+        time.sleep(0.0005)
 
 
 def is_watched() -> bool:
@@ -151,6 +202,19 @@ def completing() -> Iterator[None]:
     finally:
         if _board:
             _board.completing = False
+
+
+def _parsed(values: dict[str, Any]) -> Notice:
+    """The notice in a document of any content."""
+    activity = str(values["activity"])
+    promise = values["promise"]
+    return Notice(
+        cast("Activity", activity) if activity in get_args(Activity) else "",
+        str(values["model"])[:MODEL_LENGTH],
+        [str(folder) for folder in values["folders"]][:MOST_FOLDERS],
+        [int(pid) for pid in values["children"]],
+        promise and Promise(**promise),
+    )
 
 
 @contextmanager

@@ -2,9 +2,8 @@
 
 import math
 import os
-import signal
 from collections.abc import Generator, Iterable, Mapping
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import cast
@@ -12,9 +11,10 @@ from typing import cast
 import click
 
 from mjrun import activity
+from mjrun.activity import Promise
 from mjrun.child_process import limit_this_process
 from mjrun.cli.click_command import DeclaredOption
-from mjrun.confinement.confinement import Confinement, confine
+from mjrun.confinement.confinement import Confinement, confine, with_temporary
 from mjrun.errors import BadValueError, FileError, OutOfMemoryError, UnknownNameError, UsageError, clean, option
 from mjrun.options.confinement import FILE, LIMITS, MEMORY, TIME, ConfinementOptions
 from mjrun.options.kinds import AnyKind, File, Optional, Several
@@ -26,7 +26,8 @@ DEFAULTS = {TIME: 3600.0, MEMORY: 8192.0, FILE: 16384.0}
 LEAST = {MEMORY: 256}  # of which the thread that loads models takes half
 ENDLESS = "view"  # which ends when its user wants
 MODELS = ("model", "models", "document", "task", "a", "b")  # arguments that may name such a file
-FOLDERS = ("run", "sweep", "eval")  # whose output is a folder
+STUDIES = "sweep"
+FOLDERS = ("run", STUDIES, "eval")  # whose output is a folder
 SCENE = "scene"  # the collection that comes with mjrun; others are of packages that run code, or anywhere
 SUMMARY = "GITHUB_STEP_SUMMARY"
 
@@ -42,22 +43,22 @@ class _Paths:
 
 @contextmanager
 def confined(context: click.Context, options: ConfinementOptions) -> Generator[Confinement, None, None]:
-    """Confines this process to what its command line names, for good; removes its temporary files at the end.
+    """Confines this process to what its command line names, for good; its parent removes its temporary files.
 
     Raises:
       UsageError: there is no process that stands by to tell how this one ends, or a limit is none.
       FileError: the folder of the outputs cannot be made.
     """
-    import shutil
-
     from mjrun.cli.simulation_command import import_mujoco
 
     if not activity.is_watched():
         raise UsageError(f"{option('untrusted')} is for mjrun as a command, which has a process of its own")
     limits = _limits(options, context.info_name or "")
     folders = _missing_folders(context)
-    made = confine(confinement_of(context), serves=context.info_name == ENDLESS)
-    activity.note_temporary(made.temporary)
+    wanted = with_temporary(confinement_of(context))
+    made_folders = [os.path.abspath(folder) for folder in folders]  # noqa: PTH100 – as it is, without following links
+    activity.make_promise(Promise(wanted.temporary, [*wanted.written], made_folders, limits[TIME]))
+    made = confine(wanted, serves=context.info_name == ENDLESS)
     import_mujoco()  # which the limit of memory does not count
     limit_this_process(
         memory=limits[MEMORY] * MIB,
@@ -66,19 +67,12 @@ def confined(context: click.Context, options: ConfinementOptions) -> Generator[C
         core=0,
         hard=True,
     )
-    if limits[TIME] < math.inf:
-        signal.setitimer(signal.ITIMER_REAL, limits[TIME])
     try:
         yield made
     except (MemoryError, OutOfMemoryError) as error:
         failure = error if isinstance(error, OutOfMemoryError) else OutOfMemoryError(str(error))
         failure.add_note(f"{option('untrusted')} allows {limits[MEMORY]:g} MiB; {option('limit')} memory=… allows more")
         raise failure from None
-    finally:
-        shutil.rmtree(made.temporary, ignore_errors=True)
-        for folder in folders:
-            with suppress(OSError):
-                folder.rmdir()
 
 
 def description(limits: Confinement) -> str:
@@ -111,7 +105,7 @@ def confinement_of(context: click.Context) -> Confinement:
         name, values = param.name or "", [*_texts(context.params.get(param.name or ""))]
         if isinstance(param, click.Argument):
             for text in values:
-                _add_argument(paths, name, text)
+                _add_argument(paths, name, text, command)
         elif name == "save_key":
             _add_outputs(paths, [text.rpartition(".xml:")[0] or text for text in values])
         elif isinstance(param, DeclaredOption) and _is_written(param.declared.kind):
@@ -160,7 +154,7 @@ def _texts(value: object) -> Iterable[str]:
         yield from (text for each in cast("Iterable[object]", value) for text in _texts(each))
 
 
-def _add_argument(paths: _Paths, name: str, text: str) -> None:
+def _add_argument(paths: _Paths, name: str, text: str, command: str) -> None:
     prefix, colon, _ = text.partition(":")
     if name in MODELS and text == "-":
         paths.roots[_real(".")] = None
@@ -169,7 +163,9 @@ def _add_argument(paths: _Paths, name: str, text: str) -> None:
 
         paths.roots[_real(scene_folder())] = None
     elif name in MODELS and Path(text).is_dir():
-        paths.roots[_real(text)] = paths.written[_real(text)] = None
+        paths.roots[_real(text)] = None
+        if command == STUDIES:  # it is that of a study, which is continued
+            paths.written[_real(text)] = None
     else:
         file = text if Path(text).exists() else text.partition("=")[2]
         _add_file(paths, file)

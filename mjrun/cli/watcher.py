@@ -4,9 +4,14 @@ The system ends a process that crashes, or that fills the memory, before it can 
 first of all, which takes a millisecond: the child works, and notes on a board what it is doing; the parent waits.
 The caller sees the parent alone, which passes on the signals that it gets, and ends the child if it does not hear
 them.
+
+A child that confines itself, as it may come under an attacker's control, promises before that what it will use. From
+then on the parent removes and kills nothing else, whatever stands on the board: the temporary folder of the promise,
+what is unfinished in the folders of the outputs, and its own descendants.
 """
 
 import fcntl
+import math
 import os
 import shlex
 import signal
@@ -16,11 +21,13 @@ from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
 
-from mjrun.activity import Notice, Noticeboard, write_on
+from mjrun.activity import PROMISE, Notice, Noticeboard, Promise, write_on
 
 SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)  # that are passed on
+HEEDED = (signal.SIGCHLD, signal.SIGALRM, PROMISE)  # that are not
 GRACE = 0.5  # [s] within which the child must have heard a signal, before it is killed
 LIMIT = 0.9  # [s] within which it must have ended then, unless it completes something
+COMPLETION = 30.0  # [s] within which a confined one must have completed that
 LINGER = 0.3  # [s] that a process may take to end when it is killed
 BUG, EXCEEDED = 70, 4
 EXIT_CODES = {"reading": 3, "compiling": 3, "simulating": 4, "drawing": 5}
@@ -57,7 +64,7 @@ def watched(work: Callable[[], int]) -> int:
     """
     passed_on = [number for number in SIGNALS if signal.getsignal(number) is not signal.SIG_IGN]
     board, (theirs, ours) = Noticeboard(), os.pipe()
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, [*passed_on, signal.SIGCHLD, signal.SIGALRM])
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, [*passed_on, *HEEDED])
     try:
         child = os.fork()
     except OSError:  # no more processes are allowed
@@ -92,8 +99,12 @@ class _Watcher:
 
     def __init__(self, child: int, board: Noticeboard, passed_on: list[signal.Signals]) -> None:
         self._child, self._board, self._passed_on = child, board, passed_on
+        self._promise: Promise | None = None
+        self._temporary: os.stat_result | None = None  # the folder of the promise
         self._ending: signal.Signals | None = None  # the first signal that was passed on
+        self._patience = math.inf  # until when what it completes is waited for
         self._is_late = False  # the child has heard it, and has not ended by itself
+        self._has_expired = False  # the child has taken longer than it promised
 
     def exit_code(self) -> int:
         """The exit code of the child, once it has ended; says what is to be said if it did not end by itself."""
@@ -102,13 +113,16 @@ class _Watcher:
             ended, status = os.waitpid(self._child, os.WNOHANG)
             if ended:
                 break
-            self._heed(signal.sigwait([*self._passed_on, signal.SIGCHLD, signal.SIGALRM]))
+            self._heed(signal.sigwait([*self._passed_on, *HEEDED]))
 
         code = os.waitstatus_to_exitcode(status)
-        if code >= 0 and (self._ending is None or not _has_left_something(self._board.read())):
-            return code
-        notice = self._board.read()
-        _clear_away(notice)
+        if self._promise:
+            _kill_descendants()
+        notice = self._notice()
+        if code < 0 or (self._ending is not None and _has_left_something(notice)):
+            _clear_away(notice)
+        if self._promise:
+            self._remove_what_was_made(self._promise)
         if code >= 0:
             return code
         message, code = self._explain(code, notice)
@@ -120,16 +134,62 @@ class _Watcher:
             if self._ending is None:
                 self._ending = signal.Signals(number)
                 signal.setitimer(signal.ITIMER_REAL, GRACE)
+                if self._promise:
+                    self._patience = time.monotonic() + COMPLETION
             os.kill(self._child, number)
+        elif number == PROMISE:
+            self._believe()
         elif number != signal.SIGALRM:
             return
-        elif not self._board.heard or (self._is_late and not self._board.completing):
-            for pid in self._board.read().children:
+        elif self._ending is None:
+            self._has_expired = True
+            os.kill(self._child, signal.SIGKILL)
+        elif not self._board.heard or (self._is_late and not self._is_completing):
+            for pid in self._notice().children:
                 _kill(pid)
             os.kill(self._child, signal.SIGKILL)
         else:
             self._is_late = True
             signal.setitimer(signal.ITIMER_REAL, LIMIT - GRACE)
+
+    @property
+    def _is_completing(self) -> bool:
+        return self._board.completing and time.monotonic() < self._patience
+
+    def _believe(self) -> None:
+        """Takes down the promise of the child, once."""
+        from mjrun.confinement import descendants
+
+        promise = self._board.read().promise
+        if self._promise or promise is None:
+            return
+        self._promise, self._temporary = promise, os.lstat(promise.temporary)
+        descendants.adopt()
+        if promise.seconds < math.inf and self._ending is None:
+            signal.setitimer(signal.ITIMER_REAL, promise.seconds)
+        self._board.believed = True
+
+    def _notice(self) -> Notice:
+        """What stands on the board, as far as it is to be believed."""
+        notice = self._board.read()
+        if self._promise:
+            written = [Path(folder) for folder in self._promise.written]
+            places = {Path(os.path.realpath(folder)) for folder in notice.folders}
+            inside = [place for place in places if any(place.is_relative_to(folder) for folder in written)]
+            notice.folders = [*map(str, inside)]
+            notice.children = []
+        return notice
+
+    def _remove_what_was_made(self, promise: Promise) -> None:
+        """Removes the temporary folder, if it is the one that was made, and the folders of outputs that are empty."""
+        import shutil
+
+        with suppress(OSError, RecursionError):
+            if self._temporary and os.path.samestat(self._temporary, os.lstat(promise.temporary)):
+                shutil.rmtree(promise.temporary, ignore_errors=True)
+        for folder in promise.made:
+            with suppress(OSError):
+                Path(folder).rmdir()
 
     def _explain(self, code: int, notice: Notice) -> tuple[str, int]:
         """What to say of a child that was killed, given its exit code, and that of the command."""
@@ -137,11 +197,15 @@ class _Watcher:
             return "interrupted", 128 + signal.SIGINT
         if self._ending is not None:
             return f"ended by {self._ending.name}", 128 + self._ending
-        return _obituary(-code, notice)
+        return _obituary(signal.SIGALRM if self._has_expired else -code, notice, limited=self._promise is not None)
 
 
-def _obituary(killer: int, notice: Notice) -> tuple[str, int]:
-    """What to say of a process that was killed by a signal that did not come from here, and the exit code."""
+def _obituary(killer: int, notice: Notice, *, limited: bool) -> tuple[str, int]:
+    """What to say of a process that was killed, not as it was told to end, and the exit code.
+
+    Args:
+      limited: whether it had limits of ours.
+    """
     from mjrun.child_process import ExitStatus
     from mjrun.errors import OutOfMemoryError, clean, option
 
@@ -150,7 +214,7 @@ def _obituary(killer: int, notice: Notice) -> tuple[str, int]:
     if killer == signal.SIGKILL:
         reason = f"the process was killed{during}, which the system does when there is none left"
         return str(OutOfMemoryError(reason)), OutOfMemoryError.exit_code
-    if killer in LIMITS and notice.temporary:  # or the limits are somebody else's
+    if killer in LIMITS and limited:
         limit, reason = LIMITS[killer]
         advice = f"{option('limit')} {limit}=… allows more"
         return f"ended{during}: {reason} its limit allows ({name})\n{advice}", EXIT_CODES.get(notice.activity, EXCEEDED)
@@ -175,15 +239,11 @@ def _has_left_something(notice: Notice) -> bool:
 
 def _clear_away(notice: Notice) -> None:
     """Kills what a dead process has started, and removes its unfinished outputs."""
-    import shutil
-
     from mjrun.formats.destinations import remove_left_behind
     from mjrun.formats.temporary_output import NAME
 
     for pid in notice.children:
         _kill(pid)
-    if notice.temporary:
-        shutil.rmtree(notice.temporary, ignore_errors=True)
     for folder in map(Path, notice.folders):
         deadline = time.monotonic() + LINGER
         with suppress(OSError):
@@ -191,6 +251,12 @@ def _clear_away(notice: Notice) -> None:
             while any(NAME.fullmatch(path.name) for path in folder.iterdir()) and time.monotonic() < deadline:
                 time.sleep(0.02)  # somebody else's, or a process that was about to start still holds the lock
                 remove_left_behind(folder)
+
+
+def _kill_descendants() -> None:
+    from mjrun.confinement import descendants
+
+    descendants.kill()
 
 
 def _kill(pid: int) -> None:

@@ -16,7 +16,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import NamedTuple
 
-from mjrun.confinement.confinement import OUTSIDE, advice, confinement, is_readable
+from mjrun.confinement.confinement import OUTSIDE, advice, confinement, is_readable, tells_of_processes
 from mjrun.errors import BrokenModelError, quoted
 from mjrun.model.description.archive_files import file_content, file_size
 from mjrun.model.xml_source import MAX_FILES, with_slashes
@@ -144,7 +144,7 @@ def _require_readable(file: _NamedFile, main: Path, folders: Iterable[str]) -> N
         # MuJoCo takes some paths as they are written, others after .. has been struck out with the name before it.
         readable = is_readable(place) and is_readable(os.path.normpath(place))
         exists = os.path.lexists(place) or os.path.lexists(os.path.normpath(place))
-        if not readable and exists:
+        if not readable and (exists or tells_of_processes(place)):
             raise BrokenModelError(file.by, f"{quoted(file.name)} {OUTSIDE}", file.line, advice())
         inside |= readable and (exists or file_size(place) is not None)
         outside |= not readable

@@ -17,6 +17,33 @@ ROOT = Path(__file__).parents[2]
 MODEL = '<mujoco><worldbody><body><joint name="j" type="slide"/><geom size=".1"/></body></worldbody></mujoco>'
 
 
+# A command line that runs mjrun, and code of an attacker as soon as the process has confined itself.
+TRIES_PACKAGES = """
+import sys
+import mjrun.cli.simulation_command as command
+def work():
+    import library, module
+    try:
+        secret = open(library.__file__.replace("library/__init__.py", "secret")).read()
+    except PermissionError:
+        secret = "refused"
+    print(f"library {library.value}, module {module.value}, secret {secret}", file=sys.stderr)
+command.import_mujoco = work
+from mjrun.__main__ import main
+main()
+"""
+TRIES_DESCRIPTORS = """
+import os, sys
+import mjrun.cli.simulation_command as command
+def work():
+    names = [name for name in os.listdir("/dev/fd") if int(name) > 2 and os.path.exists(f"/dev/fd/{name}")]
+    print("inherited:", [n for n in names if "secret" in os.readlink(f"/dev/fd/{n}")], file=sys.stderr)
+command.import_mujoco = work
+from mjrun.__main__ import main
+main()
+"""
+
+
 @pytest.fixture
 def place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A folder with a model in `model`, a table in `tables` and a folder `out`, in which commands run."""
@@ -56,7 +83,8 @@ def places(name: str, *arguments: str) -> dict[str, list[str]]:
         ("run model/doc.yaml", ["model"], ["model/doc.yaml"], ["."]),
         ("run model/doc.yaml -o out", ["model"], ["model/doc.yaml"], ["out"]),
         ("run model/doc.yaml ctrl_from=tables/ctrl.csv", ["model"], ["model/doc.yaml", "tables/ctrl.csv"], ["."]),
-        ("check model", ["model"], [], ["model"]),
+        ("check model", ["model"], [], []),
+        ("sweep model", ["model"], [], [".", "model"]),
         ("diff tables/ctrl.csv tables/ctrl.csv", [], ["tables/ctrl.csv"], []),
         ("diff model/m.xml model/m.xml", ["model"], ["model/m.xml"], []),
     ],
@@ -84,6 +112,43 @@ def test_a_confined_process_measures_and_says_what_confined_it(place: Path) -> N
     assert json.loads(done.stdout)["untrusted"]["files"] == by
     assert f"mjrun: untrusted: files are confined by {by}" in done.stderr
     assert (place / "out/t.csv").exists()
+
+
+def test_packages_in_pythonpath_are_imported_and_what_lies_beside_them_is_not_read(place: Path) -> None:
+    packages = place / "packages"
+    (packages / "library").mkdir(parents=True)
+    (packages / "library/__init__.py").write_text("value = 3\n")
+    (packages / "module.py").write_text("value = 4\n")
+    (packages / "secret").write_text("hunter2")
+    environment = {**os.environ, "PYTHONPATH": f"{packages}{os.pathsep}{ROOT}"}
+    command = [sys.executable, "-c", TRIES_PACKAGES, "info", "model/m.xml", "--untrusted"]
+    done = subprocess.run(command, capture_output=True, text=True, env=environment, timeout=300)
+    assert done.returncode == 0, done.stderr
+    assert "library 3, module 4, secret " + ("refused" if landlock.version() else "hunter2") in done.stderr
+
+
+def test_descriptors_that_a_command_was_started_with_are_closed(place: Path) -> None:
+    (place / "secret").write_text("hunter2")
+    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
+    with (place / "secret").open() as secret:
+        line = [sys.executable, "-c", TRIES_DESCRIPTORS, "info", "model/m.xml", "--untrusted"]
+        inherited = (secret.fileno(),)
+        done = subprocess.run(line, capture_output=True, text=True, env=environment, pass_fds=inherited, timeout=300)
+    assert done.returncode == 0, done.stderr
+    assert "inherited: []" in done.stderr
+
+
+@pytest.mark.usefixtures("place")
+@pytest.mark.parametrize("name", ["root/x.xml", "cwd/x.xml", "", "status", "task/PID/root"])
+def test_a_model_cannot_ask_which_processes_there_are(name: str) -> None:
+    messages: set[str] = set()
+    for pid in (1, os.getppid(), 2**22 + 1):  # two that there are, and one that cannot be
+        text = f"/proc/{pid}/{name}".replace("PID", str(pid))
+        Path("model/m.xml").write_text(f'<mujoco><include file="{text}"/></mujoco>')
+        done = mjrun("info", "model/m.xml", "--untrusted")
+        assert done.returncode == 3
+        messages.add(done.stderr.replace(text, "PATH"))
+    assert len(messages) == 1, messages
 
 
 def test_a_model_that_names_a_file_outside_is_refused_without_a_look_at_it(place: Path) -> None:

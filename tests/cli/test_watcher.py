@@ -1,16 +1,20 @@
 """Whatever ends the process that works, its parent says what it was, with the right exit code."""
 
+import os
+import re
 import signal
 import subprocess
 import sys
 import time
+import zlib
 from pathlib import Path
 
 import pytest
 
 HEAD = """
 import os, signal, sys, time
-from mjrun.activity import completing, doing, note_child, note_heard
+from mjrun import activity
+from mjrun.activity import Notice, Promise, completing, doing, make_promise, note_child, note_heard
 from mjrun.cli.watcher import listen, watched
 def die(number):
     os.kill(os.getpid(), number)
@@ -86,14 +90,118 @@ def test_a_limit_of_a_confined_process_is_told_with_its_option_and_nothing_is_le
     own.mkdir()
     (own / "file").write_text("")
     work = f"""
-from mjrun.activity import note_temporary
-note_temporary({str(own)!r})
+make_promise(Promise({str(own)!r}, [], [], 1000))
 with doing({activity!r}, "robot.xml"): die(signal.{number})"""
     ended, message = outcome(start(work, tmp_path))
     assert ended == code
     assert said in message
     assert "--limit time=" in message
     assert not own.exists()
+
+
+def test_a_child_that_confined_itself_ends_in_time_whatever_it_ignores(tmp_path: Path) -> None:
+    (tmp_path / "own").mkdir()
+    work = f"""
+make_promise(Promise({str(tmp_path / "own")!r}, [], [], 0.2))
+signal.pthread_sigmask(signal.SIG_BLOCK, signal.valid_signals())
+while True: time.sleep(1000)"""
+    code, message = outcome(start(work, tmp_path))
+    assert code == 4
+    assert "it took longer than its limit allows" in message
+
+
+# What code of an attacker may write on the board, each as the statements that do.
+LIES = {
+    "folders": "board.write(Notice(folders=[OUTSIDE]))",
+    "children": "board.write(Notice(children=[VICTIM, -VICTIM]))",
+    "promise": "board.write(Notice(promise=Promise(OUTSIDE, [OUTSIDE], [OUTSIDE + '/empty'], 1)))",
+    "another promise": (
+        "board.write(Notice(promise=Promise(OUTSIDE, [OUTSIDE], [OUTSIDE + '/empty'], 1)))\n"
+        "os.kill(os.getppid(), signal.SIGUSR1)\ntime.sleep(0.1)"
+    ),
+    "link": "os.symlink(OUTSIDE, 'out/link')\nboard.write(Notice(folders=['out/link', OUTSIDE + '/../outside']))",
+    "escape sequences": "board.write(Notice('drawing', 'a\\x1b]0;title\\x07\\x9b' * 9999))",
+    "activity": "board.write(Notice('\\x1b[2J'))",
+    "garbage": "board._memory[8:] = b'\\xff' * (len(board._memory) - 8)",
+    "which": "board._memory[0] = 255",
+    "depth": "board._memory[8:] = b'[' * (len(board._memory) - 8)",
+    "numbers": "board._memory[8:200] = b'9' * 191 + b'\\0'",
+    "kinds": 'board._memory[8:80] = b\'{"activity":[],"model":{},"folders":7,"children":1e999}\'.ljust(72, b\'\\0\')',
+    "temporary": "os.rename('own', 'mine')\nos.symlink(OUTSIDE, 'own')",
+    "another temporary": "os.rename('own', 'mine')\nos.rename('outside', 'own')\nos.symlink('own', 'outside')",
+}
+
+
+@pytest.mark.parametrize("lie", LIES)
+def test_nothing_that_a_confined_child_writes_decides_what_is_removed_killed_or_printed(
+    tmp_path: Path, lie: str
+) -> None:
+    outside = tmp_path / "outside"
+    for folder in (outside, outside / "empty", tmp_path / "out", tmp_path / "own"):
+        folder.mkdir()
+    unfinished = f".x.mjrun-{zlib.crc32(os.uname().nodename.encode()):08x}00000000.part"
+    for place in (outside, tmp_path / "out"):
+        (place / unfinished).write_text("")
+    with subprocess.Popen(["sleep", "1000"], start_new_session=True) as victim:
+        work = f"""
+OUTSIDE, VICTIM, board = {str(outside)!r}, {victim.pid}, activity._board
+make_promise(Promise({str(tmp_path / "own")!r}, [{str(tmp_path / "out")!r}], [], 1000))
+board.write(Notice(folders=[{str(tmp_path / "out")!r}]))
+{LIES[lie]}
+die(signal.SIGSEGV)"""
+        code, message = outcome(start(work, tmp_path))
+        alive = victim.poll() is None
+        victim.kill()
+    assert alive
+    assert code in (70, 5)
+    assert "crashed" in message
+    assert not re.search(r"[\x00-\x09\x0b-\x1f\x7f-\x9f]", message)
+    assert len(message) < 4000
+    elsewhere = tmp_path / "own" if lie == "another temporary" else outside  # where it was moved
+    assert (elsewhere / unfinished).exists()
+    assert (elsewhere / "empty").is_dir()
+    assert (tmp_path / "own").exists() == ("temporary" in lie)
+    for path in tmp_path.rglob(unfinished):
+        path.unlink()
+
+
+def test_a_confined_child_gets_its_unfinished_outputs_and_empty_folders_removed(tmp_path: Path) -> None:
+    for name in ("own", "out", "out/inner", "made"):
+        (tmp_path / name).mkdir()
+    work = f"""
+from mjrun.formats.destinations import StagedFile
+from pathlib import Path
+make_promise(Promise({str(tmp_path / "own")!r}, [{str(tmp_path / "out")!r}], [{str(tmp_path / "made")!r}], 1000))
+Path("own/file").write_text("")
+outputs = [StagedFile(Path("out/a.csv")), StagedFile(Path("out/inner/b.csv"))]
+die(signal.SIGSEGV)"""
+    assert outcome(start(work, tmp_path))[0] == 70
+    assert sorted(str(path.relative_to(tmp_path)) for path in tmp_path.rglob("*")) == ["out", "out/inner"]
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="only Linux gives orphans to an ancestor")
+@pytest.mark.parametrize("ending", ["os._exit(0)", "die(signal.SIGSEGV)"])
+def test_whatever_a_confined_child_has_started_ends_with_it(tmp_path: Path, ending: str) -> None:
+    (tmp_path / "own").mkdir()
+    work = f"""
+make_promise(Promise({str(tmp_path / "own")!r}, [], [], 1000))
+for _ in range(3):
+    if os.fork() == 0:
+        os.setsid()
+        if os.fork() == 0:
+            signal.pthread_sigmask(signal.SIG_BLOCK, signal.valid_signals())
+            os.write(1, f"{{os.getpid()}} ".encode())
+            time.sleep(1000)
+        os._exit(0)
+for _ in range(3): os.wait()
+time.sleep(0.2)
+{ending}"""
+    process = start(work, tmp_path)
+    printed, _ = process.communicate(timeout=60)
+    pids = [int(pid) for pid in printed.split()]
+    assert len(pids) == 3
+    for pid in pids:
+        assert not Path(f"/proc/{pid}").exists()
 
 
 def test_unfinished_outputs_and_processes_of_a_dead_one_are_removed(tmp_path: Path) -> None:

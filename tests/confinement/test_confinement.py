@@ -1,6 +1,8 @@
 """What a confined process may name, and how it is told; confinement itself is tried in tests/cli/test_confined.py."""
 
+import itertools
 import json
+import os
 from dataclasses import asdict
 from pathlib import Path
 
@@ -16,6 +18,7 @@ from mjrun.confinement.confinement import (
     is_writable,
     means,
     require_unconfined,
+    tells_of_processes,
 )
 from mjrun.errors import UsageError
 
@@ -64,6 +67,41 @@ def test_paths_are_judged_by_where_they_lead(tmp_path: Path, path: str, readable
     (tmp_path / "model/link").symlink_to(tmp_path / "secret")
     (tmp_path / "model/inner").symlink_to(tmp_path / "model")
     assert is_readable(tmp_path / path) is readable
+
+
+def test_paths_lead_where_the_system_says(tmp_path: Path) -> None:
+    """All paths of four names, in a tree with links of every kind, lead where `os.path.realpath` comes to."""
+    (tmp_path / "a/b").mkdir(parents=True)
+    (tmp_path / "file").write_text("")
+    links = {"up": "..", "far": str(tmp_path), "a/near": "b/../b", "a/gone": "missing/x", "a/b/chain": "../near/.."}
+    for name, target in links.items():
+        (tmp_path / name).symlink_to(target)
+    names = ("a", "b", "..", "file", "up", "far", "near", "gone", "chain", "", ".")
+    for parts in itertools.product(names, repeat=4):
+        path = f"{tmp_path}/{'/'.join(parts)}"
+        assert Confinement((os.path.realpath(path),)).allows(path), path
+        assert not Confinement((f"{os.path.realpath(path)}/below",)).allows(path), path
+
+
+def test_circles_of_links_and_what_is_no_path_lead_nowhere(tmp_path: Path) -> None:
+    (tmp_path / "a").symlink_to("b")
+    (tmp_path / "b").symlink_to("a")
+    everywhere = Confinement(("/",))
+    assert not everywhere.allows(tmp_path / "a/x")
+    assert everywhere.allows("\0")  # which no file can be called: opening it tells
+
+
+@pytest.mark.skipif(not Path("/proc/self/root").exists(), reason="there is no /proc")
+def test_links_of_processes_are_not_followed(tmp_path: Path) -> None:
+    (tmp_path / "inside").mkdir()
+    (tmp_path / "inside/link").symlink_to(f"/proc/self/root{tmp_path}/inside")
+    limits = Confinement((str(tmp_path / "inside"),))
+    assert limits.allows(tmp_path / "inside/x")
+    for path in (f"/proc/self/root{tmp_path}/inside/x", f"/proc/1/root{tmp_path}/inside/x", "inside/link/x"):
+        assert not limits.allows(tmp_path / path)
+        assert tells_of_processes(tmp_path / path)
+    assert not tells_of_processes(tmp_path / "inside/x")
+    assert not tells_of_processes("/process")
 
 
 @pytest.mark.usefixtures("limits")

@@ -1,0 +1,56 @@
+"""A process finds and ends all that its children have started, however far they went from it."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="only Linux gives orphans to an ancestor")
+
+TRY = """
+import os, signal, sys, time
+from pathlib import Path
+from mjrun.confinement import descendants
+listed = sys.argv[1]
+if listed == "scanned":  # as on a kernel that does not list children
+    read = Path.read_text
+    def read_text(path, *arguments, **settings):
+        if path.name == "children":
+            raise FileNotFoundError
+        return read(path, *arguments, **settings)
+    Path.read_text = read_text
+descendants.adopt()
+into, out = os.pipe()
+def daemon(depth):
+    if os.fork() == 0:
+        os.setsid()
+        if depth:
+            daemon(depth - 1)
+            os._exit(0)
+        signal.pthread_sigmask(signal.SIG_BLOCK, signal.valid_signals())
+        os.write(out, f"{os.getpid()} ".encode())
+        time.sleep(1000)
+for depth in range(6):
+    daemon(depth)
+chain = os.fork()
+if not chain:
+    while True:  # each link of the chain starts the next one and ends
+        if os.fork():
+            os._exit(0)
+pids = ""
+while len(pids.split()) < 6:
+    pids += os.read(into, 1000).decode()
+descendants.kill()
+print(pids)
+print(descendants._children())
+"""
+
+
+@pytest.mark.parametrize("how", ["listed", "scanned"])
+def test_daemons_and_chains_of_forks_are_killed(how: str) -> None:
+    done = subprocess.run([sys.executable, "-c", TRY, how], capture_output=True, text=True, check=True, timeout=120)
+    pids, children = done.stdout.splitlines()
+    assert children == "[]"
+    for pid in pids.split():
+        assert not Path(f"/proc/{pid}").exists()
