@@ -11,7 +11,7 @@ DAC_OVERRIDE, DAC_READ_SEARCH, FOWNER = 1, 2, 3
 KEPT = 1 << DAC_OVERRIDE | 1 << DAC_READ_SEARCH | 1 << FOWNER  # to use files of other owners, where Landlock lets it
 VERSION = 0x20080522
 LAST = 63
-BOUNDING_DROP, AMBIENT, CLEAR_ALL = 24, 47, 4  # of prctl
+BOUNDING_DROP = 24  # of prctl
 
 
 class _Header(ctypes.Structure):
@@ -41,9 +41,10 @@ def drop() -> None:
     for number in range(LAST + 1):
         if not KEPT >> number & 1:
             library.prctl(BOUNDING_DROP, number, 0, 0, 0)  # which is refused to who may not, and of those that are none
-    library.prctl(AMBIENT, CLEAR_ALL, 0, 0, 0)
     for place, each in enumerate(sets):
         lasting = KEPT >> 32 * place
-        each.effective, each.permitted, each.inheritable = each.effective & lasting, each.permitted & lasting, 0
+        each.effective &= lasting
+        each.permitted &= lasting
+        each.inheritable &= lasting  # and the ambient ones with them
     if library.capset(ctypes.byref(header), sets):
         raise OSError(ctypes.get_errno(), os.strerror(ctypes.get_errno()))

@@ -11,6 +11,7 @@ from collections.abc import Iterator
 import mujoco
 import numpy as np
 
+from mjrun.confinement.confinement import confinement
 from mjrun.model import state
 from mjrun.rendering.backend_detection import BackendTrialProcess
 from mjrun.viewer.window import (
@@ -38,6 +39,8 @@ def obstacle() -> str:
     """Why no window can be opened here; empty if one can. A window is tried in a process of its own."""
     if sys.platform == "darwin":
         return "MuJoCo's window needs the program mjpython on macOS"
+    if confinement():
+        return "a confined process reaches no display"
     if sys.platform == "linux" and not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
         return "there is no display: neither DISPLAY nor WAYLAND_DISPLAY is set"
     answer = BackendTrialProcess("glfw").answer()

@@ -23,6 +23,7 @@ MODULES: tuple[str, ...] = (
     "documents",
     "structural_fuzz",
     "outside_files",
+    "inside_sandbox",
     "io_faults",
     "kills",
     "signals",

@@ -1,12 +1,15 @@
 """MuJoCo's own window, on a display without a screen: what is done in it arrives, and nothing of it stays."""
 
+import json
 import os
 import subprocess
 import sys
+from dataclasses import asdict
 from pathlib import Path
 
 import pytest
 
+from mjrun.confinement.confinement import VARIABLE, Confinement
 from mjrun.viewer import native_window
 
 pytestmark = pytest.mark.gl
@@ -82,6 +85,12 @@ def test_a_display_is_tried(display: dict[str, str], monkeypatch: pytest.MonkeyP
     assert native_window.obstacle() == ""
     monkeypatch.setenv("DISPLAY", ":54321")
     assert native_window.obstacle() != ""
+
+
+def test_a_confined_process_tries_none(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("DISPLAY", ":0")
+    monkeypatch.setenv(VARIABLE, json.dumps(asdict(Confinement(()))))
+    assert native_window.obstacle() == "a confined process reaches no display"
 
 
 def test_without_a_display_it_says_so(monkeypatch: pytest.MonkeyPatch, no_display: dict[str, str]) -> None:
