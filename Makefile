@@ -4,10 +4,10 @@
 
 .DEFAULT_GOAL := help
 .NOTPARALLEL:
-.PHONY: help setup setup-python demo gallery test lint types check bench score clean
+.PHONY: help setup setup-python demo gallery test explore lint types check bench score clean
 
 help: ## list the targets
-	@awk -F ':.*## ' '/^[a-z]+:.*## / {printf "make %-6s  %s\n", $$1, $$2}' Makefile
+	@awk -F ':.*## ' '/^[a-z]+:.*## / {printf "make %-7s  %s\n", $$1, $$2}' Makefile
 
 setup: ## make .venv with mjrun and its tools, and see that something can draw
 	@sh scripts/setup.sh
@@ -25,6 +25,9 @@ gallery: setup ## make the videos, images, tables and plots of all scenes at ful
 
 test: setup ## run the tests
 	.venv/bin/pytest -n auto --maxprocesses 4 --dist worksteal $(ARGS)
+
+explore: setup ## run the property tests on examples drawn at random; add what fails as @example
+	.venv/bin/pytest -n auto --maxprocesses 4 --dist worksteal -m hypothesis --hypothesis-profile explore $(ARGS)
 
 lint: setup-python ## check the code's style and layout
 	.venv/bin/ruff check

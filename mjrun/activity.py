@@ -18,7 +18,7 @@ from typing import Any, Literal, cast, get_args
 
 SIZE = 2**19  # bytes of either copy of the notice; the system provides only those that are used
 MARKS = 8  # bytes before them
-CURRENT, HEARD, COMPLETING, BELIEVED = range(4)  # which copy is valid, and what the properties of a noticeboard tell
+CURRENT, HEARD, COMPLETING, BELIEVED, ANSWERED = range(5)  # which copy is valid, and properties of a noticeboard
 MODEL_LENGTH, MOST_FOLDERS = 400, 1000  # of a notice that is read
 PROMISE = signal.SIGUSR1  # by which a process calls for the one that reads its promise
 PATIENCE = 60.0  # [s] to wait for that
@@ -99,6 +99,15 @@ class Noticeboard:
     @believed.setter
     def believed(self, value: bool) -> None:
         self._memory[BELIEVED] = value
+
+    @property
+    def answered(self) -> bool:
+        """Whether the process has printed its JSON document, or begun to."""
+        return bool(self._memory[ANSWERED])
+
+    @answered.setter
+    def answered(self, value: bool) -> None:
+        self._memory[ANSWERED] = value
 
     def write(self, notice: Notice) -> None:
         """Replaces the notice; whenever the process dies, there is the old one or the new one."""
@@ -190,6 +199,12 @@ def note_heard() -> None:
     """Notes that this process has heard that it is to end."""
     if _board:
         _board.heard = True
+
+
+def note_answered() -> None:
+    """Notes that this process prints its JSON document."""
+    if _board:
+        _board.answered = True
 
 
 @contextmanager

@@ -5,14 +5,16 @@ line of a message says what and where; further lines say what is valid and what 
 """
 
 import difflib
+import math
 import re
 import signal
 import traceback
 import unicodedata
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, cast
 
 LISTED = 24  # names shown before a list is cut
 LOGGED = 8  # lines of an encoder's log that are shown
@@ -117,6 +119,51 @@ def suggestion(name: str, valid: Iterable[str]) -> str:
         valid = list(dict.fromkeys(f"{each.rpartition('/')[0]}/*" for each in valid if "/" in each))
     close = near(name, [each for each in valid if each != name])
     return f" (did you mean {' or '.join(map(quoted, close))}?)" if close else ""
+
+
+@dataclass(frozen=True)
+class Failure:
+    """What ended a command; `error` in its JSON document, which may have further keys that depend on the kind.
+
+    Attributes:
+      kind: a name for the cause, such as UnknownNameError.
+      message: what went wrong and where, then what is valid and what to do next.
+      exit_code: of the command.
+      facts: the further keys.
+    """
+
+    kind: str
+    message: str
+    exit_code: int
+    facts: Mapping[str, object] = field(default_factory=dict[str, object])
+
+    @classmethod
+    def of(cls, error: "MjrunError") -> "Failure":
+        """The failure that `error` reports, with its public attributes as facts."""
+        hidden = ("results", "path")
+        facts = {name: plain(v) for name, v in vars(error).items() if name not in hidden and not name.startswith("_")}
+        return cls(type(error).__name__, error.spelled(flag), error.exit_code, facts)
+
+    def document(self) -> dict[str, object]:
+        """The JSON object."""
+        return {**self.facts, "kind": self.kind, "message": self.message, "exit_code": self.exit_code}
+
+
+def plain(value: object) -> object:
+    """`value` as JSON has it; what JSON does not have becomes text."""
+    match value:
+        case None | bool() | int() | str():
+            return value
+        case float():
+            return value if math.isfinite(value) else str(value)
+        case Problem():
+            return value._asdict()
+        case Mapping():
+            return {str(key): plain(each) for key, each in cast("Mapping[object, object]", value).items()}
+        case list() | tuple():
+            return [plain(each) for each in cast("Sequence[object]", value)]
+        case _:
+            return str(value)
 
 
 class MjrunWarning(UserWarning):

@@ -18,6 +18,7 @@ import imageio_ffmpeg
 import mujoco
 import numpy as np
 import pytest
+from hypothesis import settings
 
 import mjrun.cli.main as cli
 from mjrun.errors import NoRendererError
@@ -26,6 +27,11 @@ from mjrun.rendering.backend import Backend
 from mjrun.rendering.backend_detection import BackendDetection, VulkanDetection
 
 ROOT = Path(__file__).parents[1]
+
+# Property tests draw the same examples everywhere. `make explore` draws others; what it finds becomes an `@example`.
+settings.register_profile("same", derandomize=True, database=None, deadline=None, print_blob=True)
+settings.register_profile("explore", derandomize=False, database=None, deadline=None, print_blob=True)
+settings.load_profile("same")
 
 # Commands under test hear these even where the tests are started in the background, by nohup or without a terminal.
 for ending, handler in ((signal.SIGINT, signal.default_int_handler), (signal.SIGHUP, signal.SIG_DFL)):

@@ -1,9 +1,28 @@
-"""Which processes a process has started, as the kernel tells."""
+"""Processes in tests: those that a process has started, and waiting for them on a machine of any load."""
 
 import contextlib
 import subprocess
 import time
+from collections.abc import Callable
 from pathlib import Path
+
+PATIENCE = 1800  # [s] that a test waits for what must come: no figure of speed, but the end of a test that hangs
+
+
+def wait_until(condition: Callable[[], object], while_running: "subprocess.Popen[bytes] | None" = None) -> None:
+    """Waits until a condition holds, as long as it takes; fails if the process that is to bring it about ends."""
+    deadline = time.monotonic() + PATIENCE
+    while not condition():
+        assert while_running is None or while_running.poll() is None
+        assert time.monotonic() < deadline
+        time.sleep(0.01)
+
+
+def command_line_of(pid: int) -> bytes:
+    """The command line of a process; empty once it has ended, even if nobody has waited for it."""
+    with contextlib.suppress(OSError):
+        return Path(f"/proc/{pid}/cmdline").read_bytes()
+    return b""
 
 
 def children(parent: int) -> list[int]:

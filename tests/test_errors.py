@@ -1,6 +1,8 @@
 """Theorems about errors: their exit codes, their sentences, and that foreign text cannot steer a terminal."""
 
 import inspect
+import json
+import math
 import signal
 from pathlib import Path
 
@@ -23,6 +25,7 @@ from mjrun.errors import (
     EncoderError,
     EndedFromOutsideError,
     FailedStepError,
+    Failure,
     FileError,
     MjrunError,
     ModelNotFoundError,
@@ -32,9 +35,11 @@ from mjrun.errors import (
     TerminatedError,
     UnknownNameError,
     UnstableError,
+    UsageError,
     clean,
     listing,
     near,
+    option,
     suggestion,
 )
 
@@ -302,3 +307,19 @@ def test_foreign_text_adds_no_line_and_no_control_character_to_a_message(error: 
 
 def test_the_foreign_name_of_a_file_is_still_recognisable() -> None:
     assert str(FileError(EVIL, "is a folder")) == f"{TAME}: is a folder"
+
+
+def test_a_failure_is_plain_json_with_the_facts_of_its_error() -> None:
+    unknown = Failure.of(UnknownNameError("joint", "knee", ("hip", "toe")))
+    assert unknown.document() == {
+        "name": "knee",
+        "valid": ["hip", "toe"],
+        "kind": "UnknownNameError",
+        "message": "no joint 'knee'\njoints: hip, toe",
+        "exit_code": 2,
+    }
+    invalid = Failure.of(DocumentError([Problem("a.yaml:1:2", "fps", "expected a number")]))
+    assert invalid.document()["problems"] == [{"place": "a.yaml:1:2", "path": "fps", "message": "expected a number"}]
+    diverged = UnstableError(6, math.inf, "qacc", "hinge", 0.01)
+    assert json.loads(json.dumps(Failure.of(diverged).document(), allow_nan=False))["time"] == "inf"
+    assert Failure.of(UsageError(f"{option('trail_span')}: wrong")).message == "--trail-span: wrong"

@@ -9,13 +9,13 @@ from mjrun.cli import bench_csv, bench_report
 from mjrun.cli.click_command import MODEL, CommandLine, command
 from mjrun.cli.console import Console
 from mjrun.cli.simulation_command import import_mujoco
-from mjrun.errors import FileError, UsageError, option
+from mjrun.errors import FileError, UsageError, counted, option
 from mjrun.options.bench import BenchOptions, ReportOptions
 from mjrun.options.confinement import ConfinementOptions
 from mjrun.options.console import ConsoleOptions
 
 if TYPE_CHECKING:
-    from mjrun.bench.results import BenchResult
+    pass
 
 SUMMARY = "GITHUB_STEP_SUMMARY"
 SLOWER, PARTLY = 1, 8  # exit codes
@@ -54,14 +54,11 @@ def bench(console: Console, command_line: CommandLine) -> None:
         console.result(format_of(result))
     if summary:
         _append(summary, bench_report.markdown(result))
-    console.code = _code(result, command_line.value("fail_above") is not None)
-
-
-def _code(result: "BenchResult", limited: bool) -> int:
-    """1 where something is slower than the limit, 8 where points of the grid could not be measured, else 0."""
-    if limited and result.comparison and result.comparison.verdict in ("slower", "failed"):
-        return SLOWER
-    return PARTLY if any(row.failure for row in result.rows) else 0
+    comparison, failed = result.comparison, sum(bool(row.failure) for row in result.rows)
+    if command_line.value("fail_above") is not None and comparison and comparison.verdict in ("slower", "failed"):
+        console.fail(SLOWER, "Slower", "slower than the baseline allows, or not measured any more")
+    elif failed:
+        console.fail(PARTLY, "PartlyDone", f"{failed} of {counted(len(result.rows), 'point')} could not be measured")
 
 
 def _summary(file: str | None) -> str | None:

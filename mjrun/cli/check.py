@@ -48,7 +48,10 @@ def check(console: Console, command_line: CommandLine) -> None:
 
     result = command_line.make(Check, models=command_line.arguments("models")).run(console, flag)
     _show(console, report, as_json, result)
-    console.code = result.code
+    if result.code:
+        from mjrun.cli.check_report import summary
+
+        console.fail(result.code, "FailedCheck", summary(result))
 
 
 def _show(console: Console, report: CheckReportOptions, as_json: bool, result: "CheckResult") -> None:

@@ -231,7 +231,7 @@ def _section_rank(declared: Option) -> int:
 
 def _set_verbosity(console: Console, messages: ConsoleOptions) -> None:
     console.verbosity = -1 if messages.quiet else 1 if messages.verbose else 0
-    console.debug = messages.debug
+    console.debug, console.as_json = messages.debug, messages.json
     if messages.debug and sys.__stderr__:
         faulthandler.enable(sys.__stderr__)  # which shows where a crash was
 

@@ -6,17 +6,24 @@ import os
 import sys
 import time
 import traceback
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, TextIO
 
 if TYPE_CHECKING:
     from rich.progress import Progress, TaskID
 
+from mjrun.activity import note_answered
 from mjrun.cli.standard_streams import STDERR, STDOUT, Payload, text_stream
 from mjrun.confinement.confinement import confinement
-from mjrun.errors import flag, spelled
+from mjrun.errors import Failure, flag, spelled
 
 EVERY = 10.0  # [s] between two lines of progress when stderr is no terminal
+
+
+def asks_for_json(arguments: Sequence[str]) -> bool:
+    """Whether a command line that may be wrong has the option --json."""
+    end = arguments.index("--") if "--" in arguments else len(arguments)
+    return "--json" in arguments[:end]
 
 
 class Console:
@@ -27,10 +34,12 @@ class Console:
       debug: show tracebacks.
       code: the exit code of a command that ran through.
       command: the command line.
+      as_json: whether standard output is one JSON document, which reports failures too.
     """
 
-    def __init__(self, command: str = "mjrun") -> None:
+    def __init__(self, command: str = "mjrun", *, as_json: bool = False) -> None:
         self.command = command
+        self.as_json = as_json
         self.verbosity = 0
         self.debug = False
         self.code = 0
@@ -38,6 +47,8 @@ class Console:
         self._task: TaskID | None = None
         self._last = time.monotonic()
         self._stdout: TextIO | None = None
+        self._document: Mapping[str, object] | None = None
+        self._failure: Mapping[str, object] | None = None
 
     def guard_stdout(self) -> None:
         """Keeps standard output for the payload: what native libraries print there goes to stderr."""
@@ -61,11 +72,29 @@ class Console:
         print(text, flush=True)  # noqa: T201
 
     def document(self, value: Mapping[str, object]) -> None:
-        """The command's answer as one JSON document on stdout; it says too how the process is confined, if it is."""
+        """The command's answer as one JSON document; `finish` prints it."""
+        self._document = value
+
+    def fail(self, code: int, kind: str, message: str) -> None:
+        """Makes `code` the exit code of a command that ran through, and reports why in its JSON document."""
+        self.code = code
+        self.report_failure(Failure(kind, message, code))
+
+    def report_failure(self, failure: Failure) -> None:
+        """Adds the `error` to the JSON document, where the command line asks for one."""
+        if self.as_json:
+            self._failure = failure.document()
+
+    def finish(self) -> None:
+        """Prints the JSON document on stdout, if any, and how the process is confined, if it is."""
+        document = {**(self._document or {}), **({"error": self._failure} if self._failure else {})}
+        if not document:
+            return
         limits = confinement()
-        if limits and "runs" not in value:  # which SARIF has, and nothing of its own beside
-            value = {**value, "untrusted": limits.facts()}
-        self.result(json.dumps(value, indent=2))
+        if limits and "runs" not in document:  # which SARIF has, and nothing of its own beside
+            document["untrusted"] = limits.facts()
+        note_answered()
+        self.result(json.dumps(document, indent=2))
 
     def say(self, text: str) -> None:
         """The command's answer when stdout holds something else; on stderr."""

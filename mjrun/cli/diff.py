@@ -57,7 +57,10 @@ def diff(console: Console, command_line: CommandLine) -> None:
 
     result = command_line.make(Diff, a=command_line.argument("a"), b=command_line.argument("b")).run(console)
     show(console, command_line, result)
-    console.code = 0 if result.equal else DIFFERENT
+    if not result.equal:
+        from mjrun.cli.diff_report import verdict
+
+        console.fail(DIFFERENT, "Difference", verdict(result))
 
 
 def check_report_options(command_line: CommandLine) -> None:

@@ -4,7 +4,7 @@ from mjrun.cli.click_command import MODEL, CommandLine, command
 from mjrun.cli.console import Console
 from mjrun.cli.diff import check_report_options, show
 from mjrun.cli.simulation_command import import_mujoco, simulation
-from mjrun.errors import GoldenDifferenceError
+from mjrun.errors import Failure, GoldenDifferenceError
 from mjrun.options.diff import DiffReportOptions
 from mjrun.options.simulation import SimulationOptions
 from mjrun.options.trace import TraceOptions
@@ -35,6 +35,7 @@ def diff_golden(console: Console, command_line: CommandLine) -> None:
     except GoldenDifferenceError as difference:
         (result,) = difference.results
         console.code = difference.exit_code
+        console.report_failure(Failure.of(difference))
     assert isinstance(result, TraceResult)
     assert result.golden
     show(console, command_line, result.golden)

@@ -36,11 +36,11 @@ def doctor(console: Console, command_line: CommandLine) -> None:
     else:
         console.result(_page(report))
     if any(finding.group == "software" and finding.status == "missing" for finding in report.findings):
-        console.code = WrongVersionError.exit_code
+        console.fail(WrongVersionError.exit_code, "WrongVersionError", "packages are missing, or of the wrong version")
     elif not report.can_draw:
-        console.code = RendererError.exit_code
+        console.fail(RendererError.exit_code, "RendererError", "nothing can draw here")
     elif not report.can_encode:
-        console.code = EncoderError.exit_code
+        console.fail(EncoderError.exit_code, "EncoderError", "nothing can encode videos here")
 
 
 def _page(report: "DoctorReport") -> str:

@@ -10,7 +10,7 @@ import click
 
 from mjrun.cli.click_command import CommandLine, command
 from mjrun.cli.console import Console
-from mjrun.cli.simulation_command import failures_in_json, import_mujoco, with_camera_scripts
+from mjrun.cli.simulation_command import import_mujoco, results_of_failures, with_camera_scripts
 from mjrun.errors import MjrunError, UsageError, option
 from mjrun.options.confinement import ConfinementOptions
 from mjrun.options.console import ConsoleOptions
@@ -103,7 +103,7 @@ def _show(console: Console, command_line: CommandLine, run: "Callable[[], Evalua
 
     as_json = command_line.make(ConsoleOptions).json
     try:
-        with failures_in_json(console, command_line, lambda results: asdict(results[0])):
+        with results_of_failures(console, lambda results: asdict(results[0])):
             result = run()
     except MjrunError as error:
         if error.results and not as_json:

@@ -16,11 +16,12 @@ import click
 from click.shell_completion import shell_complete
 
 from mjrun.activity import note_heard
-from mjrun.cli.console import Console, flag
+from mjrun.cli.console import Console, asks_for_json
 from mjrun.cli.watcher import BUG, SIGNALS, listen
 from mjrun.errors import (
     ClosedPipeError,
     EndedFromOutsideError,
+    Failure,
     MjrunError,
     OutOfMemoryError,
     TerminatedError,
@@ -110,10 +111,11 @@ def run(arguments: Sequence[str]) -> int:
     for number in SIGNALS:
         if signal.getsignal(number) is not signal.SIG_IGN:  # as of nohup
             signal.signal(number, _end)
-    console = Console(shlex.join(["mjrun", *arguments]))
+    console = Console(shlex.join(["mjrun", *arguments]), as_json=asks_for_json(arguments))
     code = _guarded(console, lambda: _invoke(console, arguments))
     # A reader that is gone shows up, at the latest, when the last text is flushed.
-    code = code or _guarded(console, _flush)
+    finishing_code = _guarded(console, lambda: _finish(console))
+    code = code or finishing_code
     console.release_stdout()
     return code
 
@@ -126,7 +128,8 @@ def _invoke(console: Console, arguments: Sequence[str]) -> int:
     return console.code
 
 
-def _flush() -> int:
+def _finish(console: Console) -> int:
+    console.finish()
     sys.stdout.flush()
     return 0
 
@@ -142,36 +145,40 @@ def _guarded(console: Console, action: Callable[[], int]) -> int:
             raise _ending(_ended_by) from error  # what an import makes of a signal, for example
     except click.exceptions.Exit as end:
         return end.exit_code
-    except click.UsageError as error:
-        console.error(_usage_message(error))
-        return error.exit_code
-    except click.ClickException as error:
-        console.error(error.format_message())
-        return error.exit_code
-    except MjrunError as error:
-        console.error(error.spelled(flag))
-        return error.exit_code
     except ClosedPipeError as end:  # quietly
         return end.exit_code
-    except (KeyboardInterrupt, click.Abort):
-        console.error("interrupted")
-        return 130
-    except EndedFromOutsideError as end:
-        console.error(f"ended by {end}")
-        return end.exit_code
-    except Exception as error:
-        if isinstance(error, MemoryError) or NO_MEMORY in str(error):  # of a FatalError or a ValueError
-            console.error(str(OutOfMemoryError(str(error))))
-            return OutOfMemoryError.exit_code
-        from mjrun.packages import cause_of
-
-        if (cause := cause_of(error)) is not None:
-            console.error(str(cause))
-            return cause.exit_code
-        console.error(_bug_message(error))
-        return BUG
+    except BaseException as error:
+        failure = _failure(error)
+        console.error(failure.message)
+        console.report_failure(failure)
+        return failure.exit_code
     finally:
         console.close()
+
+
+def _failure(error: BaseException) -> Failure:
+    """What ended the command."""
+    match error:
+        case click.UsageError():
+            return Failure("UsageError", _usage_message(error), error.exit_code)
+        case click.ClickException():
+            return Failure(type(error).__name__, error.format_message(), error.exit_code)
+        case MjrunError():
+            return Failure.of(error)
+        case KeyboardInterrupt() | click.Abort():
+            return Failure("KeyboardInterrupt", "interrupted", 128 + signal.SIGINT)
+        case EndedFromOutsideError():
+            return Failure("TerminatedError", f"ended by {error}", error.exit_code)
+        case Exception():
+            if isinstance(error, MemoryError) or NO_MEMORY in str(error):  # of a FatalError or a ValueError
+                return Failure.of(OutOfMemoryError(str(error)))
+            from mjrun.packages import cause_of
+
+            if (cause := cause_of(error)) is not None:
+                return Failure.of(cause)
+            return Failure("InternalError", _bug_message(error), BUG)
+        case _:
+            raise error
 
 
 def _usage_message(error: click.UsageError) -> str:

@@ -9,7 +9,7 @@ import click
 from mjrun.cli.click_command import CommandLine, command
 from mjrun.cli.console import Console
 from mjrun.cli.result_summary import summary
-from mjrun.cli.simulation_command import failures_in_json, import_mujoco, payload_on_stdout
+from mjrun.cli.simulation_command import import_mujoco, payload_on_stdout, results_of_failures
 from mjrun.errors import FailedAssertionError
 from mjrun.formats.input_file import is_folder
 from mjrun.options.console import ConsoleOptions
@@ -46,7 +46,7 @@ def plot(console: Console, command_line: CommandLine) -> None:
     tables = command_line.arguments("tables")
     is_study = any(is_folder(table) for table in tables)
     job = command_line.make(StudyPlot if is_study else TablePlot, tables=tables)
-    with failures_in_json(console, command_line, _document):
+    with results_of_failures(console, _document):
         try:
             result = job.run(console)
         except FailedAssertionError as error:

@@ -12,7 +12,7 @@ from mjrun.cli.click_command import CommandLine, command
 from mjrun.cli.console import Console
 from mjrun.cli.controller_loader import load_controller
 from mjrun.cli.result_summary import summary
-from mjrun.cli.simulation_command import failures_in_json, import_mujoco
+from mjrun.cli.simulation_command import import_mujoco, results_of_failures
 from mjrun.errors import FileError, MjrunError, clean
 from mjrun.options.confinement import ConfinementOptions
 from mjrun.options.console import ConsoleOptions
@@ -53,7 +53,7 @@ def run(console: Console, command_line: CommandLine) -> None:
         if options.dry_run:
             _show_plan(console, preview(requests.jobs, console), as_json)
             return
-        with _folders(requests), failures_in_json(console, command_line, _document):
+        with _folders(requests), results_of_failures(console, _document):
             try:
                 with run_page(requests.page, Path(document).name, requests.jobs) as published:
                     results = perform(requests.jobs, console, published)

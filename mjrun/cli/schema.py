@@ -5,9 +5,9 @@ import click
 from mjrun.cli.click_command import CommandLine, command
 from mjrun.cli.console import Console
 from mjrun.cli.simulation_command import import_mujoco
-from mjrun.document.schema_kinds import DOCUMENTS, REPORTS
+from mjrun.document.schema_kinds import DOCUMENTS, ERROR, REPORTS
 
-KINDS = (*DOCUMENTS, *REPORTS, "options")
+KINDS = (*DOCUMENTS, *REPORTS, ERROR, "options")
 
 
 @command("schema", arguments=[click.Argument(["kind"], type=click.Choice(KINDS))])
@@ -15,7 +15,7 @@ def schema(console: Console, command_line: CommandLine) -> None:
     """Print the JSON Schema of a kind of document, for editors and validators, or of the reports of a command.
 
     bench, diff, eval, fit, plot, sweep and view are what these commands report with --json; excite is what mjrun fit
-    --excite reports, and verify what mjrun trace --verify does.
+    --excite reports, and verify what mjrun trace --verify does; error is what any command prints when it fails.
 
     options prints a reference of all options of all commands instead, as Markdown.
 

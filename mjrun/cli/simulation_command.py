@@ -14,10 +14,10 @@ from typing import TYPE_CHECKING, Any, TypeVar, cast
 import click
 
 from mjrun.cli.click_command import CommandLine
-from mjrun.cli.console import Console, flag
+from mjrun.cli.console import Console
 from mjrun.cli.controller_loader import load_controller
 from mjrun.cli.result_summary import summary
-from mjrun.errors import MjrunError, PartlyDoneError, UsageError, option
+from mjrun.errors import MjrunError, UsageError, option
 from mjrun.options.console import ConsoleOptions
 from mjrun.options.keyframe import LAST_INSTANT
 from mjrun.options.model import ModelOptions
@@ -132,7 +132,7 @@ def make(
 
         console.result(document_text(jobs, console.command).rstrip("\n"))
         raise click.exceptions.Exit(0)
-    with failures_in_json(console, command_line, lambda results: asdict(results[0])):
+    with results_of_failures(console, lambda results: asdict(results[0])):
         return cast("R", perform(jobs, console)[0])
 
 
@@ -165,18 +165,13 @@ def payload_on_stdout(command_line: CommandLine, default_output: str = "") -> bo
 
 
 @contextmanager
-def failures_in_json(
-    console: Console, command_line: CommandLine, document: Callable[[Sequence[Any]], dict[str, object]]
+def results_of_failures(
+    console: Console, document: Callable[[Sequence[Any]], dict[str, object]]
 ) -> Generator[None, None, None]:
-    """Where JSON was asked for, tells of a failure in it too, beside the `document` of what was made all the same."""
+    """Where JSON was asked for, adds the `document` of what was made in spite of a failure."""
     try:
         yield
     except MjrunError as error:
-        if command_line.make(ConsoleOptions).json and (error.results or isinstance(error, PartlyDoneError)):
-            facts = {name: value for name, value in vars(error).items() if name not in ("results", "path")}
-            public = {name: value for name, value in facts.items() if not name.startswith("_")}
-            message = error.spelled(flag)
-            failure = {"kind": type(error).__name__, "message": message, "exit_code": error.exit_code, **public}
-            made = document(error.results) if error.results else {}
-            console.document({**made, "error": failure})
+        if console.as_json and error.results:
+            console.document(document(error.results))
         raise

@@ -11,7 +11,7 @@ import click
 from mjrun.cli.click_command import CommandLine, command
 from mjrun.cli.console import Console
 from mjrun.cli.controller_loader import load_controller
-from mjrun.cli.simulation_command import failures_in_json, import_mujoco, simulation, stem
+from mjrun.cli.simulation_command import import_mujoco, results_of_failures, simulation, stem
 from mjrun.errors import FileError, MjrunError, UsageError, clean, option
 from mjrun.formats.input_file import exists, is_file, is_folder
 from mjrun.options.confinement import ConfinementOptions
@@ -262,7 +262,7 @@ def _show_result(
     as_csv = command_line.make(StudyCommandOptions).csv
     as_json = command_line.make(ConsoleOptions).json
     try:
-        with failures_in_json(console, command_line, lambda results: asdict(results[0])):
+        with results_of_failures(console, lambda results: asdict(results[0])):
             result = run(study)
     except MjrunError as error:
         if error.results and not as_json:

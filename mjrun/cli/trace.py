@@ -75,7 +75,8 @@ def _verify(console: Console, command_line: CommandLine) -> None:
     elif console.verbosity >= 0:
         for line in lines(result):
             console.result(line)
-    console.code = 0 if result.agrees else 1
+    if not result.agrees:
+        console.fail(1, "VerificationDifference", "\n".join(lines(result)))
 
 
 def _require_no_output(command_line: CommandLine, why: str) -> None:

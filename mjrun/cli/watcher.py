@@ -20,8 +20,12 @@ import time
 from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from mjrun.activity import PROMISE, Notice, Noticeboard, Promise, write_on
+
+if TYPE_CHECKING:
+    from mjrun.errors import Failure
 
 SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)  # that are passed on
 HEEDED = (signal.SIGCHLD, signal.SIGALRM, PROMISE)  # that are not
@@ -125,9 +129,9 @@ class _Watcher:
             self._remove_what_was_made(self._promise)
         if code >= 0:
             return code
-        message, code = self._explain(code, notice)
-        _say(message)
-        return code
+        failure = self._explain(code, notice)
+        _report(failure, is_answered=self._board.answered)
+        return failure.exit_code
 
     def _heed(self, number: int) -> None:
         if number in self._passed_on:
@@ -191,39 +195,42 @@ class _Watcher:
             with suppress(OSError):
                 Path(folder).rmdir()
 
-    def _explain(self, code: int, notice: Notice) -> tuple[str, int]:
-        """What to say of a child that was killed, given its exit code, and that of the command."""
+    def _explain(self, code: int, notice: Notice) -> "Failure":
+        """Why a child with this exit code was killed."""
+        from mjrun.errors import Failure
+
         if self._ending == signal.SIGINT:
-            return "interrupted", 128 + signal.SIGINT
+            return Failure("KeyboardInterrupt", "interrupted", 128 + signal.SIGINT)
         if self._ending is not None:
-            return f"ended by {self._ending.name}", 128 + self._ending
+            return Failure("TerminatedError", f"ended by {self._ending.name}", 128 + self._ending)
         return _obituary(signal.SIGALRM if self._has_expired else -code, notice, limited=self._promise is not None)
 
 
-def _obituary(killer: int, notice: Notice, *, limited: bool) -> tuple[str, int]:
-    """What to say of a process that was killed, not as it was told to end, and the exit code.
+def _obituary(killer: int, notice: Notice, *, limited: bool) -> "Failure":
+    """Why a process was killed, not as it was told to end.
 
     Args:
       limited: whether it had limits of ours.
     """
     from mjrun.child_process import ExitStatus
-    from mjrun.errors import OutOfMemoryError, clean, option
+    from mjrun.errors import Failure, OutOfMemoryError, clean, flag, option, spelled
 
     name = ExitStatus(-killer).signal
     during = f" while {notice.activity} {clean(notice.model)}" if notice.activity else ""
     if killer == signal.SIGKILL:
         reason = f"the process was killed{during}, which the system does when there is none left"
-        return str(OutOfMemoryError(reason)), OutOfMemoryError.exit_code
+        return Failure.of(OutOfMemoryError(reason))
     if killer in LIMITS and limited:
         limit, reason = LIMITS[killer]
-        advice = f"{option('limit')} {limit}=… allows more"
-        return f"ended{during}: {reason} its limit allows ({name})\n{advice}", EXIT_CODES.get(notice.activity, EXCEEDED)
+        message = f"ended{during}: {reason} its limit allows ({name})\n{option('limit')} {limit}=… allows more"
+        return Failure("LimitExceeded", spelled(message, flag), EXIT_CODES.get(notice.activity, EXCEEDED))
     if killer not in CRASHES:
-        return f"ended by {name}{during}", 128 + killer
+        return Failure("TerminatedError", f"ended by {name}{during}", 128 + killer)
 
     who = "MuJoCo" if notice.activity else "mjrun, or a library that it uses,"
     advice = ADVICE[notice.activity].format(model=clean(shlex.quote(notice.model)))
-    return f"{who} crashed{during}: {CRASHES[killer]} ({name})\n{advice}", EXIT_CODES.get(notice.activity, BUG)
+    message = f"{who} crashed{during}: {CRASHES[killer]} ({name})\n{advice}"
+    return Failure("Crash", message, EXIT_CODES.get(notice.activity, BUG))
 
 
 def _has_left_something(notice: Notice) -> bool:
@@ -266,9 +273,14 @@ def _kill(pid: int) -> None:
             kill(pid, signal.SIGKILL)
 
 
-def _say(message: str) -> None:
-    from mjrun.cli.console import Console
+def _report(failure: "Failure", *, is_answered: bool) -> None:
+    from mjrun.cli.console import Console, asks_for_json
+    from mjrun.errors import EndedFromOutsideError
 
     if sys.stderr.isatty():
         sys.stderr.write(SHOW_CURSOR)
-    Console().error(message)
+    console = Console(as_json=asks_for_json(sys.argv[1:]) and not is_answered)
+    console.error(failure.message)
+    console.report_failure(failure)
+    with suppress(Exception, EndedFromOutsideError):  # nobody reads it
+        console.finish()

@@ -9,7 +9,7 @@ from pydantic_core.core_schema import WithDefaultSchema
 from mjrun.document.camera import CameraDocument
 from mjrun.document.evaluation import EvaluationDocument
 from mjrun.document.fit import FitDocument
-from mjrun.document.report_schema import REPORTS, report_schema
+from mjrun.document.report_schema import ERROR, REPORTS, report_schema
 from mjrun.document.run import RunDocument
 from mjrun.document.study import StudyDocument
 from mjrun.document.task import TaskDocument
@@ -64,10 +64,10 @@ def json_schema(kind: str) -> JsonSchemaValue:
     Raises:
       UnknownNameError: there is no such kind; the message lists those there are.
     """
-    if kind in REPORTS:
+    if kind == ERROR or kind in REPORTS:
         return report_schema(kind)
     if kind not in DOCUMENTS:
-        raise UnknownNameError("schema", kind, [*DOCUMENTS, *REPORTS])
+        raise UnknownNameError("schema", kind, [*DOCUMENTS, *REPORTS, ERROR])
     model, title, has_variables = DOCUMENTS[kind]
     schema = model.model_json_schema(schema_generator=_Generator)
     schema = {"$schema": _Generator.schema_dialect, **schema, "title": title}

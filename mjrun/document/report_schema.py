@@ -9,7 +9,9 @@ from pydantic_core.core_schema import DataclassField, DataclassSchema, ModelFiel
 
 from mjrun.bench.results import BenchResult
 from mjrun.diff.result import DiffResult
+from mjrun.document.schema_kinds import ERROR
 from mjrun.document.schema_kinds import REPORTS as COMMANDS
+from mjrun.errors import Failure
 from mjrun.evaluation.result import EvaluationResult
 from mjrun.fit.excitation import ExcitationResult
 from mjrun.fit.result import FitResult
@@ -59,8 +61,30 @@ class _Generator(GenerateJsonSchema):
 
 
 def report_schema(kind: str) -> JsonSchemaValue:
-    """The JSON Schema, draft 2020-12, of reports of a `kind`, one of `REPORTS`. New keys may come to a report."""
+    """The JSON Schema, draft 2020-12, of reports of a `kind`, one of `REPORTS`, or of `error`, a failure alone.
+
+    New keys may come to a report. One of a command that fails has an `error`, and may have nothing else.
+    """
+    failure = {ERROR: _failure_schema()}
+    if kind == ERROR:
+        schema = {"description": "What a command with --json prints when it fails.", "type": "object"}
+        return {
+            "$schema": _Generator.schema_dialect,
+            **schema,
+            "properties": failure,
+            "required": [ERROR],
+            "title": "report of a failure",
+        }
     report = REPORTS[kind]
     schema = TypeAdapter(report).json_schema(schema_generator=_Generator, mode="serialization")
     schema["properties"]["schema"]["const"] = report.schema
+    schema["properties"] |= failure
+    schema["anyOf"] = [{"required": schema.pop("required")}, {"required": [ERROR]}]
     return {"$schema": _Generator.schema_dialect, **schema, "title": f"report of {COMMANDS[kind]}"}
+
+
+def _failure_schema() -> JsonSchemaValue:
+    schema = TypeAdapter(Failure).json_schema(schema_generator=_Generator, mode="serialization")
+    for key in ("properties", "required"):
+        schema[key].pop("facts" if key == "properties" else schema[key].index("facts"))
+    return schema

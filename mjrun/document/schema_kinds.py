@@ -2,6 +2,8 @@
 
 DOCUMENTS = ("camera", "run", "study", "task", "eval-document", "fit-document")
 
+ERROR = "error"  # the key of a failure in any report, and the kind of a report of nothing else
+
 # Kind of report → the command that prints it with --json.
 REPORTS = {
     "bench": "mjrun bench",

@@ -26,6 +26,7 @@ def test_an_option_is_spelled_as_a_flag() -> None:
 def test_the_answer_goes_to_stdout_and_messages_to_stderr(console: Console, capsys: pytest.CaptureFixture[str]) -> None:
     console.result("answer")
     console.document({"a": [1]})
+    console.finish()
     console.say("said")
     console.note(f"{option('trail_span')} noted")
     console.warn("warned")

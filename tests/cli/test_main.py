@@ -17,6 +17,9 @@ import pytest
 
 from mjrun import __version__
 from mjrun.cli.main import COMMANDS, group
+from mjrun.document.json_schema import json_schema
+from mjrun.errors import EncoderError, NoRendererError, TerminatedError
+from tests.document.schema_oracle import fits
 
 if TYPE_CHECKING:
     from tests.conftest import Command
@@ -70,11 +73,6 @@ def test_every_option_of_every_command_has_help(name: str) -> None:
             "'7' is not a list of groups from 0 to 5, as in 0,1,2, or all, or none",
         ),
         (["video", "swing.xml", "--perturb", "-1"], 2, "'--perturb'"),
-        (
-            ["video", "swing.xml", "-o", "-", "--json"],
-            2,
-            "--json and the output both want standard output; give --output FILE",
-        ),
         (["video", "swnig.xml"], 3, "swnig.xml: no such model file (did you mean 'swing.xml'?)"),
         (["video", "swing.xml", "--key", "home"], 2, "no keyframe 'home'"),
         (["video", "swing.xml", "--qpos", "hings=1"], 2, "no joint 'hings' (did you mean 'hinge'?)"),
@@ -220,6 +218,78 @@ def test_a_document_goes_to_stdout_as_json(mjrun_here: Command, swing: Path) -> 
     found = json.loads(done.stdout)
     assert (found["path"], found["frames"], found["size"], found["codec"]) == ("swing.mp4", 2, [64, 48], "h264")
     assert found["renderer"]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "code", "kind", "message"),
+    [
+        (["video", "swing.xml", "--fps", "0"], 2, "UsageError", "'0' is not a positive number"),
+        (["vidoe"], 2, "UsageError", "No such command 'vidoe'"),
+        (["video", "swing.xml", "-o", "-"], 2, "UsageError", "--json and the output both want standard output"),
+        (["trace", "swing.xml", "--qpos", "hings=1"], 2, "UsageError", "did you mean 'hinge'"),
+        (["info", "none.xml"], 3, "ModelNotFoundError", "none.xml: no such model file"),
+        (["trace", "exploding.xml", "--key", "fast", "-o", "t.csv"], 4, "UnstableError", "became unstable at step 6"),
+        (["plot", "none.csv", "-o", "a.png"], 7, "FileError", "none.csv: no such file"),
+        (["sweep", "none.yaml"], 7, "FileError", "none.yaml: no such file"),
+        (["check", "none.xml"], 3, "FailedCheck", "1 does not load"),
+        (["diff", "a.csv", "b.csv"], 1, "Difference", "a.csv and b.csv differ"),
+        (["diff", "--golden", "a.csv", "swing.xml", "--duration", "0.01"], 1, "GoldenDifferenceError", "a.csv"),
+        (
+            ["bench", "exploding.xml", "--key", "fast", "--scan", "timestep=.001,.03", "--steps", "9"],
+            8,
+            "PartlyDone",
+            "1 of 2 points could not be measured",
+        ),
+    ],
+)
+def test_json_has_an_error_for_every_exit_code(
+    mjrun_here: Command,
+    swing: Path,
+    exploding: Path,
+    arguments: list[str],
+    code: int,
+    kind: str,
+    message: str,
+) -> None:
+    swing.rename(mjrun_here.folder / "swing.xml")
+    exploding.rename(mjrun_here.folder / "exploding.xml")
+    for name, end in (("a", 1), ("b", 2)):
+        (mjrun_here.folder / f"{name}.csv").write_text(f"time,energy/total\n0,{end}\n")
+    done = mjrun_here(*arguments, "--json")
+    document = json.loads(done.stdout)
+    error = document["error"]
+    assert (done.returncode, error["exit_code"], error["kind"]) == (code, code, kind)
+    assert message in error["message"]
+    schema = json_schema("error")
+    assert fits(document, schema, schema)
+
+
+@pytest.mark.parametrize(
+    ("error", "code", "kind"),
+    [
+        (NoRendererError({"egl": "none"}, "install one"), 5, "NoRendererError"),
+        (EncoderError("it failed", "log"), 6, "EncoderError"),
+        (KeyError("x"), 70, "InternalError"),
+        (MemoryError(), 3, "OutOfMemoryError"),
+        (KeyboardInterrupt(), 130, "KeyboardInterrupt"),
+        (TerminatedError(signal.SIGTERM), 143, "TerminatedError"),
+    ],
+)
+def test_json_has_an_error_whatever_is_raised(
+    mjrun_here: Command, monkeypatch: pytest.MonkeyPatch, error: BaseException, code: int, kind: str
+) -> None:
+    def fail(_: object) -> None:
+        raise error
+
+    monkeypatch.setattr("mjrun.doctor.examine", fail)
+    done = mjrun_here("doctor", "--json")
+    failure = json.loads(done.stdout)["error"]
+    assert (done.returncode, failure["exit_code"], failure["kind"]) == (code, code, kind)
+    assert failure["message"].splitlines()[0] in done.stderr.decode()
+
+
+def test_without_json_a_failure_prints_nothing_on_stdout(mjrun_here: Command) -> None:
+    assert mjrun_here("info", "none.xml").stdout == mjrun_here("info", "none.xml", "--", "--json").stdout == b""
 
 
 def test_completion_of_a_shell_works(mjrun: Command) -> None:

@@ -215,7 +215,7 @@ def test_with_json_a_failure_is_told_beside_what_was_made(mjrun_here: Command, s
     assert (done.returncode, told["path"], told["error"]["kind"]) == (1, "a.csv", "FailedAssertionError")
     assert [verdict["passed"] for verdict in told["assertions"]] == [False]
     done = mjrun_here("trace", study.with_name("swing.xml"), "-o", "no/a.csv", "--json")
-    assert (done.returncode, done.stdout) == (7, b"")
+    assert (done.returncode, [*json.loads(done.stdout)]) == (7, ["error"])
 
 
 LOG = "t,swing [deg]\n0,0\n0.02,9\n0.04,\n0.06,-9\n"

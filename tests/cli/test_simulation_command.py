@@ -9,12 +9,12 @@ import pytest
 from mjrun.cli.click_command import CommandLine
 from mjrun.cli.console import Console, flag
 from mjrun.cli.simulation_command import (
-    failures_in_json,
     import_mujoco,
     payload_on_stdout,
+    results_of_failures,
     with_camera_scripts,
 )
-from mjrun.errors import FileError, PartlyDoneError, UsageError
+from mjrun.errors import Failure, FileError, PartlyDoneError, UsageError
 from mjrun.options.image import ImageOptions
 from mjrun.options.option import Options
 from mjrun.options.simulation import SimulationOptions
@@ -63,8 +63,11 @@ def test_exclusions_are_told_with_flags(cls: type[Options], params: dict[str, An
 
 def test_json_names_what_stays_of_an_output_that_could_not_be_published(capsys: pytest.CaptureFixture[str]) -> None:
     error = PartlyDoneError(["t.csv"], [("c.csv", FileError("c.csv", "cannot be written"))])
-    with pytest.raises(PartlyDoneError), failures_in_json(Console(), CommandLine({"json": True}), lambda _: {}):
+    console = Console(as_json=True)
+    with pytest.raises(PartlyDoneError), results_of_failures(console, lambda _: {}):
         raise error
+    console.report_failure(Failure.of(error))
+    console.finish()
     told = json.loads(capsys.readouterr().out)["error"]
     assert (told["exit_code"], told["made"], told["failures"][0]["output"]) == (8, ["t.csv"], "c.csv")
     assert "made all the same: t.csv" in told["message"]

@@ -1,15 +1,17 @@
 """Whatever ends the process that works, its parent says what it was, with the right exit code."""
 
+import json
 import os
 import re
 import signal
 import subprocess
 import sys
-import time
 import zlib
 from pathlib import Path
 
 import pytest
+
+from tests.processes import PATIENCE, command_line_of, wait_until
 
 HEAD = """
 import os, signal, sys, time
@@ -26,26 +28,23 @@ sys.exit(watched(work))
 """
 
 
-def start(work: str, folder: Path) -> "subprocess.Popen[str]":
-    """A process that watches a child in which the body of a function runs."""
+def start(work: str, folder: Path, *arguments: str) -> "subprocess.Popen[str]":
+    """A process, of a command line with `arguments`, that watches a child in which the body of a function runs."""
     body = "".join(f"    {line}\n" for line in work.splitlines())
     pipe = subprocess.PIPE
-    script = [sys.executable, "-c", HEAD + body + TAIL]
+    script = [sys.executable, "-c", HEAD + body + TAIL, *arguments]
     return subprocess.Popen(script, cwd=folder, stdout=pipe, stderr=pipe, text=True, start_new_session=True)
 
 
 def outcome(process: "subprocess.Popen[str]") -> tuple[int, str]:
     """Exit code and standard error."""
-    _, errors = process.communicate(timeout=60)
+    _, errors = process.communicate(timeout=PATIENCE)
     return process.returncode, errors
 
 
 def assert_gone(pid: int) -> None:
-    """A process ends soon; then it has no command line any more, even if nobody waits for it."""
-    line, deadline = Path(f"/proc/{pid}/cmdline"), time.monotonic() + 60
-    while line.exists() and line.read_bytes() and time.monotonic() < deadline:
-        time.sleep(0.01)
-    assert time.monotonic() < deadline
+    """A process ends; then it has no command line any more, even if nobody waits for it."""
+    wait_until(lambda: not command_line_of(pid))
 
 
 @pytest.mark.parametrize("code", [0, 1, 70])
@@ -74,6 +73,26 @@ def test_a_death_is_told_with_what_died_and_what_to_do(
     assert first.startswith(f"mjrun: error: {said}")
     assert number in first or number == "SIGKILL"
     assert bool(rest) == (number != "SIGXCPU")
+
+
+@pytest.mark.parametrize(
+    ("work", "code", "kind"),
+    [
+        ("with doing('reading', 'robot.xml'): die(signal.SIGSEGV)", 3, "Crash"),
+        ("die(signal.SIGKILL)", 3, "OutOfMemoryError"),
+        ("die(signal.SIGXCPU)", 128 + signal.SIGXCPU, "TerminatedError"),
+    ],
+)
+def test_json_reports_a_death_unless_it_was_printed_before(tmp_path: Path, work: str, code: int, kind: str) -> None:
+    out, errors = start(work, tmp_path, "info", "--json").communicate(timeout=PATIENCE)
+    failure = json.loads(out)["error"]
+    assert (failure["exit_code"], failure["kind"]) == (code, kind)
+    assert failure["message"].splitlines()[0] in errors
+
+    answer = "from mjrun.cli.console import Console\nconsole = Console()\nconsole.document({'a': 1})\nconsole.finish()"
+    out, _ = start(f"{answer}\n{work}", tmp_path, "info", "--json").communicate(timeout=PATIENCE)
+    assert json.loads(out) == {"a": 1}
+    assert start(work, tmp_path, "info").communicate(timeout=PATIENCE)[0] == ""
 
 
 @pytest.mark.parametrize(
@@ -250,7 +269,7 @@ time.sleep(1000)
     assert process.stdout
     process.stdout.readline()
     process.terminate()
-    printed, _ = process.communicate(timeout=60)
+    printed, _ = process.communicate(timeout=PATIENCE)
     assert (process.returncode, printed) == (143, "completed\n")
 
 
@@ -299,5 +318,5 @@ def test_the_child_dies_with_its_parent(tmp_path: Path) -> None:
     assert process.stdout
     child = int(process.stdout.readline())
     process.kill()
-    process.communicate(timeout=60)  # once nobody holds its pipes any more
+    process.communicate(timeout=PATIENCE)  # once nobody holds its pipes any more
     assert_gone(child)

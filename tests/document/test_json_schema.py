@@ -131,7 +131,7 @@ def test_a_kind_that_there_is_not_is_told() -> None:
         UnknownNameError,
         match=r"^no schema 'camra' \(did you mean 'camera'\?\)\n"
         r"schemas: camera, run, study, fit-document, eval-document, task, bench, diff, eval, excite, fit, plot, sweep, "
-        r"verify, view$",
+        r"verify, view, error$",
     ):
         json_schema("camra")
 

@@ -15,6 +15,8 @@ from mjrun.document.json_schema import json_schema
 from mjrun.document.report_schema import REPORTS
 from tests.document.schema_oracle import fits, rules
 
+FAILURE = {"kind": "FileError", "message": "a.csv: no such file", "exit_code": 7}
+
 
 @pytest.fixture(scope="module")
 def report(tmp_path_factory: pytest.TempPathFactory) -> Any:
@@ -37,7 +39,9 @@ def test_a_report_fits_its_schema_as_long_as_nothing_is_missing_and_nothing_is_o
     assert report["comparison"]["gone"]
     assert fits(report, made, made)
     for key, value in report.items():
-        assert not fits({name: inner for name, inner in report.items() if name != key}, made, made)
+        without = {name: inner for name, inner in report.items() if name != key}
+        assert not fits(without, made, made)
+        assert fits({**without, "error": FAILURE}, made, made)
         assert not fits({**report, key: [1] if isinstance(value, str) else "x"}, made, made)
     assert fits({**report, "new": 1}, made, made)
     del report["rows"][0]["step"]["median"]
@@ -60,10 +64,19 @@ def test_every_dataclass_that_names_a_schema_is_a_report_that_can_be_asked_for()
 def test_every_key_of_a_report_is_described_and_required(kind: str) -> None:
     made, report = json_schema(kind), REPORTS[kind]
     assert made["properties"]["schema"]["const"] == f"mjrun-{kind}-1"
-    assert [*made["properties"]] == [field.name for field in fields(report)]
+    assert [*made["properties"]] == [*(field.name for field in fields(report)), "error"]
+    assert made["anyOf"] == [{"required": [field.name for field in fields(report)]}, {"required": ["error"]}]
     for rule in rules(made):
         assert "$ref" not in rule or rule["$ref"].removeprefix("#/$defs/") in made["$defs"]
         if "properties" in rule:
             assert rule["description"]
-            assert rule["required"] == [*rule["properties"]]
+            assert rule is made or rule["required"] == [*rule["properties"]]
             assert all(inner["description"] for inner in rule["properties"].values())
+
+
+def test_a_failure_alone_fits_its_schema_and_that_of_every_report() -> None:
+    for kind in ("error", *REPORTS):
+        made = json_schema(kind)
+        assert fits({"error": {**FAILURE, "valid": ["b.csv"]}}, made, made)
+        for key in FAILURE:
+            assert not fits({"error": {name: value for name, value in FAILURE.items() if name != key}}, made, made)
