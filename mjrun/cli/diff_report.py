@@ -9,8 +9,8 @@ from mjrun.cli.result_summary import golden_summary
 from mjrun.cli.table_cells import Column
 from mjrun.diff.model_sentences import model_lines
 from mjrun.diff.picture_sentences import frame_facts, frame_place, percent
-from mjrun.diff.sentences import golden_versions, place, unmatched_place
-from mjrun.errors import clean, counted, listing
+from mjrun.diff.sentences import cell_texts, golden_versions, place, shared_sentence, unmatched_place
+from mjrun.errors import clean, counted, flag, listing, spelled
 
 if TYPE_CHECKING:
     from mjrun.diff.result import (
@@ -51,7 +51,10 @@ def verdict(result: "DiffResult") -> str:
         return golden_summary(result)
     pair = f"{clean(result.a)} and {clean(result.b)}"
     golden = f"; {golden_versions(result.golden)}" if result.golden else ""
-    return f"{pair} agree{_agreement(result)}{golden}" if result.equal else f"{pair} differ{golden}"
+    if result.equal:
+        return f"{pair} agree{_agreement(result)}{golden}"
+    shared = shared_sentence(result.table, _row_word(result)) if result.table and not result.golden else ""
+    return f"{pair} differ{golden}{f': {spelled(shared, flag)}' if shared else ''}"
 
 
 def annotations(result: "DiffResult") -> Iterator[str]:
@@ -72,12 +75,18 @@ def _agreement(result: "DiffResult") -> str:
         return ""
     table = result.table
     exact = all(column.atol == column.rtol == 0 for column in table.columns)
-    size = f": {counted(table.rows, _row_word(result))}, {counted(len(table.columns), 'column')}"
+    both = " that both have" if _is_partial(table) else ""
+    size = f": {counted(table.rows, _row_word(result))}, {counted(len(table.columns), 'column')}{both}"
     if exact:
         return f"{size}, bit for bit"
     worst = max(table.columns, key=lambda column: column.maximum or 0)
     largest = f"; the largest difference is {_number(worst.maximum)}, of {clean(worst.name)}" if worst.maximum else ""
     return f"{size}, within the tolerance{largest}"
+
+
+def _is_partial(table: "TableDifference") -> bool:
+    """Whether something is in one of two tables only."""
+    return bool(table.only_a.count or table.only_b.count or table.columns_only_a or table.columns_only_b)
 
 
 def _picture_agreement(picture: "PictureDifference") -> str:
@@ -92,7 +101,7 @@ def _table(page: PageLayout, result: "DiffResult", table: "TableDifference", eve
     what = _row_word(result)
     differing = [column for column in table.columns if column.first]
     facts = [
-        ("compared", f"{counted(table.rows, what)} of the same {_aligned_by(table)}"),
+        ("compared", f"{counted(table.rows, what)} of the same {clean(_aligned_by(table))}"),
         ("first difference", _first_difference(differing, table)),
         ("only in A", _unmatched(table.only_a, table.aligned)),
         ("only in B", _unmatched(table.only_b, table.aligned)),
@@ -141,18 +150,19 @@ def _first_difference(differing: Sequence["ColumnDifference"], table: "TableDiff
 
 def _columns(columns: Sequence["ColumnDifference"], table: "TableDifference") -> list[Column]:
     firsts = [column.first for column in columns if column.first]
+    cells = [cell_texts(column, column.first) for column in columns if column.first]
     by_step = table.aligned == "step"
     return [
         Column("column", [clean(column.name) for column in columns]),
         Column("unit", [clean(column.unit) for column in columns]),
         Column("rows", [str(column.differing) for column in columns], right=True),
-        Column("maximum", [_number(column.maximum) for column in columns], right=True),
-        Column("rms", [_number(column.rms) for column in columns], right=True, extra=True),
-        Column("last", [_number(column.last) for column in columns], right=True, extra=True),
+        Column("maximum", [_size(column, column.maximum) for column in columns], right=True),
+        Column("rms", [_size(column, column.rms) for column in columns], right=True, extra=True),
+        Column("last", [_size(column, column.last) for column in columns], right=True, extra=True),
         Column("first step" if by_step else "first row", [_row(cell, by_step) for cell in firsts], right=True),
         Column("time", ["" if cell.at is None or by_step else repr(cell.at) for cell in firsts], "s", right=True),
-        Column("a", [cell.a for cell in firsts], right=True),
-        Column("b", [cell.b for cell in firsts], right=True),
+        Column("a", [a for a, _ in cells], right=True),
+        Column("b", [b for _, b in cells], right=True),
     ]
 
 
@@ -166,6 +176,10 @@ def _unmatched(rows: "UnmatchedRows", aligned: str) -> str:
     if not rows.count:
         return ""
     return f"{rows.count}, {'the first is ' if rows.count > 1 else ''}{unmatched_place(rows, aligned)}"
+
+
+def _size(column: "ColumnDifference", value: float | None) -> str:
+    return "" if column.text else _number(value)
 
 
 def _number(value: float | None) -> str:

@@ -10,6 +10,7 @@ from typing import Protocol
 
 import numpy as np
 
+from mjrun.diff.cells import as_numbers
 from mjrun.diff.result import UnmatchedRows
 from mjrun.diff.tolerances import Tolerance
 from mjrun.errors import FileError, option
@@ -18,7 +19,7 @@ ENOUGH = 2**16  # numbers that are compared at a time, or a few more
 
 
 class Rows(Protocol):
-    """Rows of numbers, as an open table has them."""
+    """Rows of cells, as an open table has them."""
 
     @property
     def path(self) -> Path:
@@ -36,7 +37,7 @@ class Rows(Protocol):
         ...
 
     def blocks(self) -> Iterator[np.ndarray]:
-        """The rows, once: blocks of float64 `(n, columns)`."""
+        """The rows, once: blocks `(n, columns)` of float64, or of objects where other cells are among them."""
         ...
 
 
@@ -45,9 +46,9 @@ class Pairs:
     """Rows that belong together.
 
     Attributes:
-      a, b: float64 `(n, columns)`.
+      a, b: float64 or object `(n, columns)`.
       rows_a, rows_b: their numbers, counted from 0, `(n,)`.
-      keys: of A's rows, `(n,)`; None where rows have none.
+      keys: of A's rows, `(n,)`, numbers or texts; None where rows have none.
     """
 
     a: np.ndarray
@@ -76,7 +77,7 @@ class RowStream:
       key: the column with the keys; None for rows without.
 
     Attributes:
-      values: the rows that are here, float64 `(n, columns)`.
+      values: the rows that are here, float64 or object `(n, columns)`.
       keys: their keys `(n,)`; empty where rows have none.
       row: the number of the first, counted from 0.
       is_ended: whether no more are to come.
@@ -108,7 +109,7 @@ class RowStream:
             return
         block = np.concatenate(blocks) if len(blocks) > 1 else blocks[0]
         if self._key is not None:
-            keys = block[:, self._key]
+            keys = self._numbers(block[:, self._key])
             self._require_ascending(keys)
             self.keys = np.concatenate([self.keys, keys])
         values = block[:, self._indices]
@@ -136,6 +137,12 @@ class RowStream:
         """The rows without any that belongs to them."""
         row, key = self._first_unmatched
         return UnmatchedRows(self._unmatched, row, None if np.isnan(key) else float(key))
+
+    def _numbers(self, keys: np.ndarray) -> np.ndarray:
+        numbers = as_numbers(keys)
+        if numbers is None:
+            raise FileError(self._table.path, f"{self._key_name} holds something else than numbers")
+        return numbers
 
     def _require_ascending(self, keys: np.ndarray) -> None:
         before = np.concatenate([[self._last], keys[:-1]])

@@ -3,6 +3,7 @@
 import zipfile
 from pathlib import Path
 
+from mjrun.diff.result_tables import is_results
 from mjrun.errors import UsageError, clean
 from mjrun.formats import codecs, image_reader, tables
 from mjrun.formats.input_file import is_folder
@@ -28,7 +29,7 @@ def common_kind(a: str, b: str) -> str:
 def kind_of(name: str) -> str:
     """`table`, `recording`, `video`, `image` or `model`: by the suffix, and for an archive and a .webp by its content.
 
-    What is nothing else is a model. A folder holds the frames of a video.
+    What is nothing else is a model. A folder is that of a study or an evaluation, or holds the frames of a video.
     """
     path, suffix = Path(name), Path(name).suffix.lower()
     if name == STDIN:
@@ -38,7 +39,7 @@ def kind_of(name: str) -> str:
     if suffix in tables.suffixes():
         return TABLE
     if is_folder(path):
-        return VIDEO
+        return TABLE if is_results(path) else VIDEO
     if suffix in image_reader.SUFFIXES and not (suffix == ".webp" and _is_animated(path)):
         return IMAGE
     return VIDEO if suffix in codecs.suffixes() else MODEL

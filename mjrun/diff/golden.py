@@ -46,7 +46,7 @@ class GoldenComparison:
             golden_names.append(name)
             return name in names
 
-        self._table = open_table(path, is_common, missing="nan")
+        self._table = open_table(path, is_common, exact=True)
         try:
             self.manifest = self._table.manifest or read_sidecar(Path(path))
             self._rows = _ComingRows(columns, golden_names)

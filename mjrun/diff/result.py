@@ -13,12 +13,13 @@ SCHEMA = "mjrun-diff-1"
 
 @dataclass(frozen=True)
 class CellDifference:
-    """A number that differs.
+    """A cell that differs.
 
     Attributes:
       row, row_b: of A and of B, counted from 0; in recordings, numbers of states.
-      at: the time of the row [s], or the step of the state; None where rows are aligned by their number.
-      a, b: the numbers, as the shortest texts that read back as the same bits.
+      at: the time of the row [s], or the step of the state; None where rows are aligned by something else.
+      a, b: the numbers, as the shortest texts that read back as the same bits; or the texts.
+      key: the key of the row, as in `friction = 0.3, seed = 2`, where rows are aligned by such columns; else empty.
     """
 
     row: int
@@ -26,22 +27,24 @@ class CellDifference:
     at: float | None
     a: str
     b: str
+    key: str = ""
 
 
 @dataclass(frozen=True)
 class ColumnDifference:
-    """How the numbers of one column differ, b − a.
+    """How the cells of one column differ, b − a.
 
     Attributes:
       name: of the column.
       unit: where a file says it; else empty.
       atol, rtol: the tolerance.
       differing: in how many rows the difference is beyond the tolerance.
-      maximum: the largest absolute difference; None if it is not finite.
+      maximum: the largest absolute difference; None if it is not finite, as where a text differs.
       rms: the root of the mean square of the differences; None if it is not finite.
       last: the difference in the last row that both have; None if it is not finite.
-      first: the first number beyond the tolerance; None if there is none.
-      worst: the number with the largest difference of those beyond the tolerance; None if there is none.
+      first: the first cell beyond the tolerance; None if there is none.
+      worst: the cell with the largest difference of those beyond the tolerance; None if there is none.
+      text: whether a text was among the cells that were compared.
     """
 
     name: str
@@ -54,6 +57,7 @@ class ColumnDifference:
     last: float | None
     first: CellDifference | None
     worst: CellDifference | None
+    text: bool = False
 
 
 @dataclass(frozen=True)
@@ -64,11 +68,13 @@ class UnmatchedRows:
       count: how many.
       first: the number of the first, counted from 0; None if there is none.
       at: its time [s] or step, where rows are aligned by it; else None.
+      key: its key, where rows are aligned by other columns; else empty.
     """
 
     count: int
     first: int | None
     at: float | None
+    key: str = ""
 
 
 @dataclass(frozen=True)
@@ -90,13 +96,14 @@ class TableDifference:
     """How two tables, or the states of two recordings, differ.
 
     Attributes:
-      aligned: what tells which rows belong together: `time`, `row` or `step`.
+      aligned: what tells which rows belong together: `time`, `row`, `step`, or names of columns.
       rows: how many were compared.
       rows_a, rows_b: how many each has.
       only_a, only_b: rows that the other one does not have.
       columns: that both have, the worst first.
       columns_only_a, columns_only_b: names of columns that the other one does not have.
       units: that differ.
+      shared_agree: whether the rows and columns that both have, of which there are some, agree.
     """
 
     aligned: str
@@ -109,6 +116,7 @@ class TableDifference:
     columns_only_a: Sequence[str]
     columns_only_b: Sequence[str]
     units: Sequence[UnitDifference]
+    shared_agree: bool = False
 
 
 @dataclass(frozen=True)

@@ -3,17 +3,29 @@
 from collections.abc import Iterator, Sequence
 
 from mjrun.diff.result import CellDifference, ColumnDifference, GoldenFacts, TableDifference, UnmatchedRows
-from mjrun.errors import clean, listing, quoted
+from mjrun.errors import clean, counted, listing, option, quoted
 
 
-def table_sentences(table: TableDifference, a: str, b: str, what: str = "row") -> list[str]:
-    """What differs between two tables or recordings, which are called `a` and `b`; `what` is a row or a state."""
+def table_sentences(table: TableDifference, a: str, b: str, what: str = "row", *, common: bool = False) -> list[str]:
+    """What differs between two tables or recordings.
+
+    Args:
+      a, b: what they are called.
+      what: a row or a state.
+      common: whether only rows and columns that both have count.
+    """
+    if common:
+        of_one = [] if table.rows else [f"no {what} is in both"]
+    else:
+        of_one = [
+            *_columns_of_one(table.columns_only_a, a),
+            *_columns_of_one(table.columns_only_b, b),
+            *_rows_of_one(table.only_a, a, table.aligned, what),
+            *_rows_of_one(table.only_b, b, table.aligned, what),
+        ]
     return [
-        *_columns_of_one(table.columns_only_a, a),
-        *_columns_of_one(table.columns_only_b, b),
+        *of_one,
         *(f"the unit of {quoted(unit.name)} is {clean(unit.a)} in {a}, {clean(unit.b)} in {b}" for unit in table.units),
-        *_rows_of_one(table.only_a, a, table.aligned, what),
-        *_rows_of_one(table.only_b, b, table.aligned, what),
         *(_column(column, table, what) for column in table.columns if column.first),
     ]
 
@@ -23,6 +35,8 @@ def place(cell: CellDifference, aligned: str) -> str:
     if aligned == "step":
         return f"step {cell.at:.0f}"
     row = f"row {cell.row}" if cell.row == cell.row_b else f"rows {cell.row} and {cell.row_b}"
+    if cell.key:
+        return f"{row}, {cell.key}"
     return row if cell.at is None else f"{row}, time {cell.at!r} s"
 
 
@@ -51,7 +65,7 @@ def _rows_of_one(rows: UnmatchedRows, where: str, aligned: str, what: str) -> It
 def unmatched_place(rows: UnmatchedRows, aligned: str) -> str:
     """Where the first of them is."""
     if rows.at is None:
-        return f"row {rows.first}"
+        return f"row {rows.first}{', ' if rows.key else ''}{rows.key}"
     return f"step {rows.at:.0f}" if aligned == "step" else f"row {rows.first}, time {rows.at!r} s"
 
 
@@ -59,4 +73,18 @@ def _column(column: ColumnDifference, table: TableDifference, what: str) -> str:
     assert column.first
     where = place(column.first, table.aligned)
     often = f"in {column.differing} of {table.rows} {what}s, first in" if column.differing > 1 else "in"
-    return f"{clean(column.name)} differs {often} {where}: {column.first.a}, not {column.first.b}"
+    a, b = cell_texts(column, column.first)
+    return f"{clean(column.name)} differs {often} {where}: {a}, not {b}"
+
+
+def cell_texts(column: ColumnDifference, cell: CellDifference) -> tuple[str, str]:
+    """The two cells of a column as messages show them: texts in quotes."""
+    return (quoted(cell.a), quoted(cell.b)) if column.text else (cell.a, cell.b)
+
+
+def shared_sentence(table: TableDifference, what: str = "row") -> str:
+    """That what both tables have agrees, although they differ; empty if it does not."""
+    if not table.shared_agree:
+        return ""
+    both = f"{counted(table.rows, what)} and {counted(len(table.columns), 'column')}"
+    return f"the {both} that both have agree; {option('common')} compares nothing else"

@@ -3,44 +3,54 @@
 from collections.abc import Collection, Mapping, Sequence
 from contextlib import ExitStack
 from functools import partial
+from pathlib import Path
+from typing import Any
 
 from mjrun.diff.provenance import provenance_notes
 from mjrun.diff.result import TableDifference
+from mjrun.diff.result_tables import ResultTable, result_manifest, table_path
 from mjrun.diff.tables import compare_rows
 from mjrun.diff.tolerances import Tolerance, Tolerances, matches, require_matches
-from mjrun.errors import CellError, UsageError, clean, listing, option
+from mjrun.errors import CellError, UnknownNameError, UsageError, clean, concerning, listing, option
 from mjrun.formats.table_reader import STDIN, TableReader, open_table
-from mjrun.options.diff import TableDiffOptions
+from mjrun.options.diff import ALIGNMENTS, TableDiffOptions
 
-TIME = "time"
+TIME, ROW = ALIGNMENTS
 
 
 def compare_tables(a: str, b: str, options: TableDiffOptions) -> tuple[TableDifference, list[str]]:
     """Compares the columns that two tables have in common.
 
     Args:
-      a, b: files, of which one may be `-`, standard input.
+      a, b: files, or folders of a study or an evaluation; one may be `-`, standard input.
 
     Returns:
       How they differ, and what may be the reason of it, in sentences.
 
     Raises:
       FileError: a file cannot be read as a table, has no rows, or its time falls.
-      UnknownNameError: a wildcard matches no column.
+      UnknownNameError: a wildcard matches no column, or a column to align by is missing.
       UsageError: the tables have no columns in common, or cannot be aligned as asked for.
     """
     if a == b == STDIN:
         raise UsageError("only one of the two can come from standard input")
+    a, b = table_path(a), table_path(b)
     with ExitStack() as stack:
         (reader_a, names_a), (reader_b, names_b) = _open_both(a, b, options, stack)
         require_matches("columns", options.columns, dict.fromkeys([*names_a, *names_b]))
-        key = _key(names_a, names_b, options)
-        columns = [name for name in reader_a.names if name != key and _is_chosen(name, options)]
+        manifests = [_manifest(path, reader) for path, reader in ((a, reader_a), (b, reader_b))]
+        key, ignored = _key(names_a, names_b, manifests, options)
+        keys = [key] if isinstance(key, str) else list(key or ())
+
+        def is_compared(name: str) -> bool:
+            return name not in keys and name not in ignored and _is_chosen(name, options)
+
+        columns = [name for name in reader_a.names if is_compared(name)]
         if not columns:
             raise UsageError(_nothing_in_common({a: names_a, b: names_b}, options))
 
         tolerances = Tolerances(Tolerance(options.atol, options.rtol), options.tol)
-        tolerances.require([*columns, *([key] if key else [])])
+        tolerances.require([*columns, *keys])
         chosen_a, chosen_b = ([name for name in names if _is_chosen(name, options)] for names in (names_a, names_b))
         skip = partial(reader_a.skip_equal_rows, reader_b)
         try:
@@ -48,7 +58,7 @@ def compare_tables(a: str, b: str, options: TableDiffOptions) -> tuple[TableDiff
         except CellError as error:
             error.add_note(f"{option('columns')} chooses columns; others may hold anything")
             raise
-        return table, provenance_notes(reader_a.manifest, reader_b.manifest)
+        return table, provenance_notes(*manifests)
 
 
 def _open_both(a: str, b: str, options: TableDiffOptions, stack: ExitStack) -> list[tuple[TableReader, list[str]]]:
@@ -56,13 +66,15 @@ def _open_both(a: str, b: str, options: TableDiffOptions, stack: ExitStack) -> l
     first, second = (b, a) if b == STDIN else (a, b)  # standard input can be opened once only
     second_names, first_names = _names(second), list[str]()
     others = set(second_names)
+    own = ResultTable.of(second_names)
+    keys = {TIME, *_named_keys(options), *(own.keys if own else ())}
 
     def is_common(name: str) -> bool:
         first_names.append(name)
-        return name in others and (name == TIME or _is_chosen(name, options))
+        return name in others and (name in keys or _is_chosen(name, options))
 
-    reader = stack.enter_context(open_table(first, is_common, missing="nan"))
-    other = stack.enter_context(open_table(second, reader.names, missing="nan"))
+    reader = stack.enter_context(open_table(first, is_common, exact=True))
+    other = stack.enter_context(open_table(second, reader.names, exact=True))
     both = [(reader, first_names), (other, second_names)]
     return both[::-1] if b == STDIN else both
 
@@ -79,16 +91,44 @@ def _names(path: str) -> list[str]:
     return names
 
 
+def _manifest(path: str, reader: TableReader) -> Mapping[str, Any] | None:
+    return reader.manifest or result_manifest(Path(path))
+
+
 def _is_chosen(name: str, options: TableDiffOptions) -> bool:
     return not options.columns or any(matches(name, pattern) for pattern in options.columns)
 
 
-def _key(names_a: Collection[str], names_b: Collection[str], options: TableDiffOptions) -> str | None:
-    """The column that tells which rows belong together."""
-    has_time = TIME in names_a and TIME in names_b
-    if options.align == "time" and not has_time:
+def _named_keys(options: TableDiffOptions) -> list[str]:
+    """The columns that the option `align` names."""
+    return [] if options.align in (None, *ALIGNMENTS) else [name.strip() for name in options.align.split(",")]
+
+
+def _key(
+    names_a: Sequence[str],
+    names_b: Sequence[str],
+    manifests: Sequence[Mapping[str, Any] | None],
+    options: TableDiffOptions,
+) -> tuple[str | Sequence[str] | None, Collection[str]]:
+    """The columns that tell which rows belong together, and those that are not compared then."""
+    both = [name for name in names_a if name in names_b]
+    if named := _named_keys(options):
+        for name in named:
+            if name not in both:
+                with concerning("align"):
+                    raise UnknownNameError("column", name, both, where="both tables")
+        return named, ()
+    if options.align == TIME and TIME not in both:
         raise UsageError(f"{option('align')} time: only a table with a column 'time' can be aligned by it")
-    return TIME if has_time and options.align != "row" else None
+    if options.align == ROW:
+        return None, ()
+    if TIME in both:
+        return TIME, ()
+    results = [ResultTable.of(names) for names in (names_a, names_b)]
+    one, other = results
+    if one and other and one.kind == other.kind:
+        return one.common_key(other, manifests)
+    return None, ()
 
 
 def _nothing_in_common(names: Mapping[str, Sequence[str]], options: TableDiffOptions) -> str:

@@ -6,6 +6,8 @@ from collections.abc import Iterator, Mapping, Sequence
 import numpy as np
 
 from mjrun.diff.alignment import EqualRows, Pairs, Rows, RowStream, Skip, pairs_by_key, pairs_by_row
+from mjrun.diff.cells import as_numbers, cell_text, compare_cells
+from mjrun.diff.keyed_rows import KeyedRows, pairs_by_columns
 from mjrun.diff.result import CellDifference, ColumnDifference, TableDifference, UnitDifference
 from mjrun.diff.tolerances import Tolerance, Tolerances
 from mjrun.errors import FileError
@@ -27,6 +29,7 @@ class ColumnComparison:
         self._first: list[CellDifference | None] = [None] * count
         self._worst: list[CellDifference | None] = [None] * count
         self._worst_size = np.full(count, -1.0)
+        self._text = np.zeros(count, bool)
 
     def add_equal(self, rows: int) -> None:
         """Takes rows in which all bits are the same."""
@@ -35,22 +38,44 @@ class ColumnComparison:
 
     def add(self, pairs: Pairs) -> None:
         """Takes rows that belong together."""
-        columns = np.flatnonzero((pairs.a.view(np.int64) != pairs.b.view(np.int64)).any(axis=0))
         self.add_equal(len(pairs.a))
-        if not len(columns):
+        if pairs.a.dtype == pairs.b.dtype == np.float64:
+            columns = np.flatnonzero((pairs.a.view(np.int64) != pairs.b.view(np.int64)).any(axis=0))
+            if len(columns):
+                self._add_numbers(pairs, columns, pairs.a[:, columns].T.copy(), pairs.b[:, columns].T.copy())
             return
-        a, b = pairs.a[:, columns].T.copy(), pairs.b[:, columns].T.copy()
+        for column in range(len(self._names)):
+            cells = pairs.a[:, column], pairs.b[:, column]
+            a, b = map(as_numbers, cells)
+            if a is None or b is None:
+                self._add_cells(pairs, column, *cells)
+            elif not np.array_equal(a.view(np.int64), b.view(np.int64)):
+                self._add_numbers(pairs, np.array([column]), a[None], b[None])
+
+    def _add_numbers(self, pairs: Pairs, columns: np.ndarray, a: np.ndarray, b: np.ndarray) -> None:
+        """Takes the numbers of some columns, float64 `(columns, n)`."""
         with np.errstate(invalid="ignore", over="ignore"):
             difference = b - a
             if not np.isfinite(difference).all():
                 difference[(a == b) | (np.isnan(a) & np.isnan(b))] = 0
                 difference[np.isnan(difference)] = np.inf
-            size = np.abs(difference)
+        agree = [self._tolerances[column].agree(a[i], b[i]) for i, column in enumerate(columns.tolist())]
+        self._add_differences(pairs, columns, np.array(agree), difference)
+
+    def _add_cells(self, pairs: Pairs, column: int, a: np.ndarray, b: np.ndarray) -> None:
+        """Takes the cells of a column, of which some are texts or large integers."""
+        agree, difference = compare_cells(a, b, self._tolerances[column])
+        self._text[column] |= any(isinstance(cell, str) for cell in (*a, *b))
+        self._add_differences(pairs, np.array([column]), agree[None], difference[None])
+
+    def _add_differences(self, pairs: Pairs, columns: np.ndarray, agree: np.ndarray, difference: np.ndarray) -> None:
+        size = np.abs(difference)
+        with np.errstate(over="ignore"):
             self._squares[columns] += np.einsum("ij,ij->i", size, size)
         self._maximum[columns] = np.maximum(self._maximum[columns], size.max(axis=1))
         self._last[columns] = difference[:, -1]
         for index, column in enumerate(columns.tolist()):
-            beyond = np.flatnonzero(~self._tolerances[column].agree(a[index], b[index]))
+            beyond = np.flatnonzero(~agree[index])
             if len(beyond):
                 self._add_beyond(pairs, column, beyond, size[index])
 
@@ -77,6 +102,7 @@ class ColumnComparison:
                 last=_finite(float(self._last[i])),
                 first=self._first[i],
                 worst=self._worst[i],
+                text=bool(self._text[i]),
             )
             for i, name in enumerate(self._names)
         ]
@@ -86,7 +112,7 @@ def compare_rows(
     a: Rows,
     b: Rows,
     columns: Sequence[str],
-    key: str | None,
+    key: str | Sequence[str] | None,
     tolerances: Tolerances,
     names_a: Sequence[str],
     names_b: Sequence[str],
@@ -96,17 +122,24 @@ def compare_rows(
 
     Args:
       columns: those to compare, which both have.
-      key: the column that tells which rows belong together, and never falls; None for rows of the same number.
+      key: the column that tells which rows belong together, and never falls; None for rows of the same number. Or
+        several such columns, which may be in any order; the rows of both are in memory then.
       names_a, names_b: all columns that are to be compared, of each.
       skip: passes over equal rows, where that is faster than to look at them.
 
     Raises:
       FileError: a table has no rows, cannot be read, or its key falls.
     """
-    stream_a, stream_b = RowStream(a, columns, key), RowStream(b, columns, key)
+    if key is None or isinstance(key, str):
+        stream_a, stream_b = RowStream(a, columns, key), RowStream(b, columns, key)
+        all_pairs = _pairs(stream_a, stream_b, key, tolerances, skip)
+    else:
+        stream_a, stream_b = KeyedRows(a, columns, key), KeyedRows(b, columns, key)
+        all_pairs = pairs_by_columns(stream_a, stream_b)
+        key = ", ".join(key)
     comparison = ColumnComparison(columns, [tolerances.of(name) for name in columns])
     rows = 0
-    for pairs in _pairs(stream_a, stream_b, key, tolerances, skip):
+    for pairs in all_pairs:
         if isinstance(pairs, EqualRows):
             rows += pairs.count
             comparison.add_equal(pairs.count)
@@ -118,6 +151,7 @@ def compare_rows(
         if not stream.row:
             raise FileError(table.path, "has no rows")
     differences = comparison.results({name: a.units.get(name) or b.units.get(name) or "" for name in columns})
+    units = _unit_differences(a, b)
     return TableDifference(
         aligned=key or "row",
         rows=rows,
@@ -128,7 +162,8 @@ def compare_rows(
         columns=sorted(differences, key=_badness, reverse=True),
         columns_only_a=[name for name in names_a if name not in names_b],
         columns_only_b=[name for name in names_b if name not in names_a],
-        units=_unit_differences(a, b),
+        units=units,
+        shared_agree=rows > 0 and not units and not any(column.differing for column in differences),
     )
 
 
@@ -148,12 +183,14 @@ def _unit_differences(a: Rows, b: Rows) -> list[UnitDifference]:
 
 
 def _cell(pairs: Pairs, column: int, index: int) -> CellDifference:
+    key = None if pairs.keys is None else pairs.keys[index]
     return CellDifference(
         row=int(pairs.rows_a[index]),
         row_b=int(pairs.rows_b[index]),
-        at=None if pairs.keys is None else float(pairs.keys[index]),
-        a=repr(float(pairs.a[index, column])),
-        b=repr(float(pairs.b[index, column])),
+        at=None if key is None or isinstance(key, str) else float(key),
+        a=cell_text(pairs.a.item(index, column)),
+        b=cell_text(pairs.b.item(index, column)),
+        key=key if isinstance(key, str) else "",
     )
 
 

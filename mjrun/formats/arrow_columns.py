@@ -12,12 +12,15 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from mjrun.errors import FileError, clean
-from mjrun.formats.column_checks import select, shown
+from mjrun.formats.column_checks import number_cells, select, shown, side_by_side, text_cells
 from mjrun.formats.input_file import cut
-from mjrun.formats.table_format import ColumnFilter
+from mjrun.formats.table_format import Cells, ColumnFilter
+from mjrun.formats.text_columns import exact_cells
 from mjrun.model.column import Column
 
 if TYPE_CHECKING:
+    from decimal import Decimal
+
     import pyarrow
     import pyarrow.parquet
 
@@ -43,11 +46,11 @@ def record_batch(group: np.ndarray, columns: Sequence[Column], schema: "pyarrow.
     return pyarrow.record_batch([_array(*pair) for pair in zip(group, columns, strict=True)], schema=schema)
 
 
-def select_numbers(path: Path, schema: "pyarrow.Schema", wanted: ColumnFilter) -> dict[str, int]:
+def select_columns(path: Path, schema: "pyarrow.Schema", wanted: ColumnFilter, cells: Cells) -> dict[str, int]:
     """The columns that the filter accepts, each with its index.
 
     Raises:
-      FileError: two of them have one name, or one does not hold numbers.
+      FileError: two of them have one name, or one holds something else than numbers, or texts where they may.
     """
     from pyarrow import types
 
@@ -55,8 +58,10 @@ def select_numbers(path: Path, schema: "pyarrow.Schema", wanted: ColumnFilter) -
     for name, index in indices.items():
         kind = schema.field(index).type
         inner = kind.value_type if types.is_dictionary(kind) else kind
-        numeric = (types.is_floating, types.is_integer, types.is_boolean, types.is_decimal)
-        if not any(is_kind(inner) for is_kind in numeric):
+        kinds = [types.is_floating, types.is_integer, types.is_boolean, types.is_decimal]
+        if cells is Cells.ANY:
+            kinds += [_is_text, types.is_null]
+        if not any(is_kind(inner) for is_kind in kinds):
             raise FileError(path, f"column {shown(name)} holds {clean(cut(str(inner)))}, not numbers")
     return indices
 
@@ -67,7 +72,7 @@ def block_rows(columns: int) -> int:
 
 
 def blocks(
-    path: Path, names: Sequence[str], batches: Iterable["pyarrow.RecordBatch"], gaps: bool
+    path: Path, names: Sequence[str], batches: Iterable["pyarrow.RecordBatch"], cells: Cells
 ) -> Iterator[np.ndarray]:
     """The rows of `batches`, which hold the columns `names` and nothing else, in blocks `(n, columns)`.
 
@@ -78,11 +83,10 @@ def blocks(
     for batch in batches:
         size = block_rows(len(names))
         for piece in (batch.slice(start, size) for start in range(0, batch.num_rows, size)):
-            block = np.empty((len(names), piece.num_rows))
-            for column, name, array in zip(block, names, piece.columns, strict=True):
-                column[:] = _floats(path, name, array, before, gaps)
+            pairs = zip(names, piece.columns, strict=True)
+            columns = [_cells(path, name, array, before, cells) for name, array in pairs]
             before += piece.num_rows
-            yield block.T
+            yield side_by_side(columns, piece.num_rows)
 
 
 def row_group_sizes(metadata: "pyarrow.parquet.FileMetaData", names: Collection[str]) -> list[int]:
@@ -140,17 +144,35 @@ def _array(values: np.ndarray, column: Column) -> "pyarrow.Array":
     return pyarrow.DictionaryArray.from_arrays(indices, text_array(column.labels))
 
 
-def _floats(path: Path, name: str, array: "pyarrow.Array", before: int, gaps: bool) -> np.ndarray:
+def _cells(path: Path, name: str, array: "pyarrow.Array", before: int, cells: Cells) -> np.ndarray:
     from pyarrow import types
 
+    if types.is_dictionary(array.type) and _is_text(array.type.value_type):
+        texts = array.dictionary.to_pylist()  # each of which is in memory once, however often it occurs
+        return text_cells([None if index is None else texts[index] for index in array.indices.to_pylist()])
     plain = array.dictionary_decode() if types.is_dictionary(array.type) else array
+    if _is_text(plain.type):
+        return text_cells(plain.to_pylist())
+    if types.is_decimal(plain.type) and cells is Cells.ANY:
+        return exact_cells(plain.to_pylist(), _decimal_floats)
     if not plain.null_count:
-        return plain.to_numpy(zero_copy_only=False).astype(np.float64)
+        return number_cells(plain.to_numpy(zero_copy_only=False), cells)
 
     null = plain.is_null().to_numpy(zero_copy_only=False)
-    if not gaps:
+    if cells < Cells.GAPS:
         row = before + int(null.argmax())
         raise FileError(path, f"row {row}: column {shown(name)}: null is not a number")
-    values = np.full(len(null), np.nan)
-    values[~null] = plain.drop_null().to_numpy(zero_copy_only=False).astype(np.float64)
+    numbers = number_cells(plain.drop_null().to_numpy(zero_copy_only=False), cells)
+    values = np.full(len(null), np.nan, numbers.dtype)
+    values[~null] = numbers
     return values
+
+
+def _is_text(kind: "pyarrow.DataType") -> bool:
+    from pyarrow import types
+
+    return types.is_string(kind) or types.is_large_string(kind)
+
+
+def _decimal_floats(values: "list[Decimal | None]") -> np.ndarray:
+    return np.array([np.nan if value is None else float(value) for value in values])

@@ -103,8 +103,16 @@ class MatParser:
         if name not in self._names:
             return []
         cell = self.read(len(self._names) - 1 - self._names[::-1].index(name))  # MATLAB takes the last of a name
-        inner = [self._matrix(part) for kind, part in cell.parts if kind == MATRIX] if cell.kind == 1 else []
-        return ["".join(map(self._text, matrix.parts)) for matrix in inner if matrix.kind == 4]
+        return self.texts(cell) or []
+
+    def texts(self, cell: Matrix) -> list[str] | None:
+        """The texts in a cell array; None if it is something else, or holds something else."""
+        if cell.kind != 1:
+            return None
+        inner = [self._matrix(part) for kind, part in cell.parts if kind == MATRIX]
+        if any(matrix.kind not in (4, 6) or (matrix.kind == 6 and 0 not in matrix.shape) for matrix in inner):
+            return None
+        return ["".join(map(self._text, matrix.parts)) if matrix.kind == 4 else "" for matrix in inner]
 
     def _text(self, part: tuple[int, np.ndarray]) -> str:
         kind, content = part

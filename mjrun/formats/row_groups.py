@@ -84,6 +84,10 @@ class ColumnSpill:
             yield np.frombuffer(self._file.read(8 * size))
             before += size
 
+    def is_complete(self, index: int) -> bool:
+        """Whether no number of a column is missing."""
+        return not any(np.isnan(piece).any() for piece in self.column(index))
+
     def close(self) -> None:
         """Frees memory and disk space."""
         self._groups.close()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from enum import IntEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO, Protocol
 
@@ -16,6 +17,21 @@ if TYPE_CHECKING:
     from mjrun.formats.text_columns import LinePieces
 
 ColumnFilter = Callable[[str], bool]
+
+
+class Cells(IntEnum):
+    """What the cells of a table may be.
+
+    Attributes:
+      NUMBERS: numbers, finite or not.
+      GAPS: also empty, which is NaN.
+      ANY: also texts, and integers that float64 does not hold; a block with such a cell has the type object, and its
+        cells are float, int and str.
+    """
+
+    NUMBERS = 0
+    GAPS = 1
+    ANY = 2
 
 
 class RowWriter(Protocol):
@@ -40,7 +56,8 @@ class TableContents:
 
     Attributes:
       names: of the columns that were asked for, in the order of the file.
-      blocks: their rows, float64 `(n, columns)`, n ≥ 1, each of bounded size; read as they are asked for.
+      blocks: their rows, float64 or object `(n, columns)` (see `Cells`), n ≥ 1, each of bounded size; read as they are
+        asked for.
       units: by name, as far as the file says.
       manifest: what mjrun wrote into the file about how it was made; None if there is nothing.
       lines: of the file, from which the blocks are made, where the format has a row on each; else None.
@@ -56,14 +73,14 @@ class TableContents:
 class ContentsReader(Protocol):
     """Begins to read a table from an open file."""
 
-    def __call__(self, path: Path, file: BinaryIO, wanted: ColumnFilter, gaps: bool) -> TableContents:
+    def __call__(self, path: Path, file: BinaryIO, wanted: ColumnFilter, cells: Cells) -> TableContents:
         """Reads the names, and returns before the rows are read.
 
         Args:
           path: what the table is called in messages.
           file: stays open until the last block is read.
           wanted: the columns to read.
-          gaps: whether a cell may be empty, which is NaN then.
+          cells: what they may be.
 
         Raises:
           FileError: it is no such table; so may be raised with every block.

@@ -20,7 +20,7 @@ from mjrun.errors import FileError, UnknownNameError, UsageError
 from mjrun.expansion import require_expandable
 from mjrun.formats.input_file import require_file
 from mjrun.formats.table import Table
-from mjrun.formats.table_format import ColumnFilter, TableFormat
+from mjrun.formats.table_format import Cells, ColumnFilter, TableFormat
 from mjrun.formats.tables import formats, input_format, readable_suffixes
 
 if TYPE_CHECKING:
@@ -42,7 +42,12 @@ class TableReader:
     """
 
     def __init__(
-        self, path: Path, form: TableFormat, file: BinaryIO, columns: Collection[str] | ColumnFilter | None, gaps: bool
+        self,
+        path: Path,
+        form: TableFormat,
+        file: BinaryIO,
+        columns: Collection[str] | ColumnFilter | None,
+        cells: Cells,
     ) -> None:
         self.path, self._file = path, file
         self._all_names: dict[str, None] = {}
@@ -54,7 +59,7 @@ class TableReader:
 
         assert form.reader  # its format can be read
         with self._failing():
-            contents = form.reader(path, file, wanted, gaps)
+            contents = form.reader(path, file, wanted, cells)
         self.names = tuple(contents.names)
         self.units = {name: contents.units.get(name, "") for name in self.names}
         self.manifest: dict[str, Any] | None = contents.manifest
@@ -66,7 +71,8 @@ class TableReader:
         """The rows, once, in the order of the file.
 
         Returns:
-          Blocks of float64 `(n, len(names))`, n ≥ 1. Each may be changed, and lasts.
+          Blocks `(n, len(names))`, n ≥ 1, of float64; or of objects, where a cell is a text or an integer that float64
+          does not hold, and may be. Each may be changed, and lasts.
 
         Raises:
           FileError: the file is not complete, columns differ in length, or a cell is not a number; the message says
@@ -123,7 +129,11 @@ class TableReader:
 
 
 def open_table(
-    path: str | Path, columns: Collection[str] | ColumnFilter | None = None, *, missing: Missing = "error"
+    path: str | Path,
+    columns: Collection[str] | ColumnFilter | None = None,
+    *,
+    missing: Missing = "error",
+    exact: bool = False,
 ) -> TableReader:
     """Opens a table to read its columns of numbers in blocks, in memory that does not grow with its length.
 
@@ -135,6 +145,7 @@ def open_table(
         input, which are told apart by their first character.
       columns: the name of one or of several columns, or a function that accepts a name or not; all by default.
       missing: what an empty cell, a null, and a key that is missing in JSON is: an error, or NaN.
+      exact: whether a cell may also be a text, or an integer of any size; what is missing is NaN then.
 
     Raises:
       FileError: there is no such file, it cannot be decoded, or two of the columns have the same name.
@@ -142,9 +153,10 @@ def open_table(
       UsageError: the format can be written, but not read; standard input is a terminal.
       MissingExtraError: the library of the format is not installed.
     """
+    cells = Cells.ANY if exact else Cells.GAPS if missing == "nan" else Cells.NUMBERS
     if str(path) == STDIN:
         file = _standard_input()
-        return TableReader(STDIN_LABEL, _text_format(file), file, columns, missing == "nan")
+        return TableReader(STDIN_LABEL, _text_format(file), file, columns, cells)
 
     path = Path(path)
     require_file(path, "table", readable_suffixes())
@@ -154,7 +166,7 @@ def open_table(
     except OSError as error:
         raise FileError(path, f"cannot be read: {error.strerror or error}") from None
     try:
-        return TableReader(path, form, file, columns, missing == "nan")
+        return TableReader(path, form, file, columns, cells)
     except BaseException:
         file.close()
         raise

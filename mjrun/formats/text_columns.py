@@ -2,6 +2,7 @@
 
 import itertools
 import math
+import re
 from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, BinaryIO
@@ -10,7 +11,7 @@ import numpy as np
 import orjson
 
 from mjrun.errors import CellError, FileError
-from mjrun.formats.column_checks import shown
+from mjrun.formats.column_checks import EXACT, shown, side_by_side
 from mjrun.model.column import Column
 
 PIECE = 2**16  # values turned into text at a time
@@ -19,6 +20,7 @@ BYTES = 2**16  # of text read at a time
 NEWLINE = ord("\n")
 COMPARED = 2**20  # bytes of two files compared at a time
 PATIENCE = 63  # pieces that are parsed, at most, before equal lines are looked for again
+WHOLE = re.compile(r"[+-]?[0-9]{1,4000}")  # as many digits as Python's int takes, or a few less
 LINE = 2**24  # bytes in a line of text, at most
 
 
@@ -148,26 +150,53 @@ def number_blocks(
     keys: Mapping[str, Hashable],
     convert: Callable[[list[Any]], np.ndarray],
 ) -> Iterator[np.ndarray]:
-    """Blocks of float64 `(n, columns)` from rows of cells.
+    """Blocks `(n, columns)` from rows of cells.
 
     Args:
       rows: each with its line number.
       keys: what each column is called in a row, by name.
-      convert: turns cells into float64, or raises ValueError.
+      convert: turns cells into float64 or objects, or raises ValueError.
 
     Raises:
       CellError: a cell is not a number; the message says on which line.
     """
     while chunk := list(itertools.islice(rows, ROWS)):
-        columns = np.empty((len(keys), len(chunk)))
         try:
-            for column, key in zip(columns, keys.values(), strict=True):
-                column[:] = convert([row[key] for _, row in chunk])
+            columns = [convert([row[key] for _, row in chunk]) for key in keys.values()]
         except ValueError:
             cells = ((line, name, row[key]) for line, row in chunk for name, key in keys.items())
             line, name, cell = next(cell for cell in cells if not is_number(cell[2], convert))
             raise CellError(f"{path}:{line}", f"column {shown(name)}: {_described(cell)} is not a number") from None
-        yield columns.T
+        yield side_by_side(columns, len(chunk))
+
+
+def exact_cells(cells: Sequence[Any], convert: Callable[[list[Any]], np.ndarray]) -> np.ndarray:
+    """Cells as float64, or as objects where there is an integer that float64 does not hold, or a text.
+
+    Args:
+      convert: turns numbers and gaps into float64, or raises ValueError.
+    """
+    try:
+        numbers = convert([*cells])
+        if not (np.abs(numbers) >= EXACT).any():
+            return numbers
+    except (ValueError, OverflowError):
+        pass
+    column = np.empty(len(cells), object)
+    column[:] = [_exact_cell(cell, convert) for cell in cells]
+    return column
+
+
+def _exact_cell(cell: Any, convert: Callable[[list[Any]], np.ndarray]) -> float | int | str:
+    text = cell.strip() if isinstance(cell, str) else str(cell)
+    if type(cell) is not float and WHOLE.fullmatch(text) and abs(whole := int(text)) > EXACT:
+        return whole
+    try:
+        return float(convert([cell])[0])
+    except ValueError:
+        if isinstance(cell, str):
+            return cell
+        raise
 
 
 def is_number(cell: Any, convert: Callable[[list[Any]], np.ndarray]) -> bool:

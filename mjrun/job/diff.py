@@ -75,7 +75,7 @@ def _tables(diff: Diff, a: str, b: str) -> DiffResult:
     from mjrun.diff.table_files import compare_tables
 
     table, notes = compare_tables(a, b, diff)
-    differences = table_sentences(table, clean(a), clean(b))
+    differences = table_sentences(table, clean(a), clean(b), common=diff.common)
     return DiffResult(file_kind.TABLE, a, b, not differences, differences, notes, table)
 
 
@@ -84,7 +84,7 @@ def _recordings(diff: Diff, a: str, b: str) -> DiffResult:
 
     model = None if diff.model is None else source_of(diff.model).load()
     table, differences, notes = compare_recordings(a, b, diff, model)
-    differences += table_sentences(table, clean(a), clean(b), "state") if table else []
+    differences += table_sentences(table, clean(a), clean(b), "state", common=diff.common) if table else []
     return DiffResult(file_kind.RECORDING, a, b, not differences, differences, notes, table)
 
 
@@ -128,8 +128,8 @@ def _pictures(kind: str, diff: Diff, a: str, b: str, compare: "PictureComparison
 TOLERANCE = {"atol", "rtol"}
 LIMITS = {"min_psnr", "min_ssim", "max_changed", "output"}
 APPLICABLE = {
-    file_kind.TABLE: TOLERANCE | {"tol", "columns", "align"},
-    file_kind.RECORDING: TOLERANCE | {"tol", "columns", "model"},
+    file_kind.TABLE: TOLERANCE | {"tol", "columns", "align", "common"},
+    file_kind.RECORDING: TOLERANCE | {"tol", "columns", "model", "common"},
     file_kind.VIDEO: TOLERANCE | LIMITS,
     file_kind.IMAGE: TOLERANCE | LIMITS,
     file_kind.MODEL: TOLERANCE | {"tol"},

@@ -4,7 +4,6 @@ from collections.abc import Mapping, Sequence
 from typing import ClassVar
 
 from mjrun.options.kinds import (
-    Choice,
     ExpectedError,
     File,
     Flag,
@@ -81,10 +80,16 @@ class TableDiffOptions(ToleranceOptions):
         help="Compare only columns that a name with wildcards matches, such as 'qpos/*'.",
     )
     align: str | None = option(
-        converter=Optional(Choice(ALIGNMENTS)),
+        converter=Optional(Text("time|row|COLUMN[,COLUMN]...")),
         default=None,
         usual="time, where both have it",
-        help="Which rows belong together: those of the same time, or of the same number.",
+        help="Which rows belong together: those of the same time, of the same number (row), or with the same cells in "
+        "named columns, in any order. Points of studies belong together by their parameters, episodes by their seeds.",
+    )
+    common: bool = option(
+        converter=Flag(),
+        default=False,
+        help="Compare only the rows and columns that both have; others are counted, and make no difference.",
     )
     model: str | None = option(
         converter=Optional(File("MODEL")), default=None, help="The model of two recordings, which names their joints."

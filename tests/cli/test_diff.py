@@ -48,13 +48,28 @@ def test_one_of_them_may_be_piped(diff: Command) -> None:
     assert (done.returncode, done.stdout) == (0, b"- and a.csv agree: 3 rows, 2 columns, bit for bit\n")
 
 
+def test_what_both_tables_have_can_be_all_that_is_compared(diff: Command) -> None:
+    table = (diff.folder / "a.csv").read_text().splitlines(keepends=True)
+    (diff.folder / "few.csv").write_text(table[0] + table[2])
+    done = diff("diff", "a.csv", "few.csv")
+    assert done.returncode == 1
+    assert (
+        "differ: the 1 row and 2 columns that both have agree; --common compares nothing else" in done.stdout.decode()
+    )
+    done = diff("diff", "a.csv", "few.csv", "--common")
+    assert (done.returncode, done.stdout) == (
+        0,
+        b"a.csv and few.csv agree: 1 row, 2 columns that both have, bit for bit\n",
+    )
+
+
 def test_as_json_a_report_fits_its_schema(diff: Command) -> None:
     report = json.loads(diff("diff", "a.csv", "b.parquet", "--json").stdout)
     schema = json_schema("diff")
     assert fits(report, schema, schema)
     assert report["schema"] == "mjrun-diff-1"
     assert report["equal"] is False
-    assert report["table"]["only_a"] == {"count": 1, "first": 2, "at": 2.0}
+    assert report["table"]["only_a"] == {"count": 1, "first": 2, "at": 2.0, "key": ""}
     assert report["table"]["columns"][0]["first"]["b"] == "3.0000000000000004"
 
 

@@ -23,7 +23,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, BinaryIO
 
 from mjrun.errors import FileError, clean
-from mjrun.formats.table_format import ColumnFilter, TableContents, TableFormat
+from mjrun.formats.table_format import Cells, ColumnFilter, TableContents, TableFormat
 from mjrun.model.column import Column
 
 if TYPE_CHECKING:
@@ -118,7 +118,7 @@ def _mixed_lines(piece: np.ndarray, labels: Mapping[int, np.ndarray], integers: 
     return b"\n".join(map(b",".join, zip(*cells, strict=True))) + b"\n"
 
 
-def read(path: Path, file: BinaryIO, wanted: ColumnFilter, gaps: bool) -> TableContents:
+def read(path: Path, file: BinaryIO, wanted: ColumnFilter, cells: Cells) -> TableContents:
     """The columns that the filter accepts."""
     from mjrun.formats.column_checks import select
     from mjrun.formats.text_columns import LinePieces
@@ -129,7 +129,7 @@ def read(path: Path, file: BinaryIO, wanted: ColumnFilter, gaps: bool) -> TableC
     _require_header(path, line, names)
     keys = select(path, names, wanted)
     pieces = LinePieces(path, file, lines.count, (len(names), tuple(keys.values())))
-    blocks = _blocks(path, file, lines, pieces, keys, len(names), gaps)
+    blocks = _blocks(path, file, lines, pieces, keys, len(names), cells)
     return TableContents(list(keys), blocks, lines=None if lines.buffered else pieces)
 
 
@@ -167,19 +167,24 @@ def _texts(lines: bytes) -> io.StringIO:
 
 
 def _blocks(
-    path: Path, file: BinaryIO, header: _Lines, pieces: LinePieces, keys: Mapping[str, int], width: int, gaps: bool
+    path: Path, file: BinaryIO, header: _Lines, pieces: LinePieces, keys: Mapping[str, int], width: int, cells: Cells
 ) -> Iterator[np.ndarray]:
     """The rows after the header: plain numbers are parsed by the piece, all else cell by cell."""
+    import numpy as np
+
+    from mjrun.formats.column_checks import EXACT
     from mjrun.formats.text_columns import number_blocks
 
+    convert = (_floats, _floats_or_nan, _exact)[cells]
+
     def parse(lines: Iterable[str], before: int) -> Iterator[np.ndarray]:
-        return number_blocks(path, _rows(path, lines, before, width), keys, _floats_or_nan if gaps else _floats)
+        return number_blocks(path, _rows(path, lines, before, width), keys, convert)
 
     if header.buffered:
         yield from parse(header, header.count)
     for before, piece in pieces:
         block = _plain_block(piece, list(keys.values()), width)
-        if block is not None:
+        if block is not None and not (cells is Cells.ANY and (np.abs(block) >= EXACT).any()):
             yield block
         elif b'"' in piece:  # a cell may end in another piece, and so for all that follow
             yield from parse(itertools.chain(_texts(piece), _Lines(path, file, before + piece.count(b"\n"))), before)
@@ -264,6 +269,12 @@ def _floats(cells: list[str]) -> np.ndarray:
 
 def _floats_or_nan(cells: list[str]) -> np.ndarray:
     return _floats([cell.strip() or "nan" for cell in cells])
+
+
+def _exact(cells: list[str]) -> np.ndarray:
+    from mjrun.formats.text_columns import exact_cells
+
+    return exact_cells(cells, _floats_or_nan)
 
 
 FORMAT = TableFormat("csv", (".csv",), CsvWriter, read, pipe=True, holds_manifest=False)

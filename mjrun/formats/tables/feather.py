@@ -10,7 +10,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, BinaryIO
 
-from mjrun.formats.table_format import ColumnFilter, TableContents, TableFormat
+from mjrun.formats.table_format import Cells, ColumnFilter, TableContents, TableFormat
 from mjrun.model.column import Column
 
 if TYPE_CHECKING:
@@ -52,12 +52,12 @@ class FeatherWriter:
         self._writer.write_batch(record_batch(group, self._columns, self._schema))
 
 
-def read(path: Path, file: BinaryIO, wanted: ColumnFilter, gaps: bool) -> TableContents:
+def read(path: Path, file: BinaryIO, wanted: ColumnFilter, cells: Cells) -> TableContents:
     """The columns that the filter accepts."""
     from pyarrow import ipc
 
     from mjrun.expansion import require_expandable
-    from mjrun.formats.arrow_columns import MANIFEST, blocks, select_numbers, units
+    from mjrun.formats.arrow_columns import MANIFEST, blocks, select_columns, units
     from mjrun.formats.arrow_sizes import batch_sizes
     from mjrun.formats.column_checks import unreadable
     from mjrun.formats.input_file import decoded, decoding
@@ -67,9 +67,9 @@ def read(path: Path, file: BinaryIO, wanted: ColumnFilter, gaps: bool) -> TableC
         require_expandable(path, max(batch_sizes(file)))  # dictionaries, or a batch, are whole in memory
         file.seek(0)
         schema = ipc.open_file(file).schema
-    indices = select_numbers(path, schema, wanted)
+    indices = select_columns(path, schema, wanted, cells)
     batches = _batches(file, list(indices.values()))
-    rows = decoded(path, unreadable(path), blocks(path, list(indices), batches, gaps))
+    rows = decoded(path, unreadable(path), blocks(path, list(indices), batches, cells))
     manifest = parse_manifest((schema.metadata or {}).get(MANIFEST.encode()))
     return TableContents(list(indices), rows, units(schema, indices), manifest)
 

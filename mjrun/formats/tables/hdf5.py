@@ -1,5 +1,7 @@
 """HDF5: one dataset for each column, in groups by its name, as in `f["qpos/knee"]`; float64 `(rows,)`.
 
+A column of integers is int64, unless a number is missing.
+
 Datasets have the attributes `unit` and `index`, their place in the table; text columns are UTF-8 strings, empty for no
 text. The file has the attribute `manifest`, which is JSON; of one that is too long for HDF5, `manifest_1` … are the
 rest. A name that HDF5 cannot have as a path, or that is the group of another, stands in the attribute `name`.
@@ -22,7 +24,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO
 
 from mjrun.errors import FileError, clean
-from mjrun.formats.table_format import ColumnFilter, TableContents, TableFormat
+from mjrun.formats.table_format import Cells, ColumnFilter, TableContents, TableFormat
 from mjrun.model.column import Column
 
 if TYPE_CHECKING:
@@ -55,7 +57,8 @@ class Hdf5Writer:
         names = [column.name for column in self._columns]
         with self._path.open("r+b") as file, h5py.File(file, "w") as archive:
             for index, (path, column) in enumerate(zip(paths(names), self._columns, strict=True)):
-                dataset = _create(archive, path, column, self._spill.rows, self._spill.column(index))
+                number = "<i8" if column.integer and self._spill.is_complete(index) else "<f8"
+                dataset = _create(archive, path, column, number, self._spill.rows, self._spill.column(index))
                 dataset.attrs["index"] = index
                 texts = {"unit": column.unit, "name": column.name if path != column.name else ""}
                 for key, text in texts.items():
@@ -80,12 +83,14 @@ def _part(number: int) -> str:
     return f"manifest_{number}" if number else "manifest"
 
 
-def _create(archive: h5py.File, path: str, column: Column, rows: int, pieces: Iterable[np.ndarray]) -> h5py.Dataset:
+def _create(
+    archive: h5py.File, path: str, column: Column, number: str, rows: int, pieces: Iterable[np.ndarray]
+) -> h5py.Dataset:
     import h5py
     import numpy as np
 
     texts = np.array([*column.labels, ""], object)  # the last is for −1
-    dataset = archive.create_dataset(path, (rows,), h5py.string_dtype() if column.labels else "<f8")
+    dataset = archive.create_dataset(path, (rows,), h5py.string_dtype() if column.labels else number)
     start = 0
     for piece in pieces:
         dataset[start : start + len(piece)] = texts[piece.astype(int)] if column.labels else piece
@@ -109,7 +114,7 @@ def paths(names: Sequence[str]) -> list[str]:
     return places
 
 
-def read(path: Path, file: BinaryIO, wanted: ColumnFilter, gaps: bool) -> TableContents:
+def read(path: Path, file: BinaryIO, wanted: ColumnFilter, cells: Cells) -> TableContents:
     """The columns that the filter accepts."""
     import h5py
 
@@ -143,7 +148,7 @@ def read(path: Path, file: BinaryIO, wanted: ColumnFilter, gaps: bool) -> TableC
                 require_expandable(path, math.prod(dataset.chunks) * dataset.dtype.itemsize)
     require_equal_lengths(path, {column: len(dataset) for column, dataset, _ in chosen})
     require_plausible_size(path, len(chosen[0][1]) if chosen else 0, len(chosen))
-    blocks = decoded(path, unreadable(path), _blocks([(dataset, part) for _, dataset, part in chosen]))
+    blocks = decoded(path, unreadable(path), _blocks([(dataset, part) for _, dataset, part in chosen], cells))
     return TableContents([column for column, _, _ in chosen], blocks, units, manifest)
 
 
@@ -195,20 +200,20 @@ def _require_numbers(path: Path, name: str, dataset: h5py.Dataset) -> None:
         raise FileError(path, f"column {shown(name)} is in another file, which is not read")
 
 
-def _blocks(columns: Sequence[tuple[h5py.Dataset, int]]) -> Iterator[np.ndarray]:
+def _blocks(columns: Sequence[tuple[h5py.Dataset, int]], cells: Cells) -> Iterator[np.ndarray]:
     """The datasets side by side, of each the columns that are asked for."""
-    import numpy as np
+    from mjrun.formats.column_checks import number_cells, side_by_side
 
     rows = len(columns[0][0]) if columns else 0
     widths = {dataset: math.prod((dataset.shape or ())[1:]) for dataset, _ in columns}
     size = max(1, PIECE // max(1, sum(widths.values())))
     for start in range(0, rows, size):
-        block = np.empty((len(columns), min(size, rows - start)))
-        for dataset, group in groupby(enumerate(columns), key=lambda column: column[1][0]):
-            part = dataset[start : start + size].reshape(block.shape[1], -1)
-            for index, (_, column) in group:
-                block[index] = part[:, column]
-        yield block.T
+        count = min(size, rows - start)
+        values: list[np.ndarray] = []
+        for dataset, group in groupby(columns, key=lambda column: column[0]):
+            part = dataset[start : start + size].reshape(count, -1)
+            values += [number_cells(part[:, column], cells) for _, column in group]
+        yield side_by_side(values, count)
 
 
 def _text(item: h5py.File | h5py.Dataset, key: str) -> str:

@@ -11,17 +11,20 @@ import contextlib
 import itertools
 import json
 import math
+import re
 from collections import Counter
 from collections.abc import Iterable, Iterator, KeysView, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO
 
 from mjrun.errors import FileError, clean
-from mjrun.formats.table_format import ColumnFilter, TableContents, TableFormat
+from mjrun.formats.table_format import Cells, ColumnFilter, TableContents, TableFormat
 from mjrun.model.column import Column
 
 if TYPE_CHECKING:
     import numpy as np
+
+LONG_INTEGER = re.compile(rb"\d{19}")
 
 
 class JsonlWriter:
@@ -61,22 +64,23 @@ def _string(text: str) -> bytes:
     return json.dumps(text, ensure_ascii=clean(text) != text).encode()
 
 
-def read(path: Path, file: BinaryIO, wanted: ColumnFilter, gaps: bool) -> TableContents:
+def read(path: Path, file: BinaryIO, wanted: ColumnFilter, cells: Cells) -> TableContents:
     """The columns that the filter accepts. Where there may be gaps, a key may be missing too."""
     from mjrun.formats.column_checks import select
     from mjrun.formats.text_columns import number_blocks
 
-    rows = _rows(path, file)
+    rows = _rows(path, file, cells)
     first = next(rows, None)
     if first is None:
         raise FileError(path, "is empty: its first row has the names of the columns")
     names = first[1].keys()
     keys = {name: name for name in select(path, list(names), wanted)}
-    alike = itertools.chain([first], _with_keys(path, rows, names, wanted, gaps))
-    return TableContents(list(keys), number_blocks(path, alike, keys, _floats_or_nan if gaps else _floats))
+    alike = itertools.chain([first], _with_keys(path, rows, names, wanted, cells >= Cells.GAPS))
+    convert = (_floats, _floats_or_nan, _exact)[cells]
+    return TableContents(list(keys), number_blocks(path, alike, keys, convert))
 
 
-def _rows(path: Path, file: BinaryIO) -> Iterator[tuple[int, dict[str, Any]]]:
+def _rows(path: Path, file: BinaryIO, cells: Cells) -> Iterator[tuple[int, dict[str, Any]]]:
     """Every object, with its line; blank lines are skipped, and the keys of the first row are unique."""
     import orjson
 
@@ -92,6 +96,9 @@ def _rows(path: Path, file: BinaryIO) -> Iterator[tuple[int, dict[str, Any]]]:
             row = orjson.loads(line)
         except orjson.JSONDecodeError as error:
             raise FileError(place, f"cannot be read as JSON: {clean(error.msg)}, character {error.pos + 1}") from None
+        if cells is Cells.ANY and LONG_INTEGER.search(line):  # of which orjson makes a float
+            with contextlib.suppress(ValueError, RecursionError):
+                row = json.loads(line)
         if not isinstance(row, dict):
             raise FileError(place, 'is not an object, as in {"time": 0.0}')
         if first:
@@ -137,6 +144,12 @@ def _floats(cells: list[Any]) -> np.ndarray:
 
 def _floats_or_nan(cells: list[Any]) -> np.ndarray:
     return _floats([math.nan if cell is None else cell for cell in cells])
+
+
+def _exact(cells: list[Any]) -> np.ndarray:
+    from mjrun.formats.text_columns import exact_cells
+
+    return exact_cells(cells, _floats_or_nan)
 
 
 FORMAT = TableFormat("jsonl", (".jsonl",), JsonlWriter, read, pipe=True, holds_manifest=False)

@@ -1,5 +1,7 @@
 """MATLAB 5: one column vector `(rows, 1)` for each column; text columns are cells of texts.
 
+Columns are double, those of integers int64 unless a number is missing.
+
 Variables are named as MATLAB allows: `qpos/knee` is `qpos_knee`. The cells `columns`, `variables` and `units` hold
 the exact names, the variables and the units in order; the text `manifest` is JSON. The format holds 2 GiB for each
 variable; more rows are refused as they arrive, counting every text as the longest label.
@@ -18,7 +20,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, BinaryIO
 
 from mjrun.errors import FileError
-from mjrun.formats.table_format import ColumnFilter, TableContents, TableFormat
+from mjrun.formats.table_format import Cells, ColumnFilter, TableContents, TableFormat
 from mjrun.model.column import Column
 
 if TYPE_CHECKING:
@@ -58,6 +60,8 @@ class MatWriter:
         variables = identifiers([column.name for column in self._columns])
         for index, (variable, column) in enumerate(zip(variables, self._columns, strict=True)):
             values = np.concatenate([np.empty(0), *self._spill.column(index)])[:, None]
+            if column.integer and self._spill.is_complete(index):
+                values = values.astype(np.int64)
             self._save(variable, _cells([*column.labels, ""])[values.astype(int)] if column.labels else values)
         self._save("columns", _cells(column.name for column in self._columns))
         self._save("variables", _cells(variables))
@@ -95,12 +99,17 @@ def _cells(texts: Iterable[str]) -> np.ndarray:
     return np.array(list(texts), object)
 
 
-def read(path: Path, file: BinaryIO, wanted: ColumnFilter, gaps: bool) -> TableContents:
+def read(path: Path, file: BinaryIO, wanted: ColumnFilter, cells: Cells) -> TableContents:
     """The columns that the filter accepts. A variable is whole in memory, as it may be compressed."""
-    import numpy as np
-
     from mjrun.expansion import require_expandable
-    from mjrun.formats.column_checks import require_equal_lengths, select, unreadable
+    from mjrun.formats.column_checks import (
+        number_cells,
+        require_equal_lengths,
+        select,
+        side_by_side,
+        text_cells,
+        unreadable,
+    )
     from mjrun.formats.input_file import decoding
     from mjrun.formats.manifest import parse_manifest
     from mjrun.formats.mat_parser import MatParser
@@ -122,13 +131,19 @@ def read(path: Path, file: BinaryIO, wanted: ColumnFilter, gaps: bool) -> TableC
         for index, group in groupby(chosen, key=lambda column: column[1]):
             parts = {column: part for column, _, part in group}
             with decoding(path, unreadable(path)):
-                array = _floats(path, next(iter(parts)), mat.read(index))
+                matrix = mat.read(index)
+                if cells is Cells.ANY and (texts := mat.texts(matrix)) is not None:
+                    array = text_cells(texts)[:, None]
+                else:
+                    array = _numbers(path, next(iter(parts)), matrix)
             values |= {column: array[:, part] for column, part in parts.items()}
         require_equal_lengths(path, {name: len(column) for name, column in values.items()})
 
         size = max(1, PIECE // max(1, len(values)))
         for start in range(0, max(map(len, values.values()), default=0), size):
-            yield np.array([column[start : start + size] for column in values.values()]).T
+            pieces = [column[start : start + size] for column in values.values()]
+            columns = [piece if piece.dtype == object else number_cells(piece, cells) for piece in pieces]
+            yield side_by_side(columns, len(columns[0]))
 
     return TableContents([column for column, _, _ in chosen], blocks(), units, manifest)
 
@@ -142,10 +157,8 @@ def _names(mat: MatParser, name: str, index: int) -> list[str]:
     return column_names(name, matrix.shape) if matrix.kind in NUMERIC_KINDS and 1 not in matrix.shape else [name]
 
 
-def _floats(path: Path, name: str, matrix: Matrix) -> np.ndarray:
-    """The columns of a matrix of numbers, `(n, columns)`."""
-    import numpy as np
-
+def _numbers(path: Path, name: str, matrix: Matrix) -> np.ndarray:
+    """The columns of a matrix of numbers of any type, `(n, columns)`."""
     from mjrun.formats.column_checks import column_names, shown
     from mjrun.formats.mat_parser import KINDS, NUMERIC_KINDS
 
@@ -159,7 +172,7 @@ def _floats(path: Path, name: str, matrix: Matrix) -> np.ndarray:
     if values.size != math.prod(matrix.shape):
         raise ValueError("the size of a matrix is not that of its shape")
     columns = values.reshape((1, -1) if vector else matrix.shape[::-1])  # MATLAB stores column after column
-    return columns.T.astype(np.float64)
+    return columns.T
 
 
 FORMAT = TableFormat("mat", (".mat",), MatWriter, read, library="scipy", extra="mat", reads_alone=True)

@@ -1,6 +1,7 @@
 """NumPy's npz: an uncompressed archive with one array for each column, under its name, as in `f["qpos/knee"]`.
 
-Arrays are float64 `(rows,)`; text columns are unicode strings, empty for no text. `__manifest__` and `__units__`
+Arrays are float64 `(rows,)`; columns of integers are int64, unless a number is missing, and text columns are unicode
+strings, empty for no text. `__manifest__` and `__units__`
 (by column name) are JSON texts: `json.loads(str(f["__units__"]))`.
 
 Columns must be whole, so rows wait in an unnamed file beside the table until the last one is there.
@@ -17,7 +18,7 @@ from pathlib import Path
 from typing import IO, TYPE_CHECKING, BinaryIO
 
 from mjrun.errors import FileError
-from mjrun.formats.table_format import ColumnFilter, TableContents, TableFormat
+from mjrun.formats.table_format import Cells, ColumnFilter, TableContents, TableFormat
 from mjrun.model.column import Column
 
 if TYPE_CHECKING:
@@ -48,7 +49,8 @@ class NpzWriter:
         with zipfile.ZipFile(self._file, "w") as archive:
             for index, column in enumerate(self._columns):
                 with _member(archive, column.name) as member:
-                    _write_array(member, column.labels, self._spill.rows, self._spill.column(index))
+                    is_whole = column.integer and self._spill.is_complete(index)
+                    _write_array(member, column, self._spill.rows, self._spill.column(index), is_whole=is_whole)
             for name, text in ((UNITS, units), (MANIFEST, manifest)):
                 with _member(archive, name) as member:
                     np.lib.format.write_array(member, np.array(text), allow_pickle=False)
@@ -61,17 +63,17 @@ def _member(archive: zipfile.ZipFile, name: str) -> IO[bytes]:
     return archive.open(zipfile.ZipInfo(f"{name}.npy"), "w", force_zip64=True)  # dated 1980: same table, same bytes
 
 
-def _write_array(file: IO[bytes], labels: Sequence[str], rows: int, pieces: Iterable[np.ndarray]) -> None:
+def _write_array(file: IO[bytes], column: Column, rows: int, pieces: Iterable[np.ndarray], *, is_whole: bool) -> None:
     import numpy as np
 
-    texts = np.array([*labels, ""])  # the last is for −1
-    descr = texts.dtype.str if labels else "<f8"
+    texts = np.array([*column.labels, ""])  # the last is for −1
+    descr = texts.dtype.str if column.labels else "<i8" if is_whole else "<f8"
     np.lib.format.write_array_header_1_0(file, {"descr": descr, "fortran_order": False, "shape": (rows,)})
     for piece in pieces:
-        file.write(texts[piece.astype(int)].data if labels else piece.data)
+        file.write((texts[piece.astype(int)] if column.labels else piece.astype(descr)).data)
 
 
-def read(path: Path, file: BinaryIO, wanted: ColumnFilter, gaps: bool) -> TableContents:
+def read(path: Path, file: BinaryIO, wanted: ColumnFilter, cells: Cells) -> TableContents:
     """The columns that the filter accepts; those of an array with two dimensions are `name/0`, `name/1`, …"""
     from mjrun.formats.column_checks import column_names, require_equal_lengths, select, unreadable
     from mjrun.formats.input_file import decoded, decoding
@@ -93,7 +95,7 @@ def read(path: Path, file: BinaryIO, wanted: ColumnFilter, gaps: bool) -> TableC
     for index, group in groupby(chosen, key=lambda column: column[1]):
         parts = {column: part for column, _, part in group}
         with decoding(path, unreadable(path)):
-            members.append(_Member(path, parts, archive.open(arrays[index][1])))
+            members.append(_Member(path, parts, archive.open(arrays[index][1]), cells))
     require_equal_lengths(path, {next(iter(member.parts)): member.rows for member in members})
     with decoding(path, unreadable(path)):
         units, manifest = _units(archive), parse_manifest(_text(archive, MANIFEST))
@@ -117,16 +119,18 @@ class _Member:
       parts: the columns of it that are read, by name.
       rows: of each.
       width: the number of columns in the array, whether they are read or not.
+      numbers: how many of 8 bytes a row of the array is as large as.
     """
 
-    def __init__(self, path: Path, parts: dict[str, int], file: IO[bytes]) -> None:
+    def __init__(self, path: Path, parts: dict[str, int], file: IO[bytes], cells: Cells) -> None:
         from mjrun.expansion import require_expandable
         from mjrun.formats import npy_header
         from mjrun.formats.column_checks import column_names, shown
 
         shape, fortran, self._dtype = npy_header.read_header(file)
         first = next(iter(parts))
-        if self._dtype.kind not in npy_header.NUMERIC:
+        self._cells = cells
+        if self._dtype.kind not in npy_header.NUMERIC + ("U" if cells is Cells.ANY else ""):
             raise FileError(path, f"column {shown(first)} holds {npy_header.content_name(self._dtype)}, not numbers")
         if not shape or (shape[1:] not in ((), (1,)) and len(column_names("", shape)) == 1):
             raise FileError(path, f"column {shown(first)} has the shape {shape}, not (n,) or (n, k)")
@@ -134,20 +138,26 @@ class _Member:
             raise ValueError("an array has less than no rows")
         self.parts, self.rows, self._file = parts, shape[0], file
         self.width = shape[1] if len(shape) == 2 else 1
+        self.numbers = self.width * max(1, self._dtype.itemsize // 8)
         self._columns: np.ndarray | None = None
         if fortran and self.width > 1:  # column after column: all of it, to have rows
             require_expandable(path, self.rows * self.width * self._dtype.itemsize)
             self._columns = self._values(self.rows * self.width).reshape(self.width, self.rows).T
         self._row = 0
 
-    def read(self, count: int) -> np.ndarray:
-        """The next rows of its columns, `(count, columns)`."""
+    def read(self, count: int) -> list[np.ndarray]:
+        """The next rows of its columns, each `(count,)`."""
+        from mjrun.formats.column_checks import number_cells, text_cells
+
         if self._columns is None:
             rows = self._values(count * self.width).reshape(count, self.width)
         else:
             rows = self._columns[self._row : self._row + count]
         self._row += count
-        return rows[:, list(self.parts.values())]
+        columns = [rows[:, part] for part in self.parts.values()]
+        if self._dtype.kind == "U":
+            return [text_cells(column.tolist()) for column in columns]
+        return [number_cells(column, self._cells) for column in columns]
 
     def end(self) -> None:
         """Checks that this was all; the checksum of a member is compared at its end."""
@@ -162,16 +172,13 @@ class _Member:
 
 def _blocks(members: Sequence[_Member]) -> Iterator[np.ndarray]:
     """The arrays side by side."""
-    import numpy as np
+    from mjrun.formats.column_checks import side_by_side
 
     rows = members[0].rows if members else 0
-    width = sum(len(member.parts) for member in members)
-    size = max(1, PIECE // max(1, sum(member.width for member in members)))
+    size = max(1, PIECE // max(1, sum(member.numbers for member in members)))
     for start in range(0, rows, size):
         count = min(size, rows - start)
-        block = np.empty((width, count))
-        np.concatenate([member.read(count).T for member in members], out=block)
-        yield block.T
+        yield side_by_side([column for member in members for column in member.read(count)], count)
     for member in members:
         member.end()
 

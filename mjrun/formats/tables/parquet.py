@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO
 
-from mjrun.formats.table_format import ColumnFilter, TableContents, TableFormat
+from mjrun.formats.table_format import Cells, ColumnFilter, TableContents, TableFormat
 from mjrun.model.column import Column
 
 if TYPE_CHECKING:
@@ -63,12 +63,12 @@ class ParquetWriter:
         self._writer.write_table(pyarrow.Table.from_batches([record_batch(group, self._columns, self._schema)]))
 
 
-def read(path: Path, file: BinaryIO, wanted: ColumnFilter, gaps: bool) -> TableContents:
+def read(path: Path, file: BinaryIO, wanted: ColumnFilter, cells: Cells) -> TableContents:
     """The columns that the filter accepts."""
     import pyarrow.parquet
 
     from mjrun.expansion import require_expandable
-    from mjrun.formats.arrow_columns import MANIFEST, block_rows, blocks, row_group_sizes, select_numbers, units
+    from mjrun.formats.arrow_columns import MANIFEST, block_rows, blocks, row_group_sizes, select_columns, units
     from mjrun.formats.column_checks import require_plausible_size, unreadable
     from mjrun.formats.input_file import decoded, decoding
     from mjrun.formats.manifest import parse_manifest
@@ -76,7 +76,7 @@ def read(path: Path, file: BinaryIO, wanted: ColumnFilter, gaps: bool) -> TableC
     with decoding(path, unreadable(path)):
         parquet = pyarrow.parquet.ParquetFile(file, pre_buffer=False, buffer_size=BUFFER)
         schema, metadata = parquet.schema_arrow, parquet.metadata.metadata or {}
-    indices = select_numbers(path, schema, wanted)
+    indices = select_columns(path, schema, wanted, cells)
     names = list(indices)
     require_plausible_size(path, parquet.metadata.num_rows, len(names))
     with decoding(path, unreadable(path)):
@@ -84,7 +84,7 @@ def read(path: Path, file: BinaryIO, wanted: ColumnFilter, gaps: bool) -> TableC
         require_expandable(path, max(row_group_sizes(parquet.metadata, set(names)), default=0))
     batches = parquet.iter_batches(block_rows(len(names)), columns=names)
     ordered = (batch.select(names) for batch in batches)
-    rows = decoded(path, unreadable(path), blocks(path, names, ordered, gaps))
+    rows = decoded(path, unreadable(path), blocks(path, names, ordered, cells))
     return TableContents(names, rows, units(schema, indices), parse_manifest(metadata.get(MANIFEST.encode())))
 
 
