@@ -6,7 +6,12 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class PartRows:
-    """A part of an assertion, as it is written, and the number of rows that it is about."""
+    """A part of an assertion and how many rows it is about.
+
+    Attributes:
+      part: the part, as it is written.
+      rows: the number of rows that it is about.
+    """
 
     part: str
     rows: int
