@@ -50,10 +50,11 @@ def spelled(text: str, spelling: Spelling = str) -> str:
     return _OPTION.sub(lambda found: spelling(found[1]), text)
 
 
-def _cut(text: str) -> str:
-    """`text` with its longest lines cut in the middle."""
+def _message(text: str, spelling: Spelling = str) -> str:
+    """`text` with its lines cleaned, its options spelled and its longest lines cut in the middle."""
     half = LINE // 2 - 1
-    return "\n".join(line if len(line) <= LINE else f"{line[:half]}…{line[-half:]}" for line in text.split("\n"))
+    lines = [spelled(_clean_but_options(line), spelling) for line in text.split("\n")]
+    return "\n".join(line if len(line) <= LINE else f"{line[:half]}…{line[-half:]}" for line in lines)
 
 
 def clean(text: str) -> str:
@@ -171,7 +172,7 @@ class MjrunWarning(UserWarning):
 
 
 class MjrunError(Exception):
-    """Base of every error that a user can cause or meet.
+    """Base of every error that a user can cause or meet. Whatever its message quotes is fit for a terminal.
 
     Attributes:
       results: of what was made and published in spite of it.
@@ -181,11 +182,11 @@ class MjrunError(Exception):
     results: Sequence[Any] = ()
 
     def __str__(self) -> str:
-        return _cut(spelled(super().__str__()))
+        return _message(super().__str__())
 
     def spelled(self, spelling: Spelling) -> str:
         """The message and its notes, with options as `spelling` writes their names."""
-        return _cut(spelled("\n".join([super().__str__(), *getattr(self, "__notes__", ())]), spelling))
+        return _message("\n".join([super().__str__(), *getattr(self, "__notes__", ())]), spelling)
 
 
 # --- 1: the answer is no ----------------------------------------------------------------------------

@@ -24,12 +24,16 @@ from mjrun.errors import (
     DocumentError,
     EncoderError,
     EndedFromOutsideError,
+    FailedPointsError,
     FailedStepError,
     Failure,
     FileError,
+    LostEpisodesError,
+    LostFilesError,
     MjrunError,
     ModelNotFoundError,
     NoRendererError,
+    PartlyDoneError,
     Problem,
     SoftwareRendererError,
     TerminatedError,
@@ -323,3 +327,29 @@ def test_a_failure_is_plain_json_with_the_facts_of_its_error() -> None:
     diverged = UnstableError(6, math.inf, "qacc", "hinge", 0.01)
     assert json.loads(json.dumps(Failure.of(diverged).document(), allow_nan=False))["time"] == "inf"
     assert Failure.of(UsageError(f"{option('trail_span')}: wrong")).message == "--trail-span: wrong"
+
+
+FOREIGN = "a\x1b[31m\x07\u202e\r\x9b2Kz"
+
+
+@pytest.mark.parametrize(
+    "error",
+    [
+        PartlyDoneError([f"made {FOREIGN}"], [(f"out {FOREIGN}", FileError(FOREIGN, FOREIGN, FOREIGN))]),
+        PartlyDoneError([FOREIGN], [(f"out {FOREIGN}", MjrunError(FOREIGN)), (f"out {FOREIGN}", UsageError(FOREIGN))]),
+        LostFilesError({3: f"out {FOREIGN}: cannot be written"}),
+        FailedPointsError({f"out {FOREIGN}": 1, "ok": 2}),
+        LostEpisodesError([1, 2], f"out {FOREIGN}"),
+    ],
+)
+def test_messages_of_what_is_partly_done_name_the_outputs_and_steer_no_terminal(error: MjrunError) -> None:
+    error.add_note(FOREIGN)
+    for text in (str(error), error.spelled(str.upper)):
+        assert all(clean(line) == line for line in text.split("\n"))
+        assert f"out {clean(FOREIGN)}" in text
+    assert error.exit_code == 8
+
+
+def test_a_message_keeps_its_lines_and_options_when_it_is_cleaned() -> None:
+    error = FileError("a.csv", f"is wrong\n{option('trail_span')} \x1bhelps", "so does this")
+    assert error.spelled(str.upper) == "a.csv: is wrong\nTRAIL_SPAN \\x1bhelps\nso does this"

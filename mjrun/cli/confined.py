@@ -2,6 +2,7 @@
 
 import math
 import os
+import signal
 from collections.abc import Generator, Iterable, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -67,6 +68,7 @@ def confined(context: click.Context, options: ConfinementOptions) -> Generator[C
         core=0,
         hard=True,
     )
+    signal.signal(signal.SIGXFSZ, signal.SIG_DFL)  # Python ignores it, and would say that a file cannot be written
     try:
         yield made
     except (MemoryError, OutOfMemoryError) as error:
@@ -78,8 +80,9 @@ def confined(context: click.Context, options: ConfinementOptions) -> Generator[C
 def description(limits: Confinement) -> str:
     """A sentence about what confines this process."""
     network = f"the network by {limits.network}" if limits.network else "the network by nothing: this system cannot"
-    folders = ", ".join(clean(root) for root in limits.roots) or "none"
-    return f"untrusted: files are confined by {limits.by}, {network}; models are read from {folders}"
+    folders = ", ".join(clean(root) for root in limits.roots)
+    models = f"models are read from {folders}" if folders else "no model is read"
+    return f"untrusted: files are confined by {limits.by}, {network}; {models}"
 
 
 def _limits(options: ConfinementOptions, command: str) -> dict[str, float]:

@@ -5,6 +5,7 @@ from mjrun.cli.console import Console
 from mjrun.cli.diff import check_report_options, show
 from mjrun.cli.simulation_command import import_mujoco, simulation
 from mjrun.errors import Failure, GoldenDifferenceError
+from mjrun.options.confinement import ConfinementOptions
 from mjrun.options.diff import DiffReportOptions
 from mjrun.options.simulation import SimulationOptions
 from mjrun.options.trace import TraceOptions
@@ -12,7 +13,15 @@ from mjrun.options.trace import TraceOptions
 UNWRITTEN = ("output", "format", "contacts", "keep_partial", "manifest")  # of a trace that is only compared
 
 
-@command("diff --golden", TraceOptions, DiffReportOptions, SimulationOptions, arguments=[MODEL], without=UNWRITTEN)
+@command(
+    "diff --golden",
+    TraceOptions,
+    DiffReportOptions,
+    SimulationOptions,
+    ConfinementOptions,
+    arguments=[MODEL],
+    without=UNWRITTEN,
+)
 def diff_golden(console: Console, command_line: CommandLine) -> None:
     """Tell whether a simulation of MODEL still is what a golden table says: a regression test in one line.
 

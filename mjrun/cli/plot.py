@@ -12,6 +12,7 @@ from mjrun.cli.result_summary import summary
 from mjrun.cli.simulation_command import import_mujoco, payload_on_stdout, results_of_failures
 from mjrun.errors import FailedAssertionError
 from mjrun.formats.input_file import is_folder
+from mjrun.options.confinement import ConfinementOptions
 from mjrun.options.console import ConsoleOptions
 from mjrun.options.plot import TablePlotOptions
 
@@ -21,7 +22,7 @@ if TYPE_CHECKING:
 TABLES = click.Argument(["tables"], nargs=-1, required=True, type=click.Path(), metavar="TABLE...")
 
 
-@command("plot", TablePlotOptions, arguments=[TABLES])
+@command("plot", TablePlotOptions, ConfinementOptions, arguments=[TABLES])
 def plot(console: Console, command_line: CommandLine) -> None:
     """Plot each TABLE, or several in the same panels; - is standard input, as csv or jsonl. A folder is a study.
 

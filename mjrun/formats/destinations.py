@@ -15,7 +15,7 @@ from typing import Protocol
 
 from mjrun.activity import note_folder
 from mjrun.confinement.confinement import is_writable
-from mjrun.errors import FileError, option
+from mjrun.errors import FileError, clean, option
 from mjrun.formats.replacement import (
     MOVING,
     NEW,
@@ -326,14 +326,15 @@ def _pattern_in(folder: Path) -> str:
 
 
 def _check_parent(target: Path, folder: Path) -> None:
+    name = clean(str(folder))
     if len(os.fsencode(target.name)) > NAME_MAX:
         raise FileError(target, f"cannot be written: its name is longer than {NAME_MAX} bytes")
     if not os.path.exists(folder):  # noqa: PTH110 also of names that are too long
-        raise FileError(target, f"there is no folder {folder}", f"make it first: mkdir -p {folder}")
+        raise FileError(target, f"there is no folder {name}", f"make it first: mkdir -p {name}")
     if not folder.is_dir():
-        raise FileError(target, f"{folder} is not a folder")
+        raise FileError(target, f"{name} is not a folder")
     if not os.access(folder, os.W_OK | os.X_OK):
-        raise FileError(target, f"the folder {folder} cannot be written to")
+        raise FileError(target, f"the folder {name} cannot be written to")
 
 
 def _check_only_frames(shown: Path, folder: Path) -> None:

@@ -9,6 +9,7 @@ import contextlib
 import ctypes
 import errno
 import os
+import stat
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
@@ -31,6 +32,7 @@ def replace_file(new: Path, target: Path) -> Path | None:
         return None
     if exchange(new, target):
         return new
+    _require_replaceable(target)
     older = unused_name(target)
     try:
         os.link(target, older)
@@ -43,6 +45,20 @@ def replace_file(new: Path, target: Path) -> Path | None:
         remove(older)
         raise
     return older
+
+
+def _require_replaceable(target: Path) -> None:
+    """Checks that a file may be replaced: in a sticky folder, such as /tmp, that of another user may not.
+
+    A second name of it, by which it is kept, could not be removed either.
+
+    Raises:
+      PermissionError: it may not.
+    """
+    folder, user = target.parent.stat(), os.geteuid()
+    is_sticky = bool(folder.st_mode & stat.S_ISVTX)
+    if is_sticky and user not in (0, folder.st_uid, target.lstat().st_uid):
+        raise PermissionError(errno.EPERM, "another user's file, in a folder where each replaces only their own")
 
 
 def replace_folder(temporary: Path, target: Path) -> None:

@@ -11,7 +11,7 @@ import numpy as np
 from mjrun.errors import FileError, clean
 from mjrun.expansion import require_expandable
 from mjrun.formats.arrow_columns import row_group_sizes
-from mjrun.formats.input_file import decoding
+from mjrun.formats.input_file import decoding, opened
 
 if TYPE_CHECKING:
     import pyarrow
@@ -76,7 +76,7 @@ def read_study(folder: str | Path) -> StudyResults:
         raise FileError(folder, f"has no {RESULTS}", unfinished if is_begun else _HINT)
     from pyarrow import parquet
 
-    with decoding(path, "cannot be read as results of a study"), path.open("rb") as stream:
+    with opened(path, "table", [path.suffix]) as stream, decoding(path, "cannot be read as results of a study"):
         schema = parquet.read_schema(stream)
         text_columns = [field.name for field in schema if _is_text(field.type)]
         results = parquet.ParquetFile(stream, read_dictionary=text_columns)  # equal texts are in memory once

@@ -2,6 +2,7 @@
 
 import os
 import re
+import signal
 import tempfile
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from fractions import Fraction
@@ -10,6 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from mjrun.child_process import ChildProcess, ExitStatus
+from mjrun.confinement.confinement import confinement
 from mjrun.errors import BadValueError, ClosedPipeError, EncoderError, FileError, UsageError, clean, option
 from mjrun.formats import ffmpeg
 from mjrun.formats.atomic_output import OutputWriter
@@ -199,6 +201,8 @@ class VideoWriter(OutputWriter):
         if no_space(log):
             return FileError(self.destination.shown, "cannot be written: the disk is full")
         if status.signal == "SIGXFSZ":
+            if confinement():  # the limit is that of the command, which ends as if it had written the file itself
+                signal.raise_signal(signal.SIGXFSZ)
             return FileError(self.destination.shown, "cannot be written: files may not be so large here (ulimit -f)")
         is_known = status.cause == "idle" or (status.cause is None and status.signal)
         how = str(status) if is_known else "failed"

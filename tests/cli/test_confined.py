@@ -10,6 +10,7 @@ import click
 import pytest
 
 from mjrun.cli.confined import confinement_of
+from mjrun.cli.diff_golden import diff_golden
 from mjrun.cli.main import group, run
 from mjrun.confinement import landlock
 
@@ -87,6 +88,10 @@ def places(name: str, *arguments: str) -> dict[str, list[str]]:
         ("sweep model", ["model"], [], [".", "model"]),
         ("diff tables/ctrl.csv tables/ctrl.csv", [], ["tables/ctrl.csv"], []),
         ("diff model/m.xml model/m.xml", ["model"], ["model/m.xml"], []),
+        ("diff --golden tables/ctrl.csv model/m.xml", ["model"], ["model/m.xml", "tables/ctrl.csv"], []),
+        ("plot tables/ctrl.csv -o out/p.png", [], ["tables/ctrl.csv"], ["out"]),
+        ("plot - -o p.png --html out/p.html --include model/m.xml", [], ["model/m.xml"], [".", "out"]),
+        ("plot tables -o out/p.png", [], ["tables"], ["out"]),
     ],
 )
 def test_what_a_line_names_is_what_its_process_may_touch(
@@ -174,8 +179,40 @@ def test_what_cannot_be_meant_is_refused(line: str, message: str, capsys: pytest
     assert message in capsys.readouterr().err
 
 
-def test_commands_that_load_a_model_have_the_option() -> None:
+def test_every_command_that_reads_files_has_the_option() -> None:
     context = click.Context(group)
     commands = {name: group.get_command(context, name) for name in group.list_commands(context)}
     having = {name for name, each in commands.items() if each and "untrusted" in {param.name for param in each.params}}
-    assert set(commands) - having == {"plot", "schema", "doctor"}
+    assert set(commands) - having == {"schema", "doctor"}
+    assert "untrusted" in {param.name for param in diff_golden.params}
+
+
+def test_tables_and_studies_of_strangers_are_plotted_from_where_they_lie(place: Path) -> None:
+    (place / "study").mkdir()
+    (place / "study/results.parquet").symlink_to("/etc/hostname")
+    made = mjrun("plot", "tables/ctrl.csv", "-o", "out/p.png", "--untrusted", "--json")
+    assert made.returncode == 0, made.stderr
+    assert json.loads(made.stdout)["untrusted"]["roots"] == []
+    assert (place / "out/p.png").exists()
+    for table in ("study", "tables/missing.csv"):
+        refused = mjrun("plot", table, "-o", "out/q.png", "--untrusted")
+        assert refused.returncode == 7, refused.stderr
+    assert [path.name for path in (place / "out").iterdir()] == ["p.png"]
+
+
+@pytest.mark.parametrize("line", ["trace model/m.xml -o out/t.csv", "trace model/m.xml -o out/t.npz"])
+def test_a_file_beyond_its_limit_ends_the_command_as_promised(place: Path, line: str) -> None:
+    done = mjrun(*line.split(), "--duration", "100", "--untrusted", "--limit", "file=1")
+    assert done.returncode == 4, done.stderr
+    assert "it wrote a larger file than its limit allows" in done.stderr
+    assert "--limit file=… allows more" in done.stderr
+    assert list((place / "out").iterdir()) == []
+
+
+@pytest.mark.gl
+def test_a_video_beyond_the_limit_of_a_file_ends_the_command_as_promised(place: Path) -> None:
+    line = "video model/m.xml -o out/v.rgb --size 320x240 --duration 1 --quality draft --jobs 1"
+    done = mjrun(*line.split(), "--untrusted", "--limit", "file=1")
+    assert done.returncode in (4, 5), done.stderr
+    assert "--limit file=… allows more" in done.stderr
+    assert list((place / "out").iterdir()) == []

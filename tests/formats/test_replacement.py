@@ -1,12 +1,16 @@
 """Frames that take the place of older ones. What faults leave behind is in test_destinations.py."""
 
 import os
+import subprocess
 import sys
+import tempfile
 from pathlib import Path
 
 import pytest
 
 from mjrun.formats.replacement import MOVING, NEW, OLD, exchange, frame_number, move_frames
+
+ROOT = Path(__file__).parents[2]
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="only Linux exchanges two names")
@@ -67,3 +71,37 @@ def test_frames_are_replaced_where_a_file_has_one_name_only(
 
 def test_the_number_of_a_frame_has_any_number_of_digits() -> None:
     assert [frame_number(Path(f"new/{name}.png")) for name in ("000007", "1000000")] == [7, 1_000_000]
+
+
+REPLACE = """
+import os, sys
+from pathlib import Path
+from mjrun.formats import replacement
+os.setgid(65534)
+os.setuid(65534)
+new, target = Path(sys.argv[1]) / ".new", Path(sys.argv[1]) / "target"
+new.write_text("new")
+if sys.argv[2] == "no exchange":
+    replacement.exchange = lambda *_: False
+try:
+    replacement.replace_file(new, target)
+except PermissionError as error:
+    print(error.strerror)
+new.unlink()
+"""
+
+
+@pytest.mark.skipif(os.geteuid() != 0, reason="only root can become another user")
+@pytest.mark.parametrize("how", ["exchange", "no exchange"])
+def test_another_users_file_in_a_sticky_folder_stays_and_gets_no_second_name(how: str) -> None:
+    with tempfile.TemporaryDirectory() as name:  # where another user may look
+        folder = Path(name)
+        folder.chmod(0o1777)
+        os.chown(folder, 1000, 1000)
+        (folder / "target").write_text("old")
+        (folder / "target").chmod(0o666)  # or the kernel would refuse the second name
+        os.chown(folder / "target", 1000, 1000)
+        done = subprocess.run([sys.executable, "-c", REPLACE, name, how], capture_output=True, text=True, cwd=ROOT)
+        assert [path.name for path in folder.iterdir()] == ["target"], done.stderr
+        assert (folder / "target").read_text() == "old"
+        assert done.stdout == "another user's file, in a folder where each replaces only their own\n"
