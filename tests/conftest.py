@@ -25,6 +25,7 @@ from mjrun.errors import NoRendererError
 from mjrun.platform import cores
 from mjrun.rendering.backend import Backend
 from mjrun.rendering.backend_detection import BackendDetection, VulkanDetection
+from tests.processes import PATIENCE, without_progress
 
 ROOT = Path(__file__).parents[1]
 
@@ -199,8 +200,8 @@ class Command:
 
     def __call__(self, *arguments: str | Path, **settings: object) -> subprocess.CompletedProcess[bytes]:
         child = self.start(*arguments, **settings)
-        out, err = child.communicate(timeout=120)
-        return subprocess.CompletedProcess(child.args, child.returncode, out, err)
+        out, err = child.communicate(timeout=PATIENCE)
+        return subprocess.CompletedProcess(child.args, child.returncode, out, without_progress(err))
 
     def files(self) -> list[str]:
         """The names in the folder, hidden ones too."""
@@ -227,7 +228,8 @@ class CommandInProcess(Command):
         self.capture.readouterr()
         with mock.patch.dict(os.environ, environment):
             code = cli.run([*map(str, arguments)])
-        return subprocess.CompletedProcess(arguments, code, *self.capture.readouterr())
+        out, err = self.capture.readouterr()
+        return subprocess.CompletedProcess(arguments, code, out, without_progress(err))
 
 
 @pytest.fixture

@@ -1,12 +1,21 @@
 """Processes in tests: those that a process has started, and waiting for them on a machine of any load."""
 
 import contextlib
+import re
 import subprocess
 import time
 from collections.abc import Callable
 from pathlib import Path
 
 PATIENCE = 1800  # [s] that a test waits for what must come: no figure of speed, but the end of a test that hangs
+
+
+PROGRESS = re.compile(rb"^mjrun: \d+ of \d+ (?!.* are )[a-z ]+(, \d+ failed)?\n", re.MULTILINE)
+
+
+def without_progress(messages: bytes) -> bytes:
+    """Messages without the lines of progress that a command prints now and then where it takes its time."""
+    return PROGRESS.sub(b"", messages)
 
 
 def wait_until(condition: Callable[[], object], while_running: "subprocess.Popen[bytes] | None" = None) -> None:

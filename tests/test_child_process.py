@@ -17,9 +17,10 @@ import pytest
 
 from mjrun.child_process import STDERR_LIMIT, STDOUT_LIMIT, ChildProcess, ExitStatus, limit_this_process, python_call
 from mjrun.errors import FileError
+from tests.processes import PATIENCE
 
 MIB = 2**20
-FOREVER = "import time; time.sleep(600)"
+FOREVER = "import time; time.sleep(7200)"
 READY = f"print('ready', flush=True); {FOREVER}"
 PARENT = f"import subprocess, sys; print(subprocess.Popen([sys.executable, '-c', {FOREVER!r}]).pid, flush=True)"
 
@@ -36,7 +37,7 @@ def gone(pid: int) -> bool:
 
 
 def eventually(condition: Callable[[], bool]) -> bool:
-    deadline = time.monotonic() + 30
+    deadline = time.monotonic() + PATIENCE
     while not condition() and time.monotonic() < deadline:
         time.sleep(0.01)
     return condition()
@@ -140,7 +141,7 @@ def test_a_process_that_hangs_is_killed_when_its_time_is_up() -> None:
 
 
 def test_a_process_that_fills_too_much_memory_is_killed() -> None:
-    ending = python(f"memory = b'x' * {200 * MIB}; {FOREVER}").wait(60, memory=100 * MIB)
+    ending = python(f"memory = b'x' * {200 * MIB}; {FOREVER}").wait(PATIENCE, memory=100 * MIB)
     assert (ending.cause, ending.out_of_memory, str(ending)) == ("memory", True, "needed too much memory")
 
 
@@ -165,7 +166,7 @@ def test_a_process_can_limit_itself(limits: str, code: str, text: str, tmp_path:
     child = ChildProcess(
         [sys.executable, str(script)], stderr="capture", environment={"PYTHONPATH": os.pathsep.join(sys.path)}
     )
-    ending = child.wait(60)
+    ending = child.wait(PATIENCE)
     assert text in f"{child.last_words} {ending}"
 
 
@@ -187,7 +188,7 @@ for i in range(3 * 2**8):
 sys.stderr.write("last")
 """
     child = python(code, stdout="capture", stderr="capture")
-    assert child.wait(60) == ExitStatus(0)
+    assert child.wait(PATIENCE) == ExitStatus(0)
     assert child.stdout == b"".join(b"%08d" % i * 2**13 for i in range(2**8))
     assert len(child.stdout) == STDOUT_LIMIT
     assert len(child.stderr) == STDERR_LIMIT
@@ -331,7 +332,7 @@ def test_who_computes_or_waits_for_somebody_else_is_not_idle() -> None:
 
 
 def test_an_end_does_not_wait_for_a_stranger_that_holds_a_pipe() -> None:
-    stranger = "import os, time; os.setsid(); print(os.getpid(), flush=True); time.sleep(600)"
+    stranger = "import os, time; os.setsid(); print(os.getpid(), flush=True); time.sleep(7200)"
     code = f"import subprocess, sys; subprocess.Popen([sys.executable, '-c', {stranger!r}]); {FOREVER}"
     child = python(code, stdout="capture", stderr="capture")
     assert eventually(lambda: bool(child.stdout))
@@ -339,7 +340,7 @@ def test_an_end_does_not_wait_for_a_stranger_that_holds_a_pipe() -> None:
     try:
         began = time.monotonic()
         child.end()
-        assert time.monotonic() - began < 20
+        assert time.monotonic() - began < PATIENCE
         assert not gone(pid)
     finally:
         os.kill(pid, signal.SIGKILL)

@@ -22,6 +22,7 @@ from mjrun.formats.table_reader import read_table
 from mjrun.policy.load import load_policy
 from mjrun.policy.policy import ActionSpace
 from mjrun.task.worlds import TaskWorlds
+from tests.processes import PATIENCE
 
 if TYPE_CHECKING:
     from tests.conftest import Command
@@ -77,7 +78,7 @@ def test_a_lesson_makes_its_video_image_trace_and_plot(mjrun: Command, path: Pat
 @pytest.mark.parametrize("path", TASKS, ids=lambda path: path.stem)
 def test_a_task_fits_its_model_and_its_policy(path: Path) -> None:
     policy = SCENES / f"policies/{path.stem}.onnx"
-    (found,) = Check([path], policy=str(policy) if policy.exists() else None, timeout=300).run().models
+    (found,) = Check([path], policy=str(policy) if policy.exists() else None, timeout=PATIENCE).run().models
     assert [finding for finding in found.findings if finding.severity != "note"] == []
 
 

@@ -6,6 +6,7 @@ import threading
 import pytest
 
 from mjrun.interruption import interrupt, uninterrupted
+from tests.processes import PATIENCE
 
 
 class EndError(BaseException):
@@ -51,11 +52,11 @@ def test_a_block_in_another_thread_holds_nothing_up() -> None:
     def work() -> None:
         with uninterrupted():
             inside.set()
-            over.wait(60)
+            over.wait(PATIENCE)
 
     thread = threading.Thread(target=work)
     thread.start()
-    inside.wait(60)
+    inside.wait(PATIENCE)
     try:
         with pytest.raises(EndError):
             interrupt(EndError())

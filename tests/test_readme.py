@@ -17,6 +17,7 @@ from mjrun.document.study import read_study
 from mjrun.job.simulation import Simulation
 from mjrun.job.trace import Trace
 from tests.conftest import Command
+from tests.processes import without_progress
 from tests.viewer.studio_client import LIMIT, Page, address, browser, payloads
 
 Execute = Callable[[str], "Done"]
@@ -108,8 +109,8 @@ def execute(shell: dict[str, str], mjrun_here: Command, tmp_path: Path, monkeypa
         if re.search(r"[|&;<>*?$\n]|--(fail-above|untrusted)|dm:|menagerie:", command) or not command.startswith(
             "mjrun"
         ):
-            done = subprocess.run(["sh", "-ec", command], cwd=tmp_path, env=shell, capture_output=True, text=True)
-            return Done(done.returncode, done.stdout, done.stderr)
+            done = subprocess.run(["sh", "-ec", command], cwd=tmp_path, env=shell, capture_output=True)
+            return Done(done.returncode, done.stdout.decode(), without_progress(done.stderr).decode())
         monkeypatch.chdir(tmp_path)
         _, *words = shlex.split(command)
         here = mjrun_here(*words, *SMALLER.get(words[0], "").split())

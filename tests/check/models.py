@@ -11,6 +11,7 @@ from mjrun.check.finding import SEVERITIES, Finding
 from mjrun.check.rule_table import RULES, apply, explain, ignored_xml
 from mjrun.errors import ModelError
 from mjrun.model.xml_source import read_xml
+from tests.processes import PATIENCE
 
 ROOT = Path(__file__).parents[2]
 
@@ -116,7 +117,7 @@ def write(name: str, text: str) -> str:
 
 def checked(*models: str, **options: Any) -> CheckResult:
     """The result of `mjrun check`, each model in a process of its own."""
-    return Check(models, **{"timeout": 30.0, "memory": 1024, **options}).run()
+    return Check(models, **{"timeout": PATIENCE, "memory": 1024, **options}).run()
 
 
 def codes(result: ModelResult) -> list[str]:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import signal
-import time
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -13,7 +12,7 @@ import pytest
 from mjrun.check.finding import SEVERITIES
 from mjrun.check.rule_table import RULES
 from mjrun.version import __version__
-from tests.processes import children, worker
+from tests.processes import PATIENCE, children, command_line_of, wait_until, worker
 
 if TYPE_CHECKING:
     from tests.conftest import Command
@@ -177,15 +176,14 @@ def test_a_signal_ends_the_processes_too(models: Command) -> None:
     attributes = " ".join(f'a{i}="1"' for i in range(100_000))  # which take MuJoCo twenty seconds
     (models.folder / "slow.xml").write_text(f"<mujoco><worldbody><geom {attributes}/></worldbody></mujoco>")
     command = models.start("check", "slow.xml")
-    working, deadline = worker(command), time.monotonic() + 30
-    while not (found := children(working)) and time.monotonic() < deadline:
-        time.sleep(0.02)
-    assert found
+    working = worker(command)
+    wait_until(lambda: children(working), command)
+    processes = children(working)
     command.send_signal(signal.SIGTERM)
-    _, err = command.communicate(timeout=30)
+    _, err = command.communicate(timeout=PATIENCE)
     assert command.returncode == 143
     assert b"Traceback" not in err
-    assert not any(Path(f"/proc/{pid}").exists() for pid in (working, *found))
+    wait_until(lambda: not any(map(command_line_of, (working, *processes))))
 
 
 def test_models_of_mjrun_and_of_others_are_checked_without_a_traceback(

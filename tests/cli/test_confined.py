@@ -13,6 +13,7 @@ from mjrun.cli.confined import confinement_of
 from mjrun.cli.diff_golden import diff_golden
 from mjrun.cli.main import group, run
 from mjrun.confinement import landlock
+from tests.processes import PATIENCE
 
 ROOT = Path(__file__).parents[2]
 MODEL = '<mujoco><worldbody><body><joint name="j" type="slide"/><geom size=".1"/></body></worldbody></mujoco>'
@@ -107,7 +108,7 @@ def test_what_a_line_names_is_what_its_process_may_touch(
 def mjrun(*line: str) -> subprocess.CompletedProcess[str]:
     environment = {**os.environ, "PYTHONPATH": str(ROOT)}
     command = [sys.executable, "-m", "mjrun", *line]
-    return subprocess.run(command, capture_output=True, text=True, env=environment, timeout=300)
+    return subprocess.run(command, capture_output=True, text=True, env=environment, timeout=PATIENCE)
 
 
 def test_a_confined_process_measures_and_says_what_confined_it(place: Path) -> None:
@@ -127,7 +128,7 @@ def test_packages_in_pythonpath_are_imported_and_what_lies_beside_them_is_not_re
     (packages / "secret").write_text("hunter2")
     environment = {**os.environ, "PYTHONPATH": f"{packages}{os.pathsep}{ROOT}"}
     command = [sys.executable, "-c", TRIES_PACKAGES, "info", "model/m.xml", "--untrusted"]
-    done = subprocess.run(command, capture_output=True, text=True, env=environment, timeout=300)
+    done = subprocess.run(command, capture_output=True, text=True, env=environment, timeout=PATIENCE)
     assert done.returncode == 0, done.stderr
     assert "library 3, module 4, secret " + ("refused" if landlock.version() else "hunter2") in done.stderr
 
@@ -138,7 +139,9 @@ def test_descriptors_that_a_command_was_started_with_are_closed(place: Path) -> 
     with (place / "secret").open() as secret:
         line = [sys.executable, "-c", TRIES_DESCRIPTORS, "info", "model/m.xml", "--untrusted"]
         inherited = (secret.fileno(),)
-        done = subprocess.run(line, capture_output=True, text=True, env=environment, pass_fds=inherited, timeout=300)
+        done = subprocess.run(
+            line, capture_output=True, text=True, env=environment, pass_fds=inherited, timeout=PATIENCE
+        )
     assert done.returncode == 0, done.stderr
     assert "inherited: []" in done.stderr
 

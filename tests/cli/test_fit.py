@@ -13,6 +13,7 @@ import pytest
 
 from mjrun.model.sources.file import FileSource
 from tests.fit.logs import noisy, simulate, write_log, write_model
+from tests.processes import PATIENCE
 
 if TYPE_CHECKING:
     from tests.conftest import Command
@@ -24,7 +25,7 @@ FREE = ("--free", "joint/hinge.damping=log:1e-3..1", "--free", "joint/hinge.arma
 PATIENT = """
 import time, mjrun.cli.console as console
 console.EVERY, told = 0, console.Console.progress
-console.Console.progress = lambda *arguments: (told(*arguments), time.sleep(300))
+console.Console.progress = lambda *arguments: (told(*arguments), time.sleep(7200))
 from mjrun.__main__ import main
 main()
 """
@@ -105,7 +106,7 @@ def test_an_interrupted_fit_leaves_the_best_so_far_if_asked_and_else_nothing(
             if "stages of the fit" in line:
                 break
         process.send_signal(number)
-        out, errors = process.communicate(timeout=300)
+        out, errors = process.communicate(timeout=PATIENCE)
     assert process.returncode == 128 + number, errors
     made = {path.name for path in mjrun.folder.iterdir()} - before
     if not keep:

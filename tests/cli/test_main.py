@@ -20,6 +20,7 @@ from mjrun.cli.main import COMMANDS, group
 from mjrun.document.json_schema import json_schema
 from mjrun.errors import EncoderError, NoRendererError, TerminatedError
 from tests.document.schema_oracle import fits
+from tests.processes import PATIENCE
 
 if TYPE_CHECKING:
     from tests.conftest import Command
@@ -156,7 +157,7 @@ def test_a_signal_leaves_the_old_film_and_nothing_else(
     for pause in (0, 0.02, 0.02, 0.05):  # people press Ctrl-C more than once
         time.sleep(pause)
         child.send_signal(number)
-    out, err = child.communicate(timeout=120)
+    out, err = child.communicate(timeout=PATIENCE)
     assert (child.returncode, out) == (code, b"")
     assert b"Traceback" not in err
     assert b"Exception ignored" not in err
@@ -178,7 +179,7 @@ def test_what_comes_of_a_signal_is_no_bug(mjrun: Command, swing: Path) -> None:
 
 def test_a_run_within_another_program_leaves_signals_to_be_heard() -> None:
     code = "import signal; from mjrun.cli.main import run; run(['--version']); signal.raise_signal(signal.SIGINT)"
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, timeout=120, check=False)
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, timeout=PATIENCE, check=False)
     assert b"KeyboardInterrupt" in done.stderr
 
 
@@ -302,6 +303,6 @@ def test_without_utf8_it_starts_anew_once(tmp_path: Path, flags: list[str], code
     (tmp_path / "Kübel.xml").write_text("<mujoco/>")
     environment = {**os.environ, "LC_ALL": "C", "PYTHONCOERCECLOCALE": "0", "PYTHONUTF8": "0"}
     command = [sys.executable, *flags, "-m", "mjrun", "info", "Kübel.xml"]
-    done = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, timeout=60)
+    done = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, timeout=PATIENCE)
     assert done.returncode == code
     assert b"Traceback" not in done.stderr

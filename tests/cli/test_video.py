@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from tests.processes import children, worker
+from tests.processes import PATIENCE, children, worker
 
 if TYPE_CHECKING:
     from tests.conftest import Command, Film
@@ -123,7 +123,7 @@ def test_a_killed_encoder_ends_with_six(mjrun: Command, swing: Path) -> None:
         assert child.poll() is None
     for encoder in found:
         os.kill(encoder, signal.SIGKILL)
-    _, error = child.communicate(timeout=120)
+    _, error = child.communicate(timeout=PATIENCE)
     assert child.returncode == 6
     assert b"the encoder was killed by SIGKILL" in error
     assert (mjrun.folder / "swing.mp4").read_text() == "old"

@@ -216,11 +216,11 @@ for _ in range(3): os.wait()
 time.sleep(0.2)
 {ending}"""
     process = start(work, tmp_path)
-    printed, _ = process.communicate(timeout=60)
+    printed, _ = process.communicate(timeout=PATIENCE)
     pids = [int(pid) for pid in printed.split()]
     assert len(pids) == 3
     for pid in pids:
-        assert not Path(f"/proc/{pid}").exists()
+        assert_gone(int(pid))
 
 
 def test_unfinished_outputs_and_processes_of_a_dead_one_are_removed(tmp_path: Path) -> None:

@@ -10,6 +10,7 @@ from mjrun.check.check import Check as ModelCheck
 from mjrun.document.check import Check
 from mjrun.errors import UsageError
 from tests.check.tasks import HEAD, SLIDER
+from tests.processes import PATIENCE
 
 
 @pytest.fixture(autouse=True)
@@ -37,7 +38,7 @@ def test_a_task_whose_model_is_not_there_does_not_load() -> None:
 
 def test_a_task_that_is_no_file_does_not_load_and_nobody_waits_for_it() -> None:
     os.mkfifo("pipe.yaml")
-    result = Check(["pipe.yaml", "none.yaml"], timeout=60).run()
+    result = Check(["pipe.yaml", "none.yaml"], timeout=PATIENCE).run()
     told = [[(finding.code, finding.message) for finding in model.findings] for model in result.models]
     assert told == [[("MJ801", "is not a regular file")], [("MJ801", "no such file")]]
     assert (result.code, [model.loads for model in result.models]) == (3, [False, False])

@@ -13,7 +13,7 @@ import numpy as np
 from mjrun.errors import NoRendererError, UnstableError
 from mjrun.rendering.backend import Backend
 
-HANG = 600.0  # [s], longer than any wait, on however busy a machine
+HANG = 36000.0  # [s], longer than any wait, on however busy a machine
 OPENING, ASKED = -1, -2  # the frames of mischief done by `open` and when asked for the process
 
 

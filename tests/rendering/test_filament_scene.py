@@ -11,6 +11,7 @@ import pytest
 
 from mjrun.rendering.backend import Backend
 from mjrun.rendering.filament_scene import HEADLIGHT, LIGHTS, fallback_lighting
+from tests.processes import PATIENCE
 
 ROOT = Path(__file__).parents[2]
 
@@ -132,7 +133,7 @@ def images(vulkan: Backend, tmp_path_factory: pytest.TempPathFactory) -> dict[st
     """What Filament draws, by name, as the ids of segments and as colours."""
     path = tmp_path_factory.mktemp("filament") / "images.npz"
     code = f"import sys; sys.path.insert(0, {str(ROOT)!r})\n{DRAWING}"
-    subprocess.run([sys.executable, "-c", code, str(path)], check=True, capture_output=True, timeout=300)
+    subprocess.run([sys.executable, "-c", code, str(path)], check=True, capture_output=True, timeout=PATIENCE)
     with np.load(path) as arrays:
         return dict(arrays)
 

@@ -18,6 +18,7 @@ from mjrun.rendering.backend import Backend
 from mjrun.rendering.filament_worker import planar_depth
 from mjrun.rendering.segmentation import Segmentation
 from mjrun.rendering.visual import Visual
+from tests.processes import PATIENCE
 
 SIZE = (48, 32)
 MODEL = """
@@ -52,7 +53,7 @@ def connection() -> Iterator[Connection]:
         process = ChildProcess(command, environment={"MUJOCO_GL": "disable"}, descriptors=[theirs.fileno()])
     yield ours
     ours.close()
-    assert process.wait(60).code == 0  # it ends by itself when its parent hangs up
+    assert process.wait(PATIENCE).code == 0  # it ends by itself when its parent hangs up
 
 
 def test_what_is_requested_before_anything_is_open_is_a_bug_and_the_process_goes_on(connection: Connection) -> None:

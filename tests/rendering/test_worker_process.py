@@ -33,6 +33,8 @@ sys.path.append(str(Path(__file__).parent))  # drawing processes look where we l
 
 from painters import Adding
 
+from tests.processes import PATIENCE
+
 SHAPES = st.lists(st.integers(1, 50), min_size=0, max_size=3).map(tuple)
 SPECS = st.tuples(SHAPES, st.sampled_from(["f8", "f4", "i8", "u2", "u1"]).map(np.dtype))
 
@@ -159,7 +161,7 @@ def peer() -> Iterator[Peer]:
             process = ChildProcess(command, descriptors=[theirs.fileno(), description, slots])
         yield Peer(ours, description, slots)
         ours.close()
-        assert process.wait(60).code == 0  # it ends by itself when its parent hangs up
+        assert process.wait(PATIENCE).code == 0  # it ends by itself when its parent hangs up
 
 
 def test_a_process_draws_from_the_slots_it_is_told(peer: Peer) -> None:

@@ -18,6 +18,7 @@ import pytest
 from mjrun.errors import DrawError, MjrunError, NoRendererError, UnstableError
 from mjrun.rendering.backend import Backend
 from mjrun.rendering.workers import SLOTS, PainterProcesses, ParallelPainter
+from tests.processes import PATIENCE
 from tests.processes import children as children_of
 
 sys.path.append(str(Path(__file__).parent))  # drawing processes look where we look
@@ -379,7 +380,7 @@ def script(count: int, mischief: dict[int, str]) -> subprocess.Popen[str]:
 
 def test_a_script_from_standard_input_needs_no_main_guard() -> None:
     child = script(6, {})
-    out, err = child.communicate(timeout=60)
+    out, err = child.communicate(timeout=PATIENCE)
     assert (len(out.split()), err, child.returncode) == (6, "", 0)
 
 
@@ -387,7 +388,7 @@ def test_a_script_may_have_no_standard_input(tmp_path: Path) -> None:
     path = tmp_path / "script.py"
     path.write_text(SCRIPT.format(here=str(HERE), count=6, mischief={}))
     command = ["sh", "-c", 'exec "$0" "$1" <&-', sys.executable, str(path)]
-    done = subprocess.run(command, capture_output=True, env=ENVIRONMENT, timeout=60)
+    done = subprocess.run(command, capture_output=True, env=ENVIRONMENT, timeout=PATIENCE)
     assert (len(done.stdout.split()), done.stderr, done.returncode) == (6, b"", 0)
 
 
@@ -403,7 +404,7 @@ def test_processes_end_with_their_parent_even_if_busy(
     processes = {int(child.stdout.readline()) for _ in range(20)}
     assert len(processes) == 2
     end(child.pid, number)
-    _, err = child.communicate(timeout=60)
+    _, err = child.communicate(timeout=PATIENCE)
     assert child.returncode == -number
     assert err.count("Traceback") == (number == signal.SIGINT)
     deadline = time.monotonic() + HANG / 10

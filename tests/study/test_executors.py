@@ -13,6 +13,7 @@ from mjrun.job.simulation import Simulation
 from mjrun.study.executors import QUEUED, open_executor, process_count
 from mjrun.study.isolation import Chunk, run_chunk
 from mjrun.study.simulate import PointSimulator, StudyPoint, StudySpec
+from tests.processes import PATIENCE
 from tests.study.models import BALL
 
 
@@ -31,7 +32,7 @@ def test_every_engine_gives_the_same_results(tmp_path: Path, chunks: list[Chunk]
         executor, ahead = open_executor(engine, 2, tmp_path, stack)
         assert ahead >= 2
         futures = [executor.submit(run_chunk, chunk) for chunk in chunks]
-        results = [result for future in futures for result in future.result(timeout=300)]
+        results = [result for future in futures for result in future.result(timeout=PATIENCE)]
 
     here = PointSimulator(chunks[0].spec)
     expected = [result for chunk in chunks for result in here.run(chunk.points)]
@@ -42,10 +43,10 @@ def test_every_engine_gives_the_same_results(tmp_path: Path, chunks: list[Chunk]
 def test_a_dask_worker_that_is_killed_costs_nothing(tmp_path: Path, chunks: list[Chunk]) -> None:
     with ExitStack() as stack:
         executor, _ = open_executor("dask", 2, tmp_path, stack)
-        victim = executor.submit(os.getpid).result(timeout=300)
+        victim = executor.submit(os.getpid).result(timeout=PATIENCE)
         futures = [executor.submit(run_chunk, chunk) for chunk in chunks]
         os.kill(victim, signal.SIGKILL)
-        results = [result for future in futures for result in future.result(timeout=300)]
+        results = [result for future in futures for result in future.result(timeout=PATIENCE)]
     assert [result.status for result in results] == ["ok"] * 12
 
 

@@ -6,6 +6,7 @@ from pathlib import Path
 from mjrun.child_process import ChildProcess, python_call
 from mjrun.job.simulation import Simulation
 from mjrun.study.simulate import StudyPoint, StudySpec
+from tests.processes import PATIENCE
 from tests.study.models import BALL
 
 
@@ -22,4 +23,4 @@ def test_it_answers_with_each_result_and_ends_when_its_parent_hangs_up(tmp_path:
             assert sorted(ours.recv().index for _ in points) == sorted(point.index for point in points)
             assert ours.recv() is None
         ours.close()
-        assert process.wait(60).code == 0
+        assert process.wait(PATIENCE).code == 0

@@ -9,7 +9,9 @@ from contextlib import contextmanager
 
 from websockets.sync.client import ClientConnection, connect
 
-LIMIT = 60.0  # [s] for whatever is waited for
+from tests.processes import PATIENCE
+
+LIMIT = float(PATIENCE)  # [s] for whatever is waited for
 # NetImgui's first command: its size, its type, the client's name, and versions, which the viewer does not refuse.
 VERSION = struct.pack("<IBxxx64s16s16sIIIB3x", 120, 0, b"test", b"1.92.9b", b"1.13.0", 18, 19291, 11300, 2)
 

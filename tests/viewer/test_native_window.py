@@ -11,6 +11,7 @@ import pytest
 
 from mjrun.confinement.confinement import VARIABLE, Confinement
 from mjrun.viewer import native_window
+from tests.processes import PATIENCE
 
 pytestmark = pytest.mark.gl
 
@@ -71,7 +72,7 @@ print("closed")
 def python(display: dict[str, str], *arguments: str) -> subprocess.CompletedProcess[str]:
     environment = {**os.environ, **display, "PYTHONPATH": str(ROOT), "MUJOCO_GL": "disable"}
     command = [sys.executable, "-c", *arguments]
-    return subprocess.run(command, env=environment, capture_output=True, text=True, timeout=120)
+    return subprocess.run(command, env=environment, capture_output=True, text=True, timeout=PATIENCE)
 
 
 def test_what_is_done_in_it_arrives_and_nothing_of_it_stays(display: dict[str, str], swing: Path) -> None:

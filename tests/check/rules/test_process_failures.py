@@ -6,6 +6,7 @@ from pathlib import Path
 import pytest
 
 from tests.check.models import PASSIVE, checked, codes, write
+from tests.processes import PATIENCE
 from tests.study.models import DEADLY
 
 
@@ -51,7 +52,7 @@ def test_a_model_that_attaches_itself_is_told_where_it_does() -> None:
 def test_a_pipe_among_the_files_is_told_and_nobody_waits_for_it() -> None:
     os.mkfifo("pipe.obj")
     write("model.xml", '<mujoco>\n<asset><mesh file="pipe.obj"/></asset></mujoco>')
-    (model,) = checked("model.xml", timeout=60).models
+    (model,) = checked("model.xml", timeout=PATIENCE).models
     assert not model.loads
     (finding,) = model.findings
     assert (finding.code, finding.line, finding.remedy) == ("MJ107", 2, "name a regular file")

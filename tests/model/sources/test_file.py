@@ -19,6 +19,7 @@ from mjrun.errors import (
 from mjrun.model.load import load
 from mjrun.model.sources.file import FileSource
 from tests.model.model_files import MODEL, compiled, content, write
+from tests.processes import PATIENCE
 
 URDF = """<robot name="r"><link name="base"/>
 <link name="arm"><inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial></link>
@@ -122,7 +123,7 @@ def test_a_pipe_is_refused_at_once_instead_of_waited_for(tmp_path: Path) -> None
     os.mkfifo(tmp_path / "a.xml")
     code = "import sys; from mjrun.model.load import load; load(sys.argv[1])"
     command = [sys.executable, "-c", code, str(tmp_path / "a.xml")]
-    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=60, check=False)
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=PATIENCE, check=False)
     assert done.stderr.endswith("a.xml: is not a regular file\n")
 
 
