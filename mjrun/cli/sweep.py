@@ -12,7 +12,7 @@ from mjrun.cli.click_command import CommandLine, command
 from mjrun.cli.console import Console
 from mjrun.cli.controller_loader import load_controller
 from mjrun.cli.simulation_command import import_mujoco, results_of_failures, simulation, stem
-from mjrun.errors import FileError, MjrunError, UsageError, clean, option
+from mjrun.errors import FileError, MjrunError, UsageError, clean, counted, option
 from mjrun.formats.input_file import exists, is_file, is_folder
 from mjrun.options.confinement import ConfinementOptions
 from mjrun.options.console import ConsoleOptions
@@ -69,7 +69,7 @@ def sweep(console: Console, command_line: CommandLine) -> None:
 
     The folder keeps what is known: the same command again continues it. Exits with 8 when points failed.
 
-    Without an engine, write a plan, have its chunks simulated by tasks, in any order, and collect their results:
+    Without an engine, write a plan, have it simulated by any number of tasks, in any order, and collect their results:
 
     \b
     mjrun sweep study.yaml --plan plan.jsonl
@@ -166,7 +166,7 @@ def _plan(command_line: CommandLine) -> "StudyPlan":
         raise UsageError(f"{option('task')}: {clean(path)} is no plan (.jsonl); {option('plan')} FILE writes one")
     plan = read_plan(path, _beside_study(command_line, path))
     if plan is None:
-        raise UsageError(f"{clean(path)} has no chunks: nothing was missing when it was made")
+        raise UsageError(f"{clean(path)} has no points: nothing was missing when it was made")
     return plan
 
 
@@ -195,8 +195,7 @@ def _write_plan(console: Console, study: "Study", path: str) -> None:
 
     made = plan(study)
     write_plan(path, made)
-    points, chunks = sum(map(len, made.chunks)), len(made.chunks)
-    _tell(console, f"{clean(path)}: {points:,} points in {chunks:,} chunk{'' if chunks == 1 else 's'}")
+    _tell(console, f"{clean(path)}: {counted(sum(map(len, made.chunks)), 'point')}")
 
 
 def _simulate_task(console: Console, command_line: CommandLine, task: int, tasks: int) -> None:
@@ -209,8 +208,7 @@ def _simulate_task(console: Console, command_line: CommandLine, task: int, tasks
     counts = ", ".join(f"{count:,} {status}" for status, count in result.statuses.items())
     known = result.points - result.simulated
     facts = [
-        f"task {task} of {tasks}: {result.chunks:,} chunk{'' if result.chunks == 1 else 's'}",
-        f"{result.simulated:,} points simulated{f' ({counts})' if counts else ''}",
+        f"task {task} of {tasks}: {counted(result.simulated, 'point')} simulated{f' ({counts})' if counts else ''}",
         *([f"{known:,} known already"] if known else []),
     ]
     _tell(console, f"{clean(result.path)}: {', '.join(facts)}; {result.wall:.1f} s")

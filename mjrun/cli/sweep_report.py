@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, cast
 from mjrun.cli.console import flag
 from mjrun.cli.page_layout import PageLayout
 from mjrun.cli.table_cells import Column, byte_size, number
-from mjrun.errors import clean, spelled
+from mjrun.errors import clean, counted, spelled
 from mjrun.options.option import is_given, options_of
 from mjrun.options.simulation import SimulationOptions
 
@@ -57,7 +57,7 @@ def preview_report(preview: "StudyPreview") -> str:
     if preview.point_wall is not None:
         time += f"; {span_of_time(preview.point_wall)} a point"
     known = f", {preview.known:,} of them known already" if preview.known else ""
-    chunks = f"{preview.missing:,} in {preview.chunks:,} chunk{'' if preview.chunks == 1 else 's'}"
+    chunks = f"{preview.missing:,} in about {counted(preview.chunks, 'chunk')}"
     facts = [
         ("points", f"{preview.points:,}{known}"),
         ("to simulate", f"{chunks}, {preview.steps:,} steps" if preview.missing else "nothing"),

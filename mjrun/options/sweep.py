@@ -152,7 +152,7 @@ class ExecutionOptions(Options):
     chunk: int | None = option(
         converter=Optional(Integer(1)),
         default=None,
-        usual="by the length of a simulation",
+        usual="seconds, as measured",
         places=FrontEnd.COMMAND | FrontEnd.PYTHON,
         help="Points in a task.",
     )
@@ -189,13 +189,13 @@ class StudyCommandOptions(Options):
         converter=Optional(File(written=True)),
         default=None,
         places=FrontEnd.COMMAND,
-        help="Write what is to be simulated to this .jsonl file, a line for each chunk of points, and stop.",
+        help="Write what is to be simulated to this .jsonl file, many points on a line, and stop.",
     )
     task: tuple[int, int] | None = option(
         converter=Optional(TaskNumber()),
         default=None,
         places=FrontEnd.COMMAND,
-        help="Simulate every N-th chunk of a plan from number I on, and stop: for job arrays, xargs and make.",
+        help="Simulate the I-th of N equal parts of a plan, and stop: for job arrays, xargs and make.",
     )
     collect: bool = option(
         converter=Flag(),

@@ -21,7 +21,7 @@ from mjrun.study.isolation import Chunk, run_chunk
 from mjrun.study.simulate import PointResult
 
 ENGINES = ("local", "warp", "dask", "dask://HOST:PORT", "slurm", "module:factory")
-WARP = "warp"
+WARP, SLURM = "warp", "slurm"
 PATIENCE = 20  # [s] for a scheduler to answer
 POLL = 0.2  # [s] between two looks at jobs of slurm
 QUEUED = 3  # chunks that wait for each process, beside the one that runs
@@ -47,7 +47,7 @@ def open_executor(engine: str, jobs: int | str, folder: Path, stack: ExitStack) 
     require_unconfined(f"{option('engine')} {clean(engine)} works in processes of others")
     if engine == "dask" or engine.startswith("dask://"):
         return _dask(engine.removeprefix("dask").removeprefix("://"), count, stack)
-    if engine == "slurm":
+    if engine == SLURM:
         return _slurm(count, folder, stack)
     return stack.enter_context(_made_by(engine, *_factory(engine))), count * QUEUED
 
@@ -60,7 +60,7 @@ def process_count(engine: str, jobs: int | str) -> int | None:
     """
     if engine == WARP:
         return 1
-    if engine in ("local", "dask", "slurm"):
+    if engine in ("local", "dask", SLURM):
         return _count(jobs)
     if not engine.startswith("dask://"):
         _factory(engine)

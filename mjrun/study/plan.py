@@ -5,7 +5,7 @@ import json
 import time
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 from mjrun.errors import UsageError, clean
 from mjrun.reporter import Reporter
@@ -17,6 +17,7 @@ from mjrun.study.simulate import StudyPoint
 from mjrun.study.study import Study
 
 SCHEMA = "mjrun-plan-1"
+BLOCKS = 4  # of points that each task simulates: what is slow is seldom in one place
 VERSIONS = ("mjrun", "mujoco", "numpy")
 
 
@@ -28,7 +29,7 @@ class StudyPlan:
       study: as it is to be collected.
       names: what varies.
       identity: hashes of all that decides the results, but for the values of the points.
-      chunks: points that are simulated in one go.
+      chunks: all points, so many on a line.
     """
 
     study: Study
@@ -44,8 +45,7 @@ class TaskResult:
     Attributes:
       path: the folder of the study.
       task, tasks: its number, from 1, of how many.
-      chunks: that were its share.
-      points: in these chunks.
+      points: that were its share.
       simulated: how many of them were simulated now; the others were known.
       statuses: how many of these ended in which way.
       wall: wall time [s].
@@ -54,7 +54,6 @@ class TaskResult:
     path: str
     task: int
     tasks: int
-    chunks: int
     points: int
     simulated: int
     statuses: Mapping[str, int]
@@ -71,35 +70,43 @@ def plan(study: Study) -> StudyPlan:
     prepared = PreparedStudy.of(study, study.spec)
     PointKeeper(study, prepared)  # checks what is to be kept of which points
     missing = prepared.missing(study.retry_failed)
-    chunks = [chunk.points for chunk in prepared.chunks(missing, study)]
+    size = study.chunk or prepared.planned_size
+    points = [StudyPoint(index, prepared.points.points[index]) for index in missing]
+    chunks = [tuple(points[start : start + size]) for start in range(0, len(points), size)]
     prepared.files.create()
     return StudyPlan(study, prepared.points.names, _hashes(prepared.identity), chunks)
 
 
 def run_task(plan: StudyPlan, task: int, tasks: int, reporter: Reporter) -> TaskResult:
-    """Simulates every `tasks`-th chunk of a plan, from number `task` on, and publishes each as it is done.
+    """Simulates the points of one of `tasks` equal parts of a plan, and publishes them as they are done.
 
     Raises:
       UsageError: what decides the results is not as it was when the plan was made.
       FileError: results cannot be written.
     """
     start = time.perf_counter()
-    study, chunks = plan.study, plan.chunks[task - 1 :: tasks]
-    points = [point.values for chunk in chunks for point in chunk]
+    study, points = plan.study, task_points(plan, task, tasks)
     statuses = Counter[str]()
     if points:
-        prepared = _prepared(plan, points)
+        prepared = _prepared(plan, [point.values for point in points])
         prepared.files.create()
         prepared.warn_of_damaged(reporter)
-        execution = replace(study, chunk=study.chunk or max(map(len, chunks)))
         missing = prepared.missing(study.retry_failed)
-        notes = FailureNotes(prepared.points, reporter, [point.index for chunk in chunks for point in chunk])
-        for results in prepared.simulate(prepared.chunks(missing, execution), execution):
+        notes = FailureNotes(prepared.points, reporter, [point.index for point in points])
+        for results in prepared.simulate(missing, study):
             notes.add(results)
             statuses.update(result.status for result in results)
             reporter.progress("points", statuses.total(), len(missing))
     wall = time.perf_counter() - start
-    return TaskResult(study.output, task, tasks, len(chunks), len(points), statuses.total(), dict(statuses), wall)
+    return TaskResult(study.output, task, tasks, len(points), statuses.total(), dict(statuses), wall)
+
+
+def task_points(plan: StudyPlan, task: int, tasks: int) -> list[StudyPoint]:
+    """The share of a task, numbered from 1: blocks of neighbours, which share compilations, from all over the plan."""
+    points = [point for chunk in plan.chunks for point in chunk]
+    size = -(-len(points) // (BLOCKS * tasks)) or 1
+    starts = range((task - 1) * size, len(points), tasks * size)
+    return [point for start in starts for point in points[start : start + size]]
 
 
 def _prepared(plan: StudyPlan, points: Sequence[tuple[str, ...]]) -> PreparedStudy:

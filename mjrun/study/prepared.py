@@ -9,9 +9,11 @@ from functools import cached_property
 from pathlib import Path
 
 import mujoco
+import numpy as np
 
-from mjrun.errors import UsageError, clean, concerning, option
+from mjrun.errors import MjrunError, UsageError, clean, concerning, option
 from mjrun.job.simulation import Simulation
+from mjrun.model.variants import ModelVariants
 from mjrun.options.sweep import ExecutionOptions, StudyOptions
 from mjrun.probe.assertion import parse
 from mjrun.probe.available import AvailableProbes
@@ -19,16 +21,19 @@ from mjrun.probe.metric import parse_metric
 from mjrun.probe.scanner import Vocabulary
 from mjrun.probe.select import TIME
 from mjrun.reporter import Reporter
+from mjrun.study.chunk_sizes import ChunkSizes
 from mjrun.study.design import Design, design
-from mjrun.study.executors import completed, open_executor, require_extra
+from mjrun.study.executors import SLURM, completed, open_executor, require_extra
 from mjrun.study.isolation import Chunk
 from mjrun.study.parameters import MODEL, require_values
 from mjrun.study.parts import PartFiles, point_keys, study_identity
 from mjrun.study.results import STATUSES, TABLE_COLUMNS, with_flags
 from mjrun.study.simulate import WORLD_BYTES, PointResult, StudyPoint, StudySpec
 
-CHUNK_STEPS = 50_000  # steps in a chunk: seconds, as a rule
-CHUNK_POINTS = 500  # and so many points at most
+LENGTH = ("timestep", "duration", "steps")  # decide how many steps a simulation takes
+CHUNK_STEPS = 50_000  # steps in a chunk that is not measured: seconds, as a rule
+CHUNK_POINTS = 500  # points in it, at most
+JOB_SECONDS = 60.0  # that a job of a scheduler takes, which waits for its turn
 CHUNK_WORLDS = 4096  # points in a chunk of worlds, which a GPU steps at once
 FINAL = ("ok", "unstable")  # which another try would not change
 NOT_YET = "it is not simulated yet"
@@ -100,27 +105,59 @@ class PreparedStudy:
 
         return [index for index, key in enumerate(self.keys) if is_missing(self.known.get(key))]
 
-    def chunks(self, indices: Sequence[int], options: ExecutionOptions) -> Iterator[Chunk]:
-        """These points, as many together as take seconds, or as the options say."""
+    def chunk_sizes(self, options: ExecutionOptions, ahead: int) -> ChunkSizes:
+        """How many points make a chunk.
+
+        Args:
+          ahead: chunks in flight.
+        """
+        if self.spec.engine == "warp":
+            worlds = min(CHUNK_WORLDS, WORLD_BYTES // mujoco.mj_sizeModel(self.model))
+            return ChunkSizes(options.chunk or max(1, worlds), ahead)
+        if options.engine == SLURM:
+            return ChunkSizes(options.chunk, ahead, JOB_SECONDS, self.planned_size)
+        return ChunkSizes(options.chunk, ahead)
+
+    @cached_property
+    def planned_size(self) -> int:
+        """How many points make a chunk where nothing can be measured, by the length of the first simulation."""
+        steps = max(1, self.first.timeline(self.first.load()).steps)
+        return max(1, min(CHUNK_STEPS // steps, CHUNK_POINTS))
+
+    def steps(self, indices: Sequence[int]) -> np.ndarray:
+        """How many steps these points take `(n,)`; those whose simulation cannot be made take none."""
+        names = self.points.names
+        deciding = [i for i, name in enumerate(names) if name.rpartition(".")[2].rpartition(":")[2] in LENGTH]
+        varying = self.spec.varying(tuple(names[i] for i in deciding))
+        variants, known, counts = ModelVariants(), dict[tuple[str, ...], int](), list[int]()
+        for index in indices:
+            values = self.points.points[index]
+            key = tuple(values[i] for i in deciding)
+            if key not in known:
+                try:
+                    simulation = varying.simulation(key)
+                    known[key] = simulation.timeline(variants.load(simulation.source).model).steps
+                except MjrunError:
+                    known[key] = 0
+            counts.append(known[key])
+        return np.array(counts, np.int64)
+
+    def chunks(self, indices: Sequence[int], options: ExecutionOptions, sizes: ChunkSizes) -> Iterator[Chunk]:
+        """These points, as many together as `sizes` says when a chunk is taken."""
         limit = math.inf if options.time_limit is None else float(options.time_limit)
-        size = options.chunk or self.chunk_size(len(indices))
-        for start in range(0, len(indices), size):
-            part = indices[start : start + size]
+        steps, start = self.steps(indices), 0
+        while start < len(indices):
+            part = indices[start : start + sizes.next(steps[start:])]
+            start += len(part)
             yield Chunk(self.spec, tuple(StudyPoint(index, self.points.points[index]) for index in part), limit)
 
-    def chunk_size(self, count: int) -> int:
-        """How many of `count` points make a chunk."""
-        if self.spec.engine == "warp":
-            return max(1, min(CHUNK_WORLDS, WORLD_BYTES // mujoco.mj_sizeModel(self.model), count))
-        first = self.first
-        steps = max(1, first.timeline(first.load()).steps)
-        return max(1, min(CHUNK_STEPS // steps, CHUNK_POINTS, -(-count // 8)))
-
-    def simulate(self, chunks: Iterator[Chunk], options: ExecutionOptions) -> Iterator[Sequence[PointResult]]:
-        """Simulates chunks, publishes each as it is done, and adds its results to what is known."""
+    def simulate(self, indices: Sequence[int], options: ExecutionOptions) -> Iterator[Sequence[PointResult]]:
+        """Simulates points in chunks, publishes each as it is done, and adds its results to what is known."""
         with ExitStack() as stack:
             executor, ahead = open_executor(options.engine, options.jobs, self.folder, stack)
-            for chunk, results in completed(executor, chunks, ahead):
+            sizes = self.chunk_sizes(options, ahead)
+            for chunk, results in completed(executor, self.chunks(indices, options, sizes), ahead):
+                sizes.add(len(results), sum(each.steps for each in results), sum(each.wall for each in results))
                 keys = [self.keys[point.index] for point in chunk.points]
                 self.files.write(keys, results, socket.gethostname())
                 self.known.update(zip(keys, results, strict=True))

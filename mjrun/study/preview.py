@@ -7,10 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mjrun.errors import MjrunError
-from mjrun.model.variants import ModelVariants
 from mjrun.options.sweep import ExecutionOptions
-from mjrun.study.executors import process_count
+from mjrun.platform.cores import available_cores
+from mjrun.study.chunk_sizes import ChunkSizes
+from mjrun.study.executors import QUEUED, process_count
 from mjrun.study.isolation import IsolatedSimulator
 from mjrun.study.parts import part_bytes
 from mjrun.study.prepared import PreparedStudy
@@ -20,7 +20,6 @@ from mjrun.study.simulate import PointResult
 SHOWN = 3  # points at each end of the study
 PATIENCE = 60.0  # [s] for the point that is measured
 START = 1.0  # [s] until processes simulate
-LENGTH = ("timestep", "duration", "steps")  # decide how many steps a simulation takes
 
 
 @dataclass(frozen=True)
@@ -32,7 +31,7 @@ class StudyPreview:
       points: how many there are.
       known: of them, how many have a result already.
       missing: how many would be simulated.
-      chunks: tasks that these points make.
+      chunks: tasks that these points make, about, as chunks are measured while they run.
       steps: of all simulations that are missing; where models vary, as if they had the timestep of the base model.
       processes: that simulate; None where the engine has its own.
       point_wall: wall time of the point that was measured [s]; None if it failed.
@@ -78,10 +77,11 @@ def preview(prepared: PreparedStudy, options: ExecutionOptions) -> StudyPreview:
       UsageError: there is no such engine.
     """
     missing = prepared.missing(options.retry_failed)
-    sizes = [len(chunk.points) for chunk in prepared.chunks(missing, options)]
-    steps = _steps(prepared, missing)
+    steps = prepared.steps(missing)
     processes = process_count(options.engine, options.jobs)
     result, seconds = _measured(prepared, missing, options)
+    of_step = seconds / result.steps if result and result.steps else 0.0
+    sizes = _chunk_sizes(prepared, options, steps, processes or available_cores(), of_step)
     point_wall = wall = None
     if not missing:
         wall = 0.0
@@ -110,32 +110,29 @@ def preview(prepared: PreparedStudy, options: ExecutionOptions) -> StudyPreview:
     )
 
 
-def _steps(prepared: PreparedStudy, indices: Sequence[int]) -> np.ndarray:
-    """How many steps these points take `(n,)`; those whose simulation cannot be made take none."""
-    names = prepared.points.names
-    deciding = [i for i, name in enumerate(names) if name.rpartition(".")[2].rpartition(":")[2] in LENGTH]
-    variants, known = ModelVariants(), dict[tuple[str, ...], int]()
-    counts: list[int] = []
-    for index in indices:
-        values = prepared.points.points[index]
-        key = tuple(values[i] for i in deciding)
-        if key not in known:
-            try:
-                simulation = prepared.spec.varying(tuple(names[i] for i in deciding)).simulation(key)
-                known[key] = simulation.timeline(variants.load(simulation.source).model).steps
-            except MjrunError:
-                known[key] = 0
-        counts.append(known[key])
-    return np.array(counts, np.int64)
+def _chunk_sizes(
+    prepared: PreparedStudy, options: ExecutionOptions, steps: np.ndarray, processes: int, of_step: float
+) -> list[int]:
+    """How many points chunks would have, if each step took so many seconds."""
+    ahead, start = processes * QUEUED, 0
+    sizes, ends = prepared.chunk_sizes(options, ahead), list[int]()
+    while start < len(steps):
+        start += sizes.next(steps[start:])
+        ends.append(start)
+        if len(ends) > ahead:
+            first, last = ([0, *ends][place - ahead] for place in (-2, -1))
+            taken = int(steps[first:last].sum())
+            sizes.add(last - first, taken, taken * of_step)
+    return np.diff([0, *ends]).tolist()
 
 
 def _measured(
     prepared: PreparedStudy, indices: Sequence[int], options: ExecutionOptions
 ) -> tuple[PointResult | None, float]:
     """The result of the first of these points, and the wall time of it [s], in a process that has started."""
-    chunk = next(prepared.chunks(indices[:1], options), None)
-    if chunk is None:
+    if not indices:
         return None, math.nan
+    (chunk,) = prepared.chunks(indices[:1], options, ChunkSizes(1, 1))
     simulator = IsolatedSimulator(prepared.spec)
     limit = min(chunk.time_limit, PATIENCE)
     try:

@@ -96,7 +96,7 @@ class PointResult:
       steps: taken.
       exit_code: what `mjrun trace` of this point alone would exit with; 4, too, where that would go on with a warning.
       message: why it failed; empty if it did not.
-      wall: wall time [s]; of points that ran side by side, its share.
+      wall: wall time [s], that of its compilation included; of points that ran side by side, its share.
     """
 
     index: int
@@ -136,6 +136,7 @@ class PointSimulator:
                 start = time.perf_counter()
                 try:
                     prepared = self._ready(point)
+                    prepared.wall = time.perf_counter() - start
                 except Exception as error:
                     yield self._failed(point, error, 0, time.perf_counter() - start)
                     continue
@@ -230,7 +231,7 @@ class PointSimulator:
                 raise out_of_memory(stepper.step, prepared.timeline)
         except Exception as error:
             steps = error.step if isinstance(error, SimulationError) else 0
-            return self._failed(prepared.point, error, steps, time.perf_counter() - start)
+            return self._failed(prepared.point, error, steps, prepared.wall + time.perf_counter() - start)
         return prepared.result(time.perf_counter() - start)
 
     def _side_by_side(self, batch: Sequence["_Prepared"]) -> Iterator[PointResult]:
@@ -245,20 +246,20 @@ class PointSimulator:
                 starts.append(state.save(model, data))
                 ready.append(prepared)
             except MjrunError as error:
-                yield self._failed(prepared.point, error, 0, 0.0)
+                yield self._failed(prepared.point, error, 0, prepared.wall)
         if not ready:
             return
 
         try:
             failures = self._roll_out(ready, np.array(starts))
         except Exception as error:  # of them all, such as a model that the engine refuses
-            yield from (self._failed(prepared.point, error, 0, 0.0) for prepared in ready)
+            yield from (self._failed(prepared.point, error, 0, prepared.wall) for prepared in ready)
             return
 
         wall = (time.perf_counter() - begin) / len(ready)
         for index, prepared in enumerate(ready):
             if failure := failures.get(index):
-                yield self._failed(prepared.point, failure, failure.step, wall)
+                yield self._failed(prepared.point, failure, failure.step, prepared.wall + wall)
             else:
                 yield prepared.result(wall)
         for prepared in batch:
@@ -324,6 +325,7 @@ class _Prepared:
 
     Attributes:
       kind: points of one kind can run side by side; None for one that can only run alone.
+      wall: wall time [s] until it was ready, which its compilation takes.
     """
 
     def __init__(
@@ -337,6 +339,7 @@ class _Prepared:
     ) -> None:
         self.point, self.simulation, self.variant = point, simulation, variant
         self.timeline, self.sampler = timeline, sampler
+        self.wall = 0.0
         names = [column.name for column in sampler.columns]
         self._metrics = MetricEvaluation(compiled.metrics, names)
         self.kind: tuple[object, ...] | None = None
@@ -348,8 +351,8 @@ class _Prepared:
         self._metrics.feed(block)
 
     def result(self, wall: float) -> PointResult:
-        """The result of a simulation that has reached its end."""
-        return PointResult(self.point.index, "ok", self._metrics.values(), self.timeline.steps, wall=wall)
+        """The result of a simulation that has reached its end, within `wall` seconds after it was ready."""
+        return PointResult(self.point.index, "ok", self._metrics.values(), self.timeline.steps, wall=self.wall + wall)
 
     def _can_share(self) -> bool:
         simulation = self.simulation

@@ -1,14 +1,19 @@
 """Tasks of a plan do together what a study does alone, and nothing where the results would be others."""
 
 from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
 
+import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from mjrun.errors import FailedPointsError, FileError, UsageError
 from mjrun.job.simulation import Simulation
 from mjrun.reporter import WarningReporter
-from mjrun.study.plan import StudyPlan, TaskResult, plan, run_task
+from mjrun.study.plan import StudyPlan, TaskResult, plan, run_task, task_points
+from mjrun.study.simulate import StudyPoint
 from mjrun.study.study import Study
 from tests.study.models import BALL
 
@@ -30,16 +35,16 @@ def test_tasks_in_any_order_make_the_table_of_the_study(study: Study, tmp_path: 
     with pytest.raises(FailedPointsError):
         alone.run()
     made = plan(study)
-    assert [len(chunk) for chunk in made.chunks] == [3, 3, 3, 1]
+    assert [len(line) for line in made.chunks] == [3, 3, 3, 1]
     with pytest.raises(FailedPointsError) as caught:
         study.collect()
     assert caught.value.results[0].statuses == {"missing": 10}
 
     done = [task(made, number, 3) for number in (3, 1)]
-    assert [(each.chunks, each.points, each.simulated) for each in done] == [(1, 3, 3), (2, 4, 4)]
+    assert [(each.points, each.simulated) for each in done] == [(3, 3), (4, 4)]
     with pytest.raises(FailedPointsError, match="3 missing, of 10 points"):
         study.collect()
-    assert len(plan(study).chunks) == 1
+    assert [len(line) for line in plan(study).chunks] == [3]
     assert task(made, 2, 3).simulated == 3
     assert task(made, 1, 1).simulated == 0
     with pytest.raises(FailedPointsError) as caught:
@@ -51,8 +56,22 @@ def test_tasks_in_any_order_make_the_table_of_the_study(study: Study, tmp_path: 
     ]
 
 
-def test_a_task_without_chunks_does_nothing(study: Study) -> None:
-    assert task(plan(study), 9, 9).points == 0
+def test_a_task_without_points_does_nothing(study: Study) -> None:
+    assert task(plan(study), 11, 11).points == 0
+
+
+@given(st.lists(st.integers(1, 40), max_size=8), st.integers(1, 60))
+def test_tasks_divide_all_points_evenly(lines: list[int], tasks: int) -> None:
+    every = [StudyPoint(index, ()) for index in range(sum(lines))]
+    ends = np.cumsum([0, *lines]).tolist()
+    made = StudyPlan(
+        Study(Simulation("ball.xml"), "study"), (), {}, [every[start:end] for start, end in pairwise(ends)]
+    )
+    shares = [task_points(made, task, tasks) for task in range(1, tasks + 1)]
+    assert sorted(point.index for share in shares for point in share) == [*range(len(every))]
+    counts = [*map(len, shares)]
+    assert max(counts) - min(counts) <= max(1, -(-len(every) // (4 * tasks)))
+    assert counts.count(0) == max(0, tasks - len(every))
 
 
 def test_a_plan_of_another_model_or_version_is_refused(study: Study, tmp_path: Path) -> None:

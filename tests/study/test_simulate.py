@@ -14,6 +14,8 @@ import pytest
 from mjrun.errors import UnstableError
 from mjrun.job.recording import Recording
 from mjrun.job.simulation import Simulation
+from mjrun.model.source import Source
+from mjrun.model.variants import ModelVariant, ModelVariants
 from mjrun.sim.c_engine import CEngine
 from mjrun.sim.engine import RolloutBlock
 from mjrun.sim.warp_engine import WarpEngine
@@ -103,6 +105,26 @@ def test_models_side_by_side_take_no_more_memory_than_the_budget(
     assert sum(counts) == 10
     assert max(counts) == (4 if path.endswith("size[0]") else 3)  # with the one that copies are made of
     assert [result.metrics for result in results] == [result.metrics for result in expected]
+
+
+@pytest.mark.parametrize("noise", ["0", "0.1"])  # side by side, and alone
+def test_the_time_of_a_point_includes_that_of_its_compilation(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, noise: str
+) -> None:
+    now = 0.0
+
+    def load(self: ModelVariants, source: Source) -> ModelVariant:
+        nonlocal now
+        now += 5.0
+        return real(self, source)
+
+    real = ModelVariants.load
+    monkeypatch.setattr(ModelVariants, "load", load)
+    monkeypatch.setattr(simulate.time, "perf_counter", lambda: now)
+    points = [("0.1", noise), ("0.12", noise), ("-1", noise)]
+    results = simulated(spec_of(tmp_path, ("geom/ball.size[0]", "ctrl_noise")), points)
+    assert [result.status for result in results] == ["ok", "ok", "failed"]
+    assert [result.wall for result in results] == [5.0] * 3
 
 
 def test_a_point_that_fails_does_not_cost_its_neighbours(tmp_path: Path) -> None:
