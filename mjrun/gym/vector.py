@@ -115,14 +115,15 @@ class TaskVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
     def _infos(self, step: TaskStep, worlds: np.ndarray) -> dict[str, Any]:
         """The infos of a step of `worlds` `(k,)`; in other worlds, and those that begin anew, there are none."""
         infos: dict[str, Any] = {}
+        # Gymnasium reports a world whose next episode begins with the same step in its `final_info` alone.
         is_told = ~step.over if self.autoreset_mode == AutoresetMode.SAME_STEP else np.ones(len(worlds), bool)
         if not is_told.any():
             return infos
-        told = np.zeros(self.num_envs, bool)
-        told[worlds[is_told]] = True
+        mask = np.zeros(self.num_envs, bool)
+        mask[worlds[is_told]] = True
         for name, terms in zip(self._rewards, step.reward_terms.T, strict=True):
-            infos[name], infos[f"_{name}"] = np.zeros(self.num_envs), told
-            infos[name][worlds] = terms
+            infos[name], infos[f"_{name}"] = np.zeros(self.num_envs), mask.copy()
+            infos[name][mask] = terms[is_told]
         for row in np.flatnonzero(step.over & is_told).tolist():
             ending = step.endings[step.codes[row]]
             how = {"ending": ending.name, "is_success": ending.kind == "success"}
