@@ -9,7 +9,9 @@ import numpy as np
 from mjrun.gym.spaces import TaskLike, action_space, observation_space, task_of
 from mjrun.model import state
 from mjrun.rendering.render import render
-from mjrun.task.worlds import TaskStep, TaskWorlds
+from mjrun.task.episode import Ending
+from mjrun.task.expressions import RUNNING
+from mjrun.task.single_world import SingleWorld
 
 ID = "mjrun/Task-v0"
 SEEDS = 2**31  # of episodes whose seed nobody gives
@@ -42,8 +44,9 @@ class TaskEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         if render_mode is not None and render_mode not in self.metadata["render_modes"]:
             raise ValueError(f"render_mode is rgb_array or None, not {render_mode!r}")
         self.task = task_of(task)
-        self.worlds = TaskWorlds(self.task, 1)
+        self.worlds = SingleWorld(self.task)
         self.observation_space, self.action_space = observation_space(self.worlds), action_space(self.worlds)
+        self._reward_names = [f"reward/{name}" for name in self.worlds.reward_names]
         self.render_mode = render_mode
         self.metadata = {**self.metadata, "render_fps": round(1 / self.task.control_dt)}
         self._camera, self._size = camera, (width, height)
@@ -53,12 +56,15 @@ class TaskEnv(gymnasium.Env[np.ndarray, np.ndarray]):
     ) -> tuple[np.ndarray, dict[str, Any]]:
         super().reset(seed=seed)
         episode = draw_seed(self.np_random) if seed is None else seed
-        return self.worlds.reset([episode])[0], {}
+        return self.worlds.start(episode), {}
 
     def step(self, action: np.ndarray) -> tuple[np.ndarray, float, bool, bool, dict[str, Any]]:
-        step = self.worlds.step(np.asarray(action, float)[None])
-        info = world_info(step, self.worlds.reward_names, 0)
-        return step.observations[0], float(step.rewards[0]), bool(step.terminated[0]), bool(step.truncated[0]), info
+        step = self.worlds.act(action)
+        info: dict[str, Any] = dict(zip(self._reward_names, step.reward_terms, strict=True))
+        if step.codes == RUNNING:
+            return step.observations, step.rewards, False, False, info
+        info |= ending_info(step.endings[step.codes])
+        return step.observations, step.rewards, bool(step.terminated), bool(step.truncated), info
 
     def render(self) -> np.ndarray | None:  # type: ignore[override]
         """The state as an image `(height, width, 3)` uint8; None without a render mode."""
@@ -89,12 +95,6 @@ def draw_seed(generator: np.random.Generator) -> int:
     return int(generator.integers(SEEDS))
 
 
-def world_info(step: TaskStep, reward_names: list[str], row: int) -> dict[str, Any]:
-    """What is told of a step in one world besides the reward."""
-    info: dict[str, Any] = {
-        f"reward/{name}": float(value) for name, value in zip(reward_names, step.reward_terms[row], strict=True)
-    }
-    if step.over[row]:
-        ending = step.endings[step.codes[row]]
-        info |= {"ending": ending.name, "is_success": ending.kind == "success"}
-    return info
+def ending_info(ending: Ending) -> dict[str, Any]:
+    """What the info of the last step of an episode holds besides the terms of the reward."""
+    return {"ending": ending.name, "is_success": ending.kind == "success"}

@@ -8,7 +8,7 @@ from gymnasium.utils import seeding
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
-from mjrun.gym.environment import draw_seed, world_info
+from mjrun.gym.environment import draw_seed, ending_info
 from mjrun.gym.spaces import TaskLike, action_space, observation_space, task_of
 from mjrun.task.worlds import TaskStep, TaskWorlds
 
@@ -106,9 +106,9 @@ class TaskVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         """Begins the next episode in worlds whose last one has ended with this step."""
         over = np.flatnonzero(step.over)
         for world in over.tolist():
-            final = {"final_obs": step.observations[world].copy()}
-            final |= {"final_info": world_info(step, self.worlds.reward_names, world)}
-            infos = self._add_info(infos, final, world)
+            terms = dict(zip(self._rewards, step.reward_terms[world].tolist(), strict=True))
+            info = terms | ending_info(step.endings[step.codes[world]])
+            infos = self._add_info(infos, {"final_obs": step.observations[world].copy(), "final_info": info}, world)
         self._observations[over] = self.worlds.reset([self._draw(world) for world in over.tolist()], over)
         return infos
 
@@ -125,9 +125,7 @@ class TaskVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
             infos[name], infos[f"_{name}"] = np.zeros(self.num_envs), mask.copy()
             infos[name][mask] = terms[is_told]
         for row in np.flatnonzero(step.over & is_told).tolist():
-            ending = step.endings[step.codes[row]]
-            how = {"ending": ending.name, "is_success": ending.kind == "success"}
-            infos = self._add_info(infos, how, int(worlds[row]))
+            infos = self._add_info(infos, ending_info(step.endings[step.codes[row]]), int(worlds[row]))
         return infos
 
     def _seeds(self, seed: int | Sequence[int | None] | None) -> Sequence[int | None]:

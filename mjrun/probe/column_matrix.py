@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator, Mapping, Sequence
 from functools import cache
+from typing import Any
 
 import numpy as np
 
@@ -24,22 +25,25 @@ class ColumnLayout:
         return run if places == list(range(run.start, run.stop)) and run.start >= 0 else None
 
 
-class ColumnMatrix(Mapping[str, np.ndarray]):
-    """Columns of n rows, each `(n,)`, contiguous; and vectors of them.
+class ColumnMatrix(Mapping[str, Any]):
+    """Columns of n rows, each `(n,)`, contiguous; and vectors of them. Those of a single row are numbers of Python.
 
     Args:
       layout: of the matrix.
-      matrix: `(n, columns)`.
+      matrix: `(n, columns)`, or `(columns,)`.
       others: columns that are not in it.
     """
 
-    def __init__(self, layout: ColumnLayout, matrix: np.ndarray, others: Mapping[str, np.ndarray]) -> None:
+    def __init__(self, layout: ColumnLayout, matrix: np.ndarray, others: Mapping[str, Any]) -> None:
         self._layout, self._matrix, self._others = layout, matrix, others
-        self._columns = np.ascontiguousarray(matrix.T)
+        self._places = layout.places
+        self._columns: Any = matrix.tolist() if matrix.ndim == 1 else np.ascontiguousarray(matrix.T)
 
-    def __getitem__(self, name: str) -> np.ndarray:
-        place = self._layout.places.get(name)
-        return self._others[name] if place is None else self._columns[place]
+    def __getitem__(self, name: str) -> Any:
+        try:
+            return self._columns[self._places[name]]
+        except KeyError:
+            return self._others[name]
 
     def __iter__(self) -> Iterator[str]:
         yield from self._layout.places
@@ -49,8 +53,8 @@ class ColumnMatrix(Mapping[str, np.ndarray]):
         return len(self._layout.places) + len(self._others)
 
     def vector(self, names: tuple[str, ...]) -> np.ndarray:
-        """The columns `names` side by side: `(n, len(names))` in C order."""
+        """The columns `names` side by side: `(n, len(names))` in C order, of a single row `(len(names),)`."""
         run = self._layout.run(names)
         if run is None:
             return np.stack([self[name] for name in names], axis=-1)
-        return np.ascontiguousarray(self._matrix[:, run])
+        return np.ascontiguousarray(self._matrix[..., run])

@@ -1,4 +1,7 @@
-"""The values of expressions on rows: a tree becomes a function once, and that is called on each block of rows."""
+"""The values of expressions on rows: a tree becomes a function once, and that is called on each block of rows.
+
+A row may also come alone, its columns as Python's numbers: its values are single numbers then, with the same bits.
+"""
 
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
@@ -59,10 +62,7 @@ def evaluation(value: NumericExpression) -> Evaluation:
             reduced, numbers = REDUCED[name], _side_by_side(operands)
             return lambda columns, known: reduced(numbers(columns, known), axis=-1)
         case Choice(condition=condition, operands=operands):
-            holds = truth_evaluation(condition)
-            holds = _beside_vector(holds) if value.width else holds
-            first, second = _aligned(operands)
-            return lambda columns, known: np.where(holds(columns, known), first(columns, known), second(columns, known))
+            return _choice(truth_evaluation(condition), *_aligned(operands), is_vector=value.width > 0)
     raise TypeError(value)
 
 
@@ -72,6 +72,9 @@ def truth_evaluation(truth: BooleanExpression) -> Evaluation:
         case Comparison(operator=operator, sides=sides):
             compare = COMPARE[operator]
             left, right = map(evaluation, sides)
+            if isinstance(limit := sides[1], NumberLiteral):
+                number = limit.value
+                return lambda columns, known: compare(left(columns, known), number)
             return lambda columns, known: compare(left(columns, known), right(columns, known))
         case BooleanOperation(every=every, parts=parts):
             first, *rest = map(truth_evaluation, parts)
@@ -87,6 +90,18 @@ def truth_evaluation(truth: BooleanExpression) -> Evaluation:
     raise TypeError(truth)
 
 
+def _choice(holds: Evaluation, first: Evaluation, second: Evaluation, is_vector: bool) -> Evaluation:
+    holds = _beside_vector(holds) if is_vector else holds
+
+    def choice(columns: Columns, known: KnownValues) -> Any:
+        condition = holds(columns, known)
+        if isinstance(condition, bool | np.bool_) and not is_vector:
+            return (first if condition else second)(columns, known)
+        return np.where(condition, first(columns, known), second(columns, known))
+
+    return choice
+
+
 def _call(call: FunctionCall) -> Evaluation:
     first, *rest = _aligned(call.operands)
     function = call.functions[0]
@@ -94,6 +109,9 @@ def _call(call: FunctionCall) -> Evaluation:
         return lambda columns, known: function(first(columns, known))
     if len(rest) == 1:
         (second,) = rest
+        if isinstance(last := call.operands[1], NumberLiteral):
+            number = last.value
+            return lambda columns, known: function(first(columns, known), number)
         return lambda columns, known: function(first(columns, known), second(columns, known))
     steps = list(zip(call.functions, rest, strict=True))
 
@@ -125,7 +143,7 @@ def _beside_vector(values_of: Evaluation) -> Evaluation:
 
     def beside(columns: Columns, known: KnownValues) -> Any:
         values = values_of(columns, known)
-        return values[..., None] if np.ndim(values) else values
+        return values[..., None] if isinstance(values, np.ndarray) and values.ndim else values
 
     return beside
 
@@ -140,9 +158,15 @@ def _side_by_side(operands: Sequence[NumericExpression]) -> Evaluation:
     ends = np.cumsum([max(width, 1) for width in widths]).tolist()
     places = [end - 1 if not width else slice(end - width, end) for end, width in zip(ends, widths, strict=True)]
 
+    several = [width > 0 for width in widths]
+
     def side_by_side(columns: Columns, known: KnownValues) -> np.ndarray:
         values = [each(columns, known) for each in evaluations]
-        rows = next((np.shape(v)[:1] for v, width in zip(values, widths, strict=True) if np.ndim(v) > bool(width)), ())
+        rows = ()
+        for value, is_vector in zip(values, several, strict=True):
+            if isinstance(value, np.ndarray) and value.ndim > is_vector:
+                rows = value.shape[:1]
+                break
         numbers = np.empty((*rows, ends[-1]))
         for place, value in zip(places, values, strict=True):
             numbers[..., place] = value

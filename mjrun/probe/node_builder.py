@@ -8,6 +8,7 @@ import numpy as np
 from mjrun.errors import counted
 from mjrun.probe.expression import (
     AGGREGATES,
+    ARITHMETIC,
     ELEMENTWISE,
     FINITE,
     FIXED,
@@ -129,7 +130,7 @@ class NodeBuilder:
         if value.kind == FIXED:
             raise self.source.fault(value.start, "a number only", "a column in it")
         if value.width:
-            magnitude = FunctionCall(value.start, value.end, value.kind, (np.abs,), (value,))
+            magnitude = FunctionCall(value.start, value.end, value.kind, (abs,), (value,))
             value = Reduction(value.start, value.end, value.kind, "max", (magnitude,))
         return Comparison(name.start, end, FINITE, (value, NumberLiteral(end, end, FIXED, math.inf)))
 
@@ -143,7 +144,7 @@ class NodeBuilder:
         if name.text == "previous":
             return previous
         step = NumberLiteral(end, end, FIXED, self.control_dt)
-        return FunctionCall(name.start, end, ROW, (np.subtract, np.divide), (value, previous, step))
+        return FunctionCall(name.start, end, ROW, (ARITHMETIC["-"], ARITHMETIC["/"]), (value, previous, step))
 
     def _aggregate(self, name: Token, arguments: list[Node], end: int) -> NumericExpression:
         """`mean(x)`, `mean(x, when)`, `quantile(x, 0.9)`, `quantile(x, 0.9, when)`, `share(when)`."""

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Iterator
+from operator import neg, pos
 
 import numpy as np
 
@@ -126,7 +127,11 @@ class Parser:
         if level == COMPARISON:
             return self.nodes.compared(start, self.end, operators, tuple(self.nodes.scalar(node) for node in operands))
         values = [self.nodes.value(node) for node in operands]
-        return self.nodes.elementwise(start, self.end, [ARITHMETIC[token.text] for token in operators], values)
+        functions = [ARITHMETIC[token.text] for token in operators]
+        if level == LEVELS["^"]:  # an exponent that varies takes one way for every number, be it 2 or not
+            kinds = [value.kind for value in values[1:]]
+            functions = [np.power if kind == ROW else each for each, kind in zip(functions, kinds, strict=True)]
+        return self.nodes.elementwise(start, self.end, functions, values)
 
     def _operand(self, floor: int) -> Node:
         token = self.token
@@ -183,7 +188,8 @@ class Parser:
 
     def _signed(self, sign: Token) -> NumericExpression:
         value = self.nodes.value(self._expression(SIGN))
-        return self.nodes.elementwise(sign.start, self.end, [np.negative if sign.text == "-" else np.positive], [value])
+        function = neg if sign.text == "-" else pos
+        return self.nodes.elementwise(sign.start, self.end, [function], [value])
 
     def _planned(self, truth: BooleanExpression) -> BooleanExpression:
         """`truth` with what is checked row by row marked; all aggregates are outside of the marks."""

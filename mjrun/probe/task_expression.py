@@ -13,6 +13,7 @@ them changes what another gets, to the last bit.
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -24,6 +25,8 @@ from mjrun.probe.evaluation import KnownValues, evaluation, truth_evaluation
 from mjrun.probe.expression import CONSTANTS, BooleanExpression, NumericExpression, PreviousValue, columns_read, walk
 from mjrun.probe.parser import Parser
 from mjrun.probe.scanner import SourceText
+
+Ids = Sequence[int] | np.ndarray | None  # of worlds; all of them
 
 
 class TaskColumns(AvailableProbes):
@@ -59,7 +62,10 @@ class TaskExpression:
 
 
 class TaskEvaluator:
-    """The values of an expression in several worlds, from one control instant to the next."""
+    """The values of an expression in several worlds, from one control instant to the next.
+
+    It is called within `np.errstate(all="ignore")`: 1/0 is inf, as in assertions.
+    """
 
     def __init__(self, root: NumericExpression | BooleanExpression, count: int) -> None:
         self._count = count
@@ -67,12 +73,18 @@ class TaskEvaluator:
         self._type = np.dtype(bool if is_truth else np.float64)
         self._evaluation = truth_evaluation(root) if is_truth else evaluation(root)
         previous = [node for node in walk(root) if isinstance(node, PreviousValue)]
-        self._operands = {node: evaluation(node.operand) for node in previous}
-        self._previous = {  # inner ones first, each once
-            node: np.full((count, node.width) if node.width else count, np.nan) for node in dict.fromkeys(previous)
-        }
+        operands = {node: evaluation(node.operand) for node in previous}
+        self._previous = [  # inner ones first, each once
+            (node, operands[node], np.full((count, node.width) if node.width else count, np.nan))
+            for node in dict.fromkeys(previous)
+        ]
 
-    def begin(self, columns: Mapping[str, np.ndarray], ids: Sequence[int] | np.ndarray | None = None) -> np.ndarray:
+    @property
+    def memory(self) -> list[np.ndarray]:
+        """What it remembers of each world `(count, …)`."""
+        return [before for _, _, before in self._previous]
+
+    def begin(self, columns: Mapping[str, Any], ids: Ids = None) -> np.ndarray:
         """The values at the first control instant of the worlds `ids`, which forget what was before.
 
         Args:
@@ -83,24 +95,33 @@ class TaskEvaluator:
         """
         return self._evaluate(columns, ids, first=True)
 
-    def advance(self, columns: Mapping[str, np.ndarray], ids: Sequence[int] | np.ndarray | None = None) -> np.ndarray:
+    def advance(self, columns: Mapping[str, Any], ids: Ids = None) -> np.ndarray:
         """The values at the next control instant of the worlds `ids`; see `begin`."""
         return self._evaluate(columns, ids, first=False)
 
-    def _evaluate(
-        self, columns: Mapping[str, np.ndarray], ids: Sequence[int] | np.ndarray | None, first: bool
-    ) -> np.ndarray:
+    def alone(self, columns: Mapping[str, Any], first: bool) -> Any:
+        """The value in the only world, whose columns are numbers of Python: at the first control instant, or the next.
+
+        Returns:
+          A number of Python or NumPy, or a truth.
+        """
+        known: KnownValues = {}
+        for node, operand, before in self._previous:
+            now = operand(columns, known)
+            known[node] = now if first else before[0].copy()
+            before[0] = now
+        return self._evaluation(columns, known)
+
+    def _evaluate(self, columns: Mapping[str, Any], ids: Ids, first: bool) -> np.ndarray:
         worlds = slice(None) if ids is None else np.asarray(ids, int)
         count = self._count if ids is None else len(ids)
         known: KnownValues = {}
-
-        with np.errstate(all="ignore"):  # 1/0 is inf, as in assertions
-            for node, before in self._previous.items():
-                now = self._operands[node](columns, known)
-                known[node] = now if first else np.array(before[worlds])  # of its own: `before` changes now
-                before[worlds] = now
-            values = np.asarray(self._evaluation(columns, known), self._type)
-            return values if values.shape == (count,) else np.array(np.broadcast_to(values, count))
+        for node, operand, before in self._previous:
+            now = operand(columns, known)
+            known[node] = now if first else np.array(before[worlds])  # of its own: `before` changes now
+            before[worlds] = now
+        values = np.asarray(self._evaluation(columns, known), self._type)
+        return values if values.shape == (count,) else np.array(np.broadcast_to(values, count))
 
 
 def parse_task_value(text: str, columns: TaskColumns, label: str) -> TaskExpression:

@@ -68,6 +68,7 @@ class ActionMap:
             np.concatenate(parts, axis=1) if parts else np.zeros((7, 0))
         )
         self.squashed = self.squashed.astype(bool)
+        self._is_clipped = bool(np.isfinite([self.low, self.high]).any())
 
     @property
     def names(self) -> list[str]:
@@ -75,9 +76,10 @@ class ActionMap:
         return [each.name for each in self.driven]
 
     def targets(self, actions: np.ndarray) -> np.ndarray:
-        """What the actions `(k, nact)` ask for: squashed, clipped, scaled and offset, in that order."""
+        """What the actions `(…, nact)` ask for: squashed, clipped, scaled and offset, in that order."""
         targets = np.where(self.squashed, np.tanh(actions), actions) if self.squashed.any() else actions
-        return targets.clip(self.low, self.high) * self.scale + self.offset
+        targets = targets.clip(self.low, self.high) if self._is_clipped else targets
+        return targets * self.scale + self.offset
 
     def _check_new(self, driven: Sequence[Driven], action: Action) -> None:
         known = {each.control for each in self.driven}
@@ -107,8 +109,10 @@ class TargetTorques:
         self._is_position = is_position
 
         self._direct = _of(actions, CONTROL, TORQUE)
-        self._direct_controls = np.array([actions.driven[i].control for i in self._direct], int)
+        self._direct_controls = _run(np.array([actions.driven[i].control for i in self._direct], int))
+        self._direct = _run(self._direct)
         self._driven = actions.driven
+        self._has_strengths = any(driven.target != CONTROL for driven in actions.driven)
         self._strength = np.ones((count, len(actions.driven)))  # torque or force of a joint per control
 
     @property
@@ -118,31 +122,42 @@ class TargetTorques:
 
     def begin(self, world: int, model: mujoco.MjModel) -> None:
         """Takes note of the actuators of the model of a world."""
+        if not self._has_strengths:
+            return
         for index, driven in enumerate(self._driven):
             if driven.target != CONTROL:
                 actuator = driven.actuator(model)
                 self._strength[world, index] = model.actuator_gear[actuator, 0] * model.actuator_gainprm[actuator, 0]
 
-    def apply(self, targets: np.ndarray, ctrl: np.ndarray, rows: slice | np.ndarray) -> None:
+    def apply(self, targets: np.ndarray, ctrl: np.ndarray, rows: slice | np.ndarray | int) -> None:
         """Puts what does not change during a control period into `ctrl` `(n, nu)`, in the worlds `rows`."""
-        controls = (targets / self._strength[rows])[:, self._direct]
-        if isinstance(rows, slice):
-            ctrl[:, self._direct_controls] = controls
-        else:
-            ctrl[rows[:, None], self._direct_controls] = controls
+        controls = targets / self._strength[rows] if self._has_strengths else targets
+        _put(controls[..., self._direct], ctrl, rows, self._direct_controls)
 
     def hold(
-        self, targets: np.ndarray, qpos: np.ndarray, qvel: np.ndarray, ctrl: np.ndarray, rows: slice | np.ndarray
+        self, targets: np.ndarray, qpos: np.ndarray, qvel: np.ndarray, ctrl: np.ndarray, rows: slice | np.ndarray | int
     ) -> None:
         """Puts what holds the targets `(k, nact)` at this step into `ctrl`; `qpos` and `qvel` are of all worlds."""
-        wanted, velocity = targets[:, self._places], qvel[rows][:, self._qvel]
-        pull = np.where(self._is_position, self._kp * (wanted - qpos[rows][:, self._qpos]), 0.0)
+        wanted, velocity = targets[..., self._places], qvel[rows][..., self._qvel]
+        pull = np.where(self._is_position, self._kp * (wanted - qpos[rows][..., self._qpos]), 0.0)
         brake = self._kd * (np.where(self._is_position, 0.0, wanted) - velocity)
-        controls = (pull + brake) / self._strength[rows][:, self._places]
-        if isinstance(rows, slice):
-            ctrl[:, self._controls] = controls
-        else:
-            ctrl[rows[:, None], self._controls] = controls
+        controls = (pull + brake) / self._strength[rows][..., self._places]
+        _put(controls, ctrl, rows, self._controls)
+
+
+def _put(controls: np.ndarray, ctrl: np.ndarray, rows: slice | np.ndarray | int, columns: slice | np.ndarray) -> None:
+    """Puts `controls` into some columns of `ctrl` `(n, nu)`, in the worlds `rows`."""
+    if isinstance(rows, np.ndarray) and isinstance(columns, np.ndarray):
+        ctrl[rows[:, None], columns] = controls
+    else:
+        ctrl[rows, columns] = controls
+
+
+def _run(places: np.ndarray) -> slice | np.ndarray:
+    """`places` as a slice, which is faster, where they follow each other."""
+    start = int(places[0]) if len(places) else 0
+    run = slice(start, start + len(places))
+    return run if np.array_equal(places, np.arange(run.start, run.stop)) else places
 
 
 def _of(actions: ActionMap, *targets: str) -> np.ndarray:

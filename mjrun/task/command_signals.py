@@ -64,15 +64,22 @@ class CommandSignals:
             for column, text in enumerate(texts):
                 drawn[world, :, column] = draw_numbers(text, generator, drawn.shape[1])
 
-    def at(self, worlds: np.ndarray, instants: np.ndarray) -> np.ndarray:
+    @property
+    def memory(self) -> list[np.ndarray]:
+        """What it has drawn in each world `(count, …)`."""
+        return [drawn for drawn, _, _, _ in self._random]
+
+    def at(self, worlds: np.ndarray | int, instants: np.ndarray) -> np.ndarray:
         """The values in the worlds `(k,)` at these control instants `(k,)` of theirs: `(k, len(names))`.
 
-        Beyond the end of an episode its last values hold.
+        Beyond the end of an episode its last values hold. Those of one world alone are `(len(names),)`.
         """
+        if not self.names:
+            return np.empty((*np.shape(instants), 0))
         instants = np.minimum(instants, len(self._known) - 1)
-        values = self._known[instants]
+        values = self._known.take(instants, axis=0)
         for drawn, place, _, every in self._random:
-            values[:, place] = drawn[worlds, instants // every]
+            values[..., place] = drawn[worlds, instants // every]
         return values
 
 

@@ -1,8 +1,8 @@
 """What is known of an episode while it runs, whoever steps it: a task of mjrun's, or somebody else's environment."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from typing import Literal, Protocol, runtime_checkable
+from typing import Literal, Protocol, overload, runtime_checkable
 
 import numpy as np
 
@@ -27,6 +27,37 @@ class Ending:
     def terminated(self) -> bool:
         """Whether the task itself ended here, so that nothing would have followed."""
         return self.kind != "timeout"
+
+
+class Endings(Sequence[Ending]):
+    """All endings that episodes of a task can have, by their codes. An episode that goes on has the code −1.
+
+    Args:
+      own: those of the task.
+      timeout, unstable: those that every task has; their codes come last.
+
+    Attributes:
+      timeout, unstable: the codes of these.
+      terminated, truncated: of each code, the last for −1 `(n + 1,)` bool.
+    """
+
+    def __init__(self, own: Iterable[Ending], timeout: Ending, unstable: Ending) -> None:
+        self._all = (*own, timeout, unstable)
+        self.timeout, self.unstable = len(self._all) - 2, len(self._all) - 1
+        self.terminated = np.array([*(ending.terminated for ending in self._all), False])
+        self.truncated = np.array([*(not ending.terminated for ending in self._all), False])
+
+    @overload
+    def __getitem__(self, code: int) -> Ending: ...
+
+    @overload
+    def __getitem__(self, code: slice) -> Sequence[Ending]: ...
+
+    def __getitem__(self, code: int | slice) -> Ending | Sequence[Ending]:
+        return self._all[code]
+
+    def __len__(self) -> int:
+        return len(self._all)
 
 
 @dataclass(frozen=True)

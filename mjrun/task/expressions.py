@@ -1,7 +1,7 @@
 """The expressions of a task in n worlds: rewards, terminations, and values that are observed."""
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -9,22 +9,21 @@ from mjrun.errors import concerning
 from mjrun.probe.column_matrix import ColumnLayout, ColumnMatrix
 from mjrun.probe.task_expression import (
     TaskColumns,
-    TaskEvaluator,
     TaskExpression,
     parse_task_condition,
     parse_task_value,
 )
-from mjrun.task.episode import Ending
+from mjrun.task.episode import Endings
 from mjrun.task.task import Task
 from mjrun.task.terms import TIMED_OUT, UNSTABLE
 
 ACTION, COMMAND, TIME = "action/", "command/", "time"  # columns of a task besides those of its model
 RUNNING = -1  # instead of an ending
+NOTHING: Mapping[str, Any] = {}
 
 
-@dataclass(frozen=True, eq=False)
-class Inputs:
-    """What went into k worlds up to a control instant.
+class Inputs(NamedTuple):
+    """What went into k worlds up to a control instant; into one world alone where the axis of worlds is missing.
 
     Attributes:
       instants: control instants since the reset `(k,)`.
@@ -49,6 +48,7 @@ class TaskExpressions:
 
     Attributes:
       measured: the columns of the model that they read.
+      has_values: whether some are observed.
       endings: how episodes can end; the terminations of the task first, in their order.
 
     Raises:
@@ -70,13 +70,14 @@ class TaskExpressions:
         conditions = dict(_conditions(task, columns))
         self._weights = [reward.weight for reward in task.rewards.values()]
         self._rewards = [each.evaluator(count) for each in rewards.values()]
+        self._looking_back = [each for each in self._rewards if each.memory]
+        self._weighted = list(zip(self._rewards, self._weights, strict=True))
         self._conditions = [each.evaluator(count) for each in conditions.values()]
+        self._conditions_backwards = [*enumerate(self._conditions)][::-1]
         self._values = {name: each.evaluator(count) for name, each in values.items()}
-        self.endings: Sequence[Ending] = [
-            *(termination.ending(name) for name, termination in task.terminations.items()),
-            TIMED_OUT,
-            UNSTABLE,
-        ]
+        self.has_values = bool(values)
+        own_endings = (termination.ending(name) for name, termination in task.terminations.items())
+        self.endings = Endings(own_endings, TIMED_OUT, UNSTABLE)
         read = [
             column for each in (*rewards.values(), *conditions.values(), *values.values()) for column in each.columns
         ]
@@ -89,58 +90,85 @@ class TaskExpressions:
         columns_of += [own_columns[1]] if self._reads_commands else []
         self._layout = ColumnLayout([name for part in columns_of for name in part])
 
+    @property
+    def memory(self) -> list[np.ndarray]:
+        """What they remember of each world `(count, …)`."""
+        evaluators = [*self._rewards, *self._conditions, *self._values.values()]
+        return [array for each in evaluators for array in each.memory]
+
     def columns(self, measured: np.ndarray, inputs: Inputs) -> ColumnMatrix:
         """The columns that expressions read, `(k,)` each, from those of the model `(k, len(self.measured))`."""
         read = [measured]
         read += [inputs.actions] if self._reads_actions else []
         read += [inputs.commands] if self._reads_commands else []
-        matrix = np.concatenate(read, axis=1) if len(read) > 1 else measured
-        others = {TIME: self._time(inputs.instants)} if self._reads_time else {}
+        matrix = np.concatenate(read, axis=-1) if len(read) > 1 else measured
+        others = {TIME: self._time(inputs.instants)} if self._reads_time else NOTHING
         return ColumnMatrix(self._layout, matrix, others)
 
     def _time(self, instants: np.ndarray) -> np.ndarray:
         """The time of control instants [s], exact and rounded once."""
         return instants * self._control_dt.numerator / self._control_dt.denominator
 
-    def begin(self, columns: Mapping[str, np.ndarray], ids: np.ndarray | None, count: int) -> np.ndarray:
+    def begin(self, columns: ColumnMatrix, ids: np.ndarray | None, count: int) -> np.ndarray:
         """Takes note of the first instant of `count` episodes, for what looks back at it.
 
         Returns:
           Which of the terminations holds already there `(count,)`, the first of several; −1 where none does.
         """
-        for each in self._rewards:
-            each.begin(columns, ids)
-        codes = np.full(count, RUNNING)
-        for code in range(len(self._conditions) - 1, -1, -1):
-            codes[np.asarray(self._conditions[code].begin(columns, ids), bool)] = code
+        with np.errstate(all="ignore"):
+            for each in self._looking_back:
+                each.begin(columns, ids)
+            codes = np.full(count, RUNNING)
+            for code, condition in self._conditions_backwards:
+                codes[condition.begin(columns, ids)] = code
         return codes
 
-    def rewards(self, columns: Mapping[str, np.ndarray], ids: np.ndarray | None, count: int) -> np.ndarray:
-        """The weighted terms of the reward `(nterms, k)` of `count` worlds."""
-        terms = np.empty((len(self._rewards), count))
-        for term, each, weight in zip(terms, self._rewards, self._weights, strict=True):
-            np.multiply(each.advance(columns, ids), weight, out=term)
-        return terms
+    def advance(self, columns: ColumnMatrix, ids: np.ndarray | None, count: int) -> tuple[np.ndarray, np.ndarray]:
+        """What comes of a control period in `count` worlds.
 
-    def codes(self, columns: Mapping[str, np.ndarray], ids: np.ndarray | None, count: int) -> np.ndarray:
-        """Which of the terminations holds `(k,)`, the first of several; −1 where none does."""
-        codes = np.full(count, RUNNING)
-        for code in range(len(self._conditions) - 1, -1, -1):
-            codes[self._conditions[code].advance(columns, ids)] = code
-        return codes
+        Returns:
+          The weighted terms of the reward `(nterms, count)`; and which of the terminations holds `(count,)`, the first
+          of several, −1 where none does.
+        """
+        terms, codes = np.empty((len(self._rewards), count)), np.full(count, RUNNING)
+        with np.errstate(all="ignore"):
+            for term, each, weight in zip(terms, self._rewards, self._weights, strict=True):
+                np.multiply(each.advance(columns, ids), weight, out=term)
+            for code, condition in self._conditions_backwards:
+                codes[condition.advance(columns, ids)] = code
+        return terms, codes
 
-    def values(
-        self, measured: np.ndarray, inputs: Inputs, ids: np.ndarray | None, first: bool
-    ) -> Mapping[str, np.ndarray]:
+    def begin_alone(self, columns: ColumnMatrix) -> int:
+        """`begin` in the only world."""
+        with np.errstate(all="ignore"):
+            for each in self._looking_back:
+                each.alone(columns, first=True)
+            return self._first_that_holds(columns, first=True)
+
+    def advance_alone(self, columns: ColumnMatrix) -> tuple[list[float], int]:
+        """`advance` in the only world."""
+        with np.errstate(all="ignore"):
+            terms = [float(each.alone(columns, first=False)) * weight for each, weight in self._weighted]
+            return terms, self._first_that_holds(columns, first=False)
+
+    def _first_that_holds(self, columns: ColumnMatrix, first: bool) -> int:
+        code = RUNNING
+        for index, condition in self._conditions_backwards:
+            if condition.alone(columns, first):
+                code = index
+        return code
+
+    def values(self, columns: ColumnMatrix, ids: np.ndarray | None, first: bool) -> Mapping[str, np.ndarray]:
         """The values that are observed, `(k,)` by the name of their term; see `columns`."""
-        if not self._values:
-            return {}
-        columns = self.columns(measured, inputs)
-        return {name: _next(each, columns, ids, first) for name, each in self._values.items()}
+        with np.errstate(all="ignore"):
+            if first:
+                return {name: each.begin(columns, ids) for name, each in self._values.items()}
+            return {name: each.advance(columns, ids) for name, each in self._values.items()}
 
-
-def _next(each: TaskEvaluator, columns: Mapping[str, np.ndarray], ids: np.ndarray | None, first: bool) -> np.ndarray:
-    return each.begin(columns, ids) if first else each.advance(columns, ids)
+    def values_alone(self, columns: ColumnMatrix, first: bool) -> Mapping[str, float]:
+        """`values` in the only world."""
+        with np.errstate(all="ignore"):
+            return {name: each.alone(columns, first) for name, each in self._values.items()}
 
 
 def _rewards(task: Task, columns: TaskColumns) -> Iterator[tuple[str, TaskExpression]]:

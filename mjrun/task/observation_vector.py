@@ -4,6 +4,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from math import pi
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -220,10 +221,20 @@ class ObservationVector:
         if self._noise:
             self._noise.begin(world, seed)
 
+    @property
+    def memory(self) -> list[np.ndarray]:
+        """What it remembers of each world `(count, …)`."""
+        return [*self._memory, *(self._noise.memory if self._noise else ())]
+
+    @property
+    def noise(self) -> list[np.random.Generator | None]:
+        """What noise is drawn from in each world; nothing where there is none."""
+        return self._noise.streams if self._noise else []
+
     def observe(
-        self, measured: np.ndarray, inputs: Inputs, values: Mapping[str, np.ndarray], rows: np.ndarray, first: bool
+        self, measured: np.ndarray, inputs: Inputs, values: Mapping[str, Any], rows: np.ndarray | int, first: bool
     ) -> np.ndarray:
-        """The observations `(k, nobs)` of the worlds `rows` `(k,)`.
+        """The observations `(k, nobs)` of the worlds `rows` `(k,)`; of one alone `(nobs,)`.
 
         Args:
           measured: the columns of the model that the terms are taken from, in their order, `(k, …)`.
@@ -236,54 +247,57 @@ class ObservationVector:
             return current
         parts, done = [], 0
         for each, memory in zip(self._remembered, self._memory, strict=True):
-            parts.append(current[:, done : each.place.start])
-            parts.append(self._recalled(each, memory, current[:, each.place], rows, first))
+            parts.append(current[..., done : each.place.start])
+            parts.append(self._recalled(each, memory, current[..., each.place], rows, first))
             done = each.place.stop
-        return np.concatenate([*parts, current[:, done:]], axis=1)
+        return np.concatenate([*parts, current[..., done:]], axis=-1)
 
     def _current(
-        self, measured: np.ndarray, inputs: Inputs, values: Mapping[str, np.ndarray], rows: np.ndarray
+        self, measured: np.ndarray, inputs: Inputs, values: Mapping[str, Any], rows: np.ndarray | int
     ) -> np.ndarray:
         """All terms as they are now: `(k, width)`."""
         plan = self._plan
-        now = np.empty((len(rows), plan.width))
+        now = np.empty((*measured.shape[:-1], plan.width))
         for source, place in self._measured:
-            now[:, place] = measured[:, source]
+            now[..., place] = measured[..., source]
         for each in self._others:
-            now[:, each.place] = self._other(each, inputs, values)
+            now[..., each.place] = self._other(each, inputs, values)
         for each, body in self._frames:
             assert self._rotations is not None
-            _turn(now[:, each.place], self._rotations[rows, body])
+            _turn(now[..., each.place], self._rotations[rows, body])
         if self._noise:
-            now[:, self._noise.columns] += self._noise.next(rows)
+            now[..., self._noise.columns] += self._noise.next(rows)
         if self._shifted:
             now -= plan.offset
         if self._scaled:
             now *= plan.scale
         if self._clipped:
-            np.clip(now, plan.low, plan.high, out=now)
+            now.clip(plan.low, plan.high, out=now)
         return now
 
-    def _other(self, each: _Term, inputs: Inputs, values: Mapping[str, np.ndarray]) -> np.ndarray:
-        """What a term has that is no column of the model: `(k, width)`."""
+    def _other(self, each: _Term, inputs: Inputs, values: Mapping[str, Any]) -> Any:
+        """What a term has that is no column of the model: `(k, width)`; `(width,)`, or a number, in one world."""
         term = each.term
         if term.action is not None:
             return inputs.actions
         if term.command is not None:
-            return inputs.commands[:, self._plan.command_slices[term.command]]
+            return inputs.commands[..., self._plan.command_slices[term.command]]
         if term.phase is not None:
             angles = 2 * pi * (inputs.instants * float(self._dt / term.phase))
-            return np.stack([np.sin(angles), np.cos(angles)], axis=1)
-        return values[term.name][:, None]
+            return np.stack([np.sin(angles), np.cos(angles)], axis=-1)
+        value = values[term.name]
+        return value[:, None] if isinstance(value, np.ndarray) else value
 
-    def _recalled(self, each: _Term, memory: np.ndarray, now: np.ndarray, rows: np.ndarray, first: bool) -> np.ndarray:
+    def _recalled(
+        self, each: _Term, memory: np.ndarray, now: np.ndarray, rows: np.ndarray | int, first: bool
+    ) -> np.ndarray:
         """The history of a term, the oldest first: `(k, history·width)`. Before an episode all was as it begins."""
         if first:
-            memory[rows] = now[:, None]
+            memory[rows] = now[..., None, :]
         else:
             memory[rows, :-1] = memory[rows, 1:]
             memory[rows, -1] = now
-        return memory[rows, : each.term.history].reshape(len(rows), -1)
+        return memory[rows, : each.term.history].reshape(*now.shape[:-1], -1)
 
 
 def _runs(terms: Sequence[_Term]) -> list[tuple[slice, slice]]:
@@ -303,11 +317,11 @@ def _runs(terms: Sequence[_Term]) -> list[tuple[slice, slice]]:
 
 def _turn(vectors: np.ndarray, rotations: np.ndarray) -> None:
     """Turns vectors `(k, 3·m)` of the world into the axes `(k, 9)` of a body each, in place."""
-    axes = rotations.reshape(-1, 3, 3)  # its columns, in the world
-    for start in range(0, vectors.shape[1], 3):
-        x, y, z = (vectors[:, start + i].copy() for i in range(3))
+    axes = rotations.reshape(*vectors.shape[:-1], 3, 3)  # its columns, in the world
+    for start in range(0, vectors.shape[-1], 3):
+        x, y, z = (vectors[..., start + i].copy() for i in range(3))
         for i in range(3):
-            vectors[:, start + i] = axes[:, 0, i] * x + axes[:, 1, i] * y + axes[:, 2, i] * z
+            vectors[..., start + i] = axes[..., 0, i] * x + axes[..., 1, i] * y + axes[..., 2, i] * z
 
 
 def _check_vectors(each: _Term) -> None:

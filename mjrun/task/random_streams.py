@@ -35,9 +35,20 @@ class ObservationNoise:
         self._streams[world] = stream(seed, OBSERVATIONS)
         self._used[world] = BLOCK
 
-    def next(self, rows: np.ndarray) -> np.ndarray:
+    @property
+    def memory(self) -> list[np.ndarray]:
+        """What it has drawn in each world `(count, …)`, and how much of that is used."""
+        return [self._block, self._used]
+
+    @property
+    def streams(self) -> list[np.random.Generator | None]:
+        """What it draws from in each world; None before its first episode."""
+        return self._streams
+
+    def next(self, rows: np.ndarray | int) -> np.ndarray:
         """What is added to the columns of the worlds `rows` `(k,)` at their next instant: `(k, noisy columns)`."""
-        for world in rows[self._used[rows] == BLOCK].tolist():
+        worlds = np.atleast_1d(rows)
+        for world in worlds[self._used[worlds] == BLOCK].tolist():
             generator = self._streams[world]
             assert generator
             for column, text in enumerate(self._texts):

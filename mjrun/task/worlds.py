@@ -5,14 +5,16 @@ a bit of it. At control instant k a policy observes and acts; the action is held
 rewards and terminations follow from what holds there, with the action and the commands that were in force.
 """
 
+import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from typing import Any, NamedTuple
 
 import mujoco
 import numpy as np
 from mujoco.batch import Batch
 from mujoco.batch import SimulationError as BatchError
 
+from mjrun.model import state
 from mjrun.model.mujoco_globals import without_timers
 from mjrun.model.source import Source
 from mjrun.model.variants import ModelVariants
@@ -22,20 +24,20 @@ from mjrun.sim.c_engine import AUTORESET, ENERGY, RK4, SLEEP
 from mjrun.sim.stepper import BAD
 from mjrun.task.action_map import ActionMap, TargetTorques
 from mjrun.task.command_signals import CommandSignals
-from mjrun.task.episode import Ending
+from mjrun.task.episode import Ending, Endings
 from mjrun.task.episode_start import EpisodeModels, EpisodeStarts
-from mjrun.task.expressions import ACTION, COMMAND, RUNNING, Inputs, TaskExpressions
+from mjrun.task.expressions import ACTION, COMMAND, NOTHING, RUNNING, Inputs, TaskExpressions
 from mjrun.task.hidden_sensors import SensingSource, can_sense
 from mjrun.task.measurement import ACCELERATION, ALL, NONE, POSITION, MeasurementPlan, Rows
 from mjrun.task.observation_vector import ObservationPlan, ObservationVector, ObservedNumber
 from mjrun.task.task import Task
 
 Ids = Sequence[int] | np.ndarray
+SQUARE = mujoco.mjMAXVAL**2  # while the sum of squares is below, every number is below MuJoCo's limit
 
 
-@dataclass(frozen=True, eq=False)
-class TaskStep:
-    """What has come of a control period in k worlds.
+class TaskStep(NamedTuple):
+    """What has come of a control period in k worlds; in one world alone where the axis of worlds is missing.
 
     Attributes:
       observations: at its end `(k, nobs)`. Those of a world that has become unstable are of its start.
@@ -46,10 +48,10 @@ class TaskStep:
     """
 
     observations: np.ndarray
-    rewards: np.ndarray
-    reward_terms: np.ndarray
-    codes: np.ndarray
-    endings: Sequence[Ending]
+    rewards: Any
+    reward_terms: Any
+    codes: Any
+    endings: "Endings"
 
     @property
     def ended(self) -> tuple[Ending | None, ...]:
@@ -59,19 +61,19 @@ class TaskStep:
         return tuple(None if code == RUNNING else self.endings[code] for code in self.codes.tolist())
 
     @property
-    def over(self) -> np.ndarray:
+    def over(self) -> Any:
         """Where the episode has ended `(k,)` bool."""
         return self.codes != RUNNING
 
     @property
-    def terminated(self) -> np.ndarray:
+    def terminated(self) -> Any:
         """Where it ended by what happened in it `(k,)` bool."""
-        return np.array([*(ending.terminated for ending in self.endings), False])[self.codes]
+        return self.endings.terminated[self.codes]
 
     @property
-    def truncated(self) -> np.ndarray:
+    def truncated(self) -> Any:
         """Where it was cut short `(k,)` bool."""
-        return self.over & ~self.terminated
+        return self.endings.truncated[self.codes]
 
 
 class TaskWorlds:
@@ -102,6 +104,7 @@ class TaskWorlds:
         self.task, self.count = task, count
         with task.located():
             self._prepare(threads)
+        self._periods = task.periods
         self._seeds = np.zeros(count, np.int64)
         self._instants = np.zeros(count, int)  # control instants since the reset
         self._actions = np.zeros((count, len(self.action_names)))  # in force, as the policy gave them
@@ -110,6 +113,7 @@ class TaskWorlds:
         self._start_codes = np.full(count, RUNNING)
         self._over = np.ones(count, bool)  # not yet reset
         self._failed = np.zeros(count, bool)
+        self._has_failed = False
 
     @property
     def observation_names(self) -> list[str]:
@@ -127,7 +131,7 @@ class TaskWorlds:
         return [*self.task.rewards]
 
     @property
-    def endings(self) -> Sequence[Ending]:
+    def endings(self) -> "Endings":
         """How episodes can end."""
         return self._expressions.endings
 
@@ -174,13 +178,13 @@ class TaskWorlds:
         self._instants[worlds], self._actions[worlds] = 0, 0
         self._over[worlds] = self._failed[worlds] = False
         self._batch.warning[worlds] = 0
-        self._call(lambda: self._batch.forward(chosen, max(self._reset_stage, POSITION)))
+        self._call(lambda: self._batch.forward(chosen, self._stage_at_start))
         self._measurement.begin(rows)
 
         measured, inputs = self._measure(rows), self._inputs(worlds)
         columns = self._expressions.columns(measured[:, self._of_terms :], inputs)
         self._start_codes[worlds] = self._expressions.begin(columns, some, len(worlds))
-        values = self._expressions.values(measured[:, self._of_terms :], inputs, some, first=True)
+        values = self._expressions.values(columns, some, first=True) if self._expressions.has_values else NOTHING
         observed = self._observations.observe(measured[:, : self._of_terms], inputs, values, worlds, first=True)
         self._observed[worlds] = observed
         return observed
@@ -199,9 +203,9 @@ class TaskWorlds:
         """Puts actions `(k, nact)` in force; raises what `step` does."""
         rows = ALL if ids is None else np.asarray(ids, int)
         actions = np.asarray(actions, float)
-        expected = (self.count if ids is None else len(ids), self._actions.shape[1])
-        if actions.shape != expected:
-            raise ValueError(f"actions are {expected[0]} x {expected[1]} numbers, not {actions.shape}")
+        shape = (self.count if ids is None else len(ids), *self._actions.shape[1:])
+        if actions.shape != shape:
+            raise ValueError(f"actions are {' x '.join(map(str, shape))} numbers, not {actions.shape}")
         if self._over[rows].any():
             raise ValueError("an episode is over, or has not begun: reset it")
         self._require_finite(actions, rows)
@@ -264,9 +268,13 @@ class TaskWorlds:
         self._batch = self._open(model, measured, threads)
         self._measurement = measured.measurement(self._batch, self._model_of)
         self._ctrl, self._qpos, self._qvel = (self._batch.bind(name) for name in ("ctrl", "qpos", "qvel"))
+        counters = self._batch.warning
+        self._warnings = counters[:, min(BAD) : max(BAD) + 1, 1]
+        self._motion = self._batch.state[:, slice(*_ends(model, "qpos", "qvel"))]
         rotations = self._batch.bind("xmat") if plan.frames else None
         stage = max(measured.stage, POSITION if plan.frames else NONE)
-        self._stage, self._reset_stage = (stage, stage) if task.derived == CURRENT else (NONE, ACCELERATION)
+        self._stage, at_start = (stage, stage) if task.derived == CURRENT else (NONE, ACCELERATION)
+        self._stage_at_start = max(at_start, POSITION)
         self._observations = ObservationVector(plan, count, task.control_dt, rotations)
         self._torques = TargetTorques(self.actions, model, count)
         self._all = np.arange(count)
@@ -294,9 +302,11 @@ class TaskWorlds:
     def _load(self, seeds: Sequence[int], worlds: np.ndarray) -> None:
         """Puts the models and states at the start of episodes into their worlds."""
         for seed, world in zip(seeds, worlds.tolist(), strict=True):
-            if self._each[world].model is not self._first:
-                self._models.reuse(self._each[world])
-            variant = self._each[world] = self._models.variant(seed)
+            variant = self._each[world]
+            if not self._models.is_one:
+                if variant.model is not self._first:
+                    self._models.reuse(variant)
+                variant = self._each[world] = self._models.variant(seed)
             self._seeds[world] = seed
             self._batch.state[world] = self._starts.state(variant, seed)
             self._torques.begin(world, variant.model)
@@ -307,10 +317,11 @@ class TaskWorlds:
 
     def _advance(self, steps: int, ids: Ids | None, stage: int) -> None:
         """Takes steps, and computes what is derived of the state up to `stage`."""
-        rows, some = ALL if ids is None else np.asarray(ids, int), _sorted(ids)
+        some = _sorted(ids)
         if not self._torques.is_needed:
             self._call(lambda: self._batch.step(some, steps, stage))
             return
+        rows = ALL if ids is None else np.asarray(ids, int)
         targets = self._targets[rows]
         for step in range(steps):
             self._torques.hold(targets, self._qpos, self._qvel, self._ctrl, rows)
@@ -323,7 +334,7 @@ class TaskWorlds:
             with without_timers():
                 call()
         except BatchError as error:
-            self._failed[error.ids] = True
+            self._failed[error.ids] = self._has_failed = True
 
     def _finish(self, ids: Ids | None) -> TaskStep:
         rows, some = (ALL, None) if ids is None else (np.asarray(ids, int), np.asarray(ids, int))
@@ -332,28 +343,32 @@ class TaskWorlds:
         in_force = self.commands.at(worlds, self._instants[rows])
         self._instants[rows] += 1
         after = self._inputs(worlds)
-        columns = self._expressions.columns(measured[:, self._of_terms :], replace(after, commands=in_force))
-        terms = self._expressions.rewards(columns, some, len(worlds))
-        codes = self._expressions.codes(columns, some, len(worlds))
-        codes[(codes == RUNNING) & (after.instants >= self.task.periods)] = len(self.endings) - 2
+        columns = self._expressions.columns(measured[:, self._of_terms :], after._replace(commands=in_force))
+        terms, codes = self._expressions.advance(columns, some, len(worlds))
+        codes[(codes == RUNNING) & (after.instants >= self._periods)] = self.endings.timeout
 
-        values = self._expressions.values(measured[:, self._of_terms :], after, some, first=False)
+        values = NOTHING
+        if self._expressions.has_values:
+            columns = self._expressions.columns(measured[:, self._of_terms :], after)
+            values = self._expressions.values(columns, some, first=False)
         observed = self._observations.observe(measured[:, : self._of_terms], after, values, worlds, first=False)
-        unstable = self._unstable(rows)
-        if unstable.any():
-            codes[unstable], terms[:, unstable] = len(self.endings) - 1, 0
+        if not self._is_surely_stable(rows):
+            unstable = self._unstable(rows)
+            codes[unstable], terms[:, unstable] = self.endings.unstable, 0
             observed[unstable] = self._observed[worlds[unstable]]
         self._observed[rows] = observed
         self._over[rows] = codes != RUNNING
         return TaskStep(observed, _sum(terms, len(worlds)), terms.T, codes, self.endings)
 
+    def _is_surely_stable(self, rows: Rows) -> bool:
+        """Whether all of these worlds are stable, as far as a glance tells: if it does not, `_unstable` does."""
+        motion = self._motion[rows].ravel()
+        return motion.dot(motion) < SQUARE and not self._has_failed and not self._warnings[rows].any()
+
     def _unstable(self, rows: Rows) -> np.ndarray:
         """Which worlds MuJoCo has given up on, or should have `(k,)` bool."""
-        numbers = self._batch.warning[rows, :, 1][:, BAD]
-        positions, velocities = self._qpos[rows], self._qvel[rows]
-        limit = mujoco.mjMAXVAL
-        stable = (np.abs(positions) <= limit).all(axis=1) & (np.abs(velocities) <= limit).all(axis=1)
-        return self._failed[rows] | numbers.any(axis=1) | ~stable
+        stable = (np.abs(self._motion[rows]) <= mujoco.mjMAXVAL).all(axis=-1)
+        return self._failed[rows] | self._warnings[rows].any(axis=-1) | ~stable
 
     def _measure(self, rows: Rows) -> np.ndarray:
         """All columns of the model that are needed `(k, …)`."""
@@ -366,6 +381,9 @@ class TaskWorlds:
         return Inputs(instants, self._actions[worlds], self.commands.at(worlds, instants))
 
     def _require_finite(self, actions: np.ndarray, rows: Rows) -> None:
+        flat = actions.ravel()
+        if math.isfinite(flat.dot(flat)):  # no sum of squares is, unless all of them are
+            return
         finite = np.isfinite(actions)
         if finite.all():
             return
@@ -378,6 +396,13 @@ class TaskWorlds:
 def _sorted(ids: Ids | None) -> np.ndarray | None:
     """The ids as a batch takes them."""
     return None if ids is None else np.sort(np.asarray(ids, int))
+
+
+def _ends(model: mujoco.MjModel, first: str, last: str) -> tuple[int, int]:
+    """Where in an integration state neighbouring fields begin and end."""
+    fields = state.fields(state.sizes(model))
+    places = [fields[name] for name in (first, last) if name in fields]
+    return (places[0].start, places[-1].stop) if places else (0, 0)
 
 
 def _sum(terms: np.ndarray, count: int) -> np.ndarray:

@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 import mjrun.gym
 from tests.gym.tasks import write_cart
 
+
 @pytest.fixture(scope="module")
 def task(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return write_cart(tmp_path_factory.mktemp("cart"))

@@ -46,3 +46,20 @@ def test_values_are_numpys_whatever_holds_the_columns(text: str, expected: np.nd
 def test_conditions_are_numpys() -> None:
     truth = parser("not (a > 0 or b < 0) and isfinite('v/*')").truth()
     np.testing.assert_array_equal(evaluate_truth(truth, COLUMNS, {}), ~((A > 0) | (B < 0)))
+
+
+@pytest.mark.parametrize("width", [1, 2, 7, 8, 9, 16, 17, 84, 129, 300])
+def test_a_row_alone_gets_the_bits_that_it_gets_among_others(width: int) -> None:
+    names = [f"v/{i}" for i in range(width)]
+    table = np.random.default_rng(width).normal(size=(20, width)) * 10.0 ** np.arange(-9, 11)[:, None]
+    layout = ColumnLayout(names)
+    for text in (
+        "sum('v/*')",
+        "norm('v/*', 2)",
+        "sum('v/*'^2) + max('v/*', 0)",
+        "sum(where(v/0 > 0, 'v/*' / v/0, -1))",
+    ):
+        value = Parser(SourceText(text, "text"), Vocabulary(names), aggregates=False).row_value()
+        whole = evaluate(value, ColumnMatrix(layout, table, {}), {})
+        alone = [evaluate(value, ColumnMatrix(layout, row, {}), {}) for row in table]
+        np.testing.assert_array_equal(alone, whole)

@@ -38,14 +38,15 @@ def test_rewards_and_terminations_of_several_worlds() -> None:
     start = made.columns(np.zeros((3, 2)), Inputs(np.zeros(3, int), np.zeros((3, 1)), np.zeros((3, 2))))
     assert made.begin(start, None, 3).tolist() == [-1, -1, -1]
     zeros = Inputs(np.zeros(3, int), np.zeros((3, 1)), np.zeros((3, 2)))
-    made.values(np.zeros((3, 2)), zeros, None, first=True)
+    made.values(made.columns(np.zeros((3, 2)), zeros), None, first=True)
 
     inputs = Inputs(np.array([1, 3]), np.array([[5.0], [6.0]]), np.array([[1.0, 2.0]] * 2))
     measured = np.array([[2.0, 1.0], [0.75, 2.0]])
     now = made.columns(measured, inputs)
     ids = np.array([2, 0])
-    np.testing.assert_array_equal(made.rewards(now, ids, 2), [[0, -1.25], [2 * 0.25 * 5, 2 * 0.75 * 6]])
-    assert made.codes(now, ids, 2).tolist() == [0, 1]
-    np.testing.assert_array_equal(made.values(measured, inputs, ids, first=False)["twice"], [8, 16])
+    terms, codes = made.advance(now, ids, 2)
+    np.testing.assert_array_equal(terms, [[0, -1.25], [2 * 0.25 * 5, 2 * 0.75 * 6]])
+    assert codes.tolist() == [0, 1]
+    np.testing.assert_array_equal(made.values(now, ids, first=False)["twice"], [8, 16])
     now = made.columns(np.zeros((3, 2)), Inputs(np.zeros(3, int), np.zeros((3, 1)), np.zeros((3, 2))))
-    assert made.codes(now, None, 3).tolist() == [RUNNING] * 3
+    assert made.advance(now, None, 3)[1].tolist() == [RUNNING] * 3
