@@ -59,12 +59,12 @@ class TaskEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         return self.worlds.start(episode), {}
 
     def step(self, action: np.ndarray) -> tuple[np.ndarray, float, bool, bool, dict[str, Any]]:
-        step = self.worlds.act(action)
-        info: dict[str, Any] = dict(zip(self._reward_names, step.reward_terms, strict=True))
-        if step.codes == RUNNING:
-            return step.observations, step.rewards, False, False, info
-        info |= ending_info(step.endings[step.codes])
-        return step.observations, step.rewards, bool(step.terminated), bool(step.truncated), info
+        observation, reward, terms, code, endings = self.worlds.act(action)
+        info: dict[str, Any] = dict(zip(self._reward_names, terms, strict=True))
+        if code == RUNNING:
+            return observation, reward, False, False, info
+        info |= ending_info(endings[code])
+        return observation, reward, bool(endings.terminated[code]), bool(endings.truncated[code]), info
 
     def render(self) -> np.ndarray | None:  # type: ignore[override]
         """The state as an image `(height, width, 3)` uint8; None without a render mode."""

@@ -68,6 +68,7 @@ class ActionMap:
             np.concatenate(parts, axis=1) if parts else np.zeros((7, 0))
         )
         self.squashed = self.squashed.astype(bool)
+        self._is_scaled = bool((self.scale != 1).any())
         self._is_clipped = bool(np.isfinite([self.low, self.high]).any())
 
     @property
@@ -79,7 +80,8 @@ class ActionMap:
         """What the actions `(…, nact)` ask for: squashed, clipped, scaled and offset, in that order."""
         targets = np.where(self.squashed, np.tanh(actions), actions) if self.squashed.any() else actions
         targets = targets.clip(self.low, self.high) if self._is_clipped else targets
-        return targets * self.scale + self.offset
+        targets = targets * self.scale if self._is_scaled else targets
+        return targets + self.offset
 
     def _check_new(self, driven: Sequence[Driven], action: Action) -> None:
         known = {each.control for each in self.driven}

@@ -69,7 +69,7 @@ class CommandSignals:
         """What it has drawn in each world `(count, …)`."""
         return [drawn for drawn, _, _, _ in self._random]
 
-    def at(self, worlds: np.ndarray | int, instants: np.ndarray) -> np.ndarray:
+    def at(self, worlds: np.ndarray | int, instants: np.ndarray | int) -> np.ndarray:
         """The values in the worlds `(k,)` at these control instants `(k,)` of theirs: `(k, len(names))`.
 
         Beyond the end of an episode its last values hold. Those of one world alone are `(len(names),)`.

@@ -31,7 +31,7 @@ class Inputs(NamedTuple):
       commands: `(k, ncommands)`.
     """
 
-    instants: np.ndarray
+    instants: Any
     actions: np.ndarray
     commands: np.ndarray
 
@@ -48,6 +48,7 @@ class TaskExpressions:
 
     Attributes:
       measured: the columns of the model that they read.
+      reads_actions, reads_commands: whether they read any of these.
       has_values: whether some are observed.
       endings: how episodes can end; the terminations of the task first, in their order.
 
@@ -84,10 +85,10 @@ class TaskExpressions:
         own = {TIME, *own_columns[0], *own_columns[1]}
         self.measured = [column for column in dict.fromkeys(read) if column not in own]
         self._reads_time = TIME in read
-        self._reads_actions, self._reads_commands = (not {*read}.isdisjoint(own_names) for own_names in own_columns)
+        self.reads_actions, self.reads_commands = (not {*read}.isdisjoint(own_names) for own_names in own_columns)
         columns_of = [self.measured]
-        columns_of += [own_columns[0]] if self._reads_actions else []
-        columns_of += [own_columns[1]] if self._reads_commands else []
+        columns_of += [own_columns[0]] if self.reads_actions else []
+        columns_of += [own_columns[1]] if self.reads_commands else []
         self._layout = ColumnLayout([name for part in columns_of for name in part])
 
     @property
@@ -99,13 +100,16 @@ class TaskExpressions:
     def columns(self, measured: np.ndarray, inputs: Inputs) -> ColumnMatrix:
         """The columns that expressions read, `(k,)` each, from those of the model `(k, len(self.measured))`."""
         read = [measured]
-        read += [inputs.actions] if self._reads_actions else []
-        read += [inputs.commands] if self._reads_commands else []
+        read += [inputs.actions] if self.reads_actions else []
+        read += [inputs.commands] if self.reads_commands else []
         matrix = np.concatenate(read, axis=-1) if len(read) > 1 else measured
-        others = {TIME: self._time(inputs.instants)} if self._reads_time else NOTHING
-        return ColumnMatrix(self._layout, matrix, others)
+        return self.matrix(matrix, inputs.instants)
 
-    def _time(self, instants: np.ndarray) -> np.ndarray:
+    def matrix(self, values: np.ndarray, instants: Any) -> ColumnMatrix:
+        """The columns that expressions read, side by side already: of the model, then actions and commands if read."""
+        return ColumnMatrix(self._layout, values, {TIME: self._time(instants)} if self._reads_time else NOTHING)
+
+    def _time(self, instants: Any) -> Any:
         """The time of control instants [s], exact and rounded once."""
         return instants * self._control_dt.numerator / self._control_dt.denominator
 

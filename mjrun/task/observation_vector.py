@@ -211,6 +211,8 @@ class ObservationVector:
         self._noise = ObservationNoise(noise, count) if any(noise) else None
         self._shifted, self._scaled = bool(plan.offset.any()), bool((plan.scale != 1).any())
         self._clipped = bool(np.isfinite(plan.low).any() or np.isfinite(plan.high).any())
+        is_changed = self._noise or self._shifted or self._scaled or self._clipped
+        self._is_plain = not (self._others or self._frames or is_changed) and len(self._measured) == 1
         self._remembered = [each for each in plan.terms if each.term.delay or each.term.history > 1]
         self._memory = [
             np.zeros((count, each.term.delay + each.term.history, len(each.columns))) for each in self._remembered
@@ -256,6 +258,8 @@ class ObservationVector:
         self, measured: np.ndarray, inputs: Inputs, values: Mapping[str, Any], rows: np.ndarray | int
     ) -> np.ndarray:
         """All terms as they are now: `(k, width)`."""
+        if self._is_plain:
+            return measured.copy()
         plan = self._plan
         now = np.empty((*measured.shape[:-1], plan.width))
         for source, place in self._measured:

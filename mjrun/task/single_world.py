@@ -8,6 +8,7 @@ import math
 
 import numpy as np
 
+from mjrun.probe.column_matrix import ColumnMatrix
 from mjrun.task.expressions import NOTHING, RUNNING, Inputs
 from mjrun.task.measurement import ALL
 from mjrun.task.task import Task
@@ -28,10 +29,15 @@ class SingleWorld(TaskWorlds):
 
     def __init__(self, task: Task) -> None:
         super().__init__(task, 1, 1)
-        self._row = np.zeros(self._measurement.count)
-        self._read = self._measurement.reader(self._row)
-        self._row_of_terms, self._row_of_expressions = self._row[: self._of_terms], self._row[self._of_terms :]
-        self._action, self._only_observed = self._actions[0], self._observed[0]
+        expressions, columns = self._expressions, self._measurement.count
+        self._has_commands = bool(self.commands.names)
+        nact = len(self.action_names) if expressions.reads_actions else 0
+        ncommands = len(self.commands.names) if expressions.reads_commands else 0
+        row = np.zeros(columns + nact + ncommands)  # what is measured for terms, and for expressions; and the rest
+        self._read = self._measurement.reader(row[:columns])
+        self._row_of_terms, self._row_of_expressions = row[: self._of_terms], row[self._of_terms :]
+        self._action_read, self._commands_read = row[columns : columns + nact], row[columns + nact :]
+        self._action, self._target, self._only_observed = self._actions[0], self._targets[0], self._observed[0]
         self._only_motion, self._only_warnings = self._motion[0], self._warnings[0]
 
     def start(self, seed: int) -> np.ndarray:
@@ -49,9 +55,8 @@ class SingleWorld(TaskWorlds):
         self._measurement.begin(ALL)
         self._read()
 
+        inputs, columns = self._columns_at(0)
         expressions = self._expressions
-        inputs = Inputs(0, self._action, self.commands.at(0, 0))
-        columns = expressions.columns(self._row_of_expressions, inputs)
         self._start_codes[0] = expressions.begin_alone(columns)
         values = expressions.values_alone(columns, first=True) if expressions.has_values else NOTHING
         observed = self._observations.observe(self._row_of_terms, inputs, values, 0, first=True)
@@ -69,7 +74,7 @@ class SingleWorld(TaskWorlds):
             self.begin(action[None])
         else:
             self._action[:] = action
-            targets = self._targets[0] = self.actions.targets(action)
+            self._target[:] = targets = self.actions.targets(action)
             self._torques.apply(targets, self._ctrl, 0)
         self._advance(self.control_steps, None, self._stage)
         self._read()
@@ -77,25 +82,22 @@ class SingleWorld(TaskWorlds):
 
     def _result(self) -> TaskStep:
         """What has come of the control period."""
-        expressions, has_commands = self._expressions, bool(self.commands.names)
-        instant = int(self._instants[0])
-        in_force = self.commands.at(0, instant) if has_commands else NO_COMMANDS
-        self._instants[0] = instant = instant + 1
-        inputs = Inputs(instant, self._action, in_force)
-        columns = expressions.columns(self._row_of_expressions, inputs)
+        expressions, endings = self._expressions, self._expressions.endings
+        before = int(self._instants[0])
+        self._instants[0] = instant = before + 1
+        inputs, columns = self._columns_at(instant, before)
         terms, code = expressions.advance_alone(columns)
         if code == RUNNING and instant >= self._periods:
-            code = self.endings.timeout
+            code = endings.timeout
 
-        if has_commands:
-            inputs = inputs._replace(commands=self.commands.at(0, instant))
-            columns = expressions.columns(self._row_of_expressions, inputs)
+        if self._has_commands:
+            inputs, columns = self._columns_at(instant)
         values = expressions.values_alone(columns, first=False) if expressions.has_values else NOTHING
         observed = self._observations.observe(self._row_of_terms, inputs, values, 0, first=False)
         motion = self._only_motion
         is_stable = motion.dot(motion) < SQUARE and not self._has_failed and not any(self._only_warnings.tolist())
         if not is_stable and self.is_unstable(0):
-            code, terms = self.endings.unstable, [0.0] * len(terms)
+            code, terms = endings.unstable, [0.0] * len(terms)
             observed = self._only_observed.copy()
         self._only_observed[:] = observed
         if code != RUNNING:
@@ -103,4 +105,20 @@ class SingleWorld(TaskWorlds):
         total = 0.0
         for term in terms:  # one after the other, as in `TaskWorlds`
             total += term
-        return TaskStep(observed, total, terms, code, self.endings)
+        return TaskStep(observed, total, terms, code, endings)
+
+    def _columns_at(self, instant: int, commanded: int | None = None) -> tuple[Inputs, ColumnMatrix]:
+        """What went into the world up to a control instant, and the columns that expressions read there.
+
+        Args:
+          commanded: the instant of the commands, if they are those of another.
+        """
+        commands = NO_COMMANDS
+        if self._has_commands:
+            commands = self.commands.at(0, instant if commanded is None else commanded)
+            if self._expressions.reads_commands:
+                self._commands_read[:] = commands
+        if self._expressions.reads_actions:
+            self._action_read[:] = self._action
+        columns = self._expressions.matrix(self._row_of_expressions, instant)
+        return Inputs(instant, self._action, commands), columns
