@@ -615,7 +615,8 @@ class LostEpisodesError(MjrunError):
     exit_code = 8
 
     def __init__(self, seeds: Sequence[int], ending: str) -> None:
-        super().__init__(f"the process that played the episodes of seeds {seeds[0]} to {seeds[-1]} {clean(ending)}")
+        episodes = f"episodes of seeds {seeds[0]} to {seeds[-1]}" if len(seeds) > 1 else f"episode of seed {seeds[0]}"
+        super().__init__(f"the process that played the {episodes} {clean(ending)}")
 
 
 # --- ended from outside ----------------------------------------------------------------------------

@@ -2,11 +2,13 @@
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Iterator, Sequence
+from collections import deque
+from collections.abc import Iterator, Mapping, Sequence
+from typing import cast
 
 import numpy as np
 
-from mjrun.errors import InvalidActionError
+from mjrun.errors import InvalidActionError, MjrunError
 from mjrun.evaluation.episode import Episode, EpisodeSpec
 from mjrun.job.episode import UNLIMITED
 from mjrun.model.source import Source
@@ -45,7 +47,7 @@ class EpisodePlayer(ABC):
         Raises:
           InvalidActionError: the policy answers what is not a number.
           SimulationError: the simulation of an environment failed.
-          MjrunError: the policy fails.
+          MjrunError: the policy fails. In any case it is the error of the first of the episodes that fail.
         """
 
 
@@ -81,11 +83,15 @@ class _Running:
     """An episode that is being played.
 
     Attributes:
+      place: among those that are played in one go.
       steps: control periods so far.
+      action: the last answer of the policy.
     """
 
-    def __init__(self, seed: int, actor: Actor, terms: int) -> None:
-        self.seed, self.actor, self.steps = seed, actor, 0
+    action: np.ndarray
+
+    def __init__(self, place: int, seed: int, actor: Actor, terms: int) -> None:
+        self.place, self.seed, self.actor, self.steps = place, seed, actor, 0
         self._total, self._terms = 0.0, np.zeros(terms)
 
     def add(self, reward: float, terms: np.ndarray) -> None:
@@ -98,6 +104,28 @@ class _Running:
         """The episode, which has ended."""
         length, sums = self.steps * control_dt, tuple(self._terms.tolist())
         return Episode(self.seed, self._total, self.steps, length, ending.name, ending.kind, names, sums)
+
+
+class _FirstFailure:
+    """The error of the first episode that fails, whichever fails first in time: later ones need not be played.
+
+    Attributes:
+      place: of that episode; infinite while none has failed.
+    """
+
+    def __init__(self) -> None:
+        self.place, self._error = math.inf, cast("MjrunError | None", None)
+
+    def note(self, place: int, seed: int, error: MjrunError) -> None:
+        """Takes the error of an episode."""
+        if place < self.place:
+            error.add_note(f"in the episode of seed {seed}")
+            self.place, self._error = place, error
+
+    def throw(self) -> None:
+        """Raises the error, if there is one."""
+        if self._error:
+            raise self._error
 
 
 class TaskPlayer(EpisodePlayer):
@@ -123,46 +151,65 @@ class TaskPlayer(EpisodePlayer):
         return [episodes[seed] for seed in seeds]
 
     def _played(self, seeds: Sequence[int], count: int) -> Iterator[Episode]:
-        """The episodes, as they end, in `count` worlds."""
-        waiting, control_dt = list(seeds[count:]), float(self._task.control_dt)
-        running = {world: self._begun(seed) for world, seed in enumerate(seeds[:count])}
-        ids = list(running)
-        observations = self._worlds.reset(seeds[:count], ids)
-        while ids:
-            actions = np.stack([self._action(running[world], observations[i]) for i, world in enumerate(ids)])
-            step = self._worlds.step(actions, ids)
-            observations = step.observations
+        """The episodes, as they end, in `count` worlds.
+
+        Raises:
+          MjrunError: that of the first episode that fails, in the order of `seeds`.
+        """
+        worlds, control_dt = self._worlds, float(self._task.control_dt)
+        waiting, failure = deque(range(len(seeds))), _FirstFailure()
+        running: dict[int, _Running] = {}
+        observations = np.empty((count, len(worlds.observed)))
+        for world in range(count):
+            self._begin_next(world, seeds, waiting, running, observations, failure)
+        while running:
+            self._act(running, observations, failure)
+            for world in [world for world, episode in running.items() if episode.place >= failure.place]:
+                del running[world]
+            if not running:
+                break
+            ids = list(running)
+            step = worlds.step(np.stack([running[world].action for world in ids]), ids)
+            observations[ids] = step.observations
             for index, world in enumerate(ids):
                 running[world].add(float(step.rewards[index]), step.reward_terms[index])
-            if not step.over.any():
-                continue
-
-            observations = observations.copy()
-            goes_on = np.ones(len(ids), bool)
-            for index, ending in enumerate(step.ended):
-                if ending is None:
-                    continue
+            for index in np.flatnonzero(step.over).tolist():
                 world = ids[index]
-                yield running.pop(world).ended(ending, self.rewards, control_dt)
-                if waiting:
-                    seed = waiting.pop(0)
-                    running[world] = self._begun(seed)
-                    observations[index] = self._worlds.reset([seed], [world])[0]
-                else:
-                    goes_on[index] = False
-            ids = [world for world, more in zip(ids, goes_on, strict=True) if more]
-            observations = observations[goes_on]
+                yield running.pop(world).ended(step.endings[step.codes[index]], self.rewards, control_dt)
+                self._begin_next(world, seeds, waiting, running, observations, failure)
+        failure.throw()
 
-    def _begun(self, seed: int) -> _Running:
-        return _Running(seed, self._policy.episode(seed, self._actions), len(self.rewards))
+    def _begin_next(
+        self,
+        world: int,
+        seeds: Sequence[int],
+        waiting: deque[int],
+        running: dict[int, _Running],
+        observations: np.ndarray,
+        failure: _FirstFailure,
+    ) -> None:
+        """Begins the next episode in a world, if one is waiting that counts."""
+        while waiting and waiting[0] < failure.place:
+            place = waiting.popleft()
+            try:
+                actor = self._policy.episode(seeds[place], self._actions)
+                observations[world] = self._worlds.reset([seeds[place]], [world])[0]
+            except MjrunError as error:
+                failure.note(place, seeds[place], error)
+            else:
+                running[world] = _Running(place, seeds[place], actor, len(self.rewards))
+                return
 
-    def _action(self, episode: _Running, observation: np.ndarray) -> np.ndarray:
-        action = episode.actor.act(observation)
-        if not np.isfinite(action).all():
-            step = episode.steps * self._worlds.control_steps
-            time = episode.steps * float(self._task.control_dt)
-            raise _invalid(self._policy, self._actions, action, episode.seed, step, time)
-        return action
+    def _act(self, running: Mapping[int, _Running], observations: np.ndarray, failure: _FirstFailure) -> None:
+        """Asks the policy in each episode."""
+        for world, episode in running.items():
+            try:
+                episode.action = episode.actor.act(observations[world])
+                if not np.isfinite(episode.action).all():
+                    step, time = episode.steps * self._worlds.control_steps, episode.steps * self._task.control_dt
+                    raise _invalid(self._policy, self._actions, episode.action, step, float(time))
+            except MjrunError as error:
+                failure.note(episode.place, episode.seed, error)
 
 
 class EnvironmentPlayer(EpisodePlayer):
@@ -182,17 +229,25 @@ class EnvironmentPlayer(EpisodePlayer):
         self.can_succeed = False  # it does not say so before it happens
 
     def play(self, seeds: Sequence[int]) -> list[Episode]:
-        return [self._played(seed) for seed in seeds]
+        episodes, failure = list[Episode](), _FirstFailure()
+        for place, seed in enumerate(seeds):
+            try:
+                episodes.append(self._played(place, seed))
+            except MjrunError as error:
+                failure.note(place, seed, error)
+                break
+        failure.throw()
+        return episodes
 
-    def _played(self, seed: int) -> Episode:
+    def _played(self, place: int, seed: int) -> Episode:
         environment, control_dt = self._environment, float(self._environment.control_dt)
-        episode = _Running(seed, self._policy.episode(seed, self._actions), len(self.rewards))
+        episode = _Running(place, seed, self._policy.episode(seed, self._actions), len(self.rewards))
         observation = environment.reset(seed)
         while True:
             action = episode.actor.act(observation)
             if not np.isfinite(action).all():
                 step, time = episode.steps * environment.control_steps, episode.steps * control_dt
-                raise _invalid(self._policy, self._actions, action, seed, step, time)
+                raise _invalid(self._policy, self._actions, action, step, time)
             result = environment.step(action)
             terms = [result.reward_terms.get(name, np.nan) for name in self.rewards]
             episode.add(result.reward, np.array(terms))
@@ -202,10 +257,6 @@ class EnvironmentPlayer(EpisodePlayer):
             observation = result.observation
 
 
-def _invalid(
-    policy: Policy, actions: ActionSpace, action: np.ndarray, seed: int, step: int, time: float
-) -> InvalidActionError:
+def _invalid(policy: Policy, actions: ActionSpace, action: np.ndarray, step: int, time: float) -> InvalidActionError:
     values = {name: float(value) for name, value in zip(actions.names, action, strict=True) if not np.isfinite(value)}
-    error = InvalidActionError(step, time, policy.name, values)
-    error.add_note(f"in the episode of seed {seed}")
-    return error
+    return InvalidActionError(step, time, policy.name, values)

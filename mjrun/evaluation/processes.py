@@ -8,7 +8,7 @@ import contextlib
 import threading
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from multiprocessing.connection import Connection, Pipe
 
 from mjrun.child_process import ChildProcess, limit_this_process, python_call
@@ -63,25 +63,54 @@ def played(chunks: Sequence[Chunk], processes: int) -> Iterator[tuple[Chunk, Seq
       processes: how many play.
 
     Raises:
-      MjrunError: what an episode raises; the others are given up.
-      LostEpisodesError: a process ended in the middle of a chunk.
+      MjrunError: that of the first episode that fails, in the order of the chunks, whichever fails first in time.
+      LostEpisodesError: a process ended in the middle of that episode.
     """
-    local, started = threading.local(), list[PlayerProcess]()
+    local, started, is_over = threading.local(), list[PlayerProcess](), threading.Event()
+
+    def start() -> None:
+        local.process = PlayerProcess()
+        started.append(local.process)
+        if is_over.is_set():
+            local.process.end()
 
     def play(chunk: Chunk) -> Sequence[Episode]:
         if not hasattr(local, "process"):
-            local.process = PlayerProcess()
-            started.append(local.process)
-        return local.process.play(chunk)
+            start()
+        try:
+            return local.process.play(chunk)
+        except LostEpisodesError:
+            if is_over.is_set():
+                raise
+            start()
+            if len(chunk.seeds) > 1:
+                for seed in chunk.seeds:  # one by one, to find the first that ends its process
+                    play(replace(chunk, seeds=[seed]))
+            raise
 
     pool = ThreadPoolExecutor(processes, thread_name_prefix="episodes")
     try:
-        futures = {pool.submit(play, chunk): chunk for chunk in chunks}
+        futures = {pool.submit(play, chunk): place for place, chunk in enumerate(chunks)}
+        earlier, failure = {*range(len(chunks))}, None  # chunks that are not played yet and count
         for future in as_completed(futures):
-            yield futures[future], future.result()
+            place = futures[future]
+            if place not in earlier:
+                continue
+            earlier.remove(place)
+            try:
+                yield chunks[place], future.result()
+            except MjrunError as error:
+                failure = error
+                for later, its_place in futures.items():
+                    if its_place > place:
+                        later.cancel()
+                earlier = {each for each in earlier if each < place}
+            if failure and not earlier:
+                raise failure
     finally:
+        is_over.set()
         pool.shutdown(wait=False, cancel_futures=True)
-        for process in started:
+        for process in list(started):
             process.end()
         pool.shutdown()  # threads that have waited for a process go on when it ends
         for process in started:

@@ -1,12 +1,14 @@
 """One episode of a task at a time, as an environment of Gymnasium."""
 
+from dataclasses import replace
 from typing import Any
 
 import gymnasium
 import mujoco
 import numpy as np
+from gymnasium.envs.registration import EnvSpec
 
-from mjrun.gym.spaces import TaskLike, action_space, observation_space, task_of
+from mjrun.gym.spaces import TaskLike, action_space, named, observation_space, task_of
 from mjrun.model import state
 from mjrun.rendering.render import render
 from mjrun.task.episode import Ending
@@ -29,6 +31,9 @@ class TaskEnv(gymnasium.Env[np.ndarray, np.ndarray]):
     `reset(seed=S)` begins the episode of seed S; without a seed, one that Gymnasium's generator draws. The info of a
     step holds the weighted terms of the reward, `reward/NAME`; that of the last one also how the episode ended,
     `ending`, and whether it was a success, `is_success`.
+
+    It can be pickled and copied, also within an episode, and goes on with the same numbers. The model is read once; a
+    copy reads it again, and is refused where its file has changed since.
     """
 
     metadata = {"render_modes": ["rgb_array"]}  # noqa: RUF012 - as Gymnasium has it
@@ -43,6 +48,7 @@ class TaskEnv(gymnasium.Env[np.ndarray, np.ndarray]):
     ) -> None:
         if render_mode is not None and render_mode not in self.metadata["render_modes"]:
             raise ValueError(f"render_mode is rgb_array or None, not {render_mode!r}")
+        self._spec: EnvSpec | None = None
         self.task = task_of(task)
         self.worlds = SingleWorld(self.task)
         self.observation_space, self.action_space = observation_space(self.worlds), action_space(self.worlds)
@@ -50,6 +56,15 @@ class TaskEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         self.render_mode = render_mode
         self.metadata = {**self.metadata, "render_fps": round(1 / self.task.control_dt)}
         self._camera, self._size = camera, (width, height)
+
+    @property
+    def spec(self) -> EnvSpec | None:  # type: ignore[override]
+        """What `gymnasium.make` made it from; `to_json` takes it where the task is a document."""
+        return self._spec
+
+    @spec.setter
+    def spec(self, spec: EnvSpec | None) -> None:  # type: ignore[override]
+        self._spec = spec and replace(spec, kwargs=spec.kwargs | {"task": named(spec.kwargs["task"])})
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -82,6 +97,9 @@ def make(task: TaskLike, **options: Any) -> gymnasium.Env[np.ndarray, np.ndarray
     Args:
       task: it, or the file of its document.
       options: those of `TaskEnv` and of `gymnasium.make`.
+
+    Returns:
+      The environment; its `spec.to_json()` needs a task that is a document.
 
     Raises:
       UsageError: the task does not fit its model.

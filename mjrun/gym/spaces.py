@@ -6,6 +6,7 @@ import mujoco
 import numpy as np
 from gymnasium.spaces import Box
 
+from mjrun.confinement.confinement import is_readable
 from mjrun.document.task import read_task
 from mjrun.options.task import CONTROL, POSITION, TORQUE
 from mjrun.task.action_map import ActionMap, Driven
@@ -24,6 +25,14 @@ def task_of(task: TaskLike) -> Task:
       FileError: it is not there, or cannot be read.
     """
     return task if isinstance(task, Task) else read_task(str(task))
+
+
+def named(task: TaskLike) -> TaskLike:
+    """The text that names the document of a task; the task itself where it differs from its document, or has none."""
+    if not isinstance(task, Task):
+        return str(task)
+    has_document = task.path is not None and is_readable(task.path) and task.path.is_file()
+    return task.text if has_document and read_task(task.text) == task else task
 
 
 def observation_space(worlds: TaskWorlds) -> Box:

@@ -5,6 +5,7 @@ is read is decided once, and expressions are evaluated on Python's numbers. No n
 """
 
 import math
+from typing import Any
 
 import numpy as np
 
@@ -40,6 +41,9 @@ class SingleWorld(TaskWorlds):
         self._action, self._target, self._only_observed = self._actions[0], self._targets[0], self._observed[0]
         self._only_motion, self._only_warnings = self._motion[0], self._warnings[0]
 
+    def __reduce__(self) -> tuple[Any, ...]:
+        return type(self), (self.task,), self._saved()
+
     def start(self, seed: int) -> np.ndarray:
         """Begins the episode of `seed`; returns the first observation `(nobs,)`.
 
@@ -70,7 +74,7 @@ class SingleWorld(TaskWorlds):
           ValueError: the action is not finite or does not fit, or the episode is over or has not begun.
         """
         action = np.asarray(action, float)
-        if action.shape != self._action.shape or self._over[0] or not math.isfinite(action.dot(action)):
+        if action.shape != self._action.shape or self._over[0] or not math.isfinite(np.vdot(action, action)):
             self.begin(action[None])
         else:
             self._action[:] = action
@@ -95,7 +99,7 @@ class SingleWorld(TaskWorlds):
         values = expressions.values_alone(columns, first=False) if expressions.has_values else NOTHING
         observed = self._observations.observe(self._row_of_terms, inputs, values, 0, first=False)
         motion = self._only_motion
-        is_stable = motion.dot(motion) < SQUARE and not self._has_failed and not any(self._only_warnings.tolist())
+        is_stable = np.vdot(motion, motion) < SQUARE and not self._has_failed and not any(self._only_warnings.tolist())
         if not is_stable and self.is_unstable(0):
             code, terms = endings.unstable, [0.0] * len(terms)
             observed = self._only_observed.copy()

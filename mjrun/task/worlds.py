@@ -6,7 +6,7 @@ rewards and terminations follow from what holds there, with the action and the c
 """
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import mujoco
@@ -14,7 +14,9 @@ import numpy as np
 from mujoco.batch import Batch
 from mujoco.batch import SimulationError as BatchError
 
+from mjrun.errors import ModelError, UsageError, clean
 from mjrun.model import state
+from mjrun.model.fingerprint import model_fingerprint
 from mjrun.model.mujoco_globals import without_timers
 from mjrun.model.source import Source
 from mjrun.model.variants import ModelVariants
@@ -105,7 +107,9 @@ class TaskWorlds:
         with task.located():
             self._prepare(threads)
         self._periods = task.periods
+        self._threads = threads
         self._seeds = np.zeros(count, np.int64)
+        self._begun = np.zeros(count, bool)
         self._instants = np.zeros(count, int)  # control instants since the reset
         self._actions = np.zeros((count, len(self.action_names)))  # in force, as the policy gave them
         self._targets = np.zeros_like(self._actions)
@@ -146,6 +150,30 @@ class TaskWorlds:
         model = 0 if self._models.is_one else 2 * mujoco.mj_sizeModel(self._first)  # as compiled, and as varied
         data = mujoco.MjData(self._first).nbuffer if self._is_persistent else 0
         return model + data
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Copies and pickles are made again from the task, and go on where these worlds stand, to the last bit."""
+        return type(self), (self.task, self.count, self._threads), self._saved()
+
+    def __setstate__(self, saved: Mapping[str, Any]) -> None:
+        """Goes on where other worlds of the task stood.
+
+        Raises:
+          ModelError: the model is not theirs.
+        """
+        if model_fingerprint(self._first) != saved["model"]:
+            what = clean(self.task.model_source.text) or "the model"
+            raise ModelError(f"{what} is not the model of the environment that was copied: its file has changed since")
+        for array, values in zip(self._memory, saved["memory"], strict=True):
+            array[...] = values
+        self._observations.noise[:] = saved["noise"]
+        self._has_failed = bool(self._failed.any())
+        for world in np.flatnonzero(self._begun).tolist():
+            if not self._models.is_one:
+                self._each[world] = self._models.variant(int(self._seeds[world]))
+            self._torques.begin(world, self._model_of(world))
+        if not self._models.is_one:
+            self._batch.set_models([variant.model for variant in self._each])
 
     def model(self, world: int) -> mujoco.MjModel:
         """The model of a world's episode until the next one begins there; not to be changed."""
@@ -243,6 +271,25 @@ class TaskWorlds:
         """Lets episodes go on that are over, unless they are unstable: without a reset, as if they were not."""
         self._over[:] = False
 
+    # --- copies ------------------------------------------------------------------------------------
+
+    @property
+    def _memory(self) -> list[np.ndarray]:
+        """All that steps change, but for the generators of noise."""
+        own = [self._seeds, self._begun, self._instants, self._actions, self._targets, self._observed]
+        own += [self._start_codes, self._over, self._failed, self._batch.state, self._batch.warning]
+        parts = self.commands, self._expressions, self._observations, self._measurement
+        return [*own, *(array for part in parts for array in part.memory)]
+
+    def _saved(self) -> dict[str, Any]:
+        if self._first.opt.enableflags & SLEEP and not self._over.all():
+            raise UsageError(
+                "an environment in which bodies sleep cannot be copied within an episode: MuJoCo's state does not hold "
+                "which of them do\ncopy it before reset() or after the end of the episode"
+            )
+        memory = [array.copy() for array in self._memory]
+        return {"model": model_fingerprint(self._first), "memory": memory, "noise": [*self._observations.noise]}
+
     # --- within ------------------------------------------------------------------------------------
 
     def _prepare(self, threads: int) -> None:
@@ -307,7 +354,7 @@ class TaskWorlds:
                 if variant.model is not self._first:
                     self._models.reuse(variant)
                 variant = self._each[world] = self._models.variant(seed)
-            self._seeds[world] = seed
+            self._seeds[world], self._begun[world] = seed, True
             self._batch.state[world] = self._starts.state(variant, seed)
             self._torques.begin(world, variant.model)
             self.commands.begin(world, seed)
@@ -362,8 +409,8 @@ class TaskWorlds:
 
     def _is_surely_stable(self, rows: Rows) -> bool:
         """Whether all of these worlds are stable, as far as a glance tells: if it does not, `_unstable` does."""
-        motion = self._motion[rows].ravel()
-        return motion.dot(motion) < SQUARE and not self._has_failed and not self._warnings[rows].any()
+        motion = self._motion[rows]
+        return np.vdot(motion, motion) < SQUARE and not self._has_failed and not self._warnings[rows].any()
 
     def _unstable(self, rows: Rows) -> np.ndarray:
         """Which worlds MuJoCo has given up on, or should have `(k,)` bool."""
@@ -381,8 +428,7 @@ class TaskWorlds:
         return Inputs(instants, self._actions[worlds], self.commands.at(worlds, instants))
 
     def _require_finite(self, actions: np.ndarray, rows: Rows) -> None:
-        flat = actions.ravel()
-        if math.isfinite(flat.dot(flat)):  # no sum of squares is, unless all of them are
+        if math.isfinite(np.vdot(actions, actions)):  # a sum of squares is finite only if all of them are
             return
         finite = np.isfinite(actions)
         if finite.all():

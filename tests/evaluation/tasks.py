@@ -42,6 +42,32 @@ class Broken:
         self.calls += 1
         return np.array([np.nan if self.calls > 7 else 0.0])
 
+class Late:
+    # The episode of seed 7 is the first that fails; those of later seeds fail at earlier steps.
+    def reset(self, seed):
+        self.seed, self.calls = seed, 0
+
+    def act(self, observation):
+        self.calls += 1
+        if self.seed >= 7 and self.calls > 40 - 3 * (self.seed - 5):
+            raise KeyError(f"seed {self.seed}, call {self.calls}")
+        return np.zeros(1)
+
+class NotNumber(Late):
+    def act(self, observation):
+        try:
+            return super().act(observation)
+        except KeyError:
+            return np.array([np.nan])
+
+class LateCrash(Late):
+    def act(self, observation):
+        try:
+            return super().act(observation)
+        except KeyError:
+            import os
+            os.abort()
+
 class Crashing:
     def act(self, observation):
         import os, sys

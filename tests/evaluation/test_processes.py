@@ -28,7 +28,7 @@ def test_the_episodes_are_those_of_this_process(tmp_path: Path) -> None:
     [
         ("Broken", InvalidActionError, r"push = nan[\s\S]*seed 5"),
         ("raising", ControllerError, "nothing here"),
-        ("Crashing", LostEpisodesError, "seeds 5 to 6 was killed by SIGABRT.*"),
+        ("Crashing", LostEpisodesError, "the episode of seed 5 was killed by SIGABRT.*"),
     ],
 )
 def test_what_an_episode_raises_is_raised_here(tmp_path: Path, name: str, error: type[MjrunError], match: str) -> None:

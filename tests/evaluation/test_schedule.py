@@ -1,11 +1,13 @@
 """The same table whatever plays it."""
 
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from mjrun.errors import MjrunError
 from mjrun.evaluation import player, schedule
 from mjrun.evaluation.episode import Episode, EpisodeSpec, PolicyChoice
 from mjrun.evaluation.player import player_of
@@ -45,6 +47,30 @@ def test_episodes_are_the_same_whatever_the_number_of_processes_and_worlds(
         assert progress.told == sorted(progress.told)
     monkeypatch.setattr(player, "SIDE_BY_SIDE", 2)
     assert [player_of(group.spec).play(range(5, 16)) for group in some] == expected
+
+
+@pytest.mark.parametrize(
+    ("name", "all_jobs", "message"),
+    [
+        ("Late", (1, 2, 4), r"raised KeyError: 'seed 7, call 35'"),
+        ("NotNumber", (3,), r"step 68, .*push = nan"),
+        ("LateCrash", (2,), r"episode of seed 7 was killed by SIGABRT"),
+    ],
+)
+def test_the_failure_told_is_that_of_the_first_episode_that_fails(
+    tmp_path: Path, name: str, all_jobs: Sequence[int], message: str
+) -> None:
+    """Later episodes fail at earlier steps, and in other processes: neither changes what is told."""
+    endless = replace(cart_task(tmp_path), terminations={})
+    chosen = PolicyChoice(f"{write_policies(tmp_path)}:{name}")
+    some = [EpisodeGroup(0, name, 0, EpisodeSpec(endless, chosen))]
+    told: set[tuple[str, ...]] = set()
+    for jobs in all_jobs:
+        with pytest.raises(MjrunError, match=message) as caught:
+            play_all(some, range(5, 18), jobs, WarningReporter())
+        told.add((str(caught.value), *getattr(caught.value, "__notes__", ())))
+    assert len(told) == 1
+    assert name == "LateCrash" or "in the episode of seed 7" in next(iter(told))
 
 
 @pytest.mark.usefixtures("half_a_core")

@@ -1,18 +1,28 @@
 """A task is an environment that Gymnasium's checker accepts, with the numbers of its worlds."""
 
+import copy
+import pickle
 import subprocess
 import sys
 import warnings
+from collections.abc import Callable
+from dataclasses import replace
+from functools import partial
 from pathlib import Path
+from typing import Any
 
 import gymnasium
 import numpy as np
 import pytest
+from gymnasium.envs.registration import EnvSpec
 from gymnasium.utils.env_checker import check_env
+from gymnasium.vector import AsyncVectorEnv
 
+import mjrun
 import mjrun.gym
+from mjrun.errors import ModelError
 from mjrun.task.worlds import TaskWorlds
-from tests.gym.tasks import write_cart
+from tests.gym.tasks import CART, write_cart
 
 
 def test_gymnasiums_checker_accepts_a_task(tmp_path: Path) -> None:
@@ -43,6 +53,70 @@ def test_it_is_registered_and_has_the_numbers_of_worlds(tmp_path: Path) -> None:
         assert ending
         assert (info["ending"], terminated) == (ending.name, ending.terminated)
         assert info["is_success"] == (ending.name == "there")
+
+
+def test_its_spec_is_json_and_makes_it_again(tmp_path: Path) -> None:
+    document = write_cart(tmp_path)
+    for task in (document, str(document), mjrun.read_task(document)):
+        made = mjrun.gym.make(task, width=320), gymnasium.make("mjrun/Task-v0", task=task, width=320)
+        for env in made:
+            assert env.spec
+            spec = EnvSpec.from_json(env.spec.to_json())
+            assert spec.kwargs == {"task": str(document), "width": 320}
+            again = gymnasium.make(spec)
+            np.testing.assert_array_equal(again.reset(seed=2)[0], env.reset(seed=2)[0])
+    changed = replace(mjrun.read_task(document), duration=1)
+    env = mjrun.gym.make(changed)
+    assert env.spec
+    assert env.spec.kwargs == {"task": changed}  # which is not in the document
+    assert gymnasium.make(env.spec).unwrapped.task == changed  # type: ignore[attr-defined]
+
+
+@pytest.mark.parametrize("copied", [copy.deepcopy, lambda env: pickle.loads(pickle.dumps(env))])
+def test_copies_go_on_within_an_episode_with_the_same_numbers(tmp_path: Path, copied: Callable[[Any], Any]) -> None:
+    for make in (mjrun.gym.make, partial(mjrun.gym.make_vec, num_envs=3)):
+        env = make(write_cart(tmp_path))
+        env.reset(seed=1)
+        env.action_space.seed(1)
+        for _ in range(3):
+            env.step(env.action_space.sample())
+        other = copied(env)
+        for _ in range(25):
+            action = env.action_space.sample()
+            np.testing.assert_array_equal(other.action_space.sample(), action)
+            ours, theirs = env.step(action), other.step(action)
+            np.testing.assert_equal(theirs, ours)
+            if make is mjrun.gym.make and (ours[2] or ours[3]):
+                np.testing.assert_array_equal(other.reset()[0], env.reset()[0])
+
+
+def test_pickled_environments_go_on_in_other_processes(tmp_path: Path) -> None:
+    environments = [mjrun.gym.TaskEnv(write_cart(tmp_path)) for _ in range(2)]
+    for seed, env in enumerate(environments):
+        env.reset(seed=seed)
+    workers = AsyncVectorEnv([partial(copy.copy, env) for env in environments], context="spawn")
+    try:
+        workers.reset(seed=5)
+        first = [env.reset(seed=5 + i)[0] for i, env in enumerate(environments)]
+        actions = np.array([env.action_space.sample() for env in environments])
+        observations = workers.step(actions)[0]
+        expected = [env.step(action)[0] for env, action in zip(environments, actions, strict=True)]
+        np.testing.assert_array_equal(observations, expected)
+        assert (np.array(first) != observations).any()
+    finally:
+        workers.close()
+
+
+def test_a_document_and_a_model_that_are_edited_change_nothing_of_what_runs(tmp_path: Path) -> None:
+    document = write_cart(tmp_path)
+    env, other = mjrun.gym.TaskEnv(document), mjrun.gym.TaskEnv(document)
+    before = env.reset(seed=3)[0], env.step(np.ones(2))
+    document.write_text(document.read_text().replace("scale: 0.5", "scale: 0.7"))
+    (tmp_path / "cart.xml").write_text(CART.replace('gear="2"', 'gear="3"'))
+    after = other.reset(seed=3)[0], other.step(np.ones(2))
+    np.testing.assert_equal(after, before)
+    with pytest.raises(ModelError, match=r"cart\.xml is not the model of the environment that was copied"):
+        copy.deepcopy(other)
 
 
 def test_episodes_without_a_seed_go_on_from_the_last_one(tmp_path: Path) -> None:

@@ -1,0 +1,131 @@
+"""A single world gives what worlds side by side give, to the last bit, whatever a task is made of."""
+
+import copy
+import pickle
+import warnings
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from mjrun.errors import ModelError, UsageError
+from mjrun.task.single_world import SingleWorld
+from mjrun.task.task import Task
+from mjrun.task.terms import Action, Observation
+from mjrun.task.worlds import TaskWorlds
+from tests.task import gymnasium_tasks
+from tests.task.test_worlds import CART, EVERYTHING, cart, replace_model
+
+FORCED = {
+    "actions": [Action(joints="hinge", target="torque", scale=3), Action(joints="slide", target="velocity", kd=2)],
+    "observations": [
+        Observation(name="x", probe="qpos/slide", noise="uniform(-1, 1)"),
+        Observation(name="force", probe="qfrc_actuator/hinge", history=2),
+        Observation(name="left", value="time^2"),
+    ],
+    "rewards": {"r": "time - rate(action/hinge) / qpos/slide", "nothing": "1/0 - log(-qpos/slide)"},
+}
+
+
+def assert_same(task: Task, scale: float = 1.0) -> None:
+    """Plays three episodes in both."""
+    single, worlds = SingleWorld(task), TaskWorlds(task, 1)
+    generator = np.random.default_rng(2)
+    for seed in (3, 4, 5):
+        np.testing.assert_array_equal(single.start(seed), worlds.reset([seed])[0])
+        assert single.ended_at_start == worlds.ended_at_start
+        for _ in range(30):
+            action = scale * generator.uniform(-1, 1, len(worlds.action_names))
+            ours, theirs = single.act(action.astype(np.float32)), worlds.step(action.astype(np.float32)[None])
+            np.testing.assert_array_equal(ours.observations, theirs.observations[0])
+            np.testing.assert_array_equal(
+                [ours.rewards, *ours.reward_terms], [theirs.rewards[0], *theirs.reward_terms[0]]
+            )
+            assert ours.codes == theirs.codes[0]
+            np.testing.assert_array_equal(single.state(0), worlds.state(0))
+            if theirs.over[0]:
+                break
+
+
+@pytest.mark.parametrize("derived", ["current", "lagged"])
+@pytest.mark.parametrize("values", [{}, EVERYTHING, FORCED], ids=["plain", "everything", "forced"])
+def test_it_is_one_of_many(tmp_path: Path, values: Mapping[str, object], derived: str) -> None:
+    (tmp_path / "cart.xml").write_text(CART)
+    assert_same(replace_model(cart(**values, derived=derived), tmp_path / "cart.xml"))
+
+
+@pytest.mark.parametrize("make", gymnasium_tasks.TASKS.values())
+def test_it_is_one_of_many_for_gymnasiums_tasks(make: Callable[[], Task]) -> None:
+    with warnings.catch_warnings(action="ignore"):
+        assert_same(make())
+
+
+def test_an_unstable_world_ends_as_among_others() -> None:
+    task = cart(actions=[Action(actuators="push", scale=1e9)])
+    assert_same(task)
+    single = SingleWorld(task)
+    before = single.start(0)
+    step = single.act(np.ones(1))
+    assert step.endings[step.codes].name == "unstable"
+    assert step.rewards == 0
+    np.testing.assert_array_equal(step.observations, before)
+
+
+def test_actions_that_cannot_be_are_refused() -> None:
+    single = SingleWorld(cart())
+    with pytest.raises(ValueError, match="reset it"):
+        single.act(np.zeros(2))
+    single.start(1)
+    with pytest.raises(ValueError, match="1 x 2 numbers"):
+        single.act(np.zeros(3))
+    with pytest.raises(ValueError, match="push is nan in world 0"):
+        single.act(np.array([0, np.nan]))
+    single.act(np.array([1e200, 0]))  # whose square is not finite
+
+
+@pytest.mark.parametrize("derived", ["current", "lagged"])
+@pytest.mark.parametrize("values", [{}, EVERYTHING, FORCED], ids=["plain", "everything", "forced"])
+@pytest.mark.parametrize("copied", [copy.deepcopy, lambda thing: pickle.loads(pickle.dumps(thing))])
+def test_copies_go_on_with_the_same_bits(
+    tmp_path: Path, values: Mapping[str, object], derived: str, copied: Callable[[Any], Any]
+) -> None:
+    (tmp_path / "cart.xml").write_text(CART)
+    task = replace_model(cart(**values, derived=derived), tmp_path / "cart.xml")
+    single, several = SingleWorld(task), TaskWorlds(task, 3)
+    actions = np.random.default_rng(4).normal(size=(12, 3, len(single.action_names)))
+    for steps in (0, 1, 5):
+        single.start(7)
+        several.reset([7, 8], [0, 2])
+        for action in actions[:steps]:
+            single.act(action[0])
+            several.step(action[[2, 0]], [2, 0])
+        single_copy, several_copy = copied(single), copied(several)
+        np.testing.assert_array_equal(single_copy.model(0).geom_friction, single.model(0).geom_friction)
+        for action in actions[steps:]:
+            np.testing.assert_equal(single_copy.act(action[0])[:4], single.act(action[0])[:4])
+            expected = several.step(action[[0, 2]], [0, 2])
+            np.testing.assert_equal(several_copy.step(action[[0, 2]], [0, 2])[:4], expected[:4])
+        np.testing.assert_array_equal(single_copy.state(0), single.state(0))
+        np.testing.assert_array_equal(single_copy.start(9), single.start(9))
+
+
+def test_a_copy_of_another_model_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "cart.xml").write_text(CART)
+    single = SingleWorld(replace_model(cart(), tmp_path / "cart.xml"))
+    before, text = single.start(1), pickle.dumps(single)
+    (tmp_path / "cart.xml").write_text(CART.replace('gear="2"', 'gear="3"'))
+    np.testing.assert_array_equal(single.start(1), before)  # which has read its model once
+    with pytest.raises(ModelError, match=r"cart.xml is not the model of the environment that was copied"):
+        pickle.loads(text)
+
+
+def test_copies_with_bodies_that_sleep_are_refused_within_an_episode(tmp_path: Path) -> None:
+    asleep = CART.replace('<option timestep="0.01"/>', '<option timestep="0.01"><flag sleep="enable"/></option>')
+    (tmp_path / "cart.xml").write_text(asleep)
+    single = SingleWorld(replace_model(cart(), tmp_path / "cart.xml"))
+    copy.deepcopy(single).start(1)
+    single.start(1)
+    with pytest.raises(UsageError, match="cannot be copied within an episode"):
+        copy.deepcopy(single)
