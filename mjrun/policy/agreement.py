@@ -10,6 +10,7 @@ from mjrun.errors import UsageError, clean, counted, listing, option
 from mjrun.model.names import names
 from mjrun.options.task import CONTROL, POSITION, TORQUE, VELOCITY
 from mjrun.policy.policy import ObservationFacts, Policy, PolicyFacts
+from mjrun.policy.task_of_policy import JOINTS
 from mjrun.task.action_map import TRANSMISSIONS
 from mjrun.task.observation_vector import ObservedNumber
 from mjrun.task.task import Task
@@ -43,6 +44,7 @@ class _Comparison:
         self._task, self._facts = task, facts
         self._worlds = TaskWorlds(task, 1, threads=1)
         self._model = self._worlds.model(0)
+        self._joints = tuple(map(_last, facts.joints or ()))
         self._terms: dict[str, list[ObservedNumber]] = {}
         for number in self._worlds.observed:
             self._terms.setdefault(number.term, []).append(number)
@@ -54,6 +56,9 @@ class _Comparison:
             periods = [f"{float(period):g} s" for period in (facts.control_dt, self._task.control_dt) if period]
             yield f"{option('control_dt')}: {_both(*periods)}"
         yield from self._parts()
+        commands = [*self._task.commands]
+        if facts.commands is not None and commands and {*commands} != {*facts.commands}:
+            yield f"commands: {_both(listing(facts.commands) or 'none', listing(commands))}"
         if facts.observation_size not in (None, len(observed)):
             terms = ", ".join(f"{clean(name)} ({len(numbers)})" for name, numbers in self._terms.items())
             yield f"observations: {_both(counted(facts.observation_size, 'number'), f'{len(observed)}: {terms}')}"
@@ -73,8 +78,8 @@ class _Comparison:
         in_task = [name for name in self._terms if name in shared]
         if shared != in_task:
             yield f"order of observations: {_both(listing(shared), listing(in_task))}"
-        elif parts and all(part.size is not None for part in parts) and not self._is_divided_alike(parts):
-            in_file = ", ".join(f"{clean(part.name)} ({part.size})" for part in parts)
+        elif parts and not self._is_divided_alike(parts):
+            in_file = ", ".join(clean(part.name) + (f" ({part.size})" if part.size else "") for part in parts)
             in_task_sized = ", ".join(f"{clean(name)} ({len(numbers)})" for name, numbers in self._terms.items())
             yield (
                 f"parts of the observation: {_both(in_file, in_task_sized)}; "
@@ -95,17 +100,22 @@ class _Comparison:
         ):
             yield from zip(parts, terms, strict=True)
             return
-        by_name = {term.name: term for term in terms}
-        yield from ((part, by_name[part.name]) for part in parts if part.name in by_name)
+        for part in parts:
+            yield from ((part, term) for term in terms if term.name == part.name or _is_within(term.name, part.name))
 
     def _is_divided_alike(self, parts: Sequence[ObservationFacts]) -> bool:
-        """Whether each part is one term of its name, or several whose names begin with it."""
-        terms = list(self._terms.items())
+        """Whether each part is one term, or several whose names begin with its own.
+
+        A part whose size the file does not say may be a term of any name that no other part has.
+        """
+        terms, names = list(self._terms.items()), {part.name for part in parts}
         for part in parts:
-            size = 0
-            while terms and (terms[0][0] == part.name or terms[0][0].startswith(f"{part.name}/")):
-                size += len(terms.pop(0)[1])
-            if size != part.size:
+            size, is_free = 0, part.size is None
+            while terms and (terms[0][0] == part.name or _is_within(terms[0][0], part.name)):
+                size, is_free = size + len(terms.pop(0)[1]), False
+            if is_free and terms and terms[0][0] not in names:
+                size, is_free = size + len(terms.pop(0)[1]), False
+            if is_free or part.size not in (None, size):
                 return False
         return not terms
 
@@ -117,9 +127,18 @@ class _Comparison:
         latest = [number for number in numbers if number.delay == term.delay]
         elements = [_last(number.source) for number in latest]
         scales = [number.scale for number in latest]
-        if term.joints is None and part.scale is not None:  # what is taken from elsewhere may have the other sign there
-            scales = (np.abs(scales) * np.sign(np.broadcast_to(part.scale, len(scales)))).tolist()
+        quantity = JOINTS.get(part.kind or part.name)
+        groups = {number.source.partition("/")[0] for number in latest}
+        if quantity and groups <= {*JOINTS.values()} and groups != {quantity}:
+            yield f"quantity in {label}: {_both(quantity, listing(sorted(groups)))}"
+            return
+        if (
+            quantity is None and term.joints is None and part.scale is not None
+        ):  # what is taken from elsewhere may have the other sign there
+            signs = np.sign(np.broadcast_to(part.scale, len(scales)))
+            scales = (np.abs(scales) * signs).tolist()
         for name, said, values in (
+            ("offset", part.offset, [number.offset for number in latest]),
             ("scale", part.scale, scales),
             ("lower clip", part.clip and part.clip[:1], [number.low for number in latest]),
             ("upper clip", part.clip and part.clip[1:], [number.high for number in latest]),
@@ -138,8 +157,8 @@ class _Comparison:
     def _term_order(self, name: str, numbers: Sequence[ObservedNumber]) -> Iterator[str]:
         """Of the order of joints and of quaternions in a term, whatever it is called."""
         elements = [_last(number.source) for number in numbers if number.delay == numbers[-1].delay]
-        in_task = [element for element in elements if element in (self._facts.joints or ())]
-        in_file = [joint for joint in self._facts.joints or () if joint in in_task]
+        in_task = [element for element in elements if element in self._joints]
+        in_file = [joint for joint in self._joints if joint in in_task]
         is_told = any(part.name == name and part.elements for part in self._facts.observations or ())
         if in_task != in_file and sorted(in_task) == sorted(in_file) and not is_told:
             yield f"order of joints in {clean(name)}: {_both(listing(in_file), listing(in_task))}"
@@ -154,18 +173,22 @@ class _Comparison:
     def _actions(self) -> Iterator[str]:
         facts, actions = self._facts, self._worlds.actions
         joints = self._driven_joints
-        known = facts.action_joints or tuple(joint for joint in facts.joints or () if joint in joints)
-        if len(known) == len(joints) and [*known] != joints:
+        known = [*map(_last, facts.action_joints or ())] or [joint for joint in self._joints if joint in joints]
+        if len(known) == len(joints) and known != joints:
             yield f"order of actions: {_both(listing(known), listing(joints))}"
             return
         targets = {target for target in self._targets if target is not None}
         if facts.action_target is not None and targets - {facts.action_target}:
             yield f"target of actions: {_both(facts.action_target, listing(sorted(targets)))}"
             return
-        yield from self._numbers("scale of actions", facts.action_scale, actions.scale.tolist(), joints)
+        if facts.action_scale is not None and actions.squashed.any():
+            yield f"squash of actions: {_both('none', 'tanh')}"
+        units = np.array([*self._units])
+        yield from self._numbers("scale of actions", facts.action_scale, (units * actions.scale).tolist(), joints)
+        yield from self._numbers("offset of actions", facts.action_offset, (units * actions.offset).tolist(), joints)
         if facts.action_scale is not None and all(joint in self._defaults for joint in joints):
             defaults = [self._defaults[joint] for joint in joints]
-            yield from self._numbers("default pose in actions", defaults, actions.offset.tolist(), joints)
+            yield from self._numbers("default pose in actions", defaults, (units * actions.offset).tolist(), joints)
         kp, kd = self._gains
         yield from self._numbers("kp", facts.stiffness, kp, joints)
         yield from self._numbers("kd", facts.damping, kd, joints)
@@ -198,6 +221,24 @@ class _Comparison:
                 yield None
 
     @property
+    def _units(self) -> Iterator[float]:
+        """The position, velocity or torque of a joint [SI] for one unit of what each action gives to its actuator."""
+        model = self._model
+        for each in self._worlds.actions.driven:
+            actuator = each.actuator(model)
+            gear, gain = model.actuator_gear[actuator, 0], model.actuator_gainprm[actuator, 0]
+            kind, stiffness, damping = model.actuator_biastype[actuator], *-model.actuator_biasprm[actuator, 1:3]
+            is_fixed = model.actuator_gaintype[actuator] == mujoco.mjtGain.mjGAIN_FIXED
+            if each.target != CONTROL or not is_fixed or not gear:
+                yield 1.0
+            elif kind == mujoco.mjtBias.mjBIAS_NONE:
+                yield float(gain * gear)
+            elif kind == mujoco.mjtBias.mjBIAS_AFFINE and (stiffness or damping):
+                yield float(gain / ((stiffness or damping) * gear))
+            else:
+                yield 1.0
+
+    @property
     def _gains(self) -> tuple[list[float], list[float]]:
         """Of the position targets of all joints, in the task or in the model; 0 where a control is a torque."""
         actions, model = self._worlds.actions, self._model
@@ -216,7 +257,7 @@ class _Comparison:
         facts = self._facts
         if facts.joints is None or facts.default_position is None:
             return {}
-        return dict(zip(facts.joints, facts.default_position, strict=True))
+        return dict(zip(self._joints, facts.default_position, strict=True))
 
     def _numbers(
         self, label: str, said: Sequence[float | None] | None, values: Sequence[float], elements: Sequence[str]
@@ -241,6 +282,11 @@ def _listed(numbers: Sequence[float] | np.ndarray, elements: Sequence[str], chos
     if chosen.all() and len({number for _, number in shown}) == 1:
         return f"{shown[0][1]:g}"
     return listing([f"{element} {number:g}" for element, number in shown])
+
+
+def _is_within(term: str, part: str) -> bool:
+    """Whether a term of the task is one of several that a part consists of."""
+    return term.startswith(f"{part}/")
 
 
 def _both(policy: str, task: str) -> str:

@@ -1,6 +1,7 @@
 """Policies out of LEAPP packages: networks that run one after the other, with what flows between them and back."""
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -17,7 +18,7 @@ TARGETS = {
     "target/joint/torques": TORQUE,
     "target/joint/effort": TORQUE,
 }
-ROTATION = "state/body/rotation"
+ROTATION, JOINT_STATE = "state/body/rotation", "state/joint/"
 GAINS = ("kp", "kd")
 QUATERNIONS: dict[tuple[str, ...], str] = {("qw", "qx", "qy", "qz"): "wxyz", ("qx", "qy", "qz", "qw"): "xyzw"}
 
@@ -86,18 +87,21 @@ class LeappPolicy(Policy):
 
     def _facts(self) -> PolicyFacts:
         inputs = self.package.inputs
-        parts = tuple(ObservationFacts(tensor.name, tensor.size, tensor.kind, tensor.elements) for tensor in inputs)
+        parts = tuple(_part(tensor) for tensor in inputs)
         orders = {QUATERNIONS.get(each.elements or ()) for each in inputs if each.kind == ROTATION} - {None}
         named = [tensor.elements for tensor in self.targets]
         joints = tuple(name for names in named for name in names or ())
         targets = {TARGETS.get(tensor.kind or "") for tensor in self.targets}
+        target = targets.pop() if len(targets) == 1 else None  # the network puts out SI units
         kp, kd = (self._gains(kind) for kind in GAINS)
         return PolicyFacts(
             observation_size=sum(tensor.size for tensor in inputs),
             action_size=sum(tensor.size for tensor in self.targets),
             observations=parts,
             action_joints=None if None in named else joints,
-            action_target=targets.pop() if len(targets) == 1 else None,
+            action_target=target,
+            action_scale=None if target is None else (1.0,),
+            action_offset=None if target is None else (0.0,),
             stiffness=kp,
             damping=kd,
             control_dt=self.package.period,
@@ -119,6 +123,12 @@ class LeappPolicy(Policy):
             message = f"its gains {kind} change with what is observed"
             raise UsageError(f"{clean(str(self.package.path))} cannot be played: {message}", ("policy",))
         return answers[0]
+
+
+def _part(tensor: LeappTensor) -> ObservationFacts:
+    """What a package says of an input. States of joints come as they are, in SI units: the network scales them."""
+    part = ObservationFacts(tensor.name, tensor.size, tensor.kind, tensor.elements)
+    return replace(part, offset=(0.0,), scale=(1.0,)) if (tensor.kind or "").startswith(JOINT_STATE) else part
 
 
 class _Network:

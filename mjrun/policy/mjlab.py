@@ -48,6 +48,7 @@ def mjlab_facts(metadata: Mapping[str, str], path: Path) -> PolicyFacts:
         action_size=None if stiffness is None else len(stiffness),
         action_target=POSITION if by_mjlab else None,  # mjlab writes metadata of no other actions
         action_scale=scale,
+        commands=lists.names("command_names"),
         stiffness=stiffness,
         damping=damping,
         quaternion_order="wxyz" if by_mjlab else None,  # MuJoCo's own

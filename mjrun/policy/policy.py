@@ -22,13 +22,14 @@ class ObservationFacts:
       size: how many numbers it has, history included.
       kind: in the words of the file: `state/joint/position`.
       elements: names of these numbers: joints, or x, y, z.
-      scale, clip, history: as in the observations of a task; the clip follows the scale.
+      offset, scale, clip, history: as in the observations of a task; the clip follows the scale.
     """
 
     name: str
     size: int | None = None
     kind: str | None = None
     elements: tuple[str, ...] | None = None
+    offset: Numbers | None = None
     scale: Numbers | None = None
     clip: tuple[float, float] | None = None
     history: int | None = None
@@ -45,7 +46,9 @@ class PolicyFacts:
       default_position: of these joints [m, rad].
       action_joints: those that actions move, in their order.
       action_target: what they mean once scaled: `position`, `velocity` or `torque`.
-      action_scale: what actions are multiplied by; one number, or one for each.
+      action_scale, action_offset: what actions are multiplied by, and what is added then, to get positions [m, rad],
+        velocities or torques in SI units; one number, or one for each.
+      commands: their names.
       stiffness, damping: gains of the joints that actions move [N m/rad, N m s/rad].
       control_dt: time between two actions [s].
       quaternion_order: `wxyz` or `xyzw`, of quaternions in observations.
@@ -60,6 +63,8 @@ class PolicyFacts:
     action_joints: tuple[str, ...] | None = None
     action_target: str | None = None
     action_scale: Numbers | None = None
+    action_offset: Numbers | None = None
+    commands: tuple[str, ...] | None = None
     stiffness: Numbers | None = None
     damping: Numbers | None = None
     control_dt: Fraction | None = None

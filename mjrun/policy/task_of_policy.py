@@ -7,7 +7,7 @@ from fractions import Fraction
 
 import mujoco
 
-from mjrun.errors import UnknownNameError, UsageError, clean, option
+from mjrun.errors import UnknownNameError, UsageError, clean, option, quoted
 from mjrun.model.names import names
 from mjrun.model.source import CollectionSource, Source
 from mjrun.options.option import is_given, options_of
@@ -77,7 +77,7 @@ class _Draft:
 
     def __init__(self, facts: PolicyFacts, model: mujoco.MjModel, control_dt: Fraction | None) -> None:
         self._facts, self._model, self.control_dt = facts, model, control_dt
-        self._names = {_last(name): name for name in names(model, "joint") if name}
+        self._names = [name for name in names(model, "joint") if name]
         self.missing: list[str] = [] if control_dt else [PERIOD]
         self.observations = [self._observation(part) or _Unknown(part.name) for part in facts.observations or ()]
         unknown = [clean(each.name) for each in self.observations if isinstance(each, _Unknown)]
@@ -177,10 +177,14 @@ class _Draft:
         return tuple(pose.get(joint, 0.0) for joint in joints)
 
     def _joint(self, name: str) -> str:
-        """The name in the model."""
-        if _last(name) not in self._names:
-            raise UnknownNameError("joint", name, [*self._names], where="the model, which the policy names")
-        return self._names[_last(name)]
+        """The name in the model, in which a scene may put something before it: `robot/knee`."""
+        alike = [each for each in self._names if _last(each) == _last(name)]
+        if len(alike) == 1 or name in alike:
+            return name if name in alike else alike[0]
+        if alike:
+            message = f"joint {quoted(name)} of the policy may be {' or '.join(map(quoted, alike))} of the model"
+            raise UsageError(f"{message}; write a task document, which says which", ("policy",))
+        raise UnknownNameError("joint", name, [*map(_last, self._names)], where="the model, which the policy names")
 
 
 def _line(term: Observation | Action) -> str:

@@ -15,7 +15,7 @@ from mjrun.policy.built_in import ZeroPolicy
 from mjrun.policy.onnx_policy import OnnxPolicy
 from mjrun.policy.policy import ObservationFacts, Policy, PolicyFacts
 from mjrun.task.task import Task
-from mjrun.task.terms import Action, Observation
+from mjrun.task.terms import Action, Command, Observation
 from tests.policy.networks import linear
 
 MODEL = """
@@ -177,3 +177,109 @@ def test_elements_of_a_part_are_in_the_order_of_the_file() -> None:
         "  order of joint_pos: the policy has knee, hip; the task has hip, knee"
     )
     check_agreement(task((JOINT_POS,)), Said(observations=(replace(part, elements=("a/hip", "a/knee")),)))
+
+
+def test_more_terms_than_names_are_told_even_where_the_numbers_are_as_many(policy: OnnxPolicy) -> None:
+    split = (replace(JOINT_VEL, joints=("hip",)), replace(JOINT_VEL, joints=("knee",), name="other"))
+    assert "parts of the observation: the policy has joint_pos, joint_vel, actions; the task has joint_pos (2), " in (
+        contradictions(task((JOINT_POS, *split, LAST)), policy)
+    )
+    named = [replace(term, name=f"joint_vel/{i}") for i, term in enumerate(split)]
+    check_agreement(task((JOINT_POS, *named, LAST)), policy)
+    scaled = [replace(named[0], scale=(1.0,)), named[1]]
+    assert "scale of joint_vel/0: the policy has 0.05; the task has 1" in (
+        contradictions(task((JOINT_POS, *scaled, LAST)), policy)
+    )
+
+
+def test_velocities_are_no_positions(policy: OnnxPolicy) -> None:
+    """Five names beside five terms, of which two have changed places and names."""
+    swapped = replace(JOINT_VEL, name="first"), replace(JOINT_POS, name="second"), LAST
+    assert "quantity in first: the policy has qpos; the task has qvel" in contradictions(task(swapped), policy)
+
+
+def test_commands_have_the_names_of_the_file(tmp_path: Path) -> None:
+    def exported(names: str) -> OnnxPolicy:
+        metadata = {**METADATA, "command_names": names}
+        return OnnxPolicy(linear(tmp_path / "walk.onnx", np.ones((2, 6), np.float32), metadata=metadata), "walk.onnx")
+
+    commanded = replace(task(), commands={"twist": Command(constant=[1.0])})
+    check_agreement(commanded, exported("twist"))
+    check_agreement(task(), exported("twist"))  # a task may say otherwise what a command would
+    assert "commands: the policy has speed; the task has twist" in contradictions(commanded, exported("speed"))
+    assert "commands: the policy has none; the task has twist" in contradictions(commanded, exported(""))
+
+
+@pytest.mark.parametrize("prefix", ["", "robot/"])
+def test_names_of_joints_agree_with_and_without_what_a_scene_puts_before_them(tmp_path: Path, prefix: str) -> None:
+    metadata = {**METADATA, "joint_names": "robot/hip,robot/knee"}
+    policy = OnnxPolicy(linear(tmp_path / "walk.onnx", np.ones((2, 6), np.float32), metadata=metadata), "walk.onnx")
+    joints = [f"{prefix}hip", f"{prefix}knee"]
+    terms = tuple(replace(term, joints=joints) if term.joints else term for term in TERMS)
+    check_agreement(task(terms, replace(ACTION, joints=joints), model(prefix)), policy)
+    backwards = replace(ACTION, joints=joints[::-1])
+    assert "order of actions: the policy has hip, knee; the task has knee, hip" in (
+        contradictions(task(terms, backwards, model(prefix)), policy)
+    )
+    moved = (replace(terms[0], joints=joints[::-1], offset=DEFAULT[::-1]), *terms[1:])
+    assert "order of joints in joint_pos" in contradictions(
+        task(moved, replace(ACTION, joints=joints), model(prefix)), policy
+    )
+
+
+# --- LEAPP: states and targets of joints are in SI units -------------------------------------------
+
+POSITION = ObservationFacts("q", 2, "state/joint/position", ("hip", "knee"), offset=(0.0,), scale=(1.0,))
+SPEED = ObservationFacts("v", 2, "state/joint/velocity", ("hip", "knee"), offset=(0.0,), scale=(1.0,))
+Q = Observation(name="q", joints=["hip", "knee"])
+V = Observation(name="v", joints=["hip", "knee"], of="qvel")
+SI = {"action_scale": (1.0,), "action_offset": (0.0,), "action_size": 2, "action_joints": ("hip", "knee")}
+
+
+@pytest.mark.parametrize(
+    ("terms", "expected"),
+    [
+        ((replace(Q, scale=(57.3,)), V), "scale of q: the policy has 1; the task has 57.3"),
+        ((replace(Q, offset=DEFAULT), V), "offset of q: the policy has 0; the task has hip 0.1, knee -0.2"),
+        ((Q, replace(V, scale=(1.0, 0.05))), "scale of v: the policy has knee 1; the task has knee 0.05"),
+        ((Observation(name="q", probe=["qpos/hip", "qpos/knee"], scale=-1), V),
+         "scale of q: the policy has 1; the task has -1"),
+        ((replace(Q, of="qvel"), V), "quantity in q: the policy has qpos; the task has qvel"),
+        ((replace(Q, joints=("hip",), name="q/a", scale=(2.0,)), replace(Q, joints=("knee",), name="q/b"), V),
+         "scale of q/a: the policy has 1; the task has 2"),
+    ],
+)  # fmt: skip
+def test_states_of_joints_are_observed_in_their_units(terms: tuple[Observation, ...], expected: str) -> None:
+    facts = Said(observations=(POSITION, SPEED))
+    check_agreement(task((Q, V)), facts)
+    assert contradictions(task(terms), facts) == f"  {expected}"
+
+
+def test_targets_of_joints_are_in_their_units() -> None:
+    plain = Action(joints=["hip", "knee"], target="position", kp=[20, 30], kd=[1, 1.5])
+    targets = Said(action_target="position", **SI)
+    check_agreement(task(action=plain), targets)
+    assert contradictions(task(action=replace(plain, scale=(0.25,))), targets) == (
+        "  scale of actions: the policy has 1; the task has 0.25"
+    )
+    assert contradictions(task(action=replace(plain, offset="home")), targets) == (
+        "  offset of actions: the policy has 0; the task has hip 0.1, knee -0.2"
+    )
+    assert "squash of actions" in contradictions(task(action=replace(plain, squash="tanh")), targets)
+
+
+def test_units_of_controls_are_those_of_their_actuators() -> None:
+    """A motor with a gear turns half a unit of its control into a newton metre; a servo with a gear, an angle too."""
+    geared = '<motor name="h" joint="{0}hip" gear="2"/><motor name="k" joint="{0}knee" gear="2"/>'
+    torques = Said(action_target="torque", **SI)
+    controls = Action(actuators=["h", "k"])
+    check_agreement(task(action=replace(controls, scale=(0.5,)), of=model(actuators=geared)), torques)
+    check_agreement(task(action=Action(joints=["hip", "knee"], target="torque"), of=model(actuators=geared)), torques)
+    assert contradictions(task(action=controls, of=model(actuators=geared)), torques) == (
+        "  scale of actions: the policy has 1; the task has 2"
+    )
+    servos = SERVOS.replace("kp=", 'gear="4" kp=')
+    positions = Said(action_target="position", **SI)
+    check_agreement(task(action=controls, of=model(actuators=SERVOS)), positions)
+    check_agreement(task(action=replace(controls, scale=(4.0,)), of=model(actuators=servos)), positions)
+    assert "scale of actions" in contradictions(task(action=controls, of=model(actuators=servos)), positions)

@@ -33,7 +33,9 @@ def test_a_package_says_much_of_itself(tmp_path: Path) -> None:
     assert (facts.observation_size, facts.action_size, facts.control_dt) == (6, 2, Fraction(1, 50))
     assert facts.quaternion_order == "xyzw"
     assert (facts.action_joints, facts.stiffness, facts.damping) == (("hip", "knee"), (20, 30), (1, 1.5))
+    assert (facts.action_target, facts.action_scale, facts.action_offset) == ("position", (1,), (0,))
     assert facts.observations is not None
+    assert [(part.offset, part.scale) for part in facts.observations] == [(None, None), ((0,), (1,))]
     assert [(part.name, part.kind, part.elements) for part in facts.observations] == [
         ("quaternion", "state/body/rotation", ("qx", "qy", "qz", "qw")),
         ("joint_pos", "state/joint/position", ("hip", "knee")),

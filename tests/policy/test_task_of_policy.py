@@ -156,3 +156,12 @@ def test_a_leapp_package_is_a_task_where_it_names_bodies(tmp_path: Path, robot: 
     unnamed = LeappPolicy(package(tmp_path / "unnamed"), "unnamed")
     with pytest.raises(UsageError, match="does not say where these observations are taken from: quaternion"):
         task_of_policy(unnamed, source_of(robot))
+
+
+def test_a_joint_that_may_be_either_of_two_is_asked_for(tmp_path: Path) -> None:
+    body = '<body><joint name="{0}/{1}" armature=".1"/><geom size=".1"/></body>'
+    bodies = "".join(body.format(side, name) for side in ("left", "right") for name in ("hip", "knee"))
+    path = tmp_path / "two.xml"
+    path.write_text(f"<mujoco><worldbody>{bodies}</worldbody></mujoco>")
+    with pytest.raises(UsageError, match="joint 'hip' of the policy may be 'left/hip' or 'right/hip' of the model"):
+        task_of_policy(exported(tmp_path), source_of(path), control_dt=DT)
