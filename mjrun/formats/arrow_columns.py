@@ -7,11 +7,12 @@ inside functions: it is an extra.
 
 from collections.abc import Collection, Iterable, Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, BinaryIO
 
 import numpy as np
 
 from mjrun.errors import FileError, clean
+from mjrun.expansion import require_expandable
 from mjrun.formats.column_checks import number_cells, select, shown, side_by_side, text_cells
 from mjrun.formats.input_file import cut
 from mjrun.formats.table_format import Cells, ColumnFilter
@@ -94,6 +95,25 @@ def row_group_sizes(metadata: "pyarrow.parquet.FileMetaData", names: Collection[
     groups = [metadata.row_group(index) for index in range(metadata.num_row_groups)]
     chunks = [[group.column(index) for index in range(group.num_columns)] for group in groups]
     return [sum(each.total_uncompressed_size for each in row if each.path_in_schema in names) for row in chunks]
+
+
+def read_whole_parquet(path: Path, file: BinaryIO, repeated: Sequence[str] = ()) -> "pyarrow.Table":
+    """Returns the table in a Parquet file.
+
+    Args:
+      path: of the file, for messages.
+      repeated: columns of texts of which equal ones are in memory once: dictionaries.
+
+    Raises:
+      FileError: it would fill the memory.
+    """
+    from pyarrow import parquet
+
+    content = parquet.ParquetFile(file, read_dictionary=[*repeated])
+    numbers = 8 * content.metadata.num_rows * content.metadata.num_columns  # bytes
+    names = content.schema_arrow.names
+    require_expandable(path, numbers + sum(row_group_sizes(content.metadata, names)))
+    return content.read()
 
 
 def units(schema: "pyarrow.Schema", indices: dict[str, int]) -> dict[str, str]:

@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from mjrun.errors import FileError, clean
-from mjrun.expansion import require_expandable
-from mjrun.formats.arrow_columns import row_group_sizes
+from mjrun.formats.arrow_columns import read_whole_parquet
 from mjrun.formats.input_file import decoding, opened
 
 if TYPE_CHECKING:
@@ -77,12 +76,8 @@ def read_study(folder: str | Path) -> StudyResults:
     from pyarrow import parquet
 
     with opened(path, "table", [path.suffix]) as stream, decoding(path, "cannot be read as results of a study"):
-        schema = parquet.read_schema(stream)
-        text_columns = [field.name for field in schema if _is_text(field.type)]
-        results = parquet.ParquetFile(stream, read_dictionary=text_columns)  # equal texts are in memory once
-        numbers = 8 * results.metadata.num_rows * len(schema)  # bytes
-        require_expandable(path, numbers + sum(row_group_sizes(results.metadata, schema.names)))
-        table = results.read()
+        text_columns = [field.name for field in parquet.read_schema(stream) if _is_text(field.type)]
+        table = read_whole_parquet(path, stream, text_columns)
     manifest = json.loads((table.schema.metadata or {}).get(b"mjrun", b"{}"))
     names = table.column_names
     if STATUS not in names or names[:1] != [FIRST] or not isinstance(manifest.get("metrics"), dict):

@@ -16,7 +16,7 @@ import mujoco
 import numpy as np
 
 from mjrun.errors import FileError
-from mjrun.formats.arrow_columns import number_array, text_array
+from mjrun.formats.arrow_columns import number_array, read_whole_parquet, text_array
 from mjrun.formats.atomic_output import OutputWriter
 from mjrun.formats.destinations import StagedFile
 from mjrun.formats.input_file import is_file, is_folder
@@ -151,14 +151,13 @@ class PartFiles:
           FileError: a part may not be read.
         """
         import pyarrow
-        import pyarrow.parquet
 
         self.damaged = []
         results: dict[str, PointResult] = {}
         for path in self._paths():
             try:
                 with path.open("rb") as stream:
-                    table = pyarrow.parquet.ParquetFile(stream).read()  # read_table imports pandas
+                    table = read_whole_parquet(path, stream)
                 rows = table.to_pylist() if self._is_part(table.schema) else []
             except PermissionError as error:
                 raise FileError(path, f"cannot be read: {error.strerror}") from None

@@ -11,6 +11,8 @@ import pyarrow.feather
 import pyarrow.parquet as pq
 import pytest
 
+from mjrun.errors import FileError
+from mjrun.formats.arrow_columns import read_whole_parquet
 from mjrun.formats.table_reader import read_table
 from mjrun.formats.table_writer import TableWriter
 from mjrun.formats.tables import output_format
@@ -95,3 +97,20 @@ def test_every_type_of_number_in_arrow_is_read(tmp_path: Path, suffix: str, name
     found = lists(path, *names)
     assert list(found) == [name for name in NUMBERS if name in names]
     assert {name: bits(values) for name, values in found.items()} == {name: expected(name) for name in found}
+
+
+def test_a_whole_table_is_what_pyarrow_reads_unless_it_would_fill_the_memory(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / "a.parquet"
+    table = pa.table({"a": np.zeros(2**18), "text": ["the same"] * 2**18})
+    pq.write_table(table, path)
+    with path.open("rb") as file:
+        assert read_whole_parquet(path, file).equals(table)
+    with path.open("rb") as file:
+        texts = read_whole_parquet(path, file, ["text"])["text"]
+        assert pa.types.is_dictionary(texts.type)
+        assert texts.to_pylist() == table["text"].to_pylist()
+    monkeypatch.setattr("mjrun.expansion.FREE", 2**20)
+    with path.open("rb") as file, pytest.raises(FileError, match=r"a\.parquet: would expand to [\d.]+ GB in memory"):
+        read_whole_parquet(path, file)

@@ -9,6 +9,7 @@ import pyarrow
 import pyarrow.parquet
 import pytest
 
+from mjrun.errors import FileError
 from mjrun.job.simulation import Simulation
 from mjrun.study.parts import PartFiles, point_keys, study_identity
 from mjrun.study.simulate import PointResult, StudySpec
@@ -112,3 +113,16 @@ def test_environments_with_one_model_are_told_apart() -> None:
     specs = [StudySpec(Simulation(name, policy="zero"), ("seed",), (("R", "last(return)"),)) for name in names]
     assert len({point_keys(identity(spec), ("seed",), [("1",)])[0] for spec in specs}) == 3
     assert len(set(point_keys(identity(specs[0]), ("model",), [(name,) for name in names]))) == 3
+
+
+def test_a_part_that_would_fill_the_memory_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    files = PartFiles(tmp_path, ["a", "b"])
+    files.create()
+    files.write(["k", "x"], [RESULTS[0], RESULTS[0]], "host")
+    (part,) = tmp_path.rglob("*.parquet")
+    table = pyarrow.parquet.read_table(part)
+    pyarrow.parquet.write_table(pyarrow.concat_tables([table] * 2**13), part, compression="zstd")
+    assert set(files.read()) == {"k", "x"}
+    monkeypatch.setattr("mjrun.expansion.FREE", 2**20)
+    with pytest.raises(FileError, match="would expand to"):
+        files.read()
