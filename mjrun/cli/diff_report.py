@@ -1,6 +1,7 @@
 """What a comparison finds, for people and as annotations of a GitHub workflow."""
 
 from collections.abc import Iterator, Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from mjrun.cli.github_annotations import annotation
@@ -11,6 +12,7 @@ from mjrun.diff.model_sentences import model_lines
 from mjrun.diff.picture_sentences import frame_facts, frame_place, percent
 from mjrun.diff.sentences import cell_texts, golden_versions, place, shared_sentence, unmatched_place
 from mjrun.errors import clean, counted, flag, listing, spelled
+from mjrun.formats.input_file import is_file
 
 if TYPE_CHECKING:
     from mjrun.diff.result import (
@@ -61,8 +63,9 @@ def annotations(result: "DiffResult") -> Iterator[str]:
     """An annotation of a GitHub workflow for each difference."""
     if result.golden and result.golden.updated:
         return
+    file = next((name for name in (result.b, result.a) if is_file(Path(name))), "")
     for sentence in result.differences[:ANNOTATED]:
-        yield annotation("error", sentence, result.b, f"mjrun diff: differs from {result.a}")
+        yield annotation("error", sentence, file, f"mjrun diff: {result.b} differs from {result.a}")
 
 
 def _agreement(result: "DiffResult") -> str:

@@ -4,9 +4,13 @@ from mjrun.errors import clean
 
 
 def annotation(level: str, text: str, file: str, title: str, line: int | None = None) -> str:
-    """A workflow command, `::warning file=…,line=…,title=…::message`; `level` is error, warning or notice."""
-    place = f"file={_escaped_property(file)}" + (f",line={line}" if line else "")
-    return f"::{level} {place},title={_escaped_property(title)}::{_escaped(text)}"
+    """A workflow command, `::warning file=…,line=…,title=…::message`, without a file if that is empty.
+
+    Args:
+      level: error, warning or notice.
+    """
+    place = f"file={_escaped_property(file)}," + (f"line={line}," if line else "") if file else ""
+    return f"::{level} {place}title={_escaped_property(title)}::{_escaped(text)}"
 
 
 def _escaped(text: str) -> str:

@@ -41,7 +41,11 @@ def assets(rows: Sequence["Asset"]) -> list[Column]:
         texts("name", [row.name for row in rows]),
         Column("size", ["" if row.path is None else byte_size(row.bytes) for row in rows], right=True),
         Column("content", [_content(row) for row in rows]),
-        Column("file" if own is None else "file, from the model's folder", [_beside(own, row.path) for row in rows]),
+        Column(
+            "file" if own is None else "file, from the model's folder",
+            [_beside(own, row.path) for row in rows],
+            whole=True,
+        ),
     ]
 
 

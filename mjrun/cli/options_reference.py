@@ -14,6 +14,7 @@ from mjrun.options.option import FrontEnd, Option, options_of
 from mjrun.options.plot import PageOptions, PlotOptions
 from mjrun.options.task import PARTS, TaskOptions
 from mjrun.options.trace import RecordingOptions
+from mjrun.probe.expression import MEANINGS
 
 SIMULATING = ("video", "image", "trace", "sweep", "view")  # commands whose options include those of a simulation
 SIMULATION_SECTIONS = ("Simulation", "Policy", "Model")  # the rest of a command that simulates is about its output
@@ -88,7 +89,14 @@ class Section:
 
 def options_reference() -> str:
     """A section for each group of options, with a table of them."""
-    return "\n\n".join([INTRODUCTION, *("\n".join(_section_lines(section)) for section in reference_sections())])
+    sections = ["\n".join(_section_lines(section)) for section in reference_sections()]
+    return "\n\n".join([INTRODUCTION, *sections, "\n".join(_expression_lines())])
+
+
+def _expression_lines() -> Iterator[str]:
+    yield "## Functions in expressions\n"
+    yield "Of assertions, metrics, derived columns, events, and the rewards, terminations and observations of tasks.\n"
+    yield from (f"- `{function}`: {meaning}." for function, meaning in MEANINGS.items())
 
 
 def reference_sections() -> list[Section]:

@@ -2,6 +2,7 @@
 
 import os
 import sys
+import textwrap
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
 
@@ -40,23 +41,27 @@ class PageLayout:
         short = [replace(column, cells=[_cut(cell) for cell in column.cells[:cut]]) for column in columns]
         fitting, left_out = _fitting(short, room)
         if cut:
-            self._print(Padding(self._table(fitting, room), (0, 0, 0, INDENT)))
+            least = _total(_widths(fitting, room)) + INDENT  # more than the terminal has, where a path is longer
+            self._print(Padding(self._table(fitting, room), (0, 0, 0, INDENT)), max(self._terminal.width, least))
         if cut < rows:
             self._note(f"… {rows - cut} more: {hint}")
         if left_out:
             self._note(f"no room for {', '.join(column.heading for column in left_out)}; --json has them")
 
     def lines(self, title: str, pairs: Sequence[tuple[str, str]], about: str = "") -> None:
-        """Labels and values under a title; what has no value is left out."""
+        """Labels and values under a title; what has no value is left out. Words, such as paths, are never broken."""
         self._title(title, about)
-        table = Table(box=None, show_header=False, pad_edge=False, padding=(0, GAP, 0, 0))
-        table.add_column(style="dim", no_wrap=True)
-        table.add_column(overflow="fold")
-        for label, value in pairs:
-            if value:
-                table.add_row(Text(label), Text(_cut(value)))
-        width = min(self._terminal.width, READABLE)
-        self._print(Padding(table, (0, 0, 0, INDENT)), width)
+        shown = [(label, _cut(value)) for label, value in pairs if value]
+        begin = INDENT + max((cell_len(label) for label, _ in shown), default=0) + GAP
+        room = max(1, min(self._terminal.width, READABLE) - begin)
+        for label, value in shown:
+            lines = textwrap.wrap(value, room, break_long_words=False, break_on_hyphens=False)
+            for index, line in enumerate(lines):
+                head = f"{' ' * INDENT}{'' if index else label}"
+                padding = " " * (begin - cell_len(head))
+                self._print(
+                    Text.assemble((head, "dim"), padding, line), max(self._terminal.width, begin + cell_len(line))
+                )
 
     def verbatim(self, title: str, lines: Iterable[str]) -> None:
         """Lines under a title as they are, however long: a command that was folded could not be copied."""
@@ -100,8 +105,11 @@ class PageLayout:
         self._print(Padding(Text(text, style="dim"), (0, 0, 0, INDENT)))
 
     def _print(self, what: object, width: int | None = None) -> None:
+        own = self._terminal.width
+        self._terminal.width = width or own  # to which printing alone would be held
         with self._terminal.capture() as printed:
-            self._terminal.print(what, width=width)
+            self._terminal.print(what)
+        self._terminal.width = own
         self._text += printed.get()
 
 
@@ -143,8 +151,10 @@ def _width(column: Column) -> int:
 def _widths(columns: Sequence[Column], room: int) -> list[int]:
     """How wide the columns are: where they do not fit, texts are folded, the first column last while it can be read."""
     widths = [_width(column) for column in columns]
-    texts = [i for i, column in enumerate(columns) if i and not column.right]
-    folded = [(texts, NARROW), ([0], NARROW), ([0], SCANT), (texts, SCANT), ([*range(len(columns))], 1)]
+    texts = [i for i, column in enumerate(columns) if i and not column.right and not column.whole]
+    every = [i for i, column in enumerate(columns) if not column.whole]
+    first = every[:1]
+    folded = [(texts, NARROW), (first, NARROW), (first, SCANT), (texts, SCANT), (every, 1)]
     for group, least in folded:
         while _total(widths) > room and any(widths[i] > least for i in group):
             widths[max(group, key=lambda i: widths[i])] -= 1

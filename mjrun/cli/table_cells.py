@@ -20,6 +20,7 @@ class Column:
       extra: whether it is left out where there is no room. The last extra columns are left out first, and after them
         the other columns, from the last.
       below: what continues each cell where its row takes several lines.
+      whole: whether its cells are never folded, as paths are not.
     """
 
     heading: str
@@ -28,6 +29,7 @@ class Column:
     right: bool = False
     extra: bool = False
     below: Sequence[str] = ()
+    whole: bool = False
 
 
 def number(value: float | None) -> str:

@@ -3,6 +3,7 @@
 from collections.abc import Callable, Mapping
 from dataclasses import field
 from os import fspath
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import mujoco
@@ -12,7 +13,9 @@ from mjrun.diff.result import DiffResult
 from mjrun.diff.sentences import table_sentences
 from mjrun.diff.tolerances import Tolerance, Tolerances
 from mjrun.errors import UsageError, clean, option
+from mjrun.formats import codecs, image_reader
 from mjrun.formats.image_format import image_format
+from mjrun.formats.input_file import is_folder, require_file
 from mjrun.model.source import Source
 from mjrun.model.sources import ModelLike, source_of
 from mjrun.options.diff import DiffOptions
@@ -114,6 +117,9 @@ def _pictures(kind: str, diff: Diff, a: str, b: str, compare: "PictureComparison
     from mjrun.diff.picture_sentences import picture_sentences, require_library
     from mjrun.job.worst_frame import write_worst_frame
 
+    for path in (a, b):
+        if not is_folder(Path(path)):
+            require_file(Path(path), kind, [*image_reader.SUFFIXES, *codecs.suffixes()])
     require_library(diff)
     if diff.output is not None:
         image_format(diff.output, "rgb")

@@ -54,6 +54,19 @@ OTHERS = ("norm", "clip", "where", "isfinite")  # functions of values at one ins
 SUCCESSIVE = ("previous", "rate")  # functions of values at control instants that follow each other
 AGGREGATES = ("min", "max", "mean", "rms", "std", "sum", "first", "last", "count", "share", "median", "quantile")
 OF_CONDITIONS = ("count", "share")  # which need no value besides the condition
+MEANINGS = {
+    "abs sqrt exp log sin cos tan tanh (x)": "one value per row from one per row",
+    "min max sum norm (x, y, …)": "of several values, row by row; norm is √(x² + y² + …)",
+    "clip (x, low, high)": "x, but at least low and at most high",
+    "where (condition, x, y)": "x on rows where the condition holds, else y",
+    "isfinite (x)": "a condition: x is neither infinite nor NaN",
+    "min max mean rms std sum first last count median (x)": "over all rows",
+    "quantile (x, fraction)": "the value below which a fraction of all rows lies",
+    "mean (x, condition), …": "any aggregate over the rows on which a condition holds",
+    "count share (condition)": "the number and the share of rows on which a condition holds",
+    "previous (x)": "only in tasks: the value at the control instant before; at the first of an episode, x itself",
+    "rate (x)": "only in tasks: (x − previous(x)) / control_dt",
+}
 FUNCTIONS = (*ELEMENTWISE, *OTHERS, *AGGREGATES)
 
 # When the value of an expression is known: at once, from the first row on, on each row, after all rows.

@@ -1,5 +1,7 @@
 """What a comparison finds, as text."""
 
+from pathlib import Path
+
 from mjrun.cli.diff_report import annotations, text, verdict
 from mjrun.diff.model_differences import FieldDifference, ModelComparison, XmlChange, XmlPlace
 from mjrun.diff.result import CellDifference, ColumnDifference, DiffResult, TableDifference, UnmatchedRows
@@ -36,6 +38,15 @@ def test_many_columns_are_cut_unless_all_are_asked_for() -> None:
     assert "first difference  row 1, time 0.5 s: x0" in text(many)
     assert "x39" in text(many, every=True)
     assert len(list(annotations(many))) == 10
+
+
+def test_annotations_point_at_a_file_that_exists(tmp_path: Path) -> None:
+    golden = tmp_path / "golden.csv"
+    golden.touch()
+    for a, b, file in ((str(golden), "scene:car", str(golden)), ("none.csv", str(golden), str(golden)), ("x", "y", "")):
+        differ = DiffResult("golden", a, b, False, ["energy differs"])
+        (line,) = annotations(differ)
+        assert line.startswith(f"::error file={file},title=" if file else "::error title=")
 
 
 def test_models_are_told_field_by_field() -> None:

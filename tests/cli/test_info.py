@@ -174,7 +174,7 @@ def test_stderr_is_silent_where_there_is_nothing_to_say_and_no_log_is_left(mjrun
 
 def test_a_model_that_is_not_there_ends_with_three(mjrun_here: Command) -> None:
     done = mjrun_here("info", ROOT / "scenes/pendulm.xml", "--json")
-    assert (done.returncode, done.stdout) == (3, b"")
+    assert (done.returncode, [*json.loads(done.stdout)]) == (3, ["error"])
     assert b"did you mean 'pendulum.xml'" in done.stderr
 
 

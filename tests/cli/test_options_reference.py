@@ -13,6 +13,7 @@ from mjrun.cli.options_reference import RUN, TASK, TOP_LEVEL, options_reference,
 from mjrun.document.json_schema import json_schema
 from mjrun.options.option import FrontEnd, Options, options_of
 from mjrun.options.task import PARTS
+from mjrun.probe.expression import FUNCTIONS, SUCCESSIVE
 
 ROOT = Path(__file__).parents[2]
 SECTIONS = reference_sections()
@@ -74,6 +75,12 @@ def test_python_arguments_are_those_of_the_classes() -> None:
                 name,
                 each.name,
             )
+
+
+def test_every_function_of_expressions_is_there() -> None:
+    _, _, functions = options_reference().partition("## Functions in expressions")
+    named = {word for line in functions.splitlines() for word in re.findall(r"[a-z]+", line.partition("(")[0])}
+    assert {*FUNCTIONS, *SUCCESSIVE} <= named
 
 
 def test_every_row_has_six_cells_and_no_placeholder_is_left() -> None:

@@ -44,6 +44,23 @@ def test_in_a_pipe_every_row_is_one_line_without_spaces_at_its_end(monkeypatch: 
     assert written.text() == f"title  2\n  name{' ' * 298}value\n  {'a' * 300}      1\n  b"
 
 
+@pytest.mark.parametrize("width", [50, 80, None])
+def test_paths_are_never_broken(monkeypatch: pytest.MonkeyPatch, width: int | None) -> None:
+    path, text = (
+        f"/data/{'long/' * 40}model.xml",
+        "some words about it, which fit on several lines of a terminal of any width",
+    )
+    written = page(monkeypatch, width)
+    written.lines("model", [("file", path), ("about", text), ("blank", "")])
+    written.table(
+        "assets", [Column("name", ["mesh"]), Column("size", ["1 KiB"]), Column("file", [path], whole=True)], 1
+    )
+    lines = written.text().splitlines()
+    assert sum(path in line for line in lines) == 2
+    assert " ".join(" ".join(lines).split()).count(text) == 1 or width is not None
+    assert all(cell_len(line) <= (width or 10_000) for line in lines if "data" not in line and "mesh" not in line)
+
+
 def test_columns_that_say_nothing_are_left_out(monkeypatch: pytest.MonkeyPatch) -> None:
     written = page(monkeypatch, 80)
     written.table("title", [Column("name", ["a"]), Column("blank", [""]), Column("value", ["1"])], 1)

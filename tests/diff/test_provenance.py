@@ -16,6 +16,21 @@ def test_what_differs_in_what_made_them_is_told() -> None:
     assert same[-1] == "the models, or what is overridden in them, are not the same; what moves in them is"
 
 
+def test_the_model_that_differs_is_named_and_so_are_the_options_that_change_it() -> None:
+    def made(path: str, sha256: str, **simulation: object) -> dict[str, object]:
+        return {"model": {"path": path, "sha256": sha256}, "options": {"simulation": simulation}}
+
+    assert provenance_notes(made("a.xml", "1"), made("b.xml", "2")) == ["the models a.xml and b.xml are not the same"]
+    assert provenance_notes(made("a.xml", "1"), made("a.xml", "2")) == [
+        "the model a.xml, or a file that it names, has changed"
+    ]
+    changed = provenance_notes(made("a.xml", "1", key=None, seed=0), made("a.xml", "2", key="home", seed=1))
+    assert changed == [
+        "the models, or what is overridden in them, are not the same",
+        "the option key is None and home",
+    ]
+
+
 def test_nothing_is_told_of_what_is_not_known() -> None:
     assert provenance_notes(MANIFEST, MANIFEST) == []
     assert provenance_notes(MANIFEST, None) == provenance_notes({}, MANIFEST) == []

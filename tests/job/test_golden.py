@@ -75,7 +75,7 @@ def test_what_is_made_agrees_with_itself_and_a_gram_does_not(model: Path, suffix
     (result,) = failure.value.results
     assert not compared(result).equal
     assert not facts(compared(result)).updated
-    assert compared(result).notes == ["the models, or what is overridden in them, are not the same"]
+    assert compared(result).notes == ["the model rig.xml, or a file that it names, has changed"]
     assert Path(golden).read_bytes() == before
 
 

@@ -49,14 +49,19 @@ class MenagerieSource(CollectionSource):
     def main_file(self) -> Path:
         models, name = _models(self.label), self.name.removesuffix(".xml")
         of_robot = [model for model in models if model.startswith(f"{name}/")]
+        scenes = [model for model in of_robot if SCENE in model.rpartition("/")[2]]
         scene = f"{name}/{SCENE}"
-        if len(of_robot) == 1 or scene in of_robot:
-            name = scene if scene in of_robot else of_robot[0]
+        if scene in of_robot:
+            name = scene
+        elif len(scenes) == 1 or len(of_robot) == 1:
+            (name,) = scenes or of_robot
         if name in models:
             return models[name]
 
         reason = "name one of its models" if of_robot else "no such model" if name else "name the model"
-        error = ModelNotFoundError(self.label, reason, of_robot or list(models), "models", name)
+        robots = dict.fromkeys(model.partition("/")[0] for model in models)
+        valid = scenes or of_robot or (list(models) if "/" in name else [*robots])
+        error = ModelNotFoundError(self.label, reason, valid, "models" if of_robot or "/" in name else "robots", name)
         if not of_robot and not _clones():
             error.add_note(HOW)
         raise error

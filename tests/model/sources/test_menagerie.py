@@ -97,9 +97,27 @@ def test_a_name_does_not_lead_out_of_the_collection(tmp_path: Path, name: str) -
         parse_source(f"menagerie:{name}").load()
 
 
+@pytest.mark.parametrize("name", ["scene_flat.xml", "flat_scene.xml"])
+def test_a_robot_alone_is_its_only_scene_whatever_that_is_called(tmp_path: Path, name: str) -> None:
+    folder = clone(tmp_path / "here" / "mujoco_menagerie") / "unitree_go2"
+    (folder / "scene.xml").rename(folder / name)
+    assert parse_source("menagerie:unitree_go2").main_file.name == name  # type: ignore[attr-defined]
+    (folder / "scene_stairs.xml").write_text(SCENE)
+    with pytest.raises(
+        ModelNotFoundError, match=r"name one of its models.*\nmodels: unitree_go2/\w+, unitree_go2/\w+$"
+    ):
+        parse_source("menagerie:unitree_go2").load()
+
+
+def test_near_names_of_robots_are_suggested(tmp_path: Path) -> None:
+    clone(tmp_path / "here" / "mujoco_menagerie")
+    with pytest.raises(ModelNotFoundError, match=r"no such model \(did you mean 'unitree_go2'"):
+        parse_source("menagerie:unitre_go2").load()
+
+
 def test_a_robot_of_several_models_without_a_scene_asks_which(tmp_path: Path) -> None:
     folder = clone(tmp_path / "here" / "mujoco_menagerie")
-    (folder / "unitree_go2" / "scene.xml").rename(folder / "unitree_go2" / "scene_flat.xml")
-    with pytest.raises(ModelNotFoundError, match=r"unitree_go2: name one of its models.*\nmodels: unitree_go2/go2, "):
+    (folder / "unitree_go2" / "scene.xml").rename(folder / "unitree_go2" / "flat.xml")
+    with pytest.raises(ModelNotFoundError, match=r"unitree_go2: name one of its models.*\nmodels: unitree_go2/"):
         parse_source("menagerie:unitree_go2").load()
     assert listed_collection("menagerie:") is MenagerieSource
