@@ -22,6 +22,7 @@ from pathlib import Path
 from typing import TypeVar
 
 from mjrun.confinement import capabilities, landlock, seccomp
+from mjrun.confinement.connector import Connector
 from mjrun.errors import UsageError, option
 
 VARIABLE = "MJRUN_CONFINEMENT"  # by which the processes that a confined one starts know that they are
@@ -60,6 +61,7 @@ class Confinement:
       temporary: the folder of temporary files.
       by: what keeps it from reading and writing other files.
       network: what keeps it from the network; empty if nothing does.
+      own_port: the descriptor of a socket at the port that it can connect to, where it serves; -1 elsewhere.
     """
 
     roots: tuple[str, ...]
@@ -68,6 +70,7 @@ class Confinement:
     temporary: str = ""
     by: str = CHECKS
     network: str = ""
+    own_port: int = -1
 
     def allows(self, path: str | Path) -> bool:
         """Whether a model or a document may name the file `path`, which need not exist."""
@@ -116,6 +119,9 @@ def confine(wanted: Confinement, *, serves: bool = False) -> Confinement:
     if os.path.isdir(TASKS) and len(os.listdir(TASKS)) > 1:  # noqa: PTH112, PTH208
         raise RuntimeError("a process with several threads cannot be confined")
     _close_inherited()
+    connector = Connector() if serves and seccomp.is_known() else None
+    if connector:
+        made = replace(made, own_port=connector.bound.detach())
     if landlock.version():
         rules = [
             *_system(),
@@ -125,7 +131,9 @@ def confine(wanted: Confinement, *, serves: bool = False) -> Confinement:
         landlock.restrict(rules, serves=serves)
     capabilities.drop()
     if seccomp.is_known():
-        seccomp.restrict(serves=serves)
+        listener = seccomp.restrict(serves=serves)
+        if connector and listener is not None:
+            connector.listen(listener)
     os.environ[VARIABLE] = json.dumps(asdict(made))
     return made
 

@@ -18,10 +18,11 @@ from typing import NamedTuple
 
 LOAD, JUMP_IF_EQUAL, JUMP_IF_AT_LEAST, AND, RETURN = 0x20, 0x15, 0x35, 0x54, 0x06
 NUMBER, ARCHITECTURE, ARGUMENTS = 0, 4, 16  # offsets in struct seccomp_data
-ALLOW, KILL = 0x7FFF0000, 0x80000000
+ALLOW, ASK, KILL = 0x7FFF0000, 0x7FC00000, 0x80000000
 REFUSE, UNKNOWN = 0x00050000 | errno.EACCES, 0x00050000 | errno.ENOSYS
 NEWEST = 462  # the last call that this list knows, mseal; those of x32 begin far beyond
-SET_SECCOMP, FILTER, NO_NEW_PRIVILEGES = 22, 2, 38
+SET_SECCOMP, FILTER, NO_NEW_PRIVILEGES = 22, 2, 38  # of prctl
+SECCOMP, SET_FILTER, NEW_LISTENER = (317, 277), 1, 1 << 3  # the call that makes a filter which asks
 WHOLE = 0xFFFFFFFF  # the lower half of an argument, which is all that the kernel uses of those below
 SOCKET_TYPE = 0xF  # the bits of a socket's type without its flags
 
@@ -238,25 +239,45 @@ def is_known() -> bool:
     return platform.system() == "Linux" and platform.machine() in MACHINES
 
 
-def restrict(*, serves: bool = False) -> None:
+def restrict(*, serves: bool = False) -> int | None:
     """Restricts this process, and what it starts from now on, to the calls that the filter allows.
 
     Args:
-      serves: whether it may open sockets of TCP and wait for connections.
+      serves: whether it may open sockets of TCP and wait for connections. The filter asks what `connect` comes to.
+
+    Returns:
+      The descriptor by which it asks; None if it does not.
 
     Raises:
       OSError: it cannot.
     """
     library = ctypes.CDLL(None, use_errno=True)
-    code = b"".join(struct.pack("HBBI", *step) for step in program(platform.machine(), serves=serves))
-    made = Program(len(code) // 8, code)
-    if library.prctl(NO_NEW_PRIVILEGES, 1, 0, 0, 0) or library.prctl(SET_SECCOMP, FILTER, ctypes.byref(made), 0, 0):
-        number = ctypes.get_errno()
-        raise OSError(number, os.strerror(number))
+    machine = platform.machine()
+    if library.prctl(NO_NEW_PRIVILEGES, 1, 0, 0, 0):
+        raise OSError(ctypes.get_errno(), "no_new_privs is refused")
+    if serves:
+        asking = _assembled(program(machine, serves=True))
+        listener = library.syscall(SECCOMP[MACHINES[machine][1]], SET_FILTER, NEW_LISTENER, ctypes.byref(asking))
+        if listener >= 0:
+            return listener
+    made = _assembled(program(machine, serves=serves, asks=False))  # of kernels that cannot ask, before Linux 5.0
+    if library.prctl(SET_SECCOMP, FILTER, ctypes.byref(made), 0, 0):
+        raise OSError(ctypes.get_errno(), os.strerror(ctypes.get_errno()))
+    return None
 
 
-def program(machine: str, *, serves: bool = False) -> list[_Step]:
-    """Returns the steps of the filter for a machine of `MACHINES`."""
+def _assembled(steps: Iterable[_Step]) -> Program:
+    code = b"".join(struct.pack("HBBI", *step) for step in steps)
+    return Program(len(code) // 8, code)
+
+
+def program(machine: str, *, serves: bool = False, asks: bool = True) -> list[_Step]:
+    """Returns the steps of the filter for a machine of `MACHINES`.
+
+    Args:
+      serves: as in `restrict`.
+      asks: whether it asks, if it serves, what `connect` comes to, and does not refuse it.
+    """
     architecture, column = MACHINES[machine]
     steps: list[_Step] = [
         (LOAD, 0, 0, ARCHITECTURE),
@@ -266,8 +287,9 @@ def program(machine: str, *, serves: bool = False) -> list[_Step]:
         (JUMP_IF_AT_LEAST, 0, 1, NEWEST + 1),
         (RETURN, 0, 0, UNKNOWN),
     ]
-    refused = [METADATA, PROCESSES, KERNEL, CONNECTING, *([] if serves else [SERVING, {"socket": SOCKET}])]
-    for result, calls in ((REFUSE, refused), (UNKNOWN, [UNSEEN])):
+    refused = [METADATA, PROCESSES, KERNEL, *([] if serves else [SERVING, {"socket": SOCKET}])]
+    connecting = ASK if serves and asks else REFUSE
+    for result, calls in ((REFUSE, refused), (UNKNOWN, [UNSEEN]), (connecting, [CONNECTING])):
         for numbers in (numbers for each in calls for numbers in each.values()):
             steps += _rule(numbers[column], [(RETURN, 0, 0, result)])
     for numbers, checks in (*CHECKED.values(), *([(SOCKET, OF_TCP)] if serves else [])):

@@ -6,6 +6,7 @@ import hmac
 import importlib
 import io
 import logging
+import os
 import secrets
 import socket
 import sys
@@ -25,6 +26,7 @@ with contextlib.redirect_stdout(sys.stderr):  # which its server logs to from he
     from mujoco.studio.dear_imgui import dear_imgui
     from mujoco.studio.web import web_server
 
+from mjrun.confinement.confinement import confinement
 from mjrun.viewer.window import PHYSICS_SETTINGS, Action, Pull, Refuse, Reset, SetPaused, SetSpeed, Status, TakeStep
 
 sim: Any = importlib.import_module("mujoco.studio.sim")  # which are written in C++
@@ -390,8 +392,12 @@ def _ends(descriptor: int) -> tuple[Any, Any] | None:
 
 def _bind_own_socket(port: int = 0) -> socket.socket:
     """As Studio's function for the socket that its user interface connects to, which all of the machine could."""
-    bound = _OwnSocket(socket.AF_INET, socket.SOCK_STREAM)
-    bound.bind((HOST, port))
+    limits = confinement()
+    if limits and limits.own_port >= 0:  # the one that a confined process can connect to
+        bound = _OwnSocket(fileno=os.dup(limits.own_port))
+    else:
+        bound = _OwnSocket(socket.AF_INET, socket.SOCK_STREAM)
+        bound.bind((HOST, port))
     bound.listen()
     return bound
 

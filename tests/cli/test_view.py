@@ -79,15 +79,20 @@ def test_a_signal_ends_it_and_keeps_the_recording(
     assert mjrun("trace", swing, "--replay", "seen.npz", "-o", "t.csv").returncode == 0
 
 
+@pytest.mark.parametrize("trust", [[], ["--untrusted"]], ids=["trusted", "untrusted"])
 def test_in_a_browser_it_waits_for_one_and_sends_it_what_it_records(
     mjrun: Command,
     swing: Path,
     port: int,
     no_display: dict[str, str],
+    trust: list[str],
 ) -> None:
-    child = mjrun.start("view", swing, "--port", str(port), "--recording", "seen.npz", env={**no_display, **ALONE})
+    line = ("view", swing, "--port", str(port), "--recording", "seen.npz", *trust)
+    child = mjrun.start(*line, env={**no_display, **ALONE})
     try:
         assert child.stderr
+        for _ in trust:
+            assert b"untrusted" in child.stderr.readline()
         first = child.stderr.readline().decode()
         page = Page(address(first))
         assert b"<canvas" in page.content

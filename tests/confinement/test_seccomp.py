@@ -15,7 +15,7 @@ import pytest
 
 from mjrun.confinement import seccomp
 
-ALLOWED, REFUSED, UNKNOWN, KILLED = "allowed", "refused", "unknown", "killed"
+ALLOWED, REFUSED, UNKNOWN, KILLED, ASKED = "allowed", "refused", "unknown", "killed", "asked"
 # What the kernel calls machines, and the headers that number their calls, where they are installed.
 ARCHITECTURES = {"x86_64": 0xC000003E, "i386": 0x40000003, "aarch64": 0xC00000B7, "arm": 0x40000028}
 HEADERS = {
@@ -47,7 +47,7 @@ CALLS: tuple[tuple[str, tuple[int | None, int | None], tuple[int, ...], str, str
     ("socket, SCTP", (41, 198), (socket.AF_INET, 1, 132), REFUSED, REFUSED),
     ("socket, netlink", (41, 198), (16, 3, 0), REFUSED, REFUSED),
     ("listen", (50, 201), (3, 1), REFUSED, ALLOWED),
-    ("connect", (42, 203), (3, 1), REFUSED, REFUSED),
+    ("connect", (42, 203), (3, 1), REFUSED, ASKED),
     ("socketpair, stream", (53, 199), (1, 1), ALLOWED, ALLOWED),
     ("socketpair, packets", (53, 199), (1, 0o2004005), ALLOWED, ALLOWED),
     ("socketpair, datagrams", (53, 199), (1, 2), REFUSED, REFUSED),
@@ -115,7 +115,7 @@ def judged(machine: str, architecture: str, number: int, arguments: tuple[int, .
         else:
             assert operation == 0x06
             results = {0x7FFF0000: ALLOWED, 0x50000 + errno.EACCES: REFUSED, 0x50000 + errno.ENOSYS: UNKNOWN}
-            return {**results, 0x80000000: KILLED}[value]
+            return {**results, 0x80000000: KILLED, 0x7FC00000: ASKED}[value]
 
 
 @pytest.mark.parametrize("machine", ["x86_64", "aarch64"])
