@@ -12,7 +12,8 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from mjrun.confinement.confinement import CHECKS, means
+from mjrun.confinement.confinement import CHECKS
+from mjrun.confinement.sandbox import means
 from mjrun.diff import frames
 from mjrun.errors import (
     EncoderError,

@@ -15,7 +15,8 @@ from mjrun import activity
 from mjrun.activity import Promise
 from mjrun.child_process import limit_this_process
 from mjrun.cli.click_command import DeclaredOption
-from mjrun.confinement.confinement import Confinement, confine, with_temporary
+from mjrun.confinement.confinement import Confinement
+from mjrun.confinement.sandbox import confine, with_temporary
 from mjrun.errors import BadValueError, FileError, OutOfMemoryError, UnknownNameError, UsageError, clean, option
 from mjrun.options.confinement import FILE, LIMITS, MEMORY, TIME, ConfinementOptions
 from mjrun.options.kinds import AnyKind, File, Optional, Several

@@ -1,53 +1,20 @@
 """What a process may do that works on files nobody vouches for: `--untrusted`.
 
-A process confines itself before it reads the first of them, and what it starts is confined with it: Landlock gives it
-no files but those it needs, a filter of system calls no network, no other processes and no metadata of files. Models
-are loaded in a thread that may read their folder alone. Where the kernel knows neither, paths are checked before they
-are opened; they are everywhere.
+Where the kernel does not confine it, paths are checked before they are opened; they are everywhere.
 """
 
 import json
 import os
-import platform
-import site
-import sys
-import sysconfig
-import tempfile
-import threading
-from collections.abc import Callable, Iterator
-from contextlib import suppress
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
-from typing import TypeVar
 
-from mjrun.confinement import capabilities, landlock, seccomp
-from mjrun.confinement.connector import Connector
 from mjrun.errors import UsageError, option
 
 VARIABLE = "MJRUN_CONFINEMENT"  # by which the processes that a confined one starts know that they are
 CHECKS = "checks of paths"
-PREFIX = "mjrun-untrusted-"  # of temporary folders
-
-# What interpreters, drivers and encoders read; those of these that there are.
-LIBRARIES = ("/lib", "/lib32", "/lib64", "/usr/lib", "/usr/lib32", "/usr/lib64", "/usr/local/lib", "/nix/store")
-PROGRAMS = ("/usr", "/bin", "/sbin", "/opt", "/run/opengl-driver")
-SETTINGS = (
-    *("ld.so.cache", "ld.so.conf", "ld.so.conf.d", "alternatives", "drirc", "egl", "fonts", "glvnd", "vulkan", "X11"),
-    *("group", "localtime", "nsswitch.conf", "passwd", "timezone", "OpenCL"),
-)
-STATE = ("/proc", *(f"/sys/{name}" for name in ("bus", "class", "dev", "devices", "fs/cgroup", "module")))
-CACHES = ("fontconfig", "matplotlib", "mesa_shader_cache", "mesa_shader_cache_db", "nvidia")
-MODULES = (".py", ".pyc", ".so", ".zip", ".egg", ".dist-info", ".egg-info")  # what an import looks at
-TASKS = "/proc/self/task"  # the threads of this process
 MAGIC = "/proc/"  # whose links lead where other processes are
 LINKS = 40  # that the system follows in a path
-DEVICES = (
-    *("null", "zero", "full", "random", "urandom", "dri", "kfd", "dxg"),
-    *("nvidiactl", "nvidia-modeset", "nvidia-uvm", "nvidia-uvm-tools", *(f"nvidia{number}" for number in range(16))),
-)
-
-T = TypeVar("T")
 
 
 @dataclass(frozen=True)
@@ -75,7 +42,7 @@ class Confinement:
     def allows(self, path: str | Path) -> bool:
         """Whether a model or a document may name the file `path`, which need not exist."""
         real = _real(path)
-        return any(_is_within(real, place) for place in (*self.roots, *self.files, self.temporary))
+        return any(is_within(real, place) for place in (*self.roots, *self.files, self.temporary))
 
     def facts(self) -> dict[str, object]:
         """What a report says of it."""
@@ -86,83 +53,6 @@ def confinement() -> Confinement | None:
     """How this process is confined; None if it is not."""
     text = os.environ.get(VARIABLE)
     return _parsed(text) if text else None
-
-
-def means(*, serves: bool = False) -> tuple[str, str]:
-    """What confines a process on this machine: to files, and from the network; the latter empty if nothing does."""
-    version = landlock.version()
-    by = f"Landlock {version}" if version else CHECKS
-    if seccomp.is_known():
-        return by, "seccomp" + (", except for TCP" if serves else "")
-    return by, f"{by}, TCP only" if version >= 4 else ""
-
-
-def with_temporary(wanted: Confinement) -> Confinement:
-    """Returns `wanted` with a new folder for temporary files, which this process uses from now on."""
-    temporary = os.path.realpath(tempfile.mkdtemp(prefix=PREFIX))
-    tempfile.tempdir = os.environ["TMPDIR"] = temporary
-    return replace(wanted, temporary=temporary)
-
-
-def confine(wanted: Confinement, *, serves: bool = False) -> Confinement:
-    """Confines this process and what it starts from now on, and returns how.
-
-    Args:
-      serves: whether it opens a port, for a browser on the same machine.
-
-    Raises:
-      OSError: the kernel refuses what it offers.
-      RuntimeError: the process has several threads, of which the others would stay free.
-    """
-    by, network = means(serves=serves)
-    made = replace(wanted, by=by, network=network)
-    if os.path.isdir(TASKS) and len(os.listdir(TASKS)) > 1:  # noqa: PTH112, PTH208
-        raise RuntimeError("a process with several threads cannot be confined")
-    _close_inherited()
-    connector = Connector() if serves and seccomp.is_known() else None
-    if connector:
-        made = replace(made, own_port=connector.bound.detach())
-    if landlock.version():
-        rules = [
-            *_system(),
-            *((path, landlock.READ) for path in (*made.roots, *made.files)),
-            *((path, landlock.WRITE) for path in (*made.written, made.temporary)),
-        ]
-        landlock.restrict(rules, serves=serves)
-    capabilities.drop()
-    if seccomp.is_known():
-        listener = seccomp.restrict(serves=serves)
-        if connector and listener is not None:
-            connector.listen(listener)
-    os.environ[VARIABLE] = json.dumps(asdict(made))
-    return made
-
-
-def confined_load(load: Callable[[], T]) -> T:
-    """What `load` returns, called where a model's own files are all that can be opened, if this process is confined.
-
-    It is called in a thread of its own then, which can open neither the outputs nor what drivers and encoders read.
-    """
-    limits = confinement()
-    if limits is None or not landlock.version() or threading.current_thread().name == PREFIX:
-        return load()
-    results: list[T] = []
-    errors: list[BaseException] = []
-
-    def work() -> None:
-        try:
-            rules = [*_libraries(), *((path, landlock.READ) for path in (*limits.roots, *limits.files))]
-            landlock.restrict(rules, network=False)
-            results.append(load())
-        except BaseException as error:
-            errors.append(error)
-
-    thread = threading.Thread(target=work, name=PREFIX, daemon=True)
-    thread.start()
-    thread.join()
-    if errors:
-        raise errors[0]
-    return results[0]
 
 
 def require_unconfined(what: str) -> None:
@@ -184,7 +74,7 @@ def is_readable(path: str | Path) -> bool:
 def is_writable(path: str | Path) -> bool:
     """Whether outputs may be written at `path`: anywhere, unless this process is confined."""
     limits = confinement()
-    return limits is None or any(_is_within(_real(path), place) for place in (*limits.written, limits.temporary))
+    return limits is None or any(is_within(_real(path), place) for place in (*limits.written, limits.temporary))
 
 
 def tells_of_processes(path: str | Path) -> bool:
@@ -234,74 +124,6 @@ def _real(path: str | Path) -> str:
     return place
 
 
-def _is_within(path: str, folder: str) -> bool:
+def is_within(path: str, folder: str) -> bool:
+    """Whether a path is that of a folder, or of what is below it, as they are written."""
     return bool(folder) and (path == folder or path.startswith(folder.rstrip("/") + "/"))
-
-
-def _close_inherited() -> None:
-    """Closes the files that this process was started with, besides its standard streams."""
-    for name in os.listdir("/dev/fd"):  # noqa: PTH208
-        with suppress(OSError):  # the descriptor that the folder was listed by
-            if int(name) > 2 and os.get_inheritable(int(name)):  # which what Python opens is not
-                os.close(int(name))
-
-
-def _system() -> Iterator[tuple[str, int]]:
-    """What a process needs of the system, whatever it works on."""
-    yield from _libraries()
-    home = Path(os.environ.get("HOME") or "/nonexistent")
-    cache = Path(os.environ.get("XDG_CACHE_HOME") or home / ".cache")
-    paths = [*PROGRAMS, *STATE, *(f"/etc/{name}" for name in SETTINGS), *(str(cache / name) for name in CACHES)]
-    paths += [f"{prefix}/{name}" for prefix in {sys.prefix, sys.base_prefix} for name in ("bin", "share", "etc/fonts")]
-    paths += [str(home / ".fonts"), str(home / ".local/share/fonts"), os.environ.get("IMAGEIO_FFMPEG_EXE", "")]
-    yield from ((path, landlock.READ) for path in paths)
-    yield from ((f"/dev/{name}", landlock.USE) for name in DEVICES)
-    yield TASKS, landlock.WRITE_FILE  # where threads get their names
-
-
-def _libraries() -> Iterator[tuple[str, int]]:
-    """What the interpreter reads: itself, its libraries and packages."""
-    package = str(Path(__file__).parents[1])
-    prefixes = {sys.prefix, sys.base_prefix, sys.exec_prefix}
-    paths = {*LIBRARIES, package, sys.executable, *site.getsitepackages(), site.getusersitepackages()}
-    paths |= {sysconfig.get_path(name) for name in ("stdlib", "platstdlib", "purelib", "platlib")}
-    paths |= {f"{prefix}/{name}" for prefix in prefixes for name in ("lib", "lib32", "lib64", "pyvenv.cfg")}
-    for path in paths:
-        yield path, landlock.READ
-    for folder in sys.path:
-        yield folder or ".", landlock.READ_DIR
-        if not any(_is_within(folder, path) for path in paths) and _is_chosen(folder):
-            yield from ((path, landlock.READ) for path in _importable(folder))
-
-
-def _is_chosen(folder: str) -> bool:
-    """Whether a folder of `sys.path` comes from PYTHONPATH or a .pth file, not from how the program was started."""
-    named = os.environ.get("PYTHONPATH", "").split(os.pathsep)
-    return sys.flags.safe_path or folder != sys.path[0] or folder in map(os.path.abspath, filter(None, named))
-
-
-def _importable(folder: str) -> Iterator[str]:
-    """The modules and packages in a folder, which may hold other files that are nobody's business."""
-    if os.path.isfile(folder):  # noqa: PTH113 – an archive of them
-        yield folder
-        return
-    with suppress(OSError), os.scandir(folder) as entries:
-        for entry in entries:
-            if _is_module(entry.name) or (entry.is_dir() and any(_is_package(entry.path))):
-                yield entry.path
-
-
-def _is_package(folder: str) -> Iterator[bool]:
-    """Of what is in a folder, and in the folders in it, whether it is a module."""
-    with suppress(OSError), os.scandir(folder) as entries:
-        for entry in entries:
-            yield _is_module(entry.name) or (entry.is_dir() and os.path.exists(f"{entry.path}/__init__.py"))  # noqa: PTH110
-
-
-def _is_module(name: str) -> bool:
-    return name.endswith(MODULES) or ".so." in name
-
-
-def system() -> str:
-    """The operating system, for what it lacks."""
-    return f"{platform.system()} {platform.release()}"

@@ -10,7 +10,8 @@ import mujoco
 import numpy as np
 
 from mjrun.activity import doing
-from mjrun.confinement.confinement import OUTSIDE, advice, confined_load, confinement, is_readable
+from mjrun.confinement.confinement import OUTSIDE, advice, confinement, is_readable
+from mjrun.confinement.sandbox import confined_load
 from mjrun.errors import BrokenModelError, CompiledOverrideError, ModelNotFoundError, clean, option
 from mjrun.expansion import HINT, excess
 from mjrun.model.compilation import FAULTS, broken_model, check_model, compile_model

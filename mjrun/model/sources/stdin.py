@@ -7,7 +7,7 @@ from pathlib import Path
 
 import mujoco
 
-from mjrun.confinement.confinement import confined_load
+from mjrun.confinement.sandbox import confined_load
 from mjrun.errors import BrokenModelError, UsageError
 from mjrun.model.compilation import compile_model
 from mjrun.model.named_files import require_regular_files
