@@ -204,16 +204,18 @@ def test_whatever_a_confined_child_has_started_ends_with_it(tmp_path: Path, endi
     (tmp_path / "own").mkdir()
     work = f"""
 make_promise(Promise({str(tmp_path / "own")!r}, [], [], 1000))
+into, out = os.pipe()
 for _ in range(3):
     if os.fork() == 0:
         os.setsid()
         if os.fork() == 0:
             signal.pthread_sigmask(signal.SIG_BLOCK, signal.valid_signals())
             os.write(1, f"{{os.getpid()}} ".encode())
+            os.write(out, b"x")
             time.sleep(1000)
         os._exit(0)
 for _ in range(3): os.wait()
-time.sleep(0.2)
+for _ in range(3): os.read(into, 1)
 {ending}"""
     process = start(work, tmp_path)
     printed, _ = process.communicate(timeout=PATIENCE)
