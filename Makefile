@@ -4,10 +4,10 @@
 
 .DEFAULT_GOAL := help
 .NOTPARALLEL:
-.PHONY: help setup setup-python demo gallery test explore lint types check bench score clean
+.PHONY: help setup setup-python demo gallery test explore test-lowest lint types check bench score clean
 
 help: ## list the targets
-	@awk -F ':.*## ' '/^[a-z]+:.*## / {printf "make %-7s  %s\n", $$1, $$2}' Makefile
+	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "make %-11s  %s\n", $$1, $$2}' Makefile
 
 setup: ## make .venv with mjrun and its tools, and see that something can draw
 	@sh scripts/setup.sh
@@ -28,6 +28,17 @@ test: setup ## run the tests
 
 explore: setup ## run the property tests on examples drawn at random; add what fails as @example
 	.venv/bin/pytest -n auto --maxprocesses 4 --dist worksteal -m hypothesis --hypothesis-profile explore $(ARGS)
+
+# Rooms with a library at home that has a lower bound in pyproject.toml.
+LOWEST = tests/test_packages.py tests/formats tests/document tests/plotting tests/diff tests/policy tests/gym tests/fit \
+  tests/study tests/evaluation tests/sim tests/task tests/model/sources tests/cli
+
+test-lowest: setup ## run the tests of what libraries do, with the lowest version of each that mjrun accepts: .venv-lowest
+	.venv/bin/python scripts/lowest_versions.py > .venv/lowest.txt
+	.venv/bin/python -m venv .venv-lowest
+	.venv-lowest/bin/python -m pip install --quiet 'pip>=25.1'
+	.venv-lowest/bin/python -m pip install --quiet --constraint .venv/lowest.txt --editable '.[all,dask,slurm,warp]' --group dev
+	.venv-lowest/bin/pytest -n auto --maxprocesses 4 --dist worksteal -W default $(LOWEST) $(ARGS)
 
 lint: setup-python ## check the code's style and layout
 	.venv/bin/ruff check

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import mujoco
 
-from mjrun.errors import UsageError, clean, concerning, listing, option
+from mjrun.errors import UsageError, clean, concerning, listing, option, quoted
 from mjrun.formats.manifest import fingerprint
 from mjrun.formats.recording_reader import RecordingReader, is_recording
 from mjrun.formats.table_reader import STDIN, read_table
@@ -335,6 +335,13 @@ class Simulation(SimulationOptions):
             raise UsageError(f"{option('ctrl')} and {clean(str(path))} both drive {listing(twice)}")
         constant = {i for of in held.values() for i in of}
         return ControlTable(model, columns, str(path), self.ctrl_interpolation == "linear", constant)
+
+
+def require_simulation(value: object) -> None:
+    """Raises UsageError if `value` is something else than a simulation, such as its model."""
+    if not isinstance(value, Simulation):
+        given = f"mjrun.Simulation({value!r})" if isinstance(value, str) else "mjrun.Simulation(…)"
+        raise UsageError(f"simulation: {quoted(str(value))} is not a simulation; write {clean(given)}")
 
 
 def require_countable(steps: int, name: str) -> None:

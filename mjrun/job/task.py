@@ -17,7 +17,7 @@ import mujoco
 from mjrun.formats.atomic_output import OutputWriter, publish_together
 from mjrun.job.episode import EpisodeResult
 from mjrun.job.shared_rendering import RendererRequest, SharedRendering
-from mjrun.job.simulation import Simulation
+from mjrun.job.simulation import Simulation, require_simulation
 from mjrun.options.option import options
 from mjrun.options.output import OutputOptions
 from mjrun.probe.episode import EpisodeColumns
@@ -213,6 +213,10 @@ class Job(OutputOptions, ABC, Generic[R_co]):
     """An output as the user asks for it: a simulation, and the options of its kind."""
 
     simulation: Simulation = field(kw_only=False)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        require_simulation(self.simulation)
 
     @property
     @abstractmethod

@@ -43,9 +43,11 @@ class Kind(Generic[V, T]):
 
     Attributes:
       metavar: what stands for the value in help texts.
+      accepted: completes the sentence "… is not" for values of types that the kind cannot convert.
     """
 
     metavar: str = "TEXT"
+    accepted: str = ""
 
     def __init__(self, metavar: str = "") -> None:
         self.metavar = metavar or self.metavar
@@ -242,11 +244,12 @@ class Size(Kind[Sequence[int], tuple[int, int]]):
     """Width and height in pixels: `1280x720`."""
 
     metavar = "WxH"
+    accepted = "a width and a height in pixels, as in (640, 480)"
 
     def __call__(self, value: Sequence[int]) -> tuple[int, int]:
         sides = () if isinstance(value, str) else tuple(value)
         if len(sides) != 2 or not all(hasattr(side, "__index__") and side > 0 for side in sides):
-            raise ExpectedError("a width and a height in pixels, as in (640, 480)")
+            raise ExpectedError(self.accepted)
         return sides[0].__index__(), sides[1].__index__()
 
     def parse(self, text: str) -> tuple[int, int]:
@@ -388,6 +391,7 @@ class Values(Kind[Mapping[str, float | Sequence[float]], Mapping[str, Numbers]])
     """Numbers by name: `hip=0.3`, `root=0,0,1,1,0,0,0`."""
 
     metavar = "NAME=VALUE"
+    accepted = "a mapping of names to numbers, as in {'hip': 0.3}"
 
     def __call__(self, value: Mapping[str, float | Sequence[float]]) -> Mapping[str, Numbers]:
         return {name: _numbers(numbers) for name, numbers in value.items()}
@@ -425,6 +429,7 @@ class Settings(Kind[Mapping[str, object] | Sequence[tuple[str, object]], tuple[t
     """Texts by path: `opt.gravity=0,0,10`. Later ones count where a path stands twice."""
 
     metavar = "PATH=VALUE"
+    accepted = "a mapping of names to values, or a sequence of pairs"
     example = "opt.gravity=0,0,10"
 
     def __init__(self, metavar: str = "", example: str = "") -> None:
@@ -432,7 +437,9 @@ class Settings(Kind[Mapping[str, object] | Sequence[tuple[str, object]], tuple[t
         self.example = example or self.example
 
     def __call__(self, value: Mapping[str, object] | Sequence[tuple[str, object]]) -> tuple[tuple[str, str], ...]:
-        pairs = value.items() if isinstance(value, Mapping) else value
+        pairs = [*(value.items() if isinstance(value, Mapping) else value)]
+        if not all(isinstance(path, str) for path, _ in pairs):  # pyright: ignore[reportUnnecessaryIsInstance]
+            raise ExpectedError(self.accepted)
         return tuple((path, self.text(setting)) for path, setting in pairs)
 
     def text(self, setting: object) -> str:
@@ -515,6 +522,7 @@ class Several(Kind["W | Sequence[W]", tuple[T, ...]], Generic[W, T]):
 
     def __init__(self, each: Kind[W, T], *, commas: bool = False, expected: str = "") -> None:
         super().__init__(f"{each.metavar},…" if commas else each.metavar)
+        self.accepted = each.accepted
         self.each: AnyKind = each
         self.commas, self.expected = commas, expected
 
@@ -562,6 +570,7 @@ class Optional(Kind["W | None", "T | None"], Generic[W, T]):
 
     def __init__(self, each: Kind[W, T]) -> None:
         super().__init__(each.metavar)
+        self.accepted = each.accepted
         self.each: AnyKind = each
 
     def __call__(self, value: "W | None") -> "T | None":

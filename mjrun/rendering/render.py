@@ -48,7 +48,7 @@ def render(
 
     Returns:
       `rgb`: `(height, width, 3)` uint8. `depth`: `(height, width)` float32, along the axis of view [m], infinite where
-      there is nothing. `seg`: `(height, width)` int32, indices into `Segmentation(model).legend`, -1 for nothing.
+      there is nothing. `seg`: `(height, width)` int32, indices into `mjrun.Segmentation(model).legend`, -1 for nothing.
 
     Raises:
       UsageError: there is no such camera or view, or the size is too large.

@@ -13,7 +13,7 @@ import numpy as np
 
 from mjrun.errors import FailedAssertionError, FailedPointsError, FileError, LostFilesError, clean
 from mjrun.formats.atomic_output import OutputWriter, written_file
-from mjrun.job.simulation import Simulation
+from mjrun.job.simulation import Simulation, require_simulation
 from mjrun.model.column import Column
 from mjrun.options.option import options
 from mjrun.options.sweep import MANIFEST, ExecutionOptions, StudyOptions
@@ -47,6 +47,10 @@ class Study(StudyOptions, ExecutionOptions):
     command: str = ""
     controllers: Mapping[str, Callable[..., object]] = field(default_factory=dict[str, Callable[..., object]])
     document: Mapping[str, object] | None = None
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        require_simulation(self.simulation)
 
     @property
     def spec(self) -> StudySpec:

@@ -12,7 +12,7 @@ from mjrun.errors import NoWindowError, UsageError, concerning, option
 from mjrun.job.episode import EpisodeResult
 from mjrun.job.manifest import origin
 from mjrun.job.output_files import ReservedFiles
-from mjrun.job.simulation import Simulation
+from mjrun.job.simulation import Simulation, require_simulation
 from mjrun.model import state
 from mjrun.model.fingerprint import physics_fingerprint
 from mjrun.model.mujoco_globals import collected_warnings
@@ -51,6 +51,7 @@ class Viewer(ViewerOptions):
 
     def __post_init__(self) -> None:
         super().__post_init__()
+        require_simulation(self.simulation)
         if self.port is not None and self.browser is False:
             raise UsageError(f"{option('port')} is that of a page in a browser, and this view is to be in a window")
 

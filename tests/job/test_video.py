@@ -198,7 +198,7 @@ def test_the_python_interface_is_the_same_job(tmp_path: Path, swing: Path, decod
 
 def test_an_unknown_name_in_the_python_interface_lists_the_known_ones() -> None:
     with pytest.raises(AttributeError, match="no attribute 'vidoe'"):
-        mjrun.vidoe  # noqa: B018
+        mjrun.vidoe  # noqa: B018  # pyright: ignore[reportAttributeAccessIssue]
     with pytest.raises(UnknownNameError):
         mjrun.Visual(show=["nonsense"])
     assert set(mjrun.__all__) <= set(dir(mjrun))

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import mujoco
 
+from mjrun.errors import BadValueError
 from mjrun.model.override import Override
 from mjrun.model.source import CollectionSource, Source
 from mjrun.model.sources.bundled_scene import bundled_task
@@ -48,7 +49,11 @@ def names_task(text: str) -> bool:
 
 
 def source_of(model: ModelLike) -> Source:
-    """The source that stands for `model`: text is parsed, a path is a file, a compiled model is itself."""
+    """The source that stands for `model`: text is parsed, a path is a file, a compiled model is itself.
+
+    Raises:
+      BadValueError: it is none of these.
+    """
     match model:
         case Source():
             return model
@@ -56,7 +61,9 @@ def source_of(model: ModelLike) -> Source:
             return CompiledSource(model)
         case str():
             return _parsed(model)
-    return FileSource(Path(model))
+        case PathLike():
+            return FileSource(Path(model))
+    raise BadValueError("model", model, "the name or the path of a model, an MjModel, or a source")
 
 
 @lru_cache(64)

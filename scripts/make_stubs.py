@@ -1,0 +1,119 @@
+"""Writes mjrun/__init__.pyi: what type checkers and editors know of `import mjrun`, from the declarations of options.
+
+    .venv/bin/python scripts/make_stubs.py
+
+An option accepts more than its attribute holds: a text where there are several, a number where it is exact. The
+classes of jobs convert these, which pyright follows and mypy does not. So each class gets its `__init__` written out.
+"""
+
+import dataclasses
+import inspect
+import subprocess
+import sys
+import types
+from pathlib import Path
+from typing import Any, ForwardRef, Union, get_args, get_origin
+
+sys.path.insert(0, str(Path(__file__).parents[1]))
+
+import mjrun
+from mjrun.options.kinds import AnyKind, Camera, Choice, Instant, Kind, Optional, Processes, Several
+from mjrun.options.option import Options, options_of
+from mjrun.options.policy import PolicyKind
+
+STUB = Path(mjrun.__file__).with_name("__init__.pyi")
+HEADER = '''"""MuJoCo models to videos, images, tables and timing reports; written by scripts/make_stubs.py."""
+
+from collections.abc import Callable, Mapping, Sequence
+from fractions import Fraction
+from os import PathLike
+from pathlib import Path
+from typing import Literal
+
+from mujoco import MjModel
+
+from mjrun.camera.script import CameraScript, Event
+from mjrun.model.source import Source
+from mjrun.options.push import Push
+'''
+# Kinds that accept objects of rooms that declarations do not know.
+ACCEPTED: dict[type[AnyKind], str] = {
+    Camera: "str | int | PathLike[str] | CameraScript",
+    Instant: "float | str | Fraction | Event",
+    Processes: "int | Literal['auto']",
+    PolicyKind: "str | PathLike[str] | Policy | Callable[..., object]",
+}
+
+
+def accepted(kind: AnyKind) -> str:
+    """The type of the values that a kind accepts."""
+    match kind:
+        case Optional():
+            return f"{accepted(kind.each)} | None"
+        case Several():
+            each = accepted(kind.each)
+            return f"{each} | Sequence[{each}]"
+        case Choice():
+            return f"Literal[{', '.join(map(repr, kind.names))}]"
+        case _ if type(kind) in ACCEPTED:
+            return ACCEPTED[type(kind)]
+    bases = [base for home in type(kind).__mro__ for base in vars(home).get("__orig_bases__", ())]
+    return written(next(get_args(base)[0] for base in bases if get_origin(base) is Kind))
+
+
+def written(annotation: Any) -> str:
+    """A type as source."""
+    match annotation:
+        case None | types.NoneType:
+            return "None"
+        case types.EllipsisType():
+            return "..."
+        case str():
+            return annotation
+        case ForwardRef():
+            return annotation.__forward_arg__
+        case list():
+            return f"[{', '.join(map(written, annotation))}]"
+        case _:
+            pass
+    origin, arguments = get_origin(annotation), [written(argument) for argument in get_args(annotation)]
+    if origin in (Union, types.UnionType):
+        return " | ".join(arguments)
+    return f"{origin.__name__}[{', '.join(arguments)}]" if origin else annotation.__name__
+
+
+def class_stub(name: str, cls: type[Options]) -> str:
+    """A class with its `__init__` written out."""
+    declared = {each.attribute: each for each in options_of(cls)}
+    positional, keywords = [], []
+    for field in (field for field in dataclasses.fields(cls) if field.init):  # type: ignore[arg-type]
+        option = declared.get(field.name)
+        kind = accepted(option.kind) if option else "_Simulation" if field.name == "simulation" else written(field.type)
+        required = field.default is dataclasses.MISSING and field.default_factory is dataclasses.MISSING
+        parameter = f"{field.name}: {kind}{'' if required else ' = ...'}"
+        (keywords if field.kw_only else positional).append(parameter)
+    parameters = ", ".join(["self", *positional, *(["*"] if keywords else []), *keywords])
+    summary = inspect.getdoc(cls).partition("\n")[0]  # type: ignore[union-attr]
+    return f'class {name}(_{name}):\n    """{summary}"""\n    def __init__({parameters},) -> None: ...\n'
+
+
+def stub() -> str:
+    """The whole file, formatted."""
+    imports, classes = [], []
+    for name in sorted(set(mjrun.__all__) - {"__version__"}):
+        value, home = getattr(mjrun, name), mjrun._HOMES[name]
+        is_options = isinstance(value, type) and issubclass(value, Options)
+        imports.append(f"from {home} import {name} as {'_' * is_options}{name}")
+        if is_options:
+            classes.append(class_stub(name, value))
+    names = f"__all__ = {sorted(mjrun.__all__)!r}\n_HOMES: dict[str, str]\n"
+    imports.append("from mjrun.version import __version__ as __version__")
+    text = "\n".join([HEADER, *imports, "", names, *classes])
+    for arguments in (["check", "--fix", "--quiet", "--select", "I,F401"], ["format", "--quiet"]):
+        command = [sys.executable, "-m", "ruff", *arguments, "--stdin-filename", str(STUB), "-"]
+        text = subprocess.run(command, input=text, capture_output=True, text=True, check=True).stdout
+    return text
+
+
+if __name__ == "__main__":
+    STUB.write_text(stub(), "utf-8")

@@ -1,0 +1,70 @@
+"""What type checkers know of mjrun: the stubs are those of the declarations, and README's Python passes strictly."""
+
+import json
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+sys.path.append(str(Path(__file__).parents[2]))
+
+from scripts.make_stubs import STUB, stub
+
+ROOT = Path(__file__).parents[2]
+BLOCKS = re.findall(r"```python\n(.*?)```", (ROOT / "README.md").read_text(encoding="utf-8"), re.DOTALL)
+ACCEPTED = """
+from fractions import Fraction
+from pathlib import Path
+import mjrun
+
+pendulum = mjrun.Simulation("scene:pendulum", duration=1, key=0, ctrl={"a": 1, "b": [1, 2]}, set={"opt.timestep": 0.01})
+video = mjrun.Video(pendulum, Path("a.mp4"), fps=Fraction(30), camera=["orbit", 0], view="depth", jobs="auto")
+result: mjrun.VideoResult = video.run()
+mjrun.perform([video, mjrun.Trace(pendulum, "t.csv", probe="energy"), mjrun.Image(pendulum, "a.png", time="0.5")])
+mjrun.Study(pendulum, "study", vary={"opt.timestep": [0.1]}, metric={"a": "last(time)"}).run()
+mjrun.Simulation(mjrun.read_task("task.yaml"), policy=lambda observation: observation, seed=3)
+"""
+REFUSED = [
+    'mjrun.Video("scene:car", "a.mp4")',
+    'mjrun.Video(mjrun.Simulation("m.xml"), "a.mp4", quality="best")',
+    'mjrun.Simulation("m.xml", ctrl="forward=1")',
+    'mjrun.Trace(mjrun.Simulation("m.xml"), "a.csv", probes=["energy"])',
+]
+
+
+def test_the_stubs_are_those_of_the_declarations() -> None:
+    assert STUB.read_text("utf-8") == stub(), "run scripts/make_stubs.py"
+
+
+@pytest.fixture(scope="module")
+def project(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with modules that are right, and one whose every line but the first is wrong."""
+    folder = tmp_path_factory.mktemp("typed")
+    for index, block in enumerate([*BLOCKS, ACCEPTED]):
+        (folder / f"right_{index}.py").write_text(block)
+    (folder / "wrong.py").write_text("\n".join(["import mjrun", *REFUSED]) + "\n")
+    settings = {"stubPath": str(ROOT / "typings"), "typeCheckingMode": "standard"}
+    (folder / "pyrightconfig.json").write_text(json.dumps(settings))
+    return folder
+
+
+def faults(project: Path, *checker: str) -> list[tuple[str, int]]:
+    """The files and lines in which a type checker finds errors."""
+    done = subprocess.run([sys.executable, "-m", *checker], cwd=project, capture_output=True, text=True)
+    matches = re.findall(r"(\w+\.py):(\d+)(?::\d+)?(?: -|:) error", done.stdout)
+    return sorted({(name, int(line)) for name, line in matches})
+
+
+WRONG = [("wrong.py", line) for line in range(2, len(REFUSED) + 2)]
+
+
+def test_mypy_accepts_what_is_right_and_finds_what_is_wrong(project: Path) -> None:
+    options = ["--strict", "--ignore-missing-imports", "--cache-dir", str(project / "cache")]
+    files = sorted(path.name for path in project.glob("*.py"))
+    assert faults(project, "mypy", *options, *files) == WRONG  # mujoco itself has no types
+
+
+def test_pyright_accepts_what_is_right_and_finds_what_is_wrong(project: Path) -> None:
+    assert faults(project, "pyright", "--pythonpath", sys.executable) == WRONG

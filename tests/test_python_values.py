@@ -1,0 +1,74 @@
+"""Values of any type for every option of every public class: each is accepted, or refused with the option's name."""
+
+import math
+from contextlib import suppress
+
+import pytest
+
+import mjrun
+from mjrun.errors import BadValueError, MjrunError, UsageError
+from mjrun.options.option import Option, Options, options_of
+
+VALUES = [
+    *("text", "a=1", "", b"bytes", 7, 0.5, -1, 1j, True, None, math.nan, math.inf, len, object()),
+    *([], ["a"], [1], [None], [[1]], (1, 2), {}, {"a": 1}, {"a": "b"}, {1: 2}, {"a": None}),
+]
+PENDULUM = mjrun.Simulation("scene:pendulum")
+ARGUMENTS: dict[str, tuple[object, ...]] = {
+    "Bench": ("scene:pendulum",),
+    "Check": (["scene:pendulum"],),
+    "Diff": ("a.csv", "b.csv"),
+    "Evaluation": (mjrun.read_task("scene:car_drive"), "folder"),
+    "Image": (PENDULUM, "a.png"),
+    "Keyframe": (PENDULUM, "a.xml"),
+    "Plot": (PENDULUM, "a.png"),
+    "Recording": (PENDULUM, "a.npz"),
+    "Simulation": ("scene:pendulum",),
+    "Study": (PENDULUM, "folder"),
+    "TablePlot": ("a.csv",),
+    "Trace": (PENDULUM,),
+    "Video": (PENDULUM, "a.mp4"),
+    "Viewer": (PENDULUM,),
+}
+REQUIRED: dict[str, dict[str, object]] = {
+    "Plot": {"probe": "energy"},
+    "Observation": {"name": "a", "phase": 1},
+    "Reward": {"value": "1"},
+    "Termination": {"when": "time > 1", "as_": "failure"},
+}
+PUBLIC = [getattr(mjrun, name) for name in mjrun.__all__]
+CLASSES = [value for value in PUBLIC if isinstance(value, type) and issubclass(value, Options)]
+DECLARED = [pytest.param(cls, each, id=f"{cls.__name__}.{each.name}") for cls in CLASSES for each in options_of(cls)]
+
+
+@pytest.mark.parametrize(("cls", "each"), DECLARED)
+def test_a_value_of_any_type_is_accepted_or_refused_by_name(cls: type[Options], each: Option) -> None:
+    arguments = ARGUMENTS.get(cls.__name__, ())
+    if each.attribute == "output" and cls is not mjrun.Diff:
+        arguments = arguments[:1]
+    required = REQUIRED.get(cls.__name__, {})
+    for value in VALUES:
+        with suppress(MjrunError):
+            cls(*arguments, **{**required, each.attribute: value})
+
+
+@pytest.mark.parametrize("cls", [mjrun.Video, mjrun.Image, mjrun.Trace, mjrun.Recording, mjrun.Study])
+def test_a_model_in_place_of_a_simulation_is_refused_with_what_to_write(cls: type) -> None:
+    with pytest.raises(UsageError) as error:
+        cls("scene:car", "output")
+    assert str(error.value) == "simulation: 'scene:car' is not a simulation; write mjrun.Simulation('scene:car')"
+    with pytest.raises(UsageError, match="'None' is not a simulation"):
+        mjrun.Viewer(None)  # type: ignore[arg-type]
+
+
+def test_controls_as_text_are_refused_with_what_is_accepted() -> None:
+    with pytest.raises(BadValueError) as error:
+        mjrun.Simulation("scene:car", ctrl="forward=1")  # type: ignore[arg-type]
+    assert str(error.value) == "ctrl: 'forward=1' is not a mapping of names to numbers, as in {'hip': 0.3}"
+
+
+def test_a_model_of_no_kind_is_refused() -> None:
+    with pytest.raises(
+        BadValueError, match="model: '5' is not the name or the path of a model, an MjModel, or a source"
+    ):
+        mjrun.Simulation(5).load()  # type: ignore[arg-type]
