@@ -178,7 +178,7 @@ class TaskWorlds:
     def model(self, world: int) -> mujoco.MjModel:
         """The model of a world's episode until the next one begins there; not to be changed."""
         if self._own is self._models:
-            return self._model_of(world)
+            return self._each[world].model
         return self._own.model(int(self._seeds[world]))
 
     def state(self, world: int) -> np.ndarray:
@@ -313,7 +313,8 @@ class TaskWorlds:
         sensible = can_sense(spec, model) and not (is_rk4 and task.derived == LAGGED)
         measured = MeasurementPlan(model, [*plan.measured, *self._expressions.measured], sensible)
         self._batch = self._open(model, measured, threads)
-        self._measurement = measured.measurement(self._batch, self._model_of)
+        each = self._each  # no method of these worlds: that would be a cycle, which only Python's collector frees
+        self._measurement = measured.measurement(self._batch, lambda world: each[world].model)
         self._ctrl, self._qpos, self._qvel = (self._batch.bind(name) for name in ("ctrl", "qpos", "qvel"))
         counters = self._batch.warning
         self._warnings = counters[:, min(BAD) : max(BAD) + 1, 1]
@@ -342,9 +343,6 @@ class TaskWorlds:
         self._each = [first] * self.count
         self._is_persistent = plan.is_whole or bool(model.opt.enableflags & SLEEP)
         return Batch(self._first, self.count, threads if self.count > 1 else 1, self._is_persistent)
-
-    def _model_of(self, world: int) -> mujoco.MjModel:
-        return self._each[world].model
 
     def _load(self, seeds: Sequence[int], worlds: np.ndarray) -> None:
         """Puts the models and states at the start of episodes into their worlds."""

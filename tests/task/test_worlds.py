@@ -1,8 +1,10 @@
 """Worlds of a task: Gymnasium's environments to 1e-12, a bare loop of mj_step to the bit, and nothing of each other."""
 
+import gc
 import warnings
 from dataclasses import replace
 from pathlib import Path
+from weakref import ref
 
 import gymnasium
 import mujoco
@@ -249,3 +251,16 @@ def test_tasks_equal_gymnasiums_environments(environment: str) -> None:
         if step.over.any():
             begin()
     np.testing.assert_allclose(ours, theirs, rtol=1e-12, atol=1e-12)
+
+
+def test_worlds_are_freed_at_once() -> None:
+    worlds = TaskWorlds(cart(), 3)
+    worlds.reset([0, 1, 2])
+    worlds.step(random_actions(3, 2))
+    freed = ref(worlds)
+    gc.disable()  # it would run now and then, after many objects that take little memory
+    try:
+        del worlds
+        assert freed() is None
+    finally:
+        gc.enable()
