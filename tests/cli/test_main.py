@@ -95,6 +95,40 @@ def test_a_mistake_is_explained_on_stderr_and_leaves_nothing(
     assert mjrun_here.files() == ["swing.xml"]
 
 
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ["run", "none.yaml"],
+        ["sweep", "none.yaml"],
+        ["sweep", "none.jsonl", "--task", "1/2"],
+        ["eval", "none.yaml", "--policy", "zero"],
+        ["eval", "scene:car_drive", "--policy", "none.onnx"],
+        ["fit", "none.yaml"],
+        ["fit", "swing.xml", "none.csv", "--free", "joint/hinge.damping=0..1"],
+        ["plot", "none.csv", "-o", "a.png"],
+        ["diff", "none.csv", "none.csv"],
+        ["diff", "none.png", "none.png"],
+        ["diff", "none.mp4", "none.mp4"],
+        ["diff", "none.npz", "none.npz"],
+        ["trace", "swing.xml", "--golden", "none.csv"],
+        ["trace", "swing.xml", "--ctrl-from", "none.csv"],
+        ["trace", "swing.xml", "--controller", "none.py:control"],
+        ["trace", "swing.xml", "--policy", "none.onnx"],
+        ["trace", "swing.xml", "--replay", "none.npz"],
+        ["video", "swing.xml", "--camera", "none.yaml"],
+        ["bench", "swing.xml", "--compare", "none.json"],
+    ],
+)
+def test_an_input_other_than_the_model_that_is_missing_ends_with_seven(
+    mjrun_here: Command, swing: Path, arguments: list[str]
+) -> None:
+    swing.rename(mjrun_here.folder / "swing.xml")
+    done = mjrun_here(*arguments)
+    assert (done.returncode, done.stdout) == (7, b"")
+    assert b"mjrun: error: none." in done.stderr
+    assert mjrun_here.files() == ["swing.xml"]
+
+
 def test_a_bad_environment_is_a_wrong_option(mjrun: Command, swing: Path) -> None:
     done = mjrun("video", swing, env={"MUJOCO_GL": "elg"})
     assert done.returncode == 2
