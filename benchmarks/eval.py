@@ -6,7 +6,12 @@ them unless they say otherwise. `bare` is `mujoco.batch` alone on all cores: the
 episodes, and nothing measured, which no environment can beat. All are stepped by turns in one run, with uniformly
 random actions; ratios are medians of those of runs side by side, and above 1 is faster.
 
+With `--single` one environment of each kind is stepped instead: `mjrun.gym.TaskEnv` and Gymnasium's own, by turns,
+without wrappers and with the resets that episodes need. `cost` is our CPU time over theirs, of the fastest of all turns
+each, so that other work on the machine counts little; below 1 is faster.
+
     python benchmarks/eval.py
+    python benchmarks/eval.py --single --environments HalfCheetah-v5 Hopper-v5
     python benchmarks/eval.py --environments Hopper-v5 --worlds 256 --steps 200
 """
 
@@ -105,6 +110,31 @@ def compare(name: str, count: int, steps: int, repeats: int) -> None:
         print(f"  {kind:8} {statistics.median(values):9.0f} steps/s   {ratios}")
 
 
+def compare_single(name: str, steps: int, repeats: int) -> None:
+    """One row of the table of single environments."""
+    theirs, ours = gymnasium.make(name).unwrapped, mjrun.gym.TaskEnv(TASKS[name]())
+    space = theirs.action_space
+    assert isinstance(space, gymnasium.spaces.Box)
+    actions = np.random.default_rng(SEED).uniform(space.low, space.high, (steps, *space.shape)).astype(np.float32)
+    times = [[single_step(env, actions) for env in (theirs, ours)] for _ in range(repeats)]
+    their_time, our_time = map(min, zip(*times, strict=True))
+    print(
+        f"{name:26} Gymnasium {1e6 * their_time:7.1f} us   mjrun {1e6 * our_time:7.1f} us   "
+        f"cost {our_time / their_time:.2f} x"
+    )
+
+
+def single_step(env: gymnasium.Env, actions: np.ndarray) -> float:
+    """CPU time of a step [s], resets included."""
+    env.reset(seed=SEED)
+    start = time.process_time()
+    for action in actions:
+        _, _, terminated, truncated, _ = env.step(action)
+        if terminated or truncated:
+            env.reset()
+    return (time.process_time() - start) / len(actions)
+
+
 def replace_derived(task: "mjrun.Task") -> "mjrun.Task":
     """The same task, with quantities that belong to the state that is observed."""
     return replace(task, derived="current")
@@ -116,13 +146,22 @@ def _ratio(values: list[float], others: list[float]) -> float:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--environments", nargs="+", choices=sorted(TASKS), default=["Humanoid-v5", "Ant-v5"])
+    parser.add_argument(
+        "--environments", nargs="+", choices=sorted(TASKS), help="Humanoid-v5 and Ant-v5, or all single"
+    )
+    parser.add_argument(
+        "--single", action="store_true", help="one environment of each kind, instead of many side by side"
+    )
     parser.add_argument("--worlds", type=int, default=64)
     parser.add_argument("--steps", type=int, default=100)
     parser.add_argument("--repeats", type=int, default=5)
     given = parser.parse_args()
     warnings.simplefilter("ignore")  # of the models' deprecated attributes
-    for name in given.environments:
+    if given.single:
+        for name in given.environments or TASKS:
+            compare_single(name, given.steps, 8 * given.repeats)
+        return
+    for name in given.environments or ("Humanoid-v5", "Ant-v5"):
         compare(name, given.worlds, given.steps, given.repeats)
 
 

@@ -129,6 +129,91 @@ def humanoid() -> Task:
     )
 
 
+def humanoid_standup() -> Task:
+    file = "humanoidstandup.xml"
+    return _task(
+        file,
+        0.015,
+        observations=humanoid().observations,  # joints and bodies have the same names
+        rewards={
+            "up": "qpos/root/z / 0.003",
+            "alive": "1",
+            "control": Reward(value='sum("ctrl/*"^2)', weight=-0.1),
+            "impact": '-min(5e-7*sum("cfrc_ext/*"^2), 10)',
+        },
+        reset=Reset(noise={"qpos/*": "uniform(-0.01, 0.01)", "qvel/*": "uniform(-0.01, 0.01)"}),
+    )
+
+
+def inverted_pendulum() -> Task:
+    fallen = 'not (isfinite("qpos/*") and isfinite("qvel/*") and abs(qpos/hinge) <= 0.2)'
+    return _task(
+        "inverted_pendulum.xml",
+        0.04,
+        observations=[Observation(name="position", probe="qpos"), Observation(name="velocity", probe="qvel")],
+        rewards={"survive": f"where({fallen}, 0, 1)"},
+        terminations={"fallen": Termination(when=fallen, as_="failure")},
+        reset=Reset(noise={"qpos/*": "uniform(-0.01, 0.01)", "qvel/*": "uniform(-0.01, 0.01)"}),
+    )
+
+
+def swimmer() -> Task:
+    return _task(
+        "swimmer.xml",
+        0.04,
+        observations=[
+            Observation(name="position", probe=_columns("swimmer.xml", "qpos")[2:]),
+            Observation(name="velocity", probe="qvel"),
+        ],
+        rewards={"forward": "rate(qpos/slider1)", "control": Reward(value='sum("action/*"^2)', weight=-1e-4)},
+        reset=Reset(noise={"qpos/*": "uniform(-0.1, 0.1)", "qvel/*": "uniform(-0.1, 0.1)"}),
+    )
+
+
+def reacher() -> Task:
+    def difference(axis: str) -> str:
+        return f"xpos/fingertip/{axis} - xpos/target/{axis}"
+
+    return _task(
+        "reacher.xml",
+        0.02,
+        observations=[
+            *(Observation(name=f"cos{i}", value=f"cos(qpos/joint{i})") for i in (0, 1)),
+            *(Observation(name=f"sin{i}", value=f"sin(qpos/joint{i})") for i in (0, 1)),
+            Observation(name="goal", joints=["target_x", "target_y"]),
+            Observation(name="velocity", joints=["joint0", "joint1"], of="qvel"),
+            *(Observation(name=f"to_{axis}", value=difference(axis)) for axis in "xy"),
+        ],
+        rewards={
+            "distance": f"-norm({', '.join(map(difference, 'xyz'))})",
+            "control": Reward(value='sum("action/*"^2)', weight=-1),
+        },
+        reset=Reset(noise={"qpos/*": "uniform(-0.1, 0.1)", "qvel/joint?": "uniform(-0.005, 0.005)"}),
+    )
+
+
+def pusher() -> Task:
+    def distance(one: str, other: str) -> str:
+        return f"norm({', '.join(f'xpos/{one}/{axis} - xpos/{other}/{axis}' for axis in 'xyz')})"
+
+    file = "pusher_v5.xml"
+    return _task(
+        file,
+        0.05,
+        observations=[
+            Observation(name="position", probe=_columns(file, "qpos")[:7]),
+            Observation(name="velocity", probe=_columns(file, "qvel")[:7]),
+            *(Observation(name=body, probe=f"xpos/{body}") for body in ("tips_arm", "object", "goal")),
+        ],
+        rewards={
+            "distance": f"-{distance('object', 'goal')}",
+            "control": Reward(value='sum("action/*"^2)', weight=-0.1),
+            "near": Reward(value=distance("object", "tips_arm"), weight=-0.5),
+        },
+        reset=Reset(noise={"qvel/*": "uniform(-0.005, 0.005)"}),
+    )
+
+
 def _columns(file: str, group: str) -> list[str]:
     """The names of all columns of a group."""
     with warnings.catch_warnings(action="ignore"):
@@ -143,4 +228,9 @@ TASKS = {
     "InvertedDoublePendulum-v5": inverted_double_pendulum,
     "Ant-v5": ant,
     "Humanoid-v5": humanoid,
+    "HumanoidStandup-v5": humanoid_standup,
+    "InvertedPendulum-v5": inverted_pendulum,
+    "Swimmer-v5": swimmer,
+    "Reacher-v5": reacher,
+    "Pusher-v5": pusher,
 }

@@ -239,6 +239,7 @@ def test_tasks_equal_gymnasiums_environments(environment: str) -> None:
         state, nq, nv = worlds.state(1), env.model.nq, env.model.nv
         env.reset()
         env.set_state(state[1 : 1 + nq], state[1 + nq : 1 + nq + nv])
+        mujoco.mj_rnePostConstraint(env.model, env.data)  # forces of contacts, which Gymnasium begins with zeros
         ours.append([*observations[1], 0, 0])
         theirs.append([*env._get_obs(), 0, 0])  # type: ignore[attr-defined]
 
