@@ -1,12 +1,19 @@
 """Python that the user names, `FILE.py:NAME` or `PACKAGE.MODULE:NAME`: the only place where code comes from."""
 
+import ast
 import contextlib
 import importlib
+import importlib.abc
+import importlib.machinery
 import importlib.util
 import inspect
+import pickle
+import site
 import sys
-from collections.abc import Callable
-from functools import reduce
+import sysconfig
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from functools import cache, reduce
 from pathlib import Path
 from types import ModuleType
 
@@ -28,6 +35,142 @@ class RedirectedFunction:
     def __call__(self, *arguments: object) -> object:
         with contextlib.redirect_stdout(sys.stderr):
             return self._function(*arguments)
+
+
+@dataclass(frozen=True)
+class ModuleSource:
+    """The source of a module of the user's.
+
+    Attributes:
+      path: of its file, which need not exist where the module is imported.
+    """
+
+    name: str
+    path: str
+    content: bytes
+
+
+@dataclass(frozen=True)
+class Sealed:
+    """A pickled value with the source of the user's code in it, to be opened by another process, perhaps elsewhere.
+
+    The code that runs there is the code as it was when the value was sealed, whatever the files hold by then.
+    """
+
+    payload: bytes
+    modules: tuple[ModuleSource, ...]
+
+    @classmethod
+    def of(cls, value: object, code: Iterable[object]) -> "Sealed":
+        """Seals a picklable value.
+
+        Args:
+          code: the functions and objects in it that are written by the user.
+        """
+        return cls(pickle.dumps(value), module_sources(code))
+
+    def open(self) -> object:
+        """Returns the value. Modules that this process has not imported yet are made from the sealed sources."""
+        import_from(self.modules)
+        return pickle.loads(self.payload)
+
+
+def import_from(sources: Sequence[ModuleSource]) -> None:
+    """Lets this process import modules from sources rather than from their files, from now on."""
+    if sources:
+        sys.meta_path.insert(0, _SealedModules(sources))
+
+
+def module_sources(code: Iterable[object], known: Iterable[ModuleSource] = ()) -> tuple[ModuleSource, ...]:
+    """Returns the sources of the modules that hold the user's code, and of the modules that they import.
+
+    Installed packages and modules without a Python file are left out; so is `__main__`, which nobody can import.
+
+    Args:
+      code: functions, objects, and texts `FILE.py:NAME` or `PACKAGE.MODULE:NAME`.
+      known: sources that were read before, and count whatever their files hold by now.
+    """
+    by_path = {source.path: source for source in known}
+    sources: dict[str, ModuleSource] = {}
+    waiting = [_home(each) for each in code]
+    while waiting:
+        name, path = waiting.pop()
+        path = path or str(getattr(sys.modules.get(name), "__file__", None) or "")
+        if path in sources or name == "__main__" or not _is_users(path):
+            continue
+        with contextlib.suppress(OSError, SyntaxError, ValueError):  # of a file that cannot be imported either
+            source = by_path.get(path) or ModuleSource(name, path, _content(path))
+            waiting += [(each, "") for each in _imported(source.content, name)]
+            sources[path] = source
+    return tuple(sources[path] for path in sorted(sources))
+
+
+def _home(code: object) -> tuple[str, str]:
+    """Returns the name of the module that holds `code`, and its file if that is known already."""
+    if isinstance(code, str):
+        place = code.rpartition(":")[0]
+        return (Path(place).stem, str(Path(place).resolve())) if place.endswith(".py") else (place, "")
+    code = inspect.unwrap(code) if callable(code) else code
+    owner = code if inspect.isroutine(code) or isinstance(code, type) else type(code)
+    return str(getattr(owner, "__module__", "")), ""
+
+
+def _is_users(path: str) -> bool:
+    return path.endswith(".py") and not path.startswith(_installed())
+
+
+@cache
+def _installed() -> tuple[str, ...]:
+    """Returns the folders of the standard library, of installed packages, and of mjrun."""
+    paths = sysconfig.get_paths()
+    folders = [*(paths[name] for name in ("stdlib", "platstdlib", "purelib", "platlib")), *site.getsitepackages()]
+    return tuple(f"{folder}/" for folder in (*folders, site.getusersitepackages(), Path(__file__).parent))
+
+
+def _content(path: str) -> bytes:
+    """Returns the source of a module: as it was sealed, if this process has it from there."""
+    sealed = _sealed(path)
+    return sealed.content if sealed else Path(path).read_bytes()
+
+
+def _sealed(path: str) -> ModuleSource | None:
+    finders = (each for each in sys.meta_path if isinstance(each, _SealedModules))
+    return next((each.by_path[path] for each in finders if path in each.by_path), None)
+
+
+def _imported(content: bytes, name: str) -> list[str]:
+    """Returns the names of the modules that a source imports; of packages, all that lie above them, too."""
+    names = set[str]()
+    for node in ast.walk(ast.parse(content)):
+        if isinstance(node, ast.Import):
+            names |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom):
+            base = node.module or ""
+            if node.level:
+                base = ".".join([*name.split(".")[: -node.level], *([base] if base else [])])
+            names |= {base, *(f"{base}.{alias.name}" for alias in node.names)}
+    parents = {each.rpartition(".")[0] for each in (*names, name)}
+    return [each for each in names | parents if each]
+
+
+class _SealedModules(importlib.abc.MetaPathFinder, importlib.abc.SourceLoader):
+    """Imports modules from sealed sources."""
+
+    def __init__(self, sources: Sequence[ModuleSource]) -> None:
+        self.by_path = {source.path: source for source in sources}
+        self._by_name = {source.name: source for source in sources}
+
+    def find_spec(
+        self, fullname: str, path: Sequence[str] | None, target: ModuleType | None = None
+    ) -> importlib.machinery.ModuleSpec | None:
+        source = self._by_name.get(fullname)
+        return source and importlib.util.spec_from_file_location(fullname, source.path, loader=self)
+
+    def get_filename(self, fullname: str) -> str:
+        return self._by_name[fullname].path
+
+    def get_data(self, path: str | bytes) -> bytes:
+        return self.by_path[str(path)].content
 
 
 def load_code(code: str, name: str, form: str) -> object:
@@ -76,10 +219,12 @@ def _file(path: Path, form: str) -> ModuleType:
     known = sys.modules.get(path.stem)
     if known and getattr(known, "__file__", None) == str(path.resolve()):
         return known  # or what it defines could not be pickled
-    if not path.is_file():
+    sealed = _sealed(str(path.resolve()))
+    if not sealed and not path.is_file():
         raise FileError(path, "there is no such file" if not path.exists() else "is not a file", form)
     sys.path.insert(0, str(path.parent.resolve()))  # as `python FILE.py` does
-    spec = importlib.util.spec_from_file_location(path.stem, path.resolve())
+    loader = _SealedModules([sealed]) if sealed else None
+    spec = importlib.util.spec_from_file_location(path.stem, path.resolve(), loader=loader)
     assert spec
     assert spec.loader
     module = importlib.util.module_from_spec(spec)

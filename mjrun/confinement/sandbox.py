@@ -106,7 +106,8 @@ def confined_load(load: Callable[[], T]) -> T:
 
     def work() -> None:
         try:
-            rules = [*_libraries(), *((path, landlock.READ) for path in (*limits.roots, *limits.files))]
+            places = (*limits.roots, *limits.files, limits.temporary)  # where copies of models may be
+            rules = [*_libraries(), *((path, landlock.READ) for path in places)]
             landlock.restrict(rules, network=False)
             results.append(load())
         except BaseException as error:

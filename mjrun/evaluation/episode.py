@@ -1,9 +1,14 @@
 """Episodes that are to be played, and what has come of them; all of it picklable values."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from pathlib import Path
 
+from mjrun.job.input_snapshot import InputSnapshot
 from mjrun.model.source import Source
+from mjrun.policy.load import load_policy
+from mjrun.policy.policy import Policy
+from mjrun.python_code import ModuleSource
 
 
 @dataclass(frozen=True)
@@ -14,11 +19,25 @@ class PolicyChoice:
       policy: its text, or, in Python, the policy itself.
       normalize: the statistics that its observations are normalized with.
       trust: whether its file may run code.
+      snapshot: copies of its files, which are read instead.
+      modules: its code, if it is written by the user, for processes that load it.
     """
 
     policy: object
     normalize: str | None = None
     trust: bool = False
+    snapshot: InputSnapshot | None = field(default=None, compare=False, repr=False)
+    modules: tuple[ModuleSource, ...] = field(default=(), compare=False, repr=False)
+
+    def load(self) -> Policy:
+        """Returns the policy.
+
+        Raises:
+          UsageError: it cannot be a policy, or is not trusted.
+          FileError: its files cannot be read.
+        """
+        place = self.snapshot.place if self.snapshot else Path
+        return load_policy(self.policy, trust=self.trust, normalize=self.normalize, place=place)
 
     @property
     def name(self) -> str:

@@ -61,9 +61,15 @@ class FilmMaker:
 
     def _video(self, spec: EpisodeSpec, seed: int, path: str) -> Video:
         options, chosen = self._options, spec.chosen
-        normalize, trust = chosen.normalize, chosen.trust
         return Video(
-            Simulation(spec.task, policy=chosen.policy, normalize=normalize, trust=trust, seed=seed),
+            Simulation(
+                spec.task,
+                policy=chosen.policy,
+                normalize=chosen.normalize,
+                trust=chosen.trust,
+                seed=seed,
+                snapshot=chosen.snapshot,
+            ),
             path,
             camera=options.camera,
             size=options.size,

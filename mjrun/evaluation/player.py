@@ -15,7 +15,6 @@ from mjrun.model.source import Source
 from mjrun.model.sources.gym import GymSource
 from mjrun.model.variants import BYTES
 from mjrun.policy.agreement import check_agreement
-from mjrun.policy.load import load_policy
 from mjrun.policy.policy import ActionSpace, Actor, Policy
 from mjrun.task.episode import Ending
 from mjrun.task.gymnasium import Environment
@@ -59,8 +58,7 @@ def player_of(spec: EpisodeSpec) -> EpisodePlayer:
       FileError: the policy cannot be read.
       ModelError: the model cannot be had.
     """
-    chosen = spec.chosen
-    policy = load_policy(chosen.policy, trust=chosen.trust, normalize=chosen.normalize)
+    policy = spec.chosen.load()
     player = _plain_player(spec.task, policy)
     if not spec.metrics:
         return player

@@ -1,6 +1,8 @@
 """An evaluation that can run: every policy loaded, every name found and every number checked; nothing is written."""
 
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 from mjrun.errors import UsageError, concerning, option
 from mjrun.evaluation.criteria import Criteria
@@ -8,12 +10,17 @@ from mjrun.evaluation.episode import EpisodeSpec, PolicyChoice
 from mjrun.evaluation.player import EpisodePlayer, player_of
 from mjrun.evaluation.points import POLICY, Rewritten, points_of, policy_at, task_at
 from mjrun.evaluation.table import OUTCOMES, OWN, REWARD
+from mjrun.job.episode import policy_files
+from mjrun.job.input_snapshot import InputSnapshot
 from mjrun.model.override import overrides_of
 from mjrun.model.source import Source
 from mjrun.options.evaluation import EXTRAS, EvaluationOptions
 from mjrun.options.option import is_given
+from mjrun.options.policy import is_code
 from mjrun.packages import require_all
+from mjrun.python_code import module_sources
 from mjrun.study.design import Design, numbers
+from mjrun.task.task import Task
 
 
 @dataclass(frozen=True)
@@ -56,14 +63,29 @@ class PreparedEvaluation:
     def __init__(self, options: EvaluationOptions, task: Source, rewritten: Rewritten | None) -> None:
         require_all(EXTRAS)
         task = replace(task, overrides=(*task.overrides, *overrides_of(options)))
-        self.points = points_of(options, task)
+        with_task = InputSnapshot.empty().with_files(task.files)
+        with with_task.original_names_in_errors():
+            self._prepare(options, task, rewritten, with_task)
+
+    def _prepare(
+        self, options: EvaluationOptions, task: Source, rewritten: Rewritten | None, snapshot: InputSnapshot
+    ) -> None:
+        """Prepares everything from copies of the files: from here on, edits of the files change no result."""
+        self.points = points_of(options, task.stored_at(snapshot.place))
         tasks = [task_at(task, self.values(point), rewritten) for point in range(len(self.points.points))]
+        policies = _policies(options, self.points)
+        chosen = [
+            (place, name, policy, point, policy_at(policy, self.values(point)))
+            for place, (name, policy) in enumerate(policies)
+            for point in range(len(tasks))
+        ]
+        snapshot = snapshot.with_files(_files(tasks, [own for *_, own in chosen]))
         self.groups: list[EpisodeGroup] = []
-        for place, (name, chosen) in enumerate(_policies(options, self.points)):
-            for point, each in enumerate(tasks):
-                own = policy_at(chosen, self.values(point))
-                spec = EpisodeSpec(each, own, options.metric)
-                self.groups.append(EpisodeGroup(place, name if own == chosen else own.name, point, spec))
+        for place, name, policy, point, own in chosen:
+            code = [own.policy] if is_code(str(own.policy)) else []
+            stored = replace(own, snapshot=snapshot, modules=module_sources(code))
+            spec = EpisodeSpec(tasks[point].stored_at(snapshot.place), stored, options.metric)
+            self.groups.append(EpisodeGroup(place, name if own == policy else own.name, point, spec))
         self.metrics = [name for name, _ in options.metric]
         self.player = self._checked_players()
         self._check_metrics()
@@ -106,6 +128,17 @@ class PreparedEvaluation:
                     raise UsageError(f"{option('metric')}: {name!r} cannot be the name of a metric: {reason}")
                 if self.metrics.count(name) > 1:
                     raise UsageError(f"{option('metric')}: {name} is given twice")
+
+
+def _files(tasks: Sequence[Source], policies: Sequence[PolicyChoice]) -> Iterator[Path]:
+    """The files that tasks and policies are read from."""
+    models = dict.fromkeys(task.model if isinstance(task, Task) else task for task in tasks)
+    for model in models:
+        yield from model.files
+    for task in tasks:
+        yield from task.tables if isinstance(task, Task) else ()
+    for policy in dict.fromkeys((each.policy, each.normalize) for each in policies if isinstance(each.policy, str)):
+        yield from policy_files(*policy)
 
 
 def _policies(options: EvaluationOptions, points: Design) -> list[tuple[str, PolicyChoice]]:

@@ -15,6 +15,7 @@ from mjrun.child_process import ChildProcess, limit_this_process, python_call
 from mjrun.errors import LostEpisodesError, MjrunError
 from mjrun.evaluation.episode import Episode, EpisodeSpec
 from mjrun.evaluation.player import EpisodePlayer, player_of
+from mjrun.python_code import import_from
 
 ENVIRONMENT = {"MUJOCO_GL": "disable", "OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}
 BUG = 70
@@ -176,6 +177,7 @@ def main(connection: str) -> None:
             chunk: Chunk = parent.recv()
             try:
                 if player is None or player[0] != chunk.group:
+                    import_from(chunk.spec.chosen.modules)
                     player = chunk.group, player_of(chunk.spec)
                 parent.send(player[1].play(chunk.seeds))
             except MjrunError as error:

@@ -80,6 +80,11 @@ def map_files(texts: Sequence[str]) -> list[str]:
     return [text.removeprefix(FILE) for text in texts if text.startswith(FILE)]
 
 
+def with_files(texts: Sequence[str], place: Callable[[str], Path]) -> list[str]:
+    """Returns a map with its files of lines replaced by those that `place` names."""
+    return [f"{FILE}{place(text.removeprefix(FILE))}" if text.startswith(FILE) else text for text in texts]
+
+
 class _Resolver:
     def __init__(self, model: mujoco.MjModel, names: Sequence[str], quat: str, source: str) -> None:
         self._model, self._names, self._source = model, list(names), source

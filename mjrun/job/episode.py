@@ -2,8 +2,8 @@
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
 from fractions import Fraction
 from functools import cached_property, lru_cache
 from pathlib import Path
@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 import mujoco
 
 from mjrun.errors import SimulationError, UsageError, clean, option
-from mjrun.formats.input_file import is_file, is_folder
+from mjrun.formats.input_file import is_file
 from mjrun.model.source import Source
 from mjrun.model.variants import ModelVariants
 from mjrun.options.policy import NONE, is_code, is_policy_file
@@ -277,30 +277,45 @@ def episode_of(
     return TaskEpisode(task_of_policy(policy, source, control_dt, duration), policy, seed, pushes)
 
 
-def remembered_policy(policy: object, trust: bool, normalize: str | None) -> "Policy":
-    """The policy that `policy` stands for; one that was read is remembered until its files change."""
+def remembered_policy(
+    policy: object, trust: bool, normalize: str | None, place: Callable[[str | Path], Path] = Path
+) -> "Policy":
+    """Returns the policy that `policy` stands for; one that was read is remembered until its files change.
+
+    Args:
+      place: says where its files are read.
+    """
     from mjrun.policy import load
 
     if not isinstance(policy, str) or is_code(policy):
-        return load.load_policy(policy, trust=trust, normalize=normalize)
-    files = [file for file in policy_files(policy, normalize) if is_file(file)]
+        return load.load_policy(policy, trust=trust, normalize=normalize, place=place)
+    files = [stored for file in policy_files(policy, normalize) if is_file(stored := place(file))]
     versions = tuple((str(file.resolve()), file.stat().st_mtime_ns, file.stat().st_size) for file in files)
-    return _read_policy(policy, trust, normalize, versions)
+    return _read_policy(policy, trust, normalize, _Files(place, versions))
+
+
+@dataclass(frozen=True)
+class _Files:
+    """Where the files of a policy are read, and their versions, by which policies are remembered."""
+
+    place: Callable[[str | Path], Path] = field(compare=False)
+    versions: tuple[tuple[str, int, int], ...]
 
 
 @lru_cache(maxsize=REMEMBERED)
-def _read_policy(policy: str, trust: bool, normalize: str | None, versions: object) -> "Policy":
+def _read_policy(policy: str, trust: bool, normalize: str | None, files: _Files) -> "Policy":
     from mjrun.policy import load
 
-    return load.load_policy(policy, trust=trust, normalize=normalize)
+    return load.load_policy(policy, trust=trust, normalize=normalize, place=files.place)
 
 
 def policy_files(policy: object, normalize: str | None = None) -> list[Path]:
-    """The files that a policy is read from, as far as they are known without reading them."""
+    """Returns the files that a policy is read from, those that its files name included."""
     files: list[Path] = []
     if isinstance(policy, str) and is_policy_file(policy):
-        path = Path(policy)
-        files += sorted(file for file in path.rglob("*") if file.is_file()) if is_folder(path) else [path]
+        from mjrun.policy.load import files_of
+
+        files += files_of(Path(policy))
     elif isinstance(policy, str) and is_code(policy) and (code := Path(policy.rpartition(":")[0])).suffix == ".py":
         files.append(code)
     if normalize not in (None, NONE):

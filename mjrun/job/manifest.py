@@ -12,7 +12,7 @@ import numpy as np
 from mjrun.confinement.confinement import confinement
 from mjrun.job.simulation import Simulation
 from mjrun.model.fingerprint import model_fingerprint
-from mjrun.task.task import Task
+from mjrun.model.source import Source
 from mjrun.timeline import Timeline
 from mjrun.version import __version__
 
@@ -68,13 +68,13 @@ def origin(job: object, simulation: Simulation, model: mujoco.MjModel, timeline:
 
 
 def plain(value: object) -> object:
-    """`value` as JSON holds it: dataclasses by field, exact numbers as they print, code by its name."""
+    """`value` as JSON holds it: dataclasses by the fields of their repr, exact numbers as they print, code by name."""
     if isinstance(value, mujoco.MjModel):
         return "a compiled model"
-    if isinstance(value, Task):
+    if isinstance(value, Source):
         return value.text
     if dataclasses.is_dataclass(value) and not isinstance(value, type):
-        return {field.name: plain(getattr(value, field.name)) for field in dataclasses.fields(value)}
+        return {field.name: plain(getattr(value, field.name)) for field in dataclasses.fields(value) if field.repr}
     if isinstance(value, Mapping):
         items = cast(Mapping[object, object], value)
         return {str(key): plain(item) for key, item in items.items()}

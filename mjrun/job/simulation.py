@@ -14,6 +14,7 @@ from mjrun.errors import UsageError, clean, concerning, listing, option, quoted
 from mjrun.formats.manifest import fingerprint
 from mjrun.formats.recording_reader import RecordingReader, is_recording
 from mjrun.formats.table_reader import STDIN, read_table
+from mjrun.job.input_snapshot import InputSnapshot
 from mjrun.model import known_bugs, state
 from mjrun.model.fingerprint import physics_fingerprint
 from mjrun.model.names import control_names, control_slices
@@ -21,6 +22,7 @@ from mjrun.model.override import overrides_of
 from mjrun.model.source import Source
 from mjrun.model.sources import ModelLike, source_of
 from mjrun.options.option import Exclusion, is_given, options
+from mjrun.options.policy import is_code
 from mjrun.options.simulation import CONTROLS, START, TABLE_READING, SimulationOptions
 from mjrun.sim.control import ControlSignal
 from mjrun.sim.control_noise import ControlNoise
@@ -48,6 +50,7 @@ class Simulation(SimulationOptions):
 
     Args:
       model: a file, another source such as `scene:dominos`, or a compiled model, which is copied, never changed.
+      snapshot: copies of the files that it reads, which are read instead.
 
     A controller is called with (model, data) every `control_dt`, at an instant whose fields belong together: it writes
     `data.ctrl`, or other inputs, or returns the controls `(nu,)`. If it has a method `reset`, that is called first.
@@ -57,6 +60,7 @@ class Simulation(SimulationOptions):
     """
 
     model: ModelLike = field(kw_only=False)
+    snapshot: InputSnapshot | None = field(default=None, repr=False)
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -82,7 +86,12 @@ class Simulation(SimulationOptions):
     def source(self) -> Source:
         """Where the model comes from, with its overrides."""
         source = source_of(self.model)
-        return replace(source, overrides=(*source.overrides, *overrides_of(self)))
+        source = replace(source, overrides=(*source.overrides, *overrides_of(self)))
+        return source.stored_at(self.snapshot.place) if self.snapshot else source
+
+    def _stored(self, path: str | Path) -> Path:
+        """Returns where a file is read: where it is, or its copy."""
+        return self.snapshot.place(path) if self.snapshot and str(path) != STDIN else Path(path)
 
     @cached_property
     def episode(self) -> "Episode | None":
@@ -96,12 +105,31 @@ class Simulation(SimulationOptions):
             return None
         from mjrun.job.episode import episode_of, remembered_policy
 
-        policy = remembered_policy(self.policy, self.trust, self.normalize)
+        policy = remembered_policy(self.policy, self.trust, self.normalize, self._stored)
         return episode_of(self.source, policy, self.seed, self.push, self.control_dt, self.duration)
 
     def __getstate__(self) -> dict[str, object]:
         """What is pickled: what it is made of, and nothing that follows from that."""
         return {each.name: vars(self)[each.name] for each in fields(self)}
+
+    def with_snapshot(self) -> "Simulation":
+        """Returns the same simulation of copies of its files as they are now, whatever becomes of the files.
+
+        Raises:
+          FileError: a file cannot be read or copied.
+        """
+        if self.snapshot:
+            return self
+        snapshot = InputSnapshot.empty().with_files(path for _, path in self.inputs)
+        model = source_of(self.model) if self.model == STDIN else self.model  # which holds its text when it is pickled
+        return replace(self, model=model, snapshot=snapshot)
+
+    @property
+    def code(self) -> list[object]:
+        """What is written by the user in it: the controller, and a policy in Python."""
+        policy = self.policy
+        has_code = policy is not None and (not isinstance(policy, str) or is_code(policy))
+        return [*([self.controller] if self.controller is not None else []), *([policy] if has_code else [])]
 
     @property
     def has_end(self) -> bool:
@@ -117,7 +145,7 @@ class Simulation(SimulationOptions):
     @property
     def tables(self) -> list[tuple[str, Path]]:
         """The files that it reads besides the model, with what they are."""
-        replay = "table" if self.replay is not None and not is_recording(Path(self.replay)) else "recording"
+        replay = "table" if self.replay is not None and not is_recording(self._stored(self.replay)) else "recording"
         tables = (("table of controls", self.ctrl_from), (replay, self.replay))
         named = [(what, Path(file)) for what, file in tables if file is not None]
         return [*named, *self._map_files, *self._policy_files]
@@ -142,7 +170,8 @@ class Simulation(SimulationOptions):
     def fingerprints(self) -> list[dict[str, object]]:
         """Path, size and hash of the document of a task, and of each of `tables`."""
         document = self.source.path if isinstance(self.source, Task) else None
-        return [fingerprint(path) for path in [*([document] if document else []), *(path for _, path in self.tables)]]
+        paths = [*([document] if document else []), *(path for _, path in self.tables)]
+        return [{**fingerprint(self._stored(path)), "path": str(path)} for path in paths]
 
     def load(self) -> mujoco.MjModel:
         """The compiled model; with a policy, that of its episode."""
@@ -222,7 +251,7 @@ class Simulation(SimulationOptions):
           FileError: it cannot be read.
         """
         assert self.replay is not None
-        path = Path(self.replay)
+        path = self._stored(self.replay)
         if self.replay == STDIN:
             raise UsageError(f"{option('replay')}: what is replayed is read more than once, and standard input is not")
         if not is_recording(path):
@@ -247,10 +276,11 @@ class Simulation(SimulationOptions):
           UsageError: the table is no motion of `model`.
           FileError: it cannot be read.
         """
+        from mjrun.job.column_map import with_files
         from mjrun.job.motion_table import MotionReading
         from mjrun.sim.motion_samples import Interpolation
 
-        texts = self.map if texts is None else texts
+        texts = with_files(self.map, self._stored) if texts is None else texts
         key = (path, tuple(texts), model.opt.timestep, *state.sizes(model).values())
         if key not in self._motions:
             hold, hold_controls = self.replay_interpolation == "hold", self.ctrl_interpolation == "hold"
@@ -261,7 +291,7 @@ class Simulation(SimulationOptions):
 
     @cached_property
     def _recording(self) -> RecordingReader:
-        return RecordingReader(str(self.replay))
+        return RecordingReader(str(self._stored(str(self.replay))))
 
     @cached_property
     def _motions(self) -> "dict[tuple[object, ...], Motion]":
@@ -326,7 +356,7 @@ class Simulation(SimulationOptions):
 
     def _table(self, model: mujoco.MjModel) -> ControlTable:
         path = Path(str(self.ctrl_from))
-        columns = read_table(path, lambda name: name == "time" or name.startswith(PREFIX)).columns
+        columns = read_table(self._stored(path), lambda name: name == "time" or name.startswith(PREFIX)).columns
         names = control_names(model)
         held = {n: [i for part in control_slices(model, n) for i in range(part.start, part.stop)] for n in self.ctrl}
         # `*` means the others.

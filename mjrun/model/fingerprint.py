@@ -11,6 +11,7 @@ import numpy as np
 VISUAL = ("cam_", "key_", "light_", "mat_", "name_", "names", "paths", "skin_", "tex_", "text_")
 VISUAL += ("nbuffer", "ncam", "nkey", "nlight", "nmat", "nnames", "npaths", "nskin", "ntex", "signature")
 VISUAL_SUFFIXES = ("_rgba", "_group", "_matid", "_texcoord", "_texcoordadr", "_texcoordnum")
+LOCATIONS = ("_pathadr", "npaths", "nbuffer")  # of the names of files, whose lengths they depend on
 
 
 def model_fingerprint(model: mujoco.MjModel) -> str:
@@ -18,6 +19,27 @@ def model_fingerprint(model: mujoco.MjModel) -> str:
     content = np.zeros(mujoco.mj_sizeModel(model), np.uint8)
     mujoco.mj_saveModel(model, None, content)
     return hashlib.sha256(content.data).hexdigest()
+
+
+def content_fingerprint(model: mujoco.MjModel) -> str:
+    """SHA-256 of the compiled model with all its assets, but not of where their files are: the same in any folder."""
+    digest = hashlib.sha256()
+    for name, value in _fields(model):
+        if name != "paths" and not name.endswith(LOCATIONS):
+            digest.update(name.encode() + b"\0" + value)
+    return digest.hexdigest()
+
+
+def _fields(owner: object) -> Iterator[tuple[str, bytes]]:
+    """Every number, text and array of a structure and of the structures in it."""
+    for name in _public(type(owner)):
+        value = getattr(owner, name)
+        if isinstance(value, bytes):
+            yield name, value
+        elif isinstance(value, (int, float, np.ndarray, np.generic)):
+            yield name, np.ascontiguousarray(value).data.tobytes()
+        elif type(value).__module__ == type(owner).__module__:
+            yield from _fields(value)
 
 
 def physics_fingerprint(model: mujoco.MjModel) -> str:
@@ -39,5 +61,9 @@ def physics_fields(model: mujoco.MjModel) -> Iterator[tuple[str, np.ndarray]]:
 
 @cache
 def _names(owner: type) -> tuple[str, ...]:
-    public = [name for name in sorted(dir(owner)) if not name.startswith(("_", *VISUAL))]
-    return tuple(name for name in public if not name.endswith(VISUAL_SUFFIXES))
+    return tuple(name for name in _public(owner) if not name.startswith(VISUAL) and not name.endswith(VISUAL_SUFFIXES))
+
+
+@cache
+def _public(owner: type) -> tuple[str, ...]:
+    return tuple(name for name in sorted(dir(owner)) if not name.startswith("_"))

@@ -23,8 +23,11 @@ from mjrun.model.xml_source import MAX_FILES, with_slashes
 
 _VALUE = rb"\s*=\s*(?:\"([^\"]*)\"|'([^']*)')"
 # Patterns that begin with a word are searched for ten times as fast as others. A mesh of URDF has a filename.
-_FILE = re.compile(rb"file(?:name|right|left|up|down|front|back)?" + _VALUE)
-_FOLDER = re.compile(rb"dir(?:(?<=assetdir)|(?<=meshdir)|(?<=texturedir))" + _VALUE)
+_FILE_NAMES = rb"file(?:name|right|left|up|down|front|back)?"
+_FOLDER_NAMES = rb"dir(?:(?<=assetdir)|(?<=meshdir)|(?<=texturedir))"
+_FILE = re.compile(_FILE_NAMES + _VALUE)
+_FOLDER = re.compile(_FOLDER_NAMES + _VALUE)
+_ABSOLUTE = re.compile(rb"((?:" + _FILE_NAMES + rb"|" + _FOLDER_NAMES + rb")\s*=\s*[\"'])(?=/)")
 _MODEL = re.compile(rb"<(?:include|model)\b(?:[^>\"']|\"[^\"]*\"|'[^']*')*")
 _ROOT = re.compile(rb"(?:\xef\xbb\xbf)?(?:\s+|<\?.*?\?>|<!--.*?-->)*<(\w+)", re.DOTALL)
 MOST_PIXELS = 2**28  # of an image: 16384 a side, which MuJoCo unpacks into 805 MB
@@ -79,6 +82,32 @@ def require_regular_files(path: Path, text: bytes | None, member: str = "") -> N
                 _check(file, place)
 
 
+def existing_files(path: Path, text: bytes | None, member: str = "") -> list[Path]:
+    """Returns every regular file that MuJoCo may open for the MJCF or URDF `text`, `path` excluded, each once.
+
+    Args:
+      path: of the text, or of the archive that holds it.
+      member: the path of the text, if it lies in the archive `path`.
+    """
+    named = _collect(path, text or b"", member)
+    places = (place for file in named.files for place in _places(file, path, named.folders, working=False))
+    existing = (place for place in dict.fromkeys(places) if is_readable(place) and _is_regular(place))
+    files = dict.fromkeys(map(Path, existing))
+    files.pop(path, None)
+    return [*files]
+
+
+def with_root(text: bytes, root: Path) -> bytes:
+    """Returns MJCF or URDF with `root` put before every absolute path in it."""
+    prefix = html.escape(str(root)).encode()
+    return _ABSOLUTE.sub(lambda match: match[1] + prefix, text)
+
+
+def without_root(text: bytes, root: Path) -> bytes:
+    """Returns what `with_root` was called with."""
+    return text.replace(html.escape(str(root)).encode(), b"")
+
+
 def foreign_file(path: Path, text: bytes | None) -> str | None:
     """A file beyond the model's folder that the text includes or attaches, and that is no MJCF: none to be cited."""
     folder = path.parent.resolve()
@@ -118,6 +147,13 @@ def _values(attribute: re.Pattern[bytes], text: bytes) -> Iterator[tuple[str, in
         value = (found[1] or found[2] or b"").decode(errors="surrogateescape")
         if value:
             yield with_slashes(html.unescape(value)), line
+
+
+def _is_regular(place: str) -> bool:
+    try:
+        return stat.S_ISREG(os.stat(place).st_mode)  # noqa: PTH116
+    except (OSError, ValueError):  # there is none, or no file can be called so
+        return False
 
 
 def _places(file: _NamedFile, main: Path, folders: Iterable[str], *, working: bool = True) -> Iterator[str]:

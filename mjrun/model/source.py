@@ -2,7 +2,7 @@
 
 import re
 from abc import ABC, abstractmethod
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -47,6 +47,10 @@ class Source(ABC):
     def with_overrides(self, overrides: Sequence[Override]) -> Self:
         """The same source with more overrides, after its own."""
         return replace(self, overrides=(*self.overrides, *overrides))
+
+    def stored_at(self, place: Callable[[Path], Path]) -> "Source":
+        """Returns the same model, its files read where `place` says; errors and results still name the originals."""
+        return self
 
     @property
     def code(self) -> str:

@@ -16,7 +16,7 @@ import numpy as np
 import yaml
 
 from mjrun.errors import FileError, UsageError, clean, listing, quoted
-from mjrun.formats.input_file import cut, decoding, is_folder, opened
+from mjrun.formats.input_file import cut, decoding, is_file, is_folder, opened
 from mjrun.policy.safetensors_file import read_safetensors
 from mjrun.suffixes import YAML, is_yaml
 
@@ -114,6 +114,32 @@ def read_package(path: Path) -> LeappPackage:
       FileError: it cannot be read, is no package, or its files are missing, changed or outside of its folder.
       UsageError: its networks are of another kind than ONNX.
     """
+    return _Reader(path).package(_document(path))
+
+
+def files_beside(path: Path) -> list[Path]:
+    """Returns the existing files that the YAML file at `path` names, in its folder or below; none if it is damaged."""
+    try:
+        waiting, files = [_document(path)], dict[Path, None]()
+    except FileError:  # which reading the package reports
+        return []
+    while waiting:
+        value = waiting.pop()
+        if isinstance(value, dict):
+            waiting += value.values()
+        elif isinstance(value, list):
+            waiting += value
+        elif isinstance(value, str) and _is_below(value) and is_file(path.parent / value):
+            files[path.parent / value] = None
+    return sorted(files)
+
+
+def _is_below(name: str) -> bool:
+    return bool(name) and not Path(name).is_absolute() and ".." not in Path(name).parts
+
+
+def _document(path: Path) -> object:
+    """Returns the content of a YAML file."""
     with opened(path, "LEAPP package", YAML) as file, decoding(path, "cannot be read as YAML"):
         text = file.read(LARGEST + 1)
         if len(text) > LARGEST:
@@ -121,7 +147,7 @@ def read_package(path: Path) -> LeappPackage:
         document: object = yaml.safe_load(text)
         if _count(document, {}) > VALUES:
             raise ValueError(f"its aliases (*) make more than {VALUES:,} values of it")
-    return _Reader(path).package(document)
+    return document
 
 
 def _count(value: object, known: dict[int, int]) -> int:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Protocol, cast
 import numpy as np
 
 from mjrun.errors import FileError, UsageError, clean, listing, quoted
-from mjrun.formats.input_file import decoding, require_file
+from mjrun.formats.input_file import decoding, is_file, require_file
 from mjrun.packages import require
 
 if TYPE_CHECKING:
@@ -29,6 +29,22 @@ CAUSES = (
     (r"only \*guarantees\* support|Unsupported model IR version", "it is written for a newer onnxruntime"),
     (r"Protobuf parsing failed|codec can't decode|No graph was found", "is no ONNX model, or a damaged one"),
 )
+
+
+def weight_files(path: Path) -> list[Path]:
+    """Returns the existing files beside an ONNX file that hold its weights, as far as its bytes name them.
+
+    Source: `external_data` of TensorProto in onnx.proto, entries of a key `location` and a relative path.
+    """
+    try:
+        content = path.read_bytes()
+    except OSError:  # which opening the model reports
+        return []
+    names = dict[str, None]()
+    for entry in re.finditer(rb"\x0a\x08location\x12([\x80-\xff]*[\x00-\x7f])", content):
+        size = sum((byte & 0x7F) << 7 * place for place, byte in enumerate(entry[1]))
+        names[content[entry.end() : entry.end() + size].decode("utf-8", "replace")] = None
+    return [path.parent / name for name in names if name and "\0" not in name and is_file(path.parent / name)]
 
 
 class _Node(Protocol):

@@ -1,12 +1,12 @@
 """Where chunks of points run: this machine, or an existing engine for many. All are `concurrent.futures.Executor`s."""
 
-import math
 import threading
-from collections.abc import Callable, Iterator, Sequence
+from collections import deque
+from collections.abc import Callable, Iterator
 from concurrent.futures import FIRST_COMPLETED, Executor, Future, ThreadPoolExecutor, wait
 from contextlib import ExitStack
+from dataclasses import replace
 from importlib import import_module
-from itertools import islice
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -17,13 +17,13 @@ from mjrun.options.sweep import EXTRAS
 from mjrun.packages import require
 from mjrun.platform.cores import available_cores
 from mjrun.sim.warp_device import require_library
-from mjrun.study.isolation import Chunk, run_chunk
-from mjrun.study.simulate import PointResult
+from mjrun.study.isolation import Chunk, ChunkResult, run_chunk
 
 ENGINES = ("local", "warp", "dask", "dask://HOST:PORT", "slurm", "module:factory")
 WARP, SLURM = "warp", "slurm"
 PATIENCE = 20  # [s] for a scheduler to answer
 POLL = 0.2  # [s] between two looks at jobs of slurm
+REFUSALS = 5  # of a chunk's results, after which its points have failed
 QUEUED = 3  # chunks that wait for each process, beside the one that runs
 
 
@@ -67,29 +67,45 @@ def process_count(engine: str, jobs: int | str) -> int | None:
     return None
 
 
-def completed(executor: Executor, chunks: Iterator[Chunk], ahead: int) -> Iterator[tuple[Chunk, Sequence[PointResult]]]:
-    """The results of chunks as they come, while at most `ahead` of them are in flight."""
-    running: dict[Future[list[PointResult]], Chunk] = {}
+def completed(
+    executor: Executor, chunks: Iterator[Chunk], ahead: int, fault: Callable[[ChunkResult], str]
+) -> Iterator[tuple[Chunk, ChunkResult]]:
+    """The results of chunks as they come, while at most `ahead` of them are in flight.
+
+    A machine without copies of the study's files gets them. Results that are refused are simulated again; the points
+    of a chunk that is refused `REFUSALS` times have failed.
+
+    Args:
+      fault: says why results are refused; empty if they are not.
+    """
+    running: dict[Future[ChunkResult], Chunk] = {}
+    again: deque[Chunk] = deque()
     while True:
-        for chunk in islice(chunks, ahead - len(running)):
+        while len(running) < ahead and (chunk := again.popleft() if again else next(chunks, None)):
             running[executor.submit(run_chunk, chunk)] = chunk
         if not running:
             return
         for future in wait(running, return_when=FIRST_COMPLETED).done:
             chunk = running.pop(future)
-            yield chunk, _results(future, chunk)
+            result = _result(future, chunk)
+            if result.lacks_files and chunk.contents is None:
+                again.append(chunk.with_contents())
+            elif not (reason := fault(result)):
+                yield chunk, result
+            elif chunk.refusals + 1 < REFUSALS:
+                again.append(replace(chunk, refusals=chunk.refusals + 1))
+            else:
+                yield chunk, replace(chunk.failed(reason), is_refused=True)
 
 
-def _results(future: Future[list[PointResult]], chunk: Chunk) -> Sequence[PointResult]:
+def _result(future: Future[ChunkResult], chunk: Chunk) -> ChunkResult:
     """The results of a chunk; where an engine has lost it, each of its points has failed."""
     try:
         return future.result()
     except MjrunError:
         raise
     except Exception as error:
-        message = f"the engine lost it: {type(error).__name__}: {error}"
-        nothing = (math.nan,) * len(chunk.spec.metrics)
-        return [PointResult(point.index, "failed", nothing, 0, 70, message) for point in chunk.points]
+        return chunk.failed(f"the engine lost it: {type(error).__name__}: {error}")
 
 
 def _dask(address: str, count: int, stack: ExitStack) -> tuple[Executor, int]:
@@ -100,7 +116,7 @@ def _dask(address: str, count: int, stack: ExitStack) -> tuple[Executor, int]:
     client_class: Any = distributed.Client
     cluster_class: Any = distributed.LocalCluster
     if not address:
-        cluster = cluster_class(n_workers=count, threads_per_worker=1, dashboard_address=None)
+        cluster = cluster_class(n_workers=count, threads_per_worker=1, dashboard_address=":0")
         address = stack.enter_context(cluster).scheduler_address
     try:
         client = stack.enter_context(client_class(address, timeout=PATIENCE))

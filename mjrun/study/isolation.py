@@ -4,10 +4,14 @@ import contextlib
 import math
 import threading
 import time
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
 
 from mjrun.child_process import ExitStatus
+from mjrun.job.input_snapshot import InputSnapshot
+from mjrun.python_code import Sealed
+from mjrun.study.proof import Proof
 from mjrun.study.simulate import PointResult, Status, StudyPoint, StudySpec
 from mjrun.study.worker_process import new_process
 
@@ -17,33 +21,89 @@ START = 120.0  # [s] that a process may take to start
 
 
 @dataclass(frozen=True)
+class ShippedStudy:
+    """All that a process needs of a study, on whatever machine: a picklable value.
+
+    Attributes:
+      spec: with the user's code in it.
+      metrics: their number.
+      snapshot: copies of all files that its points read.
+    """
+
+    spec: Sealed
+    metrics: int
+    snapshot: InputSnapshot
+
+    @classmethod
+    def of(cls, spec: StudySpec) -> "ShippedStudy":
+        """Returns a study that can be sent away; one that has no copies of its files yet gets them."""
+        spec = replace(spec, base=spec.base.with_snapshot())
+        assert spec.base.snapshot
+        return cls(Sealed.of(spec, spec.code), len(spec.metrics), spec.base.snapshot)
+
+
+@dataclass(frozen=True)
 class Chunk:
     """Points that are simulated in one go: a picklable value, and all that a machine needs to know.
 
     Attributes:
       time_limit: wall time of a point [s].
+      contents: of the study's files, for a machine that has no copies of them; None for one that should have.
+      refusals: how often its results were refused.
     """
 
-    spec: StudySpec
+    study: ShippedStudy
     points: tuple[StudyPoint, ...]
     time_limit: float = math.inf
+    contents: Mapping[str, bytes] | None = None
+    refusals: int = 0
+
+    def with_contents(self) -> "Chunk":
+        """Returns the same chunk with the contents of all files."""
+        return replace(self, contents=self.study.snapshot.contents())
+
+    def failed(self, message: str) -> "ChunkResult":
+        """Returns the results of points that failed with this message, outside of their processes."""
+        nothing = (math.nan,) * self.study.metrics
+        return ChunkResult([PointResult(point.index, "failed", nothing, 0, 70, message) for point in self.points])
+
+
+@dataclass(frozen=True)
+class ChunkResult:
+    """The results of the points of a chunk, in their order.
+
+    Attributes:
+      proofs: what they were simulated with; nothing where no process came to its end.
+      lacks_files: whether nothing was simulated, since this machine has no copies of the study's files.
+      is_refused: whether what was simulated belongs to something else than the study.
+    """
+
+    results: Sequence[PointResult]
+    proofs: tuple[Proof, ...] = ()
+    lacks_files: bool = False
+    is_refused: bool = False
 
 
 _processes = threading.local()
+_copies: dict[str, InputSnapshot] = {}  # of the files of studies of other machines, by their fingerprints
+_copying = threading.Lock()
 
 
-def run_chunk(chunk: Chunk) -> list[PointResult]:
-    """The results of the points of a chunk, in their order; the task that engines run, on whatever machine.
+def run_chunk(chunk: Chunk) -> ChunkResult:
+    """The results of a chunk; the task that engines run, on whatever machine.
 
     Points are simulated in a process that is kept for the next chunk of this thread. When it crashes or takes too
     long, every point without a result is simulated once more, by itself; one that fails again is listed as failed.
     """
-    simulator = getattr(_processes, "simulator", None)
-    if simulator is None or simulator.spec != chunk.spec:
+    snapshot = _snapshot_here(chunk)
+    if snapshot is None:
+        return ChunkResult((), lacks_files=True)
+    simulator: IsolatedSimulator | None = getattr(_processes, "simulator", None)
+    if simulator is None or simulator.study != chunk.study:
         end_process()
-        simulator = _processes.simulator = IsolatedSimulator(chunk.spec)
+        simulator = _processes.simulator = IsolatedSimulator(chunk.study, snapshot.root)
     results = {result.index: result for result in simulator.run(chunk.points, chunk.time_limit)}
-    return [results[point.index] for point in chunk.points]
+    return ChunkResult([results[point.index] for point in chunk.points], simulator.taken_proofs())
 
 
 def end_process() -> None:
@@ -53,12 +113,30 @@ def end_process() -> None:
         _processes.simulator = None
 
 
-class IsolatedSimulator:
-    """A process that simulates points of one study, replaced by another when it has died. To be closed."""
+def _snapshot_here(chunk: Chunk) -> InputSnapshot | None:
+    """Returns the copies of the study's files on this machine: the study's own, or those made of a chunk's contents."""
+    snapshot = chunk.study.snapshot
+    if snapshot.root.is_dir():
+        return snapshot
+    with _copying:
+        key = snapshot.fingerprint
+        if key not in _copies and chunk.contents is not None:
+            _copies.clear()  # of the last study
+            _copies[key] = snapshot.copied_from(chunk.contents)
+        return _copies.get(key)
 
-    def __init__(self, spec: StudySpec) -> None:
-        self.spec = spec
+
+class IsolatedSimulator:
+    """A process that simulates points of one study, replaced by another when it has died. To be closed.
+
+    Args:
+      root: the folder of the study's files on this machine.
+    """
+
+    def __init__(self, study: ShippedStudy, root: Path | None = None) -> None:
+        self.study, self._root = study, root or study.snapshot.root
         self._worker: _Worker | None = None
+        self._proofs: list[Proof] = []
 
     def run(self, points: Sequence[StudyPoint], time_limit: float = math.inf) -> Iterator[PointResult]:
         """The results of points, each as soon as it is known."""
@@ -69,6 +147,11 @@ class IsolatedSimulator:
         for point in missing.values():
             yield from self._by_itself(point, time_limit)
 
+    def taken_proofs(self) -> tuple[Proof, ...]:
+        """Returns what points were simulated with since the last call."""
+        proofs, self._proofs = tuple(self._proofs), []
+        return proofs
+
     def close(self) -> None:
         """Ends the process."""
         if self._worker:
@@ -77,20 +160,26 @@ class IsolatedSimulator:
 
     def _together(self, points: Sequence[StudyPoint], time_limit: float) -> Iterator[PointResult]:
         """What results there are until the process dies or takes too long."""
-        self._worker = self._worker or _Worker(self.spec)
         with contextlib.suppress(_WorkerDiedError):
-            yield from self._worker.run(points, time_limit)
+            yield from self._simulated(points, time_limit)
             return
         self.close()
 
     def _by_itself(self, point: StudyPoint, time_limit: float) -> Iterator[PointResult]:
         start = time.perf_counter()
-        self._worker = self._worker or _Worker(self.spec)
         try:
-            yield from self._worker.run([point], time_limit)
+            yield from self._simulated([point], time_limit)
         except _WorkerDiedError as death:
             self.close()
-            yield death.result(point, len(self.spec.metrics), time.perf_counter() - start)
+            yield death.result(point, self.study.metrics, time.perf_counter() - start)
+
+    def _simulated(self, points: Sequence[StudyPoint], time_limit: float) -> Iterator[PointResult]:
+        self._worker = self._worker or _Worker(self.study, self._root)
+        for message in self._worker.run(points, time_limit):
+            if not isinstance(message, Proof):
+                yield message
+            elif message not in self._proofs:
+                self._proofs.append(message)
 
 
 class _WorkerDiedError(Exception):
@@ -113,13 +202,13 @@ class _WorkerDiedError(Exception):
 class _Worker:
     """A process, as its parent sees it."""
 
-    def __init__(self, spec: StudySpec) -> None:
+    def __init__(self, study: ShippedStudy, root: Path) -> None:
         self._connection, self._process = new_process()
         self._is_new = True
-        self._send(spec)
+        self._send((study.spec, root))
 
-    def run(self, points: Sequence[StudyPoint], time_limit: float) -> Iterator[PointResult]:
-        """The results of points.
+    def run(self, points: Sequence[StudyPoint], time_limit: float) -> Iterator[PointResult | Proof]:
+        """The results of points, and then what they were simulated with.
 
         Raises:
           _WorkerDiedError: the process ended, or took longer than the limit for all points that were left.
@@ -130,11 +219,11 @@ class _Worker:
             self._is_new = False
         left = len(points)
         while True:
-            result = self._receive(time_limit * max(left, 1))
-            if result is None:
+            message = self._receive(time_limit * max(left, 1))
+            yield message
+            if isinstance(message, Proof):
                 return
             left -= 1
-            yield result
 
     def close(self) -> None:
         """Ends the process."""
@@ -145,7 +234,7 @@ class _Worker:
         with contextlib.suppress(OSError):  # it has ended; `_receive` says why
             self._connection.send(message)
 
-    def _receive(self, seconds: float) -> PointResult | None:
+    def _receive(self, seconds: float) -> PointResult | Proof:
         try:
             if self._connection.poll(None if seconds == math.inf else seconds):
                 return self._connection.recv()

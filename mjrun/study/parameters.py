@@ -20,6 +20,7 @@ WHOLE = ("timestep", "integrator", "key", "perturb", "seed", "ctrl_noise", "ctrl
 WHOLE += ("ctrl_interpolation", "duration", "steps", "control_dt", "push")
 MANY = 1000  # values that are each looked at
 MODEL, CONTROLLER = "model", "controller"
+FILES = (MODEL, "ctrl_from")  # whose values name files
 NO_CONTROLLERS: Mapping[str, Callable[..., object]] = {}
 
 

@@ -5,9 +5,9 @@ changed and continued, by any number of processes at once.
 """
 
 import hashlib
-import inspect
 import json
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, cast, get_args
@@ -15,19 +15,20 @@ from typing import TYPE_CHECKING, cast, get_args
 import mujoco
 import numpy as np
 
-from mjrun.errors import FileError
+from mjrun.errors import FileError, MjrunError
 from mjrun.formats.arrow_columns import number_array, read_whole_parquet, text_array
 from mjrun.formats.atomic_output import OutputWriter
 from mjrun.formats.destinations import StagedFile
-from mjrun.formats.input_file import is_file, is_folder
+from mjrun.formats.input_file import is_folder
 from mjrun.formats.temporary_output import remove_left_behind
-from mjrun.job.episode import policy_files
+from mjrun.job.input_snapshot import InputSnapshot
 from mjrun.job.manifest import plain
-from mjrun.model.fingerprint import model_fingerprint
-from mjrun.model.sources import source_of
+from mjrun.model.fingerprint import content_fingerprint
 from mjrun.options.sweep import PARTS
+from mjrun.python_code import ModuleSource
+from mjrun.study.parameters import FILES, MODEL, simulation_at
+from mjrun.study.proof import code_hash, versions
 from mjrun.study.simulate import PointResult, Status, StudySpec
-from mjrun.version import __version__
 
 if TYPE_CHECKING:
     import pyarrow
@@ -37,74 +38,65 @@ METRIC = "metric:"  # before the name of each
 LAST = ("steps", "exit_code", "message", "wall")
 KNOWN = get_args(Status)
 PATHS = ("model", "ctrl_from", "replay")  # options of a simulation that are files
-POLICY = ("policy", "normalize")  # options that may be
 
 
-def study_identity(spec: StudySpec, model: mujoco.MjModel) -> dict[str, object]:
+def study_identity(spec: StudySpec, model: mujoco.MjModel, modules: Sequence[ModuleSource] = ()) -> dict[str, object]:
     """All that decides the results of a study, but for the values of its points; plain values, for JSON.
 
     Args:
       model: the base model, compiled.
+      modules: the user's code as it is simulated.
     """
-    simulation = cast("dict[str, object]", plain(spec.base))
+    base, snapshot = replace(spec.base, snapshot=None), _snapshot(spec)
+    simulation = cast("dict[str, object]", plain(base))
     simulation |= dict.fromkeys(PATHS)  # what is in the files counts, not where they are
-    simulation["map"] = [text for text in spec.base.map if not text.startswith("@")]
+    simulation["map"] = [text for text in base.map if not text.startswith("@")]
     return {
-        "mjrun": __version__,
-        "mujoco": mujoco.mj_versionString(),
-        "numpy": np.__version__,
-        "model": model_fingerprint(model),
-        "files": [_file_hash(path) for _, path in spec.base.inputs],
-        "code": _code_hash(spec.base.controller),
-        "environment": spec.base.source.code,
-        "controllers": {text: _code_hash(controller) for text, controller in spec.controllers},
-        "simulation": {**simulation, "overrides": plain(spec.base.source.overrides)},
+        **versions(),
+        "model": content_fingerprint(model),
+        "files": [snapshot.digest(path) for _, path in base.inputs],
+        "code": code_hash(base.code, modules),
+        "environment": base.source.code,
+        "controllers": {text: code_hash([controller], modules) for text, controller in spec.controllers},
+        "simulation": {**simulation, "overrides": plain(base.source.overrides)},
         "metrics": dict(spec.metrics),
         "every": spec.every,
         "engine": spec.engine,
     }
 
 
-def point_keys(identity: Mapping[str, object], names: Sequence[str], points: Iterable[Sequence[str]]) -> list[str]:
+def point_keys(identity: Mapping[str, object], spec: StudySpec, points: Iterable[Sequence[str]]) -> list[str]:
     """The key of each point: 32 hexadecimal digits."""
     base = hashlib.sha256(json.dumps(identity, sort_keys=True).encode())
     keys = []
-    files = {index: _file_hashes(name) for index, name in enumerate(names) if name in (*PATHS, *POLICY)}
+    files = {index: _file_hashes(spec, name) for index, name in enumerate(spec.names) if name in FILES}
     for values in points:
         if files:
             values = [files[i](text) if i in files else text for i, text in enumerate(values)]
         digest = base.copy()
-        digest.update(json.dumps(sorted(zip(names, values, strict=True))).encode())
+        digest.update(json.dumps(sorted(zip(spec.names, values, strict=True))).encode())
         keys.append(digest.hexdigest()[:32])
     return keys
 
 
-def _code_hash(controller: object) -> str:
-    """The hash of the file that a controller is written in; empty where there is none."""
-    function = inspect.unwrap(controller) if callable(controller) else None
-    owner = function if inspect.isroutine(function) or function is None else type(function)
-    try:
-        file = inspect.getsourcefile(owner) if owner else None
-    except TypeError:  # it is not written in Python
-        file = None
-    return _file_hash(Path(file)) if file else ""
+def _snapshot(spec: StudySpec) -> InputSnapshot:
+    assert spec.base.snapshot, "a study reads copies of its files"
+    return spec.base.snapshot
 
 
-def _file_hash(path: Path) -> str:
-    """The hash of what is in a file; empty if there is none."""
-    return hashlib.sha256(path.read_bytes()).hexdigest() if is_file(path) else ""
-
-
-def _file_hashes(name: str) -> Callable[[str], str]:
+def _file_hashes(spec: StudySpec, name: str) -> Callable[[str], str]:
     """What gives the hash of the files behind a value of the option `name`; the value itself where there are none."""
+    snapshot, base = _snapshot(spec), replace(spec.base, snapshot=None)
 
     @cache
     def hashed(text: str) -> str:
-        if name == "model":
-            source = source_of(text)
-            return "".join(map(_file_hash, source.files)) + source.code or text
-        paths = policy_files(text) if name == "policy" else [Path(text)]
-        return "".join(map(_file_hash, paths)) or text
+        try:
+            varied = simulation_at(base, (name,), (text,))
+            files = varied.source.files if name == MODEL else [Path(text)]
+            code = varied.source.code if name == MODEL else ""
+        except MjrunError:  # which the point fails with
+            return text
+        return "".join(map(snapshot.digest, files)) + code or text
 
     return hashed
 

@@ -93,7 +93,7 @@ def run_task(plan: StudyPlan, task: int, tasks: int, reporter: Reporter) -> Task
         prepared.warn_of_damaged(reporter)
         missing = prepared.missing(study.retry_failed)
         notes = FailureNotes(prepared.points, reporter, [point.index for point in points])
-        for results in prepared.simulate(missing, study):
+        for results in prepared.simulate(missing, study, reporter):
             notes.add(results)
             statuses.update(result.status for result in results)
             reporter.progress("points", statuses.total(), len(missing))
@@ -112,8 +112,7 @@ def task_points(plan: StudyPlan, task: int, tasks: int) -> list[StudyPoint]:
 def _prepared(plan: StudyPlan, points: Sequence[tuple[str, ...]]) -> PreparedStudy:
     """These points of the study, if their results are those that the plan is about."""
     study, names = plan.study, tuple(plan.names)
-    spec = study.spec.varying(names)
-    prepared = PreparedStudy(study, spec, Design(names, points), spec.base.load())
+    prepared = PreparedStudy.of(study, study.spec, Design(names, points))
     here, there = _hashes(prepared.identity), plan.identity
     differing = [name for name in here if here[name] != there.get(name)]
     if differing:

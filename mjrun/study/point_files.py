@@ -8,6 +8,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from multiprocessing.connection import Connection, Pipe
 from pathlib import Path
+from typing import cast
 
 from mjrun.child_process import ChildProcess, limit_this_process, python_call
 from mjrun.errors import MjrunError
@@ -18,6 +19,7 @@ from mjrun.job.simulation import Simulation
 from mjrun.job.task import Job, OutputResult
 from mjrun.options.keep import KeepOptions
 from mjrun.options.option import options_of
+from mjrun.python_code import Sealed
 
 FOLDER = "points"
 NAMES = {"trace": "trace.parquet", "recording": "recording.npz", "video": "video.mp4"}
@@ -128,7 +130,7 @@ def make_isolated(outputs: PointOutputs) -> str:
             )
         with child:
             try:
-                ours.send(outputs)
+                ours.send(Sealed.of(outputs, outputs.simulation.code))
                 return ours.recv()
             except (EOFError, OSError):
                 words = f": {child.last_words}" if child.last_words else ""
@@ -140,15 +142,16 @@ def main(connection: str) -> None:
     os.dup2(2, 1)  # MuJoCo's plugins print
     limit_this_process(core=0)
     with contextlib.suppress(EOFError, ConnectionError), Connection(int(connection)) as parent:
-        outputs: PointOutputs = parent.recv()
-        message = ""
+        sealed: Sealed = parent.recv()
+        outputs, message = cast("PointOutputs", sealed.open()), ""
         try:
             outputs.make()
         except MjrunError as error:
             message = str(error)
         except Exception as error:
             message = f"{type(error).__name__}: {error}"
-        parent.send(message)
+        snapshot = outputs.simulation.snapshot
+        parent.send(snapshot.with_original_names(message) if snapshot else message)
 
 
 def up_to(simulation: Simulation, steps: int) -> Simulation:

@@ -3,7 +3,7 @@
 import math
 import socket
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from dataclasses import replace
 from functools import cached_property
 from pathlib import Path
@@ -11,7 +11,7 @@ from pathlib import Path
 import mujoco
 import numpy as np
 
-from mjrun.errors import MjrunError, UsageError, clean, concerning, option
+from mjrun.errors import MjrunError, ModelError, UsageError, clean, concerning, option
 from mjrun.job.simulation import Simulation
 from mjrun.model.variants import ModelVariants
 from mjrun.options.sweep import ExecutionOptions, StudyOptions
@@ -24,9 +24,10 @@ from mjrun.reporter import Reporter
 from mjrun.study.chunk_sizes import ChunkSizes
 from mjrun.study.design import Design, design
 from mjrun.study.executors import SLURM, completed, open_executor, require_extra
-from mjrun.study.isolation import Chunk
-from mjrun.study.parameters import MODEL, require_values
+from mjrun.study.isolation import Chunk, ChunkResult, ShippedStudy
+from mjrun.study.parameters import FILES, MODEL, require_values, simulation_at
 from mjrun.study.parts import PartFiles, point_keys, study_identity
+from mjrun.study.proof import Proof
 from mjrun.study.results import STATUSES, TABLE_COLUMNS, with_flags
 from mjrun.study.simulate import WORLD_BYTES, PointResult, StudyPoint, StudySpec
 
@@ -46,6 +47,7 @@ class PreparedStudy:
       spec: what its points have in common.
       points: their values.
       model: the base model.
+      shipped: what processes need of it.
       folder: of the study.
       files: where results are.
       known: the results that are there, by the key of their points.
@@ -58,39 +60,40 @@ class PreparedStudy:
 
     def __init__(self, options: StudyOptions, spec: StudySpec, points: Design, model: mujoco.MjModel) -> None:
         self.spec, self.points, self.model = spec, points, model
+        self.shipped = ShippedStudy.of(spec)
         self.columns = self._check(options.require)
         self.folder = Path(options.output)
         self.files = PartFiles(self.folder, [name for name, _ in spec.metrics])
         self.known = self.files.read()
 
     @classmethod
-    def of(cls, options: StudyOptions, spec: StudySpec) -> "PreparedStudy":
-        """The study that `options` describe.
+    def of(cls, options: StudyOptions, spec: StudySpec, points: Design | None = None) -> "PreparedStudy":
+        """The study that `options` describe. From here on it reads nothing but copies of its files.
 
         Args:
           spec: of its simulations; what varies is not known yet.
+          points: those of them that are to be simulated, where the others are known already.
         """
         require_extra("sweep")
-        source, model = spec.base.source.compile()
-        points = design(options, model, spec.base.seed)
-        try:
-            shared = None if MODEL in points.names else source
-            require_values(points.names, points.points, dict(spec.controllers), shared)
-        except UsageError as error:
-            if options.points is not None:
-                error.add_note(f"the columns of {clean(options.points)} are parameters, too")
-            raise
-        return cls(options, spec.varying(points.names), points, model)
+        original, base = spec.base, spec.base.with_snapshot()
+        assert base.snapshot
+        with base.snapshot.original_names_in_errors():
+            source, model = _compiled(base, original)
+            if points is None:
+                points = _design(options, spec, source, model)
+            snapshot = base.snapshot.with_files(_varied_files(original, points))
+            spec = replace(spec.varying(points.names), base=replace(base, snapshot=snapshot))
+            return cls(options, spec, points, model)
 
     @cached_property
     def identity(self) -> Mapping[str, object]:
         """All that decides the results, but for the values of the points."""
-        return study_identity(self.spec, self.model)
+        return study_identity(self.spec, self.model, self.shipped.spec.modules)
 
     @cached_property
     def keys(self) -> Sequence[str]:
         """The key of each point."""
-        return point_keys(self.identity, self.points.names, self.points.points)
+        return point_keys(self.identity, self.spec, self.points.points)
 
     def warn_of_damaged(self, reporter: Reporter) -> None:
         """Names the parts that cannot be read, whose points count as not simulated."""
@@ -149,19 +152,40 @@ class PreparedStudy:
         while start < len(indices):
             part = indices[start : start + sizes.next(steps[start:])]
             start += len(part)
-            yield Chunk(self.spec, tuple(StudyPoint(index, self.points.points[index]) for index in part), limit)
+            yield Chunk(self.shipped, tuple(StudyPoint(index, self.points.points[index]) for index in part), limit)
 
-    def simulate(self, indices: Sequence[int], options: ExecutionOptions) -> Iterator[Sequence[PointResult]]:
-        """Simulates points in chunks, publishes each as it is done, and adds its results to what is known."""
+    def simulate(
+        self, indices: Sequence[int], options: ExecutionOptions, reporter: Reporter
+    ) -> Iterator[Sequence[PointResult]]:
+        """Simulates points in chunks, publishes each as it is done, and adds its results to what is known.
+
+        Results of a process whose libraries are of other versions than this one's are refused and not published.
+        """
+        expected = Proof.here(self.spec.models(self.points.points))
+        refused = dict[str, None]()
+
+        def fault(result: ChunkResult) -> str:
+            if result.lacks_files:
+                return "the machine that was to simulate it cannot store the study's files"
+            reasons = [f"{p.host} has {difference}" for p in result.proofs if (difference := p.difference(expected))]
+            for reason in reasons:
+                if reason not in refused:
+                    refused[reason] = None
+                    reporter.warn(f"{reason}: its results are refused, and simulated again")
+            return "; ".join(reasons)
+
         with ExitStack() as stack:
             executor, ahead = open_executor(options.engine, options.jobs, self.folder, stack)
             sizes = self.chunk_sizes(options, ahead)
-            for chunk, results in completed(executor, self.chunks(indices, options, sizes), ahead):
+            for chunk, result in completed(executor, self.chunks(indices, options, sizes), ahead, fault):
+                results = result.results
                 sizes.add(len(results), sum(each.steps for each in results), sum(each.wall for each in results))
                 keys = [self.keys[point.index] for point in chunk.points]
-                self.files.write(keys, results, socket.gethostname())
-                self.known.update(zip(keys, results, strict=True))
-                yield results
+                hosts = {proof.host for proof in result.proofs}
+                if not result.is_refused:
+                    self.files.write(keys, result.results, ", ".join(sorted(hosts)) or socket.gethostname())
+                self.known.update(zip(keys, result.results, strict=True))
+                yield result.results
 
     def results(self) -> list[PointResult]:
         """What is known of each point, in order; what is not says so."""
@@ -205,6 +229,36 @@ class PreparedStudy:
     def first(self) -> Simulation:
         """The simulation of the first point; with the base model, since any other might crash this process."""
         return replace(self.spec.simulation(self.points.points[0]), model=self.spec.base.model)
+
+
+def _compiled(base: Simulation, original: Simulation) -> tuple[mujoco.MjSpec | None, mujoco.MjModel]:
+    """Returns the specification and the model that all points vary, compiled from copies of its files."""
+    try:
+        return base.source.compile()
+    except ModelError:
+        original.load()  # whose error names the files and lines that the user knows
+        raise
+
+
+def _design(options: StudyOptions, spec: StudySpec, source: mujoco.MjSpec | None, model: mujoco.MjModel) -> Design:
+    points = design(options, model, spec.base.seed)
+    try:
+        shared = None if MODEL in points.names else source
+        require_values(points.names, points.points, dict(spec.controllers), shared)
+    except UsageError as error:
+        if options.points is not None:
+            error.add_note(f"the columns of {clean(options.points)} are parameters, too")
+        raise
+    return points
+
+
+def _varied_files(base: Simulation, points: Design) -> Iterator[Path]:
+    """The files that the values of points name. A value that names none, or no model, fails at its points."""
+    for index, name in enumerate(points.names):
+        if name in FILES:
+            for text in dict.fromkeys(values[index] for values in points.points):
+                with suppress(MjrunError):
+                    yield from (path for _, path in simulation_at(base, (name,), (text,)).inputs)
 
 
 class RequirementNames(Vocabulary):

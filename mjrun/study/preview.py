@@ -133,7 +133,7 @@ def _measured(
     if not indices:
         return None, math.nan
     (chunk,) = prepared.chunks(indices[:1], options, ChunkSizes(1, 1))
-    simulator = IsolatedSimulator(prepared.spec)
+    simulator = IsolatedSimulator(prepared.shipped)
     limit = min(chunk.time_limit, PATIENCE)
     try:
         (result,) = simulator.run(chunk.points, limit)

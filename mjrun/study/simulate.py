@@ -6,8 +6,9 @@ alone.
 
 import math
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Literal
 from weakref import WeakKeyDictionary
 
@@ -20,6 +21,8 @@ from mjrun.job.simulation import Simulation
 from mjrun.job.trace_rows import ProbeSampler, RowBuffer
 from mjrun.model import state
 from mjrun.model.mujoco_globals import collected_warnings, without_timers
+from mjrun.model.source import Source
+from mjrun.model.sources import source_of
 from mjrun.model.variants import BYTES, Compilation, ModelVariant, ModelVariants
 from mjrun.probe.available import AvailableProbes
 from mjrun.probe.episode import EpisodeColumns
@@ -32,7 +35,7 @@ from mjrun.sim.stepper import PhysicsStepper
 from mjrun.sim.warp_device import WarpDevice
 from mjrun.sim.warp_engine import WarpEngine
 from mjrun.sim.warp_fields import WarpFields
-from mjrun.study.parameters import simulation_at
+from mjrun.study.parameters import MODEL, simulation_at
 from mjrun.timeline import Timeline
 
 Status = Literal["ok", "unstable", "failed", "timeout", "crashed", "missing"]
@@ -75,6 +78,22 @@ class StudySpec:
     def simulation(self, values: tuple[str, ...]) -> Simulation:
         """The simulation of the point with these values."""
         return simulation_at(self.base, self.names, values, dict(self.controllers))
+
+    def models(self, points: Iterable[Sequence[str]]) -> list[Source]:
+        """Returns the model of the base simulation, and those that the values of points name in its place."""
+        place = self.names.index(MODEL) if MODEL in self.names else None
+        texts = {} if place is None else dict.fromkeys(values[place] for values in points)
+        return [source_of(self.base.model), *map(source_of, texts)]
+
+    def with_files_in(self, root: Path) -> "StudySpec":
+        """Returns the same, which reads its files in the folder `root`."""
+        snapshot = self.base.snapshot and replace(self.base.snapshot, root=root)
+        return replace(self, base=replace(self.base, snapshot=snapshot))
+
+    @property
+    def code(self) -> list[object]:
+        """What the user has written in it."""
+        return [*self.base.code, *(controller for _, controller in self.controllers)]
 
 
 @dataclass(frozen=True)
@@ -288,6 +307,8 @@ class PointSimulator:
         status: Status = "unstable" if isinstance(error, UnstableError) else "failed"
         code = error.exit_code if isinstance(error, MjrunError) else BUG
         text = error.spelled(flag) if isinstance(error, MjrunError) else f"{type(error).__name__}: {error}"
+        if self._spec.base.snapshot:
+            text = self._spec.base.snapshot.with_original_names(text)
         metrics = (math.nan,) * len(self._spec.metrics)
         return PointResult(point.index, status, metrics, steps, code, text, wall)
 

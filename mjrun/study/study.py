@@ -180,7 +180,7 @@ class _Run:
         if missing:
             done = failed = 0
             notes = FailureNotes(prepared.points, self.reporter)
-            for results in prepared.simulate(missing, study):
+            for results in prepared.simulate(missing, study, self.reporter):
                 done, failed = done + len(results), failed + sum(result.status != "ok" for result in results)
                 notes.add(results)
                 self.reporter.progress(f"points{f', {failed} failed' if failed else ''}", done, len(missing))

@@ -1,7 +1,7 @@
 """Sensors that a model gets behind its own, so that MuJoCo computes in C what a step leaves out without them."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import mujoco
@@ -41,6 +41,9 @@ class SensingSource(Source):
     @property
     def files(self) -> tuple[Path, ...]:
         return self.source.files
+
+    def stored_at(self, place: Callable[[Path], Path]) -> Source:
+        return replace(self, source=self.source.stored_at(place))
 
     def compile(self) -> tuple[mujoco.MjSpec | None, mujoco.MjModel]:
         spec, _ = self.source.with_overrides(self.overrides).compile()

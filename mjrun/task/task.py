@@ -1,6 +1,6 @@
 """A task as a value: a model, its episodes, and what a policy observes, does and is rewarded for in them."""
 
-from collections.abc import Generator, Mapping, Sequence
+from collections.abc import Callable, Generator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from fractions import Fraction
@@ -121,8 +121,19 @@ class Task(Source):
     @property
     def files(self) -> tuple[Path, ...]:
         own = () if self.path is None else (self.path,)
-        tables = (Path(command.table) for command in self.commands.values() if command.table is not None)
-        return (*self.model.files, *own, *tables)
+        return (*self.model.files, *own, *self.tables)
+
+    @property
+    def tables(self) -> list[Path]:
+        """The tables that commands come from."""
+        return [Path(command.table) for command in self.commands.values() if command.table is not None]
+
+    def stored_at(self, place: Callable[[Path], Path]) -> Source:
+        commands = {
+            name: command if command.table is None else replace(command, table=str(place(Path(command.table))))
+            for name, command in self.commands.items()
+        }
+        return replace(self, model=self.model.stored_at(place), commands=commands)
 
     def compile(self) -> tuple[mujoco.MjSpec | None, mujoco.MjModel]:
         return self.model_source.compile()

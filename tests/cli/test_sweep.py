@@ -248,3 +248,21 @@ def test_what_does_not_go_together_is_told(
     done = mjrun_here("sweep", *words)
     assert done.returncode == 2
     assert expected in done.stderr.decode()
+
+
+def test_a_model_on_standard_input_is_swept(mjrun: Command, ball: str) -> None:
+    text = (mjrun.folder / ball).read_bytes()
+    varied = ("--vary", "seed=1..3:3", "--steps", "5", "--metric", "t=last(time)")
+    command = [sys.executable, "-m", "mjrun", "sweep", "-", *varied]
+    done = subprocess.run(command, cwd=mjrun.folder, input=text, capture_output=True)
+    assert done.returncode == 0
+    assert b"model_study: 3 points (3 ok)" in done.stdout
+
+
+def test_an_untrusted_model_is_swept_from_copies_and_reads_nothing_else(mjrun: Command, ball: str) -> None:
+    varied = ("--untrusted", "--vary", "seed=1..3:3", "--steps", "5", "--metric", "t=last(time)")
+    assert mjrun("sweep", ball, *varied).returncode == 0
+    (mjrun.folder / "nosy.xml").write_text('<mujoco><asset><mesh file="/etc/hostname"/></asset></mujoco>')
+    refused = mjrun("sweep", "nosy.xml", *varied)
+    assert refused.returncode == 3
+    assert b"nosy.xml:1: '/etc/hostname' lies outside the folder that files are read from" in refused.stderr

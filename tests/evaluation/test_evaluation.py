@@ -3,16 +3,21 @@
 import json
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
+import numpy as np
+import onnx
 import pandas as pd
 import pytest
 
 import mjrun
 from mjrun.errors import FailedAssertionError, FileError, InvalidActionError, MjrunWarning
 from mjrun.evaluation.evaluation import Evaluation
+from mjrun.evaluation.schedule import play_all
 from mjrun.evaluation.table import FILES
 from mjrun.task.terms import Reward
-from tests.evaluation.tasks import cart_task, play_here, write_policies
+from tests.evaluation.tasks import XML, cart_task, play_here, write_policies
+from tests.policy.networks import linear
 
 
 @pytest.fixture(autouse=True)
@@ -93,3 +98,43 @@ def test_returns_that_are_not_finite_are_told(tmp_path: Path) -> None:
     with pytest.warns(MjrunWarning, match=r"^zero: 2 of 2 returns not finite, because of bad; the figures leave such"):
         result = Evaluation(task, str(tmp_path / "out"), policy="zero", episodes=2, jobs=1).run()
     assert result.policies[0].returns.count == 0
+
+
+def test_edits_while_episodes_are_played_by_processes_change_nothing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for folder in ("quiet", "edited"):
+        (tmp_path / folder).mkdir()
+    evaluation(tmp_path / "quiet").run()
+
+    def edited_and_played(*arguments: Any) -> Any:
+        (tmp_path / "edited" / "cart.xml").write_text(XML.replace('gear="5"', 'gear="-5"'))
+        (tmp_path / "edited" / "policies.py").write_text("def act(observation):\n    return -observation[:1]\n")
+        return play_all(*arguments)
+
+    monkeypatch.setattr("mjrun.evaluation.evaluation.play_all", edited_and_played)
+    evaluation(tmp_path / "edited", jobs=2).run()
+    tables = [tmp_path / folder / "out" / FILES[1] for folder in ("quiet", "edited")]
+    assert tables[0].read_bytes() == tables[1].read_bytes()
+
+
+def test_a_policy_is_read_with_its_weights_before_the_first_episode(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The weights of the ONNX file are in a file of their own."""
+    network = onnx.load(linear(tmp_path / "p.onnx", np.array([[-2.0, -1.2]], np.float32)))
+    onnx.save(network, tmp_path / "p.onnx", save_as_external_data=True, location="p.weights", size_threshold=0)
+    given: dict[str, Any] = {"policy": str(tmp_path / "p.onnx"), "jobs": 1}
+    evaluation(tmp_path, "quiet", **given).run()
+
+    def edited_and_played(*arguments: Any) -> Any:
+        (tmp_path / "p.weights").write_bytes(np.zeros(2, np.float32).tobytes())
+        return play_all(*arguments)
+
+    monkeypatch.setattr("mjrun.evaluation.evaluation.play_all", edited_and_played)
+    evaluation(tmp_path, "edited_in_processes", **given).run()
+    tables = [tmp_path / folder / FILES[1] for folder in ("quiet", "edited_in_processes")]
+    assert tables[0].read_bytes() == tables[1].read_bytes()
+    shown = (tmp_path / "edited_in_processes" / "evaluation.json").read_text()
+    assert str(tmp_path / "p.onnx") in shown
+    assert "/files/" not in shown

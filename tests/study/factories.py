@@ -1,6 +1,9 @@
 """Executors that tests give as `module:factory`."""
 
+import pickle
 from concurrent.futures import Executor, Future, ThreadPoolExecutor
+from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 
@@ -26,3 +29,51 @@ class Forgetful(Executor):
         else:
             future.set_result(fn(*args, **kwargs))
         return future
+
+
+class Elsewhere(Executor):
+    """Another machine: it has none of this one's files, and gets all that it needs by pickle.
+
+    Attributes:
+      asked: of each chunk that came, whether it held the contents of files.
+    """
+
+    def __init__(self) -> None:
+        self.asked: list[bool] = []
+        made.append(self)
+
+    def submit(self, fn: Any, /, *args: Any, **kwargs: Any) -> "Future[Any]":
+        (chunk,) = pickle.loads(pickle.dumps(args))
+        self.asked.append(chunk.contents is not None)
+        snapshot = replace(chunk.study.snapshot, root=Path("/nowhere/at/all"))
+        future = Future[Any]()
+        future.set_result(pickle.loads(pickle.dumps(fn(replace(chunk, study=replace(chunk.study, snapshot=snapshot))))))
+        return future
+
+
+class OtherLibraries(Executor):
+    """Workers of which every `N`-th has another MuJoCo."""
+
+    def __init__(self, every: int) -> None:
+        self._every, self._count = every, 0
+
+    def submit(self, fn: Any, /, *args: Any, **kwargs: Any) -> "Future[Any]":
+        future, result = Future[Any](), fn(*args, **kwargs)
+        self._count += 1
+        if self._count % self._every == 0:
+            proofs = [replace(each, versions={**each.versions, "mujoco": "3.9.9"}) for each in result.proofs]
+            wrong = [replace(each, metrics=tuple(-metric for metric in each.metrics)) for each in result.results]
+            result = replace(result, results=wrong, proofs=tuple(proofs))
+        future.set_result(result)
+        return future
+
+
+made: list[Elsewhere] = []
+
+
+def one_of_two() -> Executor:
+    return OtherLibraries(2)
+
+
+def all_of_them() -> Executor:
+    return OtherLibraries(1)

@@ -4,6 +4,7 @@ import os
 import signal
 from contextlib import ExitStack
 from pathlib import Path
+from typing import cast
 
 import numpy as np
 import pytest
@@ -11,7 +12,7 @@ import pytest
 from mjrun.errors import MissingExtraError, MjrunError, UsageError
 from mjrun.job.simulation import Simulation
 from mjrun.study.executors import QUEUED, open_executor, process_count
-from mjrun.study.isolation import Chunk, run_chunk
+from mjrun.study.isolation import Chunk, ShippedStudy, run_chunk
 from mjrun.study.simulate import PointSimulator, StudyPoint, StudySpec
 from tests.processes import PATIENCE
 from tests.study.models import BALL
@@ -23,7 +24,8 @@ def chunks(tmp_path: Path) -> list[Chunk]:
     spec = StudySpec(
         Simulation(str(tmp_path / "ball.xml"), steps=50, perturb=1), ("seed",), (("z", "last(qpos/ball/z)"),)
     )
-    return [Chunk(spec, tuple(StudyPoint(10 * i + k, (str(10 * i + k),)) for k in range(3))) for i in range(4)]
+    study = ShippedStudy.of(spec)
+    return [Chunk(study, tuple(StudyPoint(10 * i + k, (str(10 * i + k),)) for k in range(3))) for i in range(4)]
 
 
 @pytest.mark.parametrize("engine", ["local", "dask", "slurm", "tests.study.factories:threads"])
@@ -32,9 +34,9 @@ def test_every_engine_gives_the_same_results(tmp_path: Path, chunks: list[Chunk]
         executor, ahead = open_executor(engine, 2, tmp_path, stack)
         assert ahead >= 2
         futures = [executor.submit(run_chunk, chunk) for chunk in chunks]
-        results = [result for future in futures for result in future.result(timeout=PATIENCE)]
+        results = [result for future in futures for result in future.result(timeout=PATIENCE).results]
 
-    here = PointSimulator(chunks[0].spec)
+    here = PointSimulator(cast("StudySpec", chunks[0].study.spec.open()))
     expected = [result for chunk in chunks for result in here.run(chunk.points)]
     assert [result.index for result in results] == [result.index for result in expected]
     np.testing.assert_array_equal([r.metrics for r in results], [r.metrics for r in expected])
@@ -46,7 +48,7 @@ def test_a_dask_worker_that_is_killed_costs_nothing(tmp_path: Path, chunks: list
         victim = executor.submit(os.getpid).result(timeout=PATIENCE)
         futures = [executor.submit(run_chunk, chunk) for chunk in chunks]
         os.kill(victim, signal.SIGKILL)
-        results = [result for future in futures for result in future.result(timeout=PATIENCE)]
+        results = [result for future in futures for result in future.result(timeout=PATIENCE).results]
     assert [result.status for result in results] == ["ok"] * 12
 
 

@@ -2,14 +2,15 @@
 
 import os
 import signal
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from mjrun.job.simulation import Simulation
-from mjrun.study.isolation import Chunk, IsolatedSimulator, end_process, run_chunk
+from mjrun.study.isolation import Chunk, IsolatedSimulator, ShippedStudy, end_process, run_chunk
 from mjrun.study.simulate import PointSimulator, StudyPoint, StudySpec
 from tests.study.models import BALL, DEADLY
 
@@ -29,6 +30,14 @@ def spec(tmp_path: Path) -> StudySpec:
     return StudySpec(Simulation(str(tmp_path / "ball.xml"), steps=20), ("model", "seed"), METRICS)
 
 
+def shipped(spec: StudySpec, points: Sequence[StudyPoint]) -> ShippedStudy:
+    """The study, with copies of the models that its points name."""
+    base = spec.base.with_snapshot()
+    assert base.snapshot
+    snapshot = base.snapshot.with_files(Path(point.values[0]) for point in points)
+    return ShippedStudy.of(replace(spec, base=replace(base, snapshot=snapshot)))
+
+
 def points(spec: StudySpec, *names: str) -> tuple[StudyPoint, ...]:
     folder = Path(spec.base.source.text).parent
     return tuple(StudyPoint(10 + i, (str(folder / f"{name}.xml"), str(i))) for i, name in enumerate(names))
@@ -37,16 +46,19 @@ def points(spec: StudySpec, *names: str) -> tuple[StudyPoint, ...]:
 def test_the_results_are_those_of_this_process_in_the_order_of_the_points(spec: StudySpec) -> None:
     wanted = points(spec, "ball", "ball", "none", "ball")
     here = {result.index: result for result in PointSimulator(spec).run(wanted)}
+    study = shipped(spec, wanted)
     for _ in range(2):  # the second time in the same process
-        there = run_chunk(Chunk(spec, wanted))
+        there = run_chunk(Chunk(study, wanted)).results
         assert [result.index for result in there] == [10, 11, 12, 13]
         for result in there:
             np.testing.assert_array_equal(result.metrics, here[result.index].metrics)
-            assert (result.status, result.message) == (here[result.index].status, here[result.index].message)
+            assert result.status == here[result.index].status
+            assert result.message.splitlines()[:1] == here[result.index].message.splitlines()[:1]
 
 
 def test_a_crash_costs_the_point_that_crashes(spec: StudySpec) -> None:
-    results = run_chunk(Chunk(spec, points(spec, "ball", "deadly", "ball", "deadly", "ball")))
+    wanted = points(spec, "ball", "deadly", "ball", "deadly", "ball")
+    results = run_chunk(Chunk(shipped(spec, wanted), wanted)).results
     assert [result.status for result in results] == ["ok", "crashed", "ok", "crashed", "ok"]
     assert results[1].exit_code == 128 + signal.SIGSEGV
     assert "SIGSEGV" in results[1].message
@@ -56,7 +68,7 @@ def test_a_point_that_does_not_end_in_time_is_ended(spec: StudySpec) -> None:
     endless = StudySpec(spec.base, ("model", "steps"), METRICS)
     folder = Path(spec.base.source.text).parent
     wanted = [StudyPoint(i, (str(folder / "ball.xml"), steps)) for i, steps in enumerate(("5", "2000000000", "6"))]
-    simulator = IsolatedSimulator(endless)
+    simulator = IsolatedSimulator(shipped(endless, wanted))
     results = {result.index: result for result in simulator.run(wanted, time_limit=3)}
     simulator.close()
     assert [results[i].status for i in range(3)] == ["ok", "timeout", "ok"]
@@ -65,8 +77,8 @@ def test_a_point_that_does_not_end_in_time_is_ended(spec: StudySpec) -> None:
 
 
 def test_a_process_that_is_killed_from_outside_is_replaced(spec: StudySpec) -> None:
-    simulator = IsolatedSimulator(spec)
     wanted = points(spec, *["ball"] * 5)
+    simulator = IsolatedSimulator(shipped(spec, wanted))
     list(simulator.run(wanted))
     assert simulator._worker
     os.kill(simulator._worker._process.pid, signal.SIGKILL)

@@ -2,6 +2,7 @@
 
 import math
 import os
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -81,8 +82,9 @@ def test_rows_that_mjrun_never_writes_are_passed_over(tmp_path: Path, name: str,
     assert files.read() == {}
 
 
-def identity(spec: StudySpec) -> dict[str, object]:
-    return study_identity(spec, spec.base.load())
+def keys(spec: StudySpec, names: tuple[str, ...], points: Sequence[tuple[str, ...]]) -> list[str]:
+    spec = replace(spec.varying(names), base=spec.base.with_snapshot())
+    return point_keys(study_identity(spec, spec.base.load()), spec, points)
 
 
 def test_the_key_of_a_point_changes_with_all_that_decides_its_result(tmp_path: Path) -> None:
@@ -93,7 +95,7 @@ def test_the_key_of_a_point_changes_with_all_that_decides_its_result(tmp_path: P
     def key(
         spec: StudySpec, names: tuple[str, ...] = ("seed", "opt.timestep"), values: tuple[str, ...] = ("1", ".01")
     ) -> str:
-        return point_keys(identity(spec), names, [values])[0]
+        return keys(spec, names, [values])[0]
 
     base = key(spec)
     assert key(spec) == base
@@ -111,8 +113,8 @@ def test_the_key_of_a_point_changes_with_all_that_decides_its_result(tmp_path: P
 def test_environments_with_one_model_are_told_apart() -> None:
     names = ("gym:Hopper-v4", "gym:Hopper-v5", "gym:Hopper-v5?reset_noise_scale=0")
     specs = [StudySpec(Simulation(name, policy="zero"), ("seed",), (("R", "last(return)"),)) for name in names]
-    assert len({point_keys(identity(spec), ("seed",), [("1",)])[0] for spec in specs}) == 3
-    assert len(set(point_keys(identity(specs[0]), ("model",), [(name,) for name in names]))) == 3
+    assert len({keys(spec, ("seed",), [("1",)])[0] for spec in specs}) == 3
+    assert len(set(keys(specs[0], ("model",), [(name,) for name in names]))) == 3
 
 
 def test_a_part_that_would_fill_the_memory_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -7,6 +7,7 @@ import pytest
 
 from mjrun.errors import FailedPointsError, UsageError
 from mjrun.job.simulation import Simulation
+from mjrun.reporter import WarningReporter
 from mjrun.study.chunk_sizes import ChunkSizes
 from mjrun.study.prepared import PreparedStudy
 from mjrun.study.study import Study
@@ -49,7 +50,7 @@ def test_chunks_hold_every_missing_point_once(study: Study) -> None:
 def test_what_is_simulated_is_known(study: Study) -> None:
     made = prepared(study)
     made.files.create()
-    (results,) = made.simulate([1], study)
+    (results,) = made.simulate([1], study, WarningReporter())
     assert [result.status for result in results] == ["ok"]
     assert prepared(study).missing() == [0, 2]
     with pytest.raises(FailedPointsError):

@@ -4,24 +4,33 @@ from __future__ import annotations
 
 import json
 import random
+import shutil
 import subprocess
 import sys
 import time
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pandas as pd
 import pytest
 
+from mjrun.cli.controller_loader import load_controller
 from mjrun.errors import FailedAssertionError, FailedPointsError, UnknownNameError, UsageError
 from mjrun.job.simulation import Simulation
 from mjrun.job.trace import Trace
+from mjrun.reporter import WarningReporter
+from mjrun.study import isolation
+from mjrun.study.executors import open_executor
+from mjrun.study.plan import plan, run_task
 from mjrun.study.study import Study, StudyResult
+from tests.study import factories
 from tests.study.models import BALL, DEADLY
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from tests.conftest import Command
 
 METRICS = {"low": "min(qpos/ball/z)", "drift": "max(abs(energy/drift))"}
@@ -266,3 +275,138 @@ def test_the_period_of_controllers_that_vary_is_that_of_each(mjrun_here: Command
 def test_a_document_may_not_vary_code(simulation: Simulation, tmp_path: Path) -> None:
     with pytest.raises(UsageError, match="only the command line and Python may name code"):
         study(simulation, tmp_path / "study", vary={"controller": "os:getcwd"}).run()
+
+
+class _Editor(WarningReporter):
+    """Calls `edit` as soon as there are results."""
+
+    def __init__(self, edit: Callable[[], object]) -> None:
+        self._edit, self.warnings = edit, list[str]()
+
+    def progress(self, what: str, done: int, total: int) -> None:
+        self._edit()
+
+    def warn(self, text: str) -> None:
+        self.warnings.append(text)
+
+
+CONTROLLED = """<mujoco><include file="part.xml"/><worldbody><body><joint name="hinge" axis="0 1 0"/>
+<geom name="bob" size=".1" pos="1 0 0"/></body></worldbody>
+<actuator><motor name="m" joint="hinge"/></actuator></mujoco>"""
+
+
+def edited_study(folder: Path, **options: object) -> Study:
+    """A study whose points are all compiled, and read a model with an include, and a table."""
+    folder.mkdir()
+    (folder / "model.xml").write_text(CONTROLLED)
+    (folder / "part.xml").write_text('<mujocoinclude><option gravity="0 0 -9"/></mujocoinclude>')
+    (folder / "push.csv").write_text("time,ctrl/m\n0,0.5\n")
+    simulation = Simulation(str(folder / "model.xml"), steps=30, ctrl_from=str(folder / "push.csv"))
+    varied = {"geom/bob.size": "0.1..0.2:6"}
+    defaults: dict[str, object] = {"vary": varied, "metric": {"x": "last(qpos/hinge)"}, "jobs": 1, "chunk": 1}
+    return Study(simulation, str(folder / "study"), **(defaults | options))  # type: ignore[arg-type]
+
+
+def edit(folder: Path) -> None:
+    """Changes everything that the study reads."""
+    (folder / "part.xml").write_text('<mujocoinclude><option gravity="0 0 -1"/></mujocoinclude>')
+    (folder / "push.csv").write_text("time,ctrl/m\n0,-5\n")
+    (folder / "model.xml").write_text(CONTROLLED.replace("1 0 0", "2 0 0"))
+
+
+@pytest.mark.parametrize("engine", ["local", "dask", "slurm", "tests.study.factories:threads"])
+def test_a_model_that_is_edited_while_a_study_runs_changes_no_result(tmp_path: Path, engine: str) -> None:
+    edited_study(tmp_path / "quiet").run()
+    running = edited_study(tmp_path / "edited", engine=engine)
+    result = running.run(_Editor(lambda: edit(tmp_path / "edited")))
+    assert result.simulated == 6
+    assert table(tmp_path / "edited" / "study") == table(tmp_path / "quiet" / "study")
+
+    changed = replace(running, engine="local").run()
+    assert changed.simulated == 6  # they are other points now
+    assert table(tmp_path / "edited" / "study") != table(tmp_path / "quiet" / "study")
+
+
+def test_tasks_of_a_plan_are_not_changed_by_edits_while_they_run(tmp_path: Path) -> None:
+    edited_study(tmp_path / "quiet").run()
+    running = edited_study(tmp_path / "edited")
+    made = plan(running)
+    run_task(made, 1, 1, _Editor(lambda: edit(tmp_path / "edited")))
+    with pytest.raises(FailedPointsError):  # of the model as it is now
+        running.collect()
+    with pytest.raises(UsageError, match="the plan was made with other model"):
+        run_task(made, 1, 1, WarningReporter())
+    shutil.copytree(tmp_path / "edited" / "study" / "parts", tmp_path / "parts")
+    shutil.rmtree(tmp_path / "edited")
+    again = edited_study(tmp_path / "edited")
+    shutil.copytree(tmp_path / "parts", tmp_path / "edited" / "study" / "parts")
+    assert again.run().simulated == 0
+
+
+def test_a_controller_that_is_edited_while_a_study_runs_changes_no_result(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(sys, "path", [*sys.path])
+    (tmp_path / "gains_to_edit.py").write_text("KP = 1\n")
+    code = tmp_path / "control_to_edit.py"
+    code.write_text("import gains_to_edit\ndef push(model, data):\n    data.ctrl[:] = gains_to_edit.KP\n")
+    controller = load_controller(f"{code}:push")
+    quiet = edited_study(tmp_path / "quiet")
+    controlled = replace(quiet.simulation, ctrl_from=None, controller=controller)
+    replace(quiet, simulation=controlled).run()
+
+    def edit_and_open(*arguments: Any) -> Any:
+        (tmp_path / "gains_to_edit.py").write_text("KP = -3\n")
+        code.write_text("def push(model, data):\n    data.ctrl[:] = 8\n")
+        return open_executor(*arguments)
+
+    monkeypatch.setattr("mjrun.study.prepared.open_executor", edit_and_open)
+    replace(quiet, simulation=controlled, output=str(tmp_path / "edited")).run()
+    assert table(tmp_path / "edited") == table(tmp_path / "quiet" / "study")
+
+
+def test_another_machine_gets_the_files_once(tmp_path: Path) -> None:
+    edited_study(tmp_path / "quiet").run()
+    elsewhere = edited_study(tmp_path / "elsewhere", engine="tests.study.factories:Elsewhere")
+    elsewhere.run(_Editor(lambda: edit(tmp_path / "elsewhere")))
+    assert table(tmp_path / "elsewhere" / "study") == table(tmp_path / "quiet" / "study")
+    asked = factories.made.pop().asked
+    assert asked.count(True) <= 3  # those that were under way before the first came back
+    assert asked.count(False) >= 6
+    isolation.end_process()
+
+
+def test_parts_of_another_mujoco_are_refused_and_simulated_again(tmp_path: Path) -> None:
+    edited_study(tmp_path / "quiet").run()
+    reporter = _Editor(lambda: None)
+    result = edited_study(tmp_path / "mixed", engine="tests.study.factories:one_of_two").run(reporter)
+    assert result.statuses == {"ok": 6}
+    assert table(tmp_path / "mixed" / "study") == table(tmp_path / "quiet" / "study")
+    (warning,) = reporter.warnings
+    assert "has mujoco 3.9.9 instead of" in warning
+    assert "refused, and simulated again" in warning
+    isolation.end_process()
+
+
+def test_where_all_machines_have_another_mujoco_nothing_is_kept(tmp_path: Path) -> None:
+    wrong = edited_study(tmp_path / "wrong", engine="tests.study.factories:all_of_them")
+    with pytest.raises(FailedPointsError) as caught:
+        wrong.run(_Editor(lambda: None))
+    (failure,) = caught.value.results[0].failures
+    assert "mujoco 3.9.9 instead of" in failure.message
+    assert not list((tmp_path / "wrong" / "study" / "parts").iterdir())
+    assert replace(wrong, engine="local").run().simulated == 6
+    isolation.end_process()
+
+
+def test_kept_files_are_those_of_the_study_whatever_becomes_of_its_model(tmp_path: Path) -> None:
+    edited_study(tmp_path / "before", keep=["trace", "recording"]).run()
+    kept = edited_study(tmp_path / "edited", keep=["trace", "recording"])
+    kept.run(_Editor(lambda: edit(tmp_path / "edited")))
+    points = [tmp_path / folder / "study" / "points" for folder in ("before", "edited")]
+    before, after = (pd.read_parquet(folder / "000000" / "trace.parquet") for folder in points)
+    pd.testing.assert_frame_equal(before, after, check_exact=True)
+    first, second = (np.load(folder / "000005" / "recording.npz") for folder in points)
+    np.testing.assert_array_equal(first["states"], second["states"])
+    facts = json.loads(str(second["facts"]))
+    assert str(tmp_path / "edited" / "model.xml") in json.dumps(facts)

@@ -14,7 +14,7 @@ from mjrun.model.override import Override
 from mjrun.model.source import CollectionSource, Source
 from mjrun.model.sources.bundled_scene import bundled_task
 from mjrun.model.sources.compiled import CompiledSource
-from mjrun.model.sources.file import FileSource
+from mjrun.model.sources.file import FileCollectionSource, FileSource
 from mjrun.model.sources.stdin import StdinSource
 from mjrun.suffixes import is_yaml
 
@@ -76,7 +76,8 @@ def model_collections() -> Mapping[str, type[CollectionSource]]:
     """Returns the model collections by prefix."""
     for module in pkgutil.iter_modules(__path__):
         import_module(f"{__name__}.{module.name}")
-    return {collection.PREFIX: collection for collection in CollectionSource.__subclasses__()}
+    collections = [*CollectionSource.__subclasses__(), *FileCollectionSource.__subclasses__()]
+    return {each.PREFIX: each for each in collections if hasattr(each, "PREFIX")}
 
 
 def listed_collection(text: str) -> type[CollectionSource] | None:

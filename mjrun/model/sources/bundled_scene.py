@@ -8,18 +8,15 @@ from itertools import takewhile
 from pathlib import Path
 from typing import ClassVar
 
-import mujoco
-
 from mjrun.errors import ModelNotFoundError
 from mjrun.model.scene_folder import scene_folder
-from mjrun.model.source import CollectionSource
-from mjrun.model.sources.file import FileSource
+from mjrun.model.sources.file import FileCollectionSource
 
 SCHEMA_COMMENT = "# yaml-language-server:"  # of a document, for editors
 
 
 @dataclass(frozen=True)
-class BundledScene(CollectionSource):
+class BundledScene(FileCollectionSource):
     """A scene of mjrun's gallery; its tasks, which are no models, are listed too."""
 
     PREFIX: ClassVar[str] = "scene"
@@ -37,13 +34,6 @@ class BundledScene(CollectionSource):
             reason = "is a task, and a model must stand here; in Python, mjrun.read_task reads it"
             raise ModelNotFoundError(self.text, reason)
         return scene_folder() / f"{self.name}.xml"
-
-    @property
-    def files(self) -> tuple[Path, ...]:
-        return FileSource(self.main_file).files
-
-    def compile(self) -> tuple[mujoco.MjSpec | None, mujoco.MjModel]:
-        return FileSource(self.main_file, overrides=self.overrides).compile()
 
 
 def bundled_task(text: str) -> Path | None:

@@ -8,11 +8,8 @@ from functools import cache
 from pathlib import Path
 from typing import ClassVar
 
-import mujoco
-
 from mjrun.errors import ModelNotFoundError
-from mjrun.model.source import CollectionSource
-from mjrun.model.sources.file import FileSource
+from mjrun.model.sources.file import FileCollectionSource
 
 PACKAGE, SUITE = "dm_control", "suite"
 HOW = "pip install dm_control; its models are read from its files, it is not imported"
@@ -29,7 +26,7 @@ CHANGED: Mapping[str, tuple[str, ...]] = {
 
 
 @dataclass(frozen=True)
-class ControlSuiteSource(CollectionSource):
+class ControlSuiteSource(FileCollectionSource):
     """A model of the DeepMind Control Suite, from the XML in the installed package, which is not imported.
 
     A task whose model dm_control makes from that XML in Python is refused; the XML itself is `dm:DOMAIN`.
@@ -62,13 +59,6 @@ class ControlSuiteSource(CollectionSource):
             reason = f"its model is made by Python code of {PACKAGE}, which is not run"
             raise ModelNotFoundError(self.text, f"{reason}\ndm:{domain} is the XML that it is made from")
         return _folder() / f"{domain}.xml"
-
-    @property
-    def files(self) -> tuple[Path, ...]:
-        return FileSource(self.main_file).files
-
-    def compile(self) -> tuple[mujoco.MjSpec | None, mujoco.MjModel]:
-        return FileSource(self.main_file, overrides=self.overrides).compile()
 
 
 def _folder() -> Path:

@@ -3,7 +3,9 @@
 import shlex
 import stat
 import zipfile
-from dataclasses import dataclass
+from abc import abstractmethod
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import mujoco
@@ -16,11 +18,10 @@ from mjrun.errors import BrokenModelError, CompiledOverrideError, ModelNotFoundE
 from mjrun.expansion import HINT, excess
 from mjrun.model.compilation import FAULTS, broken_model, check_model, compile_model
 from mjrun.model.description import archive_files
-from mjrun.model.description.referenced_files import referenced_files
 from mjrun.model.mujoco_globals import without_log
-from mjrun.model.named_files import foreign_file, require_regular_files
+from mjrun.model.named_files import existing_files, foreign_file, require_regular_files
 from mjrun.model.nesting import require_finite_nesting
-from mjrun.model.source import Source
+from mjrun.model.source import CollectionSource, Source
 from mjrun.suffixes import ARCHIVES, COMPILED, MODELS, is_yaml
 
 REWRITE = "write it anew from its source"
@@ -28,13 +29,18 @@ REWRITE = "write it anew from its source"
 
 @dataclass(frozen=True)
 class FileSource(Source):
-    """A model file: .xml, .urdf, .mjz, .zip or .mjb."""
+    """A model file: .xml, .urdf, .mjz, .zip or .mjb.
+
+    Attributes:
+      label: the source as the user wrote it, where `path` is a copy of its file.
+    """
 
     path: Path
+    label: str = ""
 
     @property
     def text(self) -> str:
-        return str(self.path)
+        return self.label or str(self.path)
 
     @property
     def stem(self) -> str:
@@ -46,9 +52,10 @@ class FileSource(Source):
 
     @property
     def files(self) -> tuple[Path, ...]:
-        main = archive_files.main_mjcf(self.path)
-        named_files = [Path(file.path) for file in referenced_files(main)] if main and main == str(self.path) else []
-        return tuple(dict.fromkeys([self.path, *named_files]))
+        return (self.path, *existing_files(self.path, *self._main_text()))
+
+    def stored_at(self, place: Callable[[Path], Path]) -> Source:
+        return replace(self, path=place(self.path), label=self.text)
 
     def compile(self) -> tuple[mujoco.MjSpec | None, mujoco.MjModel]:
         return confined_load(self._compile)
@@ -57,8 +64,8 @@ class FileSource(Source):
         self._check_file()
         if self.path.suffix in COMPILED:
             return None, self._load_compiled()
-        advice = f"mjrun check {clean(shlex.quote(str(self.path)))} says where and what to do"
-        return compile_model(self._parse, self.overrides, self.path, advice)
+        advice = f"mjrun check {clean(shlex.quote(self.text))} says where and what to do"
+        return compile_model(self._parse, self.overrides, Path(self.text), advice)
 
     def _check_file(self) -> None:
         path = self.path
@@ -114,9 +121,8 @@ class FileSource(Source):
 
     def _parse(self) -> mujoco.MjSpec:
         path = self.path
-        main = str(path) if path.suffix == ".urdf" else archive_files.main_mjcf(path)
-        text = archive_files.file_content(main) if main else None
-        require_regular_files(path, text, main or "")
+        text, main = self._main_text()
+        require_regular_files(path, text, main)
         if main:
             require_finite_nesting(path, main, text)
         try:
@@ -125,6 +131,11 @@ class FileSource(Source):
             if foreign := foreign_file(path, text):
                 raise BrokenModelError(path, f"it includes or attaches {clean(foreign)}, which is not MJCF") from None
             raise
+
+    def _main_text(self) -> tuple[bytes | None, str]:
+        """Returns the text that MuJoCo parses first, and its path; neither of a compiled model."""
+        main = str(self.path) if self.path.suffix == ".urdf" else archive_files.main_mjcf(self.path)
+        return (archive_files.file_content(main), main) if main else (None, "")
 
     def _parse_checked(self) -> mujoco.MjSpec:
         path = self.path
@@ -139,6 +150,25 @@ class FileSource(Source):
             with path.open("rb") as archive:
                 return mujoco.MjSpec.from_zip(archive)
         return mujoco.MjSpec.from_file(str(path))
+
+
+class FileCollectionSource(CollectionSource):
+    """A model out of a collection of files, of which `main_file` is one."""
+
+    @property
+    @abstractmethod
+    def main_file(self) -> Path:
+        """The model file."""
+
+    @property
+    def files(self) -> tuple[Path, ...]:
+        return FileSource(self.main_file).files
+
+    def stored_at(self, place: Callable[[Path], Path]) -> Source:
+        return FileSource(place(self.main_file), self.text, overrides=self.overrides)
+
+    def compile(self) -> tuple[mujoco.MjSpec | None, mujoco.MjModel]:
+        return FileSource(self.main_file, overrides=self.overrides).compile()
 
 
 def _models_in(folder: Path) -> tuple[list[str], str]:

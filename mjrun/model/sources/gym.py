@@ -10,9 +10,9 @@ import re
 import sys
 import traceback
 import warnings
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, redirect_stdout, suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, Protocol, cast
@@ -31,7 +31,7 @@ from mjrun.errors import (
 )
 from mjrun.model.fingerprint import physics_fingerprint
 from mjrun.model.mujoco_globals import collected_warnings
-from mjrun.model.source import CollectionSource
+from mjrun.model.source import CollectionSource, Source
 from mjrun.model.sources.file import FileSource
 from mjrun.packages import require
 
@@ -62,9 +62,14 @@ class GymSource(CollectionSource):
 
     It starts where the model does, as an environment without reset noise. The noise, the control period and the
     rewards are the environment's: a policy plays them.
+
+    Attributes:
+      copy: of the model's file, which is compiled instead of it; the environment itself has the file of its package.
     """
 
     PREFIX: ClassVar[str] = "gym"
+
+    copy: Path | None = field(default=None, kw_only=True)
 
     @classmethod
     def descriptions(cls) -> Mapping[str, str]:
@@ -89,14 +94,17 @@ class GymSource(CollectionSource):
     def files(self) -> tuple[Path, ...]:
         return FileSource(file).files if (file := self.main_file) else ()
 
+    def stored_at(self, place: Callable[[Path], Path]) -> Source:
+        return replace(self, copy=place(file)) if (file := self.main_file) else self
+
     @property
     def code(self) -> str:
         return environment_model(self.name).code
 
     def compile(self) -> tuple[mujoco.MjSpec | None, mujoco.MjModel]:
         environment = environment_model(self.name)
-        if environment.file:
-            return FileSource(environment.file, overrides=self.overrides).compile()
+        if file := self.copy or environment.file:
+            return FileSource(file, overrides=self.overrides).compile()
         if self.overrides:
             raise CompiledOverrideError(self.text, [(s.option, s.option_value) for s in self.overrides])
         return None, copy.copy(environment.model)

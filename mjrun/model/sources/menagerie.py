@@ -7,11 +7,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import ClassVar
 
-import mujoco
-
 from mjrun.errors import ModelNotFoundError
-from mjrun.model.source import CollectionSource
-from mjrun.model.sources.file import FileSource
+from mjrun.model.sources.file import FileCollectionSource
 
 VARIABLE = "MJRUN_MENAGERIE"
 CLONE = "mujoco_menagerie"
@@ -33,7 +30,7 @@ PATTERNS = ("*/*.xml", "*/xmls/*.xml")
 
 
 @dataclass(frozen=True)
-class MenagerieSource(CollectionSource):
+class MenagerieSource(FileCollectionSource):
     """A model in a local clone of MuJoCo Menagerie, or in an installed package, which is not imported.
 
     Of a robot alone, it is its scene. Where several places have a model, the first is taken, clones first.
@@ -65,13 +62,6 @@ class MenagerieSource(CollectionSource):
         if not of_robot and not _clones():
             error.add_note(HOW)
         raise error
-
-    @property
-    def files(self) -> tuple[Path, ...]:
-        return FileSource(self.main_file).files
-
-    def compile(self) -> tuple[mujoco.MjSpec | None, mujoco.MjModel]:
-        return FileSource(self.main_file, overrides=self.overrides).compile()
 
 
 def _clones() -> list[Path]:

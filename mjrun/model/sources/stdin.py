@@ -1,6 +1,8 @@
 """Standard input as a model source, written `-`."""
 
 import sys
+from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -8,11 +10,12 @@ from pathlib import Path
 import mujoco
 
 from mjrun.confinement.sandbox import confined_load
-from mjrun.errors import BrokenModelError, UsageError
+from mjrun.errors import BrokenModelError, MjrunError, UsageError
 from mjrun.model.compilation import compile_model
-from mjrun.model.named_files import require_regular_files
+from mjrun.model.named_files import existing_files, require_regular_files
 from mjrun.model.nesting import require_finite_nesting
 from mjrun.model.source import Source
+from mjrun.model.sources.file import FileSource
 
 LABEL = Path("<stdin>")
 DEVICE = Path("/dev/stdin")
@@ -40,7 +43,16 @@ class StdinSource(Source):
 
     @property
     def files(self) -> tuple[Path, ...]:
+        with suppress(MjrunError, OSError):  # which loading raises
+            return (DEVICE, *existing_files(LABEL, self._read().encode()))
         return (DEVICE,)
+
+    def stored_at(self, place: Callable[[Path], Path]) -> Source:
+        path = place(Path(f"{LABEL}.xml"))  # beside the copies of its assets, to which its paths are relative
+        if not path.exists():
+            path.parent.mkdir(parents=True, exist_ok=True)
+            path.write_text(self._read(), "utf-8")
+        return FileSource(path, self.text, overrides=self.overrides)
 
     def compile(self) -> tuple[mujoco.MjSpec | None, mujoco.MjModel]:
         xml = self._read()

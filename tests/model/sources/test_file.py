@@ -184,10 +184,16 @@ def test_a_malformed_model_loads_or_is_refused_in_words(path: Path) -> None:
 
 def test_its_files_are_the_model_and_what_it_names_and_outputs_are_called_after_it(tmp_path: Path) -> None:
     (tmp_path / "part.xml").write_text("<mujocoinclude><worldbody><geom size='1'/></worldbody></mujocoinclude>")
-    path = write(tmp_path / "arm.v2.xml", '<mujoco><include file="part.xml"/></mujoco>')
+    mesh = tmp_path / "meshes" / "a.obj"
+    mesh.parent.mkdir()
+    mesh.write_text("v 0 0 0\n")
+    text = (
+        '<compiler meshdir="meshes"/><include file="part.xml"/><asset><mesh file="a.obj"/><mesh file="b.obj"/></asset>'
+    )
+    path = write(tmp_path / "arm.v2.xml", f"<mujoco>{text}</mujoco>")
     source = FileSource(path)
     assert (source.text, source.stem, source.main_file) == (str(path), "arm.v2", path)
-    assert source.files == (path, tmp_path / "part.xml")
+    assert source.files == (path, tmp_path / "part.xml", mesh)
     assert FileSource(tmp_path / "gone.xml").files == (tmp_path / "gone.xml",)
     assert FileSource(compiled(tmp_path / "a.mjb")).files == (tmp_path / "a.mjb",)
 

@@ -1,0 +1,160 @@
+"""The files that simulations read, copied when the first of them is prepared, so that later edits change no result."""
+
+import hashlib
+import os
+import weakref
+from collections.abc import Generator, Iterable, Mapping
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Self
+
+from mjrun.errors import FileError, MjrunError
+from mjrun.formats.input_file import is_file
+from mjrun.formats.temporary_output import scratch_folder
+from mjrun.model.named_files import with_root, without_root
+from mjrun.model.xml_source import XML
+
+
+@dataclass(frozen=True)
+class InputSnapshot:
+    """Copies of files in a temporary folder, which mirrors their absolute paths; a picklable value.
+
+    The folder exists for as long as the snapshot that was made, or copies of it in the same process. In another
+    process, `root` may have to be replaced.
+
+    Attributes:
+      root: the folder.
+      digests: the SHA-256 of each original file, by its absolute path.
+      cwd: the working directory, to which relative paths belong.
+      folders: the absolute folders of the files as models spell them, which may hold `..`.
+    """
+
+    root: Path = field(compare=False)
+    digests: Mapping[str, str] = field(default_factory=dict[str, str])
+    cwd: str = ""
+    folders: frozenset[str] = frozenset()
+    _owner: object = field(default=None, compare=False, repr=False)
+
+    @classmethod
+    def empty(cls) -> Self:
+        """Returns a snapshot without files, in a new folder.
+
+        Raises:
+          FileError: the folder cannot be made.
+        """
+        stack = ExitStack()
+        root = stack.enter_context(scratch_folder())
+        owner = _Owner()
+        weakref.finalize(owner, stack.close)
+        return cls(root, {}, os.getcwd(), frozenset(), owner)  # noqa: PTH109
+
+    def with_files(self, files: Iterable[Path]) -> Self:
+        """Returns a snapshot that also holds these files. Missing files are left out: reading their copies fails.
+
+        Raises:
+          FileError: a file cannot be read or copied.
+        """
+        digests, folders = dict(self.digests), set(self.folders)
+        for path in files:
+            absolute = _absolute(path, self.cwd)
+            if absolute in digests or self._holds(absolute) or absolute.startswith("/dev/") or not is_file(path):
+                continue
+            try:
+                content = Path(path).read_bytes()
+            except OSError as error:
+                raise FileError(path, f"cannot be read: {error.strerror or error}") from None
+            folder = os.path.dirname(os.path.join(self.cwd, path))  # noqa: PTH118, PTH120 – pathlib resolves nothing
+            self._write(absolute, content, folder)
+            digests[absolute] = hashlib.sha256(content).hexdigest()
+            folders.add(folder)
+        return replace(self, digests=digests, folders=frozenset(folders))
+
+    def copied_from(self, contents: Mapping[str, bytes]) -> Self:
+        """Returns the same snapshot in a new folder, made from the `contents` of its files.
+
+        Raises:
+          FileError: the folder cannot be made, or a content is not that of its file.
+        """
+        copy = replace(self.empty(), digests=self.digests, cwd=self.cwd, folders=self.folders)
+        for path, digest in self.digests.items():
+            content = contents.get(path, b"")
+            if hashlib.sha256(content).hexdigest() != digest:
+                raise FileError(path, "its copy is damaged")
+            copy._write(path, content, os.path.dirname(path))  # noqa: PTH120
+        for folder in self.folders:
+            copy._make_folder(folder)
+        return copy
+
+    def place(self, path: str | Path) -> Path:
+        """Returns where the copy of a file or folder is, whether or not it is part of the snapshot."""
+        absolute = _absolute(path, self.cwd)
+        return Path(absolute) if self._holds(absolute) else Path(f"{self.root}{absolute}")
+
+    def digest(self, path: str | Path) -> str:
+        """Returns the SHA-256 of an original file; empty if it is not part of the snapshot."""
+        return self.digests.get(_absolute(path, self.cwd), "")
+
+    @property
+    def fingerprint(self) -> str:
+        """The SHA-256 of all paths and contents."""
+        listing = "".join(f"{path}\0{self.digests[path]}\0" for path in sorted(self.digests))
+        return hashlib.sha256(f"{self.cwd}\0{listing}".encode("utf-8", "surrogateescape")).hexdigest()
+
+    def contents(self) -> dict[str, bytes]:
+        """Returns the original contents of all files, by their absolute paths."""
+        return {path: self._original(path) for path in self.digests}
+
+    def with_original_names(self, text: str) -> str:
+        """Returns a message with the copies' paths replaced by the paths of their originals."""
+        here = f"{self.root}{self.cwd}".rstrip("/")
+        return text.replace(f"{here}/", "").replace(str(self.root), "")
+
+    @contextmanager
+    def original_names_in_errors(self) -> Generator[None]:
+        """Within the `with` block, errors name the original files."""
+        try:
+            yield
+        except MjrunError as error:
+            error.args = tuple(self._renamed(value) for value in error.args)
+            vars(error).update({name: self._renamed(value) for name, value in vars(error).items()})
+            raise
+
+    def __getstate__(self) -> dict[str, object]:
+        return {**vars(self), "_owner": None}
+
+    def _renamed(self, value: object) -> object:
+        if isinstance(value, str):
+            return self.with_original_names(value)
+        return Path(self.with_original_names(str(value))) if isinstance(value, Path) else value
+
+    def _holds(self, absolute: str) -> bool:
+        return absolute.startswith(f"{self.root}/")
+
+    def _write(self, absolute: str, content: bytes, folder: str) -> None:
+        copy = Path(f"{self.root}{absolute}")
+        self._make_folder(folder)
+        try:
+            copy.parent.mkdir(parents=True, exist_ok=True)
+            copy.write_bytes(with_root(content, self.root) if copy.suffix in XML else content)
+        except OSError as error:
+            raise FileError(copy, f"cannot be written: {error.strerror or error}") from None
+
+    def _make_folder(self, folder: str) -> None:
+        """Makes a folder with every part of its path, since MuJoCo opens `a/../b` only where `a` exists."""
+        try:
+            os.makedirs(f"{self.root}{folder}", exist_ok=True)  # noqa: PTH103
+        except OSError as error:
+            raise FileError(folder, f"cannot be copied: {error.strerror or error}") from None
+
+    def _original(self, path: str) -> bytes:
+        content = Path(f"{self.root}{path}").read_bytes()
+        return without_root(content, self.root) if Path(path).suffix in XML else content
+
+
+class _Owner:
+    """Keeps the folder of a snapshot, and of its copies, while any of them is in use."""
+
+
+def _absolute(path: str | Path, cwd: str) -> str:
+    return os.path.normpath(os.path.join(cwd, path))  # noqa: PTH118
