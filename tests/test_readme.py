@@ -119,6 +119,11 @@ def execute(shell: dict[str, str], mjrun_here: Command, tmp_path: Path, monkeypa
     return executed
 
 
+@pytest.mark.parametrize("command", [*COMMANDS, *re.findall(r"`(pip install [^`]*)`", README)])
+def test_brackets_are_in_quotes_which_zsh_wants(command: str) -> None:
+    assert not re.search(r"[\[\]]", re.sub(r"'[^']*'|\"[^\"]*\"|\$\([^)]*\)", "", command))
+
+
 def test_the_readme_has_the_commands_that_it_is_for() -> None:
     assert len(DRAWN) >= 20
     assert {"make demo", "make test", "mjrun doctor"} <= set(COMMANDS)

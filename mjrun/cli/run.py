@@ -35,7 +35,7 @@ def run(console: Console, command_line: CommandLine) -> None:
 
     \b
     mjrun run study.yaml
-    mjrun run study.yaml duration=2 videos[0].size=640x360 -o out
+    mjrun run study.yaml duration=2 'videos[0].size=640x360' -o out
     mjrun run study.yaml --html study.html
     mjrun run study.yaml --dry-run
     """

@@ -30,7 +30,7 @@ def trace(console: Console, command_line: CommandLine) -> None:
 
     \b
     mjrun trace scene.xml --csv | head
-    mjrun trace scene.xml -o run.parquet --probe qpos,energy,xpos[hand]
+    mjrun trace scene.xml -o run.parquet --probe 'qpos,energy,xpos[hand]'
     mjrun trace scene.xml -o run.csv --rate 100 --assert 'max(abs(energy/drift)) < 1e-3'
     """
     console.guard_stdout()
