@@ -38,6 +38,7 @@ LIBRARIES = {
     "yaml": ("document", "policy.leapp_package"),  # the latter of files that others write
     "pydantic": ("document",),
     "pydantic_core": ("document",),  # the types of its schemas and errors
+    "imageio": ("formats.video_reader",),
     "imageio_ffmpeg": ("formats.ffmpeg", "formats.video_reader"),
     "PIL": (
         "rendering.text",

@@ -8,6 +8,7 @@ from collections.abc import Generator, Iterator
 from pathlib import Path
 from typing import Any
 
+import imageio.v3 as iio
 import imageio_ffmpeg
 import numpy as np
 from PIL import ImageSequence
@@ -85,19 +86,16 @@ class VideoReader:
             yield frame
 
     def _colours(self) -> Iterator[np.ndarray]:
-        width, height = self.size
-        for content in self._contents("rgb24", 24):
-            yield np.frombuffer(content, np.uint8).reshape(height, width, 3).copy()
+        options, _ = ffmpeg.source(self._path, self._suffix[1:])
+        # An absolute path, as imageio takes other names for addresses.
+        yield from iio.imiter(self._path.absolute(), plugin="FFMPEG", input_params=options)
 
     def _numbers(self) -> Iterator[np.ndarray]:
-        for content in self._contents("gray16le", 16):
-            yield np.frombuffer(content, "<u2").astype(np.uint16).reshape(self.size[::-1])
-
-    def _contents(self, pixels: str, bits: int) -> Iterator[bytes]:
-        """The bytes of each frame that ffmpeg decodes."""
-        with contextlib.closing(self._ffmpeg_frames(pixels, bits)) as frames:
+        """Frames of 16-bit numbers, which imageio would turn into colours."""
+        with contextlib.closing(self._ffmpeg_frames("gray16le", 16)) as frames:
             next(frames)  # the properties
-            yield from frames
+            for content in frames:
+                yield np.frombuffer(content, "<u2").astype(np.uint16).reshape(self.size[::-1])
 
     def _ffmpeg_frames(self, pixels: str = "rgb24", bits: int = 24) -> Generator[Any, None, None]:
         """The properties of the video, and then the bytes of each frame."""
