@@ -171,7 +171,7 @@ class TaskWorlds:
         for world in np.flatnonzero(self._begun).tolist():
             if not self._models.is_one:
                 self._each[world] = self._models.variant(int(self._seeds[world]))
-            self._torques.begin(world, self._model_of(world))
+            self._torques.begin(world, self._each[world].model)
         if not self._models.is_one:
             self._batch.set_models([variant.model for variant in self._each])
 
