@@ -1,244 +1,247 @@
-"""How often the intervals of `mjrun fit` contain the truth, and the same problem solved by MuJoCo's own `mujoco.sysid`.
+"""Eight problems whose answer is known, solved by `mjrun fit`, by scipy's least squares, and by `mujoco.sysid`.
 
-Logs are made by a bare loop of mj_step: a pendulum that swings, the arm of the gallery that follows targets, the car
-that drives; with white noise, encoders of finite resolution, initial states that no log holds, and for the arm commands
-that act late. Each is fitted for several seeds; the share of 95 % intervals that contain the truth is told for each
-parameter, with the largest relative error of the estimates.
+Logs are made by a bare loop of MuJoCo, with white noise and starts that no log holds (`fit_problems.py`). Each is
+fitted for several seeds by each of three, in turn, in one process:
 
-`mujoco.sysid` gets the swinging pendulum as its tutorial does it: one shot over the whole log from the measured initial
-state. Its optimizers and `mjrun fit` run in turn, in one process; seconds, and how far each ends from the truth.
+- `mjrun fit` as it is, of all of the log (`--holdout 0`);
+- `scipy.optimize.least_squares` from three starts, over the parameters and the initial state, of rollouts in C
+  (`mujoco.rollout`) of models that are compiled for each value; the best start counts;
+- `mujoco.sysid` as its tutorial does it: one shot from the measured initial state, over the parameters alone, once.
+
+A line has the largest and the median relative error, the share of 95 % intervals that contain the truth (`mjrun` and
+scipy, whose intervals are those of its Jacobian), rollouts, and CPU seconds of a fit. Where a model cannot explain its
+log, intervals that miss the truth are counted as told if the fit warns.
 
     python benchmarks/fit.py
-    python benchmarks/fit.py --repetitions 10 --problems pendulum
+    python benchmarks/fit.py --seeds 5 --problems "pendulum friction" --no-sysid
 """
 
 import argparse
 import tempfile
 import time
+import warnings
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import mujoco
 import numpy as np
+from fit_problems import PROBLEMS, Problem
+from mujoco import rollout
+from scipy import optimize, special
 
+from mjrun.errors import MjrunError
 from mjrun.fit.fit import Fit
+from mjrun.fit.free_parameter import FreeParameter, free_parameters, overrides
 from mjrun.job.simulation import Simulation
+from mjrun.model import state
+from mjrun.model.override import apply
 
-ROOT = Path(__file__).resolve().parents[1]
-NOISE, RESOLUTION = 1e-3, 2 * np.pi / 8192
-PENDULUM = """<mujoco>
-  <option timestep="0.002" integrator="implicitfast"/>
-  <worldbody>
-    <body>
-      <joint name="hinge" axis="0 1 0" damping="{0}" armature="{1}" frictionloss="{2}"/>
-      <geom type="capsule" fromto="0 0 0 0 0 -.5" size=".02" mass="1"/>
-    </body>
-  </worldbody>
-  <sensor><jointpos name="angle" joint="hinge"/></sensor>
-</mujoco>"""
-PATHS = ("joint/hinge.damping", "joint/hinge.armature", "joint/hinge.frictionloss")
-TRUTH, NOMINAL = (0.05, 0.01, 0.02), (0.5, 0.2, 0.3)
+STARTS = 3
+STATE_SCALE = 10.0
 
 
-@dataclass(frozen=True)
-class Problem:
-    """A log to make for each seed, what is looked for in it, and the truth."""
+@dataclass
+class Row:
+    """What came of fits of one problem by one solver."""
 
-    model: Path
-    free: Sequence[tuple[str, str]]
-    truth: Sequence[float]
-    log: Callable[[Path, int], None]
+    errors: list[list[float]] = field(default_factory=list[list[float]])
+    hits: list[bool] = field(default_factory=list[bool])
+    warned: int = 0
+    refused: int = 0
+    rollouts: list[int] = field(default_factory=list[int])
+    seconds: list[float] = field(default_factory=list[float])
+
+    def line(self, problem: str, solver: str, fits: int) -> str:
+        """The row of the table."""
+        if not self.errors:
+            return f"{problem:<22} {solver:<6} nothing of {fits}"
+        hits = f"{100 * np.mean(self.hits):5.0f} %" if self.hits else "      –"
+        notes = [f"{self.warned} warned"] * bool(self.warned) + [f"{self.refused} refused"] * bool(self.refused)
+        return (
+            f"{problem:<22} {solver:<6} "
+            f"{100 * np.median(self.errors):7.3f} % {100 * np.max(self.errors):8.3f} % {hits} "
+            f"{np.mean(self.rollouts):7.0f} {np.mean(self.seconds):7.2f} s   {', '.join(notes)}"
+        )
 
 
-def write(path: Path, names: Sequence[str], rows: Sequence[Sequence[float]]) -> None:
-    lines = [",".join(names), *(",".join(f"{value:.10g}" for value in row) for row in rows)]
-    path.write_text("\n".join(lines) + "\n")
+class Shot:
+    """The whole log as a function of the parameters and the initial state."""
 
+    def __init__(self, problem: Problem, model: Path, names: Sequence[str], rows: np.ndarray) -> None:
+        simulation = Simulation(str(model))
+        self.spec, compiled = simulation.source.compile()
+        controls = [name for name in names if name.startswith("ctrl/")]
+        measured = [name for name in names[1:] if name not in controls]
+        self.parameters: list[FreeParameter] = free_parameters(problem.free, simulation.source, [*measured, *controls])
+        self.problem, self.xml, self.compiled, self.rollouts = problem, problem.xml, compiled, 0
+        nq, nv = compiled.nq, compiled.nv
+        self.values, self.commands = rows[:, 1 : 1 + nq], rows[:, 1 + nq :]
+        self.times, self.nv = rows[:, 0], nv
+        data = mujoco.MjData(compiled)
+        first = np.polynomial.polynomial.polyfit(self.times[:9], self._tangents(self.values[:9]), 2)
+        data.qpos[:] = self.values[0]
+        mujoco.mj_integratePos(compiled, data.qpos, first[0], 1.0)
+        data.qvel[:] = first[1]
+        self.start = data
+        self.data = mujoco.MjData(compiled)
 
-def measured(values: np.ndarray, generator: np.random.Generator) -> np.ndarray:
-    """With noise, in counts of an encoder."""
-    return np.round((values + generator.normal(0, NOISE, len(values))) / RESOLUTION) * RESOLUTION
-
-
-def pendulum(folder: Path) -> Problem:
-    """A pendulum that swings freely for five seconds."""
-    path = folder / "pendulum.xml"
-    path.write_text(PENDULUM.format(*NOMINAL))
-
-    def log(file: Path, seed: int) -> None:
-        generator = np.random.default_rng(seed)
-        model = mujoco.MjModel.from_xml_string(PENDULUM.format(*TRUTH))
+    def residuals(self, x: np.ndarray) -> np.ndarray:
+        """In millimetres and milliradians, of parameters from 0 to 1 and deviations of the initial state."""
+        self.rollouts += 1
+        values = [p.value(c) for p, c in zip(self.parameters, x, strict=False)]
+        model, deviation = self.model(values), x[len(values) :]
         data = mujoco.MjData(model)
-        data.qpos[0] = 2.5
-        rows: list[list[float]] = []
-        for step in range(2500):
-            if step % 5 == 0:
-                rows.append([data.time, *measured(data.qpos, generator)])
-            mujoco.mj_step(model, data)
-        write(file, ["time", "qpos/hinge"], rows)
+        data.qpos[:], data.qvel[:] = self.start.qpos, self.start.qvel
+        mujoco.mj_integratePos(model, data.qpos, np.array(deviation[: self.nv]), 1.0)
+        data.qvel += deviation[self.nv :]
+        every, steps = self.problem.every, self.problem.every * (len(self.times) - 1)
+        delay = sum(v for p, v in zip(self.parameters, values, strict=True) if p.is_delay) / model.opt.timestep
+        late = np.arange(steps) - delay
+        held = np.clip(np.stack([np.floor(late), np.floor(late) + 1]) // every, 0, len(self.times) - 1).astype(int)
+        share = (late - np.floor(late))[:, None]
+        controls = self.commands[held[0]] * (1 - share) + self.commands[held[1]] * share
+        initial = state.save(model, data, int(mujoco.mjtState.mjSTATE_FULLPHYSICS))
+        states, _ = rollout.rollout(model, self.data, initial, control=controls[None])
+        positions = np.concatenate([data.qpos[None], states[0, every - 1 :: every, 1 : 1 + model.nq]])
+        return np.concatenate([1000 * self._tangents(positions, self.values).ravel(), deviation / STATE_SCALE])
 
-    return Problem(path, [(path_of, "log:1e-4..1") for path_of in PATHS], TRUTH, log)
+    def model(self, values: Sequence[float]) -> mujoco.MjModel:
+        """The model with these values."""
+        spec = mujoco.MjSpec.from_string(self.xml)
+        for override in overrides(self.parameters, values):
+            apply(spec, override)
+        return spec.compile()
+
+    def _tangents(self, positions: np.ndarray, origin: np.ndarray | None = None) -> np.ndarray:
+        origin = np.broadcast_to(self.values[0] if origin is None else origin, positions.shape)
+        differences = np.zeros((len(positions), self.nv))
+        for row, one, other in zip(differences, origin, positions, strict=True):
+            mujoco.mj_differentiatePos(self.compiled, row, 1.0, np.array(one), np.array(other))
+        return differences
 
 
-def arm(folder: Path) -> Problem:
-    """The arm, with armatures, dampings and friction of its own, a load at its flange, and commands that act late."""
-    path = ROOT / "scenes/arm.xml"
-    center, delay = (0.02, -0.01, 0.06), 0.008
-    truth = (1.3, 0.7, 0.4, 2.0, *center, delay)
-    free = [
-        ("scale:joint/*.armature", "0.2..5"),
-        ("scale:joint/*.damping", "0.1..5"),
-        ("joint/*.frictionloss", "0..3"),
-        ("geom/flange.mass", "0.05..5"),
-        *((f"geom/flange.pos[{axis}]", "-0.1..0.1") for axis in range(3)),
-        ("delay:ctrl/*", "0..0.03"),
+def by_mjrun(problem: Problem, model: Path, log: Path, seed: int, row: Row) -> None:
+    begin = time.process_time()
+    try:
+        result = Fit(Simulation(str(model), seed=seed), data=[str(log)], free=problem.free, holdout=0).run()
+    except MjrunError:
+        row.refused += 1
+        return
+    row.seconds.append(time.process_time() - begin)
+    row.errors.append([abs(p.value / t - 1) for p, t in zip(result.parameters, problem.truth, strict=True)])
+    row.hits += [p.low <= t <= p.high for p, t in zip(result.parameters, problem.truth, strict=True)]
+    row.warned += result.reduced_chi2 >= 2
+    row.rollouts.append(result.rollouts)
+
+
+def by_scipy(problem: Problem, model: Path, log: Path, seed: int, row: Row) -> None:
+    names, rows = problem.log(seed)
+    begin = time.process_time()
+    shot = Shot(problem, model, names, rows)
+    count, generator = len(shot.parameters), np.random.default_rng(seed)
+    starts = [np.array([p.first_coordinate for p in shot.parameters])]
+    starts += [generator.uniform(0.1, 0.9, count) for _ in range(STARTS - 1)]
+    free = np.full(2 * shot.nv, np.inf)
+    bounds = (np.concatenate([np.zeros(count), -free]), np.concatenate([np.ones(count), free]))
+    ends = [
+        optimize.least_squares(
+            shot.residuals, np.concatenate([start, np.zeros(2 * shot.nv)]), bounds=bounds, x_scale="jac", max_nfev=40
+        )
+        for start in starts
     ]
-
-    def log(file: Path, seed: int) -> None:
-        generator = np.random.default_rng(seed)
-        spec = mujoco.MjSpec.from_file(str(path))
-        for joint in spec.joints:
-            joint.armature *= truth[0]
-            joint.damping = np.array(joint.damping) * truth[1]
-            joint.frictionloss = truth[2]
-        load = spec.geom("flange")
-        load.mass, load.pos = truth[3], center
-        model = spec.compile()
-        data = mujoco.MjData(model)
-        data.qpos[:] = generator.normal(0, 0.05, model.nq)  # which no log says
-        frequencies = 0.3 + 0.15 * np.arange(model.nu)
-        late = round(delay / model.opt.timestep)
-        command = np.zeros(model.nu)
-        told = [command] * late
-        rows: list[list[float]] = []
-        for step in range(3000):
-            if step % 5 == 0:
-                command = 0.5 * np.sin(2 * np.pi * frequencies * data.time)
-                rows.append([data.time, *measured(data.qpos, generator), *command])
-            told.append(command)
-            data.ctrl[:] = told.pop(0)
-            mujoco.mj_step(model, data)
-        names = [f"qpos/{model.joint(i).name}" for i in range(model.njnt)]
-        write(file, ["time", *names, *(f"ctrl/{model.actuator(i).name}" for i in range(model.nu))], rows)
-
-    return Problem(path, free, truth, log)
+    best = min(ends, key=lambda end: end.cost)
+    row.seconds.append(time.process_time() - begin)
+    row.rollouts.append(shot.rollouts)
+    freedom = len(best.fun) - len(best.x)
+    errors = np.sqrt(np.diag(np.linalg.pinv(best.jac.T @ best.jac)) * 2 * best.cost / freedom)[:count]
+    reach = float(special.stdtrit(freedom, 0.975)) * errors
+    for p, c, width, truth in zip(shot.parameters, best.x, reach, problem.truth, strict=False):
+        row.hits.append(p.value(max(c - width, 0.0)) <= truth <= p.value(min(c + width, 1.0)))
+    row.errors.append(
+        [abs(p.value(c) / t - 1) for p, c, t in zip(shot.parameters, best.x, problem.truth, strict=False)]
+    )
 
 
-def car(folder: Path) -> Problem:
-    """The car, whose motors and wheels are others."""
-    path = ROOT / "scenes/car.xml"
-    truth = (0.05, 1.2)
-    # Of `left` and `right`: the free joint, which `*` would name too, has no damping in the log.
-    free = [("joint/*t.damping", "log:1e-3..1"), ("scale:actuator/*.gear[0]", "0.3..3")]
-
-    def log(file: Path, seed: int) -> None:
-        generator = np.random.default_rng(seed)
-        spec = mujoco.MjSpec.from_file(str(path))
-        for joint in spec.joints:
-            if joint.type == mujoco.mjtJoint.mjJNT_HINGE:
-                joint.damping = np.array(joint.damping) * 0 + np.eye(len(np.ravel(joint.damping)))[0] * truth[0]
-        for actuator in spec.actuators:
-            actuator.gear = np.array(actuator.gear) * truth[1]
-        model = spec.compile()
-        data = mujoco.MjData(model)
-        wheels = [i for i in range(model.njnt) if model.jnt_type[i] == mujoco.mjtJoint.mjJNT_HINGE]
-        rows: list[list[float]] = []
-        for step in range(1500):
-            if step % 5 == 0:
-                data.ctrl[:] = 0.5 * np.sin(2 * np.pi * np.array([0.4, 0.7])[: model.nu] * data.time)
-                angles = data.qpos[model.jnt_qposadr[wheels]]
-                rows.append([data.time, *measured(angles, generator), *data.ctrl])
-            mujoco.mj_step(model, data)
-        names = [f"qpos/{model.joint(i).name}" for i in wheels]
-        write(file, ["time", *names, *(f"ctrl/{model.actuator(i).name}" for i in range(model.nu))], rows)
-
-    return Problem(path, free, truth, log)
-
-
-PROBLEMS = {"pendulum": pendulum, "arm": arm, "car": car}
-
-
-def coverage(name: str, repetitions: int, folder: Path) -> None:
-    """Prints how often intervals contain the truth."""
-    problem = PROBLEMS[name](folder)
-    hits: list[list[bool]] = []
-    errors: list[list[float]] = []
-    start = time.perf_counter()
-    for seed in range(repetitions):
-        file = folder / f"{name}_{seed}.csv"
-        problem.log(file, seed)
-        simulation = Simulation(str(problem.model), seed=seed)
-        result = Fit(simulation, data=[str(file)], free=problem.free, starts=1).run()
-        hits.append([p.low <= t <= p.high for p, t in zip(result.parameters, problem.truth, strict=True)])
-        errors.append([abs(p.value / t - 1) for p, t in zip(result.parameters, problem.truth, strict=True)])
-    wall = (time.perf_counter() - start) / repetitions
-    for (path, _), share, worst in zip(problem.free, np.mean(hits, axis=0), np.max(errors, axis=0), strict=True):
-        error = f"worst error {100 * worst:.2f} %"
-        print(f"{name:<10} {path:<28} in {100 * share:5.1f} % of {repetitions} intervals   {error}")
-    print(f"{name:<10} {wall:.1f} s a fit")
-
-
-def against_sysid(folder: Path) -> None:
-    """Prints seconds and errors of `mujoco.sysid` and of `mjrun fit` on one log."""
+def by_sysid(problem: Problem, model: Path, log: Path, seed: int, row: Row) -> None:
     from mujoco import sysid
 
-    problem = pendulum(folder)
-    file = folder / "log.csv"
-    problem.log(file, 0)
-    times, angles = np.loadtxt(file, delimiter=",", skiprows=1).T
+    names, rows = problem.log(seed)
+    shot = Shot(problem, model, names, rows)
+    if any(p.is_delay for p in shot.parameters):
+        return
+    begin = time.process_time()
+    parameters, calls = sysid.ParameterDict(), 0
+    for index, each in enumerate(shot.parameters):
 
-    start = time.perf_counter()
-    result = Fit(Simulation(str(problem.model)), data=[str(file)], free=problem.free).run()
-    report("mjrun fit", [p.value for p in result.parameters], time.perf_counter() - start, result.rollouts)
+        def modify(spec: mujoco.MjSpec, parameter: object, each: FreeParameter = each) -> None:
+            for override in overrides([each], [float(parameter.value[0])]):  # type: ignore[attr-defined]
+                apply(spec, override)
 
-    for optimizer in ("mujoco", "scipy"):
-        spec = mujoco.MjSpec.from_string(PENDULUM.format(*NOMINAL))
-        model = spec.compile()
-        parameters, calls = sysid.ParameterDict(), 0
-        for index, path in enumerate(PATHS):
-            field = path.rpartition(".")[2]
+        parameters.add(sysid.Parameter(f"p{index}", each.start, each.low, each.high, modifier=modify))
+    spec = mujoco.MjSpec.from_string(problem.xml)
+    columns: list[int] = []
+    for joint in spec.joints:  # it compares sensors
+        kind = mujoco.mjtSensor.mjSENS_JOINTPOS
+        if joint.type == mujoco.mjtJoint.mjJNT_FREE:
+            kind = mujoco.mjtSensor.mjSENS_FRAMEPOS
+            name = joint.parent.name or "free"
+            joint.parent.name = name
+            spec.add_sensor(name=f"at_{name}", type=kind, objtype=mujoco.mjtObj.mjOBJ_XBODY, objname=name)
+            columns += [0, 1, 2]
+            continue
+        spec.add_sensor(name=f"at_{joint.name}", type=kind, objtype=mujoco.mjtObj.mjOBJ_JOINT, objname=joint.name)
+    compiled = spec.compile()
+    hinges = [i for j, i in enumerate(compiled.jnt_qposadr) if compiled.jnt_type[j] != mujoco.mjtJoint.mjJNT_FREE]
+    measured = shot.values[:, [*columns, *hinges]]
+    initial = sysid.create_initial_state(compiled, shot.start.qpos, shot.start.qvel, np.zeros(0))
+    sensors = sysid.TimeSeries.from_names(shot.times, measured, compiled)
+    steps = np.arange(problem.every * (len(shot.times) - 1) + 1)
+    controls = sysid.TimeSeries(steps * compiled.opt.timestep, shot.commands[steps // problem.every])
+    sequences = sysid.ModelSequences("log", spec, "log", initial, controls, sensors)
+    residual = sysid.build_residual_fn(models_sequences=[sequences])
 
-            def modify(changed: mujoco.MjSpec, parameter: object, field: str = field) -> None:
-                joint = changed.joint("hinge")
-                value = parameter.value[0]  # type: ignore[attr-defined]
-                old = np.array(getattr(joint, field), float)
-                setattr(joint, field, np.concatenate([[value], old[1:]]) if old.ndim else value)
+    def counted(x: np.ndarray, *arguments: object) -> object:
+        nonlocal calls
+        calls += x.shape[1] if x.ndim > 1 else 1
+        return residual(x, *arguments)
 
-            parameters.add(sysid.Parameter(field, NOMINAL[index], 1e-4, 1.0, modifier=modify))
-        initial = sysid.create_initial_state(model, np.array([angles[0]]), np.zeros(1), np.zeros(0))
-        sensors = sysid.TimeSeries.from_names(times, angles[:, None], model)
-        controls = sysid.TimeSeries(np.arange(2500) * 0.002, np.zeros((2500, 0)))
-        sequences = sysid.ModelSequences("pendulum", spec, "swing", initial, controls, sensors)
-        residual = sysid.build_residual_fn(models_sequences=[sequences])
-
-        def counted(x: np.ndarray, *arguments: object) -> object:
-            nonlocal calls
-            calls += x.shape[1] if x.ndim > 1 else 1
-            return residual(x, *arguments)  # noqa: B023
-
-        start = time.perf_counter()
-        found, _ = sysid.optimize(initial_params=parameters, residual_fn=counted, optimizer=optimizer, verbose=False)
-        values = [float(found[path.rpartition(".")[2]].value[0]) for path in PATHS]
-        report(f"sysid, {optimizer}", values, time.perf_counter() - start, calls)
+    best, _ = sysid.optimize(initial_params=parameters, residual_fn=counted, optimizer="mujoco", verbose=False)
+    row.seconds.append(time.process_time() - begin)
+    row.rollouts.append(calls)
+    row.errors.append([abs(float(best[f"p{i}"].value[0]) / t - 1) for i, t in enumerate(problem.truth)])
 
 
-def report(name: str, values: Sequence[float], seconds: float, rollouts: int) -> None:
-    errors = "   ".join(f"{100 * (value / truth - 1):+8.2f} %" for value, truth in zip(values, TRUTH, strict=True))
-    print(f"{name:<14} {seconds:6.1f} s {rollouts:7d} rollouts   error of damping, armature, friction: {errors}")
+SOLVERS: dict[str, Callable[[Problem, Path, Path, int, Row], None]] = {
+    "mjrun": by_mjrun,
+    "scipy": by_scipy,
+    "sysid": by_sysid,
+}
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--repetitions", type=int, default=50)
+    parser.add_argument("--seeds", type=int, default=20, help="logs of each problem")
     parser.add_argument("--problems", nargs="*", choices=PROBLEMS, default=[*PROBLEMS])
-    parser.add_argument("--no-sysid", action="store_true", help="leave out the comparison")
+    parser.add_argument("--no-sysid", action="store_true", help="leave mujoco.sysid out")
     options = parser.parse_args()
-    with tempfile.TemporaryDirectory() as folder:
-        if not options.no_sysid:
-            against_sysid(Path(folder))
-        for name in options.problems:
-            coverage(name, options.repetitions, Path(folder))
+    warnings.simplefilter("ignore")
+    solvers = [name for name in SOLVERS if not (options.no_sysid and name == "sysid")]
+    print(f"{'problem':<22} {'':<6} {'median':>9} {'largest':>10} {'covered':>7} {'rollouts':>7} {'CPU':>7}")
+    for name in options.problems:
+        problem, rows = PROBLEMS[name], {solver: Row() for solver in solvers}
+        with tempfile.TemporaryDirectory() as folder:
+            for seed in range(options.seeds):
+                model, log = problem.write(Path(folder), seed)
+                for solver, row in rows.items():
+                    try:
+                        SOLVERS[solver](problem, model, log, seed, row)
+                    except Exception as error:  # of a solver that is not ours
+                        if solver == "mjrun":
+                            raise
+                        print(f"{name:<22} {solver:<6} {type(error).__name__}: {str(error).splitlines()[0]}")
+        for solver, row in rows.items():
+            print(row.line(name, solver, options.seeds), flush=True)
 
 
 if __name__ == "__main__":

@@ -32,6 +32,9 @@ def fit_report(result: "FitResult") -> str:
     for file in result.files:
         page.note(clean(file))
     segments = f"{result.segments} segment{'' if result.segments == 1 else 's'}"
+    page.note(f"reduced χ² {number(result.reduced_chi2)}: residuals over the noise of the log, squared")
+    if result.ways:
+        page.note(f"fitted: {', then '.join(result.ways)}")
     page.note(f"{result.rows:,} rows in {segments} fitted; {result.rollouts:,} rollouts; {result.wall:.1f} s")
     return page.text()
 
@@ -102,7 +105,8 @@ def _signals(result: "FitResult") -> list[Column]:
     signals = result.signals
     columns = [
         Column("signal", [clean(each.name) for each in signals]),
-        Column("noise", [f"{number(each.noise)} {each.unit}".strip() for each in signals], right=True),
+        Column("residual", [f"{number(each.noise)} {each.unit}".strip() for each in signals], right=True),
+        Column("over noise", [number(each.misfit) for each in signals], right=True),
         Column("before", [_share(each.nominal) for each in signals], right=True),
         Column("fitted", [_share(each.fitted) for each in signals], right=True),
     ]

@@ -14,10 +14,11 @@ from mjrun.fit.chirp import chirps, control_room
 from mjrun.fit.comparison import TIME
 from mjrun.fit.fit import Fit
 from mjrun.fit.free_parameter import free_parameters, require_effect
-from mjrun.fit.identifiability import all_information, sensitivity
+from mjrun.fit.identifiability import sensitivity
 from mjrun.fit.measurements import CONTROLS, Segment, commands
 from mjrun.fit.motion_limits import MotionLimits
 from mjrun.fit.prediction import Chunk, Predictor, Rollout
+from mjrun.fit.projection import all_information
 from mjrun.fit.shooting import Shooting
 from mjrun.fit.solution import Solution
 from mjrun.fit.starting_states import StartingStates
@@ -290,7 +291,7 @@ class _Excitation:
         return self._judge.predict([Rollout(chunk, values, self._start) for chunk in chunks])
 
     def _look(self, segment: Segment) -> Solution:
-        parts = self._shooting.cut([segment], len(segment.times))
+        parts = self._shooting.cut([segment])
         noise = np.full(len(self._signals), self._fit.excite_noise)
         return self._shooting.look(parts, self._coordinates, self._start[None], noise)
 
@@ -332,10 +333,10 @@ class _Excitation:
 
     def _expected(self, look: Solution, effects: Sequence[float]) -> list[ExpectedParameter]:
         """The intervals of a fit that has white noise alone to do with, by the Cramér-Rao bound."""
-        from scipy import stats
+        from scipy import special
 
         spread = np.sqrt(np.diag(np.linalg.pinv(all_information(look, self._parameters), hermitian=True)))
-        reach = float(stats.norm.ppf((1 + self._fit.confidence) / 2)) * spread
+        reach = float(special.ndtri((1 + self._fit.confidence) / 2)) * spread
         low, high = np.clip(self._coordinates - reach, 0, 1), np.clip(self._coordinates + reach, 0, 1)
         rows = zip(self._parameters, self._coordinates, low, high, effects, strict=True)
         return [ExpectedParameter(p.path, p.value(c), p.value(a), p.value(b), effect) for p, c, a, b, effect in rows]

@@ -1,8 +1,8 @@
-"""A fit: parameters of a model from measurements, and an honest word on how well they are known."""
+"""A fit: parameters of a model from measurements, with intervals, and a verdict on whether they may be believed."""
 
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 
 import numpy as np
 
@@ -20,14 +20,15 @@ from mjrun.fit.free_parameter import free_parameters, require_effect
 from mjrun.fit.identifiability import Sensitivity, sensitivity
 from mjrun.fit.intervals import bound_reached, intervals
 from mjrun.fit.measurements import CONTROLS, read_measurements
-from mjrun.fit.noise import first_noise, spread_of
+from mjrun.fit.noise import first_noise, set_noise, spread_of
 from mjrun.fit.outputs import FitOutputs
 from mjrun.fit.prediction import Predictor
 from mjrun.fit.result import FitResult, FittedParameter, FittedSignal
 from mjrun.fit.rotations import shared
-from mjrun.fit.shooting import SHORTEST, Shooting
+from mjrun.fit.shooting import EXPLAINED, SHORTEST, Search, Shooting
 from mjrun.fit.solution import Solution, with_noise
 from mjrun.fit.starting_states import StartingStates
+from mjrun.fit.verdict import Misfit, all_at_bounds, improvement, misfit
 from mjrun.job.simulation import Simulation
 from mjrun.model import state
 from mjrun.model.mujoco_globals import collected_warnings
@@ -37,10 +38,8 @@ from mjrun.options.option import options
 from mjrun.packages import require_all
 from mjrun.reporter import Reporter, WarningReporter
 
-FURTHER_STARTS = 12  # at least, where short chunks have led nowhere
 ENOUGH = 4  # measured numbers for each unknown
-# Of a signal that the model does not explain: least residual over its noise, and over its standard deviation.
-MISFIT, MISFIT_SHARE = 10.0, 0.05
+TOLERANCE = 1e-3  # relative difference of costs that rounding makes
 
 Solutions = Mapping[tuple[str, str], Solution]
 Partial = Callable[[FitResult], None]
@@ -64,7 +63,8 @@ class Fit(FitOptions):
 
         Raises:
           UnidentifiableError: the measurements do not tell what is looked for.
-          UnimprovedFitError: what was held out is predicted no better than before; nothing is written.
+          UnimprovedFitError: what was held out is predicted no better than before, or the measurements are not
+            explained; nothing is written.
           MjrunError: it cannot be fitted.
           KeyboardInterrupt, TerminatedError: it was interrupted.
         """
@@ -76,21 +76,6 @@ class Fit(FitOptions):
                 if self.keep_partial and (kept := run.kept()) and partial:
                     partial(kept)
                 raise
-
-
-@dataclass(frozen=True, eq=False)
-class _Found:
-    """Where a fit has ended, or was ended.
-
-    Attributes:
-      solution: in standard deviations of its own noise.
-      sensitivity: of the measurements there.
-      rollouts: how many it took.
-    """
-
-    solution: Solution
-    sensitivity: Sensitivity
-    rollouts: int
 
 
 class _Run:
@@ -116,9 +101,6 @@ class _Run:
         for each in self._parameters:
             require_effect(each, simulation.source)
 
-        self._predictor = Predictor(simulation, self._measurements.signals, self._parameters)
-        starting = StartingStates(model, self._measurements.signals, state.save(model, data))
-        self._shooting = Shooting(self._predictor, self._parameters, starting, fit.loss)
         self._fitted, self._held = self._measurements, replace(self._measurements, segments=[])
         if fit.holdout_data:
             self._fitted, self._held = self._measurements.without(fit.holdout_data)
@@ -126,7 +108,13 @@ class _Run:
             self._fitted, self._held = self._measurements.split(fit.holdout)
         if not self._fitted.segments:
             raise UsageError(f"{option('holdout')} {fit.holdout:g} leaves nothing to fit")
+        self._predictor = Predictor(simulation, self._measurements.signals, self._parameters)
         self._require_enough()
+        self._noise = first_noise(self._fitted.segments, self._measurements.rotations)
+        for place, deviation in set_noise(fit.noise, self._measurements.signals).items():
+            self._noise[place] = deviation
+        starting = StartingStates(model, self._measurements.signals, state.save(model, data), self._noise)
+        self._shooting = Shooting(self._predictor, self._parameters, starting, fit.loss, simulation.seed)
         self._outputs = FitOutputs(fit, simulation, self._predictor, self._parameters)
         self._latest: Solution | None = None
 
@@ -134,67 +122,66 @@ class _Run:
         sharing = [each.sharing for each in self._parameters if each.sharing]
         for remark in [*self._measurements.remarks, *sharing]:
             self._reporter.note(remark)
-        noise = first_noise(self._fitted.segments, self._measurements.rotations)
         starts = self._starts(self._fit.starts)
-        self._look_first(starts, noise)
-        stages = self._stages(starts, noise)
-        last, failures = stages[-1], self._predictor.failures.sentence(self._parameters)
-        hints = [*self._misfits(last, noise), *([failures] if failures else [])]
-        outcome = self._found(last, sum(stage.rollouts for stage in stages))
-        unidentifiable = [each.message for each in outcome.sensitivity.unidentifiable]
+        self._look_first(starts)
+        search = self._searched(starts)
+        last = self._own_noise(search.best)
+        known = sensitivity([last], self._parameters)
+        left = misfit(search.best, self._noise, self._measurements.rotations)
+        failures = self._predictor.failures.sentence(self._parameters)
+        hints = [each for each in (left.warning(), failures) if each]
+        reasons = [left.refusal(self._predictor.columns, self._noise)]
+        reasons.append(all_at_bounds([each.path for each in self._parameters], last.coordinates))
+        if why := next((each for each in reasons if each), None):
+            raise UnimprovedFitError(f"{why}\nnothing was written")
+        unidentifiable = [each.message for each in known.unidentifiable]
         if unidentifiable and not self._fit.allow_unidentifiable:
             raise UnidentifiableError(unidentifiable, hints)
-        comparisons = self._compared(last.coordinates, last.noise)
+        comparisons: dict[tuple[str, str], Solution] = {
+            ("fitted", "nominal"): with_noise(search.own, last.noise),
+            ("fitted", "fitted"): last,
+            **self._predicted(last),
+        }
         self._require_better(comparisons, hints)
         for hint in hints:
             self._reporter.warn(hint)
-        return self._outputs.publish(self._result(outcome, comparisons), comparisons, self._logs, self._reporter)
+        result = self._result(last, known, left, comparisons, search.ways, hints)
+        return self._outputs.publish(result, comparisons, self._logs, self._reporter)
 
     def kept(self) -> FitResult | None:
         """Writes the model as far as it was fitted; None if it was not begun."""
         if self._latest is None:
             return None
-        result = self._result(self._found(self._latest, self._latest.rollouts), {}, partial=True)
+        left = misfit(self._latest, self._noise, self._measurements.rotations)
+        last = self._own_noise(self._latest)
+        result = self._result(last, sensitivity([last], self._parameters), left, {}, [], [], partial=True)
         return self._outputs.publish(result, {}, self._logs, self._reporter, model_alone=True)
 
-    def _stages(self, starts: Sequence[np.ndarray], noise: np.ndarray) -> list[Solution]:
-        """Solutions of longer and longer stretches, from the best of `starts`."""
-        total = len(self._shooting.stages(self._fitted.segments)) + 1
-        done = {0: 0.0}  # chunks of a stage, which are fewer in each; the first are those of the starts
-
-        def began(solution: Solution) -> None:
-            if self._latest is None or solution.cost < self._latest.cost:
-                self._latest = solution
-            self._reporter.progress("stages of the fit", 0, total)
+    def _searched(self, starts: Sequence[np.ndarray]) -> Search:
+        """The best parameters for whole segments, which explain these better than the model as it was."""
 
         def advanced(solution: Solution) -> None:
-            self._latest = solution
-            done[len(solution.chunks)] = solution.cost
-            self._reporter.progress("stages of the fit", len(done) - 1, total)
+            if self._latest is None or solution.cost < self._latest.cost:
+                self._latest = solution
+            self._reporter.progress("stages of the fit", 0, 1)
 
-        segments, start = self._fitted.segments, starts[0]
-        if len(starts) > 1:
-            start = self._shooting.best_start(segments, starts, noise, began)
-        solutions = self._shooting.grown(segments, start, noise, advanced)
-        further = self._starts(max(len(starts), FURTHER_STARTS))
-        solutions += self._shooting.searched(solutions[-1], further, noise, advanced)
-        self._reporter.progress("stages of the fit", total, total)
-        return solutions
+        self._reporter.progress("stages of the fit", 0, 1)
+        search = self._shooting.search(self._fitted.segments, starts, self._noise, advanced)
+        if search.best.reduced > EXPLAINED:  # signals that the model explains well count more than others from here on
+            weighted = self._shooting.weighted(search.best)
+            if weighted.cost <= with_noise(search.own, weighted.noise).cost:
+                search.best = weighted
+        self._reporter.progress("stages of the fit", 1, 1)
+        if search.best.cost > with_noise(search.own, search.best.noise).cost * (1 + TOLERANCE):
+            raise UnimprovedFitError(
+                "no values were found with which the fitted part of the log is explained better than by the model as "
+                f"it was\nnarrower bounds in {option('free')}, or more of {option('starts')}, may lead there; nothing "
+                "was written"
+            )
+        return search
 
-    def _found(self, solution: Solution, rollouts: int) -> _Found:
-        own = with_noise(solution, shared(solution.noise_scale, self._measurements.rotations))
-        return _Found(own, sensitivity([own], self._parameters), rollouts)
-
-    def _misfits(self, last: Solution, noise: np.ndarray) -> list[str]:
-        """Sentences on signals of which the model leaves far more than their noise."""
-        left, (share,) = last.noise_scale, [_errors(last, self._measurements.rotations)]
-        return [
-            f"the fit leaves {left[i]:.3g} {column.unit}".rstrip()
-            + f" of {clean(column.name)}, {left[i] / noise[i]:.0f} times its noise: the model lacks something, or the "
-            f"log is in other units ({option('map')})"
-            for i, column in enumerate(self._predictor.columns)
-            if left[i] > MISFIT * noise[i] and share[i] > MISFIT_SHARE
-        ]
+    def _own_noise(self, solution: Solution) -> Solution:
+        return with_noise(solution, shared(solution.noise_scale, self._measurements.rotations))
 
     def _require_enough(self) -> None:
         numbers = sum(int(np.isfinite(segment.values).sum()) for segment in self._fitted.segments)
@@ -207,82 +194,110 @@ class _Run:
 
     def _starts(self, count: int) -> list[np.ndarray]:
         """`count` coordinates to begin at: those of the model, and others spread evenly."""
+        first = np.array([each.first_coordinate for each in self._parameters])
+        if count == 1:
+            return [first]
         from scipy.stats import qmc
 
-        first = np.array([each.first_coordinate for each in self._parameters])
         others = qmc.Sobol(len(first), rng=np.random.default_rng(self._fit.simulation.seed))
         more = others.random_base2(max(0, (count - 1).bit_length()))[: count - 1]
         return [first, *(0.1 + 0.8 * more)]
 
-    def _look_first(self, starts: Sequence[np.ndarray], noise: np.ndarray) -> None:
+    def _look_first(self, starts: Sequence[np.ndarray]) -> None:
         """Refuses what the measurements cannot tell at any of the starts."""
         parts = self._shooting.cut(self._fitted.segments, 4 * SHORTEST)
-        looks = [self._shooting.look(parts, start, self._shooting.guessed(parts, start), noise) for start in starts]
-        judged = sensitivity(looks, self._parameters)
-        if judged.unidentifiable:
-            if not self._fit.allow_unidentifiable:
-                raise UnidentifiableError([each.message for each in judged.unidentifiable])
-            for each in judged.unidentifiable:
-                self._reporter.warn(each.message)
+        looks: list[Solution] = []
+        for start in starts:
+            looks.append(self._shooting.look(parts, start, self._shooting.guessed(parts, start), self._noise))
+            if not sensitivity(looks, self._parameters).unidentifiable:
+                return
+        messages = [each.message for each in sensitivity(looks, self._parameters).unidentifiable]
+        if not self._fit.allow_unidentifiable:
+            raise UnidentifiableError(messages)
+        for message in messages:
+            self._reporter.warn(message)
 
-    def _compared(self, fitted: np.ndarray, noise: np.ndarray) -> Solutions:
-        """Predictions of the fitted and the held-out part, with the model before and after."""
-        solved: dict[tuple[str, str], Solution] = {}
-        for part, measurements in (("fitted", self._fitted), ("held", self._held)):
-            if not measurements.segments:
-                continue
-            parts = self._shooting.cut(measurements.segments, HORIZON)
-            for which, coordinates in (("nominal", None), ("fitted", fitted)):
-                states = self._shooting.guessed(parts, coordinates)
-                solved[part, which] = self._shooting.follow(parts, coordinates, states, noise)
-        return solved
+    def _predicted(self, fitted: Solution) -> dict[tuple[str, str], Solution]:
+        """What was held out, by the models before and after, each from the states that fit it best."""
+        if not self._held.segments:
+            return {}
+        parts = self._shooting.cut(self._held.segments, HORIZON)
+        return {
+            ("held", which): self._shooting.follow(parts, coordinates, fitted.noise)
+            for which, coordinates in (("nominal", None), ("fitted", fitted.coordinates))
+        }
 
-    def _require_better(self, comparisons: Solutions, hints: Sequence[str]) -> None:
+    def _require_better(self, comparisons: Solutions, hints: list[str]) -> None:
+        """Refuses a fit that predicts no better than chance may: what is held out, if that shows the parameters."""
+        part, what = "held", "what was held out is predicted"
         if ("held", "fitted") not in comparisons:
             return
-        before, after = (comparisons["held", which].cost for which in ("nominal", "fitted"))
-        if after >= before:
-            counted = "" if self._fit.loss == "linear" else f", as {self._fit.loss} counts them"
-            lines = [
-                f"what was held out is predicted no better: an error of {after:.4g} standard deviations of the noise"
-                f"{counted}, {before:.4g} before the fit",
-                *hints,
-                f"the model lacks something that the parameters cannot make up for, or {option('free')} has the wrong "
-                "ones; nothing was written",
-            ]
-            raise UnimprovedFitError("\n".join(lines))
+        gained = improvement(comparisons["held", "nominal"], comparisons["held", "fitted"])
+        if gained.is_silent:
+            part, what = (
+                "fitted",
+                "the log, of which the part that was held out does not show the parameters, is explained",
+            )
+            gained = improvement(comparisons["fitted", "nominal"], comparisons["fitted", "fitted"])
+            hints.append(
+                "what was held out does not show the parameters: both models predict it to the noise, so that the "
+                f"fitted part alone says that the fit is better ({option('holdout')}, {option('holdout_data')})"
+            )
+        if gained.is_certain:
+            return
+        counted = "" if self._fit.loss == "linear" else f", as {self._fit.loss} counts them"
+        change = f"squared errors are less by {gained.gain:.3g}, of which {gained.uncertainty:.3g} may be chance"
+        lines = [
+            f"{what} no better: an error of {gained.after:.4g} standard deviations of the noise{counted}, "
+            f"{gained.before:.4g} before the fit",
+            change if gained.gain > 0 else "",
+            *(hints if part == "held" else []),
+            "the model is right as it is, or it lacks something that the parameters cannot make up for, or "
+            f"{option('free')} has the wrong ones; nothing was written",
+        ]
+        raise UnimprovedFitError("\n".join(line for line in lines if line))
 
-    def _result(self, outcome: _Found, comparisons: Solutions, *, partial: bool = False) -> FitResult:
-        fit, last = self._fit, outcome.solution
+    def _result(
+        self,
+        last: Solution,
+        sensitivities: Sensitivity,
+        left: Misfit,
+        comparisons: Solutions,
+        ways: Sequence[str],
+        hints: Sequence[str],
+        *,
+        partial: bool = False,
+    ) -> FitResult:
+        fit = self._fit
         known = intervals(last, self._parameters, fit.confidence, fit.simulation.seed)
         values = [each.value(c) for each, c in zip(self._parameters, last.coordinates, strict=True)]
-        effects = outcome.sensitivity.effects
         parameters = [
             FittedParameter(p.path, p.start, value, low, high, effect, bound_reached(coordinate))
             for p, value, low, high, effect, coordinate in zip(
-                self._parameters, values, known.low, known.high, effects, last.coordinates, strict=True
+                self._parameters, values, known.low, known.high, sensitivities.effects, last.coordinates, strict=True
             )
         ]
-        failures = self._predictor.failures.sentence(self._parameters)
         return FitResult(
             parameters,
             fitted_inertias(self._parameters, values, known),
-            self._signals(last, comparisons),
+            self._signals(last, left, comparisons),
+            left.reduced,
             known.correlation.tolist(),
             fit.confidence,
-            outcome.sensitivity.condition,
+            sensitivities.condition,
             self._fitted.rows,
             len(self._fitted.segments),
-            outcome.rollouts,
+            self._predictor.rollouts,
             [],
-            [*self._measurements.remarks, *([failures] if failures else [])],
+            [*self._measurements.remarks, *hints],
+            ways,
             [],
             time.perf_counter() - self._begin,
             fit.loss,
             partial,
         )
 
-    def _signals(self, last: Solution, comparisons: Solutions) -> list[FittedSignal]:
+    def _signals(self, last: Solution, left: Misfit, comparisons: Solutions) -> list[FittedSignal]:
         errors = {key: _errors(solution, self._measurements.rotations) for key, solution in comparisons.items()}
         missing = np.full(len(self._measurements.signals), np.nan)
         rows = [
@@ -292,7 +307,7 @@ class _Run:
         signals: list[FittedSignal] = []
         for i, (name, column) in enumerate(zip(self._measurements.signals, self._predictor.columns, strict=True)):
             shares = [None if np.isnan(each[i]) else float(each[i]) for each in rows]
-            signals.append(FittedSignal(name, column.unit, float(last.noise[i]), *shares))
+            signals.append(FittedSignal(name, column.unit, float(last.noise[i]), float(left.ratios[i]), *shares))
         return signals
 
 

@@ -79,15 +79,16 @@ def _errors(result: "FitResult") -> PageFacts:
         (
             each.name,
             f"{_number(each.noise)} {each.unit}".rstrip(),
+            _number(each.misfit),
             *(_share(e) for e in (each.nominal, each.fitted, each.holdout_nominal, each.holdout_fitted)),
         )
         for each in result.signals
     ]
-    heads = ("Signal", "Noise", "Before", "Fitted", "Held out, before", "Held out, fitted")
+    heads = ("Signal", "Residual", "Over noise", "Before", "Fitted", "Held out, before", "Held out, fitted")
     caption = "Root mean square errors of predictions, of the standard deviation of the signal"
     if result.loss != "linear":
         caption = f"Errors of predictions over the spread of the signal, by medians, as the loss is {result.loss}"
-    return PageFacts("Errors", caption, heads, rows, range(1, 6))
+    return PageFacts("Errors", caption, heads, rows, range(1, 7))
 
 
 def _correlations(result: "FitResult") -> list[PageFacts]:
@@ -106,7 +107,9 @@ def _about(result: "FitResult") -> PageFacts:
     rows = [
         ("fitted", f"{result.rows:,} rows in {result.segments} segment{'' if result.segments == 1 else 's'}"),
         ("simulated", f"{result.rollouts:,} rollouts"),
+        ("searched", ", then ".join(result.ways)),
         ("condition", f"{result.condition:.4g}"),
+        ("reduced χ²", f"{result.reduced_chi2:.4g}"),
         *(("changed", text) for text in result.changes),
         *(("remark", text) for text in result.remarks),
     ]
@@ -133,7 +136,10 @@ def _figure(log: str, signals: Sequence[Column], rows: np.ndarray) -> PageFigure
         figure.read()
         drawn = figure.for_page()
     description = f"{clean(log)}: measured, by the model before, and by the fitted model"
-    notes = (*drawn.notes, f"Predictions begin anew every {HORIZON} rows or so, in states that fit best.")
+    notes = (
+        *drawn.notes,
+        f"Each segment begins in the state that fits best; what is held out, every {HORIZON} rows or so.",
+    )
     return replace(drawn, description=description, notes=notes)
 
 

@@ -77,6 +77,13 @@ class FreeParameter:
         low, high = self._scaled(self.low), self._scaled(self.high)
         return (self._scaled(min(max(value, self.low), self.high)) - low) / (high - low)
 
+    def prior_slope(self, coordinate: float) -> float:
+        """How many standard deviations of the prior the number moves for each unit of the coordinate; 0 without one."""
+        if self.prior is None:
+            return 0.0
+        slope = self._scaled(self.high) - self._scaled(self.low)
+        return (slope * self.value(coordinate) if self.is_log else slope) / self.prior[1]
+
     @property
     def name(self) -> str:
         """The last part of the path: what a body calls this number of its inertia."""

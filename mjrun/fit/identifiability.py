@@ -8,13 +8,13 @@ from numpy.typing import NDArray
 
 from mjrun.errors import clean, listing
 from mjrun.fit.free_parameter import FreeParameter
-from mjrun.fit.projection import information, projected
+from mjrun.fit.projection import all_information
 from mjrun.fit.solution import Solution
 
 # From one bound to the other, the data must change by so many standard deviations of their noise: a standard error
 # of half the range says nothing.
 LEAST = 2.0
-SHARE = 0.3  # of a direction that no data tell, the least component by which a parameter takes part in it
+SHARE = 0.01  # of the largest, the least effect by which a parameter takes part in a direction that no data tell
 
 
 @dataclass(frozen=True)
@@ -54,16 +54,6 @@ def sensitivity(solutions: Sequence[Solution], parameters: Sequence[FreeParamete
     return min(each, key=lambda one: (sum(len(u.paths) for u in one.unidentifiable), one.condition))
 
 
-def all_information(solution: Solution, parameters: Sequence[FreeParameter]) -> NDArray[np.float64]:
-    """The information matrix of the coordinates of `parameters`, with what priors say: `(p, p)`."""
-    matrix = information(projected(solution))
-    for j, each in enumerate(parameters):
-        if each.prior:
-            width = each.value(min(1.0, solution.coordinates[j] + 0.01)) - each.value(solution.coordinates[j])
-            matrix[j, j] += (width / 0.01 / each.prior[1]) ** 2
-    return matrix
-
-
 def _of(matrix: NDArray[np.float64], parameters: Sequence[FreeParameter]) -> Sensitivity:
     effects = np.sqrt(np.diag(matrix))
     paths = [each.path for each in parameters]
@@ -78,6 +68,8 @@ def _of(matrix: NDArray[np.float64], parameters: Sequence[FreeParameter]) -> Sen
         condition = max(condition, float(singular[-1] / max(singular[0], 1e-300)))
         for value, vector in zip(singular, vectors.T, strict=True):
             if value < LEAST:
-                mixed = [paths[audible[i]] for i in np.flatnonzero(np.abs(vector) > SHARE)]
+                # Along it effects cancel: whatever has one takes part, however short its way between its bounds is.
+                shown = effects[audible] * np.abs(vector)
+                mixed = [paths[audible[i]] for i in np.flatnonzero(shown > max(LEAST, SHARE * shown.max()))]
                 problems.append(Unidentifiable(tuple(mixed)))
     return Sensitivity(tuple(map(float, effects)), float(condition), tuple(problems))

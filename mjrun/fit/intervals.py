@@ -1,11 +1,12 @@
-"""How well fitted parameters are known: a bootstrap over blocks of time.
+"""How well fitted parameters are known: by the scatter of white residuals, or else a bootstrap over blocks of time.
 
-The fit is linearized around its solution, and refitted with blocks of rows drawn with replacement. Rows that are near
+Where residuals are white noise, least squares says exactly how parameters scatter. Where they are not, the fit is
+linearized around its solution, and refitted with blocks of rows drawn with replacement. Rows that are near
 in time share what the model does not explain, so that blocks are drawn, not rows (H. R. Künsch, "The jackknife and
 the bootstrap for general stationary observations", 1989).
 
-Contacts can make a motion rough: nudges far below what measurements tell lead to another one. No block tells of it, as
-it lasts to the end; the draws are moved by what such nudges would have done to the fit.
+Contacts can make a motion rough: states that measurements cannot distinguish lead to others, and searches end at many
+places. No block tells of it, so that draws are moved by how far from each other several searches have ended.
 """
 
 from collections.abc import Callable, Sequence
@@ -13,13 +14,16 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import special
 
 from mjrun.fit.free_parameter import FreeParameter
-from mjrun.fit.projection import ProjectedRows, projected
+from mjrun.fit.projection import ProjectedRows, all_information, projected
 from mjrun.fit.solution import Solution
 
 BLOCKS = 20  # at least
-DRAWS = 2000
+DRAWS = 4000
+LAGS = 8  # rows apart, of which correlations are tested
+DOUBT = 0.005  # probability with which white residuals are taken for others
 AT_BOUND = 1e-3  # of the range
 MOST_LEVERAGE = 0.9  # of a block: what one block alone tells has no residuals to judge it by
 
@@ -56,36 +60,84 @@ def intervals(solution: Solution, parameters: Sequence[FreeParameter], confidenc
 
     Percentiles are widened as Student's t widens a normal distribution: there are few blocks.
     """
-    from scipy import stats
-
     parts = projected(solution)
     blocks = [rows for part in parts for rows in _blocks(part, -(-BLOCKS // len(parts)))]
-    count = len(blocks)
     informations = np.array([a.T @ a for a, _ in blocks])
     scores = np.array([a.T @ r for a, r in blocks])
-    priors = np.diag(_prior_information(solution, parameters))
-
-    generator = np.random.default_rng(seed)
-    weights = generator.multinomial(count, np.full(count, 1 / count), DRAWS)
-    matrices = np.einsum("wb,bij->wij", weights, informations) + priors
-    matrices += 1e-12 * np.trace(informations.sum(axis=0)) * np.eye(len(parameters))
-    scores = _unfitted(scores, informations, informations.sum(axis=0) + priors)
-    centred = scores - scores.mean(axis=0)  # at a bound they do not add up to nothing
-    moves = -np.linalg.solve(matrices, (weights @ centred)[..., None])[..., 0]
-    if solution.jitters:
-        pulls = _pulls_of_jitter(solution, parts, generator)
-        moves -= np.linalg.solve(informations.sum(axis=0) + priors, pulls.T).T
-
+    whole = all_information(solution, parameters)
     level = (1 - confidence) / 2
-    freedom = _degrees_of_freedom(informations, informations.sum(axis=0) + priors)
-    widened = stats.t.ppf(1 - level, freedom) / stats.norm.ppf(1 - level) * np.sqrt(count / (count - 1))
-    coordinates = np.clip(solution.coordinates + widened * moves, 0, 1)
+    generator = np.random.default_rng(seed)
+    if solution.loss == "linear" and not solution.ends and is_white(solution, informations, scores, whole):
+        moves, widened = _scattered(solution, whole, generator), 1.0
+    else:
+        moves = _bootstrapped(informations, scores, whole, generator)
+        freedom = _degrees_of_freedom(informations, whole)
+        widened = (
+            special.stdtrit(freedom, 1 - level) / special.ndtri(1 - level) * np.sqrt(len(blocks) / (len(blocks) - 1))
+        )
+    moves = widened * moves
+    if solution.ends:
+        moves += _ended(solution, generator)
+
+    coordinates = np.clip(solution.coordinates + moves, 0, 1)
     low, high = np.quantile(coordinates, [level, 1 - level], axis=0)
     spread = np.cov(moves, rowvar=False).reshape(len(parameters), -1)
     scale = np.sqrt(np.maximum(np.diag(spread), 1e-300))
     lowest, highest = (tuple(p.value(c) for p, c in zip(parameters, end, strict=True)) for end in (low, high))
     draws = np.array([[p.value(c) for p, c in zip(parameters, draw, strict=True)] for draw in coordinates])
     return Intervals(lowest, highest, spread / scale / scale[:, None], draws, confidence)
+
+
+def is_white(solution: Solution, informations: Floats, scores: Floats, whole: Floats) -> bool:
+    """Whether residuals are as independent of each other as white noise is.
+
+    Two tests: their correlations from row to row (G. M. Ljung, G. E. P. Box, "On a measure of lack of fit in time
+    series models", 1978), and whether the gradients of blocks are as large as white noise makes them, in every
+    direction.
+
+    Args:
+      informations: of blocks of rows, `(blocks, p, p)`.
+      scores: gradients of these blocks, `(blocks, p)`.
+      whole: the information of all blocks and the priors, `(p, p)`.
+    """
+    statistic, tested = 0.0, 0
+    for residuals in np.concatenate([np.nan_to_num(each) for each in solution.residuals]).T:
+        total = float(residuals @ residuals)
+        lags = [float(residuals[lag:] @ residuals[:-lag]) / max(total, 1e-300) for lag in range(1, LAGS + 1)]
+        statistic += len(residuals) * float(np.square(lags).sum())
+        tested += LAGS
+    if statistic > special.chdtri(tested, DOUBT):
+        return False
+
+    values, vectors = np.linalg.eigh(whole)
+    root = vectors / np.sqrt(np.maximum(values, 1e-12 * values.max()))
+    shares = np.einsum("ji,bjk,ki->bi", root, informations, root)
+    expected = (shares * (1 - shares)).sum(axis=0)
+    freedom = np.maximum(shares.sum(axis=0) ** 2 / np.maximum((shares**2).sum(axis=0), 1e-300) - 1, 1.0)
+    observed = np.square(scores @ root).sum(axis=0) / np.maximum(expected, 1e-300)
+    return bool((observed * freedom < special.chdtri(freedom, DOUBT)).all())
+
+
+def _scattered(solution: Solution, whole: Floats, generator: np.random.Generator) -> Floats:
+    """Draws of how far the coordinates are from the truth, `(DRAWS, p)`, by Student's t."""
+    numbers = sum(int(np.isfinite(each).sum()) for each in solution.residuals)
+    freedom = max(numbers - solution.unknowns, 1)
+    values, vectors = np.linalg.eigh(whole)
+    root = vectors / np.sqrt(np.maximum(values, 1e-12 * values.max()))
+    draws = generator.normal(size=(DRAWS // 2, len(values)))
+    draws = np.concatenate([draws, -draws]) * solution.cost * np.sqrt(numbers / freedom)
+    return draws / np.sqrt(generator.chisquare(freedom, (DRAWS, 1)) / freedom) @ root.T
+
+
+def _bootstrapped(informations: Floats, scores: Floats, whole: Floats, generator: np.random.Generator) -> Floats:
+    """How far refits of blocks drawn with replacement move the coordinates, `(DRAWS, p)`."""
+    count = len(informations)
+    weights = generator.multinomial(count, np.full(count, 1 / count), DRAWS)
+    matrices = np.einsum("wb,bij->wij", weights, informations) + (whole - informations.sum(axis=0))
+    matrices += 1e-12 * np.trace(informations.sum(axis=0)) * np.eye(len(whole))
+    scores = _unfitted(scores, informations, whole)
+    centred = scores - scores.mean(axis=0)  # at a bound they do not add up to nothing
+    return -np.linalg.solve(matrices, (weights @ centred)[..., None])[..., 0]
 
 
 def _unfitted(scores: Floats, informations: Floats, whole: Floats) -> Floats:
@@ -117,24 +169,12 @@ def _blocks(part: ProjectedRows, count: int) -> list[tuple[Floats, Floats]]:
     return [(part.slopes[places == i], part.residuals[places == i]) for i in range(count) if (places == i).any()]
 
 
-def _pulls_of_jitter(solution: Solution, parts: Sequence[ProjectedRows], generator: np.random.Generator) -> Floats:
-    """What rough motions add to the gradient of the cost, `(DRAWS, p)`: normal, as large as the nudges show."""
-    total = np.zeros((DRAWS, parts[0].slopes.shape[1]))
-    for part, residuals, weights, jitter in zip(
-        parts, solution.residuals, solution.weights, solution.jitters, strict=True
-    ):
-        known = np.isfinite(residuals)
-        pulls = jitter[known].T @ (np.sqrt(weights[known])[:, None] * part.slopes)
-        total += generator.normal(size=(DRAWS, len(pulls))) @ pulls / np.sqrt(len(pulls))
-    return total
-
-
-def _prior_information(solution: Solution, parameters: Sequence[FreeParameter]) -> Floats:
-    widths = [
-        p.value(min(1.0, c + 0.01)) - p.value(min(1.0, c + 0.01) - 0.01)
-        for p, c in zip(parameters, solution.coordinates, strict=True)
-    ]
-    return np.array([(w / 0.01 / p.prior[1]) ** 2 if p.prior else 0.0 for p, w in zip(parameters, widths, strict=True)])
+def _ended(solution: Solution, generator: np.random.Generator) -> Floats:
+    """How far from each other searches of a rough sum of squares end, `(DRAWS, p)`: by Student's t."""
+    beside = np.array(solution.ends) - solution.coordinates
+    count = len(beside)
+    draws = generator.normal(size=(DRAWS, count)) @ beside / np.sqrt(count)
+    return draws / np.sqrt(generator.chisquare(count, (DRAWS, 1)) / count)
 
 
 def bound_reached(coordinate: float) -> str:

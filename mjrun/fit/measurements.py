@@ -22,7 +22,7 @@ from mjrun.sim.table_times import SLACK, require_times
 TIME, CONTROLS = "time", "ctrl/"
 GAP = 5  # usual times between rows; a longer one ends a segment
 FEWEST = 16  # rows of a segment
-SPARSE = 200  # timesteps between rows; more are likely milliseconds taken for seconds
+SPARSE = 100  # timesteps between rows; more are likely milliseconds taken for seconds
 
 
 @dataclass(frozen=True, eq=False)
@@ -142,7 +142,8 @@ class _Table:
         self._controls = control_names(model)
         with open_table(path, _note(names := list[str]())):
             pass
-        self._expressions = self._by_name(names) | self._by_map(texts, names)
+        mapped = self._by_map(texts, names)
+        self._expressions, self._has_time_map = self._by_name(names) | mapped, TIME in mapped
         if TIME not in self._expressions:
             likely = next((name for name in names if name.casefold() in ("t", "timestamp", "sec", "seconds")), "COLUMN")
             raise UsageError(
@@ -178,11 +179,12 @@ class _Table:
             times, values, controls = times[unsaid:], values[unsaid:], controls[unsaid:]
 
         usual = float(np.median(np.diff(times))) if len(times) > 1 else 0.0
-        if usual > SPARSE * self._model.opt.timestep:
+        if usual > SPARSE * self._model.opt.timestep and not self._has_time_map:
             steps = usual / self._model.opt.timestep
-            remarks.append(
-                f"{clean(self._path)}: rows are {usual:g} s apart, {steps:,.0f} timesteps, which takes long\n"
-                f"if the times are milliseconds, {option('map')} says so: time=time/1000"
+            raise UsageError(
+                f"{clean(self._path)}: rows are {usual:g} s apart, {steps:,.0f} timesteps of the model\n"
+                f"if the times are milliseconds, {option('map')} time=time/1000; if they are seconds, {option('map')} "
+                "time=time confirms it"
             )
         starts = [0, *(np.flatnonzero(np.diff(times) > GAP * usual) + 1).tolist(), len(times)]
         parts = [slice(a, b) for a, b in itertools.pairwise(starts)]

@@ -20,6 +20,9 @@ from mjrun.probe.fields import FieldProbe, Fields
 from mjrun.probe.select import select
 from mjrun.sim.c_engine import AUTORESET, CEngine
 
+CONSTRAINTS = "nefc"  # MuJoCo's name for the number of rows of constraints, which contacts and limits change
+ALIKE = 1.25  # lengths of rollouts that are simulated side by side differ by this factor at most
+
 
 @dataclass(frozen=True, eq=False)
 class Chunk:
@@ -126,11 +129,13 @@ class Predictor:
       rotations: of the signals, those that are a quaternion, by their places.
       lead: the longest delay, in timesteps.
       failures: what could not be simulated.
+      rollouts: how many chunks were simulated.
+      has_impacts: whether contacts or limits have come or gone in any of them.
     """
 
     def __init__(self, simulation: Simulation, signals: Sequence[str], parameters: Sequence[FreeParameter]) -> None:
         self._source, self._parameters = simulation.source, parameters
-        self.failures = Failures()
+        self.failures, self.rollouts, self.has_impacts = Failures(), 0, False
         self._linear = simulation.ctrl_interpolation == "linear"
         self._variants = ModelVariants(_without_resets)
         self._engine = CEngine()
@@ -141,7 +146,7 @@ class Predictor:
         columns = [column for probe in self._probes for column in probe.columns]
         self._order = [[column.name for column in columns].index(name) for name in signals]
         self.columns = [columns[i] for i in self._order]
-        self._fields = sorted({name for probe in self._probes for name in probe.fields})
+        self._fields = sorted({CONSTRAINTS, *(name for probe in self._probes for name in probe.fields)})
         self._signals = list(signals)
         controls = control_names(self.model)
         delays = [(i, name) for i, each in enumerate(parameters) for name in each.delayed]
@@ -161,14 +166,16 @@ class Predictor:
 
     def predict(self, rollouts: Sequence[Rollout]) -> list[np.ndarray]:
         """What each would measure, `(n, signals)` of its chunk; NaN where the simulation fails."""
+        self.rollouts += len(rollouts)
         compiled = {values: self.compiled(values) for values in dict.fromkeys(each.values for each in rollouts)}
-        able = [i for i, each in enumerate(rollouts) if compiled[each.values] is not None]
         predicted = [np.full((len(each.chunk.positions), len(self._signals)), np.nan) for each in rollouts]
-        models = [model for i in able if (model := compiled[rollouts[i].values])]
-        for i, rows in zip(able, self._recorded([rollouts[i] for i in able], models), strict=True):
-            predicted[i] = self._sampled(rollouts[i], rows)
-            if not np.isfinite(predicted[i]).all():
-                self.failures.unstable(rollouts[i].values)
+        able = [i for i, each in enumerate(rollouts) if compiled[each.values] is not None]
+        for places in _alike(able, [each.chunk.steps for each in rollouts]):
+            models = [model for i in places if (model := compiled[rollouts[i].values])]
+            for i, rows in zip(places, self._recorded([rollouts[i] for i in places], models), strict=True):
+                predicted[i] = self._sampled(rollouts[i], rows)
+                if not np.isfinite(predicted[i]).all():
+                    self.failures.unstable(rollouts[i].values)
         return predicted
 
     def compiled(self, values: tuple[float, ...] | None) -> mujoco.MjModel | None:
@@ -185,10 +192,11 @@ class Predictor:
         """The signals at every step, `(steps + 1, signals)` of each; NaN where the simulation fails."""
 
         def signals(fields: Fields, initial: Fields) -> np.ndarray:
+            self.has_impacts = self.has_impacts or bool(np.ptp(fields[CONSTRAINTS], axis=1).any())
             parts = [probe.compute(fields, initial) for probe in self._probes]
             return np.concatenate(parts, axis=-1)[..., self._order]
 
-        return self._measured(rollouts, models, self._fields, signals) if rollouts else []
+        return self._measured(rollouts, models, self._fields, signals)
 
     def positions(self, parts: Sequence[Chunk], values: tuple[float, ...], states: np.ndarray) -> list[np.ndarray]:
         """Where the model with these values is at the rows of chunks, `qpos`, `(n, nq)` of each.
@@ -243,6 +251,17 @@ def _interpolated(rows: np.ndarray, positions: np.ndarray, columns: slice | int)
     share = positions - low
     share = share if isinstance(columns, int) else share[:, None]
     return rows[low, columns] * (1 - share) + rows[low + 1, columns] * share
+
+
+def _alike(places: Sequence[int], steps: Sequence[int]) -> list[list[int]]:
+    """`places` in groups of rollouts of about as many steps each."""
+    groups: list[list[int]] = []
+    for place in sorted(places, key=lambda i: steps[i]):
+        if groups and steps[place] <= ALIKE * steps[groups[-1][0]]:
+            groups[-1].append(place)
+        else:
+            groups.append([place])
+    return groups
 
 
 def _without_resets(model: mujoco.MjModel) -> None:

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from mjrun.fit.free_parameter import FreeParameter
 from mjrun.fit.shooting_problem import STATE_SCALE
 from mjrun.fit.solution import Solution
 
@@ -55,3 +56,9 @@ def _projected(residuals: Floats, of_coordinates: Floats, of_states: Floats, wei
 def information(parts: Sequence[ProjectedRows]) -> Floats:
     """The information matrix of the coordinates, `(p, p)`."""
     return np.sum([part.slopes.T @ part.slopes for part in parts], axis=0)
+
+
+def all_information(solution: Solution, parameters: Sequence[FreeParameter]) -> Floats:
+    """The information matrix of the coordinates of `parameters`, with what priors say: `(p, p)`."""
+    slopes = [each.prior_slope(c) for each, c in zip(parameters, solution.coordinates, strict=True)]
+    return information(projected(solution)) + np.diag(np.square(slopes))

@@ -33,10 +33,10 @@ def write_ranges(
       UsageError: the file does not end in .yaml.
       FileError: it cannot be written.
     """
-    from scipy import stats
+    from scipy import special
 
     check_ranges_name(path)
-    width = 2 * float(stats.norm.ppf((1 + confidence) / 2))
+    width = 2 * float(special.ndtri((1 + confidence) / 2))
     lines = ["vary:"]
     for parameter, result in zip(free, fitted, strict=True):
         if (varied := parameter.override_path) is None:

@@ -41,6 +41,7 @@ class FittedSignal:
       name: of the column.
       unit: of it.
       noise: standard deviation of what is left of it after the fit, in this unit.
+      misfit: this over the noise of the log; about 1 where the model explains all but noise.
       nominal, fitted: errors where it was fitted, before and after; None of a partial fit.
       holdout_nominal, holdout_fitted: errors on what was held out; None without.
     """
@@ -48,6 +49,7 @@ class FittedSignal:
     name: str
     unit: str
     noise: float
+    misfit: float
     nominal: float | None
     fitted: float | None
     holdout_nominal: float | None
@@ -62,13 +64,16 @@ class FitResult:
       parameters: what was looked for.
       inertias: of bodies of which numbers were looked for.
       signals: what was measured.
+      reduced_chi2: mean square of what is left over the noise of the log, for each degree of freedom: about 1 where the
+        model explains all but noise.
       correlation: between the parameters, in their order.
       confidence: of the intervals.
       condition: how well they can be told apart: ratio of singular values.
       rows, segments: what was fitted.
       rollouts: how many chunks were simulated.
       changes: what was changed in the model's text, each in words.
-      remarks: what to know of the measurements.
+      remarks: what to know of the measurements and of the fit.
+      ways: how the parameters were searched for, in the order in which it was tried.
       files: what was written.
       wall: wall time [s].
       loss: how residuals counted.
@@ -79,6 +84,7 @@ class FitResult:
     parameters: Sequence[FittedParameter]
     inertias: Sequence[FittedInertia]
     signals: Sequence[FittedSignal]
+    reduced_chi2: float
     correlation: Sequence[Sequence[float]]
     confidence: float
     condition: float
@@ -87,6 +93,7 @@ class FitResult:
     rollouts: int
     changes: Sequence[str]
     remarks: Sequence[str]
+    ways: Sequence[str]
     files: Sequence[str]
     wall: float
     loss: str = "linear"

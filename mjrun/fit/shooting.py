@@ -1,37 +1,49 @@
-"""Multiple shooting: parameters and the states in which chunks begin, found together by least squares.
+"""Shooting: parameters and the states in which stretches of a log begin, found together by least squares.
 
-Chunks are short at first, where every rollout is almost linear in what is looked for, and grow to whole segments,
-which tell most of slow effects. H. G. Bock, "Recent advances in parameter identification techniques for O.D.E."
-(1983), is the source of shooting from several states.
+What counts are whole segments, each from one state, which is fitted. They are tried first; where they do not come down
+to the noise of the log, other ways lead to them: short stretches, each from a state of its own (H. G. Bock, "Recent
+advances in parameter identification techniques for O.D.E.", 1983), openings of segments that grow, and other starts.
 """
 
-from collections.abc import Callable, Sequence
-from dataclasses import replace
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from mjrun.fit.free_parameter import FreeParameter
+from mjrun.fit.gauss_newton import Advanced, GaussNewton
 from mjrun.fit.measurements import Segment
 from mjrun.fit.noise import LEAST_NOISE
 from mjrun.fit.prediction import Chunk, Predictor, States, chunks
 from mjrun.fit.rotations import shared
-from mjrun.fit.shooting_problem import ShootingProblem
-from mjrun.fit.solution import Floats, Solution, with_noise
+from mjrun.fit.shooting_problem import ShootingProblem, Simulating, together
+from mjrun.fit.solution import Floats, Solution
 from mjrun.fit.starting_states import StartingStates
 from mjrun.fit.unmeasured_states import simulated_starts
 
-EVALUATIONS = 40  # of one stage, at most
-FEW_EVALUATIONS = 12  # of each of several starts
-SHORTEST = 24  # rows of the first chunks
-GROWTH = 2
-TOLERANCE = 1e-8  # relative change of the cost at which the last stage ends
-ROUGH_TOLERANCE = 1e-5  # the same of stages that others follow, and where the states alone are looked for
-EXPLAINED = 5.0  # cost of a solution, in standard deviations of the noise, with which no other is looked for
-SHOTS = 5  # from one start, at most
-WORTHWHILE = 0.95  # of the cost before, if another shot may follow
-DENSE = 40  # unknowns up to which a Jacobian is factored as a whole
+SHORTEST = 24  # rows of the shortest stretches
+GROWTH = 4
+STAGE_EVALUATIONS = 40  # of stages that others follow, at most
+ROUGH_TOLERANCE = 1e-4  # relative change of the cost at which stages end that others follow
+EXPLAINED = 1.25  # reduced χ² with which no other way is tried
+ALIKE = 0.01  # relative difference of the costs of two solutions that are taken for one
+SHOTS = 4  # searches where contacts make the motion rough
+WHOLE = 10**9  # rows
 
-Advanced = Callable[[Solution], None]
+
+@dataclass
+class Search:
+    """What a search has come to.
+
+    Attributes:
+      own: whole segments by the model as it was, from the states that fit best.
+      best: whole segments by the best parameters.
+      ways: the ways that were tried, in words.
+    """
+
+    own: Solution
+    best: Solution
+    ways: list[str] = field(default_factory=list[str])
 
 
 class Shooting:
@@ -39,15 +51,22 @@ class Shooting:
 
     Args:
       loss: of scipy's `least_squares`: `linear`, or one that outliers weigh less in.
+      seed: of the random points that rough sums of squares are tried at.
     """
 
     def __init__(
-        self, predictor: Predictor, parameters: Sequence[FreeParameter], starting: StartingStates, loss: str = "linear"
+        self,
+        predictor: Predictor,
+        parameters: Sequence[FreeParameter],
+        starting: StartingStates,
+        loss: str = "linear",
+        seed: int = 0,
     ) -> None:
-        self._predictor, self._parameters, self._starting, self._loss = predictor, parameters, starting, loss
-        self._states = States(predictor.model)
+        self._predictor, self._parameters, self._starting = predictor, parameters, starting
+        self._loss, self._seed = loss, seed
+        self._states, self._is_rough = States(predictor.model), False
 
-    def cut(self, segments: Sequence[Segment], rows: int) -> list[Chunk]:
+    def cut(self, segments: Sequence[Segment], rows: int = WHOLE) -> list[Chunk]:
         """The chunks of about `rows` rows."""
         return chunks(segments, rows, self._predictor.timestep, self._predictor.lead)
 
@@ -62,191 +81,145 @@ class Shooting:
             return simulated_starts(self._predictor, self._starting, parts, values)
         return np.stack([self._starting.guess(part, self._predictor.timestep) for part in parts])
 
-    def solve(
-        self,
-        parts: Sequence[Chunk],
-        coordinates: Floats,
-        states: Floats,
-        noise: Floats,
-        *,
-        evaluations: int = EVALUATIONS,
-        tolerance: float = TOLERANCE,
-        advanced: Advanced | None = None,
-    ) -> Solution:
-        """Minimizes the residuals of `parts`.
+    def look(self, parts: Sequence[Chunk], coordinates: Floats, states: Floats, noise: Floats) -> Solution:
+        """Residuals and sensitivities at a start, where nothing is minimized."""
+        return replace(self._run(self._problem(parts, coordinates, states, noise).look()), loss="linear")
 
-        Args:
-          coordinates, states: where to begin.
-          noise: standard deviation of each signal.
-          evaluations: of the residuals, at most.
-          tolerance: relative change of the cost at which it ends.
-          advanced: is told of every solution that is better than the one before.
-        """
-        return self._solved(parts, coordinates, states, noise, evaluations, tolerance, advanced=advanced)
+    def solve(self, parts: Sequence[Chunk], coordinates: Floats, states: Floats, noise: Floats) -> Solution:
+        """Minimizes the residuals of `parts` from a start."""
+        return self._run(self._problem(parts, coordinates, states, noise).minimize())
 
-    def follow(self, parts: Sequence[Chunk], coordinates: Floats | None, states: Floats, noise: Floats) -> Solution:
+    def follow(self, parts: Sequence[Chunk], coordinates: Floats | None, noise: Floats) -> Solution:
         """The states alone that minimize the residuals of `parts`, the parameters being as they are.
 
         Args:
           coordinates: of the parameters; None for the model as it was.
         """
-        return self._solved(parts, coordinates, states, noise, EVALUATIONS, ROUGH_TOLERANCE, fixed=True)
+        return self._run(self._grown(parts, coordinates, noise, fixed=True))
 
-    def _solved(
+    def weighted(self, solution: Solution) -> Solution:
+        """A solution of the same chunks, from that of `solution`, in which signals count by its residuals."""
+        noise = solution.noise_scale
+        values = np.concatenate([part.values for part in solution.chunks])
+        groups = self._predictor.rotations
+        least = LEAST_NOISE * shared(np.nanstd(values, axis=0), groups)
+        return self.solve(
+            solution.chunks, solution.coordinates, solution.states, np.maximum(shared(noise, groups), least)
+        )
+
+    def search(
+        self, segments: Sequence[Segment], starts: Sequence[Floats], noise: Floats, advanced: Advanced | None = None
+    ) -> Search:
+        """The best parameters for whole segments.
+
+        Args:
+          starts: coordinates; the first is that of the model as it was.
+          advanced: called with every solution that is better than all before.
+        """
+        whole = self.cut(segments)
+        own = self.follow(whole, None, noise)
+        first = self._run(self._grown(whole, starts[0], noise, advanced=advanced))
+        search = Search(own, first, ["whole segments"])
+
+        if first.cost > own.cost:  # from where the model is explained best by itself
+            search.best = self.solve(whole, starts[0], own.states, noise)
+
+        if search.best.reduced < EXPLAINED and not self._is_rough:
+            return search
+
+        def offer(solution: Solution) -> bool:
+            """Keeps the best, and says whether there is no need to go on."""
+            is_same = abs(solution.cost - search.best.cost) < ALIKE * solution.cost
+            if solution.cost < search.best.cost:
+                search.best = solution
+                if advanced:
+                    advanced(solution)
+            return is_same or search.best.reduced < EXPLAINED
+
+        if self._is_rough:
+            search.ways.append("ensembles of nearby states, as contacts make the motion rough")
+            tasks = [self._grown(whole, starts[seed % len(starts)], noise, seed=seed) for seed in range(1, SHOTS)]
+            ends = together(self._predictor, tasks)
+            best = min([search.best, *ends], key=lambda each: each.cost)
+            search.best = replace(best, ends=[each.coordinates for each in [first, *ends] if each is not best])
+            return search
+        for start in starts:
+            coordinates = start
+            for rows, parts in self.stages(segments):
+                states = self.guessed(parts, coordinates)
+                problem = self._problem(parts, coordinates, states, noise)
+                coordinates = self._run(problem.minimize(STAGE_EVALUATIONS, ROUGH_TOLERANCE)).coordinates
+                search.ways.append(f"stretches of {rows} rows")
+                if offer(self._run(self._grown(whole, coordinates, noise))):
+                    return search
+        return search
+
+    def stages(self, segments: Sequence[Segment]) -> list[tuple[int, list[Chunk]]]:
+        """Stretches of more and more rows, short of whole segments: how many, and the chunks."""
+        rows, cuts = SHORTEST, list[tuple[int, list[Chunk]]]()
+        while len(parts := self.cut(segments, rows)) > len(segments):
+            cuts.append((rows, parts))
+            rows *= GROWTH
+        return cuts
+
+    def _grown(
+        self,
+        parts: Sequence[Chunk],
+        coordinates: Floats | None,
+        noise: Floats,
+        *,
+        fixed: bool = False,
+        seed: int = 0,
+        advanced: Advanced | None = None,
+    ) -> Simulating[Solution]:
+        """Solutions of whole chunks, from states that fit their first rows; of longer openings where contacts are."""
+        states = self.guessed(parts, coordinates)
+        if not self._is_rough:
+            opening = self._problem([_opening(part) for part in parts], coordinates, states, noise, fixed=True)
+            states = (yield from opening.minimize(STAGE_EVALUATIONS, ROUGH_TOLERANCE)).states
+            problem = self._problem(parts, coordinates, states, noise, fixed=fixed, advanced=advanced)
+            solution = yield from problem.minimize()
+            if not self._predictor.has_impacts or solution.reduced < EXPLAINED:
+                return solution
+            self._is_rough = True
+            states = self.guessed(parts, coordinates)
+        rows = WHOLE if fixed else SHORTEST
+        while True:
+            opening = [_opening(part, rows) for part in parts]
+            is_whole = all(a.rows == b.rows for a, b in zip(opening, parts, strict=True))
+            stretches = parts if is_whole else opening
+            problem = self._problem(stretches, coordinates, states, noise, fixed=fixed, seed=seed, advanced=advanced)
+            solution = yield from problem.minimize()
+            if is_whole:
+                return solution
+            states, coordinates = solution.states, None if coordinates is None else solution.coordinates
+            rows *= 2
+
+    def _problem(
         self,
         parts: Sequence[Chunk],
         coordinates: Floats | None,
         states: Floats,
         noise: Floats,
-        evaluations: int,
-        tolerance: float,
         *,
         fixed: bool = False,
+        seed: int = 0,
         advanced: Advanced | None = None,
-    ) -> Solution:
-        from scipy.optimize import least_squares
-
-        problem = self._problem(parts, coordinates, states, noise, fixed=fixed)
-        low, high = problem.bounds
-        dense = len(low) <= DENSE
-
-        def jacobian(x: Floats):
-            slopes = problem.jacobian(x)  # which is asked for wherever residuals have become less
-            if advanced:
-                advanced(replace(problem.solution(x), loss=self._loss))
-            return slopes.toarray() if dense else slopes
-
-        result = least_squares(
-            problem.residuals,
-            problem.start,
-            jacobian,  # pyright: ignore[reportArgumentType]  (its types know of names alone)
-            bounds=(low, high),
-            method="trf",
-            x_scale=1.0 if fixed else "jac",  # by slopes, the first steps from no deviation would be tiny
-            loss=self._loss,
-            tr_solver="exact" if dense else "lsmr",
-            max_nfev=evaluations,
-            xtol=1e-7,
-            ftol=tolerance,
-        )
-        return replace(problem.solution(np.asarray(result.x, float)), loss=self._loss)
-
-    def look(self, parts: Sequence[Chunk], coordinates: Floats, states: Floats, noise: Floats) -> Solution:
-        """Residuals and sensitivities at a start, where nothing is minimized."""
-        problem = self._problem(parts, coordinates, states, noise)
-        return problem.solution(problem.start)
-
-    def best_start(
-        self, segments: Sequence[Segment], starts: Sequence[Floats], noise: Floats, advanced: Advanced | None = None
-    ) -> Floats:
-        """Where the shortest chunks lead from several starts: the coordinates with the least residuals.
-
-        Args:
-          advanced: is told of every solution that is better than the one before of the same start.
-        """
-        parts = self.cut(segments, SHORTEST)
-        solutions = [
-            self.solve(
-                parts,
-                start,
-                self.guessed(parts, start),
-                noise,
-                evaluations=FEW_EVALUATIONS,
-                tolerance=ROUGH_TOLERANCE,
-                advanced=advanced,
-            )
-            for start in starts
-        ]
-        return min(solutions, key=lambda solution: solution.cost).coordinates
-
-    def stages(self, segments: Sequence[Segment]) -> list[list[Chunk]]:
-        """The chunks of the stages of a fit: longer and longer ones, to whole segments."""
-        rows, cuts = SHORTEST, [self.cut(segments, SHORTEST)]
-        while len(cuts[-1]) > len(segments):
-            rows *= GROWTH
-            cuts.append(self.cut(segments, rows))
-        return cuts
-
-    def grown(
-        self, segments: Sequence[Segment], start: Floats, noise: Floats, advanced: Advanced | None = None
-    ) -> list[Solution]:
-        """Solutions with longer and longer chunks, to whole segments; each stage begins at the one before.
-
-        Args:
-          advanced: is told of every solution that is better than the one before.
-        """
-        solutions: list[Solution] = []
-        coordinates, stages = start, self.stages(segments)
-        for parts in stages:
-            states = self._taken_over(parts, solutions[-1]) if solutions else self.guessed(parts, start)
-            tolerance = TOLERANCE if parts is stages[-1] else ROUGH_TOLERANCE
-            solution = self.solve(parts, coordinates, states, noise, tolerance=tolerance, advanced=advanced)
-            noise = self._noise(solution)
-            solutions.append(solution)
-            coordinates = solution.coordinates
-        return solutions
-
-    def searched(
-        self, found: Solution, starts: Sequence[Floats], noise: Floats, advanced: Advanced | None = None
-    ) -> list[Solution]:
-        """Further solutions of the chunks of `found`, the best one last; none if `found` is good or none is better.
-
-        Short chunks say little of a state that is not measured, and may lead to a wrong basin. Whole segments that are
-        shot from several starts may lead to another.
-
-        Args:
-          found: of whole segments.
-          starts: coordinates, tried in turn until one explains the measurements.
-          noise: by which solutions are compared.
-          advanced: is told of every solution that is better than all before.
-        """
-        tried: list[Solution] = []
-        best = with_noise(found, noise)
-        for start in () if self._starting.all_measured else starts:
-            if best.cost < EXPLAINED:
-                break
-            shots = self._shots(found.chunks, start, noise)
-            tried += shots
-            if shots[-1].cost < best.cost:
-                best = shots[-1]
-                if advanced:
-                    advanced(best)
-        if best not in tried:
-            return []
-        return [*(each for each in tried if each is not best), best]
-
-    def _problem(
-        self, parts: Sequence[Chunk], coordinates: Floats | None, states: Floats, noise: Floats, *, fixed: bool = False
-    ) -> ShootingProblem:
+    ) -> GaussNewton:
         setting = (self._predictor, self._parameters, self._states)
-        return ShootingProblem(*setting, parts, coordinates, states, noise, fixed)
+        problem = ShootingProblem(*setting, parts, coordinates, states, noise, fixed)
+        return GaussNewton(problem, self._loss, self._seed + seed, self._is_rough, advanced)
 
-    def _shots(self, parts: Sequence[Chunk], start: Floats, noise: Floats) -> list[Solution]:
-        """Solutions from a start, the best one last, each from where the one before ended.
-
-        The states are guessed anew: those of a fit that is far from the truth have been bent to make up for it.
-        """
-        shots: list[Solution] = []
-        coordinates = start
-        for _ in range(SHOTS):
-            shot = self.solve(parts, coordinates, self.guessed(parts, coordinates), noise)
-            if shots and shot.cost > WORTHWHILE * shots[-1].cost:
-                return sorted([*shots, shot], key=lambda solution: -solution.cost)
-            shots.append(shot)
-            coordinates = shot.coordinates
-        return shots
-
-    def _noise(self, solution: Solution) -> Floats:
-        """The noise that the residuals show."""
-        values = np.concatenate([part.values for part in solution.chunks])
-        groups = self._predictor.rotations
-        return np.maximum(shared(solution.noise_scale, groups), LEAST_NOISE * shared(np.nanstd(values, axis=0), groups))
-
-    def _taken_over(self, parts: Sequence[Chunk], before: Solution) -> Floats:
-        """States for `parts` from chunks that began at the same step; guesses elsewhere."""
-        known = {(id(c.segment), c.first_step): s for c, s in zip(before.chunks, before.states, strict=True)}
-        guesses = self.guessed(parts, before.coordinates)
-        return np.stack([known.get((id(p.segment), p.first_step), g) for p, g in zip(parts, guesses, strict=True)])
+    def _run(self, task: Simulating[Solution]) -> Solution:
+        (solution,) = together(self._predictor, [task])
+        return solution
 
     def _values(self, coordinates: Floats) -> tuple[float, ...]:
         return tuple(each.value(c) for each, c in zip(self._parameters, coordinates, strict=True))
+
+
+def _opening(chunk: Chunk, rows: int = SHORTEST) -> Chunk:
+    """The first rows of a chunk; all if few more are left."""
+    if len(chunk.positions) < 1.5 * rows:
+        return chunk
+    return replace(chunk, rows=slice(chunk.rows.start, chunk.rows.start + rows), positions=chunk.positions[:rows])

@@ -1,34 +1,85 @@
-"""Least squares of multiple shooting: residuals and slopes of all chunks, by finite differences of rollouts."""
+"""Least squares of multiple shooting: residuals and slopes of all chunks, by finite differences of rollouts.
 
-from collections.abc import Sequence
+Functions that simulate are generators: each yields the rollouts that it needs and is sent what they predict, so that
+several problems are simulated in one batch, over all cores (`together`).
+"""
+
+from collections.abc import Generator, Sequence
 from dataclasses import dataclass
+from typing import TypeVar
 
 import numpy as np
 
 from mjrun.fit.free_parameter import FreeParameter
 from mjrun.fit.prediction import Chunk, Predictor, Rollout, States
-from mjrun.fit.solution import Floats, Solution
+from mjrun.fit.solution import Floats
 
 NUDGE = 1e-5  # of a coordinate from 0 to 1, for finite differences
 STATE_NUDGE = 1e-6  # of positions, velocities and activations
-COARSE = 1000.0  # times these where contacts make a motion rough, so that fine differences tell of nothing else
-ROUGH = 2.0  # ratio of slopes by fine and by coarse differences that tells so
 STATE_SCALE = 10.0  # standard deviation that keeps in place what no signal tells of a state
 PENALTY = 1e3  # residual, in standard deviations of the noise, where a simulation fails
 
+Result = TypeVar("Result")
+Simulating = Generator[Sequence[Rollout], Sequence[Floats], Result]
+
+
+def together(predictor: Predictor, tasks: Sequence[Simulating[Result]]) -> list[Result]:
+    """Runs generators side by side: what all of them ask for is simulated as one batch."""
+    results: dict[int, Result] = {}
+    waiting: dict[int, Sequence[Rollout]] = {}
+
+    def advance(index: int, predicted: Sequence[Floats] | None) -> None:
+        try:
+            waiting[index] = tasks[index].send(predicted)  # pyright: ignore[reportArgumentType]  (None begins)
+        except StopIteration as end:
+            results[index] = end.value
+
+    for index in range(len(tasks)):
+        advance(index, None)
+    while waiting:
+        asked, waiting = waiting, {}
+        predicted = iter(predictor.predict([rollout for rollouts in asked.values() for rollout in rollouts]))
+        for index, rollouts in asked.items():
+            advance(index, [next(predicted) for _ in rollouts])
+    return [results[index] for index in range(len(tasks))]
+
 
 @dataclass(frozen=True, eq=False)
-class _Linearized:
-    """Residuals of the chunks at `x`, `(n, signals)`, and their slopes, `(n, signals, p)` and `(n, signals, size)`."""
+class Point:
+    """Values of the unknowns.
 
-    x: Floats
-    residuals: Sequence[Floats]
-    of_coordinates: Sequence[Floats]
-    of_states: Sequence[Floats]
+    Attributes:
+      coordinates: of the parameters, `(p,)`.
+      deviations: of the states of the chunks from their guesses, `(chunks, size)`.
+    """
+
+    coordinates: Floats
+    deviations: Floats
+
+
+@dataclass(frozen=True, eq=False)
+class Steps:
+    """Steps of finite differences, of each coordinate, `(p,)`, and of each number of a state, `(size,)`."""
+
+    coordinates: Floats
+    states: Floats
 
 
 class ShootingProblem:
-    """Least squares of one stage: unknowns are the coordinates, unless fixed, then the deviations of each chunk."""
+    """Least squares of one stage: unknowns are the coordinates, unless fixed, then the deviations of each chunk.
+
+    Args:
+      coordinates: where to begin; None for the model as it was, whose parameters are fixed.
+      guesses: states at the beginning of the chunks, `(chunks, nstate)`.
+      noise: standard deviation of each signal, `(signals,)`.
+
+    Attributes:
+      parts: the chunks.
+      noise: as above.
+      known: which values of each chunk are measured.
+      free: how many coordinates are looked for.
+      size: numbers of the deviation of a state.
+    """
 
     def __init__(
         self,
@@ -41,142 +92,86 @@ class ShootingProblem:
         noise: Floats,
         fixed: bool,
     ) -> None:
-        self._predictor, self._parameters, self._states, self._parts = predictor, parameters, states, parts
-        self._guesses, self._noise, self._fixed = guesses, noise, fixed
-        self._free, self._is_nominal = 0 if fixed else len(parameters), coordinates is None
-        self._coordinates = np.array([p.first_coordinate for p in parameters]) if coordinates is None else coordinates
-        self._known = [np.isfinite(part.values) for part in parts]
-        self._rollouts = 0
-        self._linearized: _Linearized | None = None
-        self._factors, self._are_factors_known = np.ones(self._free + states.size), False
-        self._jitters: Sequence[Floats] = ()
+        self._predictor, self._parameters, self._states, self.parts = predictor, parameters, states, parts
+        self._guesses, self.noise = guesses, noise
+        self._is_nominal = coordinates is None
+        self.free, self.size = 0 if fixed or self._is_nominal else len(parameters), states.size
+        first = np.array([p.first_coordinate for p in parameters]) if coordinates is None else coordinates
+        self.start = Point(first, np.zeros((len(parts), states.size)))
+        self.known = [np.isfinite(part.values) for part in parts]
 
     @property
-    def start(self) -> Floats:
-        first = self._coordinates[: self._free]
-        return np.concatenate([first, np.zeros(len(self._parts) * self._states.size)])
+    def fine(self) -> Steps:
+        """Steps that suit smooth motions."""
+        return Steps(np.full(self.free, NUDGE), np.full(self.size, STATE_NUDGE))
 
     @property
-    def bounds(self) -> tuple[Floats, Floats]:
-        free = np.full(len(self._parts) * self._states.size, np.inf)
-        return np.concatenate([np.zeros(self._free), -free]), np.concatenate([np.ones(self._free), free])
+    def has_impacts(self) -> bool:
+        """Whether contacts or limits have come or gone in any simulation."""
+        return self._predictor.has_impacts
 
-    def residuals(self, x: Floats) -> Floats:
-        """In standard deviations of the noise, then of what is known of the states and parameters beforehand."""
-        coordinates, deviations = self._split(x)
-        left = self._left(coordinates, deviations)
-        parts = [each[known] for each, known in zip(left, self._known, strict=True)]
-        return np.concatenate([*parts, deviations.ravel() / STATE_SCALE, self._priors(coordinates)])
+    def states(self, point: Point) -> Floats:
+        """Integration states at the beginning of the chunks, `(chunks, nstate)`."""
+        return np.stack([self._states.moved(g, d) for g, d in zip(self._guesses, point.deviations, strict=True)])
 
-    def jacobian(self, x: Floats):
-        """A sparse matrix: chunks know of the parameters and of their own state."""
-        from scipy import sparse
+    def residuals(self, points: Sequence[Point]) -> Simulating[list[list[Floats]]]:
+        """In standard deviations of the noise, `(n, signals)` of each chunk at each of `points`."""
+        starts = [(i, p.coordinates, p.deviations[i]) for p in points for i in range(len(self.parts))]
+        left = yield from self._left(starts)
+        count = len(self.parts)
+        return [left[i * count : (i + 1) * count] for i in range(len(points))]
 
-        coordinates, _ = self._split(x)
-        linearized = self._linearized_at(x)
-        of_coordinates, of_states = linearized.of_coordinates, linearized.of_states
-        size, count = self._states.size, len(self._parts)
-        top = sparse.block_diag([d[known] for d, known in zip(of_states, self._known, strict=True)])
-        middle = sparse.identity(count * size) / STATE_SCALE
-        right = sparse.vstack([top, middle])
-        if not self._free:
-            return right.tocsr()
-        left = np.concatenate([d[known] for d, known in zip(of_coordinates, self._known, strict=True)])
-        left = np.concatenate([left, np.zeros((count * size, self._free))])
-        priors = self._prior_slopes(coordinates)
-        below = sparse.csr_matrix((len(priors), count * size))
-        return sparse.hstack([sparse.csr_matrix(np.concatenate([left, priors])), sparse.vstack([right, below])]).tocsr()
+    def slopes(
+        self, point: Point, residuals: Sequence[Floats], steps: Steps, *, of_states: bool = True
+    ) -> Simulating[tuple[list[Floats], list[Floats]]]:
+        """Of the residuals of each chunk to the coordinates, `(n, signals, p)`, and to its state, `(n, signals, size)`.
 
-    def solution(self, x: Floats) -> Solution:
-        coordinates, deviations = self._split(x)
-        linearized = self._linearized_at(x)
-        shown = [np.where(known, each, np.nan) for each, known in zip(linearized.residuals, self._known, strict=True)]
-        slopes = list(zip(linearized.of_coordinates, linearized.of_states, strict=True))
-        states = np.stack([self._states.moved(g, d) for g, d in zip(self._guesses, deviations, strict=True)])
-        return Solution(
-            self._parts, coordinates, states, shown, slopes, self._noise, self._rollouts, jitters=self._jitters
-        )
+        Args:
+          residuals: at `point`.
+          of_states: whether the second is asked for; it is empty otherwise.
+        """
+        count, size = len(self.parts), self.size if of_states else 0
+        x = point.coordinates
+        moves = np.where(x[: self.free] < 0.5, 1.0, -1.0) * steps.coordinates  # away from the nearer bound
+        starts: list[tuple[int, Floats, Floats]] = []
+        for j in range(self.free):
+            moved = x.copy()
+            moved[j] += moves[j]
+            starts += [(i, moved, point.deviations[i]) for i in range(count)]
+        for j in range(size):
+            for i in range(count):
+                deviation = point.deviations[i].copy()
+                deviation[j] += steps.states[j]
+                starts.append((i, x, deviation))
+        if not starts:
+            return [np.zeros((*r.shape, 0)) for r in residuals], []
+        left = yield from self._left(starts)
+        all_moves = np.concatenate([moves, steps.states[:size]])
+        slopes = [(np.stack(left[i::count], axis=-1) - residuals[i][..., None]) / all_moves for i in range(count)]
+        return [each[..., : self.free] for each in slopes], [each[..., self.free :] for each in slopes if size]
 
-    def _split(self, x: Floats) -> tuple[Floats, Floats]:
-        coordinates = self._coordinates if self._fixed else x[: self._free]
-        return coordinates, x[self._free :].reshape(len(self._parts), self._states.size)
+    def priors(self, coordinates: Floats) -> tuple[Floats, Floats]:
+        """What is known beforehand: residuals of the coordinates, `(p,)`, 0 without a prior, and their slopes."""
+        left, slopes = np.zeros(self.free), np.zeros(self.free)
+        for j, each in enumerate(self._parameters[: self.free]):
+            if each.prior:
+                left[j] = (each.value(coordinates[j]) - each.prior[0]) / each.prior[1]
+                slopes[j] = each.prior_slope(coordinates[j])
+        return left, slopes
 
-    def _left(self, coordinates: Floats, deviations: Floats) -> list[Floats]:
-        rollouts = [self._rollout(i, coordinates, deviations[i]) for i in range(len(self._parts))]
-        return self._residuals_of(rollouts)
-
-    def _residuals_of(self, rollouts: Sequence[Rollout]) -> list[Floats]:
-        self._rollouts += len(rollouts)
-        predicted = self._predictor.predict(rollouts)
-        left = [(p - each.chunk.values) / self._noise for each, p in zip(rollouts, predicted, strict=True)]
+    def _left(self, starts: Sequence[tuple[int, Floats, Floats]]) -> Simulating[list[Floats]]:
+        """Residuals `(n, signals)` of a chunk, by its place, with coordinates and the deviation of its state."""
+        predicted = yield [self._rollout(*start) for start in starts]
+        left = [(rows - self.parts[i].values) / self.noise for (i, _, _), rows in zip(starts, predicted, strict=True)]
         return [np.where(np.isfinite(p), each, PENALTY) for each, p in zip(left, predicted, strict=True)]
 
     def _rollout(self, index: int, coordinates: Floats, deviation: Floats) -> Rollout:
         values = None
         if not self._is_nominal:
             values = tuple(each.value(c) for each, c in zip(self._parameters, coordinates, strict=True))
-        return Rollout(self._parts[index], values, self._states.moved(self._guesses[index], deviation))
-
-    def _linearized_at(self, x: Floats) -> _Linearized:
-        """What finite differences say about `x`; remembered, as optimizers end where they have asked before."""
-        if self._linearized is None or not np.array_equal(self._linearized.x, x):
-            self._linearized = self._differences(x.copy())
-        return self._linearized
-
-    def _differences(self, x: Floats) -> _Linearized:
-        free = self._free
-        left, slopes = self._slopes(x, self._factors)
-        if not self._are_factors_known:
-            _, coarse = self._slopes(x, COARSE * self._factors)
-            is_rough = _lengths(slopes) > ROUGH * _lengths(coarse)
-            if is_rough.any():  # some fine nudges show it by chance only, so that all are coarse
-                steps = np.concatenate([np.full(free, NUDGE), np.full(self._states.size, STATE_NUDGE)])
-                lengths = _lengths(slopes) * steps
-                is_shown = is_rough & (lengths > lengths[is_rough].max() / ROUGH)
-                self._jitters = [(each * steps)[..., is_shown] for each in slopes]
-                slopes, self._factors = coarse, COARSE * self._factors
-            self._are_factors_known = True
-        return _Linearized(x, left, [e[..., :free] for e in slopes], [e[..., free:] for e in slopes])
-
-    def _slopes(self, x: Floats, factors: Floats) -> tuple[list[Floats], list[Floats]]:
-        """Residuals of each chunk, and their slopes to the coordinates and its state, `(n, signals, unknowns)`.
-
-        Args:
-          factors: of the usual steps of the finite differences, `(unknowns,)`.
-        """
-        coordinates, deviations = self._split(x)
-        count, size = len(self._parts), self._states.size
-        rollouts = [self._rollout(i, coordinates, deviations[i]) for i in range(count)]
-        signs = np.where(coordinates[: self._free] < 0.5, 1.0, -1.0)  # away from the nearer bound
-        steps = factors * np.concatenate([NUDGE * signs, np.full(size, STATE_NUDGE)])
-        for j in range(self._free):
-            moved = coordinates.copy()
-            moved[j] += steps[j]
-            rollouts += [self._rollout(i, moved, deviations[i]) for i in range(count)]
-        for j in range(size):
-            for i in range(count):
-                moved = deviations[i].copy()
-                moved[j] += steps[self._free + j]
-                rollouts.append(self._rollout(i, coordinates, moved))
-        left = self._residuals_of(rollouts)
-        slopes = [np.stack(left[i + count :: count], axis=-1) - left[i][..., None] for i in range(count)]
-        return left[:count], [each / steps for each in slopes]
-
-    def _priors(self, coordinates: Floats) -> Floats:
-        pairs = zip(self._parameters, coordinates, strict=True)
-        return np.array([(p.value(c) - p.prior[0]) / p.prior[1] for p, c in pairs if p.prior and not self._fixed])
-
-    def _prior_slopes(self, coordinates: Floats) -> Floats:
-        rows: list[Floats] = []
-        for j, each in enumerate(self._parameters):
-            if each.prior:
-                row = np.zeros(len(self._parameters))
-                c = coordinates[j]
-                row[j] = (each.value(c + NUDGE) - each.value(c - NUDGE)) / (2 * NUDGE * each.prior[1])
-                rows.append(row)
-        return np.array(rows).reshape(len(rows), len(self._parameters))
+        return Rollout(self.parts[index], values, self._states.moved(self._guesses[index], deviation))
 
 
-def _lengths(slopes: Sequence[Floats]) -> Floats:
+def lengths(slopes: Sequence[Floats]) -> Floats:
     """Of the slopes to each unknown, over all rows and signals: `(unknowns,)`."""
     return np.sqrt(sum(np.nansum(each**2, axis=(0, 1)) for each in slopes))

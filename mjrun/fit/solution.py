@@ -38,10 +38,9 @@ class Solution:
         measured.
       sensitivities: of these to the coordinates, `(n, signals, p)`, and to the states, `(n, signals, size)`.
       noise: standard deviation of each signal that was assumed, `(signals,)`.
-      rollouts: how many were simulated.
       loss: how residuals counted.
-      jitters: other residuals less these, after nudges so small that only a rough motion tells of them,
-        `(n, signals, nudges)` of each chunk; no chunks where nothing is rough.
+      ends: coordinates at which other searches have ended, `(searches, p)`, where contacts make the motion rough; none
+        where it is smooth.
     """
 
     chunks: Sequence[Chunk]
@@ -50,15 +49,26 @@ class Solution:
     residuals: Sequence[Floats]
     sensitivities: Sequence[tuple[Floats, Floats]]
     noise: Floats
-    rollouts: int
     loss: str = "linear"
-    jitters: Sequence[Floats] = ()
+    ends: Sequence[Floats] = ()
 
     @property
     def cost(self) -> float:
         """Root mean square of the residuals as the loss counts them; 1 or so where the model explains all but noise."""
         squares = np.concatenate([each[np.isfinite(each)] for each in self.residuals]) ** 2
         return float(np.sqrt(LOSSES[self.loss](squares).mean()))
+
+    @property
+    def reduced(self) -> float:
+        """The reduced χ²: the mean square of the residuals, as the loss counts them, for each degree of freedom."""
+        numbers = sum(int(np.isfinite(each).sum()) for each in self.residuals)
+        return self.cost**2 * numbers / max(numbers - self.unknowns, 1)
+
+    @property
+    def unknowns(self) -> int:
+        """How many numbers were looked for."""
+        (of_coordinates, of_states), count = self.sensitivities[0], len(self.chunks)
+        return of_coordinates.shape[-1] + count * of_states.shape[-1]
 
     @property
     def observed_noise(self) -> Floats:
@@ -88,5 +98,4 @@ def with_noise(solution: Solution, noise: Floats) -> Solution:
     factor = solution.noise / noise
     residuals = [each * factor for each in solution.residuals]
     slopes = [(a * factor[:, None], b * factor[:, None]) for a, b in solution.sensitivities]
-    jitters = [each * factor[:, None] for each in solution.jitters]
-    return replace(solution, residuals=residuals, sensitivities=slopes, noise=noise, jitters=jitters)
+    return replace(solution, residuals=residuals, sensitivities=slopes, noise=noise)

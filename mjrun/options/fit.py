@@ -62,6 +62,12 @@ class FitOptions(Options):
         converter=Several(Camera()), default="free", help="What the film shows: a camera of the model, or a rig."
     )
     size: tuple[int, int] = option(converter=Size(), default=(640, 360), help="Width and height of the film [pixels].")
+    noise: tuple[tuple[str, str], ...] = option(
+        converter=Settings("COLUMN=STD", "qpos/knee=0.001"),
+        default=(),
+        help="Standard deviation of the noise of a signal, in its unit; wildcards allowed. By default the high "
+        "frequencies of the log tell it.",
+    )
     holdout: float = option(
         converter=Real(0, most=0.9, metavar="SHARE"),
         default=0.2,
@@ -73,7 +79,10 @@ class FitOptions(Options):
         help="Tables that are held out as a whole, instead of the last part of each.",
     )
     starts: int = option(
-        converter=Integer(1), default=3, help="How many starts: the model's own values, then others spread evenly."
+        converter=Integer(1),
+        default=3,
+        help="How many starts: the model's own values, then others spread evenly, which are tried where "
+        "the fit does not come down to the noise.",
     )
     confidence: float = option(
         converter=Real(0.5, most=0.999),

@@ -47,5 +47,10 @@ def solved() -> tuple[Solution, tuple[FreeParameter, ...]]:
     shoot, parameters = shooting(THREE)
     parts = segments()
     start = np.array([each.first_coordinate for each in parameters])
-    last = shoot.grown(parts, start, first_noise(parts))[-1]
+    last = shoot.search(parts, [start], first_noise(parts)).best
     return with_noise(last, last.observed_noise), tuple(parameters)
+
+
+def predictor_of(shoot: Shooting) -> Predictor:
+    """That which simulates for `shoot`."""
+    return shoot._predictor

@@ -19,7 +19,8 @@ RESULT = FitResult(
         FittedParameter("delay:ctrl/<b>", 0.0, 0.5, 0.4, 0.5, 900.0, "high"),
     ],
     inertias=[FittedInertia("payload", [FittedQuantity("mass", "kg", 0.7, 1.4, 1.39, 1.42)])],
-    signals=[FittedSignal("qpos/a", "rad", 0.002, 0.5, 0.0123, None, None)],
+    signals=[FittedSignal("qpos/a", "rad", 0.002, 1.25, 0.5, 0.0123, None, None)],
+    reduced_chi2=1.5625,
     correlation=[[1.0, -0.97], [-0.97, 1.0]],
     confidence=0.9,
     condition=12.5,
@@ -28,6 +29,7 @@ RESULT = FitResult(
     rollouts=5000,
     changes=["a.xml:3: damping = 0.25"],
     remarks=["3 samples are missing"],
+    ways=["whole segments", "stretches of 24 rows"],
     files=[],
     wall=1.5,
 )
@@ -65,7 +67,14 @@ def test_all_that_was_found_is_on_the_page(tmp_path: Path) -> None:
     read = Reader(page(tmp_path))
     for text in ("Fit of arm.xml", "0.2 … 0.3", "90 % interval", "at its high bound", "delay:ctrl/<b>", "1.39 … 1.42"):
         assert text in read.texts
-    for text in ("1.23 %", "−0.97", "a.xml:3: damping = 0.25", "3 samples are missing", "1,200 rows in 2 segments"):
+    for text in (
+        "1.23 %",
+        "−0.97",
+        "a.xml:3: damping = 0.25",
+        "3 samples are missing",
+        "1,200 rows in 2 segments",
+        "1.562",
+    ):
         assert text in read.texts
 
 

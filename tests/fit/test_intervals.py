@@ -6,11 +6,26 @@ import numpy as np
 import pytest
 
 from mjrun.fit.free_parameter import FreeParameter
-from mjrun.fit.intervals import bound_reached, intervals
+from mjrun.fit.identifiability import sensitivity
+from mjrun.fit.intervals import bound_reached, intervals, is_white
+from mjrun.fit.projection import all_information, projected
 from mjrun.fit.solution import Solution
 from tests.fit.problems import solved
 
 LINE = FreeParameter("x", -1.0, 1.0, 0.0)
+
+
+def white(solution: Solution) -> bool:
+    parts = projected(solution)
+    informations = np.array([a.T @ a for each in parts for a in np.array_split(each.slopes, 20)])
+    scores = np.array(
+        [
+            a.T @ r
+            for each in parts
+            for a, r in zip(np.array_split(each.slopes, 20), np.array_split(each.residuals, 20), strict=True)
+        ]
+    )
+    return is_white(solution, informations, scores, informations.sum(axis=0))
 
 
 def line(seed: int, correlated: bool = False, uneven: bool = False) -> Solution:
@@ -33,15 +48,40 @@ def line(seed: int, correlated: bool = False, uneven: bool = False) -> Solution:
     )
 
 
-def test_intervals_are_as_wide_as_what_rough_motions_do() -> None:
-    """Nudges that do what ±0.1 of the coordinate does move the fit as a normal distribution of that width."""
+def test_intervals_are_as_wide_as_searches_end_apart() -> None:
+    """Of eight ends at ±0.1 of the coordinate, Student's t with eight degrees of freedom: 2.306 times 0.1 of 2."""
     plain = line(0)
-    slopes = plain.sensitivities[0][0]
-    rough = replace(plain, jitters=[np.concatenate([0.1 * slopes, -0.1 * slopes], axis=2)])
+    rough = replace(plain, ends=[plain.coordinates + move for move in (0.1, -0.1) * 4])
     before, after = (intervals(each, [LINE], 0.95, 0) for each in (plain, rough))
     assert before.high[0] - before.low[0] < 0.02
-    wide = 2 * 1.96 * 0.1 * 2 * 1.1  # of a range of 2, and a little more as there are few blocks
-    assert after.high[0] - after.low[0] == pytest.approx(wide, rel=0.1)
+    assert after.high[0] - after.low[0] == pytest.approx(2 * 2.306 * 0.1 * 2, rel=0.1)
+
+
+def test_white_residuals_have_the_intervals_of_least_squares() -> None:
+    """Standard errors of linear regression; correlated residuals have wider ones."""
+    solution = line(0)
+    assert white(solution)
+    slopes, residuals = solution.sensitivities[0][0][:, 0, 0], solution.residuals[0][:, 0]
+    error = float(np.sqrt(residuals @ residuals / (400 - 3) / (slopes @ slopes)))
+    known = intervals(solution, [LINE], 0.95, 0)
+    assert known.high[0] - known.low[0] == pytest.approx(2 * 1.966 * error * 2, rel=0.06)
+    assert np.mean([white(line(seed)) for seed in range(40)]) > 0.9
+    assert not any(white(line(seed, correlated=True)) for seed in range(5))
+
+
+def test_a_prior_counts_the_same_near_a_bound() -> None:
+    """What a prior says of a coordinate is a width over a standard deviation wherever the fit has ended."""
+    solution = line(0)
+    linear = replace(LINE, prior=(0.0, 0.01))
+    logarithmic = FreeParameter("y", 0.1, 10.0, 1.0, is_log=True, prior=(1.0, 0.5))
+    for coordinate in (0.5, 0.999, 1.0):
+        at = replace(solution, coordinates=np.array([coordinate]))
+        plain = float(all_information(at, [LINE])[0, 0])
+        assert float(all_information(at, [linear])[0, 0]) - plain == pytest.approx((2 / 0.01) ** 2)
+        slope = np.log(100) * 0.1 * 100**coordinate / 0.5
+        assert float(all_information(at, [logarithmic])[0, 0]) - plain == pytest.approx(slope**2)
+        known = sensitivity([at], [linear])
+        assert known.effects[0] == pytest.approx(np.sqrt(plain + (2 / 0.01) ** 2))
 
 
 @pytest.mark.parametrize(("correlated", "uneven"), [(False, False), (True, False), (False, True), (True, True)])

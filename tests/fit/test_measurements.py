@@ -80,9 +80,14 @@ def test_a_log_of_another_simulator_in_any_format(tmp_path: Path, suffix: str) -
     np.testing.assert_allclose(segment.controls[:, 0], torques, atol=1e-12)
 
 
-def test_milliseconds_that_are_taken_for_seconds_are_told(tmp_path: Path) -> None:
-    found = read(tmp_path, {"time": 1000 * TIMES, "qpos/hinge": np.sin(TIMES)})
-    assert "rows are 10 s apart, 5,000 timesteps" in found.remarks[0]
+def test_milliseconds_that_are_taken_for_seconds_are_refused_unless_confirmed(tmp_path: Path) -> None:
+    columns = {"time": 1000 * TIMES, "qpos/hinge": np.sin(TIMES)}
+    with pytest.raises(UsageError, match=r"rows are 10 s apart, 5,000 timesteps(.|\n)*time=time/1000"):
+        read(tmp_path, columns)
+    model = parse_source(str(write_model(tmp_path))).load()
+    log = str(write_log(tmp_path / "log.csv", columns))
+    (segment,) = read_measurements([log], model, ["time=time"], np.zeros(1)).segments
+    assert segment.times[-1] == 1000 * TIMES[-1]
 
 
 def test_a_rotation_that_turns_about_one_axis_is_kept_as_a_whole(tmp_path: Path) -> None:

@@ -1,0 +1,65 @@
+"""A box that is thrown on a floor, in a log by a bare loop of MuJoCo, and what fits its friction."""
+
+from pathlib import Path
+from tempfile import mkdtemp
+
+import mujoco
+import numpy as np
+
+from mjrun.fit.free_parameter import free_parameters
+from mjrun.fit.measurements import Segment
+from mjrun.fit.noise import first_noise
+from mjrun.fit.prediction import Predictor
+from mjrun.fit.shooting import Shooting
+from mjrun.fit.starting_states import StartingStates
+from mjrun.job.simulation import Simulation
+from mjrun.model import state
+
+FRICTION, NOISE = 0.33, 1e-3  # [m, rad]
+SIGNALS = [f"qpos/box/{part}" for part in ("x", "y", "z", "qw", "qx", "qy", "qz")]
+BOX = """<mujoco>
+  <option timestep="0.002"/>
+  <worldbody>
+    <geom type="plane" size="5 5 .1" friction=".1"/>
+    <body pos="0 0 .06">
+      <freejoint name="box"/>
+      <geom name="box" type="box" size=".1 .08 .05" mass="1" friction="{}"/>
+    </body>
+  </worldbody>
+</mujoco>"""
+
+
+def box_log(seconds: float = 0.4, speed: float = 2.2, seed: int = 0) -> tuple[np.ndarray, np.ndarray]:
+    """Times and positions `(n, 7)` every other step, with noise."""
+    model = mujoco.MjModel.from_xml_string(BOX.format(FRICTION))
+    data, generator = mujoco.MjData(model), np.random.default_rng(seed)
+    data.qvel[:2] = speed, 0.1 * speed
+    times, rows = [], []
+    for step in range(round(seconds / model.opt.timestep)):
+        if step % 2 == 0:
+            measured = data.qpos.copy()
+            mujoco.mj_integratePos(model, measured, generator.normal(0, NOISE, 6), 1.0)
+            times.append(data.time)
+            rows.append(measured)
+        mujoco.mj_step(model, data)
+    return np.array(times), np.array(rows)
+
+
+def write_box(folder: Path, friction: float = FRICTION) -> Path:
+    """The model."""
+    (folder / "box.xml").write_text(BOX.format(friction))
+    return folder / "box.xml"
+
+
+def box_shooting() -> tuple[Shooting, Segment, np.ndarray, np.ndarray]:
+    """What fits the box of the log, the log, its noise, and the coordinate of the truth."""
+    times, rows = box_log()
+    log = Segment("log", times, rows, np.zeros((len(times), 0)))
+    simulation = Simulation(str(write_box(Path(mkdtemp()))))
+    parameters = free_parameters((("geom/box.friction[0]", "0.1..1"),), simulation.source, SIGNALS)
+    predictor = Predictor(simulation, SIGNALS, parameters)
+    noise = first_noise([log], predictor.rotations)
+    start = state.save(predictor.model, mujoco.MjData(predictor.model))
+    starting = StartingStates(predictor.model, SIGNALS, start, noise)
+    truth = np.array([parameters[0].coordinate(FRICTION)])
+    return Shooting(predictor, parameters, starting), log, noise, truth
