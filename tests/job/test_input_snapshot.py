@@ -128,3 +128,20 @@ def test_a_simulation_of_copies_is_that_of_the_files(robot: Path, tmp_path: Path
     after = stored.stepper(stored.load())
     after.advance(20)
     np.testing.assert_array_equal(before.state(), after.state())
+
+
+def test_a_replayed_table_and_its_map_are_read_as_copied(tmp_path: Path) -> None:
+    model, table, names = tmp_path / "m.xml", tmp_path / "log.csv", tmp_path / "names.map"
+    model.write_text('<mujoco><worldbody><body><joint name="j"/><geom size="1"/></body></worldbody></mujoco>')
+    table.write_text("time,a,b\n0,0.5,9\n0.01,1,9\n")
+    names.write_text("qpos/j=a\n")
+    replayed = Simulation(str(model), replay=str(table), map=[f"@{names}"])
+    before = replayed.stepper(replayed.load())
+    before.advance(3)
+    stored = replayed.with_snapshot()
+    names.write_text("qpos/j=b\n")
+    table.write_text("time,a,b\n0,7,9\n0.01,7,9\n")
+    after = stored.stepper(stored.load())
+    after.advance(3)
+    np.testing.assert_array_equal(before.state(), after.state())
+    assert before.state()[1] == 0.8
