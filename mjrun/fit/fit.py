@@ -165,7 +165,6 @@ class _Run:
                 self._latest = solution
             self._reporter.progress("stages of the fit", 0, 1)
 
-        self._reporter.progress("stages of the fit", 0, 1)
         search = self._shooting.search(self._fitted.segments, starts, self._noise, advanced)
         if search.best.reduced > EXPLAINED:  # signals that the model explains well count more than others from here on
             weighted = self._shooting.weighted(search.best)
