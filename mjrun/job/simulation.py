@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import mujoco
 
-from mjrun.errors import UsageError, clean, concerning, listing, option, quoted
+from mjrun.errors import ModelError, UsageError, clean, concerning, listing, option, quoted
 from mjrun.formats.manifest import fingerprint
 from mjrun.formats.recording_reader import RecordingReader, is_recording
 from mjrun.formats.table_reader import STDIN, read_table
@@ -175,7 +175,16 @@ class Simulation(SimulationOptions):
 
     def load(self) -> mujoco.MjModel:
         """The compiled model; with a policy, that of its episode."""
-        return self.source.load() if self.episode is None else self.episode.model()
+        return self.compile()[1] if self.episode is None else self.episode.model()
+
+    def compile(self) -> tuple[mujoco.MjSpec | None, mujoco.MjModel]:
+        """The specification, None where there is only a compiled model, and the model; see `Source.compile`."""
+        try:
+            return self.source.compile()
+        except ModelError:
+            if self.snapshot:
+                replace(self, snapshot=None).source.compile()  # whose error names the files that the user knows
+            raise
 
     def timeline(self, model: mujoco.MjModel) -> Timeline:
         """How this simulation falls on the timesteps of `model`."""

@@ -11,7 +11,7 @@ from pathlib import Path
 import mujoco
 import numpy as np
 
-from mjrun.errors import MjrunError, ModelError, UsageError, clean, concerning, option
+from mjrun.errors import MjrunError, UsageError, clean, concerning, option
 from mjrun.job.simulation import Simulation
 from mjrun.model.variants import ModelVariants
 from mjrun.options.sweep import ExecutionOptions, StudyOptions
@@ -78,7 +78,7 @@ class PreparedStudy:
         original, base = spec.base, spec.base.with_snapshot()
         assert base.snapshot
         with base.snapshot.original_names_in_errors():
-            source, model = _compiled(base, original)
+            source, model = base.compile()
             if points is None:
                 points = _design(options, spec, source, model)
             snapshot = base.snapshot.with_files(_varied_files(original, points))
@@ -229,15 +229,6 @@ class PreparedStudy:
     def first(self) -> Simulation:
         """The simulation of the first point; with the base model, since any other might crash this process."""
         return replace(self.spec.simulation(self.points.points[0]), model=self.spec.base.model)
-
-
-def _compiled(base: Simulation, original: Simulation) -> tuple[mujoco.MjSpec | None, mujoco.MjModel]:
-    """Returns the specification and the model that all points vary, compiled from copies of its files."""
-    try:
-        return base.source.compile()
-    except ModelError:
-        original.load()  # whose error names the files and lines that the user knows
-        raise
 
 
 def _design(options: StudyOptions, spec: StudySpec, source: mujoco.MjSpec | None, model: mujoco.MjModel) -> Design:
