@@ -25,6 +25,7 @@ from mjrun.formats.video_writer import write_video as write_video
 from mjrun.job.diff import Diff as _Diff
 from mjrun.job.image import Image as _Image
 from mjrun.job.image import ImageResult as ImageResult
+from mjrun.job.input_snapshot import InputSnapshot
 from mjrun.job.keyframe import Keyframe as _Keyframe
 from mjrun.job.keyframe import KeyframeResult as KeyframeResult
 from mjrun.job.perform import perform as perform
@@ -446,6 +447,7 @@ class Simulation(_Simulation):
         seed: int = ...,
         duration: float | str | Fraction | None = ...,
         steps: int | None = ...,
+        snapshot: InputSnapshot | None = ...,
     ) -> None: ...
 
 class Study(_Study):
