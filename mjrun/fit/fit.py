@@ -13,6 +13,7 @@ from mjrun.errors import (
     UsageError,
     clean,
     option,
+    spelled,
 )
 from mjrun.fit.comparison import HORIZON
 from mjrun.fit.fitted_inertia import fitted_inertias
@@ -288,7 +289,7 @@ class _Run:
             len(self._fitted.segments),
             self._predictor.rollouts,
             [],
-            [*self._measurements.remarks, *hints],
+            [*self._measurements.remarks, *map(spelled, hints)],
             ways,
             [],
             time.perf_counter() - self._begin,

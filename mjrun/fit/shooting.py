@@ -103,9 +103,9 @@ class Shooting:
         values = np.concatenate([part.values for part in solution.chunks])
         groups = self._predictor.rotations
         least = LEAST_NOISE * shared(np.nanstd(values, axis=0), groups)
-        return self.solve(
-            solution.chunks, solution.coordinates, solution.states, np.maximum(shared(noise, groups), least)
-        )
+        weighted = np.maximum(shared(noise, groups), least)
+        again = self.solve(solution.chunks, solution.coordinates, solution.states, weighted)
+        return replace(again, ends=solution.ends)
 
     def search(
         self, segments: Sequence[Segment], starts: Sequence[Floats], noise: Floats, advanced: Advanced | None = None

@@ -93,6 +93,7 @@ def test_what_the_model_lacks_is_warned_of_in_text_and_report(tmp_path: Path) ->
         result = fit.run()
     assert result.reduced_chi2 > 2
     assert any("reduced χ²" in each for each in result.remarks)
+    assert all(each.isprintable() for remark in result.remarks for each in remark.splitlines())
     with pytest.warns(MjrunWarning, match="beyond the noise of the log"):
         again = replace(fit, noise=(("qpos/*", "0.0005"),)).run()
     assert again.reduced_chi2 > 4 * result.reduced_chi2
