@@ -69,8 +69,11 @@ class Fit(FitOptions):
           MjrunError: it cannot be fitted.
           KeyboardInterrupt, TerminatedError: it was interrupted.
         """
-        with collected_warnings():  # of what becomes unstable, which is told with the values
-            run = _Run(self, reporter or WarningReporter())
+        copied = self.simulation.with_snapshot()  # so that edits while it runs change neither results nor the output
+        assert copied.snapshot
+        # Warnings are of what becomes unstable, which is told with the values.
+        with copied.snapshot.original_names_in_errors(), collected_warnings():
+            run = _Run(replace(self, simulation=copied), reporter or WarningReporter())
             try:
                 return run.all()
             except (KeyboardInterrupt, EndedFromOutsideError):

@@ -11,6 +11,7 @@ from mjrun.errors import MjrunWarning, UnidentifiableError, UnimprovedFitError, 
 from mjrun.fit.fit import Fit
 from mjrun.job.simulation import Simulation
 from mjrun.model.sources.file import FileSource
+from mjrun.reporter import WarningReporter
 from tests.fit.logs import NOISE, TRUTH, noisy, simulate, write_log, write_model
 from tests.fit.problems import THREE
 
@@ -45,6 +46,20 @@ def test_a_fit_finds_what_the_log_was_made_with(tmp_path: Path, pendulum: Simula
     assert [model.dof_damping[0], model.dof_armature[0], model.dof_frictionloss[0]] == [
         each.value for each in result.parameters
     ]
+
+
+def test_a_model_that_is_edited_while_it_is_fitted_changes_nothing(tmp_path: Path, pendulum: Simulation) -> None:
+    class Editor(WarningReporter):
+        def progress(self, what: str, done: int, total: int) -> None:
+            write_model(tmp_path, damping=3.0, armature=0.5)
+
+    fit = Fit(pendulum, data=log(tmp_path), free=THREE, starts=1, output=str(tmp_path / "fitted.xml"))
+    before = fit.run()
+    written = (tmp_path / "fitted.xml").read_bytes()
+    edited = fit.run(Editor())
+    assert FileSource(Path(str(pendulum.model))).load().dof_damping[0] == 3.0
+    assert edited.parameters == before.parameters
+    assert (tmp_path / "fitted.xml").read_bytes() == written
 
 
 def test_the_same_seed_gives_the_same_fit(tmp_path: Path, pendulum: Simulation) -> None:
