@@ -33,13 +33,11 @@ class Promise:
     Attributes:
       temporary: the folder of its temporary files, which it has made.
       written: the folders that it may write in, as links lead to them.
-      made: the folders of its outputs that it has made, the innermost first.
       seconds: how long it may last.
     """
 
     temporary: str
     written: list[str]
-    made: list[str]
     seconds: float
 
 
@@ -51,6 +49,7 @@ class Notice:
       activity: what it does with a model at the moment.
       model: which, the last that it has read or compiled.
       folders: where it has written outputs under temporary names.
+      made: the folders of outputs that it has made.
       children: the processes that it has started and that have not ended.
       promise: what it will be confined to, if it will be.
     """
@@ -58,6 +57,7 @@ class Notice:
     activity: Activity = ""
     model: str = ""
     folders: list[str] = field(default_factory=list[str])
+    made: list[str] = field(default_factory=list[str])
     children: list[int] = field(default_factory=list[int])
     promise: Promise | None = None
 
@@ -159,6 +159,14 @@ def note_folder(folder: Path) -> None:
             notice.folders.append(path)
 
 
+def note_made_folder(folder: Path) -> None:
+    """Notes that `folder` was made for outputs, to be removed if it stays empty."""
+    path = str(folder)
+    if path not in _notice.made:
+        with _noting() as notice:
+            notice.made.append(path)
+
+
 def note_child(pid: int) -> None:
     """Notes that a process was started."""
     with _noting() as notice:
@@ -227,6 +235,7 @@ def _parsed(values: dict[str, Any]) -> Notice:
         cast("Activity", activity) if activity in get_args(Activity) else "",
         str(values["model"])[:MODEL_LENGTH],
         [str(folder) for folder in values["folders"]][:MOST_FOLDERS],
+        [str(folder) for folder in values["made"]][:MOST_FOLDERS],
         [int(pid) for pid in values["children"]],
         promise and Promise(**promise),
     )

@@ -10,6 +10,7 @@ from mjrun.cli.click_command import MODEL, CommandLine, command
 from mjrun.cli.console import Console
 from mjrun.cli.simulation_command import import_mujoco
 from mjrun.errors import FileError, UsageError, counted, option
+from mjrun.formats.parent_folders import ParentFolders
 from mjrun.options.bench import BenchOptions, ReportOptions
 from mjrun.options.confinement import ConfinementOptions
 from mjrun.options.console import ConsoleOptions
@@ -73,8 +74,11 @@ def _summary(file: str | None) -> str | None:
 
 
 def _append(path: str, text: str) -> None:
+    parents = ParentFolders(Path(path), Path(os.path.realpath(path)).parent)
     try:
         with Path(path).open("a", encoding="utf-8") as file:
             file.write(text + "\n" if text else "")
     except OSError as error:
         raise FileError(path, f"cannot be written: {error.strerror or error}") from None
+    finally:
+        parents.release()

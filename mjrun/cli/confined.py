@@ -18,6 +18,7 @@ from mjrun.cli.click_command import DeclaredOption
 from mjrun.confinement.confinement import Confinement
 from mjrun.confinement.sandbox import confine, with_temporary
 from mjrun.errors import BadValueError, FileError, OutOfMemoryError, UnknownNameError, UsageError, clean, option
+from mjrun.formats.parent_folders import ParentFolders
 from mjrun.options.confinement import FILE, LIMITS, MEMORY, TIME, ConfinementOptions
 from mjrun.options.kinds import AnyKind, File, Optional, Several
 from mjrun.platform.cores import available_cores
@@ -40,7 +41,7 @@ class _Paths:
 
     roots: dict[str, None] = field(default_factory=dict[str, None])
     files: dict[str, None] = field(default_factory=dict[str, None])
-    written: dict[str, None] = field(default_factory=dict[str, None])
+    written: dict[str, str] = field(default_factory=dict[str, str])  # as links lead to it, and as it is named
 
 
 @contextmanager
@@ -49,17 +50,20 @@ def confined(context: click.Context, options: ConfinementOptions) -> Generator[C
 
     Raises:
       UsageError: there is no process that stands by to tell how this one ends, or a limit is none.
-      FileError: the folder of the outputs cannot be made.
+      FileError: a folder of the outputs cannot be made.
     """
     from mjrun.cli.simulation_command import import_mujoco
 
     if not activity.is_watched():
         raise UsageError(f"{option('untrusted')} is for mjrun as a command, which has a process of its own")
     limits = _limits(options, context.info_name or "")
-    folders = _missing_folders(context)
-    wanted = with_temporary(confinement_of(context))
-    made_folders = [os.path.abspath(folder) for folder in folders]  # noqa: PTH100 – as it is, without following links
-    activity.make_promise(Promise(wanted.temporary, [*wanted.written], made_folders, limits[TIME]))
+    paths = _named_paths(context)
+    # The process could not make them later. They are never released here: its parent removes the empty ones.
+    for folder, name in paths.written.items():
+        if not os.path.exists(folder):  # noqa: PTH110 – also of names that are too long
+            ParentFolders(Path(name), Path(folder))
+    wanted = with_temporary(_confinement(paths))
+    activity.make_promise(Promise(wanted.temporary, [*wanted.written], limits[TIME]))
     made = confine(wanted, serves=context.info_name == ENDLESS)
     import_mujoco()  # which the limit of memory does not count
     limit_this_process(
@@ -104,6 +108,14 @@ def confinement_of(context: click.Context) -> Confinement:
     Raises:
       FileError: the folder to read from is none.
     """
+    return _confinement(_named_paths(context))
+
+
+def _confinement(paths: _Paths) -> Confinement:
+    return Confinement(tuple(paths.roots), tuple(paths.files), tuple(paths.written))
+
+
+def _named_paths(context: click.Context) -> _Paths:
     paths, command = _Paths(), context.info_name or ""
     for param in context.command.params:
         name, values = param.name or "", [*_texts(context.params.get(param.name or ""))]
@@ -114,9 +126,9 @@ def confinement_of(context: click.Context) -> Confinement:
             _add_outputs(paths, [text.rpartition(".xml:")[0] or text for text in values])
         elif isinstance(param, DeclaredOption) and _is_written(param.declared.kind):
             if not values and param.declared.default not in (None, "-"):
-                paths.written[_real(".")] = None  # where it is written if nothing is said
+                paths.written[_real(".")] = "."  # where it is written if nothing is said
             elif name == "output" and command in FOLDERS:
-                paths.written |= {_real(text): None for text in values}
+                paths.written |= {_real(text): text for text in values}
             else:
                 _add_outputs(paths, values)
         elif name not in ConfinementOptions.__dataclass_fields__:
@@ -128,24 +140,11 @@ def confinement_of(context: click.Context) -> Confinement:
             raise FileError(root, "is no folder")
         paths.roots = {_real(root): None}
     if context.params.get("update"):  # golden tables, wherever they are
-        paths.written |= {**paths.roots, **{str(Path(file).parent): None for file in paths.files}}
-    if command == "bench" and (summary := os.environ.get(SUMMARY)):
-        paths.written[_real(summary)] = None
-    return Confinement(tuple(paths.roots), tuple(paths.files), tuple(paths.written))
-
-
-def _missing_folders(context: click.Context) -> list[Path]:
-    """Makes the folder of all outputs, which the process could not make any more: those that were not there."""
-    output = context.params.get("output")
-    if context.info_name not in FOLDERS or not output:
-        return []
-    folder = Path(output)
-    missing = [each for each in (folder, *folder.parents) if not each.exists()]
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise FileError(folder, f"cannot be made: {error.strerror or error}") from None
-    return missing
+        folders = [*paths.roots, *(str(Path(file).parent) for file in paths.files)]
+        paths.written |= {folder: folder for folder in folders}
+    if command == "bench" and (summary := os.environ.get(SUMMARY)) and Path(summary).exists():
+        paths.written[_real(summary)] = summary
+    return paths
 
 
 def _texts(value: object) -> Iterable[str]:
@@ -169,7 +168,7 @@ def _add_argument(paths: _Paths, name: str, text: str, command: str) -> None:
     elif name in MODELS and Path(text).is_dir():
         paths.roots[_real(text)] = None
         if command == STUDIES:  # it is that of a study, which is continued
-            paths.written[_real(text)] = None
+            paths.written[_real(text)] = text
     else:
         file = text if Path(text).exists() else text.partition("=")[2]
         _add_file(paths, file)
@@ -191,7 +190,8 @@ def _add_file(paths: _Paths, text: str) -> None:
 
 
 def _add_outputs(paths: _Paths, texts: Iterable[str]) -> None:
-    paths.written |= {_real(Path(text).parent): None for text in texts if text != "-"}
+    folders = [str(Path(text).parent) for text in texts if text != "-"]
+    paths.written |= {_real(folder): folder for folder in folders}
 
 
 def _is_written(kind: AnyKind) -> bool:

@@ -1,7 +1,6 @@
 """`mjrun run`."""
 
-from collections.abc import Generator, Sequence
-from contextlib import contextmanager, suppress
+from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -13,13 +12,12 @@ from mjrun.cli.console import Console
 from mjrun.cli.controller_loader import load_controller
 from mjrun.cli.result_summary import summary
 from mjrun.cli.simulation_command import import_mujoco, results_of_failures
-from mjrun.errors import FileError, MjrunError, clean
+from mjrun.errors import MjrunError, clean
 from mjrun.options.confinement import ConfinementOptions
 from mjrun.options.console import ConsoleOptions
 from mjrun.options.run import RunOptions
 
 if TYPE_CHECKING:
-    from mjrun.document.run import RunRequest
     from mjrun.job.perform import PassPreview
     from mjrun.job.task import OutputResult
 
@@ -53,7 +51,7 @@ def run(console: Console, command_line: CommandLine) -> None:
         if options.dry_run:
             _show_plan(console, preview(requests.jobs, console), as_json)
             return
-        with _folders(requests), results_of_failures(console, _document):
+        with results_of_failures(console, _document):
             try:
                 with run_page(requests.page, Path(document).name, requests.jobs) as published:
                     results = perform(requests.jobs, console, published)
@@ -75,25 +73,6 @@ def _show_results(console: Console, results: "Sequence[OutputResult]") -> None:
 
 def _document(results: "Sequence[OutputResult]") -> dict[str, object]:
     return {"results": [{"kind": type(r).__name__.removesuffix("Result"), **asdict(r)} for r in results]}
-
-
-@contextmanager
-def _folders(request: "RunRequest") -> Generator[None, None, None]:
-    """Makes the folders of all outputs, and takes back those that stay empty."""
-    outputs = [Path(path) for job in request.jobs for _, path in job.files]
-    outputs += [Path(request.page.html)] if request.page.html else []
-    missing = {folder for path in outputs for folder in path.parents if not folder.exists()}
-    try:
-        for folder in sorted(missing):
-            try:
-                folder.mkdir(exist_ok=True)
-            except OSError as error:
-                raise FileError(folder, f"cannot be made: {error.strerror or error}") from None
-        yield
-    finally:
-        for folder in sorted(missing, reverse=True):
-            with suppress(OSError):
-                folder.rmdir()
 
 
 def _show_plan(console: Console, plan: "PassPreview", as_json: bool) -> None:

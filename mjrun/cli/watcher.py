@@ -7,7 +7,8 @@ them.
 
 A child that confines itself, as it may come under an attacker's control, promises before that what it will use. From
 then on the parent removes and kills nothing else, whatever stands on the board: the temporary folder of the promise,
-what is unfinished in the folders of the outputs, and its own descendants.
+what is unfinished in the folders of the outputs, empty folders that were made in them or before, and its own
+descendants.
 """
 
 import fcntl
@@ -17,7 +18,7 @@ import shlex
 import signal
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Collection, Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -105,6 +106,7 @@ class _Watcher:
         self._child, self._board, self._passed_on = child, board, passed_on
         self._promise: Promise | None = None
         self._temporary: os.stat_result | None = None  # the folder of the promise
+        self._made = list[str]()  # folders of outputs that were made before it
         self._ending: signal.Signals | None = None  # the first signal that was passed on
         self._patience = math.inf  # until when what it completes is waited for
         self._is_late = False  # the child has heard it, and has not ended by itself
@@ -126,7 +128,10 @@ class _Watcher:
         if code < 0 or (self._ending is not None and _has_left_something(notice)):
             _clear_away(notice)
         if self._promise:
-            self._remove_what_was_made(self._promise)
+            self._remove_temporary(self._promise)
+        for folder in sorted(notice.made, reverse=True):  # the innermost first
+            with suppress(OSError):  # outputs were published in it
+                Path(folder).rmdir()
         if code >= 0:
             return code
         failure = self._explain(code, notice)
@@ -164,10 +169,11 @@ class _Watcher:
         """Takes down the promise of the child, once."""
         from mjrun.confinement import descendants
 
-        promise = self._board.read().promise
+        notice = self._board.read()
+        promise = notice.promise
         if self._promise or promise is None:
             return
-        self._promise, self._temporary = promise, os.lstat(promise.temporary)
+        self._promise, self._temporary, self._made = promise, os.lstat(promise.temporary), notice.made
         descendants.adopt()
         if promise.seconds < math.inf and self._ending is None:
             signal.setitimer(signal.ITIMER_REAL, promise.seconds)
@@ -177,23 +183,20 @@ class _Watcher:
         """What stands on the board, as far as it is to be believed."""
         notice = self._board.read()
         if self._promise:
-            written = [Path(folder) for folder in self._promise.written]
-            places = {Path(os.path.realpath(folder)) for folder in notice.folders}
-            inside = [place for place in places if any(place.is_relative_to(folder) for folder in written)]
-            notice.folders = [*map(str, inside)]
+            written = {Path(folder) for folder in self._promise.written}
+            notice.folders = [str(place) for place in _inside(written, notice.folders)]
+            made = [str(place) for place in _inside(written, notice.made) if place not in written]
+            notice.made = [*self._made, *made]
             notice.children = []
         return notice
 
-    def _remove_what_was_made(self, promise: Promise) -> None:
-        """Removes the temporary folder, if it is the one that was made, and the folders of outputs that are empty."""
+    def _remove_temporary(self, promise: Promise) -> None:
+        """Removes the temporary folder, if it is the one that was made."""
         import shutil
 
         with suppress(OSError, RecursionError):
             if self._temporary and os.path.samestat(self._temporary, os.lstat(promise.temporary)):
                 shutil.rmtree(promise.temporary, ignore_errors=True)
-        for folder in promise.made:
-            with suppress(OSError):
-                Path(folder).rmdir()
 
     def _explain(self, code: int, notice: Notice) -> "Failure":
         """Why a child with this exit code was killed."""
@@ -204,6 +207,12 @@ class _Watcher:
         if self._ending is not None:
             return Failure("TerminatedError", f"ended by {self._ending.name}", 128 + self._ending)
         return _obituary(signal.SIGALRM if self._has_expired else -code, notice, limited=self._promise is not None)
+
+
+def _inside(folders: Collection[Path], paths: Sequence[str]) -> set[Path]:
+    """Where `paths` lead, without those outside `folders`."""
+    places = {Path(os.path.realpath(path)) for path in paths}
+    return {place for place in places if any(place.is_relative_to(folder) for folder in folders)}
 
 
 def _obituary(killer: int, notice: Notice, *, limited: bool) -> "Failure":

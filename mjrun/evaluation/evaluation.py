@@ -89,11 +89,7 @@ class _Run:
         """The episodes of each policy at each point."""
         evaluation = self.evaluation
         seeds = range(evaluation.seed, evaluation.seed + evaluation.episodes)
-        try:
-            return play_all(self.prepared.groups, seeds, evaluation.jobs, self.reporter)
-        except BaseException:
-            self.folder.abandon()
-            raise
+        return play_all(self.prepared.groups, seeds, evaluation.jobs, self.reporter)
 
     def _tables(
         self, groups: Sequence[PlayedEpisodes], summaries: Findings, stack: ExitStack

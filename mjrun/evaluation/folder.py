@@ -16,7 +16,7 @@ FILMS = re.compile(r"(worst|median|best|rank\d+)(_point\d+)?_seed\d+\.mp4")
 
 
 class ResultsFolder:
-    """The folder at `path`, made if need be. Only what an evaluation has written is ever replaced or removed.
+    """The folder at `path`. Only what an evaluation has written is ever replaced or removed.
 
     Raises:
       FileError: it cannot be made or written, or holds something else.
@@ -25,23 +25,7 @@ class ResultsFolder:
     def __init__(self, path: Path) -> None:
         self.path = path
         self._require_ours()
-        self._is_new = not exists(path)
-        try:
-            path.mkdir(parents=True, exist_ok=True)
-        except OSError as error:
-            raise FileError(path, f"cannot be made: {error.strerror}") from None
-        try:
-            with OutputWriter(StagedFile(path / MANIFEST)):
-                pass  # which proves that it can be written
-        except FileError:
-            self.abandon()
-            raise
-
-    def abandon(self) -> None:
-        """Removes the folder, if it was made for nothing."""
-        if self._is_new:
-            with contextlib.suppress(OSError):  # it is not empty
-                self.path.rmdir()
+        StagedFile(path / MANIFEST).discard()  # which proves that it can be written
 
     def remove_old_films(self, films: Collection[str]) -> None:
         """Removes those of an evaluation before, which would be taken for `films`, the names of the new ones."""

@@ -15,7 +15,8 @@ from typing import Protocol
 
 from mjrun.activity import note_folder
 from mjrun.confinement.confinement import is_writable
-from mjrun.errors import FileError, clean, option
+from mjrun.errors import FileError, option
+from mjrun.formats.parent_folders import TRIES, ParentFolders
 from mjrun.formats.replacement import (
     MOVING,
     NEW,
@@ -76,7 +77,7 @@ class StagedFile:
     """One file.
 
     Raises:
-      FileError: the folder is missing, or it or the target cannot be written.
+      FileError: the folder cannot be made, or it or the target cannot be written.
     """
 
     stdout = None
@@ -85,18 +86,19 @@ class StagedFile:
         self.shown = target
         self._target = Path(os.path.realpath(target))  # a link stays a link
         self.folder = self._target.parent
-        _check_parent(target, self._target.parent)
-        try:
-            kind = self._target.stat()
-            if not stat.S_ISREG(kind.st_mode):
-                raise FileError(target, "exists and is not a regular file")
-            if not os.access(self._target, os.W_OK):
-                raise FileError(target, "exists and is read-only")
-        except FileNotFoundError:
-            pass
-        except OSError as error:
-            raise unwritable(target, error) from None
-        self._temporary = _temporary(self._target, target, folder=False)
+        self._parents = _parents(target, self._target)
+        with self._parents.opening():
+            try:
+                kind = self._target.stat()
+                if not stat.S_ISREG(kind.st_mode):
+                    raise FileError(target, "exists and is not a regular file")
+                if not os.access(self._target, os.W_OK):
+                    raise FileError(target, "exists and is read-only")
+            except FileNotFoundError:
+                pass
+            except OSError as error:
+                raise unwritable(target, error) from None
+            self._temporary = _temporary(self._target, target, self._parents, folder=False)
         self.path = str(self._temporary.path)
         self._older: Path | None = None  # what was in its place
 
@@ -124,6 +126,7 @@ class StagedFile:
         if self._older:
             remove(self._older)
         self._temporary.remove()
+        self._parents.release()
 
 
 class StagedFolder:
@@ -141,17 +144,18 @@ class StagedFolder:
         self.shown = target
         self._target = Path(os.path.realpath(target))
         self.folder = self._target.parent
-        _check_parent(target, self._target.parent)
-        try:
-            with left_behind(self._target.parent, self._target) as leftovers:
-                for path in leftovers:
-                    restore_folder(path, self._target)
-                    remove(path)
-        except OSError as error:
-            raise unwritable(target, error) from None
-        if self._target.exists():
-            _check_only_frames(target, self._target)
-        self._temporary = _temporary(self._target, target, folder=True)
+        self._parents = _parents(target, self._target)
+        with self._parents.opening():
+            try:
+                with left_behind(self.folder, self._target) as leftovers:
+                    for path in leftovers:
+                        restore_folder(path, self._target)
+                        remove(path)
+            except OSError as error:
+                raise unwritable(target, error) from None
+            if self._target.exists():
+                _check_only_frames(target, self._target)
+            self._temporary = _temporary(self._target, target, self._parents, folder=True)
         self.path = _pattern_in(self._temporary.path / NEW)
 
     def publish(self) -> list[Path]:
@@ -174,6 +178,7 @@ class StagedFolder:
             self._temporary.release()  # the next run puts it back
         else:
             self._temporary.remove()
+        self._parents.release()
 
     def _is_aside(self) -> bool:
         return (self._temporary.path / OLD).exists() and not self._target.exists()
@@ -188,25 +193,27 @@ class StagedFrames:
       others: names of matching files numbered beyond the last frame, known once the frames are published.
 
     Raises:
-      FileError: the folder is missing or cannot be written.
+      FileError: the folder cannot be made or written.
     """
 
     stdout = None
 
     def __init__(self, pattern: Path) -> None:
         self.shown, self.others = pattern, list[str]()
-        _check_parent(pattern, pattern.parent)
         self.folder = Path(os.path.realpath(pattern.parent))
-        self._before, self._width, self._after = re.split(r"%(\d*)d", pattern.name, maxsplit=1)
-        try:
-            with one_at_a_time(self.folder), left_behind(self.folder, pattern) as leftovers:
-                for path in leftovers:
-                    if (path / MOVING).exists():
-                        finish_frames(path, self._place)
-                    remove(path)
-        except OSError as error:
-            raise unwritable(pattern, error) from None
-        self._temporary = _temporary(self.folder / pattern.name, pattern, folder=True)
+        target = self.folder / pattern.name
+        self._parents = _parents(pattern, target)
+        with self._parents.opening():
+            self._before, self._width, self._after = re.split(r"%(\d*)d", pattern.name, maxsplit=1)
+            try:
+                with one_at_a_time(self.folder), left_behind(self.folder, pattern) as leftovers:
+                    for path in leftovers:
+                        if (path / MOVING).exists():
+                            finish_frames(path, self._place)
+                        remove(path)
+            except OSError as error:
+                raise unwritable(pattern, error) from None
+            self._temporary = _temporary(target, pattern, self._parents, folder=True)
         self.path = _pattern_in(self._temporary.path / NEW)
 
     def sync(self) -> None:
@@ -236,6 +243,7 @@ class StagedFrames:
             self._temporary.release()  # the next run finishes
         else:
             self._temporary.remove()
+        self._parents.release()
 
     def _is_moving(self) -> bool:
         return (self._temporary.path / MOVING).exists()
@@ -303,38 +311,37 @@ def no_space(text: str) -> bool:
     return os.strerror(errno.ENOSPC) in text or os.strerror(errno.EDQUOT) in text
 
 
-def _temporary(target: Path, shown: Path, *, folder: bool) -> TemporaryOutput:
-    """Where an output is written until it is complete; frames in the folder `new` of a folder."""
+def _parents(shown: Path, target: Path) -> ParentFolders:
+    """Returns the folders of an output, once nothing else keeps it from being written."""
+    if len(os.fsencode(shown.name)) > NAME_MAX:
+        raise FileError(shown, f"cannot be written: its name is longer than {NAME_MAX} bytes")
     if not is_writable(target):
         raise FileError(shown, f"lies outside the folders of the outputs, where alone {option('untrusted')} writes")
-    temporary = None
-    try:
-        remove_left_behind(target.parent)
-        note_folder(target.parent)
-        temporary = TemporaryOutput(target, folder=folder)
-        if folder:
-            (temporary.path / NEW).mkdir()
-    except OSError as error:
-        if temporary:
-            temporary.remove()
-        raise unwritable(shown, error) from None
-    return temporary
+    return ParentFolders(shown, target.parent)
+
+
+def _temporary(target: Path, shown: Path, parents: ParentFolders, *, folder: bool) -> TemporaryOutput:
+    """Where an output is written until it is complete; frames in the folder `new` of a folder."""
+    attempt, temporary = 0, None
+    while True:
+        try:
+            remove_left_behind(target.parent)
+            note_folder(target.parent)
+            temporary = TemporaryOutput(target, folder=folder)
+            if folder:
+                (temporary.path / NEW).mkdir()
+            return temporary
+        except OSError as error:
+            if temporary:
+                temporary.remove()
+            attempt += 1
+            if not isinstance(error, FileNotFoundError) or attempt == TRIES:
+                raise unwritable(shown, error) from None
+        parents.make()  # another process has removed what it had made
 
 
 def _pattern_in(folder: Path) -> str:
     return f"{str(folder).replace('%', '%%')}/{FRAME_NAME}"
-
-
-def _check_parent(target: Path, folder: Path) -> None:
-    name = clean(str(folder))
-    if len(os.fsencode(target.name)) > NAME_MAX:
-        raise FileError(target, f"cannot be written: its name is longer than {NAME_MAX} bytes")
-    if not os.path.exists(folder):  # noqa: PTH110 also of names that are too long
-        raise FileError(target, f"there is no folder {name}", f"make it first: mkdir -p {name}")
-    if not folder.is_dir():
-        raise FileError(target, f"{name} is not a folder")
-    if not os.access(folder, os.W_OK | os.X_OK):
-        raise FileError(target, f"the folder {name} cannot be written to")
 
 
 def _check_only_frames(shown: Path, folder: Path) -> None:

@@ -75,7 +75,6 @@ class PointOutputs:
         files = known.get("files") if known.get("key") == self.key else None
         files = dict(files) if isinstance(files, dict) else {}
         if kinds:
-            self.folder.mkdir(parents=True, exist_ok=True)
             perform(self.jobs(kinds))
         files |= {NAMES[kind]: self._digest(kind) for kind in kinds}
         for name in NAMES.values():

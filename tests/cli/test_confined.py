@@ -203,6 +203,26 @@ def test_tables_and_studies_of_strangers_are_plotted_from_where_they_lie(place: 
     assert [path.name for path in (place / "out").iterdir()] == ["p.png"]
 
 
+def test_missing_folders_of_all_outputs_are_made_and_go_if_nothing_is_published(place: Path) -> None:
+    outputs = {"-o": "new/deep/t.csv", "--recording": "new/r.npz", "--manifest": "other/m.json"}
+    named = [text for pair in outputs.items() for text in pair]
+    line = ["trace", "model/m.xml", "--untrusted", "--duration", "0.1", *named]
+    before = sorted(place.rglob("*"))
+    for wrong, code in ((("--probe", "none"), 2), (("--limit", "file=0.001"), 4)):
+        failed = mjrun(*line, *wrong)
+        assert failed.returncode == code, failed.stderr
+        assert sorted(place.rglob("*")) == before
+    done = mjrun(*line)
+    assert done.returncode == 0, done.stderr
+    assert all((place / path).is_file() for path in outputs.values())
+
+    (place / "gone").symlink_to("nowhere")
+    for path in ("gone/t.csv", "tables/ctrl.csv/t.csv"):
+        refused = mjrun("trace", "model/m.xml", "--untrusted", "-o", path)
+        assert refused.returncode == 7, refused.stderr
+    assert not (place / "nowhere").exists()
+
+
 @pytest.mark.parametrize("line", ["trace model/m.xml -o out/t.csv", "trace model/m.xml -o out/t.npz"])
 def test_a_file_beyond_its_limit_ends_the_command_as_promised(place: Path, line: str) -> None:
     done = mjrun(*line.split(), "--duration", "100", "--untrusted", "--limit", "file=1")

@@ -39,14 +39,14 @@ def prepared(mjrun: Command) -> tuple[str, str]:
 
 def test_a_table_and_a_document_say_what_was_found(mjrun: Command) -> None:
     model, log = prepared(mjrun)
-    done = mjrun("fit", model, log, *FREE, "--json", "-o", "fitted.xml")
+    done = mjrun("fit", model, log, *FREE, "--json", "-o", "new/fitted.xml")
     assert (done.returncode, done.stderr) == (0, b"")
     report = json.loads(done.stdout)
     assert report["schema"] == "mjrun-fit-1"
     assert [each["path"] for each in report["parameters"]] == ["joint/hinge.damping", "joint/hinge.armature"]
     assert abs(report["parameters"][0]["value"] - 0.05) < 0.01
-    assert report["files"] == ["fitted.xml"]
-    assert (mjrun.folder / "fitted.xml").is_file()
+    assert report["files"] == ["new/fitted.xml"]
+    assert (mjrun.folder / "new/fitted.xml").is_file()
 
 
 def test_what_cannot_be_told_exits_with_1_and_says_what_to_do(mjrun: Command) -> None:

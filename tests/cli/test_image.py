@@ -58,7 +58,7 @@ def test_views_lie_side_by_side_in_the_layout_asked_for(mjrun_here: Command, swi
         (("-t", "1", "--step", "2"), 2, "--step"),
         (("--camera", "sid"), 2, "did you mean 'side'?"),
         (("-o", "a.xyz"), 2, ".xyz"),
-        (("-o", "no/a.png"), 7, "mkdir -p"),
+        (("-o", "/dev/null/a.png"), 7, "is not a folder"),
     ],
 )
 def test_a_mistake_is_explained_and_leaves_nothing(

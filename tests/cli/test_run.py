@@ -214,7 +214,7 @@ def test_with_json_a_failure_is_told_beside_what_was_made(mjrun_here: Command, s
     told = json.loads(done.stdout)
     assert (done.returncode, told["path"], told["error"]["kind"]) == (1, "a.csv", "FailedAssertionError")
     assert [verdict["passed"] for verdict in told["assertions"]] == [False]
-    done = mjrun_here("trace", study.with_name("swing.xml"), "-o", "no/a.csv", "--json")
+    done = mjrun_here("trace", study.with_name("swing.xml"), "-o", "/dev/null/a.csv", "--json")
     assert (done.returncode, [*json.loads(done.stdout)]) == (7, ["error"])
 
 

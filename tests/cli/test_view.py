@@ -168,5 +168,5 @@ def test_what_is_wrong_is_told_before_anything_opens(mjrun_here: Command, swing:
     assert mjrun_here("view", swing, "--speed", "0").returncode == 2
     assert mjrun_here("view", swing, "--recording", "seen.csv").returncode == 2
     assert mjrun_here("view", "nowhere.xml").returncode == 3
-    assert mjrun_here("view", swing, "--recording", "nowhere/seen.npz").returncode == 7
+    assert mjrun_here("view", swing, "--recording", "/dev/null/seen.npz").returncode == 7
     assert mjrun_here.files() == []

@@ -109,7 +109,7 @@ def test_a_limit_of_a_confined_process_is_told_with_its_option_and_nothing_is_le
     own.mkdir()
     (own / "file").write_text("")
     work = f"""
-make_promise(Promise({str(own)!r}, [], [], 1000))
+make_promise(Promise({str(own)!r}, [], 1000))
 with doing({activity!r}, "robot.xml"): die(signal.{number})"""
     ended, message = outcome(start(work, tmp_path))
     assert ended == code
@@ -121,7 +121,7 @@ with doing({activity!r}, "robot.xml"): die(signal.{number})"""
 def test_a_child_that_confined_itself_ends_in_time_whatever_it_ignores(tmp_path: Path) -> None:
     (tmp_path / "own").mkdir()
     work = f"""
-make_promise(Promise({str(tmp_path / "own")!r}, [], [], 0.2))
+make_promise(Promise({str(tmp_path / "own")!r}, [], 0.2))
 signal.pthread_sigmask(signal.SIG_BLOCK, signal.valid_signals())
 while True: time.sleep(1000)"""
     code, message = outcome(start(work, tmp_path))
@@ -132,10 +132,11 @@ while True: time.sleep(1000)"""
 # What code of an attacker may write on the board, each as the statements that do.
 LIES = {
     "folders": "board.write(Notice(folders=[OUTSIDE]))",
+    "made folders": "board.write(Notice(made=[OUTSIDE + '/empty', 'out/../outside/empty', 'out']))",
     "children": "board.write(Notice(children=[VICTIM, -VICTIM]))",
-    "promise": "board.write(Notice(promise=Promise(OUTSIDE, [OUTSIDE], [OUTSIDE + '/empty'], 1)))",
+    "promise": "board.write(Notice(promise=Promise(OUTSIDE, [OUTSIDE], 1)))",
     "another promise": (
-        "board.write(Notice(promise=Promise(OUTSIDE, [OUTSIDE], [OUTSIDE + '/empty'], 1)))\n"
+        "board.write(Notice(promise=Promise(OUTSIDE, [OUTSIDE], 1)))\n"
         "os.kill(os.getppid(), signal.SIGUSR1)\ntime.sleep(0.1)"
     ),
     "link": "os.symlink(OUTSIDE, 'out/link')\nboard.write(Notice(folders=['out/link', OUTSIDE + '/../outside']))",
@@ -145,7 +146,10 @@ LIES = {
     "which": "board._memory[0] = 255",
     "depth": "board._memory[8:] = b'[' * (len(board._memory) - 8)",
     "numbers": "board._memory[8:200] = b'9' * 191 + b'\\0'",
-    "kinds": 'board._memory[8:80] = b\'{"activity":[],"model":{},"folders":7,"children":1e999}\'.ljust(72, b\'\\0\')',
+    "kinds": (
+        'board._memory[8:89] = b\'{"activity":[],"model":{},"folders":7,"made":7,"children":1e999}\''
+        ".ljust(81, b'\\0')"
+    ),
     "temporary": "os.rename('own', 'mine')\nos.symlink(OUTSIDE, 'own')",
     "another temporary": "os.rename('own', 'mine')\nos.rename('outside', 'own')\nos.symlink('own', 'outside')",
 }
@@ -164,7 +168,7 @@ def test_nothing_that_a_confined_child_writes_decides_what_is_removed_killed_or_
     with subprocess.Popen(["sleep", "1000"], start_new_session=True) as victim:
         work = f"""
 OUTSIDE, VICTIM, board = {str(outside)!r}, {victim.pid}, activity._board
-make_promise(Promise({str(tmp_path / "own")!r}, [{str(tmp_path / "out")!r}], [], 1000))
+make_promise(Promise({str(tmp_path / "own")!r}, [{str(tmp_path / "out")!r}], 1000))
 board.write(Notice(folders=[{str(tmp_path / "out")!r}]))
 {LIES[lie]}
 die(signal.SIGSEGV)"""
@@ -179,6 +183,7 @@ die(signal.SIGSEGV)"""
     elsewhere = tmp_path / "own" if lie == "another temporary" else outside  # where it was moved
     assert (elsewhere / unfinished).exists()
     assert (elsewhere / "empty").is_dir()
+    assert (tmp_path / "out").is_dir()
     assert (tmp_path / "own").exists() == ("temporary" in lie)
     for path in tmp_path.rglob(unfinished):
         path.unlink()
@@ -190,7 +195,9 @@ def test_a_confined_child_gets_its_unfinished_outputs_and_empty_folders_removed(
     work = f"""
 from mjrun.formats.destinations import StagedFile
 from pathlib import Path
-make_promise(Promise({str(tmp_path / "own")!r}, [{str(tmp_path / "out")!r}], [{str(tmp_path / "made")!r}], 1000))
+from mjrun.activity import note_made_folder
+note_made_folder(Path({str(tmp_path / "made")!r}))
+make_promise(Promise({str(tmp_path / "own")!r}, [{str(tmp_path / "out")!r}], 1000))
 Path("own/file").write_text("")
 outputs = [StagedFile(Path("out/a.csv")), StagedFile(Path("out/inner/b.csv"))]
 die(signal.SIGSEGV)"""
@@ -198,12 +205,38 @@ die(signal.SIGSEGV)"""
     assert sorted(str(path.relative_to(tmp_path)) for path in tmp_path.rglob("*")) == ["out", "out/inner"]
 
 
+def test_folders_made_for_outputs_of_a_dead_process_are_removed_if_they_are_empty(tmp_path: Path) -> None:
+    (tmp_path / "there").mkdir()
+    work = """
+from mjrun.formats.destinations import StagedFile
+from pathlib import Path
+outputs = [StagedFile(Path(path)) for path in ("a/b/x.csv", "there/c/x.csv", "made/d/x.csv", "made/x.csv")]
+outputs[-1].publish()
+die(signal.SIGSEGV)"""
+    assert outcome(start(work, tmp_path))[0] == 70
+    left = sorted(str(path.relative_to(tmp_path)) for path in tmp_path.rglob("*"))
+    assert left == ["made", "made/x.csv", "there"]
+
+
+def test_a_confined_child_that_dies_leaves_no_empty_folder_in_its_outputs(tmp_path: Path) -> None:
+    for name in ("own", "out"):
+        (tmp_path / name).mkdir()
+    work = f"""
+from mjrun.formats.destinations import StagedFile
+from pathlib import Path
+make_promise(Promise({str(tmp_path / "own")!r}, [{str(tmp_path / "out")!r}], 1000))
+output = StagedFile(Path("out/a/b/x.csv"))
+die(signal.SIGSEGV)"""
+    assert outcome(start(work, tmp_path))[0] == 70
+    assert [path.name for path in tmp_path.rglob("*")] == ["out"]
+
+
 @pytest.mark.skipif(sys.platform != "linux", reason="only Linux gives orphans to an ancestor")
 @pytest.mark.parametrize("ending", ["os._exit(0)", "die(signal.SIGSEGV)"])
 def test_whatever_a_confined_child_has_started_ends_with_it(tmp_path: Path, ending: str) -> None:
     (tmp_path / "own").mkdir()
     work = f"""
-make_promise(Promise({str(tmp_path / "own")!r}, [], [], 1000))
+make_promise(Promise({str(tmp_path / "own")!r}, [], 1000))
 into, out = os.pipe()
 for _ in range(3):
     if os.fork() == 0:

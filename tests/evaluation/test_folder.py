@@ -11,13 +11,13 @@ from mjrun.evaluation.folder import ResultsFolder
 from mjrun.options.evaluation import MANIFEST
 
 
-def test_a_new_folder_is_made_with_those_above_it_and_goes_if_nothing_comes_of_it(tmp_path: Path) -> None:
+def test_a_new_folder_is_made_by_the_first_output_in_it(tmp_path: Path) -> None:
     path = tmp_path / "a" / "b"
     folder = ResultsFolder(path)
-    assert path.is_dir()
-    assert not any(path.iterdir())
-    folder.abandon()
-    assert not path.exists()
+    assert not (tmp_path / "a").exists()
+    with ExitStack() as stack:
+        folder.write_manifest(stack, {}).publish()
+    assert [each.name for each in path.iterdir()] == [MANIFEST]
 
 
 def test_what_an_evaluation_wrote_may_be_written_again_and_its_films_go(tmp_path: Path) -> None:
@@ -27,7 +27,6 @@ def test_what_an_evaluation_wrote_may_be_written_again_and_its_films_go(tmp_path
         (tmp_path / name).touch()
     folder = ResultsFolder(tmp_path)
     folder.remove_old_films(())
-    folder.abandon()
     assert {path.name for path in tmp_path.iterdir()} == {MANIFEST, "mine.mp4", "worst_seed1.mp4.txt"}
     assert json.loads((tmp_path / MANIFEST).read_text()) == {"seed": 3}
 
@@ -47,5 +46,5 @@ def test_a_file_is_no_folder(tmp_path: Path) -> None:
 
 def test_a_folder_that_cannot_be_made_is_told(tmp_path: Path) -> None:
     (tmp_path / "f").touch()
-    with pytest.raises(FileError, match="cannot be made"):
+    with pytest.raises(FileError, match="is not a folder"):
         ResultsFolder(tmp_path / "f" / "a")

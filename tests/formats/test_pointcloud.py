@@ -139,8 +139,8 @@ def test_a_picture_without_what_points_need_is_refused(tmp_path: Path) -> None:
 def test_only_ply_is_written(tmp_path: Path) -> None:
     with pytest.raises(UsageError, match=r"a point cloud is a PLY file, and its name ends in \.ply"):
         PointCloudWriter(str(tmp_path / "cloud.pcd"))
-    with pytest.raises(FileError, match="there is no folder"):
-        PointCloudWriter(str(tmp_path / "none/cloud.ply"))
+    with pytest.raises(FileError, match="is not a folder"):
+        PointCloudWriter("/dev/null/cloud.ply")
 
 
 def test_a_cloud_is_the_old_one_until_it_is_published(tmp_path: Path) -> None:

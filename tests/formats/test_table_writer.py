@@ -456,9 +456,9 @@ def test_a_full_disk_is_told_and_the_old_table_stays(tmp_path: Path, small_disk:
 
 
 @pytest.mark.parametrize("form", FORMATS)
-def test_a_missing_folder_is_named_before_the_first_row(tmp_path: Path, form: str) -> None:
-    with pytest.raises(FileError, match=f"there is no folder {tmp_path}/none\nmake it first: mkdir -p"):
-        TableWriter(str(tmp_path / f"none/t.{form}"), form, COLUMNS)
+def test_a_folder_that_cannot_be_made_is_named_before_the_first_row(form: str) -> None:
+    with pytest.raises(FileError, match="/dev/null is not a folder"):
+        TableWriter(f"/dev/null/t.{form}", form, COLUMNS)
 
 
 def test_a_sink_that_cannot_open_leaves_no_trace(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

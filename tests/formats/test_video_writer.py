@@ -399,7 +399,7 @@ def test_what_cannot_be_written_is_told_before_a_second_frame_is_drawn(tmp_path:
         raise AssertionError
 
     cases: tuple[tuple[Path, dict[str, Any], str], ...] = (
-        (tmp_path / "none/f.mp4", {}, "there is no folder"),
+        (Path("/dev/null/f.mp4"), {}, "is not a folder"),
         (tmp_path / "f.mp5", {}, "no video format '.mp5'"),
         (tmp_path / "f.mp4", {"codec": "vp9"}, "no codec 'vp9' in mp4"),
         (tmp_path / "f.mp4", {"crf": 99}, "crf: '99' is not from 0"),

@@ -210,8 +210,8 @@ def test_an_unstable_simulation_leaves_no_keyframe(exploding: Path, tmp_path: Pa
     assert not (tmp_path / "a.xml").exists()
 
 
-def test_a_folder_that_is_not_there_is_missed_before_the_first_step(tmp_path: Path) -> None:
-    with pytest.raises(FileError, match="there is no folder"):
-        Keyframe(Simulation(copied("mocap", tmp_path)), f"{tmp_path}/no/a.xml").run()
+def test_a_folder_that_cannot_be_made_is_reported_before_the_first_step(tmp_path: Path) -> None:
+    with pytest.raises(FileError, match="is not a folder"):
+        Keyframe(Simulation(copied("mocap", tmp_path)), "/dev/null/a.xml").run()
     with pytest.raises(ModelError):
         Keyframe(Simulation(tmp_path / "no.xml"), f"{tmp_path}/a.xml").run()

@@ -120,7 +120,7 @@ def test_an_unstable_simulation_publishes_nothing_and_keeps_the_old_film(explodi
         {"crf": 99},
         {"preset": "none"},
         {"gl": "none"},
-        {"output": "/nowhere/film.mp4"},
+        {"output": "/dev/null/film.mp4"},
         {"output": "film.avi"},
         {"output": "film.gif", "fps": 30},
     ],

@@ -89,8 +89,8 @@ def test_a_file_appears_when_it_is_published(tmp_path: Path) -> None:
 
 
 def test_what_cannot_be_written_is_told_first(tmp_path: Path) -> None:
-    with pytest.raises(FileError, match="there is no folder"):
-        FigureWriter(f"{tmp_path}/none/a.png", "png", SIZE)
+    with pytest.raises(FileError, match="is not a folder"):
+        FigureWriter("/dev/null/a.png", "png", SIZE)
     with pytest.raises(BadValueError, match="at most 16383 a side, as webp holds"):
         FigureWriter(f"{tmp_path}/a.webp", "webp", (20_000, 100))
 

@@ -421,7 +421,8 @@ def attack(watcher: int, results: int | None = None) -> None:
 LIES = {
     "folders": "board.write(Notice(folders=[at.folder]))",
     "children": "board.write(Notice(children=[at.pid, -at.pid]))",
-    "a promise": "board.write(Notice(promise=Promise(at.folder, [at.folder], [at.folder + '/empty'], 1)))",
+    "made folders": "board.write(Notice(made=[at.folder + '/empty']))",
+    "a promise": "board.write(Notice(promise=Promise(at.folder, [at.folder], 1)))",
     "escape sequences": "board.write(Notice('drawing', '\x1b]0;title\x07\x9b' * 999))",
     "garbage": "board._memory[8:] = b'\\xff' * (len(board._memory) - 8)",
 }

@@ -110,7 +110,7 @@ CASES = (
         {"IMAGEIO_FFMPEG_EXE": "/bin/false"},
     ),
     Case("FileError", 7, (*TRACE, "--replay", "none.csv"), ("none.csv", "no such file")),
-    Case("FileError", 7, (*TRACE, "-o", "nowhere/new.csv"), ("nowhere",)),
+    Case("FileError", 7, (*TRACE, "-o", "/dev/null/new.csv"), ("/dev/null", "not a folder")),
     Case(
         "CellError",
         7,

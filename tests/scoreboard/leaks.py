@@ -30,7 +30,7 @@ LINES: tuple[tuple[str, int], ...] = (
     ("trace model.xml --duration 0.1 -o out.npz --contacts touch.csv", 0),
     ("trace model.xml --duration 0.1 -o out.parquet --recording states.npz", 0),
     ("trace wild.xml --duration 1 -o wild.csv", 4),
-    ("trace model.xml --duration 0.1 -o missing/out.csv", 7),
+    ("trace model.xml --duration 0.1 -o /dev/null/out.csv", 7),
     ("trace broken.xml --duration 0.1", 3),
     ("trace model.xml --assert max(qpos/hinge)<-9 --duration 0.1 -o out.csv", 1),
     ("info model.xml --json", 0),

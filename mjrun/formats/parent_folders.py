@@ -1,0 +1,122 @@
+"""The folders that outputs are written in: missing ones are made, and removed again if nothing is published in them.
+
+All outputs of a process share the folders that it has made. The last output that is discarded removes those that are
+empty; where the process is killed, the one that watches it does.
+"""
+
+import os
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+
+from mjrun.activity import note_made_folder
+from mjrun.errors import FileError, clean
+from mjrun.interruption import uninterrupted
+
+TRIES = 100  # while other processes remove what they had made
+
+_lock = threading.RLock()
+_users: dict[Path, int] = {}  # how many outputs use each folder that this process has made
+
+
+class ParentFolders:
+    """The folder of an output and those above it, which exist until `release`.
+
+    Args:
+      shown: the output in messages, as the user names it.
+      folder: the folder, with its links resolved.
+
+    Raises:
+      FileError: the folder is missing and cannot be made, is not a folder, or cannot be written to.
+    """
+
+    def __init__(self, shown: Path, folder: Path) -> None:
+        self._shown, self._folder = shown, folder
+        self._used: list[Path] = []
+        self.make()
+
+    def make(self) -> None:
+        """Makes the folders that are missing, again if another process has removed them.
+
+        Raises:
+          FileError: as the constructor.
+        """
+        with _lock, uninterrupted():
+            self.release()
+            try:
+                if not _exists(self._folder):
+                    self._require_no_dangling_link()
+                    self._make_missing()
+                if _exists(self._folder):  # another process may have removed it again
+                    self._require_writable()
+            except BaseException:
+                self._use()
+                self.release()
+                raise
+            self._use()
+
+    @contextmanager
+    def opening(self) -> Iterator[None]:
+        """Wraps the rest of an output's constructor: if it fails, the folders are released."""
+        try:
+            yield
+        except BaseException:
+            self.release()
+            raise
+
+    def release(self) -> None:
+        """Removes the folders that this process has made, if they are empty and no other output uses them."""
+        with _lock, uninterrupted():
+            for folder in self._used:
+                _users[folder] -= 1
+                if not _users[folder]:
+                    del _users[folder]
+                    with suppress(OSError):
+                        folder.rmdir()
+            self._used = []
+
+    def _use(self) -> None:
+        self._used = [folder for folder in (self._folder, *self._folder.parents) if folder in _users]
+        for folder in self._used:
+            _users[folder] += 1
+
+    def _require_no_dangling_link(self) -> None:
+        for path in (self._shown, *self._shown.parents):
+            if os.path.islink(path) and not _exists(path):  # noqa: PTH114 – also of names that are too long
+                reason = f"there is no folder {clean(str(self._folder))}, where the link {clean(str(path))} leads"
+                raise FileError(self._shown, reason)
+
+    def _make_missing(self) -> None:
+        folder = self._folder
+        for attempt in range(TRIES):
+            folders = (self._folder, *self._folder.parents)
+            try:
+                for folder in reversed([each for each in folders if not _exists(each)]):
+                    _make(folder)
+                return
+            except NotADirectoryError:
+                raise FileError(self._shown, f"{clean(str(folder.parent))} is not a folder") from None
+            except OSError as error:
+                is_removed = isinstance(error, FileNotFoundError)  # the folder above it, by another process
+                if not is_removed or attempt == TRIES - 1:
+                    reason = f"the folder {clean(str(folder))} cannot be made: {error.strerror}"
+                    raise FileError(self._shown, reason) from None
+
+    def _require_writable(self) -> None:
+        name = clean(str(self._folder))
+        if not self._folder.is_dir():
+            raise FileError(self._shown, f"{name} is not a folder")
+        if not os.access(self._folder, os.W_OK | os.X_OK):
+            raise FileError(self._shown, f"the folder {name} cannot be written to")
+
+
+def _make(folder: Path) -> None:
+    with suppress(FileExistsError):  # another process was faster
+        folder.mkdir()
+        note_made_folder(folder)
+        _users.setdefault(folder, 0)
+
+
+def _exists(path: Path) -> bool:
+    return os.path.exists(path)  # noqa: PTH110 – also of names that are too long
