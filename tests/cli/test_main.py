@@ -134,7 +134,7 @@ def test_every_output_makes_its_folders(mjrun_here: Command, swing: Path, line: 
         ("trace swing.xml -o a/t.xyz", 2),
         ("trace swing.xml -o a/t.csv --recording b/c/r.npz --manifest /dev/null/m.json", 7),
         ("video swing.xml -o a/b/v.mp4 --calibration c/c.json --camera none", 2),
-        ("plot swing.xml -o a/p.png", 7),
+        ("plot none.csv -o a/p.png", 7),
     ],
 )
 def test_a_command_that_fails_leaves_no_folder(mjrun_here: Command, swing: Path, line: str, code: int) -> None:
