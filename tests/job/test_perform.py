@@ -89,7 +89,7 @@ def test_what_fails_early_leaves_nothing_of_any_job(swing: Path, tmp_path: Path)
     good = Trace(simulation, f"{tmp_path}/a.csv")
     for bad, error in (
         (Trace(simulation, f"{tmp_path}/b.csv", probe=["nothing"]), InvalidJobsError),
-        (Plot(simulation, f"{tmp_path}/none/p.png", probe=["energy"]), FileError),
+        (Plot(simulation, "/dev/null/p.png", probe=["energy"]), FileError),
         (Image(simulation, f"{tmp_path}/i.png", time=Event("speed(nobody) > 1")), InvalidJobsError),
     ):
         with pytest.raises(error):
