@@ -14,7 +14,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import special
 
 from mjrun.fit.free_parameter import FreeParameter
 from mjrun.fit.projection import ProjectedRows, all_information, projected
@@ -60,6 +59,8 @@ def intervals(solution: Solution, parameters: Sequence[FreeParameter], confidenc
 
     Percentiles are widened as Student's t widens a normal distribution: there are few blocks.
     """
+    from scipy import special
+
     parts = projected(solution)
     blocks = [rows for part in parts for rows in _blocks(part, -(-BLOCKS // len(parts)))]
     informations = np.array([a.T @ a for a, _ in blocks])
@@ -100,6 +101,8 @@ def is_white(solution: Solution, informations: Floats, scores: Floats, whole: Fl
       scores: gradients of these blocks, `(blocks, p)`.
       whole: the information of all blocks and the priors, `(p, p)`.
     """
+    from scipy import special
+
     statistic, tested = 0.0, 0
     for residuals in np.concatenate([np.nan_to_num(each) for each in solution.residuals]).T:
         total = float(residuals @ residuals)

@@ -9,7 +9,7 @@ PARAMETERS = [
     FittedParameter("joint/a.damping", 0.1, 0.25, 0.2, 0.3, 900.0, ""),
     FittedParameter("joint/a.armature", 0.1, 0.5, 0.4, 0.5, 900.0, "high"),
 ]
-SIGNALS = [FittedSignal("qpos/a", "rad", 0.002, 0.5, 0.01, None, None)]
+SIGNALS = [FittedSignal("qpos/a", "rad", 0.002, 1.0, 0.5, 0.01, None, None)]
 
 
 def report(**changes: object) -> str:
@@ -17,6 +17,8 @@ def report(**changes: object) -> str:
         "parameters": PARAMETERS,
         "inertias": [],
         "signals": SIGNALS,
+        "reduced_chi2": 1.0,
+        "ways": ["whole segments"],
         "correlation": [[1.0, -0.97], [-0.97, 1.0]],
         "confidence": 0.95,
         "condition": 10.0,
@@ -39,7 +41,7 @@ def test_it_says_what_was_found_and_how_well_it_is_known() -> None:
 
 
 def test_errors_on_what_was_held_out_are_shown_if_something_was() -> None:
-    text = report(signals=[FittedSignal("qpos/a", "rad", 0.002, 0.5, 0.01, 0.6, 0.0123)])
+    text = report(signals=[FittedSignal("qpos/a", "rad", 0.002, 1.0, 0.5, 0.01, 0.6, 0.0123)])
     assert "held out, before" in text
     assert "1.23 %" in text
 

@@ -56,7 +56,7 @@ def test_the_page_names_what_the_document_names(mjrun_here: Command, scene: Path
 )
 def test_no_line_is_wider_than_the_terminal(mjrun_here: Command, scene: Path, width: int) -> None:
     told = lines(mjrun_here("info", scene, *SECTIONS, env={"COLUMNS": str(width)}))
-    assert max(map(len, told)) <= width
+    assert max(len(line) for line in told if not line.startswith("  file ")) <= width  # which is never broken
 
 
 @pytest.mark.parametrize("width", [45, 60, 80, 120])

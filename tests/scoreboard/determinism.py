@@ -12,6 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
+from mjrun.options.sweep import PARTS
 from tests.scoreboard.command import ROOT, CommandServer, Ended
 from tests.scoreboard.makings import MAKINGS, Making, furnish
 from tests.scoreboard.measure import Measure, Tally
@@ -124,7 +125,7 @@ def _made(ended: Ended, folder: Path) -> Made | None:
         if path.name == "run.yaml":
             continue
         for file in sorted(path.rglob("*")) if path.is_dir() else [path]:
-            if file.is_file():
+            if file.is_file() and file.parent.name != PARTS:  # points are divided by measured seconds
                 made[str(file.relative_to(folder))] = digest(file)
                 if file.suffix in STABLE:
                     made[f"{file.relative_to(folder)}{BYTES}"] = _digest(file.read_bytes())
