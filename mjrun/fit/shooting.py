@@ -121,38 +121,51 @@ class Shooting:
         first = self._run(self._grown(whole, starts[0], noise, advanced=advanced))
         search = Search(own, first, ["whole segments"])
 
-        if first.cost > own.cost:  # from where the model is explained best by itself
-            search.best = self.solve(whole, starts[0], own.states, noise)
-
-        if search.best.reduced < EXPLAINED and not self._is_rough:
-            return search
-
-        def offer(solution: Solution) -> bool:
-            """Keeps the best, and says whether there is no need to go on."""
-            is_same = abs(solution.cost - search.best.cost) < ALIKE * solution.cost
-            if solution.cost < search.best.cost:
-                search.best = solution
-                if advanced:
-                    advanced(solution)
-            return is_same or search.best.reduced < EXPLAINED
-
+        if not self._is_rough and search.best.reduced >= EXPLAINED:
+            self._go_on(search, segments, starts, noise, advanced)
+        if search.best.cost > own.cost:  # from where the model is explained best by itself
+            search.best = min(
+                [search.best, self.solve(whole, starts[0], own.states, noise)], key=lambda each: each.cost
+            )
         if self._is_rough:
             search.ways.append("ensembles of nearby states, as contacts make the motion rough")
             tasks = [self._grown(whole, starts[seed % len(starts)], noise, seed=seed) for seed in range(1, SHOTS)]
             ends = together(self._predictor, tasks)
             best = min([search.best, *ends], key=lambda each: each.cost)
             search.best = replace(best, ends=[each.coordinates for each in [first, *ends] if each is not best])
-            return search
-        for start in starts:
-            coordinates = start
-            for rows, parts in self.stages(segments):
-                states = self.guessed(parts, coordinates)
-                problem = self._problem(parts, coordinates, states, noise)
-                coordinates = self._run(problem.minimize(STAGE_EVALUATIONS, ROUGH_TOLERANCE)).coordinates
-                search.ways.append(f"stretches of {rows} rows")
-                if offer(self._run(self._grown(whole, coordinates, noise))):
-                    return search
         return search
+
+    def _go_on(
+        self,
+        search: Search,
+        segments: Sequence[Segment],
+        starts: Sequence[Floats],
+        noise: Floats,
+        advanced: Advanced | None,
+    ) -> None:
+        """Tries stretches, from other starts too, until the log is explained or two ways end alike."""
+        whole = self.cut(segments)
+
+        def is_end(solutions: Sequence[Solution]) -> bool:
+            """Keeps the best, and says whether there is no need to go on."""
+            is_same = False
+            for each in solutions:
+                is_same |= abs(each.cost - search.best.cost) < ALIKE * each.cost
+                if each.cost < search.best.cost:
+                    search.best = each
+                    if advanced:
+                        advanced(each)
+            return is_same or self._is_rough or search.best.reduced < EXPLAINED
+
+        for group in (starts[:1], starts[1:]):
+            places = list(group)
+            for rows, parts in self.stages(segments) if places else []:
+                search.ways.append(f"stretches of {rows} rows")
+                problems = [self._problem(parts, each, self.guessed(parts, each), noise) for each in places]
+                tasks = [each.minimize(STAGE_EVALUATIONS, ROUGH_TOLERANCE) for each in problems]
+                places = [each.coordinates for each in together(self._predictor, tasks)]
+                if is_end(together(self._predictor, [self._grown(whole, each, noise) for each in places])):
+                    return
 
     def stages(self, segments: Sequence[Segment]) -> list[tuple[int, list[Chunk]]]:
         """Stretches of more and more rows, short of whole segments: how many, and the chunks."""
