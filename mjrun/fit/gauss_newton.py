@@ -38,6 +38,7 @@ ROUNDS = 12  # of an ensemble, at most
 SLOW = 0.003  # relative gain of a round, after which points come nearer to the middle
 LEAST_SPREAD = 0.2  # standard errors between the points of an ensemble and its middle, at the end
 FARTHEST = 0.1  # that a point of an ensemble is from the middle, in any unknown
+ROUNDING = 1e-14  # smallest share of the largest eigenvalue of normal equations that counts
 COARSE = 100.0  # times the steps that suit smooth motions, where an ensemble begins
 
 Advanced = Callable[[Solution], None]
@@ -272,7 +273,7 @@ class GaussNewton:
             own = _information(b)
             own += damping * np.diag(np.diag(own))
             right = np.column_stack([b.T @ a, b.T @ r + place.point.deviations[i] / STATE_SCALE**2])
-            solved = np.linalg.solve(own, right)
+            solved = _solved(own, right)
             state_slopes[i], state_steps[i] = solved[:, :-1], solved[:, -1]
             matrix += a.T @ a - right[:, :-1].T @ solved[:, :-1]
             gradient += a.T @ r - right[:, :-1].T @ solved[:, -1]
@@ -326,6 +327,12 @@ def _within(matrix: Floats, gradient: Floats, coordinates: Floats) -> Floats:
 def _information(slopes: Floats) -> Floats:
     """What rows say of a state, `(size, size)`, with what holds it in place."""
     return slopes.T @ slopes + np.eye(slopes.shape[1]) / STATE_SCALE**2
+
+
+def _solved(matrix: Floats, right: Floats) -> Floats:
+    """The solution of normal equations; steep slopes can hide what holds a state in place, beyond rounding."""
+    scale = np.sqrt(np.diag(matrix))
+    return np.linalg.lstsq(matrix / scale / scale[:, None], right / scale[:, None], rcond=ROUNDING)[0] / scale[:, None]
 
 
 def _inverse_root(matrix: Floats) -> Floats:

@@ -28,6 +28,7 @@ ROUGH_TOLERANCE = 1e-4  # relative change of the cost at which stages end that o
 EXPLAINED = 1.25  # reduced χ² with which no other way is tried
 ALIKE = 0.01  # relative difference of the costs of two solutions that are taken for one
 SHOTS = 4  # searches where contacts make the motion rough
+BESIDE = 0.1  # of the range of a parameter, between searches where contacts make the motion rough
 WHOLE = 10**9  # rows
 
 
@@ -129,11 +130,17 @@ class Shooting:
             )
         if self._is_rough:
             search.ways.append("ensembles of nearby states, as contacts make the motion rough")
-            tasks = [self._grown(whole, starts[seed % len(starts)], noise, seed=seed) for seed in range(1, SHOTS)]
+            begins = [*starts[1:], *self._beside(first.coordinates), starts[0]]
+            tasks = [self._grown(whole, begins[seed - 1], noise, seed=seed) for seed in range(1, SHOTS)]
             ends = together(self._predictor, tasks)
             best = min([search.best, *ends], key=lambda each: each.cost)
             search.best = replace(best, ends=[each.coordinates for each in [first, *ends] if each is not best])
         return search
+
+    def _beside(self, coordinates: Floats) -> list[Floats]:
+        """Coordinates on two opposite sides: searches that end alike from there do not owe it to where they began."""
+        move = BESIDE * np.random.default_rng(self._seed).choice([-1.0, 1.0], len(coordinates))
+        return [np.clip(coordinates + move, 0, 1), np.clip(coordinates - move, 0, 1)]
 
     def _go_on(
         self,

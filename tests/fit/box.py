@@ -6,7 +6,7 @@ from tempfile import mkdtemp
 import mujoco
 import numpy as np
 
-from mjrun.fit.free_parameter import free_parameters
+from mjrun.fit.free_parameter import FreeParameter, free_parameters
 from mjrun.fit.measurements import Segment
 from mjrun.fit.noise import first_noise
 from mjrun.fit.prediction import Predictor
@@ -29,7 +29,7 @@ BOX = """<mujoco>
 </mujoco>"""
 
 
-def box_log(seconds: float = 0.4, speed: float = 2.2, seed: int = 0) -> tuple[np.ndarray, np.ndarray]:
+def box_log(seconds: float = 0.2, speed: float = 2.2, seed: int = 0) -> tuple[np.ndarray, np.ndarray]:
     """Times and positions `(n, 7)` every other step, with noise."""
     model = mujoco.MjModel.from_xml_string(BOX.format(FRICTION))
     data, generator = mujoco.MjData(model), np.random.default_rng(seed)
@@ -51,8 +51,8 @@ def write_box(folder: Path, friction: float = FRICTION) -> Path:
     return folder / "box.xml"
 
 
-def box_shooting() -> tuple[Shooting, Segment, np.ndarray, np.ndarray]:
-    """What fits the box of the log, the log, its noise, and the coordinate of the truth."""
+def box_shooting() -> tuple[Shooting, Segment, np.ndarray, list[FreeParameter]]:
+    """What fits the box of the log, the log, its noise, and the friction."""
     times, rows = box_log()
     log = Segment("log", times, rows, np.zeros((len(times), 0)))
     simulation = Simulation(str(write_box(Path(mkdtemp()))))
@@ -61,5 +61,4 @@ def box_shooting() -> tuple[Shooting, Segment, np.ndarray, np.ndarray]:
     noise = first_noise([log], predictor.rotations)
     start = state.save(predictor.model, mujoco.MjData(predictor.model))
     starting = StartingStates(predictor.model, SIGNALS, start, noise)
-    truth = np.array([parameters[0].coordinate(FRICTION)])
-    return Shooting(predictor, parameters, starting), log, noise, truth
+    return Shooting(predictor, parameters, starting), log, noise, parameters

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.optimize import least_squares
 
-from mjrun.fit.gauss_newton import GaussNewton
+from mjrun.fit.gauss_newton import GaussNewton, _solved
 from mjrun.fit.prediction import Rollout, States
 from mjrun.fit.shooting_problem import STATE_SCALE, ShootingProblem, together
 from tests.fit.logs import NOISE
@@ -56,3 +56,11 @@ def test_problems_side_by_side_come_to_what_each_comes_to_alone() -> None:
     beside = together(predictor_of(shoot), tasks)
     for one, other in zip(alone, beside, strict=True):
         np.testing.assert_array_equal(one.coordinates, other.coordinates)
+
+
+def test_steep_slopes_leave_normal_equations_solvable() -> None:
+    """Two unknowns that residuals only tell the sum of, beside which what holds them in place is lost in rounding."""
+    matrix = 1e20 * np.ones((2, 2)) + np.eye(2)
+    with pytest.raises(np.linalg.LinAlgError):
+        np.linalg.solve(matrix, np.ones(2))
+    np.testing.assert_allclose(_solved(matrix, 1e20 * np.ones((2, 1))).sum(), 1.0)
