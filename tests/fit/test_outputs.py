@@ -29,8 +29,9 @@ def test_two_outputs_are_not_one_file_and_no_log_is_overwritten(fit: Fit, tmp_pa
         replace(fit, comparison=log).run()
     with pytest.raises(UsageError, match="clashes with the ranges"):
         replace(fit, ranges=f"{tmp_path}/fit.yaml", video=f"{tmp_path}/./fit.yaml").run()
-    with pytest.raises(FileError, match="nowhere"):
-        replace(fit, html=str(tmp_path / "nowhere" / "fit.html")).run()
+    (tmp_path / "file").write_text("not a folder")
+    with pytest.raises(FileError, match="file"):
+        replace(fit, html=str(tmp_path / "file" / "fit.html")).run()
     with pytest.raises(UsageError, match="is given twice"):
         replace(fit, data=[log, log]).run()
     assert np.loadtxt(log, delimiter=",", skiprows=1).shape == (60, 2)
