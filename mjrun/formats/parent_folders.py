@@ -104,11 +104,13 @@ class ParentFolders:
                     raise FileError(self._shown, reason) from None
 
     def _require_writable(self) -> None:
-        name = clean(str(self._folder))
+        fault = ""
         if not self._folder.is_dir():
-            raise FileError(self._shown, f"{name} is not a folder")
-        if not os.access(self._folder, os.W_OK | os.X_OK):
-            raise FileError(self._shown, f"the folder {name} cannot be written to")
+            fault = f"{clean(str(self._folder))} is not a folder"
+        elif not os.access(self._folder, os.W_OK | os.X_OK):
+            fault = f"the folder {clean(str(self._folder))} cannot be written to"
+        if fault and _exists(self._folder):  # another process may just have removed it
+            raise FileError(self._shown, fault)
 
 
 def _make(folder: Path) -> None:

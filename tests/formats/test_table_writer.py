@@ -610,12 +610,13 @@ def test_a_manifest_may_hold_what_json_does_not_know(tmp_path: Path) -> None:
 def test_columns_of_integers_are_int64_unless_a_number_is_missing(tmp_path: Path, form: str) -> None:
     made = [Column("n", integer=True), Column("gaps", integer=True), Column("x")]
     path = write(tmp_path / f"t.{form}", [np.array([[2.0**53, 1, 1], [-3, np.nan, 2]])], made)
+    found: dict[str, Any]
     if form == "npz":
         found = dict(np.load(path))
     elif form == "mat":
         found = scipy.io.loadmat(path)
     else:
         with h5py.File(path) as file:
-            found = {name: file[name][:] for name in ("n", "gaps", "x")}  # type: ignore[index]
+            found = {name: np.array(file[name]) for name in ("n", "gaps", "x")}
     assert [found[name].dtype for name in ("n", "gaps", "x")] == [np.int64, np.float64, np.float64]
     assert found["n"].ravel().tolist() == [2**53, -3]

@@ -160,7 +160,7 @@ def test_an_assertion_that_fails_publishes_the_page_and_says_of_which_table(tmp_
 def test_a_page_that_cannot_be_written_leaves_the_plot_unpublished(tmp_path: Path) -> None:
     file = table(tmp_path / "run.csv")
     with pytest.raises(FileError):
-        TablePlot(file, tmp_path / "p.png", html=tmp_path / "none" / "page.html").run()
+        TablePlot(file, tmp_path / "p.png", html=Path(file) / "page.html").run()
     with pytest.raises(FileError, match=r"none\.mp4"):
         TablePlot(file, tmp_path / "p.png", html=tmp_path / "page.html", include=[tmp_path / "none.mp4"]).run()
     assert [path.name for path in tmp_path.iterdir()] == ["run.csv"]

@@ -302,7 +302,7 @@ def edited_study(folder: Path, **options: object) -> Study:
     (folder / "part.xml").write_text('<mujocoinclude><option gravity="0 0 -9"/></mujocoinclude>')
     (folder / "push.csv").write_text("time,ctrl/m\n0,0.5\n")
     simulation = Simulation(str(folder / "model.xml"), steps=30, ctrl_from=str(folder / "push.csv"))
-    varied = {"geom/bob.size": "0.1..0.2:6"}
+    varied = {"geom/bob.size": "0.1..0.2:3"}
     defaults: dict[str, object] = {"vary": varied, "metric": {"x": "last(qpos/hinge)"}, "jobs": 1, "chunk": 1}
     return Study(simulation, str(folder / "study"), **(defaults | options))  # type: ignore[arg-type]
 
@@ -319,11 +319,11 @@ def test_a_model_that_is_edited_while_a_study_runs_changes_no_result(tmp_path: P
     edited_study(tmp_path / "quiet").run()
     running = edited_study(tmp_path / "edited", engine=engine)
     result = running.run(_Editor(lambda: edit(tmp_path / "edited")))
-    assert result.simulated == 6
+    assert result.simulated == 3
     assert table(tmp_path / "edited" / "study") == table(tmp_path / "quiet" / "study")
 
     changed = replace(running, engine="local").run()
-    assert changed.simulated == 6  # they are other points now
+    assert changed.simulated == 3  # they are other points now
     assert table(tmp_path / "edited" / "study") != table(tmp_path / "quiet" / "study")
 
 
@@ -372,7 +372,7 @@ def test_another_machine_gets_the_files_once(tmp_path: Path) -> None:
     assert table(tmp_path / "elsewhere" / "study") == table(tmp_path / "quiet" / "study")
     asked = factories.made.pop().asked
     assert asked.count(True) <= 3  # those that were under way before the first came back
-    assert asked.count(False) >= 6
+    assert asked.count(False) >= 3
     isolation.end_process()
 
 
@@ -380,7 +380,7 @@ def test_parts_of_another_mujoco_are_refused_and_simulated_again(tmp_path: Path)
     edited_study(tmp_path / "quiet").run()
     reporter = _Editor(lambda: None)
     result = edited_study(tmp_path / "mixed", engine="tests.study.factories:one_of_two").run(reporter)
-    assert result.statuses == {"ok": 6}
+    assert result.statuses == {"ok": 3}
     assert table(tmp_path / "mixed" / "study") == table(tmp_path / "quiet" / "study")
     (warning,) = reporter.warnings
     assert "has mujoco 3.9.9 instead of" in warning
@@ -395,7 +395,7 @@ def test_where_all_machines_have_another_mujoco_nothing_is_kept(tmp_path: Path) 
     (failure,) = caught.value.results[0].failures
     assert "mujoco 3.9.9 instead of" in failure.message
     assert not list((tmp_path / "wrong" / "study" / "parts").iterdir())
-    assert replace(wrong, engine="local").run().simulated == 6
+    assert replace(wrong, engine="local").run().simulated == 3
     isolation.end_process()
 
 
@@ -406,7 +406,7 @@ def test_kept_files_are_those_of_the_study_whatever_becomes_of_its_model(tmp_pat
     points = [tmp_path / folder / "study" / "points" for folder in ("before", "edited")]
     before, after = (pd.read_parquet(folder / "000000" / "trace.parquet") for folder in points)
     pd.testing.assert_frame_equal(before, after, check_exact=True)
-    first, second = (np.load(folder / "000005" / "recording.npz") for folder in points)
+    first, second = (np.load(folder / "000002" / "recording.npz") for folder in points)
     np.testing.assert_array_equal(first["states"], second["states"])
     facts = json.loads(str(second["facts"]))
     assert str(tmp_path / "edited" / "model.xml") in json.dumps(facts)
