@@ -13,7 +13,7 @@ from mjrun.errors import FileError, MjrunError
 from mjrun.formats.input_file import is_file
 from mjrun.formats.temporary_output import scratch_folder
 from mjrun.model.named_files import with_root, without_root
-from mjrun.model.xml_source import XML
+from mjrun.suffixes import XML
 
 
 @dataclass(frozen=True)

@@ -116,7 +116,7 @@ def _dask(address: str, count: int, stack: ExitStack) -> tuple[Executor, int]:
     client_class: Any = distributed.Client
     cluster_class: Any = distributed.LocalCluster
     if not address:
-        cluster = cluster_class(n_workers=count, threads_per_worker=1, dashboard_address=":0")
+        cluster = cluster_class(n_workers=count, threads_per_worker=1, dashboard_address="127.0.0.1:0")
         address = stack.enter_context(cluster).scheduler_address
     try:
         client = stack.enter_context(client_class(address, timeout=PATIENCE))
