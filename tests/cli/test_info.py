@@ -208,9 +208,10 @@ def test_every_real_model_has_a_page(shared_models: Path, monkeypatch: pytest.Mo
                 else:
                     rows = section.rows(found)
                     page.table(name, section.columns(rows), len(rows))
-        told = page.text()
-        assert all(cell_len(line) <= 80 for line in told.splitlines())
-        assert told.count("\n\n") == len(SECTIONS) - 1
+        text = page.text()
+        without_path = (line for line in text.splitlines() if str(path) not in line)  # a path is never broken
+        assert all(cell_len(line) <= 80 for line in without_path)
+        assert text.count("\n\n") == len(SECTIONS) - 1
 
 
 @pytest.mark.parametrize("pattern", ["malformed/*.xml", "humanoid/22_humanoids.xml", "plugin/*/*.xml"])
